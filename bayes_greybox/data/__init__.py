@@ -1,0 +1,1 @@
+"""Raw measurements in: trajectories, table readers, differentiators, benchmark data sets."""

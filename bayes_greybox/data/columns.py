@@ -1,0 +1,190 @@
+"""Checks and conventions for the columns of measured data: names, units, lengths, times, missing values."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from bayes_greybox.data.errors import InputError
+
+_RESERVED = {"t": "time", "run": "run number"}
+
+
+def derivative_label(state: str, time_name: str = "t") -> str:
+    """Column label of the derivative of a state, such as d(y)/dt."""
+    return f"d({state})/d{time_name}"
+
+
+def rate_unit(unit: str | None, time_unit: str | None) -> str | None:
+    """Unit of a rate, such as (m)/(s), or None if either unit is unknown."""
+    return None if unit is None or time_unit is None else f"({unit})/({time_unit})"
+
+
+def several(value: Any) -> list[Any]:
+    """One entry for each run: a list or tuple of arrays is several runs, anything else is one."""
+    if isinstance(value, list | tuple) and len(value) > 0 and np.ndim(value[0]) > 0:
+        return list(value)
+    return [np.atleast_1d(np.asarray(value))]
+
+
+def name_runs(given: Sequence[str] | None, n_run: int) -> tuple[str, ...]:
+    """Distinct names of the runs; "0", "1", … if none are given."""
+    if given is None:
+        return tuple(str(i) for i in range(n_run))
+    names = tuple(str(name) for name in given)
+    if len(names) != n_run:
+        raise InputError(f"There are {n_run} runs but {len(names)} run names; give one name for each run.")
+    if len(set(names)) != n_run:
+        twice = next(name for name in names if names.count(name) > 1)
+        raise InputError(f'Run name "{twice}" occurs twice; give every run its own name.')
+    return names
+
+
+def check_names(states: Mapping[str, Any], inputs: Mapping[str, Any], derivatives: Mapping[str, Any]) -> None:
+    """Refuse names that expressions cannot use, that clash, or that belong to no state."""
+    if not states:
+        raise InputError("There is no state; give at least one column in states={...}.")
+    for name in (*states, *inputs):
+        if not (isinstance(name, str) and name.isidentifier()):
+            raise InputError(
+                f"{name!r} cannot be used as a name in expressions; use letters, digits and underscores, "
+                "not starting with a digit."
+            )
+        if name in ("t", "run"):
+            raise InputError(f'The name "{name}" is taken by the {_RESERVED[name]}; rename that column.')
+    for name in inputs:
+        if name in states:
+            raise InputError(f'"{name}" is both a state and an input; rename one or leave one out.')
+    for name in derivatives:
+        if name not in states:
+            raise InputError(
+                f'A derivative is given for "{name}", which is no state; the states are {", ".join(states)}.'
+            )
+
+
+def check_units(units: Mapping[str, str], states: Mapping[str, Any], inputs: Mapping[str, Any]) -> None:
+    """Refuse units of columns that do not exist."""
+    known = ["t", *states, *inputs, *(derivative_label(name) for name in states)]
+    for name in units:
+        if name not in known:
+            raise InputError(
+                f'A unit is given for "{name}", which is no column; the columns are {", ".join(known)}.'
+            )
+
+
+def stack(label: str, value: Any, names: tuple[str, ...], lengths: list[int]) -> np.ndarray:
+    """The runs of one column as one float vector."""
+    runs = several(value)
+    if len(runs) != len(lengths):
+        raise InputError(
+            f"The {label} has {len(runs)} runs but the time has {len(lengths)}; give one array each."
+        )
+    out = []
+    for name, length, values in zip(names, lengths, runs, strict=True):
+        try:
+            array = np.asarray(values, dtype=float)
+        except (TypeError, ValueError) as error:
+            raise InputError(f'The {label} of run "{name}" is not numeric; convert it to numbers.') from error
+        if array.ndim != 1:
+            raise InputError(
+                f'The {label} of run "{name}" has shape {array.shape}; give one-dimensional arrays, one '
+                "for each column and run."
+            )
+        if len(array) != length:
+            raise InputError(
+                f'The {label} of run "{name}" has {len(array)} rows but the time has {length}; every column '
+                "needs one value for each time stamp."
+            )
+        if length == 0:
+            raise InputError(f'Run "{name}" has no rows; leave it out.')
+        out.append(array)
+    return np.concatenate(out)
+
+
+def usable_rows(
+    columns: Mapping[str, np.ndarray], run: np.ndarray, names: tuple[str, ...], missing: str
+) -> np.ndarray:
+    """Mask of rows without missing values, or an error that names the first of them."""
+    if missing not in ("error", "drop"):
+        raise InputError(f'missing must be "error" or "drop", not {missing!r}.')
+    keep = np.ones(len(run), dtype=bool)
+    for label, values in columns.items():
+        bad = ~np.isfinite(values)
+        if missing == "error" and np.any(bad):
+            first = int(np.argmax(bad))
+            row = first - int(np.argmax(run == run[first]))
+            raise InputError(
+                f"The {label} has {int(np.sum(bad))} missing or infinite values (NaN or inf), the first in "
+                f'row {row} of run "{names[run[first]]}"; repair them or pass missing="drop" to leave out '
+                "their rows."
+            )
+        keep &= ~bad
+    for i, name in enumerate(names):
+        if not np.any(keep[run == i]):
+            raise InputError(f'Run "{name}" has no row without missing values; leave it out.')
+    return keep
+
+
+def check_times(time: np.ndarray, run: np.ndarray, names: tuple[str, ...]) -> None:
+    """Refuse stamps that repeat or go back within a run."""
+    step = np.diff(time)
+    same_run = np.diff(run) == 0
+    for bad, what in ((same_run & (step == 0), "duplicate"), (same_run & (step < 0), "backward")):
+        if not np.any(bad):
+            continue
+        at = int(np.argmax(bad))
+        row = at + 1 - int(np.argmax(run == run[at]))
+        where = f'The time of run "{names[run[at]]}"'
+        if what == "duplicate":
+            raise InputError(
+                f"{where} has the stamp {time[at]:g} twice (row {row}); remove one of the rows, or give "
+                "separate recordings as separate runs."
+            )
+        raise InputError(
+            f"{where} is not increasing: row {row} goes back from {time[at]:g} to {time[at + 1]:g}; sort the "
+            "rows by time, or give separate recordings as separate runs."
+        )
+
+
+def check_varying(columns: Mapping[str, np.ndarray]) -> None:
+    """Refuse columns that never change."""
+    for label, values in columns.items():
+        if np.all(values == values[0]):
+            raise InputError(
+                f"The {label} is constant ({values[0]:g} in every row); leave it out, since the dictionary "
+                "term '1' covers a constant (constant='keep' allows it in held-out data)."
+            )
+
+
+def split_cuts(lengths: Sequence[int], names: Sequence[str], fraction: float, by: str) -> list[int]:
+    """Rows of each run that belong to the first part of a split."""
+    if not 0.0 < fraction < 1.0:
+        raise InputError(f"fraction must lie between 0 and 1, not {fraction}.")
+    if by == "trajectory":
+        if len(lengths) < 2:
+            raise InputError("Splitting by trajectory needs two runs or more; use by='time' for one run.")
+        n_first = min(max(round(fraction * len(lengths)), 1), len(lengths) - 1)
+        return [n if i < n_first else 0 for i, n in enumerate(lengths)]
+    if by != "time":
+        raise InputError(f'by must be "time" or "trajectory", not {by!r}.')
+    for name, n in zip(names, lengths, strict=True):
+        if n < 2:
+            raise InputError(f'Run "{name}" has one row and cannot be split; use by="trajectory".')
+    return [min(max(round(fraction * n), 1), n - 1) for n in lengths]
+
+
+def summary_table(rows: Sequence[tuple[str, str, str | None, np.ndarray]]) -> pd.DataFrame:
+    """Range and mean of each (name, kind, unit, values), indexed by name."""
+    table = [
+        {
+            "column": name,
+            "kind": kind,
+            "unit": unit or "",
+            "min": float(np.min(values)),
+            "max": float(np.max(values)),
+            "mean": float(np.mean(values)),
+            "n": len(values),
+        }
+        for name, kind, unit, values in rows
+    ]
+    return pd.DataFrame(table).set_index("column")

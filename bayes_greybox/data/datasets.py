@@ -1,0 +1,341 @@
+"""Measured benchmark data sets, read from a folder of the user and checked by hash; nothing is downloaded."""
+
+import hashlib
+import os
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from io import StringIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from bayes_greybox.data.errors import InputError
+from bayes_greybox.data.trajectories import Trajectories
+
+FOLDER_VARIABLE = "BAYES_GREYBOX_DATA"
+"""Environment variable that names the folder of the data sets."""
+
+SILVERBOX_RATE = 1e7 / 2**14
+"""Sampling rate of the Silverbox record, Hz."""
+TANK_CLIP = 10.0
+"""Level at which the sensor of the cascaded tanks saturates, V."""
+
+
+@dataclass(frozen=True)
+class BallDrops:
+    """Falling balls: one run for each drop, and what is known of the balls.
+
+    Attributes:
+        data: runs named "<ball>, drop <number>" with the states y (height, m) and v (velocity, m/s, derived
+            from the heights by the authors); time in s.
+        balls: table indexed by ball with mass (kg), diameter (m) and the number of drops.
+    """
+
+    data: Trajectories
+    balls: pd.DataFrame
+
+
+def load_dataset(name: str, **options: Any) -> Any:
+    """Load a measured data set.
+
+    Args:
+        name: one of the names in `dataset_table()`.
+        **options: options of `load_silverbox`, `load_cascaded_tanks`, `load_falling_balls` or
+            `load_hudson_bay`, whichever is loaded.
+
+    Returns:
+        What that function returns.
+
+    Raises:
+        InputError: if the name or an option is unknown, or a file is missing or not the original.
+    """
+    if name not in _SETS:
+        raise InputError(f'There is no data set "{name}"; there are {", ".join(_SETS)}.')
+    known = _SETS[name].options
+    for option in options:
+        if option not in known:
+            has = f"its options are {', '.join(known)}" if known else "it has none"
+            raise InputError(f'Data set "{name}" has no option "{option}"; {has}.')
+    return _SETS[name].load(**options)
+
+
+def dataset_table() -> pd.DataFrame:
+    """List the data sets: files, whether they were found and verified, hidden effect, source, terms.
+
+    Returns:
+        Table indexed by name. `found` is the folder that holds all files, or ""; `verified` says whether
+        their hashes are those of the originals.
+    """
+    rows = []
+    for name, entry in _SETS.items():
+        files = entry.files
+        folder = next(
+            (f for f in search_folders() if all((f / file).is_file() for file in entry.files)), None
+        )
+        verified = folder is not None and all(_sha256(folder / f) == h for f, h in files.items())
+        rows.append(
+            {
+                "name": name,
+                "files": ", ".join(files),
+                "found": str(folder) if folder is not None else "",
+                "verified": verified,
+                "hidden effect": entry.hidden_effect,
+                "source": entry.source,
+                "terms": entry.terms,
+            }
+        )
+    return pd.DataFrame(rows).set_index("name")
+
+
+def search_folders() -> list[Path]:
+    """Folders that may hold the data sets, in the order in which they are searched."""
+    folders = []
+    if os.environ.get(FOLDER_VARIABLE):
+        folders.append(Path(os.environ[FOLDER_VARIABLE]))
+    if sys.platform == "win32":
+        cache = Path(os.environ.get("LOCALAPPDATA") or Path.home() / "AppData" / "Local")
+    elif sys.platform == "darwin":
+        cache = Path.home() / "Library" / "Caches"
+    else:
+        cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    return [*folders, cache / "bayes_greybox"]
+
+
+def load_silverbox(remove_offset: bool = False) -> dict[str, Trajectories]:
+    """Silverbox: an electronic Duffing oscillator (Wigren & Schoukens 2013, ECC).
+
+    Input u (V1) and output y (V2) in volts, time in seconds at 610.35 Hz. V1 carries an offset of about 6.2
+    mV that is no part of the excitation; raw values are kept unless asked, and a model of raw values needs a
+    constant term.
+
+    Args:
+        remove_offset: subtract the mean of V1 over the whole record.
+
+    Returns:
+        The official parts: "multisine_train" and "multisine_test" (first 75 % and last 25 % of samples
+        40650–127400), "arrow" (samples 100–40575) and "arrow_no_extrapolation" (its first 32000 samples).
+    """
+    import scipy.io
+
+    content = scipy.io.loadmat(_locate("silverbox", "silverbox/SNLS80mV.mat"))
+    u, y = (np.asarray(content[key], dtype=float).reshape(-1) for key in ("V1", "V2"))
+    if remove_offset:
+        u = u - np.mean(u)
+    cut = 40650 + round(0.75 * (127400 - 40650))
+    parts = {
+        "multisine_train": (40650, cut),
+        "multisine_test": (cut, 127400),
+        "arrow": (100, 40575),
+        "arrow_no_extrapolation": (100, 32100),
+    }
+    return {
+        name: Trajectories.from_arrays(
+            np.arange(start, stop) / SILVERBOX_RATE,
+            states={"y": y[start:stop]},
+            inputs={"u": u[start:stop]},
+            units={"y": "V", "u": "V", "t": "s"},
+            run_names=[name],
+        )
+        for name, (start, stop) in parts.items()
+    }
+
+
+def load_cascaded_tanks(clipped: str = "keep") -> dict[str, Trajectories]:
+    """Cascaded tanks: a pump fills an upper tank that empties into a lower one (Schoukens et al. 2016).
+
+    Pump voltage u and lower level y in volts, every 4 s. The level sensor saturates at 10 V: samples there
+    say only that the level was at least that high.
+
+    Args:
+        clipped: "keep" leaves saturated samples in, for free runs scored as the benchmark scores them; "drop"
+            leaves out their rows and counts them in `dropped`, which makes sampling uneven, so that the runs
+            cannot be differentiated across the gap.
+
+    Returns:
+        "train" (estimation record) and "test" (validation record), 1024 samples each before dropping.
+
+    Raises:
+        InputError: if `clipped` is neither "keep" nor "drop".
+    """
+    if clipped not in ("keep", "drop"):
+        raise InputError(f'clipped must be "keep" or "drop", not {clipped!r}.')
+    table = pd.read_csv(_locate("cascaded_tanks", "cascaded_tanks/dataBenchmark.csv"))
+    out = {}
+    for name, suffix in (("train", "Est"), ("test", "Val")):
+        level = table[f"y{suffix}"].to_numpy(dtype=float)
+        if clipped == "drop":
+            level = np.where(level >= TANK_CLIP, np.nan, level)
+        out[name] = Trajectories.from_arrays(
+            4.0 * np.arange(len(level)),
+            states={"y": level},
+            inputs={"u": table[f"u{suffix}"].to_numpy(dtype=float)},
+            units={"y": "V", "u": "V", "t": "s"},
+            run_names=[name],
+            missing="drop" if clipped == "drop" else "error",
+        )
+    return out
+
+
+def load_falling_balls() -> BallDrops:
+    """Falling balls: eleven balls dropped from a bridge, filmed at 15 Hz (de Silva et al. 2020).
+
+    Reading the workbook needs openpyxl, which comes with the extra `tables`.
+
+    Returns:
+        The drops and the table of balls; mass and diameter of the volleyball are not known (NaN).
+
+    Raises:
+        InputError: if openpyxl is missing.
+    """
+    path = _locate("falling_balls", "falling_balls/Ball_drops_data.xlsx")
+    try:
+        # No drop has 200 frames, but some sheets are formatted down to the last possible row.
+        sheets = pd.read_excel(path, sheet_name=None, nrows=1000)
+    except ImportError as error:
+        raise InputError(
+            f'Reading "{path}" needs openpyxl; install it with pip install "bayes-greybox[tables]".'
+        ) from error
+    names, times, heights, velocities, drops = [], [], [], [], {}
+    for ball, sheet in sheets.items():
+        sheet = sheet.dropna(subset=["Drop #"])
+        for drop, rows in sheet.groupby("Drop #", sort=False):
+            names.append(f"{ball}, drop {int(float(str(drop)))}")
+            times.append(rows["Time (s)"].to_numpy(dtype=float))
+            heights.append(rows["Height (m)"].to_numpy(dtype=float))
+            velocities.append(rows["Velocity (m/s)"].to_numpy(dtype=float))
+        drops[str(ball)] = len(set(sheet["Drop #"]))
+    data = Trajectories.from_arrays(
+        times,
+        states={"y": heights, "v": velocities},
+        units={"y": "m", "v": "m/s", "t": "s"},
+        run_names=names,
+    )
+    return BallDrops(data, _ball_table(drops))
+
+
+def load_hudson_bay() -> Trajectories:
+    """Hudson Bay: yearly hare and lynx pelts in thousands, 1900–1920 (Odum 1953).
+
+    Returns:
+        One run with the states hare and lynx; time in years.
+    """
+    text = _locate("hudson_bay", "hudson_bay/hudson_bay_data.dat").read_text(encoding="ascii")
+    table = np.loadtxt(StringIO(text))
+    return Trajectories.from_arrays(
+        table[:, 0], states={"hare": table[:, 1], "lynx": table[:, 2]}, units={"t": "year"}
+    )
+
+
+@dataclass(frozen=True)
+class _DataSet:
+    load: Callable[..., Any]
+    files: dict[str, str]
+    options: tuple[str, ...]
+    hidden_effect: str
+    source: str
+    terms: str
+
+
+_SETS = {
+    "silverbox": _DataSet(
+        load_silverbox,
+        {"silverbox/SNLS80mV.mat": "5c7413a52255af0cb4e2f93fb6903beb92b08965ba1e6ad0a6ffedfed8477ed4"},
+        ("remove_offset",),
+        "cubic stiffness",
+        "Wigren & Schoukens, European Control Conference 2013",
+        "no licence stated",
+    ),
+    "cascaded_tanks": _DataSet(
+        load_cascaded_tanks,
+        {
+            "cascaded_tanks/dataBenchmark.csv": (
+                "ef2388ed822f3aef4aa80d6b0f2b466dd80b361786b3eafc7a2957c31ea323a7"
+            )
+        },
+        ("clipped",),
+        "square-root outflow, overflow",
+        "Schoukens et al. 2016, DOI 10.4121/12960104",
+        "CC BY-SA 4.0",
+    ),
+    "falling_balls": _DataSet(
+        load_falling_balls,
+        {
+            "falling_balls/Ball_drops_data.xlsx": (
+                "942b2d68abfff3828ca323de491435d4ec27c3a22e62cee0cbdf52c2e8d1c0ed"
+            ),
+            "falling_balls/balls.txt": "7cc282a6559ef636ce30cad53aae5bf825ce6200a94dd54f668af9797c584585",
+        },
+        (),
+        "quadratic drag",
+        "de Silva et al. 2020, Frontiers in Artificial Intelligence",
+        "MIT",
+    ),
+    "hudson_bay": _DataSet(
+        load_hudson_bay,
+        {
+            "hudson_bay/hudson_bay_data.dat": (
+                "7653cdd9cf35c34620c87b0d93cc2858b5214180a93eea0f7b2096e1b471b6bb"
+            )
+        },
+        (),
+        "predation (bilinear interaction)",
+        "Odum 1953, Fundamentals of Ecology",
+        "as tabulated in many texts",
+    ),
+}
+
+# Workbook sheet of each ball in the list of masses and sizes.
+_BALL_KEYS = {
+    "Baseball": "baseball",
+    "Blue Basketball": "bluebasketball",
+    "Green Basketball": "greenbasketball",
+    "Volleyball": "volleyball",
+    "Bowling Ball": "bowlingball",
+    "Golf Ball": "golfball",
+    "Tennis Ball": "tennisball",
+    "Whiffle Ball 1": "wiffleball1",
+    "Whiffle Ball 2": "wiffleball2",
+    "Yellow Whiffle Ball": "yellowWiffle",
+    "Orange Whiffle Ball": "orangeWiffle",
+}
+_OUNCE = 0.028349523125  # kg
+
+
+def _ball_table(drops: dict[str, int]) -> pd.DataFrame:
+    lines = _locate("falling_balls", "falling_balls/balls.txt").read_text(encoding="ascii").splitlines()
+    listed = {parts[0]: parts[1:] for parts in (line.split() for line in lines) if len(parts) == 3}
+
+    def number(text: str) -> float:
+        return float("nan") if text == "??" else float(text)
+
+    rows = []
+    for ball, n_drop in drops.items():
+        ounces, circumference = (number(text) for text in listed[_BALL_KEYS[ball]])
+        diameter = circumference / 100.0 / np.pi
+        rows.append({"ball": ball, "mass": ounces * _OUNCE, "diameter": diameter, "drops": n_drop})
+    return pd.DataFrame(rows).set_index("ball")
+
+
+def _locate(name: str, file: str) -> Path:
+    """Path of a verified file."""
+    entry = _SETS[name]
+    folders = search_folders()
+    path = next((folder / file for folder in folders if (folder / file).is_file()), None)
+    if path is None:
+        places = " and ".join(f'"{folder}"' for folder in folders)
+        raise InputError(
+            f'The file "{file}" of data set "{name}" was not found in {places}; get it from its source '
+            f"({entry.source}) and name its folder in the environment variable {FOLDER_VARIABLE}."
+        )
+    if _sha256(path) != entry.files[file]:
+        raise InputError(
+            f'"{path}" is not the original file of data set "{name}" (its SHA-256 differs); get it from its '
+            f"source ({entry.source})."
+        )
+    return path
+
+
+def _sha256(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()

@@ -1,0 +1,214 @@
+"""Read measured tables: delimited text, Parquet, MATLAB and netCDF files."""
+
+import difflib
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import pandas as pd
+from bayes_greybox.data.errors import InputError
+from bayes_greybox.data.trajectories import Trajectories
+
+
+def read_table(
+    path: str | Path,
+    *,
+    time: str | None = None,
+    states: Sequence[str] | Mapping[str, str],
+    inputs: Sequence[str] | Mapping[str, str] = (),
+    derivatives: Mapping[str, str] | None = None,
+    trajectory: str | None = None,
+    dt: float | None = None,
+    units: Mapping[str, str] | None = None,
+    missing: Literal["error", "drop"] = "error",
+    constant: Literal["error", "keep"] = "error",
+) -> Trajectories:
+    """Read one file of measurements.
+
+    Args:
+        path: .csv, .tsv, .txt (delimiter found from the text), .parquet, .mat or .nc.
+        time: column of time stamps; None needs `dt`.
+        states: names of state columns, or a mapping of state name to column.
+        inputs: names of input columns, or a mapping of input name to column.
+        derivatives: mapping of state name to the column of its measured derivative.
+        trajectory: column whose value tells the runs apart; rows of a run keep their order.
+        dt: sample spacing, in units of time, where the file has no time column.
+        units: unit by state, input or time column ("t" also names the time).
+        missing: as in `Trajectories.from_arrays`.
+        constant: as in `Trajectories.from_arrays`.
+
+    Returns:
+        The data.
+
+    Raises:
+        InputError: if the file or a column cannot be used; the message names it.
+    """
+    path = Path(path)
+    if (time is None) == (dt is None):
+        raise InputError("Give either time, the column of time stamps, or dt, the sample spacing.")
+    if dt is not None and not dt > 0.0:
+        raise InputError(f"dt must be positive, not {dt}.")
+    table = _read(path)
+    if len(table) == 0:
+        raise InputError(f'"{path}" has no rows.')
+    state_columns, input_columns = _mapping(states, "states"), _mapping(inputs, "inputs")
+    groups = [np.arange(len(table))]
+    run_names = None
+    if trajectory is not None:
+        # Order of first appearance, so that runs stay as they lie in the file.
+        labels = _column(table, trajectory, path)
+        if labels.isna().any():
+            row = int(np.argmax(labels.isna().to_numpy()))
+            raise InputError(f'Column "{trajectory}" of "{path}" names no run in row {row}; fill it in.')
+        codes, values = pd.factorize(labels)
+        groups = [np.flatnonzero(codes == i) for i in range(len(values))]
+        run_names = [str(value) for value in values]
+
+    def runs(name: str) -> list[np.ndarray]:
+        values = _numbers(table, name, path)
+        return [values[rows] for rows in groups]
+
+    stamps = runs(time) if time is not None else [np.arange(len(rows)) * float(dt or 0.0) for rows in groups]
+    return Trajectories.from_arrays(
+        stamps,
+        states={name: runs(column) for name, column in state_columns.items()},
+        inputs={name: runs(column) for name, column in input_columns.items()},
+        derivatives={name: runs(column) for name, column in (derivatives or {}).items()},
+        units={"t" if name == time else name: unit for name, unit in (units or {}).items()},
+        run_names=run_names,
+        missing=missing,
+        constant=constant,
+    )
+
+
+def _read(path: Path) -> pd.DataFrame:
+    readers: dict[str, Callable[[Path], pd.DataFrame]] = {
+        ".csv": _read_text,
+        ".tsv": _read_text,
+        ".txt": _read_text,
+        ".parquet": _read_parquet,
+        ".mat": _read_mat,
+        ".nc": _read_netcdf,
+    }
+    suffix = path.suffix.lower()
+    if suffix not in readers:
+        raise InputError(f'"{path}" has an unknown extension; readable are {", ".join(readers)}.')
+    if not path.is_file():
+        raise InputError(f'There is no file "{path}".')
+    if path.stat().st_size == 0:
+        raise InputError(f'"{path}" is empty.')
+    try:
+        table = readers[suffix](path)
+    except InputError:
+        raise
+    except Exception as error:
+        # Each library has its own exceptions for a damaged file; all mean the same to the user.
+        kind = suffix.removeprefix(".")
+        raise InputError(
+            f'"{path}" cannot be read as {kind} ({_first_line(error)}); check the file.'
+        ) from error
+    table.columns = [str(name).strip() for name in table.columns]
+    return table
+
+
+def _read_text(path: Path) -> pd.DataFrame:
+    if path.suffix.lower() == ".tsv":
+        return pd.read_csv(path, sep="\t")
+    if path.suffix.lower() == ".csv":
+        return pd.read_csv(path, skipinitialspace=True)
+    first = path.read_text(encoding="utf-8-sig").splitlines()[0]
+    delimiter = next((mark for mark in ("\t", ";", ",") if mark in first), r"\s+")
+    return pd.read_csv(path, sep=delimiter, skipinitialspace=True)
+
+
+def _read_parquet(path: Path) -> pd.DataFrame:
+    try:
+        import pyarrow.parquet
+    except ImportError as error:
+        raise InputError(
+            f'Reading "{path}" needs pyarrow; install it with pip install "bayes-greybox[tables]".'
+        ) from error
+    return pyarrow.parquet.read_table(path).to_pandas()
+
+
+def _read_mat(path: Path) -> pd.DataFrame:
+    import scipy.io
+
+    try:
+        content: dict[str, Any] = scipy.io.loadmat(path)
+    except NotImplementedError:
+        # Version 7.3 files are HDF5.
+        import h5py
+
+        with h5py.File(path, "r") as file:
+            content = {
+                name: np.asarray(item) for name, item in file.items() if isinstance(item, h5py.Dataset)
+            }
+    vectors = {
+        name: np.asarray(value).reshape(-1)
+        for name, value in content.items()
+        if not name.startswith("__") and np.size(value) > 1 and np.size(value) == max(np.shape(value))
+    }
+    if not vectors:
+        raise InputError(f'"{path}" has no one-dimensional variable.')
+    # The longest vectors are the table; shorter ones are settings and labels.
+    n = max(len(values) for values in vectors.values())
+    return pd.DataFrame({name: values for name, values in vectors.items() if len(values) == n})
+
+
+def _read_netcdf(path: Path) -> pd.DataFrame:
+    import h5py
+    import xarray as xr
+
+    if h5py.is_hdf5(path):
+        with h5py.File(path, "r") as file:
+            if "posterior" in file:
+                raise InputError(f'"{path}" is a saved fit, not a table; open it with bg.load.')
+    with xr.open_dataset(path, engine="h5netcdf", decode_times=False) as dataset:
+        variables = {**dict(dataset.coords), **dict(dataset.data_vars)}
+        lengths = {array.dims: array.size for array in variables.values() if array.ndim == 1}
+        if not lengths:
+            raise InputError(f'"{path}" has no one-dimensional variable.')
+        counts = {dims: sum(array.dims == dims for array in variables.values()) for dims in lengths}
+        shared = max(counts, key=lambda dims: (counts[dims], lengths[dims]))
+        return pd.DataFrame(
+            {str(name): array.to_numpy() for name, array in variables.items() if array.dims == shared}
+        )
+
+
+def _mapping(columns: Sequence[str] | Mapping[str, str], what: str) -> dict[str, str]:
+    if isinstance(columns, str):
+        raise InputError(f'{what} must be a list of names, such as ["{columns}"], not a single string.')
+    if isinstance(columns, Mapping):
+        return dict(columns)
+    return {name: name for name in columns}
+
+
+def _column(table: pd.DataFrame, name: str, path: Path) -> Any:
+    if name not in table.columns:
+        known = [str(column) for column in table.columns]
+        lowered = {column.lower(): column for column in reversed(known)}
+        near = [lowered[match] for match in difflib.get_close_matches(name.lower(), lowered, n=3, cutoff=0.5)]
+        guess = f" Did you mean {' or '.join(near)}?" if near else ""
+        raise InputError(f'"{path}" has no column "{name}".{guess} Its columns are {", ".join(known)}.')
+    return table[name]
+
+
+def _numbers(table: pd.DataFrame, name: str, path: Path) -> np.ndarray:
+    column: Any = _column(table, name, path)
+    if pd.api.types.is_bool_dtype(column) or not pd.api.types.is_numeric_dtype(column):
+        numbers: Any = pd.to_numeric(column, errors="coerce")
+        bad = np.flatnonzero(numbers.isna().to_numpy() & column.notna().to_numpy())
+        if len(bad) or not pd.api.types.is_numeric_dtype(numbers):
+            row = int(bad[0]) if len(bad) else 0
+            raise InputError(
+                f'Column "{name}" of "{path}" is not numeric: row {row} holds {column.iloc[row]!r}; correct '
+                "the cell or choose another column."
+            )
+        column = numbers
+    return column.to_numpy(dtype=float, na_value=np.nan)
+
+
+def _first_line(error: Exception) -> str:
+    return (str(error).strip().splitlines() or [type(error).__name__])[0].rstrip(".")

@@ -1,0 +1,399 @@
+"""Measured runs: time, states, inputs and measured derivatives, stacked row by row."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, Literal
+
+import numpy as np
+import pandas as pd
+from bayes_greybox.data.columns import (
+    check_names,
+    check_times,
+    check_units,
+    check_varying,
+    derivative_label,
+    name_runs,
+    rate_unit,
+    several,
+    split_cuts,
+    stack,
+    summary_table,
+    usable_rows,
+)
+from bayes_greybox.data.differentiate import differentiate
+from bayes_greybox.data.errors import InputError
+from bayes_greybox.data.noise import WHITE_SHARE, RowNoise, noise_from_dict
+from jaxtyping import Float, Int
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Trajectories:
+    """Rows of one or several runs, stacked; build with `from_arrays` or `read_table`.
+
+    Attributes:
+        time: time stamps, strictly increasing within each run.
+        run: number of the run of each row, 0, 1, …, in order.
+        states: state columns by name.
+        inputs: input columns by name.
+        derivatives: time derivative of the state with that name.
+        units: unit by column name; the time's under "t", a derivative's under "d(name)/dt" if it was given.
+        noise: covariance of derivative rows by state name; a missing name means independent rows.
+        run_names: name of each run.
+        dropped: rows left out so far (missing values, edges of filters).
+        time_name: name of the time in expressions and tables.
+    """
+
+    time: Float[np.ndarray, " n_obs"]
+    run: Int[np.ndarray, " n_obs"]
+    states: Mapping[str, Float[np.ndarray, " n_obs"]]
+    inputs: Mapping[str, Float[np.ndarray, " n_obs"]]
+    derivatives: Mapping[str, Float[np.ndarray, " n_obs"]]
+    units: Mapping[str, str] = field(default_factory=dict)
+    noise: Mapping[str, RowNoise] = field(default_factory=dict)
+    run_names: tuple[str, ...] = ("0",)
+    dropped: int = 0
+    time_name: str = "t"
+
+    @classmethod
+    def from_arrays(
+        cls,
+        t: Any,
+        *,
+        states: Mapping[str, Any],
+        derivatives: Mapping[str, Any] | None = None,
+        inputs: Mapping[str, Any] | None = None,
+        units: Mapping[str, str] | None = None,
+        run_names: Sequence[str] | None = None,
+        missing: Literal["error", "drop"] = "error",
+        constant: Literal["error", "keep"] = "error",
+    ) -> "Trajectories":
+        """Build from arrays, one for each column, or from lists of arrays, one for each run.
+
+        Args:
+            t: time stamps, (n,), or a list of such arrays of any lengths, one for each run.
+            states: state columns by name, each shaped as `t`.
+            derivatives: measured time derivative of the state with that name, if there is one.
+            inputs: input columns by name.
+            units: unit by column name, the time's under "t", a derivative's under "d(name)/dt".
+            run_names: names of the runs; "0", "1", … if left out.
+            missing: "error" refuses NaN and infinite values, "drop" leaves out their rows and counts them in
+                `dropped`; nothing is interpolated.
+            constant: "error" refuses a state or input that never changes, "keep" allows it (held-out data
+                with the input switched off).
+
+        Returns:
+            The checked data.
+
+        Raises:
+            InputError: if lengths, names, stamps or values cannot be used; the message says which.
+        """
+        runs = several(t)
+        names = name_runs(run_names, len(runs))
+        inputs, derivatives, units = inputs or {}, derivatives or {}, units or {}
+        check_names(states, inputs, derivatives)
+        check_units(units, states, inputs)
+        labels = {"time": ("time", t)}
+        labels |= {f"s:{k}": (f'state "{k}"', v) for k, v in states.items()}
+        labels |= {f"i:{k}": (f'input "{k}"', v) for k, v in inputs.items()}
+        labels |= {f"d:{k}": (f'derivative of "{k}"', v) for k, v in derivatives.items()}
+        lengths = [len(stamps) for stamps in runs]
+        columns = {key: stack(label, value, names, lengths) for key, (label, value) in labels.items()}
+        run = np.repeat(np.arange(len(runs)), lengths)
+
+        keep = usable_rows({labels[k][0]: v for k, v in columns.items()}, run, names, missing)
+        dropped = int(np.sum(~keep))
+        run, columns = run[keep], {key: value[keep] for key, value in columns.items()}
+        check_times(columns["time"], run, names)
+        if constant != "keep":
+            check_varying({labels[k][0]: v for k, v in columns.items() if k[:2] in ("s:", "i:")})
+        return cls(
+            time=columns["time"],
+            run=run,
+            states={k: columns[f"s:{k}"] for k in states},
+            inputs={k: columns[f"i:{k}"] for k in inputs},
+            derivatives={k: columns[f"d:{k}"] for k in derivatives},
+            units=dict(units),
+            run_names=names,
+            dropped=dropped,
+        )
+
+    @classmethod
+    def from_frame(
+        cls,
+        frame: pd.DataFrame,
+        *,
+        states: Sequence[str],
+        inputs: Sequence[str] = (),
+        derivatives: Sequence[str] = (),
+        units: Mapping[str, str] | None = None,
+        noise: Mapping[str, Mapping[str, Any]] | None = None,
+        run_names: Sequence[str] = ("0",),
+        dropped: int = 0,
+        time_name: str = "t",
+    ) -> "Trajectories":
+        """Inverse of `to_frame`: `Trajectories.from_frame(data.to_frame(), **data.metadata())`.
+
+        Args:
+            frame: one row for each sample, columns named as `to_frame` names them.
+            states: names of the states.
+            inputs: names of the inputs.
+            derivatives: states whose derivative is in the table.
+            units: as in `from_arrays`.
+            noise: plain records of the row noise, by state.
+            run_names: name of each run.
+            dropped: rows left out before.
+            time_name: name of the time column.
+
+        Returns:
+            The data, equal to the last bit.
+
+        Raises:
+            InputError: if a column is not in the table.
+        """
+        wanted = [time_name, "run", *states, *inputs, *(derivative_label(k, time_name) for k in derivatives)]
+        absent = [name for name in wanted if name not in frame.columns]
+        if absent:
+            raise InputError(
+                f'The table has no column "{absent[0]}"; it has {", ".join(map(str, frame.columns))}.'
+            )
+
+        def column(name: str) -> np.ndarray:
+            return frame[name].to_numpy(dtype=float, copy=True)
+
+        return cls(
+            time=column(time_name),
+            run=frame["run"].to_numpy(dtype=np.int64, copy=True),
+            states={k: column(k) for k in states},
+            inputs={k: column(k) for k in inputs},
+            derivatives={k: column(derivative_label(k, time_name)) for k in derivatives},
+            units=dict(units or {}),
+            noise={k: noise_from_dict(v) for k, v in (noise or {}).items()},
+            run_names=tuple(run_names),
+            dropped=dropped,
+            time_name=time_name,
+        )
+
+    @property
+    def n_obs(self) -> int:
+        """Number of rows of all runs."""
+        return len(self.time)
+
+    @property
+    def n_run(self) -> int:
+        """Number of runs."""
+        return len(self.run_names)
+
+    @property
+    def state_names(self) -> tuple[str, ...]:
+        """Names of the states, in order."""
+        return tuple(self.states)
+
+    @property
+    def input_names(self) -> tuple[str, ...]:
+        """Names of the inputs, in order."""
+        return tuple(self.inputs)
+
+    @property
+    def derivative_names(self) -> tuple[str, ...]:
+        """States whose derivative is known, in order."""
+        return tuple(self.derivatives)
+
+    @property
+    def run_lengths(self) -> tuple[int, ...]:
+        """Rows of each run."""
+        return tuple(int(n) for n in np.bincount(self.run, minlength=self.n_run))
+
+    @property
+    def columns(self) -> dict[str, Float[np.ndarray, " n_obs"]]:
+        """All states, then all inputs, by name."""
+        return {**self.states, **self.inputs}
+
+    def column(self, name: str) -> Float[np.ndarray, " n_obs"]:
+        """One state or input.
+
+        Raises:
+            InputError: if there is no such column.
+        """
+        columns = self.columns
+        if name not in columns:
+            raise InputError(f'There is no state or input "{name}"; there are {", ".join(columns)}.')
+        return columns[name]
+
+    def matrix(self, names: Sequence[str]) -> Float[np.ndarray, "n_obs n_column"]:
+        """States and inputs side by side, in the order of `names`."""
+        if not names:
+            return np.empty((self.n_obs, 0))
+        return np.column_stack([self.column(name) for name in names])
+
+    def unit(self, name: str) -> str | None:
+        """Unit of a state, an input or the time ("t"); None if it was not given."""
+        return self.units.get(name)
+
+    def derivative_unit(self, name: str) -> str | None:
+        """Unit of the derivative of a state: as given, else state over time, None if unknown."""
+        given = self.units.get(derivative_label(name, "t"))
+        return given if given is not None else rate_unit(self.units.get(name), self.units.get("t"))
+
+    def take(self, run: int | str) -> "Trajectories":
+        """One run, by number or name.
+
+        Raises:
+            InputError: if there is no such run.
+        """
+        if isinstance(run, str) and run in self.run_names:
+            index = self.run_names.index(run)
+        elif isinstance(run, int) and -self.n_run <= run < self.n_run:
+            index = run % self.n_run
+        else:
+            raise InputError(f"There is no run {run!r}; there are {', '.join(self.run_names)}.")
+        return self._restrict([(0, n if i == index else 0) for i, n in enumerate(self.run_lengths)])
+
+    def differentiate(
+        self,
+        method: Literal["savgol", "bandlimited", "spectral"] = "savgol",
+        *,
+        rates: Mapping[str, str] | None = None,
+        window: int | None = None,
+        polyorder: int | None = None,
+        band: float | None = None,
+        white_share: float = WHITE_SHARE,
+    ) -> "Trajectories":
+        """Add the derivatives that were not measured, with the covariance of their rows.
+
+        Every column goes through the same smoothing filter. The window − 1 rows at the edges of each run are
+        dropped and counted in `dropped` (none for "spectral").
+
+        Args:
+            method: "savgol" (local polynomial), "bandlimited" (windowed-sinc filter with a stated pass band)
+                or "spectral" (Fourier, exact for records of whole periods, which it needs).
+            rates: {"y": "ydot"} says that the rate of state y is a state ydot that was not measured: ydot is
+                added, the derivative of y is ydot and that of ydot the second derivative of y. Every other
+                state without a derivative gets its first derivative.
+            window: odd number of samples; "savgol" chooses it by generalised cross-validation (see
+                `bayes_greybox.data.filters.savgol_window`), "bandlimited" from the band.
+            polyorder: degree of the local polynomial, default 4 with `rates`, else 3.
+            band: edge of the pass band in cycles per unit of time.
+            white_share: share of the row variance taken as white, see `bayes_greybox.data.noise`.
+
+        Returns:
+            Data with all derivatives and their noise.
+
+        Raises:
+            InputError: if sampling is uneven, a run is too short, or the settings do not fit.
+        """
+        if self.noise:
+            raise InputError("The data are differentiated already; differentiate the measured data once.")
+        result = differentiate(
+            self.time,
+            self.run,
+            self.run_names,
+            states=self.states,
+            inputs=self.inputs,
+            derivatives=self.derivatives,
+            method=method,
+            rates=rates,
+            window=window,
+            polyorder=polyorder,
+            band=band,
+            white_share=white_share,
+        )
+        units = dict(self.units)
+        for name, rate in (rates or {}).items():
+            unit = rate_unit(units.get(name), units.get("t"))
+            if unit is not None:
+                units[rate] = unit
+        return replace(
+            self,
+            time=self.time[result.rows],
+            run=self.run[result.rows],
+            states=result.states,
+            inputs=result.inputs,
+            derivatives=result.derivatives,
+            units=units,
+            noise=result.noise,
+            dropped=self.dropped + self.n_obs - len(result.rows),
+        )
+
+    def split(
+        self, fraction: float, by: Literal["time", "trajectory"] = "time"
+    ) -> tuple["Trajectories", "Trajectories"]:
+        """Split into a first part to fit and a second part to test.
+
+        Rows that a filter of width w computed share samples with their w − 1 neighbours on either side; split
+        before `differentiate` where the parts must not share any.
+
+        Args:
+            fraction: share of the first part, between 0 and 1.
+            by: "time" cuts every run once, keeping rows contiguous; "trajectory" gives whole runs, in order.
+
+        Returns:
+            First and second part.
+
+        Raises:
+            InputError: if a part would be empty, or the rows of a run cannot be parted.
+        """
+        lengths = self.run_lengths
+        cuts = split_cuts(lengths, self.run_names, fraction, by)
+        first = self._restrict([(0, cut) for cut in cuts])
+        second = self._restrict([(cut, n) for cut, n in zip(cuts, lengths, strict=True)])
+        return first, second
+
+    def metadata(self) -> dict[str, Any]:
+        """What `to_frame` leaves out, as plain values: the keyword arguments of `from_frame`."""
+        return {
+            "states": list(self.states),
+            "inputs": list(self.inputs),
+            "derivatives": list(self.derivatives),
+            "units": dict(self.units),
+            "noise": {name: noise.to_dict() for name, noise in self.noise.items()},
+            "run_names": list(self.run_names),
+            "dropped": self.dropped,
+            "time_name": self.time_name,
+        }
+
+    def to_frame(self) -> pd.DataFrame:
+        """Table with one row for each sample: time, run number, states, inputs, derivatives ("d(y)/dt")."""
+        derivatives = {derivative_label(k, self.time_name): v for k, v in self.derivatives.items()}
+        columns = {self.time_name: self.time, "run": self.run, **self.states, **self.inputs, **derivatives}
+        return pd.DataFrame(columns)
+
+    def summary(self) -> pd.DataFrame:
+        """Table with kind, unit, min, max, mean and number of rows of every column."""
+        rows = [(self.time_name, "time", self.unit("t"), self.time)]
+        rows += [(k, "state", self.unit(k), v) for k, v in self.states.items()]
+        rows += [(k, "input", self.unit(k), v) for k, v in self.inputs.items()]
+        rows += [
+            (derivative_label(k, self.time_name), "derivative", self.derivative_unit(k), v)
+            for k, v in self.derivatives.items()
+        ]
+        return summary_table(rows)
+
+    def __repr__(self) -> str:
+        plural = "run" if self.n_run == 1 else "runs"
+        dropped = f", {self.dropped} dropped" if self.dropped else ""
+        parts = [f"states {', '.join(self.states)}"]
+        if self.inputs:
+            parts.append(f"inputs {', '.join(self.inputs)}")
+        if self.derivatives:
+            parts.append(f"derivatives of {', '.join(self.derivatives)}")
+        return f"Trajectories({self.n_obs} rows in {self.n_run} {plural}{dropped}; {'; '.join(parts)})"
+
+    def _restrict(self, bounds: Sequence[tuple[int, int]]) -> "Trajectories":
+        """Contiguous rows of each run, as half-open ranges; a run with an empty range is left out."""
+        starts = np.concatenate([[0], np.cumsum(self.run_lengths)])
+        rows = np.concatenate([np.arange(starts[i] + a, starts[i] + b) for i, (a, b) in enumerate(bounds)])
+        stay = [i for i, (a, b) in enumerate(bounds) if b > a]
+
+        def part(columns: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+            return {name: values[rows] for name, values in columns.items()}
+
+        return replace(
+            self,
+            time=self.time[rows],
+            run=np.repeat(np.arange(len(stay)), [bounds[i][1] - bounds[i][0] for i in stay]),
+            states=part(self.states),
+            inputs=part(self.inputs),
+            derivatives=part(self.derivatives),
+            noise={name: noise.restrict(bounds) for name, noise in self.noise.items()},
+            run_names=tuple(self.run_names[i] for i in stay),
+        )

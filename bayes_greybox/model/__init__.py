@@ -1,0 +1,1 @@
+"""The probabilistic program: kernels, features, priors, the collapsed likelihood, GreyBox."""

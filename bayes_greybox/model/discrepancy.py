@@ -1,0 +1,78 @@
+"""The user's choice of Gaussian process for what the dictionary cannot say."""
+
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+from bayes_greybox.data.errors import InputError
+
+from .kernels import KERNELS
+from .measures import Measure
+from .orthogonal import Variant
+
+Path = Literal["hsgp", "exact"]
+
+EXACT_LIMIT = 1500
+"""Rows up to which the dense path is offered."""
+
+
+@dataclass(frozen=True)
+class OrthogonalGP:
+    """f ~ GP(0, k⊥): a discrepancy that cannot steal what the dictionary explains.
+
+    Lengths are in half-widths of the data's box and amplitudes in RMS of the target, so the defaults suit any
+    units: ℓ ~ LogNormal(log `length_scale`, `length_scale_spread`), amplitude ~ HalfNormal(`amplitude`).
+
+    Attributes:
+        variant: "projected" (default), "conditioned", "none", or "printed" (the seed paper's formula, which is no
+            covariance for most hyperparameters; exact path only).
+        measure: What orthogonal is taken with respect to: "empirical" (the training states), "box" (uniform over
+            their bounding box) or "box-monte-carlo" (the same by `monte_carlo` random points, as in the paper).
+        kernel: "squared_exponential", "matern32" or "matern52", with one length scale per variable.
+        path: "hsgp" (Hilbert-space features, cost independent of the number of rows) or "exact" (dense).
+        variables: What f depends on; None: every state and input.
+        features: Features per variable on the hsgp path; None: 20, 8², 8 by total order for 1, 2, 3 variables.
+        boundary: Half-width of the features' domain over that of the data.
+        length_scale: Prior median of the length scales.
+        length_scale_spread: Prior standard deviation of their logarithm.
+        amplitude: Prior scale of the standard deviation of f.
+        monte_carlo: Points for "box-monte-carlo".
+        seed: Seed of these points.
+    """
+
+    variant: Variant = "projected"
+    measure: Measure = "empirical"
+    kernel: str = "squared_exponential"
+    path: Path = "hsgp"
+    variables: tuple[str, ...] | None = None
+    features: int | tuple[int, ...] | None = None
+    boundary: float = 1.5
+    length_scale: float = 1.0
+    length_scale_spread: float = 0.5
+    amplitude: float = 1.0
+    monte_carlo: int = 2000
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        _require_one_of("variant", self.variant, get_args(Variant))
+        _require_one_of("measure", self.measure, get_args(Measure))
+        _require_one_of("kernel", self.kernel, tuple(KERNELS))
+        _require_one_of("path", self.path, get_args(Path))
+        if self.variant == "printed" and self.path != "exact":
+            raise InputError(
+                "OrthogonalGP(variant='printed') has no feature expansion, because it is not a covariance: give "
+                "path='exact' to build it anyway, or use variant='projected'."
+            )
+        if self.boundary <= 1:
+            raise InputError(f"OrthogonalGP(boundary={self.boundary:g}) must exceed 1, the edge of the data.")
+        for field in ("length_scale", "length_scale_spread", "amplitude", "monte_carlo"):
+            if not getattr(self, field) > 0:
+                raise InputError(f"OrthogonalGP({field}={getattr(self, field)!r}) must be positive.")
+        if isinstance(self.variables, list):
+            object.__setattr__(self, "variables", tuple(self.variables))
+        if isinstance(self.features, list):
+            object.__setattr__(self, "features", tuple(self.features))
+
+
+def _require_one_of(field: str, value: str, known: tuple[str, ...]) -> None:
+    if value not in known:
+        raise InputError(f"OrthogonalGP({field}={value!r}) is not one of {', '.join(map(repr, known))}.")

@@ -1,0 +1,70 @@
+"""Hilbert-space features: the eigenfunctions of the Laplacian on a box around the data."""
+
+import itertools
+from dataclasses import dataclass
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+from numpyro.contrib.hsgp.laplacian import eigenfunctions
+
+DEFAULT_FEATURES = {1: 20, 2: 8, 3: 8}
+"""Features per variable when the user names none; 6 from four variables on."""
+
+
+@dataclass(frozen=True)
+class HilbertBasis:
+    """ψ_j(x) = Π_d L_d^{-1/2} sin(√λ_{j_d} (x_d + L_d)), √λ_{j_d} = π j_d / (2 L_d), on [−L, L]^d.
+
+    With it k(x, x') ≈ Σ_j S(√λ_j) ψ_j(x) ψ_j(x'), S the spectral density (Solin & Särkkä 2020, Eq. 20 and 56;
+    Riutort-Mayol et al. 2023, Eq. 9 to 11). Data live in [−1, 1]^d, so L is the boundary factor.
+
+    Attributes:
+        boundary: L, the same in every direction.
+        per_variable: Features m_d in each direction. In more than two directions the tensor product is cut at
+            total order: Σ_d (j_d − 1)(m/m_d) < m with m = max m_d, since the product grows as m^d.
+    """
+
+    boundary: float
+    per_variable: tuple[int, ...]
+
+    @property
+    def indices(self) -> np.ndarray:
+        """j, 1-based, as an array [n_basis, n_var]."""
+        grid = np.array(list(itertools.product(*(range(1, m + 1) for m in self.per_variable))))
+        if len(self.per_variable) <= 2:
+            return grid
+        largest = max(self.per_variable)
+        order = ((grid - 1) * (largest / np.array(self.per_variable))).sum(axis=1)
+        return grid[order < largest]
+
+    @property
+    def size(self) -> int:
+        """Number of features M."""
+        return len(self.indices)
+
+    @property
+    def frequency(self) -> Float[Array, "n_basis n_var"]:
+        """√λ_j in every direction."""
+        return jnp.asarray(self.indices * np.pi / (2 * self.boundary))
+
+    def __call__(self, x: Float[Array, "n_row n_var"]) -> Float[Array, "n_row n_basis"]:
+        """ψ(x) for points in scaled units."""
+        values = jnp.ones((x.shape[0], 1))
+        for d, m in enumerate(self.per_variable):
+            along = eigenfunctions(x[:, d], self.boundary, m)
+            # The tensor product with the last index running fastest, as in `indices`.
+            values = (values[:, :, None] * along[:, None, :]).reshape(x.shape[0], -1)
+        if len(self.per_variable) <= 2:
+            return values
+        flat = np.ravel_multi_index(tuple((self.indices - 1).T), self.per_variable)
+        return values[:, flat]
+
+    def resolved_length_scale(self, features_per_unit: float) -> np.ndarray:
+        """Shortest length scale the basis resolves in each direction, ℓ = `features_per_unit` · L / m_d."""
+        return features_per_unit * self.boundary / np.array(self.per_variable)
+
+
+def default_features(n_var: int) -> tuple[int, ...]:
+    """Features per variable when the user names none."""
+    return (DEFAULT_FEATURES.get(n_var, 6),) * n_var

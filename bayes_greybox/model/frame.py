@@ -1,0 +1,84 @@
+"""The frame of one equation: everything fixed by the data before sampling starts.
+
+It holds the scaling (internal, never seen by the user), the orthonormal dictionary and the features, and evaluates
+them on any rows: those of the fit, held-out ones, a grid, or a state inside an integrator.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from bayes_greybox.physics.terms import Dictionary
+
+from .features import HilbertBasis
+
+
+@dataclass(frozen=True)
+class Frame:
+    """Scaling and bases of one equation.
+
+    Attributes:
+        equation: The learned state, say "ydot" for d(ydot)/dt.
+        dictionary: Its terms.
+        variables: What f depends on.
+        centre: Centre of the data's box in each variable, user's units.
+        half_width: Half-width of the box, user's units.
+        term_scale: RMS of each term over the data, user's units.
+        target_scale: RMS of the target over the data, user's units.
+        orthonormal: T, Φₒ = Φ T orthonormal under μ.
+        basis: Hilbert-space features, or None on the exact path or without a discrepancy.
+        moments: ⟨Φₒ, ψᵀ⟩ under μ.
+        projected: Whether the features have their projection on the dictionary subtracted.
+    """
+
+    equation: str
+    dictionary: Dictionary
+    variables: tuple[str, ...]
+    centre: Float[np.ndarray, " n_var"]
+    half_width: Float[np.ndarray, " n_var"]
+    term_scale: Float[np.ndarray, " n_term"]
+    target_scale: float
+    orthonormal: Float[np.ndarray, "n_term n_rank"]
+    basis: HilbertBasis | None
+    moments: Float[np.ndarray, "n_rank n_basis"]
+    projected: bool
+
+    @property
+    def coefficient_scale(self) -> Float[np.ndarray, " n_term"]:
+        """User's coefficient per scaled coefficient."""
+        return self.target_scale / self.term_scale
+
+    def dictionary_rows(self, columns: Mapping[str, Array | np.ndarray]) -> Float[Array, "n_row n_term"]:
+        """Φ in scaled units."""
+        return self.dictionary.evaluate(columns) / self.term_scale
+
+    def position(self, columns: Mapping[str, Array | np.ndarray]) -> Float[Array, "n_row n_var"]:
+        """Variables of f in scaled units: the data's box is [−1, 1]^d."""
+        x = jnp.stack([jnp.asarray(columns[name], float) for name in self.variables], axis=-1)
+        return (x - self.centre) / self.half_width
+
+    def plain_features(self, columns: Mapping[str, Array | np.ndarray]) -> Float[Array, "n_row n_basis"]:
+        """ψ, before the dictionary is projected out; no columns without a basis."""
+        x = self.position(columns)
+        if self.basis is None:
+            return jnp.zeros((x.shape[0], 0))
+        # Outside the features' domain the expansion would repeat itself; there f is held at its edge value, zero.
+        return self.basis(jnp.clip(x, -self.basis.boundary, self.basis.boundary))
+
+    def orthogonal(self, Phi: Array, psi: Array) -> Array:
+        """ψ̃ = ψ − Φₒ ⟨Φₒ, ψᵀ⟩ for the projected kernel, ψ for the others; any rows with these columns."""
+        return psi - Phi @ self.orthonormal @ self.moments if self.projected else psi
+
+    def rows(
+        self, columns: Mapping[str, Array | np.ndarray]
+    ) -> tuple[Float[Array, "n_row n_term"], Float[Array, "n_row n_basis"]]:
+        """Φ and Ψ̃ in scaled units."""
+        Phi = self.dictionary_rows(columns)
+        return Phi, self.orthogonal(Phi, self.plain_features(columns))
+
+    def inside(self, columns: Mapping[str, Array | np.ndarray]) -> np.ndarray:
+        """Which rows lie in the box of the data."""
+        return np.all(np.abs(np.asarray(self.position(columns))) <= 1 + 1e-9, axis=-1)

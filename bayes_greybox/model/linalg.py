@@ -1,0 +1,63 @@
+"""Factorisations that every density and draw goes through, and the one jitter they share."""
+
+import jax.numpy as jnp
+import numpy as np
+import scipy.linalg
+from jax.scipy.linalg import solve_triangular
+from jaxtyping import Array, Float
+
+from bayes_greybox.data.errors import InputError
+
+JITTER = 1e-12
+"""Relative jitter: every matrix that needs one gets JITTER x (its mean diagonal) on the diagonal."""
+
+RANK_TOLERANCE = 1e-7
+"""A unit-norm dictionary column whose part orthogonal to the others is shorter than this is collinear."""
+
+
+def jittered_cholesky(matrix: Float[Array, "n n"]) -> Float[Array, "n n"]:
+    """Lower Cholesky factor of `matrix + JITTER * mean(diag) * I`."""
+    n = matrix.shape[-1]
+    return jnp.linalg.cholesky(matrix + JITTER * jnp.trace(matrix) / n * jnp.eye(n))
+
+
+def solve_lower(factor: Float[Array, "n n"], right: Float[Array, "n ..."]) -> Float[Array, "n ..."]:
+    """L⁻¹ B for a lower triangular L."""
+    return solve_triangular(factor, right, lower=True)
+
+
+def solve_lower_transposed(factor: Float[Array, "n n"], right: Float[Array, "n ..."]) -> Float[Array, "n ..."]:
+    """L⁻ᵀ B for a lower triangular L."""
+    return solve_triangular(factor, right, lower=True, trans=1)
+
+
+def require_independent(columns: Float[np.ndarray, "n_row n_term"], names: tuple[str, ...], equation: str) -> None:
+    """Refuse a dictionary whose terms are linearly dependent on the data, and name the terms.
+
+    A QR factorisation with column pivoting of the unit-norm columns reveals the rank; the coefficients of a
+    dependent column on the independent ones tell which terms it is a combination of.
+
+    Args:
+        columns: Dictionary evaluated on the data, or any matrix with the same Gram matrix.
+        names: One name per column.
+        equation: The equation they belong to, for the message.
+
+    Raises:
+        InputError: If a column is zero or (to RANK_TOLERANCE) a combination of the others.
+    """
+    norms = np.linalg.norm(columns, axis=0)
+    if np.any(norms == 0):
+        raise InputError(
+            f"Term {names[int(np.argmin(norms))]!r} of equation {equation!r} is zero on all the data: remove it."
+        )
+    _, R, order = scipy.linalg.qr(columns / norms, mode="economic", pivoting=True)
+    rank = int(np.sum(np.abs(np.diag(R)) > RANK_TOLERANCE))
+    if rank == len(names):
+        return
+    first = order[rank]
+    weights = scipy.linalg.solve_triangular(R[:rank, :rank], R[:rank, rank])
+    partners = [repr(names[order[j]]) for j in np.flatnonzero(np.abs(weights) > 1e-3 * np.abs(weights).max())]
+    raise InputError(
+        f"Collinear terms in equation {equation!r}: on these data {names[first]!r} is a linear combination of "
+        f"{', '.join(partners)}; remove one of them, or use data that tell them apart."
+    )

@@ -1,0 +1,76 @@
+"""Kernels orthogonal to the dictionary under a measure μ: the exact, dense versions and their ingredients.
+
+With an orthonormal dictionary Φₒ = Φ T (⟨Φₒ, Φₒᵀ⟩ = I under μ), h = ⟨Φₒ, k(·, x)⟩ and Q = ⟨⟨Φₒ, k, Φₒᵀ⟩⟩:
+
+    projected     k − Φₒᵀ h' − hᵀ Φₒ' + Φₒᵀ Q Φₒ'      covariance of (I − P) f, f ~ GP(0, k)
+    conditioned   k − hᵀ Q⁻¹ h'                        f ~ GP(0, k) given ⟨Φ, f⟩ = 0 (Plumlee & Joseph 2018)
+    printed       k − Φₒᵀ Φₒ'                          as printed by Manna, Rogers & Bull; not a covariance
+    none          k
+"""
+
+from typing import Literal
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from .kernels import Kernel, gram
+from .linalg import jittered_cholesky, solve_lower
+
+Variant = Literal["projected", "conditioned", "printed", "none"]
+
+
+def orthonormalise(
+    Phi: Float[np.ndarray, "n_node n_term"], weights: Float[np.ndarray, " n_node"]
+) -> Float[np.ndarray, "n_term n_rank"]:
+    """T such that Φ T is orthonormal under the measure with these nodes and weights.
+
+    From the singular value decomposition of √w Φ, directions below 1e-10 of the largest singular value left out:
+    a solve with the paper's Gram matrix H = ⟨Φ, Φᵀ⟩ that never forms H and reveals its rank.
+
+    Args:
+        Phi: Dictionary at the nodes.
+        weights: Weights that sum to one.
+    """
+    _, singular, Vt = np.linalg.svd(np.sqrt(weights)[:, None] * Phi, full_matrices=False)
+    keep = singular > 1e-10 * singular[0]
+    return Vt[keep].T / singular[keep]
+
+
+def orthogonal_gram(
+    variant: Variant,
+    kernel: Kernel,
+    amplitude: Float[Array, ""] | float,
+    length_scale: Float[Array, " n_var"],
+    left: tuple[Float[Array, "n_left n_var"], Float[Array, "n_left n_rank"]],
+    right: tuple[Float[Array, "n_right n_var"], Float[Array, "n_right n_rank"]],
+    nodes: tuple[Float[Array, "n_node n_var"], Float[Array, "n_node n_rank"]],
+) -> Float[Array, "n_left n_right"]:
+    """k⊥(x_i, x'_j).
+
+    Args:
+        variant: Which orthogonal kernel.
+        kernel: Base kernel.
+        amplitude: Standard deviation of the base kernel, scaled units.
+        length_scale: Length scales, scaled units.
+        left: Points and Φₒ there.
+        right: Points and Φₒ there.
+        nodes: Nodes of μ, and w Φₒ there (weights multiplied in).
+    """
+
+    def k(a: Array, b: Array) -> Array:
+        return gram(kernel, a, b, amplitude, length_scale)
+
+    (x, Phi), (x_, Phi_), (s, wPhi) = left, right, nodes
+    if variant == "none":
+        return k(x, x_)
+    if variant == "printed":
+        # Manna, Rogers & Bull, unnumbered equation after (5)
+        return k(x, x_) - Phi @ Phi_.T
+    h, h_ = k(x, s) @ wPhi, k(x_, s) @ wPhi
+    Q = wPhi.T @ k(s, s) @ wPhi
+    if variant == "projected":
+        return k(x, x_) - Phi @ h_.T - h @ Phi_.T + Phi @ Q @ Phi_.T
+    # Plumlee & Joseph 2018, Eq. (8), with hᵀ Q⁻¹ h' as a product so that it stays positive semi-definite
+    L = jittered_cholesky(Q)
+    return k(x, x_) - solve_lower(L, h.T).T @ solve_lower(L, h_.T)

@@ -1,0 +1,178 @@
+"""Sparse priors on the coefficients, all Gaussian given their scales so that θ can be integrated out.
+
+Coefficients are in scaled units here: every dictionary column has unit RMS and so has the target.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple, Protocol
+
+import jax.numpy as jnp
+import numpyro
+import numpyro.distributions as dist
+from jaxtyping import Array, Float
+
+from bayes_greybox.data.errors import InputError
+
+ENUMERATION_LIMIT = 12
+"""Up to this many terms all 2^K inclusion patterns are summed; beyond, γ is sampled by Gibbs."""
+
+
+class Scales(NamedTuple):
+    """A draw of the prior scales: θ_j ~ N(0, sd_j²), and with `log_odds` a spike-and-slab over the terms.
+
+    Attributes:
+        sd: Standard deviation of each coefficient, scaled units; 0 means the term is out.
+        log_odds: Log prior odds that each term is in, if the sum over patterns is still to be taken; else None.
+    """
+
+    sd: Float[Array, " n_term"]
+    log_odds: Float[Array, " n_term"] | None = None
+
+
+class Prior(Protocol):
+    """A prior on θ is a NumPyro program that samples the scales of its `n_term` coefficients."""
+
+    def scales(self, n_term: int, n_obs: Float[Array, ""] | float, sigma: Float[Array, ""] | float) -> Scales:
+        """Sample the scales (inside a NumPyro model)."""
+        ...
+
+
+@dataclass(frozen=True)
+class Normal:
+    """θ_j ~ N(0, τ²), τ ~ HalfNormal(`scale`)."""
+
+    scale: float = 1.0
+
+    def __post_init__(self) -> None:
+        _require_positive(self, "scale")
+
+    def scales(self, n_term: int, n_obs: Float[Array, ""] | float, sigma: Float[Array, ""] | float) -> Scales:
+        """Sample τ."""
+        tau = numpyro.sample("tau", dist.HalfNormal(self.scale))
+        return Scales(jnp.full(n_term, 1.0) * tau)
+
+
+@dataclass(frozen=True)
+class Laplace:
+    """θ_j | v_j ~ N(0, τ² v_j), v_j ~ Exponential(1/2), τ ~ HalfNormal(`scale`): marginally Laplace(0, τ).
+
+    Park & Casella 2008, The Bayesian Lasso, Eq. (4).
+    """
+
+    scale: float = 1.0
+
+    def __post_init__(self) -> None:
+        _require_positive(self, "scale")
+
+    def scales(self, n_term: int, n_obs: Float[Array, ""] | float, sigma: Float[Array, ""] | float) -> Scales:
+        """Sample τ and the mixing variances v."""
+        tau = numpyro.sample("tau", dist.HalfNormal(self.scale))
+        v = numpyro.sample("v", dist.Exponential(0.5).expand([n_term]).to_event(1))
+        return Scales(tau * jnp.sqrt(v))
+
+
+@dataclass(frozen=True)
+class RegularisedHorseshoe:
+    """θ_j ~ N(0, τ² λ̃_j²), λ̃_j² = c² λ_j²/(c² + τ² λ_j²), λ_j ~ HalfCauchy(1).
+
+    τ ~ HalfCauchy(τ₀) with τ₀ = p₀/(K − p₀) · σ/√n for p₀ expected active terms, and
+    c² ~ InverseGamma(ν/2, ν s²/2): coefficients far from zero see a Student-t slab of scale s
+    (Piironen & Vehtari 2017, Eq. 2.8 to 2.10 and 3.12).
+
+    Attributes:
+        expected_active: p₀, expected number of active terms; None: a third of the dictionary, at least one half.
+        slab_scale: s, scaled units.
+        slab_df: ν.
+    """
+
+    expected_active: float | None = None
+    slab_scale: float = 2.0
+    slab_df: float = 4.0
+
+    def __post_init__(self) -> None:
+        _require_positive(self, "slab_scale")
+        _require_positive(self, "slab_df")
+        if self.expected_active is not None:
+            _require_positive(self, "expected_active")
+
+    def scales(self, n_term: int, n_obs: Float[Array, ""] | float, sigma: Float[Array, ""] | float) -> Scales:
+        """Sample the global scale, local scales and slab."""
+        expected = max(n_term / 3, 0.5) if self.expected_active is None else self.expected_active
+        if expected >= n_term:
+            raise InputError(
+                f"RegularisedHorseshoe(expected_active={expected:g}) needs fewer active terms than the dictionary "
+                f"has ({n_term}): lower it, or use bg.Normal()."
+            )
+        tau_0 = expected / (n_term - expected) * sigma / jnp.sqrt(n_obs)
+        # Scaled outside the distribution, so that τ₀(σ) does not couple the sampled coordinates.
+        tau = tau_0 * numpyro.sample("tau_unit", dist.HalfCauchy(1.0))
+        lam = numpyro.sample("lambda", dist.HalfCauchy(1.0).expand([n_term]).to_event(1))
+        c2 = numpyro.sample(
+            "slab", dist.InverseGamma(0.5 * self.slab_df, 0.5 * self.slab_df * self.slab_scale**2)
+        )
+        numpyro.deterministic("tau", tau)
+        # c λτ / √(c² + τ²λ²), through logarithms because λ is heavy-tailed
+        log_local = jnp.log(tau) + jnp.log(lam)
+        return Scales(jnp.exp(log_local - 0.5 * jnp.logaddexp(0.0, 2 * log_local - jnp.log(c2))))
+
+
+@dataclass(frozen=True)
+class SpikeAndSlab:
+    """γ_j ~ Bernoulli(π), π ~ Beta(a, b), θ_j | γ_j = 1 ~ N(0, τ²), θ_j = 0 exactly otherwise.
+
+    τ ~ LogNormal(log `slab_scale`, 1/2): bounded away from zero, so that "in" cannot mean "in with no effect".
+    Up to ENUMERATION_LIMIT terms the 2^K patterns are summed; beyond, γ is a site that Gibbs moves update.
+
+    Attributes:
+        a: First parameter of the Beta prior of the inclusion probability.
+        b: Second parameter.
+        slab_scale: Median of τ, scaled units.
+        enumerate_up_to: Largest dictionary whose patterns are summed.
+    """
+
+    a: float = 1.0
+    b: float = 1.0
+    slab_scale: float = 1.0
+    enumerate_up_to: int = ENUMERATION_LIMIT
+
+    def __post_init__(self) -> None:
+        for field in ("a", "b", "slab_scale"):
+            _require_positive(self, field)
+
+    def scales(self, n_term: int, n_obs: Float[Array, ""] | float, sigma: Float[Array, ""] | float) -> Scales:
+        """Sample π and τ, and γ when there are too many patterns to sum."""
+        pi = numpyro.sample("pi", dist.Beta(self.a, self.b))
+        tau = numpyro.sample("tau", dist.LogNormal(jnp.log(self.slab_scale), 0.5))
+        if n_term <= self.enumerate_up_to:
+            return Scales(jnp.full(n_term, 1.0) * tau, jnp.full(n_term, 1.0) * _log_odds(pi))
+        gamma = numpyro.sample("gamma", dist.Bernoulli(pi).expand([n_term]).to_event(1))
+        return Scales(gamma * tau)
+
+
+@dataclass(frozen=True)
+class CustomPrior:
+    """A prior of the user's own, from a NumPyro program that samples the standard deviations of θ.
+
+    Example: `CustomPrior(lambda n_term: numpyro.sample("sd", dist.HalfCauchy(1.0).expand([n_term]).to_event(1)))`.
+
+    Attributes:
+        program: Called inside the model with the number of terms; returns the standard deviations [n_term], in
+            scaled units.
+    """
+
+    program: Callable[[int], Array]
+
+    def scales(self, n_term: int, n_obs: Float[Array, ""] | float, sigma: Float[Array, ""] | float) -> Scales:
+        """Run the user's program."""
+        return Scales(jnp.broadcast_to(jnp.asarray(self.program(n_term), float), (n_term,)))
+
+
+def _log_odds(pi: Float[Array, ""]) -> Float[Array, ""]:
+    return jnp.log(pi) - jnp.log1p(-pi)
+
+
+def _require_positive(prior: object, field: str) -> None:
+    value = getattr(prior, field)
+    if not value > 0:
+        raise InputError(f"{type(prior).__name__}({field}={value!r}) must be positive.")

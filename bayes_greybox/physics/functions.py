@@ -1,0 +1,102 @@
+"""The functions and constants that a formula may use: one row each, for SymPy, Python floats and JAX."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import reduce
+from typing import Any
+
+import jax.numpy as jnp
+import sympy
+from jaxtyping import Array
+
+
+@dataclass(frozen=True)
+class Function:
+    """One function of the formula language.
+
+    Attributes:
+        symbolic: Builds the SymPy node; takes `evaluate`.
+        node: The SymPy class of that node (an empty tuple where the node is a plain power).
+        number: The function on Python floats.
+        array: The function on JAX arrays, with the arguments of the SymPy node.
+        arity: Smallest and largest number of arguments.
+    """
+
+    symbolic: Callable[..., sympy.Expr]
+    node: Any
+    number: Callable[..., float]
+    array: Callable[..., Array]
+    arity: tuple[int, int] = (1, 1)
+
+    def written(self, args: tuple[Any, ...]) -> tuple[Any, ...]:
+        """The arguments that a user writes, out of those of the SymPy node."""
+        return args[: self.arity[1]]
+
+
+def _sqrt(x: Array) -> Array:
+    # The inner where keeps the gradient at zero finite (0 instead of infinity); negative x still gives NaN.
+    return jnp.where(x == 0.0, 0.0, jnp.sqrt(jnp.where(x == 0.0, 1.0, x)))
+
+
+def _heaviside(x: Array, at_zero: Array | float = 0.5) -> Array:
+    return jnp.where(x > 0.0, 1.0, jnp.where(x < 0.0, 0.0, jnp.where(x == 0.0, at_zero, jnp.nan)))
+
+
+def _symbolic_sqrt(x: sympy.Expr, evaluate: bool) -> sympy.Expr:
+    return sympy.Pow(x, sympy.Rational(1, 2), evaluate=evaluate)
+
+
+def _symbolic_heaviside(x: sympy.Expr, evaluate: bool) -> sympy.Expr:
+    return sympy.Heaviside(x, sympy.Rational(1, 2), evaluate=evaluate)
+
+
+def _plain(node: Any, number: Callable[..., float], array: Callable[..., Array]) -> Function:
+    return Function(symbolic=node, node=node, number=number, array=array)
+
+
+FUNCTIONS: dict[str, Function] = {
+    "sin": _plain(sympy.sin, math.sin, jnp.sin),
+    "cos": _plain(sympy.cos, math.cos, jnp.cos),
+    "tan": _plain(sympy.tan, math.tan, jnp.tan),
+    "asin": _plain(sympy.asin, math.asin, jnp.arcsin),
+    "acos": _plain(sympy.acos, math.acos, jnp.arccos),
+    "atan": _plain(sympy.atan, math.atan, jnp.arctan),
+    "sinh": _plain(sympy.sinh, math.sinh, jnp.sinh),
+    "cosh": _plain(sympy.cosh, math.cosh, jnp.cosh),
+    "tanh": _plain(sympy.tanh, math.tanh, jnp.tanh),
+    "exp": _plain(sympy.exp, math.exp, jnp.exp),
+    "log": _plain(sympy.log, math.log, jnp.log),
+    "sqrt": Function(_symbolic_sqrt, (), math.sqrt, _sqrt),
+    "abs": _plain(sympy.Abs, abs, jnp.abs),
+    "sign": _plain(sympy.sign, lambda x: float((x > 0) - (x < 0)), jnp.sign),
+    "min": Function(sympy.Min, sympy.Min, min, lambda *a: reduce(jnp.minimum, a), (2, 8)),
+    "max": Function(sympy.Max, sympy.Max, max, lambda *a: reduce(jnp.maximum, a), (2, 8)),
+    # 0 below zero, 1/2 at zero, 1 above.
+    "heaviside": Function(
+        _symbolic_heaviside, sympy.Heaviside, lambda x: 0.5 * (1 + (x > 0) - (x < 0)), _heaviside
+    ),
+}
+
+CONSTANTS: dict[str, sympy.Expr] = {"pi": sympy.pi}
+
+# What users of other languages write, for "did you mean".
+ALIASES = {
+    "ln": "log", "arcsin": "asin", "arccos": "acos", "arctan": "atan", "fabs": "abs", "Abs": "abs", "sgn": "sign",
+    "minimum": "min", "maximum": "max", "step": "heaviside", "theta": "heaviside", "pow": "**",
+}  # fmt: skip
+
+# Node classes that an expression may contain.
+NODES = (
+    sympy.Symbol,
+    sympy.Integer,
+    sympy.Rational,
+    sympy.Float,
+    sympy.NumberSymbol,
+    sympy.Add,
+    sympy.Mul,
+    sympy.Pow,
+    *(f.node for f in FUNCTIONS.values() if f.node),
+)

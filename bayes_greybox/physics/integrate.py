@@ -1,0 +1,188 @@
+"""Integration of dx/dt = rhs(t, x, u) in time, for free runs: a blow-up is a result, not an error."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Literal, NamedTuple
+
+import diffrax
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from bayes_greybox.data.errors import InputError
+
+Interpolation = Literal["linear", "zoh", "cubic"]
+
+# Steps below this share of the whole time span count as a failure: the solution has a singularity there.
+_SMALLEST_STEP = 1e-12
+
+
+class Path(NamedTuple):
+    """A simulated run.
+
+    Attributes:
+        states: States at the requested times, (n, d); NaN after a failure.
+        failed_at: Time at which the solution blew up or the step budget ended; NaN if it reached the end.
+    """
+
+    states: Float[Array, "n d"]
+    failed_at: Float[Array, ""]
+
+
+def integrate(
+    rhs: Callable[[Any, Any, Any, Any], Any],
+    t: Float[Array | np.ndarray, " n"],
+    x0: Float[Array | np.ndarray, " d"],
+    inputs: Float[Array | np.ndarray, "n p"] | None = None,
+    args: Any = None,
+    *,
+    rtol: float = 1e-8,
+    atol: float = 1e-8,
+    scale: Float[Array | np.ndarray, " d"] | None = None,
+    interpolation: Interpolation = "linear",
+    blow_up: float = 1e12,
+    max_steps: int = 100_000,
+) -> Path:
+    """Integrate a right-hand side from a measured start; works under jit, and under vmap over `x0` and `args`.
+
+    The method is Dormand and Prince's of order 8 with adaptive steps, which never step over a sample of the
+    inputs. The local error of state i is kept below atol * scale_i + rtol * |x_i|.
+
+    Args:
+        rhs: `rhs(t, x, u, args)` with x of shape (d,) and u of shape (p,), p = 0 without inputs; returns dx/dt
+            of shape (d,).
+        t: Increasing times of the result, the first one that of `x0`.
+        x0: States at t[0].
+        inputs: Inputs at the times t.
+        args: Anything that `rhs` needs, for example a posterior draw of the coefficients.
+        rtol: Relative tolerance.
+        atol: Absolute tolerance, as a share of `scale`.
+        scale: Typical sizes of the states, for example their RMS in the data. By default |x0|, at least 1e-3 of
+            its largest entry, and 1 for a start at zero.
+        interpolation: Of the inputs between samples: "linear", "zoh" (held from each sample to the next) or
+            "cubic" (twice differentiable spline).
+        blow_up: The run has failed once a state exceeds this multiple of the largest scale.
+        max_steps: The run has failed after this many steps.
+
+    Returns:
+        States, and the time of failure.
+
+    Raises:
+        InputError: Shapes do not fit, or fewer than two times.
+    """
+    t, x0 = jnp.asarray(t, dtype=float), jnp.asarray(x0, dtype=float)
+    if t.shape[0] < 2:
+        raise InputError(f"Integration needs at least two times, not {t.shape[0]}; give a longer window.")
+    if inputs is not None and inputs.shape[0] != t.shape[0]:
+        raise InputError(
+            f"The inputs have {inputs.shape[0]} rows for {t.shape[0]} times; give one row for each time."
+        )
+    sizes = _start_scale(x0) if scale is None else jnp.asarray(scale, dtype=float)
+    input_at = interpolant(t, inputs, interpolation)
+    limit = blow_up * jnp.max(sizes)
+
+    def field(time, x, params):
+        return jnp.asarray(rhs(time, x, input_at(time), params), dtype=float)
+
+    def exploded(time, x, params, **_):
+        return ~jnp.all(jnp.abs(x) < limit)
+
+    control = diffrax.PIDController(
+        rtol=rtol, atol=atol * sizes, dtmin=_SMALLEST_STEP * (t[-1] - t[0]), force_dtmin=False
+    )
+    if inputs is not None:
+        # Inputs are not smooth at their samples; a step across one would waste many rejected attempts.
+        inner = t[1:-1]
+        held = interpolation == "zoh"
+        control = diffrax.ClipStepSizeController(
+            control, step_ts=None if held else inner, jump_ts=inner if held else None
+        )
+    solution = diffrax.diffeqsolve(
+        diffrax.ODETerm(field),
+        diffrax.Dopri8(),
+        t0=t[0],
+        t1=t[-1],
+        dt0=None,
+        y0=x0,
+        args=args,
+        saveat=diffrax.SaveAt(subs=(diffrax.SubSaveAt(ts=t), diffrax.SubSaveAt(t1=True))),
+        stepsize_controller=control,
+        event=diffrax.Event(exploded),
+        max_steps=max_steps,
+        throw=False,
+    )
+    states, (stopped_at,) = solution.ys[0], solution.ts[1]
+    reached = solution.result == diffrax.RESULTS.successful
+    good = (reached | (t <= stopped_at)) & jnp.all(jnp.isfinite(states), axis=-1)
+    # Once a row is lost, all later ones are.
+    good = jnp.cumprod(good.astype(int)).astype(bool)
+    return Path(
+        states=jnp.where(good[:, None], states, jnp.nan), failed_at=jnp.where(reached, jnp.nan, stopped_at)
+    )
+
+
+def interpolant(
+    t: Float[Array | np.ndarray, " n"],
+    values: Float[Array | np.ndarray, "n p"] | None,
+    kind: Interpolation = "linear",
+) -> Callable[[Any], Float[Array, " p"]]:
+    """Function of time through samples.
+
+    Args:
+        t: Increasing times.
+        values: Samples at these times; None for a function without components.
+        kind: "linear", "zoh" or "cubic" (not-a-knot spline).
+
+    Returns:
+        The function; before the first and after the last time it continues the nearest piece.
+
+    Raises:
+        InputError: Unknown kind, or fewer than four samples for "cubic".
+    """
+    if values is None:
+        return lambda time: jnp.zeros(0)
+    if kind not in ("linear", "zoh", "cubic"):
+        raise InputError(f"Unknown interpolation {kind!r}; use 'linear', 'zoh' or 'cubic'.")
+    t, values = jnp.asarray(t), jnp.asarray(values)
+    curvature = _spline_curvature(t, values) if kind == "cubic" else jnp.zeros_like(values)
+
+    def at(time):
+        last = t.shape[0] - 1
+        i = jnp.clip(jnp.searchsorted(t, time, side="right") - 1, 0, last if kind == "zoh" else last - 1)
+        if kind == "zoh":
+            return values[i]
+        h = t[i + 1] - t[i]
+        b = (time - t[i]) / h
+        a = 1.0 - b
+        line = a * values[i] + b * values[i + 1]
+        return line + (a * (a**2 - 1) * curvature[i] + b * (b**2 - 1) * curvature[i + 1]) * h**2 / 6.0
+
+    return at
+
+
+def _start_scale(x0: Float[Array, " d"]) -> Float[Array, " d"]:
+    largest = jnp.max(jnp.abs(x0))
+    return jnp.where(largest > 0.0, jnp.maximum(jnp.abs(x0), 1e-3 * largest), 1.0)
+
+
+def _spline_curvature(t: Float[Array, " n"], values: Float[Array, "n p"]) -> Float[Array, "n p"]:
+    """Second derivatives at the samples of the cubic spline with not-a-knot ends."""
+    if t.shape[0] < 4:
+        raise InputError(
+            f"Cubic interpolation needs four samples, not {t.shape[0]}; use interpolation='linear'."
+        )
+    h = jnp.diff(t)
+    slope = jnp.diff(values, axis=0) / h[:, None]
+    # h_{i-1} m_{i-1} + 2 (h_{i-1} + h_i) m_i + h_i m_{i+1} = 6 (s_i - s_{i-1}) at the inner samples; the third
+    # derivative is continuous at the second sample, m_0 = m_1 + (m_1 - m_2) h_0 / h_1, and likewise at the end.
+    lower, diagonal, upper = h[:-1], 2.0 * (h[:-1] + h[1:]), h[1:]
+    first, last = h[0] / h[1], h[-1] / h[-2]
+    diagonal = diagonal.at[0].add(h[0] * (1.0 + first)).at[-1].add(h[-1] * (1.0 + last))
+    upper = upper.at[0].add(-h[0] * first).at[-1].set(0.0)
+    lower = lower.at[-1].add(-h[-1] * last).at[0].set(0.0)
+    inner = jax.lax.linalg.tridiagonal_solve(lower, diagonal, upper, 6.0 * jnp.diff(slope, axis=0))
+    start = inner[0] + (inner[0] - inner[1]) * first
+    end = inner[-1] + (inner[-1] - inner[-2]) * last
+    return jnp.concatenate([start[None], inner, end[None]])

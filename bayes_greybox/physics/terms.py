@@ -1,0 +1,253 @@
+"""Dictionary terms: single candidate effects, and the dictionary Phi(x) that collects them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import combinations_with_replacement
+from math import comb
+
+import jax.numpy as jnp
+import numpy as np
+import sympy
+from jaxtyping import Array, Float
+
+from bayes_greybox.data.errors import InputError
+from bayes_greybox.physics.expressions import (
+    MAX_EXPONENT,
+    check_expression,
+    check_known,
+    check_name,
+    evaluate,
+    parse_expression,
+    symbol_names,
+    to_latex,
+    to_text,
+)
+
+# Larger polynomial families than this are a slip in the degree or the variables.
+_MAX_TERMS = 1000
+
+
+@dataclass(frozen=True)
+class Term:
+    """One candidate effect, a column of the dictionary.
+
+    Attributes:
+        expression: The formula, as text or as a SymPy expression.
+        name: How tables and figures call it; the formula as written, without blanks, by default.
+        unit: The term's unit, where it cannot follow from the columns' units (an inner parameter carries one).
+        expr: The SymPy expression over real symbols.
+    """
+
+    expression: str | sympy.Expr
+    name: str = ""
+    unit: str | None = None
+    expr: sympy.Expr = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        """Read the formula and fill in the name."""
+        if isinstance(self.expression, str):
+            expr = parse_expression(self.expression)
+            name = "".join(self.expression.split())
+        elif isinstance(self.expression, sympy.Expr):
+            expr = check_expression(self.expression)
+            name = to_text(expr)
+        else:
+            kind = type(self.expression).__name__
+            raise InputError(
+                f"A term must be text or a SymPy expression, not {kind}; write for example 'y**2'."
+            )
+        if expr.is_zero:
+            raise InputError(f"The term {name!r} is zero everywhere; remove it.")
+        object.__setattr__(self, "expr", expr)
+        object.__setattr__(self, "name", self.name or name)
+
+    @property
+    def symbols(self) -> tuple[str, ...]:
+        """Names of the columns that the term uses, sorted."""
+        return symbol_names(self.expr)
+
+    @property
+    def latex(self) -> str:
+        """The formula in LaTeX, without dollar signs."""
+        return to_latex(self.expr)
+
+    def evaluate(self, columns: Mapping[str, Float[Array | np.ndarray, "..."]]) -> Float[Array, "..."]:
+        """Value of the term, in the shape of the columns (see `expressions.evaluate`)."""
+        return evaluate(self.expr, columns)
+
+
+@dataclass(frozen=True)
+class Dictionary:
+    """The candidate terms of one equation, Phi(x) = [phi_1(x), ..., phi_K(x)].
+
+    Build it with `Dictionary.of`, which checks the terms against the columns and each other.
+
+    Attributes:
+        terms: The terms, in order.
+    """
+
+    terms: tuple[Term, ...]
+
+    @classmethod
+    def of(cls, spec: object, names: Iterable[str]) -> Dictionary:
+        """Collect terms and check them.
+
+        Args:
+            spec: A formula, a `Term`, a SymPy expression, a `Dictionary`, or a sequence of these, in which
+                sequences such as the result of `polynomial` may be nested one level deep.
+            names: Names of the columns that terms may use.
+
+        Returns:
+            The dictionary, with the terms in the order given.
+
+        Raises:
+            InputError: No terms; two terms that are equal up to a constant factor; two terms with one name; a
+                term that uses an unknown column.
+        """
+        names = tuple(check_name(name) for name in names)
+        terms = tuple(_as_term(item) for item in _flat(spec))
+        if not terms:
+            raise InputError("A dictionary has no terms; give at least one, such as 'y'.")
+        first_by_form: dict[sympy.Expr, str] = {}
+        first_by_name: dict[str, Term] = {}
+        for term in terms:
+            check_known(term.symbols, names, term.name)
+            form = _canonical(term.expr)
+            if form in first_by_form:
+                raise InputError(
+                    f"The terms {first_by_form[form]!r} and {term.name!r} are the same up to a constant factor; "
+                    "remove one of them."
+                )
+            if term.name in first_by_name:
+                raise InputError(f"Two terms have the name {term.name!r}; give one of them another name.")
+            first_by_form[form] = term.name
+            first_by_name[term.name] = term
+        return cls(terms)
+
+    def __len__(self) -> int:
+        """Number of terms, K."""
+        return len(self.terms)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the terms, in order."""
+        return tuple(term.name for term in self.terms)
+
+    @property
+    def latex(self) -> tuple[str, ...]:
+        """Formulas of the terms in LaTeX, in order."""
+        return tuple(term.latex for term in self.terms)
+
+    @property
+    def symbols(self) -> tuple[str, ...]:
+        """Names of the columns that any term uses, sorted."""
+        return tuple(sorted({name for term in self.terms for name in term.symbols}))
+
+    def evaluate(
+        self, columns: Mapping[str, Float[Array | np.ndarray, "*rows"]]
+    ) -> Float[Array, "*rows n_term"]:
+        """Dictionary matrix Phi, one row per observation.
+
+        Args:
+            columns: Arrays by name, all of one shape: `(n_obs,)`, or `()` for a single point.
+
+        Returns:
+            Values of the terms along a new last axis.
+
+        Raises:
+            InputError: A column is missing.
+        """
+        return jnp.stack([term.evaluate(columns) for term in self.terms], axis=-1)
+
+
+def polynomial(
+    variables: str | Sequence[str], degree: int, interactions: bool = True, constant: bool = False
+) -> tuple[Term, ...]:
+    """All monomials of the variables up to a degree, lowest degree first.
+
+    Args:
+        variables: Column names; their order decides the order of the terms.
+        degree: Largest total degree, at least 1.
+        interactions: Include products of different variables.
+        constant: Start with the constant term 1.
+
+    Returns:
+        The terms, for example y, ydot, y**2, y*ydot, ydot**2.
+
+    Raises:
+        InputError: No variables, a repeated one, a degree below 1, or more than 1000 terms.
+    """
+    names = (variables,) if isinstance(variables, str) else tuple(variables)
+    names = tuple(check_name(name) for name in names)
+    if not names or len(set(names)) < len(names):
+        raise InputError(f"polynomial needs distinct variables, not {list(names)}; list each column once.")
+    if isinstance(degree, bool) or not isinstance(degree, int) or not 1 <= degree <= MAX_EXPONENT:
+        raise InputError(
+            f"polynomial needs a whole degree between 1 and {MAX_EXPONENT}, not {degree!r}; 3 is usual."
+        )
+    count = comb(len(names) + degree, degree) if interactions else len(names) * degree
+    if count > _MAX_TERMS:
+        raise InputError(
+            f"polynomial of degree {degree} in {len(names)} variables has {count} terms; {_MAX_TERMS} is the "
+            "limit: lower the degree or turn interactions off."
+        )
+    terms = [Term("1")] if constant else []
+    for total in range(1, degree + 1):
+        for factors in combinations_with_replacement(names, total):
+            if interactions or len(set(factors)) == 1:
+                terms.append(Term(_monomial(factors)))
+    return tuple(terms)
+
+
+def _monomial(factors: Sequence[str]) -> str:
+    powers = {name: factors.count(name) for name in factors}
+    return "*".join(name if n == 1 else f"{name}**{n}" for name, n in powers.items())
+
+
+def _flat(spec: object) -> list[object]:
+    """The items of a term list, with nested sequences opened one level deep."""
+    items: list[object] = []
+    for item in _items(spec):
+        items.extend(_items(item))
+    return items
+
+
+def _items(spec: object) -> list[object]:
+    if isinstance(spec, Dictionary):
+        return list(spec.terms)
+    if isinstance(spec, str | Term | sympy.Expr):
+        return [spec]
+    if isinstance(spec, Mapping) or not isinstance(spec, Iterable):
+        raise InputError(
+            f"A dictionary is a list of formulas or terms, not {type(spec).__name__}; write ['y', 'y**2']."
+        )
+    return list(spec)
+
+
+def _as_term(item: object) -> Term:
+    if isinstance(item, Term):
+        return item
+    if isinstance(item, str | sympy.Expr):
+        return Term(item)
+    raise InputError(
+        f"A term must be a formula, a Term or a SymPy expression, not {type(item).__name__} ({str(item)[:40]!r})."
+    )
+
+
+def _canonical(expr: sympy.Expr) -> sympy.Expr:
+    """One form for all expressions that are equal up to a constant factor."""
+    # Decimals as exact fractions: ratios such as 0.1/0.1 are then the whole number 1.
+    expr = expr.xreplace({f: sympy.Rational(repr(float(f))) for f in expr.atoms(sympy.Float)})
+    small = all(
+        p.exp.is_number and abs(float(p.exp)) <= 8
+        for p in expr.atoms(sympy.Pow)
+        if isinstance(p.base, sympy.Add)
+    )
+    # Large powers of sums are left as they are: expanding them could take minutes.
+    expr = sympy.expand(expr) if small else expr
+    if isinstance(expr, sympy.Add):
+        leading = expr.as_ordered_terms()[0].as_coeff_Mul()[0]
+        expr = sympy.expand(expr / leading)
+    return expr.as_coeff_Mul()[1]

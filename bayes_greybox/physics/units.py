@@ -1,0 +1,253 @@
+"""Units of terms and coefficients, and refusal of terms whose units cannot be right.
+
+A number in a formula may carry a unit: `sin(2*y)` is fine with y in metres (2 is then 2 per metre), `sin(y)` is
+not. The expressions of a simulation are not checked, since all their numbers carry units that are not written.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from difflib import get_close_matches
+from functools import cache, reduce
+from operator import mul
+from typing import Any
+
+import sympy
+
+from bayes_greybox.data.errors import InputError
+from bayes_greybox.data.trajectories import derivative_label
+from bayes_greybox.physics.expressions import to_text
+from bayes_greybox.physics.terms import Term
+
+
+@cache
+def registry() -> Any:
+    """Pint's table of units, built on first use (it takes a noticeable part of a second)."""
+    import pint
+
+    return pint.UnitRegistry()
+
+
+def parse_unit(text: str, what: str) -> Any:
+    """Read a unit such as "m/s^2".
+
+    Args:
+        text: The unit.
+        what: What has it, for the message, such as "column 'y'".
+
+    Returns:
+        The pint unit.
+
+    Raises:
+        InputError: Not a known unit; the message names the nearest known ones.
+    """
+    # Chains of powers and long numbers are no units and could take pint for ever.
+    chained = re.search(r"(\*\*|\^)[^A-Za-z]*(\*\*|\^)|\d{4}", text)
+    if len(text) <= 100 and not chained:
+        try:
+            return registry().parse_units(text)
+        except Exception:  # pint raises errors of many kinds on malformed text
+            pass
+    unknown = [word for word in re.findall(r"[^\W\d]+", text[:100]) if not hasattr(registry(), word)]
+    near = [match for word in unknown for match in get_close_matches(word, _unit_names(), n=2, cutoff=0.7)]
+    hint = f" Did you mean {' or '.join(near)}?" if near else ""
+    raise InputError(
+        f"The unit {text[:100]!r} of {what} is not known; write it as in 'm/s^2', or '1' for none.{hint}"
+    )
+
+
+def derivative_unit(state: str, units: Mapping[str, str], time: str = "t") -> str:
+    """Unit of d(state)/dt: as declared under "d(state)/dt", else the state's unit over the time's.
+
+    Args:
+        state: Name of the state.
+        units: Units by column name.
+        time: Name of the time.
+
+    Returns:
+        A unit that `parse_unit` reads, "" if it is not known.
+    """
+    declared = units.get(derivative_label(state, time))
+    if declared:
+        return declared
+    if not units.get(state) or not units.get(time):
+        return ""
+    return f"({units[state]})/({units[time]})"
+
+
+def term_unit(term: Term, units: Mapping[str, str]) -> Any:
+    """Unit of a term, from the units of its columns or its own declaration.
+
+    Args:
+        term: The term.
+        units: Units by column name.
+
+    Returns:
+        The pint unit, None if it cannot be told.
+
+    Raises:
+        InputError: The term adds or compares different units, or has a unit inside a function such as sin.
+    """
+    if term.unit:
+        return parse_unit(term.unit, f"term {term.name!r}")
+    return _Walk(term.name, units).quantity(term.expr).unit
+
+
+def coefficient_unit(target_unit: str, term: Term, units: Mapping[str, str]) -> str:
+    """Unit of a term's coefficient, unit(dx/dt) / unit(term), ready to print.
+
+    Args:
+        target_unit: Unit of the learned derivative, see `derivative_unit`.
+        term: The term.
+        units: Units by column name.
+
+    Returns:
+        For example "1/s²"; "1" for a plain number, "" if a unit is missing.
+
+    Raises:
+        InputError: As `term_unit` and `parse_unit`.
+    """
+    unit = term_unit(term, units)
+    if unit is None or not target_unit:
+        return ""
+    quotient = parse_unit(target_unit, "the derivative") / unit
+    # (m/s²)/N is 1/kg: take the base units where they say the same in fewer letters.
+    size, base = registry().get_base_units(quotient)
+    simpler = abs(float(size) - 1.0) < 1e-12 and len(_shown(base)) < len(_shown(quotient))
+    return _shown(base if simpler else quotient)
+
+
+def check_units(
+    dictionary: Mapping[str, Iterable[Term]],
+    units: Mapping[str, str],
+    states: Iterable[str] = (),
+    time: str = "t",
+) -> None:
+    """Refuse units that cannot be right.
+
+    Args:
+        dictionary: Terms by equation (the learned state), for example `{"ydot": some_dictionary.terms}`.
+        units: Units by column name; columns without one are not checked.
+        states: States whose declared derivative unit is compared with state over time, beside the equations.
+        time: Name of the time.
+
+    Raises:
+        InputError: A unit is not known; a derivative's unit is not state over time; a term adds, compares or
+            puts into a function what its units forbid.
+    """
+    for name, unit in units.items():
+        if unit:
+            parse_unit(unit, f"column {name!r}")
+    for state in dict.fromkeys((*states, *dictionary)):
+        declared = units.get(derivative_label(state, time))
+        if not declared or not units.get(state) or not units.get(time):
+            continue
+        expected = parse_unit(f"({units[state]})/({units[time]})", f"column {state!r}")
+        if not _same(parse_unit(declared, f"the derivative of {state!r}"), expected):
+            raise InputError(
+                f"The derivative of {state!r} is declared in {declared!r}, but {state!r} over {time!r} is in "
+                f"{_shown(expected)}; convert the derivative or correct its unit."
+            )
+    for terms in dictionary.values():
+        for term in terms:
+            term_unit(term, units)
+
+
+@dataclass(frozen=True)
+class _Quantity:
+    """Unit of a part of a formula (None: unknown), and whether a number in it may carry a further unit."""
+
+    unit: Any
+    free: bool
+
+
+class _Walk:
+    """Finds the unit of a formula from the inside out."""
+
+    def __init__(self, name: str, units: Mapping[str, str]):
+        self.name = name
+        self.units = units
+        self.none = registry().dimensionless
+
+    def quantity(self, expr: sympy.Basic) -> _Quantity:
+        if isinstance(expr, sympy.Symbol):
+            text = self.units.get(expr.name)
+            return _Quantity(parse_unit(text, f"column {expr.name!r}") if text else None, free=False)
+        if isinstance(expr, sympy.Expr) and expr.is_number:
+            return _Quantity(self.none, free=True)
+        if isinstance(expr, sympy.Mul):
+            return self.product(expr)
+        if isinstance(expr, sympy.Pow):
+            return self.power(expr)
+        if isinstance(expr, sympy.Add | sympy.Min | sympy.Max):
+            return self.common(expr)
+        if isinstance(expr, sympy.Abs):
+            return self.quantity(expr.args[0])
+        argument = self.quantity(expr.args[0])
+        if not isinstance(expr, sympy.sign | sympy.Heaviside):
+            self.need_plain(expr.args[0], argument, to_text(expr))
+        return _Quantity(self.none, free=False)
+
+    def product(self, expr: sympy.Basic) -> _Quantity:
+        # A factor of -1 is a sign, not a number that a user wrote to carry a unit.
+        parts = [(arg, self.quantity(arg)) for arg in expr.args]
+        free = any(q.free and arg != -1 for arg, q in parts)
+        units = [q.unit for _, q in parts]
+        return _Quantity(None if None in units else reduce(mul, units), free)
+
+    def power(self, expr: sympy.Basic) -> _Quantity:
+        base, exponent = expr.args
+        quantity = self.quantity(base)
+        if exponent.is_number:
+            return _Quantity(
+                None if quantity.unit is None else quantity.unit ** float(exponent), quantity.free
+            )
+        self.need_plain(exponent, self.quantity(exponent), to_text(expr))
+        self.need_plain(base, quantity, to_text(expr))
+        return _Quantity(self.none, free=False)
+
+    def common(self, expr: sympy.Basic) -> _Quantity:
+        """Unit of a sum, minimum or maximum: that of the parts whose unit no number can change."""
+        parts = [(arg, self.quantity(arg)) for arg in expr.args]
+        fixed = [(arg, q.unit) for arg, q in parts if not q.free]
+        if not fixed:
+            units = [q.unit for _, q in parts]
+            known = None not in units and all(_same(units[0], unit) for unit in units)
+            return _Quantity(units[0] if known else None, free=True)
+        (first, unit), *others = fixed
+        for other, other_unit in others:
+            if unit is not None and other_unit is not None and not _same(unit, other_unit):
+                raise InputError(
+                    f"The term {self.name!r} puts together {to_text(first)} in {_shown(unit)} and "
+                    f"{to_text(other)} in {_shown(other_unit)}; bring them to one unit with a numeric factor, "
+                    "or make them separate terms."
+                )
+        return _Quantity(None if any(u is None for _, u in fixed) else unit, free=False)
+
+    def need_plain(self, expr: sympy.Basic, quantity: _Quantity, where: str) -> None:
+        if quantity.free or quantity.unit is None or _same(quantity.unit, self.none):
+            return
+        remedy = "pi/180" if quantity.unit == registry().degree else "a number"
+        raise InputError(
+            f"The term {self.name!r} has {to_text(expr)} in {_shown(quantity.unit)} inside {where}, which needs a "
+            f"plain number or an angle in radian; multiply {to_text(expr)} by {remedy} that takes its unit away."
+        )
+
+
+def _same(a: Any, b: Any) -> bool:
+    """Equal dimension and equal size: m/s² and N/kg are the same, m and mm are not."""
+    if a.dimensionality != b.dimensionality:
+        return False
+    size_a, size_b = (float(registry().get_root_units(unit)[0]) for unit in (a, b))
+    return abs(size_a - size_b) <= 1e-9 * abs(size_b)
+
+
+def _shown(unit: Any) -> str:
+    return f"{unit:~P}" or "1"
+
+
+@cache
+def _unit_names() -> tuple[str, ...]:
+    return tuple(sorted(name for name in dir(registry()) if not name.startswith("_")))

@@ -1,0 +1,24 @@
+"""Figures: every number they draw arrives computed.
+
+Each function returns the figure. It is not registered with pyplot: in a notebook it shows once, as the value
+of the cell, and a loop that draws hundreds leaves nothing open. Hand over axes of your own to draw into a
+figure of your own.
+"""
+
+from bayes_greybox.report.plots.coefficients import plot_coefficients
+from bayes_greybox.report.plots.comparison import plot_comparison
+from bayes_greybox.report.plots.files import save_figures
+from bayes_greybox.report.plots.over_states import plot_discrepancy_over_states
+from bayes_greybox.report.plots.over_time import plot_discrepancy_over_time
+from bayes_greybox.report.plots.predicted import plot_predicted
+from bayes_greybox.report.plots.tradeoff import plot_tradeoff
+
+__all__ = [
+    "plot_coefficients",
+    "plot_comparison",
+    "plot_discrepancy_over_states",
+    "plot_discrepancy_over_time",
+    "plot_predicted",
+    "plot_tradeoff",
+    "save_figures",
+]

@@ -1,0 +1,127 @@
+"""What all figures share: colours, text with units, and figures that pyplot does not keep."""
+
+import re
+from collections.abc import Sequence
+from typing import Any
+
+import matplotlib.pyplot as plt
+import numpy as np
+from bayes_greybox.data.errors import InputError
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
+from matplotlib.mathtext import MathTextParser
+
+# Okabe & Ito's colour-blind-safe palette; blue and orange also differ in lightness.
+BLUE = "#0072B2"
+ORANGE = "#D55E00"
+SKY = "#56B4E9"
+DARK = "#222222"
+GREY = "#767676"
+LIGHT = "#D9D9D9"
+
+STYLE: dict[str, Any] = {
+    "font.size": 10,
+    "axes.titlesize": 10.5,
+    "axes.labelsize": 10,
+    "xtick.labelsize": 9,
+    "ytick.labelsize": 9,
+    "legend.fontsize": 9,
+    "legend.frameon": False,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.edgecolor": "#555555",
+    "axes.titlelocation": "left",
+    "hatch.color": GREY,
+    "hatch.linewidth": 0.5,
+    "text.usetex": False,
+    "figure.facecolor": "white",
+}
+
+_SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+
+def new_figure(width: float, height: float) -> Figure:
+    """An empty figure with constrained layout that pyplot knows how to show but does not hold on to."""
+    layout = ConstrainedLayoutEngine(w_pad=0.08, h_pad=0.08, wspace=0.03)
+    figure = plt.figure(figsize=(width, height), layout=layout)
+    # Left open, a notebook would show it twice: as the value of the cell and as an open figure.
+    plt.close(figure)
+    return figure
+
+
+def figure_of(ax: Axes) -> Figure:
+    """The outermost figure that holds the axes."""
+    figure = ax.get_figure(root=True)
+    assert isinstance(figure, Figure)
+    return figure
+
+
+def place_legend(ax: Axes, own: bool, handles: Sequence[Artist] | None = None) -> None:
+    """One row of legend below a figure of our own, clear of its curves; inside the caller's axes otherwise.
+
+    Args:
+        ax: axes whose labelled artists the legend names, and which hold it where the figure is the caller's.
+        own: whether the figure is ours.
+        handles: labelled artists to name instead of those of the axes.
+    """
+    shown = list(handles) if handles is not None else ax.get_legend_handles_labels()[0]
+    labels = [str(handle.get_label()) for handle in shown]
+    if own:
+        figure_of(ax).legend(shown, labels, loc="outside lower left", ncols=len(shown), columnspacing=1.5)
+    else:
+        ax.legend(shown, labels, loc="best")
+
+
+def given_axes(axes: Sequence[Axes] | np.ndarray, needed: int, order: str) -> list[Axes]:
+    """The caller's axes as a flat list, checked for their number.
+
+    Args:
+        axes: the axes as given.
+        needed: how many the figure draws into.
+        order: what they are, in order, for the message.
+
+    Raises:
+        InputError: another number of axes was given.
+    """
+    flat = list(np.ravel(np.asarray(axes, dtype=object)))
+    if len(flat) != needed:
+        raise InputError(f"This figure needs {needed} axes ({order}), but {len(flat)} were given.")
+    return flat
+
+
+def plain(text: str) -> str:
+    """Text that is drawn as it stands: a dollar sign does not start a formula."""
+    return text.replace("$", r"\$")
+
+
+def formula_or_name(name: str, latex: str | None) -> str:
+    """The formula where there is one that can be drawn, and the plain name otherwise."""
+    if not latex:
+        return plain(name)
+    formula = f"${latex.strip('$ ')}$"
+    try:
+        MathTextParser("path").parse(formula)
+    except ValueError:
+        return plain(name)
+    return formula
+
+
+def unit_text(unit: str | None) -> str:
+    """A unit as people write it: `m/s**2` becomes m/s², `N*m` becomes N·m, nothing stays empty."""
+    if not unit or unit == "dimensionless":
+        return ""
+    raised = re.sub(r"(?:\*\*|\^)(-?\d+)(?![\d.])", lambda found: found[1].translate(_SUPERSCRIPT), unit)
+    return plain(re.sub(r"(?<!\*)\s*\*\s*(?!\*)", "·", raised))
+
+
+def with_unit(label: str, unit: str | None) -> str:
+    """A label with its unit in brackets; the label alone where there is no unit."""
+    shown = unit_text(unit)
+    return f"{plain(label)} [{shown}]" if shown else plain(label)
+
+
+def number_text(value: float | np.floating, digits: int = 3) -> str:
+    """A number to some significant digits, with a typographic minus."""
+    return f"{float(value):.{digits}g}".replace("-", "−")

@@ -1,0 +1,143 @@
+"""Units of coefficients, and terms whose units cannot be right."""
+
+import pytest
+
+from bayes_greybox.data.errors import InputError
+from bayes_greybox.physics.terms import Dictionary, Term
+from bayes_greybox.physics.units import check_units, coefficient_unit, derivative_unit, parse_unit, term_unit
+
+UNITS = {
+    "t": "s", "y": "m", "ydot": "m/s", "F": "N", "phi": "rad", "psi": "degree", "r": "1", "q": "mm", "share": "percent"
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("term", "unit"),
+    [
+        ("y", "1/s²"),
+        ("ydot", "1/s"),
+        ("y**3", "1/m²/s²"),
+        ("ydot**3", "s/m²"),
+        ("y*abs(y)", "1/m/s²"),
+        ("F", "1/kg"),
+        ("1", "m/s²"),
+        ("sign(ydot)", "m/s²"),
+        ("heaviside(y-0.1)*ydot", "1/s"),
+        ("max(y-0.1,0)", "1/s²"),
+        ("sin(phi)", "m/s²"),
+        ("sin(6*y)", "m/s²"),
+        ("y+0.5*ydot", "1/s²"),
+        ("sqrt(y**2)", "1/s²"),
+        ("z", ""),
+        ("y*z", ""),
+    ],
+)
+def test_coefficient_unit_makes_the_term_consistent(term, unit):
+    assert coefficient_unit(derivative_unit("ydot", UNITS), Term(term), UNITS) == unit
+
+
+def test_plain_numbers_overrides_and_missing_units():
+    assert coefficient_unit("m/s", Term("ydot"), UNITS) == "1"
+    assert coefficient_unit("N", Term("y*z", unit="kg"), UNITS) == "N/kg"
+    assert coefficient_unit("", Term("y"), UNITS) == ""
+    assert coefficient_unit("m/s", Term("ydot"), {}) == ""
+
+
+def test_derivative_unit_prefers_the_declared_one():
+    assert parse_unit(derivative_unit("ydot", UNITS), "x") == parse_unit("m/s^2", "x")
+    assert derivative_unit("ydot", {**UNITS, "d(ydot)/dt": "N/kg"}) == "N/kg"
+    assert derivative_unit("z", UNITS) == "" and derivative_unit("y", {"y": "m"}) == ""
+
+
+@pytest.mark.parametrize(
+    ("term", "words"),
+    [
+        ("y+ydot", r"'y\+ydot'.*in m and.*in m/s"),
+        ("y-q", "mm"),
+        ("max(y,ydot)", "in m/s"),
+        ("sign(ydot-F)", "in N"),
+        ("sin(y)", r"y in m inside sin\(y\)"),
+        ("sin(-y)", "inside sin"),
+        ("y*exp(ydot)", "ydot in m/s inside exp"),
+        ("sin(y+1)", "inside sin"),
+        ("2**y", r"inside 2\*\*y"),
+        ("y**r", r"y in m inside y\*\*r"),
+        ("sin(psi)", "pi/180"),
+        ("exp(share)", "in %"),
+    ],
+)
+def test_unit_mismatch_is_refused(term, words):
+    with pytest.raises(InputError, match=words):
+        check_units({"ydot": [Term(term)]}, UNITS)
+
+
+@pytest.mark.parametrize(
+    "term",
+    [
+        "sin(2*y)",
+        "sin(y/0.3)",
+        "sin(2*y+0.3)",
+        "exp(-0.1*ydot)",
+        "y-1",
+        "(1-y**2)*ydot",
+        "2**r",
+        "r**r",
+        "sin(phi)",
+    ]
+    + [
+        "sin(pi*psi/180)",
+        "y+z",
+        "sin(z)",
+        "y+0.001*q",
+        "tanh(100*ydot)*F",
+        "min(y,0.1)",
+        "abs(y)+y",
+        "asin(r)",
+    ],
+)
+def test_terms_that_can_be_right_pass(term):
+    check_units({"ydot": Dictionary.of([term], [*UNITS, "z"]).terms}, UNITS)
+
+
+@pytest.mark.parametrize(
+    "unit",
+    [
+        "metter",
+        "foo/s",
+        "m/",
+        "3*m",
+        "9**9**9",
+        "(9**99)**99",
+        "m**9999",
+        "__import__('os')",
+        "m" * 500,
+        "Volt",
+    ],
+)
+def test_unknown_unit_is_refused_with_its_column(unit):
+    with pytest.raises(InputError, match="column 'y'"):
+        check_units({}, {"y": unit})
+
+
+def test_unknown_unit_suggests_a_known_one():
+    with pytest.raises(InputError, match="Did you mean .*newton"):
+        parse_unit("newtom", "column 'F'")
+
+
+@pytest.mark.parametrize("unit", ["m/s^2", "m/s**2", "m s**-2", "m/s²", "N/kg", "millimeter*1/s/ms"])
+def test_one_unit_may_be_written_in_many_ways(unit):
+    assert parse_unit(unit, "column 'a'").dimensionality == parse_unit("m/s^2", "column 'a'").dimensionality
+
+
+def test_derivative_unit_must_be_state_over_time():
+    check_units({"ydot": [Term("y")]}, {**UNITS, "d(ydot)/dt": "N/kg"})
+    for wrong in ("m/s", "mm/s^2"):
+        with pytest.raises(InputError, match="derivative of 'ydot'"):
+            check_units({"ydot": [Term("y")]}, {**UNITS, "d(ydot)/dt": wrong})
+        with pytest.raises(InputError, match="derivative of 'ydot'"):
+            check_units({}, {**UNITS, "d(ydot)/dt": wrong}, states=["ydot"])
+
+
+def test_declared_unit_of_a_term_replaces_the_check():
+    assert term_unit(Term("sin(y)", unit="1"), UNITS) == parse_unit("1", "x")
+    check_units({"ydot": [Term("sin(y)", unit="1")]}, UNITS)
