@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+
 from bayes_greybox.data.errors import InputError
 
 _RESERVED = {"t": "time", "run": "run number"}

@@ -12,6 +12,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float, Int
+
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.filters import (
     STEP_TOLERANCE,
@@ -23,7 +25,6 @@ from bayes_greybox.data.filters import (
     spectral_derivative,
 )
 from bayes_greybox.data.noise import WHITE_SHARE, RowNoise, SpectralNoise, fir_noise
-from jaxtyping import Float, Int
 
 WRAP_FACTOR = 3.0
 """A record whose last and first sample differ by more than this many largest steps is not periodic."""

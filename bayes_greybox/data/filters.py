@@ -4,11 +4,12 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from bayes_greybox.data.errors import InputError
 from jaxtyping import Float
 from scipy.signal import savgol_coeffs
 from scipy.signal.windows import kaiser
 from scipy.special import ive
+
+from bayes_greybox.data.errors import InputError
 
 METHODS = ("savgol", "bandlimited", "spectral")
 ATTENUATION_DB = 80.0

@@ -7,10 +7,11 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from bayes_greybox.data.errors import InputError
-from bayes_greybox.data.row_noise import WHITE_SHARE, RowNoise, check_white_share
 from jaxtyping import Float
 from scipy.linalg import block_diag, cholesky_banded, get_lapack_funcs, toeplitz
+
+from bayes_greybox.data.errors import InputError
+from bayes_greybox.data.row_noise import WHITE_SHARE, RowNoise, check_white_share
 
 
 def noise_from_dict(record: Mapping[str, Any]) -> RowNoise:

@@ -17,8 +17,9 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from bayes_greybox.data.errors import InputError
 from jaxtyping import Float
+
+from bayes_greybox.data.errors import InputError
 
 WHITE_SHARE = 0.05
 """Default δ: the share of the row variance that is white."""

@@ -6,6 +6,8 @@ from typing import Any, Literal
 
 import numpy as np
 import pandas as pd
+from jaxtyping import Float, Int
+
 from bayes_greybox.data.columns import (
     check_names,
     check_times,
@@ -23,7 +25,6 @@ from bayes_greybox.data.columns import (
 from bayes_greybox.data.differentiate import differentiate
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.noise import WHITE_SHARE, RowNoise, noise_from_dict
-from jaxtyping import Float, Int
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -7,6 +7,7 @@ leaves an ordinary linear regression for θ (a `Remainder`); then θ is.
 import math
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 from jax.scipy.special import logsumexp
 from jaxtyping import Array, Float
@@ -44,31 +45,87 @@ class Ridge(NamedTuple):
 
 def remove_features(
     Phi: Float[Array, "n_row n_term"],
-    B: Float[Array, "n_row n_basis"],
+    Psi: Float[Array, "n_row n_basis"],
+    gram: Float[Array, "n_basis n_basis"],
     y: Float[Array, " n_row"],
+    log_root: Float[Array, " n_basis"],
     sigma: Float[Array, ""] | float,
+    U: Float[Array, "n_basis n_rank"] | None = None,
 ) -> tuple[Remainder, FeatureSolve]:
-    """Integrate out z ~ N(0, I) in y/σ = Φθ/σ + B z + ε, ε ~ N(0, I).
+    """Integrate out z ~ N(0, I) in y = Φθ + B σ z + σ ε, B = Ψ diag(√S/σ) (I − U Uᵀ), ε ~ N(0, I).
 
     L Lᵀ = I + BᵀB,  Z = (L Lᵀ)⁻¹ Bᵀ [Φ y]/σ,  [T q] = [[Φ y]/σ − B Z; Z].
 
     Args:
         Phi: Dictionary rows, whitened and compressed.
-        B: Orthogonal features times prior standard deviation of their weights, over σ.
+        Psi: Orthogonal features on the same rows.
+        gram: ΨᵀΨ, computed once.
         y: Target rows.
+        log_root: ½ log S, the log prior standard deviation of the features' weights.
         sigma: Noise standard deviation, scaled units.
+        U: Orthonormal constraint directions of the conditioned kernel.
 
     Returns:
         The regression left for θ (its log_det lacks n log σ², which depends on n), and the weights' posterior.
     """
     rows = jnp.column_stack([Phi, y]) / sigma
-    if B.shape[1] == 0:
+    if Psi.shape[1] == 0:
         nothing = jnp.zeros((0, rows.shape[1]))
         return Remainder(rows[:, :-1], rows[:, -1], jnp.zeros(())), FeatureSolve(jnp.zeros((0, 0)), nothing)
-    L = jnp.linalg.cholesky(jnp.eye(B.shape[1]) + B.T @ B)
-    Z = solve_lower_transposed(L, solve_lower(L, B.T @ rows))
+    log_s = log_root - jnp.log(sigma)
+    s = jnp.exp(log_s)
+    right = s[:, None] * (Psi.T @ rows)
+    if U is None:
+        log_det, Z, L = scaled_solve(gram, log_s, right)
+        B = Psi * s
+    else:
+        B = Psi * s
+        B = B - (B @ U) @ U.T
+        L = jnp.linalg.cholesky(jnp.eye(B.shape[1]) + B.T @ B)
+        Z = solve_lower_transposed(L, solve_lower(L, right - U @ (U.T @ right)))
+        log_det = 2 * jnp.sum(jnp.log(jnp.diag(L)))
     left = jnp.concatenate([rows - B @ Z, Z])
-    return Remainder(left[:, :-1], left[:, -1], 2 * jnp.sum(jnp.log(jnp.diag(L)))), FeatureSolve(L, Z)
+    return Remainder(left[:, :-1], left[:, -1], log_det), FeatureSolve(L, Z)
+
+
+@jax.custom_vjp
+def scaled_solve(
+    gram: Float[Array, "n n"], log_s: Float[Array, " n"], right: Float[Array, "n k"]
+) -> tuple[Float[Array, ""], Float[Array, "n k"], Float[Array, "n n"]]:
+    """log|A|, X = A⁻¹ R and the Cholesky factor of A = I + diag(s) G diag(s), for constant G.
+
+    The reverse pass needs one triangular inverse, a third of what differentiating through the factorisation costs:
+    with V = A⁻¹ X̄,
+
+        R̄ = V,   s ∂/∂s_m = 2 (1 − (A⁻¹)_mm) · (log|A|)¯ − Σ_k [V ∘ (R − X) + X ∘ (X̄ − V)]_mk,
+
+    where diag(s) G diag(s) X = R − X removes G. The factor itself carries no derivative.
+
+    Args:
+        gram: G, data that no parameter enters.
+        log_s: log s; a derivative in log s stays finite where s underflows.
+        right: R.
+    """
+    return _scaled_solve(gram, log_s, right)[0]
+
+
+def _scaled_solve(gram: Array, log_s: Array, right: Array) -> tuple[tuple[Array, Array, Array], tuple]:
+    s = jnp.exp(log_s)
+    L = jnp.linalg.cholesky(jnp.eye(len(s)) + s[:, None] * gram * s)
+    X = solve_lower_transposed(L, solve_lower(L, right))
+    return (2 * jnp.sum(jnp.log(jnp.diag(L))), X, L), (L, X, right)
+
+
+def _scaled_solve_reverse(saved: tuple, cotangents: tuple) -> tuple:
+    L, X, right = saved
+    log_det_bar, X_bar, _ = cotangents
+    V = solve_lower_transposed(L, solve_lower(L, X_bar))
+    inverse_diagonal = jnp.sum(solve_lower(L, jnp.eye(len(L))) ** 2, axis=0)
+    log_s_bar = 2 * log_det_bar * (1 - inverse_diagonal) - jnp.sum(V * (right - X) + X * (X_bar - V), axis=1)
+    return jnp.zeros_like(L), log_s_bar, V
+
+
+scaled_solve.defvjp(_scaled_solve, _scaled_solve_reverse)
 
 
 def remove_dense(
@@ -115,22 +172,17 @@ def spike_and_slab(
     return full.log_evidence + total, weights - total
 
 
-def weight_roots(
-    log_S: Float[Array, " n_basis"],
-    constraints: Float[Array, "n_rank n_basis"] | None = None,
-) -> tuple[Float[Array, " n_basis"], Float[Array, "n_basis n_rank"] | None]:
-    """Root of the prior covariance of the feature weights: w = √S ⊙ (I − U Uᵀ) z.
+def constraint_directions(
+    root: Float[Array, " n_basis"], constraints: Float[Array, "n_rank n_basis"]
+) -> Float[Array, "n_basis n_rank"]:
+    """U, orthonormal, with w = √S ⊙ (I − U Uᵀ) z: the weights' prior given C w = 0, C = ⟨Φₒ, ψᵀ⟩.
 
-    Without constraints w ~ N(0, S). With C = ⟨Φₒ, ψᵀ⟩ it is N(0, S) given C w = 0, covariance
-    S − S Cᵀ (C S Cᵀ)⁻¹ C S: U spans √S Cᵀ.
+    U spans √S Cᵀ, so the covariance of w is S − S Cᵀ (C S Cᵀ)⁻¹ C S.
 
     Args:
-        log_S: Log spectral density at the features' frequencies. √S is taken as exp(½ log S), since S underflows.
-        constraints: C for the conditioned kernel.
+        root: √S.
+        constraints: C.
     """
-    root = jnp.exp(0.5 * log_S)
-    if constraints is None:
-        return root, None
     X = root[:, None] * constraints.T
     L = jittered_cholesky(X.T @ X)
-    return root, solve_lower(L, X.T).T
+    return solve_lower(L, X.T).T

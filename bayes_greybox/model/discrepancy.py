@@ -30,7 +30,7 @@ class OrthogonalGP:
         kernel: "squared_exponential", "matern32" or "matern52", with one length scale per variable.
         path: "hsgp" (Hilbert-space features, cost independent of the number of rows) or "exact" (dense).
         variables: What f depends on; None: every state and input.
-        features: Features per variable on the hsgp path; None: 20, 8², 8 by total order for 1, 2, 3 variables.
+        features: Features per variable on the hsgp path; None: 20, 10², 8 by total order for 1, 2, 3 variables.
         boundary: Half-width of the features' domain over that of the data.
         length_scale: Prior median of the length scales.
         length_scale_spread: Prior standard deviation of their logarithm.
@@ -45,7 +45,7 @@ class OrthogonalGP:
     path: Path = "hsgp"
     variables: tuple[str, ...] | None = None
     features: int | tuple[int, ...] | None = None
-    boundary: float = 1.5
+    boundary: float = 2.0
     length_scale: float = 1.0
     length_scale_spread: float = 0.5
     amplitude: float = 1.0

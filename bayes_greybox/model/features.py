@@ -6,23 +6,26 @@ from dataclasses import dataclass
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
-from numpyro.contrib.hsgp.laplacian import eigenfunctions
 
-DEFAULT_FEATURES = {1: 20, 2: 8, 3: 8}
+DEFAULT_FEATURES = {1: 20, 2: 10, 3: 8}
 """Features per variable when the user names none; 6 from four variables on."""
 
 
 @dataclass(frozen=True)
 class HilbertBasis:
-    """ψ_j(x) = Π_d L_d^{-1/2} sin(√λ_{j_d} (x_d + L_d)), √λ_{j_d} = π j_d / (2 L_d), on [−L, L]^d.
+    """ψ_j(x) = Π_d c_{j_d} cos(√λ_{j_d} (x_d + L)), √λ_j = π j/(2L), c_0² = 1/(2L), c_j² = 1/L, on [−L, L]^d.
 
-    With it k(x, x') ≈ Σ_j S(√λ_j) ψ_j(x) ψ_j(x'), S the spectral density (Solin & Särkkä 2020, Eq. 20 and 56;
+    With it k(x, x') ≈ Σ_j S(√λ_j) ψ_j(x) ψ_j(x'), S the spectral density (Solin & Särkkä 2020, Eq. 20;
     Riutort-Mayol et al. 2023, Eq. 9 to 11). Data live in [−1, 1]^d, so L is the boundary factor.
+
+    The eigenfunctions are those with Neumann conditions (zero slope at the boundary), not the Dirichlet sines of
+    `numpyro.contrib.hsgp`: sines vanish at the boundary, so they cannot hold a discrepancy that does not depend on
+    one of the variables, and with L = 1.5 that turned one posterior mode into four.
 
     Attributes:
         boundary: L, the same in every direction.
-        per_variable: Features m_d in each direction. In more than two directions the tensor product is cut at
-            total order: Σ_d (j_d − 1)(m/m_d) < m with m = max m_d, since the product grows as m^d.
+        per_variable: Features m_d in each direction, j_d = 0 … m_d − 1. In more than two directions the tensor product is cut at
+            total order: Σ_d j_d (m/m_d) < m with m = max m_d, since the product grows as m^d.
     """
 
     boundary: float
@@ -30,13 +33,12 @@ class HilbertBasis:
 
     @property
     def indices(self) -> np.ndarray:
-        """j, 1-based, as an array [n_basis, n_var]."""
-        grid = np.array(list(itertools.product(*(range(1, m + 1) for m in self.per_variable))))
+        """j as an array [n_basis, n_var], the last variable running fastest."""
+        grid = np.array(list(itertools.product(*(range(m) for m in self.per_variable))))
         if len(self.per_variable) <= 2:
             return grid
         largest = max(self.per_variable)
-        order = ((grid - 1) * (largest / np.array(self.per_variable))).sum(axis=1)
-        return grid[order < largest]
+        return grid[(grid * (largest / np.array(self.per_variable))).sum(axis=1) < largest]
 
     @property
     def size(self) -> int:
@@ -52,13 +54,12 @@ class HilbertBasis:
         """ψ(x) for points in scaled units."""
         values = jnp.ones((x.shape[0], 1))
         for d, m in enumerate(self.per_variable):
-            along = eigenfunctions(x[:, d], self.boundary, m)
-            # The tensor product with the last index running fastest, as in `indices`.
+            along = jnp.cos(jnp.arange(m) * np.pi / (2 * self.boundary) * (x[:, d : d + 1] + self.boundary))
+            along *= jnp.sqrt(jnp.where(jnp.arange(m) == 0, 0.5, 1.0) / self.boundary)
             values = (values[:, :, None] * along[:, None, :]).reshape(x.shape[0], -1)
         if len(self.per_variable) <= 2:
             return values
-        flat = np.ravel_multi_index(tuple((self.indices - 1).T), self.per_variable)
-        return values[:, flat]
+        return values[:, np.ravel_multi_index(tuple(self.indices.T), self.per_variable)]
 
     def resolved_length_scale(self, features_per_unit: float) -> np.ndarray:
         """Shortest length scale the basis resolves in each direction, ℓ = `features_per_unit` · L / m_d."""

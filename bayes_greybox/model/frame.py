@@ -65,7 +65,7 @@ class Frame:
         x = self.position(columns)
         if self.basis is None:
             return jnp.zeros((x.shape[0], 0))
-        # Outside the features' domain the expansion would repeat itself; there f is held at its edge value, zero.
+        # Outside the features' domain the expansion would repeat itself; there f is held at its edge value.
         return self.basis(jnp.clip(x, -self.basis.boundary, self.basis.boundary))
 
     def orthogonal(self, Phi: Array, psi: Array) -> Array:

@@ -13,11 +13,11 @@ from numpyro.distributions import constraints
 from .collapsed import (
     FeatureSolve,
     Remainder,
+    constraint_directions,
     remove_dense,
     remove_features,
     ridge,
     spike_and_slab,
-    weight_roots,
 )
 from .kernels import KERNELS, log_spectral_density
 from .orthogonal import Variant, orthogonal_gram
@@ -43,6 +43,7 @@ class FeatureDesign:
 
     Phi: Float[Array, "n_row n_term"]
     Psi: Float[Array, "n_row n_basis"]
+    gram: Float[Array, "n_basis n_basis"]
     y: Float[Array, " n_row"]
     n_obs: Float[Array, ""]
     log_det_R: Float[Array, ""]
@@ -51,30 +52,31 @@ class FeatureDesign:
     constraints: Float[Array, "n_rank n_basis"] | None
     kernel: str = field(metadata={"static": True})
 
-    def feature_roots(self, hyper: Hyperparameters) -> tuple[Array, Array | None]:
-        """√S and the constraint basis U of the weights' prior (see `weight_roots`)."""
+    def weight_prior(self, hyper: Hyperparameters) -> tuple[Array, Array | None]:
+        """½ log S and U: the weights are w = √S ⊙ (I − U Uᵀ) z, z ~ N(0, I); U is None unless conditioned."""
         log_S = log_spectral_density(KERNELS[self.kernel], self.frequency, hyper.amplitude, hyper.length_scale)
-        return weight_roots(log_S, self.constraints)
+        # √S as exp(½ log S): S underflows, and the gradient of √0 is NaN
+        if self.constraints is None:
+            return 0.5 * log_S, None
+        return 0.5 * log_S, constraint_directions(jnp.exp(0.5 * log_S), self.constraints)
+
+    def weights(self, z: Float[Array, " n_basis"], hyper: Hyperparameters) -> Float[Array, " n_basis"]:
+        """Feature weights w of standardised ones z."""
+        if z.size == 0:
+            return z
+        log_root, U = self.weight_prior(hyper)
+        return jnp.exp(log_root) * (z if U is None else z - U @ (U.T @ z))
 
     def remove_discrepancy(self, y: Float[Array, " n_row"], hyper: Hyperparameters) -> tuple[Remainder, FeatureSolve]:
         """Integrate out f."""
-        root, U = self.feature_roots(hyper)
-        B = self.Psi * (root / hyper.sigma)
-        if U is not None:
-            B = B - (B @ U) @ U.T
-        remainder, solve = remove_features(self.Phi, B, y, hyper.sigma)
-        return self._complete(remainder, hyper), solve
+        log_root, U = self.weight_prior(hyper) if self.Psi.shape[1] else (jnp.zeros(0), None)
+        remainder, solve = remove_features(self.Phi, self.Psi, self.gram, y, log_root, hyper.sigma, U)
+        log_det = remainder.log_det + 2 * self.n_obs * jnp.log(hyper.sigma) + self.log_det_R
+        return remainder._replace(log_det=log_det), solve
 
     def sample_discrepancy(self, key: Array, hyper: Hyperparameters) -> Float[Array, " n_row"]:
         """Prior draw of f on the compressed rows."""
-        root, U = self.feature_roots(hyper)
-        z = jax.random.normal(key, root.shape)
-        return self.Psi @ (root * (z if U is None else z - U @ (U.T @ z)))
-
-    def _complete(self, remainder: Remainder, hyper: Hyperparameters) -> Remainder:
-        return remainder._replace(
-            log_det=remainder.log_det + 2 * self.n_obs * jnp.log(hyper.sigma) + self.log_det_R
-        )
+        return self.Psi @ self.weights(jax.random.normal(key, self.Psi.shape[1:]), hyper)
 
 
 @jax.tree_util.register_dataclass

@@ -8,7 +8,7 @@ from typing import Any
 import jax.numpy as jnp
 import numpyro
 import numpyro.distributions as dist
-from numpyro.handlers import scope
+from numpyro.handlers import scope, seed, trace
 
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
@@ -121,6 +121,11 @@ class Program:
                 scales = self.prior.scales(design.Phi.shape[1], design.n_obs, hyper.sigma)
                 numpyro.sample("y", CollapsedNormal(design, hyper, scales), obs=design.y if observed else None)
 
+    def gibbs_equations(self, designs: Mapping[str, Design]) -> tuple[str, ...]:
+        """Equations whose inclusion pattern is a site of the model, to be updated by Gibbs moves."""
+        sites = trace(seed(self.numpyro_model, 0)).get_trace(designs)
+        return tuple(name for name in designs if f"{name}_gamma" in sites)
+
     def uncollapsed_model(self, designs: Mapping[str, Design]) -> None:
         """The same model with θ and the weights of f as sites: the reference for tests, and what one would write
         by hand. Feature path only; a spike-and-slab prior has no such density (its θ are exactly zero).
@@ -134,9 +139,8 @@ class Program:
                 if scales.log_odds is not None:
                     raise InputError("uncollapsed_model has no density for a spike-and-slab prior: use another prior.")
                 theta = numpyro.sample("theta", dist.Normal(0.0, scales.sd).to_event(1))
-                root, U = design.feature_roots(hyper)
-                z = numpyro.sample("z", dist.Normal(0.0, 1.0).expand([root.size]).to_event(1))
-                weight = numpyro.deterministic("weight", root * (z if U is None else z - U @ (U.T @ z)))
+                z = numpyro.sample("z", dist.Normal(0.0, 1.0).expand(design.Psi.shape[1:]).to_event(1))
+                weight = numpyro.deterministic("weight", design.weights(z, hyper))
                 mean = design.Phi @ theta + design.Psi @ weight
                 # The rows folded away by compression carry no signal: their share of the density is σ's alone.
                 hidden = design.n_obs - design.y.size

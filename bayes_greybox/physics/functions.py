@@ -1,7 +1,5 @@
 """The functions and constants that a formula may use: one row each, for SymPy, Python floats and JAX."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -41,6 +39,11 @@ def _sqrt(x: Array) -> Array:
     return jnp.where(x == 0.0, 0.0, jnp.sqrt(jnp.where(x == 0.0, 1.0, x)))
 
 
+def _abs(x: Array) -> Array:
+    # Its gradient at zero is 0, where that of jnp.abs is 1.
+    return x * jnp.sign(x)
+
+
 def _heaviside(x: Array, at_zero: Array | float = 0.5) -> Array:
     return jnp.where(x > 0.0, 1.0, jnp.where(x < 0.0, 0.0, jnp.where(x == 0.0, at_zero, jnp.nan)))
 
@@ -50,7 +53,7 @@ def _symbolic_sqrt(x: sympy.Expr, evaluate: bool) -> sympy.Expr:
 
 
 def _symbolic_heaviside(x: sympy.Expr, evaluate: bool) -> sympy.Expr:
-    return sympy.Heaviside(x, sympy.Rational(1, 2), evaluate=evaluate)
+    return sympy.Heaviside(x, sympy.S.Half, evaluate=evaluate)
 
 
 def _plain(node: Any, number: Callable[..., float], array: Callable[..., Array]) -> Function:
@@ -70,7 +73,7 @@ FUNCTIONS: dict[str, Function] = {
     "exp": _plain(sympy.exp, math.exp, jnp.exp),
     "log": _plain(sympy.log, math.log, jnp.log),
     "sqrt": Function(_symbolic_sqrt, (), math.sqrt, _sqrt),
-    "abs": _plain(sympy.Abs, abs, jnp.abs),
+    "abs": _plain(sympy.Abs, math.fabs, _abs),
     "sign": _plain(sympy.sign, lambda x: float((x > 0) - (x < 0)), jnp.sign),
     "min": Function(sympy.Min, sympy.Min, min, lambda *a: reduce(jnp.minimum, a), (2, 8)),
     "max": Function(sympy.Max, sympy.Max, max, lambda *a: reduce(jnp.maximum, a), (2, 8)),
@@ -84,8 +87,8 @@ CONSTANTS: dict[str, sympy.Expr] = {"pi": sympy.pi}
 
 # What users of other languages write, for "did you mean".
 ALIASES = {
-    "ln": "log", "arcsin": "asin", "arccos": "acos", "arctan": "atan", "fabs": "abs", "Abs": "abs", "sgn": "sign",
-    "minimum": "min", "maximum": "max", "step": "heaviside", "theta": "heaviside", "pow": "**",
+    "ln": "log", "arcsin": "asin", "arccos": "acos", "arctan": "atan", "fabs": "abs", "Abs": "abs",
+    "sgn": "sign", "minimum": "min", "maximum": "max", "step": "heaviside", "theta": "heaviside", "pow": "**",
 }  # fmt: skip
 
 # Node classes that an expression may contain.

@@ -1,9 +1,7 @@
 """Integration of dx/dt = rhs(t, x, u) in time, for free runs: a blow-up is a result, not an error."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import diffrax
 import jax
@@ -13,9 +11,8 @@ from jaxtyping import Array, Float
 
 from bayes_greybox.data.errors import InputError
 
-Interpolation = Literal["linear", "zoh", "cubic"]
-
-# Steps below this share of the whole time span count as a failure: the solution has a singularity there.
+# Steps of this share of the time span are taken whatever their error: at a singularity the state then leaves
+# all bounds, or turns NaN, and the run ends there; across a jump in the right-hand side they do no harm.
 _SMALLEST_STEP = 1e-12
 
 
@@ -41,26 +38,27 @@ def integrate(
     rtol: float = 1e-8,
     atol: float = 1e-8,
     scale: Float[Array | np.ndarray, " d"] | None = None,
-    interpolation: Interpolation = "linear",
+    interpolation: str = "linear",
     blow_up: float = 1e12,
     max_steps: int = 100_000,
 ) -> Path:
-    """Integrate a right-hand side from a measured start; works under jit, and under vmap over `x0` and `args`.
+    """Integrate a right-hand side from a measured start; works under jit, and vmap over `x0` and `args`.
 
     The method is Dormand and Prince's of order 8 with adaptive steps, which never step over a sample of the
-    inputs. The local error of state i is kept below atol * scale_i + rtol * |x_i|.
+    inputs; it is explicit, so a stiff system may spend its steps. The local error of state i is kept below
+    atol * scale_i + rtol * |x_i|.
 
     Args:
-        rhs: `rhs(t, x, u, args)` with x of shape (d,) and u of shape (p,), p = 0 without inputs; returns dx/dt
-            of shape (d,).
+        rhs: `rhs(t, x, u, args)` with x of shape (d,) and u of shape (p,), p = 0 without inputs; returns
+            dx/dt of shape (d,).
         t: Increasing times of the result, the first one that of `x0`.
         x0: States at t[0].
         inputs: Inputs at the times t.
         args: Anything that `rhs` needs, for example a posterior draw of the coefficients.
         rtol: Relative tolerance.
         atol: Absolute tolerance, as a share of `scale`.
-        scale: Typical sizes of the states, for example their RMS in the data. By default |x0|, at least 1e-3 of
-            its largest entry, and 1 for a start at zero.
+        scale: Typical sizes of the states, for example their RMS in the data. By default |x0|, at least 1e-3
+            of its largest entry, and 1 for a start at zero.
         interpolation: Of the inputs between samples: "linear", "zoh" (held from each sample to the next) or
             "cubic" (twice differentiable spline).
         blow_up: The run has failed once a state exceeds this multiple of the largest scale.
@@ -89,9 +87,7 @@ def integrate(
     def exploded(time, x, params, **_):
         return ~jnp.all(jnp.abs(x) < limit)
 
-    control = diffrax.PIDController(
-        rtol=rtol, atol=atol * sizes, dtmin=_SMALLEST_STEP * (t[-1] - t[0]), force_dtmin=False
-    )
+    control = diffrax.PIDController(rtol=rtol, atol=atol * sizes, dtmin=_SMALLEST_STEP * (t[-1] - t[0]))
     if inputs is not None:
         # Inputs are not smooth at their samples; a step across one would waste many rejected attempts.
         inner = t[1:-1]
@@ -113,7 +109,7 @@ def integrate(
         max_steps=max_steps,
         throw=False,
     )
-    states, (stopped_at,) = solution.ys[0], solution.ts[1]
+    (states, _), (_, (stopped_at,)) = cast(Any, solution.ys), cast(Any, solution.ts)
     reached = solution.result == diffrax.RESULTS.successful
     good = (reached | (t <= stopped_at)) & jnp.all(jnp.isfinite(states), axis=-1)
     # Once a row is lost, all later ones are.
@@ -126,7 +122,7 @@ def integrate(
 def interpolant(
     t: Float[Array | np.ndarray, " n"],
     values: Float[Array | np.ndarray, "n p"] | None,
-    kind: Interpolation = "linear",
+    kind: str = "linear",
 ) -> Callable[[Any], Float[Array, " p"]]:
     """Function of time through samples.
 
@@ -175,8 +171,8 @@ def _spline_curvature(t: Float[Array, " n"], values: Float[Array, "n p"]) -> Flo
         )
     h = jnp.diff(t)
     slope = jnp.diff(values, axis=0) / h[:, None]
-    # h_{i-1} m_{i-1} + 2 (h_{i-1} + h_i) m_i + h_i m_{i+1} = 6 (s_i - s_{i-1}) at the inner samples; the third
-    # derivative is continuous at the second sample, m_0 = m_1 + (m_1 - m_2) h_0 / h_1, and likewise at the end.
+    # h_{i-1} m_{i-1} + 2 (h_{i-1} + h_i) m_i + h_i m_{i+1} = 6 (s_i - s_{i-1}) at the inner samples. At the
+    # second sample the third derivative is continuous, m_0 = m_1 + (m_1 - m_2) h_0 / h_1; so too at the end.
     lower, diagonal, upper = h[:-1], 2.0 * (h[:-1] + h[1:]), h[1:]
     first, last = h[0] / h[1], h[-1] / h[-2]
     diagonal = diagonal.at[0].add(h[0] * (1.0 + first)).at[-1].add(h[-1] * (1.0 + last))

@@ -1,10 +1,8 @@
 """A simulated system with known truth, and the excitation that drives it."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -18,6 +16,8 @@ from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.physics.expressions import evaluate, parse_expression
 
 _TOLERANCE = 1e-11
+# Stiff growth would otherwise take the integration for ever.
+_CALLS, _CALLS_PER_SAMPLE = 100_000, 100
 
 
 @dataclass(frozen=True)
@@ -93,7 +93,7 @@ class System:
         x0: Any = None,
         inputs: Mapping[str, Any] | None = None,
         noise: float = 0.0,
-        noise_on: Literal["derivatives", "states", "both"] = "derivatives",
+        noise_on: str = "derivatives",
         seed: int = 0,
     ) -> Trajectories:
         """Sample the system, with the exact derivatives at the true states.
@@ -103,11 +103,11 @@ class System:
 
         Args:
             t: Sampling times; `self.t` by default.
-            x0: Initial state, as a sequence in the order of `states` or by name; a list of these gives several
-                runs, each with its own phases of the default excitation.
+            x0: Initial state, as a sequence in the order of `states` or by name; a list of these gives
+                several runs, each with its own phases of the default excitation.
             inputs: Samples at `t` by input name; a list of arrays has one for each run.
             noise: SD of the added noise, as a share of the SD of each signal.
-            noise_on: Signals that get it. Derivatives stay those of the true states.
+            noise_on: "derivatives", "states" or "both". Derivatives are always those of the true states.
             seed: Of the noise.
 
         Returns:
@@ -157,7 +157,8 @@ class System:
             if isinstance(start, Mapping):
                 if set(start) != set(self.states):
                     raise InputError(
-                        f"x0 of {self.name} names {', '.join(map(str, start))}; name {', '.join(self.states)}."
+                        f"x0 of {self.name} names {', '.join(map(str, start))}; "
+                        f"name {', '.join(self.states)}."
                     )
                 start = [start[name] for name in self.states]
             vector = np.asarray(start, dtype=float)
@@ -193,9 +194,21 @@ class System:
 
     def _path(self, flow: Any, t: np.ndarray, start: np.ndarray, u: np.ndarray) -> np.ndarray:
         input_at = CubicSpline(t, u) if u.shape[1] else lambda time: np.empty(0)
+        left = _CALLS_PER_SAMPLE * len(t) + _CALLS
+
+        def slope(time, x):
+            nonlocal left
+            left -= 1
+            if left < 0:
+                raise InputError(
+                    f"{self.name} changes too fast near t = {time:g} to be followed from "
+                    f"x0 = {start.tolist()}; sample it more finely, start closer to rest, or drive it less."
+                )
+            return np.asarray(flow(x, input_at(time)))
+
         with np.errstate(over="ignore", invalid="ignore"):
             result = solve_ivp(
-                lambda time, x: np.asarray(flow(x, input_at(time))),
+                slope,
                 (t[0], t[-1]),
                 start,
                 method="DOP853",
@@ -208,8 +221,8 @@ class System:
         if not result.success or not np.all(np.isfinite(result.y)):
             reached = result.t[-1] if len(result.t) else t[0]
             raise InputError(
-                f"{self.name} blows up near t = {reached:g} from x0 = {start.tolist()}; start closer to rest, "
-                "drive it less, or stop earlier."
+                f"{self.name} blows up near t = {reached:g} from x0 = {start.tolist()}; start closer to "
+                "rest, drive it less, or stop earlier."
             )
         return result.y.T
 
@@ -219,8 +232,8 @@ def multisine(
 ) -> Float[np.ndarray, " n"]:
     """Sum of sines of equal size and random phase that fills a frequency band.
 
-    The frequencies are whole multiples of one cycle in the record, sum_k sin(2 pi k t / T + phase_k), so that an
-    evenly sampled record repeats without a jump.
+    The frequencies are whole multiples of one cycle in the record, sum_k sin(2 pi k t / T + phase_k), so that
+    an evenly sampled record repeats without a jump.
 
     Args:
         t: Sampling times.

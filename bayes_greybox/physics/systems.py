@@ -1,7 +1,5 @@
 """Simulated systems with known truth, for examples, tests and benchmarks."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 
@@ -26,9 +24,9 @@ __all__ = [
 def oscillator(c: float = 0.2, k: float = 1.0) -> System:
     """Free oscillator with cubic stiffness and cubic damping, y'' = -c ydot^3 - k y^3.
 
-    The example of Manna, Rogers and Bull, equation (mkc), over its 100 s. The damping is cubic as in that
-    equation; the state-space form printed below it has c ydot, which cannot give the reported ydot^3 term. The
-    paper states neither coefficients nor the initial state: those here give a decaying oscillation.
+    The example of Manna, Rogers and Bull (their equation of motion, labelled mkc) over its 100 s. The damping
+    is cubic as in that equation; the state-space form below it has c ydot, which cannot give the ydot^3 term
+    that they find. They state neither coefficients nor the start: those here give a decaying oscillation.
 
     Args:
         c: Damping coefficient, s/m^2.

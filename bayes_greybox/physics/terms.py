@@ -1,11 +1,10 @@
 """Dictionary terms: single candidate effects, and the dictionary Phi(x) that collects them."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import combinations_with_replacement
 from math import comb
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -13,17 +12,9 @@ import sympy
 from jaxtyping import Array, Float
 
 from bayes_greybox.data.errors import InputError
-from bayes_greybox.physics.expressions import (
-    MAX_EXPONENT,
-    check_expression,
-    check_known,
-    check_name,
-    evaluate,
-    parse_expression,
-    symbol_names,
-    to_latex,
-    to_text,
-)
+from bayes_greybox.physics.expressions import check_expression, evaluate, parse_expression, symbol_names
+from bayes_greybox.physics.grammar import MAX_EXPONENT, check_known, check_name
+from bayes_greybox.physics.printing import to_latex, to_text
 
 # Larger polynomial families than this are a slip in the degree or the variables.
 _MAX_TERMS = 1000
@@ -36,7 +27,7 @@ class Term:
     Attributes:
         expression: The formula, as text or as a SymPy expression.
         name: How tables and figures call it; the formula as written, without blanks, by default.
-        unit: The term's unit, where it cannot follow from the columns' units (an inner parameter carries one).
+        unit: The term's unit, where it cannot follow from the columns' (an inner parameter carries one).
         expr: The SymPy expression over real symbols.
     """
 
@@ -91,7 +82,7 @@ class Dictionary:
     terms: tuple[Term, ...]
 
     @classmethod
-    def of(cls, spec: object, names: Iterable[str]) -> Dictionary:
+    def of(cls, spec: object, names: Iterable[str]) -> "Dictionary":
         """Collect terms and check them.
 
         Args:
@@ -117,8 +108,8 @@ class Dictionary:
             form = _canonical(term.expr)
             if form in first_by_form:
                 raise InputError(
-                    f"The terms {first_by_form[form]!r} and {term.name!r} are the same up to a constant factor; "
-                    "remove one of them."
+                    f"The terms {first_by_form[form]!r} and {term.name!r} are the same up to a constant "
+                    "factor; remove one of them."
                 )
             if term.name in first_by_name:
                 raise InputError(f"Two terms have the name {term.name!r}; give one of them another name.")
@@ -232,11 +223,12 @@ def _as_term(item: object) -> Term:
     if isinstance(item, str | sympy.Expr):
         return Term(item)
     raise InputError(
-        f"A term must be a formula, a Term or a SymPy expression, not {type(item).__name__} ({str(item)[:40]!r})."
+        f"A term must be a formula, a Term or a SymPy expression, not {type(item).__name__} "
+        f"({str(item)[:40]!r}); write for example 'y**2'."
     )
 
 
-def _canonical(expr: sympy.Expr) -> sympy.Expr:
+def _canonical(expr: Any) -> Any:
     """One form for all expressions that are equal up to a constant factor."""
     # Decimals as exact fractions: ratios such as 0.1/0.1 are then the whole number 1.
     expr = expr.xreplace({f: sympy.Rational(repr(float(f))) for f in expr.atoms(sympy.Float)})
@@ -248,6 +240,7 @@ def _canonical(expr: sympy.Expr) -> sympy.Expr:
     # Large powers of sums are left as they are: expanding them could take minutes.
     expr = sympy.expand(expr) if small else expr
     if isinstance(expr, sympy.Add):
-        leading = expr.as_ordered_terms()[0].as_coeff_Mul()[0]
+        first: Any = expr.as_ordered_terms()[0]
+        leading = first.as_coeff_Mul()[0]
         expr = sympy.expand(expr / leading)
     return expr.as_coeff_Mul()[1]

@@ -1,10 +1,8 @@
 """Units of terms and coefficients, and refusal of terms whose units cannot be right.
 
-A number in a formula may carry a unit: `sin(2*y)` is fine with y in metres (2 is then 2 per metre), `sin(y)` is
-not. The expressions of a simulation are not checked, since all their numbers carry units that are not written.
+A number in a formula may carry a unit: `sin(2*y)` is fine with y in metres (2 is then 2 per metre), `sin(y)`
+is not. The expressions of a simulation are not checked: all their numbers carry units that are not written.
 """
-
-from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping
@@ -12,13 +10,13 @@ from dataclasses import dataclass
 from difflib import get_close_matches
 from functools import cache, reduce
 from operator import mul
-from typing import Any
+from typing import Any, cast
 
 import sympy
 
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import derivative_label
-from bayes_greybox.physics.expressions import to_text
+from bayes_greybox.physics.printing import to_text
 from bayes_greybox.physics.terms import Term
 
 
@@ -58,23 +56,22 @@ def parse_unit(text: str, what: str) -> Any:
     )
 
 
-def derivative_unit(state: str, units: Mapping[str, str], time: str = "t") -> str:
+def derivative_unit(state: str, units: Mapping[str, str]) -> str:
     """Unit of d(state)/dt: as declared under "d(state)/dt", else the state's unit over the time's.
 
     Args:
         state: Name of the state.
-        units: Units by column name.
-        time: Name of the time.
+        units: Units by column name, the time's under "t".
 
     Returns:
         A unit that `parse_unit` reads, "" if it is not known.
     """
-    declared = units.get(derivative_label(state, time))
+    declared = units.get(derivative_label(state))
     if declared:
         return declared
-    if not units.get(state) or not units.get(time):
+    if not units.get(state) or not units.get("t"):
         return ""
-    return f"({units[state]})/({units[time]})"
+    return f"({units[state]})/({units['t']})"
 
 
 def term_unit(term: Term, units: Mapping[str, str]) -> Any:
@@ -129,9 +126,9 @@ def check_units(
 
     Args:
         dictionary: Terms by equation (the learned state), for example `{"ydot": some_dictionary.terms}`.
-        units: Units by column name; columns without one are not checked.
+        units: Units by column name, the time's under "t"; columns without one are not checked.
         states: States whose declared derivative unit is compared with state over time, beside the equations.
-        time: Name of the time.
+        time: Name of the time, for the message.
 
     Raises:
         InputError: A unit is not known; a derivative's unit is not state over time; a term adds, compares or
@@ -141,10 +138,10 @@ def check_units(
         if unit:
             parse_unit(unit, f"column {name!r}")
     for state in dict.fromkeys((*states, *dictionary)):
-        declared = units.get(derivative_label(state, time))
-        if not declared or not units.get(state) or not units.get(time):
+        declared = units.get(derivative_label(state))
+        if not declared or not units.get(state) or not units.get("t"):
             continue
-        expected = parse_unit(f"({units[state]})/({units[time]})", f"column {state!r}")
+        expected = parse_unit(f"({units[state]})/({units['t']})", f"column {state!r}")
         if not _same(parse_unit(declared, f"the derivative of {state!r}"), expected):
             raise InputError(
                 f"The derivative of {state!r} is declared in {declared!r}, but {state!r} over {time!r} is in "
@@ -198,7 +195,7 @@ class _Walk:
         return _Quantity(None if None in units else reduce(mul, units), free)
 
     def power(self, expr: sympy.Basic) -> _Quantity:
-        base, exponent = expr.args
+        base, exponent = cast(Any, expr.args)
         quantity = self.quantity(base)
         if exponent.is_number:
             return _Quantity(
@@ -221,18 +218,19 @@ class _Walk:
             if unit is not None and other_unit is not None and not _same(unit, other_unit):
                 raise InputError(
                     f"The term {self.name!r} puts together {to_text(first)} in {_shown(unit)} and "
-                    f"{to_text(other)} in {_shown(other_unit)}; bring them to one unit with a numeric factor, "
-                    "or make them separate terms."
+                    f"{to_text(other)} in {_shown(other_unit)}; bring them to one unit with a numeric "
+                    "factor, or make them separate terms."
                 )
         return _Quantity(None if any(u is None for _, u in fixed) else unit, free=False)
 
     def need_plain(self, expr: sympy.Basic, quantity: _Quantity, where: str) -> None:
         if quantity.free or quantity.unit is None or _same(quantity.unit, self.none):
             return
-        remedy = "pi/180" if quantity.unit == registry().degree else "a number"
+        remedy = "pi/180, which" if quantity.unit == registry().degree else "a number that"
         raise InputError(
-            f"The term {self.name!r} has {to_text(expr)} in {_shown(quantity.unit)} inside {where}, which needs a "
-            f"plain number or an angle in radian; multiply {to_text(expr)} by {remedy} that takes its unit away."
+            f"The term {self.name!r} has {to_text(expr)} in {_shown(quantity.unit)} inside {where}, which "
+            f"needs a plain number or an angle in radian; multiply {to_text(expr)} by {remedy} takes its "
+            "unit away."
         )
 
 

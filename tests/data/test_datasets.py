@@ -4,6 +4,7 @@ import sys
 
 import numpy as np
 import pytest
+
 from bayes_greybox.data.datasets import FOLDER_VARIABLE, dataset_table, load_dataset, search_folders
 from bayes_greybox.data.errors import InputError
 

@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.filters import differentiation_matrix, filter_taps, savgol_window, spectral_derivative
 from bayes_greybox.data.trajectories import Trajectories

@@ -6,6 +6,7 @@ import pandas as pd
 import pytest
 import scipy.io
 import xarray as xr
+
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.tables import read_table
 

@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
 

@@ -14,11 +14,10 @@ from bayes_greybox.physics.expressions import (
     check_expression,
     evaluate,
     parse_expression,
-    symbol,
     symbol_names,
-    to_latex,
-    to_text,
 )
+from bayes_greybox.physics.grammar import symbol
+from bayes_greybox.physics.printing import to_latex, to_text
 
 NAMES = ("y", "ydot", "F")
 # Both signs, zero, and sizes on both sides of one.

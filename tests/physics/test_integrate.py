@@ -30,8 +30,8 @@ def test_tolerance_does_not_depend_on_the_unit():
     runs = [
         integrate(_harmonic, t, np.array([size, 0.0]), args=1.0).states / size for size in (1e-9, 1.0, 1e9)
     ]
-    np.testing.assert_allclose(runs[0], runs[1], rtol=1e-9, atol=1e-12)
-    np.testing.assert_allclose(runs[2], runs[1], rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(runs[0], runs[1], rtol=1e-6, atol=1e-6)
+    np.testing.assert_allclose(runs[2], runs[1], rtol=1e-6, atol=1e-6)
 
 
 @pytest.mark.parametrize("x0", [0.1, 0.37, 2.0])
@@ -52,6 +52,15 @@ def test_undefined_right_hand_side_and_spent_budget_are_results():
     assert np.isfinite(path.states[:10]).all() and np.isnan(path.states[11:]).all()
     path = integrate(_harmonic, t * 100, np.array([1.0, 0.0]), args=1.0, max_steps=20)
     assert 0.0 < float(path.failed_at) < 200.0 and np.isnan(path.states[-1]).all()
+
+
+def test_jumps_in_the_right_hand_side_are_crossed():
+    # x' = 2 - sign(x) from -1 climbs at rate 3 until t = 1/3, then at rate 1.
+    t = np.linspace(0.0, 2.0, 21)
+    path = integrate(lambda t, x, u, args: 2.0 - jnp.sign(x), t, np.array([-1.0]))
+    np.testing.assert_allclose(path.states[:, 0], np.minimum(3 * t - 1, t - 1 / 3), atol=1e-7)
+    step = integrate(lambda t, x, u, args: jnp.where(t > 0.777, 1.0, 0.0) * jnp.ones(1), t, np.array([1.0]))
+    np.testing.assert_allclose(step.states[:, 0], 1.0 + np.maximum(t - 0.777, 0.0), atol=1e-7)
 
 
 def test_one_failing_draw_leaves_the_others_alone():
@@ -96,6 +105,6 @@ def test_shapes_that_do_not_fit_are_refused():
     with pytest.raises(InputError, match="two times"):
         integrate(_square, np.zeros(1), np.ones(1), args=1.0)
     with pytest.raises(InputError, match="'cubic'"):
-        interpolant(np.arange(5.0), np.ones((5, 1)), kind="cubic2")  # type: ignore[arg-type]
+        interpolant(np.arange(5.0), np.ones((5, 1)), kind="cubic2")
     with pytest.raises(InputError, match="four samples"):
         interpolant(np.arange(3.0), np.ones((3, 1)), kind="cubic")

@@ -7,7 +7,8 @@ from bayes_greybox.physics.terms import Dictionary, Term
 from bayes_greybox.physics.units import check_units, coefficient_unit, derivative_unit, parse_unit, term_unit
 
 UNITS = {
-    "t": "s", "y": "m", "ydot": "m/s", "F": "N", "phi": "rad", "psi": "degree", "r": "1", "q": "mm", "share": "percent"
+    "t": "s", "y": "m", "ydot": "m/s", "F": "N", "phi": "rad", "psi": "degree", "r": "1", "q": "mm",
+    "share": "percent",
 }  # fmt: skip
 
 

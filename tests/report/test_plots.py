@@ -4,6 +4,9 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 import pytest
+from matplotlib.collections import LineCollection, PolyCollection, QuadMesh
+from matplotlib.figure import Figure
+
 from bayes_greybox.criticism.grid import DiscrepancyGrid
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.report.plots import (
@@ -17,8 +20,6 @@ from bayes_greybox.report.plots import (
 )
 from bayes_greybox.report.plots.coefficients import estimate_text
 from bayes_greybox.report.plots.style import formula_or_name, unit_text
-from matplotlib.collections import LineCollection, PolyCollection, QuadMesh
-from matplotlib.figure import Figure
 
 
 def texts(figure: Figure) -> list[str]:

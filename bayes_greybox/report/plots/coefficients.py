@@ -7,6 +7,10 @@ from typing import Any, Literal
 import matplotlib as mpl
 import numpy as np
 import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import FixedLocator, MaxNLocator
+
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.report.plots.style import (
     BLUE,
@@ -24,9 +28,6 @@ from bayes_greybox.report.plots.style import (
     plain,
     unit_text,
 )
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.ticker import FixedLocator, MaxNLocator
 
 _PROBABILITY_LABEL = {"inclusion": "P(included)", "outside_rope": "P(|θ| > ROPE)"}
 # Beyond this ratio of the largest to the smallest clear coefficient a linear axis hides the small ones.

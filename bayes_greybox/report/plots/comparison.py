@@ -5,6 +5,10 @@ from collections.abc import Sequence
 import matplotlib as mpl
 import numpy as np
 import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.report.plots.style import (
     BLUE,
@@ -18,9 +22,6 @@ from bayes_greybox.report.plots.style import (
     new_figure,
     plain,
 )
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
 
 # Above this Pareto shape the importance sampling behind a row's elpd is not to be trusted
 # (Vehtari, Simpson, Gelman, Yao & Gabry 2024).

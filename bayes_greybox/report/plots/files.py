@@ -4,8 +4,9 @@ import os
 from collections.abc import Mapping
 from pathlib import Path
 
-from bayes_greybox.data.errors import InputError
 from matplotlib.figure import Figure
+
+from bayes_greybox.data.errors import InputError
 
 
 def save_figures(figures: Mapping[str, Figure], folder: str | os.PathLike[str]) -> dict[str, Path]:

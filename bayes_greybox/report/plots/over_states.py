@@ -4,6 +4,14 @@ from collections.abc import Sequence
 
 import matplotlib as mpl
 import numpy as np
+from jaxtyping import Bool, Float
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.colors import Colormap, LinearSegmentedColormap
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+
 from bayes_greybox.criticism.grid import DiscrepancyGrid
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.report.plots.style import (
@@ -20,13 +28,6 @@ from bayes_greybox.report.plots.style import (
     with_unit,
 )
 from bayes_greybox.report.plots.thinning import every_nth
-from jaxtyping import Bool, Float
-from matplotlib.artist import Artist
-from matplotlib.axes import Axes
-from matplotlib.colors import Colormap, LinearSegmentedColormap
-from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
-from matplotlib.patches import Patch
 
 _MOST_POINTS = 2000
 

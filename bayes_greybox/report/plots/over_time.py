@@ -4,6 +4,10 @@ from collections.abc import Sequence
 
 import matplotlib as mpl
 import numpy as np
+from jaxtyping import Float, Int
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
 from bayes_greybox.report.plots.style import (
     BLUE,
     DARK,
@@ -17,9 +21,6 @@ from bayes_greybox.report.plots.style import (
     with_unit,
 )
 from bayes_greybox.report.plots.thinning import extreme_rows, outer_band
-from jaxtyping import Float, Int
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 MOST_PANELS = 6
 # Bins of a long record: about one a pixel column of a notebook figure.

@@ -4,6 +4,11 @@ from collections.abc import Sequence
 
 import matplotlib as mpl
 import numpy as np
+from jaxtyping import Float, Int
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
 from bayes_greybox.report.plots.over_time import N_BIN, draw_posterior, name_run, rows_of_runs
 from bayes_greybox.report.plots.style import (
     BLUE,
@@ -18,10 +23,6 @@ from bayes_greybox.report.plots.style import (
     with_unit,
 )
 from bayes_greybox.report.plots.thinning import extreme_rows
-from jaxtyping import Float, Int
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
 
 # Beyond these numbers of rows points merge into a blot: along time a line, across a density.
 _MOST_MARKERS = 2000

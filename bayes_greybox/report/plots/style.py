@@ -6,12 +6,13 @@ from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
-from bayes_greybox.data.errors import InputError
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.mathtext import MathTextParser
+
+from bayes_greybox.data.errors import InputError
 
 # Okabe & Ito's colour-blind-safe palette; blue and orange also differ in lightness.
 BLUE = "#0072B2"

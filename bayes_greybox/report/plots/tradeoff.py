@@ -4,6 +4,10 @@ from collections.abc import Sequence
 
 import matplotlib as mpl
 import numpy as np
+from jaxtyping import Bool, Float
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
 from bayes_greybox.report.plots.style import (
     BLUE,
     DARK,
@@ -18,9 +22,6 @@ from bayes_greybox.report.plots.style import (
     with_unit,
 )
 from bayes_greybox.report.plots.thinning import every_nth
-from jaxtyping import Bool, Float
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 _MOST_POINTS = 4000
 _N_BIN = 40

@@ -1,0 +1,32 @@
+"""Find, name and add the physics a simulation is missing, with honest uncertainty.
+
+The public names are listed in the stub beside this file; each is imported when it is first used.
+"""
+
+import importlib
+from typing import Any
+
+import lazy_loader
+
+_named, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+
+# The stub's loader reads names from modules; a submodule that nobody has imported yet is no such name.
+_MODULES = {"systems": "physics", "figures": "report", "plots": "report"}
+
+
+def __getattr__(name: str) -> Any:
+    if name == "__version__":
+        return _version()
+    if name in _MODULES:
+        return importlib.import_module(f"{__name__}.{_MODULES[name]}.{name}")
+    return _named(name)
+
+
+def _version() -> str:
+    # Imported here because it is slow and seldom needed.
+    from importlib.metadata import PackageNotFoundError, version
+
+    try:
+        return version("bayes-greybox")
+    except PackageNotFoundError:
+        return "unknown (not installed)"

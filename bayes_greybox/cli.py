@@ -1,0 +1,233 @@
+"""The command bayes-greybox; JAX and all that needs it are imported inside the commands."""
+
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+import bayes_greybox as bg
+from bayes_greybox.data.errors import InputError
+
+if TYPE_CHECKING:
+    from bayes_greybox.config import Config
+
+DONE, BAD_INPUT, NOT_CONVERGED = 0, 2, 3
+"""Exit codes; 3 means that results were written but the verdict on convergence is bad."""
+
+app = typer.Typer(
+    name="bayes-greybox",
+    help="Find, name and add the physics a simulation is missing, with honest uncertainty.",
+    epilog="Exit codes: 0 done, 2 bad input, 3 done but the sampler did not converge.",
+    add_completion=False,
+    rich_markup_mode=None,
+    pretty_exceptions_enable=False,
+)
+
+Output = Annotated[
+    Path | None, typer.Option("--output", "-o", help="Folder for the results, instead of the config's own.")
+]
+Seed = Annotated[int | None, typer.Option(help="Seed, instead of the config's own.")]
+Draws = Annotated[int | None, typer.Option(help="Posterior draws of each chain.")]
+Tune = Annotated[int | None, typer.Option(help="Warm-up draws of each chain.")]
+Chains = Annotated[int | None, typer.Option(help="Number of chains.")]
+NoProgress = Annotated[bool, typer.Option("--no-progress", help="Show no progress bar.")]
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Show nothing but errors.")]
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line.
+
+    Args:
+        arguments: Words after the program's name; those of the process by default.
+
+    Returns:
+        The exit code.
+    """
+    try:
+        words = list(sys.argv[1:] if arguments is None else arguments) or ["--help"]
+        return int(app(words, prog_name="bayes-greybox", standalone_mode=False) or DONE)
+    except InputError as error:
+        return _refused(str(error))
+    except typer.Abort:
+        return 130
+    except Exception as error:
+        # A wrong option or argument; Typer's class for these has changed its home, its method has not.
+        message = getattr(error, "format_message", None)
+        if message is None:
+            raise
+        return _refused(message())
+
+
+@app.command()
+def fit(
+    config: Annotated[Path, typer.Argument(help="Configuration file (TOML).")],
+    output: Output = None,
+    seed: Seed = None,
+    draws: Draws = None,
+    tune: Tune = None,
+    chains: Chains = None,
+    no_progress: NoProgress = False,
+    quiet: Quiet = False,
+) -> int:
+    """Fit the model of a configuration file and write the results to a folder.
+
+    The folder gets run.nc (the whole fit), summary.json (verdict, coefficients, discrepancy), the figures
+    and a copy of the configuration.
+    """
+    settings = _configured(config, seed=seed, draws=draws, tune=tune, chains=chains)
+    from bayes_greybox.report.folder import output_folder, staged
+
+    with output_folder(output or settings.folder) as folder:
+        train, test = settings.read_data()
+        model = settings.build_model()
+        start = time.perf_counter()
+        result = model.fit(train, **settings.sampling.model_dump(), progress=not (no_progress or quiet))
+        seconds = time.perf_counter() - start
+        # The fit first, by itself: nothing that fails later may cost what the sampler found.
+        with staged(folder) as place:
+            result.save(place / "run.nc")
+            (place / "config.toml").write_text(settings.text, encoding="utf-8", newline="")
+        held_out = None if test is None else result.predict(test).nmse()
+
+        from bayes_greybox.report.record import run_record, write_json
+
+        with staged(folder) as place:
+            record = run_record(result, settings.sampling.model_dump(), seconds, held_out)
+            write_json(place / "summary.json", {"config": settings.file, **record})
+        if settings.output.figures:
+            bg.plots.save_figures(bg.figures.fit_figures(result), folder / "figures")
+    if not quiet:
+        from bayes_greybox.report.terminal import fit_tables
+
+        _show(*fit_tables(result, held_out), f"Results are in {folder}.")
+    return DONE if result.verdict.ok else NOT_CONVERGED
+
+
+@app.command()
+def compare(
+    files: Annotated[
+        list[Path],
+        typer.Argument(help="A configuration file with [models.NAME], or two or more saved fits (.nc)."),
+    ],
+    output: Output = None,
+    scheme: Annotated[str | None, typer.Option(help="What is left out: loo, block or trajectory.")] = None,
+    seed: Seed = None,
+    draws: Draws = None,
+    tune: Tune = None,
+    chains: Chains = None,
+    no_progress: NoProgress = False,
+    quiet: Quiet = False,
+) -> int:
+    """Compare models by how well they predict data that are left out.
+
+    The models of a configuration file are fitted first, and its folder gets NAME.nc for each of them,
+    summary.json, a figure and a copy of the configuration. Saved fits are compared as they are; results are
+    written if --output is given.
+    """
+    sampling = {"seed": seed, "draws": draws, "tune": tune, "chains": chains}
+    saved = [file.suffix == ".nc" for file in files]
+    if any(saved):
+        if not all(saved) or len(files) < 2:
+            raise InputError("compare takes one configuration file, or two or more saved fits (*.nc).")
+        given = [f"--{name}" for name, value in sampling.items() if value is not None]
+        if given:
+            raise InputError(
+                f"{given[0]} does not apply to saved fits, which are not sampled again; leave it out."
+            )
+        return _compare_saved(files, output, scheme or "loo", quiet)
+    if len(files) > 1:
+        raise InputError("compare takes one configuration file, or two or more saved fits (*.nc).")
+    settings = _configured(files[0], **sampling)
+    return _compare_configured(settings, output, scheme, not (no_progress or quiet), quiet)
+
+
+@app.command()
+def datasets() -> int:
+    """List the measured benchmark data sets and where they were found."""
+    from bayes_greybox.report.terminal import datasets_table
+
+    _show(datasets_table(bg.dataset_table()))
+    return DONE
+
+
+def _compare_configured(
+    settings: "Config", output: Path | None, scheme: str | None, progress: bool, quiet: bool
+) -> int:
+    if len(settings.models) < 2:
+        raise InputError(
+            f"compare needs two or more models, and {settings.file} has {len(settings.models)}: add tables "
+            'such as [models.laplace] with prior = { kind = "laplace" }.'
+        )
+    from bayes_greybox.report.folder import output_folder, staged
+    from bayes_greybox.report.record import comparison_record, write_json
+
+    with output_folder(output or settings.folder) as folder:
+        train, _ = settings.read_data()
+        models = {name: settings.build_model(name) for name in settings.models}
+        fits = {}
+        for name, model in models.items():
+            if not quiet:
+                typer.echo(f"Model {name}")
+            fits[name] = model.fit(train, **settings.sampling.model_dump(), progress=progress)
+            # Each as soon as it is there: a later failure costs no finished fit.
+            with staged(folder) as place:
+                fits[name].save(place / f"{name}.nc")
+        table = bg.compare(fits, scheme=scheme or settings.compare.scheme)
+        with staged(folder) as place:
+            record = comparison_record(fits, table, settings.sampling.model_dump())
+            write_json(place / "summary.json", {"config": settings.file, **record})
+            (place / "config.toml").write_text(settings.text, encoding="utf-8", newline="")
+        if settings.output.figures:
+            bg.plots.save_figures({"comparison": bg.plots.plot_comparison(table)}, folder / "figures")
+    return _compared(fits, table, folder, quiet)
+
+
+def _compare_saved(files: Sequence[Path], output: Path | None, scheme: str, quiet: bool) -> int:
+    from bayes_greybox.report.folder import output_folder, staged
+    from bayes_greybox.report.record import comparison_record, write_json
+
+    fits = dict(zip(_fit_names(files), (bg.load(file) for file in files), strict=True))
+    if output is None:
+        return _compared(fits, bg.compare(fits, scheme=scheme), None, quiet)
+    with output_folder(output) as folder:
+        table = bg.compare(fits, scheme=scheme)
+        with staged(folder) as place:
+            write_json(place / "summary.json", comparison_record(fits, table, None))
+        bg.plots.save_figures({"comparison": bg.plots.plot_comparison(table)}, folder / "figures")
+    return _compared(fits, table, folder, quiet)
+
+
+def _compared(fits: dict[str, Any], table: Any, folder: Path | None, quiet: bool) -> int:
+    if not quiet:
+        from bayes_greybox.report.terminal import comparison_tables
+
+        _show(*comparison_tables(fits, table), *([] if folder is None else [f"Results are in {folder}."]))
+    return DONE if all(result.verdict.ok for result in fits.values()) else NOT_CONVERGED
+
+
+def _fit_names(files: Sequence[Path]) -> list[str]:
+    """Names that tell saved fits apart: of the file, of its folder where the file is a plain run.nc."""
+    names = [file.resolve().parent.name if file.stem == "run" else file.stem for file in files]
+    return names if len(set(names)) == len(names) else [str(file) for file in files]
+
+
+def _configured(file: Path, **sampling: int | None) -> "Config":
+    from bayes_greybox.config import load_config
+
+    return load_config(file).with_sampling(**sampling)
+
+
+def _show(*parts: Any) -> None:
+    from rich.console import Console
+
+    console = Console(highlight=False)
+    for part in parts:
+        console.print(part)
+
+
+def _refused(message: str) -> int:
+    typer.echo(f"Error: {' '.join(message.split())}", err=True)
+    return BAD_INPUT

@@ -1,0 +1,170 @@
+"""The whole file: sections, and what is built from them."""
+
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, PrivateAttr, ValidationError, field_validator
+
+import bayes_greybox as bg
+from bayes_greybox.config.parts import Dictionary, Discrepancy, Prior
+from bayes_greybox.config.section import Count, Positive, Section, sentence, wrong
+from bayes_greybox.config.sources import Data
+from bayes_greybox.data.errors import InputError
+
+
+class Noise(Section):
+    """[noise]: the measurement noise of the derivatives, over the RMS of the target (see `GreyBox`)."""
+
+    floor: Positive | None = None
+    scale: Positive | None = None
+
+    def arguments(self) -> dict[str, float]:
+        """Arguments of `GreyBox`, for the keys that the file has."""
+        names = {"floor": "noise_floor", "scale": "noise"}
+        return {names[key]: value for key, value in self.given().items()}
+
+
+class Sampling(Section):
+    """[sampling]: arguments of `GreyBox.fit`."""
+
+    draws: Count = 1000
+    tune: Annotated[int, Field(ge=0)] = 1000
+    chains: Count = 4
+    seed: Annotated[int, Field(ge=0)] = 0
+    target_accept: Annotated[float, Field(gt=0, lt=1)] = 0.9
+
+
+class Output(Section):
+    """[output]: where results go, relative to the folder that the command is run in."""
+
+    folder: str | None = None
+    figures: bool = True
+
+
+class Compare(Section):
+    """[compare]: how models are compared."""
+
+    scheme: Literal["loo", "block", "trajectory"] = "loo"
+
+
+class Model(Section):
+    """[models.NAME]: the sections in which one model of a comparison differs from the file's own."""
+
+    dictionary: Dictionary | None = None
+    prior: Prior | None = None
+    discrepancy: Discrepancy | None = None
+
+
+class Config(Section):
+    """A configuration file, checked; read one with `load_config`."""
+
+    data: Data
+    simulation: dict[str, str] = {}
+    dictionary: Dictionary
+    prior: Prior | None = None
+    discrepancy: Discrepancy = Discrepancy()
+    noise: Noise = Noise()
+    sampling: Sampling = Sampling()
+    output: Output = Output()
+    compare: Compare = Compare()
+    models: dict[str, Model] = {}
+
+    _path: Path = PrivateAttr(default=Path("config.toml"))
+    _text: str = PrivateAttr(default="")
+
+    @field_validator("models")
+    @classmethod
+    def _check_models(cls, models: dict[str, Model]) -> dict[str, Model]:
+        for name in models:
+            if not name.strip() or name.startswith(".") or set(name) & set('/\\:*?"<>|\0'):
+                raise wrong(f"{name!r} cannot name a model, because files are named after it")
+        return models
+
+    @property
+    def file(self) -> str:
+        """Name of the file."""
+        return self._path.name
+
+    @property
+    def text(self) -> str:
+        """The file as it was read."""
+        return self._text
+
+    @property
+    def folder(self) -> Path:
+        """Where results go: as the file says, else runs/<name>."""
+        return Path(self.output.folder or Path("runs") / self._path.stem)
+
+    def read_data(self) -> "tuple[bg.Trajectories, bg.Trajectories | None]":
+        """Training data and, where the file asks for them, held-out data.
+
+        Raises:
+            InputError: If the data cannot be read or used.
+        """
+        return self.data.read(self._path.parent)
+
+    def build_model(self, name: str | None = None) -> "bg.GreyBox":
+        """The model of the file, or one of its [models].
+
+        Args:
+            name: One of the keys of `models`; None for the file's own.
+
+        Raises:
+            InputError: If there is no such model, or its parts do not fit together.
+        """
+        if name is not None and name not in self.models:
+            raise InputError(f"There is no model {name!r}; there are {', '.join(self.models) or 'none'}.")
+        own = self.models[name] if name is not None else Model()
+        prior = own.prior or self.prior
+        dictionary = own.dictionary or self.dictionary
+        return bg.GreyBox(
+            dictionary={state: terms.build() for state, terms in dictionary.items()},
+            simulation=dict(self.simulation) or None,
+            prior=bg.SpikeAndSlab() if prior is None else prior.build(),
+            discrepancy=(own.discrepancy or self.discrepancy).build(),
+            **self.noise.arguments(),
+        )
+
+    def with_sampling(self, **settings: int | None) -> "Config":
+        """The same configuration with some settings of [sampling] replaced.
+
+        Raises:
+            InputError: If a value cannot be used.
+        """
+        chosen = {key: value for key, value in settings.items() if value is not None}
+        try:
+            sampling = Sampling.model_validate({**self.sampling.given(), **chosen})
+        except ValidationError as error:
+            raise InputError(sentence(error)) from None
+        return self.model_copy(update={"sampling": sampling})
+
+
+def load_config(path: str | Path) -> Config:
+    """Read and check a configuration file.
+
+    Args:
+        path: The TOML file; paths in it are relative to its folder.
+
+    Raises:
+        InputError: If the file cannot be read, is not TOML, or has an unknown key or a value that cannot be
+            used; the message names the file and the place.
+    """
+    path = Path(path)
+    try:
+        text = path.read_bytes().decode("utf-8-sig")
+        content: Mapping[str, Any] = tomllib.loads(text)
+        config = Config.model_validate(content)
+    except FileNotFoundError:
+        raise InputError(f'There is no configuration file "{path}"; check the path.') from None
+    except OSError as error:
+        raise InputError(f'"{path}" cannot be read ({error.strerror}); give a TOML file.') from None
+    except UnicodeDecodeError as error:
+        raise InputError(f'"{path}" is not UTF-8 text (at byte {error.start}); give a TOML file.') from None
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f'"{path}" is not valid TOML: {error}; correct that line.') from None
+    except ValidationError as error:
+        raise InputError(f'"{path}": {sentence(error)}') from None
+    config._path, config._text = path, text
+    return config

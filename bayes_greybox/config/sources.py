@@ -1,0 +1,213 @@
+"""[data]: measurements from a table, a benchmark data set or a simulated system."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
+
+import bayes_greybox as bg
+from bayes_greybox.config.section import Count, NotNegative, Positive, Section, wrong
+from bayes_greybox.data.errors import InputError
+
+
+class Differentiate(Section):
+    """[data.differentiate]: arguments of `Trajectories.differentiate`."""
+
+    method: Literal["savgol", "bandlimited", "spectral"] = "savgol"
+    rates: dict[str, str] = {}
+    window: Count | None = None
+    polyorder: Count | None = None
+    band: Positive | None = None
+    white_share: Positive | None = None
+
+
+class Source(Section):
+    """What every kind of [data] may have."""
+
+    differentiate: Differentiate | None = None
+    test_fraction: Annotated[float, Field(gt=0, lt=1)] | None = None
+    split_by: Literal["time", "trajectory"] = "time"
+
+    @model_validator(mode="after")
+    def _check_test(self) -> Any:
+        if self.test_fraction is not None and self.held_out:
+            raise wrong("give either test_fraction or the table test, not both")
+        return self
+
+    @property
+    def held_out(self) -> bool:
+        """Whether there is a table [data.test]."""
+        return getattr(self, "test", None) is not None
+
+    def read(self, folder: Path) -> "tuple[bg.Trajectories, bg.Trajectories | None]":
+        """Training data and, where the file asks for them, held-out data."""
+        first = self.load(folder, test=False)
+        second = self.load(folder, test=True) if self.held_out else None
+        if self.test_fraction is not None:
+            first, second = first.split(1.0 - self.test_fraction, by=self.split_by)
+        if self.differentiate is not None:
+            # After the split, because filtered rows share samples with their neighbours.
+            settings = self.differentiate.given()
+            first = first.differentiate(**settings)
+            second = None if second is None else second.differentiate(**settings)
+        return first, second
+
+    def load(self, folder: Path, *, test: bool) -> "bg.Trajectories":
+        """The measurements as they are, of the training or of the held-out data."""
+        raise NotImplementedError
+
+
+class TableTest(Section):
+    """[data.test] of a table: another file with the same columns."""
+
+    path: str
+
+
+class TableSource(Source):
+    """[data] with path: arguments of `read_table`."""
+
+    path: str
+    time: str | None = None
+    dt: Positive | None = None
+    states: Annotated[list[str] | dict[str, str], BeforeValidator(lambda v: _names(v))]
+    inputs: Annotated[list[str] | dict[str, str], BeforeValidator(lambda v: _names(v))] = []
+    derivatives: dict[str, str] = {}
+    trajectory: str | None = None
+    units: dict[str, str] = {}
+    missing: Literal["error", "drop"] = "error"
+    constant: Literal["error", "keep"] = "error"
+    test: TableTest | None = None
+
+    def load(self, folder: Path, *, test: bool) -> "bg.Trajectories":
+        """Read the file."""
+        settings = self.given("path", "test", "test_fraction", "split_by", "differentiate")
+        if test and self.test is not None:
+            # Held-out runs may well have an input switched off.
+            return bg.read_table(folder / self.test.path, **{"constant": "keep", **settings})
+        return bg.read_table(folder / self.path, **settings)
+
+
+class DatasetTest(Section):
+    """[data.test] of a benchmark data set: another part of it."""
+
+    part: str
+
+
+class DatasetSource(Source):
+    """[data] with dataset: a benchmark data set, its part and its options (see `load_dataset`)."""
+
+    dataset: str
+    part: str | None = None
+    options: dict[str, Any] = {}
+    test: DatasetTest | None = None
+
+    def load(self, folder: Path, *, test: bool) -> "bg.Trajectories":
+        """Load the part."""
+        loaded = bg.load_dataset(self.dataset, **self.options)
+        part = self.test.part if test and self.test is not None else self.part
+        section = "[data.test]" if test else "[data]"
+        if not isinstance(loaded, dict):
+            if part is not None:
+                raise InputError(f"{section} the data set {self.dataset!r} has no parts; leave out part.")
+            return loaded if isinstance(loaded, bg.Trajectories) else loaded.data
+        if part not in loaded:
+            lacks = f"has no part {part!r}" if part is not None else "comes in parts"
+            raise InputError(
+                f"{section} the data set {self.dataset!r} {lacks}; set part to one of {', '.join(loaded)}."
+            )
+        return loaded[part]
+
+
+class TimeRange(Section):
+    """Evenly spaced times from start to stop, both included."""
+
+    start: float = 0.0
+    stop: float
+    points: Annotated[int, Field(ge=4)]
+
+
+class SystemTest(Section):
+    """[data.test] of a simulated system: what differs from the training data."""
+
+    t: TimeRange | None = None
+    x0: Annotated[Any, BeforeValidator(lambda v: _start(v))] = None
+    noise: NotNegative = 0.0
+    noise_on: Literal["derivatives", "states", "both"] = "derivatives"
+    seed: Annotated[int, Field(ge=0)] = 0
+
+
+class SystemSource(Source):
+    """[data] with system: data simulated from a system of `bayes_greybox.systems`."""
+
+    system: Literal["duffing", "lotka_volterra", "oscillator", "pendulum", "two_tanks", "van_der_pol"]
+    parameters: dict[str, float] = {}
+    t: TimeRange | None = None
+    x0: Annotated[Any, BeforeValidator(lambda v: _start(v))] = None
+    noise: NotNegative = 0.0
+    noise_on: Literal["derivatives", "states", "both"] = "derivatives"
+    seed: Annotated[int, Field(ge=0)] = 0
+    test: SystemTest | None = None
+
+    def load(self, folder: Path, *, test: bool) -> "bg.Trajectories":
+        """Simulate the system."""
+        import inspect
+
+        import numpy as np
+
+        build = getattr(bg.systems, self.system)
+        known = list(inspect.signature(build).parameters)
+        for name in self.parameters:
+            if name not in known:
+                raise InputError(
+                    f"[data.parameters] {self.system} has no parameter {name!r}; it has {', '.join(known)}."
+                )
+        names = ("t", "x0", "noise", "noise_on", "seed")
+        settings = {name: getattr(self, name) for name in names}
+        if test and self.test is not None:
+            settings |= {name: getattr(self.test, name) for name in self.test.model_fields_set}
+        t = settings.pop("t")
+        times = None if t is None else np.linspace(t.start, t.stop, t.points)
+        return build(**self.parameters).simulate(times, **settings)
+
+
+def _kinds(given: Any) -> list[str]:
+    return [kind for kind in ("path", "dataset", "system") if kind in given]
+
+
+def _check_kind(given: Any) -> Any:
+    if isinstance(given, Source) or (isinstance(given, Mapping) and len(_kinds(given)) == 1):
+        return given
+    raise wrong(
+        "should be a table with exactly one of path (a file), dataset (a benchmark) and system (a simulation)"
+    )
+
+
+def _tag(given: Any) -> str:
+    return (
+        f"<{_kinds(given)[0]}>" if isinstance(given, Mapping) else f"<{_kinds(type(given).model_fields)[0]}>"
+    )
+
+
+def _names(value: Any) -> Any:
+    items = value.values() if isinstance(value, dict) else value
+    if isinstance(value, list | dict) and all(isinstance(item, str) for item in items):
+        return value
+    raise wrong('should be a list of column names, such as ["y"], or a table of name = "column"')
+
+
+def _start(value: Any) -> Any:
+    rows = value if isinstance(value, list) and value and isinstance(value[0], list | dict) else [value]
+    rows = [list(row.values()) if isinstance(row, dict) else row for row in rows]
+    if all(isinstance(row, list) and row and all(type(x) in (int, float) for x in row) for row in rows):
+        return value
+    raise wrong("should be a list of numbers, one for each state, or a list of such lists, one for each run")
+
+
+Data = Annotated[
+    Annotated[TableSource, Tag("<path>")]
+    | Annotated[DatasetSource, Tag("<dataset>")]
+    | Annotated[SystemSource, Tag("<system>")],
+    Discriminator(_tag),
+    BeforeValidator(_check_kind),
+]

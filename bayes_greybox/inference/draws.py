@@ -1,0 +1,113 @@
+"""Exact draws of what was integrated out: inclusion patterns, coefficients, and the weights or values of f."""
+
+from collections.abc import Callable, Mapping
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+from numpyro.handlers import seed, substitute, trace
+
+from bayes_greybox.model.collapsed import ridge, spike_and_slab
+from bayes_greybox.model.likelihood import CollapsedNormal, Design, FeatureDesign, Hyperparameters
+from bayes_greybox.model.linalg import solve_lower, solve_lower_transposed
+from bayes_greybox.model.subsets import patterns
+
+BATCH = 64
+"""Posterior draws handled at once."""
+
+
+def conditional_draws(
+    model: Callable,
+    designs: Mapping[str, Design],
+    samples: Mapping[str, np.ndarray],
+    key: Array,
+) -> dict[str, np.ndarray]:
+    """Draw γ, θ and f given each posterior draw of the hyperparameters; still exact posterior draws.
+
+    Args:
+        model: The collapsed NumPyro model.
+        designs: Its argument.
+        samples: Its sites, each [n_chain, n_draw, ...].
+        key: Random key.
+
+    Returns:
+        For each equation e, in scaled units: `e_theta`, `e_theta_sd` (prior standard deviation of each coefficient, zero
+        where it is out) and `e_weight` (weights of the features) or `e_f` (values at the rows, exact path); under a
+        spike-and-slab prior also `e_gamma`, and `e_inclusion`, the probability of γ_j = 1 given the hyperparameters.
+    """
+    shape = next(iter(samples.values())).shape[:2]
+    flat = {name: jnp.asarray(value.reshape(-1, *value.shape[2:])) for name, value in samples.items()}
+    keys = jax.random.split(key, shape[0] * shape[1])
+
+    def one(item: tuple[Array, dict[str, Array]]) -> dict[str, Array]:
+        key, values = item
+        sites = trace(seed(substitute(model, data=values), key)).get_trace(designs)
+        drawn = {}
+        for equation, key_e in zip(designs, jax.random.split(key, len(designs)), strict=True):
+            parts = draw_given(key_e, sites[f"{equation}_y"]["fn"], values.get(f"{equation}_gamma"))
+            drawn.update({f"{equation}_{name}": value for name, value in parts.items()})
+        return drawn
+
+    out = jax.jit(lambda items: jax.lax.map(one, items, batch_size=BATCH))((keys, flat))
+    return {name: np.asarray(value).reshape(*shape, *value.shape[1:]) for name, value in out.items()}
+
+
+def draw_given(key: Array, likelihood: CollapsedNormal, gamma: Array | None = None) -> dict[str, Array]:
+    """One draw of γ, θ and f given the hyperparameters of one equation.
+
+    θ | γ, η, y ~ N(sd m, sd (I + sd TᵀT sd)⁻¹ sd), z | θ, η, y ~ N(Z_y − Z_Φ θ, (L Lᵀ)⁻¹).
+
+    Args:
+        key: Random key.
+        likelihood: The likelihood site's distribution, which holds η and the prior scales.
+        gamma: The pattern, where it is a site of the model.
+    """
+    design, hyper, scales = likelihood.design, likelihood.hyper, likelihood.scales
+    key_gamma, key_theta, key_f = jax.random.split(key, 3)
+    remainder, solve = design.remove_discrepancy(design.y, hyper)
+    out: dict[str, Array] = {}
+    sd = scales.sd
+    if scales.log_odds is not None:
+        log_weight = spike_and_slab(remainder, sd, scales.log_odds, design.n_obs)[1]
+        bits = jnp.asarray(patterns(len(sd)))
+        out["inclusion"] = jnp.exp(log_weight) @ bits
+        out["gamma"] = bits[jax.random.categorical(key_gamma, log_weight)]
+        sd = sd * out["gamma"]
+    elif gamma is not None:
+        out["inclusion"] = gamma.astype(float)
+    posterior = ridge(remainder, sd, design.n_obs)
+    u = posterior.mean + solve_lower_transposed(posterior.L, jax.random.normal(key_theta, sd.shape))
+    # An excluded term is exactly zero, not minus zero.
+    theta = jnp.where(sd > 0, sd * u, 0.0)
+    out |= {"theta": theta, "theta_sd": sd}
+    if isinstance(design, FeatureDesign):
+        L, Z = solve
+        z = Z[:, -1] - Z[:, :-1] @ theta + solve_lower_transposed(L, jax.random.normal(key_f, L.shape[:1]))
+        out["weight"] = design.weights(z, hyper)
+    else:
+        points = design.points
+        out["f"] = dense_draw(key_f, design, hyper, theta, points, design.cross_covariance(points, hyper))
+    return out
+
+
+def dense_draw(
+    key: Array,
+    design: Design,
+    hyper: Hyperparameters,
+    theta: Float[Array, " n_term"],
+    left: tuple[Float[Array, "n_left n_var"], Float[Array, "n_left n_rank"]],
+    prior: Float[Array, "n_left n_left"],
+) -> Float[Array, " n_left"]:
+    """Draw f at given points on the exact path: f | θ ~ N(k* C⁻¹ (y − Φθ), k** − k* C⁻¹ k*ᵀ), C = K⊥ + σ² I."""
+    assert not isinstance(design, FeatureDesign)
+    _, L = design.remove_discrepancy(design.y, hyper)
+    cross = design.cross_covariance(left, hyper)
+    if design.whitening is not None:
+        cross = cross @ design.whitening.T
+    half = solve_lower(L, cross.T)
+    mean = half.T @ solve_lower(L, design.y - design.Phi @ theta)
+    covariance = prior - half.T @ half
+    # A difference of covariances: the root by eigenvalues, with those that rounding made negative set to zero.
+    values, vectors = jnp.linalg.eigh(0.5 * (covariance + covariance.T))
+    return mean + vectors @ (jnp.sqrt(jnp.maximum(values, 0.0)) * jax.random.normal(key, mean.shape))

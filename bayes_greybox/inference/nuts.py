@@ -1,0 +1,146 @@
+"""NUTS on a NumPyro model: chains in parallel threads, one compilation, a progress bar, explicit keys."""
+
+import os
+import threading
+from collections.abc import Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+from numpyro.infer.hmc import HMCState
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from threadpoolctl import threadpool_limits
+
+CHUNK = 100
+"""Iterations between two looks at the progress bar."""
+
+
+@dataclass(frozen=True)
+class Chains:
+    """What a run of NUTS returns.
+
+    Attributes:
+        samples: Sites and deterministics in constrained space, each [n_chain, n_draw, ...].
+        stats: Sampler statistics under ArviZ's names, each [n_chain, n_draw].
+    """
+
+    samples: dict[str, np.ndarray]
+    stats: dict[str, np.ndarray]
+
+
+def run_chains(
+    kernel: Any,
+    argument: Any,
+    *,
+    draws: int,
+    tune: int,
+    chains: int,
+    key: Array,
+    progress: bool,
+) -> Chains:
+    """Run an MCMC kernel of NumPyro on a model with one argument.
+
+    NumPyro's `MCMC` runs chains in parallel only over several XLA devices, which a library cannot ask for once JAX is
+    awake, and compiles once a chain otherwise. XLA releases the interpreter lock, so plain threads on one compiled
+    step do the same; a chain's draws depend on its own key alone.
+
+    Args:
+        kernel: `NUTS` or `HMCGibbs` around the model.
+        argument: The model's only positional argument, a pytree of arrays.
+        draws: Draws kept in each chain.
+        tune: Iterations of warm-up.
+        chains: Number of chains.
+        key: Random key, split into one for each chain.
+        progress: Whether to show a progress bar.
+    """
+    keys = jax.random.split(key, chains)
+    states = jax.jit(jax.vmap(lambda key: kernel.init(key, tune, None, (argument,), {})))(keys)
+    first = jax.tree.map(lambda leaf: leaf[0], states)
+    advance = jax.jit(_advancer(kernel)).lower(first, argument, 1).compile()
+    stop = threading.Event()
+
+    with _bar(progress) as bar:
+        task = bar.add_task("Sampling", total=chains * (tune + draws), note="")
+        divergences = np.zeros(chains, int)
+
+        def one_chain(chain: int) -> dict[str, np.ndarray]:
+            state = jax.tree.map(lambda leaf: leaf[chain], states)
+            kept = []
+            for start, length in [*_chunks(0, tune), *_chunks(tune, tune + draws)]:
+                if stop.is_set():
+                    break
+                state, record = advance(state, argument, length)
+                record = {name: np.asarray(value)[:length] for name, value in record.items()}
+                if start >= tune:
+                    kept.append(record)
+                    divergences[chain] += int(record["diverging"].sum())
+                total = int(divergences.sum())
+                bar.update(task, advance=length, note=f"{total} divergences" if total else "")
+            return {name: np.concatenate([part[name] for part in kept]) for name in kept[0]}
+
+        # Threads inside BLAS would fight those of the chains over the cores, for matrices too small to share.
+        with threadpool_limits(1), ThreadPoolExecutor(min(chains, os.cpu_count() or 1)) as pool:
+            try:
+                records = list(pool.map(one_chain, range(chains)))
+            except BaseException:
+                stop.set()
+                raise
+
+    stacked = {name: np.stack([record[name] for record in records]) for name in records[0]}
+    unconstrained = {name[2:]: stacked.pop(name) for name in list(stacked) if name.startswith("z:")}
+    constrain = jax.jit(jax.vmap(jax.vmap(kernel.postprocess_fn((argument,), {}))))
+    samples = {name: np.asarray(value) for name, value in constrain(unconstrained).items()}
+    return Chains(samples, stacked)
+
+
+def _advancer(kernel: Any) -> Callable:
+    """Up to CHUNK iterations of the kernel, recording each."""
+
+    def advance(state: Any, argument: Any, length: Array) -> tuple[Any, dict[str, Array]]:
+        record = jax.tree.map(lambda leaf: jnp.zeros((CHUNK, *leaf.shape), leaf.dtype), _record(state))
+
+        def body(i: Array, carry: tuple) -> tuple:
+            state, record = carry
+            state = kernel.sample(state, (argument,), {})
+            return state, jax.tree.map(lambda buffer, leaf: buffer.at[i].set(leaf), record, _record(state))
+
+        return jax.lax.fori_loop(0, length, body, (state, record))
+
+    return advance
+
+
+def _record(state: Any) -> dict[str, Array]:
+    is_hmc = lambda node: isinstance(node, HMCState)  # noqa: E731
+    hmc = next(leaf for leaf in jax.tree.leaves(state, is_leaf=is_hmc) if is_hmc(leaf))
+    positions: Mapping[str, Array] = state.z
+    return {
+        **{f"z:{name}": value for name, value in positions.items()},
+        "diverging": hmc.diverging,
+        "acceptance_rate": hmc.accept_prob,
+        "energy": hmc.energy,
+        "lp": -hmc.potential_energy,
+        "n_steps": hmc.num_steps,
+        "tree_depth": jnp.ceil(jnp.log2(hmc.num_steps + 1.0)).astype(int),
+        "step_size": hmc.adapt_state.step_size,
+    }
+
+
+def _chunks(start: int, stop: int) -> list[tuple[int, int]]:
+    return [(i, min(CHUNK, stop - i)) for i in range(start, stop, CHUNK)]
+
+
+def _bar(show: bool) -> Progress:
+    return Progress(
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeRemainingColumn(),
+        TextColumn("{task.fields[note]}"),
+        disable=not show,
+    )
+
+

@@ -1,0 +1,230 @@
+"""The posterior: one NUTS run and its exact conditional draws, kept as an ArviZ DataTree in user's units."""
+
+import importlib.metadata
+import platform
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+import xarray as xr
+from jaxtyping import Float
+from numpyro.infer import NUTS, HMCGibbs, Predictive
+
+from bayes_greybox.data.errors import InputError
+from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.model.assemble import Equation
+from bayes_greybox.model.likelihood import Hyperparameters
+from bayes_greybox.model.program import Program, measured_rate
+
+from .draws import conditional_draws
+from .gibbs import gamma_move
+from .nuts import run_chains
+from .logprior import log_prior_densities
+
+PRIOR_DRAWS = 500
+"""Draws in the `prior` group."""
+
+
+@dataclass(frozen=True)
+class Sampling:
+    """Settings of a run.
+
+    Attributes:
+        draws: Draws kept in each chain.
+        tune: Warm-up iterations of each chain.
+        chains: Number of chains.
+        seed: Seed of everything random in the run.
+        target_accept: Target acceptance probability of NUTS.
+    """
+
+    draws: int = 1000
+    tune: int = 1000
+    chains: int = 4
+    seed: int = 0
+    target_accept: float = 0.9
+
+    def __post_init__(self) -> None:
+        for field in ("draws", "tune", "chains"):
+            if getattr(self, field) < 1:
+                raise InputError(f"{field}={getattr(self, field)} must be at least 1.")
+        if not 0 < self.target_accept < 1:
+            raise InputError(f"target_accept={self.target_accept:g} must lie between 0 and 1.")
+
+
+class EquationDraws(NamedTuple):
+    """Posterior draws of one equation in scaled units, chains flattened: what the mathematics works with.
+
+    Attributes:
+        hyper: Noise SD [n_draw], amplitude [n_draw] and length scales [n_draw, n_var].
+        theta: Coefficients [n_draw, n_term].
+        prior_sd: Prior standard deviation of each coefficient, zero where it is out [n_draw, n_term].
+        weight: Feature weights [n_draw, n_basis]; no columns on the exact path or without a discrepancy.
+    """
+
+    hyper: Hyperparameters
+    theta: Float[np.ndarray, "n_draw n_term"]
+    prior_sd: Float[np.ndarray, "n_draw n_term"]
+    weight: Float[np.ndarray, "n_draw n_basis"]
+
+
+@dataclass(frozen=True)
+class Posterior:
+    """A fitted model.
+
+    Attributes:
+        model: The model that was fitted.
+        data: Training data.
+        sampling: Settings of the run.
+        idata: DataTree in the InferenceData schema. For each equation e the `posterior` group has `e_theta` (user's
+            units), `e_sigma`, `e_amplitude`, `e_length_scale` (user's units), `e_prior_sd` and the scales of the prior
+            (scaled units), `e_weight` or `e_f`, and under a spike-and-slab prior `e_gamma` and `e_inclusion`.
+    """
+
+    model: Program
+    data: Trajectories
+    sampling: Sampling
+    idata: xr.DataTree
+
+    @cached_property
+    def equations(self) -> Mapping[str, Equation]:
+        """Frames and designs by equation, rebuilt from the data."""
+        return self.model.assemble(self.data)
+
+    def draws(self, equation: str, at_most: int | None = None) -> EquationDraws:
+        """Draws of one equation in scaled units, chains flattened, evenly thinned to `at_most`."""
+        frame = self.equations[equation].frame
+        group = self.idata["posterior"].dataset
+        n_draw = group.sizes["chain"] * group.sizes["draw"]
+        index = np.arange(n_draw)
+        if at_most is not None and n_draw > at_most:
+            index = np.linspace(0, n_draw - 1, at_most).round().astype(int)
+
+        def flat(name: str, n_column: int | None = None) -> np.ndarray:
+            name = f"{equation}_{name}"
+            if name not in group:
+                return np.ones(len(index)) if n_column is None else np.zeros((len(index), n_column))
+            values = group[name].to_numpy()
+            return values.reshape(n_draw, *values.shape[2:])[index]
+
+        # Without a discrepancy there is neither amplitude nor length scale; the placeholders multiply no features.
+        return EquationDraws(
+            Hyperparameters(
+                flat("sigma") / frame.target_scale,
+                flat("amplitude") / frame.target_scale,
+                flat("length_scale", len(frame.variables)) / frame.half_width,
+            ),
+            flat("theta") / frame.coefficient_scale,
+            flat("prior_sd"),
+            flat("weight", 0) / frame.target_scale,
+        )
+
+
+def sample_posterior(
+    model: Program, data: Trajectories, sampling: Sampling, *, progress: bool = True, equations: Any = None
+) -> Posterior:
+    """Fit: assemble the designs, run NUTS on the hyperparameters, draw the rest exactly.
+
+    Args:
+        model: Model.
+        data: Training data.
+        sampling: Settings; the same seed gives the same posterior.
+        progress: Whether to show a progress bar.
+        equations: Frames and designs to use instead of `model.assemble(data)` (for refits that leave rows out).
+
+    Raises:
+        InputError: What `model.assemble` refuses.
+    """
+    equations = model.assemble(data) if equations is None else equations
+    designs = {name: equation.design for name, equation in equations.items()}
+    run_key, draw_key, prior_key = jax.random.split(jax.random.PRNGKey(sampling.seed), 3)
+
+    kernel: Any = NUTS(model.numpyro_model, target_accept_prob=sampling.target_accept)
+    with_gamma = model.gibbs_equations(designs)
+    if with_gamma:
+        move = gamma_move(model.numpyro_model, designs, with_gamma)
+        kernel = HMCGibbs(kernel, gibbs_fn=move, gibbs_sites=[f"{name}_gamma" for name in with_gamma])
+    chains = run_chains(
+        kernel,
+        designs,
+        draws=sampling.draws,
+        tune=sampling.tune,
+        chains=sampling.chains,
+        key=run_key,
+        progress=progress,
+    )
+    drawn = conditional_draws(model.numpyro_model, designs, chains.samples, draw_key)
+    prior = Predictive(model.numpyro_model, num_samples=PRIOR_DRAWS)(prior_key, designs, observed=False)
+    prior = {name: np.asarray(value)[None] for name, value in prior.items() if not name.endswith("_y")}
+    log_prior = log_prior_densities(model.numpyro_model, designs, {**chains.samples, **drawn})
+    groups = {
+        "posterior": _user_units({**chains.samples, **drawn}, equations),
+        "sample_stats": chains.stats,
+        "prior": _user_units(prior, equations),
+        "log_prior": log_prior,
+        "observed_data": {f"{name}_rate": measured_rate(data, name) for name in designs},
+        "constant_data": {"time": data.time, "run": data.run, **data.columns},
+    }
+    posterior = Posterior(model, data, sampling, _tree(groups, equations))
+    posterior.__dict__["equations"] = equations
+    return posterior
+
+
+def _user_units(samples: Mapping[str, np.ndarray], equations: Mapping[str, Equation]) -> dict[str, np.ndarray]:
+    """Scaled draws under their public names and in user's units; raw coordinates that another site tells are left out."""
+    named = dict(samples)
+    for name, equation in equations.items():
+        frame = equation.frame
+        named.pop(f"{name}_noise", None)
+        named.pop(f"{name}_tau_unit", None)
+        units = {
+            "sigma": frame.target_scale,
+            "amplitude": frame.target_scale,
+            "weight": frame.target_scale,
+            "f": frame.target_scale,
+            "length_scale": frame.half_width,
+            "theta": frame.coefficient_scale,
+        }
+        for key, unit in units.items():
+            if f"{name}_{key}" in named:
+                named[f"{name}_{key}"] = named[f"{name}_{key}"] * unit
+        if f"{name}_theta_sd" in named:
+            named[f"{name}_prior_sd"] = named.pop(f"{name}_theta_sd")
+        if f"{name}_gamma" in named:
+            named[f"{name}_gamma"] = named[f"{name}_gamma"].astype(np.int64)
+    return named
+
+
+def _tree(groups: dict[str, dict[str, np.ndarray]], equations: Mapping[str, Equation]) -> xr.DataTree:
+    """Groups as a DataTree with dimensions named by equation."""
+    import arviz_base  # three seconds, so not at the top
+
+    dims: dict[str, list[str]] = {name: ["obs_id"] for name in groups["constant_data"]}
+    coords: dict[str, Any] = {"obs_id": np.arange(len(groups["constant_data"]["time"]))}
+    for name, equation in equations.items():
+        frame = equation.frame
+        coords[f"{name}_term"] = list(frame.dictionary.names)
+        dims[f"{name}_rate"] = ["obs_id"]
+        for key in ("theta", "prior_sd", "gamma", "inclusion", "v", "lambda"):
+            dims[f"{name}_{key}"] = [f"{name}_term"]
+        if frame.variables:
+            coords[f"{name}_variable"] = list(frame.variables)
+            dims[f"{name}_length_scale"] = [f"{name}_variable"]
+        if frame.basis is not None:
+            coords[f"{name}_basis"] = np.arange(frame.basis.size)
+            dims[f"{name}_weight"] = [f"{name}_basis"]
+        dims[f"{name}_f"] = ["obs_id"]
+    tree = xr.DataTree()
+    for group, variables in groups.items():
+        # Densities of whole sites have no event dimensions.
+        own = {var: dims[var] for var in variables if var in dims and group != "log_prior"}
+        used = {dim: coords[dim] for var in own for dim in own[var] if dim in coords}
+        tree[group] = arviz_base.from_dict({group: variables}, coords=used, dims=own)[group]
+    tree.attrs = {
+        "inference_library": "bayes_greybox",
+        "inference_library_version": importlib.metadata.version("bayes-greybox"),
+        "python_version": platform.python_version(),
+    }
+    return tree

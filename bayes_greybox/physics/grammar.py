@@ -1,0 +1,354 @@
+"""The grammar of formulas: Python's own, cut down to a whitelist and turned into SymPy part by part.
+
+Nothing here executes text. `ast` (expression mode) splits a formula into its parts, and every part outside
+the whitelist is refused by name.
+"""
+
+import ast
+import keyword
+import math
+import unicodedata
+import warnings
+from collections.abc import Iterable
+from difflib import get_close_matches
+from fractions import Fraction
+from typing import Any, NoReturn
+
+import sympy
+
+from bayes_greybox.data.errors import InputError
+from bayes_greybox.physics.functions import ALIASES, CONSTANTS, FUNCTIONS, NODES, Function
+
+MAX_LENGTH = 2000
+MAX_DEPTH = 50
+MAX_EXPONENT = 100
+MAX_NUMBER = 1e300
+# Beyond this many bits an exact fraction is replaced by its floating-point value.
+_MAX_BITS = 512
+
+_BINARY = {ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/", ast.Pow: "**"}
+_REFUSED = {
+    ast.Attribute: "a dot after a name is not allowed; write functions without a prefix, such as sin(y)",
+    ast.Subscript: "indexing is not allowed; give the column a name of its own",
+    ast.Compare: "comparisons are not allowed; use heaviside(...), which is 1 above zero and 0 below",
+    ast.BoolOp: "'and' and 'or' are not allowed; use products of heaviside(...)",
+    ast.IfExp: "'if' is not allowed; use heaviside(...), min(...) or max(...)",
+    ast.Lambda: "'lambda' is not allowed; write the formula itself",
+    ast.NamedExpr: "assignment is not allowed; write the formula itself",
+    ast.Tuple: "a comma is allowed only between the arguments of a function; write a decimal point as '.'",
+    ast.Starred: "'*' must stand between two factors",
+    ast.JoinedStr: "text in quotes is not allowed; write column names without quotes",
+}
+
+
+def read(text: str, names: tuple[str, ...] | None) -> sympy.Expr:
+    """Read a formula; see `expressions.parse_expression`.
+
+    Args:
+        text: The formula.
+        names: Names that may appear; None accepts any.
+
+    Returns:
+        The expression.
+
+    Raises:
+        InputError: Anything outside the whitelist.
+    """
+    text = _clean(text)
+    return _Builder(text, names).build(_syntax_tree(text), 0)
+
+
+def symbol(name: str) -> sympy.Symbol:
+    """The SymPy symbol that stands for a column: real, so that sqrt(y**2) is |y|."""
+    return sympy.Symbol(name, real=True)
+
+
+def check_name(name: str) -> str:
+    """Refuse a column name that cannot be used in a formula.
+
+    Args:
+        name: The column's name.
+
+    Returns:
+        The name, unchanged.
+
+    Raises:
+        InputError: Not an identifier, a word of the formula language, or a function's name.
+    """
+    if not isinstance(name, str) or not name.isidentifier() or keyword.iskeyword(name):
+        raise InputError(
+            f"{name!r} cannot be used as a column name in formulas; rename it to letters, digits and '_', "
+            "starting with a letter, such as 'tank_1'."
+        )
+    if unicodedata.normalize("NFKC", name) != name:
+        raise InputError(
+            f"The column name {name!r} has characters that formulas cannot tell apart from others; "
+            f"rename it to {unicodedata.normalize('NFKC', name)!r}."
+        )
+    if name in FUNCTIONS or name in CONSTANTS:
+        raise InputError(f"The column name {name!r} is taken by a function or constant; rename the column.")
+    return name
+
+
+def check_known(used: Iterable[str], names: Iterable[str], text: str) -> None:
+    """Refuse names that are not columns.
+
+    Args:
+        used: Names that appear in the formula.
+        names: Names that exist.
+        text: The formula, for the message.
+
+    Raises:
+        InputError: Names the unknown one, the nearest known ones and the list.
+    """
+    known = tuple(names)
+    for name in sorted(set(used) - set(known)):
+        raise InputError(_unknown_name(name, known, text))
+
+
+def check_size(expr: sympy.Expr, text: str) -> None:
+    """Refuse powers and numbers beyond the limits in the outermost part of an expression."""
+    parts: tuple[Any, ...] = (expr, *expr.args)
+    for node in parts:
+        if isinstance(node, sympy.Pow) and node.exp.is_Number and abs(float(node.exp)) > MAX_EXPONENT:
+            raise InputError(
+                f"{_shown(text)} reaches a power of {node.exp}; exponents go up to {MAX_EXPONENT}."
+            )
+        if node.is_Number and not _finite(float(node)) or node in (sympy.zoo, sympy.nan):
+            raise InputError(f"{_shown(text)} contains a number that is not finite; check its constants.")
+
+
+def function_list() -> str:
+    """The known functions, for messages."""
+    return ", ".join(FUNCTIONS)
+
+
+def _clean(text: str) -> str:
+    """Refuse what is too long, too deep or would be misread, before any parsing."""
+    if len(text) > MAX_LENGTH:
+        raise InputError(
+            f"A formula has {len(text)} characters, starting with {text[:30]!r}; {MAX_LENGTH} is the limit: "
+            "split it into several terms."
+        )
+    text = unicodedata.normalize("NFC", " ".join(text.split()))
+    if not text:
+        raise InputError("A formula is empty; write for example 'y**2'.")
+    for position, char in enumerate(text):
+        plain = unicodedata.normalize("NFKC", char)
+        if char in "'\"`":
+            raise InputError(f"{_shown(text)}: {_REFUSED[ast.JoinedStr]}.")
+        if plain != char:
+            raise InputError(f"{_shown(text)}: {_named(char)} cannot be read; write {_plain_form(char)!r}.")
+        if char in "#\\\0;" or not (char.isprintable()):
+            raise InputError(f"{_shown(text)}: {_named(char)} at position {position + 1} must be removed.")
+    depth = 0
+    for char in text:
+        depth += (char in "([{") - (char in ")]}")
+        if depth > MAX_DEPTH:
+            raise InputError(f"{_shown(text)} is nested more than {MAX_DEPTH} levels deep; simplify it.")
+    return text
+
+
+def _plain_form(char: str) -> str:
+    plain = unicodedata.normalize("NFKC", char)
+    return f"**{plain}" if unicodedata.category(char) == "No" and plain.isdigit() else plain
+
+
+def _syntax_tree(text: str) -> ast.expr:
+    try:
+        with warnings.catch_warnings(record=True):
+            return ast.parse(text, mode="eval").body
+    except SyntaxError as error:
+        position = min(max(error.offset or 1, 1), len(text))
+        raise InputError(
+            f"{_shown(text)} is not a complete formula: it cannot be read at position {position}, "
+            f"at {text[position - 1 : position + 19]!r}; check operators ('2*y', not '2y') and parentheses."
+        ) from None
+    except (RecursionError, MemoryError, ValueError):
+        raise InputError(f"{_shown(text)} is too deeply nested; simplify it.") from None
+
+
+class _Builder:
+    """Turns the parts of one formula into SymPy, refusing every part that is not on the list."""
+
+    def __init__(self, text: str, names: tuple[str, ...] | None):
+        self.text = text
+        self.names = names
+
+    def build(self, node: ast.expr, depth: int) -> sympy.Expr:
+        if depth > MAX_DEPTH:
+            self.refuse(f"is nested more than {MAX_DEPTH} levels deep; simplify it")
+        if isinstance(node, ast.Constant):
+            return self.number(node)
+        if isinstance(node, ast.Name):
+            return self.name(node.id)
+        if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.UAdd | ast.USub):
+            inner = self.build(node.operand, depth + 1)
+            return -inner if isinstance(node.op, ast.USub) else inner
+        if isinstance(node, ast.BinOp):
+            return self.binary(node, depth)
+        if isinstance(node, ast.Call):
+            return self.call(node, depth)
+        piece = ast.get_source_segment(self.text, node) or self.text
+        reason = _REFUSED.get(type(node), f"only formulas are allowed: numbers, columns, {function_list()}")
+        self.refuse(f"contains {piece[:60]!r}: {reason}")
+
+    def number(self, node: ast.Constant) -> sympy.Expr:
+        value = node.value
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            self.refuse(f"contains {str(value)[:60]!r}, which is not a real number")
+        if not _finite(value):
+            self.refuse("contains a number that is too large; change the unit of a column")
+        return sympy.Integer(value) if isinstance(value, int) else _from_float(value)
+
+    def name(self, name: str) -> sympy.Expr:
+        if name in CONSTANTS:
+            return CONSTANTS[name]
+        if name in FUNCTIONS:
+            self.refuse(f"uses the function {name!r} without an argument; write {name}(...)")
+        if self.names is None:
+            return symbol(check_name(name))
+        if name not in self.names:
+            raise InputError(_unknown_name(name, self.names, self.text))
+        return symbol(name)
+
+    def binary(self, node: ast.BinOp, depth: int) -> sympy.Expr:
+        # A long sum leans to the left: walk down that side in a loop, so that only nesting counts as depth.
+        spine: list[ast.BinOp] = []
+        left: ast.expr = node
+        while isinstance(left, ast.BinOp):
+            if type(left.op) not in _BINARY:
+                piece = ast.get_source_segment(self.text, left) or self.text
+                remedy = "write powers with '**'" if isinstance(left.op, ast.BitXor) else "use + - * / **"
+                self.refuse(f"contains {piece[:60]!r} with an operator that is not available; {remedy}")
+            spine.append(left)
+            left = left.left
+        result = self.build(left, depth + 1)
+        for part in reversed(spine):
+            result = self.combine(type(part.op), result, self.build(part.right, depth + 1))
+        return result
+
+    def combine(self, operator: type[ast.operator], a: sympy.Expr, b: sympy.Expr) -> sympy.Expr:
+        value_a, value_b = _number_value(a), _number_value(b)
+        if operator is ast.Div and value_b == 0.0:
+            self.refuse("divides by zero")
+        if operator is ast.Pow:
+            return self.power(a, b, value_a, value_b)
+        if operator is ast.Add:
+            return self.checked(a + b)
+        if operator is ast.Sub:
+            return self.checked(a - b)
+        return self.checked(a * b if operator is ast.Mult else a / b)
+
+    def power(
+        self, base: sympy.Expr, exponent: sympy.Expr, value_base: float | None, value: float | None
+    ) -> sympy.Expr:
+        if value is None:
+            return self.checked(base**exponent)
+        if abs(value) > MAX_EXPONENT:
+            self.refuse(f"has an exponent of {value:g}; exponents go up to {MAX_EXPONENT}")
+        if isinstance(exponent, sympy.Float):
+            exact = sympy.Rational(*Fraction(value).limit_denominator(1000).as_integer_ratio())
+            exponent = exact if float(exact) == value else exponent
+        if value_base is None:
+            return self.checked(base**exponent)
+        try:
+            result = value_base**value
+        except (OverflowError, ZeroDivisionError):
+            result = math.inf
+        if isinstance(result, complex) or not _finite(result):
+            self.refuse(f"contains a power ({value_base:g})**({value:g}) that is not a finite real number")
+        if base.is_Rational and _bits(base) * max(abs(value), 1.0) > _MAX_BITS:
+            return _from_float(result)
+        return self.checked(base**exponent)
+
+    def call(self, node: ast.Call, depth: int) -> sympy.Expr:
+        if not isinstance(node.func, ast.Name):
+            self.build(node.func, depth + 1)
+            self.refuse("has a parenthesis right after another; write '*' between the factors")
+        name = node.func.id
+        if name not in FUNCTIONS:
+            if name in CONSTANTS or (self.names is not None and name in self.names):
+                self.refuse(f"uses {name!r} as a function; write {name}*(...) for a product")
+            raise InputError(_unknown_function(name, self.text))
+        if node.keywords:
+            self.refuse(f"names an argument of {name}; write {name}(...) with plain arguments")
+        function = FUNCTIONS[name]
+        low, high = function.arity
+        if not low <= len(node.args) <= high:
+            wanted = f"{low}" if low == high else f"{low} to {high}"
+            self.refuse(f"gives {name} {len(node.args)} arguments; it takes {wanted}")
+        args = [self.build(arg, depth + 1) for arg in node.args]
+        values = [_number_value(arg) for arg in args]
+        numbers = [v for v in values if v is not None]
+        if len(numbers) == len(args):
+            try:
+                result = function.number(*numbers)
+            except (ValueError, OverflowError):
+                result = math.nan
+            if not _finite(result):
+                shown = ", ".join(f"{v:g}" for v in numbers)
+                self.refuse(f"contains {name}({shown}), which is not a finite real number")
+        return self.checked(_apply(function, args))
+
+    def checked(self, expr: sympy.Expr) -> sympy.Expr:
+        check_size(expr, self.text)
+        return expr
+
+    def refuse(self, reason: str) -> NoReturn:
+        raise InputError(f"{_shown(self.text)} {reason}.")
+
+
+def _apply(function: Function, args: list[sympy.Expr]) -> sympy.Expr:
+    """Let SymPy simplify the call, unless its answer leaves the whitelist."""
+    try:
+        result = function.symbolic(*args, evaluate=True)
+    except (ValueError, TypeError):
+        result = None
+    if result is not None and all(isinstance(n, NODES) for n in sympy.preorder_traversal(result)):
+        return result
+    return function.symbolic(*args, evaluate=False)
+
+
+def _number_value(expr: sympy.Expr) -> float | None:
+    """The value of an expression without symbols, None for the others."""
+    if expr.is_Number:
+        return float(expr)
+    return float(expr.evalf()) if expr.is_number else None
+
+
+def _from_float(value: float) -> sympy.Expr:
+    # Whole numbers stay whole, so that y**2.0 is y**2.
+    return sympy.Integer(int(value)) if value.is_integer() and abs(value) < 2**53 else sympy.Float(value)
+
+
+def _finite(value: float | int) -> bool:
+    return abs(value) <= MAX_NUMBER
+
+
+def _bits(number: sympy.Expr) -> int:
+    p, q = sympy.fraction(number)
+    return max(int(p).bit_length(), int(q).bit_length())
+
+
+def _shown(text: str) -> str:
+    return f"The formula {text if len(text) <= 80 else text[:77] + '...'!r}"
+
+
+def _named(char: str) -> str:
+    return f"the character {char!r} (U+{ord(char):04X} {unicodedata.name(char, 'unnamed')})"
+
+
+def _unknown_name(name: str, known: tuple[str, ...], text: str) -> str:
+    odd = [c for c in name if ord(c) > 127]
+    shown = f"{name!r}" + (f", with {_named(odd[0])}" if odd else "")
+    near = get_close_matches(name, (*known, *CONSTANTS), n=3, cutoff=0.6)
+    hint = f" Did you mean {' or '.join(near)}?" if near else ""
+    listed = ", ".join(known) if known else "none"
+    return f"{_shown(text)} uses the unknown name {shown}; known names: {listed}.{hint}"
+
+
+def _unknown_function(name: str, text: str) -> str:
+    near = [ALIASES[name]] if name in ALIASES else get_close_matches(name, FUNCTIONS, n=2, cutoff=0.6)
+    hint = f" Did you mean {' or '.join(near)}?" if near else ""
+    return f"{_shown(text)} calls the unknown function {name!r}; known: {function_list()}.{hint}"

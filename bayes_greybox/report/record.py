@@ -1,0 +1,91 @@
+"""Results as plain records, for summary.json."""
+
+import json
+import math
+import platform
+from collections.abc import Mapping
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+import bayes_greybox as bg
+
+# Packages whose version can change a result.
+_PACKAGES = ("numpyro", "jax", "numpy", "arviz-stats")
+
+
+def run_record(
+    fit: "bg.Fit", sampling: Mapping[str, Any], seconds: float, held_out: pd.Series | None
+) -> dict[str, Any]:
+    """What a fit found, and with what.
+
+    Args:
+        fit: The fit.
+        sampling: Settings of the sampler, the seed among them.
+        seconds: Wall time of the fit.
+        held_out: Normalised mean squared error on held-out data by equation, or None.
+
+    Returns:
+        Verdict, coefficients, discrepancy, held-out error, data, settings, time and versions.
+    """
+    data = fit.data
+    return {
+        "verdict": _verdict(fit),
+        "coefficients": _rows(fit.inclusion()),
+        "discrepancy": _rows(fit.discrepancy()),
+        "held_out_nmse": None if held_out is None else {str(k): _plain(v) for k, v in held_out.items()},
+        "data": {"rows": data.n_obs, "runs": data.n_run, "dropped": data.dropped},
+        "sampling": dict(sampling),
+        "seconds": round(seconds, 3),
+        "versions": _versions(),
+    }
+
+
+def comparison_record(
+    fits: Mapping[str, "bg.Fit"], table: pd.DataFrame, sampling: Mapping[str, Any] | None
+) -> dict[str, Any]:
+    """What a comparison found.
+
+    Args:
+        fits: The fits by name.
+        table: Their comparison, best first.
+        sampling: Settings of the sampler; None for saved fits.
+
+    Returns:
+        Comparison, verdict of each fit, settings and versions.
+    """
+    record: dict[str, Any] = {
+        "comparison": _rows(table.rename_axis("model")),
+        "verdicts": {name: _verdict(fit) for name, fit in fits.items()},
+        "versions": _versions(),
+    }
+    return record if sampling is None else {**record, "sampling": dict(sampling)}
+
+
+def write_json(path: Path, record: Mapping[str, Any]) -> None:
+    """Write a record; numbers that are not finite become null, which JSON lacks otherwise."""
+    path.write_text(
+        json.dumps(record, indent=2, allow_nan=False, ensure_ascii=False) + "\n", encoding="utf-8"
+    )
+
+
+def _verdict(fit: "bg.Fit") -> dict[str, Any]:
+    return {"ok": bool(fit.verdict.ok), "reasons": list(fit.verdict.reasons)}
+
+
+def _versions() -> dict[str, str]:
+    packages = {name: version(name) for name in _PACKAGES}
+    return {"bayes-greybox": bg.__version__, "python": platform.python_version(), **packages}
+
+
+def _rows(table: pd.DataFrame) -> list[dict[str, Any]]:
+    rows = table.reset_index().to_dict("records")
+    return [{str(key): _plain(value) for key, value in row.items()} for row in rows]
+
+
+def _plain(value: Any) -> Any:
+    value = value.item() if isinstance(value, np.generic) else value
+    return None if isinstance(value, float) and not math.isfinite(value) else value

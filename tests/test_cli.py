@@ -1,0 +1,253 @@
+import json
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import bayes_greybox as bg
+from bayes_greybox import cli
+
+ROOT = Path(__file__).parents[1]
+CONFIGS = ROOT / "configs"
+SHORT = ["--draws", "50", "--tune", "100", "--chains", "2", "--no-progress"]
+
+CONFIG = """
+[data]
+path = "run.csv"
+time = "t"
+states = ["y", "ydot"]
+derivatives = { ydot = "a" }
+
+[dictionary]
+ydot = ["y", "ydot"]
+
+[output]
+folder = "out"
+"""
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch):
+    """A folder with a table and a configuration, to run in."""
+    t = np.linspace(0.0, 6.0, 40)
+    frame = pd.DataFrame({"t": t, "y": np.sin(t), "ydot": np.cos(t), "a": -np.sin(t)})
+    frame.to_csv(tmp_path / "run.csv", index=False)
+    (tmp_path / "case.toml").write_text(CONFIG)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def refuse(capsys, *words: str) -> str:
+    """Run, and return the one sentence of the refusal."""
+    assert cli.main(words) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.startswith("Error: ") and err.count("\n") == 1 and "Traceback" not in err
+    return err.removeprefix("Error: ").strip()
+
+
+def run_python(*words: str) -> subprocess.CompletedProcess:
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    return subprocess.run(
+        [sys.executable, *words], env=environment, capture_output=True, text=True, check=True
+    )
+
+
+def test_help_takes_less_than_half_a_second():
+    command = "import sys; from bayes_greybox.cli import main; sys.exit(main(['--help']))"
+    seconds = []
+    for _ in range(5):
+        start = time.perf_counter()
+        done = run_python("-c", command)
+        seconds.append(time.perf_counter() - start)
+    assert all(name in done.stdout for name in ("fit", "compare", "datasets", "Exit codes"))
+    # The least disturbed run says how long it takes; the others say how busy the machine is.
+    assert min(seconds) <= 0.5
+
+
+def test_the_command_line_imports_nothing_heavy_before_a_command_runs():
+    listing = run_python("-c", "import sys, bayes_greybox.cli; print(*sys.modules)").stdout.split()
+    assert not {"jax", "numpy", "pandas", "matplotlib", "arviz_base", "pydantic"} & set(listing)
+
+
+def test_a_mistake_in_the_file_is_found_without_importing_jax(here):
+    (here / "case.toml").write_text(CONFIG + "[smpling]\n")
+    run = "import sys; from bayes_greybox.cli import main; code = main(['fit', 'case.toml'])"
+    assert run_python("-c", f"{run}; print(code, 'jax' in sys.modules)").stdout.strip() == "2 False"
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (["fti"], "No such command 'fti'"),
+        (["fit"], "Missing argument"),
+        (["fit", "case.toml", "--drws", "3"], "No such option: --drws"),
+        (["fit", "case.toml", "--draws", "many"], "Invalid value for '--draws'"),
+        (["fit", "case.toml", "--draws", "0"], "draws = 0 cannot be used"),
+        (["fit", "absent.toml"], 'There is no configuration file "absent.toml"'),
+        (["fit", "case.toml", "-o", "run.csv/out"], 'Cannot write to the folder "run.csv/out"'),
+        (["compare", "case.toml"], "compare needs two or more models, and case.toml has 0"),
+        (
+            ["compare", "case.toml", "case.toml"],
+            "compare takes one configuration file, or two or more saved fits",
+        ),
+        (["compare", "a.nc"], "compare takes one configuration file, or two or more saved fits"),
+        (["compare", "a.nc", "b.nc", "--seed", "1"], "--seed does not apply to saved fits"),
+        (["compare", "a.nc", "b.nc"], ""),
+    ],
+)
+def test_wrong_use_is_refused_in_one_sentence(here, capsys, words, sentence):
+    assert sentence in refuse(capsys, *words)
+    assert sorted(os.listdir(here)) == ["case.toml", "run.csv"]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "sentence"),
+    [
+        ('"run.csv"', '"absent.csv"', "There is no file"),
+        ('a"', 'acc"', 'has no column "acc"'),
+        ('states = ["y", "ydot"]', 'states = ["y", "ydot", "t"]', 'The name "t" is taken'),
+        ('= ["y", "ydot"]\n\n[output]', '= ["y", "ydt"]\n\n[output]', "uses the unknown name 'ydt'"),
+        ('= ["y", "ydot"]\n\n[output]', '= ["y", "2*y"]\n\n[output]', "are the same up to a constant factor"),
+        ('= ["y", "ydot"]\n\n[output]', '= ["y", "__import__(\'os\')"]\n\n[output]', "The formula"),
+        ("ydot = [", "z = [", "not a state of the data"),
+        ("[output]", "[simulation]\nydot = '-k*y'\n[output]", "unknown name 'k'"),
+        ("[output]", "[discrepancy]\nvariables = ['w']\n[output]", "names 'w', which is neither a state nor"),
+        ("[output]", "[discrepancy]\nvariant = 'printed'\n[output]", "use variant='projected'"),
+    ],
+)
+def test_bad_input_is_refused_before_sampling_and_leaves_no_file(here, capsys, old, new, sentence):
+    assert old in CONFIG
+    (here / "case.toml").write_text(CONFIG.replace(old, new))
+    assert sentence in refuse(capsys, "fit", "case.toml", "--no-progress")
+    assert sorted(os.listdir(here)) == ["case.toml", "run.csv"]
+
+
+@pytest.mark.parametrize(
+    ("column", "row", "value", "sentence"),
+    [
+        ("y", 3, np.nan, "missing or infinite values"),
+        ("t", 3, 0.0, "is not increasing"),
+        ("t", 1, 0.0, "twice"),
+        ("ydot", slice(None), 1.0, "is constant"),
+    ],
+)
+def test_bad_measurements_are_refused(here, capsys, column, row, value, sentence):
+    frame = pd.read_csv("run.csv")
+    frame.loc[row, column] = value
+    frame.to_csv("run.csv", index=False)
+    assert sentence in refuse(capsys, "fit", "case.toml", "--no-progress")
+
+
+def test_an_unforeseen_error_is_not_hidden(here, monkeypatch):
+    def fail(*_, **__):
+        raise RuntimeError("a bug")
+
+    monkeypatch.setattr(bg, "GreyBox", fail, raising=False)
+    with pytest.raises(RuntimeError, match="a bug"):
+        cli.main(["fit", "case.toml"])
+    assert not (here / "out").exists()
+
+
+def test_datasets_are_listed(capsys):
+    assert cli.main(["datasets"]) == 0
+    out = capsys.readouterr().out
+    assert all(name in out for name in ("silverbox", "cascaded_tanks", "falling_balls", "hudson_bay"))
+
+
+def test_no_words_mean_help(capsys):
+    assert cli.main([]) == 0
+    assert "Usage: bayes-greybox" in capsys.readouterr().out
+
+
+@pytest.fixture(scope="module")
+def first(tmp_path_factory):
+    """The bundled example, sampled briefly; what it printed, and its folder."""
+    folder = tmp_path_factory.mktemp("first") / "run"
+    command = "import sys; from bayes_greybox.cli import main; sys.exit(main())"
+    words = [sys.executable, "-c", command, "fit", str(CONFIGS / "first.toml"), "-o", str(folder), *SHORT]
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    done = subprocess.run([*words, "--seed", "3"], env=environment, capture_output=True, text=True)
+    return SimpleNamespace(code=done.returncode, out=done.stdout, err=done.stderr, folder=folder)
+
+
+def test_a_run_that_is_too_short_ends_with_code_3_and_says_so_first(first):
+    assert first.code == 3
+    assert first.out.startswith("The sampler did not converge")
+    assert "Traceback" not in first.err
+
+
+def test_the_folder_has_the_fit_the_record_the_figures_and_the_configuration(first):
+    assert sorted(os.listdir(first.folder)) == ["config.toml", "figures", "run.nc", "summary.json"]
+    assert (first.folder / "config.toml").read_bytes() == (CONFIGS / "first.toml").read_bytes()
+    figures = list((first.folder / "figures").iterdir())
+    assert figures and all(path.suffix == ".png" and path.stat().st_size > 5000 for path in figures)
+
+
+def test_the_record_says_what_the_saved_fit_says(first):
+    fit = bg.load(first.folder / "run.nc")
+    record = json.loads((first.folder / "summary.json").read_text())
+    assert record["verdict"] == {"ok": fit.verdict.ok, "reasons": list(fit.verdict.reasons)}
+    assert record["sampling"] == {"draws": 50, "tune": 100, "chains": 2, "seed": 3, "target_accept": 0.9}
+    inclusion = fit.inclusion()
+    rows = pd.DataFrame(record["coefficients"]).set_index(["equation", "term"])
+    np.testing.assert_allclose(rows["mean"], inclusion["mean"])
+    np.testing.assert_allclose(rows["inclusion"], inclusion["inclusion"])
+    assert record["seconds"] > 0 and record["versions"]["numpyro"]
+    assert record["data"] == {"rows": 320, "runs": 1, "dropped": 0}
+
+
+def test_even_a_short_run_finds_the_two_terms_and_predicts_held_out_data(first):
+    record = json.loads((first.folder / "summary.json").read_text())
+    included = {row["term"] for row in record["coefficients"] if row["inclusion"] > 0.9}
+    assert included == {"y**3", "ydot**3"}
+    # The noise is 2 % of the acceleration's SD over the whole record, whose amplitude halves by its end.
+    assert 0 < record["held_out_nmse"]["ydot"] < 0.01
+
+
+def test_the_terminal_shows_units_intervals_inclusion_shares_and_held_out_error(first):
+    for text in ("y**3", "P(included)", "unit", "lower", "Discrepancy", "Held-out data", str(first.folder)):
+        assert text in first.out
+
+
+def test_saved_fits_are_compared_and_named_after_their_folders(first, tmp_path, capsys):
+    other = tmp_path / "other" / "run.nc"
+    other.parent.mkdir()
+    other.write_bytes((first.folder / "run.nc").read_bytes())
+    files = [str(first.folder / "run.nc"), str(other)]
+    assert cli.main(["compare", *files, "-o", str(tmp_path / "out")]) == 3
+    out = capsys.readouterr().out
+    assert "elpd" in out and "other" in out
+    record = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert {row["model"] for row in record["comparison"]} == {"run", "other"}
+    assert [row["elpd_diff"] for row in record["comparison"]] == [0.0, 0.0]
+    assert (tmp_path / "out" / "figures" / "comparison.png").exists()
+
+
+def test_a_damaged_fit_is_refused(first, tmp_path, capsys):
+    damaged = tmp_path / "damaged.nc"
+    damaged.write_bytes((first.folder / "run.nc").read_bytes()[:2000])
+    assert "damaged.nc" in refuse(capsys, "compare", str(first.folder / "run.nc"), str(damaged))
+
+
+def test_models_of_a_file_are_fitted_saved_and_compared(here, capsys):
+    text = (
+        CONFIG
+        + "\n[models]\nnormal = { prior = { kind = 'normal' } }\nlaplace = { prior = { kind = 'laplace' } }\n"
+    )
+    (here / "case.toml").write_text(text)
+    assert cli.main(["compare", "case.toml", *SHORT]) in (0, 3)
+    assert sorted(os.listdir("out")) == ["config.toml", "figures", "laplace.nc", "normal.nc", "summary.json"]
+    record = json.loads(Path("out/summary.json").read_text())
+    assert {row["model"] for row in record["comparison"]} == {"normal", "laplace"} == set(record["verdicts"])
+
+
+def test_quiet_prints_nothing(here, capsys):
+    assert cli.main(["fit", "case.toml", *SHORT, "--quiet"]) in (0, 3)
+    assert capsys.readouterr() == ("", "")

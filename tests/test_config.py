@@ -1,0 +1,358 @@
+import dataclasses
+import inspect
+import os
+import typing
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import bayes_greybox as bg
+from bayes_greybox.config import load_config, parts, sources
+from bayes_greybox.config.file import Sampling
+from bayes_greybox.data.datasets import FOLDER_VARIABLE
+from bayes_greybox.data.errors import InputError
+from bayes_greybox.model.discrepancy import Path as PathKind
+from bayes_greybox.model.kernels import KERNELS
+from bayes_greybox.model.measures import Measure
+from bayes_greybox.model.orthogonal import Variant
+
+CONFIGS = Path(__file__).parents[1] / "configs"
+
+BASE = """
+[data]
+system = "oscillator"
+t = { stop = 10.0, points = 60 }
+
+[dictionary]
+ydot = ["y", "ydot**3"]
+"""
+
+TABLE = """
+[data]
+path = "run.csv"
+time = "t"
+states = ["y", "ydot"]
+derivatives = { ydot = "a" }
+units = { y = "m", t = "s" }
+"""
+
+DICTIONARY = '\n[dictionary]\nydot = ["y"]\n'
+
+
+def write(folder: Path, text: str, name: str = "case.toml") -> Path:
+    path = folder / name
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def config(folder: Path, text: str):
+    return load_config(write(folder, text))
+
+
+def table(folder: Path, n: int = 40, name: str = "run.csv") -> pd.DataFrame:
+    t = np.linspace(0.0, 6.0, n)
+    frame = pd.DataFrame({"t": t, "y": np.sin(t), "ydot": np.cos(t), "a": -np.sin(t)})
+    frame.to_csv(folder / name, index=False)
+    return frame
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        (
+            BASE + '[discrepancy]\nvarient = "none"',
+            "[discrepancy] unknown key 'varient'; did you mean 'variant'?",
+        ),
+        (BASE + "[dicrepancy]\nseed = 1", "unknown key 'dicrepancy'; did you mean 'discrepancy'?"),
+        (BASE + '[models.a]\nprio = "x"', "[models.a] unknown key 'prio'; did you mean 'prior'?"),
+        (
+            BASE + '[models.a.prior]\nkind = "laplace"\nscal = 2',
+            "[models.a.prior] unknown key 'scal'; did you mean 'scale'?",
+        ),
+        (BASE + '[prior]\nkind = "normal"\nzzz = 1', "[prior] unknown key 'zzz'; known: kind, scale."),
+        (
+            BASE + '[prior]\nkind = "laplase"',
+            "[prior] kind = 'laplase' is not available; did you mean 'laplace'?",
+        ),
+        (BASE + "[prior]\nscale = 1.0", "[prior] needs the key 'kind'; known: spike_and_slab, laplace, "),
+        ('prior = "laplace"\n' + BASE, "prior = 'laplace' should be a table with the key kind"),
+        (
+            BASE + '[discrepancy]\nvariant = "projcted"',
+            "[discrepancy] variant = 'projcted' is not available; did you mean 'projected'?",
+        ),
+        (
+            BASE + "[discrepancy]\nfeatures = [8, 0]",
+            "[discrepancy] features = [8, 0] should be a positive whole",
+        ),
+        (
+            BASE + "[sampling]\ndraws = 0",
+            "[sampling] draws = 0 cannot be used; it must be greater than or equal",
+        ),
+        (
+            BASE + '[sampling]\ndraws = "9"',
+            "[sampling] draws = '9' cannot be used; it must be a whole number.",
+        ),
+        (
+            BASE + "[sampling]\ndraws = true",
+            "[sampling] draws = True cannot be used; it must be a whole number.",
+        ),
+        (
+            BASE + '[output]\nfigures = "no"',
+            "[output] figures = 'no' cannot be used; it must be true or false.",
+        ),
+        (
+            BASE + '[prior]\nkind = "normal"\nscale = nan',
+            "[prior] scale = nan cannot be used; it must be a finite",
+        ),
+        (BASE + "[simulation]\ny = 3", "[simulation] y = 3 cannot be used; it must be text in quotes."),
+        (BASE + "ydot2 = [1]", "[dictionary.ydot2] terms[0] = 1 cannot be used; it must be a table"),
+        (BASE + '[models."a/b"]', "[models] 'a/b' cannot name a model, because files are named after it."),
+        ('[data]\nsystem = "oscillator"', "needs the key 'dictionary'."),
+        (TABLE.replace('states = ["y", "ydot"]', "") + DICTIONARY, "[data] needs the key 'states'."),
+        (
+            TABLE.replace('["y", "ydot"]', '"y"') + DICTIONARY,
+            "[data] states = 'y' should be a list of column names",
+        ),
+        (TABLE + 'system = "duffing"' + DICTIONARY, "[data] should be a table with exactly one of path"),
+        ("[data]" + DICTIONARY, "[data] should be a table with exactly one of path"),
+        (BASE.replace("stop", "stpo"), "[data.t] unknown key 'stpo'; did you mean 'stop'?"),
+        (
+            BASE.replace('"oscillator"', '"oscilator"'),
+            "[data] system = 'oscilator' is not available; did you mean 'oscillator'?",
+        ),
+        (
+            BASE.replace('"oscillator"', '"oscillator"\nx0 = ["a"]'),
+            "[data] x0 = ['a'] should be a list of numbers",
+        ),
+        (
+            BASE.replace('"oscillator"', '"oscillator"\ntest_fraction = 0.2\ntest = { seed = 1 }'),
+            "[data] give either test_fraction or the table test, not both.",
+        ),
+    ],
+)
+def test_a_wrong_file_is_refused_with_the_place_and_the_remedy(tmp_path, text, sentence):
+    with pytest.raises(InputError) as error:
+        config(tmp_path, text)
+    message = str(error.value)
+    assert message.startswith(f'"{tmp_path / "case.toml"}": {sentence}')
+    assert "\n" not in message and message.endswith((".", "?"))
+
+
+def test_malformed_toml_is_refused_with_its_line(tmp_path):
+    with pytest.raises(InputError, match=r"is not valid TOML: .*line 4"):
+        config(tmp_path, "[data]\ntime = 't'\nstates = [\n = 3")
+
+
+def test_files_that_are_no_configuration_are_refused(tmp_path):
+    with pytest.raises(InputError, match="There is no configuration file"):
+        load_config(tmp_path / "absent.toml")
+    with pytest.raises(InputError, match="cannot be read"):
+        load_config(tmp_path)
+    (tmp_path / "bytes.toml").write_bytes(b"a = '\xff'")
+    with pytest.raises(InputError, match=r"not UTF-8 text \(at byte 5\)"):
+        load_config(tmp_path / "bytes.toml")
+
+
+@pytest.mark.parametrize(
+    ("section", "target", "own"),
+    [
+        (parts.Normal, bg.Normal, {"kind"}),
+        (parts.Laplace, bg.Laplace, {"kind"}),
+        (parts.RegularisedHorseshoe, bg.RegularisedHorseshoe, {"kind"}),
+        (parts.SpikeAndSlab, bg.SpikeAndSlab, {"kind"}),
+        (parts.Discrepancy, bg.OrthogonalGP, {"enabled"}),
+    ],
+)
+def test_sections_have_the_fields_of_what_they_build(section, target, own):
+    assert set(section.model_fields) - own == {field.name for field in dataclasses.fields(target)}
+
+
+def test_what_a_file_leaves_out_has_the_default_of_the_package(tmp_path):
+    model = config(tmp_path, BASE).build_model()
+    default = bg.GreyBox({"ydot": ["y"]})
+    assert (model.prior, model.discrepancy) == (default.prior, default.discrepancy)
+    assert (model.noise_floor, model.noise) == (default.noise_floor, default.noise)
+    assert config(tmp_path, BASE + '[prior]\nkind = "regularised_horseshoe"').build_model().prior == (
+        bg.RegularisedHorseshoe()
+    )
+
+
+def test_choices_are_those_of_the_package():
+    def choices(section, field):
+        literal = section.model_fields[field].annotation
+        options = typing.get_args(literal)
+        return set(typing.get_args(options[0]) or options)
+
+    assert choices(parts.Discrepancy, "variant") == set(typing.get_args(Variant))
+    assert choices(parts.Discrepancy, "measure") == set(typing.get_args(Measure))
+    assert choices(parts.Discrepancy, "path") == set(typing.get_args(PathKind))
+    assert choices(parts.Discrepancy, "kernel") == set(KERNELS)
+    systems = {name for name in bg.systems.__all__ if inspect.isfunction(getattr(bg.systems, name))}
+    assert choices(sources.SystemSource, "system") == systems - {"multisine"}
+
+
+def test_sampling_has_the_defaults_of_the_package():
+    arguments = inspect.signature(bg.GreyBox.fit).parameters
+    for name, field in Sampling.model_fields.items():
+        assert arguments[name].default == field.default
+
+
+def test_data_of_a_system_are_those_of_the_direct_call(tmp_path):
+    text = BASE.replace('"oscillator"', '"oscillator"\nparameters = { c = 0.3 }\nnoise = 0.05\nseed = 7')
+    text += "[data.test]\nseed = 8\nx0 = { y = 0.5, ydot = 0.1 }\n"
+    train, test = config(tmp_path, text).read_data()
+    t = np.linspace(0.0, 10.0, 60)
+    system = bg.systems.oscillator(c=0.3)
+    pd.testing.assert_frame_equal(train.to_frame(), system.simulate(t, noise=0.05, seed=7).to_frame())
+    expected = system.simulate(t, noise=0.05, seed=8, x0=[0.5, 0.1])
+    pd.testing.assert_frame_equal(test.to_frame(), expected.to_frame())
+
+
+def test_parameters_that_a_system_lacks_are_refused(tmp_path):
+    text = BASE.replace('"oscillator"', '"oscillator"\nparameters = { m = 1.0 }')
+    with pytest.raises(InputError, match=r"\[data.parameters\] oscillator has no parameter 'm'; it has c, k"):
+        config(tmp_path, text).read_data()
+
+
+def test_a_table_is_found_beside_the_file_and_split_contiguously(tmp_path, monkeypatch):
+    frame = table(tmp_path)
+    settings = config(tmp_path, TABLE + "test_fraction = 0.25" + DICTIONARY)
+    monkeypatch.chdir("/")
+    train, test = settings.read_data()
+    assert (train.n_obs, test.n_obs) == (30, 10)
+    np.testing.assert_array_equal(np.concatenate([train.time, test.time]), frame["t"])
+    np.testing.assert_array_equal(train.derivatives["ydot"], frame["a"][:30])
+    assert train.units == {"y": "m", "t": "s"}
+
+
+def test_a_test_table_has_the_columns_of_the_training_table(tmp_path):
+    table(tmp_path)
+    held_out = table(tmp_path, 15, "later.csv")
+    train, test = config(tmp_path, TABLE + 'test = { path = "later.csv" }' + DICTIONARY).read_data()
+    assert train.n_obs == 40
+    np.testing.assert_array_equal(test.states["y"], held_out["y"])
+
+
+def test_no_test_data_means_none(tmp_path):
+    table(tmp_path)
+    assert config(tmp_path, TABLE + DICTIONARY).read_data()[1] is None
+
+
+def test_both_parts_are_differentiated_after_the_split(tmp_path):
+    t = np.linspace(0.0, 20.0, 400)
+    pd.DataFrame({"t": t, "y": np.sin(t)}).to_csv(tmp_path / "run.csv", index=False)
+    text = """
+    [data]
+    path = "run.csv"
+    time = "t"
+    states = ["y"]
+    test_fraction = 0.5
+
+    [data.differentiate]
+    rates = { y = "v" }
+    window = 21
+    """
+    train, test = config(tmp_path, text + '\n[dictionary]\nv = ["y"]').read_data()
+    # Each part loses the edges of its own filter, so no row of one has seen a sample of the other.
+    assert train.n_obs == test.n_obs == 200 - 20
+    np.testing.assert_allclose(test.derivatives["v"], -np.sin(test.time), atol=1e-3)
+
+
+def test_a_wrong_part_of_a_data_set_is_refused_with_the_parts(tmp_path, monkeypatch):
+    monkeypatch.setattr("bayes_greybox.load_dataset", lambda name, **options: {"train": None}, raising=False)
+    text = '[data]\ndataset = "silverbox"\npart = "trian"' + DICTIONARY
+    with pytest.raises(InputError, match="'silverbox' has no part 'trian'; set part to one of train"):
+        config(tmp_path, text).read_data()
+    with pytest.raises(InputError, match="'silverbox' comes in parts; set part to one of train"):
+        config(tmp_path, text.replace('part = "trian"', "")).read_data()
+
+
+def test_a_model_is_what_its_sections_say(tmp_path):
+    text = (
+        BASE
+        + """
+    z = { polynomial = { variables = ["y"], degree = 2 }, terms = [{ expression = "sin(2*y)", name = "s" }] }
+
+    [simulation]
+    ydot = "-y"
+
+    [prior]
+    kind = "regularised_horseshoe"
+    slab_scale = 3.0
+
+    [discrepancy]
+    variant = "conditioned"
+    variables = ["y"]
+    features = [12]
+
+    [noise]
+    floor = 1e-3
+    """
+    )
+    model = config(tmp_path, text).build_model()
+    assert model.prior == bg.RegularisedHorseshoe(slab_scale=3.0)
+    assert model.discrepancy == bg.OrthogonalGP(variant="conditioned", variables=("y",), features=(12,))
+    assert [term.name for term in model.dictionary["ydot"]] == ["y", "ydot**3"]
+    assert [term.name for term in model.dictionary["z"]] == ["y", "y**2", "s"]
+    assert model.simulation == {"ydot": "-y"}
+    assert (model.noise_floor, model.noise) == (1e-3, 1.0)
+
+
+def test_models_replace_sections_of_the_base(tmp_path):
+    text = (
+        BASE
+        + """
+    [prior]
+    kind = "laplace"
+
+    [discrepancy]
+    variant = "conditioned"
+
+    [models]
+    base = {}
+    normal = { prior = { kind = "normal" } }
+    parametric = { discrepancy = { enabled = false }, dictionary = { ydot = "y" } }
+    """
+    )
+    settings = config(tmp_path, text)
+    base, normal, parametric = (settings.build_model(name) for name in settings.models)
+    assert (base.prior, base.discrepancy.variant) == (bg.Laplace(), "conditioned")
+    assert (normal.prior, normal.discrepancy) == (bg.Normal(), base.discrepancy)
+    assert (parametric.prior, parametric.discrepancy) == (bg.Laplace(), None)
+    assert [term.name for term in parametric.dictionary["ydot"]] == ["y"]
+    with pytest.raises(InputError, match="There is no model 'x'; there are base, normal, parametric"):
+        settings.build_model("x")
+
+
+def test_overrides_are_checked_like_the_file(tmp_path):
+    settings = config(tmp_path, BASE + "[sampling]\ndraws = 5\nseed = 3")
+    changed = settings.with_sampling(draws=7, seed=None)
+    assert (changed.sampling.draws, changed.sampling.seed) == (7, 3)
+    assert (changed.text, changed.folder) == (settings.text, Path("runs/case"))
+    with pytest.raises(InputError, match="chains = 0 cannot be used"):
+        settings.with_sampling(chains=0)
+
+
+def test_the_bundled_table_is_the_one_that_its_comment_makes():
+    made = bg.systems.oscillator().simulate(np.linspace(0.0, 99.75, 400), noise=0.02, seed=1)
+    columns = {"t": made.time, **made.states, "a": made.derivatives["ydot"]}
+    bundled = pd.read_csv(CONFIGS / "data" / "oscillator.csv")
+    assert list(bundled.columns) == list(columns)
+    for name, values in columns.items():
+        np.testing.assert_allclose(bundled[name], values, rtol=1e-7, atol=1e-7)
+
+
+@pytest.mark.parametrize("path", sorted(CONFIGS.glob("*.toml")), ids=lambda path: path.stem)
+def test_every_shipped_file_says_what_it_shows_and_builds_data_and_models(path):
+    settings = load_config(path)
+    assert settings.text.startswith("# ")
+    if "dataset" in settings.data.model_fields_set and not os.environ.get(FOLDER_VARIABLE):
+        pytest.skip(f"{FOLDER_VARIABLE} does not name the folder of the benchmark data")
+    train, _ = settings.read_data()
+    for name in (None, *settings.models):
+        model = settings.build_model(name)
+        assert set(model.dictionary) <= set(train.derivatives)
+        # Units and names of every term fit the data.
+        model.program.dictionaries(train)
