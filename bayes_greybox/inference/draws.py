@@ -13,9 +13,6 @@ from bayes_greybox.model.likelihood import CollapsedNormal, Design, FeatureDesig
 from bayes_greybox.model.linalg import solve_lower, solve_lower_transposed
 from bayes_greybox.model.subsets import patterns
 
-BATCH = 64
-"""Posterior draws handled at once."""
-
 
 def conditional_draws(
     model: Callable,
@@ -49,7 +46,7 @@ def conditional_draws(
             drawn.update({f"{equation}_{name}": value for name, value in parts.items()})
         return drawn
 
-    out = jax.jit(lambda items: jax.lax.map(one, items, batch_size=BATCH))((keys, flat))
+    out = jax.jit(lambda items: jax.lax.map(one, items))((keys, flat))
     return {name: np.asarray(value).reshape(*shape, *value.shape[1:]) for name, value in out.items()}
 
 

@@ -13,7 +13,6 @@ import numpy as np
 from jaxtyping import Array
 from numpyro.infer.hmc import HMCState
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-from threadpoolctl import threadpool_limits
 
 CHUNK = 100
 """Iterations between two looks at the progress bar."""
@@ -82,8 +81,7 @@ def run_chains(
                 bar.update(task, advance=length, note=f"{total} divergences" if total else "")
             return {name: np.concatenate([part[name] for part in kept]) for name in kept[0]}
 
-        # Threads inside BLAS would fight those of the chains over the cores, for matrices too small to share.
-        with threadpool_limits(1), ThreadPoolExecutor(min(chains, os.cpu_count() or 1)) as pool:
+        with ThreadPoolExecutor(min(chains, os.cpu_count() or 1)) as pool:
             try:
                 records = list(pool.map(one_chain, range(chains)))
             except BaseException:

@@ -11,7 +11,7 @@ import jax
 import numpy as np
 import xarray as xr
 from jaxtyping import Float
-from numpyro.infer import NUTS, HMCGibbs, Predictive
+from numpyro.infer import NUTS, HMCGibbs
 
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
@@ -22,7 +22,7 @@ from bayes_greybox.model.program import Program, measured_rate
 from .draws import conditional_draws
 from .gibbs import gamma_move
 from .nuts import run_chains
-from .logprior import log_prior_densities
+from .prior import log_prior_densities, prior_draws
 
 PRIOR_DRAWS = 500
 """Draws in the `prior` group."""
@@ -156,8 +156,7 @@ def sample_posterior(
         progress=progress,
     )
     drawn = conditional_draws(model.numpyro_model, designs, chains.samples, draw_key)
-    prior = Predictive(model.numpyro_model, num_samples=PRIOR_DRAWS)(prior_key, designs, observed=False)
-    prior = {name: np.asarray(value)[None] for name, value in prior.items() if not name.endswith("_y")}
+    prior = prior_draws(model.numpyro_model, designs, PRIOR_DRAWS, prior_key)
     log_prior = log_prior_densities(model.numpyro_model, designs, {**chains.samples, **drawn})
     groups = {
         "posterior": _user_units({**chains.samples, **drawn}, equations),
@@ -165,11 +164,41 @@ def sample_posterior(
         "prior": _user_units(prior, equations),
         "log_prior": log_prior,
         "observed_data": {f"{name}_rate": measured_rate(data, name) for name in designs},
-        "constant_data": {"time": data.time, "run": data.run, **data.columns},
+        "constant_data": data_table(data),
     }
     posterior = Posterior(model, data, sampling, _tree(groups, equations))
     posterior.__dict__["equations"] = equations
     return posterior
+
+
+def add_group(
+    posterior: Posterior, name: str, values: Mapping[str, np.ndarray], draw: np.ndarray | None = None
+) -> None:
+    """Put a group of per-row draws [n_chain, n_draw, n_obs] into the DataTree.
+
+    Args:
+        posterior: Whose tree gets the group.
+        name: Name of the group.
+        values: Variables.
+        draw: Numbers of the draws, if not all were kept.
+    """
+    n_draw = next(iter(values.values())).shape[1]
+    posterior.idata[name] = xr.DataTree(
+        xr.Dataset(
+            {key: (("chain", "draw", "obs_id"), value) for key, value in values.items()},
+            coords={
+                "chain": posterior.idata["posterior"]["chain"].to_numpy(),
+                "draw": np.arange(n_draw) if draw is None else draw,
+                "obs_id": posterior.idata["observed_data"]["obs_id"].to_numpy(),
+            },
+        )
+    )
+
+
+def data_table(data: Trajectories) -> dict[str, np.ndarray]:
+    """All columns of the data by names that netCDF allows; a derivative is `e_rate`."""
+    rates = {f"{name}_rate": values for name, values in data.derivatives.items()}
+    return {"t": data.time, "run": data.run, **data.columns, **rates}
 
 
 def _user_units(samples: Mapping[str, np.ndarray], equations: Mapping[str, Equation]) -> dict[str, np.ndarray]:
@@ -202,7 +231,7 @@ def _tree(groups: dict[str, dict[str, np.ndarray]], equations: Mapping[str, Equa
     import arviz_base  # three seconds, so not at the top
 
     dims: dict[str, list[str]] = {name: ["obs_id"] for name in groups["constant_data"]}
-    coords: dict[str, Any] = {"obs_id": np.arange(len(groups["constant_data"]["time"]))}
+    coords: dict[str, Any] = {"obs_id": np.arange(len(groups["constant_data"]["t"]))}
     for name, equation in equations.items():
         frame = equation.frame
         coords[f"{name}_term"] = list(frame.dictionary.names)

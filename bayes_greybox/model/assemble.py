@@ -116,6 +116,12 @@ def _scaled_frame(
     if discrepancy is not None and discrepancy.path == "hsgp":
         basis = HilbertBasis(discrepancy.boundary, _features(discrepancy, len(variables)))
     centre, half_width = _box(data, variables)
+    if np.any(half_width == 0):
+        constant = variables[int(np.argmin(half_width))]
+        raise InputError(
+            f"The discrepancy depends on {constant!r}, which is constant on all the data: leave it out of "
+            "OrthogonalGP(variables=...)."
+        )
     squares = np.zeros(len(dictionary))
     for start in range(0, data.n_obs, 16 * CHUNK):
         part = {name: column[start : start + 16 * CHUNK] for name, column in data.columns.items()}

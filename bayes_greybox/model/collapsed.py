@@ -184,5 +184,5 @@ def constraint_directions(
         constraints: C.
     """
     X = root[:, None] * constraints.T
-    L = jittered_cholesky(X.T @ X)
+    L = jittered_cholesky(X.T @ X, jnp.max(root) ** 2)
     return solve_lower(L, X.T).T

@@ -10,6 +10,12 @@ from scipy.linalg import blas
 CHUNK = 16_384
 """Rows held in memory at once; also the size of the sample that the preconditioner is made from."""
 
+WELL_CONDITIONED = 1e-4
+"""Least eigenvalue of the preconditioned, scaled Gram matrix for which one pass over the rows is enough."""
+
+MAX_PASSES = 3
+"""Passes over the rows at most; more than one only where the sample does not represent the rest."""
+
 
 def triangular_factor(
     rows: Callable[[Int[np.ndarray, " n_chunk"]], Float[np.ndarray, "n_chunk n_column"]],
@@ -25,7 +31,8 @@ def triangular_factor(
         G = Σ (F_chunk R₀⁻¹)ᵀ (F_chunk R₀⁻¹),   R = chol(G)ᵀ R₀.
 
     The columns of F R₀⁻¹ are nearly orthonormal, so G is well conditioned and R keeps the precision of a QR
-    (Cholesky QR, Yamamoto et al. 2015, with a sampled first pass). Each row costs a triangular solve and a
+    (Cholesky QR, Yamamoto et al. 2015, with a sampled first pass). Where the sample does not represent the rest (a
+    term that acts in a short burst), G is not, and R preconditions another pass. Each row costs a triangular solve and a
     symmetric rank-one update. Factors of separate parts combine by stacking them and calling this again.
 
     Args:
@@ -39,16 +46,28 @@ def triangular_factor(
     if n_row <= chunk:
         return _qr(rows(np.arange(n_row)))
     sample = rows(np.unique(np.linspace(0, n_row - 1, chunk).astype(int)))
-    R0 = np.asfortranarray(_qr(np.vstack([sample, _ridge(sample)])) * np.sqrt(n_row / len(sample)))
+    R = _qr(np.vstack([sample, _ridge(sample)])) * np.sqrt(n_row / len(sample))
+    for _ in range(MAX_PASSES):
+        G = _preconditioned_gram(rows, n_row, chunk, R)
+        # With unit diagonal, a column that the sample missed, huge after preconditioning, cannot drown the others.
+        size = np.sqrt(np.where(np.diag(G) > 0, np.diag(G), 1.0))
+        G = G / np.outer(size, size)
+        G[np.diag_indices_from(G)] += 10 * np.finfo(float).eps * len(G)
+        R = (scipy.linalg.cholesky(G) * size) @ R
+        if np.linalg.eigvalsh(G)[0] > WELL_CONDITIONED:
+            break
+    return R
+
+
+def _preconditioned_gram(rows: Callable, n_row: int, chunk: int, R0: np.ndarray) -> np.ndarray:
+    R0 = np.asfortranarray(R0)
     G = np.zeros((R0.shape[0],) * 2, order="F")
     for start in range(0, n_row, chunk):
         block = rows(np.arange(start, min(start + chunk, n_row)))
         # G += (F R₀⁻¹)ᵀ (F R₀⁻¹): dsyrk on the transpose keeps BLAS on contiguous memory
         whitened = blas.dtrsm(1.0, R0, np.asarray(block).T, trans_a=1, overwrite_b=False)
         G = blas.dsyrk(1.0, whitened, beta=1.0, c=G, overwrite_c=True)
-    G = np.triu(G) + np.triu(G, 1).T
-    G[np.diag_indices_from(G)] += np.finfo(float).eps * len(G) * np.trace(G)
-    return scipy.linalg.cholesky(G) @ R0
+    return np.triu(G) + np.triu(G, 1).T
 
 
 def _qr(matrix: np.ndarray) -> np.ndarray:

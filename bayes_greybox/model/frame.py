@@ -57,6 +57,8 @@ class Frame:
 
     def position(self, columns: Mapping[str, Array | np.ndarray]) -> Float[Array, "n_row n_var"]:
         """Variables of f in scaled units: the data's box is [−1, 1]^d."""
+        if not self.variables:
+            return jnp.zeros((len(next(iter(columns.values()))), 0))
         x = jnp.stack([jnp.asarray(columns[name], float) for name in self.variables], axis=-1)
         return (x - self.centre) / self.half_width
 
@@ -68,7 +70,7 @@ class Frame:
         # Outside the features' domain the expansion would repeat itself; there f is held at its edge value.
         return self.basis(jnp.clip(x, -self.basis.boundary, self.basis.boundary))
 
-    def orthogonal(self, Phi: Array, psi: Array) -> Array:
+    def orthogonal(self, Phi: Array | np.ndarray, psi: Array | np.ndarray) -> Array | np.ndarray:
         """ψ̃ = ψ − Φₒ ⟨Φₒ, ψᵀ⟩ for the projected kernel, ψ for the others; any rows with these columns."""
         return psi - Phi @ self.orthonormal @ self.moments if self.projected else psi
 

@@ -104,10 +104,17 @@ class DenseDesign:
         self, left: tuple[Float[Array, "n_left n_var"], Float[Array, "n_left n_rank"]], hyper: Hyperparameters
     ) -> Float[Array, "n_left n_obs"]:
         """k⊥ between other points and the data, before whitening."""
+        return self._gram(left, self.points, hyper)
+
+    def covariance_at(
+        self, left: tuple[Float[Array, "n_left n_var"], Float[Array, "n_left n_rank"]], hyper: Hyperparameters
+    ) -> Float[Array, "n_left n_left"]:
+        """k⊥ among other points."""
+        return self._gram(left, left, hyper)
+
+    def _gram(self, left: tuple[Array, Array], right: tuple[Array, Array], hyper: Hyperparameters) -> Array:
         kernel = KERNELS[self.kernel]
-        return orthogonal_gram(
-            self.variant, kernel, hyper.amplitude, hyper.length_scale, left, self.points, self.nodes
-        )
+        return orthogonal_gram(self.variant, kernel, hyper.amplitude, hyper.length_scale, left, right, self.nodes)
 
     def remove_discrepancy(
         self, y: Float[Array, " n_row"], hyper: Hyperparameters

@@ -9,16 +9,21 @@ from jaxtyping import Array, Float
 from bayes_greybox.data.errors import InputError
 
 JITTER = 1e-12
-"""Relative jitter: every matrix that needs one gets JITTER x (its mean diagonal) on the diagonal."""
+"""Relative jitter: every matrix that needs one gets JITTER x (the scale its entries would have) on the diagonal."""
 
 RANK_TOLERANCE = 1e-7
 """A unit-norm dictionary column whose part orthogonal to the others is shorter than this is collinear."""
 
 
-def jittered_cholesky(matrix: Float[Array, "n n"]) -> Float[Array, "n n"]:
-    """Lower Cholesky factor of `matrix + JITTER * mean(diag) * I`."""
-    n = matrix.shape[-1]
-    return jnp.linalg.cholesky(matrix + JITTER * jnp.trace(matrix) / n * jnp.eye(n))
+def jittered_cholesky(matrix: Float[Array, "n n"], scale: Float[Array, ""] | float) -> Float[Array, "n n"]:
+    """Lower Cholesky factor of `matrix + JITTER * scale * I`.
+
+    Args:
+        matrix: Positive semi-definite; it may vanish.
+        scale: What its entries are small or large against. Their own mean would do harm here: where a discrepancy is
+            orthogonal to the dictionary anyway, they are rounding errors, and must count as zero.
+    """
+    return jnp.linalg.cholesky(matrix + JITTER * scale * jnp.eye(matrix.shape[-1]))
 
 
 def solve_lower(factor: Float[Array, "n n"], right: Float[Array, "n ..."]) -> Float[Array, "n ..."]:

@@ -72,5 +72,5 @@ def orthogonal_gram(
     if variant == "projected":
         return k(x, x_) - Phi @ h_.T - h @ Phi_.T + Phi @ Q @ Phi_.T
     # Plumlee & Joseph 2018, Eq. (8), with hᵀ Q⁻¹ h' as a product so that it stays positive semi-definite
-    L = jittered_cholesky(Q)
+    L = jittered_cholesky(Q, amplitude**2)
     return k(x, x_) - solve_lower(L, h.T).T @ solve_lower(L, h_.T)

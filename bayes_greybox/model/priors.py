@@ -5,7 +5,7 @@ Coefficients are in scaled units here: every dictionary column has unit RMS and 
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from typing import NamedTuple, Protocol, runtime_checkable
 
 import jax.numpy as jnp
 import numpyro
@@ -30,6 +30,7 @@ class Scales(NamedTuple):
     log_odds: Float[Array, " n_term"] | None = None
 
 
+@runtime_checkable
 class Prior(Protocol):
     """A prior on θ is a NumPyro program that samples the scales of its `n_term` coefficients."""
 

@@ -64,14 +64,15 @@ def derivative_unit(state: str, units: Mapping[str, str]) -> str:
         units: Units by column name, the time's under "t".
 
     Returns:
-        A unit that `parse_unit` reads, "" if it is not known.
+        A unit that `parse_unit` reads, such as "m/s²"; "" if it is not known.
     """
     declared = units.get(derivative_label(state))
     if declared:
         return declared
     if not units.get(state) or not units.get("t"):
         return ""
-    return f"({units[state]})/({units['t']})"
+    rate = parse_unit(units[state], f"column {state!r}") / parse_unit(units["t"], "the time")
+    return f"{rate:~P}" or "1"
 
 
 def term_unit(term: Term, units: Mapping[str, str]) -> Any:

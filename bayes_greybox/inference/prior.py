@@ -1,4 +1,4 @@
-"""Log prior densities of every draw, for power-scaling sensitivity."""
+"""Draws from the prior, and the log prior density of every posterior draw (for power-scaling sensitivity)."""
 
 from collections.abc import Callable, Mapping
 
@@ -10,7 +10,24 @@ from numpyro.handlers import seed, substitute, trace
 
 from bayes_greybox.model.likelihood import Design
 
-from .draws import BATCH
+
+def prior_draws(model: Callable, designs: Mapping[str, Design], n_draw: int, key: Array) -> dict[str, np.ndarray]:
+    """Draw every site of the model but the target from the prior, each [1, n_draw, ...], scaled units.
+
+    Args:
+        model: The collapsed NumPyro model.
+        designs: Its argument.
+        n_draw: Number of draws.
+        key: Random key.
+    """
+
+    def one(key: Array) -> dict[str, Array]:
+        sites = trace(seed(model, key)).get_trace(designs)
+        kinds = ("sample", "deterministic")
+        return {n: s["value"] for n, s in sites.items() if s["type"] in kinds and not s.get("is_observed")}
+
+    drawn = jax.jit(jax.vmap(one))(jax.random.split(key, n_draw))
+    return {name: np.asarray(value)[None] for name, value in drawn.items()}
 
 
 def log_prior_densities(
@@ -45,5 +62,5 @@ def log_prior_densities(
             out[f"{equation}_theta"] = jnp.sum(jnp.where(inside, density, 0.0))
         return out
 
-    out = jax.jit(lambda items: jax.lax.map(one, items, batch_size=BATCH))(flat)
+    out = jax.jit(jax.vmap(one))(flat)
     return {name: np.asarray(value).reshape(shape) for name, value in out.items()}

@@ -1,0 +1,212 @@
+"""Has the sampler converged: one verdict, with reasons in plain words and what to try."""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from jaxtyping import Float
+
+from bayes_greybox.inference.posterior import Posterior
+
+from .resolution import features_needed
+
+MAX_R_HAT = 1.01
+MIN_ESS = 400
+MIN_E_BFMI = 0.3
+MAX_TREE_DEPTH = 10
+SATURATED_SHARE = 0.01
+"""Share of draws that may use up the tree depth."""
+
+NEGLIGIBLE_AMPLITUDE = 0.1
+"""Below this multiple of σ the discrepancy's length scales are those of their prior and are not judged."""
+
+_NOT_JUDGED = ("weight", "f", "prior_sd", "inclusion")
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Whether a fit can be trusted.
+
+    Attributes:
+        ok: Whether every check passed.
+        reasons: What failed, one sentence each with what to try; empty if `ok`.
+    """
+
+    ok: bool
+    reasons: tuple[str, ...] = ()
+
+    def __str__(self) -> str:
+        if self.ok:
+            return "Converged: every check passed."
+        return "\n".join(
+            ["Not converged; do not rely on this fit:", *(f"- {reason}" for reason in self.reasons)]
+        )
+
+
+def convergence(posterior: Posterior) -> Verdict:
+    """Judge a run by the criteria of Vehtari et al. 2021 and Betancourt 2016.
+
+    Rank-normalised R̂ ≤ 1.01, bulk and tail ESS ≥ 400 (sampled hyperparameters, θ and γ), no divergences,
+    E-BFMI ≥ 0.3 in every chain, and a tree depth that is used up in at most 1 % of the draws. On the feature
+    path the basis must also resolve the 5 % quantile of each posterior length scale (Riutort-Mayol et al.
+    2023, section 4.3), unless the discrepancy is negligible beside the noise.
+
+    The weights or values of f are not judged: given the hyperparameters they are drawn exactly and
+    independently, and the largest of hundreds of R̂ would exceed 1.01 by chance alone. A quantity that never
+    varies, such as the coefficient of a term that no draw includes, has no R̂ and is left out.
+    """
+    table = convergence_table(posterior)
+    varying = table.loc[table["varies"]]
+    stats = posterior.idata["sample_stats"].dataset
+    reasons = [
+        *_mixing(varying, stats.sizes["chain"], stats.sizes["draw"]),
+        *_divergences(stats["diverging"].to_numpy()),
+        *_energy(stats["energy"].to_numpy()),
+        *_tree_depth(stats["n_steps"].to_numpy()),
+        *_resolution(posterior),
+    ]
+    return Verdict(not reasons, tuple(reasons))
+
+
+def convergence_table(posterior: Posterior) -> pd.DataFrame:
+    """R̂, effective sample sizes and Monte Carlo error of every quantity that `convergence` judges.
+
+    Returns:
+        A table indexed by variable, such as "ydot_theta[y**3]", with columns r_hat, ess_bulk, ess_tail, mcse
+        (of the mean, in the unit of the variable) and varies. A quantity that takes one value in all draws
+        has NaN for all.
+    """
+    stats = array_stats()
+    rows = {}
+    for name, draws in _judged(posterior):
+        varies = bool(np.ptp(draws) > 0)
+        if varies and draws.shape[1] >= 4:
+            sd = draws.std()
+            scaled = (draws - draws.mean()) / sd
+            # Chains that are each stuck at a value of their own have no variance within: R̂ is infinite,
+            # which is right.
+            with np.errstate(divide="ignore", invalid="ignore"):
+                r_hat = float(stats.rhat(scaled, method="rank")) if len(draws) > 1 else np.nan
+                bulk = float(stats.ess(scaled, method="bulk"))
+                tail = float(stats.ess(scaled, method="tail", prob=(0.05, 0.95)))
+                mcse = sd * float(stats.mcse(scaled, method="mean"))
+            rows[name] = (r_hat, bulk, tail, mcse, varies)
+        else:
+            rows[name] = (np.nan, np.nan, np.nan, np.nan, varies)
+    columns = ["r_hat", "ess_bulk", "ess_tail", "mcse", "varies"]
+    table = pd.DataFrame.from_dict(rows, orient="index", columns=columns)
+    table.index.name = "variable"
+    return table
+
+
+def array_stats() -> Any:
+    """ArviZ's statistics of plain arrays, the same in both of its generations."""
+    from arviz_stats.base.array import array_stats  # three seconds, so not at the top
+
+    return array_stats
+
+
+def _judged(posterior: Posterior) -> Iterator[tuple[str, Float[np.ndarray, "n_chain n_draw"]]]:
+    group = posterior.idata["posterior"].dataset
+    left_out = {f"{equation}_{name}" for equation in posterior.model.equations for name in _NOT_JUDGED}
+    for name, variable in group.data_vars.items():
+        if name in left_out:
+            continue
+        values = variable.to_numpy().astype(float)
+        if values.ndim == 2:
+            yield str(name), values
+            continue
+        labels = group[variable.dims[2]].to_numpy() if values.ndim == 3 else np.arange(values[0, 0].size)
+        for label, column in zip(
+            labels, np.moveaxis(values.reshape(*values.shape[:2], -1), -1, 0), strict=True
+        ):
+            yield f"{name}[{label}]", column
+
+
+def _mixing(table: pd.DataFrame, n_chain: int, n_draw: int) -> Iterator[str]:
+    if n_chain < 2:
+        yield "There is one chain, and R̂ compares chains: run chains=4."
+    high = {name: r_hat for name, r_hat in _values(table, "r_hat") if r_hat > MAX_R_HAT}
+    if high:
+        worst = max(high, key=lambda name: high[name])
+        yield (
+            f"R̂ is {high[worst]:.3g} for {worst}{_others(high)}, above {MAX_R_HAT}: the chains disagree; "
+            "raise tune and draws, and if it stays, look at the chains for several modes (a kernel that is not "
+            "orthogonal to the dictionary makes them)."
+        )
+    if n_chain * n_draw < MIN_ESS:
+        yield (
+            f"There are {n_chain * n_draw} draws in all, too few for an effective sample size of {MIN_ESS}: "
+            f"raise draws to at least {math.ceil(2 * MIN_ESS / n_chain)} in each chain."
+        )
+        return
+    for what in ("bulk", "tail"):
+        low = {name: ess for name, ess in _values(table, f"ess_{what}") if ess < MIN_ESS}
+        if low:
+            worst = min(low, key=lambda name: low[name])
+            # As many draws as would bring the worst one to the threshold, with a quarter to spare.
+            needed = math.ceil(1.25 * n_draw * MIN_ESS / max(low[worst], 1.0) / 100) * 100
+            yield (
+                f"The {what} effective sample size is {low[worst]:.0f} for {worst}{_others(low)}, below "
+                f"{MIN_ESS}: raise draws to about {needed}."
+            )
+
+
+def _values(table: pd.DataFrame, column: str) -> Iterator[tuple[str, float]]:
+    return zip(map(str, table.index), table[column].to_numpy(float).tolist(), strict=True)
+
+
+def _others(found: dict) -> str:
+    count = len(found) - 1
+    return f" and beyond the limit for {count} more" if count else ""
+
+
+def _divergences(diverging: np.ndarray) -> Iterator[str]:
+    count = int(diverging.sum())
+    if count:
+        yield (
+            f"There were {count} divergences in {diverging.size} draws: parts of the posterior were not "
+            "reached; raise target_accept towards 0.99."
+        )
+
+
+def _energy(energy: Float[np.ndarray, "n_chain n_draw"]) -> Iterator[str]:
+    # E-BFMI = Σ (E_n − E_{n−1})² / Σ (E_n − Ē)²  (Betancourt 2016, Eq. 22)
+    spread = np.sum((energy - energy.mean(axis=1, keepdims=True)) ** 2, axis=1)
+    steps = np.sum(np.diff(energy, axis=1) ** 2, axis=1)
+    worst = float(np.min(steps / np.where(spread > 0, spread, np.inf)))
+    if energy.shape[1] > 3 and worst < MIN_E_BFMI:
+        yield (
+            f"E-BFMI is {worst:.2g}, below {MIN_E_BFMI}: the sampler crosses the tails of the posterior too "
+            "slowly; raise tune, or choose a prior with lighter tails."
+        )
+
+
+def _tree_depth(n_steps: np.ndarray) -> Iterator[str]:
+    share = float(np.mean(n_steps >= 2**MAX_TREE_DEPTH - 1))
+    if share > SATURATED_SHARE:
+        yield (
+            f"{share:.0%} of the draws used up the tree depth of {MAX_TREE_DEPTH}: the steps are far too "
+            "small for the posterior's shape; raise tune, or remove terms that are nearly collinear."
+        )
+
+
+def _resolution(posterior: Posterior) -> Iterator[str]:
+    for name, needed in features_needed(posterior).items():
+        hyper = posterior.draws(name).hyper
+        # Too small to matter, the discrepancy leaves its length scales to their prior.
+        if np.median(hyper.amplitude) < NEGLIGIBLE_AMPLITUDE * np.median(hyper.sigma):
+            continue
+        frame = posterior.equations[name].frame
+        assert frame.basis is not None
+        short = [
+            v for v, m, had in zip(frame.variables, needed, frame.basis.per_variable, strict=True) if m > had
+        ]
+        text = str(needed[0]) if len(set(needed)) == 1 else f"({', '.join(map(str, needed))})"
+        yield (
+            f"The discrepancy of {name!r} wants shorter length scales in {', '.join(map(repr, short))} than its "
+            f"{frame.basis.size} features resolve: raise OrthogonalGP(features=...) to at least {text}."
+        )

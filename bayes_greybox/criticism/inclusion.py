@@ -1,0 +1,64 @@
+"""Which terms are in: coefficient tables with inclusion under each prior's own name for it."""
+
+import numpy as np
+import pandas as pd
+
+from bayes_greybox.data.errors import InputError
+from bayes_greybox.inference.posterior import Posterior
+from bayes_greybox.physics.units import coefficient_unit, derivative_unit
+
+ROPE = 0.01
+"""Default region of practical equivalence: terms that move the target by less than one percent of its RMS."""
+
+
+def inclusion(posterior: Posterior, level: float = 0.9, rope: float = ROPE) -> pd.DataFrame:
+    """Coefficients of every equation and term.
+
+    `inclusion` is P(γ_j = 1 | y), averaged over the hyperparameters from its exact conditional value (Rao–Blackwell). Only
+    a spike-and-slab prior has it. Every prior has P(|θ_j| > ROPE) and the shrinkage factor
+    κ_j = 1/(1 + n sd_j²/σ²), 0 for a coefficient the data decide and 1 for one the prior holds at zero
+    (Piironen & Vehtari 2017, Eq. 2.6).
+
+    Args:
+        posterior: Fitted model.
+        level: Probability of the equal-tailed interval.
+        rope: Half-width of the region of practical equivalence, as a share: |θ_j| RMS(φ_j) over RMS of the target.
+
+    Returns:
+        Table indexed by (equation, term): mean, sd, lower, upper, `inclusion` (spike-and-slab only), outside_rope,
+        shrinkage, unit; coefficients in user's units.
+
+    Raises:
+        InputError: If level is not a probability or rope is negative.
+    """
+    if not 0 < level < 1:
+        raise InputError(f"level={level:g} must lie between 0 and 1.")
+    if rope < 0:
+        raise InputError(f"rope={rope:g} must not be negative.")
+    group = posterior.idata["posterior"].dataset
+    tables = []
+    for name, equation in posterior.equations.items():
+        frame, draws = equation.frame, posterior.draws(name)
+        theta = draws.theta * frame.coefficient_scale
+        tail = (1 - level) / 2
+        n_obs = float(equation.design.n_obs)
+        columns = {
+            "mean": theta.mean(axis=0),
+            "sd": theta.std(axis=0, ddof=1) if len(theta) > 1 else np.zeros(theta.shape[1]),
+            "lower": np.quantile(theta, tail, axis=0),
+            "upper": np.quantile(theta, 1 - tail, axis=0),
+        }
+        if f"{name}_inclusion" in group:
+            columns["inclusion"] = group[f"{name}_inclusion"].mean(("chain", "draw")).to_numpy()
+        columns |= {
+            "outside_rope": np.mean(np.abs(draws.theta) > rope, axis=0),
+            "shrinkage": np.mean(
+                1 / (1 + n_obs * draws.prior_sd**2 / np.asarray(draws.hyper.sigma)[:, None] ** 2), axis=0
+            ),
+        }
+        units = dict(posterior.data.units)
+        target = derivative_unit(name, units)
+        columns["unit"] = [coefficient_unit(target, term, units) for term in frame.dictionary.terms]
+        index = pd.MultiIndex.from_product([[name], frame.dictionary.names], names=["equation", "term"])
+        tables.append(pd.DataFrame(columns, index=index))
+    return pd.concat(tables)

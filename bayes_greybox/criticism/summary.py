@@ -1,0 +1,62 @@
+"""One table with everything that was estimated, and how well it was sampled."""
+
+import numpy as np
+import pandas as pd
+
+from bayes_greybox.inference.posterior import Posterior
+from bayes_greybox.physics.units import derivative_unit
+
+from .inclusion import inclusion
+
+
+def summary(posterior: Posterior, level: float = 0.9) -> pd.DataFrame:
+    """Coefficients, noise and kernel of every equation.
+
+    Args:
+        posterior: Fitted model.
+        level: Probability of the equal-tailed interval.
+
+    Returns:
+        Table indexed by (equation, quantity): mean, sd, lower, upper, unit, r_hat, ess_bulk, ess_tail. Quantities are the
+        terms, `sigma`, `amplitude` and `length_scale[variable]`, in user's units. A coefficient that is zero in every draw
+        has no R̂ or effective sample size.
+    """
+    from arviz_stats.base import array_stats  # three seconds, so not at the top
+
+    group = posterior.idata["posterior"].dataset
+    tail = (1 - level) / 2
+    terms = inclusion(posterior, level)
+    rows: dict[tuple[str, str], dict] = {}
+    for name, equation in posterior.equations.items():
+        frame = equation.frame
+        quantities = {
+            term: (group[f"{name}_theta"].isel({f"{name}_term": j}).to_numpy(), terms.loc[(name, term), "unit"])
+            for j, term in enumerate(frame.dictionary.names)
+        }
+        rate_unit = derivative_unit(name, posterior.data.units)
+        quantities["sigma"] = (group[f"{name}_sigma"].to_numpy(), rate_unit)
+        if f"{name}_amplitude" in group:
+            quantities["amplitude"] = (group[f"{name}_amplitude"].to_numpy(), rate_unit)
+            for d, variable in enumerate(frame.variables):
+                scale = group[f"{name}_length_scale"].isel({f"{name}_variable": d}).to_numpy()
+                quantities[f"length_scale[{variable}]"] = (scale, posterior.data.unit(variable) or "")
+        for quantity, (draws, unit) in quantities.items():
+            moving = draws.std() > 0
+            rows[(name, quantity)] = {
+                "mean": draws.mean(),
+                "sd": draws.std(),
+                "lower": np.quantile(draws, tail),
+                "upper": np.quantile(draws, 1 - tail),
+                "unit": unit,
+                "r_hat": float(array_stats.rhat(draws, chain_axis=0, draw_axis=1)) if moving else np.nan,
+                "ess_bulk": _ess(array_stats, draws, "bulk") if moving else np.nan,
+                "ess_tail": _ess(array_stats, draws, "tail") if moving else np.nan,
+            }
+    table = pd.DataFrame.from_dict(rows, orient="index")
+    table.index = pd.MultiIndex.from_tuples(rows, names=["equation", "quantity"])
+    return table
+
+
+def _ess(array_stats, draws: np.ndarray, method: str) -> float:
+    prob = (0.05, 0.95) if method == "tail" else None
+    return float(array_stats.ess(draws, chain_axis=0, draw_axis=1, method=method, prob=prob))

@@ -1,0 +1,168 @@
+"""The two objects that users hold: GreyBox, the model, and Fit, its posterior. Every method is one call into a room."""
+
+import os
+from dataclasses import replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from threadpoolctl import threadpool_limits
+
+from bayes_greybox.criticism.convergence import Verdict, convergence
+from bayes_greybox.criticism.discrepancy import (
+    TradeOff,
+    discrepancy_grid,
+    discrepancy_table,
+    strongest_trade_off,
+)
+from bayes_greybox.criticism.grid import DiscrepancyGrid
+from bayes_greybox.criticism.inclusion import ROPE, inclusion
+from bayes_greybox.criticism.loo import log_likelihood_group
+from bayes_greybox.criticism.prediction import FreeRun, Prediction, free_run, predict, predictive_group
+from bayes_greybox.criticism.resolution import LARGEST_BASIS, features_needed
+from bayes_greybox.criticism.summary import summary
+from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.inference import netcdf
+from bayes_greybox.inference.posterior import Posterior, Sampling, add_group, sample_posterior
+from bayes_greybox.model.features import HilbertBasis
+from bayes_greybox.model.program import Program
+from bayes_greybox.model.simulation import RightHandSide
+
+
+class GreyBox(Program):
+    """Simulation + sparse dictionary + orthogonal Gaussian-process discrepancy.
+
+    See `Program` for the model and its arguments, and `OrthogonalGP` and the priors for their choices.
+    """
+
+    def fit(
+        self,
+        data: Trajectories,
+        *,
+        draws: int = 1000,
+        tune: int = 1000,
+        chains: int = 4,
+        seed: int = 0,
+        progress: bool = True,
+        target_accept: float = 0.9,
+    ) -> "Fit":
+        """Sample the posterior with NUTS; the same seed gives the same posterior.
+
+        With the number of features left to the package, a posterior that asks for shorter length scales than the features
+        resolve is sampled again with as many as it needs.
+
+        Args:
+            data: Training data, with the derivative of each learned state.
+            draws: Draws kept in each chain.
+            tune: Warm-up iterations of each chain.
+            chains: Number of chains, run in parallel threads.
+            seed: Seed of everything random in the run.
+            progress: Whether to show a progress bar.
+            target_accept: Target acceptance probability of NUTS.
+
+        Raises:
+            InputError: Data or settings that cannot be used; the message names what and the remedy.
+        """
+        sampling = Sampling(draws, tune, chains, seed, target_accept)
+        # Threads inside BLAS fight those of the chains over the cores, for matrices too small to share.
+        with threadpool_limits(1):
+            posterior = sample_posterior(self, data, sampling, progress=progress)
+            refined = _refined(self, posterior)
+            if refined is not None:
+                posterior = sample_posterior(refined, data, sampling, progress=progress)
+            fit = Fit(posterior.model, data, sampling, posterior.idata)
+            fit.__dict__["equations"] = posterior.equations
+            fit._complete()
+        return fit
+
+
+class Fit(Posterior):
+    """The posterior of a GreyBox model: tables, predictions, free runs, and one file that holds it all."""
+
+    @cached_property
+    def verdict(self) -> Verdict:
+        """Whether the chains can be trusted, with reasons in words and what to try."""
+        return convergence(self)
+
+    def summary(self, level: float = 0.9) -> pd.DataFrame:
+        """Coefficients, noise and kernel of every equation with intervals, R̂ and effective sample sizes."""
+        return summary(self, level)
+
+    def inclusion(self, level: float = 0.9, rope: float = ROPE) -> pd.DataFrame:
+        """Coefficients by (equation, term), with P(γ_j = 1) under a spike-and-slab prior (see `criticism.inclusion`)."""
+        return inclusion(self, level, rope)
+
+    def discrepancy(self, level: float = 0.9) -> pd.DataFrame:
+        """Variance shares of simulation, dictionary, f and noise, and how f keeps off the dictionary."""
+        return discrepancy_table(self, level)
+
+    def discrepancy_grid(
+        self, equation: str | None = None, variables: tuple[str, ...] | None = None, size: int = 41, level: float = 0.9
+    ) -> DiscrepancyGrid:
+        """Posterior of f over one or two variables; the first equation unless named."""
+        return discrepancy_grid(self, equation or self.model.equations[0], variables, size, level)
+
+    def trade_off(self, equation: str | None = None) -> TradeOff:
+        """The term whose coefficient trades off most with f; the first equation unless named."""
+        return strongest_trade_off(self, equation or self.model.equations[0])
+
+    def predict(self, data: Trajectories, level: float = 0.9) -> Prediction:
+        """Posterior bands of the rates at the rows of any data, with `nmse()`."""
+        return predict(self, data, level)
+
+    def simulate(self, data: Trajectories, level: float = 0.9, draws: int = 50) -> FreeRun:
+        """Free run of the whole model from the measured start of each run, with bands and `nrmse()`."""
+        return free_run(self, data, level, draws)
+
+    def save(self, path: str | os.PathLike) -> None:
+        """Write posterior, data, model, settings, versions and seed to one netCDF file."""
+        netcdf.save(self, path)
+
+    def __repr__(self) -> str:
+        """Model in one line and the verdict in words."""
+        s = self.sampling
+        terms = ", ".join(f"{name}: {len(e.frame.dictionary)} terms" for name, e in self.equations.items())
+        prior = type(self.model.prior).__name__
+        return (
+            f"Fit of {terms}; {prior} prior; {self.data.n_obs} rows; {s.chains} x {s.draws} draws\n{self.verdict}"
+        )
+
+    def _complete(self) -> None:
+        """Add the groups that need more than one row at a time."""
+        groups: dict[str, Any] = {"log_likelihood": log_likelihood_group(self)}
+        for name, group in groups.items():
+            if group is not None:
+                add_group(self, name, group)
+        predictive = predictive_group(self)
+        if predictive is not None:
+            values, kept = predictive
+            add_group(self, "posterior_predictive", values, draw=kept)
+
+
+def load(path: str | os.PathLike, simulation: RightHandSide | None = None) -> Fit:
+    """Read a fit that `Fit.save` wrote.
+
+    Args:
+        path: The netCDF file.
+        simulation: The simulation's function, if the model had one; a file cannot hold code.
+
+    Raises:
+        InputError: No such file, or not a fit saved by this package; a function is needed.
+    """
+    loaded = netcdf.load(path, simulation)
+    program = loaded.model
+    model = GreyBox(**{field: getattr(program, field) for field in program.__dataclass_fields__})
+    return Fit(model, loaded.data, loaded.sampling, loaded.idata)
+
+
+def _refined(model: Program, posterior: Posterior) -> Program | None:
+    """The model with as many features as the posterior asks for, if the package is free to choose and can."""
+    gp = model.discrepancy
+    needed = features_needed(posterior)
+    if gp is None or gp.features is not None or not needed:
+        return None
+    per_variable = tuple(int(m) for m in np.max(list(needed.values()), axis=0))
+    if HilbertBasis(gp.boundary, per_variable).size > LARGEST_BASIS:
+        return None
+    return replace(model, discrepancy=replace(gp, features=per_variable))

@@ -1,0 +1,187 @@
+"""One self-contained netCDF file: posterior, data, model, settings, versions and seed."""
+
+import dataclasses
+import importlib.metadata
+import json
+import os
+import platform
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+
+from bayes_greybox.data.columns import derivative_label
+from bayes_greybox.data.errors import InputError
+from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.model.discrepancy import OrthogonalGP
+from bayes_greybox.model.priors import CustomPrior, Laplace, Normal, RegularisedHorseshoe, SpikeAndSlab
+from bayes_greybox.model.program import Program
+from bayes_greybox.model.simulation import RightHandSide
+from bayes_greybox.physics.printing import to_text
+from bayes_greybox.physics.terms import Term
+
+from .posterior import Posterior, Sampling
+
+RECORD = "bayes_greybox"
+"""Root attribute that holds everything but arrays, as JSON text (netCDF attributes know no bool, None or dict)."""
+
+FORMAT = 1
+"""Version of the file's layout."""
+
+PRIORS = {kind.__name__: kind for kind in (Normal, Laplace, RegularisedHorseshoe, SpikeAndSlab)}
+
+
+def versions() -> dict[str, str]:
+    """Versions of what produced a result."""
+    packages = ("bayes-greybox", "numpyro", "jax", "arviz-base", "numpy", "xarray")
+    return {"python": platform.python_version(), **{name: importlib.metadata.version(name) for name in packages}}
+
+
+def save(posterior: Posterior, path: str | os.PathLike) -> None:
+    """Write a posterior to a netCDF file that `load` and `arviz.from_netcdf` open.
+
+    The file is written beside its destination and renamed, so that it is whole or not there.
+
+    Args:
+        posterior: What to save.
+        path: Destination, usually `*.nc`.
+
+    Raises:
+        InputError: The destination cannot be written.
+    """
+    path = Path(path)
+    record = {
+        "format": FORMAT,
+        "model": describe(posterior.model, posterior.data),
+        "sampling": dataclasses.asdict(posterior.sampling),
+        "data": posterior.data.metadata(),
+        "versions": versions(),
+    }
+    tree = posterior.idata.copy()
+    tree.attrs = {**posterior.idata.attrs, RECORD: json.dumps(record)}
+    try:
+        handle, temporary = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
+    except OSError as error:
+        raise InputError(f"Cannot write {str(path)!r}: {error.strerror or error}. Choose a writable folder.") from error
+    os.close(handle)
+    try:
+        tree.to_netcdf(temporary, engine="h5netcdf", encoding=_compression(tree))
+        os.chmod(temporary, 0o666 & ~_umask())
+        os.replace(temporary, path)
+    except OSError as error:
+        raise InputError(f"Cannot write {str(path)!r}: {error.strerror or error}. Choose a writable folder.") from error
+    finally:
+        Path(temporary).unlink(missing_ok=True)
+
+
+def load(path: str | os.PathLike, simulation: RightHandSide | None = None) -> Posterior:
+    """Read what `save` wrote.
+
+    Args:
+        path: File.
+        simulation: The simulation's function, if the model had one; a file cannot hold code.
+
+    Raises:
+        InputError: No such file; not netCDF, or not one of ours; written by a newer version; a function is needed.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise InputError(f"There is no file {str(path)!r}.")
+    try:
+        with xr.open_datatree(path, engine="h5netcdf") as opened:
+            tree = opened.load()
+    except (OSError, ValueError, KeyError, RuntimeError) as error:
+        raise InputError(f"{str(path)!r} is not a readable netCDF file: it is damaged or of another kind.") from error
+    if RECORD not in tree.attrs:
+        raise InputError(f"{str(path)!r} is a netCDF file, but not a fit saved by bayes_greybox; use arviz.from_netcdf.")
+    record = json.loads(tree.attrs.pop(RECORD))
+    if record["format"] > FORMAT:
+        raise InputError(
+            f"{str(path)!r} was saved by bayes_greybox {record['versions']['bayes-greybox']}, which is newer than this "
+            "one: upgrade with pip install --upgrade bayes-greybox."
+        )
+    data = _read_data(tree["constant_data"].dataset, record["data"])
+    return Posterior(rebuild(record["model"], simulation), data, Sampling(**record["sampling"]), tree)
+
+
+def describe(model: Program, data: Trajectories) -> dict[str, Any]:
+    """A model as plain values: the inverse of `rebuild`.
+
+    Args:
+        model: Model.
+        data: Data that it was fitted to, whose names its expressions use.
+    """
+    terms = {
+        equation: [{"expression": to_text(term.expr), "name": term.name, "unit": term.unit} for term in dictionary.terms]
+        for equation, dictionary in model.dictionaries(data).items()
+    }
+    simulation = "function" if callable(model.simulation) else {k: str(v) for k, v in (model.simulation or {}).items()}
+    prior: dict[str, Any] = {"kind": type(model.prior).__name__}
+    if type(model.prior) in PRIORS.values():
+        prior |= dataclasses.asdict(model.prior)  # pyright: ignore[reportArgumentType]
+    return {
+        "dictionary": terms,
+        "simulation": simulation,
+        "prior": prior,
+        "discrepancy": None if model.discrepancy is None else dataclasses.asdict(model.discrepancy),
+        "noise_floor": model.noise_floor,
+        "noise": model.noise,
+    }
+
+
+def rebuild(record: Mapping[str, Any], simulation: RightHandSide | None = None) -> Program:
+    """A model from `describe`.
+
+    Raises:
+        InputError: If the simulation was a function and none is given.
+    """
+    if record["simulation"] == "function" and simulation is None:
+        raise InputError(
+            "The model's simulation was a Python function, which a file cannot hold: give it again, "
+            "bg.load(path, simulation=function)."
+        )
+    prior = dict(record["prior"])
+    kind = prior.pop("kind")
+    gp = record["discrepancy"]
+    if gp is not None:
+        gp = {key: tuple(value) if isinstance(value, list) else value for key, value in gp.items()}
+    return Program(
+        dictionary={name: tuple(Term(**term) for term in terms) for name, terms in record["dictionary"].items()},
+        simulation=simulation if record["simulation"] == "function" else record["simulation"],
+        prior=PRIORS[kind](**prior) if kind in PRIORS else CustomPrior(_lost_program),
+        discrepancy=None if gp is None else OrthogonalGP(**gp),
+        noise_floor=record["noise_floor"],
+        noise=record["noise"],
+    )
+
+
+def _read_data(table: xr.Dataset, metadata: Mapping[str, Any]) -> Trajectories:
+    time_name = metadata["time_name"]
+    columns = {time_name: table["t"].to_numpy(), "run": table["run"].to_numpy()}
+    columns |= {name: table[name].to_numpy() for name in (*metadata["states"], *metadata["inputs"])}
+    rates = {derivative_label(s, time_name): table[f"{s}_rate"].to_numpy() for s in metadata["derivatives"]}
+    return Trajectories.from_frame(pd.DataFrame({**columns, **rates}), **metadata)
+
+
+def _compression(tree: xr.DataTree) -> dict[str, dict[str, dict[str, Any]]]:
+    return {
+        node.path: {str(name): {"zlib": True, "complevel": 1} for name in node.data_vars}
+        for node in tree.subtree
+        if node.data_vars
+    }
+
+
+def _lost_program(n_term: int) -> Any:
+    raise InputError(
+        "The model's prior was a Python program, which a file cannot hold: build the model again to sample from it."
+    )
+
+
+def _umask() -> int:
+    current = os.umask(0)
+    os.umask(current)
+    return current

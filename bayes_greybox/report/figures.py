@@ -1,0 +1,109 @@
+"""Figures of a fit: what `report.plots` draws, with the numbers from `criticism`."""
+
+from collections.abc import Mapping
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from bayes_greybox.criticism.prediction import Band
+from bayes_greybox.greybox import Fit
+from bayes_greybox.physics.units import derivative_unit
+
+from .plots import (
+    plot_coefficients,
+    plot_discrepancy_over_states,
+    plot_discrepancy_over_time,
+    plot_predicted,
+    plot_tradeoff,
+)
+
+
+def fit_figures(fit: Fit) -> dict[str, Figure]:
+    """Every figure of a fit, by file name: coefficients, predicted, discrepancy over states and time, trade-off."""
+    figures = {"coefficients": coefficients(fit)}
+    several = len(fit.equations) > 1
+    for name in fit.equations:
+        suffix = f"_{name}" if several else ""
+        figures[f"predicted{suffix}"] = predicted(fit, name)
+        if fit.equations[name].frame.variables:
+            figures[f"discrepancy_states{suffix}"] = discrepancy_over_states(fit, name)
+            figures[f"discrepancy_time{suffix}"] = discrepancy_over_time(fit, name)
+            figures[f"trade_off{suffix}"] = trade_off(fit, name)
+    return figures
+
+
+def coefficients(fit: Fit, truth: Mapping | None = None, level: float = 0.9) -> Figure:
+    """Forest of the coefficients with inclusion, beside the true values if they are known.
+
+    Args:
+        fit: Fit.
+        truth: True coefficients, {equation: {term: value}}.
+        level: Probability of the intervals.
+    """
+    return plot_coefficients(fit.inclusion(level), truth=truth)
+
+
+def predicted(fit: Fit, equation: str | None = None, level: float = 0.9) -> Figure:
+    """Predicted against measured rate over the training data, with the band of a measurement."""
+    equation = equation or fit.model.equations[0]
+    shown = fit.predict(fit.data, level)[equation]
+    return plot_predicted(
+        fit.data.time,
+        fit.data.derivatives[equation],
+        shown.rate.mean,
+        shown.measurement.lower,
+        shown.measurement.upper,
+        equation=equation,
+        level=level,
+        **_runs(fit),
+        **_units(fit, equation),
+    )
+
+
+def discrepancy_over_states(
+    fit: Fit, equation: str | None = None, variables: tuple[str, ...] | None = None, level: float = 0.9
+) -> Figure:
+    """Posterior of f over one or two of its variables."""
+    grid = fit.discrepancy_grid(equation, variables, level=level)
+    return plot_discrepancy_over_states(grid)
+
+
+def discrepancy_over_time(fit: Fit, equation: str | None = None, level: float = 0.9) -> Figure:
+    """Posterior of f along the training data, against the noise level."""
+    equation = equation or fit.model.equations[0]
+    band: Band = fit.predict(fit.data, level)[equation].discrepancy
+    sigma = float(np.mean(fit.idata["posterior"][f"{equation}_sigma"].to_numpy()))
+    return plot_discrepancy_over_time(
+        fit.data.time,
+        band.mean,
+        band.lower,
+        band.upper,
+        equation=equation,
+        sigma=sigma,
+        level=level,
+        **_runs(fit),
+        **_units(fit, equation),
+    )
+
+
+def trade_off(fit: Fit, equation: str | None = None) -> Figure:
+    """Posterior pairs of the coefficient that f can stand in for most."""
+    pair = fit.trade_off(equation)
+    return plot_tradeoff(
+        pair.theta,
+        pair.projection,
+        term=pair.term,
+        equation=pair.equation,
+        correlation=pair.correlation,
+        unit=pair.unit,
+    )
+
+
+def _runs(fit: Fit) -> dict:
+    if fit.data.n_run == 1:
+        return {}
+    return {"run": fit.data.run, "run_names": list(fit.data.run_names)}
+
+
+def _units(fit: Fit, equation: str) -> dict:
+    return {"time_unit": fit.data.unit("t") or "", "unit": derivative_unit(equation, fit.data.units)}
