@@ -16,17 +16,10 @@ _MODULES = {"systems": "physics", "figures": "report", "plots": "report"}
 
 def __getattr__(name: str) -> Any:
     if name == "__version__":
-        return _version()
+        # Imported here because it is slow and seldom needed.
+        from importlib.metadata import version
+
+        return version("bayes-greybox")
     if name in _MODULES:
         return importlib.import_module(f"{__name__}.{_MODULES[name]}.{name}")
     return _named(name)
-
-
-def _version() -> str:
-    # Imported here because it is slow and seldom needed.
-    from importlib.metadata import PackageNotFoundError, version
-
-    try:
-        return version("bayes-greybox")
-    except PackageNotFoundError:
-        return "unknown (not installed)"

@@ -2,7 +2,8 @@
 
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -113,7 +114,6 @@ def compare(
         typer.Argument(help="A configuration file with [models.NAME], or two or more saved fits (.nc)."),
     ],
     output: Output = None,
-    scheme: Annotated[str | None, typer.Option(help="What is left out: loo, block or trajectory.")] = None,
     seed: Seed = None,
     draws: Draws = None,
     tune: Tune = None,
@@ -128,6 +128,7 @@ def compare(
     written if --output is given.
     """
     sampling = {"seed": seed, "draws": draws, "tune": tune, "chains": chains}
+    progress = not (no_progress or quiet)
     saved = [file.suffix == ".nc" for file in files]
     if any(saved):
         if not all(saved) or len(files) < 2:
@@ -137,11 +138,11 @@ def compare(
             raise InputError(
                 f"{given[0]} does not apply to saved fits, which are not sampled again; leave it out."
             )
-        return _compare_saved(files, output, scheme or "loo", quiet)
+        return _compare_saved(files, output, progress, quiet)
     if len(files) > 1:
         raise InputError("compare takes one configuration file, or two or more saved fits (*.nc).")
     settings = _configured(files[0], **sampling)
-    return _compare_configured(settings, output, scheme, not (no_progress or quiet), quiet)
+    return _compare_configured(settings, output, progress, quiet)
 
 
 @app.command()
@@ -153,9 +154,7 @@ def datasets() -> int:
     return DONE
 
 
-def _compare_configured(
-    settings: "Config", output: Path | None, scheme: str | None, progress: bool, quiet: bool
-) -> int:
+def _compare_configured(settings: "Config", output: Path | None, progress: bool, quiet: bool) -> int:
     if len(settings.models) < 2:
         raise InputError(
             f"compare needs two or more models, and {settings.file} has {len(settings.models)}: add tables "
@@ -167,6 +166,10 @@ def _compare_configured(
     with output_folder(output or settings.folder) as folder:
         train, _ = settings.read_data()
         models = {name: settings.build_model(name) for name in settings.models}
+        for name, model in models.items():
+            # What is wrong with the last model is better said before the first is sampled.
+            with _about(name):
+                model.designs(train)
         fits = {}
         for name, model in models.items():
             if not quiet:
@@ -175,7 +178,7 @@ def _compare_configured(
             # Each as soon as it is there: a later failure costs no finished fit.
             with staged(folder) as place:
                 fits[name].save(place / f"{name}.nc")
-        table = bg.compare(fits, scheme=scheme or settings.compare.scheme)
+        table = bg.compare(fits, settings.compare.scheme, progress=progress)
         with staged(folder) as place:
             record = comparison_record(fits, table, settings.sampling.model_dump())
             write_json(place / "summary.json", {"config": settings.file, **record})
@@ -185,15 +188,15 @@ def _compare_configured(
     return _compared(fits, table, folder, quiet)
 
 
-def _compare_saved(files: Sequence[Path], output: Path | None, scheme: str, quiet: bool) -> int:
+def _compare_saved(files: Sequence[Path], output: Path | None, progress: bool, quiet: bool) -> int:
     from bayes_greybox.report.folder import output_folder, staged
     from bayes_greybox.report.record import comparison_record, write_json
 
     fits = dict(zip(_fit_names(files), (bg.load(file) for file in files), strict=True))
     if output is None:
-        return _compared(fits, bg.compare(fits, scheme=scheme), None, quiet)
+        return _compared(fits, bg.compare(fits, progress=progress), None, quiet)
     with output_folder(output) as folder:
-        table = bg.compare(fits, scheme=scheme)
+        table = bg.compare(fits, progress=progress)
         with staged(folder) as place:
             write_json(place / "summary.json", comparison_record(fits, table, None))
         bg.plots.save_figures({"comparison": bg.plots.plot_comparison(table)}, folder / "figures")
@@ -212,6 +215,15 @@ def _fit_names(files: Sequence[Path]) -> list[str]:
     """Names that tell saved fits apart: of the file, of its folder where the file is a plain run.nc."""
     names = [file.resolve().parent.name if file.stem == "run" else file.stem for file in files]
     return names if len(set(names)) == len(names) else [str(file) for file in files]
+
+
+@contextmanager
+def _about(model: str) -> Iterator[None]:
+    """Errors say which model they are about."""
+    try:
+        yield
+    except InputError as error:
+        raise InputError(f"[models.{model}] {error}") from error
 
 
 def _configured(file: Path, **sampling: int | None) -> "Config":

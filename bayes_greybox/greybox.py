@@ -49,8 +49,8 @@ class GreyBox(Program):
     ) -> "Fit":
         """Sample the posterior with NUTS; the same seed gives the same posterior.
 
-        With the number of features left to the package, a posterior that asks for shorter length scales than the features
-        resolve is sampled again with as many as it needs.
+        With the number of features left to the package, a posterior that asks for shorter length scales than the
+        features resolve is sampled again with as many as it needs.
 
         Args:
             data: Training data, with the derivative of each learned state.
@@ -90,7 +90,7 @@ class Fit(Posterior):
         return summary(self, level)
 
     def inclusion(self, level: float = 0.9, rope: float = ROPE) -> pd.DataFrame:
-        """Coefficients by (equation, term), with P(γ_j = 1) under a spike-and-slab prior (see `criticism.inclusion`)."""
+        """Coefficients by (equation, term), with P(γ_j = 1) under a spike-and-slab prior."""
         return inclusion(self, level, rope)
 
     def discrepancy(self, level: float = 0.9) -> pd.DataFrame:

@@ -10,7 +10,8 @@ import pytest
 
 import bayes_greybox as bg
 from bayes_greybox.config import load_config, parts, sources
-from bayes_greybox.config.file import Sampling
+from bayes_greybox.config.file import Compare, Sampling
+from bayes_greybox.criticism.compare import SCHEMES
 from bayes_greybox.data.datasets import FOLDER_VARIABLE
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.model.discrepancy import Path as PathKind
@@ -109,6 +110,10 @@ def table(folder: Path, n: int = 40, name: str = "run.csv") -> pd.DataFrame:
         (BASE + "[simulation]\ny = 3", "[simulation] y = 3 cannot be used; it must be text in quotes."),
         (BASE + "ydot2 = [1]", "[dictionary.ydot2] terms[0] = 1 cannot be used; it must be a table"),
         (BASE + '[models."a/b"]', "[models] 'a/b' cannot name a model, because files are named after it."),
+        (
+            BASE + '[models.a]\n[models.b]\ndictionary = { y = "y" }',
+            "[models] a learns ydot but b learns y; compare models of the same equations.",
+        ),
         ('[data]\nsystem = "oscillator"', "needs the key 'dictionary'."),
         (TABLE.replace('states = ["y", "ydot"]', "") + DICTIONARY, "[data] needs the key 'states'."),
         (
@@ -181,14 +186,15 @@ def test_what_a_file_leaves_out_has_the_default_of_the_package(tmp_path):
 
 def test_choices_are_those_of_the_package():
     def choices(section, field):
-        literal = section.model_fields[field].annotation
-        options = typing.get_args(literal)
+        options = typing.get_args(section.model_fields[field].annotation)
+        # Where None is possible, the choices are one level down.
         return set(typing.get_args(options[0]) or options)
 
     assert choices(parts.Discrepancy, "variant") == set(typing.get_args(Variant))
     assert choices(parts.Discrepancy, "measure") == set(typing.get_args(Measure))
     assert choices(parts.Discrepancy, "path") == set(typing.get_args(PathKind))
     assert choices(parts.Discrepancy, "kernel") == set(KERNELS)
+    assert choices(Compare, "scheme") == set(SCHEMES)
     systems = {name for name in bg.systems.__all__ if inspect.isfunction(getattr(bg.systems, name))}
     assert choices(sources.SystemSource, "system") == systems - {"multisine"}
 
@@ -355,4 +361,4 @@ def test_every_shipped_file_says_what_it_shows_and_builds_data_and_models(path):
         model = settings.build_model(name)
         assert set(model.dictionary) <= set(train.derivatives)
         # Units and names of every term fit the data.
-        model.program.dictionaries(train)
+        model.dictionaries(train)

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, PrivateAttr, ValidationError, field_validator
+from pydantic import Field, PrivateAttr, ValidationError, field_validator, model_validator
 
 import bayes_greybox as bg
 from bayes_greybox.config.parts import Dictionary, Discrepancy, Prior
@@ -46,7 +46,7 @@ class Output(Section):
 class Compare(Section):
     """[compare]: how models are compared."""
 
-    scheme: Literal["loo", "block", "trajectory"] = "loo"
+    scheme: Literal["loo"] = "loo"
 
 
 class Model(Section):
@@ -81,6 +81,18 @@ class Config(Section):
             if not name.strip() or name.startswith(".") or set(name) & set('/\\:*?"<>|\0'):
                 raise wrong(f"{name!r} cannot name a model, because files are named after it")
         return models
+
+    @model_validator(mode="after")
+    def _check_equations(self) -> Any:
+        learned = {name: set(model.dictionary or self.dictionary) for name, model in self.models.items()}
+        for name, states in learned.items():
+            first = next(iter(learned))
+            if states != learned[first]:
+                raise wrong(
+                    f"[models] {first} learns {', '.join(sorted(learned[first]))} but {name} learns "
+                    f"{', '.join(sorted(states))}; compare models of the same equations"
+                )
+        return self
 
     @property
     def file(self) -> str:

@@ -23,7 +23,12 @@ TIE_NATS = 4.0
 
 
 def compare(
-    fits: Mapping[str, Posterior], scheme: str = "loo", *, at_most: int | None = None, progress: bool = True
+    fits: Mapping[str, Posterior],
+    scheme: str = "loo",
+    *,
+    at_most: int | None = None,
+    max_refits: int = 10,
+    progress: bool = True,
 ) -> pd.DataFrame:
     """Compare models by cross-validation, from one run each.
 
@@ -31,6 +36,7 @@ def compare(
         fits: Fits by name, all to the same data.
         scheme: "loo": leave out one observation at a time.
         at_most: Thin each model's draws evenly to this many; None: all.
+        max_refits: Exact refits of flagged observations for each model; a model that needs more gets none.
         progress: Whether refits of flagged observations show their progress.
 
     Returns:
@@ -50,7 +56,10 @@ def compare(
             f"compare needs at least two models, not {len(fits)}: pass {{'name': fit, 'other': fit}}."
         )
     _require_same_data(fits)
-    results = {name: SCHEMES[scheme](fit, at_most, progress=progress) for name, fit in fits.items()}
+    results = {
+        name: SCHEMES[scheme](fit, at_most, max_refits=max_refits, progress=progress)
+        for name, fit in fits.items()
+    }
     return comparison_table(results, _verdict_notes(fits))
 
 

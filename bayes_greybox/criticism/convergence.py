@@ -134,8 +134,8 @@ def _mixing(table: pd.DataFrame, n_chain: int, n_draw: int) -> Iterator[str]:
         worst = max(high, key=lambda name: high[name])
         yield (
             f"R̂ is {high[worst]:.3g} for {worst}{_others(high)}, above {MAX_R_HAT}: the chains disagree; "
-            "raise tune and draws, and if it stays, look at the chains for several modes (a kernel that is not "
-            "orthogonal to the dictionary makes them)."
+            "raise tune and draws, and if it stays, look at the chains for several modes (a kernel that is "
+            "not orthogonal to the dictionary makes them)."
         )
     if n_chain * n_draw < MIN_ESS:
         yield (
@@ -207,6 +207,6 @@ def _resolution(posterior: Posterior) -> Iterator[str]:
         ]
         text = str(needed[0]) if len(set(needed)) == 1 else f"({', '.join(map(str, needed))})"
         yield (
-            f"The discrepancy of {name!r} wants shorter length scales in {', '.join(map(repr, short))} than its "
-            f"{frame.basis.size} features resolve: raise OrthogonalGP(features=...) to at least {text}."
+            f"The discrepancy of {name!r} wants shorter length scales in {', '.join(map(repr, short))} than "
+            f"its {frame.basis.size} features resolve: raise OrthogonalGP(features=...) to at least {text}."
         )

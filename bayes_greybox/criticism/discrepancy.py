@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 from jaxtyping import Array, Float
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.inference.draws import draw_given
@@ -54,8 +54,8 @@ def discrepancy_table(posterior: Posterior, level: float = 0.9) -> pd.DataFrame:
 
     With y = g + Φθ + f + ε the share of a part c is cov(c, y)/var(y), so the four shares add up to one whatever the
     correlations between the parts. `overlap` is the largest |⟨φ_j, f⟩|/(‖φ_j‖ ‖f‖) over the terms on the data, and
-    `correlation` the largest posterior |corr(θ_j, j-th coefficient of f projected on Φ)|; `..._none` are the same for the
-    plain kernel at the same hyperparameters.
+    `correlation` the largest posterior |corr(θ_j, j-th coefficient of f projected on Φ)|; `..._none` are the same for
+    the plain kernel at the same hyperparameters.
 
     Args:
         posterior: Fitted model.
@@ -81,7 +81,7 @@ def discrepancy_table(posterior: Posterior, level: float = 0.9) -> pd.DataFrame:
         centred = y - y.mean()
 
         def share(part: np.ndarray, centred: np.ndarray = centred) -> np.ndarray:
-            return part @ centred / (centred @ centred)
+            return np.asarray(part @ centred / (centred @ centred))
 
         black = share(f)
         parts = {"simulation": share(g), "dictionary": share(draws.theta @ Phi.T).mean(), "discrepancy": black.mean()}
@@ -197,7 +197,7 @@ def discrepancy_grid(
     points = data.matrix(variables)
     half = np.array([np.ptp(axis) / 2 for axis in axes])
     nodes = np.stack([values.ravel() for values in mesh], axis=1)
-    inside = cKDTree(points / half).query(nodes / half)[0] <= SUPPORT
+    inside = KDTree(points / half).query(nodes / half)[0] <= SUPPORT
     shape = mesh[0].shape
     units = dict(data.units)
     return DiscrepancyGrid(

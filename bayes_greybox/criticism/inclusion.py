@@ -14,8 +14,8 @@ ROPE = 0.01
 def inclusion(posterior: Posterior, level: float = 0.9, rope: float = ROPE) -> pd.DataFrame:
     """Coefficients of every equation and term.
 
-    `inclusion` is P(γ_j = 1 | y), averaged over the hyperparameters from its exact conditional value (Rao–Blackwell). Only
-    a spike-and-slab prior has it. Every prior has P(|θ_j| > ROPE) and the shrinkage factor
+    `inclusion` is P(γ_j = 1 | y), averaged over the hyperparameters from its exact conditional value
+    (Rao–Blackwell). Only a spike-and-slab prior has it. Every prior has P(|θ_j| > ROPE) and the shrinkage factor
     κ_j = 1/(1 + n sd_j²/σ²), 0 for a coefficient the data decide and 1 for one the prior holds at zero
     (Piironen & Vehtari 2017, Eq. 2.6).
 

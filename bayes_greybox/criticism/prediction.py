@@ -257,8 +257,8 @@ def predictive_group(posterior: Posterior) -> tuple[dict[str, np.ndarray], np.nd
     """Posterior predictive draws of the measured rates at the training rows, noise with its correlation included.
 
     Returns:
-        `e_rate` by equation [n_chain, n_kept, n_obs], and the draws kept (at most PREDICTIVE_DRAWS over all chains); None
-        above PREDICTIVE_ROWS rows, where the group would dwarf everything else in the file.
+        `e_rate` by equation [n_chain, n_kept, n_obs], and the draws kept (at most PREDICTIVE_DRAWS over all chains);
+        None above PREDICTIVE_ROWS rows, where the group would dwarf everything else in the file.
     """
     data = posterior.data
     if data.n_obs > PREDICTIVE_ROWS:
@@ -278,7 +278,8 @@ def predictive_group(posterior: Posterior) -> tuple[dict[str, np.ndarray], np.nd
             Phi = equation.frame.dictionary_rows(data.columns)
             mean = draws.theta @ np.asarray(Phi).T + f / equation.frame.target_scale
         else:
-            mean = sum(_scaled_parts(equation, draws, data.columns))
+            explained, f = _scaled_parts(equation, draws, data.columns)
+            mean = explained + f
         noise = rng.standard_normal(mean.shape)
         if name in data.noise:
             values, vectors = np.linalg.eigh(data.noise[name].covariance())

@@ -15,8 +15,8 @@ LARGEST_BASIS = 400
 def features_needed(posterior: Posterior) -> dict[str, tuple[int, ...]]:
     """Features per variable that the posterior length scales call for, for equations whose basis has too few.
 
-    m ≥ a L/ℓ resolves the length scale ℓ, with a from Riutort-Mayol et al. 2023, Sec. 4.2, and ℓ the 5 % quantile of its
-    posterior in half-widths of the box.
+    m ≥ a L/ℓ resolves the length scale ℓ, with a from Riutort-Mayol et al. 2023, Sec. 4.2, and ℓ the 5 % quantile of
+    its posterior in half-widths of the box.
 
     Returns:
         Features per variable by equation; empty if all is resolved.

@@ -17,11 +17,11 @@ def summary(posterior: Posterior, level: float = 0.9) -> pd.DataFrame:
         level: Probability of the equal-tailed interval.
 
     Returns:
-        Table indexed by (equation, quantity): mean, sd, lower, upper, unit, r_hat, ess_bulk, ess_tail. Quantities are the
-        terms, `sigma`, `amplitude` and `length_scale[variable]`, in user's units. A coefficient that is zero in every draw
-        has no R̂ or effective sample size.
+        Table indexed by (equation, quantity): mean, sd, lower, upper, unit, r_hat, ess_bulk, ess_tail. Quantities
+        are the terms, `sigma`, `amplitude` and `length_scale[variable]`, in user's units. A coefficient that is zero
+        in every draw has no R̂ or effective sample size.
     """
-    from arviz_stats.base import array_stats  # three seconds, so not at the top
+    from arviz_stats.base.array import array_stats  # three seconds, so not at the top
 
     group = posterior.idata["posterior"].dataset
     tail = (1 - level) / 2
@@ -48,15 +48,14 @@ def summary(posterior: Posterior, level: float = 0.9) -> pd.DataFrame:
                 "lower": np.quantile(draws, tail),
                 "upper": np.quantile(draws, 1 - tail),
                 "unit": unit,
-                "r_hat": float(array_stats.rhat(draws, chain_axis=0, draw_axis=1)) if moving else np.nan,
+                "r_hat": float(np.asarray(array_stats.rhat(draws, chain_axis=0, draw_axis=1))) if moving else np.nan,
                 "ess_bulk": _ess(array_stats, draws, "bulk") if moving else np.nan,
                 "ess_tail": _ess(array_stats, draws, "tail") if moving else np.nan,
             }
-    table = pd.DataFrame.from_dict(rows, orient="index")
-    table.index = pd.MultiIndex.from_tuples(rows, names=["equation", "quantity"])
-    return table
+    index = pd.MultiIndex.from_tuples(list(rows), names=["equation", "quantity"])
+    return pd.DataFrame(list(rows.values()), index=index)
 
 
 def _ess(array_stats, draws: np.ndarray, method: str) -> float:
     prob = (0.05, 0.95) if method == "tail" else None
-    return float(array_stats.ess(draws, chain_axis=0, draw_axis=1, method=method, prob=prob))
+    return float(np.asarray(array_stats.ess(draws, chain_axis=0, draw_axis=1, method=method, prob=prob)))

@@ -1,4 +1,4 @@
-"""Exact draws of what was integrated out: inclusion patterns, coefficients, and the weights or values of f."""
+"""Exact draws of what was integrated out: inclusion patterns, coefficients, weights or values of f."""
 
 from collections.abc import Callable, Mapping
 
@@ -29,9 +29,10 @@ def conditional_draws(
         key: Random key.
 
     Returns:
-        For each equation e, in scaled units: `e_theta`, `e_theta_sd` (prior standard deviation of each coefficient, zero
-        where it is out) and `e_weight` (weights of the features) or `e_f` (values at the rows, exact path); under a
-        spike-and-slab prior also `e_gamma`, and `e_inclusion`, the probability of γ_j = 1 given the hyperparameters.
+        For each equation e, in scaled units: `e_theta`, `e_theta_sd` (prior standard deviation of each
+        coefficient, zero where it is out) and `e_weight` (weights of the features) or `e_f` (values at the
+        rows, exact path); under a spike-and-slab prior also `e_gamma`, and `e_inclusion`, the probability of
+        γ_j = 1 given the hyperparameters.
     """
     shape = next(iter(samples.values())).shape[:2]
     flat = {name: jnp.asarray(value.reshape(-1, *value.shape[2:])) for name, value in samples.items()}
@@ -96,7 +97,7 @@ def dense_draw(
     left: tuple[Float[Array, "n_left n_var"], Float[Array, "n_left n_rank"]],
     prior: Float[Array, "n_left n_left"],
 ) -> Float[Array, " n_left"]:
-    """Draw f at given points on the exact path: f | θ ~ N(k* C⁻¹ (y − Φθ), k** − k* C⁻¹ k*ᵀ), C = K⊥ + σ² I."""
+    """Draw f at given points, exact path: f | θ ~ N(k* C⁻¹ (y − Φθ), k** − k* C⁻¹ k*ᵀ), C = K⊥ + σ² I."""
     assert not isinstance(design, FeatureDesign)
     _, L = design.remove_discrepancy(design.y, hyper)
     cross = design.cross_covariance(left, hyper)
@@ -105,6 +106,6 @@ def dense_draw(
     half = solve_lower(L, cross.T)
     mean = half.T @ solve_lower(L, design.y - design.Phi @ theta)
     covariance = prior - half.T @ half
-    # A difference of covariances: the root by eigenvalues, with those that rounding made negative set to zero.
+    # A difference of covariances: its root by eigenvalues, those that rounding made negative set to zero.
     values, vectors = jnp.linalg.eigh(0.5 * (covariance + covariance.T))
     return mean + vectors @ (jnp.sqrt(jnp.maximum(values, 0.0)) * jax.random.normal(key, mean.shape))

@@ -12,15 +12,15 @@ from numpyro.handlers import seed, substitute, trace
 def gamma_move(model: Callable, designs: Any, equations: tuple[str, ...]) -> Callable:
     """A `gibbs_fn` for `numpyro.infer.HMCGibbs`: a sweep over γ of each equation, then as many swaps.
 
-    Given η, τ and π the posterior of γ is p(γ | ·) ∝ Π π^γ (1 − π)^(1−γ) p(y | γ, ·), and p(y | γ, ·) is Gaussian with θ
-    and f integrated out. In terms of A = TᵀT and b = Tᵀq of the remaining regression (see `model.collapsed`), bringing
-    term j into the set γ multiplies the evidence by
+    Given η, τ and π the posterior of γ is p(γ | ·) ∝ Π π^γ (1 − π)^(1−γ) p(y | γ, ·), and p(y | γ, ·) is
+    Gaussian with θ and f integrated out. In terms of A = TᵀT and b = Tᵀq of the remaining regression (see
+    `model.collapsed`), bringing term j into the set γ multiplies the evidence by
 
         (1 + τ² r)^{-1/2} exp(½ s²/(r + τ⁻²)),
         r = A_jj − A_jγ (A_γγ + τ⁻² I)⁻¹ A_γj,   s = b_j − A_jγ (A_γγ + τ⁻² I)⁻¹ b_γ,
 
-    which the sweep operator (Goodnight 1979) keeps up to date in K² operations a flip. Swapping a term that is in for
-    one that is out (Metropolis) lets near-collinear terms change places.
+    which the sweep operator (Goodnight 1979) keeps up to date in K² operations a flip. Swapping a term that
+    is in for one that is out (Metropolis) lets near-collinear terms change places.
 
     Args:
         model: The collapsed model.
@@ -70,9 +70,7 @@ def resample_pattern(
     log_odds = jnp.log(pi) - jnp.log1p(-pi)
     augmented = jnp.block([[A + jnp.eye(n_term) / tau**2, b[:, None]], [b[None, :], jnp.zeros((1, 1))]])
     gamma = gamma.astype(int)
-    augmented = jax.lax.fori_loop(
-        0, n_term, lambda j, M: jnp.where(gamma[j] == 1, _sweep(M, j), M), augmented
-    )
+    augmented = jax.lax.fori_loop(0, n_term, lambda j, M: jnp.where(gamma[j] == 1, _sweep(M, j), M), augmented)
 
     def log_factor(M: Array, j: Array) -> Array:
         # Of a term that is out: log BF = −½ log(τ² pivot) + ½ s²/pivot, pivot = r + τ⁻²

@@ -10,7 +10,6 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pandas as pd
 import xarray as xr
 
@@ -97,7 +96,9 @@ def load(path: str | os.PathLike, simulation: RightHandSide | None = None) -> Po
     except (OSError, ValueError, KeyError, RuntimeError) as error:
         raise InputError(f"{str(path)!r} is not a readable netCDF file: it is damaged or of another kind.") from error
     if RECORD not in tree.attrs:
-        raise InputError(f"{str(path)!r} is a netCDF file, but not a fit saved by bayes_greybox; use arviz.from_netcdf.")
+        raise InputError(
+            f"{str(path)!r} is a netCDF file, but not a fit saved by bayes_greybox; use arviz.from_netcdf."
+        )
     record = json.loads(tree.attrs.pop(RECORD))
     if record["format"] > FORMAT:
         raise InputError(
@@ -116,7 +117,7 @@ def describe(model: Program, data: Trajectories) -> dict[str, Any]:
         data: Data that it was fitted to, whose names its expressions use.
     """
     terms = {
-        equation: [{"expression": to_text(term.expr), "name": term.name, "unit": term.unit} for term in dictionary.terms]
+        equation: [{"expression": to_text(t.expr), "name": t.name, "unit": t.unit} for t in dictionary.terms]
         for equation, dictionary in model.dictionaries(data).items()
     }
     simulation = "function" if callable(model.simulation) else {k: str(v) for k, v in (model.simulation or {}).items()}
@@ -147,8 +148,6 @@ def rebuild(record: Mapping[str, Any], simulation: RightHandSide | None = None) 
     prior = dict(record["prior"])
     kind = prior.pop("kind")
     gp = record["discrepancy"]
-    if gp is not None:
-        gp = {key: tuple(value) if isinstance(value, list) else value for key, value in gp.items()}
     return Program(
         dictionary={name: tuple(Term(**term) for term in terms) for name, terms in record["dictionary"].items()},
         simulation=simulation if record["simulation"] == "function" else record["simulation"],

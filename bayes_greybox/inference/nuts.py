@@ -43,9 +43,9 @@ def run_chains(
 ) -> Chains:
     """Run an MCMC kernel of NumPyro on a model with one argument.
 
-    NumPyro's `MCMC` runs chains in parallel only over several XLA devices, which a library cannot ask for once JAX is
-    awake, and compiles once a chain otherwise. XLA releases the interpreter lock, so plain threads on one compiled
-    step do the same; a chain's draws depend on its own key alone.
+    NumPyro's `MCMC` runs chains in parallel only over several XLA devices, which a library cannot ask for
+    once JAX is awake, and compiles once a chain otherwise. XLA releases the interpreter lock, so plain
+    threads on one compiled step do the same; a chain's draws depend on its own key alone.
 
     Args:
         kernel: `NUTS` or `HMCGibbs` around the model.
@@ -57,9 +57,11 @@ def run_chains(
         progress: Whether to show a progress bar.
     """
     keys = jax.random.split(key, chains)
-    states = jax.jit(jax.vmap(lambda key: kernel.init(key, tune, None, (argument,), {})))(keys)
-    first = jax.tree.map(lambda leaf: leaf[0], states)
-    advance = jax.jit(_advancer(kernel)).lower(first, argument, 1).compile()
+    start_chain = jax.jit(lambda key: kernel.init(key, tune, None, (argument,), {}))
+    states = [start_chain(key) for key in keys]
+    advance = jax.jit(_advancer(kernel))
+    # Compiled here, by a run of no iterations, so that the threads do not each do it.
+    advance(states[0], argument, 0)
     stop = threading.Event()
 
     with _bar(progress) as bar:
@@ -67,7 +69,7 @@ def run_chains(
         divergences = np.zeros(chains, int)
 
         def one_chain(chain: int) -> dict[str, np.ndarray]:
-            state = jax.tree.map(lambda leaf: leaf[chain], states)
+            state = states[chain]
             kept = []
             for start, length in [*_chunks(0, tune), *_chunks(tune, tune + draws)]:
                 if stop.is_set():
@@ -140,5 +142,3 @@ def _bar(show: bool) -> Progress:
         TextColumn("{task.fields[note]}"),
         disable=not show,
     )
-
-

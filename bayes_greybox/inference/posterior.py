@@ -8,6 +8,7 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import xarray as xr
 from jaxtyping import Float
@@ -112,9 +113,9 @@ class Posterior:
         # Without a discrepancy there is neither amplitude nor length scale; the placeholders multiply no features.
         return EquationDraws(
             Hyperparameters(
-                flat("sigma") / frame.target_scale,
-                flat("amplitude") / frame.target_scale,
-                flat("length_scale", len(frame.variables)) / frame.half_width,
+                jnp.asarray(flat("sigma") / frame.target_scale),
+                jnp.asarray(flat("amplitude") / frame.target_scale),
+                jnp.asarray(flat("length_scale", len(frame.variables)) / frame.half_width),
             ),
             flat("theta") / frame.coefficient_scale,
             flat("prior_sd"),
@@ -202,7 +203,7 @@ def data_table(data: Trajectories) -> dict[str, np.ndarray]:
 
 
 def _user_units(samples: Mapping[str, np.ndarray], equations: Mapping[str, Equation]) -> dict[str, np.ndarray]:
-    """Scaled draws under their public names and in user's units; raw coordinates that another site tells are left out."""
+    """Draws under their public names, user's units; raw coordinates that another site tells are left out."""
     named = dict(samples)
     for name, equation in equations.items():
         frame = equation.frame

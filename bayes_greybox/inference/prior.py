@@ -33,7 +33,7 @@ def prior_draws(model: Callable, designs: Mapping[str, Design], n_draw: int, key
 def log_prior_densities(
     model: Callable, designs: Mapping[str, Design], draws: Mapping[str, np.ndarray]
 ) -> dict[str, np.ndarray]:
-    """log p of each site at each posterior draw, and of θ given its scales, in scaled units.
+    """Log p of each site at each posterior draw, and of θ given its scales, in scaled units.
 
     Args:
         model: The collapsed NumPyro model.

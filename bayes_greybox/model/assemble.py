@@ -52,13 +52,13 @@ def assemble(
         noise_floor: Least noise standard deviation over the RMS of the target.
 
     Raises:
-        InputError: Fewer rows than terms; a term that is not finite; collinear terms; a target that is zero; too
-            many rows for the exact path; a kernel that is not a covariance.
+        InputError: Fewer rows than terms; a term that is not finite; collinear terms; a target that is zero;
+            too many rows for the exact path; a kernel that is not a covariance.
     """
     if data.n_obs < len(dictionary):
         raise InputError(
-            f"Equation {equation!r} has {len(dictionary)} terms but only {data.n_obs} rows of data: give at least "
-            "as many rows as terms."
+            f"Equation {equation!r} has {len(dictionary)} terms but only {data.n_obs} rows of data: give at "
+            f"least as many rows as terms."
         )
     target_scale = float(np.sqrt(np.mean(target**2)))
     if target_scale == 0:
@@ -109,8 +109,8 @@ def _scaled_frame(
     unknown = [name for name in variables if name not in data.columns]
     if unknown:
         raise InputError(
-            f"OrthogonalGP(variables=...) names {unknown[0]!r}, which is neither a state nor an input; known: "
-            f"{', '.join(data.columns)}."
+            f"OrthogonalGP(variables=...) names {unknown[0]!r}, which is neither a state nor an input; "
+            f"known: {', '.join(data.columns)}."
         )
     basis = None
     if discrepancy is not None and discrepancy.path == "hsgp":
@@ -195,8 +195,8 @@ def _with_measure(frame: Frame, gp: OrthogonalGP, data: Trajectories, factor: np
         if not np.all(np.isfinite(Phi)):
             bad = frame.dictionary.names[int(np.argmin(np.isfinite(Phi).all(axis=0)))]
             raise InputError(
-                f"Term {bad!r} is not finite on the whole box of the data, which OrthogonalGP(measure={gp.measure!r}) "
-                "integrates over: use measure='empirical'."
+                f"Term {bad!r} is not finite on the whole box of the data, which "
+                f"OrthogonalGP(measure={gp.measure!r}) integrates over: use measure='empirical'."
             )
     T = orthonormalise(Phi, weights)
     moments = (weights[:, None] * (Phi @ T)).T @ psi
@@ -218,18 +218,18 @@ def _dense_design(
 ) -> DenseDesign:
     if data.n_obs > EXACT_LIMIT:
         raise InputError(
-            f"OrthogonalGP(path='exact') is dense and takes at most {EXACT_LIMIT} rows, not {data.n_obs}: use "
-            "path='hsgp'."
+            f"OrthogonalGP(path='exact') is dense and takes at most {EXACT_LIMIT} rows, not {data.n_obs}: "
+            f"use path='hsgp'."
         )
     table = rows(np.arange(data.n_obs))
     Phi, y = table[:, : len(frame.dictionary)], table[:, -1]
     x = frame.position(data.columns)
     points = (x, jnp.asarray(Phi @ frame.orthonormal))
-    nodes = (x, points[1] / data.n_obs)
+    nodes: tuple[jax.Array, jax.Array] = (x, points[1] / data.n_obs)
     if gp.measure != "empirical":
         columns, weights = _box_columns(frame, gp, data)
         at_nodes = frame.dictionary_rows(columns) @ frame.orthonormal
-        nodes = (frame.position(columns), weights[:, None] * at_nodes)
+        nodes = (frame.position(columns), jnp.asarray(weights[:, None] * at_nodes))
     whitening = None if noise is None else noise.whiten(np.eye(data.n_obs))
     design = DenseDesign(
         Phi=jnp.asarray(Phi if whitening is None else whitening @ Phi),
@@ -248,9 +248,7 @@ def _dense_design(
 def _require_covariance(design: DenseDesign, gp: OrthogonalGP, n_var: int) -> None:
     if gp.variant != "printed":
         return
-    typical = Hyperparameters(
-        design.noise_floor, jnp.asarray(gp.amplitude), jnp.full(n_var, gp.length_scale)
-    )
+    typical = Hyperparameters(design.noise_floor, jnp.asarray(gp.amplitude), jnp.full(n_var, gp.length_scale))
     eigenvalues = np.linalg.eigvalsh(np.asarray(design.covariance(typical)))
     if eigenvalues[0] < -1e-10 * np.abs(eigenvalues).max():
         raise InputError(
@@ -261,7 +259,15 @@ def _require_covariance(design: DenseDesign, gp: OrthogonalGP, n_var: int) -> No
 
 
 def _floor(y: Float[np.ndarray, " n_obs"], relative: float) -> float:
-    """Noise floor: the relative one, and the rounding error of the recorded values, in quadrature."""
+    """Noise floor: the relative one, and the rounding error of the recorded values, in quadrature.
+
+    Values are rounded if some repeat and all differences are multiples of the smallest; of unrounded values
+    the smallest difference says nothing but how many there are.
+    """
     steps = np.diff(np.unique(y))
-    rounding = steps.min() / np.sqrt(12) if steps.size else 0.0
+    if steps.size == 0 or steps.size == y.size - 1:
+        return relative
+    multiples = steps / steps.min()
+    rounded = bool(np.all(np.abs(multiples - np.rint(multiples)) < 1e-3))
+    rounding = steps.min() / np.sqrt(12) if rounded else 0.0
     return float(np.hypot(relative, rounding))

@@ -1,7 +1,7 @@
 """Integrating f and θ out of the model, given the hyperparameters: the mathematics behind the likelihood.
 
-Everything is Gaussian given η = (length scales, amplitude, σ) and the prior scales. First f is integrated out, which
-leaves an ordinary linear regression for θ (a `Remainder`); then θ is.
+Everything is Gaussian given η = (length scales, amplitude, σ) and the prior scales. First f is integrated
+out, which leaves an ordinary linear regression for θ (a `Remainder`); then θ is.
 """
 
 import math
@@ -19,8 +19,8 @@ from .subsets import log_pattern_weights
 class Remainder(NamedTuple):
     """What is left for θ once f is integrated out: −2 log p(y | θ, η) = ‖q − T θ‖² + log_det + n log 2π.
 
-    T and q are residuals of ridge regressions on the features, stacked on their penalties, so that ‖q − Tθ‖² is
-    computed as a sum of squares and never as a difference of large numbers.
+    T and q are residuals of ridge regressions on the features, stacked on their penalties, so that ‖q − Tθ‖²
+    is computed as a sum of squares and never as a difference of large numbers.
     """
 
     T: Float[Array, "n_left n_term"]
@@ -66,7 +66,8 @@ def remove_features(
         U: Orthonormal constraint directions of the conditioned kernel.
 
     Returns:
-        The regression left for θ (its log_det lacks n log σ², which depends on n), and the weights' posterior.
+        The regression left for θ (its log_det lacks n log σ², which depends on n), and the weights'
+        posterior.
     """
     rows = jnp.column_stack([Phi, y]) / sigma
     if Psi.shape[1] == 0:
@@ -94,8 +95,8 @@ def scaled_solve(
 ) -> tuple[Float[Array, ""], Float[Array, "n k"], Float[Array, "n n"]]:
     """log|A|, X = A⁻¹ R and the Cholesky factor of A = I + diag(s) G diag(s), for constant G.
 
-    The reverse pass needs one triangular inverse, a third of what differentiating through the factorisation costs:
-    with V = A⁻¹ X̄,
+    The reverse pass needs one triangular inverse, a third of what differentiating through the factorisation
+    costs: with V = A⁻¹ X̄,
 
         R̄ = V,   s ∂/∂s_m = 2 (1 − (A⁻¹)_mm) · (log|A|)¯ − Σ_k [V ∘ (R − X) + X ∘ (X̄ − V)]_mk,
 
@@ -134,7 +135,7 @@ def remove_dense(
     y: Float[Array, " n_row"],
     sigma: Float[Array, ""] | float,
 ) -> tuple[Remainder, Float[Array, "n_row n_row"]]:
-    """Integrate out f ~ N(0, K) at the rows themselves: [T q] = L⁻¹ [Φ y], L Lᵀ = K + σ² I; also returns L."""
+    """Integrate out f ~ N(0, K) at the rows: [T q] = L⁻¹ [Φ y], L Lᵀ = K + σ² I; also returns L."""
     L = jnp.linalg.cholesky(K + sigma**2 * jnp.eye(K.shape[0]))
     left = solve_lower(L, jnp.column_stack([Phi, y]))
     return Remainder(left[:, :-1], left[:, -1], 2 * jnp.sum(jnp.log(jnp.diag(L)))), L
@@ -164,7 +165,7 @@ def spike_and_slab(
     log_odds: Float[Array, " n_term"],
     n_obs: Float[Array, ""] | float,
 ) -> tuple[Float[Array, ""], Float[Array, " n_pattern"]]:
-    """log p(y | η) summed over all inclusion patterns, and log p(γ | y, η) of each pattern."""
+    """Log p(y | η) summed over all inclusion patterns, and log p(γ | y, η) of each pattern."""
     full = ridge(remainder, sd, n_obs)
     inverse = solve_lower(full.L, jnp.eye(sd.shape[0]))
     weights = log_pattern_weights(full.mean, inverse.T @ inverse, log_odds)

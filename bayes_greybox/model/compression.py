@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import scipy.linalg
 from jaxtyping import Float, Int
-from scipy.linalg import blas
+from scipy.linalg import get_blas_funcs
 
 CHUNK = 16_384
 """Rows held in memory at once; also the size of the sample that the preconditioner is made from."""
@@ -24,16 +24,17 @@ def triangular_factor(
 ) -> Float[np.ndarray, "n_kept n_column"]:
     """Upper triangular R with RᵀR = FᵀF for a tall matrix F that never exists as a whole.
 
-    Up to one chunk this is a QR factorisation. Beyond, a Gram matrix alone would square the condition number, and
-    a QR of every chunk costs three matrix products. Instead the rows are preconditioned by R₀, the factor of an
-    evenly spaced sample:
+    Up to one chunk this is a QR factorisation. Beyond, a Gram matrix alone would square the condition number,
+    and a QR of every chunk costs three matrix products. Instead the rows are preconditioned by R₀, the factor
+    of an evenly spaced sample:
 
         G = Σ (F_chunk R₀⁻¹)ᵀ (F_chunk R₀⁻¹),   R = chol(G)ᵀ R₀.
 
     The columns of F R₀⁻¹ are nearly orthonormal, so G is well conditioned and R keeps the precision of a QR
-    (Cholesky QR, Yamamoto et al. 2015, with a sampled first pass). Where the sample does not represent the rest (a
-    term that acts in a short burst), G is not, and R preconditions another pass. Each row costs a triangular solve and a
-    symmetric rank-one update. Factors of separate parts combine by stacking them and calling this again.
+    (Cholesky QR, Yamamoto et al. 2015, with a sampled first pass). Where the sample does not represent the
+    rest (a term that acts in a short burst), G is not, and R preconditions another pass. Each row costs a
+    triangular solve and a symmetric rank-one update. Factors of separate parts combine by stacking them and
+    calling this again.
 
     Args:
         rows: Gives the rows of F with these indices.
@@ -49,7 +50,8 @@ def triangular_factor(
     R = _qr(np.vstack([sample, _ridge(sample)])) * np.sqrt(n_row / len(sample))
     for _ in range(MAX_PASSES):
         G = _preconditioned_gram(rows, n_row, chunk, R)
-        # With unit diagonal, a column that the sample missed, huge after preconditioning, cannot drown the others.
+        # With unit diagonal, a column that the sample missed, huge after preconditioning, cannot drown the
+        # others.
         size = np.sqrt(np.where(np.diag(G) > 0, np.diag(G), 1.0))
         G = G / np.outer(size, size)
         G[np.diag_indices_from(G)] += 10 * np.finfo(float).eps * len(G)
@@ -61,17 +63,19 @@ def triangular_factor(
 
 def _preconditioned_gram(rows: Callable, n_row: int, chunk: int, R0: np.ndarray) -> np.ndarray:
     R0 = np.asfortranarray(R0)
+    trsm, syrk = get_blas_funcs(("trsm", "syrk"), (R0,))
     G = np.zeros((R0.shape[0],) * 2, order="F")
+    trsm, syrk = scipy.linalg.get_blas_funcs(("trsm", "syrk"), dtype=float)
     for start in range(0, n_row, chunk):
         block = rows(np.arange(start, min(start + chunk, n_row)))
-        # G += (F R₀⁻¹)ᵀ (F R₀⁻¹): dsyrk on the transpose keeps BLAS on contiguous memory
-        whitened = blas.dtrsm(1.0, R0, np.asarray(block).T, trans_a=1, overwrite_b=False)
-        G = blas.dsyrk(1.0, whitened, beta=1.0, c=G, overwrite_c=True)
+        # G += (F R₀⁻¹)ᵀ (F R₀⁻¹): syrk on the transpose keeps BLAS on contiguous memory
+        whitened = trsm(1.0, R0, np.asarray(block).T, trans_a=1, overwrite_b=False)
+        G = syrk(1.0, whitened, beta=1.0, c=G, overwrite_c=True)
     return np.triu(G) + np.triu(G, 1).T
 
 
 def _qr(matrix: np.ndarray) -> np.ndarray:
-    return np.linalg.qr(matrix, mode="r")
+    return np.asarray(np.linalg.qr(matrix, mode="r"))
 
 
 def _ridge(sample: np.ndarray) -> np.ndarray:

@@ -23,14 +23,16 @@ class OrthogonalGP:
     units: ℓ ~ LogNormal(log `length_scale`, `length_scale_spread`), amplitude ~ HalfNormal(`amplitude`).
 
     Attributes:
-        variant: "projected" (default), "conditioned", "none", or "printed" (the seed paper's formula, which is no
-            covariance for most hyperparameters; exact path only).
-        measure: What orthogonal is taken with respect to: "empirical" (the training states), "box" (uniform over
-            their bounding box) or "box-monte-carlo" (the same by `monte_carlo` random points, as in the paper).
+        variant: "projected" (default), "conditioned", "none", or "printed" (the seed paper's formula, which
+            is no covariance for most hyperparameters; exact path only).
+        measure: What orthogonal is taken with respect to: "empirical" (the training states), "box" (uniform
+            over their bounding box) or "box-monte-carlo" (the same by `monte_carlo` random points, as in the
+            paper).
         kernel: "squared_exponential", "matern32" or "matern52", with one length scale per variable.
         path: "hsgp" (Hilbert-space features, cost independent of the number of rows) or "exact" (dense).
         variables: What f depends on; None: every state and input.
-        features: Features per variable on the hsgp path; None: 20, 10², 8 by total order for 1, 2, 3 variables.
+        features: Features per variable on the hsgp path; None: 20, 10², 8 by total order for 1, 2, 3
+            variables.
         boundary: Half-width of the features' domain over that of the data.
         length_scale: Prior median of the length scales.
         length_scale_spread: Prior standard deviation of their logarithm.
@@ -59,8 +61,8 @@ class OrthogonalGP:
         _require_one_of("path", self.path, get_args(Path))
         if self.variant == "printed" and self.path != "exact":
             raise InputError(
-                "OrthogonalGP(variant='printed') has no feature expansion, because it is not a covariance: give "
-                "path='exact' to build it anyway, or use variant='projected'."
+                "OrthogonalGP(variant='printed') has no feature expansion, because it is not a covariance: "
+                "give path='exact' to build it anyway, or use variant='projected'."
             )
         if self.boundary <= 1:
             raise InputError(f"OrthogonalGP(boundary={self.boundary:g}) must exceed 1, the edge of the data.")

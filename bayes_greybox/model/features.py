@@ -18,14 +18,15 @@ class HilbertBasis:
     With it k(x, x') ≈ Σ_j S(√λ_j) ψ_j(x) ψ_j(x'), S the spectral density (Solin & Särkkä 2020, Eq. 20;
     Riutort-Mayol et al. 2023, Eq. 9 to 11). Data live in [−1, 1]^d, so L is the boundary factor.
 
-    The eigenfunctions are those with Neumann conditions (zero slope at the boundary), not the Dirichlet sines of
-    `numpyro.contrib.hsgp`: sines vanish at the boundary, so they cannot hold a discrepancy that does not depend on
-    one of the variables, and with L = 1.5 that turned one posterior mode into four.
+    The eigenfunctions are those with Neumann conditions (zero slope at the boundary), not the Dirichlet sines
+    of `numpyro.contrib.hsgp`: sines vanish at the boundary, so they cannot hold a discrepancy that does not
+    depend on one of the variables, and with L = 1.5 that turned one posterior mode into four.
 
     Attributes:
         boundary: L, the same in every direction.
-        per_variable: Features m_d in each direction, j_d = 0 … m_d − 1. In more than two directions the tensor product is cut at
-            total order: Σ_d j_d (m/m_d) < m with m = max m_d, since the product grows as m^d.
+        per_variable: Features m_d in each direction, j_d = 0 … m_d − 1. In more than two directions the
+            tensor product is cut at total order: Σ_d j_d (m/m_d) < m with m = max m_d, since the product
+            grows as m^d.
     """
 
     boundary: float
@@ -33,7 +34,7 @@ class HilbertBasis:
 
     @property
     def indices(self) -> np.ndarray:
-        """j as an array [n_basis, n_var], the last variable running fastest."""
+        """Indices j as an array [n_basis, n_var], the last variable running fastest."""
         grid = np.array(list(itertools.product(*(range(m) for m in self.per_variable))))
         if len(self.per_variable) <= 2:
             return grid

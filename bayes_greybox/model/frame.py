@@ -1,7 +1,7 @@
 """The frame of one equation: everything fixed by the data before sampling starts.
 
-It holds the scaling (internal, never seen by the user), the orthonormal dictionary and the features, and evaluates
-them on any rows: those of the fit, held-out ones, a grid, or a state inside an integrator.
+It holds the scaling (internal, never seen by the user), the orthonormal dictionary and the features, and
+evaluates them on any rows: those of the fit, held-out ones, a grid, or a state inside an integrator.
 """
 
 from collections.abc import Mapping
@@ -72,6 +72,7 @@ class Frame:
 
     def orthogonal(self, Phi: Array | np.ndarray, psi: Array | np.ndarray) -> Array | np.ndarray:
         """ψ̃ = ψ − Φₒ ⟨Φₒ, ψᵀ⟩ for the projected kernel, ψ for the others; any rows with these columns."""
+        psi = jnp.asarray(psi)
         return psi - Phi @ self.orthonormal @ self.moments if self.projected else psi
 
     def rows(
@@ -79,7 +80,7 @@ class Frame:
     ) -> tuple[Float[Array, "n_row n_term"], Float[Array, "n_row n_basis"]]:
         """Φ and Ψ̃ in scaled units."""
         Phi = self.dictionary_rows(columns)
-        return Phi, self.orthogonal(Phi, self.plain_features(columns))
+        return Phi, jnp.asarray(self.orthogonal(Phi, self.plain_features(columns)))
 
     def inside(self, columns: Mapping[str, Array | np.ndarray]) -> np.ndarray:
         """Which rows lie in the box of the data."""

@@ -57,7 +57,10 @@ def log_spectral_density(
     amplitude: Float[Array, ""] | float,
     length_scale: Float[Array, " n_var"],
 ) -> Float[Array, " n_basis"]:
-    """log S(ω) = 2 log amplitude + Σ_d log ℓ_d + log shape(Σ_d ℓ_d² ω_d²)  (Solin & Särkkä 2020, Eq. 4 and 20)."""
+    """Logarithm of the spectral density of the base kernel.
+
+    log S(ω) = 2 log amplitude + Σ_d log ℓ_d + log shape(Σ_d ℓ_d² ω_d²)   (Solin & Särkkä 2020, Eq. 4 and 20).
+    """
     scaled = jnp.sum((frequency * length_scale) ** 2, axis=-1)
     shape = kernel.log_spectral_shape(scaled, frequency.shape[-1])
     return 2 * jnp.log(amplitude) + jnp.sum(jnp.log(length_scale)) + shape
@@ -70,7 +73,7 @@ def _matern(name: str, nu: float, polynomial: Callable[[Array], Array], features
         return jnp.where(r2 > 0, polynomial(r) * jnp.exp(-r), 1.0)
 
     def log_spectral_shape(scaled: Array, dim: int) -> Array:
-        # S = 2^D π^{D/2} Γ(ν + D/2) (2ν)^ν / Γ(ν) · (2ν + ω²)^{−ν − D/2}   (Rasmussen & Williams 2006, Eq. 4.15)
+        # S = 2^D π^{D/2} Γ(ν + D/2) (2ν)^ν / Γ(ν) · (2ν + ω²)^{−ν − D/2}  (Rasmussen & Williams 2006, 4.15)
         constant = (
             dim * math.log(2)
             + 0.5 * dim * math.log(math.pi)

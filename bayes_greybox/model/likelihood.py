@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -35,7 +35,7 @@ class Hyperparameters(NamedTuple):
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class FeatureDesign:
-    """Rows of one equation on the feature path: [Φ Ψ̃ y], whitened, scaled and compressed to a triangular factor.
+    """Rows of one equation on the feature path: [Φ Ψ̃ y], whitened, scaled, compressed to a triangular factor.
 
     The rotation that compresses the rows leaves the likelihood as it is; `n_obs` rows stand behind `y`. Without a
     discrepancy the features have no columns.
@@ -126,7 +126,8 @@ class DenseDesign:
     def sample_discrepancy(self, key: Array, hyper: Hyperparameters) -> Float[Array, " n_row"]:
         """Prior draw of f on the rows."""
         return dist.MultivariateNormal(
-            jnp.zeros(self.y.shape), self.covariance(hyper) + 1e-10 * hyper.amplitude**2 * jnp.eye(self.y.size)
+            jnp.zeros(self.y.shape),
+            self.covariance(hyper) + 1e-10 * hyper.amplitude**2 * jnp.eye(self.y.size),
         ).sample(key)
 
 
@@ -148,7 +149,7 @@ class CollapsedNormal(dist.Distribution):
     """
 
     arg_constraints: dict = {}
-    support = constraints.real_vector
+    support = constraints.real_vector  # pyright: ignore[reportAssignmentType]
     pytree_data_fields = ("design", "hyper", "scales")
 
     def __init__(self, design: Design, hyper: Hyperparameters, scales: Scales, *, validate_args: bool | None = None):
@@ -156,7 +157,7 @@ class CollapsedNormal(dist.Distribution):
         super().__init__(event_shape=design.y.shape, validate_args=validate_args)
 
     def log_prob(self, value: Float[Array, " n_row"]) -> Float[Array, ""]:
-        """log p(y | η, scales)."""
+        """Log p(y | η, scales)."""
         remainder, _ = self.design.remove_discrepancy(value, self.hyper)
         if self.scales.log_odds is None:
             return ridge(remainder, self.scales.sd, self.design.n_obs).log_evidence

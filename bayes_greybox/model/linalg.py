@@ -1,5 +1,7 @@
 """Factorisations that every density and draw goes through, and the one jitter they share."""
 
+from typing import Any
+
 import jax.numpy as jnp
 import numpy as np
 import scipy.linalg
@@ -9,7 +11,7 @@ from jaxtyping import Array, Float
 from bayes_greybox.data.errors import InputError
 
 JITTER = 1e-12
-"""Relative jitter: every matrix that needs one gets JITTER x (the scale its entries would have) on the diagonal."""
+"""Relative jitter: a matrix that needs one gets JITTER x (the scale its entries would have) on the diagonal."""
 
 RANK_TOLERANCE = 1e-7
 """A unit-norm dictionary column whose part orthogonal to the others is shorter than this is collinear."""
@@ -55,7 +57,8 @@ def require_independent(columns: Float[np.ndarray, "n_row n_term"], names: tuple
         raise InputError(
             f"Term {names[int(np.argmin(norms))]!r} of equation {equation!r} is zero on all the data: remove it."
         )
-    _, R, order = scipy.linalg.qr(columns / norms, mode="economic", pivoting=True)
+    factors: Any = scipy.linalg.qr(columns / norms, mode="economic", pivoting=True)
+    _, R, order = factors
     rank = int(np.sum(np.abs(np.diag(R)) > RANK_TOLERANCE))
     if rank == len(names):
         return
@@ -63,6 +66,6 @@ def require_independent(columns: Float[np.ndarray, "n_row n_term"], names: tuple
     weights = scipy.linalg.solve_triangular(R[:rank, :rank], R[:rank, rank])
     partners = [repr(names[order[j]]) for j in np.flatnonzero(np.abs(weights) > 1e-3 * np.abs(weights).max())]
     raise InputError(
-        f"Collinear terms in equation {equation!r}: on these data {names[first]!r} is a linear combination of "
-        f"{', '.join(partners)}; remove one of them, or use data that tell them apart."
+        f"Collinear terms in equation {equation!r}: on these data {names[first]!r} is a linear combination "
+        f"of {', '.join(partners)}; remove one of them, or use data that tell them apart."
     )

@@ -1,6 +1,6 @@
 """Probability measures on the states, as nodes and weights: what "orthogonal" is taken with respect to."""
 
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from jaxtyping import Float
@@ -20,8 +20,8 @@ def box_nodes(
 ) -> tuple[Float[np.ndarray, "n_node n_var"], Float[np.ndarray, " n_node"]]:
     """Nodes and weights of the uniform probability measure on the box [−1, 1]^d.
 
-    Tensor Gauss–Legendre for d ≤ 3, scrambled Sobol points beyond; with `monte_carlo` = n, n independent uniform
-    points, as the seed paper integrates its Gram matrix.
+    Tensor Gauss–Legendre for d ≤ 3, scrambled Sobol points beyond; with `monte_carlo` = n, n independent
+    uniform points, as the seed paper integrates its Gram matrix.
 
     Args:
         n_var: Number of variables d.
@@ -35,7 +35,8 @@ def box_nodes(
         nodes = np.random.default_rng(seed).uniform(-1.0, 1.0, size=(monte_carlo, n_var))
         return nodes, np.full(monte_carlo, 1.0 / monte_carlo)
     if n_var > max(QUADRATURE_NODES):
-        points = qmc.Sobol(n_var, seed=seed).random(LOW_DISCREPANCY_NODES)
+        sobol: Any = qmc.Sobol
+        points = sobol(n_var, seed=seed).random(LOW_DISCREPANCY_NODES)
         return 2.0 * points - 1.0, np.full(LOW_DISCREPANCY_NODES, 1.0 / LOW_DISCREPANCY_NODES)
     x, w = np.polynomial.legendre.leggauss(QUADRATURE_NODES[n_var])
     nodes = np.stack([axis.ravel() for axis in np.meshgrid(*(x,) * n_var, indexing="ij")], axis=-1)

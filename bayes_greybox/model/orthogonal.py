@@ -10,7 +10,6 @@ With an orthonormal dictionary Φₒ = Φ T (⟨Φₒ, Φₒᵀ⟩ = I under μ)
 
 from typing import Literal
 
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
@@ -25,8 +24,8 @@ def orthonormalise(
 ) -> Float[np.ndarray, "n_term n_rank"]:
     """T such that Φ T is orthonormal under the measure with these nodes and weights.
 
-    From the singular value decomposition of √w Φ, directions below 1e-10 of the largest singular value left out:
-    a solve with the paper's Gram matrix H = ⟨Φ, Φᵀ⟩ that never forms H and reveals its rank.
+    From the singular value decomposition of √w Φ, directions below 1e-10 of the largest singular value left
+    out: a solve with the paper's Gram matrix H = ⟨Φ, Φᵀ⟩ that never forms H and reveals its rank.
 
     Args:
         Phi: Dictionary at the nodes.

@@ -14,6 +14,8 @@ from jaxtyping import Array, Float
 
 from bayes_greybox.data.errors import InputError
 
+from .sites import site
+
 ENUMERATION_LIMIT = 12
 """Up to this many terms all 2^K inclusion patterns are summed; beyond, γ is sampled by Gibbs."""
 
@@ -23,7 +25,8 @@ class Scales(NamedTuple):
 
     Attributes:
         sd: Standard deviation of each coefficient, scaled units; 0 means the term is out.
-        log_odds: Log prior odds that each term is in, if the sum over patterns is still to be taken; else None.
+        log_odds: Log prior odds that each term is in, if the sum over patterns is still to be taken; else
+            None.
     """
 
     sd: Float[Array, " n_term"]
@@ -50,8 +53,8 @@ class Normal:
 
     def scales(self, n_term: int, n_obs: Float[Array, ""] | float, sigma: Float[Array, ""] | float) -> Scales:
         """Sample τ."""
-        tau = numpyro.sample("tau", dist.HalfNormal(self.scale))
-        return Scales(jnp.full(n_term, 1.0) * tau)
+        tau = site("tau", dist.HalfNormal(self.scale))
+        return Scales(jnp.full(n_term, tau))
 
 
 @dataclass(frozen=True)
@@ -68,8 +71,8 @@ class Laplace:
 
     def scales(self, n_term: int, n_obs: Float[Array, ""] | float, sigma: Float[Array, ""] | float) -> Scales:
         """Sample τ and the mixing variances v."""
-        tau = numpyro.sample("tau", dist.HalfNormal(self.scale))
-        v = numpyro.sample("v", dist.Exponential(0.5).expand([n_term]).to_event(1))
+        tau = site("tau", dist.HalfNormal(self.scale))
+        v = site("v", dist.Exponential(0.5).expand([n_term]).to_event(1))
         return Scales(tau * jnp.sqrt(v))
 
 
@@ -82,7 +85,8 @@ class RegularisedHorseshoe:
     (Piironen & Vehtari 2017, Eq. 2.8 to 2.10 and 3.12).
 
     Attributes:
-        expected_active: p₀, expected number of active terms; None: a third of the dictionary, at least one half.
+        expected_active: p₀, expected number of active terms; None: a third of the dictionary, at least one
+            half.
         slab_scale: s, scaled units.
         slab_df: ν.
     """
@@ -102,16 +106,14 @@ class RegularisedHorseshoe:
         expected = max(n_term / 3, 0.5) if self.expected_active is None else self.expected_active
         if expected >= n_term:
             raise InputError(
-                f"RegularisedHorseshoe(expected_active={expected:g}) needs fewer active terms than the dictionary "
-                f"has ({n_term}): lower it, or use bg.Normal()."
+                f"RegularisedHorseshoe(expected_active={expected:g}) needs fewer active terms than the "
+                f"dictionary has ({n_term}): lower it, or use bg.Normal()."
             )
         tau_0 = expected / (n_term - expected) * sigma / jnp.sqrt(n_obs)
         # Scaled outside the distribution, so that τ₀(σ) does not couple the sampled coordinates.
-        tau = tau_0 * numpyro.sample("tau_unit", dist.HalfCauchy(1.0))
-        lam = numpyro.sample("lambda", dist.HalfCauchy(1.0).expand([n_term]).to_event(1))
-        c2 = numpyro.sample(
-            "slab", dist.InverseGamma(0.5 * self.slab_df, 0.5 * self.slab_df * self.slab_scale**2)
-        )
+        tau = tau_0 * site("tau_unit", dist.HalfCauchy(1.0))
+        lam = site("lambda", dist.HalfCauchy(1.0).expand([n_term]).to_event(1))
+        c2 = site("slab", dist.InverseGamma(0.5 * self.slab_df, 0.5 * self.slab_df * self.slab_scale**2))
         numpyro.deterministic("tau", tau)
         # c λτ / √(c² + τ²λ²), through logarithms because λ is heavy-tailed
         log_local = jnp.log(tau) + jnp.log(lam)
@@ -122,8 +124,9 @@ class RegularisedHorseshoe:
 class SpikeAndSlab:
     """γ_j ~ Bernoulli(π), π ~ Beta(a, b), θ_j | γ_j = 1 ~ N(0, τ²), θ_j = 0 exactly otherwise.
 
-    τ ~ LogNormal(log `slab_scale`, 1/2): bounded away from zero, so that "in" cannot mean "in with no effect".
-    Up to ENUMERATION_LIMIT terms the 2^K patterns are summed; beyond, γ is a site that Gibbs moves update.
+    τ ~ LogNormal(log `slab_scale`, 1/2): bounded away from zero, so that "in" cannot mean "in with no
+    effect". Up to ENUMERATION_LIMIT terms the 2^K patterns are summed; beyond, γ is a site that Gibbs moves
+    update.
 
     Attributes:
         a: First parameter of the Beta prior of the inclusion probability.
@@ -143,23 +146,23 @@ class SpikeAndSlab:
 
     def scales(self, n_term: int, n_obs: Float[Array, ""] | float, sigma: Float[Array, ""] | float) -> Scales:
         """Sample π and τ, and γ when there are too many patterns to sum."""
-        pi = numpyro.sample("pi", dist.Beta(self.a, self.b))
-        tau = numpyro.sample("tau", dist.LogNormal(jnp.log(self.slab_scale), 0.5))
+        pi = jnp.asarray(site("pi", dist.Beta(self.a, self.b)))
+        tau = site("tau", dist.LogNormal(jnp.log(self.slab_scale), 0.5))
         if n_term <= self.enumerate_up_to:
-            return Scales(jnp.full(n_term, 1.0) * tau, jnp.full(n_term, 1.0) * _log_odds(pi))
-        gamma = numpyro.sample("gamma", dist.Bernoulli(pi).expand([n_term]).to_event(1))
-        return Scales(gamma * tau)
+            return Scales(jnp.full(n_term, tau), jnp.full(n_term, _log_odds(pi)))
+        gamma = site("gamma", dist.Bernoulli(pi).expand([n_term]).to_event(1))
+        return Scales(jnp.asarray(gamma * tau))
 
 
 @dataclass(frozen=True)
 class CustomPrior:
     """A prior of the user's own, from a NumPyro program that samples the standard deviations of θ.
 
-    Example: `CustomPrior(lambda n_term: numpyro.sample("sd", dist.HalfCauchy(1.0).expand([n_term]).to_event(1)))`.
+    Example: `CustomPrior(lambda n_term: numpyro.sample("sd", dist.HalfCauchy().expand([n_term]).to_event(1)))`.
 
     Attributes:
-        program: Called inside the model with the number of terms; returns the standard deviations [n_term], in
-            scaled units.
+        program: Called inside the model with the number of terms; returns the standard deviations [n_term],
+            in scaled units.
     """
 
     program: Callable[[int], Array]

@@ -20,6 +20,7 @@ from .discrepancy import OrthogonalGP
 from .likelihood import CollapsedNormal, Design, FeatureDesign, Hyperparameters
 from .priors import Prior, SpikeAndSlab
 from .simulation import RightHandSide, Simulation
+from .sites import site
 
 
 @dataclass(frozen=True)
@@ -72,8 +73,8 @@ class Program:
                 near = difflib.get_close_matches(equation, data.state_names, n=1)
                 hint = f" (did you mean {near[0]!r}?)" if near else ""
                 raise InputError(
-                    f"The dictionary has an equation for {equation!r}, which is not a state of the data{hint}; "
-                    f"states: {', '.join(data.state_names)}."
+                    f"The dictionary has an equation for {equation!r}, which is not a state of the "
+                    f"data{hint}; states: {', '.join(data.state_names)}."
                 )
         names = (*data.state_names, *data.input_names)
         parsed = {equation: Dictionary.of(terms, names) for equation, terms in self.dictionary.items()}
@@ -85,7 +86,8 @@ class Program:
         """Read the data into frames and designs by equation: all the work that grows with the rows.
 
         Raises:
-            InputError: See `dictionaries`, `Simulation.of` and `assemble.assemble`; a derivative that is missing.
+            InputError: See `dictionaries`, `Simulation.of` and `assemble.assemble`; a derivative that is
+                missing.
         """
         dictionaries = self.dictionaries(data)
         simulation = Simulation.of(self.simulation, data.state_names, data.input_names)
@@ -108,8 +110,8 @@ class Program:
     def numpyro_model(self, designs: Mapping[str, Design], observed: bool = True) -> None:
         """The collapsed model, a plain NumPyro program: θ and f are integrated out of the likelihood.
 
-        Sites carry the equation as a prefix: `ydot_noise`, `ydot_amplitude`, `ydot_length_scale`, those of the prior
-        (`ydot_tau`, ...), and the target `ydot_y`.
+        Sites carry the equation as a prefix: `ydot_noise`, `ydot_amplitude`, `ydot_length_scale`, those of
+        the prior (`ydot_tau`, ...), and the target `ydot_y`.
 
         Args:
             designs: From `designs(data)`.
@@ -127,9 +129,11 @@ class Program:
         return tuple(name for name in designs if f"{name}_gamma" in sites)
 
     def uncollapsed_model(self, designs: Mapping[str, Design]) -> None:
-        """The same model with θ and the weights of f as sites: the reference for tests, and what one would write
-        by hand. Feature path only; a spike-and-slab prior has no such density (its θ are exactly zero).
-        """  # fmt: skip
+        """The same model with θ and the weights of f as sites: the reference for tests.
+
+        It is what one would write by hand. Feature path only; a spike-and-slab prior has no such density (its
+        θ are exactly zero).
+        """
         for equation, design in designs.items():
             if not isinstance(design, FeatureDesign):
                 raise InputError("uncollapsed_model needs OrthogonalGP(path='hsgp').")
@@ -139,25 +143,26 @@ class Program:
                 if scales.log_odds is not None:
                     raise InputError("uncollapsed_model has no density for a spike-and-slab prior: use another prior.")
                 theta = numpyro.sample("theta", dist.Normal(0.0, scales.sd).to_event(1))
-                z = numpyro.sample("z", dist.Normal(0.0, 1.0).expand(design.Psi.shape[1:]).to_event(1))
-                weight = numpyro.deterministic("weight", design.weights(z, hyper))
+                z = jnp.asarray(numpyro.sample("z", dist.Normal(0.0, 1.0).expand(design.Psi.shape[1:]).to_event(1)))
+                weight = design.weights(z, hyper)
+                numpyro.deterministic("weight", weight)
                 mean = design.Phi @ theta + design.Psi @ weight
-                # The rows folded away by compression carry no signal: their share of the density is σ's alone.
+                # Rows folded away by compression carry no signal: their share of the density is σ's alone.
                 hidden = design.n_obs - design.y.size
                 numpyro.factor("hidden", -hidden * (jnp.log(hyper.sigma) + 0.5 * jnp.log(2 * jnp.pi)))
                 numpyro.sample("y", dist.Normal(mean, hyper.sigma).to_event(1), obs=design.y)
 
     def _hyperparameters(self, design: Design) -> Hyperparameters:
-        noise = numpyro.sample("noise", dist.HalfNormal(self.noise))
+        noise = jnp.asarray(numpyro.sample("noise", dist.HalfNormal(self.noise)))
         # σ² = floor² + s²
-        sigma = numpyro.deterministic("sigma", jnp.sqrt(design.noise_floor**2 + noise**2))
+        sigma = jnp.asarray(numpyro.deterministic("sigma", jnp.sqrt(design.noise_floor**2 + noise**2)))
         gp = self.discrepancy
         if gp is None:
             return Hyperparameters(sigma, jnp.ones(()), jnp.ones(0))
         n_var = design.frequency.shape[1] if isinstance(design, FeatureDesign) else design.points[0].shape[1]
-        amplitude = numpyro.sample("amplitude", dist.HalfNormal(gp.amplitude))
+        amplitude = jnp.asarray(numpyro.sample("amplitude", dist.HalfNormal(gp.amplitude)))
         prior = dist.LogNormal(jnp.log(gp.length_scale), gp.length_scale_spread).expand([n_var]).to_event(1)
-        return Hyperparameters(sigma, amplitude, numpyro.sample("length_scale", prior))
+        return Hyperparameters(sigma, amplitude, jnp.asarray(site("length_scale", prior)))
 
 
 def measured_rate(data: Trajectories, equation: str) -> Any:
@@ -168,7 +173,7 @@ def measured_rate(data: Trajectories, equation: str) -> Any:
     """
     if equation not in data.derivatives:
         raise InputError(
-            f"The data have no derivative of {equation!r}: give it with derivatives={{{equation!r}: ...}}, or compute "
-            "it with data.differentiate()."
+            f"The data have no derivative of {equation!r}: give it with derivatives={{{equation!r}: ...}}, "
+            f"or compute it with data.differentiate()."
         )
     return data.derivatives[equation]

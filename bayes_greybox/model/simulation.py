@@ -48,14 +48,14 @@ class Simulation:
         unknown = [name for name in given if name not in states]
         if unknown:
             raise InputError(
-                f"The simulation has an equation for {unknown[0]!r}, which is not a state of the data; states: "
-                f"{', '.join(states)}."
+                f"The simulation has an equation for {unknown[0]!r}, which is not a state of the data; "
+                f"states: {', '.join(states)}."
             )
         parsed = {name: parse_expression(str(text), (*states, *inputs)) for name, text in given.items()}
         return cls(states, inputs, parsed)
 
     def rate(self, t: Array, x: Float[Array, " n_state"], u: Float[Array, " n_input"]) -> Float[Array, " n_state"]:
-        """g at one point, inside an integrator."""
+        """Value of g at one point, inside an integrator."""
         if self.function is not None:
             return jnp.asarray(self.function(t, x, u), float)
         columns = dict(zip((*self.states, *self.inputs), (*x, *u), strict=True))
@@ -64,7 +64,7 @@ class Simulation:
         )
 
     def on(self, data: Trajectories, state: str) -> Float[np.ndarray, " n_obs"]:
-        """g of one state on the rows of the data, user's units.
+        """Values of g for one state on the rows of the data, user's units.
 
         Raises:
             InputError: A callable that fails, or returns the wrong number of rates.
@@ -79,17 +79,26 @@ class Simulation:
             raise InputError(f"The simulation of {state!r} is not finite on all the data: check its domain.")
         return value
 
+    def _row_by_row(self, t: np.ndarray, x: np.ndarray, u: np.ndarray) -> np.ndarray:
+        assert self.function is not None
+        try:
+            return np.array([self.function(*row) for row in zip(t, x, u, strict=True)], float)
+        except Exception as error:
+            raise InputError(
+                f"The simulation failed on the data with {type(error).__name__}: {error}. It is called as "
+                "simulation(t, x, u), with arrays of states and inputs, and returns the rates of all states."
+            ) from error
+
     def _call(self, data: Trajectories) -> np.ndarray:
         x, u = data.matrix(self.states), data.matrix(self.inputs)
         try:
             rates = np.asarray(jax.vmap(self.rate)(jnp.asarray(data.time), jnp.asarray(x), jnp.asarray(u)))
-        except (jax.errors.TracerArrayConversionError, jax.errors.ConcretizationTypeError):
-            # Written in plain NumPy or with Python branches: row by row.
-            assert self.function is not None
-            rates = np.array([self.function(*row) for row in zip(data.time, x, u, strict=True)], float)
+        except Exception:
+            # Plain NumPy, in-place assignment and Python branches fail under JAX with errors of many kinds.
+            rates = self._row_by_row(data.time, x, u)
         if rates.shape != (data.n_obs, len(self.states)):
             raise InputError(
-                f"The simulation returns {rates.shape[1:]} rates for {len(self.states)} states: return one for each "
-                f"of {', '.join(self.states)}."
+                f"The simulation returns {rates.shape[1:]} rates for {len(self.states)} states: return one "
+                f"for each of {', '.join(self.states)}."
             )
         return rates

@@ -17,17 +17,17 @@ def log_pattern_weights(
     covariance: Float[Array, "n_term n_term"],
     log_odds: Float[Array, " n_term"],
 ) -> Float[Array, " n_pattern"]:
-    """log p(y, γ) − log p(y | γ = 1) for every pattern γ, from the posterior with all terms in.
+    """Log p(y, γ) − log p(y | γ = 1) for every pattern γ, from the posterior with all terms in.
 
-    Leaving out term j multiplies the evidence by the Savage–Dickey ratio p(u_j = 0 | y)/p(u_j = 0), and conditions
-    the other coefficients on u_j = 0. Doing this term by term, keeping both branches,
+    Leaving out term j multiplies the evidence by the Savage–Dickey ratio p(u_j = 0 | y)/p(u_j = 0), and
+    conditions the other coefficients on u_j = 0. Doing this term by term, keeping both branches,
 
         excluded:  log w −= ½ log V_jj + ½ m_j²/V_jj,   m ← m − V_·j m_j/V_jj,   V ← V − V_·j V_j·/V_jj
         included:  m, V lose row and column j
 
     visits all 2^K subsets in Σ_i 2^i (K − i)² operations, about six a subset, where a factorisation for each
-    would take K³/3 (the idea of Furnival & Wilson 1974 for all-subsets regression). Every increment has one sign, so
-    nothing cancels when σ is small.
+    would take K³/3 (the idea of Furnival & Wilson 1974 for all-subsets regression). Every increment has one
+    sign, so nothing cancels when σ is small.
 
     Args:
         mean: Posterior mean m of u = θ/τ given that all terms are in; a priori u ~ N(0, I).

@@ -2,23 +2,19 @@
 
 import json
 import math
-import platform
 from collections.abc import Mapping
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
-import bayes_greybox as bg
-
-# Packages whose version can change a result.
-_PACKAGES = ("numpyro", "jax", "numpy", "arviz-stats")
+from bayes_greybox.greybox import Fit
+from bayes_greybox.inference.netcdf import versions
 
 
 def run_record(
-    fit: "bg.Fit", sampling: Mapping[str, Any], seconds: float, held_out: pd.Series | None
+    fit: Fit, sampling: Mapping[str, Any], seconds: float, held_out: pd.Series | None
 ) -> dict[str, Any]:
     """What a fit found, and with what.
 
@@ -40,12 +36,12 @@ def run_record(
         "data": {"rows": data.n_obs, "runs": data.n_run, "dropped": data.dropped},
         "sampling": dict(sampling),
         "seconds": round(seconds, 3),
-        "versions": _versions(),
+        "versions": versions(),
     }
 
 
 def comparison_record(
-    fits: Mapping[str, "bg.Fit"], table: pd.DataFrame, sampling: Mapping[str, Any] | None
+    fits: Mapping[str, Fit], table: pd.DataFrame, sampling: Mapping[str, Any] | None
 ) -> dict[str, Any]:
     """What a comparison found.
 
@@ -58,9 +54,10 @@ def comparison_record(
         Comparison, verdict of each fit, settings and versions.
     """
     record: dict[str, Any] = {
-        "comparison": _rows(table.rename_axis("model")),
+        "comparison": _rows(table),
+        "notes": list(table.attrs.get("notes", [])),
         "verdicts": {name: _verdict(fit) for name, fit in fits.items()},
-        "versions": _versions(),
+        "versions": versions(),
     }
     return record if sampling is None else {**record, "sampling": dict(sampling)}
 
@@ -72,13 +69,8 @@ def write_json(path: Path, record: Mapping[str, Any]) -> None:
     )
 
 
-def _verdict(fit: "bg.Fit") -> dict[str, Any]:
+def _verdict(fit: Fit) -> dict[str, Any]:
     return {"ok": bool(fit.verdict.ok), "reasons": list(fit.verdict.reasons)}
-
-
-def _versions() -> dict[str, str]:
-    packages = {name: version(name) for name in _PACKAGES}
-    return {"bayes-greybox": bg.__version__, "python": platform.python_version(), **packages}
 
 
 def _rows(table: pd.DataFrame) -> list[dict[str, Any]]:

@@ -8,12 +8,14 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-import bayes_greybox as bg
+from bayes_greybox.data.columns import derivative_label
+from bayes_greybox.greybox import Fit
 
 _PROBABILITIES = {"inclusion": "P(included)", "outside_rope": "P(|θ| > ROPE)"}
+_LEVEL = 0.9
 
 
-def fit_tables(fit: "bg.Fit", held_out: pd.Series | None) -> Iterator[RenderableType]:
+def fit_tables(fit: Fit, held_out: pd.Series | None) -> Iterator[RenderableType]:
     """Verdict in words, then coefficients, discrepancy and error on held-out data.
 
     Args:
@@ -24,17 +26,28 @@ def fit_tables(fit: "bg.Fit", held_out: pd.Series | None) -> Iterator[Renderable
         What to print, in order.
     """
     yield _verdict("", fit)
-    yield _coefficients(fit.inclusion())
-    yield _frame("Discrepancy", fit.discrepancy())
+    table = fit.inclusion(_LEVEL)
+    for equation in fit.model.equations:
+        yield _coefficients(derivative_label(equation, fit.data.time_name), table.loc[equation])
+    yield _discrepancy(fit.discrepancy(_LEVEL))
     if held_out is not None:
-        yield _frame("Held-out data", held_out.rename("NMSE of the derivative").rename_axis("equation").to_frame())
+        errors = ", ".join(f"{name} {value:.2g}" for name, value in held_out.items())
+        yield Text(f"\nError on held-out data (NMSE of the derivative): {errors}")
 
 
-def comparison_tables(fits: Mapping[str, "bg.Fit"], table: pd.DataFrame) -> Iterator[RenderableType]:
-    """Verdict of each fit, then the comparison, best first."""
+def comparison_tables(fits: Mapping[str, Fit], table: pd.DataFrame) -> Iterator[RenderableType]:
+    """Verdict of each fit, then the comparison, best first, with what to beware of."""
     for name, fit in fits.items():
         yield _verdict(f"{name}: ", fit)
-    yield _frame("Comparison (elpd in nats, higher is better)", table.rename_axis("model"))
+    rows = _table("Expected log predictive density (elpd, nats; higher is better)")
+    rows.add_column("model", overflow="fold")
+    for column in table.columns:
+        rows.add_column(str(column), justify="right")
+    for name, entry in table.iterrows():
+        rows.add_row(Text(str(name)), *(Text(_number(value)) for value in entry))
+    yield Group("", rows)
+    for note in table.attrs.get("notes", []):
+        yield Text(f"Note: {note}")
 
 
 def datasets_table(table: pd.DataFrame) -> RenderableType:
@@ -44,50 +57,45 @@ def datasets_table(table: pd.DataFrame) -> RenderableType:
         rows.add_column(title, overflow="fold")
     for name, entry in table.to_dict("index").items():
         state = "ready" if entry["verified"] else ("altered" if entry["found"] else "not found")
-        rows.add_row(
-            *(Text(str(x)) for x in (name, entry["hidden effect"], state, entry["source"], entry["terms"]))
-        )
+        cells = (name, entry["hidden effect"], state, entry["source"], entry["terms"])
+        rows.add_row(*(Text(str(cell)) for cell in cells))
     return rows
 
 
-def _verdict(label: str, fit: "bg.Fit") -> Text:
-    if fit.verdict.ok:
-        head = Text(f"{label}The sampler converged.", style="green")
-    else:
-        head = Text(f"{label}The sampler did not converge; do not use these numbers.", style="bold red")
-    for reason in fit.verdict.reasons:
-        head.append(f"\n  {reason}", style="not bold default")
-    return head
+def _verdict(label: str, fit: Fit) -> Text:
+    first, *rest = str(fit.verdict).splitlines()
+    text = Text(f"{label}{first}", style="green" if fit.verdict.ok else "bold red")
+    for line in rest:
+        text.append(f"\n{line}", style="not bold default")
+    return text
 
 
-def _coefficients(table: pd.DataFrame) -> RenderableType:
-    rows = _table("Coefficients (mean, standard deviation, credible interval)")
-    probability = next((column for column in _PROBABILITIES if column in table), None)
-    titles = ["equation", "term", "mean", "sd", "lower", "upper", *(["unit"] if "unit" in table else [])]
-    for title in titles:
-        rows.add_column(
-            title, justify="left" if title in ("equation", "term", "unit") else "right", overflow="fold"
-        )
-    if probability is not None:
-        rows.add_column(_PROBABILITIES[probability], justify="right")
-    for key, entry in table.iterrows():
-        equation, term = key if isinstance(key, tuple) else ("", key)
-        cells = [equation, term, *(_number(entry[column]) for column in titles[2:])]
-        if probability is not None:
-            cells.append(f"{entry[probability]:.3f}")
+def _coefficients(label: str, table: pd.DataFrame) -> RenderableType:
+    rows = _table(f"Coefficients of {label}, with {_LEVEL:.0%} intervals")
+    probability = next((column for column in _PROBABILITIES if column in table), "outside_rope")
+    rows.add_column("term", overflow="fold")
+    for title in ("mean", "sd", "lower", "upper"):
+        rows.add_column(title, justify="right", no_wrap=True)
+    rows.add_column("unit", overflow="fold")
+    rows.add_column(_PROBABILITIES[probability], justify="right", no_wrap=True)
+    for term, entry in table.iterrows():
+        numbers = [_number(entry[column]) for column in ("mean", "sd", "lower", "upper")]
+        cells = [term, *numbers, entry["unit"], f"{entry[probability]:.3f}"]
         rows.add_row(*(Text(str(cell)) for cell in cells))
     return Group("", rows)
 
 
-def _frame(title: str, table: pd.DataFrame) -> RenderableType:
-    rows = _table(title)
-    flat = table.reset_index()
-    for column in flat.columns:
-        numeric = pd.api.types.is_numeric_dtype(flat[column])
-        rows.add_column(str(column), justify="right" if numeric else "left", overflow="fold")
-    for entry in flat.itertuples(index=False):
-        rows.add_row(*(Text(_number(value)) for value in entry))
-    return Group("", rows)
+def _discrepancy(table: pd.DataFrame) -> RenderableType:
+    rows = _table(f"Shares of the variance, with the {_LEVEL:.0%} interval of the discrepancy's")
+    rows.add_column("equation", overflow="fold")
+    parts = ("simulation", "dictionary", "noise", "discrepancy", "discrepancy_lower", "discrepancy_upper")
+    for title in (*parts[:4], "lower", "upper"):
+        rows.add_column(title, justify="right", no_wrap=True)
+    entries = table.to_dict("index")
+    for equation, entry in entries.items():
+        rows.add_row(Text(str(equation)), *(Text(_percent(entry[part])) for part in parts))
+    trades = ", ".join(f"{entry['correlation']:.2f} ({entry['term']})" for entry in entries.values())
+    return Group("", rows, Text(f"Largest correlation of a coefficient with the discrepancy: {trades}"))
 
 
 def _table(title: str) -> Table:
@@ -98,3 +106,8 @@ def _table(title: str) -> Table:
 
 def _number(value: Any) -> str:
     return f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
+def _percent(share: float) -> str:
+    # Rounded first, so that a tiny negative share does not show as -0.00 %.
+    return f"{round(100 * share, 2) + 0.0:.2f} %"

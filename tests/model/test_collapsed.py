@@ -186,9 +186,7 @@ def test_custom_gradient_of_the_scaled_solve():
     # Central differences with step h: error h² f'''/6 ~ 1e-9 here.
     h = 1e-5 * jnp.eye(7)
     at = jax.jit(jax.vmap(naive, (0, None)))
-    np.testing.assert_allclose(
-        gradient[0], (at(log_s + h, right) - at(log_s - h, right)) / 2e-5, rtol=1e-6, atol=1e-6
-    )
+    np.testing.assert_allclose(gradient[0], (at(log_s + h, right) - at(log_s - h, right)) / 2e-5, rtol=1e-6, atol=1e-6)
 
 
 def test_second_derivatives_pass_through_the_custom_gradient():
@@ -253,7 +251,7 @@ def test_constraint_directions_are_orthonormal_and_span_the_constraints():
 
 
 def _high_precision_log_prob(Phi, Psi_root, y, sigma, sd, digits=60):
-    """log N(y; 0, Φ D Φᵀ + Ψ S Ψᵀ + σ² I) with `digits` decimal digits, by Cholesky of the n × n covariance."""
+    """log N(y; 0, Φ D Φᵀ + Ψ S Ψᵀ + σ² I) with `digits` decimal digits."""
     with mpmath.workdps(digits):
         B = mpmath.matrix(np.column_stack([Phi * np.asarray(sd), Psi_root]).tolist())
         covariance = B * B.T

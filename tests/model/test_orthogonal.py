@@ -1,4 +1,4 @@
-"""Orthogonal kernels: symmetric, positive semi-definite, orthogonal under the measure they were built with."""
+"""Orthogonal kernels: symmetric, positive semi-definite, orthogonal under their measure."""
 
 import jax
 import jax.numpy as jnp
@@ -25,9 +25,7 @@ def record():
     data = oscillator().simulate()
     rows = np.linspace(0, data.n_obs - 1, 400).astype(int)
     take = {name: column[rows] for name, column in data.columns.items()}
-    return Trajectories.from_arrays(
-        data.time[rows], states=take, derivatives={"ydot": data.derivatives["ydot"][rows]}
-    )
+    return Trajectories.from_arrays(data.time[rows], states=take, derivatives={"ydot": data.derivatives["ydot"][rows]})
 
 
 @pytest.fixture(scope="module")
@@ -35,7 +33,9 @@ def few():
     rng = np.random.default_rng(0)
     y, v = rng.uniform(-1, 1, 80), rng.uniform(-2, 3, 80)
     return Trajectories.from_arrays(
-        np.arange(80.0), states={"y": y, "ydot": v}, derivatives={"ydot": -(y**3) - 0.2 * v**3 + np.sin(3 * y)}
+        np.arange(80.0),
+        states={"y": y, "ydot": v},
+        derivatives={"ydot": -(y**3) - 0.2 * v**3 + np.sin(3 * y)},
     )
 
 
@@ -68,9 +68,7 @@ def _kernel_between(equation, left, right, hyper):
     ]
     kernel = KERNELS[design.kernel]
     compute = jax.jit(
-        lambda a, b: orthogonal_gram(
-            design.variant, kernel, hyper.amplitude, hyper.length_scale, a, b, design.nodes
-        )
+        lambda a, b: orthogonal_gram(design.variant, kernel, hyper.amplitude, hyper.length_scale, a, b, design.nodes)
     )
     return np.asarray(compute(*points))
 
@@ -123,7 +121,8 @@ def test_projected_is_conditioned_when_the_kernel_is_orthogonal_already():
     n, L = 64, 2.0
     x = -L + 2 * L * (np.arange(n) + 0.5) / n
     data = Trajectories.from_arrays(np.arange(float(n)), states={"x": x}, derivatives={"x": np.sin(x)})
-    # Data fill [−1, 1] in scaled units, so boundary 1 + tiny puts the domain's edge at the outermost half cell.
+    # Data fill [−1, 1] in scaled units, so boundary 1 + tiny puts the domain's edge at the outermost half
+    # cell.
     edge = 1 / (1 - 1 / n)
     half = np.abs(x).max()
     # The dictionary is the 9th and 11th feature, which the basis of 8 does not contain.
@@ -159,8 +158,8 @@ def test_printed_formula_is_no_covariance(record):
 
     empirical = np.full(len(x), 1 / len(x))
     area = float(np.prod(high - low))
-    # -496 under the uniform probability measure on the box, -205 under Lebesgue measure, and -400 = −n, the least
-    # possible, under the empirical one.
+    # -496 under the uniform probability measure on the box, -205 under Lebesgue measure, and -400 = −n, the
+    # least possible, under the empirical one.
     assert -1000 < smallest("printed", weights, nodes) < -250
     assert -400 < smallest("printed", weights * area, nodes) < -100
     assert -400 < smallest("printed", empirical, np.asarray(x)) < -399

@@ -61,13 +61,18 @@ def test_weights_are_the_evidences_of_all_patterns(n_term, sigma, collinear):
     largest = expected.max()
     expected_total = largest + np.log(np.sum(np.exp(expected - largest)))
     assert float(total) == pytest.approx(expected_total, abs=1e-7)
-    # Patterns that leave out what the data demand lie 1e8 nats below at the small σ: relative there, absolute near.
+    # Patterns that leave out what the data demand lie 1e8 nats below at the small σ: relative there, absolute
+    # near.
     np.testing.assert_allclose(np.asarray(log_weight), expected - expected_total, rtol=1e-8, atol=1e-6)
 
 
 def test_patterns_come_in_the_order_of_the_weights():
     # Independent a posteriori: each weight is a product over terms, so the order of the bits shows.
-    mean, variance, log_odds = np.array([0.3, -1.0, 2.0]), np.array([0.5, 0.2, 0.9]), np.array([0.0, 1.0, -1.0])
+    mean, variance, log_odds = (
+        np.array([0.3, -1.0, 2.0]),
+        np.array([0.5, 0.2, 0.9]),
+        np.array([0.0, 1.0, -1.0]),
+    )
     got = log_pattern_weights(jnp.asarray(mean), jnp.diag(jnp.asarray(variance)), jnp.asarray(log_odds))
     log_in = -np.log1p(np.exp(-log_odds))
     log_out = -np.log1p(np.exp(log_odds)) - 0.5 * np.log(variance) - 0.5 * mean**2 / variance

@@ -1,0 +1,52 @@
+"""Silverbox, a measured electronic oscillator with a hardening spring: what a linear dictionary leaves to f.
+
+    BAYES_GREYBOX_DATA=folder python -m pytest -m slow tests/benchmarks/test_silverbox.py -s
+"""
+
+import os
+
+import numpy as np
+import pytest
+
+import bayes_greybox as bg
+
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif("BAYES_GREYBOX_DATA" not in os.environ, reason="BAYES_GREYBOX_DATA names no folder of data"),
+]
+
+
+@pytest.fixture(scope="module")
+def train() -> bg.Trajectories:
+    parts = bg.load_dataset("silverbox", remove_offset=True)
+    return parts["multisine_train"].differentiate("bandlimited", rates={"y": "v"}, band=200.0)
+
+
+def fitted(train: bg.Trajectories, terms: list[str]) -> bg.Fit:
+    model = bg.GreyBox(
+        simulation={"y": "v"},
+        dictionary={"v": terms},
+        discrepancy=bg.OrthogonalGP(variables=("y", "v")),
+    )
+    return model.fit(train, seed=0, progress=False)
+
+
+def test_the_discrepancy_is_the_hardening_spring_and_a_cubic_term_takes_it_over(train, capsys):
+    linear, cubic = fitted(train, ["y", "v", "u"]), fitted(train, ["y", "v", "u", "y**3"])
+    shares = [fit.discrepancy().loc["v", "discrepancy"] for fit in (linear, cubic)]
+    grid = linear.discrepancy_grid(variables=("y",))
+    inside = grid.inside
+    # −k₃ (y³ − its least-squares line): the cubic that is left after the linear terms
+    y = grid.axes[0][inside]
+    shape = np.polynomial.Polynomial.fit(y, grid.mean[inside], 3).convert().coef
+    k3 = -cubic.inclusion().loc[("v", "y**3"), "mean"]
+    with capsys.disabled():
+        print(
+            f"\ndiscrepancy share {shares[0]:.4f} -> {shares[1]:.4f}; y**3 coefficient of f {shape[3]:.3g}, of the "
+            f"dictionary {-k3:.3g}; inclusion {cubic.inclusion()['inclusion'].to_dict()}\n{linear.verdict}\n"
+            f"{cubic.verdict}"
+        )
+    assert linear.verdict.ok and cubic.verdict.ok
+    assert shape[3] < 0 and abs(shape[3] + k3) < 0.2 * k3
+    assert shares[1] < 0.5 * shares[0]
+    assert cubic.inclusion().loc[("v", "y**3"), "inclusion"] > 0.99

@@ -1,0 +1,69 @@
+"""Posteriors with given draws, so that criticism can be tested without sampling."""
+
+import numpy as np
+import xarray as xr
+
+from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.inference.posterior import Posterior, Sampling
+from bayes_greybox.model.program import Program
+
+
+def oscillator(n: int, seed: int = 0, unit: float = 1.0) -> Trajectories:
+    """Noisy rows of a cubic oscillator at random states; `unit` scales the position's and velocity's unit."""
+    rng = np.random.default_rng(seed)
+    y, v = rng.uniform(-1, 1, n), rng.uniform(-0.8, 0.8, n)
+    a = -(y**3) - 0.3 * v + 0.1 * np.sin(3 * y) + 0.05 * rng.standard_normal(n)
+    return Trajectories.from_arrays(
+        np.arange(n) * 0.1, states={"y": unit * y, "v": unit * v}, derivatives={"v": unit * a}
+    )
+
+
+def fabricate(
+    model: Program,
+    data: Trajectories,
+    *,
+    chains: int = 2,
+    draws: int = 3,
+    seed: int = 0,
+    stats: dict[str, np.ndarray] | None = None,
+    **scaled: np.ndarray,
+) -> Posterior:
+    """A posterior of the equation for v with random draws, or those given, scaled [n_chain, n_draw, ...]."""
+    rng = np.random.default_rng(seed)
+    frame = model.assemble(data)["v"].frame
+    n_term, n_var = len(frame.dictionary), len(frame.variables)
+    shape = (chains, draws)
+    values = {
+        "sigma": 0.1 * np.exp(0.2 * rng.standard_normal(shape)),
+        "theta": rng.standard_normal((*shape, n_term)),
+        "prior_sd": np.exp(0.3 * rng.standard_normal((*shape, n_term))),
+    }
+    units = {"sigma": frame.target_scale, "theta": frame.coefficient_scale, "prior_sd": 1.0}
+    if n_var:
+        values["amplitude"] = 0.5 * np.exp(0.3 * rng.standard_normal(shape))
+        values["length_scale"] = np.exp(0.2 * rng.standard_normal((*shape, n_var)))
+        units |= {"amplitude": frame.target_scale, "length_scale": frame.half_width}
+    values |= scaled
+    dims = {"theta": "v_term", "prior_sd": "v_term", "gamma": "v_term", "length_scale": "v_variable"}
+    coords = {"v_term": list(frame.dictionary.names), "v_variable": list(frame.variables)}
+    variables = {
+        f"v_{name}": (
+            ("chain", "draw", *((dims.get(name, f"v_{name}_dim"),) if value.ndim > 2 else ())),
+            value * units.get(name, 1.0),
+        )
+        for name, value in values.items()
+    }
+    used = {dim for dimensions, _ in variables.values() for dim in dimensions}
+    group = xr.Dataset(variables, coords={dim: labels for dim, labels in coords.items() if dim in used})
+    sampler = {
+        "diverging": np.zeros(shape, bool),
+        "energy": rng.standard_normal(shape),
+        "n_steps": np.full(shape, 7),
+    } | (stats or {})
+    tree = xr.DataTree.from_dict(
+        {
+            "posterior": group,
+            "sample_stats": xr.Dataset({name: (("chain", "draw"), value) for name, value in sampler.items()}),
+        }
+    )
+    return Posterior(model, data, Sampling(draws=draws, tune=1, chains=chains), tree)

@@ -1,0 +1,122 @@
+"""Comparison of models: differences, weights, and refusal of what cannot be compared."""
+
+import numpy as np
+import pytest
+from fabricated import fabricate, oscillator
+
+from bayes_greybox.criticism.compare import compare, comparison_table, stacking_weights
+from bayes_greybox.criticism.loo import Loo
+from bayes_greybox.data.errors import InputError
+from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.model.discrepancy import OrthogonalGP
+from bayes_greybox.model.program import Program
+
+FULL = Program(dictionary={"v": ["y", "v", "y**3"]}, discrepancy=OrthogonalGP(features=6))
+BARE = Program(dictionary={"v": ["y", "v"]}, discrepancy=None)
+
+
+def result(pointwise, notes=()):
+    n = len(pointwise)
+    return Loo(
+        elpd=float(np.sum(pointwise)),
+        se=float(np.sqrt(n * np.var(pointwise))),
+        p_eff=1.0,
+        worst_k=0.1,
+        n_bad=0,
+        threshold=0.7,
+        pointwise=np.asarray(pointwise, float),
+        khat=np.full(n, 0.1),
+        refitted=np.zeros(n, bool),
+        equation=np.zeros(n, int),
+        row=np.arange(n),
+        r_eff=(1.0,),
+        notes=tuple(notes),
+    )
+
+
+def fits(data, draws=100):
+    return {
+        "bare": fabricate(BARE, data, draws=draws, seed=1),
+        "full": fabricate(FULL, data, draws=draws, seed=2),
+    }
+
+
+def test_table_of_known_pointwise_values():
+    rng = np.random.default_rng(0)
+    a = rng.standard_normal(50)
+    b = a + 0.3 + 0.1 * rng.standard_normal(50)
+    table = comparison_table({"a": result(a), "b": result(b, ["beware"])})
+    columns = ["elpd", "se", "elpd_diff", "diff_se", "p_eff", "weight", "worst_k", "refits"]
+    assert list(table.columns) == columns
+    assert list(table.index) == ["b", "a"]
+    assert table.loc["b", "elpd_diff"] == 0 and table.loc["b", "diff_se"] == 0
+    np.testing.assert_allclose(table.loc["a", "elpd_diff"], np.sum(a - b))
+    # paired: the scatter of a and b themselves cancels
+    np.testing.assert_allclose(table.loc["a", "diff_se"], np.sqrt(50 * np.var(a - b)))
+    assert table.loc["a", "diff_se"] < 0.2 * table.loc["a", "se"]
+    assert table.attrs["notes"] == ["b: beware"]
+
+
+def test_ties_are_noted_and_clear_differences_are_not():
+    a = np.random.default_rng(0).standard_normal(50)
+    (note,) = comparison_table({"a": result(a), "b": result(a + 0.01)}).attrs["notes"]
+    assert "4 nats" in note
+    noisy = a + 0.2 + 3 * np.random.default_rng(1).standard_normal(50)
+    assert abs(np.sum(noisy - a)) > 4
+    (note,) = comparison_table({"a": result(a), "b": result(noisy)}).attrs["notes"]
+    assert "twice its standard error" in note
+    assert comparison_table({"a": result(a), "b": result(a + 1)}).attrs["notes"] == []
+
+
+def test_stacking_weights_of_problems_with_known_answers():
+    # Each row is impossible under one of two models: Σ log w_k is largest at the shares of the rows.
+    share = np.where(np.arange(100)[:, None] < 30, [0.0, -60.0], [-60.0, 0.0])
+    np.testing.assert_allclose(stacking_weights(share), [0.3, 0.7], atol=1e-5)
+    worse = np.array([[-1.0, -1.5, -2.0]] * 20)
+    np.testing.assert_allclose(stacking_weights(worse), [1, 0, 0], atol=1e-6)
+    # n₁ rows with ratio r, n₂ rows with ratio 1/r: w₁ = (n₁ r − n₂)/((n₁ + n₂)(r − 1)).
+    r, n1, n2 = 3.0, 60, 40
+    pair = np.concatenate([np.tile([np.log(r), 0.0], (n1, 1)), np.tile([0.0, np.log(r)], (n2, 1))]) - 700.0
+    np.testing.assert_allclose(stacking_weights(pair)[0], (n1 * r - n2) / (100 * (r - 1)), atol=1e-5)
+
+
+def test_differences_do_not_depend_on_units():
+    metres = compare(fits(oscillator(30)), max_refits=0)
+    millimetres = compare(fits(oscillator(30, unit=1000.0)), max_refits=0)
+    assert abs(metres["elpd_diff"].iloc[1]) > 1
+    np.testing.assert_allclose(millimetres["elpd_diff"], metres["elpd_diff"], rtol=1e-9)
+    np.testing.assert_allclose(millimetres["diff_se"], metres["diff_se"], rtol=1e-9)
+    np.testing.assert_allclose(millimetres["weight"], metres["weight"], atol=1e-6)
+    # a density of 1000 y is 1000 times smaller
+    np.testing.assert_allclose(millimetres["elpd"], metres["elpd"] - 30 * np.log(1000), rtol=1e-9)
+
+
+def test_fits_that_have_not_converged_are_named():
+    table = compare(fits(oscillator(30)), max_refits=0)
+    assert any("bare has not converged" in note for note in table.attrs["notes"])
+
+
+def test_what_cannot_be_compared_is_refused():
+    pair = fits(oscillator(20), draws=2)
+    with pytest.raises(InputError, match="at least two"):
+        compare({"bare": pair["bare"]})
+    with pytest.raises(InputError, match="'loo'"):
+        compare(pair, scheme="block")
+    with pytest.raises(InputError, match="20 rows against 25"):
+        compare(pair | {"full": fabricate(FULL, oscillator(25))})
+    with pytest.raises(InputError, match="the derivative of 'v' differs by up to"):
+        compare(pair | {"full": fabricate(FULL, oscillator(20, seed=1))})
+    data = pair["bare"].data
+    later = Trajectories.from_arrays(
+        data.time + 1, states=dict(data.states), derivatives={"v": data.derivatives["v"]}
+    )
+    with pytest.raises(InputError, match="'bare' and 'full'.*time differs by up to 1"):
+        compare(pair | {"full": fabricate(FULL, later)})
+    y = Trajectories.from_arrays(
+        data.time,
+        states=dict(data.states),
+        derivatives={"v": data.derivatives["v"], "y": data.derivatives["v"]},
+    )
+    both = Program(dictionary={"v": ["y"], "y": ["v"]}, discrepancy=None)
+    with pytest.raises(InputError, match="same equations"):
+        compare(pair | {"both": fabricate(both, y)})

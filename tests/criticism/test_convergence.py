@@ -1,0 +1,125 @@
+"""The verdict: each alarm rings, and all stay quiet on good draws."""
+
+import numpy as np
+import pytest
+from fabricated import fabricate, oscillator
+
+from bayes_greybox.criticism.convergence import convergence, convergence_table
+from bayes_greybox.model.discrepancy import OrthogonalGP
+from bayes_greybox.model.program import Program
+
+CHAINS, DRAWS = 4, 1000
+
+
+@pytest.fixture(scope="module")
+def model():
+    return Program(dictionary={"v": ["y", "v", "y**3"]}, discrepancy=OrthogonalGP(features=8))
+
+
+@pytest.fixture(scope="module")
+def data():
+    return oscillator(40)
+
+
+def verdict_of(model, data, *, chains=CHAINS, draws=DRAWS, **given):
+    return convergence(fabricate(model, data, chains=chains, draws=draws, **given))
+
+
+def scalar(seed=1):
+    return 0.1 * np.exp(0.2 * np.random.default_rng(seed).standard_normal((CHAINS, DRAWS)))
+
+
+def test_independent_draws_pass(model, data):
+    verdict = verdict_of(model, data)
+    assert verdict.ok
+    assert verdict.reasons == ()
+    assert "Converged" in str(verdict)
+
+
+def test_a_chain_elsewhere_is_named(model, data):
+    sigma = scalar()
+    sigma[2] *= 1.5
+    verdict = verdict_of(model, data, sigma=sigma)
+    assert not verdict.ok
+    assert "v_sigma" in verdict.reasons[0]
+    assert "R̂" in verdict.reasons[0] and "tune" in verdict.reasons[0]
+    assert str(verdict).startswith("Not converged")
+
+
+def test_slow_mixing_asks_for_more_draws(model, data):
+    rng = np.random.default_rng(5)
+    x = np.zeros((CHAINS, DRAWS))
+    # AR(1) with φ = 0.95 has ESS = S (1 − φ)/(1 + φ) = 103 of 4000
+    for i in range(1, DRAWS):
+        x[:, i] = 0.95 * x[:, i - 1] + rng.standard_normal(CHAINS)
+    verdict = verdict_of(model, data, sigma=0.1 * np.exp(0.02 * x))
+    (reason,) = [r for r in verdict.reasons if "bulk" in r]
+    assert "v_sigma" in reason
+    needed = int(reason.split("about ")[1].rstrip("."))
+    assert 2500 < needed < 10_000
+
+
+def test_divergences_energy_and_tree_depth(model, data):
+    diverging = np.zeros((CHAINS, DRAWS), bool)
+    diverging[0, 3] = True
+    (reason,) = verdict_of(model, data, stats={"diverging": diverging}).reasons
+    assert "1 divergence" in reason and "target_accept" in reason
+
+    rng = np.random.default_rng(0)
+    energy = rng.standard_normal((CHAINS, DRAWS))
+    energy[1] = np.cumsum(rng.standard_normal(DRAWS))
+    (reason,) = verdict_of(model, data, stats={"energy": energy}).reasons
+    assert "E-BFMI" in reason
+
+    n_steps = np.full((CHAINS, DRAWS), 1000)  # depth 10, but a turn ended the last doubling
+    assert verdict_of(model, data, stats={"n_steps": n_steps}).ok
+    n_steps[0, :100] = 1023
+    (reason,) = verdict_of(model, data, stats={"n_steps": n_steps}).reasons
+    assert "tree depth" in reason
+
+
+def test_too_few_draws_is_said_in_words(model, data):
+    reasons = verdict_of(model, data, draws=50).reasons
+    assert any("200 draws in all, too few" in reason for reason in reasons)
+    assert not any("is below" in reason or "sample size is" in reason for reason in reasons)
+    assert any("chains=4" in reason for reason in verdict_of(model, data, chains=1).reasons)
+
+
+def test_constants_have_no_r_hat_and_do_not_fail(model, data):
+    rng = np.random.default_rng(2)
+    theta = rng.standard_normal((CHAINS, DRAWS, 3))
+    gamma = np.ones((CHAINS, DRAWS, 3), int)
+    theta[..., 0], gamma[..., 0] = 0.0, 0
+    posterior = fabricate(model, data, chains=CHAINS, draws=DRAWS, theta=theta, gamma=gamma)
+    assert convergence(posterior).ok
+    table = convergence_table(posterior)
+    assert np.isnan(table.loc["v_theta[y]", "r_hat"])
+    assert np.isnan(table.loc["v_gamma[v]", "ess_bulk"])
+    assert table.loc["v_theta[v]", "ess_bulk"] > 3000
+    sd = posterior.idata["posterior"]["v_theta"].to_numpy()[..., 1].std()
+    np.testing.assert_allclose(table.loc["v_theta[v]", "mcse"], sd / np.sqrt(4000), rtol=0.15)
+
+
+def test_chains_stuck_at_different_values_fail(model, data):
+    gamma = np.ones((CHAINS, DRAWS, 3), int)
+    gamma[0, :, 1] = 0
+    verdict = verdict_of(model, data, gamma=gamma)
+    assert any("v_gamma[v]" in reason and "inf" in reason for reason in verdict.reasons)
+
+
+def test_weights_are_not_judged(model, data):
+    weight = np.repeat(np.arange(CHAINS, dtype=float)[:, None], DRAWS, axis=1)[..., None] * np.ones(5)
+    assert verdict_of(model, data, weight=weight).ok
+
+
+def test_length_scales_too_short_for_the_basis_ask_for_features(model, data):
+    # 1.75 · 2/8 = 0.44 half-widths is the shortest that 8 features resolve with boundary factor 2
+    short = np.exp(0.05 * np.random.default_rng(3).standard_normal((CHAINS, DRAWS, 2))) * [0.25, 1.0]
+    (reason,) = verdict_of(model, data, length_scale=short).reasons
+    assert "'y'" in reason and "'v'" not in reason.split("wants")[1]
+    needed = int(reason.split("at least (")[1].split(",")[0])
+    assert 14 <= needed <= 17
+    negligible = np.full((CHAINS, DRAWS), 1e-3) * np.exp(
+        0.1 * np.random.default_rng(4).standard_normal((CHAINS, DRAWS))
+    )
+    assert verdict_of(model, data, length_scale=short, amplitude=negligible).ok
