@@ -52,13 +52,10 @@ def compare(
             f"compare(scheme={scheme!r}) is not known: the one there is is {', '.join(map(repr, SCHEMES))}."
         )
     if len(fits) < 2:
-        raise InputError(
-            f"compare needs at least two models, not {len(fits)}: pass {{'name': fit, 'other': fit}}."
-        )
+        raise InputError(f"compare needs at least two models, not {len(fits)}: pass {{'name': fit, 'other': fit}}.")
     _require_same_data(fits)
     results = {
-        name: SCHEMES[scheme](fit, at_most, max_refits=max_refits, progress=progress)
-        for name, fit in fits.items()
+        name: SCHEMES[scheme](fit, at_most, max_refits=max_refits, progress=progress) for name, fit in fits.items()
     }
     return comparison_table(results, _verdict_notes(fits))
 
@@ -166,9 +163,5 @@ def _tie_notes(table: pd.DataFrame) -> list[str]:
     gap, se = -float(table["elpd_diff"].iloc[1]), float(table["diff_se"].iloc[1])
     if gap >= max(TIE_NATS, 2 * se):
         return []
-    reason = (
-        f"less than {TIE_NATS:g} nats"
-        if gap < TIE_NATS
-        else f"less than twice its standard error of {se:.1f}"
-    )
+    reason = f"less than {TIE_NATS:g} nats" if gap < TIE_NATS else f"less than twice its standard error of {se:.1f}"
     return [f"{best} and {second} differ by {gap:.1f} nats, {reason}: the data do not tell them apart."]

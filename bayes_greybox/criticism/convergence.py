@@ -41,9 +41,7 @@ class Verdict:
     def __str__(self) -> str:
         if self.ok:
             return "Converged: every check passed."
-        return "\n".join(
-            ["Not converged; do not rely on this fit:", *(f"- {reason}" for reason in self.reasons)]
-        )
+        return "\n".join(["Not converged; do not rely on this fit:", *(f"- {reason}" for reason in self.reasons)])
 
 
 def convergence(posterior: Posterior) -> Verdict:
@@ -120,9 +118,7 @@ def _judged(posterior: Posterior) -> Iterator[tuple[str, Float[np.ndarray, "n_ch
             yield str(name), values
             continue
         labels = group[variable.dims[2]].to_numpy() if values.ndim == 3 else np.arange(values[0, 0].size)
-        for label, column in zip(
-            labels, np.moveaxis(values.reshape(*values.shape[:2], -1), -1, 0), strict=True
-        ):
+        for label, column in zip(labels, np.moveaxis(values.reshape(*values.shape[:2], -1), -1, 0), strict=True):
             yield f"{name}[{label}]", column
 
 
@@ -202,9 +198,7 @@ def _resolution(posterior: Posterior) -> Iterator[str]:
             continue
         frame = posterior.equations[name].frame
         assert frame.basis is not None
-        short = [
-            v for v, m, had in zip(frame.variables, needed, frame.basis.per_variable, strict=True) if m > had
-        ]
+        short = [v for v, m, had in zip(frame.variables, needed, frame.basis.per_variable, strict=True) if m > had]
         text = str(needed[0]) if len(set(needed)) == 1 else f"({', '.join(map(str, needed))})"
         yield (
             f"The discrepancy of {name!r} wants shorter length scales in {', '.join(map(repr, short))} than "

@@ -15,18 +15,14 @@ from bayes_greybox.model.likelihood import DenseDesign
 from .pointwise import count_observations, scaled_rows
 
 
-def refit_without(
-    posterior: Posterior, equation: str, rows: Sequence[int], progress: bool = False
-) -> Posterior:
+def refit_without(posterior: Posterior, equation: str, rows: Sequence[int], progress: bool = False) -> Posterior:
     """Run NUTS again without some observations of one equation, with the settings of the first run.
 
     Returns:
         A posterior with this equation only.
     """
     left = {equation: leave_out(posterior, equation, rows)}
-    return sample_posterior(
-        posterior.model, posterior.data, posterior.sampling, progress=progress, equations=left
-    )
+    return sample_posterior(posterior.model, posterior.data, posterior.sampling, progress=progress, equations=left)
 
 
 def leave_out(posterior: Posterior, equation: str, rows: Sequence[int]) -> Equation:

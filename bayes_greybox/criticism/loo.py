@@ -103,14 +103,10 @@ def loo(
     n_draw = group.sizes["chain"] * group.sizes["draw"]
     n_draw = n_draw if at_most is None else min(n_draw, at_most)
     if n_draw < MIN_DRAWS:
-        raise InputError(
-            f"Leave-one-out needs at least {MIN_DRAWS} posterior draws, not {n_draw}: raise draws."
-        )
+        raise InputError(f"Leave-one-out needs at least {MIN_DRAWS} posterior draws, not {n_draw}: raise draws.")
     names = tuple(posterior.equations)
     efficiency = tuple(_relative_efficiency(posterior, name, n_draw) for name in names)
-    parts = [
-        _smoothed(posterior, name, at_most, r_eff) for name, r_eff in zip(names, efficiency, strict=True)
-    ]
+    parts = [_smoothed(posterior, name, at_most, r_eff) for name, r_eff in zip(names, efficiency, strict=True)]
     elpd, spread, khat = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
     equation = np.concatenate([np.full(len(part[0]), i) for i, part in enumerate(parts)])
     row = np.concatenate([np.arange(len(part[0])) for part in parts])
@@ -182,9 +178,7 @@ def _exact(
         without = refit(posterior, equation, [row])
     verdict = convergence(without)
     if not verdict.ok:
-        notes.append(
-            f"The refit without observation {row} of {equation!r} has not converged: {verdict.reasons[0]}"
-        )
+        notes.append(f"The refit without observation {row} of {equation!r} has not converged: {verdict.reasons[0]}")
     draws = without.draws(equation, at_most)
     ((_, values),) = pointwise_blocks(posterior, equation, draws, np.array([row]))
     return float(np.logaddexp.reduce(values.ravel()) - math.log(values.size))

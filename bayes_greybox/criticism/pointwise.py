@@ -34,9 +34,7 @@ class Rows(NamedTuple):
     precision: Float[Array, " n_row"]
 
 
-def pointwise_loo(
-    posterior: Posterior, equation: str, at_most: int | None = None
-) -> Float[np.ndarray, "n_draw n_obs"]:
+def pointwise_loo(posterior: Posterior, equation: str, at_most: int | None = None) -> Float[np.ndarray, "n_draw n_obs"]:
     """Densities log p(y_i | y₋ᵢ, η, γ) of every row and posterior draw, θ and f integrated out.
 
     With C = ΦDΦᵀ + K⊥ + σ²R, g = C⁻¹y and c_i = (C⁻¹)_ii,
@@ -114,9 +112,7 @@ def pointwise_blocks(
         # A short last block is filled up, so that it does not compile anew.
         padded = np.concatenate([part, np.full(block - len(part), part[-1])])
         rows = (
-            weighted_rows(posterior, equation, padded)
-            if whole is None
-            else jax.tree.map(lambda a: a[padded], whole)  # noqa: B023
+            weighted_rows(posterior, equation, padded) if whole is None else jax.tree.map(lambda a: a[padded], whole)  # noqa: B023
         )
         batch = _batch((block + len(design.y)) * (rows.Phi.shape[1] + rows.Psi.shape[1] + 1))
         yield part, np.asarray(_mapped(design, rows, parameters, batch))[:, : len(part)] - log_unit
@@ -135,14 +131,10 @@ def scaled_rows(
     data, frame = posterior.data, posterior.equations[equation].frame
     simulation = Simulation.of(posterior.model.simulation, data.state_names, data.input_names)
     target = (measured_rate(data, equation) - simulation.on(data, equation))[index] / frame.target_scale
-    return np.column_stack(
-        [*_bases(frame, {name: column[index] for name, column in data.columns.items()}), target]
-    )
+    return np.column_stack([*_bases(frame, {name: column[index] for name, column in data.columns.items()}), target])
 
 
-def weighted_rows(
-    posterior: Posterior, equation: str, index: Int[np.ndarray, " n_row"] | slice = slice(None)
-) -> Rows:
+def weighted_rows(posterior: Posterior, equation: str, index: Int[np.ndarray, " n_row"] | slice = slice(None)) -> Rows:
     """R⁻¹[Φ Ψ̃ y] and diag R⁻¹ at given observations; W[Φ Ψ̃ y] and ones where W is not square."""
     noise = posterior.data.noise.get(equation)
     if noise is None:

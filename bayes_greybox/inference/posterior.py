@@ -175,7 +175,7 @@ def sample_posterior(
 def add_group(
     posterior: Posterior, name: str, values: Mapping[str, np.ndarray], draw: np.ndarray | None = None
 ) -> None:
-    """Put a group of per-row draws [n_chain, n_draw, n_obs] into the DataTree.
+    """Put a group of draws for each observation [n_chain, n_draw, n_obs] into the DataTree.
 
     Args:
         posterior: Whose tree gets the group.
@@ -183,17 +183,19 @@ def add_group(
         values: Variables.
         draw: Numbers of the draws, if not all were kept.
     """
-    n_draw = next(iter(values.values())).shape[1]
-    posterior.idata[name] = xr.DataTree(
-        xr.Dataset(
-            {key: (("chain", "draw", "obs_id"), value) for key, value in values.items()},
-            coords={
-                "chain": posterior.idata["posterior"]["chain"].to_numpy(),
-                "draw": np.arange(n_draw) if draw is None else draw,
-                "obs_id": posterior.idata["observed_data"]["obs_id"].to_numpy(),
-            },
-        )
-    )
+    n_draw, n_obs = next(iter(values.values())).shape[1], posterior.data.n_obs
+    variables = {
+        # Spectral noise leaves fewer observations than rows: whitened coefficients, which have no time of their own.
+        key: (("chain", "draw", "obs_id" if value.shape[2] == n_obs else f"{key}_coefficient"), value)
+        for key, value in values.items()
+    }
+    coords = {
+        "chain": posterior.idata["posterior"]["chain"].to_numpy(),
+        "draw": np.arange(n_draw) if draw is None else draw,
+    }
+    if any("obs_id" in dims for dims, _ in variables.values()):
+        coords["obs_id"] = np.arange(n_obs)
+    posterior.idata[name] = xr.DataTree(xr.Dataset(variables, coords=coords))
 
 
 def data_table(data: Trajectories) -> dict[str, np.ndarray]:
@@ -220,6 +222,8 @@ def _user_units(samples: Mapping[str, np.ndarray], equations: Mapping[str, Equat
         for key, unit in units.items():
             if f"{name}_{key}" in named:
                 named[f"{name}_{key}"] = named[f"{name}_{key}"] * unit
+        if f"{name}_weight" in named and frame.basis is None:
+            del named[f"{name}_weight"]
         if f"{name}_theta_sd" in named:
             named[f"{name}_prior_sd"] = named.pop(f"{name}_theta_sd")
         if f"{name}_gamma" in named:

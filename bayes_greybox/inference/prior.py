@@ -45,7 +45,7 @@ def log_prior_densities(
         that are in the model.
     """
     shape = next(iter(draws.values())).shape[:2]
-    flat = {name: jnp.asarray(value.reshape(-1, *value.shape[2:])) for name, value in draws.items()}
+    flat = {name: jnp.asarray(value.reshape(shape[0] * shape[1], *value.shape[2:])) for name, value in draws.items()}
 
     def one(values: dict[str, Array]) -> dict[str, Array]:
         sites = trace(seed(substitute(model, data=values), jax.random.PRNGKey(0))).get_trace(designs)

@@ -3,7 +3,7 @@
 NMSE is mean((a − â)²)/var(a) of the posterior mean acceleration â against the true, noise-free acceleration a at
 the 1001 sampled times. The paper gives neither its definition nor its sampling; its figures are the bars here.
 
-    python -m pytest -m slow tests/benchmarks/test_paper.py -s
+    python -m pytest -n 0 -m slow tests/benchmarks/test_paper.py -s
 """
 
 import numpy as np

@@ -1,6 +1,6 @@
 """Cost against the number of rows: a fit costs the same at a thousand rows and at a million.
 
-    python -m pytest -m slow tests/benchmarks/test_scale.py -s
+    python -m pytest -n 0 -m slow tests/benchmarks/test_scale.py -s
 """
 
 import time

@@ -1,10 +1,10 @@
 """Effective samples per second against the same model written by hand in NumPyro with θ sampled.
 
 The hand-written model is the usual one: θ as a site under the same Laplace hierarchy, f marginalised in a multivariate
-normal with the projected squared-exponential kernel, exact. Both run in this process, one after the other, on the same
-data; seconds are wall time with compilation; the figure is the smallest bulk ESS over θ, σ, amplitude and length scales.
+normal with the projected squared-exponential kernel, exact. Both run in this process, one after the other, on one
+data set; seconds are wall time with compilation; the figure is the smallest bulk ESS over θ, σ, amplitude and ℓ.
 
-    python -m pytest -m slow tests/benchmarks/test_speed.py -s
+    python -m pytest -n 0 -m slow tests/benchmarks/test_speed.py -s
 """
 
 import time

@@ -107,9 +107,7 @@ def test_what_cannot_be_compared_is_refused():
     with pytest.raises(InputError, match="the derivative of 'v' differs by up to"):
         compare(pair | {"full": fabricate(FULL, oscillator(20, seed=1))})
     data = pair["bare"].data
-    later = Trajectories.from_arrays(
-        data.time + 1, states=dict(data.states), derivatives={"v": data.derivatives["v"]}
-    )
+    later = Trajectories.from_arrays(data.time + 1, states=dict(data.states), derivatives={"v": data.derivatives["v"]})
     with pytest.raises(InputError, match="'bare' and 'full'.*time differs by up to 1"):
         compare(pair | {"full": fabricate(FULL, later)})
     y = Trajectories.from_arrays(

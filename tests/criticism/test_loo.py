@@ -223,8 +223,8 @@ def test_one_run_equals_thirty_exact_refits():
     """
     n = 30
     gp = OrthogonalGP(features=8, variables=("y",))
-    model = Program(dictionary={"v": ["v", "v**2"]}, prior=SpikeAndSlab(), discrepancy=gp)
-    posterior = sample_posterior(model, oscillator(n, seed=1), Sampling(4000, 500, 4, seed=0), progress=False)
+    model = Program(dictionary={"v": ["v", "v**3"]}, prior=SpikeAndSlab(), discrepancy=gp)
+    posterior = sample_posterior(model, oscillator(n, seed=1), Sampling(5000, 500, 4, seed=0), progress=False)
     result = loo(posterior, refit=None)
 
     frame, group = posterior.equations["v"].frame, posterior.idata["posterior"]
@@ -252,17 +252,9 @@ def test_one_run_equals_thirty_exact_refits():
     log_p = pointwise_loo(posterior, "v")
     influence = np.exp(-log_p - logsumexp(-log_p, axis=0) + np.log(len(log_p))).sum(axis=1).reshape(4, -1)
     assert float(array_stats().mcse(influence, method="mean")) < 0.1 / 3
-    print(
-        "DIFF",
-        result.elpd - exact.sum(),
-        np.abs(result.pointwise - exact).max(),
-        float(array_stats().mcse(influence, method="mean")),
-        group["v_gamma"].to_numpy().mean((0, 1)),
-        result,
-    )
     assert abs(result.elpd - exact.sum()) < 0.1
     assert np.abs(result.pointwise - exact).max() < 0.05
-    assert 0.001 < group["v_gamma"].to_numpy()[..., 1].mean() < 0.999  # averaging over γ is part of it
+    assert 0.01 < group["v_gamma"].to_numpy()[..., 1].mean() < 0.99  # averaging over γ is part of it
     # The correction matters: the same densities averaged over p(η | y) would be off by p_eff.
     assert result.p_eff > 0.3
 
