@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Iterator
-from functools import partial
 from typing import NamedTuple
 
 import jax
@@ -21,7 +20,6 @@ from bayes_greybox.model.simulation import Simulation
 ROW_BLOCK = 4096
 """Rows handled at once; memory is bounded by draws × one block."""
 
-_BATCH_FLOATS = 2**23
 _GROUP_LIMIT = 10_000_000
 
 
@@ -98,8 +96,7 @@ def pointwise_blocks(
     parameters = jax.tree.map(jnp.asarray, (draws.hyper, draws.prior_sd))
     log_unit = math.log(frame.target_scale)
     if not isinstance(design, FeatureDesign):
-        square = _size(design.whitening) if design.whitening is not None else len(design.y) ** 2
-        values = np.asarray(_mapped(design, None, parameters, _batch(square))) - log_unit
+        values = np.asarray(_mapped(design, None, parameters)) - log_unit
         index = np.arange(values.shape[1]) if index is None else index
         yield index, values[:, index]
         return
@@ -114,8 +111,7 @@ def pointwise_blocks(
         rows = (
             weighted_rows(posterior, equation, padded) if whole is None else jax.tree.map(lambda a: a[padded], whole)  # noqa: B023
         )
-        batch = _batch((block + len(design.y)) * (rows.Phi.shape[1] + rows.Psi.shape[1] + 1))
-        yield part, np.asarray(_mapped(design, rows, parameters, batch))[:, : len(part)] - log_unit
+        yield part, np.asarray(_mapped(design, rows, parameters))[:, : len(part)] - log_unit
 
 
 def count_observations(posterior: Posterior, equation: str) -> int:
@@ -158,8 +154,8 @@ def _bases(frame: Frame, columns: dict[str, np.ndarray]) -> tuple[np.ndarray, np
     return np.asarray(Phi), np.asarray(Psi)
 
 
-@partial(jax.jit, static_argnames="batch")
-def _mapped(design: Design, rows: Rows | None, parameters: tuple, batch: int) -> Array:
+@jax.jit
+def _mapped(design: Design, rows: Rows | None, parameters: tuple) -> Array:
     def one(item: tuple[Hyperparameters, Array]) -> Array:
         hyper, sd = item
         if isinstance(design, FeatureDesign):
@@ -169,7 +165,9 @@ def _mapped(design: Design, rows: Rows | None, parameters: tuple, batch: int) ->
             precision, g = _dense_inverse(design, hyper, sd)
         return 0.5 * (jnp.log(precision) - math.log(2 * math.pi) - g**2 / precision)
 
-    return jax.lax.map(one, parameters, batch_size=batch)
+    # One draw after another: batched factorisations inside a loop have been seen to deadlock XLA's thread pool on two
+    # cores (jaxlib 0.10), and on a CPU a batch of LAPACK calls is a loop anyway.
+    return jax.lax.map(one, parameters)
 
 
 def _feature_inverse(
@@ -213,11 +211,3 @@ def _dense_inverse(
     W = design.whitening
     half = solve_lower(L, jnp.eye(len(L)) if W is None or W.shape[0] != W.shape[1] else W)
     return jnp.sum(half**2, axis=0), half.T @ solve_lower(L, design.y)
-
-
-def _size(array: Array) -> int:
-    return int(np.prod(array.shape))
-
-
-def _batch(floats_a_draw: int) -> int:
-    return max(1, min(64, _BATCH_FLOATS // floats_a_draw))

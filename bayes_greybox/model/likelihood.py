@@ -182,5 +182,5 @@ class CollapsedNormal(dist.Distribution):
 
         if not sample_shape:
             return one(key)
-        draws = jax.vmap(one)(jax.random.split(key, math.prod(sample_shape)))
+        draws = jax.lax.map(one, jax.random.split(key, math.prod(sample_shape)))
         return draws.reshape(*sample_shape, *self.event_shape)
