@@ -135,9 +135,7 @@ def compare(
             raise InputError("compare takes one configuration file, or two or more saved fits (*.nc).")
         given = [f"--{name}" for name, value in sampling.items() if value is not None]
         if given:
-            raise InputError(
-                f"{given[0]} does not apply to saved fits, which are not sampled again; leave it out."
-            )
+            raise InputError(f"{given[0]} does not apply to saved fits, which are not sampled again; leave it out.")
         return _compare_saved(files, output, progress, quiet)
     if len(files) > 1:
         raise InputError("compare takes one configuration file, or two or more saved fits (*.nc).")

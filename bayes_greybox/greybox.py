@@ -124,9 +124,7 @@ class Fit(Posterior):
         s = self.sampling
         terms = ", ".join(f"{name}: {len(e.frame.dictionary)} terms" for name, e in self.equations.items())
         prior = type(self.model.prior).__name__
-        return (
-            f"Fit of {terms}; {prior} prior; {self.data.n_obs} rows; {s.chains} x {s.draws} draws\n{self.verdict}"
-        )
+        return f"Fit of {terms}; {prior} prior; {self.data.n_obs} rows; {s.chains} x {s.draws} draws\n{self.verdict}"
 
     def _complete(self) -> None:
         """Add the groups that need more than one row at a time."""

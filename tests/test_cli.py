@@ -54,9 +54,7 @@ def refuse(capsys, *words: str) -> str:
 
 def run_python(*words: str) -> subprocess.CompletedProcess:
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    return subprocess.run(
-        [sys.executable, *words], env=environment, capture_output=True, text=True, check=True
-    )
+    return subprocess.run([sys.executable, *words], env=environment, capture_output=True, text=True, check=True)
 
 
 def test_help_takes_less_than_half_a_second():
@@ -239,10 +237,7 @@ def test_a_damaged_fit_is_refused(first, tmp_path, capsys):
 
 
 def test_models_of_a_file_are_fitted_saved_and_compared(here, capsys):
-    text = (
-        CONFIG
-        + "\n[models]\nnormal = { prior = { kind = 'normal' } }\nlaplace = { prior = { kind = 'laplace' } }\n"
-    )
+    text = CONFIG + "\n[models]\nnormal = { prior = { kind = 'normal' } }\nlaplace = { prior = { kind = 'laplace' } }\n"
     (here / "case.toml").write_text(text)
     assert cli.main(["compare", "case.toml", *SHORT]) in (0, 3)
     assert sorted(os.listdir("out")) == ["config.toml", "figures", "laplace.nc", "normal.nc", "summary.json"]

@@ -30,9 +30,7 @@ class Terms(Section):
     """The terms of one equation: those of the polynomial, then the listed ones."""
 
     polynomial: Monomials | None = None
-    terms: list[
-        Annotated[Term, BeforeValidator(lambda v: {"expression": v} if isinstance(v, str) else v)]
-    ] = []
+    terms: list[Annotated[Term, BeforeValidator(lambda v: {"expression": v} if isinstance(v, str) else v)]] = []
 
     def build(self) -> "list[bg.Term]":
         """The terms of the package."""
@@ -95,9 +93,7 @@ def _check_kind(given: Any) -> Any:
     if isinstance(given, Mapping) and given.get("kind") not in KINDS:
         if "kind" not in given:
             raise wrong(f"needs the key 'kind'; known: {', '.join(KINDS)}")
-        raise wrong(
-            f"kind = {given['kind']!r} is not available; {suggestion(str(given['kind']), list(KINDS))}"
-        )
+        raise wrong(f"kind = {given['kind']!r} is not available; {suggestion(str(given['kind']), list(KINDS))}")
     if not isinstance(given, Mapping | Section):
         raise wrong('should be a table with the key kind, such as { kind = "laplace" }')
     return given
@@ -145,7 +141,6 @@ class Discrepancy(Section):
         if not self.enabled:
             return None
         fields: dict[str, Any] = {
-            key: tuple(value) if isinstance(value, list) else value
-            for key, value in self.given("enabled").items()
+            key: tuple(value) if isinstance(value, list) else value for key, value in self.given("enabled").items()
         }
         return bg.OrthogonalGP(**fields)

@@ -178,15 +178,11 @@ def _kinds(given: Any) -> list[str]:
 def _check_kind(given: Any) -> Any:
     if isinstance(given, Source) or (isinstance(given, Mapping) and len(_kinds(given)) == 1):
         return given
-    raise wrong(
-        "should be a table with exactly one of path (a file), dataset (a benchmark) and system (a simulation)"
-    )
+    raise wrong("should be a table with exactly one of path (a file), dataset (a benchmark) and system (a simulation)")
 
 
 def _tag(given: Any) -> str:
-    return (
-        f"<{_kinds(given)[0]}>" if isinstance(given, Mapping) else f"<{_kinds(type(given).model_fields)[0]}>"
-    )
+    return f"<{_kinds(given)[0]}>" if isinstance(given, Mapping) else f"<{_kinds(type(given).model_fields)[0]}>"
 
 
 def _names(value: Any) -> Any:

@@ -68,18 +68,14 @@ def check_units(units: Mapping[str, str], states: Mapping[str, Any], inputs: Map
     known = ["t", *states, *inputs, *(derivative_label(name) for name in states)]
     for name in units:
         if name not in known:
-            raise InputError(
-                f'A unit is given for "{name}", which is no column; the columns are {", ".join(known)}.'
-            )
+            raise InputError(f'A unit is given for "{name}", which is no column; the columns are {", ".join(known)}.')
 
 
 def stack(label: str, value: Any, names: tuple[str, ...], lengths: list[int]) -> np.ndarray:
     """The runs of one column as one float vector."""
     runs = several(value)
     if len(runs) != len(lengths):
-        raise InputError(
-            f"The {label} has {len(runs)} runs but the time has {len(lengths)}; give one array each."
-        )
+        raise InputError(f"The {label} has {len(runs)} runs but the time has {len(lengths)}; give one array each.")
     out = []
     for name, length, values in zip(names, lengths, runs, strict=True):
         try:
@@ -102,9 +98,7 @@ def stack(label: str, value: Any, names: tuple[str, ...], lengths: list[int]) ->
     return np.concatenate(out)
 
 
-def usable_rows(
-    columns: Mapping[str, np.ndarray], run: np.ndarray, names: tuple[str, ...], missing: str
-) -> np.ndarray:
+def usable_rows(columns: Mapping[str, np.ndarray], run: np.ndarray, names: tuple[str, ...], missing: str) -> np.ndarray:
     """Mask of rows without missing values, or an error that names the first of them."""
     if missing not in ("error", "drop"):
         raise InputError(f'missing must be "error" or "drop", not {missing!r}.')

@@ -72,9 +72,7 @@ def dataset_table() -> pd.DataFrame:
     rows = []
     for name, entry in _SETS.items():
         files = entry.files
-        folder = next(
-            (f for f in search_folders() if all((f / file).is_file() for file in entry.files)), None
-        )
+        folder = next((f for f in search_folders() if all((f / file).is_file() for file in entry.files)), None)
         verified = folder is not None and all(_sha256(folder / f) == h for f, h in files.items())
         rows.append(
             {
@@ -224,9 +222,7 @@ def load_hudson_bay() -> Trajectories:
     """
     text = _locate("hudson_bay", "hudson_bay/hudson_bay_data.dat").read_text(encoding="ascii")
     table = np.loadtxt(StringIO(text))
-    return Trajectories.from_arrays(
-        table[:, 0], states={"hare": table[:, 1], "lynx": table[:, 2]}, units={"t": "year"}
-    )
+    return Trajectories.from_arrays(table[:, 0], states={"hare": table[:, 1], "lynx": table[:, 2]}, units={"t": "year"})
 
 
 @dataclass(frozen=True)
@@ -250,11 +246,7 @@ _SETS = {
     ),
     "cascaded_tanks": _DataSet(
         load_cascaded_tanks,
-        {
-            "cascaded_tanks/dataBenchmark.csv": (
-                "ef2388ed822f3aef4aa80d6b0f2b466dd80b361786b3eafc7a2957c31ea323a7"
-            )
-        },
+        {"cascaded_tanks/dataBenchmark.csv": ("ef2388ed822f3aef4aa80d6b0f2b466dd80b361786b3eafc7a2957c31ea323a7")},
         ("clipped",),
         "square-root outflow, overflow",
         "Schoukens et al. 2016, DOI 10.4121/12960104",
@@ -263,9 +255,7 @@ _SETS = {
     "falling_balls": _DataSet(
         load_falling_balls,
         {
-            "falling_balls/Ball_drops_data.xlsx": (
-                "942b2d68abfff3828ca323de491435d4ec27c3a22e62cee0cbdf52c2e8d1c0ed"
-            ),
+            "falling_balls/Ball_drops_data.xlsx": ("942b2d68abfff3828ca323de491435d4ec27c3a22e62cee0cbdf52c2e8d1c0ed"),
             "falling_balls/balls.txt": "7cc282a6559ef636ce30cad53aae5bf825ce6200a94dd54f668af9797c584585",
         },
         (),
@@ -275,11 +265,7 @@ _SETS = {
     ),
     "hudson_bay": _DataSet(
         load_hudson_bay,
-        {
-            "hudson_bay/hudson_bay_data.dat": (
-                "7653cdd9cf35c34620c87b0d93cc2858b5214180a93eea0f7b2096e1b471b6bb"
-            )
-        },
+        {"hudson_bay/hudson_bay_data.dat": ("7653cdd9cf35c34620c87b0d93cc2858b5214180a93eea0f7b2096e1b471b6bb")},
         (),
         "predation (bilinear interaction)",
         "Odum 1953, Fundamentals of Ecology",

@@ -99,8 +99,7 @@ def differentiate(
     if method == "spectral":
         _check_periodic({name: states[name] for name in wanted}, blocks, run_names)
         kept = [
-            kept_frequencies(len(rows), h, band, name)
-            for rows, h, name in zip(blocks, steps, run_names, strict=True)
+            kept_frequencies(len(rows), h, band, name) for rows, h, name in zip(blocks, steps, run_names, strict=True)
         ]
         rows, window = np.arange(len(time)), 0
 
@@ -119,10 +118,7 @@ def differentiate(
             if window is None:
                 series = [[states[name][b] for b in blocks] for name in wanted]
                 window = savgol_window(series, polyorder)
-        taps = {
-            m: filter_taps(m, method, window=window, polyorder=polyorder, band=band)
-            for m in range(highest + 1)
-        }
+        taps = {m: filter_taps(m, method, window=window, polyorder=polyorder, band=band) for m in range(highest + 1)}
         window = len(taps[0])
         if window > shortest:
             short = run_names[int(np.argmin([len(b) for b in blocks]))]
@@ -136,9 +132,7 @@ def differentiate(
 
         def apply(values: np.ndarray, order: int) -> np.ndarray:
             parts = zip(blocks, steps, strict=True)
-            return np.concatenate(
-                [np.correlate(values[b], taps[order], "valid") / h**order for b, h in parts]
-            )
+            return np.concatenate([np.correlate(values[b], taps[order], "valid") / h**order for b, h in parts])
 
         def row_noise(order: int) -> RowNoise:
             return fir_noise(taps[order], order, [len(b) for b in inner], steps, white_share)
@@ -196,8 +190,7 @@ def _check_request(
             raise InputError(f'The derivative of "{name}" is already given; leave "{name}" out of rates.')
         if rate in states or rate in inputs:
             raise InputError(
-                f'"{rate}" is measured and cannot be added as the rate of "{name}"; leave "{name}" out of '
-                "rates."
+                f'"{rate}" is measured and cannot be added as the rate of "{name}"; leave "{name}" out of rates.'
             )
         if not rate.isidentifier() or rate in ("t", "run") or list(rates.values()).count(rate) > 1:
             raise InputError(f'"{rate}" cannot name the rate of "{name}"; choose another name.')
@@ -205,9 +198,7 @@ def _check_request(
         raise InputError("Every state has a derivative already; there is nothing to differentiate.")
 
 
-def _check_periodic(
-    columns: Mapping[str, np.ndarray], blocks: Sequence[np.ndarray], run_names: Sequence[str]
-) -> None:
+def _check_periodic(columns: Mapping[str, np.ndarray], blocks: Sequence[np.ndarray], run_names: Sequence[str]) -> None:
     for name, values in columns.items():
         for rows, run_name in zip(blocks, run_names, strict=True):
             jump = abs(values[rows[0]] - values[rows[-1]])

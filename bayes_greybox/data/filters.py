@@ -65,9 +65,7 @@ def filter_taps(
     return _kaiser_taps(order, window if window is not None else _kaiser_length(band), band)
 
 
-def spectral_derivative(
-    values: Float[np.ndarray, " n"], step: float, order: int, kept: int
-) -> Float[np.ndarray, " n"]:
+def spectral_derivative(values: Float[np.ndarray, " n"], step: float, order: int, kept: int) -> Float[np.ndarray, " n"]:
     """Derivative of one whole period (or several) by multiplication with (iω)^order in Fourier space.
 
     Args:
@@ -192,9 +190,7 @@ def check_settings(method: str, window: int | None, polyorder: int | None, band:
     if method != "savgol" and polyorder is not None:
         raise InputError(f"polyorder does not apply to method={method!r}; leave it out.")
     if method == "spectral" and window is not None:
-        raise InputError(
-            "window does not apply to method='spectral', which uses the whole record; leave it out."
-        )
+        raise InputError("window does not apply to method='spectral', which uses the whole record; leave it out.")
     if band is not None and not band > 0.0:
         raise InputError(f"band must be positive, not {band}.")
 
@@ -214,9 +210,7 @@ def kept_frequencies(n: int, step: float, band: float | None, name: str) -> int:
 def band_per_sample(band: float | None, steps: Sequence[float], run_names: Sequence[str]) -> float:
     """Pass band in cycles per sample, the same in every run."""
     if band is None:
-        raise InputError(
-            "method='bandlimited' needs band, the edge of the pass band in cycles per unit of time."
-        )
+        raise InputError("method='bandlimited' needs band, the edge of the pass band in cycles per unit of time.")
     for step, name in zip(steps, run_names, strict=True):
         if abs(step - steps[0]) > STEP_TOLERANCE * steps[0]:
             raise InputError(
@@ -225,8 +219,7 @@ def band_per_sample(band: float | None, steps: Sequence[float], run_names: Seque
             )
     if band * steps[0] >= 0.5:
         raise InputError(
-            f"band = {band:g} is not below half the sampling rate, {0.5 / steps[0]:.6g} cycles "
-            "per unit of time."
+            f"band = {band:g} is not below half the sampling rate, {0.5 / steps[0]:.6g} cycles per unit of time."
         )
     return band * steps[0]
 

@@ -43,9 +43,7 @@ def noise_from_dict(record: Mapping[str, Any]) -> RowNoise:
             kept=tuple(fields["kept"]),
             white_share=float(fields["white_share"]),
         )
-    raise InputError(
-        f'Row noise of kind "{record["kind"]}" is unknown; the kinds are "banded" and "spectral".'
-    )
+    raise InputError(f'Row noise of kind "{record["kind"]}" is unknown; the kinds are "banded" and "spectral".')
 
 
 def fir_noise(

@@ -95,6 +95,4 @@ class RowNoise(ABC):
 def check_white_share(share: float) -> None:
     """Refuse a white share outside (0, 1]."""
     if not 0.0 < share <= 1.0:
-        raise InputError(
-            f"white_share must be above 0 and at most 1, not {share}; the default is {WHITE_SHARE}."
-        )
+        raise InputError(f"white_share must be above 0 and at most 1, not {share}; the default is {WHITE_SHARE}.")

@@ -106,9 +106,7 @@ def _read(path: Path) -> pd.DataFrame:
     except Exception as error:
         # Each library has its own exceptions for a damaged file; all mean the same to the user.
         kind = suffix.removeprefix(".")
-        raise InputError(
-            f'"{path}" cannot be read as {kind} ({_first_line(error)}); check the file.'
-        ) from error
+        raise InputError(f'"{path}" cannot be read as {kind} ({_first_line(error)}); check the file.') from error
     table.columns = [str(name).strip() for name in table.columns]
     return table
 
@@ -143,9 +141,7 @@ def _read_mat(path: Path) -> pd.DataFrame:
         import h5py
 
         with h5py.File(path, "r") as file:
-            content = {
-                name: np.asarray(item) for name, item in file.items() if isinstance(item, h5py.Dataset)
-            }
+            content = {name: np.asarray(item) for name, item in file.items() if isinstance(item, h5py.Dataset)}
     vectors = {
         name: np.asarray(value).reshape(-1)
         for name, value in content.items()
@@ -173,9 +169,7 @@ def _read_netcdf(path: Path) -> pd.DataFrame:
             raise InputError(f'"{path}" has no one-dimensional variable.')
         counts = {dims: sum(array.dims == dims for array in variables.values()) for dims in lengths}
         shared = max(counts, key=lambda dims: (counts[dims], lengths[dims]))
-        return pd.DataFrame(
-            {str(name): array.to_numpy() for name, array in variables.items() if array.dims == shared}
-        )
+        return pd.DataFrame({str(name): array.to_numpy() for name, array in variables.items() if array.dims == shared})
 
 
 def _mapping(columns: Sequence[str] | Mapping[str, str], what: str) -> dict[str, str]:

@@ -154,9 +154,7 @@ class Trajectories:
         wanted = [time_name, "run", *states, *inputs, *(derivative_label(k, time_name) for k in derivatives)]
         absent = [name for name in wanted if name not in frame.columns]
         if absent:
-            raise InputError(
-                f'The table has no column "{absent[0]}"; it has {", ".join(map(str, frame.columns))}.'
-            )
+            raise InputError(f'The table has no column "{absent[0]}"; it has {", ".join(map(str, frame.columns))}.')
 
         def column(name: str) -> np.ndarray:
             return frame[name].to_numpy(dtype=float, copy=True)

@@ -62,9 +62,7 @@ def symbol_names(expr: sympy.Expr) -> tuple[str, ...]:
     return tuple(sorted(s.name for s in expr.atoms(sympy.Symbol)))
 
 
-def evaluate(
-    expr: sympy.Expr, columns: Mapping[str, Float[Array | np.ndarray, "..."]]
-) -> Float[Array, "..."]:
+def evaluate(expr: sympy.Expr, columns: Mapping[str, Float[Array | np.ndarray, "..."]]) -> Float[Array, "..."]:
     """Value of an expression on columns of numbers; works under jit, vmap and grad.
 
     Integer powers are products, so they and their gradients are finite at zero and for negative bases. The

@@ -78,9 +78,7 @@ FUNCTIONS: dict[str, Function] = {
     "min": Function(sympy.Min, sympy.Min, min, lambda *a: reduce(jnp.minimum, a), (2, 8)),
     "max": Function(sympy.Max, sympy.Max, max, lambda *a: reduce(jnp.maximum, a), (2, 8)),
     # 0 below zero, 1/2 at zero, 1 above.
-    "heaviside": Function(
-        _symbolic_heaviside, sympy.Heaviside, lambda x: 0.5 * (1 + (x > 0) - (x < 0)), _heaviside
-    ),
+    "heaviside": Function(_symbolic_heaviside, sympy.Heaviside, lambda x: 0.5 * (1 + (x > 0) - (x < 0)), _heaviside),
 }
 
 CONSTANTS: dict[str, sympy.Expr] = {"pi": sympy.pi}

@@ -111,9 +111,7 @@ def check_size(expr: sympy.Expr, text: str) -> None:
     parts: tuple[Any, ...] = (expr, *expr.args)
     for node in parts:
         if isinstance(node, sympy.Pow) and node.exp.is_Number and abs(float(node.exp)) > MAX_EXPONENT:
-            raise InputError(
-                f"{_shown(text)} reaches a power of {node.exp}; exponents go up to {MAX_EXPONENT}."
-            )
+            raise InputError(f"{_shown(text)} reaches a power of {node.exp}; exponents go up to {MAX_EXPONENT}.")
         if node.is_Number and not _finite(float(node)) or node in (sympy.zoo, sympy.nan):
             raise InputError(f"{_shown(text)} contains a number that is not finite; check its constants.")
 

@@ -74,9 +74,7 @@ def integrate(
     if t.shape[0] < 2:
         raise InputError(f"Integration needs at least two times, not {t.shape[0]}; give a longer window.")
     if inputs is not None and inputs.shape[0] != t.shape[0]:
-        raise InputError(
-            f"The inputs have {inputs.shape[0]} rows for {t.shape[0]} times; give one row for each time."
-        )
+        raise InputError(f"The inputs have {inputs.shape[0]} rows for {t.shape[0]} times; give one row for each time.")
     sizes = _start_scale(x0) if scale is None else jnp.asarray(scale, dtype=float)
     input_at = interpolant(t, inputs, interpolation)
     limit = blow_up * jnp.max(sizes)
@@ -114,9 +112,7 @@ def integrate(
     good = (reached | (t <= stopped_at)) & jnp.all(jnp.isfinite(states), axis=-1)
     # Once a row is lost, all later ones are.
     good = jnp.cumprod(good.astype(int)).astype(bool)
-    return Path(
-        states=jnp.where(good[:, None], states, jnp.nan), failed_at=jnp.where(reached, jnp.nan, stopped_at)
-    )
+    return Path(states=jnp.where(good[:, None], states, jnp.nan), failed_at=jnp.where(reached, jnp.nan, stopped_at))
 
 
 def interpolant(
@@ -166,9 +162,7 @@ def _start_scale(x0: Float[Array, " d"]) -> Float[Array, " d"]:
 def _spline_curvature(t: Float[Array, " n"], values: Float[Array, "n p"]) -> Float[Array, "n p"]:
     """Second derivatives at the samples of the cubic spline with not-a-knot ends."""
     if t.shape[0] < 4:
-        raise InputError(
-            f"Cubic interpolation needs four samples, not {t.shape[0]}; use interpolation='linear'."
-        )
+        raise InputError(f"Cubic interpolation needs four samples, not {t.shape[0]}; use interpolation='linear'.")
     h = jnp.diff(t)
     slope = jnp.diff(values, axis=0) / h[:, None]
     # h_{i-1} m_{i-1} + 2 (h_{i-1} + h_i) m_i + h_i m_{i+1} = 6 (s_i - s_{i-1}) at the inner samples. At the

@@ -73,9 +73,7 @@ class System:
         """States, then inputs: what formulas may use."""
         return (*self.states, *self.inputs)
 
-    def rate(
-        self, columns: Mapping[str, Float[Array | np.ndarray, "*rows"]]
-    ) -> Float[Array, "*rows n_state"]:
+    def rate(self, columns: Mapping[str, Float[Array | np.ndarray, "*rows"]]) -> Float[Array, "*rows n_state"]:
         """Time derivative of the states.
 
         Args:
@@ -133,9 +131,7 @@ class System:
         on_slopes = noise if noise_on in ("derivatives", "both") else 0.0
         return Trajectories.from_arrays(
             [times] * len(starts),
-            states={
-                s: _noisy([x[:, i] for x in paths], on_states, next(keys)) for i, s in enumerate(self.states)
-            },
+            states={s: _noisy([x[:, i] for x in paths], on_states, next(keys)) for i, s in enumerate(self.states)},
             derivatives={
                 s: _noisy([x[:, i] for x in slopes], on_slopes, next(keys)) for i, s in enumerate(self.states)
             },
@@ -149,23 +145,19 @@ class System:
         return states | {name: u[..., i] for i, name in enumerate(self.inputs)}
 
     def _starts(self, x0: Any) -> list[np.ndarray]:
-        several = (
-            not isinstance(x0, Mapping) and len(x0) > 0 and (isinstance(x0[0], Mapping) or np.ndim(x0[0]))
-        )
+        several = not isinstance(x0, Mapping) and len(x0) > 0 and (isinstance(x0[0], Mapping) or np.ndim(x0[0]))
         starts = []
         for start in x0 if several else [x0]:
             if isinstance(start, Mapping):
                 if set(start) != set(self.states):
                     raise InputError(
-                        f"x0 of {self.name} names {', '.join(map(str, start))}; "
-                        f"name {', '.join(self.states)}."
+                        f"x0 of {self.name} names {', '.join(map(str, start))}; name {', '.join(self.states)}."
                     )
                 start = [start[name] for name in self.states]
             vector = np.asarray(start, dtype=float)
             if vector.shape != (len(self.states),) or not np.all(np.isfinite(vector)):
                 raise InputError(
-                    f"x0 of {self.name} is {start!r}; give one finite number for each of "
-                    f"{', '.join(self.states)}."
+                    f"x0 of {self.name} is {start!r}; give one finite number for each of {', '.join(self.states)}."
                 )
             starts.append(vector)
         return starts
@@ -183,9 +175,7 @@ class System:
                 continue
             several = isinstance(given[name], list | tuple) and np.ndim(given[name][0]) == 1
             if several and len(given[name]) != n_run:
-                raise InputError(
-                    f"The input {name!r} has {len(given[name])} runs for {n_run} initial states."
-                )
+                raise InputError(f"The input {name!r} has {len(given[name])} runs for {n_run} initial states.")
             values = np.asarray(given[name][run] if several else given[name], dtype=float)
             if values.shape != t.shape or not np.all(np.isfinite(values)):
                 raise InputError(f"The input {name!r} needs one finite value for each of the {len(t)} times.")
@@ -259,9 +249,7 @@ def multisine(
     period = step * len(t)
     orders = np.arange(np.ceil(low * period - 1e-9), np.floor(high * period + 1e-9) + 1)
     if len(orders) == 0:
-        raise InputError(
-            f"The record is too short for the band {band}; it needs about {1 / low:g} units of t."
-        )
+        raise InputError(f"The record is too short for the band {band}; it needs about {1 / low:g} units of t.")
     phases = np.random.default_rng(seed).uniform(0.0, 2.0 * np.pi, len(orders))
     signal = np.sin(2.0 * np.pi * np.outer(t - t[0], orders / period) + phases).sum(axis=1)
     return amplitude * signal / np.max(np.abs(signal))

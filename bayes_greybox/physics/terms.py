@@ -46,9 +46,7 @@ class Term:
             name = to_text(expr)
         else:
             kind = type(self.expression).__name__
-            raise InputError(
-                f"A term must be text or a SymPy expression, not {kind}; write for example 'y**2'."
-            )
+            raise InputError(f"A term must be text or a SymPy expression, not {kind}; write for example 'y**2'.")
         if expr.is_zero:
             raise InputError(f"The term {name!r} is zero everywhere; remove it.")
         object.__setattr__(self, "expr", expr)
@@ -136,9 +134,7 @@ class Dictionary:
         """Names of the columns that any term uses, sorted."""
         return tuple(sorted({name for term in self.terms for name in term.symbols}))
 
-    def evaluate(
-        self, columns: Mapping[str, Float[Array | np.ndarray, "*rows"]]
-    ) -> Float[Array, "*rows n_term"]:
+    def evaluate(self, columns: Mapping[str, Float[Array | np.ndarray, "*rows"]]) -> Float[Array, "*rows n_term"]:
         """Dictionary matrix Phi, one row per observation.
 
         Args:
@@ -175,9 +171,7 @@ def polynomial(
     if not names or len(set(names)) < len(names):
         raise InputError(f"polynomial needs distinct variables, not {list(names)}; list each column once.")
     if isinstance(degree, bool) or not isinstance(degree, int) or not 1 <= degree <= MAX_EXPONENT:
-        raise InputError(
-            f"polynomial needs a whole degree between 1 and {MAX_EXPONENT}, not {degree!r}; 3 is usual."
-        )
+        raise InputError(f"polynomial needs a whole degree between 1 and {MAX_EXPONENT}, not {degree!r}; 3 is usual.")
     count = comb(len(names) + degree, degree) if interactions else len(names) * degree
     if count > _MAX_TERMS:
         raise InputError(
@@ -233,9 +227,7 @@ def _canonical(expr: Any) -> Any:
     # Decimals as exact fractions: ratios such as 0.1/0.1 are then the whole number 1.
     expr = expr.xreplace({f: sympy.Rational(repr(float(f))) for f in expr.atoms(sympy.Float)})
     small = all(
-        p.exp.is_number and abs(float(p.exp)) <= 8
-        for p in expr.atoms(sympy.Pow)
-        if isinstance(p.base, sympy.Add)
+        p.exp.is_number and abs(float(p.exp)) <= 8 for p in expr.atoms(sympy.Pow) if isinstance(p.base, sympy.Add)
     )
     # Large powers of sums are left as they are: expanding them could take minutes.
     expr = sympy.expand(expr) if small else expr

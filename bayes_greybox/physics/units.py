@@ -51,9 +51,7 @@ def parse_unit(text: str, what: str) -> Any:
     unknown = [word for word in re.findall(r"[^\W\d]+", text[:100]) if not hasattr(registry(), word)]
     near = [match for word in unknown for match in get_close_matches(word, _unit_names(), n=2, cutoff=0.7)]
     hint = f" Did you mean {' or '.join(near)}?" if near else ""
-    raise InputError(
-        f"The unit {text[:100]!r} of {what} is not known; write it as in 'm/s^2', or '1' for none.{hint}"
-    )
+    raise InputError(f"The unit {text[:100]!r} of {what} is not known; write it as in 'm/s^2', or '1' for none.{hint}")
 
 
 def derivative_unit(state: str, units: Mapping[str, str]) -> str:
@@ -199,9 +197,7 @@ class _Walk:
         base, exponent = cast(Any, expr.args)
         quantity = self.quantity(base)
         if exponent.is_number:
-            return _Quantity(
-                None if quantity.unit is None else quantity.unit ** float(exponent), quantity.free
-            )
+            return _Quantity(None if quantity.unit is None else quantity.unit ** float(exponent), quantity.free)
         self.need_plain(exponent, self.quantity(exponent), to_text(expr))
         self.need_plain(base, quantity, to_text(expr))
         return _Quantity(self.none, free=False)

@@ -13,9 +13,7 @@ from bayes_greybox.greybox import Fit
 from bayes_greybox.inference.netcdf import versions
 
 
-def run_record(
-    fit: Fit, sampling: Mapping[str, Any], seconds: float, held_out: pd.Series | None
-) -> dict[str, Any]:
+def run_record(fit: Fit, sampling: Mapping[str, Any], seconds: float, held_out: pd.Series | None) -> dict[str, Any]:
     """What a fit found, and with what.
 
     Args:
@@ -64,9 +62,7 @@ def comparison_record(
 
 def write_json(path: Path, record: Mapping[str, Any]) -> None:
     """Write a record; numbers that are not finite become null, which JSON lacks otherwise."""
-    path.write_text(
-        json.dumps(record, indent=2, allow_nan=False, ensure_ascii=False) + "\n", encoding="utf-8"
-    )
+    path.write_text(json.dumps(record, indent=2, allow_nan=False, ensure_ascii=False) + "\n", encoding="utf-8")
 
 
 def _verdict(fit: Fit) -> dict[str, Any]:

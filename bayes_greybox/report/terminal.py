@@ -99,9 +99,7 @@ def _discrepancy(table: pd.DataFrame) -> RenderableType:
 
 
 def _table(title: str) -> Table:
-    return Table(
-        title=title, title_justify="left", title_style="bold", box=None, pad_edge=False, header_style="dim"
-    )
+    return Table(title=title, title_justify="left", title_style="bold", box=None, pad_edge=False, header_style="dim")
 
 
 def _number(value: Any) -> str:

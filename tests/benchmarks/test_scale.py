@@ -1,6 +1,6 @@
 """Cost against the number of rows: a fit costs the same at a thousand rows and at a million.
 
-    python -m pytest -n 0 -m slow tests/benchmarks/test_scale.py -s
+python -m pytest -n 0 -m slow tests/benchmarks/test_scale.py -s
 """
 
 import time
@@ -30,9 +30,7 @@ def test_a_fit_of_a_million_rows_costs_what_a_thousand_cost(capsys):
         times = []
         for _ in range(2):
             start = time.perf_counter()
-            sample_posterior(
-                model, data, Sampling(draws=500, tune=500, chains=2), progress=False, equations=equations
-            )
+            sample_posterior(model, data, Sampling(draws=500, tune=500, chains=2), progress=False, equations=equations)
             times.append(time.perf_counter() - start)
         seconds[n_obs] = min(times)
     ratio = seconds[1_000_000] / seconds[1000]

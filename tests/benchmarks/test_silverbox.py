@@ -1,6 +1,6 @@
 """Silverbox, a measured electronic oscillator with a hardening spring: what a linear dictionary leaves to f.
 
-    BAYES_GREYBOX_DATA=folder python -m pytest -n 0 -m slow tests/benchmarks/test_silverbox.py -s
+BAYES_GREYBOX_DATA=folder python -m pytest -n 0 -m slow tests/benchmarks/test_silverbox.py -s
 """
 
 import os

@@ -51,9 +51,7 @@ def test_polynomials_of_the_filter_degree_are_exact():
 
 def test_a_sine_over_whole_periods_is_exact_spectrally():
     omega = 2 * np.pi * 5 / (120 * H)
-    data = Trajectories.from_arrays(T, states={"y": np.sin(omega * T)}).differentiate(
-        "spectral", rates={"y": "v"}
-    )
+    data = Trajectories.from_arrays(T, states={"y": np.sin(omega * T)}).differentiate("spectral", rates={"y": "v"})
     assert data.n_obs == 120 and data.dropped == 0
     np.testing.assert_allclose(data.states["v"], omega * np.cos(omega * T), atol=1e-10)
     np.testing.assert_allclose(data.derivatives["v"], -(omega**2) * np.sin(omega * T), atol=1e-10)
@@ -108,9 +106,7 @@ def test_units_follow_the_added_state():
     data = Trajectories.from_arrays(T, states=LINE, units={"y": "m", "t": "s"})
     out = data.differentiate(rates={"y": "v"}, window=9)
     assert out.unit("v") == "(m)/(s)" and out.derivative_unit("v") == "((m)/(s))/(s)"
-    bare = Trajectories.from_arrays(T, states=LINE, units={"y": "m"}).differentiate(
-        rates={"y": "v"}, window=9
-    )
+    bare = Trajectories.from_arrays(T, states=LINE, units={"y": "m"}).differentiate(rates={"y": "v"}, window=9)
     assert bare.unit("v") is None
 
 

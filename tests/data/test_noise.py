@@ -67,8 +67,7 @@ def test_spectral_covariance_is_exactly_the_filter_times_its_transpose(order):
     noise = spectral(order, share=1e-12)
     bands = [kept / (n * h) for kept, n, h in zip(noise.kept, LENGTHS, STEPS, strict=True)]
     blocks = [
-        differentiation_matrix(n, h, order, "spectral", band=b)
-        for n, h, b in zip(LENGTHS, STEPS, bands, strict=True)
+        differentiation_matrix(n, h, order, "spectral", band=b) for n, h, b in zip(LENGTHS, STEPS, bands, strict=True)
     ]
     filtered = block_diag(*(g @ g.T for g in blocks))
     np.testing.assert_allclose(noise.scale**2 * noise.covariance(), filtered, atol=1e-9 * noise.scale**2)
@@ -88,9 +87,7 @@ def test_covariance_is_that_of_differentiated_white_noise(method):
     }
     time, run = np.arange(n) * 0.1, np.zeros(n, dtype=int)
     base = {"inputs": {}, "derivatives": {}, "method": method, "rates": {"y": "v"}, "white_share": 1e-9}
-    unit = differentiate(
-        time, run, ["0"], states={"y": np.sin(2 * np.pi * time / 6)}, **base, **settings[method]
-    )
+    unit = differentiate(time, run, ["0"], states={"y": np.sin(2 * np.pi * time / 6)}, **base, **settings[method])
     noise = unit.noise["v"]
     polyorder = {"polyorder": 4} if method == "savgol" else {}
     g = differentiation_matrix(n, 0.1, 2, method, **settings[method], **polyorder)

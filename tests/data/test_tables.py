@@ -118,9 +118,7 @@ def test_files_that_cannot_be_read_are_named(tmp_path):
 
 def test_a_saved_fit_is_recognised(tmp_path):
     path = tmp_path / "fit.nc"
-    xr.DataTree.from_dict({"posterior": xr.Dataset({"theta": ("draw", T)})}).to_netcdf(
-        path, engine="h5netcdf"
-    )
+    xr.DataTree.from_dict({"posterior": xr.Dataset({"theta": ("draw", T)})}).to_netcdf(path, engine="h5netcdf")
     with pytest.raises(InputError, match=r'fit.nc" is a saved fit, not a table; open it with bg.load'):
         read_table(path, time="t", states=["y"])
 

@@ -68,9 +68,7 @@ def test_value_equals_numpy(text):
     value = evaluate(expr, columns)
     assert value.shape == (7,) and value.dtype == jnp.float64
     np.testing.assert_allclose(value, REFERENCE[text], rtol=1e-14, atol=1e-15)
-    batched = jax.jit(jax.vmap(lambda row: evaluate(expr, row)))(
-        {k: jnp.asarray(v) for k, v in columns.items()}
-    )
+    batched = jax.jit(jax.vmap(lambda row: evaluate(expr, row)))({k: jnp.asarray(v) for k, v in columns.items()})
     np.testing.assert_allclose(batched, REFERENCE[text], rtol=1e-13, atol=1e-14)
 
 

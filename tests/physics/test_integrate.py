@@ -27,9 +27,7 @@ def test_harmonic_oscillator_to_1e_8():
 
 def test_tolerance_does_not_depend_on_the_unit():
     t = np.linspace(0.0, 10.0, 101)
-    runs = [
-        integrate(_harmonic, t, np.array([size, 0.0]), args=1.0).states / size for size in (1e-9, 1.0, 1e9)
-    ]
+    runs = [integrate(_harmonic, t, np.array([size, 0.0]), args=1.0).states / size for size in (1e-9, 1.0, 1e9)]
     np.testing.assert_allclose(runs[0], runs[1], rtol=1e-6, atol=1e-6)
     np.testing.assert_allclose(runs[2], runs[1], rtol=1e-6, atol=1e-6)
 

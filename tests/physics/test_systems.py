@@ -48,9 +48,7 @@ def test_truth_reproduces_the_learned_derivatives(name):
 def test_units_are_consistent(name):
     system, data = _run(name)
     assert dict(data.units) == dict(system.units)
-    check_units(
-        {s: Dictionary.of(list(terms), system.names).terms for s, terms in system.truth.items()}, system.units
-    )
+    check_units({s: Dictionary.of(list(terms), system.names).terms for s, terms in system.truth.items()}, system.units)
 
 
 def test_coefficients_have_the_units_that_the_docstrings_state():

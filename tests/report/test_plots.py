@@ -191,9 +191,7 @@ def map_grid(amplitude: float = 1.0) -> DiscrepancyGrid:
     points = np.random.default_rng(0).normal(size=(20_000, 2))
     interval = (mean - 2 * sd, mean + 2 * sd)
     units = ("m", "m/s")
-    return DiscrepancyGrid(
-        "ydot", ("y", "ydot"), (x, y), mean, sd, *interval, inside, points, units, "m/s**2", {}, 0.9
-    )
+    return DiscrepancyGrid("ydot", ("y", "ydot"), (x, y), mean, sd, *interval, inside, points, units, "m/s**2", {}, 0.9)
 
 
 def test_curve_shows_band_units_and_where_it_extrapolates():
@@ -219,17 +217,13 @@ def test_curve_without_units_and_with_support_everywhere():
 def test_map_is_symmetric_about_zero_over_the_data_and_not_transposed():
     grid = map_grid()
     figure = plot_discrepancy_over_states(grid)
-    mean_mesh, sd_mesh = (
-        next(c for c in ax.collections if isinstance(c, QuadMesh)) for ax in figure.axes[:2]
-    )
+    mean_mesh, sd_mesh = (next(c for c in ax.collections if isinstance(c, QuadMesh)) for ax in figure.axes[:2])
     low, high = mean_mesh.get_clim()
     assert low == -high and high == np.abs(grid.mean[grid.inside]).max()
     assert sd_mesh.get_clim()[0] == 0
     np.testing.assert_array_equal(np.asarray(mean_mesh.get_array()), grid.mean.T)
     shown = texts(figure)
-    assert {"mean of f [m/s²]", "sd of f [m/s²]", "y [m]", "ydot [m/s]", "no data: extrapolated"} <= set(
-        shown
-    )
+    assert {"mean of f [m/s²]", "sd of f [m/s²]", "y [m]", "ydot [m/s]", "no data: extrapolated"} <= set(shown)
     assert any("excludes 0" in text for text in shown)
     assert len(line(figure.axes[0], "data").get_xdata()) <= 2000
 
@@ -313,9 +307,7 @@ def test_predicted_shows_every_row_against_its_measurement(n_obs):
         time, measured, mean, lower, upper, equation="ydot", level=0.95, time_unit="s", unit="m/s**2"
     )
     along, across = figure.axes[:2]
-    assert {"time [s]", "d(ydot)/dt [m/s²]", "measured d(ydot)/dt [m/s²]", "95% interval", "1:1"} <= set(
-        texts(figure)
-    )
+    assert {"time [s]", "d(ydot)/dt [m/s²]", "measured d(ydot)/dt [m/s²]", "95% interval", "1:1"} <= set(texts(figure))
     assert across.get_xlim() == across.get_ylim() and across.get_aspect() == 1.0
     assert across.get_xlim()[0] < measured.min() and across.get_xlim()[1] > measured.max()
     if n_obs <= 2500:
@@ -390,9 +382,7 @@ def test_all_zero_draws_are_drawn_and_their_correlation_is_not_invented():
     figure = plot_tradeoff(np.zeros(50), np.zeros(50), term="y", equation="x", correlation=float("nan"))
     shown = texts(figure)
     assert any("not defined" in text for text in shown) and not any("nan" in text for text in shown)
-    assert not any(
-        "correlation" in t for t in texts(plot_tradeoff(np.ones(9), np.zeros(9), term="y", equation="x"))
-    )
+    assert not any("correlation" in t for t in texts(plot_tradeoff(np.ones(9), np.zeros(9), term="y", equation="x")))
 
 
 def comparison_table() -> pd.DataFrame:

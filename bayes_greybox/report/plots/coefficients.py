@@ -134,9 +134,7 @@ def _own_axes(blocks: list[pd.DataFrame], with_bars: bool) -> list[tuple[Axes, A
     return [(row[0], row[1] if with_bars else None) for row in grid]
 
 
-def _their_axes(
-    axes: Sequence[Axes] | np.ndarray, n_equation: int, with_bars: bool
-) -> list[tuple[Axes, Axes | None]]:
+def _their_axes(axes: Sequence[Axes] | np.ndarray, n_equation: int, with_bars: bool) -> list[tuple[Axes, Axes | None]]:
     if not with_bars:
         return [(ax, None) for ax in given_axes(axes, n_equation, "one an equation")]
     flat = given_axes(axes, 2 * n_equation, "coefficients and bars of each equation")
@@ -157,9 +155,7 @@ def _column(block: pd.DataFrame, name: str) -> dict[str, str]:
     return {str(term): value for term, value in block[name].items() if isinstance(value, str)}
 
 
-def _draw_forest(
-    ax: Axes, block: pd.DataFrame, truth: dict[str, Any], units: dict[str, Any], scale: str
-) -> None:
+def _draw_forest(ax: Axes, block: pd.DataFrame, truth: dict[str, Any], units: dict[str, Any], scale: str) -> None:
     terms = [str(term) for term in block.index]
     latex = _column(block, "latex")
     rows = np.arange(len(terms))

@@ -76,9 +76,7 @@ def plot_comparison(table: pd.DataFrame, *, axes: Sequence[Axes] | np.ndarray | 
     return figure_of(left)
 
 
-def _draw_intervals(
-    ax: Axes, rows: np.ndarray, value: np.ndarray, half: np.ndarray, suspect: np.ndarray
-) -> None:
+def _draw_intervals(ax: Axes, rows: np.ndarray, value: np.ndarray, half: np.ndarray, suspect: np.ndarray) -> None:
     ax.hlines(rows, 0, 1, transform=ax.get_yaxis_transform(), color=LIGHT, linewidth=0.6, zorder=0)
     ax.hlines(rows, value - half, value + half, color=BLUE, linewidth=2.0)
     ax.plot(value[~suspect], rows[~suspect], "o", color=BLUE, markersize=6, label="elpd")

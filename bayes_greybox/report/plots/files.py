@@ -31,9 +31,7 @@ def save_figures(figures: Mapping[str, Figure], folder: str | os.PathLike[str]) 
         return {name: _save(figure, target / f"{name}.png") for name, figure in figures.items()}
     except OSError as error:
         reason = error.strerror or str(error)
-        raise InputError(
-            f"Cannot write figures to {str(target)!r} ({reason}); choose another folder."
-        ) from error
+        raise InputError(f"Cannot write figures to {str(target)!r} ({reason}); choose another folder.") from error
 
 
 def _save(figure: Figure, path: Path) -> Path:

@@ -201,9 +201,7 @@ def _pale_map() -> Colormap:
 
 
 def _explain(ax: Axes, grid: DiscrepancyGrid, bold: bool, own: bool) -> None:
-    handles: list[Artist] = [
-        Line2D([], [], marker="o", color=DARK, linestyle="none", markersize=2.5, label="data")
-    ]
+    handles: list[Artist] = [Line2D([], [], marker="o", color=DARK, linestyle="none", markersize=2.5, label="data")]
     level = f"{float(grid.level):.0%}"
     if bold:
         handles.append(

@@ -111,9 +111,7 @@ def draw_posterior(
 ) -> None:
     """Mean line and band of a quantity along time, thinned where the record is long."""
     band_time, low, high = outer_band(time, lower, upper, N_BIN)
-    ax.fill_between(
-        band_time, low, high, color=BLUE, alpha=0.28, linewidth=0, label=f"{float(level):.0%} interval"
-    )
+    ax.fill_between(band_time, low, high, color=BLUE, alpha=0.28, linewidth=0, label=f"{float(level):.0%} interval")
     kept = extreme_rows(mean, N_BIN)
     ax.plot(
         time[kept],

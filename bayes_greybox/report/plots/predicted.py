@@ -91,14 +91,10 @@ def plot_predicted(
     return figure_of(across)
 
 
-def _draw_measured(
-    ax: Axes, time: Float[np.ndarray, " n_obs"], measured: Float[np.ndarray, " n_obs"]
-) -> None:
+def _draw_measured(ax: Axes, time: Float[np.ndarray, " n_obs"], measured: Float[np.ndarray, " n_obs"]) -> None:
     if len(time) <= _MOST_MARKERS:
         size = _marker_size(len(time))
-        ax.plot(
-            time, measured, "o", color=DARK, markersize=size, markeredgewidth=0, zorder=2.5, label="measured"
-        )
+        ax.plot(time, measured, "o", color=DARK, markersize=size, markeredgewidth=0, zorder=2.5, label="measured")
         return
     kept = extreme_rows(measured, N_BIN)
     ax.plot(time[kept], measured[kept], color=GREY, linewidth=0.8, label="measured")

@@ -138,9 +138,7 @@ def _draw_contours(
     levels = [float(ordered[np.searchsorted(share, held)]) for held in (0.9, 0.5)]
     if levels[0] < levels[1]:
         centre = 0.5 * (edge[1:] + edge[:-1])
-        cells = np.stack(np.meshgrid(centre, centre, indexing="ij"), axis=-1) @ to_draws.T + draws.mean(
-            axis=0
-        )
+        cells = np.stack(np.meshgrid(centre, centre, indexing="ij"), axis=-1) @ to_draws.T + draws.mean(axis=0)
         ax.contour(cells[..., 0], cells[..., 1], count, levels=levels, colors=[DARK], linewidths=[0.9, 1.5])
 
 
