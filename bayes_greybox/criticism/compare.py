@@ -72,7 +72,7 @@ def comparison_table(results: Mapping[str, Loo], notes: tuple[str, ...] = ()) ->
             "se": [result.se for result in results.values()],
             "elpd_diff": np.minimum(difference.sum(axis=0), 0.0),
             # SE of a sum of n differences: √(n var)
-            "diff_se": np.sqrt(len(difference) * difference.var(axis=0)),
+            "diff_se": np.sqrt(len(difference) * difference.var(axis=0, ddof=1)),
             "p_eff": [result.p_eff for result in results.values()],
             "weight": stacking_weights(pointwise),
             "worst_k": [result.worst_k for result in results.values()],

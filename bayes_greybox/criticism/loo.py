@@ -127,7 +127,7 @@ def loo(
         notes.append(f"{found}{limit}, and were not refitted: elpd and its standard error are not reliable.")
     return Loo(
         elpd=float(elpd.sum()),
-        se=float(np.sqrt(len(elpd) * np.var(elpd))),
+        se=float(np.sqrt(len(elpd) * np.var(elpd, ddof=1))),
         p_eff=float(spread.sum() - elpd.sum()),
         worst_k=float(np.max(khat[~refitted], initial=-np.inf)),
         n_bad=int(np.sum(~(khat[~refitted] <= threshold))),

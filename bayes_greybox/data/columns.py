@@ -17,8 +17,10 @@ def derivative_label(state: str, time_name: str = "t") -> str:
 
 
 def rate_unit(unit: str | None, time_unit: str | None) -> str | None:
-    """Unit of a rate, such as (m)/(s), or None if either unit is unknown."""
-    return None if unit is None or time_unit is None else f"({unit})/({time_unit})"
+    """Unit of a rate, such as m/s, or None if either unit is unknown."""
+    if unit is None or time_unit is None:
+        return None
+    return f"{unit}/{time_unit}" if time_unit.isidentifier() else f"({unit})/({time_unit})"
 
 
 def several(value: Any) -> list[Any]:

@@ -19,7 +19,7 @@ def result(pointwise, notes=()):
     n = len(pointwise)
     return Loo(
         elpd=float(np.sum(pointwise)),
-        se=float(np.sqrt(n * np.var(pointwise))),
+        se=float(np.sqrt(n * np.var(pointwise, ddof=1))),
         p_eff=1.0,
         worst_k=0.1,
         n_bad=0,
@@ -52,7 +52,7 @@ def test_table_of_known_pointwise_values():
     assert table.loc["b", "elpd_diff"] == 0 and table.loc["b", "diff_se"] == 0
     np.testing.assert_allclose(table.loc["a", "elpd_diff"], np.sum(a - b))
     # paired: the scatter of a and b themselves cancels
-    np.testing.assert_allclose(table.loc["a", "diff_se"], np.sqrt(50 * np.var(a - b)))
+    np.testing.assert_allclose(table.loc["a", "diff_se"], np.sqrt(50 * np.var(a - b, ddof=1)))
     assert table.loc["a", "diff_se"] < 0.2 * table.loc["a", "se"]
     assert table.attrs["notes"] == ["b: beware"]
 

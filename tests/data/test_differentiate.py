@@ -105,7 +105,7 @@ def test_edges_are_dropped_and_counted_run_by_run():
 def test_units_follow_the_added_state():
     data = Trajectories.from_arrays(T, states=LINE, units={"y": "m", "t": "s"})
     out = data.differentiate(rates={"y": "v"}, window=9)
-    assert out.unit("v") == "(m)/(s)" and out.derivative_unit("v") == "((m)/(s))/(s)"
+    assert out.unit("v") == "m/s" and out.derivative_unit("v") == "m/s/s"
     bare = Trajectories.from_arrays(T, states=LINE, units={"y": "m"}).differentiate(rates={"y": "v"}, window=9)
     assert bare.unit("v") is None
 
