@@ -25,9 +25,13 @@ from bayes_greybox.criticism.summary import summary
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.inference import netcdf
 from bayes_greybox.inference.posterior import Posterior, Sampling, add_group, sample_posterior
+from bayes_greybox.model.discrepancy import OrthogonalGP
 from bayes_greybox.model.features import HilbertBasis
 from bayes_greybox.model.program import Program
 from bayes_greybox.model.simulation import RightHandSide
+
+MOST_REFITS, MARGIN = 2, 1.15
+"""How often a fit is repeated with more features, and by how much these exceed what the last posterior asked for."""
 
 
 class GreyBox(Program):
@@ -68,8 +72,10 @@ class GreyBox(Program):
         # Threads inside BLAS fight those of the chains over the cores, for matrices too small to share.
         with threadpool_limits(1):
             posterior = sample_posterior(self, data, sampling, progress=progress)
-            refined = _refined(self, posterior)
-            if refined is not None:
+            for _ in range(MOST_REFITS):
+                refined = _refined(posterior.model, self.discrepancy, posterior)
+                if refined is None:
+                    break
                 posterior = sample_posterior(refined, data, sampling, progress=progress)
             fit = Fit(posterior.model, data, sampling, posterior.idata)
             fit.__dict__["equations"] = posterior.equations
@@ -154,13 +160,14 @@ def load(path: str | os.PathLike, simulation: RightHandSide | None = None) -> Fi
     return Fit(model, loaded.data, loaded.sampling, loaded.idata)
 
 
-def _refined(model: Program, posterior: Posterior) -> Program | None:
+def _refined(model: Program, given: OrthogonalGP | None, posterior: Posterior) -> Program | None:
     """The model with as many features as the posterior asks for, if the package is free to choose and can."""
     gp = model.discrepancy
     needed = features_needed(posterior)
-    if gp is None or gp.features is not None or not needed:
+    if gp is None or given is None or given.features is not None or not needed:
         return None
-    per_variable = tuple(int(m) for m in np.max(list(needed.values()), axis=0))
+    # A finer basis finds somewhat shorter length scales again, hence the margin.
+    per_variable = tuple(int(np.ceil(MARGIN * m)) for m in np.max(list(needed.values()), axis=0))
     if HilbertBasis(gp.boundary, per_variable).size > LARGEST_BASIS:
         return None
     return replace(model, discrepancy=replace(gp, features=per_variable))

@@ -22,7 +22,7 @@ import bayes_greybox as bg
 
 COMPLETE = ["y", "ydot", "y**2", "ydot**2", "y**3", "ydot**3"]
 PARTIAL = [term for term in COMPLETE if term != "y**3"]
-BY_HAND = {100: (200, 200), 200: (200, 200), 400: (60, 60)}
+BY_HAND = {100: (200, 200), 200: (100, 100), 400: (30, 30)}
 """Warm-up and draws of the hand-written model: as many as a benchmark can wait for."""
 
 
