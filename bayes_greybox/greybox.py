@@ -3,7 +3,6 @@
 import os
 from dataclasses import replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -134,10 +133,9 @@ class Fit(Posterior):
 
     def _complete(self) -> None:
         """Add the groups that need more than one row at a time."""
-        groups: dict[str, Any] = {"log_likelihood": log_likelihood_group(self)}
-        for name, group in groups.items():
-            if group is not None:
-                add_group(self, name, group)
+        log_likelihood = log_likelihood_group(self)
+        if log_likelihood is not None:
+            add_group(self, "log_likelihood", log_likelihood)
         predictive = predictive_group(self)
         if predictive is not None:
             values, kept = predictive
