@@ -4,6 +4,7 @@ import sys
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -27,6 +28,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 
+ConfigFile = Annotated[Path, typer.Argument(help="Configuration file (TOML).")]
 Output = Annotated[
     Path | None, typer.Option("--output", "-o", help="Folder for the results, instead of the config's own.")
 ]
@@ -36,6 +38,12 @@ Tune = Annotated[int | None, typer.Option(help="Warm-up draws of each chain.")]
 Chains = Annotated[int | None, typer.Option(help="Number of chains.")]
 NoProgress = Annotated[bool, typer.Option("--no-progress", help="Show no progress bar.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Show nothing but errors.")]
+
+
+class Benchmark(StrEnum):
+    """Benchmarks that come with the package."""
+
+    hidden_effects = "hidden-effects"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -64,7 +72,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 @app.command()
 def fit(
-    config: Annotated[Path, typer.Argument(help="Configuration file (TOML).")],
+    config: ConfigFile,
     output: Output = None,
     seed: Seed = None,
     draws: Draws = None,
@@ -108,6 +116,53 @@ def fit(
 
 
 @app.command()
+def discover(
+    config: ConfigFile,
+    output: Output = None,
+    seed: Seed = None,
+    draws: Draws = None,
+    tune: Tune = None,
+    chains: Chains = None,
+    no_progress: NoProgress = False,
+    quiet: Quiet = False,
+) -> int:
+    """Find which effect a simulation is missing, and where.
+
+    The gap is measured before and after the effect is added, on held-out data where the file names some. The
+    folder gets gap.html (the report), summary.json, study.nc (the amended model's posterior and the study's
+    tables), the figures and a copy of the configuration.
+    """
+    settings = _configured(config, seed=seed, draws=draws, tune=tune, chains=chains)
+    from bayes_greybox.report.folder import output_folder, staged
+
+    with output_folder(output or settings.folder) as folder:
+        arguments = settings.study_arguments()
+        model = settings.build_studied_model()
+        train, test = settings.read_data()
+        study = bg.find_missing_effects(model, train, test, **arguments, progress=not (no_progress or quiet))
+        # What was sampled first, by itself: nothing that fails later may cost it.
+        with staged(folder) as place:
+            if study.fit is not None:
+                study.save(place / "study.nc")
+            (place / "config.toml").write_text(settings.text, encoding="utf-8", newline="")
+
+        from bayes_greybox.report.record import study_record, write_json
+        from bayes_greybox.report.study_page import study_html
+
+        with staged(folder) as place:
+            record = study_record(study, settings.sampling.model_dump())
+            write_json(place / "summary.json", {"config": settings.file, **record})
+            study_html(study, place / "gap.html", settings.text)
+        if settings.output.figures:
+            bg.plots.save_figures(bg.figures.study_figures(study), folder / "figures")
+    if not quiet:
+        from bayes_greybox.report.study_terminal import study_tables
+
+        _show(*study_tables(study), f"\nThe report is {folder / 'gap.html'}.")
+    return DONE if study.fit is None or study.fit.verdict.ok else NOT_CONVERGED
+
+
+@app.command()
 def compare(
     files: Annotated[
         list[Path],
@@ -141,6 +196,50 @@ def compare(
         raise InputError("compare takes one configuration file, or two or more saved fits (*.nc).")
     settings = _configured(files[0], **sampling)
     return _compare_configured(settings, output, progress, quiet)
+
+
+@app.command()
+def report(
+    file: Annotated[Path, typer.Argument(help="A saved fit (.nc).")],
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", help="The page to write, instead of FILE.html beside the fit.")
+    ] = None,
+    quiet: Quiet = False,
+) -> int:
+    """Write a saved fit's report, one HTML page.
+
+    The page holds all its figures and needs no network.
+    """
+    result = bg.load(file)
+    from bayes_greybox.report.fit_page import fit_html
+
+    page = output or file.with_suffix(".html")
+    fit_html(result, page)
+    if not quiet:
+        _show(f"The report is {page}.")
+    return DONE if result.verdict.ok else NOT_CONVERGED
+
+
+@app.command()
+def benchmark(
+    name: Annotated[Benchmark, typer.Argument(help="Which benchmark.")],
+    output: Annotated[Path | None, typer.Option("--output", "-o", help="Folder for the results.")] = None,
+    cases: Annotated[int | None, typer.Option(min=1, help="Number of cases; all of them by default.")] = None,
+    workers: Annotated[int, typer.Option(min=1, help="Processes that work side by side.")] = 2,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the cases.")] = 0,
+    no_progress: NoProgress = False,
+) -> int:
+    """Run one of the package's benchmarks.
+
+    A run that was stopped goes on where it was. hidden-effects hides known effects from simulations and counts
+    how often the study finds them.
+    """
+    from bayes_greybox.benchmarks.hidden_effects import run
+
+    folder = output or Path("runs") / f"benchmark-{name.value}"
+    run.run(folder, cases, workers, seed, not no_progress)
+    _show(f"Results are in {folder}.")
+    return DONE
 
 
 @app.command()

@@ -114,7 +114,12 @@ def table(folder: Path, n: int = 40, name: str = "run.csv") -> pd.DataFrame:
             BASE + '[models.a]\n[models.b]\ndictionary = { y = "y" }',
             "[models] a learns ydot but b learns y; compare models of the same equations.",
         ),
-        ('[data]\nsystem = "oscillator"', "needs the key 'dictionary'."),
+        ("[dictionary]\nydot = 'y'", "needs the key 'data'."),
+        (BASE + "[study]\ncatalog = 'fluid'", "[study] unknown key 'catalog'; did you mean 'catalogue'?"),
+        (BASE + "[study]\ncatalogue = []", "[study] catalogue = [] should be the name of a catalogue in quotes"),
+        (BASE + "[study]\nroles = { input = 3 }", "[study.roles] input = 3 should be the name of a column in quotes"),
+        (BASE + "[study]\nodds = { no_gap = 1.5 }", "[study.odds] no_gap = 1.5 cannot be used; it must be less than 1"),
+        (BASE + "[study]\neffects_at_most = 0", "[study] effects_at_most = 0 cannot be used; it must be greater"),
         (TABLE.replace('states = ["y", "ydot"]', "") + DICTIONARY, "[data] needs the key 'states'."),
         (
             TABLE.replace('["y", "ydot"]', '"y"') + DICTIONARY,

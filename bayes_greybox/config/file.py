@@ -11,6 +11,7 @@ import bayes_greybox as bg
 from bayes_greybox.config.parts import Dictionary, Discrepancy, Prior
 from bayes_greybox.config.section import Count, Positive, Section, sentence, wrong
 from bayes_greybox.config.sources import Data
+from bayes_greybox.config.study import Study
 from bayes_greybox.data.errors import InputError
 
 
@@ -62,13 +63,14 @@ class Config(Section):
 
     data: Data
     simulation: dict[str, str] = {}
-    dictionary: Dictionary
+    dictionary: Dictionary = {}
     prior: Prior | None = None
     discrepancy: Discrepancy = Discrepancy()
     noise: Noise = Noise()
     sampling: Sampling = Sampling()
     output: Output = Output()
     compare: Compare = Compare()
+    study: Study = Study()
     models: dict[str, Model] = {}
 
     _path: Path = PrivateAttr(default=Path("config.toml"))
@@ -124,18 +126,50 @@ class Config(Section):
             name: One of the keys of `models`; None for the file's own.
 
         Raises:
-            InputError: If there is no such model, or its parts do not fit together.
+            InputError: If there is no such model, it has no terms to fit, or its parts do not fit together.
         """
         if name is not None and name not in self.models:
             raise InputError(f"There is no model {name!r}; there are {', '.join(self.models) or 'none'}.")
         own = self.models[name] if name is not None else Model()
         prior = own.prior or self.prior
         dictionary = own.dictionary or self.dictionary
+        if not dictionary:
+            raise InputError(
+                f'"{self._path}" has no [dictionary], so there is nothing to fit: add terms such as ydot = ["y"], or '
+                "look for what the simulation misses with bayes-greybox discover."
+            )
+        return self._model(dictionary, prior, own.discrepancy or self.discrepancy)
+
+    def build_studied_model(self) -> "bg.GreyBox":
+        """The model that missing effects are looked for in: the simulation, and the terms that are free anyway.
+
+        Raises:
+            InputError: If there is neither, or its parts do not fit together.
+        """
+        if not (self.simulation or self.dictionary):
+            raise InputError(
+                f'"{self._path}" has neither [simulation] nor [dictionary]: say what is known, such as '
+                '[simulation] ydot = "F - y", so that what is missing can be told from it.'
+            )
+        return self._model(self.dictionary, self.prior, self.discrepancy)
+
+    def study_arguments(self) -> dict[str, Any]:
+        """Arguments of `find_missing_effects` beside model and data.
+
+        Raises:
+            InputError: If [sampling] has a setting that a study does not take.
+        """
+        if "target_accept" in self.sampling.model_fields_set:
+            raise InputError(f'"{self._path}": [sampling] target_accept does not apply to discover; leave it out.')
+        sampling = self.sampling.model_dump(exclude={"target_accept"})
+        return {**self.study.arguments(self._path.parent), **sampling}
+
+    def _model(self, dictionary: Dictionary, prior: Prior | None, discrepancy: Discrepancy) -> "bg.GreyBox":
         return bg.GreyBox(
             dictionary={state: terms.build() for state, terms in dictionary.items()},
             simulation=dict(self.simulation) or None,
             prior=bg.SpikeAndSlab() if prior is None else prior.build(),
-            discrepancy=(own.discrepancy or self.discrepancy).build(),
+            discrepancy=discrepancy.build(),
             **self.noise.arguments(),
         )
 

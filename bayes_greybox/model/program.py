@@ -37,7 +37,7 @@ class Program:
         noise: Prior scale of σ over the RMS of the target: σ² = floor² + s², s ~ HalfNormal(`noise`).
     """
 
-    dictionary: Mapping[str, Any]
+    dictionary: Mapping[str, Any] = field(default_factory=dict)
     simulation: Mapping[str, str] | RightHandSide | None = None
     prior: Prior = field(default_factory=SpikeAndSlab)
     discrepancy: OrthogonalGP | None = field(default_factory=OrthogonalGP)
@@ -45,7 +45,7 @@ class Program:
     noise: float = 1.0
 
     def __post_init__(self) -> None:
-        if not isinstance(self.dictionary, Mapping) or not self.dictionary:
+        if not isinstance(self.dictionary, Mapping):
             raise InputError(
                 "GreyBox(dictionary=...) must map each learned state to its candidate terms, for example "
                 "{'ydot': ['y', 'y**3']}."
@@ -66,8 +66,13 @@ class Program:
         """Parsed dictionaries by learned state, checked against the data's names and units.
 
         Raises:
-            InputError: Unknown states, names or units; duplicate terms.
+            InputError: No dictionary; unknown states, names or units; duplicate terms.
         """
+        if not self.dictionary:
+            raise InputError(
+                "The model has no dictionary, so there is nothing to fit: give GreyBox(dictionary={'ydot': ['y', ...]}), or "
+                "look for what the simulation misses with bg.find_missing_effects(model, data)."
+            )
         for equation in self.equations:
             if equation not in data.state_names:
                 near = difflib.get_close_matches(equation, data.state_names, n=1)

@@ -1,4 +1,4 @@
-"""Figures of a fit: what `report.plots` draws, with the numbers from `criticism`."""
+"""Figures of a fit: what `report.plots` draws, with the numbers from `criticism`; those of a study beside them."""
 
 from collections.abc import Mapping
 
@@ -16,6 +16,17 @@ from .plots import (
     plot_predicted,
     plot_tradeoff,
 )
+from .study_figures import study_figures
+
+__all__ = [
+    "coefficients",
+    "discrepancy_over_states",
+    "discrepancy_over_time",
+    "fit_figures",
+    "predicted",
+    "study_figures",
+    "trade_off",
+]
 
 
 def fit_figures(fit: Fit) -> dict[str, Figure]:

@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from bayes_greybox.criticism.convergence import Verdict
+from bayes_greybox.discovery.study import Study
 from bayes_greybox.greybox import Fit
 from bayes_greybox.inference.netcdf import versions
 
@@ -27,7 +29,7 @@ def run_record(fit: Fit, sampling: Mapping[str, Any], seconds: float, held_out: 
     """
     data = fit.data
     return {
-        "verdict": _verdict(fit),
+        "verdict": _verdict(fit.verdict),
         "coefficients": _rows(fit.inclusion()),
         "discrepancy": _rows(fit.discrepancy()),
         "held_out_nmse": None if held_out is None else {str(k): _plain(v) for k, v in held_out.items()},
@@ -54,10 +56,31 @@ def comparison_record(
     record: dict[str, Any] = {
         "comparison": _rows(table),
         "notes": list(table.attrs.get("notes", [])),
-        "verdicts": {name: _verdict(fit) for name, fit in fits.items()},
+        "verdicts": {name: _verdict(fit.verdict) for name, fit in fits.items()},
         "versions": versions(),
     }
     return record if sampling is None else {**record, "sampling": dict(sampling)}
+
+
+def study_record(study: Study, sampling: Mapping[str, Any]) -> dict[str, Any]:
+    """What a missing-effect study found, and with what.
+
+    Args:
+        study: The study.
+        sampling: Settings of the sampler.
+
+    Returns:
+        Verdict, its sentence, convergence of the amended model's fit, every table, data and settings.
+    """
+    fit, test = study.fit, study.test
+    return _plain(
+        {
+            **study.record(),
+            "convergence": None if fit is None else _verdict(fit.verdict),
+            "data": {"train": study.train.n_obs, "test": None if test is None else test.n_obs},
+            "sampling": dict(sampling),
+        }
+    )
 
 
 def write_json(path: Path, record: Mapping[str, Any]) -> None:
@@ -65,8 +88,8 @@ def write_json(path: Path, record: Mapping[str, Any]) -> None:
     path.write_text(json.dumps(record, indent=2, allow_nan=False, ensure_ascii=False) + "\n", encoding="utf-8")
 
 
-def _verdict(fit: Fit) -> dict[str, Any]:
-    return {"ok": bool(fit.verdict.ok), "reasons": list(fit.verdict.reasons)}
+def _verdict(verdict: Verdict) -> dict[str, Any]:
+    return {"ok": bool(verdict.ok), "reasons": list(verdict.reasons)}
 
 
 def _rows(table: pd.DataFrame) -> list[dict[str, Any]]:
@@ -75,5 +98,9 @@ def _rows(table: pd.DataFrame) -> list[dict[str, Any]]:
 
 
 def _plain(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
     value = value.item() if isinstance(value, np.generic) else value
     return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -39,7 +39,7 @@ def comparison_tables(fits: Mapping[str, Fit], table: pd.DataFrame) -> Iterator[
     """Verdict of each fit, then the comparison, best first, with what to beware of."""
     for name, fit in fits.items():
         yield _verdict(f"{name}: ", fit)
-    rows = _table("Expected log predictive density (elpd, nats; higher is better)")
+    rows = plain_table("Expected log predictive density (elpd, nats; higher is better)")
     rows.add_column("model", overflow="fold")
     for column in table.columns:
         rows.add_column(str(column), justify="right")
@@ -62,6 +62,11 @@ def datasets_table(table: pd.DataFrame) -> RenderableType:
     return rows
 
 
+def plain_table(title: str) -> Table:
+    """An empty table without lines."""
+    return Table(title=title, title_justify="left", title_style="bold", box=None, pad_edge=False, header_style="dim")
+
+
 def _verdict(label: str, fit: Fit) -> Text:
     first, *rest = str(fit.verdict).splitlines()
     text = Text(f"{label}{first}", style="green" if fit.verdict.ok else "bold red")
@@ -71,7 +76,7 @@ def _verdict(label: str, fit: Fit) -> Text:
 
 
 def _coefficients(label: str, table: pd.DataFrame) -> RenderableType:
-    rows = _table(f"Coefficients of {label}, with {_LEVEL:.0%} intervals")
+    rows = plain_table(f"Coefficients of {label}, with {_LEVEL:.0%} intervals")
     probability = next((column for column in _PROBABILITIES if column in table), "outside_rope")
     rows.add_column("term", overflow="fold")
     for title in ("mean", "sd", "lower", "upper"):
@@ -86,7 +91,7 @@ def _coefficients(label: str, table: pd.DataFrame) -> RenderableType:
 
 
 def _discrepancy(table: pd.DataFrame) -> RenderableType:
-    rows = _table(f"Shares of the variance, with the {_LEVEL:.0%} interval of the discrepancy's")
+    rows = plain_table(f"Shares of the variance, with the {_LEVEL:.0%} interval of the discrepancy's")
     rows.add_column("equation", overflow="fold")
     parts = ("simulation", "dictionary", "noise", "discrepancy", "discrepancy_lower", "discrepancy_upper")
     for title in (*parts[:4], "lower", "upper"):
@@ -96,10 +101,6 @@ def _discrepancy(table: pd.DataFrame) -> RenderableType:
         rows.add_row(Text(str(equation)), *(Text(_percent(entry[part])) for part in parts))
     trades = ", ".join(f"{entry['correlation']:.2f} ({entry['term']})" for entry in entries.values())
     return Group("", rows, Text(f"Largest correlation of a coefficient with the discrepancy: {trades}"))
-
-
-def _table(title: str) -> Table:
-    return Table(title=title, title_justify="left", title_style="bold", box=None, pad_edge=False, header_style="dim")
 
 
 def _number(value: Any) -> str:

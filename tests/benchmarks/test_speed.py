@@ -1,7 +1,7 @@
 """Effective samples per second against the same model written by hand in NumPyro with θ sampled.
 
-The hand-written model is the usual one: θ as a site under the same Laplace hierarchy, f marginalised in a multivariate
-normal with the projected squared-exponential kernel, exact. Both run in this process, one after the other, on one
+The hand-written model is the usual one: θ as a site with a Laplace prior, f marginalised in a multivariate normal with
+the projected squared-exponential kernel, exact. Both run in this process, one after the other, on one
 data set; seconds are wall time with compilation; the figure is the smallest bulk ESS over θ, σ, amplitude and ℓ.
 
     python -m pytest -n 0 -m slow tests/benchmarks/test_speed.py -s
@@ -22,8 +22,8 @@ import bayes_greybox as bg
 
 COMPLETE = ["y", "ydot", "y**2", "ydot**2", "y**3", "ydot**3"]
 PARTIAL = [term for term in COMPLETE if term != "y**3"]
-BY_HAND = {100: (200, 200), 200: (100, 100), 400: (30, 30)}
-"""Warm-up and draws of the hand-written model: as many as a benchmark can wait for."""
+BY_HAND = {100: (200, 200), 200: (150, 150), 400: (60, 60)}
+"""Warm-up and draws of the hand-written model's one chain: as many as a benchmark can wait for."""
 
 
 def smallest_ess(draws: dict[str, np.ndarray]) -> float:
@@ -40,8 +40,7 @@ def by_hand(Phi, x, y, floor):
 
     def model():
         tau = numpyro.sample("tau", dist.HalfNormal(1.0))
-        v = numpyro.sample("v", dist.Exponential(0.5).expand([k]).to_event(1))
-        theta = numpyro.sample("theta", dist.Normal(0, tau * jnp.sqrt(v)).to_event(1))
+        theta = numpyro.sample("theta", dist.Laplace(0, tau).expand([k]).to_event(1))
         amplitude = numpyro.sample("amplitude", dist.HalfNormal(1.0))
         length = numpyro.sample("length", dist.LogNormal(0, 0.5).expand([x.shape[1]]).to_event(1))
         noise = numpyro.sample("noise", dist.HalfNormal(1.0))
@@ -76,8 +75,7 @@ def test_faster_than_theta_sampled_by_hand(dictionary, n_obs, capsys):
         NUTS(program, target_accept_prob=0.9),
         num_warmup=tune,
         num_samples=draws,
-        num_chains=2,
-        chain_method="sequential",
+        num_chains=1,
         progress_bar=False,
     )
     mcmc.run(jax.random.PRNGKey(0))

@@ -5,20 +5,32 @@ of the cell, and a loop that draws hundreds leaves nothing open. Hand over axes 
 figure of your own.
 """
 
+from bayes_greybox.report.plots.before_after import plot_free_run, plot_gap_over_time
 from bayes_greybox.report.plots.coefficients import plot_coefficients
 from bayes_greybox.report.plots.comparison import plot_comparison
 from bayes_greybox.report.plots.files import save_figures
+from bayes_greybox.report.plots.gap_map import plot_gap_curve, plot_gap_map
 from bayes_greybox.report.plots.over_states import plot_discrepancy_over_states
 from bayes_greybox.report.plots.over_time import plot_discrepancy_over_time
+from bayes_greybox.report.plots.posteriors import Coefficient, plot_posteriors
 from bayes_greybox.report.plots.predicted import plot_predicted
+from bayes_greybox.report.plots.ranking import plot_hypotheses, plot_rounds
 from bayes_greybox.report.plots.tradeoff import plot_tradeoff
 
 __all__ = [
+    "Coefficient",
     "plot_coefficients",
     "plot_comparison",
     "plot_discrepancy_over_states",
     "plot_discrepancy_over_time",
+    "plot_free_run",
+    "plot_gap_curve",
+    "plot_gap_map",
+    "plot_gap_over_time",
+    "plot_hypotheses",
+    "plot_posteriors",
     "plot_predicted",
+    "plot_rounds",
     "plot_tradeoff",
     "save_figures",
 ]

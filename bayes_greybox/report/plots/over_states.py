@@ -168,15 +168,16 @@ def _draw_map(
     above, below = values.max() > limits[1], values.min() < limits[0]
     extend = "both" if above and below else "max" if above else "min" if below else "neither"
     figure_of(ax).colorbar(mesh, ax=ax, label=label, extend=extend)
-    _fade_outside(ax, x, y, grid.inside)
+    fade_outside(ax, x, y, grid.inside)
 
 
-def _fade_outside(
+def fade_outside(
     ax: Axes,
     x: Float[np.ndarray, " n_0"],
     y: Float[np.ndarray, " n_1"],
     inside: Bool[np.ndarray, "n_0 n_1"],
 ) -> None:
+    """Hatch a map and make it pale where there are no data."""
     if inside.all():
         return
     outside = (~inside).T.astype(float)

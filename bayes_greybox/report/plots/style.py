@@ -59,18 +59,19 @@ def figure_of(ax: Axes) -> Figure:
     return figure
 
 
-def place_legend(ax: Axes, own: bool, handles: Sequence[Artist] | None = None) -> None:
-    """One row of legend below a figure of our own, clear of its curves; inside the caller's axes otherwise.
+def place_legend(ax: Axes, own: bool, handles: Sequence[Artist] | None = None, columns: int | None = None) -> None:
+    """A legend below a figure of our own, clear of its curves; inside the caller's axes otherwise.
 
     Args:
         ax: axes whose labelled artists the legend names, and which hold it where the figure is the caller's.
         own: whether the figure is ours.
         handles: labelled artists to name instead of those of the axes.
+        columns: labels in a row; all of them by default.
     """
     shown = list(handles) if handles is not None else ax.get_legend_handles_labels()[0]
     labels = [str(handle.get_label()) for handle in shown]
     if own:
-        figure_of(ax).legend(shown, labels, loc="outside lower left", ncols=len(shown), columnspacing=1.5)
+        figure_of(ax).legend(shown, labels, loc="outside lower left", ncols=columns or len(shown), columnspacing=1.5)
     else:
         ax.legend(shown, labels, loc="best")
 

@@ -1,0 +1,210 @@
+"""The data of a case: coefficients to the wanted ratio, train and test runs, noise, and the truth."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import product
+
+import numpy as np
+from jaxtyping import Float
+
+from bayes_greybox.data.errors import InputError
+from bayes_greybox.data.trajectories import Trajectories
+
+from .cases import RATIO_EDGES, Case
+from .flow import Flow, LostError
+from .hidden import find
+from .hosts import HOSTS, SPREAD, Host, formula, term_value
+from .runs import Excited, Runs, combine, excite, follow, rms
+from .search import Wanted, coefficients
+
+OFF_BY = 0.1
+"""Relative error of the coefficient in a mis-calibrated simulation."""
+
+LOWER = (1.0, 0.7, 0.5, 0.35, 0.25, 0.1, 0.03)
+"""Shares of the wanted ratio that are tried in turn, with either sign, where the host cannot take the effect."""
+
+
+@dataclass(frozen=True)
+class Truth:
+    """One hidden effect.
+
+    Attributes:
+        slug: Its slug, or the name of a shape that is in no catalogue.
+        coefficient: Its coefficient.
+        inner: Its inner parameter; NaN without one.
+        ratio: RMS of what it adds to the training data over the noise's standard deviation, as it came out.
+        wanted: The ratio that the case asks for; larger than `ratio` only where the host could not take it.
+    """
+
+    slug: str
+    coefficient: float
+    inner: float
+    ratio: float
+    wanted: float
+
+
+@dataclass(frozen=True)
+class CaseData:
+    """What a case gives a solver, and what it hides from it.
+
+    States and inputs are measured exactly; every derivative has independent normal noise.
+
+    Attributes:
+        case: The case.
+        train: Training data.
+        test: Held-out data, from other starts and with other excitation.
+        simulation: The simulation as a user writes it, by state; mis-calibrated where the case says so.
+        sigma: Standard deviation of the noise on the studied derivative.
+        effects: The truth.
+        off: Term of the simulation whose coefficient is 10 % off, and the ratio of that; None if all are right.
+        true_rates: True coefficients of the simulation's terms, by state.
+        given_rates: The coefficients that `simulation` has.
+        exact: Exact quantities on the data sets "train" and "test".
+    """
+
+    case: Case
+    train: Trajectories
+    test: Trajectories
+    simulation: Mapping[str, str]
+    sigma: float
+    effects: tuple[Truth, ...]
+    off: tuple[str, float] | None
+    true_rates: Mapping[str, Mapping[str, float]]
+    given_rates: Mapping[str, Mapping[str, float]]
+    exact: Mapping[str, Runs]
+
+    @property
+    def host(self) -> Host:
+        """The host system."""
+        return HOSTS[self.case.host]
+
+    @property
+    def equation(self) -> str:
+        """The studied state."""
+        return self.host.equation
+
+    def gap(self, part: str = "train") -> Float[np.ndarray, " n_obs"]:
+        """True derivative less the given simulation, without noise, on "train" or "test"."""
+        return self.exact[part].rates[self.equation] - self._simulated(part)
+
+    def residual(self, part: str = "train", true_coefficients: bool = False) -> Float[np.ndarray, " n_obs"]:
+        """Measured derivative less the simulation, as given or with its true coefficients."""
+        data = self.train if part == "train" else self.test
+        simulated = self.exact[part].known if true_coefficients else self._simulated(part)
+        return data.derivatives[self.equation] - simulated
+
+    @cached_property
+    def closable(self) -> float:
+        """Share of the mean squared gap on the test data that the true model closes; what it leaves is noise."""
+        noise = self.test.derivatives[self.equation] - self.exact["test"].rates[self.equation]
+        return 1.0 - (rms(noise) / rms(self.residual("test"))) ** 2
+
+    def _simulated(self, part: str) -> Float[np.ndarray, " n_obs"]:
+        return combine(self.given_rates[self.equation], self.exact[part].columns)
+
+
+def generate(case: Case) -> CaseData:
+    """Make the data of a case; the same case always gives the same.
+
+    Raises:
+        InputError: The host cannot show the effect at any size.
+    """
+    host = HOSTS[case.host]
+    setting, choice, train_noise, test_noise = np.random.default_rng(case.seed).spawn(4)
+    rates = _drawn_rates(host, setting)
+    excited = {"train": excite(host, setting, host.runs), "test": excite(host, setting, host.test_runs)}
+    flow, exact = _followed(case, Flow(host, rates), excited, choice)
+    scale = {state: case.noise * rms(rate) for state, rate in exact["train"].rates.items()}
+    sigma = scale[host.equation]
+    given, off = rates, None
+    if case.family == "mis-calibrated":
+        given, off = _miscalibrated(host, rates, exact["train"], sigma, choice)
+    truth = tuple(
+        Truth(act.effect.slug, act.coefficient, act.inner, abs(act.coefficient) * rms(value) / sigma, wanted)
+        for act, value, wanted in zip(flow.acting, exact["train"].values, case.ratios, strict=True)
+    )
+    return CaseData(
+        case=case,
+        train=_measured(host, exact["train"], scale, train_noise),
+        test=_measured(host, exact["test"], scale, test_noise),
+        simulation={state: formula(terms) for state, terms in given.items()},
+        sigma=sigma,
+        effects=truth,
+        off=off,
+        true_rates=rates,
+        given_rates=given,
+        exact=exact,
+    )
+
+
+def _drawn_rates(host: Host, rng: np.random.Generator) -> dict[str, dict[str, float]]:
+    """The simulation with coefficients of its own; those of a plain y' = ydot stay 1."""
+    return {
+        state: {
+            text: value if terms == {text: 1.0} else value * float(np.exp(rng.uniform(-SPREAD, SPREAD)))
+            for text, value in terms.items()
+        }
+        for state, terms in host.rates.items()
+    }
+
+
+def _followed(
+    case: Case, bare: Flow, excited: Mapping[str, Excited], rng: np.random.Generator
+) -> tuple[Flow, dict[str, Runs]]:
+    """The host with its hidden effects at work; with another sign or smaller ones where it cannot take them."""
+    effects = [find(bare.host.domain, slug) for slug in case.effects]
+    missing = [effect.slug for effect in effects if not effect.fits(bare.host)]
+    if missing:
+        raise InputError(f"{missing[0]} needs roles that the host {bare.host.name} does not have.")
+    first = rng.choice([-1.0, 1.0], len(effects))
+    fractions = [
+        np.nan if e.inner is None else float(np.exp(rng.uniform(np.log(e.inner.low), np.log(e.inner.high))))
+        for e in effects
+    ]
+    for lower, flips in product(LOWER, product((1.0, -1.0), repeat=len(effects))):
+        wanted = [
+            Wanted(effect, lower * ratio * case.noise, float(sign * flip), fraction)
+            for effect, ratio, sign, flip, fraction in zip(effects, case.ratios, first, flips, fractions, strict=True)
+        ]
+        try:
+            acting = coefficients(bare, excited["train"], wanted) if wanted else ()
+            flow = Flow(bare.host, bare.rates, acting)
+            return flow, {part: follow(flow, runs) for part, runs in excited.items()}
+        except LostError:
+            continue
+    raise InputError(f"The host {bare.host.name} cannot show {' and '.join(case.effects)} at any size.")
+
+
+def _miscalibrated(
+    host: Host, rates: Mapping[str, Mapping[str, float]], train: Runs, sigma: float, rng: np.random.Generator
+) -> tuple[dict[str, dict[str, float]], tuple[str, float]]:
+    """The simulation with one coefficient off, of those whose error can be seen at all."""
+    sizes = {
+        text: OFF_BY * abs(value) * rms(np.broadcast_to(term_value(text, train.columns), train.known.shape)) / sigma
+        for text, value in rates[host.equation].items()
+    }
+    visible = [text for text, size in sizes.items() if size >= RATIO_EDGES[0]] or [max(sizes, key=lambda k: sizes[k])]
+    off = str(rng.choice(visible))
+    given = {state: dict(terms) for state, terms in rates.items()}
+    given[host.equation][off] *= 1.0 + OFF_BY * float(rng.choice([-1.0, 1.0]))
+    return given, (off, sizes[off])
+
+
+def _measured(host: Host, exact: Runs, scale: Mapping[str, float], rng: np.random.Generator) -> Trajectories:
+    """The runs as data: noise on every derivative, none on states and inputs."""
+    n_run = len(exact.known) // host.samples
+
+    def by_run(values: np.ndarray) -> list[np.ndarray]:
+        return list(values.reshape(n_run, host.samples))
+
+    return Trajectories.from_arrays(
+        by_run(exact.columns["t"]),
+        states={state: by_run(exact.columns[state]) for state in host.states},
+        inputs={name: by_run(exact.columns[name]) for name in host.inputs},
+        derivatives={
+            state: by_run(rate + scale[state] * rng.standard_normal(len(rate))) for state, rate in exact.rates.items()
+        },
+        units=dict(host.units),
+        constant="keep",
+    )

@@ -1,0 +1,64 @@
+"""[study]: how missing effects are looked for."""
+
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import BeforeValidator, Field
+
+import bayes_greybox as bg
+from bayes_greybox.config.section import Count, Section, wrong
+
+Probability = Annotated[float, Field(gt=0, lt=1)]
+
+
+class Odds(Section):
+    """[study.odds]: the fields of `bayes_greybox.Odds`, prior probabilities of the explanations."""
+
+    no_gap: Probability | None = None
+    recalibrate: Probability | None = None
+    unknown: Probability | None = None
+    effects: Probability | None = None
+    another: Probability | None = None
+    correction: Probability | None = None
+    remainder: Probability | None = None
+
+
+class Study(Section):
+    """[study]: arguments of `find_missing_effects`.
+
+    The data that no decision is made on are those of [data]: test_fraction or the table test.
+    """
+
+    catalogue: Annotated[str | list[str], BeforeValidator(lambda v: _words(v, "catalogue"))] = "mechanical"
+    roles: dict[str, Annotated[str | list[str], BeforeValidator(lambda v: _words(v, "column"))]] = {}
+    effects_at_most: Count = 3
+    odds: Odds | None = None
+    settle: bool = True
+    free_runs: bool = True
+
+    def arguments(self, folder: Path) -> dict[str, Any]:
+        """Arguments of `find_missing_effects`, for the keys that the file has.
+
+        Args:
+            folder: Where the paths of catalogues start.
+        """
+        given = self.given("odds", "catalogue")
+        if "catalogue" in self.model_fields_set:
+            names = self.catalogue
+            found = [_located(name, folder) for name in ([names] if isinstance(names, str) else names)]
+            given["catalogue"] = found[0] if isinstance(names, str) else found
+        if self.odds is not None:
+            given["odds"] = bg.Odds(**self.odds.given())
+        return given
+
+
+def _located(name: str, folder: Path) -> str:
+    """A catalogue of the package by its name; a file by its path, from the configuration's folder."""
+    return str(folder / name) if name.endswith(".toml") else name
+
+
+def _words(value: Any, what: str) -> Any:
+    items = value if isinstance(value, list) and value else [value]
+    if all(isinstance(item, str) for item in items):
+        return value
+    raise wrong(f"should be the name of a {what} in quotes, or a list of such names")

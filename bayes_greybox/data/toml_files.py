@@ -1,0 +1,33 @@
+"""TOML files of the user's."""
+
+import os
+import tomllib
+from pathlib import Path
+from typing import Any
+
+from bayes_greybox.data.errors import InputError
+
+
+def read_toml(path: str | os.PathLike[str], what: str) -> dict[str, Any]:
+    """Read a TOML file.
+
+    Args:
+        path: The file.
+        what: What it should hold, for messages, such as "catalogue".
+
+    Returns:
+        Its content.
+
+    Raises:
+        InputError: No such file, one that cannot be read, or one that is not TOML.
+    """
+    try:
+        return tomllib.loads(Path(path).read_bytes().decode("utf-8-sig"))
+    except FileNotFoundError:
+        raise InputError(f'There is no {what} file "{path}"; check the path.') from None
+    except OSError as error:
+        raise InputError(f'"{path}" cannot be read ({error.strerror}); give a TOML file.') from None
+    except UnicodeDecodeError as error:
+        raise InputError(f'"{path}" is not UTF-8 text (at byte {error.start}); give a TOML file.') from None
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f'"{path}" is not valid TOML: {error}; correct that line.') from None

@@ -1,0 +1,198 @@
+"""The gap before and after: how far the simulation, and the amended model, are from the measurements."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pandas as pd
+from jaxtyping import Array, Float
+
+from bayes_greybox.criticism.prediction import Band
+from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.model.program import Program
+from bayes_greybox.model.simulation import Simulation
+from bayes_greybox.physics.integrate import integrate
+
+from .hypotheses import Coefficients
+from .table import GapTable
+
+LEVEL = 0.9
+"""Probability of the intervals."""
+
+RATE_DRAWS, PATH_DRAWS = 200, 40
+"""Posterior draws behind the intervals of rates and of free runs."""
+
+BEFORE, AFTER = "before", "after"
+
+
+@dataclass(frozen=True)
+class Amendment:
+    """What was added to one equation: columns of its table and posterior draws of their coefficients.
+
+    Attributes:
+        table: The equation's table.
+        before: Coefficients of the user's own dictionary alone, scaled [n_free].
+        after: Draws of all coefficients, with the effects that were added.
+        sigma: Noise standard deviation after, user's units.
+    """
+
+    table: GapTable
+    before: Float[np.ndarray, " n_free"]
+    after: Coefficients
+    sigma: float
+
+    def rates(self, columns: Mapping[str, np.ndarray], n_draw: int) -> tuple[np.ndarray, np.ndarray]:
+        """What is added to the simulation's rate at rows: before [n_row], and draws of after [n_draw, n_row]."""
+        table, scale = self.table, self.table.target_scale
+        own = [i for i in self.after.indices if table.columns[i].kind != "effect"]
+        before = scale * table.rows(table.of_kind("free"), columns) @ self.before
+        pick = np.linspace(0, len(self.after.draws) - 1, n_draw).astype(int)
+        beta, inner = self.after.draws[pick], self.after.inner[pick]
+        after = beta[:, : len(own)] @ table.rows(own, columns).T
+        for k in range(inner.shape[1]):
+            for index in np.unique(inner[:, k]):
+                rows = inner[:, k] == index
+                after[rows] += np.outer(beta[rows, len(own) + k], table.rows([int(index)], columns)[:, 0])
+        return before, scale * after
+
+
+@dataclass(frozen=True)
+class FreePath:
+    """One state in free run from its measured start: measured, and bands before and after."""
+
+    time: np.ndarray
+    run: np.ndarray
+    measured: np.ndarray
+    before: Band
+    after: Band
+
+
+def gap_rows(
+    model: Program, amendments: Mapping[str, Amendment], data: Trajectories, part: str, free_runs: bool
+) -> tuple[pd.DataFrame, dict[str, FreePath]]:
+    """The gap table's rows for one data set, and its free runs.
+
+    Metrics: derivative NMSE, mean((ẋ − x̂̇)²)/var(ẋ); unexplained share, (mean((ẋ − x̂̇)²) − σ²)/mean(ẋ²), not below
+    zero; free-run NRMSE, RMS(x − x̂)/SD(x) up to the first failure of either; time to failure of runs that blow up.
+
+    Args:
+        model: The model before.
+        amendments: By equation.
+        data: Measurements to compare with.
+        part: "train" or "test".
+        free_runs: Whether to integrate free runs.
+    """
+    simulation = Simulation.of(model.simulation, data.state_names, data.input_names)
+    rows = []
+    for equation, amendment in amendments.items():
+        if equation not in data.derivatives:
+            continue
+        measured = data.derivatives[equation]
+        rate = simulation.on(data, equation)
+        before, after = amendment.rates(data.columns, RATE_DRAWS)
+        variance, size = float(np.var(measured)), float(np.mean(measured**2))
+        noise = amendment.sigma**2
+
+        def nmse(added: np.ndarray, measured=measured, rate=rate, variance=variance) -> np.ndarray:
+            return np.mean((measured - rate - added) ** 2, axis=-1) / variance
+
+        def share(values: np.ndarray, variance=variance, size=size, noise=noise) -> np.ndarray:
+            return np.maximum(values * variance - noise, 0.0) / size
+
+        errors = nmse(after)
+        for metric, f in (("derivative NMSE", lambda v: v), ("unexplained share", share)):
+            low, high = np.quantile(f(errors), [(1 - LEVEL) / 2, (1 + LEVEL) / 2])
+            rows.append((part, metric, equation, float(f(nmse(before))), float(f(nmse(after.mean(axis=0)))), low, high))
+    paths: dict[str, FreePath] = {}
+    known = set(data.state_names) if callable(model.simulation) else {*(model.simulation or {}), *amendments}
+    if free_runs and set(data.state_names) <= known:
+        paths, more = _free_runs(simulation, amendments, data, part)
+        rows += more
+    table = pd.DataFrame(rows, columns=["data", "metric", "variable", "before", "after", "lower", "upper"])
+    ratio = table["after"] / table["before"].where(table["before"] > 0)
+    table["closed"] = (1 - ratio).where(table["metric"] != "time to failure")
+    return table.set_index(["data", "metric", "variable"]), paths
+
+
+def _free_runs(
+    simulation: Simulation, amendments: Mapping[str, Amendment], data: Trajectories, part: str
+) -> tuple[dict[str, FreePath], list[tuple]]:
+    n_draw = PATH_DRAWS if any(len(a.after.indices) for a in amendments.values()) else 1
+    names = (*data.state_names, *data.input_names)
+    added = {name: _added(a, n_draw) for name, a in amendments.items()}
+    terms = {name: [c.term for c in columns] for name, (columns, _) in added.items()}
+    # The first row of coefficients is the model before, the others are draws of the model after.
+    parameters = {name: jnp.asarray(values) for name, (_, values) in added.items()}
+    places = {name: data.state_names.index(name) for name in amendments}
+
+    def right_hand_side(t: Array, x: Array, u: Array, args: dict) -> Array:
+        rate = simulation.rate(t, x, u)
+        columns = dict(zip(names, (*x, *u), strict=True))
+        for name, coefficient in args.items():
+            values = [term.evaluate(columns) for term in terms[name]]
+            if values:
+                rate = rate.at[places[name]].add(coefficient @ jnp.stack(values))
+        return rate
+
+    size = np.sqrt(np.mean(data.matrix(data.state_names) ** 2, axis=0))
+    size = np.where(size > 0, size, 1.0)
+    advance = jax.jit(
+        jax.vmap(
+            lambda args, t, x0, u: integrate(right_hand_side, t, x0, u, args, scale=size, rtol=1e-6, atol=1e-7),
+            in_axes=(0, None, None, None),
+        )
+    )
+    states, failed = [], []
+    for run in (data.take(i) for i in range(data.n_run)):
+        u = jnp.asarray(run.matrix(data.input_names)) if data.input_names else None
+        path = advance(parameters, jnp.asarray(run.time), jnp.asarray(run.matrix(data.state_names)[0]), u)
+        states.append(np.asarray(path.states))
+        failed.append(np.asarray(path.failed_at) - run.time[0])
+    joined = np.concatenate(states, axis=1)
+    paths, rows = {}, []
+    for i, name in enumerate(data.state_names):
+        measured = data.states[name]
+        before, after = joined[:1, :, i], joined[1:, :, i]
+        paths[name] = FreePath(data.time, data.run, measured, _band(before), _band(after))
+        spread = float(np.std(measured))
+        alive = np.isfinite(before[0]) & np.isfinite(after).all(axis=0)
+
+        def error(values: np.ndarray, measured=measured, alive=alive, spread=spread) -> np.ndarray:
+            return np.sqrt(np.mean((measured[alive] - values[..., alive]) ** 2, axis=-1)) / spread
+
+        low, high = np.quantile(error(after), [(1 - LEVEL) / 2, (1 + LEVEL) / 2])
+        rows.append(
+            (part, "free-run NRMSE", name, float(error(before)[0]), float(error(after.mean(axis=0))), low, high)
+        )
+    times = np.array(failed)
+    if np.isfinite(times).any():
+        first = np.where(np.isfinite(times), times, np.inf).min(axis=0)
+        low, high = np.quantile(first[1:], [(1 - LEVEL) / 2, (1 + LEVEL) / 2], method="nearest")
+        rows.append((part, "time to failure", "all", first[0], np.median(first[1:]), low, high))
+    return paths, rows
+
+
+def _added(amendment: Amendment, n_draw: int) -> tuple[list, np.ndarray]:
+    """Columns of one equation's free run and their coefficients in user's units [1 + n_draw, n_column]."""
+    table, after = amendment.table, amendment.after
+    n_own = len(after.indices) - after.inner.shape[1]
+    # The inner parameter is held at its likeliest value; its spread is in the tables.
+    likeliest = [int(np.bincount(column).argmax()) for column in after.inner.T]
+    columns = [table.columns[i] for i in (*after.indices[:n_own], *likeliest)]
+    scale = np.array([table.target_scale / c.scale for c in columns])
+    pick = np.linspace(0, len(after.draws) - 1, n_draw).astype(int)
+    before = np.zeros(len(columns))
+    before[: len(amendment.before)] = amendment.before
+    return columns, np.vstack([before, after.draws[pick]]) * scale if columns else np.zeros((1 + n_draw, 0))
+
+
+def _band(draws: np.ndarray) -> Band:
+    alive = np.isfinite(draws).any(axis=0)
+    parts = {field: np.full(draws.shape[1], np.nan) for field in ("mean", "sd", "lower", "upper")}
+    kept = draws[:, alive]
+    parts["mean"][alive], parts["sd"][alive] = np.nanmean(kept, axis=0), np.nanstd(kept, axis=0)
+    tail = (1 - LEVEL) / 2
+    parts["lower"][alive], parts["upper"][alive] = np.nanquantile(kept, [tail, 1 - tail], axis=0)
+    return Band(**parts)

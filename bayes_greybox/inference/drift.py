@@ -1,0 +1,115 @@
+"""Evidence that residuals hang together in time: a gap that no function of the states in the model can show.
+
+An effect with memory, a hidden state, or a function of the states too fine for the features of f leaves residuals that
+are small beside the noise everywhere and yet correlated from sample to sample. Against white residuals stands
+
+    e(t) = g(t) + ε,   g an Ornstein-Uhlenbeck process with standard deviation a and correlation time τ, each run its own,
+
+whose likelihood a Kalman filter gives in O(n) (Särkkä & Solin 2019, Applied Stochastic Differential Equations, Sec. 12.3).
+"""
+
+import math
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import scipy.optimize
+from jaxtyping import Array, Float
+
+from .evidence import NoisePrior, Spectrum, log_half_normal, marginal
+
+MOST_ROWS, BLOCKS = 4096, 8
+"""Rows used at most: of longer records so many evenly spaced stretches, each as a run of its own."""
+
+TIME_STEPS, TIME_SPREAD = 10.0, 1.0
+"""τ ~ LogNormal: its median in sampling steps, and the standard deviation of its logarithm. Far below one step an
+Ornstein-Uhlenbeck process is white noise again, and would be counted twice."""
+
+
+def drift_evidence(
+    residual: Float[np.ndarray, " n_obs"],
+    time: Float[np.ndarray, " n_obs"],
+    run: np.ndarray,
+    noise: NoisePrior,
+    amplitude: float,
+) -> float:
+    """Log Bayes factor of residuals that hang together in time over white ones, by Laplace's approximation.
+
+    Args:
+        residual: Measured less modelled rate, scaled units.
+        time: Times, increasing within a run.
+        run: Run of each row.
+        noise: Prior of σ.
+        amplitude: Scale of the half-normal prior of a.
+
+    Returns:
+        log p(e | OU + white) − log p(e | white); positive speaks for a gap.
+    """
+    residual, step, n = _stretches(residual, time, run)
+    if n < 20:
+        return -math.inf
+    typical = float(np.median(step[np.isfinite(step)]))
+    arrays = {
+        "e": jnp.asarray(residual),
+        # Finite, so that the gradient of exp(-step/τ) is 0 and not ∞ x 0.
+        "step": jnp.asarray(np.minimum(step / typical, 1e9)),
+        "used": jnp.asarray(np.arange(len(residual)) < n),
+        "prior": jnp.asarray([noise.floor, noise.scale, amplitude, TIME_STEPS, TIME_SPREAD]),
+    }
+
+    def descend(eta: np.ndarray) -> tuple[float, np.ndarray]:
+        value, slope = _value_and_slope(jnp.asarray(eta), arrays)
+        return -float(value), -np.asarray(slope)
+
+    size = math.log(max(float(np.std(residual[:n])), 1e-8))
+    bounds = [(-18.0, 3.0), (-18.0, 5.0), (math.log(1.0), math.log(1e4))]
+    found = min(
+        (
+            scipy.optimize.minimize(descend, start, jac=True, method="L-BFGS-B", bounds=bounds)
+            for start in ([size, size - 1.5, math.log(TIME_STEPS)], [size - 1.5, size, math.log(3.0)])
+        ),
+        key=lambda result: result.fun,
+    )
+    shifts = 1e-3 * np.eye(3)
+    hessian = np.stack([(descend(found.x + h)[1] - descend(found.x - h)[1]) / 2e-3 for h in shifts])
+    curvature = np.maximum(np.linalg.eigvalsh(0.5 * (hessian + hessian.T)), 0.1)
+    log_z = -found.fun + 0.5 * (3 * math.log(2 * math.pi) - np.sum(np.log(curvature)))
+    used = residual[:n]
+    white = Spectrum(np.zeros((1, 1)), np.zeros((1, 1)), np.zeros((1, 1, 1)), float(used @ used), float(n))
+    return float(log_z - marginal(white, noise).log_evidence[0])
+
+
+def _stretches(residual: np.ndarray, time: np.ndarray, run: np.ndarray) -> tuple[np.ndarray, np.ndarray, int]:
+    """Rows used, time since the row before (infinite at the start of a stretch), padded to a power of two."""
+    step = np.where(np.diff(run, prepend=-1) != 0, np.inf, np.diff(time, prepend=time[0]))
+    if len(residual) > MOST_ROWS:
+        starts = np.linspace(0, len(residual) - MOST_ROWS // BLOCKS, BLOCKS).astype(int)
+        pick = (starts[:, None] + np.arange(MOST_ROWS // BLOCKS)).ravel()
+        residual, step = residual[pick], step[pick]
+        step[:: MOST_ROWS // BLOCKS] = np.inf
+    n = len(residual)
+    room = (1 << (n - 1).bit_length()) - n
+    return np.pad(residual, (0, room)), np.pad(step, (0, room), constant_values=np.inf), n
+
+
+def _log_joint(eta: Array, a: dict[str, Array]) -> Array:
+    floor, noise_scale, amplitude_scale, centre, spread = a["prior"]
+    log_s, log_a, log_tau = eta
+    s2, variance = floor**2 + jnp.exp(2 * log_s), jnp.exp(2 * log_a)
+
+    def advance(state: tuple[Array, Array], row: tuple[Array, Array, Array]) -> tuple[tuple[Array, Array], Array]:
+        (m, P), (e, step, used) = state, row
+        phi = jnp.exp(-step / jnp.exp(log_tau))
+        m, P = phi * m, phi**2 * P + variance * (1 - phi**2)
+        S = P + s2
+        log_p = -0.5 * (jnp.log(2 * math.pi * S) + (e - m) ** 2 / S)
+        return (m + P / S * (e - m), P * s2 / S), jnp.where(used, log_p, 0.0)
+
+    start = (jnp.zeros(()), variance)
+    _, terms = jax.lax.scan(advance, start, (a["e"], a["step"], a["used"]))
+    z = (log_tau - jnp.log(centre)) / spread
+    prior = log_half_normal(log_s, noise_scale) + log_half_normal(log_a, amplitude_scale)
+    return jnp.sum(terms) + prior - 0.5 * z**2 - jnp.log(spread * math.sqrt(2 * math.pi))
+
+
+_value_and_slope = jax.jit(jax.value_and_grad(_log_joint))

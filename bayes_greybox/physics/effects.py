@@ -1,0 +1,317 @@
+"""Catalogue of physical effects: what a simulation may lack, in roles, and how it becomes a term of the data.
+
+A role, such as position, is a column by its physical meaning. The catalogue's files are in the folder
+`catalogue`, one for each domain; users write their own in the same layout (see `effect_tables`).
+"""
+
+import math
+import os
+import re
+import tomllib
+import unicodedata
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cache
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import sympy
+from jaxtyping import Float
+
+from bayes_greybox.data.errors import InputError
+from bayes_greybox.data.toml_files import read_toml
+from bayes_greybox.physics.effect_tables import effect_tables, nearest
+from bayes_greybox.physics.expressions import parse_expression, symbol_names
+from bayes_greybox.physics.grammar import check_name
+from bayes_greybox.physics.printing import to_latex
+from bayes_greybox.physics.terms import Term
+
+DOMAINS = ("mechanical", "fluid", "population", "electrical")
+"""Catalogues that come with the package."""
+
+_SLUG = re.compile(r"[a-z0-9]+(-[a-z0-9]+)*")
+_NAME = re.compile(r"(?<![\w.])[^\W\d]\w*")
+
+
+@dataclass(frozen=True)
+class InnerParameter:
+    """A constant inside an effect's expression, such as the gap of a dead zone.
+
+    Its prior is log-uniform between two shares of the largest absolute value that a column takes.
+
+    Attributes:
+        name: Its name in the expression.
+        meaning: What it is, in a few words.
+        of: Role whose column scales it.
+        low, high: Smallest and largest share.
+        unit_of: Role whose unit it carries; "" for a plain number.
+    """
+
+    name: str
+    meaning: str
+    of: str
+    low: float
+    high: float
+    unit_of: str
+
+    def __post_init__(self) -> None:
+        """Refuse a name that formulas cannot use and a range without a log-uniform prior."""
+        check_name(self.name)
+        if not 0.0 < self.low < self.high < math.inf:
+            raise InputError(
+                f"The inner parameter {self.name!r} has low = {self.low:g} and high = {self.high:g}; they are shares "
+                f"of the largest |{self.of}| with 0 < low < high."
+            )
+
+    def nodes(self, scale: float, count: int = 8) -> tuple[Float[np.ndarray, " node"], Float[np.ndarray, " node"]]:
+        """Values that stand for the prior: the middles of parts of equal probability.
+
+        Args:
+            scale: Largest absolute value of the column of `of`, in its unit.
+            count: Number of values.
+
+        Returns:
+            The values, increasing, in the unit of `scale`; and their prior weights, which add up to one.
+
+        Raises:
+            InputError: A scale that is not positive and finite, or no values.
+        """
+        if not 0.0 < scale < math.inf:
+            raise InputError(
+                f"{self.name} is a share of the largest |{self.of}|, which is {scale:g} on the data; leave the "
+                "effect out."
+            )
+        if count < 1:
+            raise InputError(f"{self.name} needs at least one value, not {count}.")
+        share = (np.arange(count) + 0.5) / count
+        # log value = log low + share (log high - log low)
+        return scale * self.low * (self.high / self.low) ** share, np.full(count, 1.0 / count)
+
+
+@dataclass(frozen=True)
+class Effect:
+    """A physical effect, written in roles.
+
+    Attributes:
+        slug: Short name for tables and files, such as "dead-zone".
+        name: Plain name.
+        domain: Catalogue that it belongs to.
+        expression: Formula over roles and the inner parameter.
+        inner: Its inner parameter, if it has one.
+        meaning: What happens physically, in one sentence.
+        latex: The formula in LaTeX, in customary symbols; by default in the names of the roles.
+        confusions: Slugs of effects that look alike on many data.
+        roles: Roles that the formula uses, sorted.
+        expr: The formula over real symbols.
+    """
+
+    slug: str
+    name: str
+    domain: str
+    expression: str
+    inner: tuple[InnerParameter, ...] = ()
+    meaning: str = ""
+    latex: str = ""
+    confusions: tuple[str, ...] = ()
+    roles: tuple[str, ...] = field(init=False)
+    expr: sympy.Expr = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        """Read the formula, find its roles and check what belongs to it."""
+        if not _SLUG.fullmatch(self.slug):
+            raise InputError(f"The slug {self.slug!r} must be small letters, digits and '-', such as 'dead-zone'.")
+        # Names are replaced in the text later, so it must be spelled as its parts were read.
+        object.__setattr__(self, "expression", unicodedata.normalize("NFC", self.expression))
+        expr = parse_expression(self.expression)
+        if expr.is_zero:
+            raise InputError(f"The expression {self.expression!r} is zero everywhere; remove the effect.")
+        if len(self.inner) > 1:
+            raise InputError(
+                f"{self.slug!r} has {len(self.inner)} inner parameters; one at most can be integrated over."
+            )
+        names = symbol_names(expr)
+        roles = tuple(name for name in names if name not in {inner.name for inner in self.inner})
+        for inner in self.inner:
+            if inner.name not in names:
+                raise InputError(f"The inner parameter {inner.name!r} does not occur in {self.expression!r}.")
+            for role in (inner.of, inner.unit_of or inner.of):
+                if role not in roles:
+                    raise InputError(
+                        f"The inner parameter {inner.name!r} refers to {role!r}, which is no role of "
+                        f"{self.expression!r}; its roles: {', '.join(roles) or 'none'}."
+                    )
+        object.__setattr__(self, "roles", roles)
+        object.__setattr__(self, "expr", expr)
+        object.__setattr__(self, "latex", self.latex or to_latex(expr))
+
+    def bind(self, names: Mapping[str, str]) -> "BoundEffect":
+        """Put columns in the place of roles.
+
+        Args:
+            names: Column of each role; roles that the effect does not use are passed over.
+
+        Returns:
+            The effect on these columns.
+
+        Raises:
+            InputError: A role without a column, a column for two roles, or a name that formulas cannot use.
+        """
+        lacking = [role for role in self.roles if role not in names]
+        if lacking:
+            raise InputError(f"The effect {self.slug!r} needs a column for the role {lacking[0]!r}.")
+        columns = {role: check_name(names[role]) for role in self.roles}
+        if len(set(columns.values())) < len(columns):
+            listed = ", ".join(f"{role}: {column}" for role, column in columns.items())
+            raise InputError(f"The effect {self.slug!r} needs a column of its own for every role, not {listed}.")
+        return BoundEffect(self, columns)
+
+
+@dataclass(frozen=True)
+class BoundEffect:
+    """An effect on columns of the data.
+
+    Attributes:
+        effect: The effect.
+        names: Column of each of its roles.
+    """
+
+    effect: Effect
+    names: Mapping[str, str] = field(hash=False)
+
+    @property
+    def slug(self) -> str:
+        """Short name of the effect."""
+        return self.effect.slug
+
+    @property
+    def name(self) -> str:
+        """Plain name of the effect."""
+        return self.effect.name
+
+    def term(self, inner: Mapping[str, float] | None = None) -> Term:
+        """The effect as a term of a dictionary.
+
+        Args:
+            inner: Value of the inner parameter by its name, if the effect has one.
+
+        Returns:
+            The term, with the full value in its expression and four digits of it in its name.
+
+        Raises:
+            InputError: A value that is missing, unknown, or not positive and finite.
+        """
+        values = inner or {}
+        known = {parameter.name for parameter in self.effect.inner}
+        if set(values) != known:
+            wanted = f"a value of {', '.join(known)}" if known else "no values"
+            raise InputError(f"The effect {self.slug!r} takes {wanted}, not {', '.join(values) or 'none'}.")
+        for name, value in values.items():
+            if not 0.0 < value < math.inf:
+                raise InputError(f"{name} of the effect {self.slug!r} is {value:g}; it must be positive and finite.")
+        exact = {name: repr(float(value)) for name, value in values.items()}
+        return Term(self._written(exact), name="".join(self.text(values).split()))
+
+    def text(self, inner: Mapping[str, float] | None = None) -> str:
+        """The formula over columns, for readers: the inner parameter with four digits, or by name if not given."""
+        return self._written({name: f"{value:.4g}" for name, value in (inner or {}).items()})
+
+    def _written(self, numbers: Mapping[str, str]) -> str:
+        # All names at once: a column may well be called as a role or an inner parameter is.
+        words = {**self.names, **numbers}
+        return _NAME.sub(lambda match: words.get(match.group(), match.group()), self.effect.expression)
+
+
+CatalogueSpec = str | os.PathLike[str] | Effect | Sequence[str | os.PathLike[str] | Effect]
+"""What `load_catalogue` takes."""
+
+
+def load_catalogue(spec: CatalogueSpec) -> tuple[Effect, ...]:
+    """Read a catalogue.
+
+    Args:
+        spec: A domain ("mechanical", "fluid", "population" or "electrical"), "all", the path of a TOML file
+            of the user's own, an `Effect`, or a sequence of these.
+
+    Returns:
+        The effects in order, each slug once.
+
+    Raises:
+        InputError: An unknown domain, a file that cannot be read or used, two different effects with one
+            slug, a confusion with an unknown effect, or no effects at all.
+    """
+    effects: dict[str, Effect] = {}
+    for effect in _each(spec):
+        known = effects.setdefault(effect.slug, effect)
+        # Some effects, such as a gain of the input, belong to several domains.
+        if known is not effect and replace(known, domain=effect.domain) != effect:
+            raise InputError(
+                f"Two different effects have the slug {effect.slug!r} (in {known.domain} and {effect.domain}); "
+                "rename one of them."
+            )
+    if not effects:
+        raise InputError(f"The catalogue is empty; give one of {', '.join(DOMAINS)}, 'all' or a TOML file.")
+    _check_confusions(effects)
+    return tuple(effects.values())
+
+
+def _each(spec: Any) -> Iterator[Effect]:
+    if isinstance(spec, Effect):
+        yield spec
+    elif isinstance(spec, str) and spec in (*DOMAINS, "all"):
+        for domain in DOMAINS if spec == "all" else (spec,):
+            yield from _packaged(domain)
+    elif isinstance(spec, str | os.PathLike):
+        yield from _own(spec)
+    elif isinstance(spec, Sequence):
+        for part in spec:
+            yield from _each(part)
+    else:
+        raise InputError(
+            f"A catalogue is a domain ({', '.join(DOMAINS)}), 'all', the path of a TOML file, an Effect or a list of "
+            f"these, not {type(spec).__name__}."
+        )
+
+
+@cache
+def _packaged(domain: str) -> tuple[Effect, ...]:
+    file = resources.files("bayes_greybox.physics").joinpath("catalogue", f"{domain}.toml")
+    return _effects(tomllib.loads(file.read_text(encoding="utf-8")), domain)
+
+
+def _own(path: str | os.PathLike[str]) -> tuple[Effect, ...]:
+    given = Path(path)
+    if isinstance(path, str) and not given.suffix and given.name == path and not given.exists():
+        raise InputError(
+            f"There is no catalogue {path!r}: {nearest(path, [*DOMAINS, 'all'])} Or give the path of a TOML file."
+        )
+    content = read_toml(given, "catalogue")
+    try:
+        return _effects(content, given.stem)
+    except InputError as error:
+        raise InputError(f'"{path}": {error}') from None
+
+
+def _effects(content: Mapping[str, Any], domain: str) -> tuple[Effect, ...]:
+    return tuple(_effect(table, content.get("domain", domain)) for table in effect_tables(content))
+
+
+def _effect(table: dict[str, Any], domain: str) -> Effect:
+    try:
+        inner = tuple(InnerParameter(**{"unit_of": item["of"], **item}) for item in table["inner"])
+        return Effect(**{**table, "domain": domain, "inner": inner, "confusions": tuple(table["confusions"])})
+    except InputError as error:
+        raise InputError(f"effect {table['slug']!r}: {error}") from None
+
+
+def _check_confusions(effects: Mapping[str, Effect]) -> None:
+    for effect in effects.values():
+        for slug in effect.confusions:
+            if slug not in effects:
+                known = [*effects, *(entry.slug for domain in DOMAINS for entry in _packaged(domain))]
+                if slug not in known:
+                    hint = nearest(slug, known)
+                    raise InputError(
+                        f"The effect {effect.slug!r} has the unknown {slug!r} among its confusions; {hint}"
+                    )

@@ -1,0 +1,190 @@
+"""Which columns of the data play which role in an effect of the catalogue."""
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from itertools import product
+
+from bayes_greybox.data.errors import InputError
+from bayes_greybox.physics.effect_tables import nearest
+from bayes_greybox.physics.effects import BoundEffect, Effect
+from bayes_greybox.physics.expressions import parse_expression
+from bayes_greybox.physics.grammar import check_name, symbol
+from bayes_greybox.physics.units import parse_unit, registry, term_unit
+
+ROLES: dict[str, str] = {
+    "state": "the state whose equation is learned",
+    "input": "an input",
+    "position": "the state whose rate is the velocity",
+    "velocity": "the state whose equation is learned",
+    "other_position": "the position of another body",
+    "other_velocity": "the velocity of another body",
+    "level": "the level of this tank",
+    "upstream": "the level of another tank",
+    "population": "this population",
+    "other": "another state, such as another population",
+    "voltage": "the voltage whose equation is learned",
+    "current": "the current whose equation is learned",
+    "flux": "the flux linkage: the state whose rate is this voltage, or the state whose equation is learned",
+    "stored": "charge or flux linkage: the state whose rate is this current or voltage",
+}
+"""Roles of the packaged catalogues and what they mean in the equation of one state."""
+
+_QUANTITIES = {"voltage": "V", "current": "A", "flux": "Wb"}
+
+
+def roles_of(
+    simulation: Mapping[str, str] | Callable | None,
+    states: Sequence[str],
+    inputs: Sequence[str],
+    equation: str,
+    given: Mapping[str, str | Sequence[str]] | None = None,
+    units: Mapping[str, str] | None = None,
+) -> dict[str, tuple[str, ...]]:
+    """Columns that may play each role in the equation of one state.
+
+    A position is recognised by its equation in the simulation, which says no more than that its rate is
+    another state, `{"y": "ydot"}`; a function as the simulation shows none.
+
+    Args:
+        simulation: The user's simulation, formulas by state.
+        states: Names of the states.
+        inputs: Names of the inputs.
+        equation: The state whose equation is learned.
+        given: Column or columns by role, which win over what is found here; further roles are welcome, and an
+            empty sequence switches a role off.
+        units: Units by column; a voltage, current or flux that is in another unit is none.
+
+    Returns:
+        Columns by role, of all `ROLES` and those given; empty where there is none.
+
+    Raises:
+        InputError: An unknown state or column, or a role's name that formulas cannot use.
+    """
+    if equation not in states:
+        raise InputError(
+            f"There is no state {equation!r} whose equation could be learned; {nearest(equation, [*states])}"
+        )
+    pairs = _positions(simulation, states)
+    others = tuple(name for name in states if name != equation)
+    # In the equation of a position, its rate is the velocity.
+    own = (equation,) if equation in pairs else tuple(x for x in states if pairs.get(x) == equation)
+    velocity = pairs.get(equation, equation)
+    apart = [x for x in pairs if x != velocity and velocity not in _rates(x, pairs)]
+    integrals = tuple(x for x in others if pairs.get(x) == equation)
+    roles = {
+        "state": (equation,),
+        "input": tuple(inputs),
+        "position": own,
+        "velocity": (velocity,),
+        "other_position": tuple(apart),
+        "other_velocity": tuple(dict.fromkeys(pairs[x] for x in apart)),
+        "level": (equation,),
+        "upstream": others,
+        "population": (equation,),
+        "other": others,
+        "voltage": (equation,),
+        "current": (equation,),
+        "flux": integrals or (equation,),
+        "stored": integrals,
+    }
+    for role, quantity in _QUANTITIES.items():
+        roles[role] = tuple(name for name in roles[role] if _may_be(name, quantity, units or {}))
+    return {**roles, **_given(given or {}, (*states, *inputs))}
+
+
+def bind_catalogue(
+    effects: Iterable[Effect], roles: Mapping[str, Sequence[str]], units: Mapping[str, str] | None = None
+) -> tuple[BoundEffect, ...]:
+    """Put columns in the place of roles, in every way that gives a formula of its own.
+
+    Args:
+        effects: The catalogue.
+        roles: Columns by role, from `roles_of`.
+        units: Units by column, the time's under "t". Effects that they forbid, such as the sine of a
+            position in metres, are left out; without units none is.
+
+    Returns:
+        The effects that can be bound, in the order of the catalogue.
+
+    Raises:
+        InputError: A role that is neither one of `ROLES` nor given.
+    """
+    return tuple(bound for effect in effects for bound in _bindings(effect, roles, units)[0])
+
+
+def unbound(
+    effects: Iterable[Effect], roles: Mapping[str, Sequence[str]], units: Mapping[str, str] | None = None
+) -> dict[str, str]:
+    """Why effects of the catalogue were left out by `bind_catalogue`, by slug; its arguments and errors."""
+    reasons = {effect.slug: _bindings(effect, roles, units) for effect in effects}
+    return {slug: reason for slug, (bound, reason) in reasons.items() if not bound}
+
+
+def _bindings(
+    effect: Effect, roles: Mapping[str, Sequence[str]], units: Mapping[str, str] | None
+) -> tuple[list[BoundEffect], str]:
+    """The ways to bind an effect, and what stood in the way of others."""
+    for role in effect.roles:
+        if role not in roles and role not in ROLES:
+            raise InputError(
+                f"The effect {effect.slug!r} uses the unknown role {role!r}; {nearest(role, [*ROLES])} For a role of "
+                f"your own, say which column plays it: roles={{{role!r}: 'column'}}."
+            )
+    empty = [role for role in effect.roles if not roles.get(role)]
+    if empty:
+        known = f" ({ROLES[empty[0]]})" if empty[0] in ROLES else ""
+        return [], f"no column plays the role {empty[0]!r}{known}"
+    reason = f"the roles {', '.join(effect.roles)} need columns of their own"
+    found = {}
+    for columns in product(*(roles[role] for role in effect.roles)):
+        if len(set(columns)) < len(columns):
+            continue
+        bound = effect.bind(dict(zip(effect.roles, columns, strict=True)))
+        try:
+            if units:
+                # A number in a formula may carry any unit, so the value of an inner parameter does not matter.
+                term_unit(bound.term({inner.name: 0.37 for inner in effect.inner}), units)
+        except InputError as error:
+            reason = str(error)
+            continue
+        found.setdefault(effect.expr.xreplace({symbol(r): symbol(c) for r, c in bound.names.items()}), bound)
+    return list(found.values()), reason
+
+
+def _positions(simulation: Mapping[str, str] | Callable | None, states: Sequence[str]) -> dict[str, str]:
+    """States whose rate is another state and nothing else, with that state."""
+    found = {}
+    for state, text in simulation.items() if isinstance(simulation, Mapping) else ():
+        rate = parse_expression(str(text))
+        if rate.is_Symbol and str(rate) in states and state in states and str(rate) != state:
+            found[state] = str(rate)
+    return found
+
+
+def _rates(state: str, pairs: Mapping[str, str]) -> list[str]:
+    """The rate of a state, the rate of that and so on, as far as they are states."""
+    found: list[str] = []
+    while state in pairs and pairs[state] not in found:
+        state = pairs[state]
+        found.append(state)
+    return found
+
+
+def _may_be(name: str, quantity: str, units: Mapping[str, str]) -> bool:
+    if not units.get(name):
+        return True
+    unit = parse_unit(units[name], f"column {name!r}")
+    return unit.dimensionless or unit.dimensionality == registry().parse_units(quantity).dimensionality
+
+
+def _given(given: Mapping[str, str | Sequence[str]], known: Sequence[str]) -> dict[str, tuple[str, ...]]:
+    roles = {}
+    for role, value in given.items():
+        check_name(role)
+        columns = (value,) if isinstance(value, str) else tuple(value)
+        for column in columns:
+            if column not in known:
+                raise InputError(
+                    f"The role {role!r} is given to the unknown column {column!r}; {nearest(column, [*known])}"
+                )
+        roles[role] = columns
+    return roles

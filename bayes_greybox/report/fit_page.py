@@ -1,0 +1,230 @@
+"""The page of one fit: verdict, coefficients, what the discrepancy holds, predictions, settings."""
+
+import dataclasses
+import json
+import os
+from typing import Any
+
+import pandas as pd
+
+from bayes_greybox.data.columns import derivative_label
+from bayes_greybox.greybox import Fit
+from bayes_greybox.inference.netcdf import describe
+
+from . import figures
+from .page import (
+    Badge,
+    Card,
+    Code,
+    Details,
+    Page,
+    Pictures,
+    Section,
+    Words,
+    picture,
+    write_page,
+)
+from .tables import by_equation, footer, settings_table, verdict_blocks
+from .text import estimate, formula, interval, number, percent_text
+
+PROBABILITIES = {"inclusion": "P(included)", "outside_rope": "P(|θ| > ROPE)"}
+"""What the probability of a term is called; continuous priors have no inclusion."""
+
+CLEAR = 0.5
+
+
+def fit_html(fit: Fit, path: str | os.PathLike[str], config: str | None = None) -> None:
+    """Write the report of a fit as one HTML file that needs no network.
+
+    Args:
+        fit: The fit.
+        path: Destination.
+        config: Text of the configuration file that asked for it.
+
+    Raises:
+        InputError: The destination cannot be written.
+    """
+    write_page(fit_page(fit, config), path)
+
+
+def fit_page(fit: Fit, config: str | None = None) -> Page:
+    """The report of a fit.
+
+    Args:
+        fit: The fit.
+        config: Text of the configuration file that asked for it.
+    """
+    verdict, terms, shares = fit.verdict, fit.inclusion(), fit.discrepancy()
+    sections = [
+        *_study(fit),
+        _coefficients(fit, terms),
+        *([] if fit.model.discrepancy is None else [_discrepancy(fit, shares)]),
+        _predicted(fit),
+        Section("convergence", "Can the sampler be trusted?", "", verdict_blocks(fit)),
+        _settings(fit, config),
+    ]
+    doubt = "The sampler did not converge; do not rely on these numbers."
+    return Page(
+        title="Fit: converged" if verdict.ok else "Fit: not converged",
+        kind="bayes_greybox · fit",
+        headline=_headline(fit, terms, shares),
+        badges=[Badge("Converged", "good", "✓") if verdict.ok else Badge("Not converged", "bad", "!")],
+        facts=_facts(fit),
+        alerts=[] if verdict.ok else [" ".join([doubt, *verdict.reasons])],
+        cards=_cards(fit, shares),
+        cards_title="Where the variance of the measured rate goes",
+        sections=sections,
+        footer=footer(str(fit.idata.attrs.get("inference_library_version", ""))),
+    )
+
+
+def _headline(fit: Fit, table: pd.DataFrame, shares: pd.DataFrame) -> str:
+    column = _probability(table)
+    sentences = []
+    for name in fit.model.equations:
+        rows = table.loc[name]
+        terms = [formula(str(term)) for term in rows.index[rows[column] > CLEAR]]
+        found = f"{_listed(terms)} matter" if len(terms) > 1 else f"{terms[0]} matters" if terms else "no term matters"
+        left = percent_text(max(float(shares.loc[name, "discrepancy"]), 0.0))
+        discrepancy = f"; {left} of the variance is left to the discrepancy" if fit.model.discrepancy else ""
+        sentences.append(f"In {_rate(fit, name)}, {found}{discrepancy}.")
+    return " ".join(sentences)
+
+
+def _listed(words: list[str]) -> str:
+    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
+
+
+def _rate(fit: Fit, name: str) -> str:
+    return derivative_label(name, fit.data.time_name)
+
+
+def _probability(table: pd.DataFrame) -> str:
+    return next((name for name in PROBABILITIES if name in table), "outside_rope")
+
+
+def _facts(fit: Fit) -> list[str]:
+    data, sampling = fit.data, fit.sampling
+    runs = f" in {data.n_run} runs" if data.n_run > 1 else ""
+    dropped = f", {data.dropped} dropped" if data.dropped else ""
+    kernel = "none" if fit.model.discrepancy is None else fit.model.discrepancy.variant
+    return [
+        f"data: {data.n_obs} rows{runs}{dropped}",
+        f"prior: {type(fit.model.prior).__name__}",
+        f"discrepancy: {kernel}",
+        f"{sampling.chains} × {sampling.draws} draws",
+    ]
+
+
+def _cards(fit: Fit, shares: pd.DataFrame) -> list[Card]:
+    cards = []
+    several = len(fit.model.equations) > 1
+    for name, row in zip(shares.index, shares.to_dict("records"), strict=True):
+        where = f" in {_rate(fit, str(name))}" if several else ""
+        if row["simulation"] != 0:
+            cards.append(Card(f"Simulation{where}", "Share of the variance.", percent_text(row["simulation"])))
+        cards.append(Card(f"Dictionary{where}", "Share of the variance.", percent_text(row["dictionary"])))
+        if fit.model.discrepancy is not None:
+            low, high = (percent_text(row[f"discrepancy_{end}"]) for end in ("lower", "upper"))
+            about = f"Share of the variance that no term explains; 90 % interval {low} to {high}."
+            cards.append(Card(f"Discrepancy{where}", about, percent_text(row["discrepancy"])))
+        cards.append(Card(f"Noise{where}", "Share of the variance.", percent_text(row["noise"])))
+    return cards
+
+
+def _study(fit: Fit) -> list[Section]:
+    """What the missing-effect study said that made this model, if one did."""
+    text = fit.idata.attrs.get("missing_effects")
+    if not text:
+        return []
+    found = json.loads(text)
+    words = Words(f"{found['sentence']} (Verdict: {found['verdict']}.)")
+    return [Section("study", "The study that made this model", "", [words])]
+
+
+def _coefficients(fit: Fit, table: pd.DataFrame) -> Section:
+    column = _probability(table)
+    records = table.to_dict("records")
+    rows = [
+        (
+            formula(str(term)),
+            _rate(fit, str(name)),
+            f"{row[column]:.3f}",
+            estimate(row["mean"], row["sd"], row["unit"]),
+            interval(row["lower"], row["upper"]),
+            number(row["shrinkage"], 2),
+        )
+        for (name, term), row in zip(table.index, records, strict=True)
+    ]
+    marked = [i for i, row in enumerate(records) if row[column] > CLEAR]
+    heads = ("`term", "equation", f"#{PROBABILITIES[column]}", "#coefficient", "#90 % interval", "#shrinkage")
+    blocks = [
+        Pictures([picture(figures.coefficients(fit), "Coefficients with intervals and probabilities", wide=True)]),
+        by_equation(heads, rows, fit.model.equations, "Terms more likely to matter than not are marked", marked),
+    ]
+    lead = "Posterior mean, standard deviation and equal-tailed 90 % interval of each coefficient, in your units."
+    return Section("coefficients", "Coefficients", lead, blocks)
+
+
+def _discrepancy(fit: Fit, shares: pd.DataFrame) -> Section:
+    blocks: list[Any] = []
+    for name in fit.model.equations:
+        rate = _rate(fit, name)
+        shown = [
+            picture(figures.discrepancy_over_states(fit, name), f"Discrepancy in {rate} over the states", wide=True),
+            picture(figures.discrepancy_over_time(fit, name), f"Discrepancy in {rate} along time", wide=True),
+        ]
+        blocks.append(Pictures(shown))
+    rows = [
+        (
+            _rate(fit, str(name)),
+            percent_text(row["discrepancy"]),
+            f"{percent_text(row['discrepancy_lower'])} to {percent_text(row['discrepancy_upper'])}",
+            number(row["rms"]),
+            number(row["sigma"]),
+            f"{number(row['correlation'], 2)} ({formula(row['term'])})",
+            number(row["correlation_none"], 2),
+        )
+        for name, row in zip(shares.index, shares.to_dict("records"), strict=True)
+    ]
+    heads = (
+        "equation",
+        "#share",
+        "#90 % interval",
+        "#RMS of f",
+        "#noise SD",
+        "#trade-off with θ",
+        "#without orthogonality",
+    )
+    blocks.append(by_equation(heads, rows, fit.model.equations))
+    trades = [
+        picture(figures.trade_off(fit, name), f"Posterior trade-off of f with a coefficient of {_rate(fit, name)}")
+        for name in fit.model.equations
+    ]
+    blocks.append(Details("Trade-off between coefficients and discrepancy", [Pictures(trades)]))
+    lead = "What neither the simulation nor any term explains: the posterior of f over the states and along the record."
+    return Section("discrepancy", "What no term explains", lead, blocks)
+
+
+def _predicted(fit: Fit) -> Section:
+    shown = [
+        picture(figures.predicted(fit, name), f"Predicted and measured {_rate(fit, name)}", wide=True)
+        for name in fit.model.equations
+    ]
+    errors = fit.predict(fit.data).nmse()
+    text = ", ".join(f"{_rate(fit, str(name))} {number(value, 2)}" for name, value in errors.items())
+    words = Words(f"Mean square error over the variance of the measurements, training data: {text}.")
+    return Section("predicted", "Predicted and measured", "", [Pictures(shown), words])
+
+
+def _settings(fit: Fit, config: str | None) -> Section:
+    model = describe(fit.model, fit.data)
+    model["dictionary"] = {name: [term["expression"] for term in terms] for name, terms in model["dictionary"].items()}
+    made = {
+        key: fit.idata.attrs[key] for key in ("inference_library_version", "python_version") if key in fit.idata.attrs
+    }
+    settings = {"model": model, "sampling": dataclasses.asdict(fit.sampling), "versions": made}
+    blocks = [Details("Model, sampler, seed and versions", [settings_table(settings)])]
+    if config:
+        blocks.append(Details("Configuration file", [Code(config)]))
+    return Section("settings", "How this was made", "", blocks)

@@ -1,0 +1,231 @@
+"""The page of a report: what it is made of, and how it becomes one HTML file that needs nothing else.
+
+The pages of a study and of a fit are lists of sections, each a list of blocks; one template draws them all.
+"""
+
+import base64
+import io
+import os
+import tempfile
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+from matplotlib.figure import Figure
+
+from bayes_greybox.data.errors import InputError
+
+NARROW = 4.6
+"""Width in inches of figures along time on a phone, where a wide one would be too small to read."""
+
+
+@dataclass(frozen=True)
+class Badge:
+    """A verdict in a word or two; tone is "good", "warn", "bad" or "quiet"."""
+
+    text: str
+    tone: str
+    symbol: str = ""
+
+
+@dataclass(frozen=True)
+class Card:
+    """A number that matters, alone or before and after; `left` is the length of the after bar, before being 1."""
+
+    title: str
+    about: str
+    after: str
+    before: str = ""
+    note: str = ""
+    left: float | None = None
+
+
+@dataclass(frozen=True)
+class Words:
+    """A paragraph; "plain", or an "alert" that must not be overlooked."""
+
+    text: str
+    tone: str = "plain"
+    kind: str = "words"
+
+
+@dataclass(frozen=True)
+class Items:
+    """A list, each item with a heading of its own or none."""
+
+    items: Sequence[tuple[str, str]]
+    kind: str = "items"
+
+
+@dataclass(frozen=True)
+class Code:
+    """Text to read letter by letter, or to copy."""
+
+    text: str
+    caption: str = ""
+    kind: str = "code"
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table of texts.
+
+    Attributes:
+        columns: Headings; one that starts with "#" heads numbers, one that starts with "`" formulas.
+        rows: Cells.
+        caption: What it shows.
+        marked: Numbers of the rows to stress.
+    """
+
+    columns: Sequence[str]
+    rows: Sequence[Sequence[str]]
+    caption: str = ""
+    marked: Sequence[int] = ()
+    kind: str = "table"
+
+    @property
+    def heads(self) -> list[tuple[str, str]]:
+        """Heading and class of each column."""
+        kinds = {"#": "number", "`": "formula"}
+        return [(title.lstrip("#`"), kinds.get(title[:1], "text")) for title in self.columns]
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A figure as a data URI; `narrow` is another drawing of it for a phone, `wide` keeps it from shrinking there."""
+
+    source: str
+    alt: str
+    caption: str = ""
+    narrow: str = ""
+    wide: bool = False
+
+
+@dataclass(frozen=True)
+class Pictures:
+    """Figures side by side where there is room."""
+
+    pictures: Sequence[Picture]
+    kind: str = "pictures"
+
+
+@dataclass(frozen=True)
+class Details:
+    """Blocks that a reader opens."""
+
+    summary: str
+    blocks: Sequence[Any]
+    kind: str = "details"
+
+
+@dataclass(frozen=True)
+class Section:
+    """A part of the page; `lead` says how to read it."""
+
+    anchor: str
+    title: str
+    lead: str = ""
+    blocks: Sequence[Any] = ()
+
+
+@dataclass(frozen=True)
+class Page:
+    """A report.
+
+    Attributes:
+        title: Of the browser's window.
+        kind: What kind of report it is.
+        headline: The verdict in one sentence.
+        badges: The verdict in a word, and what qualifies it.
+        facts: What was analysed, in a few words each.
+        alerts: What must be known before anything is believed.
+        cards: Numbers that matter, before and after.
+        cards_title: What they are measured on.
+        sections: The rest.
+        footer: What made the report.
+    """
+
+    title: str
+    kind: str
+    headline: str
+    badges: Sequence[Badge] = ()
+    facts: Sequence[str] = ()
+    alerts: Sequence[str] = ()
+    cards: Sequence[Card] = ()
+    cards_title: str = ""
+    sections: Sequence[Section] = field(default_factory=tuple)
+    footer: str = ""
+
+
+def render(page: Page) -> str:
+    """The page as HTML: style and figures inside, no script, nothing fetched."""
+    return _template().render(page=page)
+
+
+def write_page(page: Page, path: str | os.PathLike[str]) -> None:
+    """Write a page beside its destination, then rename: it is whole or not there.
+
+    Args:
+        page: The page.
+        path: Destination, usually `*.html`.
+
+    Raises:
+        InputError: The destination cannot be written.
+    """
+    path = Path(path)
+    text = render(page)
+    try:
+        handle, temporary = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
+        try:
+            with os.fdopen(handle, "w", encoding="utf-8", newline="\n") as file:
+                file.write(text)
+            # Private until here, as temporary files are; readable from here on, as files of a report are.
+            os.chmod(temporary, 0o644)
+            os.replace(temporary, path)
+        finally:
+            Path(temporary).unlink(missing_ok=True)
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise InputError(f'Cannot write "{path}" ({reason}); choose another place.') from error
+
+
+def picture(figure: Figure, alt: str, caption: str = "", *, wide: bool = False) -> Picture:
+    """A figure for the page."""
+    return Picture(_data_uri(figure), alt, caption, wide=wide)
+
+
+def time_picture(draw: Callable[[float], Figure], alt: str, caption: str = "") -> Picture:
+    """A figure along time, drawn twice: for a screen and, narrower, for a phone.
+
+    Args:
+        draw: Draws it at a width in inches.
+        alt: What it shows, for those who cannot see it.
+        caption: What stands below it.
+    """
+    return Picture(_data_uri(draw(9.0)), alt, caption, narrow=_data_uri(draw(NARROW)), wide=True)
+
+
+def _data_uri(figure: Figure) -> str:
+    text = io.BytesIO()
+    # A fixed salt and no date: the same results make the same file. Text as outlines: no fonts are needed.
+    with mpl.rc_context({"svg.hashsalt": "bayes_greybox", "svg.fonttype": "path"}):
+        figure.savefig(text, format="svg", dpi=150, metadata={"Date": None, "Creator": None})
+    return "data:image/svg+xml;base64," + base64.b64encode(text.getvalue()).decode("ascii")
+
+
+@cache
+def _template() -> Any:
+    import jinja2  # only pages need it
+
+    folder = Path(__file__).parent / "templates"
+    environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(folder),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    return environment.get_template("page.html.j2")

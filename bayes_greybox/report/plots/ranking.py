@@ -1,0 +1,139 @@
+"""Bars with their labels above them: the ranking of hypotheses, and the rounds of a study."""
+
+from collections.abc import Sequence
+
+import matplotlib as mpl
+import numpy as np
+from jaxtyping import Float
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from bayes_greybox.report.plots.style import (
+    BLUE,
+    DARK,
+    GREY,
+    LIGHT,
+    SKY,
+    STYLE,
+    figure_of,
+    given_axes,
+    new_figure,
+    plain,
+)
+
+_LEAST = 1e-3
+
+
+@mpl.rc_context(STYLE)
+def plot_hypotheses(
+    names: Sequence[str],
+    probability: Float[np.ndarray, " n_hypothesis"],
+    share_left: Float[np.ndarray, " n_hypothesis"],
+    *,
+    chosen: Sequence[str] = (),
+    tied: Sequence[str] = (),
+    title: str = "What could close the gap",
+    axes: Sequence[Axes] | np.ndarray | None = None,
+) -> Figure:
+    """Probability of each hypothesis, and the share of the gap it leaves open.
+
+    Args:
+        names: the hypotheses, best first.
+        probability: of each; they sum to one over all hypotheses.
+        share_left: share of the gap that f has to carry under each.
+        chosen: names that were added to the model: drawn dark.
+        tied: names that these data do not tell from a chosen one: drawn pale and marked.
+        title: what the bars show.
+        axes: one axes to draw into.
+
+    Returns:
+        The figure.
+    """
+    colours = [BLUE if name in chosen else SKY if name in tied else LIGHT for name in names]
+    labels = [f"{name}  (tied)" if name in tied else name for name in names]
+    columns = {
+        "P": [probability_text(value) for value in probability],
+        "gap left": [percent_text(value) for value in share_left],
+    }
+    return _bars(labels, probability, colours, columns, title, "probability", axes)
+
+
+@mpl.rc_context(STYLE)
+def plot_rounds(
+    labels: Sequence[str],
+    share_left: Float[np.ndarray, " n_round"],
+    *,
+    title: str = "Rounds of the study",
+    axes: Sequence[Axes] | np.ndarray | None = None,
+) -> Figure:
+    """Share of the gap left after each round.
+
+    Args:
+        labels: what each round did, in order.
+        share_left: share of the gap left after it.
+        title: what the bars show.
+        axes: one axes to draw into.
+
+    Returns:
+        The figure.
+    """
+    columns = {"gap left": [percent_text(value) for value in share_left]}
+    return _bars(labels, share_left, [BLUE] * len(labels), columns, title, "share of the gap left", axes)
+
+
+def probability_text(value: float | np.floating) -> str:
+    """A probability to three decimals, never rounded to certainty."""
+    if not np.isfinite(value):
+        return "–"
+    if value < _LEAST:
+        return "< 0.001"
+    return "> 0.999" if value > 1 - _LEAST else f"{value:.3f}"
+
+
+def percent_text(share: float | np.floating) -> str:
+    """A share in percent with a sensible number of digits."""
+    if not np.isfinite(share):
+        return "–"
+    percent = 100 * float(share)
+    if 0 < abs(percent) < 0.01:
+        return "< 0.01 %" if percent > 0 else "0 %"
+    digits = 0 if abs(percent) >= 99.95 or percent == 0 else 1 if abs(percent) >= 1 else 2
+    return f"{percent:.{digits}f} %".replace("-", "−")
+
+
+def _bars(
+    labels: Sequence[str],
+    length: np.ndarray,
+    colours: Sequence[str],
+    columns: dict[str, list[str]],
+    title: str,
+    quantity: str,
+    axes: Sequence[Axes] | np.ndarray | None,
+) -> Figure:
+    """Bars from 0 to 1, each below its label, with columns of text at the right."""
+    if axes is None:
+        (ax,) = [new_figure(5.4, 0.95 + 0.44 * len(labels)).subplots()]
+    else:
+        (ax,) = given_axes(axes, 1, "the bars")
+    rows = np.arange(len(labels))
+    shown = np.clip(np.nan_to_num(length), 0.0, 1.0)
+    ax.barh(rows, 1.0, height=0.3, color="#F3F3F3")
+    ax.barh(rows, shown, height=0.3, color=colours, edgecolor=GREY, linewidth=[0.6 * (s > 0) for s in shown])
+    for row, label in enumerate(labels):
+        ax.text(0.0, row - 0.24, plain(label), va="bottom", fontsize=9.5, color=DARK)
+    at = 1.03
+    for heading, texts in columns.items():
+        widest = max(len(text) for text in (heading, *texts))
+        at += 0.021 * widest
+        ax.text(at, 1.0, heading, transform=ax.transAxes, va="bottom", ha="right", fontsize=9, color=GREY)
+        for row, text in enumerate(texts):
+            ax.text(at, row, text, transform=ax.get_yaxis_transform(), va="center", ha="right", fontsize=9.5)
+        at += 0.04
+    ax.set_xlim(0, 1)
+    ax.set_ylim(len(labels) - 0.6, -0.72)
+    ax.set_xticks([0, 0.25, 0.5, 0.75, 1], ["0", "0.25", "0.5", "0.75", "1"])
+    ax.set_yticks([])
+    ax.set_xlabel(quantity)
+    ax.set_title(title)
+    ax.spines["left"].set_visible(False)
+    return figure_of(ax)

@@ -1,0 +1,208 @@
+"""Figures of a missing-effect study: what `report.plots` draws, with the numbers from `discovery`."""
+
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Float
+from matplotlib.figure import Figure
+from scipy.spatial import KDTree
+
+from bayes_greybox.criticism.discrepancy import SUPPORT
+from bayes_greybox.criticism.prediction import Band
+from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.discovery.study import Study
+from bayes_greybox.discovery.where import GapMap
+
+from .plots import (
+    Coefficient,
+    plot_free_run,
+    plot_gap_curve,
+    plot_gap_map,
+    plot_gap_over_time,
+    plot_hypotheses,
+    plot_posteriors,
+    plot_rounds,
+)
+from .text import formula
+
+MOST_HYPOTHESES = 10
+"""Hypotheses in the ranking's figure; a table has them all."""
+
+NAMES = {
+    "no gap": "no gap",
+    "recalibrate": "recalibration of the simulation",
+    "unknown": "unknown (f alone)",
+    "enough": "nothing more",
+}
+"""Explanations that are not effects, as they are called in figures and tables."""
+
+REACH = 1.6449
+"""Standard deviations on either side of the mean that hold 90 % of a normal distribution."""
+
+
+def study_figures(study: Study) -> dict[str, Figure]:
+    """Every figure of a study, by file name: gap maps, gap over time, ranking, rounds, coefficients, free runs.
+
+    Args:
+        study: The study.
+    """
+    figures: dict[str, Figure] = {}
+    several = len(study.maps) > 1
+    for equation in study.maps:
+        suffix = f"_{equation}" if several else ""
+        figures[f"gap_map{suffix}"] = gap_map(study, equation)
+        if equation in study.traces:
+            figures[f"gap_time{suffix}"] = gap_over_time(study, equation)
+        if equation in _equations(study.hypotheses):
+            figures[f"ranking{suffix}"] = ranking(study, equation)
+        if equation in _equations(study.rounds):
+            figures[f"rounds{suffix}"] = rounds(study, equation)
+    if added(study).size:
+        figures["added_coefficients"] = coefficients(study)
+    figures |= {f"free_run_{state}": free_run(study, state) for state in study.paths}
+    return figures
+
+
+def gap_map(study: Study, equation: str, parts: tuple[str, ...] = ("before", "after")) -> Figure:
+    """Gap over the state space before and after, on one scale; curves where it is over one variable.
+
+    Args:
+        study: The study.
+        equation: Learned state.
+        parts: Which of "before" and "after"; curves always show both.
+    """
+    gap = study.maps[equation]
+    inside = support(gap)
+    if len(gap.variables) == 1:
+        values = (np.ravel(v) for v in (gap.before, gap.after, gap.probability, gap.after_probability))
+        return plot_gap_curve(
+            np.asarray(gap.axes[0]), *values,
+            variable=gap.variables[0], variable_unit=gap.units[0], title=f"Gap in the equation for {equation}",
+            threshold=gap.threshold, unit=gap.unit, inside=inside, samples=np.ravel(gap.samples),
+        )  # fmt: skip
+    shown = {
+        "before": ("Before: the simulation as given", gap.before, gap.probability),
+        "after": ("After: the amended model", gap.after, gap.after_probability),
+    }
+    seen = inside if inside.any() else np.ones_like(inside)
+    return plot_gap_map(
+        (np.asarray(gap.axes[0]), np.asarray(gap.axes[1])),
+        {shown[part][0]: shown[part][1:] for part in parts},
+        variables=gap.variables, units=gap.units, threshold=gap.threshold, unit=gap.unit,
+        # One scale for both, also where they are drawn as two figures.
+        limit=max(float(np.abs(values[seen]).max()) for values in (gap.before, gap.after)),
+        inside=inside, samples=gap.samples,
+    )  # fmt: skip
+
+
+def gap_over_time(study: Study, equation: str, width: float = 9.0) -> Figure:
+    """Gap along the training data before and after, with its 90 % bands."""
+    trace = study.traces[equation]
+    return plot_gap_over_time(
+        trace.time, _normal_band(trace.before, trace.before_sd), _normal_band(trace.after, trace.after_sd),
+        equation=equation, threshold=trace.threshold, probability=trace.probability, unit=trace.unit, width=width,
+        **_runs(study.train, trace.run),
+    )  # fmt: skip
+
+
+def ranking(study: Study, equation: str) -> Figure:
+    """Hypotheses about one equation, most probable first."""
+    table = study.hypotheses.xs(equation, level=0).sort_values("probability", ascending=False).head(MOST_HYPOTHESES)
+    chosen, tied = marked(study, equation)
+    return plot_hypotheses(
+        [name_of(study, slug) for slug in table.index],
+        table["probability"].to_numpy(float), table["share_left"].to_numpy(float),
+        chosen=[name_of(study, slug) for slug in chosen], tied=[name_of(study, slug) for slug in tied],
+        title=f"Hypotheses about d({equation})/dt",
+    )  # fmt: skip
+
+
+def rounds(study: Study, equation: str) -> Figure:
+    """What each round added and what it left of the gap."""
+    table = study.rounds.xs(equation, level=0)
+    labels, left = ["the simulation as given"], [1.0, *table["share_left"]]
+    for number, row in zip(table.index, table.to_dict("records"), strict=True):
+        likeliest = name_of(study, row["verdict"])
+        did = f"add {name_of(study, row['added'])}" if row["added"] else f"stop: likeliest is {likeliest}"
+        labels.append(f"{number}. {did}")
+    return plot_rounds(labels, np.array(left, float), title=f"Rounds about d({equation})/dt")
+
+
+def coefficients(study: Study) -> Figure:
+    """Posterior of the coefficient of each effect that was added."""
+    chosen = study.effects.loc[added(study)]
+    return plot_posteriors(
+        [
+            Coefficient(
+                name=row["name"], term=formula(row["expression"]), mean=float(row["mean"]), sd=float(row["sd"]),
+                lower=float(row["lower"]), upper=float(row["upper"]), unit=row["unit"], draws=_draws(study, place),
+            )
+            for place, row in enumerate(chosen.to_dict("records"))
+        ]
+    )  # fmt: skip
+
+
+def free_run(study: Study, state: str, width: float = 9.0) -> Figure:
+    """A state as measured and as the models run it from its start alone."""
+    path = study.paths[state]
+    data = study.train if study.test is None else study.test
+    return plot_free_run(
+        path.time, path.measured, _rows(path.before), _rows(path.after),
+        state=state, unit=data.unit(state), width=width, **_runs(data, path.run),
+    )  # fmt: skip
+
+
+def added(study: Study) -> np.ndarray:
+    """Row numbers of the effects that were added to the model."""
+    return np.flatnonzero((study.effects["status"] == "added").to_numpy()) if len(study.effects) else np.zeros(0, int)
+
+
+def name_of(study: Study, slug: str) -> str:
+    """Plain name of an explanation; the slug itself for an effect that the study's table does not have."""
+    named = dict(zip(study.effects["slug"], study.effects["name"], strict=True))
+    return NAMES.get(slug) or named.get(slug) or slug
+
+
+def marked(study: Study, equation: str) -> tuple[list[str], list[str]]:
+    """Slugs that were added to an equation, and those tied with them."""
+    chosen = study.effects.iloc[added(study)]
+    chosen = chosen[chosen["equation"] == equation]
+    tied = [slug for slugs in chosen["tied_with"] for slug in slugs]
+    return list(chosen["slug"]), tied
+
+
+def support(gap: GapMap) -> Bool[np.ndarray, "*grid"]:
+    """Where the grid of a gap map lies within the data, as for the figures of a fit."""
+    samples = np.reshape(gap.samples, (-1, len(gap.variables)))
+    half = np.array([np.ptp(axis) / 2 for axis in gap.axes])
+    mesh = np.meshgrid(*gap.axes, indexing="ij")
+    nodes = np.stack([values.ravel() for values in mesh], axis=1)
+    return (KDTree(samples / half).query(nodes / half)[0] <= SUPPORT).reshape(mesh[0].shape)
+
+
+def _draws(study: Study, place: int) -> Float[np.ndarray, " n_draw"] | None:
+    """Posterior draws of an added effect's coefficient: its terms are the last of the amended dictionary, in order."""
+    if study.fit is None:
+        return None
+    chosen = study.effects.iloc[added(study)]
+    equation = chosen["equation"].iloc[place]
+    after = int(np.sum(chosen["equation"].iloc[place:] == equation))
+    theta = study.fit.idata["posterior"][f"{equation}_theta"].to_numpy()
+    return theta[..., theta.shape[-1] - after].ravel()
+
+
+def _normal_band(mean: np.ndarray, sd: np.ndarray) -> Float[np.ndarray, "3 n_obs"]:
+    return np.stack([mean, mean - REACH * sd, mean + REACH * sd])
+
+
+def _rows(band: Band) -> Float[np.ndarray, "3 n_obs"]:
+    return np.stack([band.mean, band.lower, band.upper])
+
+
+def _runs(data: Trajectories, run: np.ndarray) -> dict[str, Any]:
+    about = {"time_unit": data.unit("t") or ""}
+    return about if len(np.unique(run)) == 1 else {**about, "run": run, "run_names": list(data.run_names)}
+
+
+def _equations(table: Any) -> list[str]:
+    return list(dict.fromkeys(table.index.get_level_values(0))) if len(table) else []

@@ -1,0 +1,101 @@
+"""A missing-effect study as a sentence and short tables for a terminal."""
+
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+from rich.console import Group, RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from bayes_greybox.discovery.study import Study
+
+from . import study_figures as figures
+from .study_words import metric_value, shown_part
+from .terminal import plain_table
+from .text import estimate, formula, percent_text, probability_text
+
+MOST_EFFECTS = 5
+"""Effects shown; the report and the record have them all."""
+
+STYLES = {"no gap": "bold green", "named": "bold green", "unknown": "bold red"}
+
+
+def study_tables(study: Study) -> Iterator[RenderableType]:
+    """Verdict in one sentence, convergence where it is bad, then where, what, and the gap before and after.
+
+    Args:
+        study: The study.
+
+    Yields:
+        What to print, in order.
+    """
+    yield Text.assemble((study.verdict.upper(), STYLES.get(study.verdict, "bold yellow")), f": {study.sentence}")
+    if study.fit is not None and not study.fit.verdict.ok:
+        yield Text(str(study.fit.verdict), style="red")
+    if len(study.where):
+        yield Group("", _where(study))
+    if len(study.effects):
+        yield Group("", _effects(study))
+    yield Group("", _gap(study))
+    for tie in study.ties:
+        names = " or ".join(figures.name_of(study, slug) for slug in tie["slugs"])
+        yield Text(f"\nNot told apart by these data: {names}. {tie['advice']}")
+
+
+def _where(study: Study) -> Table:
+    rows = [
+        (
+            row["description"],
+            row["equation"],
+            probability_text(row["probability"]),
+            percent_text(row["gap_share"]),
+            percent_text(row["sample_share"]),
+        )
+        for row in study.where.to_dict("records")
+    ]
+    return _table(study, "Where the gap is", ("where", "equation", "#P", "#of the gap", "#of the samples"), rows)
+
+
+def _effects(study: Study) -> Table:
+    rows = [
+        (
+            "+" if row["status"] == "added" else "",
+            row["name"],
+            row["equation"],
+            formula(row["expression"]),
+            probability_text(row["probability"]),
+            estimate(row["mean"], row["sd"], row["unit"]),
+        )
+        for row in study.effects.head(MOST_EFFECTS).to_dict("records")
+    ]
+    title = "Effects, best first (+ added to the model)"
+    return _table(study, title, ("", "effect", "equation", "term", "#P", "#coefficient"), rows)
+
+
+def _gap(study: Study) -> Table:
+    part = shown_part(study)
+    table = study.gap.xs(part, level=0)
+    rows = [
+        (
+            metric,
+            variable,
+            metric_value(study, metric, row["before"]),
+            metric_value(study, metric, row["after"]),
+            percent_text(row["closed"]),
+        )
+        for (metric, variable), row in zip(table.index, table.to_dict("records"), strict=True)
+    ]
+    title = f"The gap before and after, on {'held-out' if part == 'test' else 'training'} data"
+    return _table(study, title, ("measure", "variable", "#before", "#after", "#closed"), rows)
+
+
+def _table(study: Study, title: str, columns: Sequence[str], rows: Sequence[Sequence[Any]]) -> Table:
+    """A table; the column that says which equation is left out where there is one equation only."""
+    table = plain_table(title)
+    kept = [i for i, column in enumerate(columns) if column != "equation" or len(study.maps) > 1]
+    for i in kept:
+        number = columns[i].startswith("#")
+        table.add_column(columns[i].lstrip("#"), justify="right" if number else "left", no_wrap=number)
+    for row in rows:
+        table.add_row(*(Text(str(row[i])) for i in kept))
+    return table

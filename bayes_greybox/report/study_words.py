@@ -1,0 +1,97 @@
+"""Sentences and single values of a study's report."""
+
+import math
+import re
+from collections.abc import Mapping
+from typing import Any
+
+from bayes_greybox.discovery.study import Study
+
+from .text import number, percent_text
+
+METRICS: dict[str, tuple[str, str]] = {
+    "unexplained share": (
+        "Unexplained part of d({variable})/dt",
+        "Share of the measured rate that neither the model's physics nor the noise explains.",
+    ),
+    "free-run NRMSE": (
+        "Error of a free run, {variable}",
+        "Started from a measured state and left alone: RMS error over the standard deviation of the measurement.",
+    ),
+    "derivative NMSE": (
+        "Error of the predicted rate d({variable})/dt",
+        "Mean square error over the variance of the measured rate.",
+    ),
+    "time to failure": ("Time until a free run fails", "How long the model can be run before it blows up."),
+}
+"""Title and explanation of each measure of the gap, the plainest first."""
+
+
+LIKELY = 0.5
+"""A correction more probable than this is taken over into the amended simulation."""
+
+
+def shown_part(study: Study) -> str:
+    """Which part of the data the gap is summed up on: held-out data where there are any."""
+    return "test" if "test" in study.gap.index.get_level_values(0) else "train"
+
+
+def metric_value(study: Study, metric: str, value: float) -> str:
+    """A value of a measure of the gap as it is read."""
+    if metric == "time to failure":
+        unit = study.train.unit("t") or ""
+        return "never" if not math.isfinite(value) else f"{number(value)} {unit}".strip()
+    return percent_text(value)
+
+
+def closed_text(closed: float) -> str:
+    """What became of the gap, in words."""
+    if not math.isfinite(closed):
+        return ""
+    if closed < -0.005:
+        return f"the gap grew by {percent_text(-closed)}"
+    return "unchanged" if closed < 0.005 else f"{percent_text(closed)} of the gap closed"
+
+
+def metric_interval(metric: str, lower: float, upper: float) -> str:
+    """The interval of a measure of the gap as it is read."""
+    if not (math.isfinite(lower) and math.isfinite(upper)):
+        return "–"
+    show = number if metric == "time to failure" else percent_text
+    return f"{show(lower)} to {show(upper)}"
+
+
+def concentration(row: Mapping[str, Any]) -> str:
+    """Share of the gap over share of the samples: 1 where the gap is spread evenly."""
+    gap, samples = row["gap_share"], row["sample_share"]
+    return f"{gap / samples:.1f}×" if samples > 0 and math.isfinite(gap) else "–"
+
+
+def amended_simulation(study: Study) -> str:
+    """The simulation's expressions with the added effects and likely corrections, one line each; "" for a callable.
+
+    Digits are those that the posterior standard deviation justifies.
+    """
+    given = study.base.simulation
+    if callable(given):
+        return ""
+    additions: dict[str, list[str]] = {}
+    for row in study.effects.to_dict("records"):
+        if row["status"] == "added":
+            additions.setdefault(row["equation"], []).append(_product(row["mean"], row["sd"], row["expression"]))
+    for (equation, term), row in zip(study.corrections.index, study.corrections.to_dict("records"), strict=True):
+        if row["probability"] > LIKELY:
+            additions.setdefault(str(equation), []).append(_product(row["mean"], row["sd"], str(term)))
+    lines = []
+    for equation, parts in additions.items():
+        start = str((given or {}).get(equation, ""))
+        text = f"{start} {' '.join(parts)}".strip().removeprefix("+ ")
+        lines.append(f'{equation} = "{text}"')
+    return "\n".join(lines)
+
+
+def _product(mean: float, sd: float, expression: str) -> str:
+    size = max(abs(mean), 1e-300)
+    digits = 4 if not sd > 0 else min(8, max(2, math.ceil(math.log10(size / sd)) + 2))
+    factor = f"({expression})" if re.search(r"[-+]", re.sub(r"\([^()]*\)", "", expression)) else expression
+    return f"{'-' if mean < 0 else '+'} {abs(mean):.{digits}g}*{factor}"

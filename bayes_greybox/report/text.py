@@ -1,0 +1,57 @@
+"""Numbers, units and formulas as people read them."""
+
+import math
+import re
+from typing import Any
+
+from .plots.ranking import percent_text, probability_text
+from .plots.style import number_text, unit_text
+
+__all__ = ["estimate", "formula", "interval", "number", "percent_text", "probability_text", "unit_text"]
+
+_SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+
+def number(value: Any, digits: int = 3) -> str:
+    """A number to some significant digits; a dash where there is none; other values as they are."""
+    if value is None:
+        return "–"
+    if isinstance(value, bool | str) or not hasattr(value, "__float__"):
+        return str(value)
+    if math.isnan(value):
+        return "–"
+    if math.isinf(value):
+        return "∞" if value > 0 else "−∞"
+    if float(value) == int(value) and abs(value) < 1e6:
+        return f"{int(value)}".replace("-", "−")
+    text = number_text(value, digits)
+    mantissa, _, power = text.partition("e")
+    return f"{mantissa}·10{str(int(power.replace('−', '-'))).translate(_SUPERSCRIPT)}" if power else text
+
+
+def estimate(mean: float, sd: float, unit: str = "") -> str:
+    """`mean ± sd unit`, to two significant digits of the sd."""
+    tail = f" {unit_text(unit)}" if unit_text(unit) else ""
+    if not (math.isfinite(mean) and math.isfinite(sd)):
+        return number(mean) + tail
+    size = max(abs(mean), sd)
+    if sd <= 0 or not 1e-4 < size < 1e5 or sd < 1e-6 * size:
+        digits = 4 if sd <= 0 else min(8, max(2, math.ceil(math.log10(size / sd)) + 2))
+        return f"{number(mean, digits)} ± {number(sd, 2)}{tail}"
+    decimals = max(0, 1 - math.floor(math.log10(sd)))
+    return f"{mean:.{decimals}f} ± {sd:.{decimals}f}".replace("-", "−") + tail
+
+
+def interval(lower: float, upper: float) -> str:
+    """`lower to upper`, with digits enough to tell them apart."""
+    if not (math.isfinite(lower) and math.isfinite(upper)):
+        return "–"
+    width, size = upper - lower, max(abs(lower), abs(upper))
+    digits = 3 if width <= 0 else min(8, max(3, math.ceil(math.log10(size / width)) + 2))
+    return f"{number(lower, digits)} to {number(upper, digits)}"
+
+
+def formula(expression: str) -> str:
+    """A formula as people write it: y**3*ydot becomes y³·ydot."""
+    raised = re.sub(r"\*\*(-?\d+)(?![\d.])", lambda found: found[1].translate(_SUPERSCRIPT), expression)
+    return re.sub(r"\s*\*\s*", "·", raised).replace("-", "−")

@@ -1,0 +1,458 @@
+"""The catalogue of effects: what it holds, how effects are bound to columns, and users' own files."""
+
+import dataclasses
+
+import jax
+import numpy as np
+import pytest
+from matplotlib.mathtext import MathTextParser
+
+from bayes_greybox.data.errors import InputError
+from bayes_greybox.physics.effects import DOMAINS, Effect, InnerParameter, load_catalogue
+from bayes_greybox.physics.expressions import evaluate, parse_expression
+from bayes_greybox.physics.roles import ROLES, bind_catalogue, roles_of, unbound
+from bayes_greybox.physics.terms import Dictionary
+from bayes_greybox.physics.units import coefficient_unit, derivative_unit
+
+SLUGS = {
+    "mechanical": """linear-stiffness quadratic-stiffness cubic-stiffness quintic-stiffness signed-quadratic-stiffness
+        pendulum-restoring dead-zone bilinear-stiffness viscous-damping coulomb-friction stribeck-friction
+        quadratic-drag cubic-damping van-der-pol-damping velocity-squared position-velocity-coupling constant-force
+        input-gain cubic-input""",
+    "fluid": "linear-outflow torricelli-outflow overflow",
+    "population": "logistic-crowding bilinear-interaction holling-ii allee constant-harvest",
+    "electrical": "diode saturating-inductor",
+}
+OSCILLATOR = {"y": "ydot", "ydot": "F - y - 0.1*ydot"}
+CHAIN = {"x1": "v1", "v1": "x2 - 2*x1", "x2": "v2", "v2": "x1 - x2"}
+ALL = load_catalogue("all")
+BY_SLUG = {effect.slug: effect for effect in ALL}
+
+
+def texts(catalogue, roles, units=None):
+    """Formulas of all bound effects, by slug where there is one way only."""
+    return {(b.slug, b.text()) for b in bind_catalogue(load_catalogue(catalogue), roles, units)}
+
+
+def middle(effect, scale=1.0):
+    """A value of the inner parameter in the middle of its prior."""
+    return {inner.name: float(inner.nodes(scale, 1)[0][0]) for inner in effect.inner}
+
+
+def write(tmp_path, text):
+    path = tmp_path / "mine.toml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+# ---------------------------------------------------------------- the packaged catalogue
+
+
+@pytest.mark.parametrize("domain", DOMAINS)
+def test_every_promised_effect_is_there(domain):
+    effects = load_catalogue(domain)
+    assert set(SLUGS[domain].split()) <= {effect.slug for effect in effects}
+    assert {effect.domain for effect in effects} == {domain}
+
+
+def test_all_has_every_effect_once():
+    assert len({effect.slug for effect in ALL}) == len(ALL)
+    assert {e.slug for d in DOMAINS for e in load_catalogue(d)} == {effect.slug for effect in ALL}
+    assert load_catalogue(["mechanical", "mechanical"]) == load_catalogue("mechanical")
+    assert load_catalogue(ALL) == ALL and load_catalogue(ALL[0]) == ALL[:1]
+
+
+@pytest.mark.parametrize("effect", ALL, ids=lambda effect: effect.slug)
+def test_entries_are_complete_and_their_formulas_work(effect):
+    assert effect.name and effect.meaning.endswith(".")
+    assert set(effect.roles) <= set(ROLES)
+    MathTextParser("path").parse(f"${effect.latex}$")
+    for inner in effect.inner:
+        assert inner.unit_of == inner.of and inner.meaning
+    bound = effect.bind({role: f"the_{role}" for role in ROLES})
+    rng = np.random.default_rng(0)
+    columns = {f"the_{role}": np.append(rng.uniform(-2.0, 2.0, 50), 0.0) for role in ROLES}
+    if effect.domain in ("fluid", "population"):
+        columns = {name: np.abs(column) for name, column in columns.items()}
+    for inner in [{i.name: float(value)} for i in effect.inner for value in i.nodes(2.0)[0]] or [{}]:
+        term = bound.term(inner)
+        values = np.asarray(term.evaluate(columns))
+        assert values.shape == (51,) and np.all(np.isfinite(values)) and np.any(values != 0)
+        slopes = jax.vmap(jax.grad(term.evaluate))(columns)
+        assert all(np.all(np.isfinite(slopes[name])) for name in term.symbols)
+
+
+@pytest.mark.parametrize("domain", DOMAINS)
+def test_confusions_are_mutual_and_in_the_domain(domain):
+    effects = {effect.slug: effect for effect in load_catalogue(domain)}
+    for effect in effects.values():
+        assert len(set(effect.confusions)) == len(effect.confusions)
+        for slug in effect.confusions:
+            assert effect.slug in effects[slug].confusions, (effect.slug, slug)
+
+
+@pytest.mark.parametrize("domain", DOMAINS)
+def test_effects_of_a_domain_are_different_terms(domain):
+    bound = [effect.bind({role: role for role in ROLES}) for effect in load_catalogue(domain)]
+    Dictionary.of([b.term(middle(b.effect)) for b in bound], ROLES)
+
+
+@pytest.mark.parametrize(
+    ("slug", "inner", "columns", "values"),
+    [
+        ("dead-zone", {"gap": 0.5}, {"position": [-2.0, -0.4, 0.0, 0.5, 0.7]}, [-1.5, 0.0, 0.0, 0.0, 0.2]),
+        ("bilinear-stiffness", {}, {"position": [-1.0, 0.0, 2.0]}, [0.0, 0.0, 2.0]),
+        ("coulomb-friction", {}, {"velocity": [-0.1, 0.0, 3.0]}, [-1.0, 0.0, 1.0]),
+        ("stribeck-friction", {"stribeck_speed": 0.2}, {"velocity": [-0.2, 1e-9, 4.0]}, [-np.exp(-1.0), 1.0, 0.0]),
+        ("quadratic-drag", {}, {"velocity": [-2.0, 3.0]}, [-4.0, 9.0]),
+        ("torricelli-outflow", {}, {"level": [-1.0, 0.0, 4.0]}, [0.0, 0.0, 2.0]),
+        ("overflow", {"brim": 3.0}, {"level": [2.0, 4.0]}, [0.0, 1.0]),
+        ("weir-overflow", {"crest": 3.0}, {"level": [2.0, 7.0]}, [0.0, 8.0]),
+        ("connecting-pipe", {}, {"level": [4.0, 1.0], "upstream": [0.0, 5.0]}, [-2.0, 2.0]),
+        ("holling-ii", {"half_saturation": 2.0}, {"population": [2.0, 1e9], "other": [3.0, 3.0]}, [1.5, 3.0]),
+        ("holling-ii-gain", {"half_saturation": 2.0}, {"population": [3.0], "other": [2.0]}, [1.5]),
+        ("holling-iii", {"half_saturation": 2.0}, {"population": [2.0], "other": [3.0]}, [1.5]),
+        ("allee", {"scarcity": 1.0}, {"population": [0.0, 1.0, 1e9]}, [0.0, 0.5, 1.0]),
+        ("diode", {"slope_voltage": 0.1}, {"voltage": [-9.0, 0.0, 0.1]}, [-1.0, 0.0, np.e - 1.0]),
+        ("saturating-inductor", {"knee": 1.0}, {"flux": [-3.0, 0.9]}, [-2.0, 0.0]),
+    ],
+)  # fmt: skip
+def test_effects_have_the_physics_that_their_names_promise(slug, inner, columns, values):
+    term = BY_SLUG[slug].bind({role: role for role in columns}).term(inner)
+    columns = {name: np.array(column) for name, column in columns.items()}
+    np.testing.assert_allclose(term.evaluate(columns), values, atol=1e-8)
+
+
+def test_allee_effect_makes_a_small_population_shrink():
+    """n' = n - 2 n/(A + n) falls below n = 2 - A and grows above it."""
+    rate = parse_expression("n") - 2 * parse_expression(
+        BY_SLUG["allee"].bind({"population": "n"}).text({"scarcity": 0.5})
+    )
+    assert np.sign(evaluate(rate, {"n": np.array([0.1, 1.4, 1.6])})).tolist() == [-1.0, -1.0, 1.0]
+
+
+def test_inner_parameters_keep_to_their_stated_ranges():
+    shares = {(slug, i.name): (i.low, i.high) for slug, e in BY_SLUG.items() for i in e.inner}
+    assert shares["dead-zone", "gap"] == (0.1, 0.8)
+    assert shares["stribeck-friction", "stribeck_speed"] == (0.05, 0.6)
+    assert shares["overflow", "brim"] == (0.5, 0.95)
+
+
+def test_nodes_are_the_middles_of_equal_parts_of_a_log_uniform_prior():
+    gap = BY_SLUG["dead-zone"].inner[0]
+    values, weights = gap.nodes(3.0)
+    assert len(values) == 8 and np.isclose(weights.sum(), 1.0)
+    np.testing.assert_allclose(np.diff(np.log(values)), np.log(8.0) / 8)
+    np.testing.assert_allclose([values[0], values[-1]], [0.3 * 8 ** (1 / 16), 2.4 * 8 ** (-1 / 16)])
+    # The prior mean of the value is scale (high - low) / log(high / low).
+    fine, weight = gap.nodes(3.0, 2000)
+    np.testing.assert_allclose(fine @ weight, 3.0 * 0.7 / np.log(8.0), rtol=1e-6)
+    for scale, count in ((0.0, 8), (np.inf, 8), (np.nan, 8), (1.0, 0)):
+        with pytest.raises(InputError):
+            gap.nodes(scale, count)
+
+
+# ---------------------------------------------------------------- binding
+
+
+def test_term_has_the_full_value_and_a_readable_name():
+    bound = BY_SLUG["dead-zone"].bind({"position": "y", "velocity": "ydot"})
+    assert bound.names == {"position": "y"} and (bound.slug, bound.name) == ("dead-zone", "Dead zone")
+    assert bound.text() == "sign(y)*max(abs(y)-gap,0)"
+    term = bound.term({"gap": 1 / 3})
+    assert term.name == "sign(y)*max(abs(y)-0.3333,0)" and repr(1 / 3) in str(term.expression)
+    assert float(term.evaluate({"y": np.array(1.0)})) == 1.0 - 1 / 3
+    assert bound.term({"gap": np.float64(1e-7)}).name == "sign(y)*max(abs(y)-1e-07,0)"
+    assert BY_SLUG["constant-force"].bind({}).term().name == "1"
+    for inner in ({}, {"gap": -1.0}, {"gap": np.nan}, {"gap": 1.0, "brim": 1.0}):
+        with pytest.raises(InputError, match="gap"):
+            bound.term(inner)
+    with pytest.raises(InputError, match="no values"):
+        BY_SLUG["cubic-stiffness"].bind({"position": "y"}).term({"gap": 1.0})
+
+
+def test_columns_may_be_called_as_roles_and_inner_parameters_are():
+    names = {"position": "velocity", "velocity": "position"}
+    assert BY_SLUG["van-der-pol-damping"].bind(names).text() == "velocity**2*position"
+    bound = BY_SLUG["dead-zone"].bind({"position": "gap"})
+    assert bound.term({"gap": 0.5}).symbols == ("gap",)
+    assert float(bound.term({"gap": 0.5}).evaluate({"gap": np.array(2.0)})) == 1.5
+
+
+def test_bind_refuses_what_cannot_be_bound():
+    effect = BY_SLUG["van-der-pol-damping"]
+    for names, words in (({"position": "y"}, "'velocity'"), ({"position": "y", "velocity": "y"}, "of its own")):
+        with pytest.raises(InputError, match=words):
+            effect.bind(names)
+    with pytest.raises(InputError, match="column name"):
+        effect.bind({"position": "y", "velocity": "v dot"})
+
+
+def test_effects_are_values():
+    bound = BY_SLUG["dead-zone"].bind({"position": "y"})
+    assert bound == BY_SLUG["dead-zone"].bind({"position": "y"}) and len({bound, bound}) == 1
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        bound.effect.slug = "other"
+
+
+def test_one_degree_of_freedom():
+    roles = roles_of(OSCILLATOR, ("y", "ydot"), ("F",), "ydot")
+    assert (roles["position"], roles["velocity"], roles["input"]) == (("y",), ("ydot",), ("F",))
+    assert roles["other_position"] == roles["other_velocity"] == ()
+    found = texts("mechanical", roles)
+    assert {("cubic-stiffness", "y**3"), ("coulomb-friction", "sign(ydot)"), ("input-gain", "F")} <= found
+    assert len(found) == 19 and not any(slug.startswith("coupling") for slug, _ in found)
+    assert not any(
+        slug.endswith("-input") or slug == "input-gain" for slug, _ in texts("mechanical", {**roles, "input": ()})
+    )
+
+
+def test_a_position_is_read_from_its_equation_however_it_is_written():
+    for rate in ("ydot", " 1*ydot ", "(ydot)"):
+        assert roles_of({"y": rate}, ("y", "ydot"), (), "ydot")["position"] == ("y",)
+    for simulation in (None, {}, {"y": "2*ydot"}, {"y": "ydot + y"}, lambda t, x, u: x):
+        assert roles_of(simulation, ("y", "ydot"), (), "ydot")["position"] == ()
+    # In the equation of the position itself, its rate is the velocity.
+    roles = roles_of(OSCILLATOR, ("y", "ydot"), (), "y")
+    assert (roles["position"], roles["velocity"], roles["other_position"]) == (("y",), ("ydot",), ())
+
+
+def test_two_degrees_of_freedom():
+    states = ("x1", "v1", "x2", "v2")
+    roles = roles_of(CHAIN, states, (), "v2")
+    assert (roles["position"], roles["velocity"]) == (("x2",), ("v2",))
+    assert (roles["other_position"], roles["other_velocity"]) == (("x1",), ("v1",))
+    found = texts("mechanical", roles)
+    assert {
+        ("cubic-coupling-stiffness", "(x2-x1)**3"),
+        ("coupling-damping", "v2-v1"),
+        ("cubic-stiffness", "x2**3"),
+    } <= found
+    # Three bodies: the one in the middle may be coupled with either.
+    middle = roles_of({**CHAIN, "x3": "v3", "v3": "-x3"}, (*states, "x3", "v3"), (), "v2")
+    coupled = {text for slug, text in texts("mechanical", middle) if slug == "coupling-stiffness"}
+    assert coupled == {"x2-x1", "x2-x3"}
+
+
+def test_integrals_of_the_own_position_are_no_other_body():
+    simulation = {"w": "x", "x": "v", "v": "a", "a": "-v"}
+    roles = roles_of(simulation, ("w", "x", "v", "a"), (), "a")
+    assert (roles["position"], roles["other_position"], roles["other_velocity"]) == (("v",), (), ())
+    # A ring of rates must not be walked for ever.
+    assert roles_of({"p": "q", "q": "p"}, ("p", "q"), (), "p")["position"] == ("p",)
+
+
+def test_tanks():
+    roles = roles_of({"h1": "0.05*u"}, ("h1", "h2"), ("u",), "h2")
+    found = texts("fluid", roles)
+    assert ("torricelli-outflow", "sqrt(max(h2,0))") in found and ("torricelli-inflow", "sqrt(max(h1,0))") in found
+    assert ("overflow", "max(h2-brim,0)") in found and ("overflow-inflow", "max(h1-brim,0)") in found
+    alone = texts("fluid", roles_of(None, ("h",), ("u",), "h"))
+    assert {slug for slug, _ in alone} == {
+        *("linear-outflow", "torricelli-outflow", "overflow", "weir-overflow", "constant-inflow"),
+        *("input-gain", "cubic-input"),
+    }
+
+
+def test_populations():
+    roles = roles_of({"hare": "0.5*hare"}, ("hare", "lynx", "fox"), (), "hare")
+    found = texts("population", roles)
+    assert {text for slug, text in found if slug == "bilinear-interaction"} == {"hare*lynx", "hare*fox"}
+    assert ("holling-ii-gain", "hare*fox/(half_saturation+fox)") in found
+    assert ("logistic-crowding", "hare**2") in found and "driven-growth" not in {slug for slug, _ in found}
+
+
+def test_circuits():
+    coil = roles_of({"phi": "v"}, ("phi", "v"), ("i_s",), "v")
+    assert coil["flux"] == coil["stored"] == ("phi",)
+    assert ("saturating-inductor", "sign(phi)*max(abs(phi)-knee,0)") in texts("electrical", coil)
+    single = roles_of(None, ("z",), ("u",), "z")
+    assert single["flux"] == single["voltage"] == single["current"] == ("z",) and single["stored"] == ()
+    # Units tell a voltage from a current.
+    by_unit = roles_of(None, ("z",), ("u",), "z", units={"z": "mA", "u": "V"})
+    assert by_unit["current"] == ("z",) and by_unit["voltage"] == by_unit["flux"] == ()
+    found = {slug for slug, _ in texts("electrical", by_unit)}
+    assert "brush-drop" in found and "diode" not in found
+
+
+def test_given_roles_win():
+    roles = roles_of(
+        OSCILLATOR, ("y", "ydot", "T"), ("F", "G"), "ydot", given={"input": "G", "heat": ["T"], "velocity": ()}
+    )
+    assert (roles["input"], roles["heat"], roles["velocity"], roles["position"]) == (("G",), ("T",), (), ("y",))
+    for given, words in (({"input": "H"}, "unknown column 'H'"), ({"my role": "F"}, "'my role'")):
+        with pytest.raises(InputError, match=words):
+            roles_of(OSCILLATOR, ("y", "ydot"), ("F",), "ydot", given=given)
+    with pytest.raises(InputError, match="did you mean 'ydot'"):
+        roles_of(OSCILLATOR, ("y", "ydot"), ("F",), "ydott")
+
+
+def test_every_way_to_bind_is_kept_once():
+    effect = Effect("mix", "Mix", "own", "position*velocity")
+    roles = {"position": ("a", "b", "c"), "velocity": ("a", "b")}
+    # b*a is a*b again.
+    assert [bound.text() for bound in bind_catalogue([effect], roles)] == ["a*b", "c*a", "c*b"]
+
+
+def test_units_leave_out_effects_that_cannot_be_and_say_why():
+    mechanical = load_catalogue("mechanical")
+    roles = roles_of(OSCILLATOR, ("y", "ydot"), (), "ydot")
+    metres = {"t": "s", "y": "m", "ydot": "m/s"}
+    bound = bind_catalogue(mechanical, roles, metres)
+    reasons = unbound(mechanical, roles, metres)
+    assert {b.slug for b in bound}.isdisjoint(reasons) and len(bound) + len(reasons) == len(mechanical)
+    assert "inside sin" in reasons["pendulum-restoring"] and "'input'" in reasons["input-gain"]
+    assert "pendulum-restoring" not in unbound(mechanical, roles, {"t": "s", "y": "rad", "ydot": "rad/s"})
+    assert "pendulum-restoring" not in unbound(mechanical, roles)
+    assert "columns of their own" in unbound(mechanical, {**roles, "velocity": ("y",)})["position-velocity-coupling"]
+
+
+@pytest.mark.parametrize(
+    ("slug", "equation", "unit"),
+    [
+        ("cubic-stiffness", "ydot", "1/m²/s²"),
+        ("dead-zone", "ydot", "1/s²"),
+        ("coulomb-friction", "ydot", "m/s²"),
+        ("stribeck-friction", "ydot", "m/s²"),
+        ("overflow", "h", "1/s"),
+        ("torricelli-outflow", "h", "cm⁰⋅⁵/s"),
+        ("holling-ii", "n", "1/d"),
+        ("holling-iii", "n", "1/d"),
+        ("allee", "n", "kg/d"),
+        ("diode", "v", "V/s"),
+        ("saturating-inductor", "p", "1/s"),
+    ],
+)
+def test_coefficients_get_the_unit_that_the_physics_has(slug, equation, unit):
+    names = {
+        "position": "y", "velocity": "ydot", "level": "h", "population": "n", "other": "m", "voltage": "v", "flux": "p"
+    }  # fmt: skip
+    units = {"t": "s", "y": "m", "ydot": "m/s", "h": "cm", "n": "kg", "m": "kg", "v": "V", "p": "Wb"}
+    units["t"] = "d" if equation == "n" else "s"
+    term = BY_SLUG[slug].bind(names).term(middle(BY_SLUG[slug], 2.0))
+    found = coefficient_unit(derivative_unit(equation, units), term, units)
+    assert found == unit
+
+
+# ---------------------------------------------------------------- users' own files
+
+OWN = """
+[[effect]]
+slug = "radiation"
+name = "Radiation"
+expression = "temperature**4 - ambient**4"
+meaning = "Heat leaves with the fourth power of the temperature."
+
+[[effect]]
+slug = "late-drag"
+name = "Late drag"
+expression = "max(velocity-onset,0)"
+meaning = "Drag sets in beyond a speed."
+latex = '\\max(v-v_0, 0)'
+confusions = ["quadratic-drag", "radiation"]
+
+[effect.inner.onset]
+meaning = "speed at which it sets in"
+of = "velocity"
+low = 0.2
+high = 1
+"""
+
+
+def test_a_users_own_file(tmp_path):
+    path = write(tmp_path, OWN)
+    radiation, drag = load_catalogue(path)
+    assert (radiation.domain, radiation.roles, radiation.latex) == (
+        *("mine", ("ambient", "temperature")),
+        r"- \mathrm{ambient}^{4} + \mathrm{temperature}^{4}",
+    )
+    assert drag.inner == (InnerParameter("onset", "speed at which it sets in", "velocity", 0.2, 1.0, "velocity"),)
+    both = load_catalogue(["mechanical", str(path)])
+    assert both[-2:] == (radiation, drag) and both[:-2] == load_catalogue("mechanical")
+    roles = roles_of(None, ("T", "v"), ("T_0",), "T", given={"temperature": "T", "ambient": "T_0"})
+    assert bind_catalogue([radiation], roles)[0].term().name == "T**4-T_0**4"
+    named = load_catalogue(write(tmp_path, 'domain = "thermal"\n' + OWN))
+    assert {effect.domain for effect in named} == {"thermal"}
+
+
+def test_a_role_that_nobody_knows_is_refused_when_it_is_bound(tmp_path):
+    roles = roles_of(OSCILLATOR, ("y", "ydot"), ("F",), "ydot")
+    path = write(tmp_path, OWN.replace("max(velocity-", "max(velocty-").replace('of = "velocity"', 'of = "velocty"'))
+    with pytest.raises(InputError, match="unknown role 'velocty'; did you mean 'velocity'"):
+        bind_catalogue(load_catalogue(path)[1:], roles)
+    with pytest.raises(InputError, match=r"unknown role 'ambient'.*roles=\{'ambient': 'column'\}"):
+        bind_catalogue(load_catalogue(path), roles)
+    assert "'ambient'" in unbound(load_catalogue(path)[:1], {"ambient": (), "temperature": ("T",)})["radiation"]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ('slug = "late', 'slog = "late', "effect number 2: unknown key 'slog'; did you mean 'slug'"),
+        ("[[effect]]", "[[effects]]", "unknown key 'effects'; did you mean 'effect'"),
+        ("low = 0.2", "lo = 0.2", "'late-drag': inner parameter 'onset': unknown key 'lo'; did you mean 'low'"),
+        ('name = "Radiation"\n', "", "'radiation': needs the key 'name'"),
+        ("low = 0.2\n", "", "'onset': needs the key 'low'"),
+        ("low = 0.2", 'low = "0.2"', "low = '0.2' cannot be used; it must be a number"),
+        ("low = 0.2", "low = true", "must be a number"),
+        ("low = 0.2", "low = 1.0", "low = 1 and high = 1"),
+        ("low = 0.2", "low = 0.0", "low = 0 and"),
+        ("high = 1", "high = inf", "high = inf"),
+        ('name = "Radiation"', "name = 3", "name = 3 cannot be used; it must be text in quotes"),
+        ('name = "Radiation"', 'name = " "', "name is empty"),
+        ('"radiation"]', "4]", "must be a list of slugs"),
+        ('"radiation"]', '"radation"]', "unknown 'radation'.*did you mean 'radiation'"),
+        ("temperature**4", "temperature^4", r"effect 'radiation': .*'\*\*'"),
+        ("temperature**4", "import(4)", "effect 'radiation': "),
+        ("temperature**4 - ambient**4", "0*ambient", "zero everywhere"),
+        ('slug = "radiation"', 'slug = "late-drag"', "slug 'late-drag' occurs 2 times"),
+        ('slug = "radiation"', 'slug = "Hot Body"', "'Hot Body' must be small letters"),
+        ("velocity-onset", "velocity", "'onset' does not occur"),
+        ('of = "velocity"', 'of = "speed"', "refers to 'speed', which is no role.*its roles: velocity"),
+        ('of = "velocity"', 'of = "velocity"\nunit_of = "m"', "refers to 'm'"),
+        ("inner.onset", "inner.sin", "'sin' is taken"),
+        ("[effect.inner.onset]", "[effect.inner]", "start it with a line such as"),
+        (
+            "[effect.inner.onset]",
+            '[effect.inner.pace]\nmeaning = "x"\nof = "velocity"\nlow = 0.1\nhigh = 1\n[effect.inner.onset]',
+            r"2 inner parameters \(pace, onset\)",
+        ),
+        (OWN, "", "no effects"),
+        (OWN, "effect = []", "no effects"),
+        (OWN, "effect = [3]", "an effect is a table"),
+        (OWN, 'effect = "x"', "must be a list"),
+        ('slug = "radiation"', "slug = radiation", "not valid TOML"),
+    ],
+)
+def test_mistakes_in_a_users_file_are_named(tmp_path, old, new, words):
+    assert old in OWN
+    path = write(tmp_path, OWN.replace(old, new))
+    with pytest.raises(InputError, match=words) as raised:
+        load_catalogue(path)
+    assert "mine.toml" in str(raised.value) or "confusions" in str(raised.value)
+
+
+def test_wrong_catalogues_are_refused(tmp_path):
+    path = write(tmp_path, OWN.replace('slug = "radiation"', 'slug = "overflow"'))
+    for spec, words in (
+        ("mechnical", "did you mean 'mechanical'"),
+        ("mine.toml", "no catalogue file"),
+        (tmp_path / "none.toml", "no catalogue file"),
+        (tmp_path, "cannot be read"),
+        ([], "empty"),
+        (["fluid", path], "Two different effects have the slug 'overflow'.*fluid and mine"),
+    ):
+        with pytest.raises(InputError, match=words):
+            load_catalogue(spec)
+    binary = tmp_path / "binary.toml"
+    binary.write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(InputError, match="not UTF-8"):
+        load_catalogue(binary)
+
+
+def test_effects_made_in_python_are_checked():
+    onset = InnerParameter("onset", "speed", "velocity", 0.1, 1.0, "velocity")
+    with pytest.raises(InputError, match="2 inner parameters"):
+        Effect("a", "A", "own", "velocity*onset*pace", (onset, dataclasses.replace(onset, name="pace")))
+    plain = dataclasses.replace(onset, unit_of="")
+    assert Effect("a", "A", "own", "velocity**onset", (plain,)).roles == ("velocity",)
