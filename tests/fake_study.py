@@ -1,5 +1,6 @@
 """A finished study made of plausible arrays: a forced oscillator whose cubic spring was not in the simulation."""
 
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -106,7 +107,8 @@ def fake_fit(ok: bool = True, seed: int = 0) -> Any:
     )
     return SimpleNamespace(
         verdict=Verdict(ok, reasons),
-        idata={"posterior": posterior},
+        idata=xr.DataTree.from_dict({"posterior": posterior}),
+        save=lambda path: Path(path).write_bytes(b"netCDF"),
         summary=lambda level=0.9: summary,
     )
 

@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 
 import bayes_greybox as bg
-from bayes_greybox.config import load_config, parts, sources
+from bayes_greybox.config import load_config, parts, sources, study
 from bayes_greybox.config.file import Compare, Sampling
 from bayes_greybox.criticism.compare import SCHEMES
 from bayes_greybox.data.datasets import FOLDER_VARIABLE
@@ -173,6 +173,7 @@ def test_files_that_are_no_configuration_are_refused(tmp_path):
         (parts.RegularisedHorseshoe, bg.RegularisedHorseshoe, {"kind"}),
         (parts.SpikeAndSlab, bg.SpikeAndSlab, {"kind"}),
         (parts.Discrepancy, bg.OrthogonalGP, {"enabled"}),
+        (study.Odds, bg.Odds, set()),
     ],
 )
 def test_sections_have_the_fields_of_what_they_build(section, target, own):
@@ -208,6 +209,36 @@ def test_sampling_has_the_defaults_of_the_package():
     arguments = inspect.signature(bg.GreyBox.fit).parameters
     for name, field in Sampling.model_fields.items():
         assert arguments[name].default == field.default
+
+
+def test_a_study_has_the_arguments_and_defaults_of_the_package():
+    arguments = dict(inspect.signature(bg.find_missing_effects).parameters)
+    own = set(arguments) - {"model", "train", "test", "progress"}
+    assert set(study.Study.model_fields) | set(Sampling.model_fields) - {"target_accept"} == own
+    for name, field in study.Study.model_fields.items():
+        assert arguments[name].default == field.default or (name == "roles" and field.default == {})
+
+
+def test_a_study_passes_on_only_what_the_file_says(tmp_path):
+    text = BASE + '[study]\ncatalogue = ["all", "own.toml"]\nodds = { effects = 0.2 }\nsettle = false'
+    arguments = config(tmp_path, text).study_arguments()
+    assert arguments.pop("odds") == bg.Odds(effects=0.2)
+    assert arguments == {
+        "catalogue": ["all", str(tmp_path / "own.toml")],
+        "settle": False,
+        **Sampling().model_dump(exclude={"target_accept"}),
+    }
+    assert "catalogue" not in config(tmp_path, BASE).study_arguments()
+
+
+def test_a_study_needs_no_dictionary_but_a_fit_does(tmp_path):
+    text = BASE.split("[dictionary]")[0] + '[simulation]\nydot = "-y"'
+    settings = config(tmp_path, text)
+    assert dict(settings.build_studied_model().dictionary) == {}
+    with pytest.raises(InputError, match=r"has no \[dictionary\].*bayes-greybox discover"):
+        settings.build_model()
+    with pytest.raises(InputError, match="has neither"):
+        config(tmp_path, BASE.split("[dictionary]")[0]).build_studied_model()
 
 
 def test_data_of_a_system_are_those_of_the_direct_call(tmp_path):
@@ -362,6 +393,10 @@ def test_every_shipped_file_says_what_it_shows_and_builds_data_and_models(path):
     if "dataset" in settings.data.model_fields_set and not os.environ.get(FOLDER_VARIABLE):
         pytest.skip(f"{FOLDER_VARIABLE} does not name the folder of the benchmark data")
     train, _ = settings.read_data()
+    if not settings.dictionary:
+        settings.build_studied_model()
+        assert settings.study_arguments()["seed"] == settings.sampling.seed
+        return
     for name in (None, *settings.models):
         model = settings.build_model(name)
         assert set(model.dictionary) <= set(train.derivatives)

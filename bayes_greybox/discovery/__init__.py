@@ -1,1 +1,1 @@
-"""The missing-effect study: where simulation and measurement disagree, what is missing, and the gap after it is added."""
+"""The missing-effect study: where simulation and measurement disagree, what is missing, and the gap afterwards."""

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -95,10 +96,10 @@ def gap_rows(
         variance, size = float(np.var(measured)), float(np.mean(measured**2))
         noise = amendment.sigma**2
 
-        def nmse(added: np.ndarray, measured=measured, rate=rate, variance=variance) -> np.ndarray:
+        def nmse(added: np.ndarray, measured=measured, rate=rate, variance=variance) -> Any:
             return np.mean((measured - rate - added) ** 2, axis=-1) / variance
 
-        def share(values: np.ndarray, variance=variance, size=size, noise=noise) -> np.ndarray:
+        def share(values: Any, variance=variance, size=size, noise=noise) -> Any:
             return np.maximum(values * variance - noise, 0.0) / size
 
         errors = nmse(after)
@@ -159,7 +160,7 @@ def _free_runs(
         spread = float(np.std(measured))
         alive = np.isfinite(before[0]) & np.isfinite(after).all(axis=0)
 
-        def error(values: np.ndarray, measured=measured, alive=alive, spread=spread) -> np.ndarray:
+        def error(values: np.ndarray, measured=measured, alive=alive, spread=spread) -> Any:
             return np.sqrt(np.mean((measured[alive] - values[..., alive]) ** 2, axis=-1)) / spread
 
         low, high = np.quantile(error(after), [(1 - LEVEL) / 2, (1 + LEVEL) / 2])

@@ -7,10 +7,11 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
-from scipy.special import logsumexp
 
+from bayes_greybox.inference.bridge import bridge
 from bayes_greybox.inference.drift import drift_evidence
 from bayes_greybox.inference.evidence import (
+    IMPORTANCE_DRAWS,
     Evaluator,
     Integrated,
     Marginal,
@@ -30,6 +31,10 @@ FINALISTS = 6
 
 REACH = 12.0
 """Log evidence without f below the best at which an effect is no longer a finalist on that account."""
+
+SETTLED, SURE = 4.0, 0.15
+"""Explanations within so many nats of the total are finalists; evidence with a standard error below the second is
+settled by importance sampling alone."""
 
 ZOOMS = 4
 """How often the grid over an inner parameter is refined around its best value."""
@@ -98,8 +103,8 @@ class Round:
         logs: dict[str, list[float]] = {}
         for e in self.explanations:
             logs.setdefault(e.name, []).append(e.log_weight)
-        total = logsumexp([e.log_weight for e in self.explanations])
-        values = {name: float(np.exp(logsumexp(logs[name]) - total)) for name in logs}
+        total = np.logaddexp.reduce([e.log_weight for e in self.explanations])
+        values = {name: float(np.exp(np.logaddexp.reduce(logs[name]) - total)) for name in logs}
         return dict(sorted(values.items(), key=lambda item: -item[1]))
 
     def best(self, name: str) -> Explanation:
@@ -130,7 +135,7 @@ class Contest:
     table: GapTable
     odds: Odds
     evaluator: Evaluator
-    importance_draws: int = 400
+    importance_draws: int = IMPORTANCE_DRAWS
 
     def __post_init__(self) -> None:
         self._with_f: dict[tuple[int, ...], Integrated] = {}
@@ -196,7 +201,7 @@ class Contest:
         for _ in range(ZOOMS):
             values = np.array([table.columns[i].inner[key] for i in group])
             log_z = np.array([v.all for v in self._parametric([(*base, i) for i in group])])
-            posterior = np.exp(log_z - logsumexp(log_z))
+            posterior = np.exp(log_z - np.logaddexp.reduce(log_z))
             if np.max(posterior) < 0.5:
                 break
             order = np.argsort(values)
@@ -219,6 +224,25 @@ class Contest:
             table.add("effect", new)
             group += range(before, len(table.columns))
         return tuple(group)
+
+    def settle(self, base: Sequence[int], seed: int) -> Round:
+        """The round again, with the evidence of finalists by bridge sampling where importance sampling is not sure.
+
+        Args:
+            base: Columns of effects already added.
+            seed: Seed of the chains.
+        """
+        found = self.round(base)
+        total = np.logaddexp.reduce([e.log_weight for e in found.explanations])
+        for e in found.explanations:
+            effects = tuple(base) if e.best is None else (*base, e.best)
+            integrated = self._with_f.get(effects)
+            if integrated is None or e.log_weight < total - SETTLED or integrated.se < SURE:
+                continue
+            bridged = bridge(self.evaluator, self._with_features(effects), seed=seed)
+            if bridged.se < integrated.se:
+                self._with_f[effects] = integrated._replace(log_evidence=bridged.log_evidence, se=bridged.se)
+        return self.round(base)
 
     def group(self, index: int) -> tuple[int, ...]:
         """All columns of the effect that a column belongs to."""
@@ -254,7 +278,7 @@ class Contest:
         evaluated = self._parametric(choices)
         logs = np.array([[*np.ravel(v.by_pattern)] for v in evaluated])
         n_pattern = logs.shape[1]
-        flat = np.exp(logs - logsumexp(logs)).ravel()
+        flat = np.exp(logs - np.logaddexp.reduce(logs, axis=None)).ravel()
         picks = rng.choice(len(flat), size=n_draw, p=flat / flat.sum())
         own = [*self.table.of_kind("free"), *self.table.of_kind("correction")]
         beta, inner, sigma = (
@@ -267,7 +291,7 @@ class Contest:
         for pick in np.unique(picks):
             rows = np.flatnonzero(picks == pick)
             choice, pattern = choices[pick // n_pattern], pick % n_pattern
-            one, single = _one(evaluated[pick // n_pattern], pattern)
+            one, single = _one(evaluated[pick // n_pattern], int(pattern))
             mean, covariance = coefficients(one, single)
             node = rng.choice(len(single.sigma), size=len(rows), p=single.weight / single.weight.sum())
             sigma[rows] = single.sigma[node]
@@ -299,7 +323,7 @@ class Contest:
         others = [i for i in base if i != index]
         order = [tuple(i if j == index else j for j in base) for i in group] if others else [(i,) for i in group]
         log_z = np.array([v.all for v in self._parametric(order)])
-        weight = np.exp(log_z - logsumexp(log_z))
+        weight = np.exp(log_z - np.logaddexp.reduce(log_z))
         kept = [group[k] for k in np.argsort(-weight)[:9] if weight[k] > 1e-3]
         return kept
 
@@ -313,10 +337,14 @@ class Contest:
         """Explanations by one more effect: finalists in full, the others by the evidence at the mode of f alone."""
         summed, best_f = {}, {}
         for key, group in groups.items():
-            summed[key] = float(logsumexp([alone[i].all for i in group]))
+            summed[key] = float(np.logaddexp.reduce([alone[i].all for i in group]))
             at_mode = [self.evaluator.at(self._with_features((*base, i)), f_bare.mode) for i in group]
             weighted = [v + self.table.columns[i].log_weight for v, i in zip(at_mode, group, strict=True)]
-            best_f[key] = (group[int(np.argmax(weighted))], float(logsumexp(weighted)), float(np.max(weighted)))
+            best_f[key] = (
+                group[int(np.argmax(weighted))],
+                float(np.logaddexp.reduce(weighted)),
+                float(np.max(weighted)),
+            )
         top = max(summed.values(), default=0.0)
         by_f = sorted(groups, key=lambda key: -best_f[key][1])[:FINALISTS]
         by_none = [k for k in sorted(groups, key=lambda key: -summed[key])[:FINALISTS] if summed[k] > top - REACH]
@@ -400,12 +428,12 @@ class Contest:
     def _patterns(self) -> tuple[np.ndarray, np.ndarray]:
         """Inclusion patterns of the corrections, all zeros first, and their log prior beside an effect."""
         k = len(self.table.of_kind("correction"))
-        patterns = np.array(list(product((0, 1), repeat=k)) if k else [()], int).reshape(-1, k)
+        patterns = np.array(list(product((0, 1), repeat=k)), int).reshape(2**k, k)
         if len(patterns) > MOST_PATTERNS:
             patterns = patterns[patterns.sum(axis=1) <= 2]
         log_prior = patterns.sum(axis=1) * np.log(self.odds.correction)
         log_prior = log_prior + (k - patterns.sum(axis=1)) * np.log1p(-self.odds.correction)
-        return patterns, log_prior - logsumexp(log_prior)
+        return patterns, log_prior - np.logaddexp.reduce(log_prior)
 
     def _indices(self, effects: Sequence[int]) -> list[int]:
         return [*self.table.of_kind("free"), *self.table.of_kind("correction"), *effects]
@@ -436,12 +464,12 @@ class Contest:
             logs = posterior.log_evidence[k]
             by_pattern = logs + log_prior + inner
             # "Recalibrate" is told apart from "no gap" by the patterns, so their prior is that given some are in.
-            some = logsumexp(log_prior[1:]) if len(log_prior) > 1 else 0.0
+            some = np.logaddexp.reduce(log_prior[1:]) if len(log_prior) > 1 else 0.0
             found.append(
                 _Parametric(
-                    all=float(logsumexp(by_pattern)),
+                    all=float(np.logaddexp.reduce(by_pattern)),
                     none=float(logs[0]),
-                    some=float(logsumexp(by_pattern[1:]) - some) if len(logs) > 1 else -np.inf,
+                    some=float(np.logaddexp.reduce(by_pattern[1:]) - some) if len(logs) > 1 else -np.inf,
                     by_pattern=by_pattern,
                     spectrum=Spectrum(
                         spectrum.eigenvalues[k], spectrum.loading[k], spectrum.back[k], spectrum.square, spectrum.n_obs
@@ -497,7 +525,5 @@ class _Parametric(NamedTuple):
 def _one(fitted: _Parametric, pattern: int) -> tuple[Spectrum, Marginal]:
     """One inclusion pattern of a batch."""
     spectrum, posterior = fitted.spectrum, fitted.marginal
-    single = Spectrum(
-        *(getattr(spectrum, f)[pattern] for f in ("eigenvalues", "loading", "back")), spectrum.square, spectrum.n_obs
-    )
+    single = replace(spectrum, **{f: getattr(spectrum, f)[pattern] for f in ("eigenvalues", "loading", "back")})
     return single, Marginal(*(value[pattern] for value in posterior))

@@ -57,18 +57,25 @@ class Finding:
     share_left: float
 
 
-def search(contest: Contest, most: int, report: Callable[[str], None] = lambda text: None) -> Finding:
+def search(
+    contest: Contest, most: int, seed: int | None = None, report: Callable[[str], None] = lambda text: None
+) -> Finding:
     """Add effects while one more is likelier than none, then check each against all others.
 
     Args:
         contest: Evaluates a round.
         most: Largest number of effects.
+        seed: Seed of the chains that settle finalists by bridge sampling; None: no chains.
         report: Told in words what is being done.
     """
     base: tuple[int, ...] = ()
     steps: list[Step] = []
+
+    def weigh(base: tuple[int, ...]) -> Round:
+        return contest.round(base) if seed is None else contest.settle(base, seed)
+
     report("weighing explanations")
-    first = last = contest.round()
+    first = last = weigh(())
     while True:
         probabilities = last.probabilities()
         slugs = [name for name in probabilities if name not in STOPS]
@@ -81,10 +88,10 @@ def search(contest: Contest, most: int, report: Callable[[str], None] = lambda t
             break
         base = (*base, best.best)
         report(f"added {best.name}, weighing what is left")
-        last = contest.round(base)
+        last = weigh(base)
     base, changed = _checked(contest, base)
     if changed:
-        last = contest.round(base) if base else first
+        last = weigh(base) if base else first
     probability, ties = [], []
     for k, index in enumerate(base):
         given = contest.round((*base[:k], *base[k + 1 :])).probabilities()
@@ -138,4 +145,5 @@ def _verdict(first: Round, base: tuple[int, ...], remainder: float, share: float
         return max(probabilities, key=lambda name: probabilities[name])
     if remainder < 0.5 or share < NEGLIGIBLE:
         return "named"
-    return "partly named" if share < SUBSTANTIAL else "unknown"
+    # Effects that are stacked up and still leave a rest are more likely imitating one that the catalogue does not have.
+    return "partly named" if share < SUBSTANTIAL and len(base) == 1 else "unknown"

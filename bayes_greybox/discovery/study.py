@@ -3,11 +3,10 @@
 import json
 import os
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
-import numpy as np
 import pandas as pd
 from rich.console import Console
 from threadpoolctl import threadpool_limits
@@ -15,25 +14,19 @@ from threadpoolctl import threadpool_limits
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.greybox import Fit, GreyBox
-from bayes_greybox.inference.evidence import Evaluator
 from bayes_greybox.inference.netcdf import versions
 from bayes_greybox.model.simulation import Simulation
-from bayes_greybox.physics.effects import BoundEffect, CatalogueSpec, load_catalogue
+from bayes_greybox.physics.effects import CatalogueSpec, load_catalogue
 from bayes_greybox.physics.roles import bind_catalogue, roles_of, unbound
 from bayes_greybox.physics.terms import Term
-from bayes_greybox.physics.units import coefficient_unit, derivative_unit
 
-from .gap import Amendment, FreePath, gap_rows
-from .hypotheses import Coefficients, Contest, Odds
-from .rounds import NEGLIGIBLE, STOPS, SUBSTANTIAL, TIED, Finding, search
-from .table import CORRECTION_SCALE, GapTable, gap_table
-from .where import GapField, GapMap, GapTrace, gap_map, gap_trace, where_table
-
-DRAWS = 2000
-"""Posterior draws of the coefficients behind tables and bands."""
-
-TAIL = 0.05
-"""Probability on either side of the intervals in tables."""
+from .equation import EquationStudy, study_equation
+from .gap import FreePath, gap_rows
+from .hypotheses import Odds
+from .rounds import NEGLIGIBLE, SUBSTANTIAL, TIED
+from .sentence import sentence
+from .table import CORRECTION_SCALE
+from .where import GapMap, GapTrace
 
 ORDER = ("no gap", "recalibrate", "named", "partly named", "unknown")
 """Verdicts; of several equations the last one in this order speaks for the study."""
@@ -147,12 +140,14 @@ def find_missing_effects(
             depends on.
         train: Measurements with the rates of the equations in question.
         test: Measurements that no decision is made on.
-        catalogue: "mechanical", "fluid", "population", "electrical", "all", a TOML file of your own, or a list of these.
+        catalogue: "mechanical", "fluid", "population", "electrical", "all", a TOML file of your own, or a list of
+            these.
         roles: Columns by role where the package should not guess.
         seed: Seed of everything random.
         effects_at_most: Largest number of effects added to one equation.
         odds: Prior probabilities of the explanations.
-        settle: Whether to sample the amended model by NUTS and the finalists' evidence by bridge sampling.
+        settle: Whether to sample the amended model by NUTS, and, where importance sampling is unsure of a finalist's
+            evidence, to find that by NUTS and bridge sampling.
         free_runs: Whether to integrate simulation and amended model over the data.
         draws: Draws a chain of the amended model.
         tune: Warm-up iterations of each chain.
@@ -167,17 +162,20 @@ def find_missing_effects(
     equations = studied_equations(model, train)
     loaded = load_catalogue(catalogue)
     seconds: dict[str, float] = {}
-    findings: dict[str, _Equation] = {}
+    findings: dict[str, EquationStudy] = {}
     console = Console(stderr=True, quiet=not progress)
     with threadpool_limits(1), console.status("Missing effects") as status:
         left_out: dict[tuple[str, str], str] = {}
         for name in equations:
-            say: Callable[[str], None] = lambda text, name=name: status.update(f"{name}: {text}")
+
+            def say(text: str, name: str = name) -> None:
+                status.update(f"{name}: {text}")
+
             say("reading the data")
             columns = roles_of(model.simulation, train.state_names, train.input_names, name, roles, train.units)
             left_out |= {(name, slug): why for slug, why in unbound(loaded, columns, train.units).items()}
             bound = bind_catalogue(loaded, columns, train.units)
-            findings[name] = _study_equation(model, train, name, bound, odds, effects_at_most, seed, say)
+            findings[name] = study_equation(model, train, name, bound, odds, effects_at_most, seed, settle, say)
             left_out |= {(name, slug): why for slug, why in findings[name].table.left_out.items()}
         seconds["explain"] = time.perf_counter() - started
         status.update("measuring the gap before and after")
@@ -203,7 +201,7 @@ def find_missing_effects(
         train=train,
         test=test,
         verdict=verdict,
-        sentence=_sentence(findings, verdict, effects, gap),
+        sentence=sentence(findings, verdict, effects, gap),
         effects=effects,
         hypotheses=pd.concat([found.hypotheses() for found in findings.values()]),
         corrections=pd.concat([found.corrections(train) for found in findings.values()]),
@@ -217,9 +215,7 @@ def find_missing_effects(
         left_out=left_out,
         settings={
             "seed": seed,
-            "catalogue": catalogue
-            if isinstance(catalogue, str)
-            else [str(c) for c in np.atleast_1d(np.array(catalogue, object))],
+            "catalogue": catalogue if isinstance(catalogue, str) else str(catalogue),
             "effects_at_most": effects_at_most,
             "prior odds": asdict(odds),
             "thresholds": {
@@ -244,17 +240,17 @@ def studied_equations(model: GreyBox, data: Trajectories) -> tuple[str, ...]:
     if model.dictionary:
         return model.equations
     simulation = Simulation.of(model.simulation, data.state_names, data.input_names)
-    kinematic = [n for n, e in simulation.expressions.items() if e.is_Symbol and e.name in data.state_names]
+    kinematic = [n for n, e in simulation.expressions.items() if e.is_Symbol and str(e) in data.state_names]
     found = tuple(name for name in data.derivative_names if name not in kinematic)
     if not found:
         raise InputError(
-            "There is no equation to study: the data have no measured derivative of a state whose equation is more than "
-            "another state; give derivatives=..., or compute them with data.differentiate()."
+            "There is no equation to study: the data have no measured derivative of a state whose equation is more "
+            "than another state; give derivatives=..., or compute them with data.differentiate()."
         )
     return found
 
 
-def amended_model(model: GreyBox, data: Trajectories, findings: "Mapping[str, _Equation]") -> GreyBox:
+def amended_model(model: GreyBox, data: Trajectories, findings: Mapping[str, EquationStudy]) -> GreyBox:
     """The model with the simulation's terms and the found effects as its dictionary."""
     dictionary: dict[str, list[Term]] = {}
     for name, found in findings.items():
@@ -264,231 +260,3 @@ def amended_model(model: GreyBox, data: Trajectories, findings: "Mapping[str, _E
         # A dictionary needs a term; an offset is the least that can be asked for.
         dictionary[name] = [*own, *added] or [Term("1")]
     return replace(model, dictionary=dictionary)
-
-
-@dataclass(frozen=True)
-class _Equation:
-    """Everything found out about one equation."""
-
-    table: GapTable
-    contest: Contest
-    finding: Finding
-    coefficients: Coefficients
-    amendment: Amendment
-    map: GapMap
-    trace: GapTrace
-    where: pd.DataFrame
-
-    def effects(self, data: Trajectories) -> pd.DataFrame:
-        """Effects that were added, then all others of the first round."""
-        rows, added = [], set()
-        for k, index in enumerate(self.finding.base):
-            place = len(self.coefficients.indices) - len(self.finding.base) + k
-            draws = self._in_units(index) * self.coefficients.draws[:, place]
-            # Each draw has its own inner parameter, and with it its own column.
-            inner = self.coefficients.inner[:, k]
-            scales = np.array([self._in_units(int(i)) for i in inner])
-            draws = draws / self._in_units(index) * scales
-            values = [self.table.columns[int(i)].inner for i in inner]
-            rows.append(
-                self._row(data, index, self.finding.probability[k], draws, self.finding.ties[k], values, "added")
-            )
-            added.add(self.contest.name(index))
-        probabilities = self.finding.first.probabilities()
-        best = max((p for name, p in probabilities.items() if name not in STOPS), default=0.0)
-        for name, p in probabilities.items():
-            if name in STOPS or name in added:
-                continue
-            index = self.finding.first.best(name).best
-            if index is not None:
-                mean, sd = self.contest.alone(index)
-                draws = self._in_units(index) * (mean + sd * np.array([-1.6448536, 0.0, 1.6448536]))
-                tied = () if p < TIED * best else tuple(
-                    n for n, q in probabilities.items() if n not in (*STOPS, name) and q >= TIED * best
-                )  # fmt: skip
-                inner = [self.table.columns[index].inner]
-                row = self._row(data, index, p if not self.finding.base else p, draws, tied, inner, "")
-                rows.append({**row, "sd": abs(self._in_units(index)) * sd, "lower": min(draws), "upper": max(draws)})
-        columns = ["equation", "slug", "name", "expression", "probability", "mean", "sd", "lower", "upper", "unit"]
-        return pd.DataFrame(rows, columns=[*columns, "tied_with", "inner", "status"])
-
-    def hypotheses(self) -> pd.DataFrame:
-        """Explanations of the first round."""
-        first = self.finding.first
-        rows = [
-            {
-                "equation": self.table.equation,
-                "hypothesis": name,
-                "probability": p,
-                "log_evidence": first.best(name).log_evidence,
-                "share_left": first.best(name).share_left,
-            }
-            for name, p in first.probabilities().items()
-        ]
-        return pd.DataFrame(rows).set_index(["equation", "hypothesis"])
-
-    def corrections(self, data: Trajectories) -> pd.DataFrame:
-        """Changes of the simulation's own coefficients."""
-        rows = []
-        for place, index in enumerate(self.coefficients.indices):
-            column = self.table.columns[index]
-            if column.kind != "correction":
-                continue
-            draws = self.coefficients.draws[:, place] * self._in_units(index)
-            rows.append(
-                {
-                    "equation": self.table.equation,
-                    "term": column.term.name,
-                    "nominal": column.nominal,
-                    "probability": float(np.mean(draws != 0)),
-                    **_moments(draws),
-                    "unit": self._unit(data, column.term),
-                }
-            )
-        names = ["equation", "term", "nominal", "probability", "mean", "sd", "lower", "upper", "unit"]
-        return pd.DataFrame(rows, columns=names).set_index(["equation", "term"])
-
-    def ladder(self) -> pd.DataFrame:
-        """The rounds."""
-        rows = []
-        for number, step in enumerate(self.finding.steps, start=1):
-            (top, p), *rest = step.probabilities.items()
-            second, q = rest[0] if rest else ("", np.nan)
-            rows.append(
-                {
-                    "equation": self.table.equation, "round": number, "verdict": top, "added": step.added,
-                    "probability": p, "runner_up": second, "runner_up_probability": q, "share_left": step.share_left,
-                }
-            )  # fmt: skip
-        return pd.DataFrame(rows).set_index(["equation", "round"])
-
-    def ties(self, data: Trajectories) -> list[dict[str, Any]]:
-        """Tied effects and the experiment that would tell them apart."""
-        found = []
-        for k, index in enumerate(self.finding.base):
-            if self.finding.ties[k]:
-                slugs = (self.contest.name(index), *self.finding.ties[k])
-                rivals = [self.contest.best_of(slug) for slug in self.finding.ties[k]]
-                found.append(
-                    {"equation": self.table.equation, "slugs": slugs, "advice": _advice(self, index, rivals, data)}
-                )
-        return found
-
-    def _in_units(self, index: int) -> float:
-        return self.table.target_scale / self.table.columns[index].scale
-
-    def _unit(self, data: Trajectories, term: Term) -> str:
-        try:
-            return coefficient_unit(derivative_unit(self.table.equation, data.units), term, data.units)
-        except InputError:
-            # The numbers of a simulation's expression carry units that nobody wrote.
-            return ""
-
-    def _row(self, data: Trajectories, index: int, p: float, draws: np.ndarray, tied, inner: list, status: str) -> dict:
-        column = self.table.columns[index]
-        assert column.effect is not None
-        names = list(column.inner)
-        values = {n: float(np.mean([v[n] for v in inner])) for n in names}
-        return {
-            "equation": self.table.equation, "slug": column.effect.slug, "name": column.effect.name,
-            "expression": column.effect.text(values) if values else column.effect.text(), "probability": p,
-            **_moments(draws), "unit": self._unit(data, column.term), "tied_with": tied, "inner": values,
-            "status": status,
-        }  # fmt: skip
-
-
-def _study_equation(
-    model: GreyBox, train: Trajectories, name: str, effects: Sequence[BoundEffect], odds: Odds, most: int, seed: int,
-    say: Callable[[str], None],
-) -> _Equation:  # fmt: skip
-    table = gap_table(model, train, name, effects)
-    evaluator = Evaluator(table.noise, table.prior)
-    contest = Contest(table, odds, evaluator)
-    finding = search(contest, most, say)
-    say("mapping the gap")
-    corrected = finding.verdict != "no gap"
-    coefficients = contest.draws(finding.base, DRAWS, seed)
-    if not corrected:
-        # Nothing is missing: the model after is the model before, whatever small weight the others keep.
-        coefficients = coefficients._replace(draws=coefficients.draws * _free_only(table, coefficients))
-    indices, beta = list(coefficients.indices), coefficients.draws.mean(axis=0)
-    changed = [k for k, i in enumerate(indices) if table.columns[i].kind != "free"]
-    before = GapField.of(table, evaluator)
-    after = GapField.of(table, evaluator, [indices[k] for k in changed], beta[changed])
-    sigma = float(np.mean(coefficients.sigma)) * table.target_scale
-    threshold = min(before.sigma, sigma)
-    unit = derivative_unit(name, train.units)
-    trace = gap_trace(before, after, threshold, unit)
-    amendment = Amendment(table, contest.plain(), coefficients, sigma)
-    drawn = gap_map(before, after, table.variables[:2], threshold, unit)
-    return _Equation(table, contest, finding, coefficients, amendment, drawn, trace, where_table(before, trace))
-
-
-def _free_only(table: GapTable, coefficients: Coefficients) -> np.ndarray:
-    return np.array([float(table.columns[i].kind == "free") for i in coefficients.indices])
-
-
-def _moments(draws: np.ndarray) -> dict[str, float]:
-    low, high = np.quantile(draws, [TAIL, 1 - TAIL])
-    return {"mean": float(np.mean(draws)), "sd": float(np.std(draws)), "lower": float(low), "upper": float(high)}
-
-
-def _advice(found: _Equation, index: int, rivals: Sequence[int], data: Trajectories) -> str:
-    """Where beyond the data two tied effects part, each with its own best coefficient."""
-    table = found.table
-    effect = table.columns[index].effect
-    assert effect is not None
-    variables = sorted({c for i in (index, *rivals) for c in table.columns[i].term.symbols} & set(data.columns))
-    parted = []
-    for v in variables:
-        top = float(np.max(np.abs(data.column(v))))
-        for reach in (1.25, 1.5, 2.0, 3.0, 5.0):
-            columns = {n: np.full(41, np.median(c)) for n, c in data.columns.items()}
-            columns[v] = np.linspace(-reach * top, reach * top, 41)
-            curves = [found.contest.alone(i)[0] * table.rows([i], columns)[:, 0] for i in (index, *rivals)]
-            apart = max(float(np.max(np.abs(curves[0] - other))) for other in curves[1:])
-            if np.isfinite(apart) and apart * table.target_scale > 4 * found.amendment.sigma:
-                unit = f" {data.unit(v)}" if data.unit(v) and data.unit(v) != "1" else ""
-                parted.append((reach, f"measure up to |{v}| = {reach * top:.3g}{unit} (the data reach {top:.3g})"))
-                break
-    if not parted:
-        return (
-            "More data of the same kind, or less noise: within five times the data's range the effects hardly differ."
-        )
-    return f"To tell them apart, {min(parted)[1]}: there they differ by more than four noise standard deviations."
-
-
-def _sentence(findings: Mapping[str, _Equation], verdict: str, effects: pd.DataFrame, gap: pd.DataFrame) -> str:
-    part = "test" if "test" in gap.index.get_level_values("data") else "train"
-    where = "held-out data" if part == "test" else "the training data"
-    shares = gap.xs((part, "unexplained share"), level=("data", "metric"))
-    before, after = shares["before"].sum(), shares["after"].sum()
-    closed = f"closes {100 * (1 - after / before):.0f} % of the gap on {where}" if before > 0 else "leaves no gap"
-    if verdict == "no gap":
-        return "Nothing is missing: simulation and measurements agree to within the noise."
-    if verdict == "recalibrate":
-        names = [n for n, found in findings.items() if found.finding.verdict == "recalibrate"]
-        worst = []
-        for n in names:
-            table = findings[n].corrections(findings[n].table.data)
-            chosen = table[table["probability"] > 0.5]
-            worst += [
-                f"{term} in d({n})/dt {row['nominal'] + row['mean']:.4g} instead of {row['nominal']:.4g}"
-                for (_, term), row in chosen.iterrows()
-            ]
-        listed = "; ".join(worst) or "which one the data cannot say"
-        return (
-            f"No effect is missing; coefficients of the simulation are off ({listed}), and setting them right {closed}."
-        )
-    added = effects[effects["status"] == "added"]
-    said = [
-        f"{row['name'].lower()} in d({row['equation']})/dt (probability {row['probability']:.2f}"
-        + (f", not to be told from {', '.join(row['tied_with'])}" if row["tied_with"] else "")
-        + ")"
-        for _, row in added.iterrows()
-    ]
-    if verdict == "named":
-        return f"The simulation lacks {' and '.join(said)}; adding it {closed}."
-    if verdict == "partly named":
-        return f"The simulation lacks {' and '.join(said)}, and something else that the catalogue does not have; adding it {closed}."
-    return "Something is missing that the catalogue does not have; the maps show its shape."

@@ -105,7 +105,8 @@ class GapField:
         """
         beta = np.zeros(len(indices)) if beta is None else beta
         taken = list(indices)
-        square = table.square - 2 * beta @ table.with_target[taken] + beta @ table.products[np.ix_(taken, taken)] @ beta
+        within = table.products[np.ix_(taken, taken)]
+        square = float(table.square - 2 * beta @ table.with_target[taken] + beta @ within @ beta)
         product = table.features_target - beta @ table.with_features[taken]
         free = table.of_kind("free")
         G = table.products[np.ix_(free, free)]

@@ -1,11 +1,12 @@
 """Evidence that residuals hang together in time: a gap that no function of the states in the model can show.
 
-An effect with memory, a hidden state, or a function of the states too fine for the features of f leaves residuals that
-are small beside the noise everywhere and yet correlated from sample to sample. Against white residuals stands
+An effect with memory, a hidden state, or a function of the states too fine for the features of f leaves residuals
+that are small beside the noise everywhere and yet correlated from one sample to the next. Against white residuals
+stands
 
     e(t) = g(t) + ε,   g an Ornstein-Uhlenbeck process with standard deviation a and correlation time τ, each run its own,
 
-whose likelihood a Kalman filter gives in O(n) (Särkkä & Solin 2019, Applied Stochastic Differential Equations, Sec. 12.3).
+whose likelihood a Kalman filter gives in O(n) (Särkkä & Solin 2019, Applied Stochastic Differential Equations, 12.3).
 """
 
 import math

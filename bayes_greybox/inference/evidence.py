@@ -22,7 +22,6 @@ import scipy.linalg
 import scipy.optimize
 from jax.scipy.special import logsumexp
 from jaxtyping import Array, Float
-from scipy.special import logsumexp as log_sum_exp
 
 from bayes_greybox.model.collapsed import scaled_solve
 from bayes_greybox.model.kernels import KERNELS, log_spectral_density
@@ -33,7 +32,7 @@ SIGMA_NODES = 33
 SIGMA_SPAN = 7.0
 """Half-width of that grid in posterior standard deviations of log σ."""
 
-IMPORTANCE_DRAWS = 400
+IMPORTANCE_DRAWS = 200
 """Draws of the importance sampler over η."""
 
 DEGREES = 6.0
@@ -76,16 +75,16 @@ class Spectrum:
     loading: Float[np.ndarray, "*batch n_column"]
     back: Float[np.ndarray, "*batch n_column n_column"]
     square: float
-    n_obs: float
+    n_obs: float | int
 
     @classmethod
     def of(
         cls,
-        gram: Float[np.ndarray, "*batch n_column n_column"],
-        product: Float[np.ndarray, "*batch n_column"],
+        gram: Float[np.ndarray, "... n_column n_column"],
+        product: Float[np.ndarray, "... n_column"],
         square: float,
-        n_obs: float,
-        sd: Float[np.ndarray, "*batch n_column"],
+        n_obs: float | int,
+        sd: Float[np.ndarray, "... n_column"],
     ) -> "Spectrum":
         """Decompose; a column with sd = 0 is out of its hypothesis.
 
@@ -101,8 +100,8 @@ class Spectrum:
         loading = np.einsum("...ij,...i->...j", back, product)
         return cls(np.maximum(values, 0.0), loading, back, square, n_obs)
 
-    def log_density(self, sigma: Float[np.ndarray, " n_node"] | np.ndarray) -> np.ndarray:
-        """log p(y | σ), f = 0; σ of shape [n_node], or [..., n_node] with the shape of the batch: [..., n_node].
+    def log_density(self, sigma: np.ndarray) -> np.ndarray:
+        """Log p(y | σ), f = 0; σ of shape [n_node], or [..., n_node] with the shape of the batch: [..., n_node].
 
         −½ (Σ log(1 + λ/σ²) + (yᵀR⁻¹y − Σ b²/(σ² + λ))/σ² + n log 2πσ²), less ½ log|R|.
         """
@@ -147,7 +146,7 @@ def marginal(spectrum: Spectrum, noise: NoisePrior) -> Marginal:
     spread = np.clip(step / np.sqrt(np.maximum(2 * at - below - above, 1e-12)), step, 1.0)
     nodes = centre[..., None] + SIGMA_SPAN * spread[..., None] * np.linspace(-1, 1, SIGMA_NODES)
     values = objective(nodes)
-    total = log_sum_exp(values, axis=-1)
+    total = np.logaddexp.reduce(values, axis=-1)
     log_step = np.log(2 * SIGMA_SPAN * spread / (SIGMA_NODES - 1))
     return Marginal(total + log_step, _sigma(nodes, noise), np.exp(values - total[..., None]))
 
@@ -189,7 +188,7 @@ class WithDiscrepancy:
     loading: Float[np.ndarray, "n_pattern n_column"]
     log_prior: Float[np.ndarray, " n_pattern"]
     square: float
-    n_obs: float
+    n_obs: float | int
     gram: Float[np.ndarray, "n_basis n_basis"]
     product: Float[np.ndarray, " n_basis"]
 
@@ -230,12 +229,12 @@ class Evaluator:
         )
 
     def at(self, hypothesis: WithDiscrepancy, eta: np.ndarray) -> float:
-        """log p(y, η)."""
-        return float(_value(jnp.asarray(eta), self._arrays(hypothesis), self.kernel))
+        """Log p(y, η)."""
+        return float(_value(jnp.asarray(eta), self.arrays(hypothesis), self.kernel))
 
     def explained(self, hypothesis: WithDiscrepancy, eta: np.ndarray) -> float:
         """Posterior mean of ‖f‖² in the metric of R⁻¹ at η: |Ψ E w|²."""
-        return float(_explained(jnp.asarray(eta), self._arrays(hypothesis), self.kernel))
+        return float(_explained(jnp.asarray(eta), self.arrays(hypothesis), self.kernel))
 
     def integrate(
         self, hypothesis: WithDiscrepancy, start: np.ndarray | None = None, draws: int = IMPORTANCE_DRAWS, seed: int = 0
@@ -248,7 +247,7 @@ class Evaluator:
             draws: Draws of the importance sampler; 0: Laplace only.
             seed: Its seed.
         """
-        arrays = self._arrays(hypothesis)
+        arrays = self.arrays(hypothesis)
 
         def descend(eta: np.ndarray) -> tuple[float, np.ndarray]:
             value, slope = _value_and_slope(jnp.asarray(eta), arrays, self.kernel)
@@ -274,7 +273,12 @@ class Evaluator:
         se = float(np.std(ratio) / (np.mean(ratio) * math.sqrt(draws)))
         return Integrated(float(top + np.log(np.mean(ratio))), se, laplace, mode, covariance)
 
-    def _arrays(self, hypothesis: WithDiscrepancy) -> dict[str, Array]:
+    def values(self, hypothesis: WithDiscrepancy, etas: Float[np.ndarray, "n_point n_eta"]) -> np.ndarray:
+        """Log p(y, η) at several points."""
+        return np.asarray(_values(jnp.asarray(etas), self.arrays(hypothesis), self.kernel))
+
+    def arrays(self, hypothesis: WithDiscrepancy) -> dict[str, Array]:
+        """The argument of `log_joint`."""
         # Padded, so that hypotheses with fewer columns or patterns share one compiled program.
         n_pattern, n_column = hypothesis.eigenvalues.shape
         rows, columns = _padded(n_pattern, 8), _padded(n_column, 4)
@@ -313,7 +317,8 @@ def weights(
     return root_S * z, scipy.linalg.solve_triangular(L, np.diag(root_S), lower=True)
 
 
-def _log_joint(eta: Array, a: dict[str, Array], kernel: str) -> Array:
+def log_joint(eta: Array, a: dict[str, Array], kernel: str) -> Array:
+    """Log p(y, η), η = (log s, log amplitude, log ℓ), prior included, of what `Evaluator.arrays` holds."""
     floor, noise_scale, amplitude_scale, length, spread = a["prior"]
     log_s, log_amplitude, log_length = eta[0], eta[1], eta[2:]
     s2 = floor**2 + jnp.exp(2 * log_s)
@@ -348,13 +353,13 @@ def _explained(eta: Array, a: dict[str, Array], kernel: str) -> Array:
     return weight @ a["gram"] @ weight
 
 
-_value = jax.jit(_log_joint, static_argnames="kernel")
-_value_and_slope = jax.jit(jax.value_and_grad(_log_joint), static_argnames="kernel")
+_value = jax.jit(log_joint, static_argnames="kernel")
+_value_and_slope = jax.jit(jax.value_and_grad(log_joint), static_argnames="kernel")
 
 
 @partial(jax.jit, static_argnames="kernel")
 def _values(etas: Array, a: dict[str, Array], kernel: str) -> Array:
-    return jax.lax.map(lambda eta: _log_joint(eta, a, kernel), etas)
+    return jax.lax.map(lambda eta: log_joint(eta, a, kernel), etas)
 
 
 def _minimum(descend: Callable, start: np.ndarray) -> scipy.optimize.OptimizeResult:

@@ -70,8 +70,8 @@ class Program:
         """
         if not self.dictionary:
             raise InputError(
-                "The model has no dictionary, so there is nothing to fit: give GreyBox(dictionary={'ydot': ['y', ...]}), or "
-                "look for what the simulation misses with bg.find_missing_effects(model, data)."
+                "The model has no dictionary, so there is nothing to fit: give GreyBox(dictionary={'ydot': ['y', ...]}), "
+                "or look for what the simulation misses with bg.find_missing_effects(model, data)."
             )
         for equation in self.equations:
             if equation not in data.state_names:

@@ -122,8 +122,7 @@ def rounds(study: Study, equation: str) -> Figure:
     table = study.rounds.xs(equation, level=0)
     labels, left = ["the simulation as given"], [1.0, *table["share_left"]]
     for number, row in zip(table.index, table.to_dict("records"), strict=True):
-        likeliest = name_of(study, row["verdict"])
-        did = f"add {name_of(study, row['added'])}" if row["added"] else f"stop: likeliest is {likeliest}"
+        did = f"add {name_of(study, row['added'])}" if row["added"] else f"stop: {name_of(study, row['verdict'])}"
         labels.append(f"{number}. {did}")
     return plot_rounds(labels, np.array(left, float), title=f"Rounds about d({equation})/dt")
 

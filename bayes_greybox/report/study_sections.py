@@ -14,6 +14,9 @@ from .study_words import LIKELY, amended_simulation, concentration, metric_inter
 from .tables import by_equation, settings_table, verdict_blocks
 from .text import estimate, formula, interval, number, percent_text, probability_text
 
+MOST_EFFECTS = 8
+"""Effects that are shown unfolded."""
+
 
 def where(study: Study) -> Section:
     """Gap maps, gap along time, regions and windows."""
@@ -33,7 +36,11 @@ def what(study: Study) -> Section:
         for name in _equations(study.hypotheses)
     ]
     if len(study.effects):
-        blocks.append(_effects(study))
+        first = max(MOST_EFFECTS, len(figures.added(study)))
+        blocks.append(_effects(study, study.effects.iloc[:first]))
+        rest = study.effects.iloc[first:]
+        if len(rest):
+            blocks.append(Details(f"{len(rest)} less probable effects", [_effects(study, rest)]))
     if len(study.hypotheses):
         table = _hypotheses(study)
         blocks.append(Details(f"All {len(table.rows)} hypotheses", [table]))
@@ -205,7 +212,8 @@ def _regions(study: Study) -> Table:
     return _table(study, ("where", "equation", "#probability", *shares, "kind"), rows, caption)
 
 
-def _effects(study: Study) -> Table:
+def _effects(study: Study, effects: pd.DataFrame) -> Table:
+    records = effects.to_dict("records")
     rows = [
         (
             row["name"],
@@ -216,11 +224,12 @@ def _effects(study: Study) -> Table:
             formula(row["expression"]),
             ", ".join(figures.name_of(study, slug) for slug in row["tied_with"]) or "–",
         )
-        for row in study.effects.to_dict("records")
+        for row in records
     ]
+    marked = [i for i, row in enumerate(records) if row["status"] == "added"]
     columns = ("effect", "equation", "#probability", "#coefficient", "#90 % interval", "`term", "tied with")
-    caption = "Effects of the catalogue, best first; those added to the model are marked"
-    return _table(study, columns, rows, caption, figures.added(study).tolist())
+    caption = "Effects of the catalogue, best first; those added to the model are marked" if marked else ""
+    return _table(study, columns, rows, caption, marked)
 
 
 def _hypotheses(study: Study) -> Table:

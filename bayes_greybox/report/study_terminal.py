@@ -95,7 +95,8 @@ def _table(study: Study, title: str, columns: Sequence[str], rows: Sequence[Sequ
     kept = [i for i, column in enumerate(columns) if column != "equation" or len(study.maps) > 1]
     for i in kept:
         number = columns[i].startswith("#")
-        table.add_column(columns[i].lstrip("#"), justify="right" if number else "left", no_wrap=number)
+        side = "right" if number else "left"
+        table.add_column(columns[i].lstrip("#"), justify=side, no_wrap=number, overflow="fold")
     for row in rows:
         table.add_row(*(Text(str(row[i])) for i in kept))
     return table

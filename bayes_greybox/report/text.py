@@ -54,4 +54,4 @@ def interval(lower: float, upper: float) -> str:
 def formula(expression: str) -> str:
     """A formula as people write it: y**3*ydot becomes y³·ydot."""
     raised = re.sub(r"\*\*(-?\d+)(?![\d.])", lambda found: found[1].translate(_SUPERSCRIPT), expression)
-    return re.sub(r"\s*\*\s*", "·", raised).replace("-", "−")
+    return re.sub(r"\s*(?<!\*)\*(?!\*)\s*", "·", raised).replace("-", "−")

@@ -69,7 +69,7 @@ def posterior(data: CaseData, none: float | None = None) -> dict[str, float]:
 
 
 def log_evidence(data: CaseData, effect: Hidden) -> float:
-    """log p(e | effect) - log p(e | none)."""
+    """Logarithm of p(e | effect) over p(e | none)."""
     residual = data.residual(true_coefficients=True) / data.sigma
     if effect.inner is None:
         return float(_over_ratio(effect_values(data, effect, np.array([np.nan])), residual, data.case.noise)[0])

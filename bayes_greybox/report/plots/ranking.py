@@ -1,6 +1,7 @@
 """Bars with their labels above them: the ranking of hypotheses, and the rounds of a study."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -22,6 +23,8 @@ from bayes_greybox.report.plots.style import (
 )
 
 _LEAST = 1e-3
+# Points between the columns of text, and the width of a character in them.
+_GAP, _CHARACTER = 8.0, 6.0
 
 
 @mpl.rc_context(STYLE)
@@ -121,14 +124,13 @@ def _bars(
     ax.barh(rows, shown, height=0.3, color=colours, edgecolor=GREY, linewidth=[0.6 * (s > 0) for s in shown])
     for row, label in enumerate(labels):
         ax.text(0.0, row - 0.24, plain(label), va="bottom", fontsize=9.5, color=DARK)
-    at = 1.03
+    right, at = ax.get_yaxis_transform(), 0.0
     for heading, texts in columns.items():
-        widest = max(len(text) for text in (heading, *texts))
-        at += 0.021 * widest
-        ax.text(at, 1.0, heading, transform=ax.transAxes, va="bottom", ha="right", fontsize=9, color=GREY)
+        at += _GAP + _CHARACTER * max(len(text) for text in (heading, *texts))
+        beside: dict[str, Any] = {"xytext": (at, 0), "textcoords": "offset points", "ha": "right"}
+        ax.annotate(heading, (1, 1), xycoords="axes fraction", va="bottom", fontsize=9, color=GREY, **beside)
         for row, text in enumerate(texts):
-            ax.text(at, row, text, transform=ax.get_yaxis_transform(), va="center", ha="right", fontsize=9.5)
-        at += 0.04
+            ax.annotate(text, (1, row), xycoords=right, va="center", fontsize=9.5, **beside)
     ax.set_xlim(0, 1)
     ax.set_ylim(len(labels) - 0.6, -0.72)
     ax.set_xticks([0, 0.25, 0.5, 0.75, 1], ["0", "0.25", "0.5", "0.75", "1"])

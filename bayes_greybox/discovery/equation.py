@@ -1,0 +1,233 @@
+"""The study of one equation: its table, what was found, and the tables and maps that show it."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from bayes_greybox.data.errors import InputError
+from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.inference.evidence import Evaluator
+from bayes_greybox.model.program import Program
+from bayes_greybox.physics.effects import BoundEffect
+from bayes_greybox.physics.terms import Term
+from bayes_greybox.physics.units import coefficient_unit, derivative_unit
+
+from .gap import Amendment
+from .hypotheses import Coefficients, Contest, Odds
+from .rounds import STOPS, TIED, Finding, search
+from .table import GapTable, gap_table
+from .where import GapField, GapMap, GapTrace, gap_map, gap_trace, where_table
+
+DRAWS = 2000
+"""Posterior draws of the coefficients behind tables and bands."""
+
+TAIL = 0.05
+"""Probability on either side of the intervals in tables."""
+
+
+@dataclass(frozen=True)
+class EquationStudy:
+    """Everything found out about one equation."""
+
+    table: GapTable
+    contest: Contest
+    finding: Finding
+    coefficients: Coefficients
+    amendment: Amendment
+    map: GapMap
+    trace: GapTrace
+    where: pd.DataFrame
+
+    def effects(self, data: Trajectories) -> pd.DataFrame:
+        """Effects that were added, then all others of the first round."""
+        rows, added = [], set()
+        for k, index in enumerate(self.finding.base):
+            place = len(self.coefficients.indices) - len(self.finding.base) + k
+            draws = self._in_units(index) * self.coefficients.draws[:, place]
+            # Each draw has its own inner parameter, and with it its own column.
+            inner = self.coefficients.inner[:, k]
+            scales = np.array([self._in_units(int(i)) for i in inner])
+            draws = draws / self._in_units(index) * scales
+            values = [self.table.columns[int(i)].inner for i in inner]
+            rows.append(
+                self._row(data, index, self.finding.probability[k], draws, self.finding.ties[k], values, "added")
+            )
+            added.add(self.contest.name(index))
+        probabilities = self.finding.first.probabilities()
+        best = max((p for name, p in probabilities.items() if name not in STOPS), default=0.0)
+        for name, p in probabilities.items():
+            if name in STOPS or name in added:
+                continue
+            index = self.finding.first.best(name).best
+            if index is not None:
+                mean, sd = self.contest.alone(index)
+                draws = self._in_units(index) * (mean + sd * np.array([-1.6448536, 0.0, 1.6448536]))
+                tied = () if p < TIED * best else tuple(
+                    n for n, q in probabilities.items() if n not in (*STOPS, name) and q >= TIED * best
+                )  # fmt: skip
+                inner = [self.table.columns[index].inner]
+                row = self._row(data, index, p if not self.finding.base else p, draws, tied, inner, "")
+                rows.append({**row, "sd": abs(self._in_units(index)) * sd, "lower": min(draws), "upper": max(draws)})
+        columns = ["equation", "slug", "name", "expression", "probability", "mean", "sd", "lower", "upper", "unit"]
+        return pd.DataFrame(rows, columns=[*columns, "tied_with", "inner", "status"])
+
+    def hypotheses(self) -> pd.DataFrame:
+        """Explanations of the first round."""
+        first = self.finding.first
+        rows = [
+            {
+                "equation": self.table.equation,
+                "hypothesis": name,
+                "probability": p,
+                "log_evidence": first.best(name).log_evidence,
+                "share_left": first.best(name).share_left,
+            }
+            for name, p in first.probabilities().items()
+        ]
+        return pd.DataFrame(rows).set_index(["equation", "hypothesis"])
+
+    def corrections(self, data: Trajectories) -> pd.DataFrame:
+        """Changes of the simulation's own coefficients."""
+        rows = []
+        for place, index in enumerate(self.coefficients.indices):
+            column = self.table.columns[index]
+            if column.kind != "correction":
+                continue
+            draws = self.coefficients.draws[:, place] * self._in_units(index)
+            rows.append(
+                {
+                    "equation": self.table.equation,
+                    "term": column.term.name,
+                    "nominal": column.nominal,
+                    "probability": float(np.mean(draws != 0)),
+                    **_moments(draws),
+                    "unit": self._unit(data, column.term),
+                }
+            )
+        names = ["equation", "term", "nominal", "probability", "mean", "sd", "lower", "upper", "unit"]
+        return pd.DataFrame(rows, columns=names).set_index(["equation", "term"])
+
+    def ladder(self) -> pd.DataFrame:
+        """The rounds."""
+        rows = []
+        for number, step in enumerate(self.finding.steps, start=1):
+            (top, p), *rest = step.probabilities.items()
+            second, q = rest[0] if rest else ("", np.nan)
+            rows.append(
+                {
+                    "equation": self.table.equation, "round": number, "verdict": top, "added": step.added,
+                    "probability": p, "runner_up": second, "runner_up_probability": q, "share_left": step.share_left,
+                }
+            )  # fmt: skip
+        return pd.DataFrame(rows).set_index(["equation", "round"])
+
+    def ties(self, data: Trajectories) -> list[dict[str, Any]]:
+        """Tied effects and the experiment that would tell them apart."""
+        found = []
+        for k, index in enumerate(self.finding.base):
+            if self.finding.ties[k]:
+                slugs = (self.contest.name(index), *self.finding.ties[k])
+                rivals = [self.contest.best_of(slug) for slug in self.finding.ties[k]]
+                found.append(
+                    {"equation": self.table.equation, "slugs": slugs, "advice": _advice(self, index, rivals, data)}
+                )
+        return found
+
+    def _in_units(self, index: int) -> float:
+        return self.table.target_scale / self.table.columns[index].scale
+
+    def _unit(self, data: Trajectories, term: Term) -> str:
+        try:
+            return coefficient_unit(derivative_unit(self.table.equation, data.units), term, data.units)
+        except InputError:
+            # The numbers of a simulation's expression carry units that nobody wrote.
+            return ""
+
+    def _row(self, data: Trajectories, index: int, p: float, draws: np.ndarray, tied, inner: list, status: str) -> dict:
+        column = self.table.columns[index]
+        assert column.effect is not None
+        names = list(column.inner)
+        values = {n: float(np.mean([v[n] for v in inner])) for n in names}
+        return {
+            "equation": self.table.equation, "slug": column.effect.slug, "name": column.effect.name,
+            "expression": column.effect.text(values) if values else column.effect.text(), "probability": p,
+            **_moments(draws), "unit": self._unit(data, column.term), "tied_with": tied, "inner": values,
+            "status": status,
+        }  # fmt: skip
+
+
+def study_equation(
+    model: Program, train: Trajectories, name: str, effects: Sequence[BoundEffect], odds: Odds, most: int, seed: int,
+    settle: bool, say: Callable[[str], None],
+) -> EquationStudy:  # fmt: skip
+    """Study one equation: rounds, then the gap before and after on the training data.
+
+    Args:
+        model: The model before.
+        train: Training data.
+        name: The learned state.
+        effects: Effects bound to columns.
+        odds: Prior probabilities.
+        most: Largest number of effects added.
+        seed: Seed of the coefficients' draws.
+        settle: Whether finalists are settled by bridge sampling where that is needed.
+        say: Told in words what is being done.
+    """
+    table = gap_table(model, train, name, effects)
+    evaluator = Evaluator(table.noise, table.prior)
+    contest = Contest(table, odds, evaluator)
+    finding = search(contest, most, seed if settle else None, say)
+    say("mapping the gap")
+    corrected = finding.verdict != "no gap"
+    coefficients = contest.draws(finding.base, DRAWS, seed)
+    if not corrected:
+        # Nothing is missing: the model after is the model before, whatever small weight the others keep.
+        coefficients = coefficients._replace(draws=coefficients.draws * _free_only(table, coefficients))
+    indices, beta = list(coefficients.indices), coefficients.draws.mean(axis=0)
+    changed = [k for k, i in enumerate(indices) if table.columns[i].kind != "free"]
+    before = GapField.of(table, evaluator)
+    after = GapField.of(table, evaluator, [indices[k] for k in changed], beta[changed])
+    sigma = float(np.mean(coefficients.sigma)) * table.target_scale
+    threshold = min(before.sigma, sigma)
+    unit = derivative_unit(name, train.units)
+    trace = gap_trace(before, after, threshold, unit)
+    amendment = Amendment(table, contest.plain(), coefficients, sigma)
+    drawn = gap_map(before, after, table.variables[:2], threshold, unit)
+    return EquationStudy(table, contest, finding, coefficients, amendment, drawn, trace, where_table(before, trace))
+
+
+def _free_only(table: GapTable, coefficients: Coefficients) -> np.ndarray:
+    return np.array([float(table.columns[i].kind == "free") for i in coefficients.indices])
+
+
+def _moments(draws: np.ndarray) -> dict[str, float]:
+    low, high = np.quantile(draws, [TAIL, 1 - TAIL])
+    return {"mean": float(np.mean(draws)), "sd": float(np.std(draws)), "lower": float(low), "upper": float(high)}
+
+
+def _advice(found: EquationStudy, index: int, rivals: Sequence[int], data: Trajectories) -> str:
+    """Where beyond the data two tied effects part, each with its own best coefficient."""
+    table = found.table
+    effect = table.columns[index].effect
+    assert effect is not None
+    variables = sorted({c for i in (index, *rivals) for c in table.columns[i].term.symbols} & set(data.columns))
+    parted = []
+    for v in variables:
+        top = float(np.max(np.abs(data.column(v))))
+        for reach in (1.25, 1.5, 2.0, 3.0, 5.0):
+            columns = {n: np.full(41, np.median(c)) for n, c in data.columns.items()}
+            columns[v] = np.linspace(-reach * top, reach * top, 41)
+            curves = [found.contest.alone(i)[0] * table.rows([i], columns)[:, 0] for i in (index, *rivals)]
+            apart = max(float(np.max(np.abs(curves[0] - other))) for other in curves[1:])
+            if np.isfinite(apart) and apart * table.target_scale > 4 * found.amendment.sigma:
+                unit = f" {data.unit(v)}" if data.unit(v) and data.unit(v) != "1" else ""
+                parted.append((reach, f"measure up to |{v}| = {reach * top:.3g}{unit} (the data reach {top:.3g})"))
+                break
+    if not parted:
+        return (
+            "More data of the same kind, or less noise: within five times the data's range the effects hardly differ."
+        )
+    return f"To tell them apart, {min(parted)[1]}: there they differ by more than four noise standard deviations."

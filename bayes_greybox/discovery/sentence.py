@@ -1,0 +1,48 @@
+"""The verdict of a study in one sentence."""
+
+from collections.abc import Mapping
+
+import pandas as pd
+
+from .equation import EquationStudy
+
+
+def sentence(findings: Mapping[str, EquationStudy], verdict: str, effects: pd.DataFrame, gap: pd.DataFrame) -> str:
+    """Say the verdict so that someone who never heard of evidence knows what to do.
+
+    Args:
+        findings: By equation.
+        verdict: Of the whole study.
+        effects: The study's table of effects.
+        gap: The study's gap table.
+    """
+    part = "test" if "test" in gap.index.get_level_values("data") else "train"
+    where = "held-out data" if part == "test" else "the training data"
+    shares = gap.reset_index().query("data == @part and metric == 'unexplained share'")
+    before, after = sum(shares["before"].to_list()), sum(shares["after"].to_list())
+    closed = f"closes {100 * (1 - after / before):.0f} % of the gap on {where}" if before > 0 else "leaves no gap"
+    if verdict == "no gap":
+        return "Nothing is missing: simulation and measurements agree to within the noise."
+    if verdict == "recalibrate":
+        names = [n for n, found in findings.items() if found.finding.verdict == "recalibrate"]
+        worst = []
+        for n in names:
+            table = findings[n].corrections(findings[n].table.data)
+            chosen = table[table["probability"] > 0.5]
+            for row in chosen.reset_index().to_dict("records"):
+                right = row["nominal"] + row["mean"]
+                worst.append(f"{row['term']} in d({n})/dt should have {right:.4g}, not {row['nominal']:.4g}")
+        listed = "; ".join(worst) or "which one the data cannot say"
+        return (
+            f"No effect is missing; coefficients of the simulation are off ({listed}), and setting them right {closed}."
+        )
+    said = []
+    for row in effects.query("status == 'added'").to_dict("records"):
+        tied = f", not to be told from {', '.join(row['tied_with'])}" if len(row["tied_with"]) else ""
+        said.append(f"{row['name'].lower()} in d({row['equation']})/dt (probability {row['probability']:.2f}{tied})")
+    lacks = f"The simulation lacks {' and '.join(said)}"
+    if verdict == "named":
+        return f"{lacks}; adding {'it' if len(said) == 1 else 'them'} {closed}."
+    if verdict == "partly named":
+        return f"{lacks}, and something else that the catalogue does not have; adding what has a name {closed}."
+    return "Something is missing that the catalogue does not have; the maps show its shape."

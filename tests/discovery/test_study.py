@@ -1,0 +1,161 @@
+"""The study on forced oscillators integrated here by a Runge-Kutta rule of its own, with and without a hidden effect."""
+
+import json
+
+import numpy as np
+import pytest
+
+import bayes_greybox as bg
+
+N_OBS, STEP, NOISE = 400, 0.075, 0.05
+
+
+def drive(t, phases):
+    return np.sin(1.1 * t + phases[0]) + 0.7 * np.sin(2.3 * t + phases[1]) + 0.5 * np.sin(0.4 * t + phases[2])
+
+
+def oscillator(hidden, seed, x0=(0.8, 0.0), k=2.0, noise=NOISE):
+    """y'' = F − k y − 0.15 y' + hidden(y, y'), acceleration with white noise; fine steps of the classical rule."""
+    rng = np.random.default_rng(seed)
+    phases = rng.uniform(0, 6, 3)
+    fine, h = 20, STEP / 20
+
+    def rate(t, x):
+        return np.array([x[1], drive(t, phases) - k * x[0] - 0.15 * x[1] + hidden(*x)])
+
+    x, path = np.array(x0, float), []
+    for i in range(N_OBS * fine):
+        if i % fine == 0:
+            path.append(x)
+        t = i * h
+        k1 = rate(t, x)
+        k2 = rate(t + h / 2, x + h / 2 * k1)
+        k3 = rate(t + h / 2, x + h / 2 * k2)
+        k4 = rate(t + h, x + h * k3)
+        x = x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+    t, (y, v) = STEP * np.arange(N_OBS), np.array(path).T
+    a = drive(t, phases) - k * y - 0.15 * v + hidden(y, v) + noise * rng.standard_normal(N_OBS)
+    return bg.Trajectories.from_arrays(
+        t,
+        states={"y": y, "v": v},
+        inputs={"F": drive(t, phases)},
+        derivatives={"v": a},
+        units={"t": "s", "y": "m", "v": "m/s", "F": "m/s**2"},
+    )
+
+
+def study(hidden, **changes):
+    model = bg.GreyBox(
+        simulation={"y": "v", "v": "F - 2*y - 0.15*v"}, discrepancy=bg.OrthogonalGP(variables=("y", "v"), features=10)
+    )
+    given = {"settle": False, "progress": False, "free_runs": False, **changes.pop("settings", {})}
+    return bg.find_missing_effects(model, oscillator(hidden, 1, **changes), oscillator(hidden, 2, (0.2, 0.5)), **given)
+
+
+def added(found):
+    return found.effects.query("status == 'added'").set_index("slug")
+
+
+@pytest.fixture(scope="module")
+def cubic():
+    return study(lambda y, v: -0.3 * y**3, settings={"free_runs": True})
+
+
+def test_a_hidden_cubic_spring_is_named(cubic):
+    assert cubic.verdict == "named"
+    row = added(cubic).loc["cubic-stiffness"]
+    assert row["probability"] > 0.99
+    # Four posterior standard deviations; the interval's coverage is measured by the benchmark.
+    assert abs(row["mean"] + 0.3) < 4 * row["sd"]
+    assert row["lower"] < row["mean"] < row["upper"]
+    assert row["unit"] == "1/m²/s²"
+    assert "cubic stiffness" in cubic.sentence
+
+
+def test_it_is_found_where_it_acts(cubic):
+    region = cubic.where.query("kind == 'region'").iloc[0]
+    assert region["description"].startswith("|y| >")
+    assert region["gap_share"] > 0.9
+    trace = cubic.traces["v"]
+    gap = np.abs(0.3 * cubic.train.states["y"] ** 3)
+    # The threshold is one noise SD; rows within 30 % of it may fall on either side.
+    clear = np.abs(np.log(gap / NOISE)) > np.log(1.3)
+    np.testing.assert_array_equal((trace.probability > 0.5)[clear], (gap > NOISE)[clear])
+
+
+def test_adding_it_closes_the_gap_on_held_out_data(cubic):
+    assert cubic.gap.loc[("test", "unexplained share", "v"), "closed"] > 0.95
+    assert cubic.gap.loc[("test", "free-run NRMSE", "y"), "closed"] > 0.9
+    assert cubic.paths["y"].after.mean.shape == (N_OBS,)
+
+
+def test_the_record_is_plain_json(cubic):
+    record = json.loads(json.dumps(cubic.record()))
+    assert record["verdict"] == "named"
+    assert record["effects"][0]["slug"] == "cubic-stiffness"
+
+
+def test_terms_of_the_simulation_are_no_effects_of_their_own(cubic):
+    reason = cubic.left_out[("v", "viscous-damping")]
+    assert "recalibration" in reason
+    assert "viscous-damping" not in set(cubic.effects["slug"])
+
+
+def test_nothing_hidden_is_no_gap():
+    found = study(lambda y, v: 0.0 * y)
+    assert found.verdict == "no gap"
+    assert added(found).empty
+    assert found.gap.loc[("test", "derivative NMSE", "v"), "closed"] == 0
+
+
+def test_a_wrong_coefficient_is_recalibrated():
+    found = study(lambda y, v: 0.0 * y, k=2.2)
+    assert found.verdict == "recalibrate"
+    row = found.corrections.loc[("v", "y")]
+    assert row["probability"] > 0.95
+    assert row["mean"] == pytest.approx(-0.2, abs=0.02)
+
+
+def test_the_inner_parameter_of_a_dead_zone_is_found():
+    found = study(lambda y, v: -0.6 * np.sign(y) * np.maximum(np.abs(y) - 0.37, 0))
+    row = added(found).loc["dead-zone"]
+    assert row["inner"]["gap"] == pytest.approx(0.37, rel=0.1)
+
+
+def test_two_effects_are_both_found():
+    found = study(lambda y, v: -0.3 * y**3 - 0.3 * v * np.abs(v))
+    assert set(added(found).index) == {"cubic-stiffness", "quadratic-drag"}
+    assert found.verdict == "named"
+
+
+def test_an_effect_that_no_entry_resembles_is_unknown():
+    found = study(lambda y, v: 0.4 * np.exp(-(((y - 0.5) / 0.3) ** 2)))
+    assert found.verdict == "unknown"
+    assert "catalogue" in found.sentence
+
+
+def test_the_same_seed_gives_the_same_study(cubic):
+    again = study(lambda y, v: -0.3 * y**3)
+    assert again.effects["mean"].tolist() == cubic.effects["mean"].tolist()
+
+
+def test_a_function_as_simulation_is_corrected_through_the_dictionary():
+    def rates(t, x, u):
+        return [x[1], u[0] - 2 * x[0] - 0.15 * x[1]]
+
+    train = oscillator(lambda y, v: -0.3 * y**3, 1)
+    model = bg.GreyBox(
+        simulation=rates, dictionary={"v": ["y"]}, discrepancy=bg.OrthogonalGP(variables=("y", "v"), features=10)
+    )
+    found = bg.find_missing_effects(
+        model, train, roles={"position": "y", "velocity": "v"}, settle=False, free_runs=False, progress=False
+    )
+    assert "cubic-stiffness" in added(found).index
+    assert found.corrections.empty
+
+
+def test_data_without_a_rate_to_study_are_refused():
+    t = np.linspace(0, 1, 20)
+    data = bg.Trajectories.from_arrays(t, states={"y": t, "v": t**2})
+    with pytest.raises(bg.InputError, match="no equation to study"):
+        bg.find_missing_effects(bg.GreyBox(simulation={"y": "v"}), data, progress=False)

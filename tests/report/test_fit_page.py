@@ -1,0 +1,68 @@
+import re
+
+import numpy as np
+import pytest
+
+import bayes_greybox as bg
+from bayes_greybox.data.errors import InputError
+from bayes_greybox.report.fit_page import fit_html
+
+SHORT = {"draws": 50, "tune": 100, "chains": 2, "progress": False}
+
+
+@pytest.fixture(scope="module")
+def fit():
+    data = bg.systems.oscillator().simulate(np.linspace(0.0, 20.0, 100), noise=0.02, seed=1)
+    return bg.GreyBox({"ydot": ["y", "y**3", "ydot**3"]}).fit(data, **SHORT)
+
+
+@pytest.fixture(scope="module")
+def html(fit, tmp_path_factory) -> str:
+    path = tmp_path_factory.mktemp("page") / "run.html"
+    fit_html(fit, path, config="[data]")
+    return path.read_text(encoding="utf-8")
+
+
+def test_the_page_of_a_fit_has_its_verdict_first_and_every_part(fit, html):
+    assert not fit.verdict.ok
+    head = html.split("<main>")[0]
+    assert "Not converged" in head and "do not rely on these numbers" in head
+    assert "In d(ydot)/dt, y³ and ydot³ matter" in head
+    anchors = re.findall(r'<section id="([\w-]+)"', html)
+    assert anchors == ["numbers", "coefficients", "discrepancy", "predicted", "convergence", "settings"]
+
+
+def test_the_numbers_are_those_of_the_fit(fit, html):
+    table = fit.inclusion()
+    assert f'<td class="number">{table.loc[("ydot", "y**3"), "inclusion"]:.3f}</td>' in html
+    assert "P(included)" in html and "SpikeAndSlab" in html and "RMS of f" in html
+    assert all(reason.split(":")[0] in html for reason in fit.verdict.reasons)
+
+
+def test_nothing_is_fetched_and_every_figure_has_words(html):
+    targets = re.findall(r'(?:src|srcset|href)="([^"]{0,30})', html)
+    assert targets and all(target.startswith(("data:image/svg+xml", "#")) for target in targets)
+    assert len(re.findall(r"<img ", html)) == 5 == len(re.findall(r'<img [^>]*alt="[^"]{20,}"', html))
+
+
+def test_a_model_of_a_study_says_what_the_study_said(fit, tmp_path):
+    fit.idata.attrs["missing_effects"] = '{"verdict": "named", "sentence": "It lacks a spring."}'
+    try:
+        fit_html(fit, tmp_path / "run.html")
+    finally:
+        del fit.idata.attrs["missing_effects"]
+    assert "It lacks a spring. (Verdict: named.)" in (tmp_path / "run.html").read_text(encoding="utf-8")
+
+
+def test_a_fit_without_discrepancy_has_no_section_about_it(tmp_path):
+    data = bg.systems.oscillator().simulate(np.linspace(0.0, 10.0, 60), noise=0.02, seed=1)
+    model = bg.GreyBox({"ydot": ["y", "y**3"]}, prior=bg.Laplace(), discrepancy=None)
+    fit_html(model.fit(data, **SHORT), tmp_path / "run.html")
+    html = (tmp_path / "run.html").read_text(encoding="utf-8")
+    assert 'id="discrepancy"' not in html and "left to the discrepancy" not in html
+    assert "P(|θ| &gt; ROPE)" in html and "P(included)" not in html
+
+
+def test_a_place_that_cannot_be_written_is_named(fit, tmp_path):
+    with pytest.raises(InputError, match='Cannot write ".*run.html"'):
+        fit_html(fit, tmp_path / "absent" / "run.html")

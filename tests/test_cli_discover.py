@@ -1,0 +1,246 @@
+import json
+import os
+import sys
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pandas as pd
+import pytest
+from fake_study import SENTENCE, fake_fit, fake_study
+
+import bayes_greybox as bg
+from bayes_greybox import cli
+from bayes_greybox.config import load_config
+from bayes_greybox.data.errors import InputError
+
+CONFIGS = Path(__file__).parents[1] / "configs"
+
+CONFIG = """
+[data]
+path = "run.csv"
+time = "t"
+states = ["y", "ydot"]
+derivatives = { ydot = "a" }
+test_fraction = 0.25
+
+[simulation]
+y = "ydot"
+ydot = "-y"
+
+[study]
+catalogue = ["mechanical", "own.toml"]
+roles = { position = "y" }
+effects_at_most = 2
+odds = { no_gap = 0.5 }
+
+[output]
+folder = "out"
+"""
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch):
+    """A folder with a table and a configuration, to run in."""
+    t = np.linspace(0.0, 6.0, 40)
+    frame = pd.DataFrame({"t": t, "y": np.sin(t), "ydot": np.cos(t), "a": -np.sin(t)})
+    frame.to_csv(tmp_path / "run.csv", index=False)
+    (tmp_path / "case.toml").write_text(CONFIG)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.fixture
+def found(monkeypatch):
+    """What the command asked the study for; the study itself is made of arrays."""
+    asked = {}
+
+    def find(model, train, test=None, **settings):
+        asked.update(model=model, train=train, test=test, **settings)
+        return asked.get("study") or fake_study()
+
+    monkeypatch.setattr(bg, "find_missing_effects", find, raising=False)
+    return asked
+
+
+def refuse(capsys, *words: str) -> str:
+    """Run, and return the one sentence of the refusal."""
+    assert cli.main(words) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.startswith("Error: ") and err.count("\n") == 1 and "Traceback" not in err
+    return err.removeprefix("Error: ").strip()
+
+
+def test_the_folder_has_the_report_the_record_the_study_the_figures_and_the_configuration(here, found, capsys):
+    assert cli.main(["discover", "case.toml", "--no-progress"]) == 0
+    assert sorted(os.listdir("out")) == ["config.toml", "figures", "gap.html", "study.nc", "summary.json"]
+    assert Path("out/config.toml").read_text() == CONFIG
+    assert SENTENCE in Path("out/gap.html").read_text(encoding="utf-8")
+    assert "effects_at_most = 2" in Path("out/gap.html").read_text(encoding="utf-8")
+    assert {"gap_map.png", "ranking.png", "free_run_y.png"} <= set(os.listdir("out/figures"))
+    out = capsys.readouterr().out
+    assert out.startswith("NAMED: ") and "cubic spring" in out and "out/gap.html" in out
+
+
+def test_the_record_is_plain_json(here, found):
+    cli.main(["discover", "case.toml", "--quiet", "--seed", "7"])
+    record = json.loads(Path("out/summary.json").read_text())
+    assert (record["config"], record["verdict"], record["sentence"]) == ("case.toml", "named", SENTENCE)
+    assert record["convergence"] == {"ok": True, "reasons": []}
+    assert record["sampling"]["seed"] == 7
+    assert record["data"] == {"train": 400, "test": 400}
+    best = record["effects"][0]
+    assert (best["slug"], best["status"], best["tied_with"]) == ("cubic-stiffness", "added", ["pendulum-restoring"])
+    assert {row["metric"] for row in record["gap"]} >= {"derivative NMSE", "free-run NRMSE"}
+    # Infinite and missing numbers, which JSON lacks.
+    assert any(row["after"] is None for row in record["gap"])
+
+
+def test_the_study_gets_what_the_file_and_the_options_say(here, found):
+    cli.main(["discover", "case.toml", "--quiet", "--draws", "30", "--seed", "5"])
+    assert found["catalogue"] == ["mechanical", str(Path("own.toml"))]
+    assert found["roles"] == {"position": "y"}
+    assert found["odds"] == bg.Odds(no_gap=0.5)
+    settings = ("effects_at_most", "draws", "tune", "chains", "seed", "progress")
+    assert [found[name] for name in settings] == [2, 30, 1000, 4, 5, False]
+    assert not {"settle", "free_runs", "target_accept"} & set(found)
+    assert dict(found["model"].dictionary) == {} and found["model"].simulation == {"y": "ydot", "ydot": "-y"}
+    assert (found["train"].n_obs, found["test"].n_obs) == (30, 10)
+
+
+def test_a_catalogue_is_found_beside_the_file(here):
+    (here / "sub").mkdir()
+    (here / "sub" / "case.toml").write_text(CONFIG.replace('["mechanical", "own.toml"]', '"own.toml"'))
+    assert load_config("sub/case.toml").study_arguments()["catalogue"] == str(Path("sub/own.toml"))
+
+
+def test_a_fit_that_did_not_converge_ends_with_code_3(here, found, capsys):
+    found["study"] = fake_study(fit=fake_fit(ok=False))
+    assert cli.main(["discover", "case.toml", "--no-progress"]) == 3
+    assert "Not converged; do not rely on this fit" in capsys.readouterr().out
+    assert json.loads(Path("out/summary.json").read_text())["convergence"]["ok"] is False
+    assert (here / "out" / "gap.html").exists()
+
+
+def test_a_study_that_was_not_sampled_has_no_posterior_to_save(here, found):
+    found["study"] = fake_study(fit=None)
+    assert cli.main(["discover", "case.toml", "--quiet", "-o", "other"]) == 0
+    assert sorted(os.listdir("other")) == ["config.toml", "figures", "gap.html", "summary.json"]
+    assert json.loads(Path("other/summary.json").read_text())["convergence"] is None
+
+
+def test_quiet_prints_nothing_and_figures_can_be_left_out(here, found, capsys):
+    (here / "case.toml").write_text(CONFIG + "figures = false\n")
+    assert cli.main(["discover", "case.toml", "--quiet"]) == 0
+    assert capsys.readouterr() == ("", "")
+    assert not (here / "out" / "figures").exists()
+
+
+def test_a_failure_leaves_no_folder(here, monkeypatch, capsys):
+    def fail(*_, **__):
+        raise InputError("There is no catalogue 'x'; there are mechanical.")
+
+    monkeypatch.setattr(bg, "find_missing_effects", fail, raising=False)
+    assert "no catalogue 'x'" in refuse(capsys, "discover", "case.toml")
+    assert sorted(os.listdir(here)) == ["case.toml", "run.csv"]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "sentence"),
+    [
+        ('[simulation]\ny = "ydot"\nydot = "-y"\n', "", "has neither [simulation] nor [dictionary]"),
+        ("[output]", "[sampling]\ntarget_accept = 0.9\n[output]", "target_accept does not apply to discover"),
+        ("effects_at_most = 2", "effect_at_most = 2", "did you mean 'effects_at_most'?"),
+        ("no_gap = 0.5", "no_gap = 1.5", "[study.odds] no_gap = 1.5 cannot be used"),
+        ('"run.csv"', '"absent.csv"', "There is no file"),
+    ],
+)
+def test_bad_input_is_refused_before_the_study(here, found, capsys, old, new, sentence):
+    assert old in CONFIG
+    (here / "case.toml").write_text(CONFIG.replace(old, new))
+    assert sentence in refuse(capsys, "discover", "case.toml")
+    assert not found and sorted(os.listdir(here)) == ["case.toml", "run.csv"]
+
+
+def test_a_real_study_finds_the_hidden_spring(tmp_path, capsys):
+    text = (CONFIGS / "discover_spring.toml").read_text()
+    text = text.replace("points = 601", "points = 201").replace("[study]", "[study]\nsettle = false\nfree_runs = false")
+    (tmp_path / "case.toml").write_text(text)
+    assert cli.main(["discover", str(tmp_path / "case.toml"), "-o", str(tmp_path / "out"), "--no-progress"]) == 0
+    record = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert (record["verdict"], record["convergence"]) == ("named", None)
+    added = [row for row in record["effects"] if row["status"] == "added"]
+    assert [row["slug"] for row in added] == ["cubic-stiffness"]
+    # One seed: four standard deviations fail once in 16,000.
+    assert abs(added[0]["mean"] + 40.0) < 4 * added[0]["sd"]
+    html = (tmp_path / "out" / "gap.html").read_text(encoding="utf-8")
+    assert html.index(">Named") < html.index("The gap before and after, on held-out data")
+    assert capsys.readouterr().out.startswith("NAMED: ")
+
+
+@pytest.mark.slow
+def test_the_shipped_study_converges_and_its_posterior_can_be_reported(tmp_path):
+    words = ["discover", str(CONFIGS / "discover_spring.toml"), "-o", str(tmp_path / "out"), "--quiet"]
+    assert cli.main(words) == 0
+    record = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert record["verdict"] == "named" and record["convergence"]["ok"]
+    assert cli.main(["report", str(tmp_path / "out" / "study.nc"), "--quiet"]) == 0
+    assert record["sentence"] in (tmp_path / "out" / "study.html").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("command", ["fit", "compare"])
+def test_fitting_without_a_dictionary_is_refused_and_points_to_discover(here, capsys, command):
+    models = "[models]\na = {}\nb = {}\n" if command == "compare" else ""
+    (here / "case.toml").write_text(CONFIG + models)
+    assert "bayes-greybox discover" in refuse(capsys, command, "case.toml")
+
+
+def test_a_saved_fit_is_reported_beside_itself_or_where_asked(here, monkeypatch, capsys):
+    fit, written = fake_fit(ok=False), []
+    monkeypatch.setattr(bg, "load", lambda path: fit, raising=False)
+    monkeypatch.setattr("bayes_greybox.report.fit_page.fit_html", lambda fit, path: written.append((fit, Path(path))))
+    assert cli.main(["report", "runs/first/run.nc"]) == 3
+    assert cli.main(["report", "run.nc", "-o", "page.html", "--quiet"]) == 3
+    assert written == [(fit, Path("runs/first/run.html")), (fit, Path("page.html"))]
+    assert capsys.readouterr().out == "The report is runs/first/run.html.\n"
+
+
+def test_a_fit_that_is_not_there_cannot_be_reported(here, capsys):
+    assert "absent.nc" in refuse(capsys, "report", "absent.nc")
+
+
+def test_a_benchmark_gets_its_options(here, monkeypatch, capsys):
+    calls = []
+    module = ModuleType("run")
+    module.run = lambda *arguments: calls.append(arguments)
+    package = ModuleType("hidden_effects")
+    package.run = module
+    monkeypatch.setitem(sys.modules, "bayes_greybox.benchmarks.hidden_effects", package)
+    assert cli.main(["benchmark", "hidden-effects", "--cases", "30", "--workers", "1", "-o", "b", "--no-progress"]) == 0
+    assert cli.main(["benchmark", "hidden-effects", "--seed", "3"]) == 0
+    assert calls == [
+        (Path("b"), 30, 1, 0, False),
+        (Path("runs/benchmark-hidden-effects"), None, 2, 3, True),
+    ]
+    assert "Results are in b." in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (["benchmark"], "Missing argument"),
+        (["benchmark", "hiden-effects"], "hidden-effects"),
+        (["benchmark", "hidden-effects", "--cases", "0"], "Invalid value for '--cases'"),
+        (["discover"], "Missing argument"),
+        (["report"], "Missing argument"),
+    ],
+)
+def test_wrong_use_is_refused_in_one_sentence(here, capsys, words, sentence):
+    assert sentence in refuse(capsys, *words)
+
+
+def test_every_command_explains_itself(capsys):
+    for command in ("discover", "report", "benchmark"):
+        assert cli.main([command, "--help"]) == 0
+        assert f"Usage: bayes-greybox {command}" in capsys.readouterr().out
