@@ -175,7 +175,7 @@ def test_a_real_study_finds_the_hidden_spring(tmp_path, capsys):
     # One seed: four standard deviations fail once in 16,000.
     assert abs(added[0]["mean"] + 40.0) < 4 * added[0]["sd"]
     html = (tmp_path / "out" / "gap.html").read_text(encoding="utf-8")
-    assert html.index(">Named") < html.index("The gap before and after, on held-out data")
+    assert html.index("</span> Named") < html.index("The gap before and after, on held-out data")
     assert capsys.readouterr().out.startswith("NAMED: ")
 
 

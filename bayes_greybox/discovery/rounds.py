@@ -36,7 +36,7 @@ class Finding:
 
     Attributes:
         verdict: "no gap", "recalibrate", "named", "partly named" or "unknown".
-        base: Column of each effect that was added.
+        base: Column of each effect that was added; none where the verdict is "unknown".
         probability: Posterior probability of each of these, given the others.
         ties: For each of these, the slugs that the data cannot tell it from.
         first: The first round.
@@ -101,6 +101,9 @@ def search(
         ties.append(tuple(s for s in given if s not in (*STOPS, name) and given[s] >= TIED * given.get(name, 0.0)))
     remainder, share = _left(last)
     verdict = _verdict(first, base, remainder, share)
+    if verdict == "unknown":
+        # What only imitates the unknown is not added to anybody's model; the ladder shows that it was tried.
+        base, probability, ties = (), [], []
     return Finding(verdict, base, tuple(probability), tuple(ties), first, last, tuple(steps), remainder, share)
 
 

@@ -1,1 +1,1 @@
-"""What a reader sees: figures."""
+"""What a reader sees: figures, pages, tables for a terminal, records for a program."""

@@ -266,7 +266,7 @@ def test_the_terminal_has_the_sentence_first_and_fits_80_columns():
     console = Console(width=80, record=True, file=io.StringIO())
     for part in study_tables(fake_study(fit=fake_fit(ok=False))):
         console.print(part)
-    text = console.export_text()
+    text = console.export_text().replace("\u00a0", " ")
     assert text.startswith("NAMED: The simulation misses a cubic spring")
     assert "Not converged" in text and "+  cubic spring" in text and "99.6 %" in text and "train" not in text
     assert "…" not in text

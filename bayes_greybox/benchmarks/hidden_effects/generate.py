@@ -14,7 +14,8 @@ from bayes_greybox.data.trajectories import Trajectories
 from .cases import RATIO_EDGES, Case
 from .flow import Flow, LostError
 from .hidden import find
-from .hosts import HOSTS, SPREAD, Host, formula, term_value
+from .host import SPREAD, Host, formula, term_value
+from .hosts import HOSTS
 from .runs import Excited, Runs, combine, excite, follow, rms
 from .search import Wanted, coefficients
 

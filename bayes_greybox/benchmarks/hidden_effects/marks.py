@@ -77,12 +77,13 @@ def case_marks(row: Mapping[str, Any]) -> dict[str, Any]:
     study = row.get("study") or {}
     verdict, names = given["study"]
     right = {solver: is_right(family, truth, *given[solver]) if solver in given else None for solver in SOLVERS}
-    ratios = [item["ratio"] for item in row["truth"]] or ([row["off"][1]] if row["off"] else [])
+    # A case without data, because making them failed, has only the ratio that was wanted.
+    ratios = [item["ratio"] for item in row["truth"]] or ([row["off"][1]] if row["off"] else row["ratios"])
     closed = study.get("closed", {})
     return {
         **{name: row[name] for name in ("key", "family", "domain", "host", "noise")},
         "effects": "+".join(truth),
-        "ratio": min(ratios, default=np.nan),
+        "ratio": min(ratios, default=None),
         "study verdict": verdict,
         "study names": "+".join(names),
         **right,

@@ -20,7 +20,7 @@ from scipy.special import logsumexp
 from .cases import NULLS, RATIO_EDGES, ratio_density
 from .generate import CaseData
 from .hidden import CATALOGUE, Hidden
-from .hosts import term_value
+from .host import term_value
 from .runs import rms
 
 NONE = "none"

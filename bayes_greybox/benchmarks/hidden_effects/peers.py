@@ -49,10 +49,25 @@ class Library:
 def available() -> bool:
     """Whether PySINDy is installed."""
     try:
-        _pysindy()
+        require()
     except InputError:
         return False
     return True
+
+
+def require() -> Any:
+    """PySINDy, imported on first use.
+
+    Raises:
+        InputError: It is not installed.
+    """
+    try:
+        return importlib.import_module("pysindy")
+    except ImportError as error:
+        raise InputError(
+            "The comparison with PySINDy needs the package pysindy: pip install 'bayes-greybox[peers]', or leave "
+            "it out with peers=False."
+        ) from error
 
 
 def sindy(data: CaseData, ensemble: bool = False, seed: int = 0) -> dict[str, object]:
@@ -113,7 +128,7 @@ def choose_threshold(
 
 def _regression(models: int = 1, seed: int = 0) -> Regression:
     """PySINDy's sequentially thresholded least squares, or an ensemble of it."""
-    pysindy = _pysindy()
+    pysindy = require()
 
     def fit(columns: np.ndarray, target: np.ndarray, threshold: float) -> np.ndarray:
         optimizer = pysindy.STLSQ(threshold=threshold)
@@ -136,13 +151,3 @@ def _numpy_seed(seed: int) -> Iterator[None]:
         yield
     finally:
         np.random.set_state(state)  # noqa: NPY002
-
-
-def _pysindy() -> Any:
-    try:
-        return importlib.import_module("pysindy")
-    except ImportError as error:
-        raise InputError(
-            "The comparison with PySINDy needs the package pysindy: pip install 'bayes-greybox[peers]', or leave "
-            "it out with peers=False."
-        ) from error

@@ -2,17 +2,17 @@
 
 import json
 import os
-import time
 import traceback
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from contextlib import contextmanager
 from dataclasses import asdict
-from functools import partial
+from importlib.metadata import version
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from threadpoolctl import threadpool_limits
@@ -20,9 +20,10 @@ from threadpoolctl import threadpool_limits
 from bayes_greybox.data.errors import InputError
 
 from .cases import Case, all_cases
-from .generate import CaseData, generate
+from .generate import generate
+from .hosts import HOSTS
 from .oracle import nearest, posterior
-from .peers import available, sindy
+from .peers import available, require, sindy
 from .score import Scores, score
 from .solve import Solve, study_case
 
@@ -30,9 +31,10 @@ RESULTS = "results.jsonl"
 """File of the finished cases."""
 
 CASES_PER_WORKER = 60
-"""A worker is replaced after so many cases; every compiled shape would stay in its memory."""
+"""A worker is replaced after so many cases: whatever it compiled stays in its memory."""
 
-_ONE_THREAD = {"XLA_FLAGS": "--xla_cpu_multi_thread_eigen=false", "NPROC": "1"}
+ONE_THREAD = {"XLA_FLAGS": "--xla_cpu_multi_thread_eigen=false", "NPROC": "1"}
+"""Environment of a worker, set before JAX starts there."""
 
 
 def run(
@@ -46,41 +48,183 @@ def run(
 ) -> Scores:
     """Run the benchmark, or what is left of it, and write its tables.
 
-    Cases of one's own: build `Case` objects (any host of `HOSTS`, any effects of its domain) and pass them as `cases`.
-    Solvers of one's own: any function of a `CaseData` that returns what `solve.Solve` describes; with more than one
-    worker it must be defined at the top of a module.
+    Cases of one's own are `Case` objects with any host of `HOSTS` and any effects of its domain. A solver of one's own
+    is a function of a `CaseData` that returns what `solve.Solve` describes; for several workers it must be defined at
+    the top level of a module.
 
     Args:
-        output: Folder for results.jsonl, one table a CSV file, and summary.json with all tables. Cases that it already
-            has are not run again, unless they failed.
+        output: Folder for results.jsonl, every table as a CSV file, and summary.json with all but the table of cases.
+            Cases that results.jsonl has are not run again, unless they failed or were run by another version.
         cases: The cases; those of `all_cases()` by default.
         solve: What solves a case; the study by default.
-        workers: Processes that work at once, one core each; 1 works in this process.
-        peers: Whether to run PySINDy on the same data; by default if it is installed.
+        workers: Processes that work at once, one thread each; 1 works in this process.
+        peers: Whether to run PySINDy on the same data; by default if it is installed. An earlier run without it is
+            completed.
         progress: Whether to show a progress bar.
 
     Returns:
         The scores of the given cases.
 
     Raises:
-        InputError: No cases, workers or folder; PySINDy is asked for and not installed.
+        InputError: No cases or workers; a folder that cannot be written to; PySINDy is asked for and not installed.
     """
     chosen = tuple(all_cases() if cases is None else cases)
     if not chosen or workers < 1:
         raise InputError("The benchmark needs at least one case and one worker.")
-    if peers and not available():
-        sindy_is_missing()
-    file = _results_file(output)
-    rows = finished(file)
-    todo = [case for case in chosen if case.key not in rows]
-    work = partial(solve_case, solve=solve, peers=available() if peers is None else peers)
-    with _bar(progress) as advance, file.open("a", encoding="utf-8") as lines:
-        advance(len(chosen) - len(todo), len(chosen))
-        for row in _worked(work, todo, workers):
+    if peers:
+        require()
+    peers = available() if peers is None else peers
+    folder = Path(output)
+    rows = _opened(folder)
+    todo = [case for case in chosen if _lacking(rows.get(case.key, {}), peers)]
+    with _bar(progress) as show, (folder / RESULTS).open("a", encoding="utf-8") as lines:
+        show(len(chosen) - len(todo), len(chosen))
+        for done, row in enumerate(_worked(todo, rows, solve, peers, workers), 1):
             lines.write(json.dumps(row, allow_nan=False) + "\n")
             lines.flush()
             rows[row["key"]] = row
-            advance(1, len(chosen))
+            show(len(chosen) - len(todo) + done, len(chosen))
     scores = score(rows[case.key] for case in chosen)
-    write_tables(scores, Path(output))
+    write_tables(scores, folder)
     return scores
+
+
+def run_case(case: Case, before: Mapping[str, Any], solve: Solve, peers: bool) -> dict[str, Any]:
+    """Everything about one case that is not known yet; an error is a result.
+
+    Args:
+        case: The case.
+        before: What an earlier run found, or nothing.
+        solve: The solver.
+        peers: Whether to run PySINDy.
+    """
+    row = {"version": version("bayes-greybox"), "key": case.key, "domain": HOSTS[case.host].domain, **asdict(case)}
+    row |= {"truth": [], "off": None, "closable": None, **before}
+    row.pop("error", None)
+    parts = _lacking(before, peers)
+    try:
+        data = generate(case)
+        row |= {"truth": [asdict(item) for item in data.effects], "off": data.off, "closable": data.closable}
+        if "oracle" in parts:
+            row["oracle"] = posterior(data)
+            row["nearest"] = nearest(data) if case.family == "off-catalogue" else None
+        if "study" in parts:
+            row["study"] = solve(data)
+        if "stlsq" in parts:
+            row |= {"stlsq": sindy(data), "ensemble": sindy(data, ensemble=True)}
+    except Exception:
+        row["error"] = traceback.format_exc()
+    return _plain(row)
+
+
+def finished(lines: Iterable[str]) -> dict[str, dict[str, Any]]:
+    """Cases by key in the lines of a results file; of several lines about one case the last counts.
+
+    Lines that were cut off, and cases run by another version of the package, are left out.
+    """
+    rows = {}
+    for line in lines:
+        try:
+            row = json.loads(line)
+        except json.JSONDecodeError:
+            continue
+        if row.get("version") == version("bayes-greybox"):
+            rows[row["key"]] = row
+    return rows
+
+
+def write_tables(scores: Scores, folder: Path) -> None:
+    """Write every table as CSV, and all but the table of cases to summary.json.
+
+    Raises:
+        InputError: The folder cannot be written to.
+    """
+    summary = {"version": version("bayes-greybox"), "cases": len(scores.cases)}
+    try:
+        for name, table in scores.tables().items():
+            plain = table.reset_index()
+            _write(folder / f"{name}.csv", plain.to_csv(index=False))
+            if name != "cases":
+                summary[name] = json.loads(plain.to_json(orient="records") or "[]")
+        _write(folder / "summary.json", json.dumps(summary, indent=2) + "\n")
+    except OSError as error:
+        raise _unwritable(folder, error) from error
+
+
+def _lacking(row: Mapping[str, Any], peers: bool) -> tuple[str, ...]:
+    """Parts of a case that are still to be found."""
+    return tuple(part for part in ("oracle", "study", *(("stlsq",) if peers else ())) if part not in row)
+
+
+def _worked(
+    todo: Sequence[Case], rows: Mapping[str, Mapping[str, Any]], solve: Solve, peers: bool, workers: int
+) -> Iterator[dict[str, Any]]:
+    """Rows as they are finished."""
+    tasks = [(case, dict(rows.get(case.key, {})), solve, peers) for case in todo]
+    if workers == 1 or len(todo) < 2:
+        with threadpool_limits(1):
+            for task in tasks:
+                yield run_case(*task)
+        return
+    pool = ProcessPoolExecutor(
+        workers,
+        # JAX has threads, which a forked process would wait for without end.
+        mp_context=get_context("spawn"),
+        initializer=_start_worker,
+        max_tasks_per_child=CASES_PER_WORKER,
+    )
+    try:
+        for future in as_completed([pool.submit(run_case, *task) for task in tasks]):
+            yield future.result()
+    finally:
+        pool.shutdown(cancel_futures=True)
+
+
+def _start_worker() -> None:
+    os.environ.update(ONE_THREAD)
+    # Holds for the life of the process: nothing gives the threads back.
+    threadpool_limits(1)
+
+
+def _opened(folder: Path) -> dict[str, dict[str, Any]]:
+    """The folder's finished cases; the folder is made where it is missing, and its file left with whole lines only."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        file = folder / RESULTS
+        text = file.read_text(encoding="utf-8") if file.exists() else ""
+        rows = finished(text.splitlines())
+        _write(file, "".join(json.dumps(row) + "\n" for row in rows.values()))
+    except OSError as error:
+        raise _unwritable(folder, error) from error
+    return rows
+
+
+def _write(file: Path, text: str) -> None:
+    """All of a file or nothing of it."""
+    part = file.with_name(f".{file.name}.part")
+    part.write_text(text, encoding="utf-8", newline="")
+    os.replace(part, file)
+
+
+def _unwritable(folder: Path, error: OSError) -> InputError:
+    return InputError(f'Cannot write to the folder "{folder}" ({error.strerror or error}); choose another one.')
+
+
+def _plain(value: Any) -> Any:
+    """Plain values that JSON can hold; numbers that are not finite become None."""
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    value = value.item() if isinstance(value, np.generic) else value
+    return None if isinstance(value, float) and not np.isfinite(value) else value
+
+
+@contextmanager
+def _bar(visible: bool) -> Iterator[Callable[[int, int], None]]:
+    columns = (TextColumn("Hidden effects"), BarColumn(), MofNCompleteColumn())
+    with Progress(
+        *columns, TimeElapsedColumn(), TimeRemainingColumn(), console=Console(stderr=True), disable=not visible
+    ) as progress:
+        task = progress.add_task("cases", total=None)
+        yield lambda done, total: progress.update(task, completed=done, total=total)

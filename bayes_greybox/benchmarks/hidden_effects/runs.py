@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from .flow import TIGHT, Flow, paths
-from .hosts import Host, term_value
+from .host import Host, term_value
 
 Signal = Callable[[float], Any] | None
 """The input of all runs as a function of time; None without an input."""

@@ -1,7 +1,9 @@
 """Scores of a benchmark: by family, by size of the effect, coverage, calibration, and the bars that it has to clear."""
 
-from collections.abc import Iterable, Mapping
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -13,7 +15,10 @@ from .cases import FAMILIES
 from .marks import SOLVERS, case_marks, coverage_table, listed, reliability_curve, stated
 
 RATIO_BINS = (0.3, 1.0, 3.0, 10.0, 30.0)
-"""Edges of the ranges of effect over noise that accuracy is given for."""
+"""Edges of the ranges of effect over noise that accuracy is given for; the first and last range have no outer end."""
+
+Marks = Sequence[Mapping[str, Any]]
+"""Cases, as `case_marks` describes them."""
 
 
 @dataclass(frozen=True)
@@ -60,90 +65,110 @@ def score(rows: Iterable[Mapping[str, Any]]) -> Scores:
     records = list(rows)
     if not records:
         raise InputError("There is no finished case to score; run the benchmark first.")
-    cases = pd.DataFrame([case_marks(row) for row in records])
-    for solver in SOLVERS:
-        cases[solver] = cases[solver].astype(float)
-    single = cases[cases["family"] == "catalogue"]
-    families = _families(cases)
+    marks = [case_marks(row) for row in records]
+    single = [mark for mark in marks if mark["family"] == "catalogue"]
+    families = _families(marks)
     coverage = coverage_table(records)
     curves = {"stated": reliability_curve(*stated(records)), "listed": reliability_curve(*listed(records))}
     reliability = pd.concat(curves, names=["names", "bin"])
-    groups = {key: _accuracy(single, single[key]) for key in ("domain", "noise", "effects")}
+    groups = {by: _accuracy(single, lambda mark, by=by: mark[by]) for by in ("domain", "noise", "effects")}
     return Scores(
-        cases=cases,
+        cases=pd.DataFrame(marks),
         families=families,
-        ratios=_accuracy(single, pd.cut(single["ratio"], RATIO_BINS).map(_range)),
+        ratios=_accuracy(
+            single, lambda mark: _range(mark["ratio"]), [_label(*edges) for edges in pairwise(RATIO_BINS)]
+        ),
         groups=pd.concat(groups, names=["by", "group"]),
-        verdicts=pd.crosstab(cases["family"], cases["study verdict"], normalize="index"),
+        verdicts=_verdicts(marks),
         coverage=coverage,
         reliability=reliability,
         bars=_bars(single, families, coverage, reliability),
     )
 
 
-def _range(interval: Any) -> str:
-    return f"{interval.left:g} to {interval.right:g}"
+def mean(marks: Marks, column: str, missing: float | None = None) -> float:
+    """Mean of a mark; cases without one are left out, or count as `missing`."""
+    values = [mark[column] if mark[column] is not None else missing for mark in marks]
+    known = [float(value) for value in values if value is not None]
+    return float(np.mean(known)) if known else float("nan")
 
 
-def _accuracy(cases: pd.DataFrame, by: Any) -> pd.DataFrame:
+def _label(low: float, high: float) -> str:
+    return f"{low:g} to {high:g}"
+
+
+def _range(ratio: float) -> str:
+    place = int(np.clip(np.searchsorted(RATIO_BINS, ratio, side="right") - 1, 0, len(RATIO_BINS) - 2))
+    return _label(RATIO_BINS[place], RATIO_BINS[place + 1])
+
+
+def _accuracy(marks: Marks, by: Callable[[Any], Any], order: Sequence[Any] | None = None) -> pd.DataFrame:
     """Shares of right answers by group."""
-    columns = [*SOLVERS, "exact", "right or tied"]
-    groups = cases[columns].astype(float).groupby(by, observed=False, sort=True)
-    table = groups.mean()
-    table.insert(0, "cases", groups.size())
-    return table
+    groups = order or sorted({by(mark) for mark in marks})
+    parts = {group: [mark for mark in marks if by(mark) == group] for group in groups}
+    columns = (*SOLVERS, "exact", "right or tied")
+    rows = {group: {"cases": len(part), **{c: mean(part, c) for c in columns}} for group, part in parts.items()}
+    return pd.DataFrame.from_dict(rows, orient="index", columns=["cases", *columns])
 
 
-def _families(cases: pd.DataFrame) -> pd.DataFrame:
-    kinds = {name: cases[cases["family"] == name] for name in FAMILIES}
-    kinds = {name: part for name, part in kinds.items() if len(part)}
-    kinds["one or none"] = cases[cases["family"].isin(("catalogue", "null"))]
-    kinds["all"] = cases
+def _families(marks: Marks) -> pd.DataFrame:
+    parts = {name: [mark for mark in marks if mark["family"] == name] for name in FAMILIES}
+    parts["one or none"] = [*parts["catalogue"], *parts["null"]]
+    parts["all"] = list(marks)
     rows = {}
-    for name, part in kinds.items():
-        # What the study failed on has closed nothing.
-        closed = {key: part[key].astype(float).fillna(0.0).mean() for key in ("closed", "closed in free run")}
+    for name, part in parts.items():
+        if not part:
+            continue
+        gap = name not in ("null", "one or none", "all")
         rows[name] = {
             "cases": len(part),
-            **{column: part[column].astype(float).mean() for column in (*SOLVERS, "exact", "right or tied")},
-            "overlap": part["overlap"].astype(float).mean(),
-            "closed": closed["closed"] / part["closable"].mean() if name not in ("null", "all") else np.nan,
-            "closed in free run": closed["closed in free run"] if name not in ("null", "all") else np.nan,
-            "seconds": part["seconds"].astype(float).mean(),
+            **{column: mean(part, column) for column in (*SOLVERS, "exact", "right or tied", "overlap")},
+            # What the study failed on has closed nothing.
+            "closed": mean(part, "closed", 0.0) / mean(part, "closable", 0.0) if gap else np.nan,
+            "closed in free run": mean(part, "closed in free run") if gap else np.nan,
+            "seconds": mean(part, "seconds"),
         }
-        # The oracle answers only what it applies to; a mean over the rest would not be its.
-        if part["oracle"].isna().any():
+        # A mean over those that it applies to would not compare with the others'.
+        if any(mark["oracle"] is None for mark in part):
             rows[name]["oracle"] = np.nan
     return pd.DataFrame.from_dict(rows, orient="index").rename_axis("family")
 
 
-def _bars(
-    single: pd.DataFrame, families: pd.DataFrame, coverage: pd.DataFrame, reliability: pd.DataFrame
-) -> pd.DataFrame:
+def _verdicts(marks: Marks) -> pd.DataFrame:
+    rows = {}
+    for family in dict.fromkeys(mark["family"] for mark in marks):
+        counts = Counter(mark["study verdict"] for mark in marks if mark["family"] == family)
+        rows[family] = {verdict: n / counts.total() for verdict, n in counts.items()}
+    return pd.DataFrame.from_dict(rows, orient="index").fillna(0.0).rename_axis("family")
+
+
+def _bars(single: Marks, families: pd.DataFrame, coverage: pd.DataFrame, reliability: pd.DataFrame) -> pd.DataFrame:
     """What the benchmark asks for, with what was reached; no verdict where there were no cases."""
+    table = families.to_dict("index")
+    covered = coverage.to_dict("index")
+    errors = reliability["ece"].to_dict()
 
     def reached(family: str, column: str = "study") -> float:
-        return float(families.loc[family, column]) if family in families.index else np.nan
+        return table[family][column] if family in table else np.nan
 
-    ahead = [
-        families.loc[name, "study"] - families.loc[name, ["stlsq", "ensemble"]].astype(float).max()
-        for name in FAMILIES
-        if name in families.index
-    ]
-    covered = float(coverage.loc["all", "90 %"]) if "all" in coverage.index else np.nan
+    ahead = [reached(f) - np.fmax(reached(f, "stlsq"), reached(f, "ensemble")) for f in FAMILIES if f in table]
+    clear = mean([mark for mark in single if mark["ratio"] >= 3], "right or tied")
     rows = [
-        ("right name first, or excusably tied, ratio ≥ 3", float(single[single["ratio"] >= 3]["right or tied"].mean()), 0.95, 1.0),
-        ("accuracy less that of the oracle, all sizes", reached("catalogue") - reached("catalogue", "oracle"), -0.05, 1.0),
-        ("lead on PySINDy in the family where it is least", float(np.min(ahead)) if ahead else np.nan, 1e-9, 1.0),
+        ("right name first, or excusably tied, ratio >= 3", clear, 0.95, 1.0),
+        ("accuracy less the oracle's, all sizes", reached("catalogue") - reached("catalogue", "oracle"), -0.05, 1.0),
+        ("lead on PySINDy, family where it is least", float(np.min(ahead)) if ahead else np.nan, 1e-9, 1.0),
         ("nulls kept silent", reached("null"), 0.95, 1.0),
         ("mis-calibrated recognised", reached("mis-calibrated"), 0.9, 1.0),
         ("off-catalogue not named", reached("off-catalogue"), 0.9, 1.0),
         ("two effects both found", reached("two effects"), 0.8, 1.0),
-        ("coverage of 90 % intervals", covered, 0.85, 0.95),
-        ("expected calibration error of stated names", float(reliability.loc["stated"]["ece"].sum()), 0.0, 0.05),
+        ("coverage of 90 % intervals", covered["all"]["90 %"] if "all" in covered else np.nan, 0.85, 0.95),
+        (
+            "expected calibration error of stated names",
+            sum(v for k, v in errors.items() if k[0] == "stated"),
+            0.0,
+            0.05,
+        ),
         ("held-out gap closed, of what the true model closes", reached("catalogue", "closed"), 0.95, np.inf),
-    ]  # fmt: skip
-    table = pd.DataFrame(rows, columns=["bar", "reached", "least", "most"]).set_index("bar")
-    inside = (table["reached"] >= table["least"]) & (table["reached"] <= table["most"])
-    table["holds"] = inside.astype(object).where(table["reached"].notna(), None)
-    return table
+    ]
+    bars = [(*row, bool(row[2] <= row[1] <= row[3]) if np.isfinite(row[1]) else None) for row in rows]
+    return pd.DataFrame(bars, columns=["bar", "reached", "least", "most", "holds"]).set_index("bar")

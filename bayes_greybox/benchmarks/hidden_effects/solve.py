@@ -22,7 +22,7 @@ LISTED = 8
 """Effects that are not added are recorded up to this place."""
 
 
-def study_case(data: CaseData, free_runs: bool = True, seed: int = 0) -> dict[str, Any]:
+def study_case(data: CaseData, free_runs: bool = False, seed: int = 0) -> dict[str, Any]:
     """Run `find_missing_effects` as a user would, without NUTS, and record what came out.
 
     Args:
@@ -90,9 +90,7 @@ def record(study: Any, data: CaseData) -> dict[str, Any]:
     }
 
 
-def overlap(
-    found: Bool[np.ndarray, " n_obs"], true: Bool[np.ndarray, " n_obs"]
-) -> dict[str, float | None]:
+def overlap(found: Bool[np.ndarray, " n_obs"], true: Bool[np.ndarray, " n_obs"]) -> dict[str, float | None]:
     """How the rows that a study points at overlap with those where the true gap exceeds the noise.
 
     Args:

@@ -89,19 +89,19 @@ def probability_text(value: float | np.floating) -> str:
     if not np.isfinite(value):
         return "–"
     if value < _LEAST:
-        return "< 0.001"
-    return "> 0.999" if value > 1 - _LEAST else f"{value:.3f}"
+        return "<\u00a00.001"
+    return ">\u00a00.999" if value > 1 - _LEAST else f"{value:.3f}"
 
 
 def percent_text(share: float | np.floating) -> str:
-    """A share in percent with a sensible number of digits."""
+    """A share in percent with a sensible number of digits, in one piece: its spaces do not break."""
     if not np.isfinite(share):
         return "–"
     percent = 100 * float(share)
     if 0 < abs(percent) < 0.01:
-        return "< 0.01 %" if percent > 0 else "0 %"
+        return "<\u00a00.01\u00a0%" if percent > 0 else "0\u00a0%"
     digits = 0 if abs(percent) >= 99.95 or percent == 0 else 1 if abs(percent) >= 1 else 2
-    return f"{percent:.{digits}f} %".replace("-", "−")
+    return f"{percent:.{digits}f}\u00a0%".replace("-", "−")
 
 
 def _bars(
