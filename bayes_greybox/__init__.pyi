@@ -22,5 +22,6 @@ from .physics.terms import Term as Term
 from .physics.terms import polynomial as polynomial
 from .report import figures as figures
 from .report import plots as plots
+from .report import study_figures as study_figures
 
 __version__: str

@@ -234,11 +234,14 @@ def benchmark(
     A run that was stopped goes on where it was. hidden-effects hides known effects from simulations and counts
     how often the study finds them.
     """
-    from bayes_greybox.benchmarks.hidden_effects import run
+    from bayes_greybox.benchmarks.hidden_effects.cases import all_cases, subset
+    from bayes_greybox.benchmarks.hidden_effects.run import run
+    from bayes_greybox.report.benchmark_terminal import benchmark_tables
 
     folder = output or Path("runs") / f"benchmark-{name.value}"
-    run.run(folder, cases, workers, seed, not no_progress)
-    _show(f"Results are in {folder}.")
+    chosen = all_cases(seed) if cases is None else subset(all_cases(seed), cases, seed)
+    scores = run(folder, chosen, workers=workers, progress=not no_progress)
+    _show(*benchmark_tables(scores), f"\nResults are in {folder}.")
     return DONE
 
 

@@ -1,8 +1,6 @@
 import json
 import os
-import sys
 from pathlib import Path
-from types import ModuleType
 
 import numpy as np
 import pandas as pd
@@ -11,6 +9,8 @@ from fake_study import SENTENCE, fake_fit, fake_study
 
 import bayes_greybox as bg
 from bayes_greybox import cli
+from bayes_greybox.benchmarks.hidden_effects.cases import all_cases, subset
+from bayes_greybox.benchmarks.hidden_effects.score import Scores
 from bayes_greybox.config import load_config
 from bayes_greybox.data.errors import InputError
 
@@ -210,20 +210,27 @@ def test_a_fit_that_is_not_there_cannot_be_reported(here, capsys):
     assert "absent.nc" in refuse(capsys, "report", "absent.nc")
 
 
-def test_a_benchmark_gets_its_options(here, monkeypatch, capsys):
+def test_a_benchmark_gets_its_options_and_shows_what_must_hold(here, monkeypatch, capsys):
     calls = []
-    module = ModuleType("run")
-    module.run = lambda *arguments: calls.append(arguments)
-    package = ModuleType("hidden_effects")
-    package.run = module
-    monkeypatch.setitem(sys.modules, "bayes_greybox.benchmarks.hidden_effects", package)
-    assert cli.main(["benchmark", "hidden-effects", "--cases", "30", "--workers", "1", "-o", "b", "--no-progress"]) == 0
-    assert cli.main(["benchmark", "hidden-effects", "--seed", "3"]) == 0
-    assert calls == [
-        (Path("b"), 30, 1, 0, False),
-        (Path("runs/benchmark-hidden-effects"), None, 2, 3, True),
-    ]
-    assert "Results are in b." in capsys.readouterr().out
+    columns = ["cases", "study", "oracle", "stlsq", "ensemble", "right or tied", "closed", "seconds"]
+    families = pd.DataFrame([[12, 0.9167, np.nan, 0.5, 0.5, 1.0, 0.99, 3.21]], index=["catalogue"], columns=columns)
+    bars = pd.DataFrame({"reached": [0.9167], "least": [0.95], "holds": [False]}, index=["nulls kept silent"])
+    empty = {name: pd.DataFrame() for name in ("cases", "ratios", "groups", "verdicts", "coverage", "reliability")}
+
+    def run(output, cases, **settings):
+        calls.append((output, cases, settings))
+        return Scores(families=families, bars=bars, **empty)
+
+    monkeypatch.setattr("bayes_greybox.benchmarks.hidden_effects.run.run", run)
+    words = ["benchmark", "hidden-effects", "--cases", "20", "--workers", "1", "--seed", "3", "-o", "b"]
+    assert cli.main([*words, "--no-progress"]) == 0
+    assert cli.main(["benchmark", "hidden-effects"]) == 0
+    (output, cases, settings), (default, every, _) = calls
+    assert (output, settings) == (Path("b"), {"workers": 1, "progress": False})
+    assert cases == subset(all_cases(3), 20, 3)
+    assert (default, every) == (Path("runs/benchmark-hidden-effects"), all_cases(0))
+    out = capsys.readouterr().out
+    assert "0.917" in out and "nulls kept silent" in out and "Results are in b." in out and "nan" not in out
 
 
 @pytest.mark.parametrize(

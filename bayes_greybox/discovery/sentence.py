@@ -20,7 +20,7 @@ def sentence(findings: Mapping[str, EquationStudy], verdict: str, effects: pd.Da
     where = "held-out data" if part == "test" else "the training data"
     shares = gap.reset_index().query("data == @part and metric == 'unexplained share'")
     before, after = sum(shares["before"].to_list()), sum(shares["after"].to_list())
-    closed = f"closes {100 * (1 - after / before):.0f} % of the gap on {where}" if before > 0 else "leaves no gap"
+    closed = f"closes {_percent(1 - after / before)} of the gap on {where}" if before > 0 else "leaves no gap"
     if verdict == "no gap":
         return "Nothing is missing: simulation and measurements agree to within the noise."
     if verdict == "recalibrate":
@@ -39,10 +39,19 @@ def sentence(findings: Mapping[str, EquationStudy], verdict: str, effects: pd.Da
     said = []
     for row in effects.query("status == 'added'").to_dict("records"):
         tied = f", not to be told from {', '.join(row['tied_with'])}" if len(row["tied_with"]) else ""
-        said.append(f"{row['name'].lower()} in d({row['equation']})/dt (probability {row['probability']:.2f}{tied})")
+        said.append(f"{row['name'].lower()} in d({row['equation']})/dt (probability {_rounded(row['probability'])}{tied})")
     lacks = f"The simulation lacks {' and '.join(said)}"
     if verdict == "named":
         return f"{lacks}; adding {'it' if len(said) == 1 else 'them'} {closed}."
     if verdict == "partly named":
         return f"{lacks}, and something else that the catalogue does not have; adding what has a name {closed}."
     return "Something is missing that the catalogue does not have; the maps show its shape."
+
+
+def _rounded(probability: float) -> str:
+    """Never rounded to certainty."""
+    return "above 0.99" if probability > 0.99 else f"{probability:.2f}"
+
+
+def _percent(share: float) -> str:
+    return "more than 99 %" if share > 0.99 else f"{100 * share:.0f} %"

@@ -11,6 +11,8 @@ from rich.text import Text
 from bayes_greybox.data.columns import derivative_label
 from bayes_greybox.greybox import Fit
 
+from .text import number
+
 _PROBABILITIES = {"inclusion": "P(included)", "outside_rope": "P(|θ| > ROPE)"}
 _LEVEL = 0.9
 
@@ -59,6 +61,17 @@ def datasets_table(table: pd.DataFrame) -> RenderableType:
         state = "ready" if entry["verified"] else ("altered" if entry["found"] else "not found")
         cells = (name, entry["hidden effect"], state, entry["source"], entry["terms"])
         rows.add_row(*(Text(str(cell)) for cell in cells))
+    return rows
+
+
+def frame_table(title: str, table: pd.DataFrame) -> Table:
+    """Any table with a plain index, which comes first."""
+    rows = plain_table(title)
+    rows.add_column(str(table.index.name or ""), no_wrap=True)
+    for column in table.columns:
+        rows.add_column(str(column), justify="right")
+    for key, entry in zip(table.index, table.to_numpy(dtype=object), strict=True):
+        rows.add_row(Text(str(key)), *(Text(number(value)) for value in entry))
     return rows
 
 

@@ -189,9 +189,10 @@ def subset(cases: Sequence[Case], count: int = 30, seed: int = 0) -> tuple[Case,
     for family in dict.fromkeys(case.family for case in cases):
         members = [i for i, case in enumerate(cases) if case.family == family]
         wanted = min(len(members), max(1, round(count * len(members) / len(cases))))
-        # Evenly spaced places in the family's list, which runs through domains, effects and noise levels.
-        places = (np.arange(wanted) + rng.uniform()) / wanted * len(members)
-        chosen += [members[int(place)] for place in places]
+        for turn, part in enumerate(np.array_split(members, wanted)):
+            # One from each stretch of the list, which runs through the domains; noise levels take turns.
+            level = [i for i in part if cases[i].noise == NOISE[turn % len(NOISE)]]
+            chosen.append(int(rng.choice(level or part)))
     return tuple(cases[i] for i in sorted(chosen))
 
 

@@ -45,7 +45,7 @@ def candidates(data: CaseData) -> dict[str, Hidden]:
     kept = {}
     for slug, effect in CATALOGUE[data.host.domain].items():
         if effect.fits(data.host):
-            value = effect_values(data, effect, inner_nodes(data, effect, 1))
+            value = effect_values(data, effect, inner_nodes(data, effect, 1))[0]
             if rms(_outside(value, own)) ** 2 > OWN * rms(value) ** 2:
                 kept[slug] = effect
     return kept

@@ -1,0 +1,19 @@
+"""The scores of a benchmark as tables for a terminal."""
+
+from collections.abc import Iterator
+
+from rich.console import Group, RenderableType
+
+from bayes_greybox.benchmarks.hidden_effects.marks import SOLVERS
+from bayes_greybox.benchmarks.hidden_effects.score import Scores
+
+from .terminal import frame_table
+
+_SHOWN = ["cases", *SOLVERS, "right or tied", "closed", "seconds"]
+
+
+def benchmark_tables(scores: Scores) -> Iterator[RenderableType]:
+    """Right answers of the study and of those it is compared with, then what must hold."""
+    title = "Share of right answers; gap closed, of what the true model closes"
+    yield frame_table(title, scores.families.loc[:, _SHOWN])
+    yield Group("", frame_table("What must hold", scores.bars))
