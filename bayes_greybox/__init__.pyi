@@ -4,7 +4,7 @@ from .data.datasets import load_dataset as load_dataset
 from .data.errors import InputError as InputError
 from .data.tables import read_table as read_table
 from .data.trajectories import Trajectories as Trajectories
-from .discovery.hypotheses import Odds as Odds
+from .discovery.odds import Odds as Odds
 from .discovery.study import Study as Study
 from .discovery.study import find_missing_effects as find_missing_effects
 from .greybox import Fit as Fit

@@ -15,8 +15,11 @@ from bayes_greybox.physics.effects import BoundEffect
 from bayes_greybox.physics.terms import Term
 from bayes_greybox.physics.units import coefficient_unit, derivative_unit
 
+from .coefficients import Coefficients, alone, draw_coefficients, plain
+from .evaluations import Evaluations
 from .gap import Amendment
-from .hypotheses import Coefficients, Contest, Odds
+from .hypotheses import Contest
+from .odds import Odds
 from .rounds import STOPS, TIED, Finding, search
 from .table import GapTable, gap_table
 from .where import GapField, GapMap, GapTrace, gap_map, gap_trace, where_table
@@ -33,7 +36,7 @@ class EquationStudy:
     """Everything found out about one equation."""
 
     table: GapTable
-    contest: Contest
+    evaluations: Evaluations
     finding: Finding
     coefficients: Coefficients
     amendment: Amendment
@@ -55,7 +58,7 @@ class EquationStudy:
             rows.append(
                 self._row(data, index, self.finding.probability[k], draws, self.finding.ties[k], values, "added")
             )
-            added.add(self.contest.name(index))
+            added.add(self.evaluations.name(index))
         probabilities = self.finding.first.probabilities()
         best = max((p for name, p in probabilities.items() if name not in STOPS), default=0.0)
         for name, p in probabilities.items():
@@ -63,7 +66,7 @@ class EquationStudy:
                 continue
             index = self.finding.first.best(name).best
             if index is not None:
-                mean, sd = self.contest.alone(index)
+                mean, sd = alone(self.evaluations, index)
                 draws = self._in_units(index) * (mean + sd * np.array([-1.6448536, 0.0, 1.6448536]))
                 tied = () if p < TIED * best else tuple(
                     n for n, q in probabilities.items() if n not in (*STOPS, name) and q >= TIED * best
@@ -129,8 +132,8 @@ class EquationStudy:
         found = []
         for k, index in enumerate(self.finding.base):
             if self.finding.ties[k]:
-                slugs = (self.contest.name(index), *self.finding.ties[k])
-                rivals = [self.contest.best_of(slug) for slug in self.finding.ties[k]]
+                slugs = (self.evaluations.name(index), *self.finding.ties[k])
+                rivals = [self.evaluations.best_of(slug) for slug in self.finding.ties[k]]
                 found.append(
                     {"equation": self.table.equation, "slugs": slugs, "advice": _advice(self, index, rivals, data)}
                 )
@@ -178,13 +181,14 @@ def study_equation(
     """
     table = gap_table(model, train, name, effects)
     evaluator = Evaluator(table.noise, table.prior)
-    contest = Contest(table, odds, evaluator)
-    finding = search(contest, most, seed if settle else None, say)
+    evaluations = Evaluations(table, odds, evaluator)
+    finding = search(Contest(evaluations), most, seed if settle else None, say)
     say("mapping the gap")
-    corrected = finding.verdict != "no gap"
-    coefficients = contest.draws(finding.base, DRAWS, seed)
+    corrected = finding.verdict not in ("no gap", "unknown")
+    coefficients = draw_coefficients(evaluations, finding.base, DRAWS, seed)
     if not corrected:
-        # Nothing is missing: the model after is the model before, whatever small weight the others keep.
+        # Nothing is missing, or nothing that has a name: the model after is the model before, whatever small weight
+        # corrections keep.
         coefficients = coefficients._replace(draws=coefficients.draws * _free_only(table, coefficients))
     indices, beta = list(coefficients.indices), coefficients.draws.mean(axis=0)
     changed = [k for k, i in enumerate(indices) if table.columns[i].kind != "free"]
@@ -194,9 +198,9 @@ def study_equation(
     threshold = min(before.sigma, sigma)
     unit = derivative_unit(name, train.units)
     trace = gap_trace(before, after, threshold, unit)
-    amendment = Amendment(table, contest.plain(), coefficients, sigma)
+    amendment = Amendment(table, plain(evaluations), coefficients, sigma)
     drawn = gap_map(before, after, table.variables[:2], threshold, unit)
-    return EquationStudy(table, contest, finding, coefficients, amendment, drawn, trace, where_table(before, trace))
+    return EquationStudy(table, evaluations, finding, coefficients, amendment, drawn, trace, where_table(before, trace))
 
 
 def _free_only(table: GapTable, coefficients: Coefficients) -> np.ndarray:
@@ -220,7 +224,7 @@ def _advice(found: EquationStudy, index: int, rivals: Sequence[int], data: Traje
         for reach in (1.25, 1.5, 2.0, 3.0, 5.0):
             columns = {n: np.full(41, np.median(c)) for n, c in data.columns.items()}
             columns[v] = np.linspace(-reach * top, reach * top, 41)
-            curves = [found.contest.alone(i)[0] * table.rows([i], columns)[:, 0] for i in (index, *rivals)]
+            curves = [alone(found.evaluations, i)[0] * table.rows([i], columns)[:, 0] for i in (index, *rivals)]
             apart = max(float(np.max(np.abs(curves[0] - other))) for other in curves[1:])
             if np.isfinite(apart) and apart * table.target_scale > 4 * found.amendment.sigma:
                 unit = f" {data.unit(v)}" if data.unit(v) and data.unit(v) != "1" else ""

@@ -16,7 +16,7 @@ from bayes_greybox.model.program import Program
 from bayes_greybox.model.simulation import Simulation
 from bayes_greybox.physics.integrate import integrate
 
-from .hypotheses import Coefficients
+from .coefficients import Coefficients
 from .table import GapTable
 
 LEVEL = 0.9

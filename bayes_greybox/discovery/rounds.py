@@ -95,7 +95,7 @@ def search(
     probability, ties = [], []
     for k, index in enumerate(base):
         given = contest.round((*base[:k], *base[k + 1 :])).probabilities()
-        name = contest.name(index)
+        name = contest.evaluations.name(index)
         # Given that the others are in, "enough" takes the place of "no gap".
         probability.append(given.get(name, 0.0))
         ties.append(tuple(s for s in given if s not in (*STOPS, name) and given[s] >= TIED * given.get(name, 0.0)))
@@ -119,13 +119,13 @@ def _checked(contest: Contest, base: tuple[int, ...]) -> tuple[tuple[int, ...], 
             again = contest.round(others)
             probabilities = again.probabilities()
             slugs = [name for name in probabilities if name not in STOPS]
-            if slugs[0] == contest.name(base[k]) and probabilities[slugs[0]] > 0.5:
+            if slugs[0] == contest.evaluations.name(base[k]) and probabilities[slugs[0]] > 0.5:
                 continue
             stop = max((name for name in probabilities if name in STOPS), key=lambda name: probabilities[name])
             if probabilities[stop] > sum(probabilities[s] for s in slugs) and stop != "unknown":
                 return others, True
             best = again.best(slugs[0]).best
-            if best is not None and slugs[0] != contest.name(base[k]):
+            if best is not None and slugs[0] != contest.evaluations.name(base[k]):
                 base, stable, changed = (*base[:k], best, *base[k + 1 :]), False, True
         if stable:
             break

@@ -39,7 +39,8 @@ def sentence(findings: Mapping[str, EquationStudy], verdict: str, effects: pd.Da
     said = []
     for row in effects.query("status == 'added'").to_dict("records"):
         tied = f", not to be told from {', '.join(row['tied_with'])}" if len(row["tied_with"]) else ""
-        said.append(f"{row['name'].lower()} in d({row['equation']})/dt (probability {_rounded(row['probability'])}{tied})")
+        p = _rounded(row["probability"])
+        said.append(f"{row['name'].lower()} in d({row['equation']})/dt (probability {p}{tied})")
     lacks = f"The simulation lacks {' and '.join(said)}"
     if verdict == "named":
         return f"{lacks}; adding {'it' if len(said) == 1 else 'them'} {closed}."

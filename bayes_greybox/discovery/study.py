@@ -21,8 +21,8 @@ from bayes_greybox.physics.roles import bind_catalogue, roles_of, unbound
 from bayes_greybox.physics.terms import Term
 
 from .equation import EquationStudy, study_equation
-from .gap import FreePath, gap_rows
-from .hypotheses import Odds
+from .gap import Amendment, FreePath, gap_rows
+from .odds import Odds
 from .rounds import NEGLIGIBLE, SUBSTANTIAL, TIED
 from .sentence import sentence
 from .table import CORRECTION_SCALE
@@ -57,6 +57,7 @@ class Study:
         paths: Free runs by state.
         left_out: Effects that were not weighed, by (equation, slug), with the reason.
         settings: Seed, catalogue, prior odds, thresholds, versions and seconds.
+        amendments: Coefficients before and after, by equation.
     """
 
     base: GreyBox
@@ -78,6 +79,18 @@ class Study:
     paths: Mapping[str, FreePath]
     left_out: Mapping[tuple[str, str], str] = field(default_factory=dict)
     settings: Mapping[str, Any] = field(default_factory=dict)
+    amendments: Mapping[str, Amendment] = field(default_factory=dict)
+
+    def free_run(self, data: Trajectories) -> dict[str, FreePath]:
+        """Free runs of the model before and after over other data, by state.
+
+        Raises:
+            InputError: A state has no equation to integrate.
+        """
+        paths = gap_rows(self.base, self.amendments, data, "", True)[1]
+        if not paths:
+            raise InputError("A state of the data has no equation to integrate: add it to the simulation.")
+        return paths
 
     def record(self) -> dict[str, Any]:
         """Verdict, tables and settings as plain values, ready for JSON."""
@@ -228,6 +241,7 @@ def find_missing_effects(
             "versions": versions(),
             "seconds": seconds,
         },
+        amendments=amendments,
     )
 
 

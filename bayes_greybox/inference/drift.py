@@ -4,7 +4,7 @@ An effect with memory, a hidden state, or a function of the states too fine for 
 that are small beside the noise everywhere and yet correlated from one sample to the next. Against white residuals
 stands
 
-    e(t) = g(t) + ε,   g an Ornstein-Uhlenbeck process with standard deviation a and correlation time τ, each run its own,
+    e(t) = g(t) + ε,   g an Ornstein-Uhlenbeck process with standard deviation a and correlation time τ, one a run,
 
 whose likelihood a Kalman filter gives in O(n) (Särkkä & Solin 2019, Applied Stochastic Differential Equations, 12.3).
 """

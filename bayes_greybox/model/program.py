@@ -70,7 +70,7 @@ class Program:
         """
         if not self.dictionary:
             raise InputError(
-                "The model has no dictionary, so there is nothing to fit: give GreyBox(dictionary={'ydot': ['y', ...]}), "
+                "The model has no dictionary, so there is nothing to fit: give GreyBox(dictionary={'ydot': ['y']}) "
                 "or look for what the simulation misses with bg.find_missing_effects(model, data)."
             )
         for equation in self.equations:

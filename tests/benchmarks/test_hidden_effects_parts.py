@@ -416,6 +416,8 @@ def test_scores_of_rows_made_by_hand():
     ]
     scores = score(rows)
     assert scores.families.loc["catalogue", ["cases", "study", "oracle", "stlsq"]].tolist() == [2, 0.5, 0.5, 0.0]
+    assert scores.families.loc["catalogue", ["exact", "stlsq exact"]].tolist() == [0.5, 0.0]
+    assert scores.families.loc["off-catalogue", "exact"] == 1.0
     assert scores.families.loc["catalogue", "closed"] == pytest.approx(1.0)
     assert scores.families.loc["all", "study"] == pytest.approx(0.8)
     assert np.isnan(scores.families.loc["all", "oracle"])
@@ -500,7 +502,7 @@ def knows_all(data):
     return {"verdict": verdict or "named", "effects": [] if verdict else effects, "seconds": 0.1}
 
 
-SIMPLE = Case("catalogue", "rl", ("cubic-resistor",), (10.0,), 0.05, 1)
+SIMPLE = Case("catalogue", "rl", ("cubic-resistor",), (2.0,), 0.05, 1)
 FEW = (SIMPLE, SILENT, Case("mis-calibrated", "rc", (), (), 0.05, 4))
 
 
@@ -539,11 +541,11 @@ def test_a_stopped_run_goes_on(tmp_path):
 
 
 def test_results_of_another_version_are_not_mixed_in(tmp_path):
-    run(tmp_path, FEW[:1], solve=knows_all, workers=1, peers=False, progress=False)
+    run(tmp_path, FEW[1:2], solve=knows_all, workers=1, peers=False, progress=False)
     file = tmp_path / RESULTS
     file.write_text(json.dumps({**json.loads(file.read_text()), "version": "0.0.0"}) + "\n")
     calls = []
-    run(tmp_path, FEW[:1], solve=lambda d: calls.append(1) or knows_all(d), workers=1, peers=False, progress=False)
+    run(tmp_path, FEW[1:2], solve=lambda d: calls.append(1) or knows_all(d), workers=1, peers=False, progress=False)
     assert calls == [1]
 
 

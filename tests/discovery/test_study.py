@@ -1,4 +1,4 @@
-"""The study on forced oscillators integrated here by a Runge-Kutta rule of its own, with and without a hidden effect."""
+"""Studies of forced oscillators, integrated here by a Runge-Kutta rule of its own, with and without hidden effects."""
 
 import json
 

@@ -9,8 +9,11 @@ from jaxtyping import Bool, Float
 
 from .oracle import NONE
 
-SOLVERS = ("study", "oracle", "stlsq", "ensemble")
-"""The study, the Bayes-optimal classifier, and PySINDy's STLSQ and its ensemble."""
+PEERS = ("stlsq", "ensemble")
+"""PySINDy's STLSQ and its ensemble."""
+
+SOLVERS = ("study", "oracle", *PEERS)
+"""The study, the Bayes-optimal classifier, and PySINDy."""
 
 NAMED = ("named", "partly named")
 """Verdicts that come with a name."""
@@ -54,6 +57,13 @@ def is_right(family: str, truth: Sequence[str], verdict: str, names: Sequence[st
     return list(names[:1]) == list(truth) if family == "catalogue" else set(truth) <= set(names)
 
 
+def is_exact(family: str, truth: Sequence[str], verdict: str, names: Sequence[str]) -> bool:
+    """Whether an answer is right and names nothing else; arguments as in `is_right`."""
+    if family not in ("catalogue", "two effects"):
+        return is_right(family, truth, verdict, names)
+    return verdict == "named" and set(names) == set(truth)
+
+
 def answers(row: Mapping[str, Any]) -> dict[str, tuple[str, list[str]]]:
     """Verdict and names by solver; solvers that did not run, or do not apply to the family, are left out."""
     study = row.get("study")
@@ -65,7 +75,7 @@ def answers(row: Mapping[str, Any]) -> dict[str, tuple[str, list[str]]]:
     if row.get("oracle") and row["family"] in ("catalogue", "null"):
         first = next(iter(row["oracle"]))
         given["oracle"] = ("no gap", []) if first == NONE else ("named", [first])
-    for peer in ("stlsq", "ensemble"):
+    for peer in PEERS:
         if row.get(peer):
             given[peer] = (row[peer]["verdict"], row[peer]["names"])
     return given
@@ -87,8 +97,8 @@ def case_marks(row: Mapping[str, Any]) -> dict[str, Any]:
         "study verdict": verdict,
         "study names": "+".join(names),
         **right,
-        # Nothing but what was hidden, and no doubt about it.
-        "exact": right["study"] if not truth else verdict == "named" and set(names) == set(truth),
+        "exact": is_exact(family, truth, verdict, names),
+        **{f"{peer} exact": is_exact(family, truth, *given[peer]) if peer in given else None for peer in PEERS},
         "right or tied": bool(right["study"]) or _is_excused(row),
         "overlap": study.get("overlap", {}).get("iou"),
         "closed": closed.get("derivative NMSE"),

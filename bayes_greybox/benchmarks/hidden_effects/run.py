@@ -166,18 +166,17 @@ def _worked(
             for task in tasks:
                 yield run_case(*task)
         return
-    pool = ProcessPoolExecutor(
-        workers,
+    # New processes every so often, since what a worker compiled stays in its memory. Not by max_tasks_per_child: a pool
+    # that replaces its workers can wait for ever (https://github.com/python/cpython/issues/115634).
+    size = workers * CASES_PER_WORKER
+    for start in range(0, len(tasks), size):
         # JAX has threads, which a forked process would wait for without end.
-        mp_context=get_context("spawn"),
-        initializer=_start_worker,
-        max_tasks_per_child=CASES_PER_WORKER,
-    )
-    try:
-        for future in as_completed([pool.submit(run_case, *task) for task in tasks]):
-            yield future.result()
-    finally:
-        pool.shutdown(cancel_futures=True)
+        pool = ProcessPoolExecutor(workers, mp_context=get_context("spawn"), initializer=_start_worker)
+        try:
+            for future in as_completed([pool.submit(run_case, *task) for task in tasks[start : start + size]]):
+                yield future.result()
+        finally:
+            pool.shutdown(cancel_futures=True)
 
 
 def _start_worker() -> None:

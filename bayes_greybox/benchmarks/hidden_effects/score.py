@@ -12,10 +12,13 @@ import pandas as pd
 from bayes_greybox.data.errors import InputError
 
 from .cases import FAMILIES
-from .marks import SOLVERS, case_marks, coverage_table, listed, reliability_curve, stated
+from .marks import PEERS, SOLVERS, case_marks, coverage_table, listed, reliability_curve, stated
 
 RATIO_BINS = (0.3, 1.0, 3.0, 10.0, 30.0)
 """Edges of the ranges of effect over noise that accuracy is given for; the first and last range have no outer end."""
+
+SHARES = (*SOLVERS, "exact", *(f"{peer} exact" for peer in PEERS), "right or tied")
+"""Marks whose means are shares of right answers."""
 
 Marks = Sequence[Mapping[str, Any]]
 """Cases, as `case_marks` describes them."""
@@ -28,7 +31,7 @@ class Scores:
     Attributes:
         cases: One row for each case: verdict, names, and whether they are right, by solver.
         families: By family, for all, and for those that the oracle applies to ("one or none"); with `exact` (the
-            study names all that was hidden and nothing else), `right or tied`, overlap with the true region, share
+            study, and each peer, names all that was hidden and nothing else), `right or tied`, overlap with the true region, share
             of the closable gap closed on held-out data, and seconds a case.
         ratios: Family "catalogue" by the size of the effect.
         groups: Family "catalogue" by domain, noise level and effect.
@@ -106,9 +109,8 @@ def _accuracy(marks: Marks, by: Callable[[Any], Any], order: Sequence[Any] | Non
     """Shares of right answers by group."""
     groups = order or sorted({by(mark) for mark in marks})
     parts = {group: [mark for mark in marks if by(mark) == group] for group in groups}
-    columns = (*SOLVERS, "exact", "right or tied")
-    rows = {group: {"cases": len(part), **{c: mean(part, c) for c in columns}} for group, part in parts.items()}
-    return pd.DataFrame.from_dict(rows, orient="index", columns=["cases", *columns])
+    rows = {group: {"cases": len(part), **{c: mean(part, c) for c in SHARES}} for group, part in parts.items()}
+    return pd.DataFrame.from_dict(rows, orient="index", columns=["cases", *SHARES])
 
 
 def _families(marks: Marks) -> pd.DataFrame:
@@ -122,7 +124,7 @@ def _families(marks: Marks) -> pd.DataFrame:
         gap = name not in ("null", "one or none", "all")
         rows[name] = {
             "cases": len(part),
-            **{column: mean(part, column) for column in (*SOLVERS, "exact", "right or tied", "overlap")},
+            **{column: mean(part, column) for column in (*SHARES, "overlap")},
             # What the study failed on has closed nothing.
             "closed": mean(part, "closed", 0.0) / mean(part, "closable", 0.0) if gap else np.nan,
             "closed in free run": mean(part, "closed in free run") if gap else np.nan,

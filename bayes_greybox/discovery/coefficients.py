@@ -1,0 +1,105 @@
+"""Posterior of the coefficients of an equation, with the effects that were added to it."""
+
+from collections.abc import Sequence
+from itertools import product
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from bayes_greybox.inference.evidence import coefficients
+
+from .evaluations import Evaluations, one_pattern
+
+
+class Coefficients(NamedTuple):
+    """Posterior draws for a set of columns.
+
+    Attributes:
+        indices: Columns: free, corrections, effects.
+        draws: Scaled coefficients [n_draw, n_column], exactly zero for corrections that are out.
+        inner: For each draw, the index of the column that stands for each added effect [n_draw, n_effect].
+        sigma: Noise SD, scaled [n_draw].
+    """
+
+    indices: tuple[int, ...]
+    draws: Float[np.ndarray, "n_draw n_column"]
+    inner: np.ndarray
+    sigma: Float[np.ndarray, " n_draw"]
+
+
+def plain(evaluations: Evaluations) -> np.ndarray:
+    """Coefficients of the free columns with nothing else in the model, scaled."""
+    fitted = evaluations.parametric([()])[0]
+    return coefficients(*one_pattern(fitted, 0))[0][: len(evaluations.table.of_kind("free"))]
+
+
+def alone(evaluations: Evaluations, index: int) -> tuple[float, float]:
+    """Mean and standard deviation of one effect's scaled coefficient when it is the only one added."""
+    fitted = evaluations.parametric([(index,)])[0]
+    pattern = int(np.argmax(fitted.by_pattern))
+    mean, covariance = coefficients(*one_pattern(fitted, pattern))
+    return float(mean[-1]), float(np.sqrt(max(covariance[-1, -1], 0.0)))
+
+
+def draw_coefficients(evaluations: Evaluations, base: Sequence[int], n_draw: int, seed: int) -> Coefficients:
+    """Posterior draws of all coefficients given the effects of `base`, inner parameters and corrections averaged.
+
+    Args:
+        evaluations: Evidence of the equation.
+        base: One column for each effect.
+        n_draw: Number of draws.
+        seed: Their seed.
+    """
+    rng = np.random.default_rng(seed)
+    choices = list(product(*(_likely(evaluations, base, i) for i in base))) if base else [()]
+    evaluated = evaluations.parametric(choices)
+    logs = np.array([[*np.ravel(v.by_pattern)] for v in evaluated])
+    n_pattern = logs.shape[1]
+    flat = np.exp(logs - np.logaddexp.reduce(logs, axis=None)).ravel()
+    picks = rng.choice(len(flat), size=n_draw, p=flat / flat.sum())
+    own = [*evaluations.table.of_kind("free"), *evaluations.table.of_kind("correction")]
+    beta, inner, sigma = (
+        np.zeros((n_draw, len(own) + len(base))),
+        np.zeros((n_draw, len(base)), int),
+        np.zeros(n_draw),
+    )
+    remainder = evaluations.integrated(tuple(base))
+    p_f = _remainder(evaluations, tuple(base))
+    for pick in np.unique(picks):
+        rows = np.flatnonzero(picks == pick)
+        choice, pattern = choices[pick // n_pattern], pick % n_pattern
+        one, single = one_pattern(evaluated[pick // n_pattern], int(pattern))
+        mean, covariance = coefficients(one, single)
+        node = rng.choice(len(single.sigma), size=len(rows), p=single.weight / single.weight.sum())
+        sigma[rows] = single.sigma[node]
+        values, vectors = np.linalg.eigh(covariance)
+        spread = vectors * np.sqrt(np.maximum(values, 0))
+        wide = np.ones(len(rows))
+        # Where f remains, the noise is smaller; the coefficients' scatter shrinks with it.
+        s_f = np.sqrt(evaluations.table.noise.floor**2 + np.exp(2 * remainder.mode[0]))
+        with_f = rng.random(len(rows)) < p_f
+        wide[with_f] = s_f / sigma[rows][with_f]
+        sigma[rows[with_f]] = s_f
+        beta[rows] = mean + wide[:, None] * (rng.standard_normal((len(rows), len(values))) @ spread.T)
+        inner[rows] = choice
+    return Coefficients((*own, *base), beta, inner, sigma)
+
+
+def _likely(evaluations: Evaluations, base: Sequence[int], index: int) -> list[int]:
+    """Columns of one added effect that carry its posterior over the inner parameter."""
+    group = evaluations.group(index)
+    others = [i for i in base if i != index]
+    order = [tuple(i if j == index else j for j in base) for i in group] if others else [(i,) for i in group]
+    log_z = np.array([v.all for v in evaluations.parametric(order)])
+    weight = np.exp(log_z - np.logaddexp.reduce(log_z))
+    kept = [group[k] for k in np.argsort(-weight)[:9] if weight[k] > 1e-3]
+    return kept
+
+
+def _remainder(evaluations: Evaluations, base: tuple[int, ...]) -> float:
+    """Probability that f remains beside these effects."""
+    odds = evaluations.odds
+    without = evaluations.parametric([base])[0].all + np.log1p(-odds.remainder)
+    with_f = evaluations.integrated(base).log_evidence + evaluations.inner_weight(base) + np.log(odds.remainder)
+    return float(np.exp(with_f - np.logaddexp(without, with_f)))

@@ -1,0 +1,218 @@
+"""Evidence of sets of effects on one table, with and without what they leave over; each is found once."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+from typing import NamedTuple
+
+import numpy as np
+
+from bayes_greybox.inference.bridge import bridge
+from bayes_greybox.inference.drift import drift_evidence
+from bayes_greybox.inference.evidence import (
+    IMPORTANCE_DRAWS,
+    Evaluator,
+    Integrated,
+    Marginal,
+    Spectrum,
+    WithDiscrepancy,
+    coefficients,
+    marginal,
+)
+
+from .odds import Odds
+from .table import GapTable
+
+MOST_PATTERNS = 64
+"""Up to so many inclusion patterns of the simulation's own terms are summed; beyond, those with at most two terms."""
+
+
+class Parametric(NamedTuple):
+    """A set of effects without f, σ integrated out; log evidences carry the prior weight of inner parameters.
+
+    Attributes:
+        all: Summed over the patterns of corrections.
+        none: Without corrections.
+        some: With at least one, given that there is one.
+        by_pattern: Of each pattern, its prior included.
+        spectrum: All patterns.
+        marginal: All patterns.
+    """
+
+    all: float
+    none: float
+    some: float
+    by_pattern: np.ndarray
+    spectrum: Spectrum
+    marginal: Marginal
+
+
+@dataclass
+class Evaluations:
+    """Evidence on one table.
+
+    Attributes:
+        table: Products of the equation.
+        odds: Prior odds.
+        evaluator: Evidence with f.
+        importance_draws: Draws behind it.
+    """
+
+    table: GapTable
+    odds: Odds
+    evaluator: Evaluator
+    importance_draws: int = IMPORTANCE_DRAWS
+
+    def __post_init__(self) -> None:
+        self._with_f: dict[tuple[int, ...], Integrated] = {}
+        self._drifts: dict[tuple[int, ...], float] = {}
+        self._start: np.ndarray | None = None
+
+    def share(self, indices: tuple[int, ...], f: Integrated) -> float:
+        """Share of the gap's square that f carries at its mode."""
+        s2 = self.table.noise.floor**2 + np.exp(2 * f.mode[0])
+        gap = max(self.table.square - self.table.n_obs * s2, 1e-12 * self.table.square)
+        return float(np.clip(self.evaluator.explained(self.with_features(indices), f.mode) / gap, 0.0, 1.0))
+
+    def integrated(self, effects: tuple[int, ...]) -> Integrated:
+        """Evidence with f; it carries no prior weight of inner parameters."""
+        if effects not in self._with_f:
+            found = self.evaluator.integrate(
+                self.with_features(effects), start=self._start, draws=self.importance_draws
+            )
+            self._with_f[effects] = found
+            if self._start is None:
+                self._start = found.mode
+        return self._with_f[effects]
+
+    def drift(self, effects: tuple[int, ...]) -> float:
+        """Log Bayes factor of residuals that hang together in time, with these effects added."""
+        if effects not in self._drifts:
+            table = self.table
+            fitted = self.parametric([effects])[0]
+            pattern = int(np.argmax(fitted.by_pattern))
+            mean = coefficients(*one_pattern(fitted, pattern))[0]
+            residual = table.residual(self.indices(effects), mean)
+            found = -np.inf
+            if residual is not None:
+                data = table.data
+                found = drift_evidence(residual, data.time, data.run, table.noise, table.prior.amplitude)
+            self._drifts[effects] = found
+        return self._drifts[effects]
+
+    def patterns(self) -> tuple[np.ndarray, np.ndarray]:
+        """Inclusion patterns of the corrections, all zeros first, and their log prior beside an effect."""
+        k = len(self.table.of_kind("correction"))
+        patterns = np.array(list(product((0, 1), repeat=k)), int).reshape(2**k, k)
+        if len(patterns) > MOST_PATTERNS:
+            patterns = patterns[patterns.sum(axis=1) <= 2]
+        log_prior = patterns.sum(axis=1) * np.log(self.odds.correction)
+        log_prior = log_prior + (k - patterns.sum(axis=1)) * np.log1p(-self.odds.correction)
+        return patterns, log_prior - np.logaddexp.reduce(log_prior)
+
+    def indices(self, effects: Sequence[int]) -> list[int]:
+        """Columns of a hypothesis: free ones, corrections, effects."""
+        return [*self.table.of_kind("free"), *self.table.of_kind("correction"), *effects]
+
+    def scales(self, effects: Sequence[int]) -> np.ndarray:
+        """Prior standard deviations by pattern [n_pattern, n_column]."""
+        patterns, _ = self.patterns()
+        sd = np.array([self.table.columns[i].sd for i in self.indices(effects)])
+        n_free = len(self.table.of_kind("free"))
+        scales = np.tile(sd, (len(patterns), 1))
+        scales[:, n_free : n_free + patterns.shape[1]] *= patterns
+        return scales
+
+    def parametric(self, choices: Sequence[Sequence[int]]) -> list[Parametric]:
+        """Evidence without f of several sets of effects of one size, all inclusion patterns at once."""
+        if not choices:
+            return []
+        _, log_prior = self.patterns()
+        indices = np.array([self.indices(c) for c in choices])
+        scales = np.stack([self.scales(c) for c in choices])
+        gram = self.table.products[indices[:, :, None], indices[:, None, :]][:, None]
+        product_y = self.table.with_target[indices][:, None]
+        spectrum = Spectrum.of(gram, product_y, self.table.square, self.table.n_obs, scales)
+        posterior = marginal(spectrum, self.table.noise)
+        found = []
+        for k, choice in enumerate(choices):
+            inner = self.inner_weight(choice)
+            logs = posterior.log_evidence[k]
+            by_pattern = logs + log_prior + inner
+            # "Recalibrate" is told apart from "no gap" by the patterns, so their prior is that given some are in.
+            some = np.logaddexp.reduce(log_prior[1:]) if len(log_prior) > 1 else 0.0
+            found.append(
+                Parametric(
+                    all=float(np.logaddexp.reduce(by_pattern)),
+                    none=float(logs[0]),
+                    some=float(np.logaddexp.reduce(by_pattern[1:]) - some) if len(logs) > 1 else -np.inf,
+                    by_pattern=by_pattern,
+                    spectrum=Spectrum(
+                        spectrum.eigenvalues[k], spectrum.loading[k], spectrum.back[k], spectrum.square, spectrum.n_obs
+                    ),
+                    marginal=Marginal(logs, posterior.sigma[k], posterior.weight[k]),
+                )
+            )
+        return found
+
+    def with_features(self, effects: tuple[int, ...]) -> WithDiscrepancy:
+        """The hypothesis with f, its features orthogonal to its columns in the metric of R⁻¹."""
+        table, indices = self.table, self.indices(effects)
+        scales = self.scales(effects)
+        G, g = table.products[np.ix_(indices, indices)], table.with_target[indices]
+        spectrum = Spectrum.of(G, g, table.square, table.n_obs, scales)
+        C = table.with_features[indices]
+        # Projection on the columns through the eigenvectors of their Gram matrix that carry any weight
+        values, vectors = np.linalg.eigh(G)
+        kept = values > 1e-12 * max(values[-1], 1e-300) if len(values) else np.zeros(0, bool)
+        root = vectors[:, kept] / np.sqrt(values[kept])
+        P = root.T @ C
+        return WithDiscrepancy(
+            spectrum.eigenvalues,
+            spectrum.loading,
+            self.patterns()[1],
+            table.square,
+            table.n_obs,
+            table.features - P.T @ P,
+            table.features_target - P.T @ (root.T @ g),
+        )
+
+    def bridged(self, effects: tuple[int, ...], sure: float, seed: int) -> None:
+        """Find the evidence with f by bridge sampling too, if its standard error exceeds `sure`; keep the surer."""
+        found = self.integrated(effects)
+        if found.se > sure:
+            again = bridge(self.evaluator, self.with_features(effects), seed=seed)
+            if again.se < found.se:
+                self._with_f[effects] = found._replace(log_evidence=again.log_evidence, se=again.se)
+
+    def inner_weight(self, effects: Sequence[int]) -> float:
+        """Log prior weight of the inner parameters of these columns."""
+        return float(sum(self.table.columns[i].log_weight for i in effects))
+
+    def name(self, index: int) -> str:
+        """Slug of the effect that a column stands for."""
+        effect = self.table.columns[index].effect
+        assert effect is not None
+        return effect.slug
+
+    def binding(self, index: int) -> str:
+        """Effect and the columns it is bound to."""
+        effect = self.table.columns[index].effect
+        assert effect is not None
+        return f"{effect.slug}({', '.join(f'{r}={c}' for r, c in sorted(effect.names.items()))})"
+
+    def group(self, index: int) -> tuple[int, ...]:
+        """All columns of the effect that a column belongs to, one for each value of its inner parameter."""
+        return tuple(i for i in self.table.of_kind("effect") if self.binding(i) == self.binding(index))
+
+    def best_of(self, slug: str) -> int:
+        """The column of an effect that fits best alone."""
+        columns = [i for i in self.table.of_kind("effect") if self.name(i) == slug]
+        return max(columns, key=lambda i: self.parametric([(i,)])[0].all)
+
+
+def one_pattern(fitted: Parametric, pattern: int) -> tuple[Spectrum, Marginal]:
+    """One inclusion pattern of a batch."""
+    spectrum, posterior = fitted.spectrum, fitted.marginal
+    single = replace(spectrum, **{f: getattr(spectrum, f)[pattern] for f in ("eigenvalues", "loading", "back")})
+    return single, Marginal(*(value[pattern] for value in posterior))
