@@ -11,6 +11,9 @@ STOPS = ("no gap", "recalibrate", "unknown", "enough")
 TIED = 0.05
 """An effect whose probability is at least this share of the best one's is tied with it."""
 
+SAME = 1e-3
+"""Effects whose log evidences differ by less are one effect under two names on these data."""
+
 NEGLIGIBLE, SUBSTANTIAL = 0.05, 0.3
 """Share of the gap left to f up to which an effect names it, and from which even "partly named" is too much."""
 
@@ -80,7 +83,7 @@ def search(
         probabilities = last.probabilities()
         slugs = [name for name in probabilities if name not in STOPS]
         stop = max((name for name in probabilities if name in STOPS), key=lambda name: probabilities[name])
-        wanted = slugs and sum(probabilities[s] for s in slugs) > probabilities[stop]
+        wanted = slugs and _with_twins(last, slugs) > probabilities[stop]
         best = last.best(slugs[0]) if wanted else last.best(stop)
         adding = bool(wanted) and len(base) < most
         steps.append(Step(probabilities, best.name if adding else "", best.share_left))
@@ -122,7 +125,7 @@ def _checked(contest: Contest, base: tuple[int, ...]) -> tuple[tuple[int, ...], 
             if slugs[0] == contest.evaluations.name(base[k]) and probabilities[slugs[0]] > 0.5:
                 continue
             stop = max((name for name in probabilities if name in STOPS), key=lambda name: probabilities[name])
-            if probabilities[stop] > sum(probabilities[s] for s in slugs) and stop != "unknown":
+            if probabilities[stop] > _with_twins(again, slugs) and stop != "unknown":
                 return others, True
             best = again.best(slugs[0]).best
             if best is not None and slugs[0] != contest.evaluations.name(base[k]):
@@ -130,6 +133,12 @@ def _checked(contest: Contest, base: tuple[int, ...]) -> tuple[tuple[int, ...], 
         if stable:
             break
     return base, changed
+
+
+def _with_twins(found: Round, slugs: list[str]) -> float:
+    """Probability of the likeliest effect, and of all that are the same to the data: names must not split a vote."""
+    probabilities, top = found.probabilities(), found.best(slugs[0]).log_evidence
+    return sum(probabilities[s] for s in slugs if abs(found.best(s).log_evidence - top) < SAME)
 
 
 def _left(last: Round) -> tuple[float, float]:

@@ -31,8 +31,8 @@ class Scores:
     Attributes:
         cases: One row for each case: verdict, names, and whether they are right, by solver.
         families: By family, for all, and for those that the oracle applies to ("one or none"); with `exact` (the
-            study, and each peer, names all that was hidden and nothing else), `right or tied`, overlap with the true region, share
-            of the closable gap closed on held-out data, and seconds a case.
+            study, or a peer, names all that was hidden and nothing else), `right or tied`, overlap with the true
+            region, share of the closable gap closed on held-out data, and seconds a case.
         ratios: Family "catalogue" by the size of the effect.
         groups: Family "catalogue" by domain, noise level and effect.
         verdicts: Shares of the study's verdicts by family.
