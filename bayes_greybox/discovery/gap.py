@@ -25,7 +25,8 @@ LEVEL = 0.9
 RATE_DRAWS, PATH_DRAWS = 200, 40
 """Posterior draws behind the intervals of rates and of free runs."""
 
-BEFORE, AFTER = "before", "after"
+STEPS_PER_ROW = 16
+"""Steps of the integrator that a free run may take for each row, before it counts as failed."""
 
 
 @dataclass(frozen=True)
@@ -139,12 +140,12 @@ def _free_runs(
 
     size = np.sqrt(np.mean(data.matrix(data.state_names) ** 2, axis=0))
     size = np.where(size > 0, size, 1.0)
-    advance = jax.jit(
-        jax.vmap(
-            lambda args, t, x0, u: integrate(right_hand_side, t, x0, u, args, scale=size, rtol=1e-6, atol=1e-7),
-            in_axes=(0, None, None, None),
-        )
-    )
+    most_steps = max(100_000, STEPS_PER_ROW * data.n_obs)
+
+    def follow(args: dict, t: Array, x0: Array, u: Array | None) -> Any:
+        return integrate(right_hand_side, t, x0, u, args, scale=size, rtol=1e-6, atol=1e-7, max_steps=most_steps)
+
+    advance = jax.jit(jax.vmap(follow, in_axes=(0, None, None, None)))
     states, failed = [], []
     for run in (data.take(i) for i in range(data.n_run)):
         u = jnp.asarray(run.matrix(data.input_names)) if data.input_names else None

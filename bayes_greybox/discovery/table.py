@@ -103,6 +103,7 @@ class GapTable:
         self.products, self.with_target, self.with_features = np.zeros((p, p)), np.zeros(p), np.zeros((p, m))
         self.features, self.features_target, self.square = np.zeros((m, m)), np.zeros(m), 0.0
         self._kept: list[np.ndarray] | None = None
+        self._known: np.ndarray | None = None
         whitened = self.data.n_obs * (m + 1) <= KEPT or self.equation in self.data.noise
         blocks = [] if whitened else None
         for block in self._fixed():
@@ -147,6 +148,8 @@ class GapTable:
             return
         new = self._whitened(np.column_stack(values))
         old = self._evaluated()
+        if self._kept is not None:
+            self._known = np.hstack([old, new])
         cross_y, cross_psi, cross_old = [], [], []
         start = 0
         for fixed in self._blocks():
@@ -202,8 +205,12 @@ class GapTable:
         self.columns = [self.columns[i] for i in keep]
         self.products = self.products[np.ix_(keep, keep)]
         self.with_target, self.with_features = self.with_target[keep], self.with_features[keep]
+        if self._known is not None:
+            self._known = self._known[:, keep]
 
     def _evaluated(self) -> np.ndarray:
+        if self._known is not None:
+            return self._known
         if not self.columns:
             return np.zeros((self._n_white(), 0))
         return self._whitened(self.rows(range(len(self.columns)), self.data.columns))

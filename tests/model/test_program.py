@@ -74,10 +74,14 @@ def test_term_that_is_infinite_only_between_the_data_is_refused_for_the_box():
     assert Program({"x": ["x", "sqrt(x**2 - 0.005)"]}, discrepancy=empirical).assemble(data)
 
 
+def test_a_model_without_a_dictionary_has_nothing_to_fit_and_says_where_to_look():
+    with pytest.raises(InputError, match="no dictionary.*find_missing_effects"):
+        Program({}).assemble(_data())
+
+
 @pytest.mark.parametrize(
     ("make", "words"),
     [
-        (lambda: Program({}), "must map each learned state"),
         (lambda: Program({"v": ["y"]}, noise_floor=0.0), "noise_floor=0"),
         (lambda: Program({"v": ["y"]}, noise=-1.0), "noise=-1"),
         (lambda: OrthogonalGP(kernel="periodic"), "kernel='periodic'"),

@@ -1,9 +1,6 @@
-"""README's Python block and the notebooks run as a reader would run them."""
+"""The notebooks run as a reader would run them."""
 
-import re
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import nbformat
@@ -11,18 +8,6 @@ import pytest
 from nbclient import NotebookClient
 
 ROOT = Path(__file__).parent.parent
-
-
-def test_the_python_block_of_readme_runs(tmp_path):
-    blocks = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(encoding="utf-8"), re.DOTALL)
-    assert blocks
-    shutil.copytree(ROOT / "configs", tmp_path / "configs")
-    result = subprocess.run(
-        [sys.executable, "-c", "\n".join(blocks)], cwd=tmp_path, capture_output=True, text=True, timeout=600
-    )
-    assert result.returncode == 0, result.stderr
-    assert (tmp_path / "run.nc").is_file()
-    assert "Converged" in result.stdout
 
 
 @pytest.mark.parametrize("path", sorted((ROOT / "notebooks").glob("*.ipynb")), ids=lambda path: path.stem)

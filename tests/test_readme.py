@@ -1,0 +1,22 @@
+"""README's Python blocks run as a reader would run them."""
+
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).parent.parent
+
+
+def test_the_python_blocks_of_readme_run(tmp_path):
+    blocks = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(encoding="utf-8"), re.DOTALL)
+    assert blocks
+    shutil.copytree(ROOT / "configs", tmp_path / "configs")
+    result = subprocess.run(
+        [sys.executable, "-c", "\n".join(blocks)], cwd=tmp_path, capture_output=True, text=True, timeout=600
+    )
+    assert result.returncode == 0, result.stderr
+    assert (tmp_path / "run.nc").is_file()
+    assert (tmp_path / "gap.html").is_file()
+    assert "Converged" in result.stdout
