@@ -69,9 +69,12 @@ class Evaluations:
         self._start: np.ndarray | None = None
 
     def share(self, indices: tuple[int, ...], f: Integrated) -> float:
-        """Share of the gap's square that f carries at its mode."""
+        """Share of the gap's square that f carries at its mode; what the free columns explain is no gap."""
         s2 = self.table.noise.floor**2 + np.exp(2 * f.mode[0])
-        gap = max(self.table.square - self.table.n_obs * s2, 1e-12 * self.table.square)
+        free = self.table.of_kind("free")
+        own, g = self.table.products[np.ix_(free, free)], self.table.with_target[free]
+        square = self.table.square - float(g @ np.linalg.lstsq(own, g, rcond=1e-12)[0])
+        gap = max(square - self.table.n_obs * s2, 1e-12 * self.table.square)
         return float(np.clip(self.evaluator.explained(self.with_features(indices), f.mode) / gap, 0.0, 1.0))
 
     def integrated(self, effects: tuple[int, ...]) -> Integrated:

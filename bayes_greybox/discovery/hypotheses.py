@@ -37,6 +37,7 @@ class Explanation:
         remainder: Probability that f remains under this explanation.
         share_left: Share of the gap's square that f carries, averaged over whether it remains.
         with_discrepancy: The effects beside which f was integrated, if it was.
+        alone: Log evidence of an effect without f.
     """
 
     name: str
@@ -47,6 +48,7 @@ class Explanation:
     remainder: float = 0.0
     share_left: float = 0.0
     with_discrepancy: tuple[int, ...] | None = None
+    alone: float = -np.inf
 
 
 @dataclass(frozen=True)
@@ -216,5 +218,25 @@ class Contest:
             p = float(np.exp(remainder - both))
             best = likeliest if without > remainder else index
             beside = (*base, index) if key in finalists else None
-            found.append(Explanation(known.name(index), tuple(group), both, both, best, p, float(p * share), beside))
-        return found
+            found.append(
+                Explanation(known.name(index), tuple(group), both, both, best, p, float(p * share), beside, summed[key])
+            )
+        return self._by_what_they_explain(found, alone)
+
+    def _by_what_they_explain(self, found: list[Explanation], alone: Mapping[int, Parametric]) -> list[Explanation]:
+        """Split the effects' evidence by what each explains alone, where f remains beside the best of them.
+
+        With a flexible f beside every effect, and rows enough to pin it down, effects differ only in how easily f takes
+        what they leave, not in how much that is. All of them together keep the evidence that they have.
+        """
+        top = max(found, key=lambda e: e.log_weight, default=None)
+        if top is None or top.remainder < 0.5:
+            return found
+        total = np.logaddexp.reduce([e.log_weight for e in found])
+        together = np.logaddexp.reduce([e.alone for e in found])
+        split = []
+        for e in found:
+            best = max(e.candidate, key=lambda i: alone[i].all)
+            weight = float(total + e.alone - together)
+            split.append(replace(e, log_weight=weight, log_evidence=weight, best=best))
+        return split
