@@ -174,7 +174,8 @@ def test_the_same_case_gives_the_same_data():
     first, second = generate(OBVIOUS), generate(OBVIOUS)
     pd.testing.assert_frame_equal(first.train.to_frame(), second.train.to_frame())
     pd.testing.assert_frame_equal(first.test.to_frame(), second.test.to_frame())
-    assert first.effects == second.effects
+    # By their text: an effect without an inner parameter has nan there, which Python 3.13 holds different from itself.
+    assert repr(first.effects) == repr(second.effects)
     assert 300 <= first.train.n_obs <= 600
 
 
