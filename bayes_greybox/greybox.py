@@ -1,6 +1,7 @@
 """The two objects that users hold: GreyBox, the model, and Fit, its posterior. Every method is one call into a room."""
 
 import os
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property
 
@@ -116,9 +117,14 @@ class Fit(Posterior):
         """Posterior bands of the rates at the rows of any data, with `nmse()`."""
         return predict(self, data, level)
 
-    def simulate(self, data: Trajectories, level: float = 0.9, draws: int = 50) -> FreeRun:
-        """Free run of the whole model from the measured start of each run, with bands and `nrmse()`."""
-        return free_run(self, data, level, draws)
+    def simulate(
+        self, data: Trajectories, level: float = 0.9, draws: int = 50, interpolation: str | Sequence[str] | None = None
+    ) -> FreeRun:
+        """Free run of the whole model from the measured start of each run, with bands and `nrmse()`.
+
+        The inputs between samples follow lines or splines, as their samples suggest, or `interpolation` ("zoh": held).
+        """
+        return free_run(self, data, level, draws, interpolation=interpolation)
 
     def save(self, path: str | os.PathLike) -> None:
         """Write posterior, data, model, settings, versions and seed to one netCDF file."""

@@ -1,5 +1,6 @@
 """[data]: measurements from a table, a benchmark data set or a simulated system."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -22,7 +23,7 @@ class Differentiate(Section):
     white_share: Positive | None = None
 
 
-class Source(Section):
+class Source(Section, ABC):
     """What every kind of [data] may have."""
 
     differentiate: Differentiate | None = None
@@ -53,9 +54,9 @@ class Source(Section):
             second = None if second is None else second.differentiate(**settings)
         return first, second
 
+    @abstractmethod
     def load(self, folder: Path, *, test: bool) -> "bg.Trajectories":
         """The measurements as they are, of the training or of the held-out data."""
-        raise NotImplementedError
 
 
 class TableTest(Section):

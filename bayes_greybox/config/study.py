@@ -1,7 +1,7 @@
 """[study]: how missing effects are looked for."""
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field
 
@@ -35,6 +35,7 @@ class Study(Section):
     odds: Odds | None = None
     settle: bool = True
     free_runs: bool = True
+    interpolation: Literal["linear", "cubic", "zoh"] | None = None
 
     def arguments(self, folder: Path) -> dict[str, Any]:
         """Arguments of `find_missing_effects`, for the keys that the file has.

@@ -1,7 +1,8 @@
 """Posterior predictions on any rows, and free runs of the whole model, with bands."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -16,7 +17,7 @@ from bayes_greybox.inference.posterior import EquationDraws, Posterior
 from bayes_greybox.model.assemble import Equation
 from bayes_greybox.model.likelihood import DenseDesign, Hyperparameters
 from bayes_greybox.model.simulation import Simulation
-from bayes_greybox.physics.integrate import integrate
+from bayes_greybox.physics.integrate import between_samples, integrate
 
 PREDICTION_DRAWS = 500
 """Posterior draws behind a prediction; bands change by less than their Monte Carlo error beyond."""
@@ -49,6 +50,22 @@ class Band:
         tail = (1 - level) / 2
         lower, upper = np.quantile(draws, [tail, 1 - tail], axis=0)
         return cls(draws.mean(axis=0), draws.std(axis=0), lower, upper)
+
+    @classmethod
+    def surviving(cls, draws: Float[np.ndarray, "n_draw n_obs"], level: float) -> "Band":
+        """Summarise draws that may end in NaN: of those that have not yet, and NaN once all have."""
+        found = {field: np.full(draws.shape[1], np.nan) for field in ("mean", "sd", "lower", "upper")}
+        left = np.isfinite(draws)
+        # Runs end one by one, so few different sets of draws are left: one call of quantile for each.
+        sets, which = np.unique(np.packbits(left, axis=0), axis=1, return_inverse=True)
+        for i in range(sets.shape[1]):
+            rows = np.flatnonzero(which.ravel() == i)
+            alive = left[:, rows[0]]
+            if alive.any():
+                band = cls.of(draws[np.ix_(alive, rows)], level)
+                for field, values in found.items():
+                    values[rows] = getattr(band, field)
+        return cls(**found)
 
     @classmethod
     def join(cls, parts: "list[Band]") -> "Band":
@@ -189,7 +206,12 @@ def discrepancy_draws(
 
 
 def free_run(
-    posterior: Posterior, data: Trajectories, level: float = 0.9, at_most: int = FREE_RUN_DRAWS, seed: int = 0
+    posterior: Posterior,
+    data: Trajectories,
+    level: float = 0.9,
+    at_most: int = FREE_RUN_DRAWS,
+    seed: int = 0,
+    interpolation: str | Sequence[str] | None = None,
 ) -> FreeRun:
     """Integrate simulation + dictionary + f over each run from its measured start, for several posterior draws.
 
@@ -199,6 +221,7 @@ def free_run(
         level: Probability of the bands.
         at_most: Posterior draws integrated.
         seed: Seed of the choice of draws.
+        interpolation: Of the inputs between samples, see `integrate_runs`.
 
     Raises:
         InputError: States without an equation; a model on the exact path, whose f has no finite expansion.
@@ -234,23 +257,51 @@ def free_run(
             rate = rate.at[data.state_names.index(name)].add(added)
         return rate
 
+    states, failed_at = integrate_runs(right_hand_side, data, parameters, interpolation)
+    bands = {name: Band.surviving(states[:, :, i], level) for i, name in enumerate(data.state_names)}
+    lost = [times[np.isfinite(times)] for times in failed_at]
+    failed = np.array([len(times) / len(every) for times, every in zip(lost, failed_at, strict=True)])
+    return FreeRun(data, level, bands, failed, np.array([np.median(t) if len(t) else np.nan for t in lost]))
+
+
+def integrate_runs(
+    right_hand_side: Callable[[Array, Array, Array, Any], Array],
+    data: Trajectories,
+    parameters: Any,
+    interpolation: str | Sequence[str] | None = None,
+    **options: Any,
+) -> tuple[Float[np.ndarray, "n_draw n_obs n_state"], Float[np.ndarray, "n_run n_draw"]]:
+    """Integrate every run of the data from its measured start with its measured inputs, for several parameters at once.
+
+    Args:
+        right_hand_side: (t, x, u, one draw of the parameters) -> dx/dt.
+        data: Runs to follow.
+        parameters: Pytree of arrays whose first axis counts draws.
+        interpolation: Of the inputs between samples: "linear", "zoh" (held) or "cubic", for all or one for each. By
+            default each input's own, linear or cubic, by `physics.integrate.between_samples`.
+        **options: Of `physics.integrate.integrate`.
+
+    Returns:
+        States at the rows of the data, NaN from where a run failed; and the time of each failure, NaN where none.
+    """
     size = np.sqrt(np.mean(data.matrix(data.state_names) ** 2, axis=0))
-    bands: dict[str, list[Band]] = {name: [] for name in data.state_names}
-    failed, failed_at = [], []
-    for run in (data.take(i) for i in range(data.n_run)):
-        u = run.matrix(data.input_names) if data.input_names else None
-        x0 = run.matrix(data.state_names)[0]
-        run_all = jax.jit(
-            jax.vmap(lambda args, t=run.time, x0=x0, u=u: integrate(right_hand_side, t, x0, u, args, scale=size))
-        )
-        path = run_all(parameters)
-        states, times = np.asarray(path.states), np.asarray(path.failed_at)
-        for i, name in enumerate(data.state_names):
-            bands[name].append(_surviving(states[:, :, i], level))
-        failed.append(float(np.mean(np.isfinite(times))))
-        failed_at.append(float(np.nanmedian(times)) if np.isfinite(times).any() else np.nan)
-    joined = {name: Band.join(parts) for name, parts in bands.items()}
-    return FreeRun(data, level, joined, np.array(failed), np.array(failed_at))
+    size = np.where(size > 0, size, 1.0)
+    runs = [data.take(i) for i in range(data.n_run)]
+    if interpolation is None:
+        interpolation = _most_cautious([between_samples(run.time, run.matrix(data.input_names)) for run in runs])
+
+    def follow(args: Any, t: Array, x0: Array, u: Array | None) -> Any:
+        return integrate(right_hand_side, t, x0, u, args, scale=size, interpolation=interpolation, **options)
+
+    # Compiled once for all runs of one length.
+    follow_all = jax.jit(jax.vmap(follow, in_axes=(0, None, None, None)))
+    states, failed_at = [], []
+    for run in runs:
+        u = jnp.asarray(run.matrix(data.input_names)) if data.input_names else None
+        path = follow_all(parameters, jnp.asarray(run.time), jnp.asarray(run.matrix(data.state_names)[0]), u)
+        states.append(np.asarray(path.states))
+        failed_at.append(np.asarray(path.failed_at))
+    return np.concatenate(states, axis=1), np.array(failed_at)
 
 
 def predictive_group(posterior: Posterior) -> tuple[dict[str, np.ndarray], np.ndarray] | None:
@@ -309,15 +360,9 @@ def _scaled_parts(
     return explained, np.asarray(jax.lax.map(one, (keys, draws.hyper, draws.theta)))
 
 
-def _surviving(states: Float[np.ndarray, "n_draw n_time"], level: float) -> Band:
-    """Band over the draws that have not failed yet."""
-    alive = np.isfinite(states).any(axis=0)
-    band = {field: np.full(states.shape[1], np.nan) for field in ("mean", "sd", "lower", "upper")}
-    tail = (1 - level) / 2
-    band["mean"][alive] = np.nanmean(states[:, alive], axis=0)
-    band["sd"][alive] = np.nanstd(states[:, alive], axis=0)
-    band["lower"][alive], band["upper"][alive] = np.nanquantile(states[:, alive], [tail, 1 - tail], axis=0)
-    return Band(**band)
+def _most_cautious(kinds: list[tuple[str, ...]]) -> tuple[str, ...]:
+    """For each input "cubic" where all runs say so: a step in one run is a step."""
+    return tuple("cubic" if set(each) == {"cubic"} else "linear" for each in zip(*kinds, strict=True))
 
 
 def _is_dense(equation: Equation) -> bool:

@@ -1,20 +1,18 @@
 """The gap before and after: how far the simulation, and the amended model, are from the measurements."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 from jaxtyping import Array, Float
 
-from bayes_greybox.criticism.prediction import Band
+from bayes_greybox.criticism.prediction import Band, integrate_runs
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.model.program import Program
 from bayes_greybox.model.simulation import Simulation
-from bayes_greybox.physics.integrate import integrate
 
 from .coefficients import Coefficients
 from .table import GapTable
@@ -24,9 +22,6 @@ LEVEL = 0.9
 
 RATE_DRAWS, PATH_DRAWS = 200, 40
 """Posterior draws behind the intervals of rates and of free runs."""
-
-STEPS_PER_ROW = 16
-"""Steps of the integrator that a free run may take for each row, before it counts as failed."""
 
 
 @dataclass(frozen=True)
@@ -72,7 +67,12 @@ class FreePath:
 
 
 def gap_rows(
-    model: Program, amendments: Mapping[str, Amendment], data: Trajectories, part: str, free_runs: bool
+    model: Program,
+    amendments: Mapping[str, Amendment],
+    data: Trajectories,
+    part: str,
+    free_runs: bool,
+    interpolation: str | Sequence[str] | None = None,
 ) -> tuple[pd.DataFrame, dict[str, FreePath]]:
     """The gap table's rows for one data set, and its free runs.
 
@@ -85,6 +85,7 @@ def gap_rows(
         data: Measurements to compare with.
         part: "train" or "test".
         free_runs: Whether to integrate free runs.
+        interpolation: Of the inputs between samples in free runs, see `criticism.prediction.integrate_runs`.
     """
     simulation = Simulation.of(model.simulation, data.state_names, data.input_names)
     rows = []
@@ -110,7 +111,7 @@ def gap_rows(
     paths: dict[str, FreePath] = {}
     known = set(data.state_names) if callable(model.simulation) else {*(model.simulation or {}), *amendments}
     if free_runs and set(data.state_names) <= known:
-        paths, more = _free_runs(simulation, amendments, data, part)
+        paths, more = _free_runs(simulation, amendments, data, part, interpolation)
         rows += more
     table = pd.DataFrame(rows, columns=["data", "metric", "variable", "before", "after", "lower", "upper"])
     ratio = table["after"] / table["before"].where(table["before"] > 0)
@@ -119,7 +120,11 @@ def gap_rows(
 
 
 def _free_runs(
-    simulation: Simulation, amendments: Mapping[str, Amendment], data: Trajectories, part: str
+    simulation: Simulation,
+    amendments: Mapping[str, Amendment],
+    data: Trajectories,
+    part: str,
+    interpolation: str | Sequence[str] | None,
 ) -> tuple[dict[str, FreePath], list[tuple]]:
     n_draw = PATH_DRAWS if any(len(a.after.indices) for a in amendments.values()) else 1
     names = (*data.state_names, *data.input_names)
@@ -133,31 +138,26 @@ def _free_runs(
         rate = simulation.rate(t, x, u)
         columns = dict(zip(names, (*x, *u), strict=True))
         for name, coefficient in args.items():
-            values = [term.evaluate(columns) for term in terms[name]]
-            if values:
-                rate = rate.at[places[name]].add(coefficient @ jnp.stack(values))
+            # Sums and a mask, which compile into the step; products and scatters would be calls at each stage.
+            added = sum((coefficient[i] * term.evaluate(columns) for i, term in enumerate(terms[name])), jnp.zeros(()))
+            rate = rate + jnp.where(jnp.arange(len(rate)) == places[name], added, 0.0)
         return rate
 
-    size = np.sqrt(np.mean(data.matrix(data.state_names) ** 2, axis=0))
-    size = np.where(size > 0, size, 1.0)
-    most_steps = max(100_000, STEPS_PER_ROW * data.n_obs)
-
-    def follow(args: dict, t: Array, x0: Array, u: Array | None) -> Any:
-        return integrate(right_hand_side, t, x0, u, args, scale=size, rtol=1e-6, atol=1e-7, max_steps=most_steps)
-
-    advance = jax.jit(jax.vmap(follow, in_axes=(0, None, None, None)))
-    states, failed = [], []
-    for run in (data.take(i) for i in range(data.n_run)):
-        u = jnp.asarray(run.matrix(data.input_names)) if data.input_names else None
-        path = advance(parameters, jnp.asarray(run.time), jnp.asarray(run.matrix(data.state_names)[0]), u)
-        states.append(np.asarray(path.states))
-        failed.append(np.asarray(path.failed_at) - run.time[0])
-    joined = np.concatenate(states, axis=1)
+    joined, failed_at = integrate_runs(
+        right_hand_side,
+        data,
+        parameters,
+        interpolation,
+        rtol=1e-6,
+        atol=1e-7,
+    )
     paths, rows = {}, []
     for i, name in enumerate(data.state_names):
         measured = data.states[name]
         before, after = joined[:1, :, i], joined[1:, :, i]
-        paths[name] = FreePath(data.time, data.run, measured, _band(before), _band(after))
+        paths[name] = FreePath(
+            data.time, data.run, measured, Band.surviving(before, LEVEL), Band.surviving(after, LEVEL)
+        )
         spread = float(np.std(measured))
         alive = np.isfinite(before[0]) & np.isfinite(after).all(axis=0)
 
@@ -168,9 +168,10 @@ def _free_runs(
         rows.append(
             (part, "free-run NRMSE", name, float(error(before)[0]), float(error(after.mean(axis=0))), low, high)
         )
-    times = np.array(failed)
-    if np.isfinite(times).any():
-        first = np.where(np.isfinite(times), times, np.inf).min(axis=0)
+    if np.isfinite(failed_at).any():
+        starts = np.array([data.take(i).time[0] for i in range(data.n_run)])
+        lasted = failed_at - starts[:, None]
+        first = np.where(np.isfinite(lasted), lasted, np.inf).min(axis=0)
         low, high = np.quantile(first[1:], [(1 - LEVEL) / 2, (1 + LEVEL) / 2], method="nearest")
         rows.append((part, "time to failure", "all", first[0], np.median(first[1:]), low, high))
     return paths, rows
@@ -188,13 +189,3 @@ def _added(amendment: Amendment, n_draw: int) -> tuple[list, np.ndarray]:
     before = np.zeros(len(columns))
     before[: len(amendment.before)] = amendment.before
     return columns, np.vstack([before, after.draws[pick]]) * scale if columns else np.zeros((1 + n_draw, 0))
-
-
-def _band(draws: np.ndarray) -> Band:
-    alive = np.isfinite(draws).any(axis=0)
-    parts = {field: np.full(draws.shape[1], np.nan) for field in ("mean", "sd", "lower", "upper")}
-    kept = draws[:, alive]
-    parts["mean"][alive], parts["sd"][alive] = np.nanmean(kept, axis=0), np.nanstd(kept, axis=0)
-    tail = (1 - LEVEL) / 2
-    parts["lower"][alive], parts["upper"][alive] = np.nanquantile(kept, [tail, 1 - tail], axis=0)
-    return Band(**parts)

@@ -97,7 +97,7 @@ def search(
         last = weigh(base) if base else first
     probability, ties = [], []
     for k, index in enumerate(base):
-        given = contest.round((*base[:k], *base[k + 1 :])).probabilities()
+        given = (contest.round((*base[:k], *base[k + 1 :])) if len(base) > 1 else first).probabilities()
         name = contest.evaluations.name(index)
         # Given that the others are in, "enough" takes the place of "no gap".
         probability.append(given.get(name, 0.0))

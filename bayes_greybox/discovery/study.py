@@ -81,13 +81,17 @@ class Study:
     settings: Mapping[str, Any] = field(default_factory=dict)
     amendments: Mapping[str, Amendment] = field(default_factory=dict)
 
-    def free_run(self, data: Trajectories) -> dict[str, FreePath]:
+    def free_run(self, data: Trajectories, interpolation: str | Sequence[str] | None = None) -> dict[str, FreePath]:
         """Free runs of the model before and after over other data, by state.
+
+        Args:
+            data: Times, starts and inputs to follow.
+            interpolation: Of the inputs between samples, as in `find_missing_effects`.
 
         Raises:
             InputError: A state has no equation to integrate.
         """
-        paths = gap_rows(self.base, self.amendments, data, "", True)[1]
+        paths = gap_rows(self.base, self.amendments, data, "", True, interpolation)[1]
         if not paths:
             raise InputError("A state of the data has no equation to integrate: add it to the simulation.")
         return paths
@@ -137,6 +141,7 @@ def find_missing_effects(
     odds: Odds | None = None,
     settle: bool = True,
     free_runs: bool = True,
+    interpolation: str | Sequence[str] | None = None,
     draws: int = 1000,
     tune: int = 1000,
     chains: int = 4,
@@ -162,6 +167,8 @@ def find_missing_effects(
         settle: Whether to sample the amended model by NUTS, and, where importance sampling is unsure of a finalist's
             evidence, to find that by NUTS and bridge sampling.
         free_runs: Whether to integrate simulation and amended model over the data.
+        interpolation: Of the inputs between samples in free runs: "linear", "cubic" or "zoh" (held), for all or one
+            for each. By default each input's own, linear or cubic, whichever foretells its samples better.
         draws: Draws a chain of the amended model.
         tune: Warm-up iterations of each chain.
         chains: Chains.
@@ -195,7 +202,7 @@ def find_missing_effects(
         start = time.perf_counter()
         amendments = {name: found.amendment for name, found in findings.items()}
         parts = [("train", train), *([("test", test)] if test is not None else [])]
-        measured = [gap_rows(model, amendments, data, part, free_runs) for part, data in parts]
+        measured = [gap_rows(model, amendments, data, part, free_runs, interpolation) for part, data in parts]
         seconds["gap"] = time.perf_counter() - start
     gap = pd.concat([table for table, _ in measured])
     amended = amended_model(model, train, findings)
@@ -203,13 +210,14 @@ def find_missing_effects(
     if settle:
         start = time.perf_counter()
         fit = amended.fit(train, draws=draws, tune=tune, chains=chains, seed=seed, progress=progress)
-        amended, seconds["sample"] = fit.model, time.perf_counter() - start
+        # The fit's own model: it may have been given more features.
+        amended, seconds["sample"] = replace(amended, discrepancy=fit.model.discrepancy), time.perf_counter() - start
     seconds["total"] = time.perf_counter() - started
     verdict = max((found.finding.verdict for found in findings.values()), key=ORDER.index)
     effects = pd.concat([found.effects(train) for found in findings.values()], ignore_index=True)
     return Study(
         base=model,
-        model=amended if isinstance(amended, GreyBox) else GreyBox(**vars(amended)),
+        model=amended,
         fit=fit,
         train=train,
         test=test,

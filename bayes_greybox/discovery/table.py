@@ -3,8 +3,6 @@
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 import sympy
 from jaxtyping import Float
@@ -13,8 +11,10 @@ from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.noise import BandedNoise
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.inference.evidence import DiscrepancyPrior, NoisePrior
+from bayes_greybox.model.assemble import discrepancy_box, features_per_variable
 from bayes_greybox.model.discrepancy import OrthogonalGP
-from bayes_greybox.model.features import HilbertBasis, default_features
+from bayes_greybox.model.features import HilbertBasis
+from bayes_greybox.model.frame import held_features, scaled_position
 from bayes_greybox.model.program import Program, measured_rate
 from bayes_greybox.model.simulation import Simulation
 from bayes_greybox.physics.effects import BoundEffect
@@ -91,7 +91,6 @@ class GapTable:
     centre: Float[np.ndarray, " n_var"]
     half_width: Float[np.ndarray, " n_var"]
     basis: HilbertBasis
-    kernel: str
     n_obs: float
     noise: NoisePrior
     prior: DiscrepancyPrior
@@ -104,8 +103,7 @@ class GapTable:
         self.features, self.features_target, self.square = np.zeros((m, m)), np.zeros(m), 0.0
         self._kept: list[np.ndarray] | None = None
         self._known: np.ndarray | None = None
-        whitened = self.data.n_obs * (m + 1) <= KEPT or self.equation in self.data.noise
-        blocks = [] if whitened else None
+        blocks = [] if self.data.n_obs * (m + 1) <= KEPT or self.equation in self.data.noise else None
         for block in self._fixed():
             psi, y = block[:, :-1], block[:, -1]
             self.features += psi.T @ psi
@@ -129,7 +127,7 @@ class GapTable:
         Raises:
             InputError: A free term that is zero or not finite on the data.
         """
-        values, kept = [], []
+        values, kept, refused = [], [], {}
         for term, about in items:
             value = np.asarray(term.evaluate(self.data.columns), float)
             size = float(np.sqrt(np.mean(value**2))) if np.all(np.isfinite(value)) else np.nan
@@ -137,13 +135,16 @@ class GapTable:
                 why = "zero on all the data" if size == 0 else "not finite on all the data"
                 if kind == "free":
                     raise InputError(f"Term {term.name!r} of equation {self.equation!r} is {why}: remove it.")
-                self.left_out[term.name] = why
+                refused[_label(term, about.get("effect"))] = why
                 continue
             sd = {"free": FREE_SCALE, "effect": EFFECT_SCALE}.get(kind, 0.0)
             if kind == "correction":
                 sd = CORRECTION_SCALE * abs(about["nominal"]) * size / self.target_scale
             values.append(value / size)
             kept.append(Column(kind, term, size, sd, **about))
+        # An effect is left out only if no value of its inner parameter can serve.
+        serving = {_label(column.term, column.effect) for column in (*self.columns, *kept)}
+        self.left_out |= {label: why for label, why in refused.items() if label not in serving}
         if not kept:
             return
         new = self._whitened(np.column_stack(values))
@@ -164,7 +165,7 @@ class GapTable:
         self.with_target = np.concatenate([self.with_target, sum(cross_y)])
         self.with_features = np.vstack([self.with_features, sum(cross_psi)])
         self.columns += kept
-        self._drop_collinear(len(kept), kind)
+        self._drop_collinear(len(kept))
 
     def rows(self, indices: Sequence[int], columns: Mapping[str, np.ndarray]) -> Float[np.ndarray, "n_row n_column"]:
         """Chosen columns at any rows, scaled."""
@@ -181,9 +182,10 @@ class GapTable:
 
     def feature_rows(self, columns: Mapping[str, np.ndarray]) -> Float[np.ndarray, "n_row n_basis"]:
         """Features of f at any rows."""
-        return np.asarray(_features(self.basis, _position(self, columns)))
+        x = scaled_position(columns, self.variables, self.centre, self.half_width)
+        return np.asarray(held_features(self.basis, x))
 
-    def _drop_collinear(self, count: int, kind: str) -> None:
+    def _drop_collinear(self, count: int) -> None:
         """Leave out new columns in the span of the model's own terms: of corrections, those that repeat a free term."""
         own = [i for i in range(len(self.columns)) if self.columns[i].kind != "effect"]
         first = len(self.columns) - count
@@ -199,7 +201,7 @@ class GapTable:
             if outside < COLLINEAR * norm:
                 why = "the model has this term already: a change of its coefficient is a recalibration"
                 column = self.columns[i]
-                self.left_out[column.effect.slug if column.effect else column.term.name] = why
+                self.left_out[_label(column.term, column.effect)] = why
             else:
                 keep.append(i)
         self.columns = [self.columns[i] for i in keep]
@@ -253,29 +255,20 @@ def gap_table(model: Program, data: Trajectories, equation: str, effects: Sequen
     if target_scale == 0:
         raise InputError(f"The simulation equals the measured derivative of {equation!r} exactly: nothing to look for.")
     gp = model.discrepancy or OrthogonalGP()
-    variables = gp.variables or (*data.state_names, *data.input_names)
-    box = {name: data.column(name) for name in variables}
-    low, high = (np.array([f(box[name]) for name in variables]) for f in (np.min, np.max))
-    if np.any(low == high):
-        constant = variables[int(np.argmax(low == high))]
-        raise InputError(
-            f"{constant!r} is constant on all the data, so f cannot depend on it: leave it out of "
-            "OrthogonalGP(variables=...)."
-        )
-    given = gp.features if gp.features is not None else FEATURES.get(len(variables), default_features(len(variables)))
-    per_variable = (given,) * len(variables) if isinstance(given, int) else tuple(given)
-    basis = HilbertBasis(gp.boundary, per_variable)
+    variables, centre, half_width = discrepancy_box(gp, data)
+    finer = FEATURES.get(len(variables))
+    default = None if finer is None else (finer,) * len(variables)
+    basis = HilbertBasis(gp.boundary, features_per_variable(gp, len(variables), default))
     noise = data.noise.get(equation)
     table = GapTable(
         equation=equation,
         data=data,
         target=target,
         target_scale=target_scale,
-        variables=tuple(variables),
-        centre=(low + high) / 2,
-        half_width=(high - low) / 2,
+        variables=variables,
+        centre=centre,
+        half_width=half_width,
         basis=basis,
-        kernel=gp.kernel,
         n_obs=float(data.n_obs if noise is None else noise.n_white),
         noise=NoisePrior(model.noise_floor, model.noise),
         prior=DiscrepancyPrior(
@@ -329,11 +322,5 @@ def additive_terms(expression: sympy.Expr) -> list[tuple[Term, float]]:
     return [(Term(form), value) for form, value in found.items() if value != 0]
 
 
-def _position(table: GapTable, columns: Mapping[str, np.ndarray]) -> jax.Array:
-    x = np.column_stack([np.asarray(columns[name], float) for name in table.variables])
-    x = (x - table.centre) / table.half_width
-    return jnp.asarray(np.clip(x, -table.basis.boundary, table.basis.boundary))
-
-
-def _features(basis: HilbertBasis, x: jax.Array) -> jax.Array:
-    return basis(x)
+def _label(term: Term, effect: BoundEffect | None) -> str:
+    return term.name if effect is None else effect.slug

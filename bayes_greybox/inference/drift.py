@@ -19,8 +19,9 @@ from jaxtyping import Array, Float
 
 from .evidence import NoisePrior, Spectrum, log_half_normal, marginal
 
-MOST_ROWS, BLOCKS = 4096, 8
-"""Rows used at most: of longer records so many evenly spaced stretches, each as a run of its own."""
+STRETCH, STRETCHES = 512, 8
+"""Records are cut into stretches of so many rows, filtered side by side, each as a run of its own; of longer records
+so many evenly spaced ones are used."""
 
 TIME_STEPS, TIME_SPREAD = 10.0, 1.0
 """τ ~ LogNormal: its median in sampling steps, and the standard deviation of its logarithm. Far below one step an
@@ -46,7 +47,8 @@ def drift_evidence(
     Returns:
         log p(e | OU + white) − log p(e | white); positive speaks for a gap.
     """
-    residual, step, n = _stretches(residual, time, run)
+    residual, step, used = _stretches(residual, time, run)
+    n = int(np.sum(used))
     if n < 20:
         return -math.inf
     typical = float(np.median(step[np.isfinite(step)]))
@@ -54,7 +56,7 @@ def drift_evidence(
         "e": jnp.asarray(residual),
         # Finite, so that the gradient of exp(-step/τ) is 0 and not ∞ x 0.
         "step": jnp.asarray(np.minimum(step / typical, 1e9)),
-        "used": jnp.asarray(np.arange(len(residual)) < n),
+        "used": jnp.asarray(used),
         "prior": jnp.asarray([noise.floor, noise.scale, amplitude, TIME_STEPS, TIME_SPREAD]),
     }
 
@@ -62,7 +64,7 @@ def drift_evidence(
         value, slope = _value_and_slope(jnp.asarray(eta), arrays)
         return -float(value), -np.asarray(slope)
 
-    size = math.log(max(float(np.std(residual[:n])), 1e-8))
+    size = math.log(max(float(np.std(residual[used])), 1e-8))
     bounds = [(-18.0, 3.0), (-18.0, 5.0), (math.log(1.0), math.log(1e4))]
     found = min(
         (
@@ -75,22 +77,29 @@ def drift_evidence(
     hessian = np.stack([(descend(found.x + h)[1] - descend(found.x - h)[1]) / 2e-3 for h in shifts])
     curvature = np.maximum(np.linalg.eigvalsh(0.5 * (hessian + hessian.T)), 0.1)
     log_z = -found.fun + 0.5 * (3 * math.log(2 * math.pi) - np.sum(np.log(curvature)))
-    used = residual[:n]
-    white = Spectrum(np.zeros((1, 1)), np.zeros((1, 1)), np.zeros((1, 1, 1)), float(used @ used), float(n))
+    square = float(np.sum(residual[used] ** 2))
+    white = Spectrum(np.zeros((1, 1)), np.zeros((1, 1)), np.zeros((1, 1, 1)), square, float(n))
     return float(log_z - marginal(white, noise).log_evidence[0])
 
 
-def _stretches(residual: np.ndarray, time: np.ndarray, run: np.ndarray) -> tuple[np.ndarray, np.ndarray, int]:
-    """Rows used, time since the row before (infinite at the start of a stretch), padded to a power of two."""
-    step = np.where(np.diff(run, prepend=-1) != 0, np.inf, np.diff(time, prepend=time[0]))
-    if len(residual) > MOST_ROWS:
-        starts = np.linspace(0, len(residual) - MOST_ROWS // BLOCKS, BLOCKS).astype(int)
-        pick = (starts[:, None] + np.arange(MOST_ROWS // BLOCKS)).ravel()
-        residual, step = residual[pick], step[pick]
-        step[:: MOST_ROWS // BLOCKS] = np.inf
+def _stretches(residual: np.ndarray, time: np.ndarray, run: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Stretches of rows, times since the rows before (infinite at a start), and which entries are rows of the data."""
     n = len(residual)
-    room = (1 << (n - 1).bit_length()) - n
-    return np.pad(residual, (0, room)), np.pad(step, (0, room), constant_values=np.inf), n
+    step = np.where(np.diff(run, prepend=-1) != 0, np.inf, np.diff(time, prepend=time[0]))
+    width = min(STRETCH, _power_of_two(n))
+    starts = np.arange(0, n, width) if n <= STRETCH * STRETCHES else np.linspace(0, n - width, STRETCHES).astype(int)
+    # Powers of two, so that few shapes are compiled.
+    starts = np.pad(starts, (0, _power_of_two(len(starts)) - len(starts)), constant_values=n)
+    rows = starts[:, None] + np.arange(width)
+    used = rows < n
+    rows = np.minimum(rows, n - 1)
+    step = np.where(used, step[rows], np.inf)
+    step[:, 0] = np.inf
+    return np.where(used, residual[rows], 0.0), step, used
+
+
+def _power_of_two(n: int) -> int:
+    return 1 << (n - 1).bit_length()
 
 
 def _log_joint(eta: Array, a: dict[str, Array]) -> Array:
@@ -106,8 +115,10 @@ def _log_joint(eta: Array, a: dict[str, Array]) -> Array:
         log_p = -0.5 * (jnp.log(2 * math.pi * S) + (e - m) ** 2 / S)
         return (m + P / S * (e - m), P * s2 / S), jnp.where(used, log_p, 0.0)
 
-    start = (jnp.zeros(()), variance)
-    _, terms = jax.lax.scan(advance, start, (a["e"], a["step"], a["used"]))
+    def follow(stretch: tuple[Array, Array, Array]) -> Array:
+        return jax.lax.scan(advance, (jnp.zeros(()), variance), stretch)[1]
+
+    terms = jax.vmap(follow)((a["e"], a["step"], a["used"]))
     z = (log_tau - jnp.log(centre)) / spread
     prior = log_half_normal(log_s, noise_scale) + log_half_normal(log_a, amplitude_scale)
     return jnp.sum(terms) + prior - 0.5 * z**2 - jnp.log(spread * math.sqrt(2 * math.pi))

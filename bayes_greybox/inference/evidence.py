@@ -128,14 +128,13 @@ class Marginal(NamedTuple):
 
 def marginal(spectrum: Spectrum, noise: NoisePrior) -> Marginal:
     """Integrate σ out of log p(y | σ) on a grid around the mode of each hypothesis of the batch."""
-    centre = np.full(spectrum.eigenvalues.shape[:-1], 0.0)
 
     def objective(t: np.ndarray) -> np.ndarray:
-        return spectrum.log_density(_sigma(t, noise)) + _log_noise_prior(t, noise)
+        return spectrum.log_density(_sigma(t, noise)) + np.asarray(log_half_normal(t, noise.scale))
 
     # The mode of log s: a coarse grid, then shrinking grids around the best node.
     low, high = math.log(max(noise.floor, 1e-6)) - 2.0, math.log(4.0 * noise.scale)
-    width, centre = 0.5 * (high - low), centre + 0.5 * (high + low)
+    width, centre = 0.5 * (high - low), np.full(spectrum.eigenvalues.shape[:-1], 0.5 * (high + low))
     while width > 0.3 / math.sqrt(2 * spectrum.n_obs):
         nodes = centre[..., None] + np.linspace(-width, width, 17)
         centre = np.take_along_axis(nodes, np.argmax(objective(nodes), axis=-1)[..., None], axis=-1)[..., 0]
@@ -253,8 +252,7 @@ class Evaluator:
             value, slope = _value_and_slope(jnp.asarray(eta), arrays, self.kernel)
             return -float(value), -np.asarray(slope)
 
-        starts = [self.start if start is None else start]
-        best = min((_minimum(descend, s) for s in starts), key=lambda found: found.fun)
+        best = _minimum(descend, self.start if start is None else start)
         mode, p = best.x, len(best.x)
         covariance = _covariance(descend, mode)
         root = np.linalg.cholesky(covariance)
@@ -379,11 +377,7 @@ def _sigma(log_s: np.ndarray, noise: NoisePrior) -> np.ndarray:
     return np.sqrt(noise.floor**2 + np.exp(2 * log_s))
 
 
-def _log_noise_prior(log_s: np.ndarray, noise: NoisePrior) -> np.ndarray:
-    return 0.5 * math.log(2 / math.pi) - math.log(noise.scale) - 0.5 * np.exp(2 * log_s) / noise.scale**2 + log_s
-
-
-def log_half_normal(log_x: Array, scale: Array) -> Array:
+def log_half_normal(log_x: Array | np.ndarray, scale: Array | float) -> Array:
     """Density of log x for x ~ HalfNormal(scale)."""
     return 0.5 * math.log(2 / math.pi) - jnp.log(scale) - 0.5 * (jnp.exp(log_x) / scale) ** 2 + log_x
 

@@ -98,23 +98,21 @@ def assemble(
     return Equation(frame, design)
 
 
-def _scaled_frame(
-    data: Trajectories,
-    equation: str,
-    dictionary: Dictionary,
-    target_scale: float,
-    discrepancy: OrthogonalGP | None,
-) -> Frame:
-    variables = () if discrepancy is None else discrepancy.variables or (*data.state_names, *data.input_names)
+def discrepancy_box(
+    discrepancy: OrthogonalGP, data: Trajectories
+) -> tuple[tuple[str, ...], Float[np.ndarray, " n_var"], Float[np.ndarray, " n_var"]]:
+    """Variables that f depends on, and centre and half-width of their box in the data, user's units.
+
+    Raises:
+        InputError: A variable that the data do not have, or that is constant.
+    """
+    variables = tuple(discrepancy.variables or (*data.state_names, *data.input_names))
     unknown = [name for name in variables if name not in data.columns]
     if unknown:
         raise InputError(
             f"OrthogonalGP(variables=...) names {unknown[0]!r}, which is neither a state nor an input; "
             f"known: {', '.join(data.columns)}."
         )
-    basis = None
-    if discrepancy is not None and discrepancy.path == "hsgp":
-        basis = HilbertBasis(discrepancy.boundary, _features(discrepancy, len(variables)))
     centre, half_width = _box(data, variables)
     if np.any(half_width == 0):
         constant = variables[int(np.argmin(half_width))]
@@ -122,6 +120,41 @@ def _scaled_frame(
             f"The discrepancy depends on {constant!r}, which is constant on all the data: leave it out of "
             "OrthogonalGP(variables=...)."
         )
+    return variables, centre, half_width
+
+
+def features_per_variable(
+    discrepancy: OrthogonalGP, n_var: int, default: tuple[int, ...] | None = None
+) -> tuple[int, ...]:
+    """Features along each variable: those that the user named, or the default.
+
+    Raises:
+        InputError: A number of features below one, or not one for each variable.
+    """
+    given = discrepancy.features
+    if given is None:
+        return default or default_features(n_var)
+    per_variable = (given,) * n_var if isinstance(given, int) else tuple(given)
+    if len(per_variable) != n_var or min(per_variable) < 1:
+        raise InputError(
+            f"OrthogonalGP(features={given!r}) must be a positive number, or one for each of the {n_var} variables."
+        )
+    return per_variable
+
+
+def _scaled_frame(
+    data: Trajectories,
+    equation: str,
+    dictionary: Dictionary,
+    target_scale: float,
+    discrepancy: OrthogonalGP | None,
+) -> Frame:
+    variables, centre, half_width = (), np.zeros(0), np.zeros(0)
+    if discrepancy is not None:
+        variables, centre, half_width = discrepancy_box(discrepancy, data)
+    basis = None
+    if discrepancy is not None and discrepancy.path == "hsgp":
+        basis = HilbertBasis(discrepancy.boundary, features_per_variable(discrepancy, len(variables)))
     squares = np.zeros(len(dictionary))
     for start in range(0, data.n_obs, 16 * CHUNK):
         part = {name: column[start : start + 16 * CHUNK] for name, column in data.columns.items()}
@@ -145,18 +178,6 @@ def _scaled_frame(
         moments=np.zeros((0, 0 if basis is None else basis.size)),
         projected=False,
     )
-
-
-def _features(discrepancy: OrthogonalGP, n_var: int) -> tuple[int, ...]:
-    given = discrepancy.features
-    if given is None:
-        return default_features(n_var)
-    per_variable = (given,) * n_var if isinstance(given, int) else tuple(given)
-    if len(per_variable) != n_var or min(per_variable) < 1:
-        raise InputError(
-            f"OrthogonalGP(features={given!r}) must be a positive number, or one for each of the {n_var} variables."
-        )
-    return per_variable
 
 
 def _box(data: Trajectories, names: tuple[str, ...]) -> tuple[np.ndarray, np.ndarray]:

@@ -4,7 +4,7 @@ It holds the scaling (internal, never seen by the user), the orthonormal diction
 evaluates them on any rows: those of the fit, held-out ones, a grid, or a state inside an integrator.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import jax.numpy as jnp
@@ -57,18 +57,14 @@ class Frame:
 
     def position(self, columns: Mapping[str, Array | np.ndarray]) -> Float[Array, "n_row n_var"]:
         """Variables of f in scaled units: the data's box is [−1, 1]^d."""
-        if not self.variables:
-            return jnp.zeros((len(next(iter(columns.values()))), 0))
-        x = jnp.stack([jnp.asarray(columns[name], float) for name in self.variables], axis=-1)
-        return (x - self.centre) / self.half_width
+        return scaled_position(columns, self.variables, self.centre, self.half_width)
 
     def plain_features(self, columns: Mapping[str, Array | np.ndarray]) -> Float[Array, "n_row n_basis"]:
         """ψ, before the dictionary is projected out; no columns without a basis."""
         x = self.position(columns)
         if self.basis is None:
             return jnp.zeros((x.shape[0], 0))
-        # Outside the features' domain the expansion would repeat itself; there f is held at its edge value.
-        return self.basis(jnp.clip(x, -self.basis.boundary, self.basis.boundary))
+        return held_features(self.basis, x)
 
     def orthogonal(self, Phi: Array | np.ndarray, psi: Array | np.ndarray) -> Array | np.ndarray:
         """ψ̃ = ψ − Φₒ ⟨Φₒ, ψᵀ⟩ for the projected kernel, ψ for the others; any rows with these columns."""
@@ -85,3 +81,21 @@ class Frame:
     def inside(self, columns: Mapping[str, Array | np.ndarray]) -> np.ndarray:
         """Which rows lie in the box of the data."""
         return np.all(np.abs(np.asarray(self.position(columns))) <= 1 + 1e-9, axis=-1)
+
+
+def scaled_position(
+    columns: Mapping[str, Array | np.ndarray],
+    variables: Sequence[str],
+    centre: Float[np.ndarray, " n_var"],
+    half_width: Float[np.ndarray, " n_var"],
+) -> Float[Array, "n_row n_var"]:
+    """Variables of f in scaled units: the data's box is [−1, 1]^d."""
+    if not variables:
+        return jnp.zeros((len(next(iter(columns.values()))), 0))
+    x = jnp.stack([jnp.asarray(columns[name], float) for name in variables], axis=-1)
+    return (x - centre) / half_width
+
+
+def held_features(basis: HilbertBasis, x: Float[Array, "n_row n_var"]) -> Float[Array, "n_row n_basis"]:
+    """ψ; outside the features' domain the expansion would repeat itself, so there f is held at its edge value."""
+    return basis(jnp.clip(x, -basis.boundary, basis.boundary))

@@ -339,7 +339,7 @@ def test_the_threshold_is_chosen_by_blocks_and_may_drop_all():
 
 def test_the_peers_get_the_same_terms():
     data = made(OBVIOUS)
-    book = peers.library(data)
+    book = peers.candidate_terms(data)
     assert book.slugs[:3] == ("", "", "")
     assert set(book.slugs) - {""} == set(candidates(data))
     assert book.slugs.count("dead-zone") == peers.INNER_COLUMNS

@@ -39,14 +39,11 @@ def test_the_cubic_spring_is_named_and_free_runs_improve(capsys):
         print(f"\n{study.sentence}\n{study.rounds}\n{study.settings['seconds']}")
     assert study.effects["slug"].iloc[0] == "cubic-stiffness"
     assert study.effects["status"].iloc[0] == "added"
-    missed = []
     for name, (linear, cubic) in PARTS.items():
-        paths = study.free_run(differentiated(parts[name]))
-        path = paths["y"]
-        errors = [1e3 * np.sqrt(np.mean((path.measured - band.mean)[SKIP:] ** 2)) for band in (path.before, path.after)]
+        path = study.free_run(differentiated(parts[name]))["y"]
+        # Against the samples as recorded: the differentiator has smoothed the study's own.
+        recorded = np.interp(path.time, parts[name].time, parts[name].states["y"])
+        errors = [1e3 * np.sqrt(np.mean((recorded - band.mean)[SKIP:] ** 2)) for band in (path.before, path.after)]
         with capsys.disabled():
-            print(f"| {name} | {errors[0]:.2f} (least squares {linear}) | {errors[1]:.2f} ({cubic}) |")
-        assert errors[1] < errors[0]
-        missed += [f"{name}: {errors[1]:.2f} mV, not {cubic}"] if errors[1] > cubic else []
-    if missed:
-        pytest.xfail("free runs do not fall as far as least squares takes them: " + "; ".join(missed))
+            print(f"| {name} | {errors[0]:.2f} (least squares {linear}) | {errors[1]:.3f} ({cubic}) |")
+        assert errors[1] <= cubic

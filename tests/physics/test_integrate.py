@@ -7,7 +7,7 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 from bayes_greybox.data.errors import InputError
-from bayes_greybox.physics.integrate import integrate, interpolant
+from bayes_greybox.physics.integrate import PIECE, between_samples, integrate, interpolant
 
 
 def _harmonic(t, x, u, args):
@@ -106,3 +106,45 @@ def test_shapes_that_do_not_fit_are_refused():
         interpolant(np.arange(5.0), np.ones((5, 1)), kind="cubic2")
     with pytest.raises(InputError, match="four samples"):
         interpolant(np.arange(3.0), np.ones((3, 1)), kind="cubic")
+
+
+def test_smooth_inputs_get_splines_and_steps_get_lines():
+    t = np.linspace(0.0, 20.0, 401)
+    smooth = np.sin(2 * np.pi * t * 2.5)  # eight samples a period
+    steps = np.sign(np.sin(0.7 * t))
+    noisy = np.random.default_rng(0).normal(size=len(t))
+    assert between_samples(t, np.column_stack([smooth, steps, noisy])) == ("cubic", "linear", "linear")
+    uneven = np.sort(np.random.default_rng(1).uniform(0, 20, 401))
+    assert between_samples(uneven, np.sin(uneven)[:, None]) == ("cubic",)
+    assert between_samples(t[:8], smooth[:8, None]) == ("linear",)
+    assert between_samples(t, np.zeros((401, 0))) == ()
+
+
+def test_each_input_may_have_its_own_interpolation():
+    t = np.linspace(0.0, 3.0, 7)
+    values = np.column_stack([t**2, t**2, t**2])
+    at = interpolant(t, values, ("linear", "zoh", "cubic"))
+    np.testing.assert_allclose(at(1.25), [1.625, 1.0, 1.5625], rtol=1e-12)
+    with pytest.raises(InputError, match="2 interpolations for 3 inputs"):
+        interpolant(t, values, ("linear", "cubic"))
+
+
+def test_long_runs_are_cut_where_nobody_sees_it():
+    t = np.linspace(0.0, 60.0, 3 * PIECE + 17)
+    u = np.sin(0.9 * t)[:, None]
+
+    def rhs(t, x, u, args):
+        return jnp.array([x[1], u[0] - x[0] - 0.2 * x[1]])
+
+    path = integrate(rhs, t, np.array([1.0, 0.0]), u, interpolation="cubic")
+    twice = integrate(rhs, t[PIECE // 2 :], path.states[PIECE // 2], u[PIECE // 2 :], interpolation="cubic")
+    # Splines of the two records differ near the later one's start.
+    np.testing.assert_allclose(path.states[PIECE // 2 :], twice.states, atol=1e-5)
+    assert np.isnan(path.failed_at)
+
+
+def test_a_blow_up_in_a_later_piece_ends_the_run_there():
+    t = np.linspace(0.0, 5.0, 4 * PIECE)
+    path = integrate(lambda t, x, u, args: x**2, t, np.array([0.25]))
+    assert path.failed_at == pytest.approx(4.0, abs=0.02)
+    assert np.array_equal(np.isfinite(path.states[:, 0]), t <= float(path.failed_at))

@@ -85,7 +85,7 @@ def sindy(data: CaseData, ensemble: bool = False, seed: int = 0) -> dict[str, ob
     Raises:
         InputError: PySINDy is not installed.
     """
-    book = library(data)
+    book = candidate_terms(data)
     gap = data.residual("train")
     gap = gap / rms(gap)
     threshold = choose_threshold(_regression(), book.columns, gap)
@@ -96,7 +96,7 @@ def sindy(data: CaseData, ensemble: bool = False, seed: int = 0) -> dict[str, ob
     return {"verdict": verdict, "names": names, "threshold": float(threshold)}
 
 
-def library(data: CaseData) -> Library:
+def candidate_terms(data: CaseData) -> Library:
     """The simulation's terms and the candidate effects on the training data."""
     columns, slugs = [own_terms(data)], [""] * own_terms(data).shape[1]
     for slug, effect in candidates(data).items():
