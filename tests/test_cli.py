@@ -9,6 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pandas as pd
 import pytest
+from shell import refuse
 
 import bayes_greybox as bg
 from bayes_greybox import cli
@@ -36,20 +37,12 @@ folder = "out"
 def here(tmp_path, monkeypatch):
     """A folder with a table and a configuration, to run in."""
     t = np.linspace(0.0, 6.0, 40)
-    frame = pd.DataFrame({"t": t, "y": np.sin(t), "ydot": np.cos(t), "a": -np.sin(t)})
+    noise = 0.02 * np.random.default_rng(0).standard_normal(len(t))
+    frame = pd.DataFrame({"t": t, "y": np.sin(t), "ydot": np.cos(t), "a": -np.sin(t) + noise})
     frame.to_csv(tmp_path / "run.csv", index=False)
     (tmp_path / "case.toml").write_text(CONFIG)
     monkeypatch.chdir(tmp_path)
     return tmp_path
-
-
-def refuse(capsys, *words: str) -> str:
-    """Run, and return the one sentence of the refusal."""
-    assert cli.main(words) == 2
-    out, err = capsys.readouterr()
-    assert out == ""
-    assert err.startswith("Error: ") and err.count("\n") == 1 and "Traceback" not in err
-    return err.removeprefix("Error: ").strip()
 
 
 def run_python(*words: str) -> subprocess.CompletedProcess:

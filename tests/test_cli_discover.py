@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from fake_study import SENTENCE, fake_fit, fake_study
+from shell import refuse
 
 import bayes_greybox as bg
 from bayes_greybox import cli
@@ -61,15 +62,6 @@ def found(monkeypatch):
 
     monkeypatch.setattr(bg, "find_missing_effects", find, raising=False)
     return asked
-
-
-def refuse(capsys, *words: str) -> str:
-    """Run, and return the one sentence of the refusal."""
-    assert cli.main(words) == 2
-    out, err = capsys.readouterr()
-    assert out == ""
-    assert err.startswith("Error: ") and err.count("\n") == 1 and "Traceback" not in err
-    return err.removeprefix("Error: ").strip()
 
 
 def test_the_folder_has_the_report_the_record_the_study_the_figures_and_the_configuration(here, found, capsys):

@@ -138,6 +138,9 @@ class Contest:
             low = values[order[max(at - 1, 0)]]
             high = values[order[min(at + 1, len(order) - 1)]]
             fresh = np.setdiff1d(np.geomspace(low, high, ZOOM_NODES + 2), values)
+            if not len(fresh):
+                # One value only: what the others do on these data, other columns do as well.
+                break
             # New weights for old and new values together: each is the width of its cell under the prior.
             merged = np.sort(np.concatenate([values, fresh]))
             weights = {

@@ -88,8 +88,8 @@ def integrate(
     limit = blow_up * jnp.max(sizes)
 
     def field(time, x, given):
-        alive, samples, params = given
-        u = _at(jnp.minimum(time, t[-1]), *samples, kinds)
+        alive, (times, values, curvature), params = given
+        u = _at(jnp.minimum(time, t[-1]), times, values, curvature, kinds)
         return jnp.where(alive, jnp.asarray(rhs(time, x, u, params), dtype=float), 0.0)
 
     def exploded(time, x, given, **_):

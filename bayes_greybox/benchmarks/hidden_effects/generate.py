@@ -1,6 +1,7 @@
 """The data of a case: coefficients to the wanted ratio, train and test runs, noise, and the truth."""
 
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
@@ -24,6 +25,9 @@ OFF_BY = 0.1
 
 LOWER = (1.0, 0.7, 0.5, 0.35, 0.25, 0.1, 0.03)
 """Shares of the wanted ratio that are tried in turn, with either sign, where the host cannot take the effect."""
+
+SET_UPS = 5
+"""Coefficients and inputs of the host that are tried in turn, where it can take them at no size."""
 
 
 @dataclass(frozen=True)
@@ -113,9 +117,15 @@ def generate(case: Case) -> CaseData:
     """
     host = HOSTS[case.host]
     setting, choice, train_noise, test_noise = np.random.default_rng(case.seed).spawn(4)
-    rates = _drawn_rates(host, setting)
-    excited = {"train": excite(host, setting, host.runs), "test": excite(host, setting, host.test_runs)}
-    flow, exact = _followed(case, Flow(host, rates), excited, choice)
+    for _ in range(SET_UPS):
+        # A host may resonate out of its bounds without any effect; then it is set up again.
+        rates = _drawn_rates(host, setting)
+        excited = {"train": excite(host, setting, host.runs), "test": excite(host, setting, host.test_runs)}
+        with suppress(LostError):
+            flow, exact = _followed(case, Flow(host, rates), excited, choice)
+            break
+    else:
+        raise InputError(f"The host {host.name} cannot show {' and '.join(case.effects)} at any size.")
     scale = {state: case.noise * rms(rate) for state, rate in exact["train"].rates.items()}
     sigma = scale[host.equation]
     given, off = rates, None
@@ -174,7 +184,7 @@ def _followed(
             return flow, {part: follow(flow, runs) for part, runs in excited.items()}
         except LostError:
             continue
-    raise InputError(f"The host {bare.host.name} cannot show {' and '.join(case.effects)} at any size.")
+    raise LostError("The host cannot take its effects at any size.")
 
 
 def _miscalibrated(
