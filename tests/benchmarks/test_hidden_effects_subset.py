@@ -14,7 +14,7 @@ BARS = {"null": 0.95, "mis-calibrated": 0.9, "off-catalogue": 0.9, "two effects"
 
 def test_hidden_effects_are_found_and_nothing_is_named_where_nothing_is(tmp_path):
     cases = subset(all_cases(seed=2), 30, seed=2)
-    scores = run(tmp_path, cases, workers=1, peers=False, progress=False)
+    scores = run(tmp_path, cases, workers=2, peers=False, progress=False)
     table = scores.cases.set_index("family")
     assert table["study verdict"].notna().all()
 
