@@ -5,18 +5,20 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from fabricated import fabricate
+from numpyro.handlers import seed, trace
+from scipy.special import logsumexp
 
 from bayes_greybox.criticism import fold_density
-from bayes_greybox.criticism.fold_density import fold_blocks, past_densities
-from bayes_greybox.criticism.folds import make_folds
+from bayes_greybox.criticism.cross_validation import cross_validate
+from bayes_greybox.criticism.fold_density import fold_blocks, past_densities, subset_density
+from bayes_greybox.criticism.folds import correlation_length, make_folds
 from bayes_greybox.criticism.leave_out import leave_out
 from bayes_greybox.criticism.pointwise import pointwise_loo
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.model.discrepancy import OrthogonalGP
 from bayes_greybox.model.kernels import KERNELS, log_spectral_density
-from bayes_greybox.model.likelihood import CollapsedNormal
-from bayes_greybox.model.priors import Scales
+from bayes_greybox.model.priors import RegularisedHorseshoe
 from bayes_greybox.model.program import Program
 
 TERMS = ["y", "v", "y**3"]
@@ -84,7 +86,6 @@ def conditional(C, y, fold, given):
 
 CASES = {
     "projected": (OrthogonalGP(features=5), "measured"),
-    "projected, box": (OrthogonalGP(features=4, measure="box", kernel="matern32"), "measured"),
     "conditioned": (OrthogonalGP(features=5, variant="conditioned", kernel="matern52"), "measured"),
     "none": (OrthogonalGP(features=5, variant="none", variables=("y",)), "measured"),
     "exact": (OrthogonalGP(path="exact"), "measured"),
@@ -127,36 +128,31 @@ def expected_of(posterior, s, folds, givens):
     ]
 
 
-@pytest.mark.parametrize("route", ["precision", "complement"])
-@pytest.mark.parametrize("scheme", ["block", "trajectory"])
-def test_left_out_folds_have_the_dense_conditional(case, scheme, route, monkeypatch):
-    if scheme == "block" and singular(case):
-        with pytest.raises(InputError, match="belong to no time"):
-            make_folds(case, scheme, 4)
-        return
-    folds = make_folds(case, scheme, 4 if scheme == "block" else None).members["v"]
-    n = sum(len(fold) for fold in folds)
-    assert np.array_equal(np.concatenate(folds), np.arange(n))
-    assert scheme == "trajectory" or {len(fold) for fold in folds} <= {3, 4}
-    if case.model.discrepancy is None or case.model.discrepancy.path == "hsgp":
-        monkeypatch.setattr(fold_density, "_by_precision", lambda *_: route == "precision")
-    elif route == "complement":
-        return
+def test_left_out_folds_have_the_dense_conditional(case, monkeypatch):
     monkeypatch.setattr(fold_density, "ROW_BLOCK", 9)
-    values = values_of(case, folds)
-    for s in range(4):
-        expected = expected_of(case, s, folds, [np.setdiff1d(np.arange(n), fold) for fold in folds])
-        # Densities far in the tails are thousands of nats, of which twelve digits are as good as the algebra gives.
-        np.testing.assert_allclose(values[s], expected, rtol=1e-10, atol=1e-8)
+    routes = [True] if case.model.discrepancy is not None and case.model.discrepancy.path == "exact" else [True, False]
+    for scheme, block in (("block", 4), ("trajectory", None)):
+        if scheme == "block" and singular(case):
+            with pytest.raises(InputError, match="belong to no time"):
+                make_folds(case, scheme, 4)
+            continue
+        folds = make_folds(case, scheme, block).members["v"]
+        n = sum(len(fold) for fold in folds)
+        assert np.array_equal(np.concatenate(folds), np.arange(n))
+        assert scheme == "trajectory" or {len(fold) for fold in folds} <= {3, 4}
+        expected = [expected_of(case, s, folds, [np.setdiff1d(np.arange(n), fold) for fold in folds]) for s in range(4)]
+        for by_precision in routes:
+            monkeypatch.setattr(fold_density, "_by_precision", lambda *_, route=by_precision: route)
+            # Densities far in the tails are thousands of nats, of which twelve digits are as good as the algebra gives.
+            np.testing.assert_allclose(values_of(case, folds), expected, rtol=1e-10, atol=1e-8)
 
 
-@pytest.mark.parametrize("start", [0.5, 0.05])
-def test_steps_into_the_future_have_the_dense_conditional(case, start):
+def test_steps_into_the_future_have_the_dense_conditional(case):
     if singular(case):
         with pytest.raises(InputError, match="belong to no time"):
             make_folds(case, "future", 3)
         return
-    chosen = make_folds(case, "future", 3, start)
+    chosen = make_folds(case, "future", 3, start=0.05)
     folds, past = chosen.members["v"], chosen.past["v"]
     time = case.data.time
     pasts = [np.flatnonzero(time < time[fold].min()) for fold in folds]
@@ -168,31 +164,122 @@ def test_steps_into_the_future_have_the_dense_conditional(case, start):
         np.testing.assert_allclose(values[s], expected_of(case, s, folds, pasts), rtol=1e-10, atol=1e-8)
 
 
-def test_blocks_of_one_row_are_single_rows(case):
-    if not singular(case):
-        folds = make_folds(case, "block", 1).members["v"]
-        np.testing.assert_allclose(values_of(case, folds), pointwise_loo(case, "v"), rtol=1e-10, atol=1e-8)
+@pytest.mark.parametrize("name", ["conditioned", "correlated rows", "correlated rows, exact"])
+def test_blocks_of_one_row_are_single_rows(name):
+    gp, kind = CASES[name]
+    model = Program(dictionary={"v": TERMS}, discrepancy=gp, simulation=SIMULATION)
+    posterior = fabricate(model, measured() if kind == "measured" else differentiated(kind))
+    folds = make_folds(posterior, "block", 1).members["v"]
+    np.testing.assert_allclose(values_of(posterior, folds), pointwise_loo(posterior, "v"), rtol=1e-10, atol=1e-8)
 
 
-@jax.jit
-def log_density(design, hyper, sd):
-    return CollapsedNormal(design, hyper, Scales(sd)).log_prob(design.y)
+def test_designs_for_refits_have_the_density_of_what_is_left(case):
+    """Also where a few rows only, the start of each run, are left."""
+    schemes = ("trajectory",) if singular(case) else ("trajectory", "future")
+    for scheme in schemes:
+        folds = make_folds(case, scheme, 3 if scheme == "future" else None).members["v"]
+        out = folds[0] if scheme == "trajectory" else np.sort(np.concatenate(folds))
+        part = leave_out(case, "v", out.tolist()).design
+        C, y = dense(case, *draw(case, 0))
+        kept = np.setdiff1d(np.arange(len(y)), out)
+        C, y = C[np.ix_(kept, kept)], y[kept]
+        expected = -0.5 * (np.linalg.slogdet(2 * np.pi * C)[1] + y @ np.linalg.solve(C, y))
+        if singular(case):
+            expected -= 0.5 * case.data.noise["v"].log_det  # the constant of the coefficients before whitening
+        draws = case.draws("v")
+        values = subset_density(part, jax.tree.map(jnp.asarray, (draws.hyper, draws.prior_sd)))
+        assert values[0] == pytest.approx(expected, abs=1e-7)
+        # A prior that asks for the number of rows, as the horseshoe does, must not change when rows are left out.
+        assert float(part.n_prior) == float(case.equations["v"].design.n_obs) > float(part.n_obs)
 
 
-@pytest.mark.parametrize("scheme", ["trajectory", "future"])
-def test_designs_for_refits_have_the_density_of_what_is_left(case, scheme):
-    if scheme == "future" and singular(case):
-        return
-    folds = make_folds(case, scheme, 3 if scheme == "future" else None)
-    out = folds.members["v"][0] if scheme == "trajectory" else np.sort(np.concatenate(folds.members["v"]))
-    part = leave_out(case, "v", out.tolist()).design
-    hyper, sd = draw(case, 0)
-    C, y = dense(case, hyper, sd)
-    kept = np.setdiff1d(np.arange(len(y)), out)
-    C, y = C[np.ix_(kept, kept)], y[kept]
-    expected = -0.5 * (np.linalg.slogdet(2 * np.pi * C)[1] + y @ np.linalg.solve(C, y))
-    if singular(case):
-        expected -= 0.5 * case.data.noise["v"].log_det  # the constant of the coefficients before whitening
-    assert float(log_density(part, hyper, sd)) == pytest.approx(expected, abs=1e-7)
-    # A prior that asks for the number of rows, as the horseshoe does, must not change when rows are left out.
-    assert float(part.n_prior) == float(case.equations["v"].design.n_obs) > float(part.n_obs)
+def test_the_horseshoe_is_told_the_number_of_rows_of_the_whole_data():
+    model = Program(dictionary={"v": TERMS}, prior=RegularisedHorseshoe(), discrepancy=None)
+    posterior = fabricate(model, measured())
+    part = {"v": leave_out(posterior, "v", list(range(20))).design}
+    tau = [
+        trace(seed(model.numpyro_model, 0)).get_trace(designs)["v_tau"]["value"]
+        for designs in (part, {"v": posterior.equations["v"].design})
+    ]
+    assert float(tau[0]) == pytest.approx(float(tau[1]), rel=1e-12)
+
+
+def wave(n=400, period=40, noise=0.0):
+    """One run whose rate is a wave along the rows, which no term explains."""
+    rng = np.random.default_rng(0)
+    rate = np.cos(2 * np.pi * np.arange(n) / period) + noise * rng.standard_normal(n)
+    states = dict(zip("yv", rng.uniform(-1, 1, (2, n)), strict=True))
+    model = Program(dictionary={"v": ["y"]}, discrepancy=None)
+    data = Trajectories.from_arrays(np.arange(n) * 0.1, states=states, derivatives={"v": rate})
+    return fabricate(model, data, draws=20, theta=np.zeros((2, 20, 1)))
+
+
+def test_blocks_are_as_long_as_the_residuals_are_correlated():
+    # cos(2π k/40) falls below 1.96/√400 between the lags 9 and 10.
+    assert correlation_length(wave(), "v") == 10
+    folds = make_folds(wave(), "block")
+    assert folds.block == 10 and len(folds.members["v"]) == 40
+    assert folds.notes == (
+        "Blocks of 10 rows were chosen, because what the dictionary leaves of 'v' is uncorrelated 10 rows apart.",
+    )
+    # White noise ends at the first lag, in all but one of forty data sets (this seed is none).
+    assert correlation_length(wave(noise=1e3), "v") == 1
+    slow = make_folds(wave(period=4000), "block")
+    assert slow.block == 40 and "a tenth of the rows" in slow.notes[0]
+    future = make_folds(wave(), "future")
+    assert (future.block, len(future.members["v"])) == (10, 20)
+    assert len(future.past["v"]) == 200
+
+
+def test_several_runs_advance_together_on_one_clock_and_in_turn_on_several():
+    one_clock = make_folds(fabricate(Program(dictionary={"v": ["y"]}, discrepancy=None), measured((4, 4))), "future", 1)
+    assert [fold.tolist() for fold in one_clock.members["v"]] == [[2, 6], [3, 7]]
+    data = measured((4, 4))
+    columns = {name: np.split(values, 2) for name, values in data.columns.items()}
+    rate = {"v": np.split(data.derivatives["v"], 2)}
+    later = Trajectories.from_arrays([data.time[:4], data.time[:4] + 9], states=columns, derivatives=rate)
+    in_turn = make_folds(fabricate(Program(dictionary={"v": ["y"]}, discrepancy=None), later), "future", 2)
+    assert [fold.tolist() for fold in in_turn.members["v"]] == [[4, 5], [6, 7]]
+
+
+def test_the_future_is_foretold_backwards_with_refits_to_the_past():
+    model = Program(dictionary={"v": TERMS}, discrepancy=None)
+    wild = 0.2 * np.exp(np.random.default_rng(0).standard_normal((2, 100)))
+    posterior = fabricate(model, measured((25,)), draws=100, sigma=wild)
+    folds = make_folds(posterior, "future", 3)
+    members, past = folds.members["v"], folds.past["v"]
+    refits = []
+
+    def refit(posterior, equation, rows):
+        refits.append((rows, fabricate(model, posterior.data, draws=100, sigma=wild * 1.1, seed=len(refits))))
+        return refits[-1][1]
+
+    result = cross_validate(posterior, "future", block=3, refit=refit, max_refits=2)
+    assert result.refits == len(refits) == 2 and result.n_bad > 0
+    assert "2 of 4 steps had" in result.notes[0] and "after max_refits=2 refits" in result.notes[1]
+    steps = np.flatnonzero(result.refitted)[::-1]
+    for j, (rows, without) in zip(steps, refits, strict=True):
+        assert rows == sorted(np.concatenate(members[j:]).tolist())
+        values = np.diff(past_densities(posterior, "v", without.draws("v"), past, members), axis=1)[:, j]
+        assert result.pointwise[j] == pytest.approx(logsumexp(values) - np.log(200), abs=1e-9)
+    without = cross_validate(posterior, "future", block=3, refit=None)
+    assert without.refits == 0 and "were not refitted" in without.notes[0]
+    last = len(members) - 1
+    # Weights p(past)/p(all) of the last step are 1/p(last step | past), as of any fold.
+    assert without.khat[last] == result.khat[last]
+
+
+def test_what_cannot_be_divided_is_refused():
+    posterior = wave(30)
+    with pytest.raises(InputError, match="the data have one: use scheme='block'"):
+        cross_validate(posterior, "trajectory")
+    with pytest.raises(InputError, match="block=30 leaves a single fold"):
+        cross_validate(posterior, "block", block=30)
+    with pytest.raises(InputError, match="does not apply to scheme='loo'"):
+        cross_validate(posterior, "loo", block=3)
+    with pytest.raises(InputError, match="block=0 must be a positive whole number"):
+        cross_validate(posterior, "block", block=0)
+    with pytest.raises(InputError, match="'loo', 'block', 'trajectory', 'future'"):
+        cross_validate(posterior, "rows")
+    with pytest.raises(InputError, match="start=1 must lie between"):
+        cross_validate(posterior, "future", start=1.0)

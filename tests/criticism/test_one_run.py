@@ -33,7 +33,7 @@ def runs() -> Trajectories:
 
 @pytest.fixture(scope="module")
 def posterior():
-    return sample_posterior(MODEL, runs(), Sampling(5000, 500, 4, seed=0), progress=False)
+    return sample_posterior(MODEL, runs(), Sampling(3000, 500, 4, seed=0), progress=False)
 
 
 def log_evidence(posterior, nodes, kept):
@@ -66,9 +66,10 @@ def integrator(posterior):
     centre, sd = sampled.mean(axis=0), sampled.std(axis=0)
 
     def integral(kept, shift=0.0):
-        # Half of the data leave η wider, and a half-normal falls off slowly towards log 0: hence so far, and unevenly.
-        steps = np.array(list(itertools.product(np.arange(-9, 9) + shift, repeat=3))) * 0.9
-        nodes = centre + steps * sd
+        # Half of the data leave η wider, and an amplitude that they do not ask for falls off slowly towards log 0.
+        axes = [np.arange(-9, 9), np.arange(-16, 9), np.arange(-9, 9)]
+        steps = np.array(list(itertools.product(*axes))) + shift
+        nodes = centre + steps * np.array([0.9 * sd[0], 0.45, 0.9 * sd[2]])
         noise, amplitude, tau = nodes.T
         prior = noise - 0.5 * np.exp(2 * noise) + amplitude - 0.5 * np.exp(2 * amplitude) - 0.5 * (tau / 0.5) ** 2
         return logsumexp(prior + log_evidence(posterior, nodes, kept))
@@ -80,7 +81,7 @@ def integrator(posterior):
 def test_one_run_equals_the_integral_over_the_hyperparameters(posterior, scheme, block):
     """p(y_F | y_A) = p(y_F, y_A)/p(y_A): the exact value of what a refit to A estimates, without its error.
 
-    The bounds are those asked for: 0.1 nat in total. The Monte Carlo error of 20,000 draws is a few times smaller, as
+    The bounds are those asked for: 0.1 nat in total. The Monte Carlo error of 12,000 draws is a few times smaller, as
     in the test of single rows.
     """
     integral = integrator(posterior)
@@ -97,6 +98,7 @@ def test_one_run_equals_the_integral_over_the_hyperparameters(posterior, scheme,
     exact -= np.array([len(fold) for fold in members]) * np.log(posterior.equations["v"].frame.target_scale)
     result = cross_validate(posterior, scheme, block=block, progress=False)
     assert result.refits == 0 and result.worst_k < result.threshold
+    print(scheme, result.elpd - exact.sum(), np.abs(result.pointwise - exact).max(), result.worst_k, result.p_eff)
     assert abs(result.elpd - exact.sum()) < 0.1
     np.testing.assert_allclose(result.pointwise, exact, atol=0.05)
     # Averaged over p(η | y) without weights the densities would be off by p_eff.
