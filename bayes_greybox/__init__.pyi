@@ -1,4 +1,5 @@
 from .criticism.compare import compare as compare
+from .criticism.cross_validation import cross_validate as cross_validate
 from .data.datasets import dataset_table as dataset_table
 from .data.datasets import load_dataset as load_dataset
 from .data.errors import InputError as InputError
@@ -20,6 +21,8 @@ from .physics import systems as systems
 from .physics.terms import Dictionary as Dictionary
 from .physics.terms import Term as Term
 from .physics.terms import polynomial as polynomial
+from .prior_comparison import PriorComparison as PriorComparison
+from .prior_comparison import compare_priors as compare_priors
 from .report import figures as figures
 from .report import plots as plots
 from .report import study_figures as study_figures

@@ -40,6 +40,15 @@ NoProgress = Annotated[bool, typer.Option("--no-progress", help="Show no progres
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Show nothing but errors.")]
 
 
+class Scheme(StrEnum):
+    """Cross-validation schemes."""
+
+    loo = "loo"
+    block = "block"
+    trajectory = "trajectory"
+    future = "future"
+
+
 class Benchmark(StrEnum):
     """Benchmarks that come with the package."""
 
@@ -169,6 +178,12 @@ def compare(
         typer.Argument(help="A configuration file with [models.NAME], or two or more saved fits (.nc)."),
     ],
     output: Output = None,
+    scheme: Annotated[
+        Scheme | None, typer.Option(help="What is left out: single rows (loo), blocks, trajectories, or the future.")
+    ] = None,
+    block: Annotated[
+        int | None, typer.Option(min=1, help="Rows of a block, or time stamps of a step into the future.")
+    ] = None,
     seed: Seed = None,
     draws: Draws = None,
     tune: Tune = None,
@@ -183,6 +198,7 @@ def compare(
     written if --output is given.
     """
     sampling = {"seed": seed, "draws": draws, "tune": tune, "chains": chains}
+    folds = {"scheme": None if scheme is None else scheme.value, "block": block}
     progress = not (no_progress or quiet)
     saved = [file.suffix == ".nc" for file in files]
     if any(saved):
@@ -191,10 +207,11 @@ def compare(
         given = [f"--{name}" for name, value in sampling.items() if value is not None]
         if given:
             raise InputError(f"{given[0]} does not apply to saved fits, which are not sampled again; leave it out.")
-        return _compare_saved(files, output, progress, quiet)
+        given = {name: value for name, value in folds.items() if value is not None}
+        return _compare_saved(files, output, given, progress, quiet)
     if len(files) > 1:
         raise InputError("compare takes one configuration file, or two or more saved fits (*.nc).")
-    settings = _configured(files[0], **sampling)
+    settings = _configured(files[0], **sampling).with_comparison(**folds)
     return _compare_configured(settings, output, progress, quiet)
 
 
@@ -260,16 +277,19 @@ def _compare_configured(settings: "Config", output: Path | None, progress: bool,
             f"compare needs two or more models, and {settings.file} has {len(settings.models)}: add tables "
             'such as [models.laplace] with prior = { kind = "laplace" }.'
         )
+    from bayes_greybox.criticism.folds import require_divisible
     from bayes_greybox.report.folder import output_folder, staged
     from bayes_greybox.report.record import comparison_record, write_json
 
     with output_folder(output or settings.folder) as folder:
         train, _ = settings.read_data()
+        given = settings.compare.given()
         models = {name: settings.build_model(name) for name in settings.models}
         for name, model in models.items():
             # What is wrong with the last model is better said before the first is sampled.
             with _about(name):
                 model.designs(train)
+                require_divisible(train, model.equations, settings.compare.scheme)
         fits = {}
         for name, model in models.items():
             if not quiet:
@@ -278,7 +298,7 @@ def _compare_configured(settings: "Config", output: Path | None, progress: bool,
             # Each as soon as it is there: a later failure costs no finished fit.
             with staged(folder) as place:
                 fits[name].save(place / f"{name}.nc")
-        table = bg.compare(fits, settings.compare.scheme, progress=progress)
+        table = bg.compare(fits, **given, progress=progress)
         with staged(folder) as place:
             record = comparison_record(fits, table, settings.sampling.model_dump())
             write_json(place / "summary.json", {"config": settings.file, **record})
@@ -288,15 +308,17 @@ def _compare_configured(settings: "Config", output: Path | None, progress: bool,
     return _compared(fits, table, folder, quiet)
 
 
-def _compare_saved(files: Sequence[Path], output: Path | None, progress: bool, quiet: bool) -> int:
+def _compare_saved(
+    files: Sequence[Path], output: Path | None, given: dict[str, Any], progress: bool, quiet: bool
+) -> int:
     from bayes_greybox.report.folder import output_folder, staged
     from bayes_greybox.report.record import comparison_record, write_json
 
     fits = dict(zip(_fit_names(files), (bg.load(file) for file in files), strict=True))
     if output is None:
-        return _compared(fits, bg.compare(fits, progress=progress), None, quiet)
+        return _compared(fits, bg.compare(fits, **given, progress=progress), None, quiet)
     with output_folder(output) as folder:
-        table = bg.compare(fits, progress=progress)
+        table = bg.compare(fits, **given, progress=progress)
         with staged(folder) as place:
             write_json(place / "summary.json", comparison_record(fits, table, None))
         bg.plots.save_figures({"comparison": bg.plots.plot_comparison(table)}, folder / "figures")

@@ -214,10 +214,11 @@ def test_saved_fits_are_compared_and_named_after_their_folders(first, tmp_path, 
     other.parent.mkdir()
     other.write_bytes((first.folder / "run.nc").read_bytes())
     files = [str(first.folder / "run.nc"), str(other)]
-    assert cli.main(["compare", *files, "-o", str(tmp_path / "out")]) == 3
+    assert cli.main(["compare", *files, "-o", str(tmp_path / "out"), "--scheme", "block", "--block", "20"]) == 3
     out = capsys.readouterr().out
-    assert "elpd" in out and "other" in out
+    assert "elpd" in out and "other" in out and "20 rows" in " ".join(out.split())
     record = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert (record["scheme"]["scheme"], record["scheme"]["block"]) == ("block", 20)
     assert {row["model"] for row in record["comparison"]} == {"run", "other"}
     assert [row["elpd_diff"] for row in record["comparison"]] == [0.0, 0.0]
     assert (tmp_path / "out" / "figures" / "comparison.png").exists()
@@ -236,6 +237,18 @@ def test_models_of_a_file_are_fitted_saved_and_compared(here, capsys):
     assert sorted(os.listdir("out")) == ["config.toml", "figures", "laplace.nc", "normal.nc", "summary.json"]
     record = json.loads(Path("out/summary.json").read_text())
     assert {row["model"] for row in record["comparison"]} == {"normal", "laplace"} == set(record["verdicts"])
+
+
+def test_the_scheme_of_a_file_gives_way_to_the_one_on_the_command_line(here, capsys):
+    compare = "\n[compare]\nscheme = 'trajectory'\nmax_refits = 0\n"
+    models = "[models]\nnormal = { prior = { kind = 'normal' } }\nlaplace = { prior = { kind = 'laplace' } }\n"
+    (here / "case.toml").write_text(CONFIG + compare + models)
+    refusal = refuse(capsys, "compare", "case.toml", *SHORT)
+    assert "the data have one: use scheme='block'" in refusal
+    assert cli.main(["compare", "case.toml", *SHORT, "--scheme", "future", "--block", "5"]) in (0, 3)
+    record = json.loads(Path("out/summary.json").read_text())
+    assert record["scheme"]["folds"] == "4 steps of up to 5 time stamps into the future"
+    assert {row["refits"] for row in record["comparison"]} == {0}
 
 
 def test_every_model_is_checked_before_the_first_is_sampled(here, capsys):

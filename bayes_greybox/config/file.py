@@ -45,9 +45,12 @@ class Output(Section):
 
 
 class Compare(Section):
-    """[compare]: how models are compared."""
+    """[compare]: how models are compared; the arguments of `compare`."""
 
-    scheme: Literal["loo"] = "loo"
+    scheme: Literal["loo", "block", "trajectory", "future"] = "loo"
+    block: Count | None = None
+    start: Annotated[float, Field(gt=0, lt=1)] | None = None
+    max_refits: Annotated[int, Field(ge=0)] | None = None
 
 
 class Model(Section):
@@ -173,18 +176,21 @@ class Config(Section):
             **self.noise.arguments(),
         )
 
+    def with_comparison(self, **settings: Any) -> "Config":
+        """The same configuration with some settings of [compare] replaced.
+
+        Raises:
+            InputError: If a value cannot be used.
+        """
+        return self.model_copy(update={"compare": _replaced(self.compare, settings)})
+
     def with_sampling(self, **settings: int | None) -> "Config":
         """The same configuration with some settings of [sampling] replaced.
 
         Raises:
             InputError: If a value cannot be used.
         """
-        chosen = {key: value for key, value in settings.items() if value is not None}
-        try:
-            sampling = Sampling.model_validate({**self.sampling.given(), **chosen})
-        except ValidationError as error:
-            raise InputError(sentence(error)) from None
-        return self.model_copy(update={"sampling": sampling})
+        return self.model_copy(update={"sampling": _replaced(self.sampling, settings)})
 
 
 def load_config(path: str | Path) -> Config:
@@ -214,3 +220,11 @@ def load_config(path: str | Path) -> Config:
         raise InputError(f'"{path}": {sentence(error)}') from None
     config._path, config._text = path, text
     return config
+
+
+def _replaced(section: Section, settings: Mapping[str, Any]) -> Any:
+    chosen = {key: value for key, value in settings.items() if value is not None}
+    try:
+        return type(section).model_validate({**section.given(), **chosen})
+    except ValidationError as error:
+        raise InputError(sentence(error)) from None

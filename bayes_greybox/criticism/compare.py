@@ -12,11 +12,12 @@ from bayes_greybox.inference.posterior import Posterior
 from bayes_greybox.model.program import measured_rate
 
 from .convergence import convergence
-from .loo import Loo, loo
+from .cross_validation import cross_validate
+from .folds import SCHEMES, START, Folds, check_scheme, make_folds
+from .loo import Loo
 from .pointwise import count_observations
 
-SCHEMES = {"loo": loo}
-"""Cross-validation schemes by name; each gives a `Loo` of a posterior."""
+__all__ = ["SCHEMES", "TIE_NATS", "compare", "comparison_table", "stacking_weights"]
 
 TIE_NATS = 4.0
 """Differences smaller than this say little, whatever their standard error (Sivula et al. 2020)."""
@@ -26,6 +27,8 @@ def compare(
     fits: Mapping[str, Posterior],
     scheme: str = "loo",
     *,
+    block: int | None = None,
+    start: float = START,
     at_most: int | None = None,
     max_refits: int = 10,
     progress: bool = True,
@@ -34,30 +37,41 @@ def compare(
 
     Args:
         fits: Fits by name, all to the same data.
-        scheme: "loo": leave out one observation at a time.
+        scheme: "loo": leave out one observation at a time; "block": contiguous rows; "trajectory": whole runs;
+            "future": foretell each step of time from all before it (see `cross_validate`).
+        block: Rows of a block, or time stamps of a step into the future, the same for all models. None: the longest
+            that any of them asks for, by the autocorrelation of what its dictionary leaves.
+        start: For "future", the share of the time stamps that is only learned from.
         at_most: Thin each model's draws evenly to this many; None: all.
-        max_refits: Exact refits of flagged observations for each model; a model that needs more gets none.
-        progress: Whether refits of flagged observations show their progress.
+        max_refits: Exact refits of flagged folds for each model; a model that needs more gets none ("future": gets as
+            many).
+        progress: Whether refits of flagged folds show their progress.
 
     Returns:
         A table indexed by name, best first: elpd and se (nats), elpd_diff (elpd less that of the best model,
         ≤ 0) and diff_se (from the pointwise differences), p_eff, weight (stacking), worst_k (largest Pareto k
-        among observations that were not refitted) and refits. `table.attrs["notes"]` lists what to beware of.
+        among folds that were not refitted) and refits. `table.attrs` has "notes", which list what to beware of,
+        "scheme", "block", "folds" (in words) and "threshold" (of Pareto k).
 
     Raises:
-        InputError: Fewer than two models; an unknown scheme; fits to different data or different equations.
+        InputError: Fewer than two models; an unknown scheme, or one that does not fit the data; fits to different data
+            or different equations.
     """
-    if scheme not in SCHEMES:
-        raise InputError(
-            f"compare(scheme={scheme!r}) is not known: the one there is is {', '.join(map(repr, SCHEMES))}."
-        )
+    check_scheme(scheme, block, start)
     if len(fits) < 2:
         raise InputError(f"compare needs at least two models, not {len(fits)}: pass {{'name': fit, 'other': fit}}.")
     _require_same_data(fits)
+    chosen = ()
+    if scheme in ("block", "future") and block is None:
+        longest = _longest({name: make_folds(fit, scheme, None, start) for name, fit in fits.items()})
+        block, chosen = longest.block, longest.notes
     results = {
-        name: SCHEMES[scheme](fit, at_most, max_refits=max_refits, progress=progress) for name, fit in fits.items()
+        name: cross_validate(
+            fit, scheme, block=block, start=start, at_most=at_most, max_refits=max_refits, progress=progress
+        )
+        for name, fit in fits.items()
     }
-    return comparison_table(results, _verdict_notes(fits))
+    return comparison_table(results, (*chosen, *_verdict_notes(fits)))
 
 
 def comparison_table(results: Mapping[str, Loo], notes: tuple[str, ...] = ()) -> pd.DataFrame:
@@ -81,11 +95,10 @@ def comparison_table(results: Mapping[str, Loo], notes: tuple[str, ...] = ()) ->
         index=pd.Index(results, name="model"),
     )
     table = table.sort_values("elpd", ascending=False, kind="stable")
-    table.attrs["notes"] = [
-        *notes,
-        *(f"{name}: {note}" for name, result in results.items() for note in result.notes),
-        *_tie_notes(table),
-    ]
+    table.attrs["notes"] = [*notes, *_model_notes(results), *_tie_notes(table)]
+    first = next(iter(results.values()))
+    table.attrs |= {"scheme": first.scheme, "block": first.block, "folds": first.words}
+    table.attrs["threshold"] = min(result.threshold for result in results.values())
     return table
 
 
@@ -131,6 +144,8 @@ def _require_same_data(fits: Mapping[str, Posterior]) -> None:
             )
         if fit.data.n_obs != reference.data.n_obs:
             raise InputError(f"{pair}: {reference.data.n_obs} rows against {fit.data.n_obs}; {remedy}")
+        if fit.data.run_lengths != reference.data.run_lengths:
+            raise InputError(f"{pair}: the rows are divided into trajectories differently; {remedy}")
         columns = {"time": (reference.data.time, fit.data.time)} | {
             f"the derivative of {equation!r}": (
                 measured_rate(reference.data, equation),
@@ -147,6 +162,17 @@ def _require_same_data(fits: Mapping[str, Posterior]) -> None:
                 raise InputError(
                     f"{pair}: the derivatives of {equation!r} come from different differentiators; {remedy}"
                 )
+
+
+def _longest(folds: Mapping[str, Folds]) -> Folds:
+    return max(folds.values(), key=lambda found: found.block or 0)
+
+
+def _model_notes(results: Mapping[str, Loo]) -> list[str]:
+    """Notes of each model under its name; what holds for all of them once."""
+    shared = [note for note in next(iter(results.values())).notes if all(note in r.notes for r in results.values())]
+    own = [f"{name}: {note}" for name, r in results.items() for note in r.notes if note not in shared]
+    return [*(f"all models: {note}" for note in shared), *own] if len(results) > 1 else own
 
 
 def _verdict_notes(fits: Mapping[str, Posterior]) -> tuple[str, ...]:

@@ -1,10 +1,12 @@
 """Exact refits without some observations, everything that the data fixed before sampling held as it was."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Int
 
 from bayes_greybox.data.row_noise import RowNoise
 from bayes_greybox.inference.posterior import Posterior, sample_posterior
@@ -30,7 +32,8 @@ def leave_out(posterior: Posterior, equation: str, rows: Sequence[int]) -> Equat
 
     Where the noise is correlated, y₋ᵢ has noise covariance σ² R₋ᵢ₋ᵢ. Its whitening is that of all rows
     followed by the removal of the directions a = W eᵢ, with log|R₋ᵢ₋ᵢ| = log|R| + log aᵀa, so R₋ᵢ₋ᵢ is never
-    formed.
+    formed. Where the start of each run stays (whole runs, or the past), W is triangular, so it is enough to
+    leave rows of W out.
 
     Args:
         posterior: Fitted model.
@@ -47,18 +50,22 @@ def leave_out(posterior: Posterior, equation: str, rows: Sequence[int]) -> Equat
     n_observation = count_observations(posterior, equation)
     out = np.unique(np.asarray(rows, int))
     kept = np.delete(np.arange(n_observation), out)
-    correlated = noise is not None and noise.square
-    directions, log_det = np.zeros((0, 0)), 0.0
+    directions, log_det = None, 0.0
     if noise is not None and noise.square:
-        directions, log_det = _directions(noise, n_observation, out)
+        starts = kept_starts(noise, kept)
+        if starts is None:
+            directions, log_det = _directions(noise, n_observation, out)
+        else:
+            log_det = log_det_of_starts(noise, starts) - noise.log_det
     common = {
         "n_obs": design.n_obs - len(out),
+        "n_prior": design.n_obs if design.n_prior is None else design.n_prior,
         "log_det_R": design.log_det_R + log_det,
     }
     if isinstance(design, DenseDesign):
         # Rows of an orthonormal basis of what is left; without correlation these are unit vectors.
         remain = np.eye(n_observation)[kept]
-        if correlated:
+        if directions is not None:
             remain = np.linalg.qr(directions, mode="complete")[0][:, len(out) :].T
         W = remain if design.whitening is None else remain @ np.asarray(design.whitening)
         Phi, y = remain @ np.asarray(design.Phi), remain @ np.asarray(design.y)
@@ -69,7 +76,7 @@ def leave_out(posterior: Posterior, equation: str, rows: Sequence[int]) -> Equat
         factor = triangular_factor(lambda index: scaled_rows(posterior, equation, kept[index]), len(kept))
     else:
         table = noise.whiten(scaled_rows(posterior, equation))
-        table = table - directions @ (directions.T @ table) if correlated else table[kept]
+        table = table[kept] if directions is None else table - directions @ (directions.T @ table)
         factor = triangular_factor(lambda index: table[index], len(table))
     n_term = len(frame.dictionary)
     Psi = jnp.asarray(factor[:, n_term:-1])
@@ -82,6 +89,27 @@ def leave_out(posterior: Posterior, equation: str, rows: Sequence[int]) -> Equat
         **common,
     )
     return Equation(frame, reduced)
+
+
+def kept_starts(noise: RowNoise, kept: Int[np.ndarray, " n_kept"]) -> list[int] | None:
+    """How many rows of each run these are, if they are the first ones of each run; else None."""
+    counts, start = [], 0
+    for n in noise.run_lengths:
+        own = kept[(kept >= start) & (kept < start + n)]
+        if not np.array_equal(own, start + np.arange(len(own))):
+            return None
+        counts.append(len(own))
+        start += n
+    return counts
+
+
+def log_det_of_starts(noise: RowNoise, counts: Sequence[int]) -> float:
+    """log|R_AA| of the first rows of each run."""
+    if not sum(counts):
+        return 0.0
+    part = noise.restrict([(0, count) for count in counts])
+    # Its R is rescaled to a mean diagonal of one.
+    return part.log_det + 2 * sum(counts) * math.log(part.scale / noise.scale)
 
 
 def _directions(noise: RowNoise, n_obs: int, out: np.ndarray) -> tuple[np.ndarray, float]:

@@ -1,23 +1,21 @@
 """Leave-one-out from one run: closed forms given η, Pareto-smoothed importance sampling, exact refits."""
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.inference.posterior import Posterior
 
-from .convergence import array_stats, convergence
+from .convergence import convergence
+from .fold_density import fold_blocks
+from .folds import Folds
 from .leave_out import refit_without
 from .pointwise import log_likelihood_group, pointwise_blocks, pointwise_loo
+from .psis import count_draws, khat_threshold, log_mean, relative_efficiency, smoothed
 
-__all__ = ["Loo", "log_likelihood_group", "loo", "pointwise_loo"]
-
-MIN_DRAWS = 25
-"""Fewer draws have no tail for Pareto smoothing to fit."""
+__all__ = ["Loo", "leave_folds_out", "log_likelihood_group", "loo", "pointwise_loo", "refitted_without", "result"]
 
 Refit = Callable[[Posterior, str, list[int]], Posterior]
 """(posterior, equation, observations) -> posterior of that equation without these observations."""
@@ -25,24 +23,29 @@ Refit = Callable[[Posterior, str, list[int]], Posterior]
 
 @dataclass(frozen=True)
 class Loo:
-    """Leave-one-out cross-validation of one model; equations one after the other.
+    """Cross-validation of one model; equations one after the other.
+
+    What is left out at once, a fold, is one observation, or what `scheme` says.
 
     Attributes:
-        elpd: Expected log predictive density, summed over the observations, in nats.
-        se: Its standard error from the scatter over observations, √(n var). It takes them as independent: for
-            dense time series it is too small.
-        p_eff: Effective number of sampled parameters, Σ log mean p(y_i | y₋ᵢ, η) − elpd. θ and f are
+        elpd: Expected log predictive density, summed over the folds, in nats.
+        se: Its standard error from the scatter over folds, √(n var). It takes them as independent: for single rows
+            of dense time series it is too small.
+        p_eff: Effective number of sampled parameters, Σ log mean p(y_F | y₋F, η) − elpd. θ and f are
             integrated out of both parts, so it counts what the data still say about η and γ.
-        worst_k: Largest Pareto k̂ among the observations that rely on importance sampling.
-        n_bad: Observations that still have k̂ above the threshold.
+        worst_k: Largest Pareto k̂ among the folds that rely on importance sampling.
+        n_bad: Folds that still have k̂ above the threshold.
         threshold: min(1 − 1/log₁₀ S, 0.7) for S draws (Vehtari, Simpson, Gelman, Yao & Gabry 2024).
-        pointwise: elpd of each observation; user's units.
-        khat: Pareto k̂ of each observation as measured, also where a refit replaced it.
-        refitted: Observations whose elpd comes from an exact refit.
-        equation: Index of the equation each observation belongs to.
+        pointwise: elpd of each fold; user's units.
+        khat: Pareto k̂ of each fold as measured, also where a refit replaced it.
+        refitted: Folds whose elpd comes from an exact refit.
+        equation: Index of the equation each fold belongs to.
         row: Its index within the equation.
         r_eff: Relative efficiency of the draws, one for each equation.
-        notes: Sentences on what to beware of.
+        notes: Sentences on what to beware of, and on how the folds were chosen.
+        scheme: "loo", "block", "trajectory" or "future".
+        block: Rows of a block, time stamps of a step into the future; None where there is neither.
+        words: The folds in words.
     """
 
     elpd: float
@@ -51,13 +54,16 @@ class Loo:
     worst_k: float
     n_bad: int
     threshold: float
-    pointwise: Float[np.ndarray, " n_obs"]
-    khat: Float[np.ndarray, " n_obs"]
-    refitted: Bool[np.ndarray, " n_obs"]
-    equation: Int[np.ndarray, " n_obs"]
-    row: Int[np.ndarray, " n_obs"]
+    pointwise: Float[np.ndarray, " n_fold"]
+    khat: Float[np.ndarray, " n_fold"]
+    refitted: Bool[np.ndarray, " n_fold"]
+    equation: Int[np.ndarray, " n_fold"]
+    row: Int[np.ndarray, " n_fold"]
     r_eff: tuple[float, ...]
     notes: tuple[str, ...] = ()
+    scheme: str = "loo"
+    block: int | None = None
+    words: str = "single rows"
 
     @property
     def refits(self) -> int:
@@ -66,8 +72,8 @@ class Loo:
 
     def __str__(self) -> str:
         lines = [
-            f"elpd {self.elpd:.2f} ± {self.se:.2f} nats, {self.p_eff:.1f} effective sampled parameters, "
-            f"worst Pareto k {self.worst_k:.2f}, {self.refits} exact refits",
+            f"elpd {self.elpd:.2f} ± {self.se:.2f} nats over {self.words}, {self.p_eff:.1f} effective sampled "
+            f"parameters, worst Pareto k {self.worst_k:.2f}, {self.refits} exact refits",
             *(f"- {note}" for note in self.notes),
         ]
         return "\n".join(lines)
@@ -99,102 +105,106 @@ def loo(
     Raises:
         InputError: Fewer than 25 draws.
     """
-    group = posterior.idata["posterior"].dataset
-    n_draw = group.sizes["chain"] * group.sizes["draw"]
-    n_draw = n_draw if at_most is None else min(n_draw, at_most)
-    if n_draw < MIN_DRAWS:
-        raise InputError(f"Leave-one-out needs at least {MIN_DRAWS} posterior draws, not {n_draw}: raise draws.")
-    names = tuple(posterior.equations)
-    efficiency = tuple(_relative_efficiency(posterior, name, n_draw) for name in names)
-    parts = [_smoothed(posterior, name, at_most, r_eff) for name, r_eff in zip(names, efficiency, strict=True)]
-    elpd, spread, khat = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
-    equation = np.concatenate([np.full(len(part[0]), i) for i, part in enumerate(parts)])
-    row = np.concatenate([np.arange(len(part[0])) for part in parts])
+    return leave_folds_out(posterior, None, at_most, refit=refit, max_refits=max_refits, progress=progress)
 
-    threshold = min(1 - 1 / math.log10(n_draw), 0.7)
-    flagged = np.flatnonzero(~(khat <= threshold))
-    refitted = np.zeros(len(elpd), bool)
-    notes: list[str] = []
-    found = f"{len(flagged)} of {len(elpd)} observations have Pareto k above {threshold:.2f}"
-    if len(flagged) and refit is not None and len(flagged) <= max_refits:
-        for i in flagged:
-            name = names[equation[i]]
-            elpd[i] = _exact(posterior, name, int(row[i]), at_most, refit, progress, notes)
-        refitted[flagged] = True
-        notes.insert(0, f"{found}; their values come from exact refits.")
-    elif len(flagged):
+
+def leave_folds_out(
+    posterior: Posterior,
+    folds: Folds | None,
+    at_most: int | None = None,
+    *,
+    refit: Refit | None = refit_without,
+    max_refits: int = 10,
+    progress: bool = True,
+) -> Loo:
+    """`loo` with several observations left out at once: w_Fs ∝ 1/p(y_F | y₋F, η_s).
+
+    Args:
+        posterior: Fitted model.
+        folds: What is left out together; None: single observations.
+        at_most: As for `loo`.
+        refit: As for `loo`.
+        max_refits: As for `loo`.
+        progress: As for `loo`.
+
+    Raises:
+        InputError: Fewer than 25 draws.
+    """
+    n_draw = count_draws(posterior, at_most)
+    names = tuple(posterior.equations)
+
+    def blocks(name: str, draws, index=None):
+        if folds is None:
+            return pointwise_blocks(posterior, name, draws, index)
+        return fold_blocks(posterior, name, draws, folds.members[name], index)
+
+    efficiency = {name: relative_efficiency(posterior, name, n_draw) for name in names}
+    parts = {
+        name: [smoothed(part, -part, efficiency[name]) for _, part in blocks(name, posterior.draws(name, at_most))]
+        for name in names
+    }
+    elpd, spread, khat = ({name: np.concatenate([part[i] for part in parts[name]]) for name in names} for i in range(3))
+    threshold = khat_threshold(n_draw)
+    flagged = [(name, int(i)) for name in names for i in np.flatnonzero(~(khat[name] <= threshold))]
+    refitted = {name: np.zeros(len(elpd[name]), bool) for name in names}
+    what = "observations" if folds is None else {"block": "blocks", "trajectory": "trajectories"}[folds.scheme]
+    found = f"{len(flagged)} of {sum(map(len, elpd.values()))} {what} have Pareto k above {threshold:.2f}"
+    notes = [] if folds is None else list(folds.notes)
+    if flagged and refit is not None and len(flagged) <= max_refits:
+        warnings: list[str] = []
+        for name, i in flagged:
+            rows = [i] if folds is None else folds.members[name][i].tolist()
+            about = f"observation {i}" if folds is None else f"{folds.scheme} {i}"
+            without = refitted_without(posterior, name, rows, refit, progress, about, warnings)
+            ((_, values),) = blocks(name, without.draws(name, at_most), np.array([i]))
+            elpd[name][i] = log_mean(values)[0]
+            refitted[name][i] = True
+        notes += [f"{found}; their values come from exact refits.", *warnings]
+    elif flagged:
         limit = "" if refit is None else f", more than max_refits={max_refits}"
         notes.append(f"{found}{limit}, and were not refitted: elpd and its standard error are not reliable.")
-    return Loo(
-        elpd=float(elpd.sum()),
-        se=float(np.sqrt(len(elpd) * np.var(elpd, ddof=1))),
-        p_eff=float(spread.sum() - elpd.sum()),
-        worst_k=float(np.max(khat[~refitted], initial=-np.inf)),
-        n_bad=int(np.sum(~(khat[~refitted] <= threshold))),
-        threshold=threshold,
-        pointwise=elpd,
-        khat=khat,
-        refitted=refitted,
-        equation=equation,
-        row=row,
-        r_eff=efficiency,
-        notes=tuple(notes),
-    )
+    return result(elpd, spread, khat, refitted, threshold, efficiency, notes, folds)
 
 
-def _smoothed(
-    posterior: Posterior, equation: str, at_most: int | None, r_eff: float
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """elpd_i, log mean p(y_i | y₋ᵢ, η) and k̂_i of each observation of one equation."""
-    stats = array_stats()
-    parts = []
-    for _, block in pointwise_blocks(posterior, equation, posterior.draws(equation, at_most)):
-        values = block.T
-        log_weight = np.full(values.shape, -math.log(values.shape[1]))
-        khat = np.zeros(len(values))
-        # Without any spread there is nothing to smooth, and PSIS refuses.
-        varies = np.ptp(values, axis=1) > 0
-        if varies.any():
-            log_weight[varies], khat[varies] = stats.psislw(values[varies], r_eff=r_eff, axis=-1)
-        elpd = np.logaddexp.reduce(log_weight + values, axis=1)
-        parts.append((elpd, np.logaddexp.reduce(values, axis=1) - math.log(values.shape[1]), khat))
-    elpd, spread, khat = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
-    return elpd, spread, khat
-
-
-def _exact(
-    posterior: Posterior,
-    equation: str,
-    row: int,
-    at_most: int | None,
-    refit: Refit,
-    progress: bool,
-    notes: list[str],
-) -> float:
-    """One observation by an exact refit: the mean of p(y_i | y₋ᵢ, η) over p(η | y₋ᵢ)."""
+def refitted_without(
+    posterior: Posterior, equation: str, rows: list[int], refit: Refit, progress: bool, about: str, notes: list[str]
+) -> Posterior:
+    """Fit again without some observations, and note it if that run has not converged."""
     if refit is refit_without:
-        without = refit_without(posterior, equation, [row], progress=progress)
+        without = refit_without(posterior, equation, rows, progress=progress)
     else:
-        without = refit(posterior, equation, [row])
+        without = refit(posterior, equation, rows)
     verdict = convergence(without)
     if not verdict.ok:
-        notes.append(f"The refit without observation {row} of {equation!r} has not converged: {verdict.reasons[0]}")
-    draws = without.draws(equation, at_most)
-    ((_, values),) = pointwise_blocks(posterior, equation, draws, np.array([row]))
-    return float(np.logaddexp.reduce(values.ravel()) - math.log(values.size))
+        notes.append(f"The refit without {about} of {equation!r} has not converged: {verdict.reasons[0]}")
+    return without
 
 
-def _relative_efficiency(posterior: Posterior, equation: str, n_draw: int) -> float:
-    """Effective over actual draws, mean over hyperparameters and coefficients of the equation, at most 1."""
-    group = posterior.idata["posterior"].dataset
-    if group.sizes["chain"] < 2 or group.sizes["draw"] < 4:
-        return 1.0
-    stats, sizes = array_stats(), []
-    for name in ("sigma", "amplitude", "length_scale", "theta"):
-        if f"{equation}_{name}" not in group:
-            continue
-        values = group[f"{equation}_{name}"].to_numpy()
-        for draws in np.moveaxis(values.reshape(*values.shape[:2], -1), -1, 0):
-            if np.ptp(draws) > 0:
-                sizes.append(float(stats.ess(draws / draws.std(), method="mean")))
-    return min(1.0, float(np.mean(sizes)) / n_draw) if sizes else 1.0
+def result(
+    elpd: dict[str, np.ndarray],
+    spread: dict[str, np.ndarray],
+    khat: dict[str, np.ndarray],
+    refitted: dict[str, np.ndarray],
+    threshold: float,
+    efficiency: dict[str, float],
+    notes: list[str],
+    folds: Folds | None,
+) -> Loo:
+    """The result from values by equation."""
+    pointwise, mean, k, exact = (np.concatenate(list(a.values())) for a in (elpd, spread, khat, refitted))
+    return Loo(
+        elpd=float(pointwise.sum()),
+        se=float(np.sqrt(len(pointwise) * np.var(pointwise, ddof=1))),
+        p_eff=float(mean.sum() - pointwise.sum()),
+        worst_k=float(np.max(k[~exact], initial=-np.inf)),
+        n_bad=int(np.sum(~(k[~exact] <= threshold))),
+        threshold=threshold,
+        pointwise=pointwise,
+        khat=k,
+        refitted=exact,
+        equation=np.concatenate([np.full(len(a), i) for i, a in enumerate(elpd.values())]),
+        row=np.concatenate([np.arange(len(a)) for a in elpd.values()]),
+        r_eff=tuple(efficiency.values()),
+        notes=tuple(notes),
+        **({} if folds is None else {"scheme": folds.scheme, "block": folds.block, "words": folds.words}),
+    )

@@ -125,19 +125,25 @@ class BandedNoise(RowNoise):
         return self._solve(rows, trans="T")
 
     def precision_diagonal(self) -> Float[np.ndarray, " n_obs"]:
-        """Diagonal of R⁻¹ by the displacement structure of an inverse Toeplitz matrix.
+        """Diagonal of R⁻¹."""
+        return self.precision_band(1)[:, 0]
 
-        With x the first column of T⁻¹: (T⁻¹)_{i+1,i+1} = (T⁻¹)_{i,i} + (x_{i+1}² − x_{n−1−i}²) / x_0
+    def precision_band(self, width: int) -> Float[np.ndarray, "n_obs width"]:
+        """Diagonals of R⁻¹ by the displacement structure of an inverse Toeplitz matrix.
+
+        With x the first column of T⁻¹: (T⁻¹)_{i+1,j+1} = (T⁻¹)_{i,j} + (x_{i+1} x_{j+1} − x_{n−1−i} x_{n−1−j}) / x_0
         (Gohberg & Semencul 1972).
         """
-        parts = []
+        band, start = np.zeros((self.n_obs, width)), 0
         for n, variance in zip(self.run_lengths, self.run_variances, strict=True):
             unit = np.zeros((n, 1))
             unit[0] = 1.0
             x = _triangular_solve(self._factors[n], _triangular_solve(self._factors[n], unit, "N"), "T")[:, 0]
-            steps = (x[1:] ** 2 - x[:0:-1] ** 2) / x[0]
-            parts.append(np.concatenate([x[:1], x[0] + np.cumsum(steps)]) / variance)
-        return np.concatenate(parts)
+            for k in range(min(width, n)):
+                steps = (x[1 : n - k] * x[1 + k :] - x[:k:-1] * x[::-1][k : n - 1]) / x[0]
+                band[start : start + n - k, k] = np.cumsum(np.concatenate([x[k : k + 1], steps])) / variance
+            start += n
+        return band
 
     def covariance(self) -> Float[np.ndarray, "n_obs n_obs"]:
         """R as a dense matrix."""
@@ -254,13 +260,18 @@ class SpectralNoise(RowNoise):
         return np.concatenate(out)
 
     def precision_diagonal(self) -> Float[np.ndarray, " n_obs"]:
-        """Diagonal of Wᵀ W, the same for all rows of a run: (2/n) Σ 1/λ."""
-        return np.concatenate(
-            [
-                np.full(n, 2.0 / n * float(np.sum(1.0 / values)))
-                for n, values in zip(self.run_lengths, self._eigenvalues, strict=True)
-            ]
-        )
+        """Diagonal of Wᵀ W, the same for all rows of a run."""
+        return self.precision_band(1)[:, 0]
+
+    def precision_band(self, width: int) -> Float[np.ndarray, "n_obs width"]:
+        """Diagonals of Wᵀ W, constant within a run: (2/n) Σ_j cos(2π j k / n) / λ_j."""
+        band, start = np.zeros((self.n_obs, width)), 0
+        for n, kept, values in zip(self.run_lengths, self.kept, self._eigenvalues, strict=True):
+            for k in range(min(width, n)):
+                waves = np.cos(2.0 * np.pi * k / n * np.arange(1, kept + 1))
+                band[start : start + n - k, k] = 2.0 / n * float(np.sum(waves / values))
+            start += n
+        return band
 
     def covariance(self) -> Float[np.ndarray, "n_obs n_obs"]:
         """R as a dense matrix, singular."""

@@ -70,6 +70,10 @@ class RowNoise(ABC):
         """Diagonal of Wᵀ W."""
 
     @abstractmethod
+    def precision_band(self, width: int) -> Float[np.ndarray, "n_obs width"]:
+        """Entries (i, i + k) of Wᵀ W for k < width, zero beyond the run of row i."""
+
+    @abstractmethod
     def covariance(self) -> Float[np.ndarray, "n_obs n_obs"]:
         """R as a dense matrix, for tests and small data."""
 

@@ -55,6 +55,7 @@ def comparison_record(
     """
     record: dict[str, Any] = {
         "comparison": _rows(table),
+        "scheme": {key: table.attrs.get(key) for key in ("scheme", "block", "folds", "threshold")},
         "notes": list(table.attrs.get("notes", [])),
         "verdicts": {name: _verdict(fit.verdict) for name, fit in fits.items()},
         "versions": versions(),

@@ -41,7 +41,8 @@ def comparison_tables(fits: Mapping[str, Fit], table: pd.DataFrame) -> Iterator[
     """Verdict of each fit, then the comparison, best first, with what to beware of."""
     for name, fit in fits.items():
         yield _verdict(f"{name}: ", fit)
-    rows = plain_table("Expected log predictive density (elpd, nats; higher is better)")
+    left_out = f"leaving out {table.attrs['folds']}; " if "folds" in table.attrs else ""
+    rows = plain_table(f"Expected log predictive density (elpd, {left_out}nats; higher is better)")
     rows.add_column("model", overflow="fold")
     for column in table.columns:
         rows.add_column(str(column), justify="right")

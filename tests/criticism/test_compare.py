@@ -5,6 +5,7 @@ import pytest
 from fabricated import fabricate, oscillator
 
 from bayes_greybox.criticism.compare import compare, comparison_table, stacking_weights
+from bayes_greybox.criticism.cross_validation import cross_validate
 from bayes_greybox.criticism.loo import Loo
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
@@ -91,6 +92,20 @@ def test_differences_do_not_depend_on_units():
     np.testing.assert_allclose(millimetres["elpd"], metres["elpd"] - 30 * np.log(1000), rtol=1e-9)
 
 
+@pytest.mark.parametrize("scheme", ["block", "future"])
+def test_all_models_leave_out_the_same_folds(scheme):
+    pair = fits(oscillator(40))
+    table = compare(pair, scheme, max_refits=0)
+    alone = {name: cross_validate(fit, scheme, max_refits=0) for name, fit in pair.items()}
+    longest = max(result.block for result in alone.values())
+    assert table.attrs["scheme"] == scheme and table.attrs["block"] == longest
+    assert sum("were chosen" in note for note in table.attrs["notes"]) == 1
+    for name, fit in pair.items():
+        result = cross_validate(fit, scheme, block=longest, max_refits=0)
+        assert table.attrs["folds"] == result.words
+        assert table.loc[name, "elpd"] == pytest.approx(result.elpd, rel=1e-12)
+
+
 def test_fits_that_have_not_converged_are_named():
     table = compare(fits(oscillator(30)), max_refits=0)
     assert any("bare has not converged" in note for note in table.attrs["notes"])
@@ -100,8 +115,10 @@ def test_what_cannot_be_compared_is_refused():
     pair = fits(oscillator(20), draws=2)
     with pytest.raises(InputError, match="at least two"):
         compare({"bare": pair["bare"]})
-    with pytest.raises(InputError, match="'loo'"):
-        compare(pair, scheme="block")
+    with pytest.raises(InputError, match="'loo', 'block'"):
+        compare(pair, scheme="rows")
+    with pytest.raises(InputError, match="the data have one"):
+        compare(pair, scheme="trajectory")
     with pytest.raises(InputError, match="20 rows against 25"):
         compare(pair | {"full": fabricate(FULL, oscillator(25))})
     with pytest.raises(InputError, match="the derivative of 'v' differs by up to"):

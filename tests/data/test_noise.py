@@ -31,6 +31,11 @@ def test_whitening_turns_the_covariance_into_the_identity(kind):
     precision = np.linalg.pinv(covariance, rcond=1e-10, hermitian=True)
     np.testing.assert_allclose(w.T @ w, precision, atol=1e-9 * np.abs(precision).max())
     np.testing.assert_allclose(noise.precision_diagonal(), np.diag(precision), rtol=1e-9)
+    for width in (5, 30):
+        band = noise.precision_band(width)
+        for k in range(width):
+            expected = np.append(np.diag(precision, k), np.zeros(k))
+            np.testing.assert_allclose(band[:, k], expected, atol=1e-9 * np.abs(precision).max())
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -416,6 +416,11 @@ def test_comparison_lists_models_best_first_with_weights_and_warnings(n_model):
     assert "0.81" in shown and "weight" in shown
     assert [text for text in shown if "worst k" in text] == (["▲ worst k = 0.83"] if n_model == 3 else [])
     assert "[nat]" in left.get_xlabel() and "[nat]" in right.get_xlabel()
+    table.attrs |= {"folds": "7 blocks of up to 20 rows", "threshold": 0.35}
+    figure = plot_comparison(table)
+    assert "leaving out 7 blocks of up to 20 rows" in figure.axes[0].get_xlabel()
+    # With few draws Pareto k must be smaller, and the first model's is not.
+    assert "▲ worst k = 0.41" in texts(figure)
 
 
 def test_figures_are_saved_whole_and_pyplot_keeps_none(tmp_path):

@@ -23,8 +23,8 @@ from bayes_greybox.report.plots.style import (
     plain,
 )
 
-# Above this Pareto shape the importance sampling behind a row's elpd is not to be trusted
-# (Vehtari, Simpson, Gelman, Yao & Gabry 2024).
+# Above this Pareto shape the importance sampling behind an elpd is not to be trusted, however many draws there are
+# (Vehtari, Simpson, Gelman, Yao & Gabry 2024); with few draws the table names a smaller one.
 _WORST_K = 0.7
 
 
@@ -32,11 +32,11 @@ _WORST_K = 0.7
 def plot_comparison(table: pd.DataFrame, *, axes: Sequence[Axes] | np.ndarray | None = None) -> Figure:
     """Expected log predictive density of each model, its difference to the best, and its weight.
 
-    Models whose worst Pareto k is above 0.7 are marked, because their elpd may be off.
+    Models whose worst Pareto k is above the table's threshold are marked, because their elpd may be off.
 
     Args:
         table: indexed by model name, best first, with columns elpd, se, elpd_diff (≤ 0), diff_se, weight and
-            worst_k.
+            worst_k; what `compare` puts into its `attrs` ("folds", "threshold") is shown.
         axes: axes to draw into: elpd, difference.
 
     Returns:
@@ -58,11 +58,13 @@ def plot_comparison(table: pd.DataFrame, *, axes: Sequence[Axes] | np.ndarray | 
         left, right = given_axes(axes, 2, "elpd, difference")
     rows = np.arange(len(table))
     elpd, se, difference, diff_se, weight, worst_k = (table[name].to_numpy(dtype=float) for name in needed)
-    suspect = worst_k > _WORST_K
-    _draw_intervals(left, rows, elpd, se, suspect)
-    _draw_intervals(right, rows, difference, diff_se, suspect)
+    threshold = table.attrs.get("threshold", _WORST_K)
+    suspect = worst_k > threshold
+    _draw_intervals(left, rows, elpd, se, suspect, threshold)
+    _draw_intervals(right, rows, difference, diff_se, suspect, threshold)
     left.set_yticks(rows, [plain(str(name)) for name in table.index])
-    left.set_xlabel("elpd ± se [nat]\nhigher is better")
+    left_out = f"\nleaving out {table.attrs['folds']}" if "folds" in table.attrs else ""
+    left.set_xlabel(f"elpd ± se [nat]{left_out}\nhigher is better")
     right.set_yticks([])
     right.axvline(0.0, color=GREY, linewidth=0.8, zorder=0)
     right.set_xlabel("difference to the best ± se [nat]")
@@ -76,12 +78,14 @@ def plot_comparison(table: pd.DataFrame, *, axes: Sequence[Axes] | np.ndarray | 
     return figure_of(left)
 
 
-def _draw_intervals(ax: Axes, rows: np.ndarray, value: np.ndarray, half: np.ndarray, suspect: np.ndarray) -> None:
+def _draw_intervals(
+    ax: Axes, rows: np.ndarray, value: np.ndarray, half: np.ndarray, suspect: np.ndarray, threshold: float
+) -> None:
     ax.hlines(rows, 0, 1, transform=ax.get_yaxis_transform(), color=LIGHT, linewidth=0.6, zorder=0)
     ax.hlines(rows, value - half, value + half, color=BLUE, linewidth=2.0)
     ax.plot(value[~suspect], rows[~suspect], "o", color=BLUE, markersize=6, label="elpd")
     if suspect.any():
-        ax.plot(value[suspect], rows[suspect], "^", color=ORANGE, markersize=8, label=f"worst k > {_WORST_K}")
+        ax.plot(value[suspect], rows[suspect], "^", color=ORANGE, markersize=8, label=f"worst k > {threshold:.2g}")
     ax.set_ylim(len(rows) - 0.5, -0.5)
     ax.tick_params(axis="y", length=0)
     ax.spines["left"].set_visible(False)

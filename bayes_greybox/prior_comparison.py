@@ -1,0 +1,119 @@
+"""One call that fits several priors to the same data and sets their results side by side."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import pandas as pd
+from rich.console import Console
+
+from bayes_greybox.criticism.compare import compare
+from bayes_greybox.criticism.folds import START, check_scheme, require_divisible
+from bayes_greybox.data.errors import InputError
+from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.greybox import Fit, GreyBox
+from bayes_greybox.model.priors import Laplace, Normal, Prior, RegularisedHorseshoe, SpikeAndSlab
+
+FOUR_PRIORS: Mapping[str, Prior] = {
+    "SpikeAndSlab": SpikeAndSlab(),
+    "RegularisedHorseshoe": RegularisedHorseshoe(),
+    "Laplace": Laplace(),
+    "Normal": Normal(),
+}
+"""What `compare_priors` fits besides the user's own."""
+
+
+@dataclass(frozen=True, repr=False)
+class PriorComparison:
+    """The same model under several priors.
+
+    Attributes:
+        fits: The fits by name of the prior.
+        comparison: What `compare` says of them, best first.
+        inclusion: Inclusion tables side by side, indexed (equation, term), with columns (prior, quantity); only a
+            spike-and-slab prior has the quantity `inclusion`, see `Fit.inclusion`.
+    """
+
+    fits: Mapping[str, Fit]
+    comparison: pd.DataFrame
+    inclusion: pd.DataFrame
+
+    def __repr__(self) -> str:
+        """Verdicts that are bad, the comparison with its notes, and how probable each term is under each prior."""
+        with pd.option_context("display.width", 160, "display.max_columns", 40):
+            parts = [
+                f"Predictive accuracy, leaving out {self.comparison.attrs['folds']} (elpd in nats, best first)",
+                self.comparison.round(2).to_string(),
+                *(f"- {note}" for note in self.comparison.attrs["notes"]),
+                "",
+                "Probability of each term: P(included) under spike-and-slab priors, P(|θ| > ROPE) under the others",
+                self.probability.round(3).to_string(),
+            ]
+        return "\n".join(parts)
+
+    @property
+    def probability(self) -> pd.DataFrame:
+        """`inclusion` where a prior has it, else `outside_rope`, by (equation, term), one column for each prior."""
+        columns = {}
+        for name in self.fits:
+            table = self.inclusion[name]
+            columns[name] = table["inclusion" if "inclusion" in table else "outside_rope"]
+        return pd.DataFrame(columns)
+
+
+def compare_priors(
+    model: GreyBox,
+    data: Trajectories,
+    priors: Mapping[str, Prior | None] | None = None,
+    *,
+    scheme: str = "loo",
+    block: int | None = None,
+    start: float = START,
+    max_refits: int = 10,
+    draws: int = 1000,
+    tune: int = 1000,
+    chains: int = 4,
+    seed: int = 0,
+    target_accept: float = 0.9,
+    progress: bool = True,
+) -> PriorComparison:
+    """Fit a model under the four priors and any others, and compare them by cross-validation.
+
+    Args:
+        model: The model; its own prior is replaced.
+        data: Training data, the same for all.
+        priors: Further priors by name. One named like one of the four ("SpikeAndSlab", "RegularisedHorseshoe",
+            "Laplace", "Normal") takes its place, and None in its stead leaves it out.
+        scheme: As for `compare`.
+        block: As for `compare`.
+        start: As for `compare`.
+        max_refits: As for `compare`.
+        draws: As for `GreyBox.fit`, as are the settings that follow.
+        tune: Warm-up iterations of each chain.
+        chains: Number of chains.
+        seed: Seed of each run.
+        target_accept: Target acceptance probability of NUTS.
+        progress: Whether to name each prior as its fit begins, and show progress bars.
+
+    Raises:
+        InputError: Something that is not a prior; fewer than two priors; whatever `fit` and `compare` refuse.
+    """
+    check_scheme(scheme, block, start)
+    require_divisible(data, model.equations, scheme)
+    chosen = {name: prior for name, prior in {**FOUR_PRIORS, **(priors or {})}.items() if prior is not None}
+    for name, prior in chosen.items():
+        if not isinstance(prior, Prior):
+            raise InputError(f"priors[{name!r}] = {prior!r} is not a prior: give one such as bg.Laplace(scale=0.5).")
+    if len(chosen) < 2:
+        raise InputError(f"compare_priors needs at least two priors, not {len(chosen)}: leave fewer of them out.")
+    models: dict[str, Any] = {name: replace(model, prior=prior) for name, prior in chosen.items()}
+    console = Console(quiet=not progress, highlight=False)
+    fits = {}
+    for i, (name, variant) in enumerate(models.items(), start=1):
+        console.print(f"Prior {name} ({i} of {len(models)})")
+        fits[name] = variant.fit(
+            data, draws=draws, tune=tune, chains=chains, seed=seed, target_accept=target_accept, progress=progress
+        )
+    table = compare(fits, scheme, block=block, start=start, max_refits=max_refits, progress=progress)
+    inclusion = pd.concat({name: fit.inclusion() for name, fit in fits.items()}, axis=1, names=["prior", "quantity"])
+    return PriorComparison(fits, table, inclusion)

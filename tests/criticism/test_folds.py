@@ -1,0 +1,285 @@
+"""Blocks, trajectories and the future from one run, against dense algebra."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from fabricated import fabricate
+from numpyro.handlers import seed, trace
+from scipy.special import logsumexp
+
+from bayes_greybox.criticism import fold_density
+from bayes_greybox.criticism.cross_validation import cross_validate
+from bayes_greybox.criticism.fold_density import fold_blocks, past_densities, subset_density
+from bayes_greybox.criticism.folds import correlation_length, make_folds
+from bayes_greybox.criticism.leave_out import leave_out
+from bayes_greybox.criticism.pointwise import pointwise_loo
+from bayes_greybox.data.errors import InputError
+from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.model.discrepancy import OrthogonalGP
+from bayes_greybox.model.kernels import KERNELS, log_spectral_density
+from bayes_greybox.model.priors import RegularisedHorseshoe
+from bayes_greybox.model.program import Program
+
+TERMS = ["y", "v", "y**3"]
+SIMULATION = {"v": "-0.2*v"}
+
+
+def measured(lengths=(11, 8, 7), seed=0) -> Trajectories:
+    """Runs of unequal length on one clock, with the rate of v measured."""
+    rng = np.random.default_rng(seed)
+    runs = [rng.uniform(-1, 1, (2, n)) for n in lengths]
+    rates = [-(y**3) - 0.3 * v + 0.1 * np.sin(3 * y) + 0.05 * rng.standard_normal(len(y)) for y, v in runs]
+    return Trajectories.from_arrays(
+        [0.1 * np.arange(n) for n in lengths],
+        states={"y": [y for y, _ in runs], "v": [v for _, v in runs]},
+        derivatives={"v": rates},
+    )
+
+
+def differentiated(method: str) -> Trajectories:
+    """Runs of a sampled velocity whose derivative is a linear filter of it: rows with correlated noise."""
+    rng = np.random.default_rng(3)
+    n = 19 if method == "savgol" else 16
+    t = np.arange(n) * (2 * np.pi / n)
+    runs = [np.sin(t + phase) + 0.5 * np.cos(2 * t) + 0.01 * rng.standard_normal(n) for phase in (0.0, 1.3)]
+    data = Trajectories.from_arrays([t, t], states={"v": runs, "y": [np.cos(3 * t), np.sin(t) ** 2]})
+    return data.differentiate(method, **({"window": 7, "polyorder": 3} if method == "savgol" else {}))
+
+
+def draw(posterior, s):
+    draws = posterior.draws("v")
+    return jax.tree.map(lambda values: jnp.asarray(values[s]), (draws.hyper, draws.prior_sd))
+
+
+def dense(posterior, hyper, sd):
+    """Covariance of the target and the target itself, scaled units, straight from the definition."""
+    frame, design, data = posterior.equations["v"].frame, posterior.equations["v"].design, posterior.data
+    Phi, Psi = (np.asarray(part) for part in frame.rows(data.columns))
+    C = (Phi * np.asarray(sd) ** 2) @ Phi.T
+    gp = posterior.model.discrepancy
+    if gp is not None and gp.path == "hsgp":
+        log_S = log_spectral_density(KERNELS[gp.kernel], frame.basis.frequency, hyper.amplitude, hyper.length_scale)
+        S = np.diag(np.exp(np.asarray(log_S)))
+        if gp.variant == "conditioned":
+            M = frame.moments
+            S = S - S @ M.T @ np.linalg.solve(M @ S @ M.T, M @ S)
+        C += Psi @ S @ Psi.T
+    elif gp is not None:
+        C += np.asarray(design.cross_covariance(design.points, hyper))
+    noise = data.noise.get("v")
+    C += float(hyper.sigma) ** 2 * (np.eye(len(C)) if noise is None else noise.covariance())
+    target = data.derivatives["v"] + 0.2 * data.column("v")
+    if noise is not None and not noise.square:
+        W = noise.whiten(np.eye(len(C)))
+        return W @ C @ W.T, W @ target / frame.target_scale
+    return C, target / frame.target_scale
+
+
+def conditional(C, y, fold, given):
+    """Log p(y_fold | y_given) of a Gaussian, by conditioning."""
+    gain = np.linalg.solve(C[np.ix_(given, given)], np.column_stack([y[given], C[np.ix_(given, fold)]]))
+    mean, covariance = C[np.ix_(fold, given)] @ gain[:, 0], C[np.ix_(fold, fold)] - C[np.ix_(fold, given)] @ gain[:, 1:]
+    error = y[fold] - mean
+    return -0.5 * (np.linalg.slogdet(2 * np.pi * covariance)[1] + error @ np.linalg.solve(covariance, error))
+
+
+CASES = {
+    "projected": (OrthogonalGP(features=5), "measured"),
+    "conditioned": (OrthogonalGP(features=5, variant="conditioned", kernel="matern52"), "measured"),
+    "none": (OrthogonalGP(features=5, variant="none", variables=("y",)), "measured"),
+    "exact": (OrthogonalGP(path="exact"), "measured"),
+    "no discrepancy": (None, "measured"),
+    "correlated rows": (OrthogonalGP(features=4), "savgol"),
+    "correlated rows, conditioned": (OrthogonalGP(features=4, variant="conditioned"), "savgol"),
+    "correlated rows, exact": (OrthogonalGP(path="exact", kernel="matern32"), "savgol"),
+    "spectral": (OrthogonalGP(features=3), "spectral"),
+    "spectral, exact": (OrthogonalGP(path="exact"), "spectral"),
+}
+
+
+@pytest.fixture(scope="module", params=CASES)
+def case(request):
+    gp, kind = CASES[request.param]
+    data = measured() if kind == "measured" else differentiated(kind)
+    model = Program(dictionary={"v": TERMS}, discrepancy=gp, simulation=SIMULATION)
+    prior_sd = np.exp(0.3 * np.random.default_rng(1).standard_normal((2, 2, 3)))
+    prior_sd[0, 1, 1:] = 0.0  # a spike-and-slab pattern with two terms out
+    prior_sd[1, 0] = 0.0
+    return fabricate(model, data, draws=2, prior_sd=prior_sd)
+
+
+def singular(posterior):
+    noise = posterior.data.noise.get("v")
+    return noise is not None and not noise.square
+
+
+def values_of(posterior, folds):
+    parts = list(fold_blocks(posterior, "v", posterior.draws("v"), folds))
+    assert np.array_equal(np.concatenate([index for index, _ in parts]), np.arange(len(folds)))
+    return np.concatenate([values for _, values in parts], axis=1)
+
+
+def expected_of(posterior, s, folds, givens):
+    C, y = dense(posterior, *draw(posterior, s))
+    scale = posterior.equations["v"].frame.target_scale
+    return [
+        conditional(C, y, fold, given) - len(fold) * np.log(scale) for fold, given in zip(folds, givens, strict=True)
+    ]
+
+
+def test_left_out_folds_have_the_dense_conditional(case, monkeypatch):
+    monkeypatch.setattr(fold_density, "ROW_BLOCK", 9)
+    routes = [True] if case.model.discrepancy is not None and case.model.discrepancy.path == "exact" else [True, False]
+    for scheme, block in (("block", 4), ("trajectory", None)):
+        if scheme == "block" and singular(case):
+            with pytest.raises(InputError, match="belong to no time"):
+                make_folds(case, scheme, 4)
+            continue
+        folds = make_folds(case, scheme, block).members["v"]
+        n = sum(len(fold) for fold in folds)
+        assert np.array_equal(np.concatenate(folds), np.arange(n))
+        assert scheme == "trajectory" or {len(fold) for fold in folds} <= {3, 4}
+        expected = [expected_of(case, s, folds, [np.setdiff1d(np.arange(n), fold) for fold in folds]) for s in range(4)]
+        for by_precision in routes:
+            monkeypatch.setattr(fold_density, "_by_precision", lambda *_, route=by_precision: route)
+            # Densities far in the tails are thousands of nats, of which twelve digits are as good as the algebra gives.
+            np.testing.assert_allclose(values_of(case, folds), expected, rtol=1e-10, atol=1e-8)
+
+
+def test_steps_into_the_future_have_the_dense_conditional(case):
+    if singular(case):
+        with pytest.raises(InputError, match="belong to no time"):
+            make_folds(case, "future", 3)
+        return
+    chosen = make_folds(case, "future", 3, start=0.05)
+    folds, past = chosen.members["v"], chosen.past["v"]
+    time = case.data.time
+    pasts = [np.flatnonzero(time < time[fold].min()) for fold in folds]
+    assert np.array_equal(pasts[0], past)
+    assert np.array_equal(np.sort(np.concatenate([past, *folds])), np.arange(len(time)))
+    assert all(len(np.unique(time[fold])) <= 3 for fold in folds)
+    values = np.diff(past_densities(case, "v", case.draws("v"), past, folds), axis=1)
+    for s in range(4):
+        np.testing.assert_allclose(values[s], expected_of(case, s, folds, pasts), rtol=1e-10, atol=1e-8)
+
+
+@pytest.mark.parametrize("name", ["conditioned", "correlated rows", "correlated rows, exact"])
+def test_blocks_of_one_row_are_single_rows(name):
+    gp, kind = CASES[name]
+    model = Program(dictionary={"v": TERMS}, discrepancy=gp, simulation=SIMULATION)
+    posterior = fabricate(model, measured() if kind == "measured" else differentiated(kind))
+    folds = make_folds(posterior, "block", 1).members["v"]
+    np.testing.assert_allclose(values_of(posterior, folds), pointwise_loo(posterior, "v"), rtol=1e-10, atol=1e-8)
+
+
+def test_designs_for_refits_have_the_density_of_what_is_left(case):
+    """Also where a few rows only, the start of each run, are left."""
+    schemes = ("trajectory",) if singular(case) else ("trajectory", "future")
+    for scheme in schemes:
+        folds = make_folds(case, scheme, 3 if scheme == "future" else None).members["v"]
+        out = folds[0] if scheme == "trajectory" else np.sort(np.concatenate(folds))
+        part = leave_out(case, "v", out.tolist()).design
+        C, y = dense(case, *draw(case, 0))
+        kept = np.setdiff1d(np.arange(len(y)), out)
+        C, y = C[np.ix_(kept, kept)], y[kept]
+        expected = -0.5 * (np.linalg.slogdet(2 * np.pi * C)[1] + y @ np.linalg.solve(C, y))
+        if singular(case):
+            expected -= 0.5 * case.data.noise["v"].log_det  # the constant of the coefficients before whitening
+        draws = case.draws("v")
+        values = subset_density(part, jax.tree.map(jnp.asarray, (draws.hyper, draws.prior_sd)))
+        assert values[0] == pytest.approx(expected, abs=1e-7)
+        # A prior that asks for the number of rows, as the horseshoe does, must not change when rows are left out.
+        assert float(part.n_prior) == float(case.equations["v"].design.n_obs) > float(part.n_obs)
+
+
+def test_the_horseshoe_is_told_the_number_of_rows_of_the_whole_data():
+    model = Program(dictionary={"v": TERMS}, prior=RegularisedHorseshoe(), discrepancy=None)
+    posterior = fabricate(model, measured())
+    part = {"v": leave_out(posterior, "v", list(range(20))).design}
+    tau = [
+        trace(seed(model.numpyro_model, 0)).get_trace(designs)["v_tau"]["value"]
+        for designs in (part, {"v": posterior.equations["v"].design})
+    ]
+    assert float(tau[0]) == pytest.approx(float(tau[1]), rel=1e-12)
+
+
+def wave(n=400, period=40, noise=0.0):
+    """One run whose rate is a wave along the rows, which no term explains."""
+    rng = np.random.default_rng(0)
+    rate = np.cos(2 * np.pi * np.arange(n) / period) + noise * rng.standard_normal(n)
+    states = dict(zip("yv", rng.uniform(-1, 1, (2, n)), strict=True))
+    model = Program(dictionary={"v": ["y"]}, discrepancy=None)
+    data = Trajectories.from_arrays(np.arange(n) * 0.1, states=states, derivatives={"v": rate})
+    return fabricate(model, data, draws=20, theta=np.zeros((2, 20, 1)))
+
+
+def test_blocks_are_as_long_as_the_residuals_are_correlated():
+    # cos(2π k/40) falls below 1.96/√400 between the lags 9 and 10.
+    assert correlation_length(wave(), "v") == 10
+    folds = make_folds(wave(), "block")
+    assert folds.block == 10 and len(folds.members["v"]) == 40
+    assert folds.notes == (
+        "Blocks of 10 rows were chosen, because what the dictionary leaves of 'v' is uncorrelated 10 rows apart.",
+    )
+    # White noise ends at the first lag, in all but one of forty data sets (this seed is none).
+    assert correlation_length(wave(noise=1e3), "v") == 1
+    slow = make_folds(wave(period=4000), "block")
+    assert slow.block == 40 and "a tenth of the rows" in slow.notes[0]
+    future = make_folds(wave(), "future")
+    assert (future.block, len(future.members["v"])) == (10, 20)
+    assert len(future.past["v"]) == 200
+
+
+def test_several_runs_advance_together_on_one_clock_and_in_turn_on_several():
+    one_clock = make_folds(fabricate(Program(dictionary={"v": ["y"]}, discrepancy=None), measured((4, 4))), "future", 1)
+    assert [fold.tolist() for fold in one_clock.members["v"]] == [[2, 6], [3, 7]]
+    data = measured((4, 4))
+    columns = {name: np.split(values, 2) for name, values in data.columns.items()}
+    rate = {"v": np.split(data.derivatives["v"], 2)}
+    later = Trajectories.from_arrays([data.time[:4], data.time[:4] + 9], states=columns, derivatives=rate)
+    in_turn = make_folds(fabricate(Program(dictionary={"v": ["y"]}, discrepancy=None), later), "future", 2)
+    assert [fold.tolist() for fold in in_turn.members["v"]] == [[4, 5], [6, 7]]
+
+
+def test_the_future_is_foretold_backwards_with_refits_to_the_past():
+    model = Program(dictionary={"v": TERMS}, discrepancy=None)
+    wild = 0.2 * np.exp(np.random.default_rng(0).standard_normal((2, 100)))
+    posterior = fabricate(model, measured((25,)), draws=100, sigma=wild)
+    folds = make_folds(posterior, "future", 3)
+    members, past = folds.members["v"], folds.past["v"]
+    refits = []
+
+    def refit(posterior, equation, rows):
+        refits.append((rows, fabricate(model, posterior.data, draws=100, sigma=wild * 1.1, seed=len(refits))))
+        return refits[-1][1]
+
+    result = cross_validate(posterior, "future", block=3, refit=refit, max_refits=2)
+    assert result.refits == len(refits) == 2 and result.n_bad > 0
+    assert "2 of 4 steps had" in result.notes[0] and "after max_refits=2 refits" in result.notes[1]
+    steps = np.flatnonzero(result.refitted)[::-1]
+    for j, (rows, without) in zip(steps, refits, strict=True):
+        assert rows == sorted(np.concatenate(members[j:]).tolist())
+        values = np.diff(past_densities(posterior, "v", without.draws("v"), past, members), axis=1)[:, j]
+        assert result.pointwise[j] == pytest.approx(logsumexp(values) - np.log(200), abs=1e-9)
+    without = cross_validate(posterior, "future", block=3, refit=None)
+    assert without.refits == 0 and "were not refitted" in without.notes[0]
+    last = len(members) - 1
+    # Weights p(past)/p(all) of the last step are 1/p(last step | past), as of any fold.
+    assert without.khat[last] == result.khat[last]
+
+
+def test_what_cannot_be_divided_is_refused():
+    posterior = wave(30)
+    with pytest.raises(InputError, match="the data have one: use scheme='block'"):
+        cross_validate(posterior, "trajectory")
+    with pytest.raises(InputError, match="block=30 leaves a single fold"):
+        cross_validate(posterior, "block", block=30)
+    with pytest.raises(InputError, match="does not apply to scheme='loo'"):
+        cross_validate(posterior, "loo", block=3)
+    with pytest.raises(InputError, match="block=0 must be a positive whole number"):
+        cross_validate(posterior, "block", block=0)
+    with pytest.raises(InputError, match="'loo', 'block', 'trajectory', 'future'"):
+        cross_validate(posterior, "rows")
+    with pytest.raises(InputError, match="start=1 must lie between"):
+        cross_validate(posterior, "future", start=1.0)
