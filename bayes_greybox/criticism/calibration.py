@@ -1,0 +1,272 @@
+"""Simulation-based calibration: is the posterior of data drawn from the model what it claims to be?
+
+Draw the truth from the prior and data from the truth; then the truth is one more posterior draw, and its rank among
+the others is uniform for every quantity (Talts et al. 2018; Modrák et al. 2023). A density, a sampler or conditional
+draws that are wrong show in some rank.
+"""
+
+import time
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import jax
+import numpy as np
+import pandas as pd
+from jaxtyping import Float
+from threadpoolctl import threadpool_limits
+
+from bayes_greybox.data.errors import InputError
+from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.inference.posterior import Sampling
+from bayes_greybox.inference.replicates import sample_replicates
+from bayes_greybox.inference.truths import Rows, calibration_rows, draw_truths
+from bayes_greybox.model.likelihood import FeatureDesign
+from bayes_greybox.model.program import Program
+
+from .convergence import Verdict
+from .coverage import Places, coverage_table, f_at, places
+from .ranks import Ranks, rank_truths
+from .reliability import Reliability, reliability
+from .uniformity import uniformity_p
+
+FEWEST_REPLICATES = 20
+
+_RAW = ("noise", "tau_unit")
+"""Coordinates of the sampler that another quantity tells."""
+
+
+class CalibrationVerdict(Verdict):
+    """Whether every test was passed, in words."""
+
+    def __str__(self) -> str:
+        if self.ok:
+            return "Calibrated: no test failed."
+        return "\n".join(["Not calibrated:", *(f"- {reason}" for reason in self.reasons)])
+
+
+@dataclass(frozen=True, repr=False)
+class Calibration:
+    """What simulation-based calibration of a model found.
+
+    Attributes:
+        level: Probability that a calibrated model fails any of the tests.
+        tests: One row a test: kind ("rank": ranks are uniform; "inclusion": a term is in as often as its probabilities
+            say; "reliability": the expected calibration error is small), p (exact, each by itself), adjusted (Holm,
+            over all rows) and passed (adjusted > level).
+        ranks: One row a replicate, one column a quantity: rank of the truth among the thinned draws.
+        kept: How many draws these were.
+        pit: The ranks on (0, 1), ties broken at random: uniform if the model is calibrated.
+        ess: Median effective sample size of each quantity.
+        inclusion: Reliability of P(γ) by equation; empty without a spike-and-slab prior.
+        coverage: Share of true f inside the posterior band, by (equation, region, level), with its standard error; regions
+            are "data" (at the rows), "box" (in their box, away from them) and "beyond" (up to 1.3 half-widths out).
+        divergences: Divergences of each replicate.
+        seconds: Wall time of drawing, compiling and sampling.
+    """
+
+    level: float
+    tests: pd.DataFrame
+    ranks: pd.DataFrame
+    kept: pd.DataFrame
+    pit: pd.DataFrame
+    ess: pd.Series
+    inclusion: Mapping[str, Reliability]
+    coverage: pd.DataFrame
+    divergences: np.ndarray
+    seconds: float
+
+    @property
+    def replicates(self) -> int:
+        """Number of replicates."""
+        return len(self.pit)
+
+    @property
+    def verdict(self) -> CalibrationVerdict:
+        """Whether the model is calibrated at the stated level, with what failed."""
+        said = {
+            "rank": "the ranks of {} are not uniform",
+            "inclusion": "{} is included more or less often than its probabilities say",
+            "reliability": "inclusion probabilities of {} are off by more than chance",
+        }
+        failed = self.tests.loc[~self.tests["passed"].to_numpy(bool)].sort_values("adjusted")
+        reasons = (
+            f"{said[row.kind].format(row.quantity)} (adjusted p = {row.adjusted:.2g})."
+            for row in failed.reset_index().itertuples()
+        )
+        return CalibrationVerdict(failed.empty, tuple(reasons))
+
+    def __repr__(self) -> str:
+        """Replicates, verdict and the least p-values."""
+        least = self.tests.sort_values("adjusted").head(5)
+        lines = [
+            f"Calibration over {self.replicates} replicates; {len(self.tests)} tests at the level {self.level:g} in all",
+            str(self.verdict),
+            least.to_string(float_format=lambda value: f"{value:.3g}"),
+        ]
+        for name, found in self.inclusion.items():
+            lines.append(
+                f"Expected calibration error of P(included), {name}: {found.ece:.3f} "
+                f"({found.expected_ece:.3f} if calibrated)"
+            )
+        diverged = int(np.sum(self.divergences > 0))
+        if diverged:
+            lines.append(f"{diverged} replicates had divergences.")
+        return "\n".join(lines)
+
+
+def calibrate(
+    model: Program,
+    data: Trajectories,
+    *,
+    replicates: int = 500,
+    draws: int = 400,
+    tune: int = 400,
+    seed: int = 0,
+    target_accept: float = 0.9,
+    level: float = 0.01,
+    progress: bool = True,
+) -> Calibration:
+    """Simulation-based calibration of a model at the rows of some data, whose measured rates are not used.
+
+    For each replicate η and the prior scales are drawn from the prior, then γ, θ, f and y = Φθ + f + σε on the rows
+    as they were measured. The posterior is that of a fit: its density, its NUTS kernel and its conditional draws, one
+    chain a replicate, compiled once. Ranked are θ, σ, amplitude, length scales and the prior's scalar scales, the number
+    of terms that are in, f at a place of each region and its RMS over the rows, and the log likelihood, which sees what
+    marginal ranks do not (Modrák et al. 2023, Sec. 4). Scaling (of terms and target) stays that of the data.
+
+    Args:
+        model: Model to test; its prior must be proper and something one can draw from.
+        data: Rows: states, inputs and noise covariance. Few rows and terms keep it fast.
+        replicates: Number of replicates.
+        draws: Draws of each replicate.
+        tune: Warm-up iterations of each.
+        seed: Seed of everything random.
+        target_accept: Target acceptance probability of NUTS.
+        level: Probability that a calibrated model is called not calibrated: tests are adjusted for their number.
+        progress: Whether to show a progress bar.
+
+    Raises:
+        InputError: Too few replicates; a level outside (0, 1); what `GreyBox.fit` refuses.
+    """
+    if replicates < FEWEST_REPLICATES:
+        raise InputError(f"calibrate(replicates={replicates}) says nothing: give {FEWEST_REPLICATES} at least.")
+    if not 0 < level < 1:
+        raise InputError(f"calibrate(level={level:g}) must lie between 0 and 1.")
+    Sampling(draws, tune, 1, seed, target_accept)
+    start = time.perf_counter()
+    rows = {name: calibration_rows(data, equation) for name, equation in model.assemble(data).items()}
+    prior_key, chain_key = jax.random.split(jax.random.PRNGKey(seed))
+    generator = np.random.default_rng(seed)
+    truths, targets = draw_truths(model, rows, replicates, prior_key, generator)
+    designs = {name: part.equation.design for name, part in rows.items()}
+    keys = jax.random.split(chain_key, replicates)
+    # Threads inside BLAS fight those of the chains over the cores, for matrices too small to share.
+    with threadpool_limits(1):
+        found = sample_replicates(
+            model, designs, targets, keys, draws=draws, tune=tune, target_accept=target_accept, progress=progress
+        )
+    seconds = time.perf_counter() - start
+
+    samples = found.samples
+    where = {name: places(part.equation.frame, data) for name, part in rows.items()}
+    ranks: dict[str, Ranks] = {}
+    for name, truth, drawn in _quantities(rows, targets, truths, samples, where):
+        ranks[name] = rank_truths(truth, drawn, generator)
+    inclusion = {
+        name: reliability(
+            truths[f"{name}_gamma"].astype(float),
+            samples[f"{name}_inclusion"].mean(axis=1),
+            _gamma(samples, name),
+            part.equation.frame.dictionary.names,
+            generator,
+        )
+        for name, part in rows.items()
+        if f"{name}_inclusion" in samples
+    }
+    columns = {field: pd.DataFrame({name: getattr(r, field) for name, r in ranks.items()}) for field in Ranks._fields}
+    return Calibration(
+        level=level,
+        tests=_tests(columns["pit"], inclusion, level),
+        ranks=columns["rank"],
+        kept=columns["kept"],
+        pit=columns["pit"],
+        ess=columns["ess"].median(),
+        inclusion=inclusion,
+        coverage=coverage_table(
+            {name: (part, where[name]) for name, part in rows.items()}, truths, samples, generator
+        ),
+        divergences=found.divergences,
+        seconds=seconds,
+    )
+
+
+def _quantities(
+    rows: Mapping[str, Rows],
+    targets: Mapping[str, np.ndarray],
+    truths: Mapping[str, np.ndarray],
+    samples: Mapping[str, np.ndarray],
+    where: Mapping[str, Places],
+) -> Iterator[tuple[str, Float[np.ndarray, " n_replicate"], Float[np.ndarray, "n_replicate n_draw"]]]:
+    """Name, true value and draws of everything that is ranked."""
+    for name, part in rows.items():
+        frame, prefix = part.equation.frame, f"{name}_"
+        for j, term in enumerate(frame.dictionary.names):
+            yield f"{prefix}theta[{term}]", truths[f"{prefix}theta"][:, j], samples[f"{prefix}theta"][..., j]
+        for j, variable in enumerate(frame.variables):
+            key = f"{prefix}length_scale"
+            yield f"{key}[{variable}]", truths[key][:, j], samples[key][..., j]
+        for key, truth in truths.items():
+            if key.startswith(prefix) and truth.ndim == 1 and key.removeprefix(prefix) not in _RAW:
+                yield key, truth, samples[key]
+        if f"{prefix}gamma" in truths:
+            number = truths[f"{prefix}gamma"].sum(axis=1), _gamma(samples, name).sum(axis=2)
+            yield f"{prefix}terms_in", number[0].astype(float), number[1]
+        yield f"{prefix}log_likelihood", *_log_likelihood(part, targets[name], name, truths, samples)
+        if frame.variables:
+            for region, index in where[name].first():
+                yield f"{prefix}f[{region}]", *(f_at(where[name], s, name, index) for s in (truths, samples))
+            yield f"{prefix}f_rms", *(np.sqrt(np.mean(_f(part, s, name) ** 2, axis=-1)) for s in (truths, samples))
+
+
+def _gamma(samples: Mapping[str, np.ndarray], name: str) -> Float[np.ndarray, "n_replicate n_draw n_term"]:
+    return samples[f"{name}_gamma"].astype(float)
+
+
+def _f(part: Rows, values: Mapping[str, np.ndarray], name: str) -> np.ndarray:
+    """F at the compressed rows, which keep its sum of squares."""
+    design = part.equation.design
+    if isinstance(design, FeatureDesign):
+        return values[f"{name}_weight"] @ np.asarray(design.Psi).T
+    f = values[f"{name}_f"]
+    return f if design.whitening is None else f @ np.asarray(design.whitening).T
+
+
+def _log_likelihood(
+    part: Rows,
+    target: np.ndarray,
+    name: str,
+    truths: Mapping[str, np.ndarray],
+    samples: Mapping[str, np.ndarray],
+) -> Iterator[np.ndarray]:
+    """−n log σ − ‖y − Φθ − f‖²/(2σ²) of the truth and of every draw."""
+    design = part.equation.design
+    for values, y in ((truths, target), (samples, target[:, None])):
+        residual = y - values[f"{name}_theta"] @ np.asarray(design.Phi).T - _f(part, values, name)
+        sigma = values[f"{name}_sigma"]
+        yield -float(design.n_obs) * np.log(sigma) - np.sum(residual**2, axis=-1) / (2 * sigma**2)
+
+
+def _tests(pit: pd.DataFrame, inclusion: Mapping[str, Reliability], level: float) -> pd.DataFrame:
+    """Every test, with Holm's adjustment."""
+    found = [("rank", str(name), uniformity_p(pit[name].to_numpy())) for name in pit]
+    for name, part in inclusion.items():
+        found += [("inclusion", f"{name}_gamma[{term}]", float(p)) for term, p in part.terms["p"].items()]
+        found += [("reliability", f"{name}_gamma", part.p)]
+    table = pd.DataFrame(found, columns=["kind", "quantity", "p"])
+    order = np.argsort(table["p"].to_numpy(), kind="stable")
+    adjusted = np.empty(len(table))
+    # Holm 1979: the i-th smallest of m is multiplied by m − i, and none is below its predecessor.
+    adjusted[order] = np.maximum.accumulate(table["p"].to_numpy()[order] * np.arange(len(table), 0, -1))
+    table["adjusted"] = np.minimum(adjusted, 1.0)
+    table["passed"] = table["adjusted"] > level
+    return table.set_index("quantity")
