@@ -1,3 +1,5 @@
+from .criticism.calibration import Calibration as Calibration
+from .criticism.calibration import calibrate as calibrate
 from .criticism.compare import compare as compare
 from .data.datasets import dataset_table as dataset_table
 from .data.datasets import load_dataset as load_dataset

@@ -6,33 +6,29 @@ draws that are wrong show in some rank.
 """
 
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import jax
 import numpy as np
 import pandas as pd
-from jaxtyping import Float
 from threadpoolctl import threadpool_limits
 
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.inference.posterior import Sampling
 from bayes_greybox.inference.replicates import sample_replicates
-from bayes_greybox.inference.truths import Rows, calibration_rows, draw_truths
-from bayes_greybox.model.likelihood import FeatureDesign
+from bayes_greybox.inference.truths import calibration_rows, draw_truths
 from bayes_greybox.model.program import Program
 
 from .convergence import Verdict
-from .coverage import Places, coverage_table, f_at, places
+from .coverage import coverage_table, places
+from .ranked import pattern_draws, ranked_quantities
 from .ranks import Ranks, rank_truths
 from .reliability import Reliability, reliability
-from .uniformity import uniformity_p
+from .uniformity import Band, ecdf_difference, simultaneous_band, uniformity_p
 
 FEWEST_REPLICATES = 20
-
-_RAW = ("noise", "tau_unit")
-"""Coordinates of the sampler that another quantity tells."""
 
 
 class CalibrationVerdict(Verdict):
@@ -58,8 +54,9 @@ class Calibration:
         pit: The ranks on (0, 1), ties broken at random: uniform if the model is calibrated.
         ess: Median effective sample size of each quantity.
         inclusion: Reliability of P(γ) by equation; empty without a spike-and-slab prior.
-        coverage: Share of true f inside the posterior band, by (equation, region, level), with its standard error; regions
-            are "data" (at the rows), "box" (in their box, away from them) and "beyond" (up to 1.3 half-widths out).
+        coverage: Share of true f inside the posterior band, by (equation, region, level), with its standard error;
+            regions are "data" (at the rows), "box" (in their box, away from them) and "beyond" (outside, up to 1.3
+            half-widths from its centre). Not among the tests.
         divergences: Divergences of each replicate.
         seconds: Wall time of drawing, compiling and sampling.
     """
@@ -81,6 +78,19 @@ class Calibration:
         return len(self.pit)
 
     @property
+    def band(self) -> Band:
+        """Where the ECDF differences of calibrated ranks stay, all quantities together, but for `level` at most."""
+        return simultaneous_band(self.replicates, self.level / len(self.tests))
+
+    @property
+    def ecdf_differences(self) -> pd.DataFrame:
+        """F̂(z) − z of the ranks of each quantity, one row for each z."""
+        return pd.DataFrame(
+            {name: ecdf_difference(self.pit[name].to_numpy()) for name in self.pit},
+            index=pd.Index(self.band.at, name="z"),
+        )
+
+    @property
     def verdict(self) -> CalibrationVerdict:
         """Whether the model is calibrated at the stated level, with what failed."""
         said = {
@@ -99,7 +109,7 @@ class Calibration:
         """Replicates, verdict and the least p-values."""
         least = self.tests.sort_values("adjusted").head(5)
         lines = [
-            f"Calibration over {self.replicates} replicates; {len(self.tests)} tests at the level {self.level:g} in all",
+            f"Calibration over {self.replicates} replicates; {len(self.tests)} tests, level {self.level:g} in all",
             str(self.verdict),
             least.to_string(float_format=lambda value: f"{value:.3g}"),
         ]
@@ -119,8 +129,8 @@ def calibrate(
     data: Trajectories,
     *,
     replicates: int = 500,
-    draws: int = 400,
-    tune: int = 400,
+    draws: int = 300,
+    tune: int = 300,
     seed: int = 0,
     target_accept: float = 0.9,
     level: float = 0.01,
@@ -130,9 +140,9 @@ def calibrate(
 
     For each replicate η and the prior scales are drawn from the prior, then γ, θ, f and y = Φθ + f + σε on the rows
     as they were measured. The posterior is that of a fit: its density, its NUTS kernel and its conditional draws, one
-    chain a replicate, compiled once. Ranked are θ, σ, amplitude, length scales and the prior's scalar scales, the number
-    of terms that are in, f at a place of each region and its RMS over the rows, and the log likelihood, which sees what
-    marginal ranks do not (Modrák et al. 2023, Sec. 4). Scaling (of terms and target) stays that of the data.
+    chain a replicate, compiled once. Ranked are θ, σ, amplitude, length scales and the prior's scalar scales, the
+    number of terms that are in, f at a place of each region and its RMS over the rows, and the log likelihood, which
+    sees what marginal ranks do not (Modrák et al. 2023, Sec. 4). Scaling (of terms and target) stays that of the data.
 
     Args:
         model: Model to test; its prior must be proper and something one can draw from.
@@ -170,13 +180,13 @@ def calibrate(
     samples = found.samples
     where = {name: places(part.equation.frame, data) for name, part in rows.items()}
     ranks: dict[str, Ranks] = {}
-    for name, truth, drawn in _quantities(rows, targets, truths, samples, where):
+    for name, truth, drawn in ranked_quantities(rows, targets, truths, samples, where):
         ranks[name] = rank_truths(truth, drawn, generator)
     inclusion = {
         name: reliability(
             truths[f"{name}_gamma"].astype(float),
             samples[f"{name}_inclusion"].mean(axis=1),
-            _gamma(samples, name),
+            pattern_draws(samples, name),
             part.equation.frame.dictionary.names,
             generator,
         )
@@ -192,68 +202,10 @@ def calibrate(
         pit=columns["pit"],
         ess=columns["ess"].median(),
         inclusion=inclusion,
-        coverage=coverage_table(
-            {name: (part, where[name]) for name, part in rows.items()}, truths, samples, generator
-        ),
+        coverage=coverage_table({name: (part, where[name]) for name, part in rows.items()}, truths, samples, generator),
         divergences=found.divergences,
         seconds=seconds,
     )
-
-
-def _quantities(
-    rows: Mapping[str, Rows],
-    targets: Mapping[str, np.ndarray],
-    truths: Mapping[str, np.ndarray],
-    samples: Mapping[str, np.ndarray],
-    where: Mapping[str, Places],
-) -> Iterator[tuple[str, Float[np.ndarray, " n_replicate"], Float[np.ndarray, "n_replicate n_draw"]]]:
-    """Name, true value and draws of everything that is ranked."""
-    for name, part in rows.items():
-        frame, prefix = part.equation.frame, f"{name}_"
-        for j, term in enumerate(frame.dictionary.names):
-            yield f"{prefix}theta[{term}]", truths[f"{prefix}theta"][:, j], samples[f"{prefix}theta"][..., j]
-        for j, variable in enumerate(frame.variables):
-            key = f"{prefix}length_scale"
-            yield f"{key}[{variable}]", truths[key][:, j], samples[key][..., j]
-        for key, truth in truths.items():
-            if key.startswith(prefix) and truth.ndim == 1 and key.removeprefix(prefix) not in _RAW:
-                yield key, truth, samples[key]
-        if f"{prefix}gamma" in truths:
-            number = truths[f"{prefix}gamma"].sum(axis=1), _gamma(samples, name).sum(axis=2)
-            yield f"{prefix}terms_in", number[0].astype(float), number[1]
-        yield f"{prefix}log_likelihood", *_log_likelihood(part, targets[name], name, truths, samples)
-        if frame.variables:
-            for region, index in where[name].first():
-                yield f"{prefix}f[{region}]", *(f_at(where[name], s, name, index) for s in (truths, samples))
-            yield f"{prefix}f_rms", *(np.sqrt(np.mean(_f(part, s, name) ** 2, axis=-1)) for s in (truths, samples))
-
-
-def _gamma(samples: Mapping[str, np.ndarray], name: str) -> Float[np.ndarray, "n_replicate n_draw n_term"]:
-    return samples[f"{name}_gamma"].astype(float)
-
-
-def _f(part: Rows, values: Mapping[str, np.ndarray], name: str) -> np.ndarray:
-    """F at the compressed rows, which keep its sum of squares."""
-    design = part.equation.design
-    if isinstance(design, FeatureDesign):
-        return values[f"{name}_weight"] @ np.asarray(design.Psi).T
-    f = values[f"{name}_f"]
-    return f if design.whitening is None else f @ np.asarray(design.whitening).T
-
-
-def _log_likelihood(
-    part: Rows,
-    target: np.ndarray,
-    name: str,
-    truths: Mapping[str, np.ndarray],
-    samples: Mapping[str, np.ndarray],
-) -> Iterator[np.ndarray]:
-    """−n log σ − ‖y − Φθ − f‖²/(2σ²) of the truth and of every draw."""
-    design = part.equation.design
-    for values, y in ((truths, target), (samples, target[:, None])):
-        residual = y - values[f"{name}_theta"] @ np.asarray(design.Phi).T - _f(part, values, name)
-        sigma = values[f"{name}_sigma"]
-        yield -float(design.n_obs) * np.log(sigma) - np.sum(residual**2, axis=-1) / (2 * sigma**2)
 
 
 def _tests(pit: pd.DataFrame, inclusion: Mapping[str, Reliability], level: float) -> pd.DataFrame:

@@ -117,8 +117,10 @@ def coverage_table(
     for name, (part, where) in equations.items():
         if not part.equation.frame.variables:
             continue
-        at = [rank_truths(f_at(where, truths, name, i), f_at(where, samples, name, i), generator).pit
-              for i in range(len(where.region))]
+        at = [
+            rank_truths(f_at(where, truths, name, i), f_at(where, samples, name, i), generator).pit
+            for i in range(len(where.region))
+        ]
         distance = np.abs(2 * np.column_stack(at) - 1)
         for number, region in enumerate(REGIONS):
             chosen = where.region == number

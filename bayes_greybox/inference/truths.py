@@ -132,10 +132,11 @@ def _draw_f(part: Rows, truths: dict[str, np.ndarray], name: str, generator: np.
             weight = _condition(weight, S, np.asarray(design.constraints))
         truths[f"{name}_weight"] = weight
         return weight @ part.Psi.T
+    covariance = jax.jit(lambda hyper: design.cross_covariance(design.points, hyper))
     f = np.empty((n, len(design.points[0])))
     for i in range(n):
         hyper = Hyperparameters(*(jnp.asarray(truths[f"{name}_{key}"][i]) for key in Hyperparameters._fields))
-        values, vectors = np.linalg.eigh(np.asarray(design.cross_covariance(design.points, hyper)))
+        values, vectors = np.linalg.eigh(np.asarray(covariance(hyper)))
         f[i] = vectors @ (np.sqrt(np.maximum(values, 0.0)) * generator.standard_normal(len(values)))
     truths[f"{name}_f"] = f
     return f if design.whitening is None else f @ np.asarray(design.whitening).T
