@@ -90,13 +90,14 @@ def _chain(
         kernel = posterior_kernel(model, argument, target_accept)
         run_key, draw_key = jax.random.split(key)
         state = kernel.init(run_key, tune, None, (argument,), {})
-        state = jax.lax.fori_loop(0, tune, lambda _, state: kernel.sample(state, (argument,), {}), state)
 
         def step(state: tuple, _: None) -> tuple[tuple, dict[str, Array]]:
             state = kernel.sample(state, (argument,), {})
             return state, hmc_record(state)
 
-        _, record = jax.lax.scan(step, state, length=draws)
+        # Warm-up is recorded too and thrown away: a loop of its own would compile the sampler twice.
+        _, record = jax.lax.scan(step, state, length=tune + draws)
+        record = {name: value[tune:] for name, value in record.items()}
         position = {name[2:]: value for name, value in record.items() if name.startswith("z:")}
         values = jax.vmap(kernel.postprocess_fn((argument,), {}))(position)
         drawn = jax.lax.map(

@@ -37,17 +37,17 @@ def _run(model, replicates, **options):
 
 @pytest.fixture(scope="module")
 def shipped():
-    return _run(variants()[DEFAULT], 60, draws=200, tune=200)
+    return _run(variants()[DEFAULT], 40, draws=150, tune=150)
 
 
 def test_the_shipped_defaults_are_calibrated(shipped):
     assert shipped.verdict.ok, shipped
-    assert "Calibrated" in repr(shipped) and "60 replicates" in repr(shipped)
+    assert "Calibrated" in repr(shipped) and "40 replicates" in repr(shipped)
     expected = {"x_theta[x]", "x_length_scale[x]", "x_amplitude", "x_sigma", "x_tau", "x_pi", "x_log_likelihood"}
     assert expected <= set(shipped.pit) and "x_noise" not in shipped.pit
     assert list(shipped.tests["kind"].unique()) == ["rank", "inclusion", "reliability"]
     np.testing.assert_array_less(shipped.tests["p"], shipped.tests["adjusted"] + 1e-12)
-    assert shipped.ranks.shape == shipped.kept.shape == shipped.pit.shape == (60, len(shipped.ess))
+    assert shipped.ranks.shape == shipped.kept.shape == shipped.pit.shape == (40, len(shipped.ess))
 
 
 def test_bands_of_f_hold_it_at_the_data_away_from_them_and_beyond(shipped):
@@ -61,7 +61,7 @@ def test_bands_of_f_hold_it_at_the_data_away_from_them_and_beyond(shipped):
 def test_a_likelihood_with_the_wrong_noise_is_caught():
     model = variants()[DEFAULT]
     broken = TooWide(model.dictionary, prior=model.prior, discrepancy=model.discrepancy)
-    found = _run(broken, 60, draws=200, tune=200)
+    found = _run(broken, 40, draws=150, tune=150)
     assert not found.verdict.ok
     assert not found.tests.loc["x_sigma", "passed"]
     assert "the ranks of x_sigma are not uniform" in str(found.verdict)
