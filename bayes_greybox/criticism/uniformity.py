@@ -5,7 +5,6 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
-from scipy.optimize import brentq
 from scipy.stats import binom
 
 EVALUATION_POINTS = 100
@@ -66,11 +65,12 @@ def simultaneous_band(n_value: int, level: float) -> Band:
         level: Probability of leaving it anywhere.
     """
     at = evaluation_points(n_value)
-    # The probability is a step function of γ: bisection ends within a step, and the safe side is the smaller γ.
-    gamma = brentq(lambda g: _inside(n_value, g) - (1 - level), level / (4 * len(at)), 2 * level, xtol=1e-7 * level)
-    while 1 - _inside(n_value, gamma) > level:
-        gamma *= 1 - 1e-6
-    lower, upper = _pointwise(n_value, at, float(gamma))
+    # Bonferroni's γ is too small and the level itself too large; the probability steps, and `low` is the safe side.
+    low, high = level / (2 * len(at)), level
+    while high - low > 1e-5 * level:
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if 1 - _inside(n_value, middle) <= level else (low, middle)
+    lower, upper = _pointwise(n_value, at, low)
     return Band(at, lower / n_value - at, upper / n_value - at)
 
 
