@@ -212,7 +212,10 @@ def _tests(pit: pd.DataFrame, inclusion: Mapping[str, Reliability], level: float
     """Every test, with Holm's adjustment."""
     found = [("rank", str(name), uniformity_p(pit[name].to_numpy())) for name in pit]
     for name, part in inclusion.items():
-        found += [("inclusion", f"{name}_gamma[{term}]", float(p)) for term, p in part.terms["p"].items()]
+        found += [
+            ("inclusion", f"{name}_gamma[{term}]", float(p))
+            for term, p in zip(part.terms.index, part.terms["p"].to_numpy(float), strict=True)
+        ]
         found += [("reliability", f"{name}_gamma", part.p)]
     table = pd.DataFrame(found, columns=["kind", "quantity", "p"])
     order = np.argsort(table["p"].to_numpy(), kind="stable")

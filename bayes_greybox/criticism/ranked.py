@@ -43,11 +43,14 @@ def ranked_quantities(
         if f"{prefix}gamma" in truths:
             number = truths[f"{prefix}gamma"].sum(axis=1), pattern_draws(samples, name).sum(axis=2)
             yield f"{prefix}terms_in", number[0].astype(float), number[1]
-        yield f"{prefix}log_likelihood", *_log_likelihood(part, targets[name], name, truths, samples)
+        truth, drawn = _log_likelihood(part, targets[name], name, truths, samples)
+        yield f"{prefix}log_likelihood", truth, drawn
         if frame.variables:
             for region, index in where[name].first():
-                yield f"{prefix}f[{region}]", *(f_at(where[name], s, name, index) for s in (truths, samples))
-            yield f"{prefix}f_rms", *(np.sqrt(np.mean(_f(part, s, name) ** 2, axis=-1)) for s in (truths, samples))
+                truth, drawn = (f_at(where[name], values, name, index) for values in (truths, samples))
+                yield f"{prefix}f[{region}]", truth, drawn
+            truth, drawn = (np.sqrt(np.mean(_f(part, values, name) ** 2, axis=-1)) for values in (truths, samples))
+            yield f"{prefix}f_rms", truth, drawn
 
 
 def pattern_draws(samples: Mapping[str, np.ndarray], name: str) -> Float[np.ndarray, "n_replicate n_draw n_term"]:
