@@ -1,3 +1,5 @@
+from .criticism.calibration import Calibration as Calibration
+from .criticism.calibration import calibrate as calibrate
 from .criticism.compare import compare as compare
 from .criticism.cross_validation import cross_validate as cross_validate
 from .data.datasets import dataset_table as dataset_table

@@ -53,6 +53,7 @@ class Benchmark(StrEnum):
     """Benchmarks that come with the package."""
 
     hidden_effects = "hidden-effects"
+    calibration = "calibration"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -242,22 +243,34 @@ def benchmark(
     name: Annotated[Benchmark, typer.Argument(help="Which benchmark.")],
     output: Annotated[Path | None, typer.Option("--output", "-o", help="Folder for the results.")] = None,
     cases: Annotated[int | None, typer.Option(min=1, help="Number of cases; all of them by default.")] = None,
-    workers: Annotated[int, typer.Option(min=1, help="Processes that work side by side.")] = 2,
+    workers: Annotated[
+        int | None, typer.Option(min=1, help="Processes that work side by side (hidden-effects); 2 by default.")
+    ] = None,
+    replicates: Annotated[
+        int | None, typer.Option(min=20, help="Replicates of each case (calibration); 500 by default.")
+    ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the cases.")] = 0,
     no_progress: NoProgress = False,
 ) -> int:
     """Run one of the package's benchmarks.
 
     A run that was stopped goes on where it was. hidden-effects hides known effects from simulations and counts
-    how often the study finds them.
+    how often the study finds them. calibration draws truths from every prior with every kernel and tests whether
+    they lie among the posterior draws as they should.
     """
+    folder = output or Path("runs") / f"benchmark-{name.value}"
+    if name is Benchmark.calibration:
+        if workers is not None:
+            raise InputError("--workers does not apply to calibration, which uses every core; leave it out.")
+        return _calibrate(folder, cases, replicates or 500, seed, not no_progress)
+    if replicates is not None:
+        raise InputError("--replicates does not apply to hidden-effects; --cases sets how many are run.")
     from bayes_greybox.benchmarks.hidden_effects.cases import all_cases, subset
     from bayes_greybox.benchmarks.hidden_effects.run import run
     from bayes_greybox.report.benchmark_terminal import benchmark_tables
 
-    folder = output or Path("runs") / f"benchmark-{name.value}"
     chosen = all_cases(seed) if cases is None else subset(all_cases(seed), cases, seed)
-    scores = run(folder, chosen, workers=workers, progress=not no_progress)
+    scores = run(folder, chosen, workers=workers or 2, progress=not no_progress)
     _show(*benchmark_tables(scores), f"\nResults are in {folder}.")
     return DONE
 
@@ -268,6 +281,18 @@ def datasets() -> int:
     from bayes_greybox.report.terminal import datasets_table
 
     _show(datasets_table(bg.dataset_table()))
+    return DONE
+
+
+def _calibrate(folder: Path, cases: int | None, replicates: int, seed: int, progress: bool) -> int:
+    from bayes_greybox.benchmarks.calibration import run, subset
+    from bayes_greybox.report.benchmark_terminal import calibration_tables
+
+    def finished(name: str, found: "bg.Calibration") -> None:
+        bg.plots.save_figures({name: bg.figures.calibration(found)}, folder / "figures")
+
+    table = run(folder, subset(cases), replicates=replicates, seed=seed, progress=progress, finished=finished)
+    _show(*calibration_tables(table), f"\nResults are in {folder}.")
     return DONE
 
 

@@ -1,7 +1,8 @@
-"""The scores of a benchmark as tables for a terminal."""
+"""The results of the benchmarks as tables for a terminal."""
 
 from collections.abc import Iterator
 
+import pandas as pd
 from rich.console import Group, RenderableType
 
 from bayes_greybox.benchmarks.hidden_effects.marks import SOLVERS
@@ -17,3 +18,8 @@ def benchmark_tables(scores: Scores) -> Iterator[RenderableType]:
     title = "Share of right answers; gap closed, of what the true model closes"
     yield frame_table(title, scores.families.loc[:, _SHOWN])
     yield Group("", frame_table("What must hold", scores.bars))
+
+
+def calibration_tables(table: pd.DataFrame) -> Iterator[RenderableType]:
+    """Verdict and worst test of each variant."""
+    yield frame_table("Simulation-based calibration", table[["passed", "worst", "adjusted", "seconds"]])

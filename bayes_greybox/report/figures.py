@@ -5,11 +5,13 @@ from collections.abc import Mapping
 import numpy as np
 from matplotlib.figure import Figure
 
+from bayes_greybox.criticism.calibration import Calibration
 from bayes_greybox.criticism.prediction import Band
 from bayes_greybox.greybox import Fit
 from bayes_greybox.physics.units import derivative_unit
 
 from .plots import (
+    plot_calibration,
     plot_coefficients,
     plot_discrepancy_over_states,
     plot_discrepancy_over_time,
@@ -19,6 +21,7 @@ from .plots import (
 from .study_figures import study_figures
 
 __all__ = [
+    "calibration",
     "coefficients",
     "discrepancy_over_states",
     "discrepancy_over_time",
@@ -52,6 +55,13 @@ def coefficients(fit: Fit, truth: Mapping | None = None, level: float = 0.9) -> 
         level: Probability of the intervals.
     """
     return plot_coefficients(fit.inclusion(level), truth=truth)
+
+
+def calibration(found: Calibration) -> Figure:
+    """ECDF differences of the ranks with their simultaneous band, and reliability of P(included)."""
+    band = found.band
+    reliability = {name: part.bins for name, part in found.inclusion.items()}
+    return plot_calibration(found.ecdf_differences, band.lower, band.upper, found.tests, reliability)
 
 
 def predicted(fit: Fit, equation: str | None = None, level: float = 0.9) -> Figure:

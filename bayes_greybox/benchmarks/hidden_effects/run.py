@@ -12,13 +12,13 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from threadpoolctl import threadpool_limits
 
 from bayes_greybox.data.errors import InputError
 
+from ..files import plain_values, unwritable, write_whole
 from .cases import Case, all_cases
 from .generate import generate
 from .hosts import HOSTS
@@ -114,7 +114,7 @@ def run_case(case: Case, before: Mapping[str, Any], solve: Solve, peers: bool) -
             row |= {"stlsq": sindy(data), "ensemble": sindy(data, ensemble=True)}
     except Exception:
         row["error"] = traceback.format_exc()
-    return _plain(row)
+    return plain_values(row)
 
 
 def finished(lines: Iterable[str]) -> dict[str, dict[str, Any]]:
@@ -143,12 +143,12 @@ def write_tables(scores: Scores, folder: Path) -> None:
     try:
         for name, table in scores.tables().items():
             plain = table.reset_index()
-            _write(folder / f"{name}.csv", plain.to_csv(index=False))
+            write_whole(folder / f"{name}.csv", plain.to_csv(index=False))
             if name != "cases":
                 summary[name] = json.loads(plain.to_json(orient="records") or "[]")
-        _write(folder / "summary.json", json.dumps(summary, indent=2) + "\n")
+        write_whole(folder / "summary.json", json.dumps(summary, indent=2) + "\n")
     except OSError as error:
-        raise _unwritable(folder, error) from error
+        raise unwritable(folder, error) from error
 
 
 def _lacking(row: Mapping[str, Any], peers: bool) -> tuple[str, ...]:
@@ -192,31 +192,10 @@ def _opened(folder: Path) -> dict[str, dict[str, Any]]:
         file = folder / RESULTS
         text = file.read_text(encoding="utf-8") if file.exists() else ""
         rows = finished(text.splitlines())
-        _write(file, "".join(json.dumps(row) + "\n" for row in rows.values()))
+        write_whole(file, "".join(json.dumps(row) + "\n" for row in rows.values()))
     except OSError as error:
-        raise _unwritable(folder, error) from error
+        raise unwritable(folder, error) from error
     return rows
-
-
-def _write(file: Path, text: str) -> None:
-    """All of a file or nothing of it."""
-    part = file.with_name(f".{file.name}.part")
-    part.write_text(text, encoding="utf-8", newline="")
-    os.replace(part, file)
-
-
-def _unwritable(folder: Path, error: OSError) -> InputError:
-    return InputError(f'Cannot write to the folder "{folder}" ({error.strerror or error}); choose another one.')
-
-
-def _plain(value: Any) -> Any:
-    """Plain values that JSON can hold; numbers that are not finite become None."""
-    if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
-    value = value.item() if isinstance(value, np.generic) else value
-    return None if isinstance(value, float) and not np.isfinite(value) else value
 
 
 @contextmanager

@@ -6,6 +6,7 @@ figure of your own.
 """
 
 from bayes_greybox.report.plots.before_after import plot_free_run, plot_gap_over_time
+from bayes_greybox.report.plots.calibration import plot_calibration
 from bayes_greybox.report.plots.coefficients import plot_coefficients
 from bayes_greybox.report.plots.comparison import plot_comparison
 from bayes_greybox.report.plots.files import save_figures
@@ -19,6 +20,7 @@ from bayes_greybox.report.plots.tradeoff import plot_tradeoff
 
 __all__ = [
     "Coefficient",
+    "plot_calibration",
     "plot_coefficients",
     "plot_comparison",
     "plot_discrepancy_over_states",
