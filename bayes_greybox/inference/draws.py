@@ -39,16 +39,22 @@ def conditional_draws(
     keys = jax.random.split(key, shape[0] * shape[1])
 
     def one(item: tuple[Array, dict[str, Array]]) -> dict[str, Array]:
-        key, values = item
-        sites = trace(seed(substitute(model, data=values), key)).get_trace(designs)
-        drawn = {}
-        for equation, key_e in zip(designs, jax.random.split(key, len(designs)), strict=True):
-            parts = draw_given(key_e, sites[f"{equation}_y"]["fn"], values.get(f"{equation}_gamma"))
-            drawn.update({f"{equation}_{name}": value for name, value in parts.items()})
-        return drawn
+        return conditional_draw(model, designs, item[1], item[0])
 
     out = jax.jit(lambda items: jax.lax.map(one, items))((keys, flat))
     return {name: np.asarray(value).reshape(*shape, *value.shape[1:]) for name, value in out.items()}
+
+
+def conditional_draw(
+    model: Callable, designs: Mapping[str, Design], values: Mapping[str, Array], key: Array
+) -> dict[str, Array]:
+    """One draw of γ, θ and f of every equation given one draw of the sites; see `conditional_draws`."""
+    sites = trace(seed(substitute(model, data=dict(values)), key)).get_trace(designs)
+    drawn = {}
+    for equation, key_e in zip(designs, jax.random.split(key, len(designs)), strict=True):
+        parts = draw_given(key_e, sites[f"{equation}_y"]["fn"], values.get(f"{equation}_gamma"))
+        drawn.update({f"{equation}_{name}": value for name, value in parts.items()})
+    return drawn
 
 
 def draw_given(key: Array, likelihood: CollapsedNormal, gamma: Array | None = None) -> dict[str, Array]:

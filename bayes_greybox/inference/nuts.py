@@ -101,19 +101,20 @@ def _advancer(kernel: Any) -> Callable:
     """Up to CHUNK iterations of the kernel, recording each."""
 
     def advance(state: Any, argument: Any, length: Array) -> tuple[Any, dict[str, Array]]:
-        record = jax.tree.map(lambda leaf: jnp.zeros((CHUNK, *leaf.shape), leaf.dtype), _record(state))
+        record = jax.tree.map(lambda leaf: jnp.zeros((CHUNK, *leaf.shape), leaf.dtype), hmc_record(state))
 
         def body(i: Array, carry: tuple) -> tuple:
             state, record = carry
             state = kernel.sample(state, (argument,), {})
-            return state, jax.tree.map(lambda buffer, leaf: buffer.at[i].set(leaf), record, _record(state))
+            return state, jax.tree.map(lambda buffer, leaf: buffer.at[i].set(leaf), record, hmc_record(state))
 
         return jax.lax.fori_loop(0, length, body, (state, record))
 
     return advance
 
 
-def _record(state: Any) -> dict[str, Array]:
+def hmc_record(state: Any) -> dict[str, Array]:
+    """Position (sites as "z:name", unconstrained) and statistics of a sampler's state."""
     is_hmc = lambda node: isinstance(node, HMCState)  # noqa: E731
     hmc = next(leaf for leaf in jax.tree.leaves(state, is_leaf=is_hmc) if is_hmc(leaf))
     positions: Mapping[str, Array] = state.z

@@ -1,0 +1,36 @@
+"""The MCMC kernel of a fit: NUTS on the hyperparameters, with Gibbs moves on γ where it is a site."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpyro.infer import NUTS, HMCGibbs
+
+from bayes_greybox.model.likelihood import Design
+from bayes_greybox.model.program import Program
+
+from .gibbs import gamma_move
+
+
+def posterior_kernel(model: Program, designs: Mapping[str, Design], target_accept: float) -> Any:
+    """NumPyro's kernel for the posterior of a model.
+
+    Args:
+        model: Model.
+        designs: Its argument; targets may be traced, the number of observations may not.
+        target_accept: Target acceptance probability of NUTS.
+    """
+    # log σ is known to 1/√(2n): a warm-up that starts from unit scales, or NumPyro's pull of every scale towards 1e-3,
+    # would make a million rows cost three times the steps of a thousand.
+    scales = {(f"{name}_noise",): np.array([0.5 / float(design.n_obs)]) for name, design in designs.items()}
+    kernel: Any = NUTS(
+        model.numpyro_model,
+        target_accept_prob=target_accept,
+        inverse_mass_matrix=scales,
+        regularize_mass_matrix=False,
+    )
+    with_gamma = model.gibbs_equations(designs)
+    if not with_gamma:
+        return kernel
+    move = gamma_move(model.numpyro_model, designs, with_gamma)
+    return HMCGibbs(kernel, gibbs_fn=move, gibbs_sites=[f"{name}_gamma" for name in with_gamma])

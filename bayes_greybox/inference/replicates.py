@@ -1,0 +1,107 @@
+"""Posteriors of many data sets that share everything but the target: one compilation, one chain for each."""
+
+import os
+import threading
+from collections.abc import Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from bayes_greybox.model.likelihood import Design
+from bayes_greybox.model.program import Program
+
+from .draws import conditional_draw
+from .kernel import posterior_kernel
+from .nuts import hmc_record
+
+
+@dataclass(frozen=True)
+class Replicates:
+    """Draws of each replicate's posterior, scaled units.
+
+    Attributes:
+        samples: Sites, deterministics and conditional draws, each [n_replicate, n_draw, ...].
+        divergences: Divergences of each replicate after warm-up.
+    """
+
+    samples: dict[str, np.ndarray]
+    divergences: np.ndarray
+
+
+def sample_replicates(
+    model: Program,
+    designs: Mapping[str, Design],
+    targets: Mapping[str, Float[np.ndarray, "n_replicate n_row"]],
+    keys: Array,
+    *,
+    draws: int,
+    tune: int,
+    target_accept: float = 0.9,
+    done: Callable[[int], None] = lambda _: None,
+) -> Replicates:
+    """Sample the posterior of each target with the kernel and the conditional draws of a fit.
+
+    Only the compressed target changes between replicates, and it is an argument of the compiled chain. Chains run one
+    by one in as many threads as there are cores, not in a batch: a batched NUTS makes every chain wait for the longest
+    tree of all.
+
+    Args:
+        model: Model.
+        designs: Its argument, for any target.
+        targets: Compressed target of every equation and replicate.
+        keys: One random key for each replicate; its draws depend on no other.
+        draws: Draws kept of each chain.
+        tune: Warm-up iterations of each chain.
+        target_accept: Target acceptance probability of NUTS.
+        done: Called with the number of the replicates that have just been finished.
+    """
+    chain = jax.jit(_chain(model, designs, draws, tune, target_accept))
+    rows = [{name: jnp.asarray(target[i]) for name, target in targets.items()} for i in range(len(keys))]
+    compiled = chain.lower(rows[0], keys[0]).compile()
+    stop = threading.Event()
+
+    def one(i: int) -> dict[str, np.ndarray]:
+        if stop.is_set():
+            return {}
+        out = {name: np.asarray(value) for name, value in compiled(rows[i], keys[i]).items()}
+        done(1)
+        return out
+
+    with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
+        try:
+            records = list(pool.map(one, range(len(keys))))
+        except BaseException:
+            stop.set()
+            raise
+    samples = {name: np.stack([record[name] for record in records]) for name in records[0]}
+    return Replicates(samples, samples.pop("diverging").sum(axis=1))
+
+
+def _chain(
+    model: Program, designs: Mapping[str, Design], draws: int, tune: int, target_accept: float
+) -> Callable[[dict[str, Array], Array], dict[str, Array]]:
+    def chain(target: dict[str, Array], key: Array) -> dict[str, Array]:
+        argument = {name: replace(design, y=target[name]) for name, design in designs.items()}
+        kernel = posterior_kernel(model, argument, target_accept)
+        run_key, draw_key = jax.random.split(key)
+        state = kernel.init(run_key, tune, None, (argument,), {})
+        state = jax.lax.fori_loop(0, tune, lambda _, state: kernel.sample(state, (argument,), {}), state)
+
+        def step(state: tuple, _: None) -> tuple[tuple, dict[str, Array]]:
+            state = kernel.sample(state, (argument,), {})
+            return state, hmc_record(state)
+
+        _, record = jax.lax.scan(step, state, length=draws)
+        position = {name[2:]: value for name, value in record.items() if name.startswith("z:")}
+        values = jax.vmap(kernel.postprocess_fn((argument,), {}))(position)
+        drawn = jax.lax.map(
+            lambda item: conditional_draw(model.numpyro_model, argument, item[0], item[1]),
+            (values, jax.random.split(draw_key, draws)),
+        )
+        return {**values, **drawn, "diverging": record["diverging"]}
+
+    return chain
