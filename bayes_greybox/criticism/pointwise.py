@@ -146,37 +146,13 @@ def weighted_rows(posterior: Posterior, equation: str, index: Int[np.ndarray, " 
     return Rows(*map(jnp.asarray, (table[:, :n_term], table[:, n_term:-1], table[:, -1], precision)))
 
 
-def _bases(frame: Frame, columns: dict[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    if not frame.variables:
-        Phi = np.asarray(frame.dictionary_rows(columns))
-        return Phi, np.zeros((len(Phi), 0))
-    Phi, Psi = frame.rows(columns)
-    return np.asarray(Phi), np.asarray(Psi)
-
-
-@jax.jit
-def _mapped(design: Design, rows: Rows | None, parameters: tuple) -> Array:
-    def one(item: tuple[Hyperparameters, Array]) -> Array:
-        hyper, sd = item
-        if isinstance(design, FeatureDesign):
-            assert rows is not None
-            precision, g = _feature_inverse(design, rows, hyper, sd)
-        else:
-            precision, g = _dense_inverse(design, hyper, sd)
-        return 0.5 * (jnp.log(precision) - math.log(2 * math.pi) - g**2 / precision)
-
-    # One draw after another: batched factorisations inside a loop have been seen to deadlock XLA's thread pool on two
-    # cores (jaxlib 0.10), and on a CPU a batch of LAPACK calls is a loop anyway.
-    return jax.lax.map(one, parameters)
-
-
-def _feature_inverse(
+def feature_root(
     design: FeatureDesign, rows: Rows, hyper: Hyperparameters, sd: Float[Array, " n_term"]
-) -> tuple[Float[Array, " n_row"], Float[Array, " n_row"]]:
-    """Diagonal of C⁻¹, and C⁻¹y for C = σ²(R + BBᵀ), B = [Φ sd, Ψ̃ √S (I − UUᵀ)]/σ.
+) -> tuple[Float[Array, "n_column n_row"], Float[Array, " n_row"]]:
+    """H and g = C⁻¹y at some rows, with C⁻¹ = σ⁻² (R⁻¹ − HᵀH) for C = σ²(R + BBᵀ), B = [Φ sd, Ψ̃ √S (I − UUᵀ)]/σ.
 
     C⁻¹ = σ⁻² (R⁻¹ − R⁻¹B (I + BᵀR⁻¹B)⁻¹ BᵀR⁻¹), with I + BᵀR⁻¹B = TᵀT from a QR factorisation, since the Gram
-    matrix would square the condition number.
+    matrix would square the condition number; H = T⁻ᵀBᵀR⁻¹.
     """
     log_root, U = design.weight_prior(hyper) if design.Psi.shape[1] else (jnp.zeros(0), None)
     root = jnp.exp(log_root)
@@ -196,18 +172,43 @@ def _feature_inverse(
     T, right = triangle[:n_column, :n_column], triangle[:n_column, n_column]
     weighted = scaled(rows.Phi, rows.Psi)
     half = solve_triangular(T, weighted.T, trans=1)
-    precision = (rows.precision - jnp.sum(half**2, axis=0)) / hyper.sigma**2
     g = (rows.y / hyper.sigma - weighted @ solve_triangular(T, right)) / hyper.sigma
-    return precision, g
+    return half, g
 
 
-def _dense_inverse(
+def dense_root(
     design: Design, hyper: Hyperparameters, sd: Float[Array, " n_term"]
-) -> tuple[Float[Array, " n_row"], Float[Array, " n_row"]]:
-    """Diagonal of C⁻¹, and C⁻¹y, C⁻¹ = Wᵀ (W (ΦDΦᵀ + K⊥) Wᵀ + σ²I)⁻¹ W; W left out where not square."""
+) -> tuple[Float[Array, "n_white n_row"], Float[Array, " n_row"]]:
+    """H and g = C⁻¹y, with C⁻¹ = HᵀH = Wᵀ (W (ΦDΦᵀ + K⊥) Wᵀ + σ²I)⁻¹ W; W left out where not square."""
     assert not isinstance(design, FeatureDesign)
     Phi = design.Phi * sd
     L = jnp.linalg.cholesky(Phi @ Phi.T + design.covariance(hyper) + hyper.sigma**2 * jnp.eye(len(design.y)))
     W = design.whitening
     half = solve_lower(L, jnp.eye(len(L)) if W is None or W.shape[0] != W.shape[1] else W)
-    return jnp.sum(half**2, axis=0), half.T @ solve_lower(L, design.y)
+    return half, half.T @ solve_lower(L, design.y)
+
+
+def _bases(frame: Frame, columns: dict[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    if not frame.variables:
+        Phi = np.asarray(frame.dictionary_rows(columns))
+        return Phi, np.zeros((len(Phi), 0))
+    Phi, Psi = frame.rows(columns)
+    return np.asarray(Phi), np.asarray(Psi)
+
+
+@jax.jit
+def _mapped(design: Design, rows: Rows | None, parameters: tuple) -> Array:
+    def one(item: tuple[Hyperparameters, Array]) -> Array:
+        hyper, sd = item
+        if isinstance(design, FeatureDesign):
+            assert rows is not None
+            half, g = feature_root(design, rows, hyper, sd)
+            precision = (rows.precision - jnp.sum(half**2, axis=0)) / hyper.sigma**2
+        else:
+            half, g = dense_root(design, hyper, sd)
+            precision = jnp.sum(half**2, axis=0)
+        return 0.5 * (jnp.log(precision) - math.log(2 * math.pi) - g**2 / precision)
+
+    # One draw after another: batched factorisations inside a loop have been seen to deadlock XLA's thread pool on two
+    # cores (jaxlib 0.10), and on a CPU a batch of LAPACK calls is a loop anyway.
+    return jax.lax.map(one, parameters)
