@@ -44,6 +44,7 @@ class Benchmark(StrEnum):
     """Benchmarks that come with the package."""
 
     hidden_effects = "hidden-effects"
+    confounding = "confounding"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -224,21 +225,26 @@ def report(
 def benchmark(
     name: Annotated[Benchmark, typer.Argument(help="Which benchmark.")],
     output: Annotated[Path | None, typer.Option("--output", "-o", help="Folder for the results.")] = None,
-    cases: Annotated[int | None, typer.Option(min=1, help="Number of cases; all of them by default.")] = None,
-    workers: Annotated[int, typer.Option(min=1, help="Processes that work side by side.")] = 2,
+    cases: Annotated[
+        int | None, typer.Option(min=1, help="Number of cases, or of replicates; the full size by default.")
+    ] = None,
+    workers: Annotated[int, typer.Option(min=1, help="Processes that work side by side (hidden-effects).")] = 2,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the cases.")] = 0,
     no_progress: NoProgress = False,
 ) -> int:
     """Run one of the package's benchmarks.
 
     A run that was stopped goes on where it was. hidden-effects hides known effects from simulations and counts
-    how often the study finds them.
+    how often the study finds them. confounding fits repeated data under each kernel and says what orthogonality gives
+    and costs.
     """
+    folder = output or Path("runs") / f"benchmark-{name.value}"
+    if name is Benchmark.confounding:
+        return _confounding(folder, cases, seed, not no_progress)
     from bayes_greybox.benchmarks.hidden_effects.cases import all_cases, subset
     from bayes_greybox.benchmarks.hidden_effects.run import run
     from bayes_greybox.report.benchmark_terminal import benchmark_tables
 
-    folder = output or Path("runs") / f"benchmark-{name.value}"
     chosen = all_cases(seed) if cases is None else subset(all_cases(seed), cases, seed)
     scores = run(folder, chosen, workers=workers, progress=not no_progress)
     _show(*benchmark_tables(scores), f"\nResults are in {folder}.")
@@ -251,6 +257,16 @@ def datasets() -> int:
     from bayes_greybox.report.terminal import datasets_table
 
     _show(datasets_table(bg.dataset_table()))
+    return DONE
+
+
+def _confounding(folder: Path, replicates: int | None, seed: int, progress: bool) -> int:
+    from bayes_greybox.benchmarks.confounding.run import REPLICATES, all_cells, run
+    from bayes_greybox.report.benchmark_terminal import confounding_tables
+
+    scores = run(folder, all_cells(replicates or REPLICATES, seed), progress=progress)
+    bg.plots.save_figures({"confounding": bg.plots.plot_confounding(scores.terms)}, folder)
+    _show(*confounding_tables(scores), f"\nResults are in {folder}.")
     return DONE
 
 

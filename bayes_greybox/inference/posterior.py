@@ -12,7 +12,6 @@ import jax.numpy as jnp
 import numpy as np
 import xarray as xr
 from jaxtyping import Float
-from numpyro.infer import NUTS, HMCGibbs
 
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
@@ -21,7 +20,7 @@ from bayes_greybox.model.likelihood import Hyperparameters
 from bayes_greybox.model.program import Program, measured_rate
 
 from .draws import conditional_draws
-from .gibbs import gamma_move
+from .kernel import posterior_kernel
 from .nuts import run_chains
 from .prior import log_prior_densities, prior_draws
 
@@ -94,10 +93,16 @@ class Posterior:
         """Frames and designs by equation, rebuilt from the data."""
         return self.model.assemble(self.data)
 
-    def draws(self, equation: str, at_most: int | None = None) -> EquationDraws:
-        """Draws of one equation in scaled units, chains flattened, evenly thinned to `at_most`."""
+    def draws(self, equation: str, at_most: int | None = None, group_name: str = "posterior") -> EquationDraws:
+        """Draws of one equation in scaled units, chains flattened, evenly thinned to `at_most`.
+
+        Args:
+            equation: Learned state.
+            at_most: Most draws; None: all.
+            group_name: "posterior" or "prior".
+        """
         frame = self.equations[equation].frame
-        group = self.idata["posterior"].dataset
+        group = self.idata[group_name].dataset
         n_draw = group.sizes["chain"] * group.sizes["draw"]
         index = np.arange(n_draw)
         if at_most is not None and n_draw > at_most:
@@ -142,19 +147,7 @@ def sample_posterior(
     designs = {name: equation.design for name, equation in equations.items()}
     run_key, draw_key, prior_key = jax.random.split(jax.random.PRNGKey(sampling.seed), 3)
 
-    # log σ is known to 1/√(2n): a warm-up that starts from unit scales, or NumPyro's pull of every scale towards 1e-3,
-    # would make a million rows cost three times the steps of a thousand.
-    scales = {(f"{name}_noise",): np.array([0.5 / float(design.n_obs)]) for name, design in designs.items()}
-    kernel: Any = NUTS(
-        model.numpyro_model,
-        target_accept_prob=sampling.target_accept,
-        inverse_mass_matrix=scales,
-        regularize_mass_matrix=False,
-    )
-    with_gamma = model.gibbs_equations(designs)
-    if with_gamma:
-        move = gamma_move(model.numpyro_model, designs, with_gamma)
-        kernel = HMCGibbs(kernel, gibbs_fn=move, gibbs_sites=[f"{name}_gamma" for name in with_gamma])
+    kernel = posterior_kernel(model, designs, sampling.target_accept)
     chains = run_chains(
         kernel,
         designs,
@@ -198,7 +191,7 @@ def add_group(
         for key, value in values.items()
     }
     coords = {
-        "chain": posterior.idata["posterior"]["chain"].to_numpy(),
+        "chain": np.arange(next(iter(values.values())).shape[0]),
         "draw": np.arange(n_draw) if draw is None else draw,
     }
     if any("obs_id" in dims for dims, _ in variables.values()):

@@ -2,8 +2,10 @@
 
 from collections.abc import Iterator
 
+import pandas as pd
 from rich.console import Group, RenderableType
 
+from bayes_greybox.benchmarks.confounding.score import Confounding
 from bayes_greybox.benchmarks.hidden_effects.marks import SOLVERS
 from bayes_greybox.benchmarks.hidden_effects.score import Scores
 
@@ -17,3 +19,15 @@ def benchmark_tables(scores: Scores) -> Iterator[RenderableType]:
     title = "Share of right answers; gap closed, of what the true model closes"
     yield frame_table(title, scores.families.loc[:, _SHOWN])
     yield Group("", frame_table("What must hold", scores.bars))
+
+
+def confounding_tables(scores: Confounding) -> Iterator[RenderableType]:
+    """Bias, coverage and trade-off of each kernel, and how its chains moved; then the coefficients one by one."""
+    yield frame_table(
+        "Bias in posterior SDs, coverage of 90 % intervals, |corr(θ, f)|, chains", _by_situation(scores.cells)
+    )
+    yield Group("", frame_table("Coefficients", _by_situation(scores.terms)))
+
+
+def _by_situation(table: pd.DataFrame) -> pd.DataFrame:
+    return table.reset_index().set_index("situation")
