@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 from scipy.special import log_ndtr, ndtr
 
+from bayes_greybox.data.row_noise import RowNoise
 from bayes_greybox.inference.posterior import EquationDraws, Posterior
 from bayes_greybox.model.likelihood import Design, FeatureDesign, Hyperparameters
 
@@ -17,6 +18,9 @@ from .pointwise import Rows, count_observations, dense_root, feature_root, weigh
 
 OBSERVATIONS = 400
 """Observations that are looked at, evenly spaced: the test needs the correlation of every pair."""
+
+COLUMNS = 20
+"""Columns of R⁻¹ computed at once."""
 
 TEST_DRAWS, REPLICATES = 12, 999
 """Posterior draws that the test uses, and replicated data sets for each of them."""
@@ -109,7 +113,7 @@ def loo_pit(posterior: Posterior, equation: str, at_most: int | None = None) -> 
     )
 
 
-def anderson_darling(z: Float[np.ndarray, "*replicate n_obs"]) -> Float[np.ndarray, "*replicate"]:
+def anderson_darling(z: Float[np.ndarray, "n_replicate n_obs"]) -> Float[np.ndarray, " n_replicate"]:
     """A² = −n − Σ_i (2i − 1)/n (log Φ(z_(i)) + log Φ(−z_(n+1−i))): large where values are not standard normal."""
     z = np.sort(z, axis=-1)
     n = z.shape[-1]
@@ -135,10 +139,7 @@ def _test(
     noise = posterior.data.noise.get(equation)
     inverse_R = np.eye(len(index))
     if rows is not None and noise is not None and noise.square:
-        unit = np.zeros((noise.n_obs, len(index)))
-        unit[index, np.arange(len(index))] = 1.0
-        whitened = noise.whiten(unit)
-        inverse_R = whitened.T @ whitened
+        inverse_R = _inverse_of(noise, index)
     rng = np.random.default_rng(posterior.sampling.seed)
     steps = np.arange(len(index) + 1) / len(index)
     p, gaps, outside = [], [], []
@@ -152,11 +153,21 @@ def _test(
         root = vectors * np.sqrt(np.maximum(values, 0.0))
         replicated = rng.standard_normal((REPLICATES, len(index))) @ root.T
         statistic = anderson_darling(replicated)
-        p.append((1 + np.sum(statistic >= anderson_darling(g / scale))) / (1 + REPLICATES))
+        p.append((1 + np.sum(statistic >= anderson_darling((g / scale)[None]))) / (1 + REPLICATES))
         u = np.sort(ndtr(replicated), axis=1)
         gaps.append(np.maximum(steps[1:] - u, u - steps[:-1]).max(axis=1))
         outside.append(np.mean((u < 0.05) | (u > 0.95), axis=1))
     return combined_p(np.array(p)), np.concatenate(gaps), np.concatenate(outside)
+
+
+def _inverse_of(noise: RowNoise, index: Int[np.ndarray, " n_obs"]) -> Float[np.ndarray, "n_obs n_obs"]:
+    """(R⁻¹)_ij at some rows, a few columns at a time: each is as long as the record."""
+    columns = []
+    for part in np.array_split(index, -(-len(index) // COLUMNS)):
+        unit = np.zeros((noise.n_obs, len(part)))
+        unit[part, np.arange(len(part))] = 1.0
+        columns.append(noise.whiten_transpose(noise.whiten(unit))[index])
+    return np.concatenate(columns, axis=1)
 
 
 def _parameters(draws: EquationDraws) -> tuple[Hyperparameters, Array]:

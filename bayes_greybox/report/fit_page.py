@@ -264,7 +264,9 @@ def _checks(fit: Fit) -> Section:
         for (name, quantity), row in zip(found.sensitivity.index, found.sensitivity.to_dict("records"), strict=True)
     ]
     heads = ("`quantity", "equation", "#to the prior", "#to the likelihood", "diagnosis")
-    blocks.append(Details("Sensitivity to prior and likelihood", [by_equation(heads, table, fit.model.equations)]))
+    shown = [picture(figures.sensitivity(fit), "Sensitivity of each quantity to prior and likelihood", wide=True)]
+    scaled = by_equation(heads, table, fit.model.equations)
+    blocks.append(Details("Sensitivity to prior and likelihood", [Pictures(shown), scaled]))
     lead = (
         "Two tests, each wrong about at most one in a hundred correct models (p-value below its limit), and how much "
         "the answers would change if the prior counted more or less."

@@ -13,14 +13,12 @@ from bayes_greybox.criticism.pointwise import pointwise_loo, weighted_rows
 from bayes_greybox.criticism.sensitivity import CONFLICT, DOMINANT, FINE, sensitivity
 from bayes_greybox.criticism.whiteness import _autocorrelation, whiteness
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.inference.draws import conditional_draws
-from bayes_greybox.inference.prior import log_prior_densities
 from bayes_greybox.model.discrepancy import OrthogonalGP
 from bayes_greybox.model.priors import CustomPrior, Normal, SpikeAndSlab
 from bayes_greybox.model.program import Program
 
 MODEL = Program(dictionary={"v": ["y", "v", "y**3"]}, prior=Normal(), discrepancy=OrthogonalGP(features=4))
-CHAINS, DRAWS = 2, 50
+CHAINS, DRAWS = 2, 200
 
 
 def data_of(n, noise, seed=0):
@@ -32,39 +30,37 @@ def data_of(n, noise, seed=0):
     )
 
 
-def posterior_of(data, sigma, model=MODEL, **given):
-    """Exact draws of θ and f given known hyperparameters: σ in the data's unit, f all but absent, ℓ = 1."""
+def posterior_of(data, sigma, model=MODEL, sd=1.0, pi=None):
+    """Exact draws of θ, and of γ where π is given, with σ known (in the data's unit) and f all but absent."""
     shape = (CHAINS, DRAWS)
-    scale = model.assemble(data)["v"].frame.target_scale
-    hyper = {
-        "sigma": np.full(shape, sigma / scale),
-        "amplitude": np.full(shape, 1e-3),
-        "length_scale": np.ones((*shape, 2)),
-    }
-    posterior = fabricate(model, data, chains=CHAINS, draws=DRAWS, **hyper, prior_sd=np.ones((*shape, 3)))
-    designs = {name: entry.design for name, entry in posterior.equations.items()}
-    noise = np.sqrt(hyper["sigma"] ** 2 - float(designs["v"].noise_floor) ** 2)
-    samples = {
-        "v_noise": noise,
-        "v_amplitude": hyper["amplitude"],
-        "v_length_scale": hyper["length_scale"],
-        "v_tau": np.ones(shape),
-        **given,
-    }
-    drawn = conditional_draws(model.numpyro_model, designs, samples, jax.random.PRNGKey(0))
-    keys = {"theta": drawn["v_theta"], "weight": drawn["v_weight"], "prior_sd": drawn["v_theta_sd"]}
-    posterior = fabricate(model, data, chains=CHAINS, draws=DRAWS, **{**hyper, **keys})
-    # `fabricate` leaves weights in scaled units
-    group = posterior.idata["posterior"].dataset
-    extra = {name: (("chain", "draw"), value) for name, value in samples.items() if value.ndim == 2}
-    extra["v_weight"] = (group["v_weight"].dims, group["v_weight"].to_numpy() * scale)
-    for name in ("v_gamma", "v_inclusion"):
-        if name in drawn:
-            extra[name] = (("chain", "draw", "v_term"), drawn[name])
-    posterior.idata["posterior"] = xr.DataTree(group.assign(extra))
-    densities = log_prior_densities(model.numpyro_model, designs, {**samples, **drawn})
+    frame = model.assemble(data)["v"].frame
+    Phi = np.asarray(frame.dictionary_rows(data.columns))
+    y, sigma = data.derivatives["v"] / frame.target_scale, sigma / frame.target_scale
+    rng, bits = np.random.default_rng(0), np.ones((1, 3))
+    if pi is not None:
+        bits = np.array([[i >> k & 1 for k in range(3)] for i in range(8)], float)
+    log_weight = []
+    for gamma in bits:
+        C = (Phi * gamma * sd**2) @ Phi.T + sigma**2 * np.eye(len(y))
+        odds = 0.0 if pi is None else np.sum(gamma * np.log(pi) + (1 - gamma) * np.log(1 - pi))
+        log_weight.append(odds - 0.5 * (np.linalg.slogdet(C)[1] + y @ np.linalg.solve(C, y)))
+    weight = np.exp(np.array(log_weight) - max(log_weight))
+    gamma = bits[rng.choice(len(bits), size=shape, p=weight / weight.sum())]
+    theta = np.zeros((*shape, 3))
+    for i in np.ndindex(shape):
+        B = Phi * gamma[i] * sd / sigma
+        L = np.linalg.cholesky(np.eye(3) + B.T @ B)
+        u = np.linalg.solve(L @ L.T, B.T @ y / sigma) + np.linalg.solve(L.T, rng.standard_normal(3))
+        theta[i] = gamma[i] * sd * u
+    given = {"sigma": np.full(shape, sigma), "amplitude": np.full(shape, 1e-3), "length_scale": np.ones((*shape, 2))}
+    size = 0 if frame.basis is None else frame.basis.size
+    given |= {"theta": theta, "prior_sd": sd * gamma, "weight": np.zeros((*shape, size))}
+    density = {"v_theta": np.sum(gamma * norm.logpdf(theta, 0, sd), axis=-1), "v_noise": np.zeros(shape)}
+    if pi is not None:
+        given |= {"gamma": gamma, "pi": np.full(shape, pi), "tau": np.full(shape, sd)}
+    posterior = fabricate(model, data, chains=CHAINS, draws=DRAWS, **given)
     posterior.idata["log_prior"] = xr.DataTree(
-        xr.Dataset({name: (("chain", "draw"), value) for name, value in densities.items()})
+        xr.Dataset({name: (("chain", "draw"), value) for name, value in density.items()})
     )
     return posterior
 
@@ -161,31 +157,24 @@ def test_runs_do_not_correlate_across_their_border():
 def test_a_prior_against_the_data_rings_and_a_wide_one_stays_quiet():
     data = data_of(40, 0.1 * np.random.default_rng(3).standard_normal(40))
 
-    def fixed(sd):
-        return Program(
-            dictionary=MODEL.dictionary,
-            prior=CustomPrior(lambda n_term: np.full(n_term, sd)),
-            discrepancy=MODEL.discrepancy,
-        )
+    def fixed(data, sigma, sd):
+        prior = CustomPrior(lambda n_term: np.full(n_term, sd))
+        model = Program(dictionary=MODEL.dictionary, prior=prior, discrepancy=MODEL.discrepancy)
+        return sensitivity(posterior_of(data, sigma, model, sd))
 
-    quiet = sensitivity(posterior_of(data, 0.1, fixed(10.0)))
-    assert (quiet["diagnosis"] == FINE).all()
-    # The data put θ thirty prior standard deviations from zero.
-    against = sensitivity(posterior_of(data, 0.1, fixed(0.03)))
-    assert against.loc[("v", "y**3"), "diagnosis"] == CONFLICT
-    # A prior sharper than the data, and in accord with them, decides.
-    blunt = data_of(40, 3.0 * np.random.default_rng(4).standard_normal(40))
-    decided = sensitivity(posterior_of(blunt, 3.0, fixed(0.02)))
-    assert (decided["diagnosis"] != FINE).any() and decided["likelihood"].min() < 0.05
-    assert DOMINANT in set(decided["diagnosis"])
+    assert (fixed(data, 0.1, 10.0)["diagnosis"] == FINE).all()
+    # The data put θ more than ten prior standard deviations from zero.
+    assert fixed(data, 0.1, 0.05).loc[("v", "y**3"), "diagnosis"] == CONFLICT
+    # Data that say next to nothing leave it to the prior.
+    blunt = data_of(40, 30.0 * np.random.default_rng(4).standard_normal(40))
+    assert (fixed(blunt, 30.0, 0.02)["diagnosis"] == DOMINANT).all()
 
 
 def test_inclusion_is_recomputed_exactly_under_a_scaled_prior():
     """Known η: dP/dα by the module's weights equals that of all eight patterns by dense algebra."""
     data = data_of(30, 0.5 * np.random.default_rng(5).standard_normal(30), seed=5)
     model = Program(dictionary=MODEL.dictionary, prior=SpikeAndSlab(), discrepancy=MODEL.discrepancy)
-    shape = (CHAINS, DRAWS)
-    posterior = posterior_of(data, 0.5, model, v_pi=np.full(shape, 0.4))
+    posterior = posterior_of(data, 0.5, model, pi=0.4)
     table = sensitivity(posterior)
     frame, design = posterior.equations["v"].frame, posterior.equations["v"].design
     Phi, Psi = (np.asarray(part) for part in frame.rows(data.columns))
