@@ -54,6 +54,7 @@ class Benchmark(StrEnum):
 
     hidden_effects = "hidden-effects"
     calibration = "calibration"
+    confounding = "confounding"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -247,7 +248,8 @@ def benchmark(
         int | None, typer.Option(min=1, help="Processes that work side by side (hidden-effects); 2 by default.")
     ] = None,
     replicates: Annotated[
-        int | None, typer.Option(min=20, help="Replicates of each case (calibration); 500 by default.")
+        int | None,
+        typer.Option(min=1, help="Replicates of each case (calibration, confounding); the full size by default."),
     ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the cases.")] = 0,
     no_progress: NoProgress = False,
@@ -256,13 +258,18 @@ def benchmark(
 
     A run that was stopped goes on where it was. hidden-effects hides known effects from simulations and counts
     how often the study finds them. calibration draws truths from every prior with every kernel and tests whether
-    they lie among the posterior draws as they should.
+    they lie among the posterior draws as they should. confounding fits repeated data under each kernel and says what
+    orthogonality gives and costs.
     """
     folder = output or Path("runs") / f"benchmark-{name.value}"
+    if name is not Benchmark.hidden_effects and workers is not None:
+        raise InputError(f"--workers does not apply to {name.value}, which uses every core; leave it out.")
     if name is Benchmark.calibration:
-        if workers is not None:
-            raise InputError("--workers does not apply to calibration, which uses every core; leave it out.")
         return _calibrate(folder, cases, replicates or 500, seed, not no_progress)
+    if name is Benchmark.confounding:
+        if cases is not None:
+            raise InputError("--cases does not apply to confounding; --replicates sets its size.")
+        return _confounding(folder, replicates, seed, not no_progress)
     if replicates is not None:
         raise InputError("--replicates does not apply to hidden-effects; --cases sets how many are run.")
     from bayes_greybox.benchmarks.hidden_effects.cases import all_cases, subset
@@ -293,6 +300,16 @@ def _calibrate(folder: Path, cases: int | None, replicates: int, seed: int, prog
 
     table = run(folder, subset(cases), replicates=replicates, seed=seed, progress=progress, finished=finished)
     _show(*calibration_tables(table), f"\nResults are in {folder}.")
+    return DONE
+
+
+def _confounding(folder: Path, replicates: int | None, seed: int, progress: bool) -> int:
+    from bayes_greybox.benchmarks.confounding.run import REPLICATES, all_cells, run
+    from bayes_greybox.report.benchmark_terminal import confounding_tables
+
+    scores = run(folder, all_cells(replicates or REPLICATES, seed), progress=progress)
+    bg.plots.save_figures({"confounding": bg.plots.plot_confounding(scores.terms)}, folder)
+    _show(*confounding_tables(scores), f"\nResults are in {folder}.")
     return DONE
 
 

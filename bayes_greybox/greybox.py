@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 from threadpoolctl import threadpool_limits
 
+from bayes_greybox.criticism.checks import Checks, checks
 from bayes_greybox.criticism.convergence import Verdict, convergence
 from bayes_greybox.criticism.discrepancy import (
     TradeOff,
@@ -19,9 +20,11 @@ from bayes_greybox.criticism.discrepancy import (
 from bayes_greybox.criticism.grid import DiscrepancyGrid
 from bayes_greybox.criticism.inclusion import ROPE, inclusion
 from bayes_greybox.criticism.loo import log_likelihood_group
+from bayes_greybox.criticism.pit import LooPit
 from bayes_greybox.criticism.prediction import FreeRun, Prediction, free_run, predict, predictive_group
 from bayes_greybox.criticism.resolution import LARGEST_BASIS, features_needed
 from bayes_greybox.criticism.summary import summary
+from bayes_greybox.criticism.whiteness import Whiteness
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.inference import netcdf
 from bayes_greybox.inference.posterior import Posterior, Sampling, add_group, sample_posterior
@@ -126,9 +129,29 @@ class Fit(Posterior):
         """
         return free_run(self, data, level, draws, interpolation=interpolation)
 
+    def checks(self) -> Checks:
+        """LOO-PIT, residual whiteness, posterior predictive and prior sensitivity: one table, with what to try."""
+        return self._checks
+
+    def loo_pit(self, equation: str | None = None) -> LooPit:
+        """Where each measurement falls in its leave-one-out prediction; the first equation unless named."""
+        return self._checks.pit[equation or self.model.equations[0]]
+
+    def whiteness(self, equation: str | None = None) -> Whiteness:
+        """Autocorrelation of the whitened residuals; the first equation unless named."""
+        return self._checks.whiteness[equation or self.model.equations[0]]
+
+    def sensitivity(self) -> pd.DataFrame:
+        """Power-scaling sensitivity of θ and P(γ) to prior and likelihood, by (equation, quantity)."""
+        return self._checks.sensitivity
+
     def save(self, path: str | os.PathLike) -> None:
         """Write posterior, data, model, settings, versions and seed to one netCDF file."""
         netcdf.save(self, path)
+
+    @cached_property
+    def _checks(self) -> Checks:
+        return checks(self)
 
     def __repr__(self) -> str:
         """Model in one line and the verdict in words."""
@@ -142,10 +165,11 @@ class Fit(Posterior):
         log_likelihood = log_likelihood_group(self)
         if log_likelihood is not None:
             add_group(self, "log_likelihood", log_likelihood)
-        predictive = predictive_group(self)
-        if predictive is not None:
-            values, kept = predictive
-            add_group(self, "posterior_predictive", values, draw=kept)
+        for source in ("posterior", "prior"):
+            predictive = predictive_group(self, source)
+            if predictive is not None:
+                values, kept = predictive
+                add_group(self, f"{source}_predictive", values, draw=kept)
 
 
 def load(path: str | os.PathLike, simulation: RightHandSide | None = None) -> Fit:

@@ -16,6 +16,7 @@ from threadpoolctl import threadpool_limits
 
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.inference.nuts import progress_bar
 from bayes_greybox.inference.posterior import Sampling
 from bayes_greybox.inference.replicates import sample_replicates
 from bayes_greybox.inference.truths import calibration_rows, draw_truths
@@ -171,9 +172,14 @@ def calibrate(
     designs = {name: part.equation.design for name, part in rows.items()}
     keys = jax.random.split(chain_key, replicates)
     # Threads inside BLAS fight those of the chains over the cores, for matrices too small to share.
-    with threadpool_limits(1):
+    with threadpool_limits(1), progress_bar(progress) as bar:
+        task = bar.add_task("Calibrating", total=replicates, note="")
+
+        def done(finished: int) -> None:
+            bar.advance(task, finished)
+
         found = sample_replicates(
-            model, designs, targets, keys, draws=draws, tune=tune, target_accept=target_accept, progress=progress
+            model, designs, targets, keys, draws=draws, tune=tune, target_accept=target_accept, done=done
         )
     seconds = time.perf_counter() - start
 

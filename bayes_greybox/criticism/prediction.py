@@ -304,8 +304,14 @@ def integrate_runs(
     return np.concatenate(states, axis=1), np.array(failed_at)
 
 
-def predictive_group(posterior: Posterior) -> tuple[dict[str, np.ndarray], np.ndarray] | None:
-    """Posterior predictive draws of the measured rates at the training rows, noise with its correlation included.
+def predictive_group(
+    posterior: Posterior, source: str = "posterior"
+) -> tuple[dict[str, np.ndarray], np.ndarray] | None:
+    """Predictive draws of the measured rates at the training rows, noise with its correlation included.
+
+    Args:
+        posterior: Fitted model.
+        source: Group whose draws are used: "posterior", or "prior" for the prior predictive.
 
     Returns:
         `e_rate` by equation [n_chain, n_kept, n_obs], and the draws kept (at most PREDICTIVE_DRAWS over all chains);
@@ -314,7 +320,7 @@ def predictive_group(posterior: Posterior) -> tuple[dict[str, np.ndarray], np.nd
     data = posterior.data
     if data.n_obs > PREDICTIVE_ROWS:
         return None
-    sizes = posterior.idata["posterior"].sizes
+    sizes = posterior.idata[source].sizes
     n_chain, n_draw = sizes["chain"], sizes["draw"]
     kept = np.arange(0, n_draw, max(1, -(-n_chain * n_draw // PREDICTIVE_DRAWS)))
     pick = (np.arange(n_chain)[:, None] * n_draw + kept).ravel()
@@ -322,10 +328,10 @@ def predictive_group(posterior: Posterior) -> tuple[dict[str, np.ndarray], np.nd
     rng = np.random.default_rng(posterior.sampling.seed)
     groups = {}
     for name, equation in posterior.equations.items():
-        every = posterior.draws(name)
+        every = posterior.draws(name, group_name=source)
         draws = jax.tree.map(lambda leaf: leaf[pick], every)
         if _is_dense(equation):
-            f = posterior.idata["posterior"][f"{name}_f"].to_numpy().reshape(-1, data.n_obs)[pick]
+            f = posterior.idata[source][f"{name}_f"].to_numpy().reshape(-1, data.n_obs)[pick]
             Phi = equation.frame.dictionary_rows(data.columns)
             mean = draws.theta @ np.asarray(Phi).T + f / equation.frame.target_scale
         else:

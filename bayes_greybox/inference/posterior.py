@@ -93,10 +93,16 @@ class Posterior:
         """Frames and designs by equation, rebuilt from the data."""
         return self.model.assemble(self.data)
 
-    def draws(self, equation: str, at_most: int | None = None) -> EquationDraws:
-        """Draws of one equation in scaled units, chains flattened, evenly thinned to `at_most`."""
+    def draws(self, equation: str, at_most: int | None = None, group_name: str = "posterior") -> EquationDraws:
+        """Draws of one equation in scaled units, chains flattened, evenly thinned to `at_most`.
+
+        Args:
+            equation: Learned state.
+            at_most: Most draws; None: all.
+            group_name: "posterior" or "prior".
+        """
         frame = self.equations[equation].frame
-        group = self.idata["posterior"].dataset
+        group = self.idata[group_name].dataset
         n_draw = group.sizes["chain"] * group.sizes["draw"]
         index = np.arange(n_draw)
         if at_most is not None and n_draw > at_most:
@@ -185,7 +191,7 @@ def add_group(
         for key, value in values.items()
     }
     coords = {
-        "chain": posterior.idata["posterior"]["chain"].to_numpy(),
+        "chain": np.arange(next(iter(values.values())).shape[0]),
         "draw": np.arange(n_draw) if draw is None else draw,
     }
     if any("obs_id" in dims for dims, _ in variables.values()):

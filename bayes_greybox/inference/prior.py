@@ -1,4 +1,4 @@
-"""Draws from the prior, and the log prior density of every posterior draw (for power-scaling sensitivity)."""
+"""Draws from the prior, θ, γ and f among them, and the log prior density of every posterior draw."""
 
 from collections.abc import Callable, Mapping
 
@@ -8,25 +8,34 @@ import numpy as np
 from jaxtyping import Array
 from numpyro.handlers import seed, substitute, trace
 
-from bayes_greybox.model.likelihood import Design
+from bayes_greybox.model.likelihood import CollapsedNormal, Design, FeatureDesign
 
 
 def prior_draws(model: Callable, designs: Mapping[str, Design], n_draw: int, key: Array) -> dict[str, np.ndarray]:
-    """Draw every site of the model but the target from the prior, each [1, n_draw, ...], scaled units.
+    """Draw every site of the model but the target from the prior, and θ, γ and f given them; scaled units.
 
     Args:
         model: The collapsed NumPyro model.
         designs: Its argument.
         n_draw: Number of draws.
         key: Random key.
+
+    Returns:
+        Variables under the names of the posterior's, each [1, n_draw, ...].
     """
 
     def one(key: Array) -> dict[str, Array]:
         sites = trace(seed(model, key)).get_trace(designs)
         kinds = ("sample", "deterministic")
-        return {n: s["value"] for n, s in sites.items() if s["type"] in kinds and not s.get("is_observed")}
+        drawn = {n: s["value"] for n, s in sites.items() if s["type"] in kinds and not s.get("is_observed")}
+        # Other keys than those of the sites, which `seed` splits from this one.
+        for equation, own in zip(designs, jax.random.split(jax.random.fold_in(key, 1), len(designs)), strict=True):
+            parts = _prior_given(own, sites[f"{equation}_y"]["fn"], f"{equation}_gamma" in drawn)
+            drawn |= {f"{equation}_{name}": value for name, value in parts.items()}
+        return drawn
 
-    drawn = jax.jit(jax.vmap(one))(jax.random.split(key, n_draw))
+    # One after another: a batch would hold a covariance matrix for each draw on the exact path.
+    drawn = jax.jit(lambda keys: jax.lax.map(one, keys))(jax.random.split(key, n_draw))
     return {name: np.asarray(value)[None] for name, value in drawn.items()}
 
 
@@ -42,7 +51,7 @@ def log_prior_densities(
 
     Returns:
         One array [n_chain, n_draw] for each site (events summed); `e_theta` is Σ_j log N(θ_j; 0, sd_j²) over the terms
-        that are in the model.
+        that are in the model, and `e_gamma` log p(γ | π) also where the patterns are summed and γ is no site.
     """
     shape = next(iter(draws.values())).shape[:2]
     flat = {name: jnp.asarray(value.reshape(shape[0] * shape[1], *value.shape[2:])) for name, value in draws.items()}
@@ -60,7 +69,32 @@ def log_prior_densities(
             scale = jnp.where(inside, sd, 1.0)
             density = jax.scipy.stats.norm.logpdf(theta, 0.0, scale)
             out[f"{equation}_theta"] = jnp.sum(jnp.where(inside, density, 0.0))
+            log_odds = sites[f"{equation}_y"]["fn"].scales.log_odds
+            if log_odds is not None:
+                # log π where a term is in, log(1 − π) where it is out
+                out[f"{equation}_gamma"] = -jnp.sum(jnp.logaddexp(0.0, jnp.where(inside, -log_odds, log_odds)))
         return out
 
     out = jax.jit(jax.vmap(one))(flat)
     return {name: np.asarray(value).reshape(shape) for name, value in out.items()}
+
+
+def _prior_given(key: Array, likelihood: CollapsedNormal, gamma_is_site: bool) -> dict[str, Array]:
+    """One draw of γ, θ and the weights or values of f given the hyperparameters, before any data."""
+    design, hyper, scales = likelihood.design, likelihood.hyper, likelihood.scales
+    key_gamma, key_theta, key_f = jax.random.split(key, 3)
+    out: dict[str, Array] = {}
+    sd = scales.sd
+    if scales.log_odds is not None and not gamma_is_site:
+        out["gamma"] = jax.random.bernoulli(key_gamma, jax.nn.sigmoid(scales.log_odds)).astype(float)
+        sd = sd * out["gamma"]
+    theta = jnp.where(sd > 0, sd * jax.random.normal(key_theta, sd.shape), 0.0)
+    out |= {"theta": theta, "theta_sd": sd}
+    if isinstance(design, FeatureDesign):
+        out["weight"] = design.weights(jax.random.normal(key_f, design.Psi.shape[1:]), hyper)
+        return out
+    covariance = design.cross_covariance(design.points, hyper)
+    # A projected covariance is singular: its root by eigenvalues, those that rounding made negative set to zero.
+    values, vectors = jnp.linalg.eigh(0.5 * (covariance + covariance.T))
+    out["f"] = vectors @ (jnp.sqrt(jnp.maximum(values, 0.0)) * jax.random.normal(key_f, values.shape))
+    return out

@@ -16,7 +16,7 @@ from bayes_greybox.model.program import Program
 
 from .draws import conditional_draw
 from .kernel import posterior_kernel
-from .nuts import hmc_record, progress_bar
+from .nuts import hmc_record
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ def sample_replicates(
     draws: int,
     tune: int,
     target_accept: float = 0.9,
-    progress: bool = True,
+    done: Callable[[int], None] = lambda _: None,
 ) -> Replicates:
     """Sample the posterior of each target with the kernel and the conditional draws of a fit.
 
@@ -57,22 +57,21 @@ def sample_replicates(
         draws: Draws kept of each chain.
         tune: Warm-up iterations of each chain.
         target_accept: Target acceptance probability of NUTS.
-        progress: Whether to show a progress bar.
+        done: Called with the number of the replicates that have just been finished, from any thread.
     """
     chain = jax.jit(_chain(model, designs, draws, tune, target_accept))
     rows = [{name: jnp.asarray(target[i]) for name, target in targets.items()} for i in range(len(keys))]
     compiled = chain.lower(rows[0], keys[0]).compile()
     stop = threading.Event()
-    with progress_bar(progress) as bar, ThreadPoolExecutor(os.cpu_count() or 1) as pool:
-        task = bar.add_task("Calibrating", total=len(keys), note="")
 
-        def one(i: int) -> dict[str, np.ndarray]:
-            if stop.is_set():
-                return {}
-            out = {name: np.asarray(value) for name, value in compiled(rows[i], keys[i]).items()}
-            bar.advance(task)
-            return out
+    def one(i: int) -> dict[str, np.ndarray]:
+        if stop.is_set():
+            return {}
+        out = {name: np.asarray(value) for name, value in compiled(rows[i], keys[i]).items()}
+        done(1)
+        return out
 
+    with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
         try:
             records = list(pool.map(one, range(len(keys))))
         except BaseException:

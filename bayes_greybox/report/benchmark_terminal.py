@@ -5,6 +5,7 @@ from collections.abc import Iterator
 import pandas as pd
 from rich.console import Group, RenderableType
 
+from bayes_greybox.benchmarks.confounding.score import Confounding
 from bayes_greybox.benchmarks.hidden_effects.marks import SOLVERS
 from bayes_greybox.benchmarks.hidden_effects.score import Scores
 
@@ -23,3 +24,15 @@ def benchmark_tables(scores: Scores) -> Iterator[RenderableType]:
 def calibration_tables(table: pd.DataFrame) -> Iterator[RenderableType]:
     """Verdict and worst test of each variant."""
     yield frame_table("Simulation-based calibration", table[["passed", "worst", "adjusted", "seconds"]])
+
+
+def confounding_tables(scores: Confounding) -> Iterator[RenderableType]:
+    """Bias, coverage and trade-off of each kernel, and how its chains moved; then the coefficients one by one."""
+    yield frame_table(
+        "Bias in posterior SDs, coverage of 90 % intervals, |corr(θ, f)|, chains", _by_situation(scores.cells)
+    )
+    yield Group("", frame_table("Coefficients", _by_situation(scores.terms)))
+
+
+def _by_situation(table: pd.DataFrame) -> pd.DataFrame:
+    return table.reset_index().set_index("situation")

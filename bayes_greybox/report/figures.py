@@ -7,33 +7,43 @@ from matplotlib.figure import Figure
 
 from bayes_greybox.criticism.calibration import Calibration
 from bayes_greybox.criticism.prediction import Band
+from bayes_greybox.criticism.sensitivity import THRESHOLD
+from bayes_greybox.data.errors import InputError
 from bayes_greybox.greybox import Fit
 from bayes_greybox.physics.units import derivative_unit
 
 from .plots import (
+    plot_autocorrelation,
     plot_calibration,
     plot_coefficients,
     plot_discrepancy_over_states,
     plot_discrepancy_over_time,
+    plot_loo_pit,
     plot_predicted,
+    plot_predictive,
+    plot_sensitivity,
     plot_tradeoff,
 )
 from .study_figures import study_figures
 
 __all__ = [
     "calibration",
+    "autocorrelation",
     "coefficients",
     "discrepancy_over_states",
     "discrepancy_over_time",
     "fit_figures",
+    "loo_pit",
     "predicted",
+    "predictive",
+    "sensitivity",
     "study_figures",
     "trade_off",
 ]
 
 
 def fit_figures(fit: Fit) -> dict[str, Figure]:
-    """Every figure of a fit, by file name: coefficients, predicted, discrepancy over states and time, trade-off."""
+    """Every figure of a fit, by file name: coefficients, predicted, discrepancy, trade-off, checks."""
     figures = {"coefficients": coefficients(fit)}
     several = len(fit.equations) > 1
     for name in fit.equations:
@@ -43,6 +53,11 @@ def fit_figures(fit: Fit) -> dict[str, Figure]:
             figures[f"discrepancy_states{suffix}"] = discrepancy_over_states(fit, name)
             figures[f"discrepancy_time{suffix}"] = discrepancy_over_time(fit, name)
             figures[f"trade_off{suffix}"] = trade_off(fit, name)
+        if "prior_predictive" in fit.idata:
+            figures[f"predictive{suffix}"] = predictive(fit, name)
+        figures[f"loo_pit{suffix}"] = loo_pit(fit, name)
+        figures[f"autocorrelation{suffix}"] = autocorrelation(fit, name)
+    figures["sensitivity"] = sensitivity(fit)
     return figures
 
 
@@ -118,6 +133,49 @@ def trade_off(fit: Fit, equation: str | None = None) -> Figure:
         correlation=pair.correlation,
         unit=pair.unit,
     )
+
+
+def predictive(fit: Fit, equation: str | None = None) -> Figure:
+    """Distribution of the measured rate beside data sets drawn from the prior and from the posterior.
+
+    Raises:
+        InputError: The fit holds no predictive draws, which are left out for long records.
+    """
+    equation = equation or fit.model.equations[0]
+    if "prior_predictive" not in fit.idata or "posterior_predictive" not in fit.idata:
+        raise InputError("The fit holds no predictive draws: its record is too long, or an older version saved it.")
+    drawn = {
+        source: fit.idata[f"{source}_predictive"][f"{equation}_rate"].to_numpy().reshape(-1, fit.data.n_obs)
+        for source in ("posterior", "prior")
+    }
+    return plot_predictive(
+        fit.data.derivatives[equation], **drawn, equation=equation, unit=derivative_unit(equation, fit.data.units)
+    )
+
+
+def loo_pit(fit: Fit, equation: str | None = None) -> Figure:
+    """Where the measurements fall in their leave-one-out predictions, against a uniform distribution."""
+    pit = fit.loo_pit(equation)
+    return plot_loo_pit(pit.value, equation=pit.equation, band=pit.band, p=pit.p)
+
+
+def autocorrelation(fit: Fit, equation: str | None = None) -> Figure:
+    """Autocorrelation of the whitened residuals."""
+    white = fit.whiteness(equation)
+    return plot_autocorrelation(
+        white.lag,
+        white.autocorrelation,
+        white.bound,
+        equation=white.equation,
+        p=white.p,
+        standing_out=white.standing_out,
+        by_frequency=white.by_frequency,
+    )
+
+
+def sensitivity(fit: Fit) -> Figure:
+    """Power-scaling sensitivity of coefficients and inclusion probabilities."""
+    return plot_sensitivity(fit.sensitivity(), threshold=THRESHOLD)
 
 
 def _runs(fit: Fit) -> dict:

@@ -17,6 +17,7 @@ from .page import (
     Card,
     Code,
     Details,
+    Items,
     Page,
     Pictures,
     Section,
@@ -31,6 +32,12 @@ PROBABILITIES = {"inclusion": "P(included)", "outside_rope": "P(|θ| > ROPE)"}
 """What the probability of a term is called; continuous priors have no inclusion."""
 
 CLEAR = 0.5
+
+_CHECKS = {
+    "LOO-PIT": "Leave-one-out predictions are as wide as they say",
+    "whiteness": "Residuals are independent, as the noise model says",
+    "prior sensitivity": "The data decide, not the prior",
+}
 
 
 def fit_html(fit: Fit, path: str | os.PathLike[str], config: str | None = None) -> None:
@@ -60,6 +67,7 @@ def fit_page(fit: Fit, config: str | None = None) -> Page:
         _coefficients(fit, terms),
         *([] if fit.model.discrepancy is None else [_discrepancy(fit, shares)]),
         _predicted(fit),
+        _checks(fit),
         Section("convergence", "Can the sampler be trusted?", "", verdict_blocks(fit)),
         _settings(fit, config),
     ]
@@ -215,6 +223,55 @@ def _predicted(fit: Fit) -> Section:
     text = ", ".join(f"{_rate(fit, str(name))} {number(value, 2)}" for name, value in errors.items())
     words = Words(f"Mean square error over the variance of the measurements, training data: {text}.")
     return Section("predicted", "Predicted and measured", "", [Pictures(shown), words])
+
+
+def _checks(fit: Fit) -> Section:
+    found = fit.checks()
+    rows = [
+        (
+            _CHECKS[str(check)],
+            _rate(fit, str(name)),
+            "passed" if row["ok"] else "look at this",
+            number(row["value"], 2),
+            number(row["limit"], 2),
+        )
+        for (name, check), row in zip(found.table.index, found.table.to_dict("records"), strict=True)
+    ]
+    marked = [i for i, ok in enumerate(found.table["ok"]) if not ok]
+    heads = ("check", "equation", "result", "#value", "#limit")
+    blocks: list[Any] = []
+    if found.reasons:
+        blocks += [Words("What the checks say, and what to try:"), Items([("", reason) for reason in found.reasons])]
+    blocks.append(by_equation(heads, rows, fit.model.equations, "Checks that did not pass are marked", marked))
+    for name in fit.model.equations:
+        rate = _rate(fit, name)
+        shown = [
+            picture(figures.loo_pit(fit, name), f"Leave-one-out predictions of {rate} against a uniform distribution"),
+            picture(figures.autocorrelation(fit, name), f"Autocorrelation of the whitened residuals of {rate}"),
+        ]
+        if "prior_predictive" in fit.idata:
+            words = f"Distribution of {rate}: measured, drawn from the prior and drawn from the posterior"
+            shown.append(picture(figures.predictive(fit, name), words, wide=True))
+        blocks.append(Pictures(shown))
+    table = [
+        (
+            formula(str(quantity)),
+            _rate(fit, str(name)),
+            number(row["prior"], 2),
+            number(row["likelihood"], 2),
+            row["diagnosis"],
+        )
+        for (name, quantity), row in zip(found.sensitivity.index, found.sensitivity.to_dict("records"), strict=True)
+    ]
+    heads = ("`quantity", "equation", "#to the prior", "#to the likelihood", "diagnosis")
+    shown = [picture(figures.sensitivity(fit), "Sensitivity of each quantity to prior and likelihood", wide=True)]
+    scaled = by_equation(heads, table, fit.model.equations)
+    blocks.append(Details("Sensitivity to prior and likelihood", [Pictures(shown), scaled]))
+    lead = (
+        "Two tests, each wrong about at most one in a hundred correct models (p-value below its limit), and how much "
+        "the answers would change if the prior counted more or less."
+    )
+    return Section("checks", "Do the data support the model?", lead, blocks)
 
 
 def _settings(fit: Fit, config: str | None) -> Section:

@@ -29,7 +29,7 @@ def test_the_page_of_a_fit_has_its_verdict_first_and_every_part(fit, html):
     assert "Not converged" in head and "do not rely on these numbers" in head
     assert "In d(ydot)/dt, y³ and ydot³ matter" in head
     anchors = re.findall(r'<section id="([\w-]+)"', html)
-    assert anchors == ["numbers", "coefficients", "discrepancy", "predicted", "convergence", "settings"]
+    assert anchors == ["numbers", "coefficients", "discrepancy", "predicted", "checks", "convergence", "settings"]
 
 
 def test_the_numbers_are_those_of_the_fit(fit, html):
@@ -42,7 +42,31 @@ def test_the_numbers_are_those_of_the_fit(fit, html):
 def test_nothing_is_fetched_and_every_figure_has_words(html):
     targets = re.findall(r'(?:src|srcset|href)="([^"]{0,30})', html)
     assert targets and all(target.startswith(("data:image/svg+xml", "#")) for target in targets)
-    assert len(re.findall(r"<img ", html)) == 5 == len(re.findall(r'<img [^>]*alt="[^"]{20,}"', html))
+    assert len(re.findall(r"<img ", html)) == 9 == len(re.findall(r'<img [^>]*alt="[^"]{20,}"', html))
+
+
+def test_the_checks_are_on_the_page(fit, html):
+    found = fit.checks()
+    assert list(found.table.columns) == ["ok", "value", "limit", "reason"]
+    assert [check for _, check in found.table.index] == ["LOO-PIT", "whiteness", "prior sensitivity"]
+    # two hundred draws have not converged, and every check says so first
+    assert not found.ok and "not converged" in found.reasons[0] and found.reasons[0] in html
+    assert html.count("passed</td>") == int(found.table["ok"].sum())
+
+
+def test_arviz_works_on_the_tree_unchanged(fit):
+    import arviz_plots
+    import arviz_stats
+
+    n_obs = fit.data.n_obs
+    for group in ("prior_predictive", "posterior_predictive"):
+        assert fit.idata[group]["ydot_rate"].shape[2] == n_obs
+        arviz_plots.plot_ppc_dist(fit.idata, group=group, num_samples=20)
+    arviz_plots.plot_loo_pit(fit.idata)
+    arviz_plots.plot_prior_posterior(fit.idata, var_names=["ydot_sigma"])
+    assert set(fit.idata["prior"]) >= {"ydot_theta", "ydot_gamma", "ydot_weight", "ydot_sigma"}
+    found = arviz_stats.psense(fit.idata, var_names=["ydot_sigma"], group="prior")
+    assert float(found["ydot_sigma"]) >= 0
 
 
 def test_a_model_of_a_study_says_what_the_study_said(fit, tmp_path):

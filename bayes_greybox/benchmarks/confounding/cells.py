@@ -1,0 +1,163 @@
+"""All replicates of one situation under one kernel, from one compilation."""
+
+import time
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from bayes_greybox.criticism.convergence import MAX_R_HAT, MIN_ESS, array_stats
+from bayes_greybox.criticism.discrepancy import trade_offs
+from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.inference.posterior import EquationDraws
+from bayes_greybox.inference.replicates import sample_replicates
+from bayes_greybox.model.assemble import Equation
+from bayes_greybox.model.discrepancy import OrthogonalGP
+from bayes_greybox.model.likelihood import FeatureDesign, Hyperparameters
+from bayes_greybox.model.measures import Measure
+from bayes_greybox.model.orthogonal import Variant
+from bayes_greybox.model.priors import Normal
+from bayes_greybox.model.program import Program
+
+from .situations import SITUATIONS, Records, records
+
+KERNELS: tuple[tuple[Variant, Measure], ...] = (
+    ("none", "empirical"),
+    ("projected", "empirical"),
+    ("projected", "box"),
+    ("conditioned", "empirical"),
+    ("conditioned", "box"),
+)
+"""Kernels compared; the measure plays no part in `none`."""
+
+CHAINS = 2
+FEATURES = 7
+LEVEL = 0.9
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One situation under one kernel.
+
+    Attributes:
+        situation: Name of the situation.
+        variant: Kernel.
+        measure: What orthogonal is taken with respect to.
+        replicates: Data sets.
+        draws: Draws kept of each chain.
+        tune: Warm-up iterations of each chain.
+        seed: Seed of data and sampler.
+    """
+
+    situation: str
+    variant: Variant
+    measure: Measure
+    replicates: int
+    draws: int
+    tune: int
+    seed: int
+
+    @property
+    def key(self) -> str:
+        """Name of the cell, with everything that its result depends on."""
+        return " ".join(map(str, asdict(self).values()))
+
+
+def measure_cell(cell: Cell) -> dict[str, Any]:
+    """Fit every replicate of a cell.
+
+    Returns:
+        `mean`, `lower`, `upper` [replicate][term] in user's units; `correlation` (largest |corr(θ_j, j-th coefficient
+        of f projected on Φ)|), `r_hat`, `ess` (worst over θ and the hyperparameters) and `divergences` by replicate;
+        `seconds`, of sampling, for one replicate; the truth: `theta`, `projected` (what δ adds to it), `overlap`.
+    """
+    situation = next(s for s in SITUATIONS if s.name == cell.situation)
+    data = records(situation, cell.replicates, cell.seed)
+    model = Program(
+        dictionary={"v": list(situation.theta)},
+        simulation={"v": "F"},
+        prior=Normal(),
+        discrepancy=OrthogonalGP(variant=cell.variant, measure=cell.measure, variables=("y", "v"), features=FEATURES),
+    )
+    equation, targets = _compressed(model, data)
+    ends: list[float] = []
+    sampled = sample_replicates(
+        model,
+        {"v": equation.design},
+        {"v": np.repeat(targets, CHAINS, axis=0)},
+        jax.random.split(jax.random.PRNGKey(cell.seed), CHAINS * cell.replicates),
+        draws=cell.draws,
+        tune=cell.tune,
+        done=lambda _: ends.append(time.perf_counter()),
+    )
+    # From the first chain that ended to the last: compilation is left out.
+    seconds = CHAINS * (ends[-1] - ends[0]) / max(len(ends) - 1, 1)
+    rows = [_judged(equation, sampled.samples, range(CHAINS * i, CHAINS * (i + 1))) for i in range(cell.replicates)]
+    added = data.projected("empirical" if cell.variant == "none" else cell.measure)
+    return {
+        "key": cell.key,
+        **asdict(cell),
+        "theta": list(situation.theta.values()),
+        "projected": added.tolist(),
+        "overlap": data.overlap(),
+        "seconds": seconds,
+        "divergences": sampled.divergences.reshape(-1, CHAINS).sum(axis=1).tolist(),
+        **{name: [row[name] for row in rows] for name in rows[0]},
+    }
+
+
+def converged(r_hat: float, ess: float, divergences: int) -> bool:
+    """Whether a replicate passes the criteria of a fit's verdict for R̂, effective sample size and divergences."""
+    return r_hat <= MAX_R_HAT and ess >= MIN_ESS and divergences == 0
+
+
+def _compressed(model: Program, data: Records) -> tuple[Equation, np.ndarray]:
+    """The equation, and the compressed target of every replicate, on rows that all replicates share.
+
+    One factorisation [Φ Ψ̃] = Q T serves all: the rows are T, the targets Qᵀy with the norm of what is left of y below.
+    """
+    first = Trajectories.from_arrays(
+        data.t, states={"y": data.y, "v": data.v}, derivatives={"v": data.rates[0]}, inputs={"F": data.force}
+    )
+    equation = model.assemble(first)["v"]
+    design = equation.design
+    assert isinstance(design, FeatureDesign)
+    table = np.column_stack([np.asarray(part) for part in equation.frame.rows(first.columns)])
+    Q, triangle = np.linalg.qr(table)
+    y = (data.rates - data.force) / equation.frame.target_scale
+    inside = y @ Q
+    targets = np.column_stack([inside, np.linalg.norm(y - inside @ Q.T, axis=1)])
+    rows = np.vstack([triangle, np.zeros(triangle.shape[1])])
+    n_term = len(equation.frame.dictionary)
+    Psi = jnp.asarray(rows[:, n_term:])
+    shared = replace(design, Phi=jnp.asarray(rows[:, :n_term]), Psi=Psi, gram=Psi.T @ Psi, y=jnp.asarray(targets[0]))
+    return Equation(equation.frame, shared), targets
+
+
+def _judged(equation: Equation, samples: dict[str, np.ndarray], chains: range) -> dict[str, Any]:
+    """Intervals, trade-off and chain behaviour of one replicate."""
+    stats = array_stats()
+    parts = {name: samples[f"v_{name}"][list(chains)] for name in ("theta", "sigma", "amplitude", "length_scale")}
+    columns = [parts["sigma"][..., None], parts["amplitude"][..., None], parts["length_scale"], parts["theta"]]
+    judged = np.concatenate(columns, axis=-1)
+    judged = np.moveaxis((judged - judged.mean(axis=(0, 1))) / judged.std(axis=(0, 1)), -1, 0)
+    flat = {name: value.reshape(-1, *value.shape[2:]) for name, value in parts.items()}
+    draws = EquationDraws(
+        Hyperparameters(*(jnp.asarray(flat[name]) for name in ("sigma", "amplitude", "length_scale"))),
+        flat["theta"],
+        samples["v_theta_sd"][list(chains)].reshape(flat["theta"].shape),
+        samples["v_weight"][list(chains)].reshape(len(flat["theta"]), -1),
+    )
+    theta = flat["theta"] * equation.frame.coefficient_scale
+    tail = (1 - LEVEL) / 2
+    return {
+        "mean": theta.mean(axis=0).tolist(),
+        "sd": theta.std(axis=0).tolist(),
+        "lower": np.quantile(theta, tail, axis=0).tolist(),
+        "upper": np.quantile(theta, 1 - tail, axis=0).tolist(),
+        "correlation": float(np.abs(trade_offs(equation, draws).correlation).max()),
+        "r_hat": max(float(stats.rhat(column, method="rank")) for column in judged),
+        "ess": min(float(stats.ess(column, method="bulk")) for column in judged),
+    }
