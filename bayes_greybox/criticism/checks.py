@@ -123,6 +123,7 @@ def _prior_reasons(equation: str, table: pd.DataFrame) -> Iterator[str]:
             "report the dependence on the prior, or collect data that move it",
         ),
     ):
-        found = [str(key[1]) for key in table.index[table["diagnosis"] == diagnosis]]
+        given = table["diagnosis"].to_numpy(str) == diagnosis
+        found = [str(key[1]) for key in table.index[given]]
         if found:
             yield f"In {equation!r}, for {', '.join(found)} {words}: {hint}."

@@ -23,7 +23,7 @@ def benchmark_tables(scores: Scores) -> Iterator[RenderableType]:
 
 def calibration_tables(table: pd.DataFrame) -> Iterator[RenderableType]:
     """Verdict and worst test of each variant."""
-    yield frame_table("Simulation-based calibration", table[["passed", "worst", "adjusted", "seconds"]])
+    yield frame_table("Simulation-based calibration", table.loc[:, ["passed", "worst", "adjusted", "seconds"]])
 
 
 def confounding_tables(scores: Confounding) -> Iterator[RenderableType]:
