@@ -64,7 +64,7 @@ class PriorComparison:
 def compare_priors(
     model: GreyBox,
     data: Trajectories,
-    priors: Mapping[str, Prior | None] | None = None,
+    priors: Mapping[str, Any] | None = None,
     *,
     scheme: str = "loo",
     block: int | None = None,

@@ -5,7 +5,7 @@ import itertools
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from scipy.special import betaln, logsumexp
+from scipy.special import logsumexp
 
 from bayes_greybox.criticism.cross_validation import cross_validate
 from bayes_greybox.criticism.folds import make_folds
@@ -13,13 +13,13 @@ from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.inference.posterior import Sampling, sample_posterior
 from bayes_greybox.model.discrepancy import OrthogonalGP
 from bayes_greybox.model.kernels import KERNELS, log_spectral_density
-from bayes_greybox.model.priors import SpikeAndSlab
+from bayes_greybox.model.priors import Normal
 from bayes_greybox.model.program import Program
 
 # The length scale has next to no prior spread, so that three hyperparameters are left to integrate over.
 GP = OrthogonalGP(features=6, variables=("y",), length_scale_spread=1e-3)
 START = 0.65
-MODEL = Program(dictionary={"v": ["v", "v**3"]}, prior=SpikeAndSlab(), discrepancy=GP)
+MODEL = Program(dictionary={"v": ["v", "v**3"]}, prior=Normal(), discrepancy=GP)
 
 
 def runs() -> Trajectories:
@@ -38,7 +38,7 @@ def posterior():
 
 
 def log_evidence(posterior, nodes, kept):
-    """Log p(y_kept | η) summed over inclusion patterns, at log (noise, amplitude, τ) [n_node, 3], by dense algebra."""
+    """Log p(y_kept | η) at log (noise, amplitude, τ) [n_node, 3], by dense algebra."""
     frame = posterior.equations["v"].frame
     Phi, Psi = (np.asarray(part)[kept] for part in frame.rows(posterior.data.columns))
     y = posterior.data.derivatives["v"][kept] / frame.target_scale
@@ -47,16 +47,11 @@ def log_evidence(posterior, nodes, kept):
     floor = float(posterior.equations["v"].design.noise_floor)
     base = amplitude[:, None, None] ** 2 * ((Psi * np.exp(np.asarray(unit))) @ Psi.T)
     base = base + (noise**2 + floor**2)[:, None, None] * np.eye(len(y))
-    total = []
-    for pattern in itertools.product((0, 1), repeat=2):
-        C = base + tau[:, None, None] ** 2 * ((Phi * pattern) @ Phi.T)
-        L = np.linalg.cholesky(C)
-        z = np.linalg.solve(L, np.broadcast_to(y[:, None], (len(L), len(y), 1)))[..., 0]
-        log_det = 2 * np.log(np.diagonal(L, axis1=1, axis2=2)).sum(axis=1)
-        # π ~ Beta(1, 1) integrated out: p(γ) = B(1 + k, 3 − k) for k of two terms
-        prior = betaln(1 + sum(pattern), 3 - sum(pattern))
-        total.append(prior - 0.5 * (log_det + np.sum(z**2, axis=1) + len(y) * np.log(2 * np.pi)))
-    return logsumexp(total, axis=0)
+    C = base + tau[:, None, None] ** 2 * (Phi @ Phi.T)
+    L = np.linalg.cholesky(C)
+    z = np.linalg.solve(L, np.broadcast_to(y[:, None], (len(L), len(y), 1)))[..., 0]
+    log_det = 2 * np.log(np.diagonal(L, axis1=1, axis2=2)).sum(axis=1)
+    return -0.5 * (log_det + np.sum(z**2, axis=1) + len(y) * np.log(2 * np.pi))
 
 
 def integrator(posterior):
@@ -67,12 +62,11 @@ def integrator(posterior):
     centre, sd = sampled.mean(axis=0), sampled.std(axis=0)
 
     def integral(kept, shift=0.0):
-        # Half of the data leave η wider, and an amplitude that they do not ask for falls off slowly towards log 0.
-        axes = [np.arange(-9, 9), np.arange(-16, 9), np.arange(-9, 9)]
+        # Half of the data leave η wider, and a scale that they do not ask for falls off slowly towards log 0.
+        axes = [np.arange(-9, 9), np.arange(-16, 9), np.arange(-16, 9)]
         steps = np.array(list(itertools.product(*axes))) + shift
-        nodes = centre + steps * np.array([0.9 * sd[0], 0.45, 0.9 * sd[2]])
-        noise, amplitude, tau = nodes.T
-        prior = noise - 0.5 * np.exp(2 * noise) + amplitude - 0.5 * np.exp(2 * amplitude) - 0.5 * (tau / 0.5) ** 2
+        nodes = centre + steps * np.array([0.9 * sd[0], 0.45, 0.45])
+        prior = np.sum(nodes - 0.5 * np.exp(2 * nodes), axis=1)  # half-normal each
         return logsumexp(prior + log_evidence(posterior, nodes, kept))
 
     return integral
@@ -102,4 +96,4 @@ def test_one_run_equals_the_integral_over_the_hyperparameters(posterior, scheme,
     assert abs(result.elpd - exact.sum()) < 0.1
     np.testing.assert_allclose(result.pointwise, exact, atol=0.05)
     # Averaged over p(η | y) without weights the densities would be off by p_eff.
-    assert result.p_eff > 0.2
+    assert result.p_eff > 0.1
