@@ -9,7 +9,7 @@ matplotlib.use("Agg")
 if os.environ.get("BAYES_GREYBOX_TYPECHECK", "1") == "1":
     install_import_hook("bayes_greybox", "beartype.beartype")
 
-LONGEST = ("test_notebooks.py", "test_readme.py", "test_hidden_effects_subset.py", "test_cli.py")
+LONGEST = ("test_notebooks.py", "test_readme.py", "test_loo.py", "test_cli.py")
 """Files of few long tests; they begin the run, so that no worker waits for one of them at its end."""
 
 

@@ -2,8 +2,11 @@
 
 Each bar's miss is allowed as often as a study that just meets the bar would miss it, with a false failure of at most
 one in a hundred for each bar. The full run is `bayes-greybox benchmark hidden-effects`.
+
+python -m pytest -n 0 -m slow tests/benchmarks/test_hidden_effects_subset.py
 """
 
+import pytest
 from scipy.stats import binom
 
 from bayes_greybox.benchmarks.hidden_effects.cases import all_cases, subset
@@ -12,6 +15,7 @@ from bayes_greybox.benchmarks.hidden_effects.run import run
 BARS = {"null": 0.95, "mis-calibrated": 0.9, "off-catalogue": 0.9, "two effects": 0.8}
 
 
+@pytest.mark.slow
 def test_hidden_effects_are_found_and_nothing_is_named_where_nothing_is(tmp_path):
     cases = subset(all_cases(seed=2), 30, seed=2)
     scores = run(tmp_path, cases, workers=2, peers=False, progress=False)
