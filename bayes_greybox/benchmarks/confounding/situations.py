@@ -52,7 +52,13 @@ SITUATIONS = (
         lambda y, v: np.zeros_like(y),
         "0",
     ),
-    Situation("orthogonal", "what is missing resembles no term", {"y": -2.0, "v": -0.3}, lambda y, v: -y * v, "-y*v"),
+    Situation(
+        "orthogonal",
+        "what is missing resembles no term",
+        {"y": -2.0, "v": -0.3},
+        lambda y, v: np.cos(1.5 * y),
+        "cos(1.5*y)",
+    ),
     Situation("overlapping", "what is missing resembles a term", {"y": -2.0, "v": -0.3}, lambda y, v: -(y**3), "-y**3"),
 )
 
