@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from bayes_greybox.criticism.calibration import Calibration, calibrate
+from bayes_greybox.criticism.calibration import FEWEST_REPLICATES, Calibration, calibrate
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.model.discrepancy import OrthogonalGP
@@ -94,6 +94,8 @@ def run(
     Raises:
         InputError: A folder that cannot be written to; what `calibrate` refuses.
     """
+    if replicates < FEWEST_REPLICATES:
+        raise InputError(f"calibration with replicates={replicates} says nothing: give {FEWEST_REPLICATES} at least.")
     chosen = variants() if chosen is None else chosen
     settings = {"version": version("bayes-greybox"), "replicates": replicates, "seed": seed}
     folder = Path(output)

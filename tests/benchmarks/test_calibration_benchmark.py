@@ -90,7 +90,7 @@ def test_the_shell_writes_tables_and_figures_and_goes_on_where_it_was(counted, t
         (["calibration", "--workers", "2"], "--workers does not apply to calibration"),
         (["hidden-effects", "--replicates", "50"], "--replicates does not apply to hidden-effects"),
         (["calibration", "--cases", "99"], "There are 17 variants to calibrate, not 99"),
-        (["calibration", "--replicates", "3"], "Invalid value for '--replicates'"),
+        (["calibration", "--replicates", "3"], "replicates=3"),
     ],
 )
 def test_wrong_use_is_refused(words, sentence, capsys, tmp_path, monkeypatch):
