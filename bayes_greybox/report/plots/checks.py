@@ -95,11 +95,12 @@ def plot_loo_pit(
         The figure.
     """
     ax = new_figure(5.6, 3.4).subplots() if axes is None else given_axes(axes, 1, "the curve")[0]
-    u = np.concatenate([[0.0], np.sort(value), [1.0]])
-    share = np.concatenate([[0.0], np.arange(1, len(value) + 1) / len(value), [1.0]])
+    # The distribution function jumps at each value, and less uniform it falls between them.
+    u = np.concatenate([[0.0], np.repeat(np.sort(value), 2), [1.0]])
+    share = np.repeat(np.arange(len(value) + 1) / len(value), 2)
     ax.axhspan(-float(band), float(band), color=LIGHT, alpha=0.6, linewidth=0, label="99 % band")
     ax.axhline(0.0, color=GREY, linewidth=0.8)
-    ax.step(u, share - u, where="post", color=BLUE, linewidth=1.4, label="LOO-PIT")
+    ax.plot(u, share - u, color=BLUE, linewidth=1.4, label="LOO-PIT")
     ax.set_xlim(0.0, 1.0)
     ax.set_xlabel("LOO-PIT value")
     ax.set_ylabel("share below, less uniform")
@@ -172,8 +173,17 @@ def plot_sensitivity(
     ax.hlines(rows, 0, 1, transform=ax.get_yaxis_transform(), color=LIGHT, linewidth=0.6, zorder=0)
     ax.axvline(float(threshold), color=DARK, linewidth=1.0, linestyle=(0, (4, 3)), label="threshold")
     likelihood, prior = table["likelihood"].to_numpy(float), table["prior"].to_numpy(float)
-    ax.plot(likelihood, rows, "o", color=GREY, markersize=5, markerfacecolor="none", label="to the likelihood")
-    ax.plot(prior, rows, "o", color=BLUE, markersize=5.5, label="to the prior")
+    ax.plot(
+        likelihood,
+        rows,
+        "o",
+        color=GREY,
+        markersize=5,
+        markerfacecolor="none",
+        clip_on=False,
+        label="to the likelihood",
+    )
+    ax.plot(prior, rows, "o", color=BLUE, markersize=5.5, clip_on=False, label="to the prior")
     ax.set_yticks(rows, [plain(name) for name in names])
     ax.set_ylim(len(rows) - 0.5, -0.5)
     ax.set_xlim(left=0.0)
