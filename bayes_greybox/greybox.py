@@ -81,7 +81,7 @@ class GreyBox(Program):
                     break
                 posterior = sample_posterior(refined, data, sampling, progress=progress)
             fit = Fit(posterior.model, data, sampling, posterior.idata)
-            fit.__dict__["equations"] = posterior.equations
+            fit.__dict__.update(equations=posterior.equations, programs=posterior.programs)
             fit._complete()
         return fit
 

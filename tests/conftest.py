@@ -2,6 +2,11 @@
 
 import os
 
+if "PYTEST_XDIST_WORKER" in os.environ:
+    # There are as many workers as cores, and threads of BLAS that wait for work would take the cores from them.
+    # Set before NumPy is imported, and passed on to the programs that tests start.
+    os.environ.update(OPENBLAS_NUM_THREADS="1", MKL_NUM_THREADS="1", OMP_NUM_THREADS="1")
+
 import matplotlib
 from jaxtyping import install_import_hook
 

@@ -24,7 +24,14 @@ def refit_without(posterior: Posterior, equation: str, rows: Sequence[int], prog
         A posterior with this equation only.
     """
     left = {equation: leave_out(posterior, equation, rows)}
-    return sample_posterior(posterior.model, posterior.data, posterior.sampling, progress=progress, equations=left)
+    return sample_posterior(
+        posterior.model,
+        posterior.data,
+        posterior.sampling,
+        progress=progress,
+        equations=left,
+        programs=posterior.programs,
+    )
 
 
 def leave_out(posterior: Posterior, equation: str, rows: Sequence[int]) -> Equation:
@@ -59,7 +66,6 @@ def leave_out(posterior: Posterior, equation: str, rows: Sequence[int]) -> Equat
             log_det = log_det_of_starts(noise, starts) - noise.log_det
     common = {
         "n_obs": design.n_obs - len(out),
-        "n_prior": design.n_obs if design.n_prior is None else design.n_prior,
         "log_det_R": design.log_det_R + log_det,
     }
     if isinstance(design, DenseDesign):

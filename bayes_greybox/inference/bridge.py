@@ -12,7 +12,7 @@ from numpyro.infer import NUTS
 from bayes_greybox.model.density import SITE, density_model
 
 from .evidence import Evaluator, WithDiscrepancy, log_joint
-from .nuts import run_chains
+from .nuts import Sampler
 
 ITERATIONS, TOLERANCE = 200, 1e-8
 """Of the fixed point; it converges in about ten iterations."""
@@ -52,9 +52,8 @@ def bridge(
     size = len(evaluator.start)
     model = density_model(partial(log_joint, kernel=evaluator.kernel), size)
     key, other = jax.random.split(jax.random.PRNGKey(seed))
-    chained = run_chains(
-        NUTS(model, target_accept_prob=0.9), arrays, draws=draws, tune=tune, chains=chains, key=key, progress=False
-    )
+    sampler = Sampler(lambda _: NUTS(model, target_accept_prob=0.9), tune)
+    chained = sampler.run(arrays, draws=draws, chains=chains, key=key, progress=False)
     eta = chained.samples[SITE]
     fitted = eta[:, : draws // 2].reshape(-1, size)
     kept = eta[:, draws // 2 :].reshape(-1, size)

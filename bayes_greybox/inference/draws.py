@@ -14,41 +14,39 @@ from bayes_greybox.model.linalg import solve_lower, solve_lower_transposed
 from bayes_greybox.model.subsets import patterns
 
 
-def conditional_draws(
-    model: Callable,
-    designs: Mapping[str, Design],
-    samples: Mapping[str, np.ndarray],
-    key: Array,
-) -> dict[str, np.ndarray]:
-    """Draw γ, θ and f given each posterior draw of the hyperparameters; still exact posterior draws.
+def conditional_sampler(model: Callable) -> Callable[..., dict[str, np.ndarray]]:
+    """A function (designs, samples, key) that draws γ, θ and f given each posterior draw of the hyperparameters.
+
+    They are still exact posterior draws. The function compiles once for designs and samples of the same shapes.
 
     Args:
-        model: The collapsed NumPyro model.
-        designs: Its argument.
-        samples: Its sites, each [n_chain, n_draw, ...].
-        key: Random key.
+        model: The collapsed NumPyro model. Of the function, `designs` is the model's argument and `samples` its
+            sites, each [n_chain, n_draw, ...].
 
     Returns:
-        For each equation e, in scaled units: `e_theta`, `e_theta_sd` (prior standard deviation of each
-        coefficient, zero where it is out) and `e_weight` (weights of the features) or `e_f` (values at the
+        The function. It returns for each equation e, in scaled units: `e_theta`, `e_theta_sd` (prior standard deviation
+        of each coefficient, zero where it is out) and `e_weight` (weights of the features) or `e_f` (values at the
         rows, exact path); under a spike-and-slab prior also `e_gamma`, and `e_inclusion`, the probability of
         γ_j = 1 given the hyperparameters.
     """
-    shape = next(iter(samples.values())).shape[:2]
-    flat = {name: jnp.asarray(value.reshape(-1, *value.shape[2:])) for name, value in samples.items()}
-    keys = jax.random.split(key, shape[0] * shape[1])
 
-    def one(item: tuple[Array, dict[str, Array]]) -> dict[str, Array]:
-        return conditional_draw(model, designs, item[1], item[0])
+    @jax.jit
+    def draw_all(designs: Mapping[str, Design], flat: dict[str, Array], keys: Array) -> dict[str, Array]:
+        return jax.lax.map(lambda item: conditional_draw(model, designs, item[0], item[1]), (flat, keys))
 
-    out = jax.jit(lambda items: jax.lax.map(one, items))((keys, flat))
-    return {name: np.asarray(value).reshape(*shape, *value.shape[1:]) for name, value in out.items()}
+    def draw(designs: Mapping[str, Design], samples: Mapping[str, np.ndarray], key: Array) -> dict[str, np.ndarray]:
+        shape = next(iter(samples.values())).shape[:2]
+        flat = {name: jnp.asarray(value.reshape(-1, *value.shape[2:])) for name, value in samples.items()}
+        drawn = draw_all(designs, flat, jax.random.split(key, shape[0] * shape[1]))
+        return {name: np.asarray(value).reshape(*shape, *value.shape[1:]) for name, value in drawn.items()}
+
+    return draw
 
 
 def conditional_draw(
     model: Callable, designs: Mapping[str, Design], values: Mapping[str, Array], key: Array
 ) -> dict[str, Array]:
-    """One draw of γ, θ and f of every equation given one draw of the sites; see `conditional_draws`."""
+    """One draw of γ, θ and f of every equation given one draw of the sites; see `conditional_sampler`."""
     sites = trace(seed(substitute(model, data=dict(values)), key)).get_trace(designs)
     drawn = {}
     for equation, key_e in zip(designs, jax.random.split(key, len(designs)), strict=True):

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Any
 
-import numpy as np
+import jax.numpy as jnp
 from numpyro.infer import NUTS, HMCGibbs
 
 from bayes_greybox.model.likelihood import Design
@@ -17,12 +17,12 @@ def posterior_kernel(model: Program, designs: Mapping[str, Design], target_accep
 
     Args:
         model: Model.
-        designs: Its argument; targets may be traced, the number of observations may not.
+        designs: Its argument, which may be traced.
         target_accept: Target acceptance probability of NUTS.
     """
     # log σ is known to 1/√(2n): a warm-up that starts from unit scales, or NumPyro's pull of every scale towards 1e-3,
     # would make a million rows cost three times the steps of a thousand.
-    scales = {(f"{name}_noise",): np.array([0.5 / float(design.n_obs)]) for name, design in designs.items()}
+    scales = {(f"{name}_noise",): jnp.reshape(0.5 / design.n_obs, 1) for name, design in designs.items()}
     kernel: Any = NUTS(
         model.numpyro_model,
         target_accept_prob=target_accept,

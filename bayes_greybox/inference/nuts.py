@@ -31,86 +31,92 @@ class Chains:
     stats: dict[str, np.ndarray]
 
 
-def run_chains(
-    kernel: Any,
-    argument: Any,
-    *,
-    draws: int,
-    tune: int,
-    chains: int,
-    key: Array,
-    progress: bool,
-) -> Chains:
-    """Run an MCMC kernel of NumPyro on a model with one argument.
+class Sampler:
+    """An MCMC kernel of NumPyro around a model with one argument, compiled for any argument of the same shapes.
 
-    NumPyro's `MCMC` runs chains in parallel only over several XLA devices, which a library cannot ask for
-    once JAX is awake, and compiles once a chain otherwise. XLA releases the interpreter lock, so plain
-    threads on one compiled step do the same; a chain's draws depend on its own key alone.
-
-    Args:
-        kernel: `NUTS` or `HMCGibbs` around the model.
-        argument: The model's only positional argument, a pytree of arrays.
-        draws: Draws kept in each chain.
-        tune: Iterations of warm-up.
-        chains: Number of chains.
-        key: Random key, split into one for each chain.
-        progress: Whether to show a progress bar.
+    NumPyro's `MCMC` runs chains in parallel only over several XLA devices, which a library cannot ask for once JAX is
+    awake, and compiles once a chain otherwise. XLA releases the interpreter lock, so plain threads on one compiled
+    step do the same; a chain's draws depend on its own key alone.
     """
-    keys = jax.random.split(key, chains)
-    start_chain = jax.jit(lambda key: kernel.init(key, tune, None, (argument,), {}))
-    states = [start_chain(key) for key in keys]
-    advance = jax.jit(_advancer(kernel))
-    # Compiled here, by a run of no iterations, so that the threads do not each do it.
-    advance(states[0], argument, 0)
-    stop = threading.Event()
 
-    with progress_bar(progress) as bar:
-        task = bar.add_task("Sampling", total=chains * (tune + draws), note="")
-        divergences = np.zeros(chains, int)
+    def __init__(self, make_kernel: Callable[[Any], Any], tune: int) -> None:
+        """Compile nothing yet.
 
-        def one_chain(chain: int) -> dict[str, np.ndarray]:
-            state = states[chain]
-            kept = []
-            for start, length in [*_chunks(0, tune), *_chunks(tune, tune + draws)]:
-                if stop.is_set():
-                    break
-                state, record = advance(state, argument, length)
-                record = {name: np.asarray(value)[:length] for name, value in record.items()}
-                if start >= tune:
-                    kept.append(record)
-                    divergences[chain] += int(record["diverging"].sum())
-                total = int(divergences.sum())
-                bar.update(task, advance=length, note=f"{total} divergences" if total else "")
-            return {name: np.concatenate([part[name] for part in kept]) for name in kept[0]}
+        Args:
+            make_kernel: From the model's argument, traced, to `NUTS` or `HMCGibbs` around the model.
+            tune: Iterations of warm-up.
+        """
+        self._tune = tune
 
-        with ThreadPoolExecutor(min(chains, os.cpu_count() or 1)) as pool:
-            try:
-                records = list(pool.map(one_chain, range(chains)))
-            except BaseException:
-                stop.set()
-                raise
+        def start(key: Array, argument: Any) -> tuple[Any, Any]:
+            kernel = make_kernel(argument)
+            return kernel, kernel.init(key, tune, None, (argument,), {})
 
-    stacked = {name: np.stack([record[name] for record in records]) for name in records[0]}
-    unconstrained = {name[2:]: stacked.pop(name) for name in list(stacked) if name.startswith("z:")}
-    constrain = jax.jit(jax.vmap(jax.vmap(kernel.postprocess_fn((argument,), {}))))
-    samples = {name: np.asarray(value) for name, value in constrain(unconstrained).items()}
-    return Chains(samples, stacked)
+        def advance(state: Any, argument: Any, length: Array) -> tuple[Any, dict[str, Array]]:
+            # A kernel can only step once it was started; XLA throws this start away.
+            kernel, _ = start(jax.random.PRNGKey(0), argument)
+            record = jax.tree.map(lambda leaf: jnp.zeros((CHUNK, *leaf.shape), leaf.dtype), hmc_record(state))
 
+            def body(i: Array, carry: tuple) -> tuple:
+                state, record = carry
+                state = kernel.sample(state, (argument,), {})
+                return state, jax.tree.map(lambda buffer, leaf: buffer.at[i].set(leaf), record, hmc_record(state))
 
-def _advancer(kernel: Any) -> Callable:
-    """Up to CHUNK iterations of the kernel, recording each."""
+            return jax.lax.fori_loop(0, length, body, (state, record))
 
-    def advance(state: Any, argument: Any, length: Array) -> tuple[Any, dict[str, Array]]:
-        record = jax.tree.map(lambda leaf: jnp.zeros((CHUNK, *leaf.shape), leaf.dtype), hmc_record(state))
+        def constrain(values: Any, argument: Any) -> dict[str, Array]:
+            kernel, _ = start(jax.random.PRNGKey(0), argument)
+            return jax.vmap(jax.vmap(kernel.postprocess_fn((argument,), {})))(values)
 
-        def body(i: Array, carry: tuple) -> tuple:
-            state, record = carry
-            state = kernel.sample(state, (argument,), {})
-            return state, jax.tree.map(lambda buffer, leaf: buffer.at[i].set(leaf), record, hmc_record(state))
+        self._start = jax.jit(lambda key, argument: start(key, argument)[1])
+        self._advance = jax.jit(advance)
+        self._constrain = jax.jit(constrain)
 
-        return jax.lax.fori_loop(0, length, body, (state, record))
+    def run(self, argument: Any, *, draws: int, chains: int, key: Array, progress: bool) -> Chains:
+        """Run all chains.
 
-    return advance
+        Args:
+            argument: The model's argument, a pytree of arrays.
+            draws: Draws kept in each chain.
+            chains: Number of chains.
+            key: Random key, split into one for each chain.
+            progress: Whether to show a progress bar.
+        """
+        states = [self._start(key, argument) for key in jax.random.split(key, chains)]
+        # Compiled here, by a run of no iterations, so that the threads do not each do it.
+        self._advance(states[0], argument, 0)
+        stop = threading.Event()
+
+        with progress_bar(progress) as bar:
+            task = bar.add_task("Sampling", total=chains * (self._tune + draws), note="")
+            divergences = np.zeros(chains, int)
+
+            def one_chain(chain: int) -> dict[str, np.ndarray]:
+                state = states[chain]
+                kept = []
+                for start, length in [*_chunks(0, self._tune), *_chunks(self._tune, self._tune + draws)]:
+                    if stop.is_set():
+                        break
+                    state, record = self._advance(state, argument, length)
+                    record = {name: np.asarray(value)[:length] for name, value in record.items()}
+                    if start >= self._tune:
+                        kept.append(record)
+                        divergences[chain] += int(record["diverging"].sum())
+                    total = int(divergences.sum())
+                    bar.update(task, advance=length, note=f"{total} divergences" if total else "")
+                return {name: np.concatenate([part[name] for part in kept]) for name in kept[0]}
+
+            with ThreadPoolExecutor(min(chains, os.cpu_count() or 1)) as pool:
+                try:
+                    records = list(pool.map(one_chain, range(chains)))
+                except BaseException:
+                    stop.set()
+                    raise
+
+        stacked = {name: np.stack([record[name] for record in records]) for name in records[0]}
+        unconstrained = {name[2:]: stacked.pop(name) for name in list(stacked) if name.startswith("z:")}
+        samples = {name: np.asarray(value) for name, value in self._constrain(unconstrained, argument).items()}
+        return Chains(samples, stacked)
 
 
 def hmc_record(state: Any) -> dict[str, Array]:

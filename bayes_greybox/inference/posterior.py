@@ -12,6 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 import xarray as xr
 from jaxtyping import Float
+from threadpoolctl import threadpool_limits
 
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
@@ -19,10 +20,10 @@ from bayes_greybox.model.assemble import Equation
 from bayes_greybox.model.likelihood import Hyperparameters
 from bayes_greybox.model.program import Program, measured_rate
 
-from .draws import conditional_draws
+from .draws import conditional_sampler
 from .kernel import posterior_kernel
-from .nuts import run_chains
-from .prior import log_prior_densities, prior_draws
+from .nuts import Sampler
+from .prior import log_prior, prior_sampler
 
 PRIOR_DRAWS = 500
 """Draws in the `prior` group."""
@@ -93,6 +94,11 @@ class Posterior:
         """Frames and designs by equation, rebuilt from the data."""
         return self.model.assemble(self.data)
 
+    @cached_property
+    def programs(self) -> "Programs":
+        """The compiled programs of this fit, for fits to other data of the same shapes."""
+        return Programs(self.model, self.sampling)
+
     def draws(self, equation: str, at_most: int | None = None, group_name: str = "posterior") -> EquationDraws:
         """Draws of one equation in scaled units, chains flattened, evenly thinned to `at_most`.
 
@@ -128,8 +134,25 @@ class Posterior:
         )
 
 
+class Programs:
+    """What is compiled for a fit. Designs are arguments, so that others of the same shapes are not compiled again."""
+
+    def __init__(self, model: Program, sampling: Sampling) -> None:
+        """Compile nothing yet."""
+        self.chains = Sampler(lambda designs: posterior_kernel(model, designs, sampling.target_accept), sampling.tune)
+        self.conditional = conditional_sampler(model.numpyro_model)
+        self.prior = prior_sampler(model.numpyro_model, PRIOR_DRAWS)
+        self.log_prior = log_prior(model.numpyro_model)
+
+
 def sample_posterior(
-    model: Program, data: Trajectories, sampling: Sampling, *, progress: bool = True, equations: Any = None
+    model: Program,
+    data: Trajectories,
+    sampling: Sampling,
+    *,
+    progress: bool = True,
+    equations: Mapping[str, Equation] | None = None,
+    programs: Programs | None = None,
 ) -> Posterior:
     """Fit: assemble the designs, run NUTS on the hyperparameters, draw the rest exactly.
 
@@ -139,37 +162,34 @@ def sample_posterior(
         sampling: Settings; the same seed gives the same posterior.
         progress: Whether to show a progress bar.
         equations: Frames and designs to use instead of `model.assemble(data)` (for refits that leave rows out).
+        programs: Those of another fit of this model with these settings, to save compiling them again.
 
     Raises:
         InputError: What `model.assemble` refuses.
     """
     equations = model.assemble(data) if equations is None else equations
+    programs = Programs(model, sampling) if programs is None else programs
     designs = {name: equation.design for name, equation in equations.items()}
     run_key, draw_key, prior_key = jax.random.split(jax.random.PRNGKey(sampling.seed), 3)
 
-    kernel = posterior_kernel(model, designs, sampling.target_accept)
-    chains = run_chains(
-        kernel,
-        designs,
-        draws=sampling.draws,
-        tune=sampling.tune,
-        chains=sampling.chains,
-        key=run_key,
-        progress=progress,
-    )
-    drawn = conditional_draws(model.numpyro_model, designs, chains.samples, draw_key)
-    prior = prior_draws(model.numpyro_model, designs, PRIOR_DRAWS, prior_key)
-    log_prior = log_prior_densities(model.numpyro_model, designs, {**chains.samples, **drawn})
+    # Threads inside BLAS fight those of the chains over the cores, for matrices too small to share.
+    with threadpool_limits(1):
+        chains = programs.chains.run(
+            designs, draws=sampling.draws, chains=sampling.chains, key=run_key, progress=progress
+        )
+        drawn = programs.conditional(designs, chains.samples, draw_key)
+        prior = programs.prior(designs, prior_key)
+        densities = programs.log_prior(designs, {**chains.samples, **drawn})
     groups = {
         "posterior": _user_units({**chains.samples, **drawn}, equations),
         "sample_stats": chains.stats,
         "prior": _user_units(prior, equations),
-        "log_prior": log_prior,
+        "log_prior": densities,
         "observed_data": {f"{name}_rate": measured_rate(data, name) for name in designs},
         "constant_data": data_table(data),
     }
     posterior = Posterior(model, data, sampling, _tree(groups, equations))
-    posterior.__dict__["equations"] = equations
+    posterior.__dict__.update(equations=equations, programs=programs)
     return posterior
 
 

@@ -11,20 +11,18 @@ from numpyro.handlers import seed, substitute, trace
 from bayes_greybox.model.likelihood import CollapsedNormal, Design, FeatureDesign
 
 
-def prior_draws(model: Callable, designs: Mapping[str, Design], n_draw: int, key: Array) -> dict[str, np.ndarray]:
-    """Draw every site of the model but the target from the prior, and θ, γ and f given them; scaled units.
+def prior_sampler(model: Callable, n_draw: int) -> Callable[..., dict[str, np.ndarray]]:
+    """A function (designs, key) that draws every site of the model but the target from the prior, and θ, γ and f.
 
     Args:
-        model: The collapsed NumPyro model.
-        designs: Its argument.
+        model: The collapsed NumPyro model; `designs` is its argument.
         n_draw: Number of draws.
-        key: Random key.
 
     Returns:
-        Variables under the names of the posterior's, each [1, n_draw, ...].
+        The function. It returns variables in scaled units under the names of the posterior's, each [1, n_draw, ...].
     """
 
-    def one(key: Array) -> dict[str, Array]:
+    def one(designs: Mapping[str, Design], key: Array) -> dict[str, Array]:
         sites = trace(seed(model, key)).get_trace(designs)
         kinds = ("sample", "deterministic")
         drawn = {n: s["value"] for n, s in sites.items() if s["type"] in kinds and not s.get("is_observed")}
@@ -35,28 +33,29 @@ def prior_draws(model: Callable, designs: Mapping[str, Design], n_draw: int, key
         return drawn
 
     # One after another: a batch would hold a covariance matrix for each draw on the exact path.
-    drawn = jax.jit(lambda keys: jax.lax.map(one, keys))(jax.random.split(key, n_draw))
-    return {name: np.asarray(value)[None] for name, value in drawn.items()}
+    compiled = jax.jit(lambda designs, keys: jax.lax.map(lambda key: one(designs, key), keys))
+
+    def draw(designs: Mapping[str, Design], key: Array) -> dict[str, np.ndarray]:
+        drawn = compiled(designs, jax.random.split(key, n_draw))
+        return {name: np.asarray(value)[None] for name, value in drawn.items()}
+
+    return draw
 
 
-def log_prior_densities(
-    model: Callable, designs: Mapping[str, Design], draws: Mapping[str, np.ndarray]
-) -> dict[str, np.ndarray]:
-    """Log p of each site at each posterior draw, and of θ given its scales, in scaled units.
+def log_prior(model: Callable) -> Callable[..., dict[str, np.ndarray]]:
+    """A function (designs, draws) that gives log p of each site at each posterior draw, and of θ given its scales.
 
     Args:
-        model: The collapsed NumPyro model.
-        designs: Its argument.
-        draws: Sites, and `e_theta`, `e_theta_sd` of each equation, each [n_chain, n_draw, ...].
+        model: The collapsed NumPyro model. Of the function, `designs` is the model's argument and `draws` its sites,
+            and `e_theta`, `e_theta_sd` of each equation in scaled units, each [n_chain, n_draw, ...].
 
     Returns:
-        One array [n_chain, n_draw] for each site (events summed); `e_theta` is Σ_j log N(θ_j; 0, sd_j²) over the terms
-        that are in the model, and `e_gamma` log p(γ | π) also where the patterns are summed and γ is no site.
+        The function. It returns one array [n_chain, n_draw] for each site (events summed); `e_theta` is
+        Σ_j log N(θ_j; 0, sd_j²) over the terms that are in the model, and `e_gamma` log p(γ | π) also where the
+        patterns are summed and γ is no site.
     """
-    shape = next(iter(draws.values())).shape[:2]
-    flat = {name: jnp.asarray(value.reshape(shape[0] * shape[1], *value.shape[2:])) for name, value in draws.items()}
 
-    def one(values: dict[str, Array]) -> dict[str, Array]:
+    def one(designs: Mapping[str, Design], values: dict[str, Array]) -> dict[str, Array]:
         sites = trace(seed(substitute(model, data=values), jax.random.PRNGKey(0))).get_trace(designs)
         out = {
             name: jnp.sum(site["fn"].log_prob(site["value"]))
@@ -75,8 +74,14 @@ def log_prior_densities(
                 out[f"{equation}_gamma"] = -jnp.sum(jnp.logaddexp(0.0, jnp.where(inside, -log_odds, log_odds)))
         return out
 
-    out = jax.jit(jax.vmap(one))(flat)
-    return {name: np.asarray(value).reshape(shape) for name, value in out.items()}
+    compiled = jax.jit(jax.vmap(one, in_axes=(None, 0)))
+
+    def densities(designs: Mapping[str, Design], draws: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+        shape = next(iter(draws.values())).shape[:2]
+        flat = {name: jnp.asarray(v.reshape(shape[0] * shape[1], *v.shape[2:])) for name, v in draws.items()}
+        return {name: np.asarray(value).reshape(shape) for name, value in compiled(designs, flat).items()}
+
+    return densities
 
 
 def _prior_given(key: Array, likelihood: CollapsedNormal, gamma_is_site: bool) -> dict[str, Array]:

@@ -72,8 +72,10 @@ def assemble(
         frame = _with_measure(frame, discrepancy, data, factor)
 
     noise = data.noise.get(equation)
+    n_obs = jnp.asarray(float(data.n_obs if noise is None else noise.n_white))
     common = {
-        "n_obs": jnp.asarray(float(data.n_obs if noise is None else noise.n_white)),
+        "n_obs": n_obs,
+        "n_prior": n_obs,
         "log_det_R": jnp.asarray(0.0 if noise is None else float(noise.log_det)),
         "noise_floor": jnp.asarray(_floor(target / target_scale, noise_floor)),
     }

@@ -38,8 +38,8 @@ class FeatureDesign:
     """Rows of one equation on the feature path: [Φ Ψ̃ y], whitened, scaled, compressed to a triangular factor.
 
     The rotation that compresses the rows leaves the likelihood as it is; `n_obs` rows stand behind `y`. Without a
-    discrepancy the features have no columns. A prior that asks for the number of rows is told `n_prior`, if it is
-    given: leaving rows out must not change the prior.
+    discrepancy the features have no columns. A prior that asks for the number of rows is told `n_prior`: leaving rows
+    out must not change the prior.
     """
 
     Phi: Float[Array, "n_row n_term"]
@@ -47,12 +47,12 @@ class FeatureDesign:
     gram: Float[Array, "n_basis n_basis"]
     y: Float[Array, " n_row"]
     n_obs: Float[Array, ""]
+    n_prior: Float[Array, ""]
     log_det_R: Float[Array, ""]
     noise_floor: Float[Array, ""]
     frequency: Float[Array, "n_basis n_var"]
     constraints: Float[Array, "n_rank n_basis"] | None
     kernel: str = field(metadata={"static": True})
-    n_prior: Float[Array, ""] | None = None
 
     def weight_prior(self, hyper: Hyperparameters) -> tuple[Array, Array | None]:
         """½ log S and U: the weights are w = √S ⊙ (I − U Uᵀ) z, z ~ N(0, I); U is None unless conditioned."""
@@ -89,6 +89,7 @@ class DenseDesign:
     Phi: Float[Array, "n_row n_term"]
     y: Float[Array, " n_row"]
     n_obs: Float[Array, ""]
+    n_prior: Float[Array, ""]
     log_det_R: Float[Array, ""]
     noise_floor: Float[Array, ""]
     points: tuple[Float[Array, "n_obs n_var"], Float[Array, "n_obs n_rank"]]
@@ -96,7 +97,6 @@ class DenseDesign:
     whitening: Float[Array, "n_row n_obs"] | None
     kernel: str = field(metadata={"static": True})
     variant: Variant = field(metadata={"static": True})
-    n_prior: Float[Array, ""] | None = None
 
     def covariance(self, hyper: Hyperparameters) -> Float[Array, "n_row n_row"]:
         """k⊥ at the (whitened) rows."""

@@ -8,7 +8,6 @@ from typing import Any
 import jax.numpy as jnp
 import numpyro
 import numpyro.distributions as dist
-from jaxtyping import Array, Float
 from numpyro.handlers import scope, seed, trace
 
 from bayes_greybox.data.errors import InputError
@@ -126,7 +125,7 @@ class Program:
         for equation, design in designs.items():
             with scope(prefix=equation, divider="_"):
                 hyper = self._hyperparameters(design)
-                scales = self.prior.scales(design.Phi.shape[1], _prior_rows(design), hyper.sigma)
+                scales = self.prior.scales(design.Phi.shape[1], design.n_prior, hyper.sigma)
                 numpyro.sample("y", CollapsedNormal(design, hyper, scales), obs=design.y if observed else None)
 
     def gibbs_equations(self, designs: Mapping[str, Design]) -> tuple[str, ...]:
@@ -145,7 +144,7 @@ class Program:
                 raise InputError("uncollapsed_model needs OrthogonalGP(path='hsgp').")
             with scope(prefix=equation, divider="_"):
                 hyper = self._hyperparameters(design)
-                scales = self.prior.scales(design.Phi.shape[1], _prior_rows(design), hyper.sigma)
+                scales = self.prior.scales(design.Phi.shape[1], design.n_prior, hyper.sigma)
                 if scales.log_odds is not None:
                     raise InputError("uncollapsed_model has no density for a spike-and-slab prior: use another prior.")
                 theta = numpyro.sample("theta", dist.Normal(0.0, scales.sd).to_event(1))
@@ -183,7 +182,3 @@ def measured_rate(data: Trajectories, equation: str) -> Any:
             f"or compute it with data.differentiate()."
         )
     return data.derivatives[equation]
-
-
-def _prior_rows(design: Design) -> Float[Array, ""]:
-    return design.n_obs if design.n_prior is None else design.n_prior

@@ -27,12 +27,16 @@ def calibration_tables(table: pd.DataFrame) -> Iterator[RenderableType]:
 
 
 def confounding_tables(scores: Confounding) -> Iterator[RenderableType]:
-    """Bias, coverage and trade-off of each kernel, and how its chains moved; then the coefficients one by one."""
-    yield frame_table(
-        "Bias in posterior SDs, coverage of 90 % intervals, |corr(θ, f)|, chains", _by_situation(scores.cells)
-    )
-    yield Group("", frame_table("Coefficients", _by_situation(scores.terms)))
-
-
-def _by_situation(table: pd.DataFrame) -> pd.DataFrame:
-    return table.reset_index().set_index("situation")
+    """Bias, coverage and trade-off of each kernel, and how its chains moved; then the coefficients by situation."""
+    cells = scores.cells.reset_index().set_index("situation")
+    cells = cells.rename(columns={"coverage": "covers", "correlation": "|corr|", "ess_per_second": "ESS/s"})
+    title = "Worst bias in SDs, worst coverage of 90 % intervals, |corr(θ, f)|, chains"
+    shown = ["kernel", "measure", "bias", "covers", "|corr|", "converged", "ESS/s"]
+    yield frame_table(title, cells.loc[:, shown])
+    for situation, terms in scores.terms.groupby(level="situation", sort=False):
+        table = terms.reset_index().set_index("kernel")
+        table = table.rename(
+            columns={"projection": "proj.", "coverage": "covers θ", "coverage_projection": "θ + proj."}
+        )
+        columns = ["measure", "term", "proj.", "bias", "sd", "covers θ", "θ + proj."]
+        yield Group("", frame_table(f"Coefficients, {situation}", table.loc[:, columns]))

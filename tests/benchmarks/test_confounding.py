@@ -53,7 +53,7 @@ def test_situations_are_what_they_say():
         slope = (data.v[2:] - data.v[:-2]) / (data.t[2] - data.t[0])
         assert np.sqrt(np.mean((slope - clean[1:-1]) ** 2)) < 0.05 * clean.std()
         overlaps[situation.name] = data.overlap()
-    assert overlaps["complete"] == 0 and overlaps["orthogonal"] < 0.1 and overlaps["overlapping"] > 0.7
+    assert overlaps["complete"] == 0 and overlaps["dissimilar"] < 0.1 and overlaps["overlapping"] > 0.7
 
 
 def test_box_projection_of_a_cube_is_that_of_the_integral():

@@ -300,7 +300,8 @@ def test_large_groups_are_left_out(monkeypatch):
 def test_flagged_rows_are_refitted_exactly_or_reported():
     data = oscillator(30, seed=1)
     rate = np.array(data.derivatives["v"])
-    rate[7] += 1.0
+    # An outlier that no draw of the run foresees: Pareto k is far above the threshold, whatever the seed.
+    rate[7] += 4.0
     data = Trajectories.from_arrays(data.time, states=dict(data.states), derivatives={"v": rate})
     model = Program(dictionary={"v": ["y", "v"]}, prior=Normal(), discrepancy=OrthogonalGP(features=3))
     posterior = sample_posterior(model, data, Sampling(100, 300, 2, seed=1), progress=False)
@@ -316,10 +317,9 @@ def test_flagged_rows_are_refitted_exactly_or_reported():
     assert result.refits == 1 and result.refitted[7] and result.khat[7] > result.threshold
     assert result.worst_k < result.threshold and result.n_bad == 0
     assert "1 of 30" in result.notes[0]
-    # Without the outlier the noise is smaller, and what is reported is the mean density over that run. How much smaller
-    # depends on the chains: the posterior of 29 rows has two modes, at 0.76 (f small) and 0.16 of the noise with it.
+    # Without the outlier the noise is smaller, and what is reported is the mean density over that run.
     sigma = "v_sigma"
-    assert without.idata["posterior"][sigma].mean() < 0.9 * posterior.idata["posterior"][sigma].mean()
+    assert without.idata["posterior"][sigma].mean() < 0.5 * posterior.idata["posterior"][sigma].mean()
     log_p = np.array([left_out(*dense(posterior, *draw(without, s)), 7) for s in range(200)])
     scale = posterior.equations["v"].frame.target_scale
     assert result.pointwise[7] == pytest.approx(logsumexp(log_p) - np.log(200 * scale), abs=1e-8)
@@ -337,3 +337,21 @@ def test_too_few_draws_are_refused():
     model = Program(dictionary={"v": ["y"]}, discrepancy=None)
     with pytest.raises(InputError, match="at least 25 posterior draws, not 6"):
         loo(fabricate(model, oscillator(30)))
+
+
+def test_refits_compile_nothing():
+    posterior = sample_posterior(
+        Program(dictionary={"v": ["y", "v"]}, discrepancy=OrthogonalGP(features=3)),
+        oscillator(60, seed=1),
+        Sampling(50, 50, 2),
+        progress=False,
+    )
+    refit_without(posterior, "v", [3])
+    compiled = []
+    jax.monitoring.register_event_listener(lambda name, **_: compiled.append(name))
+    jax.monitoring.register_event_duration_secs_listener(lambda name, seconds, **_: compiled.append((name, seconds)))
+    jax.jit(lambda x: x + 1)(0)
+    heard = [event for event in compiled if "compile" in str(event)]
+    assert heard
+    refit_without(posterior, "v", [8])
+    assert [event for event in compiled if "compile" in str(event)] == heard

@@ -16,9 +16,9 @@ from scipy import stats
 from scipy.special import betaln, logsumexp
 
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.inference.draws import conditional_draws
+from bayes_greybox.inference.draws import conditional_sampler
 from bayes_greybox.inference.gibbs import gamma_move, resample_pattern
-from bayes_greybox.inference.nuts import run_chains
+from bayes_greybox.inference.nuts import Sampler
 from bayes_greybox.model.discrepancy import OrthogonalGP
 from bayes_greybox.model.priors import Laplace, Normal, RegularisedHorseshoe, SpikeAndSlab
 from bayes_greybox.model.program import Program
@@ -29,7 +29,7 @@ LIMIT = 4.5
 def _run(model, designs, *, draws, tune=400, chains=2, seed=0, kernel=None, progress=False):
     kernel = kernel or NUTS(model, target_accept_prob=0.9)
     key = jax.random.key(seed)
-    return run_chains(kernel, designs, draws=draws, tune=tune, chains=chains, key=key, progress=progress)
+    return Sampler(lambda _: kernel, tune).run(designs, draws=draws, chains=chains, key=key, progress=progress)
 
 
 def _mean_and_error(values):
@@ -59,7 +59,7 @@ def test_collapsed_and_uncollapsed_posteriors_agree(curve, prior):
     points = equation.frame.rows({"x": np.array([-0.9, 0.0, 0.5])})[1]
 
     collapsed = _run(program.numpyro_model, designs, draws=1000).samples
-    collapsed |= conditional_draws(program.numpyro_model, designs, collapsed, jax.random.key(1))
+    collapsed |= conditional_sampler(program.numpyro_model)(designs, collapsed, jax.random.key(1))
     # The twin has a funnel, f's weights under their amplitude: small steps keep it honest.
     cautious = NUTS(program.uncollapsed_model, target_accept_prob=0.97)
     reference = _run(program.uncollapsed_model, designs, draws=1000, seed=2, kernel=cautious)
@@ -135,7 +135,7 @@ def enumerated(undecided):
     program = _spike_program()
     designs = program.designs(undecided)
     run = _run(program.numpyro_model, designs, draws=1500)
-    return run, conditional_draws(program.numpyro_model, designs, run.samples, jax.random.key(3))
+    return run, conditional_sampler(program.numpyro_model)(designs, run.samples, jax.random.key(3))
 
 
 @pytest.fixture(scope="module")
@@ -144,7 +144,7 @@ def gibbs(undecided):
     designs, model = program.designs(undecided), program.numpyro_model
     kernel = HMCGibbs(NUTS(model, target_accept_prob=0.9), gamma_move(model, designs, ("v",)), ["v_gamma"])
     run = _run(model, designs, draws=3000, kernel=kernel)
-    return run, conditional_draws(model, designs, run.samples, jax.random.key(4))
+    return run, conditional_sampler(model)(designs, run.samples, jax.random.key(4))
 
 
 @pytest.mark.parametrize("sampler", ["enumerated", "gibbs"])
@@ -190,7 +190,7 @@ def test_same_key_same_draws_whether_or_not_a_bar_is_shown(undecided, enumerated
     first = enumerated[0]
     for name, values in {**first.samples, **first.stats}.items():
         assert np.array_equal(values, {**again.samples, **again.stats}[name]), name
-    drawn = conditional_draws(program.numpyro_model, designs, again.samples, jax.random.key(3))
+    drawn = conditional_sampler(program.numpyro_model)(designs, again.samples, jax.random.key(3))
     assert np.array_equal(drawn["v_theta"], enumerated[1]["v_theta"])
 
 
@@ -218,7 +218,7 @@ def test_conditional_draws_have_the_moments_of_the_closed_form(curve, path):
     n, sigma, tau = 6000, 0.2, 0.8
     at = {"x_noise": np.sqrt(sigma**2 - 1e-8), "x_amplitude": 0.5, "x_length_scale": [0.6], "x_tau": tau}
     samples = {name: np.broadcast_to(np.asarray(v, float), (1, n, *np.shape(v))) for name, v in at.items()}
-    drawn = conditional_draws(program.numpyro_model, {"x": equation.design}, samples, jax.random.key(5))
+    drawn = conditional_sampler(program.numpyro_model)({"x": equation.design}, samples, jax.random.key(5))
 
     Phi, Psi = (np.asarray(part) for part in equation.frame.rows(curve.columns))
     y = curve.derivatives["x"] / equation.frame.target_scale

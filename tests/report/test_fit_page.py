@@ -57,6 +57,7 @@ def test_the_checks_are_on_the_page(fit, html):
 def test_arviz_works_on_the_tree_unchanged(fit):
     import arviz_plots
     import arviz_stats
+    from matplotlib import pyplot
 
     n_obs = fit.data.n_obs
     for group in ("prior_predictive", "posterior_predictive"):
@@ -64,6 +65,7 @@ def test_arviz_works_on_the_tree_unchanged(fit):
         arviz_plots.plot_ppc_dist(fit.idata, group=group, num_samples=20)
     arviz_plots.plot_loo_pit(fit.idata)
     arviz_plots.plot_prior_posterior(fit.idata, var_names=["ydot_sigma"])
+    pyplot.close("all")
     assert set(fit.idata["prior"]) >= {"ydot_theta", "ydot_gamma", "ydot_weight", "ydot_sigma"}
     found = arviz_stats.psense(fit.idata, var_names=["ydot_sigma"], group="prior")
     assert float(found["ydot_sigma"]) >= 0

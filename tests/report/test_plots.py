@@ -424,11 +424,12 @@ def test_comparison_lists_models_best_first_with_weights_and_warnings(n_model):
 
 
 def test_figures_are_saved_whole_and_pyplot_keeps_none(tmp_path):
+    before = plt.get_fignums()
     figures = {
         "coefficients": plot_coefficients(coefficient_table()),
         "models": plot_comparison(comparison_table()),
     }
-    assert plt.get_fignums() == []
+    assert plt.get_fignums() == before
     paths = save_figures(figures, tmp_path / "new" / "figures")
     assert {name: path.name for name, path in paths.items()} == {
         "coefficients": "coefficients.png",

@@ -53,7 +53,7 @@ SITUATIONS = (
         "0",
     ),
     Situation(
-        "orthogonal",
+        "dissimilar",
         "what is missing resembles no term",
         {"y": -2.0, "v": -0.3},
         lambda y, v: np.cos(1.5 * y),
