@@ -8,12 +8,15 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.scipy.special import logsumexp
 from jaxtyping import Array, Bool, Float, Int
 
 from bayes_greybox.inference.posterior import EquationDraws, Posterior
-from bayes_greybox.model.collapsed import ridge
+from bayes_greybox.model.collapsed import Remainder, log_evidence, ridge
 from bayes_greybox.model.likelihood import DenseDesign, Design, FeatureDesign, Hyperparameters
 from bayes_greybox.model.linalg import solve_lower
+from bayes_greybox.model.priors import Scales
+from bayes_greybox.model.subsets import log_pattern_weights
 
 from .leave_out import kept_starts, leave_out, log_det_of_starts
 from .pointwise import ROW_BLOCK, Rows, dense_root, feature_root, weighted_rows
@@ -32,15 +35,24 @@ class _Fold(NamedTuple):
 def fold_blocks(
     posterior: Posterior, equation: str, draws: EquationDraws, folds: Members, index: np.ndarray | None = None
 ) -> Iterator[tuple[Int[np.ndarray, " n_block"], Float[np.ndarray, "n_draw n_block"]]]:
-    """Densities log p(y_F | y₋F, η, γ) of every fold and draw, θ and f integrated out.
+    """Densities log p(y_F | y₋F, η) of every fold and draw, θ and f integrated out.
 
     With g = C⁻¹y and P = (C⁻¹)_FF,
 
-        log p(y_F | y₋F, η, γ) = ½ log|P| − ½ g_Fᵀ P⁻¹ g_F − ½ |F| log 2π,
+        log p(y_F | y₋F, η) = ½ log|P| − ½ g_Fᵀ P⁻¹ g_F − ½ |F| log 2π,
 
     the block form of Sundararajan & Keerthi 2001. On the feature path P = σ⁻² ((R⁻¹)_FF − H_FᵀH_F) by Woodbury's
     identity, so a draw costs N (K + M)², as for single rows. Folds with more rows than there are columns have
     instead log p(y) − log p(y₋F), each a problem of order K + M.
+
+    Under a spike-and-slab prior whose patterns the sampler summed they are summed here too, with and without the fold:
+    a fold that alone decides about a term would need weights that the drawn patterns cannot give. With u ~ N(m, V) the
+    coefficients over τ given y if all terms are in, and J = cov(u, y) C⁻¹,
+
+        m₋F = m − J_F P⁻¹ g_F,   V₋F = V + J_F P⁻¹ J_Fᵀ,
+        p(y_F | y₋F, η) = p(y_F | y₋F, η, γ = 1) Σ_γ w_γ(m, V) / Σ_γ w_γ(m₋F, V₋F),
+
+    with the weights of `model.subsets.log_pattern_weights`. Patterns that Gibbs moves drew are given with η.
 
     Args:
         posterior: Gives data, frame and design; the draws may be those of another run.
@@ -54,7 +66,7 @@ def fold_blocks(
     """
     index = np.arange(len(folds)) if index is None else index
     frame, design = posterior.equations[equation].frame, posterior.equations[equation].design
-    parameters = jax.tree.map(jnp.asarray, (draws.hyper, draws.prior_sd))
+    parameters = fold_parameters(draws)
     unit = math.log(frame.target_scale)
     size = max(len(fold) for fold in folds)
     if not _by_precision(design, size):
@@ -89,10 +101,10 @@ def past_densities(
     first: Int[np.ndarray, " n_past"],
     folds: Members,
 ) -> Float[np.ndarray, "n_draw n_fold_and_1"]:
-    """Densities log p(y_A | η, γ) of the first rows A, and of these with one, two, … folds more, user's units.
+    """Densities log p(y_A | η) of the first rows A, and of these with one, two, … folds more, user's units.
 
-    Their differences are p(y_F | y_past, η, γ) of each fold. On the exact path one Cholesky factorisation of C in
-    the order of time has them all.
+    Their differences are log p(y_F | y_past, η) of each fold; patterns are summed as in `fold_blocks`. On the exact
+    path one Cholesky factorisation of K⊥ + σ²R in the order of time serves them all.
 
     Args:
         posterior: Gives data, frame and design; the draws may be those of another run.
@@ -102,7 +114,7 @@ def past_densities(
         folds: Rows of each fold, in order of time.
     """
     frame, design = posterior.equations[equation].frame, posterior.equations[equation].design
-    parameters = jax.tree.map(jnp.asarray, (draws.hyper, draws.prior_sd))
+    parameters = fold_parameters(draws)
     counts = len(first) + np.cumsum([0, *map(len, folds)])
     unit = counts * math.log(frame.target_scale)
     order = np.concatenate([first, *folds])
@@ -120,12 +132,18 @@ def past_densities(
     return values - 0.5 * log_det - unit
 
 
-def subset_density(design: Design, parameters: tuple) -> Float[np.ndarray, " n_draw"]:
-    """Log p(y_A | η, γ) of the rows of a design, scaled units.
+def fold_parameters(draws: EquationDraws) -> tuple[Hyperparameters, Scales]:
+    """η and the scales of θ, stacked over draws: those of the slab with odds where the patterns are summed."""
+    scales = Scales(jnp.asarray(draws.prior_sd)) if draws.summed is None else draws.summed
+    return jax.tree.map(jnp.asarray, draws.hyper), scales
+
+
+def subset_density(design: Design, parameters: tuple[Hyperparameters, Scales]) -> Float[np.ndarray, " n_draw"]:
+    """Log p(y_A | η) of the rows of a design, scaled units.
 
     Args:
         design: The rows.
-        parameters: η and the prior standard deviations of θ, stacked over draws.
+        parameters: From `fold_parameters`.
     """
     if isinstance(design, FeatureDesign):
         # Few rows make a short factor; rows of zeros change nothing, and all subsets share one compilation.
@@ -159,57 +177,71 @@ def _rows_at(rows: Rows, index: np.ndarray) -> Rows:
 
 
 @jax.jit
-def _mapped(design: Design, rows: Rows | None, folds: _Fold, parameters: tuple) -> Array:
+def _mapped(design: Design, rows: Rows | None, folds: _Fold, parameters: tuple[Hyperparameters, Scales]) -> Array:
     n_fold, size = folds.index.shape
+    n_term = design.Phi.shape[1]
 
-    def one(item: tuple[Hyperparameters, Array]) -> Array:
-        hyper, sd = item
+    def one(item: tuple[Hyperparameters, Scales]) -> Array:
+        hyper, (sd, log_odds) = item
         if isinstance(design, FeatureDesign):
             assert rows is not None
-            half, g = feature_root(design, rows, hyper, sd)
+            half, g, J = feature_root(design, rows, hyper, sd)
             H, g = half.T.reshape(n_fold, size, -1), g.reshape(n_fold, size)
+            J = J.T.reshape(n_fold, size, n_term)
         else:
-            half, g = dense_root(design, hyper, sd)
-            H, g = half.T[folds.index], g[folds.index]
+            half, g, J = dense_root(design, hyper, sd)
+            H, g, J = half.T[folds.index], g[folds.index], J.T[folds.index]
+        posterior = ridge(design.remove_discrepancy(design.y, hyper)[0], sd, design.n_obs)
+        inverse = solve_lower(posterior.L, jnp.eye(n_term))
+        m, V = posterior.mean, inverse.T @ inverse
 
-        def fold(item: tuple[Array, Array, Array, Array]) -> Array:
-            H, g, counts, precision = item
+        def fold(item: tuple[Array, Array, Array, Array, Array]) -> Array:
+            H, g, J, counts, precision = item
             P = H @ H.T
             P = (precision - P) / hyper.sigma**2 if isinstance(design, FeatureDesign) else P
             # Rows that only fill up are independent, with unit variance and no residual.
             P = jnp.where(counts[:, None] & counts, P, jnp.eye(size))
             L = jnp.linalg.cholesky(P)
-            squares = jnp.sum(solve_lower(L, jnp.where(counts, g, 0.0)) ** 2)
-            return jnp.sum(jnp.log(jnp.diag(L))) - 0.5 * (squares + jnp.sum(counts) * math.log(2 * math.pi))
+            z = solve_lower(L, jnp.where(counts, g, 0.0))
+            value = jnp.sum(jnp.log(jnp.diag(L))) - 0.5 * (jnp.sum(z**2) + jnp.sum(counts) * math.log(2 * math.pi))
+            if log_odds is None:
+                return value
+            G = solve_lower(L, jnp.where(counts[:, None], J, 0.0))
+            without = log_pattern_weights(m - G.T @ z, V + G.T @ G, log_odds)
+            return value + logsumexp(log_pattern_weights(m, V, log_odds)) - logsumexp(without)
 
         # Fold by fold, since batched factorisations inside a loop can deadlock (see pointwise).
-        return jax.lax.map(fold, (H, g, folds.counts, folds.precision))
+        return jax.lax.map(fold, (H, g, J, folds.counts, folds.precision))
 
     return jax.lax.map(one, parameters)
 
 
 @jax.jit
-def _subset(design: Design, parameters: tuple) -> Array:
-    def one(item: tuple[Hyperparameters, Array]) -> Array:
-        hyper, sd = item
+def _subset(design: Design, parameters: tuple[Hyperparameters, Scales]) -> Array:
+    def one(item: tuple[Hyperparameters, Scales]) -> Array:
+        hyper, (sd, log_odds) = item
         remainder, _ = design.remove_discrepancy(design.y, hyper)
-        return ridge(remainder, sd, design.n_obs).log_evidence
+        return log_evidence(remainder, sd, log_odds, design.n_obs)
 
     return jax.lax.map(one, parameters)
 
 
 @jax.jit
-def _ordered(design: DenseDesign, order: Array, counts: Array, parameters: tuple) -> Array:
+def _ordered(design: DenseDesign, order: Array, counts: Array, parameters: tuple[Hyperparameters, Scales]) -> Array:
     """Densities of the first rows in an order, without log|R|."""
 
-    def one(item: tuple[Hyperparameters, Array]) -> Array:
-        hyper, sd = item
-        Phi = design.Phi * sd
-        C = Phi @ Phi.T + design.covariance(hyper) + hyper.sigma**2 * jnp.eye(len(design.y))
+    def one(item: tuple[Hyperparameters, Scales]) -> Array:
+        hyper, (sd, log_odds) = item
+        C = design.covariance(hyper) + hyper.sigma**2 * jnp.eye(len(design.y))
         L = jnp.linalg.cholesky(C[order[:, None], order])
-        z = solve_lower(L, design.y[order])
-        # log p(y_i | y_<i) = −½ log 2π − log L_ii − ½ z_i²
-        steps = -0.5 * (math.log(2 * math.pi) + z**2) - jnp.log(jnp.diag(L))
-        return jnp.concatenate([jnp.zeros(1), jnp.cumsum(steps)])[counts]
+        left = solve_lower(L, jnp.column_stack([design.Phi, design.y])[order])
+        log_det = jnp.concatenate([jnp.zeros(1), 2 * jnp.cumsum(jnp.log(jnp.diag(L)))])
+
+        def first(count: Array) -> Array:
+            # L is triangular: what f leaves of the first rows does not know the later ones.
+            known = jnp.where((jnp.arange(len(order)) < count)[:, None], left, 0.0)
+            return log_evidence(Remainder(known[:, :-1], known[:, -1], log_det[count]), sd, log_odds, 1.0 * count)
+
+        return jax.lax.map(first, counts)
 
     return jax.lax.map(one, parameters)

@@ -182,9 +182,9 @@ def _terms(design: Design, rows: Rows | None, parameters: tuple[Hyperparameters,
         hyper, sd = item
         if isinstance(design, FeatureDesign):
             assert rows is not None
-            half, g = feature_root(design, rows, hyper, sd)
+            half, g, _ = feature_root(design, rows, hyper, sd)
             return (rows.precision - jnp.sum(half**2, axis=0)) / hyper.sigma**2, g
-        half, g = dense_root(design, hyper, sd)
+        half, g, _ = dense_root(design, hyper, sd)
         return jnp.sum(half**2, axis=0), g
 
     return jax.lax.map(one, parameters)
@@ -201,7 +201,7 @@ def _inverse(
     """C⁻¹y and C⁻¹ at the rows looked at (all rows on the exact path)."""
     if isinstance(design, FeatureDesign):
         assert rows is not None
-        half, g = feature_root(design, rows, hyper, sd)
+        half, g, _ = feature_root(design, rows, hyper, sd)
         return g, (inverse_R - half.T @ half) / hyper.sigma**2
-    half, g = dense_root(design, hyper, sd)
+    half, g, _ = dense_root(design, hyper, sd)
     return g, half.T @ half

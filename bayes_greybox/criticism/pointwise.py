@@ -146,10 +146,16 @@ def weighted_rows(posterior: Posterior, equation: str, index: Int[np.ndarray, " 
     return Rows(*map(jnp.asarray, (table[:, :n_term], table[:, n_term:-1], table[:, -1], precision)))
 
 
-def feature_root(
-    design: FeatureDesign, rows: Rows, hyper: Hyperparameters, sd: Float[Array, " n_term"]
-) -> tuple[Float[Array, "n_column n_row"], Float[Array, " n_row"]]:
-    """H and g = C⁻¹y at some rows, with C⁻¹ = σ⁻² (R⁻¹ − HᵀH) for C = σ²(R + BBᵀ), B = [Φ sd, Ψ̃ √S (I − UUᵀ)]/σ.
+class Root(NamedTuple):
+    """H, g = C⁻¹y and J = cov(u, y) C⁻¹ at some rows, with θ = sd · u, u ~ N(0, I)."""
+
+    H: Float[Array, "n_left n_row"]
+    g: Float[Array, " n_row"]
+    J: Float[Array, "n_term n_row"]
+
+
+def feature_root(design: FeatureDesign, rows: Rows, hyper: Hyperparameters, sd: Float[Array, " n_term"]) -> Root:
+    """`Root` with C⁻¹ = σ⁻² (R⁻¹ − HᵀH) for C = σ²(R + BBᵀ), B = [Φ sd, Ψ̃ √S (I − UUᵀ)]/σ.
 
     C⁻¹ = σ⁻² (R⁻¹ − R⁻¹B (I + BᵀR⁻¹B)⁻¹ BᵀR⁻¹), with I + BᵀR⁻¹B = TᵀT from a QR factorisation, since the Gram
     matrix would square the condition number; H = T⁻ᵀBᵀR⁻¹.
@@ -173,19 +179,17 @@ def feature_root(
     weighted = scaled(rows.Phi, rows.Psi)
     half = solve_triangular(T, weighted.T, trans=1)
     g = (rows.y / hyper.sigma - weighted @ solve_triangular(T, right)) / hyper.sigma
-    return half, g
+    return Root(half, g, solve_triangular(T, half)[: len(sd)] / hyper.sigma)
 
 
-def dense_root(
-    design: Design, hyper: Hyperparameters, sd: Float[Array, " n_term"]
-) -> tuple[Float[Array, "n_white n_row"], Float[Array, " n_row"]]:
-    """H and g = C⁻¹y, with C⁻¹ = HᵀH = Wᵀ (W (ΦDΦᵀ + K⊥) Wᵀ + σ²I)⁻¹ W; W left out where not square."""
+def dense_root(design: Design, hyper: Hyperparameters, sd: Float[Array, " n_term"]) -> Root:
+    """`Root` with C⁻¹ = HᵀH = Wᵀ (W (ΦDΦᵀ + K⊥) Wᵀ + σ²I)⁻¹ W; W left out where not square."""
     assert not isinstance(design, FeatureDesign)
     Phi = design.Phi * sd
     L = jnp.linalg.cholesky(Phi @ Phi.T + design.covariance(hyper) + hyper.sigma**2 * jnp.eye(len(design.y)))
     W = design.whitening
     half = solve_lower(L, jnp.eye(len(L)) if W is None or W.shape[0] != W.shape[1] else W)
-    return half, half.T @ solve_lower(L, design.y)
+    return Root(half, half.T @ solve_lower(L, design.y), solve_lower(L, Phi).T @ half)
 
 
 def _bases(frame: Frame, columns: dict[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
@@ -202,10 +206,10 @@ def _mapped(design: Design, rows: Rows | None, parameters: tuple) -> Array:
         hyper, sd = item
         if isinstance(design, FeatureDesign):
             assert rows is not None
-            half, g = feature_root(design, rows, hyper, sd)
+            half, g, _ = feature_root(design, rows, hyper, sd)
             precision = (rows.precision - jnp.sum(half**2, axis=0)) / hyper.sigma**2
         else:
-            half, g = dense_root(design, hyper, sd)
+            half, g, _ = dense_root(design, hyper, sd)
             precision = jnp.sum(half**2, axis=0)
         return 0.5 * (jnp.log(precision) - math.log(2 * math.pi) - g**2 / precision)
 

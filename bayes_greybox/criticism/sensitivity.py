@@ -141,8 +141,8 @@ def _thinned(posterior: Posterior, dense: bool) -> np.ndarray:
 def _powers(posterior: Posterior, equation: str, index: np.ndarray) -> _Powers:
     """Log ratios of scaled to unscaled densities, draw by draw."""
     design = posterior.equations[equation].design
-    enumerated = f"{equation}_pi" in posterior.idata["posterior"] and not _gibbs(posterior, equation)
     draws = posterior.draws(equation)
+    enumerated = draws.summed is not None
     group = posterior.idata["posterior"].dataset
     take = lambda name: jnp.asarray(group[f"{equation}_{name}"].to_numpy().reshape(len(draws.theta), -1)[index])  # noqa: E731
     log_prior = posterior.idata["log_prior"].dataset
@@ -168,12 +168,6 @@ def _powers(posterior: Posterior, equation: str, index: np.ndarray) -> _Powers:
     if not enumerated:
         return _Powers(joint, None, None)
     return _Powers(joint, np.asarray(collapsed).T, np.moveaxis(np.asarray(inclusion), 1, 0))
-
-
-def _gibbs(posterior: Posterior, equation: str) -> bool:
-    return equation in posterior.model.gibbs_equations(
-        {name: entry.design for name, entry in posterior.equations.items()}
-    )
 
 
 def _evaluated(enumerated: bool, has_gamma: bool) -> Callable[..., Any]:

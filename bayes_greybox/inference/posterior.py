@@ -18,6 +18,7 @@ from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.model.assemble import Equation
 from bayes_greybox.model.likelihood import Hyperparameters
+from bayes_greybox.model.priors import Scales, SpikeAndSlab
 from bayes_greybox.model.program import Program, measured_rate
 
 from .draws import conditional_sampler
@@ -63,12 +64,15 @@ class EquationDraws(NamedTuple):
         theta: Coefficients [n_draw, n_term].
         prior_sd: Prior standard deviation of each coefficient, zero where it is out [n_draw, n_term].
         weight: Feature weights [n_draw, n_basis]; no columns on the exact path or without a discrepancy.
+        summed: Where the sampler summed over the inclusion patterns: slab standard deviations and log prior odds, each
+            [n_draw, n_term]; else None.
     """
 
     hyper: Hyperparameters
     theta: Float[np.ndarray, "n_draw n_term"]
     prior_sd: Float[np.ndarray, "n_draw n_term"]
     weight: Float[np.ndarray, "n_draw n_basis"]
+    summed: Scales | None = None
 
 
 @dataclass(frozen=True)
@@ -121,6 +125,10 @@ class Posterior:
             values = group[name].to_numpy()
             return values.reshape(n_draw, *values.shape[2:])[index]
 
+        summed, n_term, prior = None, len(frame.dictionary), self.model.prior
+        if f"{equation}_pi" in group and isinstance(prior, SpikeAndSlab) and prior.sums(n_term):
+            pi, tau = (jnp.asarray(flat(name))[:, None] * jnp.ones(n_term) for name in ("pi", "tau"))
+            summed = Scales(tau, jnp.log(pi) - jnp.log1p(-pi))
         # Without a discrepancy there is neither amplitude nor length scale; the placeholders multiply no features.
         return EquationDraws(
             Hyperparameters(
@@ -131,6 +139,7 @@ class Posterior:
             flat("theta") / frame.coefficient_scale,
             flat("prior_sd"),
             flat("weight", 0) / frame.target_scale,
+            summed,
         )
 
 

@@ -159,6 +159,18 @@ def ridge(remainder: Remainder, sd: Float[Array, " n_term"], n_obs: Float[Array,
     return Ridge(mean, L, -0.5 * (squares + log_det + n_obs * math.log(2 * math.pi)))
 
 
+def log_evidence(
+    remainder: Remainder,
+    sd: Float[Array, " n_term"],
+    log_odds: Float[Array, " n_term"] | None,
+    n_obs: Float[Array, ""] | float,
+) -> Float[Array, ""]:
+    """Log p(y | η, sd), summed over all inclusion patterns where there are odds of inclusion."""
+    if log_odds is None:
+        return ridge(remainder, sd, n_obs).log_evidence
+    return spike_and_slab(remainder, sd, log_odds, n_obs)[0]
+
+
 def spike_and_slab(
     remainder: Remainder,
     sd: Float[Array, " n_term"],

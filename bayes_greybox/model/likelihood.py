@@ -14,10 +14,9 @@ from .collapsed import (
     FeatureSolve,
     Remainder,
     constraint_directions,
+    log_evidence,
     remove_dense,
     remove_features,
-    ridge,
-    spike_and_slab,
 )
 from .kernels import KERNELS, log_spectral_density
 from .orthogonal import Variant, orthogonal_gram
@@ -162,9 +161,7 @@ class CollapsedNormal(dist.Distribution):
     def log_prob(self, value: Float[Array, " n_row"]) -> Float[Array, ""]:
         """Log p(y | η, scales)."""
         remainder, _ = self.design.remove_discrepancy(value, self.hyper)
-        if self.scales.log_odds is None:
-            return ridge(remainder, self.scales.sd, self.design.n_obs).log_evidence
-        return spike_and_slab(remainder, self.scales.sd, self.scales.log_odds, self.design.n_obs)[0]
+        return log_evidence(remainder, self.scales.sd, self.scales.log_odds, self.design.n_obs)
 
     def sample(self, key: Array, sample_shape: tuple[int, ...] = ()) -> Array:
         """Draw targets; the last compressed row stands for all directions outside the columns."""

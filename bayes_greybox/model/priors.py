@@ -144,11 +144,15 @@ class SpikeAndSlab:
         for field in ("a", "b", "slab_scale"):
             _require_positive(self, field)
 
+    def sums(self, n_term: int) -> bool:
+        """Whether the patterns of so many terms are summed."""
+        return n_term <= self.enumerate_up_to
+
     def scales(self, n_term: int, n_obs: Float[Array, ""] | float, sigma: Float[Array, ""] | float) -> Scales:
         """Sample π and τ, and γ when there are too many patterns to sum."""
         pi = jnp.asarray(site("pi", dist.Beta(self.a, self.b)))
         tau = site("tau", dist.LogNormal(jnp.log(self.slab_scale), 0.5))
-        if n_term <= self.enumerate_up_to:
+        if self.sums(n_term):
             return Scales(jnp.full(n_term, tau), jnp.full(n_term, _log_odds(pi)))
         gamma = site("gamma", dist.Bernoulli(pi).expand([n_term]).to_event(1))
         return Scales(jnp.asarray(gamma * tau))

@@ -1,5 +1,7 @@
 """Blocks, trajectories and the future from one run, against dense algebra."""
 
+import itertools
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -10,7 +12,7 @@ from scipy.special import logsumexp
 
 from bayes_greybox.criticism import fold_density
 from bayes_greybox.criticism.cross_validation import cross_validate
-from bayes_greybox.criticism.fold_density import fold_blocks, past_densities, subset_density
+from bayes_greybox.criticism.fold_density import fold_blocks, fold_parameters, past_densities, subset_density
 from bayes_greybox.criticism.folds import correlation_length, make_folds
 from bayes_greybox.criticism.leave_out import leave_out
 from bayes_greybox.criticism.pointwise import pointwise_loo
@@ -164,6 +166,51 @@ def test_steps_into_the_future_have_the_dense_conditional(case):
         np.testing.assert_allclose(values[s], expected_of(case, s, folds, pasts), rtol=1e-10, atol=1e-8)
 
 
+def test_patterns_that_were_summed_are_summed_with_and_without_the_fold(case, monkeypatch):
+    rng = np.random.default_rng(2)
+    pi, tau = rng.uniform(0.1, 0.9, (2, 2)), np.exp(0.3 * rng.standard_normal((2, 2)))
+    posterior = fabricate(case.model, case.data, draws=2, pi=pi, tau=tau)
+    hyper = [draw(posterior, s)[0] for s in range(4)]
+    unit = np.log(posterior.equations["v"].frame.target_scale)
+
+    def evidence(s, rows):
+        """Log Σ_γ p(γ) p(y_rows | γ, η), by dense algebra."""
+        if not len(rows):
+            return 0.0
+        parts = []
+        for gamma in itertools.product((0.0, 1.0), repeat=len(TERMS)):
+            C, y = dense(posterior, hyper[s], np.array(gamma) * tau.ravel()[s])
+            C, y = C[np.ix_(rows, rows)], y[rows]
+            p = pi.ravel()[s]
+            prior = sum(gamma) * np.log(p) + (len(TERMS) - sum(gamma)) * np.log(1 - p)
+            parts.append(prior - 0.5 * (np.linalg.slogdet(2 * np.pi * C)[1] + y @ np.linalg.solve(C, y)))
+        return logsumexp(parts)
+
+    def conditionals(folds, givens):
+        return [
+            [
+                evidence(s, np.sort(np.concatenate([given, fold]))) - evidence(s, given) - len(fold) * unit
+                for fold, given in zip(folds, givens, strict=True)
+            ]
+            for s in range(4)
+        ]
+
+    exact = case.model.discrepancy is not None and case.model.discrepancy.path == "exact"
+    folds = make_folds(posterior, "trajectory").members["v"]
+    n = sum(len(fold) for fold in folds)
+    expected = conditionals(folds, [np.setdiff1d(np.arange(n), fold) for fold in folds])
+    for by_precision in [True] if exact else [True, False]:
+        monkeypatch.setattr(fold_density, "_by_precision", lambda *_, route=by_precision: route)
+        np.testing.assert_allclose(values_of(posterior, folds), expected, rtol=1e-9, atol=1e-7)
+    if singular(case):
+        return
+    chosen = make_folds(posterior, "future", 3, start=0.05)
+    folds, past = chosen.members["v"], chosen.past["v"]
+    pasts = [np.sort(np.concatenate([past, *folds[:j]])) for j in range(len(folds))]
+    values = np.diff(past_densities(posterior, "v", posterior.draws("v"), past, folds), axis=1)
+    np.testing.assert_allclose(values, conditionals(folds, pasts), rtol=1e-9, atol=1e-7)
+
+
 @pytest.mark.parametrize("name", ["conditioned", "correlated rows", "correlated rows, exact"])
 def test_blocks_of_one_row_are_single_rows(name):
     gp, kind = CASES[name]
@@ -187,7 +234,7 @@ def test_designs_for_refits_have_the_density_of_what_is_left(case):
         if singular(case):
             expected -= 0.5 * case.data.noise["v"].log_det  # the constant of the coefficients before whitening
         draws = case.draws("v")
-        values = subset_density(part, jax.tree.map(jnp.asarray, (draws.hyper, draws.prior_sd)))
+        values = subset_density(part, fold_parameters(draws))
         assert values[0] == pytest.approx(expected, abs=1e-7)
         # A prior that asks for the number of rows, as the horseshoe does, must not change when rows are left out.
         assert float(part.n_prior) == float(case.equations["v"].design.n_obs) > float(part.n_obs)

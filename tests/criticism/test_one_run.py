@@ -5,7 +5,7 @@ import itertools
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from scipy.special import logsumexp
+from scipy.special import betaln, logsumexp
 
 from bayes_greybox.criticism.cross_validation import cross_validate
 from bayes_greybox.criticism.folds import make_folds
@@ -13,13 +13,14 @@ from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.inference.posterior import Sampling, sample_posterior
 from bayes_greybox.model.discrepancy import OrthogonalGP
 from bayes_greybox.model.kernels import KERNELS, log_spectral_density
-from bayes_greybox.model.priors import Normal
+from bayes_greybox.model.priors import Normal, SpikeAndSlab
 from bayes_greybox.model.program import Program
 
 # The length scale has next to no prior spread, so that three hyperparameters are left to integrate over.
 GP = OrthogonalGP(features=6, variables=("y",), length_scale_spread=1e-3)
 START = 0.65
-MODEL = Program(dictionary={"v": ["v", "v**3"]}, prior=Normal(), discrepancy=GP)
+TERMS = ["v", "v**3"]
+PRIORS = {"normal": Normal(), "spike-and-slab": SpikeAndSlab()}
 
 
 def runs() -> Trajectories:
@@ -32,13 +33,14 @@ def runs() -> Trajectories:
     )
 
 
-@pytest.fixture(scope="module")
-def posterior():
-    return sample_posterior(MODEL, runs(), Sampling(5000, 500, 4, seed=0), progress=False)
+@pytest.fixture(scope="module", params=PRIORS)
+def posterior(request):
+    model = Program(dictionary={"v": TERMS}, prior=PRIORS[request.param], discrepancy=GP)
+    return sample_posterior(model, runs(), Sampling(5000, 500, 4, seed=0), progress=False)
 
 
-def log_evidence(posterior, nodes, kept):
-    """Log p(y_kept | η) at log (noise, amplitude, τ) [n_node, 3], by dense algebra."""
+def log_evidence(posterior, nodes, kept, gamma):
+    """Log p(y_kept | η, γ) at log (noise, amplitude, τ) [n_node, 3], by dense algebra."""
     frame = posterior.equations["v"].frame
     Phi, Psi = (np.asarray(part)[kept] for part in frame.rows(posterior.data.columns))
     y = posterior.data.derivatives["v"][kept] / frame.target_scale
@@ -47,7 +49,7 @@ def log_evidence(posterior, nodes, kept):
     floor = float(posterior.equations["v"].design.noise_floor)
     base = amplitude[:, None, None] ** 2 * ((Psi * np.exp(np.asarray(unit))) @ Psi.T)
     base = base + (noise**2 + floor**2)[:, None, None] * np.eye(len(y))
-    C = base + tau[:, None, None] ** 2 * (Phi @ Phi.T)
+    C = base + tau[:, None, None] ** 2 * ((Phi * gamma) @ Phi.T)
     L = np.linalg.cholesky(C)
     z = np.linalg.solve(L, np.broadcast_to(y[:, None], (len(L), len(y), 1)))[..., 0]
     log_det = 2 * np.log(np.diagonal(L, axis1=1, axis2=2)).sum(axis=1)
@@ -55,7 +57,14 @@ def log_evidence(posterior, nodes, kept):
 
 
 def integrator(posterior):
-    """Log ∫ p(y_A | η) p(η) dη of rows A, up to a constant, by a trapezoid rule in log η."""
+    """Log ∫ p(y_A | η) p(η) dη of rows A, up to a constant, by a trapezoid rule in log η.
+
+    Under spike-and-slab π is integrated out, p(γ) = B(1 + |γ|, 1 + K − |γ|), and the patterns are summed.
+    """
+    sparse = isinstance(posterior.model.prior, SpikeAndSlab)
+    patterns = (
+        [np.array(gamma) for gamma in itertools.product((0.0, 1.0), repeat=len(TERMS))] if sparse else [np.ones(2)]
+    )
     group, hyper = posterior.idata["posterior"], posterior.draws("v").hyper
     noise = np.sqrt(hyper.sigma**2 - float(posterior.equations["v"].design.noise_floor) ** 2)
     sampled = np.log(np.column_stack([noise, hyper.amplitude, group["v_tau"].to_numpy().ravel()]))
@@ -66,8 +75,15 @@ def integrator(posterior):
         axes = [np.arange(-9, 9), np.arange(-16, 9), np.arange(-16, 9)]
         steps = np.array(list(itertools.product(*axes))) + shift
         nodes = centre + steps * np.array([0.9 * sd[0], 0.45, 0.45])
-        prior = np.sum(nodes - 0.5 * np.exp(2 * nodes), axis=1)  # half-normal each
-        return logsumexp(prior + log_evidence(posterior, nodes, kept))
+        log_prior = nodes - 0.5 * np.exp(2 * nodes)  # half-normal each
+        if sparse:
+            log_prior[:, 2] = -0.5 * (nodes[:, 2] / 0.5) ** 2  # log-normal
+        prior = log_prior.sum(axis=1)
+        given = [
+            betaln(1 + gamma.sum(), 1 + len(TERMS) - gamma.sum()) + log_evidence(posterior, nodes, kept, gamma)
+            for gamma in patterns
+        ]
+        return logsumexp(prior + np.array(given))
 
     return integral
 
