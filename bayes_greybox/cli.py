@@ -2,7 +2,7 @@
 
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from enum import StrEnum
 from pathlib import Path
@@ -55,6 +55,14 @@ class Benchmark(StrEnum):
     hidden_effects = "hidden-effects"
     calibration = "calibration"
     confounding = "confounding"
+
+
+SchemeOption = Annotated[
+    Scheme | None, typer.Option(help="What is left out: single rows (loo), blocks, trajectories, or the future.")
+]
+BlockOption = Annotated[
+    int | None, typer.Option(min=1, help="Rows of a block, or time stamps of a step into the future.")
+]
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -180,12 +188,8 @@ def compare(
         typer.Argument(help="A configuration file with [models.NAME], or two or more saved fits (.nc)."),
     ],
     output: Output = None,
-    scheme: Annotated[
-        Scheme | None, typer.Option(help="What is left out: single rows (loo), blocks, trajectories, or the future.")
-    ] = None,
-    block: Annotated[
-        int | None, typer.Option(min=1, help="Rows of a block, or time stamps of a step into the future.")
-    ] = None,
+    scheme: SchemeOption = None,
+    block: BlockOption = None,
     seed: Seed = None,
     draws: Draws = None,
     tune: Tune = None,
@@ -196,11 +200,11 @@ def compare(
     """Compare models by how well they predict data that are left out.
 
     The models of a configuration file are fitted first, and its folder gets NAME.nc for each of them,
-    summary.json, a figure and a copy of the configuration. Saved fits are compared as they are; results are
-    written if --output is given.
+    comparison.html (the report), summary.json, a figure and a copy of the configuration. Saved fits are compared
+    as they are; the report and its like are written if --output is given.
     """
     sampling = {"seed": seed, "draws": draws, "tune": tune, "chains": chains}
-    folds = {"scheme": None if scheme is None else scheme.value, "block": block}
+    folds = _given_folds(scheme, block)
     progress = not (no_progress or quiet)
     saved = [file.suffix == ".nc" for file in files]
     if any(saved):
@@ -209,8 +213,7 @@ def compare(
         given = [f"--{name}" for name, value in sampling.items() if value is not None]
         if given:
             raise InputError(f"{given[0]} does not apply to saved fits, which are not sampled again; leave it out.")
-        given = {name: value for name, value in folds.items() if value is not None}
-        return _compare_saved(files, output, given, progress, quiet)
+        return _compare_saved(files, output, folds, progress, quiet)
     if len(files) > 1:
         raise InputError("compare takes one configuration file, or two or more saved fits (*.nc).")
     settings = _configured(files[0], **sampling).with_comparison(**folds)
@@ -219,24 +222,39 @@ def compare(
 
 @app.command()
 def report(
-    file: Annotated[Path, typer.Argument(help="A saved fit (.nc).")],
+    files: Annotated[
+        list[Path],
+        typer.Argument(help="A saved fit (.nc), several to compare, or a folder that compare wrote."),
+    ],
     output: Annotated[
-        Path | None, typer.Option("--output", "-o", help="The page to write, instead of FILE.html beside the fit.")
+        Path | None,
+        typer.Option(
+            "--output",
+            "-o",
+            help="The page to write, instead of FILE.html beside the fit, or comparison.html here or in the folder.",
+        ),
     ] = None,
+    scheme: SchemeOption = None,
+    block: BlockOption = None,
+    no_progress: NoProgress = False,
     quiet: Quiet = False,
 ) -> int:
-    """Write a saved fit's report, one HTML page.
+    """Write the report of a saved fit or of a comparison, one HTML page.
 
-    The page holds all its figures and needs no network.
+    Several fits are compared first; a folder that compare wrote is shown as it is. The page holds all its
+    figures and needs no network.
     """
-    result = bg.load(file)
-    from bayes_greybox.report.fit_page import fit_html
+    given = _given_folds(scheme, block)
+    if any(file.is_dir() for file in files) and len(files) > 1:
+        raise InputError("report takes one saved fit (*.nc), several, or one folder that compare wrote.")
+    if given and len(files) == 1:
+        raise InputError(f"--{next(iter(given))} applies where several saved fits are compared; leave it out.")
+    from bayes_greybox.report.saved import saved_html
 
-    page = output or file.with_suffix(".html")
-    fit_html(result, page)
+    fits, page = saved_html(files, output, given, progress=not (no_progress or quiet))
     if not quiet:
         _show(f"The report is {page}.")
-    return DONE if result.verdict.ok else NOT_CONVERGED
+    return _code(fits)
 
 
 @app.command()
@@ -320,8 +338,8 @@ def _compare_configured(settings: "Config", output: Path | None, progress: bool,
             'such as [models.laplace] with prior = { kind = "laplace" }.'
         )
     from bayes_greybox.criticism.folds import require_divisible
+    from bayes_greybox.report.comparison_folder import save_comparison
     from bayes_greybox.report.folder import output_folder, staged
-    from bayes_greybox.report.record import comparison_record, write_json
 
     with output_folder(output or settings.folder) as folder:
         train, _ = settings.read_data()
@@ -341,29 +359,31 @@ def _compare_configured(settings: "Config", output: Path | None, progress: bool,
             with staged(folder) as place:
                 fits[name].save(place / f"{name}.nc")
         table = bg.compare(fits, **given, progress=progress)
-        with staged(folder) as place:
-            record = comparison_record(fits, table, settings.sampling.model_dump())
-            write_json(place / "summary.json", {"config": settings.file, **record})
-            (place / "config.toml").write_text(settings.text, encoding="utf-8", newline="")
-        if settings.output.figures:
-            bg.plots.save_figures({"comparison": bg.plots.plot_comparison(table)}, folder / "figures")
+        save_comparison(
+            folder,
+            fits,
+            table,
+            {name: folder / f"{name}.nc" for name in fits},
+            sampling=settings.sampling.model_dump(),
+            config=(settings.file, settings.text),
+            figures=settings.output.figures,
+        )
     return _compared(fits, table, folder, quiet)
 
 
 def _compare_saved(
     files: Sequence[Path], output: Path | None, given: dict[str, Any], progress: bool, quiet: bool
 ) -> int:
-    from bayes_greybox.report.folder import output_folder, staged
-    from bayes_greybox.report.record import comparison_record, write_json
+    from bayes_greybox.report.comparison_folder import save_comparison
+    from bayes_greybox.report.folder import output_folder
+    from bayes_greybox.report.saved import load_fits
 
-    fits = dict(zip(_fit_names(files), (bg.load(file) for file in files), strict=True))
+    fits = load_fits(files)
     if output is None:
         return _compared(fits, bg.compare(fits, **given, progress=progress), None, quiet)
     with output_folder(output) as folder:
         table = bg.compare(fits, **given, progress=progress)
-        with staged(folder) as place:
-            write_json(place / "summary.json", comparison_record(fits, table, None))
-        bg.plots.save_figures({"comparison": bg.plots.plot_comparison(table)}, folder / "figures")
+        save_comparison(folder, fits, table, dict(zip(fits, files, strict=True)))
     return _compared(fits, table, folder, quiet)
 
 
@@ -372,13 +392,16 @@ def _compared(fits: dict[str, Any], table: Any, folder: Path | None, quiet: bool
         from bayes_greybox.report.terminal import comparison_tables
 
         _show(*comparison_tables(fits, table), *([] if folder is None else [f"Results are in {folder}."]))
+    return _code(fits)
+
+
+def _code(fits: Mapping[str, Any]) -> int:
     return DONE if all(result.verdict.ok for result in fits.values()) else NOT_CONVERGED
 
 
-def _fit_names(files: Sequence[Path]) -> list[str]:
-    """Names that tell saved fits apart: of the file, of its folder where the file is a plain run.nc."""
-    names = [file.resolve().parent.name if file.stem == "run" else file.stem for file in files]
-    return names if len(set(names)) == len(names) else [str(file) for file in files]
+def _given_folds(scheme: Scheme | None, block: int | None) -> dict[str, Any]:
+    folds = {"scheme": None if scheme is None else scheme.value, "block": block}
+    return {name: value for name, value in folds.items() if value is not None}
 
 
 @contextmanager

@@ -149,6 +149,13 @@ class Fit(Posterior):
         """Write posterior, data, model, settings, versions and seed to one netCDF file."""
         netcdf.save(self, path)
 
+    def to_html(self, path: str | os.PathLike) -> None:
+        """Write the report as one self-contained page."""
+        # The page is made further on in the package; the fit only points there.
+        import importlib
+
+        importlib.import_module("bayes_greybox.report.fit_page").fit_html(self, path)
+
     @cached_property
     def _checks(self) -> Checks:
         return checks(self)

@@ -1,5 +1,6 @@
 """One call that fits several priors to the same data and sets their results side by side."""
 
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
@@ -59,6 +60,15 @@ class PriorComparison:
             table = self.inclusion[name]
             columns[name] = table["inclusion" if "inclusion" in table else "outside_rope"]
         return pd.DataFrame(columns)
+
+    def to_html(self, path: str | os.PathLike) -> None:
+        """Write the report as one self-contained page."""
+        # The page is made further on in the package; the comparison only points there.
+        import importlib
+
+        importlib.import_module("bayes_greybox.report.comparison_page").comparison_html(
+            self.fits, self.comparison, path
+        )
 
 
 def compare_priors(

@@ -91,6 +91,13 @@ def test_a_mistake_in_the_file_is_found_without_importing_jax(here):
         (["compare", "a.nc"], "compare takes one configuration file, or two or more saved fits"),
         (["compare", "a.nc", "b.nc", "--seed", "1"], "--seed does not apply to saved fits"),
         (["compare", "a.nc", "b.nc"], ""),
+        (["report"], "Missing argument"),
+        (["report", "a.nc"], "There is no file 'a.nc'"),
+        (["report", "a.nc", "b.nc"], "There is no file 'a.nc'"),
+        (["report", "."], '"." is not a folder that compare wrote'),
+        (["report", ".", "a.nc"], "report takes one saved fit (*.nc), several, or one folder"),
+        (["report", ".", "--scheme", "block"], "--scheme applies where several saved fits are compared"),
+        (["report", "a.nc", "--block", "5"], "--block applies where several saved fits are compared"),
     ],
 )
 def test_wrong_use_is_refused_in_one_sentence(here, capsys, words, sentence):
@@ -222,6 +229,13 @@ def test_saved_fits_are_compared_and_named_after_their_folders(first, tmp_path, 
     assert {row["model"] for row in record["comparison"]} == {"run", "other"}
     assert [row["elpd_diff"] for row in record["comparison"]] == [0.0, 0.0]
     assert (tmp_path / "out" / "figures" / "comparison.png").exists()
+    # The page again, from the folder alone; it holds the same until a fit is gone.
+    page = (tmp_path / "out" / "comparison.html").read_bytes()
+    assert cli.main(["report", str(tmp_path / "out"), "-o", str(tmp_path / "again.html")]) == 3
+    assert (tmp_path / "again.html").read_bytes() == page
+    other.unlink()
+    capsys.readouterr()
+    assert "is no longer there" in refuse(capsys, "report", str(tmp_path / "out"))
 
 
 def test_a_damaged_fit_is_refused(first, tmp_path, capsys):
@@ -234,9 +248,16 @@ def test_models_of_a_file_are_fitted_saved_and_compared(here, capsys):
     text = CONFIG + "\n[models]\nnormal = { prior = { kind = 'normal' } }\nlaplace = { prior = { kind = 'laplace' } }\n"
     (here / "case.toml").write_text(text)
     assert cli.main(["compare", "case.toml", *SHORT]) in (0, 3)
-    assert sorted(os.listdir("out")) == ["config.toml", "figures", "laplace.nc", "normal.nc", "summary.json"]
+    pages = ["comparison.html", "config.toml", "figures", "laplace.nc", "normal.nc", "summary.json"]
+    assert sorted(os.listdir("out")) == pages
     record = json.loads(Path("out/summary.json").read_text())
     assert {row["model"] for row in record["comparison"]} == {"normal", "laplace"} == set(record["verdicts"])
+    assert {name: entry["file"] for name, entry in record["fits"].items()} == {n: f"{n}.nc" for n in record["verdicts"]}
+    page = Path("out/comparison.html").read_bytes()
+    assert b"[models]" in page
+    os.rename("out", "moved")
+    assert cli.main(["report", "moved", "--quiet"]) in (0, 3)
+    assert Path("moved/comparison.html").read_bytes() == page
 
 
 def test_the_scheme_of_a_file_gives_way_to_the_one_on_the_command_line(here, capsys):

@@ -17,7 +17,7 @@ from .folds import SCHEMES, START, Folds, check_scheme, make_folds
 from .loo import Loo
 from .pointwise import count_observations
 
-__all__ = ["SCHEMES", "TIE_NATS", "compare", "comparison_table", "stacking_weights"]
+__all__ = ["SCHEMES", "TIE_NATS", "compare", "comparison_table", "stacking_weights", "tied", "unreliable"]
 
 TIE_NATS = 4.0
 """Differences smaller than this say little, whatever their standard error (Sivula et al. 2020)."""
@@ -100,6 +100,27 @@ def comparison_table(results: Mapping[str, Loo], notes: tuple[str, ...] = ()) ->
     table.attrs |= {"scheme": first.scheme, "block": first.block, "folds": first.words}
     table.attrs["threshold"] = min(result.threshold for result in results.values())
     return table
+
+
+def tied(table: pd.DataFrame) -> list[str]:
+    """Models that the data do not tell apart from the best.
+
+    They are behind by less than `TIE_NATS` or less than twice the standard error of the difference.
+
+    Args:
+        table: What `compare` returns.
+    """
+    gap, se = -table["elpd_diff"].iloc[1:], table["diff_se"].iloc[1:]
+    return [str(name) for name in gap.index[(gap < TIE_NATS) | (gap < 2 * se)]]
+
+
+def unreliable(table: pd.DataFrame) -> list[str]:
+    """Models with a Pareto k above the threshold, for which importance sampling cannot be trusted.
+
+    Args:
+        table: What `compare` returns.
+    """
+    return [str(name) for name in table.index[~(table["worst_k"] <= table.attrs["threshold"])]]
 
 
 def stacking_weights(pointwise: Float[np.ndarray, "n_obs n_model"]) -> Float[np.ndarray, " n_model"]:
@@ -186,8 +207,8 @@ def _verdict_notes(fits: Mapping[str, Posterior]) -> tuple[str, ...]:
 
 def _tie_notes(table: pd.DataFrame) -> list[str]:
     best, second = table.index[:2]
-    gap, se = -float(table["elpd_diff"].iloc[1]), float(table["diff_se"].iloc[1])
-    if gap >= max(TIE_NATS, 2 * se):
+    if second not in tied(table):
         return []
+    gap, se = -float(table["elpd_diff"].iloc[1]), float(table["diff_se"].iloc[1])
     reason = f"less than {TIE_NATS:g} nats" if gap < TIE_NATS else f"less than twice its standard error of {se:.1f}"
     return [f"{best} and {second} differ by {gap:.1f} nats, {reason}: the data do not tell them apart."]

@@ -1,6 +1,5 @@
 """The page of one fit: verdict, coefficients, what the discrepancy holds, predictions, settings."""
 
-import dataclasses
 import json
 import os
 from typing import Any
@@ -9,7 +8,7 @@ import pandas as pd
 
 from bayes_greybox.data.columns import derivative_label
 from bayes_greybox.greybox import Fit
-from bayes_greybox.inference.netcdf import describe
+from bayes_greybox.physics.units import derivative_unit
 
 from . import figures
 from .page import (
@@ -25,13 +24,21 @@ from .page import (
     picture,
     write_page,
 )
-from .tables import by_equation, footer, settings_table, verdict_blocks
-from .text import estimate, formula, interval, number, percent_text
-
-PROBABILITIES = {"inclusion": "P(included)", "outside_rope": "P(|θ| > ROPE)"}
-"""What the probability of a term is called; continuous priors have no inclusion."""
+from .tables import by_equation, fit_settings, footer, settings_table, verdict_blocks
+from .text import (
+    PROBABILITIES,
+    estimate,
+    formula,
+    interval,
+    listed,
+    number,
+    percent_text,
+    probability_column,
+    unit_text,
+)
 
 CLEAR = 0.5
+"""Terms more probable than this are marked."""
 
 _CHECKS = {
     "LOO-PIT": "Leave-one-out predictions are as wide as they say",
@@ -87,28 +94,24 @@ def fit_page(fit: Fit, config: str | None = None) -> Page:
 
 
 def _headline(fit: Fit, table: pd.DataFrame, shares: pd.DataFrame) -> str:
-    column = _probability(table)
+    column = probability_column(table)
     sentences = []
     for name in fit.model.equations:
         rows = table.loc[name]
         terms = [formula(str(term)) for term in rows.index[rows[column] > CLEAR]]
-        found = f"{_listed(terms)} matter" if len(terms) > 1 else f"{terms[0]} matters" if terms else "no term matters"
+        found = f"{listed(terms)} matter" if len(terms) > 1 else f"{terms[0]} matters" if terms else "no term matters"
         left = percent_text(max(float(shares.loc[name, "discrepancy"]), 0.0))
         discrepancy = f"; {left} of the variance is left to the discrepancy" if fit.model.discrepancy else ""
         sentences.append(f"In {_rate(fit, name)}, {found}{discrepancy}.")
     return " ".join(sentences)
 
 
-def _listed(words: list[str]) -> str:
-    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
-
-
 def _rate(fit: Fit, name: str) -> str:
     return derivative_label(name, fit.data.time_name)
 
 
-def _probability(table: pd.DataFrame) -> str:
-    return next((name for name in PROBABILITIES if name in table), "outside_rope")
+def _with_unit(value: float, fit: Fit, name: str) -> str:
+    return f"{number(value)} {unit_text(derivative_unit(name, fit.data.units))}".strip()
 
 
 def _facts(fit: Fit) -> list[str]:
@@ -151,7 +154,7 @@ def _study(fit: Fit) -> list[Section]:
 
 
 def _coefficients(fit: Fit, table: pd.DataFrame) -> Section:
-    column = _probability(table)
+    column = probability_column(table)
     records = table.to_dict("records")
     rows = [
         (
@@ -188,8 +191,8 @@ def _discrepancy(fit: Fit, shares: pd.DataFrame) -> Section:
             _rate(fit, str(name)),
             percent_text(row["discrepancy"]),
             f"{percent_text(row['discrepancy_lower'])} to {percent_text(row['discrepancy_upper'])}",
-            number(row["rms"]),
-            number(row["sigma"]),
+            _with_unit(row["rms"], fit, str(name)),
+            _with_unit(row["sigma"], fit, str(name)),
             f"{number(row['correlation'], 2)} ({formula(row['term'])})",
             number(row["correlation_none"], 2),
         )
@@ -275,13 +278,7 @@ def _checks(fit: Fit) -> Section:
 
 
 def _settings(fit: Fit, config: str | None) -> Section:
-    model = describe(fit.model, fit.data)
-    model["dictionary"] = {name: [term["expression"] for term in terms] for name, terms in model["dictionary"].items()}
-    made = {
-        key: fit.idata.attrs[key] for key in ("inference_library_version", "python_version") if key in fit.idata.attrs
-    }
-    settings = {"model": model, "sampling": dataclasses.asdict(fit.sampling), "versions": made}
-    blocks = [Details("Model, sampler, seed and versions", [settings_table(settings)])]
+    blocks = [Details("Model, sampler, seed and versions", [settings_table(fit_settings(fit))])]
     if config:
         blocks.append(Details("Configuration file", [Code(config)]))
     return Section("settings", "How this was made", "", blocks)

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from bayes_greybox.criticism.compare import unreliable
 from bayes_greybox.criticism.convergence import Verdict
 from bayes_greybox.discovery.study import Study
 from bayes_greybox.greybox import Fit
@@ -51,11 +52,12 @@ def comparison_record(
         sampling: Settings of the sampler; None for saved fits.
 
     Returns:
-        Comparison, verdict of each fit, settings and versions.
+        Comparison, models whose Pareto k is too large, verdict of each fit, settings and versions.
     """
     record: dict[str, Any] = {
         "comparison": _rows(table),
         "scheme": {key: table.attrs.get(key) for key in ("scheme", "block", "folds", "threshold")},
+        "unreliable": unreliable(table),
         "notes": list(table.attrs.get("notes", [])),
         "verdicts": {name: _verdict(fit.verdict) for name, fit in fits.items()},
         "versions": versions(),

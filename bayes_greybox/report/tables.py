@@ -1,9 +1,12 @@
-"""What the pages of studies and of fits have in common: settings, convergence, the last line."""
+"""What the pages of studies, fits and comparisons have in common: settings, convergence, the last line."""
 
+import dataclasses
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
+
+from bayes_greybox.inference.netcdf import describe
 
 from .page import Details, Items, Table, Words
 from .text import formula, number
@@ -31,7 +34,22 @@ def by_equation(
 
 def settings_table(settings: Mapping[str, Any]) -> Table:
     """Nested settings as rows of name and value."""
-    return Table(("setting", "value"), [(" / ".join(path), value) for path, value in _flat(settings, ())])
+    return Table(("setting", "value"), settings_rows(settings))
+
+
+def settings_rows(settings: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """Name and value of each setting, nested or not."""
+    return [(" / ".join(path), value) for path, value in _flat(settings, ())]
+
+
+def fit_settings(fit: Any) -> dict[str, Any]:
+    """Model, sampler, seed and versions of a fit."""
+    model = describe(fit.model, fit.data)
+    model["dictionary"] = {name: [term["expression"] for term in terms] for name, terms in model["dictionary"].items()}
+    made = {
+        key: fit.idata.attrs[key] for key in ("inference_library_version", "python_version") if key in fit.idata.attrs
+    }
+    return {"model": model, "sampling": dataclasses.asdict(fit.sampling), "versions": made}
 
 
 def summary_table(fit: Any) -> Table:

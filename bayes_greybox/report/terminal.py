@@ -11,9 +11,8 @@ from rich.text import Text
 from bayes_greybox.data.columns import derivative_label
 from bayes_greybox.greybox import Fit
 
-from .text import number
+from .text import PROBABILITIES, number, probability_column
 
-_PROBABILITIES = {"inclusion": "P(included)", "outside_rope": "P(|θ| > ROPE)"}
 _LEVEL = 0.9
 
 
@@ -91,12 +90,12 @@ def _verdict(label: str, fit: Fit) -> Text:
 
 def _coefficients(label: str, table: pd.DataFrame) -> RenderableType:
     rows = plain_table(f"Coefficients of {label}, with {_LEVEL:.0%} intervals")
-    probability = next((column for column in _PROBABILITIES if column in table), "outside_rope")
+    probability = probability_column(table)
     rows.add_column("term", overflow="fold")
     for title in ("mean", "sd", "lower", "upper"):
         rows.add_column(title, justify="right", no_wrap=True)
     rows.add_column("unit", overflow="fold")
-    rows.add_column(_PROBABILITIES[probability], justify="right", no_wrap=True)
+    rows.add_column(PROBABILITIES[probability], justify="right", no_wrap=True)
     for term, entry in table.iterrows():
         numbers = [_number(entry[column]) for column in ("mean", "sd", "lower", "upper")]
         cells = [term, *numbers, entry["unit"], f"{entry[probability]:.3f}"]

@@ -2,12 +2,29 @@
 
 import math
 import re
+from collections.abc import Sequence
 from typing import Any
+
+import pandas as pd
 
 from .plots.ranking import percent_text, probability_text
 from .plots.style import number_text, unit_text
 
-__all__ = ["estimate", "formula", "interval", "number", "percent_text", "probability_text", "unit_text"]
+__all__ = [
+    "PROBABILITIES",
+    "estimate",
+    "formula",
+    "interval",
+    "listed",
+    "number",
+    "percent_text",
+    "probability_column",
+    "probability_text",
+    "unit_text",
+]
+
+PROBABILITIES = {"inclusion": "P(included)", "outside_rope": "P(|θ| > ROPE)"}
+"""What the probability of a term is called; continuous priors have no inclusion."""
 
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
@@ -49,6 +66,16 @@ def interval(lower: float, upper: float) -> str:
     width, size = upper - lower, max(abs(lower), abs(upper))
     digits = 3 if width <= 0 else min(8, max(3, math.ceil(math.log10(size / width)) + 2))
     return f"{number(lower, digits)} to {number(upper, digits)}"
+
+
+def probability_column(inclusion: pd.DataFrame) -> str:
+    """The column of an inclusion table that says how probable each term is."""
+    return next((name for name in PROBABILITIES if name in inclusion), "outside_rope")
+
+
+def listed(words: Sequence[str]) -> str:
+    """Words as a sentence lists them: a, b and c."""
+    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
 
 
 def formula(expression: str) -> str:

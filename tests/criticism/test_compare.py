@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from fabricated import fabricate, oscillator
 
-from bayes_greybox.criticism.compare import compare, comparison_table, stacking_weights
+from bayes_greybox.criticism.compare import compare, comparison_table, stacking_weights, tied
 from bayes_greybox.criticism.cross_validation import cross_validate
 from bayes_greybox.criticism.loo import Loo
 from bayes_greybox.data.errors import InputError
@@ -66,7 +66,11 @@ def test_ties_are_noted_and_clear_differences_are_not():
     assert abs(np.sum(noisy - a)) > 4
     (note,) = comparison_table({"a": result(a), "b": result(noisy)}).attrs["notes"]
     assert "twice its standard error" in note
-    assert comparison_table({"a": result(a), "b": result(a + 1)}).attrs["notes"] == []
+    clear = comparison_table({"a": result(a), "b": result(a + 1)})
+    assert clear.attrs["notes"] == [] == tied(clear)
+    # Every model that is not told from the best one, whether second or not.
+    three = comparison_table({"a": result(a), "b": result(a + 1), "c": result(a + 1.01)})
+    assert tied(three) == ["b"] and len(three.attrs["notes"]) == 1
 
 
 def test_stacking_weights_of_problems_with_known_answers():

@@ -4,7 +4,7 @@ import numpy as np
 import xarray as xr
 
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.inference.posterior import Posterior, Sampling
+from bayes_greybox.inference.posterior import Posterior, Sampling, data_table
 from bayes_greybox.model.program import Program
 
 
@@ -44,7 +44,13 @@ def fabricate(
         values["length_scale"] = np.exp(0.2 * rng.standard_normal((*shape, n_var)))
         units |= {"amplitude": frame.target_scale, "length_scale": frame.half_width}
     values |= scaled
-    dims = {"theta": "v_term", "prior_sd": "v_term", "gamma": "v_term", "length_scale": "v_variable"}
+    dims = {
+        "theta": "v_term",
+        "prior_sd": "v_term",
+        "gamma": "v_term",
+        "inclusion": "v_term",
+        "length_scale": "v_variable",
+    }
     coords = {"v_term": list(frame.dictionary.names), "v_variable": list(frame.variables)}
     variables = {
         f"v_{name}": (
@@ -63,6 +69,7 @@ def fabricate(
     tree = xr.DataTree.from_dict(
         {
             "posterior": group,
+            "constant_data": xr.Dataset({name: ("obs_id", values) for name, values in data_table(data).items()}),
             "sample_stats": xr.Dataset({name: (("chain", "draw"), value) for name, value in sampler.items()}),
         }
     )
