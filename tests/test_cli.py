@@ -30,6 +30,9 @@ ydot = ["y", "ydot"]
 
 [output]
 folder = "out"
+
+[discrepancy]
+features = 6
 """
 
 
@@ -116,8 +119,8 @@ def test_wrong_use_is_refused_in_one_sentence(here, capsys, words, sentence):
         ('= ["y", "ydot"]\n\n[output]', '= ["y", "__import__(\'os\')"]\n\n[output]', "The formula"),
         ("ydot = [", "z = [", "not a state of the data"),
         ("[output]", "[simulation]\nydot = '-k*y'\n[output]", "unknown name 'k'"),
-        ("[output]", "[discrepancy]\nvariables = ['w']\n[output]", "names 'w', which is neither a state nor"),
-        ("[output]", "[discrepancy]\nvariant = 'printed'\n[output]", "use variant='projected'"),
+        ("features = 6", "variables = ['w']", "names 'w', which is neither a state nor"),
+        ("features = 6", "variant = 'printed'", "use variant='projected'"),
     ],
 )
 def test_bad_input_is_refused_before_sampling_and_leaves_no_file(here, capsys, old, new, sentence):
@@ -245,7 +248,7 @@ def test_a_damaged_fit_is_refused(first, tmp_path, capsys):
 
 
 def test_models_of_a_file_are_fitted_saved_and_compared(here, capsys):
-    text = CONFIG + "\n[models]\nnormal = { prior = { kind = 'normal' } }\nlaplace = { prior = { kind = 'laplace' } }\n"
+    text = CONFIG + "\n[compare]\nmax_refits = 0\n[models]\nnormal = { prior = { kind = 'normal' } }\nlaplace = { prior = { kind = 'laplace' } }\n"
     (here / "case.toml").write_text(text)
     assert cli.main(["compare", "case.toml", *SHORT]) in (0, 3)
     pages = ["comparison.html", "config.toml", "figures", "laplace.nc", "normal.nc", "summary.json"]
