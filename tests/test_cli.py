@@ -248,8 +248,8 @@ def test_a_damaged_fit_is_refused(first, tmp_path, capsys):
 
 
 def test_models_of_a_file_are_fitted_saved_and_compared(here, capsys):
-    text = CONFIG + "\n[compare]\nmax_refits = 0\n[models]\nnormal = { prior = { kind = 'normal' } }\nlaplace = { prior = { kind = 'laplace' } }\n"
-    (here / "case.toml").write_text(text)
+    models = "[models]\nnormal = { prior = { kind = 'normal' } }\nlaplace = { prior = { kind = 'laplace' } }\n"
+    (here / "case.toml").write_text(CONFIG + "\n[compare]\nmax_refits = 0\n" + models)
     assert cli.main(["compare", "case.toml", *SHORT]) in (0, 3)
     pages = ["comparison.html", "config.toml", "figures", "laplace.nc", "normal.nc", "summary.json"]
     assert sorted(os.listdir("out")) == pages

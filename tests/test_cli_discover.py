@@ -189,12 +189,19 @@ def test_fitting_without_a_dictionary_is_refused_and_points_to_discover(here, ca
 
 
 def test_a_saved_fit_is_reported_beside_itself_or_where_asked(here, monkeypatch, capsys):
-    fit, written = fake_fit(ok=False), []
-    monkeypatch.setattr(bg, "load", lambda path: fit, raising=False)
-    monkeypatch.setattr("bayes_greybox.report.fit_page.fit_html", lambda fit, path: written.append((fit, Path(path))))
+    asked = []
+
+    def saved_html(files, path, folds, progress):
+        asked.append((files, path, folds, progress))
+        return {"run": fake_fit(ok=False)}, path or files[0].with_suffix(".html")
+
+    monkeypatch.setattr("bayes_greybox.report.saved.saved_html", saved_html)
     assert cli.main(["report", "runs/first/run.nc"]) == 3
     assert cli.main(["report", "run.nc", "-o", "page.html", "--quiet"]) == 3
-    assert written == [(fit, Path("runs/first/run.html")), (fit, Path("page.html"))]
+    assert asked == [
+        ([Path("runs/first/run.nc")], None, {}, True),
+        ([Path("run.nc")], Path("page.html"), {}, False),
+    ]
     assert capsys.readouterr().out == "The report is runs/first/run.html.\n"
 
 

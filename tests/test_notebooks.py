@@ -9,6 +9,8 @@ from nbclient import NotebookClient
 
 ROOT = Path(__file__).parent.parent
 
+pytestmark = pytest.mark.slow  # a step of its own in .ci/run
+
 
 @pytest.mark.parametrize("path", sorted((ROOT / "notebooks").glob("*.ipynb")), ids=lambda path: path.stem)
 def test_a_notebook_runs_and_was_saved_with_its_outputs(path, tmp_path):

@@ -100,6 +100,9 @@ CASES = {
 }
 
 
+SUMMED = ("projected", "conditioned", "exact", "correlated rows", "spectral, exact")
+
+
 @pytest.fixture(scope="module", params=CASES)
 def case(request):
     gp, kind = CASES[request.param]
@@ -166,6 +169,7 @@ def test_steps_into_the_future_have_the_dense_conditional(case):
         np.testing.assert_allclose(values[s], expected_of(case, s, folds, pasts), rtol=1e-10, atol=1e-8)
 
 
+@pytest.mark.parametrize("case", SUMMED, indirect=True)
 def test_patterns_that_were_summed_are_summed_with_and_without_the_fold(case, monkeypatch):
     rng = np.random.default_rng(2)
     pi, tau = rng.uniform(0.1, 0.9, (2, 2)), np.exp(0.3 * rng.standard_normal((2, 2)))
