@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from bayes_greybox.report.plots.style import (
     BLUE,
@@ -71,6 +72,8 @@ def plot_tradeoff(
     _draw_pairs(pairs, theta, projection, zero, width)
     pairs.set_xlim(*x_view)
     pairs.set_ylim(*y_view)
+    # Five digits a label, where θ is known that well, leave room for no more.
+    pairs.xaxis.set_major_locator(MaxNLocator(4))
     pairs.set_xlabel(with_unit(f"θ: coefficient of {term}", unit))
     pairs.set_ylabel(with_unit(f"amount of {term} that f imitates", unit))
     _draw_marginal(above, theta, zero, x_view, "vertical")
