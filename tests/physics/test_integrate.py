@@ -53,8 +53,8 @@ def test_undefined_right_hand_side_and_spent_budget_are_results():
 
 
 def test_jumps_in_the_right_hand_side_are_crossed():
-    # x' = 2 - sign(x) from -1 climbs at rate 3 until t = 1/3, then at rate 1. Across a jump the estimate of a step's error,
-    # which is held to 1e-8, is one of its magnitude only: hence 1e-6.
+    # x' = 2 - sign(x) from -1 climbs at rate 3 until t = 1/3, then at rate 1. Across a jump the estimate of a step's
+    # error, which is held to 1e-8, is one of its magnitude only: hence 1e-6.
     t = np.linspace(0.0, 2.0, 21)
     path = integrate(lambda t, x, u, args: 2.0 - jnp.sign(x), t, np.array([-1.0]))
     np.testing.assert_allclose(path.states[:, 0], np.minimum(3 * t - 1, t - 1 / 3), atol=1e-6)
