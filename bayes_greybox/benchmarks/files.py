@@ -1,7 +1,9 @@
 """Files of benchmarks: whole or absent, and plain values in them."""
 
+import json
 import os
 from collections.abc import Mapping
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +17,25 @@ def write_whole(file: Path, text: str) -> None:
     part = file.with_name(f".{file.name}.part")
     part.write_text(text, encoding="utf-8", newline="")
     os.replace(part, file)
+
+
+def opened(file: Path) -> dict[str, dict[str, Any]]:
+    """Finished rows of a file of JSON lines by their key; of several lines with one key the last counts.
+
+    The folder is made where it is missing, and the file left with whole lines only: without those that were cut off,
+    and those of another version of the package.
+    """
+    file.parent.mkdir(parents=True, exist_ok=True)
+    rows = {}
+    for line in file.read_text(encoding="utf-8").splitlines() if file.exists() else ():
+        try:
+            row = json.loads(line)
+        except json.JSONDecodeError:
+            continue
+        if row.get("version") == version("bayes-greybox"):
+            rows[row["key"]] = row
+    write_whole(file, "".join(json.dumps(row) + "\n" for row in rows.values()))
+    return rows
 
 
 def unwritable(folder: Path, error: OSError) -> InputError:

@@ -1,14 +1,13 @@
 """Results as plain records, for summary.json."""
 
 import json
-import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pandas as pd
 
+from bayes_greybox.benchmarks.files import plain_values
 from bayes_greybox.criticism.compare import unreliable
 from bayes_greybox.criticism.convergence import Verdict
 from bayes_greybox.discovery.study import Study
@@ -33,7 +32,7 @@ def run_record(fit: Fit, sampling: Mapping[str, Any], seconds: float, held_out: 
         "verdict": _verdict(fit.verdict),
         "coefficients": _rows(fit.inclusion()),
         "discrepancy": _rows(fit.discrepancy()),
-        "held_out_nmse": None if held_out is None else {str(k): _plain(v) for k, v in held_out.items()},
+        "held_out_nmse": None if held_out is None else {str(k): plain_values(v) for k, v in held_out.items()},
         "data": {"rows": data.n_obs, "runs": data.n_run, "dropped": data.dropped},
         "sampling": dict(sampling),
         "seconds": round(seconds, 3),
@@ -76,7 +75,7 @@ def study_record(study: Study, sampling: Mapping[str, Any]) -> dict[str, Any]:
         Verdict, its sentence, convergence of the amended model's fit, every table, data and settings.
     """
     fit, test = study.fit, study.test
-    return _plain(
+    return plain_values(
         {
             **study.record(),
             "convergence": None if fit is None else _verdict(fit.verdict),
@@ -97,13 +96,4 @@ def _verdict(verdict: Verdict) -> dict[str, Any]:
 
 def _rows(table: pd.DataFrame) -> list[dict[str, Any]]:
     rows = table.reset_index().to_dict("records")
-    return [{str(key): _plain(value) for key, value in row.items()} for row in rows]
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
-    value = value.item() if isinstance(value, np.generic) else value
-    return None if isinstance(value, float) and not math.isfinite(value) else value
+    return [{str(key): plain_values(value) for key, value in row.items()} for row in rows]

@@ -13,6 +13,7 @@ from threadpoolctl import threadpool_limits
 
 from bayes_greybox.data.errors import InputError
 
+from ..files import opened, unwritable, write_whole
 from .cells import KERNELS, Cell, measure_cell
 from .score import Confounding, score
 from .situations import SITUATIONS
@@ -58,9 +59,8 @@ def run(output: str | os.PathLike[str], cells: Sequence[Cell] | None = None, *, 
         raise InputError("The confounding study needs at least one cell.")
     folder = Path(output)
     try:
-        folder.mkdir(parents=True, exist_ok=True)
         file = folder / RESULTS
-        rows = _finished(file)
+        rows = opened(file)
         columns = (TextColumn("Confounding"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
         bar = Progress(*columns, console=Console(stderr=True), disable=not progress)
         # Threads inside BLAS fight those of the chains over the cores, for matrices too small to share.
@@ -73,31 +73,10 @@ def run(output: str | os.PathLike[str], cells: Sequence[Cell] | None = None, *, 
         scores = score(rows[cell.key] for cell in chosen)
         tables = {"terms": scores.terms.reset_index(), "cells": scores.cells.reset_index()}
         for name, table in tables.items():
-            table.to_csv(folder / f"{name}.csv", index=False)
+            write_whole(folder / f"{name}.csv", table.to_csv(index=False))
         summary = {name: json.loads(table.to_json(orient="records") or "[]") for name, table in tables.items()}
         text = json.dumps({"version": version("bayes-greybox"), **summary}, indent=2)
-        (folder / "summary.json").write_text(text + "\n", encoding="utf-8")
+        write_whole(folder / "summary.json", text + "\n")
     except OSError as error:
-        raise InputError(
-            f'Cannot write to the folder "{folder}" ({error.strerror or error}); choose another.'
-        ) from error
+        raise unwritable(folder, error) from error
     return scores
-
-
-def _finished(file: Path) -> dict[str, dict]:
-    """Cells by key; lines that were cut off, and those of another version, are left out."""
-    rows: dict[str, dict] = {}
-    if not file.exists():
-        return rows
-    text = file.read_text(encoding="utf-8")
-    if text and not text.endswith("\n"):
-        # What a stopped run began to write must not swallow the next line.
-        file.write_text(text[: text.rfind("\n") + 1], encoding="utf-8")
-    for line in text.splitlines():
-        try:
-            row = json.loads(line)
-        except json.JSONDecodeError:
-            continue
-        if row.get("version") == version("bayes-greybox"):
-            rows[row["key"]] = row
-    return rows

@@ -3,7 +3,7 @@
 import json
 import os
 import traceback
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from contextlib import contextmanager
 from dataclasses import asdict
@@ -18,7 +18,7 @@ from threadpoolctl import threadpool_limits
 
 from bayes_greybox.data.errors import InputError
 
-from ..files import plain_values, unwritable, write_whole
+from ..files import opened, plain_values, unwritable, write_whole
 from .cases import Case, all_cases
 from .generate import generate
 from .hosts import HOSTS
@@ -75,7 +75,10 @@ def run(
         require()
     peers = available() if peers is None else peers
     folder = Path(output)
-    rows = _opened(folder)
+    try:
+        rows = opened(folder / RESULTS)
+    except OSError as error:
+        raise unwritable(folder, error) from error
     todo = [case for case in chosen if _lacking(rows.get(case.key, {}), peers)]
     with _bar(progress) as show, (folder / RESULTS).open("a", encoding="utf-8") as lines:
         show(len(chosen) - len(todo), len(chosen))
@@ -115,22 +118,6 @@ def run_case(case: Case, before: Mapping[str, Any], solve: Solve, peers: bool) -
     except Exception:
         row["error"] = traceback.format_exc()
     return plain_values(row)
-
-
-def finished(lines: Iterable[str]) -> dict[str, dict[str, Any]]:
-    """Cases by key in the lines of a results file; of several lines about one case the last counts.
-
-    Lines that were cut off, and cases run by another version of the package, are left out.
-    """
-    rows = {}
-    for line in lines:
-        try:
-            row = json.loads(line)
-        except json.JSONDecodeError:
-            continue
-        if row.get("version") == version("bayes-greybox"):
-            rows[row["key"]] = row
-    return rows
 
 
 def write_tables(scores: Scores, folder: Path) -> None:
@@ -183,19 +170,6 @@ def _start_worker() -> None:
     os.environ.update(ONE_THREAD)
     # Holds for the life of the process: nothing gives the threads back.
     threadpool_limits(1)
-
-
-def _opened(folder: Path) -> dict[str, dict[str, Any]]:
-    """The folder's finished cases; the folder is made where it is missing, and its file left with whole lines only."""
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        file = folder / RESULTS
-        text = file.read_text(encoding="utf-8") if file.exists() else ""
-        rows = finished(text.splitlines())
-        write_whole(file, "".join(json.dumps(row) + "\n" for row in rows.values()))
-    except OSError as error:
-        raise unwritable(folder, error) from error
-    return rows
 
 
 @contextmanager

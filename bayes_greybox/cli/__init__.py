@@ -2,8 +2,7 @@
 
 import sys
 import time
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -13,11 +12,10 @@ import typer
 import bayes_greybox as bg
 from bayes_greybox.data.errors import InputError
 
+from .ending import BAD_INPUT, DONE, NOT_CONVERGED, exit_code, show
+
 if TYPE_CHECKING:
     from bayes_greybox.config import Config
-
-DONE, BAD_INPUT, NOT_CONVERGED = 0, 2, 3
-"""Exit codes; 3 means that results were written but the verdict on convergence is bad."""
 
 app = typer.Typer(
     name="bayes-greybox",
@@ -130,7 +128,7 @@ def fit(
     if not quiet:
         from bayes_greybox.report.terminal import fit_tables
 
-        _show(*fit_tables(result, held_out), f"Results are in {folder}.")
+        show(*fit_tables(result, held_out), f"Results are in {folder}.")
     return DONE if result.verdict.ok else NOT_CONVERGED
 
 
@@ -177,7 +175,7 @@ def discover(
     if not quiet:
         from bayes_greybox.report.study_terminal import study_tables
 
-        _show(*study_tables(study), f"\nThe report is {folder / 'gap.html'}.")
+        show(*study_tables(study), f"\nThe report is {folder / 'gap.html'}.")
     return DONE if study.fit is None or study.fit.verdict.ok else NOT_CONVERGED
 
 
@@ -205,6 +203,8 @@ def compare(
     """
     sampling = {"seed": seed, "draws": draws, "tune": tune, "chains": chains}
     folds = _given_folds(scheme, block)
+    from .comparing import compare_configured, compare_saved
+
     progress = not (no_progress or quiet)
     saved = [file.suffix == ".nc" for file in files]
     if any(saved):
@@ -213,11 +213,11 @@ def compare(
         given = [f"--{name}" for name, value in sampling.items() if value is not None]
         if given:
             raise InputError(f"{given[0]} does not apply to saved fits, which are not sampled again; leave it out.")
-        return _compare_saved(files, output, folds, progress, quiet)
+        return compare_saved(files, output, folds, progress, quiet)
     if len(files) > 1:
         raise InputError("compare takes one configuration file, or two or more saved fits (*.nc).")
     settings = _configured(files[0], **sampling).with_comparison(**folds)
-    return _compare_configured(settings, output, progress, quiet)
+    return compare_configured(settings, output, progress, quiet)
 
 
 @app.command()
@@ -253,8 +253,8 @@ def report(
 
     fits, page = saved_html(files, output, given, progress=not (no_progress or quiet))
     if not quiet:
-        _show(f"The report is {page}.")
-    return _code(fits)
+        show(f"The report is {page}.")
+    return exit_code(fits)
 
 
 @app.command()
@@ -279,25 +279,12 @@ def benchmark(
     they lie among the posterior draws as they should. confounding fits repeated data under each kernel and says what
     orthogonality gives and costs.
     """
-    folder = output or Path("runs") / f"benchmark-{name.value}"
-    if name is not Benchmark.hidden_effects and workers is not None:
-        raise InputError(f"--workers does not apply to {name.value}, which uses every core; leave it out.")
-    if name is Benchmark.calibration:
-        return _calibrate(folder, cases, replicates or 500, seed, not no_progress)
-    if name is Benchmark.confounding:
-        if cases is not None:
-            raise InputError("--cases does not apply to confounding; --replicates sets its size.")
-        return _confounding(folder, replicates, seed, not no_progress)
-    if replicates is not None:
-        raise InputError("--replicates does not apply to hidden-effects; --cases sets how many are run.")
-    from bayes_greybox.benchmarks.hidden_effects.cases import all_cases, subset
-    from bayes_greybox.benchmarks.hidden_effects.run import run
-    from bayes_greybox.report.benchmark_terminal import benchmark_tables
+    from .benchmarking import run_benchmark
 
-    chosen = all_cases(seed) if cases is None else subset(all_cases(seed), cases, seed)
-    scores = run(folder, chosen, workers=workers or 2, progress=not no_progress)
-    _show(*benchmark_tables(scores), f"\nResults are in {folder}.")
-    return DONE
+    folder = output or Path("runs") / f"benchmark-{name.value}"
+    return run_benchmark(
+        name.value, folder, cases=cases, workers=workers, replicates=replicates, seed=seed, progress=not no_progress
+    )
 
 
 @app.command()
@@ -305,98 +292,8 @@ def datasets() -> int:
     """List the measured benchmark data sets and where they were found."""
     from bayes_greybox.report.terminal import datasets_table
 
-    _show(datasets_table(bg.dataset_table()))
+    show(datasets_table(bg.dataset_table()))
     return DONE
-
-
-def _calibrate(folder: Path, cases: int | None, replicates: int, seed: int, progress: bool) -> int:
-    from bayes_greybox.benchmarks.calibration import run, subset
-    from bayes_greybox.report.benchmark_terminal import calibration_tables
-
-    def finished(name: str, found: "bg.Calibration") -> None:
-        bg.plots.save_figures({name: bg.figures.calibration(found)}, folder / "figures")
-
-    table = run(folder, subset(cases), replicates=replicates, seed=seed, progress=progress, finished=finished)
-    _show(*calibration_tables(table), f"\nResults are in {folder}.")
-    return DONE
-
-
-def _confounding(folder: Path, replicates: int | None, seed: int, progress: bool) -> int:
-    from bayes_greybox.benchmarks.confounding.run import REPLICATES, all_cells, run
-    from bayes_greybox.report.benchmark_terminal import confounding_tables
-
-    scores = run(folder, all_cells(replicates or REPLICATES, seed), progress=progress)
-    bg.plots.save_figures({"confounding": bg.plots.plot_confounding(scores.terms)}, folder)
-    _show(*confounding_tables(scores), f"\nResults are in {folder}.")
-    return DONE
-
-
-def _compare_configured(settings: "Config", output: Path | None, progress: bool, quiet: bool) -> int:
-    if len(settings.models) < 2:
-        raise InputError(
-            f"compare needs two or more models, and {settings.file} has {len(settings.models)}: add tables "
-            'such as [models.laplace] with prior = { kind = "laplace" }.'
-        )
-    from bayes_greybox.criticism.folds import require_divisible
-    from bayes_greybox.report.comparison_folder import save_comparison
-    from bayes_greybox.report.folder import output_folder, staged
-
-    with output_folder(output or settings.folder) as folder:
-        train, _ = settings.read_data()
-        given = settings.compare.given()
-        models = {name: settings.build_model(name) for name in settings.models}
-        for name, model in models.items():
-            # What is wrong with the last model is better said before the first is sampled.
-            with _about(name):
-                model.designs(train)
-                require_divisible(train, model.equations, settings.compare.scheme)
-        fits = {}
-        for name, model in models.items():
-            if not quiet:
-                typer.echo(f"Model {name}")
-            fits[name] = model.fit(train, **settings.sampling.model_dump(), progress=progress)
-            # Each as soon as it is there: a later failure costs no finished fit.
-            with staged(folder) as place:
-                fits[name].save(place / f"{name}.nc")
-        table = bg.compare(fits, **given, progress=progress)
-        save_comparison(
-            folder,
-            fits,
-            table,
-            {name: folder / f"{name}.nc" for name in fits},
-            sampling=settings.sampling.model_dump(),
-            config=(settings.file, settings.text),
-            figures=settings.output.figures,
-        )
-    return _compared(fits, table, folder, quiet)
-
-
-def _compare_saved(
-    files: Sequence[Path], output: Path | None, given: dict[str, Any], progress: bool, quiet: bool
-) -> int:
-    from bayes_greybox.report.comparison_folder import save_comparison
-    from bayes_greybox.report.folder import output_folder
-    from bayes_greybox.report.saved import load_fits
-
-    fits = load_fits(files)
-    if output is None:
-        return _compared(fits, bg.compare(fits, **given, progress=progress), None, quiet)
-    with output_folder(output) as folder:
-        table = bg.compare(fits, **given, progress=progress)
-        save_comparison(folder, fits, table, dict(zip(fits, files, strict=True)))
-    return _compared(fits, table, folder, quiet)
-
-
-def _compared(fits: dict[str, Any], table: Any, folder: Path | None, quiet: bool) -> int:
-    if not quiet:
-        from bayes_greybox.report.terminal import comparison_tables
-
-        _show(*comparison_tables(fits, table), *([] if folder is None else [f"Results are in {folder}."]))
-    return _code(fits)
-
-
-def _code(fits: Mapping[str, Any]) -> int:
-    return DONE if all(result.verdict.ok for result in fits.values()) else NOT_CONVERGED
 
 
 def _given_folds(scheme: Scheme | None, block: int | None) -> dict[str, Any]:
@@ -404,27 +301,10 @@ def _given_folds(scheme: Scheme | None, block: int | None) -> dict[str, Any]:
     return {name: value for name, value in folds.items() if value is not None}
 
 
-@contextmanager
-def _about(model: str) -> Iterator[None]:
-    """Errors say which model they are about."""
-    try:
-        yield
-    except InputError as error:
-        raise InputError(f"[models.{model}] {error}") from error
-
-
 def _configured(file: Path, **sampling: int | None) -> "Config":
     from bayes_greybox.config import load_config
 
     return load_config(file).with_sampling(**sampling)
-
-
-def _show(*parts: Any) -> None:
-    from rich.console import Console
-
-    console = Console(highlight=False)
-    for part in parts:
-        console.print(part)
 
 
 def _refused(message: str) -> int:

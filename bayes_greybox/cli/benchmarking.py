@@ -1,0 +1,61 @@
+"""The command benchmark."""
+
+from pathlib import Path
+
+import bayes_greybox as bg
+from bayes_greybox.data.errors import InputError
+
+from .ending import DONE, show
+
+
+def run_benchmark(
+    name: str,
+    folder: Path,
+    *,
+    cases: int | None,
+    workers: int | None,
+    replicates: int | None,
+    seed: int,
+    progress: bool,
+) -> int:
+    """Run a benchmark by its name; options that it does not have are refused."""
+    if name != "hidden-effects" and workers is not None:
+        raise InputError(f"--workers does not apply to {name}, which uses every core; leave it out.")
+    if name == "calibration":
+        return _calibrate(folder, cases, replicates or 500, seed, progress)
+    if name == "confounding":
+        if cases is not None:
+            raise InputError("--cases does not apply to confounding; --replicates sets its size.")
+        return _confounding(folder, replicates, seed, progress)
+    if replicates is not None:
+        raise InputError("--replicates does not apply to hidden-effects; --cases sets how many are run.")
+    from bayes_greybox.benchmarks.hidden_effects.cases import all_cases, subset
+    from bayes_greybox.benchmarks.hidden_effects.run import run
+    from bayes_greybox.report.benchmark_terminal import benchmark_tables
+
+    chosen = all_cases(seed) if cases is None else subset(all_cases(seed), cases, seed)
+    scores = run(folder, chosen, workers=workers or 2, progress=progress)
+    show(*benchmark_tables(scores), f"\nResults are in {folder}.")
+    return DONE
+
+
+def _calibrate(folder: Path, cases: int | None, replicates: int, seed: int, progress: bool) -> int:
+    from bayes_greybox.benchmarks.calibration import run, subset
+    from bayes_greybox.report.benchmark_terminal import calibration_tables
+
+    def finished(name: str, found: "bg.Calibration") -> None:
+        bg.plots.save_figures({name: bg.figures.calibration(found)}, folder / "figures")
+
+    table = run(folder, subset(cases), replicates=replicates, seed=seed, progress=progress, finished=finished)
+    show(*calibration_tables(table), f"\nResults are in {folder}.")
+    return DONE
+
+
+def _confounding(folder: Path, replicates: int | None, seed: int, progress: bool) -> int:
+    from bayes_greybox.benchmarks.confounding.run import REPLICATES, all_cells, run
+    from bayes_greybox.report.benchmark_terminal import confounding_tables
+
+    scores = run(folder, all_cells(replicates or REPLICATES, seed), progress=progress)
+    bg.plots.save_figures({"confounding": bg.plots.plot_confounding(scores.terms)}, folder)
+    show(*confounding_tables(scores), f"\nResults are in {folder}.")
+    return DONE

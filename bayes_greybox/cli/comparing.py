@@ -1,0 +1,84 @@
+"""The command compare: models of a file, or fits that were saved."""
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import typer
+
+import bayes_greybox as bg
+from bayes_greybox.config import Config
+from bayes_greybox.criticism.folds import require_divisible
+from bayes_greybox.data.errors import InputError
+from bayes_greybox.report.comparison_folder import save_comparison
+from bayes_greybox.report.folder import output_folder, staged
+from bayes_greybox.report.saved import load_fits
+from bayes_greybox.report.terminal import comparison_tables
+
+from .ending import exit_code, show
+
+
+def compare_configured(settings: Config, output: Path | None, progress: bool, quiet: bool) -> int:
+    """Fit the models of a configuration file, compare them, and fill the folder."""
+    if len(settings.models) < 2:
+        raise InputError(
+            f"compare needs two or more models, and {settings.file} has {len(settings.models)}: add tables "
+            'such as [models.laplace] with prior = { kind = "laplace" }.'
+        )
+    with output_folder(output or settings.folder) as folder:
+        train, _ = settings.read_data()
+        given = settings.compare.given()
+        models = {name: settings.build_model(name) for name in settings.models}
+        for name, model in models.items():
+            # What is wrong with the last model is better said before the first is sampled.
+            with _about(name):
+                model.designs(train)
+                require_divisible(train, model.equations, settings.compare.scheme)
+        fits = {}
+        for name, model in models.items():
+            if not quiet:
+                typer.echo(f"Model {name}")
+            fits[name] = model.fit(train, **settings.sampling.model_dump(), progress=progress)
+            # Each as soon as it is there: a later failure costs no finished fit.
+            with staged(folder) as place:
+                fits[name].save(place / f"{name}.nc")
+        table = bg.compare(fits, **given, progress=progress)
+        save_comparison(
+            folder,
+            fits,
+            table,
+            {name: folder / f"{name}.nc" for name in fits},
+            sampling=settings.sampling.model_dump(),
+            config=(settings.file, settings.text),
+            figures=settings.output.figures,
+        )
+    return _compared(fits, table, folder, quiet)
+
+
+def compare_saved(
+    files: Sequence[Path], output: Path | None, given: dict[str, Any], progress: bool, quiet: bool
+) -> int:
+    """Compare saved fits; results are written if a folder is given."""
+    fits = load_fits(files)
+    if output is None:
+        return _compared(fits, bg.compare(fits, **given, progress=progress), None, quiet)
+    with output_folder(output) as folder:
+        table = bg.compare(fits, **given, progress=progress)
+        save_comparison(folder, fits, table, dict(zip(fits, files, strict=True)))
+    return _compared(fits, table, folder, quiet)
+
+
+def _compared(fits: dict[str, Any], table: Any, folder: Path | None, quiet: bool) -> int:
+    if not quiet:
+        show(*comparison_tables(fits, table), *([] if folder is None else [f"Results are in {folder}."]))
+    return exit_code(fits)
+
+
+@contextmanager
+def _about(model: str) -> Iterator[None]:
+    """Errors say which model they are about."""
+    try:
+        yield
+    except InputError as error:
+        raise InputError(f"[models.{model}] {error}") from error
