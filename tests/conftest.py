@@ -6,19 +6,22 @@ if "PYTEST_XDIST_WORKER" in os.environ:
     # There are as many workers as cores, and threads of BLAS that wait for work would take the cores from them.
     # Set before NumPy is imported, and passed on to the programs that tests start.
     os.environ.update(OPENBLAS_NUM_THREADS="1", MKL_NUM_THREADS="1", OMP_NUM_THREADS="1")
+    # Nearly every test compiles a program to run it once. Benchmarks and their timings run without workers.
+    os.environ["JAX_DISABLE_MOST_OPTIMIZATIONS"] = "1"
 
-import jax
+import pkgutil
+from importlib.util import find_spec
+
 import matplotlib
 from jaxtyping import install_import_hook
 
 matplotlib.use("Agg")
-if "PYTEST_XDIST_WORKER" in os.environ:
-    # Nearly every test compiles a program to run it once. Benchmarks and their timings run without workers.
-    jax.config.update("jax_disable_most_optimizations", True)
 if os.environ.get("BAYES_GREYBOX_TYPECHECK", "1") == "1":
-    install_import_hook("bayes_greybox", "beartype.beartype")
+    # All rooms but the benchmarks: their data come out of loops that call small functions fifty thousand times a case.
+    rooms = pkgutil.iter_modules(find_spec("bayes_greybox").submodule_search_locations, "bayes_greybox.")
+    install_import_hook([room.name for room in rooms if room.name != "bayes_greybox.benchmarks"], "beartype.beartype")
 
-LONGEST = ("test_readme.py", "test_loo.py", "test_cli.py")
+LONGEST = ("test_loo.py", "test_cli.py", "test_one_run.py")
 """Files of few long tests; they begin the run, so that no worker waits for one of them at its end."""
 
 

@@ -249,30 +249,22 @@ def test_a_damaged_fit_is_refused(first, tmp_path, capsys):
 
 def test_models_of_a_file_are_fitted_saved_and_compared(here, capsys):
     models = "[models]\nnormal = { prior = { kind = 'normal' } }\nlaplace = { prior = { kind = 'laplace' } }\n"
-    (here / "case.toml").write_text(CONFIG + "\n[compare]\nmax_refits = 0\n" + models)
-    assert cli.main(["compare", "case.toml", *SHORT]) in (0, 3)
+    (here / "case.toml").write_text(CONFIG + "\n[compare]\nscheme = 'trajectory'\nmax_refits = 0\n" + models)
+    assert "the data have one: use scheme='block'" in refuse(capsys, "compare", "case.toml", *SHORT)
+    # The scheme of the file gives way to the one on the command line.
+    assert cli.main(["compare", "case.toml", *SHORT, "--scheme", "future", "--block", "5"]) in (0, 3)
     pages = ["comparison.html", "config.toml", "figures", "laplace.nc", "normal.nc", "summary.json"]
     assert sorted(os.listdir("out")) == pages
     record = json.loads(Path("out/summary.json").read_text())
+    assert record["scheme"]["folds"] == "4 steps of up to 5 time stamps into the future"
     assert {row["model"] for row in record["comparison"]} == {"normal", "laplace"} == set(record["verdicts"])
+    assert {row["refits"] for row in record["comparison"]} == {0}
     assert {name: entry["file"] for name, entry in record["fits"].items()} == {n: f"{n}.nc" for n in record["verdicts"]}
     page = Path("out/comparison.html").read_bytes()
     assert b"[models]" in page
     os.rename("out", "moved")
     assert cli.main(["report", "moved", "--quiet"]) in (0, 3)
     assert Path("moved/comparison.html").read_bytes() == page
-
-
-def test_the_scheme_of_a_file_gives_way_to_the_one_on_the_command_line(here, capsys):
-    compare = "\n[compare]\nscheme = 'trajectory'\nmax_refits = 0\n"
-    models = "[models]\nnormal = { prior = { kind = 'normal' } }\nlaplace = { prior = { kind = 'laplace' } }\n"
-    (here / "case.toml").write_text(CONFIG + compare + models)
-    refusal = refuse(capsys, "compare", "case.toml", *SHORT)
-    assert "the data have one: use scheme='block'" in refusal
-    assert cli.main(["compare", "case.toml", *SHORT, "--scheme", "future", "--block", "5"]) in (0, 3)
-    record = json.loads(Path("out/summary.json").read_text())
-    assert record["scheme"]["folds"] == "4 steps of up to 5 time stamps into the future"
-    assert {row["refits"] for row in record["comparison"]} == {0}
 
 
 def test_every_model_is_checked_before_the_first_is_sampled(here, capsys):
@@ -282,6 +274,9 @@ def test_every_model_is_checked_before_the_first_is_sampled(here, capsys):
     assert sorted(os.listdir(here)) == ["case.toml", "run.csv"]
 
 
-def test_quiet_prints_nothing(here, capsys):
-    assert cli.main(["fit", "case.toml", *SHORT, "--quiet"]) in (0, 3)
+def test_quiet_prints_nothing(here, first, monkeypatch, capsys):
+    monkeypatch.setattr(bg.GreyBox, "fit", lambda *_, **__: bg.load(first.folder / "run.nc"))
+    (here / "case.toml").write_text(CONFIG.replace('"out"', '"out"\nfigures = false'))
+    assert cli.main(["fit", "case.toml", *SHORT, "--quiet"]) == 3
     assert capsys.readouterr() == ("", "")
+    assert sorted(os.listdir("out")) == ["config.toml", "run.nc", "summary.json"]

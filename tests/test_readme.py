@@ -1,4 +1,4 @@
-"""README's Python blocks run as a reader would run them."""
+"""README's Python blocks run as a reader would run them: python -m pytest -m slow tests/test_readme.py."""
 
 import re
 import shutil
@@ -6,7 +6,11 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).parent.parent
+
+pytestmark = pytest.mark.slow  # in .ci/run with the notebooks
 
 
 def test_the_python_blocks_of_readme_run(tmp_path):

@@ -356,7 +356,7 @@ def _scaled_parts(
     explained = draws.theta @ np.asarray(Phi).T
     if not isinstance(design, DenseDesign):
         return explained, draws.weight @ np.asarray(Psi).T
-    left = (frame.position(columns), Phi @ frame.orthonormal)
+    left = (jnp.asarray(frame.position(columns)), jnp.asarray(Phi @ frame.orthonormal))
     keys = jax.random.split(jax.random.PRNGKey(0), len(draws.theta))
 
     def one(item: tuple[Array, Hyperparameters, Array]) -> Array:

@@ -25,6 +25,7 @@ from jaxtyping import Array, Float
 
 from bayes_greybox.model.collapsed import scaled_solve
 from bayes_greybox.model.kernels import KERNELS, log_spectral_density
+from bayes_greybox.physics.expressions import namespace
 
 SIGMA_NODES = 33
 """Nodes of the grid over log σ; the integrand is within 1e-6 of its integral from about 20 on."""
@@ -130,7 +131,7 @@ def marginal(spectrum: Spectrum, noise: NoisePrior) -> Marginal:
     """Integrate σ out of log p(y | σ) on a grid around the mode of each hypothesis of the batch."""
 
     def objective(t: np.ndarray) -> np.ndarray:
-        return spectrum.log_density(_sigma(t, noise)) + np.asarray(log_half_normal(t, noise.scale))
+        return spectrum.log_density(_sigma(t, noise)) + log_half_normal(t, noise.scale)
 
     # The mode of log s: a coarse grid, then shrinking grids around the best node.
     low, high = math.log(max(noise.floor, 1e-6)) - 2.0, math.log(4.0 * noise.scale)
@@ -377,9 +378,10 @@ def _sigma(log_s: np.ndarray, noise: NoisePrior) -> np.ndarray:
     return np.sqrt(noise.floor**2 + np.exp(2 * log_s))
 
 
-def log_half_normal(log_x: Array | np.ndarray, scale: Array | float) -> Array:
+def log_half_normal(log_x: Array | np.ndarray, scale: Array | float) -> Array | np.ndarray:
     """Density of log x for x ~ HalfNormal(scale)."""
-    return 0.5 * math.log(2 / math.pi) - jnp.log(scale) - 0.5 * (jnp.exp(log_x) / scale) ** 2 + log_x
+    xp = namespace([log_x, scale])
+    return 0.5 * math.log(2 / math.pi) - xp.log(scale) - 0.5 * (xp.exp(log_x) / scale) ** 2 + log_x
 
 
 def _log_student(z: np.ndarray, nu: float) -> np.ndarray:

@@ -1,6 +1,6 @@
 """From data to design: scale, orthogonalise, whiten and compress the rows of each equation."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import jax
@@ -11,6 +11,7 @@ from jaxtyping import Float, Int
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.noise import RowNoise
 from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.physics.expressions import namespace
 from bayes_greybox.physics.terms import Dictionary
 
 from .compression import CHUNK, triangular_factor
@@ -189,18 +190,22 @@ def _box(data: Trajectories, names: tuple[str, ...]) -> tuple[np.ndarray, np.nda
 
 
 def _row_evaluator(frame: Frame, data: Trajectories, y: Float[np.ndarray, " n_obs"]) -> Rows:
-    """Rows [Φ ψ y] by index, compiled once for whole chunks."""
+    """Rows [Φ ψ y] by index; of many chunks each is evaluated by one compiled program."""
 
-    @jax.jit
-    def evaluate(columns: dict[str, jax.Array]) -> jax.Array:
-        return jnp.concatenate([frame.dictionary_rows(columns), frame.plain_features(columns)], axis=1)
+    def evaluate(columns: Mapping[str, jax.Array | np.ndarray]) -> jax.Array | np.ndarray:
+        parts = [frame.dictionary_rows(columns), frame.plain_features(columns)]
+        return namespace(columns.values()).concatenate(parts, axis=1)
+
+    compiled = jax.jit(evaluate)
 
     def rows(index: Int[np.ndarray, " n_chunk"]) -> Float[np.ndarray, "n_chunk n_column"]:
-        # A short last chunk is filled up, so that it does not compile anew.
         n = len(index)
-        if CHUNK > n and data.n_obs > CHUNK:
+        if data.n_obs <= CHUNK:
+            values = evaluate({name: column[index] for name, column in data.columns.items()})
+        else:
+            # A short last chunk is filled up, so that it does not compile anew.
             index = np.concatenate([index, np.full(CHUNK - n, index[-1])])
-        values = evaluate({name: jnp.asarray(column[index]) for name, column in data.columns.items()})
+            values = compiled({name: jnp.asarray(column[index]) for name, column in data.columns.items()})
         return np.column_stack([np.asarray(values)[:n], y[index[:n]]])
 
     return rows
@@ -246,13 +251,13 @@ def _dense_design(
         )
     table = rows(np.arange(data.n_obs))
     Phi, y = table[:, : len(frame.dictionary)], table[:, -1]
-    x = frame.position(data.columns)
+    x = jnp.asarray(frame.position(data.columns))
     points = (x, jnp.asarray(Phi @ frame.orthonormal))
     nodes: tuple[jax.Array, jax.Array] = (x, points[1] / data.n_obs)
     if gp.measure != "empirical":
         columns, weights = _box_columns(frame, gp, data)
         at_nodes = frame.dictionary_rows(columns) @ frame.orthonormal
-        nodes = (frame.position(columns), jnp.asarray(weights[:, None] * at_nodes))
+        nodes = (jnp.asarray(frame.position(columns)), jnp.asarray(weights[:, None] * at_nodes))
     whitening = None if noise is None else noise.whiten(np.eye(data.n_obs))
     design = DenseDesign(
         Phi=jnp.asarray(Phi if whitening is None else whitening @ Phi),

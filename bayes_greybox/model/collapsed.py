@@ -78,14 +78,14 @@ def remove_features(
     right = s[:, None] * (Psi.T @ rows)
     if U is None:
         log_det, Z, L = scaled_solve(gram, log_s, right)
-        B = Psi * s
+        weights = Z
     else:
-        B = Psi * s
-        B = B - (B @ U) @ U.T
-        L = jnp.linalg.cholesky(jnp.eye(B.shape[1]) + B.T @ B)
-        Z = solve_lower_transposed(L, solve_lower(L, right - U @ (U.T @ right)))
-        log_det = 2 * jnp.sum(jnp.log(jnp.diag(L)))
-    left = jnp.concatenate([rows - B @ Z, Z])
+        inner = s[:, None] * gram * s
+        inner = inner - U @ (U.T @ inner)
+        inner = inner - (inner @ U) @ U.T
+        log_det, Z, L = symmetric_solve(jnp.eye(len(s)) + inner, right - U @ (U.T @ right))
+        weights = Z - U @ (U.T @ Z)
+    left = jnp.concatenate([rows - Psi @ (s[:, None] * weights), Z])
     return Remainder(left[:, :-1], left[:, -1], log_det), FeatureSolve(L, Z)
 
 
@@ -127,6 +127,42 @@ def _scaled_solve_reverse(saved: tuple, cotangents: tuple) -> tuple:
 
 
 scaled_solve.defvjp(_scaled_solve, _scaled_solve_reverse)
+
+
+@jax.custom_vjp
+def symmetric_solve(
+    A: Float[Array, "n n"], right: Float[Array, "n k"]
+) -> tuple[Float[Array, ""], Float[Array, "n k"], Float[Array, "n n"]]:
+    """log|A|, X = A⁻¹ R and the Cholesky factor of a symmetric positive definite A.
+
+    The reverse pass needs A⁻¹ once: with V = A⁻¹ X̄,
+
+        R̄ = V,   Ā = (log|A|)¯ A⁻¹ − ½ (V Xᵀ + X Vᵀ).
+
+    The factor itself carries no derivative.
+
+    Args:
+        A: A.
+        right: R.
+    """
+    return _symmetric_solve(A, right)[0]
+
+
+def _symmetric_solve(A: Array, right: Array) -> tuple[tuple[Array, Array, Array], tuple]:
+    L = jnp.linalg.cholesky(A)
+    X = solve_lower_transposed(L, solve_lower(L, right))
+    return (2 * jnp.sum(jnp.log(jnp.diag(L))), X, L), (L, X)
+
+
+def _symmetric_solve_reverse(saved: tuple, cotangents: tuple) -> tuple:
+    L, X = saved
+    log_det_bar, X_bar, _ = cotangents
+    V = solve_lower_transposed(L, solve_lower(L, X_bar))
+    root = solve_lower(L, jnp.eye(len(L)))
+    return log_det_bar * root.T @ root - 0.5 * (V @ X.T + X @ V.T), V
+
+
+symmetric_solve.defvjp(_symmetric_solve, _symmetric_solve_reverse)
 
 
 def remove_dense(

@@ -7,6 +7,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from bayes_greybox.physics.expressions import namespace
+
 DEFAULT_FEATURES = {1: 20, 2: 10, 3: 8}
 """Features per variable when the user names none; 6 from four variables on."""
 
@@ -51,12 +53,13 @@ class HilbertBasis:
         """√λ_j in every direction."""
         return jnp.asarray(self.indices * np.pi / (2 * self.boundary))
 
-    def __call__(self, x: Float[Array, "n_row n_var"]) -> Float[Array, "n_row n_basis"]:
+    def __call__(self, x: Float[Array | np.ndarray, "n_row n_var"]) -> Float[Array | np.ndarray, "n_row n_basis"]:
         """ψ(x) for points in scaled units."""
-        values = jnp.ones((x.shape[0], 1))
+        xp = namespace([x])
+        values = xp.ones((x.shape[0], 1))
         for d, m in enumerate(self.per_variable):
-            along = jnp.cos(jnp.arange(m) * np.pi / (2 * self.boundary) * (x[:, d : d + 1] + self.boundary))
-            along *= jnp.sqrt(jnp.where(jnp.arange(m) == 0, 0.5, 1.0) / self.boundary)
+            along = xp.cos(np.arange(m) * np.pi / (2 * self.boundary) * (x[:, d : d + 1] + self.boundary))
+            along *= np.sqrt(np.where(np.arange(m) == 0, 0.5, 1.0) / self.boundary)
             values = (values[:, :, None] * along[:, None, :]).reshape(x.shape[0], -1)
         if len(self.per_variable) <= 2:
             return values

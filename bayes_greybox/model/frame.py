@@ -1,16 +1,17 @@
 """The frame of one equation: everything fixed by the data before sampling starts.
 
 It holds the scaling (internal, never seen by the user), the orthonormal dictionary and the features, and
-evaluates them on any rows: those of the fit, held-out ones, a grid, or a state inside an integrator.
+evaluates them on any rows: those of the fit, held-out ones, a grid, or a state inside an integrator. Of NumPy's arrays
+it makes NumPy's arrays.
 """
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from bayes_greybox.physics.expressions import namespace
 from bayes_greybox.physics.terms import Dictionary
 
 from .features import HilbertBasis
@@ -51,32 +52,31 @@ class Frame:
         """User's coefficient per scaled coefficient."""
         return self.target_scale / self.term_scale
 
-    def dictionary_rows(self, columns: Mapping[str, Array | np.ndarray]) -> Float[Array, "n_row n_term"]:
+    def dictionary_rows(self, columns: Mapping[str, Array | np.ndarray]) -> Float[Array | np.ndarray, "n_row n_term"]:
         """Φ in scaled units."""
         return self.dictionary.evaluate(columns) / self.term_scale
 
-    def position(self, columns: Mapping[str, Array | np.ndarray]) -> Float[Array, "n_row n_var"]:
+    def position(self, columns: Mapping[str, Array | np.ndarray]) -> Float[Array | np.ndarray, "n_row n_var"]:
         """Variables of f in scaled units: the data's box is [−1, 1]^d."""
         return scaled_position(columns, self.variables, self.centre, self.half_width)
 
-    def plain_features(self, columns: Mapping[str, Array | np.ndarray]) -> Float[Array, "n_row n_basis"]:
+    def plain_features(self, columns: Mapping[str, Array | np.ndarray]) -> Float[Array | np.ndarray, "n_row n_basis"]:
         """ψ, before the dictionary is projected out; no columns without a basis."""
         x = self.position(columns)
         if self.basis is None:
-            return jnp.zeros((x.shape[0], 0))
+            return np.zeros((x.shape[0], 0))
         return held_features(self.basis, x)
 
     def orthogonal(self, Phi: Array | np.ndarray, psi: Array | np.ndarray) -> Array | np.ndarray:
         """ψ̃ = ψ − Φₒ ⟨Φₒ, ψᵀ⟩ for the projected kernel, ψ for the others; any rows with these columns."""
-        psi = jnp.asarray(psi)
         return psi - Phi @ self.orthonormal @ self.moments if self.projected else psi
 
     def rows(
         self, columns: Mapping[str, Array | np.ndarray]
-    ) -> tuple[Float[Array, "n_row n_term"], Float[Array, "n_row n_basis"]]:
+    ) -> tuple[Float[Array | np.ndarray, "n_row n_term"], Float[Array | np.ndarray, "n_row n_basis"]]:
         """Φ and Ψ̃ in scaled units."""
         Phi = self.dictionary_rows(columns)
-        return Phi, jnp.asarray(self.orthogonal(Phi, self.plain_features(columns)))
+        return Phi, self.orthogonal(Phi, self.plain_features(columns))
 
     def inside(self, columns: Mapping[str, Array | np.ndarray]) -> np.ndarray:
         """Which rows lie in the box of the data."""
@@ -88,14 +88,17 @@ def scaled_position(
     variables: Sequence[str],
     centre: Float[np.ndarray, " n_var"],
     half_width: Float[np.ndarray, " n_var"],
-) -> Float[Array, "n_row n_var"]:
+) -> Float[Array | np.ndarray, "n_row n_var"]:
     """Variables of f in scaled units: the data's box is [−1, 1]^d."""
     if not variables:
-        return jnp.zeros((len(next(iter(columns.values()))), 0))
-    x = jnp.stack([jnp.asarray(columns[name], float) for name in variables], axis=-1)
+        return np.zeros((len(next(iter(columns.values()))), 0))
+    xp = namespace(columns.values())
+    x = xp.stack([xp.asarray(columns[name], float) for name in variables], axis=-1)
     return (x - centre) / half_width
 
 
-def held_features(basis: HilbertBasis, x: Float[Array, "n_row n_var"]) -> Float[Array, "n_row n_basis"]:
+def held_features(
+    basis: HilbertBasis, x: Float[Array | np.ndarray, "n_row n_var"]
+) -> Float[Array | np.ndarray, "n_row n_basis"]:
     """ψ; outside the features' domain the expansion would repeat itself, so there f is held at its edge value."""
-    return basis(jnp.clip(x, -basis.boundary, basis.boundary))
+    return basis(namespace([x]).clip(x, -basis.boundary, basis.boundary))

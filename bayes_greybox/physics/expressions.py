@@ -1,4 +1,4 @@
-"""Formulas written as text: read through a whitelist into SymPy, evaluated with JAX."""
+"""Formulas written as text: read through a whitelist into SymPy, evaluated with NumPy or JAX."""
 
 from collections.abc import Iterable, Mapping
 from functools import reduce
@@ -62,7 +62,9 @@ def symbol_names(expr: sympy.Expr) -> tuple[str, ...]:
     return tuple(sorted(s.name for s in expr.atoms(sympy.Symbol)))
 
 
-def evaluate(expr: sympy.Expr, columns: Mapping[str, Float[Array | np.ndarray, "..."]]) -> Float[Array, "..."]:
+def evaluate(
+    expr: sympy.Expr, columns: Mapping[str, Float[Array | np.ndarray, "..."]]
+) -> Float[Array | np.ndarray, "..."]:
     """Value of an expression on columns of numbers; works under jit, vmap and grad.
 
     Integer powers are products, so they and their gradients are finite at zero and for negative bases. The
@@ -73,45 +75,53 @@ def evaluate(expr: sympy.Expr, columns: Mapping[str, Float[Array | np.ndarray, "
         columns: Arrays by name, of shapes that broadcast; unused ones are welcome.
 
     Returns:
-        Array of the columns' common shape, also where the expression is a constant.
+        Array of the columns' common shape, also where the expression is a constant; read-only where it is NumPy's.
 
     Raises:
         InputError: A column of the expression is missing.
     """
     check_known(symbol_names(expr), columns, str(expr))
-    values: dict[sympy.Basic, Array] = {}
-    for node in sympy.postorder_traversal(expr):
-        if node not in values:
-            values[node] = _node_value(node, values, columns)
-    shape = jnp.broadcast_shapes(*(jnp.shape(c) for c in columns.values()))
-    return jnp.broadcast_to(values[expr], shape)
+    xp = namespace(columns.values())
+    values: dict[sympy.Basic, Any] = {}
+    # What is not finite is for the caller to judge, as under JAX.
+    with np.errstate(all="ignore"):
+        for node in sympy.postorder_traversal(expr):
+            if node not in values:
+                values[node] = _node_value(node, values, columns, xp)
+    return xp.broadcast_to(values[expr], np.broadcast_shapes(*(np.shape(c) for c in columns.values())))
+
+
+def namespace(arrays: Iterable[Any]) -> Any:
+    """`numpy` for NumPy's arrays, so that nothing is compiled to be run once, and `jax.numpy` for all others."""
+    return jnp if any(isinstance(a, jax.Array) for a in arrays) else np
 
 
 def _node_value(
     node: sympy.Basic,
-    values: Mapping[sympy.Basic, Array],
+    values: Mapping[sympy.Basic, Any],
     columns: Mapping[str, Float[Array | np.ndarray, "..."]],
-) -> Array:
+    xp: Any,
+) -> Any:
     if isinstance(node, sympy.Symbol):
-        return jnp.asarray(columns[node.name], dtype=float)
+        return xp.asarray(columns[node.name], dtype=float)
     if isinstance(node, sympy.Number | sympy.NumberSymbol):
-        return jnp.asarray(float(node))
+        return xp.asarray(float(node))
     args = [values[arg] for arg in node.args]
     if isinstance(node, sympy.Add):
-        return reduce(jnp.add, args)
+        return reduce(xp.add, args)
     if isinstance(node, sympy.Mul):
-        return reduce(jnp.multiply, args)
+        return reduce(xp.multiply, args)
     if isinstance(node, sympy.Pow):
-        return _power(args[0], node.args[1], args[1])
+        return _power(args[0], node.args[1], args[1], xp)
     for function in FUNCTIONS.values():
         if isinstance(node, function.node):
-            return function.array(*args)
+            return function.array(xp, *args)
     raise InputError(f"{node} is not available in formulas; use {function_list()}.")
 
 
-def _power(base: Array, exponent: sympy.Basic, exponent_value: Array) -> Array:
+def _power(base: Any, exponent: sympy.Basic, exponent_value: Any, xp: Any) -> Any:
     if isinstance(exponent, sympy.Integer):
-        return jax.lax.integer_pow(base, int(exponent))
+        return base ** int(exponent)
     if isinstance(exponent, sympy.Rational) and exponent.q == 2:
-        return jax.lax.integer_pow(FUNCTIONS["sqrt"].array(base), exponent.p)
-    return jnp.power(base, exponent_value)
+        return FUNCTIONS["sqrt"].array(xp, base) ** int(exponent.p)
+    return xp.power(base, exponent_value)

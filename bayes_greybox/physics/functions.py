@@ -1,4 +1,4 @@
-"""The functions and constants that a formula may use: one row each, for SymPy, Python floats and JAX."""
+"""The functions and constants that a formula may use: one row each, for SymPy, Python floats and arrays."""
 
 import math
 from collections.abc import Callable
@@ -6,9 +6,7 @@ from dataclasses import dataclass
 from functools import reduce
 from typing import Any
 
-import jax.numpy as jnp
 import sympy
-from jaxtyping import Array
 
 
 @dataclass(frozen=True)
@@ -19,14 +17,15 @@ class Function:
         symbolic: Builds the SymPy node; takes `evaluate`.
         node: The SymPy class of that node (an empty tuple where the node is a plain power).
         number: The function on Python floats.
-        array: The function on JAX arrays, with the arguments of the SymPy node.
+        array: The function on arrays: takes their namespace, `numpy` or `jax.numpy`, then the arguments of the SymPy
+            node.
         arity: Smallest and largest number of arguments.
     """
 
     symbolic: Callable[..., sympy.Expr]
     node: Any
     number: Callable[..., float]
-    array: Callable[..., Array]
+    array: Callable[..., Any]
     arity: tuple[int, int] = (1, 1)
 
     def written(self, args: tuple[Any, ...]) -> tuple[Any, ...]:
@@ -34,18 +33,18 @@ class Function:
         return args[: self.arity[1]]
 
 
-def _sqrt(x: Array) -> Array:
+def _sqrt(xp: Any, x: Any) -> Any:
     # The inner where keeps the gradient at zero finite (0 instead of infinity); negative x still gives NaN.
-    return jnp.where(x == 0.0, 0.0, jnp.sqrt(jnp.where(x == 0.0, 1.0, x)))
+    return xp.where(x == 0.0, 0.0, xp.sqrt(xp.where(x == 0.0, 1.0, x)))
 
 
-def _abs(x: Array) -> Array:
+def _abs(xp: Any, x: Any) -> Any:
     # Its gradient at zero is 0, where that of jnp.abs is 1.
-    return x * jnp.sign(x)
+    return x * xp.sign(x)
 
 
-def _heaviside(x: Array, at_zero: Array | float = 0.5) -> Array:
-    return jnp.where(x > 0.0, 1.0, jnp.where(x < 0.0, 0.0, jnp.where(x == 0.0, at_zero, jnp.nan)))
+def _heaviside(xp: Any, x: Any, at_zero: Any = 0.5) -> Any:
+    return xp.where(x > 0.0, 1.0, xp.where(x < 0.0, 0.0, xp.where(x == 0.0, at_zero, xp.nan)))
 
 
 def _symbolic_sqrt(x: sympy.Expr, evaluate: bool) -> sympy.Expr:
@@ -56,27 +55,28 @@ def _symbolic_heaviside(x: sympy.Expr, evaluate: bool) -> sympy.Expr:
     return sympy.Heaviside(x, sympy.S.Half, evaluate=evaluate)
 
 
-def _plain(node: Any, number: Callable[..., float], array: Callable[..., Array]) -> Function:
-    return Function(symbolic=node, node=node, number=number, array=array)
+def _plain(node: Any, number: Callable[..., float], name: str) -> Function:
+    """A function that NumPy and JAX have under one name."""
+    return Function(symbolic=node, node=node, number=number, array=lambda xp, x: getattr(xp, name)(x))
 
 
 FUNCTIONS: dict[str, Function] = {
-    "sin": _plain(sympy.sin, math.sin, jnp.sin),
-    "cos": _plain(sympy.cos, math.cos, jnp.cos),
-    "tan": _plain(sympy.tan, math.tan, jnp.tan),
-    "asin": _plain(sympy.asin, math.asin, jnp.arcsin),
-    "acos": _plain(sympy.acos, math.acos, jnp.arccos),
-    "atan": _plain(sympy.atan, math.atan, jnp.arctan),
-    "sinh": _plain(sympy.sinh, math.sinh, jnp.sinh),
-    "cosh": _plain(sympy.cosh, math.cosh, jnp.cosh),
-    "tanh": _plain(sympy.tanh, math.tanh, jnp.tanh),
-    "exp": _plain(sympy.exp, math.exp, jnp.exp),
-    "log": _plain(sympy.log, math.log, jnp.log),
+    "sin": _plain(sympy.sin, math.sin, "sin"),
+    "cos": _plain(sympy.cos, math.cos, "cos"),
+    "tan": _plain(sympy.tan, math.tan, "tan"),
+    "asin": _plain(sympy.asin, math.asin, "arcsin"),
+    "acos": _plain(sympy.acos, math.acos, "arccos"),
+    "atan": _plain(sympy.atan, math.atan, "arctan"),
+    "sinh": _plain(sympy.sinh, math.sinh, "sinh"),
+    "cosh": _plain(sympy.cosh, math.cosh, "cosh"),
+    "tanh": _plain(sympy.tanh, math.tanh, "tanh"),
+    "exp": _plain(sympy.exp, math.exp, "exp"),
+    "log": _plain(sympy.log, math.log, "log"),
     "sqrt": Function(_symbolic_sqrt, (), math.sqrt, _sqrt),
-    "abs": _plain(sympy.Abs, math.fabs, _abs),
-    "sign": _plain(sympy.sign, lambda x: float((x > 0) - (x < 0)), jnp.sign),
-    "min": Function(sympy.Min, sympy.Min, min, lambda *a: reduce(jnp.minimum, a), (2, 8)),
-    "max": Function(sympy.Max, sympy.Max, max, lambda *a: reduce(jnp.maximum, a), (2, 8)),
+    "abs": Function(sympy.Abs, sympy.Abs, math.fabs, _abs),
+    "sign": _plain(sympy.sign, lambda x: float((x > 0) - (x < 0)), "sign"),
+    "min": Function(sympy.Min, sympy.Min, min, lambda xp, *a: reduce(xp.minimum, a), (2, 8)),
+    "max": Function(sympy.Max, sympy.Max, max, lambda xp, *a: reduce(xp.maximum, a), (2, 8)),
     # 0 below zero, 1/2 at zero, 1 above.
     "heaviside": Function(_symbolic_heaviside, sympy.Heaviside, lambda x: 0.5 * (1 + (x > 0) - (x < 0)), _heaviside),
 }

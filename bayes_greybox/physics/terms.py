@@ -6,13 +6,12 @@ from itertools import combinations_with_replacement
 from math import comb
 from typing import Any
 
-import jax.numpy as jnp
 import numpy as np
 import sympy
 from jaxtyping import Array, Float
 
 from bayes_greybox.data.errors import InputError
-from bayes_greybox.physics.expressions import check_expression, evaluate, parse_expression, symbol_names
+from bayes_greybox.physics.expressions import check_expression, evaluate, namespace, parse_expression, symbol_names
 from bayes_greybox.physics.grammar import MAX_EXPONENT, check_known, check_name
 from bayes_greybox.physics.printing import to_latex, to_text
 
@@ -62,7 +61,7 @@ class Term:
         """The formula in LaTeX, without dollar signs."""
         return to_latex(self.expr)
 
-    def evaluate(self, columns: Mapping[str, Float[Array | np.ndarray, "..."]]) -> Float[Array, "..."]:
+    def evaluate(self, columns: Mapping[str, Float[Array | np.ndarray, "..."]]) -> Float[Array | np.ndarray, "..."]:
         """Value of the term, in the shape of the columns (see `expressions.evaluate`)."""
         return evaluate(self.expr, columns)
 
@@ -134,7 +133,9 @@ class Dictionary:
         """Names of the columns that any term uses, sorted."""
         return tuple(sorted({name for term in self.terms for name in term.symbols}))
 
-    def evaluate(self, columns: Mapping[str, Float[Array | np.ndarray, "*rows"]]) -> Float[Array, "*rows n_term"]:
+    def evaluate(
+        self, columns: Mapping[str, Float[Array | np.ndarray, "*rows"]]
+    ) -> Float[Array | np.ndarray, "*rows n_term"]:
         """Dictionary matrix Phi, one row per observation.
 
         Args:
@@ -146,7 +147,7 @@ class Dictionary:
         Raises:
             InputError: A column is missing.
         """
-        return jnp.stack([term.evaluate(columns) for term in self.terms], axis=-1)
+        return namespace(columns.values()).stack([term.evaluate(columns) for term in self.terms], axis=-1)
 
 
 def polynomial(

@@ -1,4 +1,7 @@
-"""Blocks, trajectories and the future from one run against integrals over the hyperparameters, fold by fold."""
+"""Blocks, trajectories and the future from one run against integrals over the hyperparameters, fold by fold.
+
+Against NUTS without each fold: python -m pytest -n 0 -m slow tests/criticism/test_one_run.py -s
+"""
 
 import itertools
 
@@ -7,6 +10,7 @@ import numpy as np
 import pytest
 from scipy.special import betaln, logsumexp
 
+from bayes_greybox.criticism import future, loo
 from bayes_greybox.criticism.cross_validation import cross_validate
 from bayes_greybox.criticism.folds import make_folds
 from bayes_greybox.data.trajectories import Trajectories
@@ -82,7 +86,10 @@ def integrator(posterior):
     return integral
 
 
-@pytest.mark.parametrize(("scheme", "block"), [("block", 3), ("trajectory", None), ("future", 3)])
+SCHEMES = pytest.mark.parametrize(("scheme", "block"), [("block", 3), ("trajectory", None), ("future", 3)])
+
+
+@SCHEMES
 def test_one_run_equals_the_integral_over_the_hyperparameters(posterior, scheme, block):
     """p(y_F | y_A) = p(y_F, y_A)/p(y_A): the exact value of what a refit to A estimates, without its error.
 
@@ -109,3 +116,18 @@ def test_one_run_equals_the_integral_over_the_hyperparameters(posterior, scheme,
     np.testing.assert_allclose(result.pointwise, exact, atol=0.05)
     # Averaged over p(η | y) without weights the densities would be off by p_eff.
     assert result.p_eff > 0.1
+
+
+@pytest.mark.slow
+@SCHEMES
+def test_one_run_equals_exact_refits(posterior, scheme, block, monkeypatch, capsys):
+    settings = {"block": block, "start": START, "max_refits": 100, "progress": False}
+    once = cross_validate(posterior, scheme, **settings)
+    for module in (loo, future):
+        monkeypatch.setattr(module, "khat_threshold", lambda n_draw: -np.inf)
+    refitted = cross_validate(posterior, scheme, **settings)
+    worst = np.abs(refitted.pointwise - once.pointwise).max()
+    with capsys.disabled():
+        print(f"\n{scheme}, {refitted.refits} refits: {once.elpd - refitted.elpd:+.3f} nat, worst fold {worst:.3f}")
+    assert refitted.refitted.all() and not once.refitted.any()
+    assert abs(once.elpd - refitted.elpd) < 0.1

@@ -11,7 +11,7 @@ import pytest
 from jax.scipy.special import logsumexp
 
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.model.collapsed import constraint_directions, scaled_solve
+from bayes_greybox.model.collapsed import constraint_directions, scaled_solve, symmetric_solve
 from bayes_greybox.model.discrepancy import OrthogonalGP
 from bayes_greybox.model.kernels import KERNELS, gram, log_spectral_density
 from bayes_greybox.model.likelihood import CollapsedNormal, Hyperparameters
@@ -195,6 +195,26 @@ def test_second_derivatives_pass_through_the_custom_gradient():
     got = jax.jit(jax.hessian(_scalar(scaled_solve, G)))(log_s, right)
     expected = jax.jit(jax.hessian(_scalar(_naive_solve, G)))(log_s, right)
     np.testing.assert_allclose(got, expected, rtol=1e-7, atol=1e-8)
+
+
+def test_custom_gradient_of_the_symmetric_solve():
+    G, _, right = _solve_problem()
+    weight = jnp.asarray(np.random.default_rng(4).standard_normal((7, 3)))
+
+    def through(solve):
+        def value(root, right):
+            log_det, X = solve(jnp.eye(7) + root.T @ G @ root, right)
+            return log_det + jnp.sum(weight * X) + jnp.sum(X**2)
+
+        return value
+
+    fast = through(lambda A, right: symmetric_solve(A, right)[:2])
+    naive = through(lambda A, right: (jnp.linalg.slogdet(A)[1], jnp.linalg.solve(A, right)))
+    root = jnp.asarray(np.random.default_rng(5).standard_normal((7, 7)))
+    for derivative in (jax.value_and_grad, jax.hessian):
+        got, expected = (jax.jit(derivative(f, argnums=(0, 1)))(root, right) for f in (fast, naive))
+        for mine, theirs in zip(jax.tree.leaves(got), jax.tree.leaves(expected), strict=True):
+            np.testing.assert_allclose(mine, theirs, rtol=1e-7, atol=1e-9)
 
 
 def test_gradient_is_finite_where_s_underflows():

@@ -103,7 +103,7 @@ def test_likelihood_is_that_of_the_uncompressed_rows(chunk, monkeypatch):
     sd = jnp.asarray([0.5, 1.0, 1.5])
     compressed = CollapsedNormal(design, hyper, Scales(sd)).log_prob(design.y)
 
-    Phi, Psi = equation.frame.rows(data.columns)
+    Phi, Psi = (jnp.asarray(part) for part in equation.frame.rows(data.columns))
     target = jnp.asarray(rate / equation.frame.target_scale)
     log_root, _ = design.weight_prior(hyper)
     remainder, _ = remove_features(Phi, Psi, Psi.T @ Psi, target, log_root, hyper.sigma)

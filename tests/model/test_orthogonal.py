@@ -91,10 +91,8 @@ def test_invariants(few, variant, measure, path, kernel):
     Phi /= np.sqrt(np.sum(weights[:, None] * Phi**2, axis=0))
     inner = (weights[:, None] * Phi).T @ _kernel_between(equation, columns, few.columns, hyper)
     # Relative to the same integral of the base kernel.
-    x = equation.frame.position(columns)
-    base = (weights[:, None] * Phi).T @ np.asarray(
-        gram(KERNELS[kernel], x, equation.frame.position(few.columns), hyper.amplitude, hyper.length_scale)
-    )
+    x, at = (jnp.asarray(equation.frame.position(c)) for c in (columns, few.columns))
+    base = (weights[:, None] * Phi).T @ np.asarray(gram(KERNELS[kernel], x, at, hyper.amplitude, hyper.length_scale))
     assert np.linalg.norm(inner) <= 1e-8 * np.linalg.norm(base)
     # The discrepancy is not orthogonal because there is none of it.
     assert np.trace(K) > 1e-3 * len(K) * float(hyper.amplitude) ** 2
