@@ -101,6 +101,7 @@ def test_a_mistake_in_the_file_is_found_without_importing_jax(here):
         (["report", ".", "a.nc"], "report takes one saved fit (*.nc), several, or one folder"),
         (["report", ".", "--scheme", "block"], "--scheme applies where several saved fits are compared"),
         (["report", "a.nc", "--block", "5"], "--block applies where several saved fits are compared"),
+        (["report", "a.nc", "--max-refits", "5"], "--max-refits applies where several saved fits are compared"),
     ],
 )
 def test_wrong_use_is_refused_in_one_sentence(here, capsys, words, sentence):
@@ -224,7 +225,8 @@ def test_saved_fits_are_compared_and_named_after_their_folders(first, tmp_path, 
     other.parent.mkdir()
     other.write_bytes((first.folder / "run.nc").read_bytes())
     files = [str(first.folder / "run.nc"), str(other)]
-    assert cli.main(["compare", *files, "-o", str(tmp_path / "out"), "--scheme", "block", "--block", "20"]) == 3
+    folds = ["--scheme", "block", "--block", "20", "--max-refits", "0"]
+    assert cli.main(["compare", *files, "-o", str(tmp_path / "out"), *folds]) == 3
     out = capsys.readouterr().out
     assert "elpd" in out and "other" in out and "20 rows" in " ".join(out.split())
     record = json.loads((tmp_path / "out" / "summary.json").read_text())
@@ -249,10 +251,11 @@ def test_a_damaged_fit_is_refused(first, tmp_path, capsys):
 
 def test_models_of_a_file_are_fitted_saved_and_compared(here, capsys):
     models = "[models]\nnormal = { prior = { kind = 'normal' } }\nlaplace = { prior = { kind = 'laplace' } }\n"
-    (here / "case.toml").write_text(CONFIG + "\n[compare]\nscheme = 'trajectory'\nmax_refits = 0\n" + models)
+    (here / "case.toml").write_text(CONFIG + "\n[compare]\nscheme = 'trajectory'\nmax_refits = 9\n" + models)
     assert "the data have one: use scheme='block'" in refuse(capsys, "compare", "case.toml", *SHORT)
-    # The scheme of the file gives way to the one on the command line.
-    assert cli.main(["compare", "case.toml", *SHORT, "--scheme", "future", "--block", "5"]) in (0, 3)
+    # What the file says gives way to the command line.
+    folds = ["--scheme", "future", "--block", "5", "--max-refits", "0"]
+    assert cli.main(["compare", "case.toml", *SHORT, *folds]) in (0, 3)
     pages = ["comparison.html", "config.toml", "figures", "laplace.nc", "normal.nc", "summary.json"]
     assert sorted(os.listdir("out")) == pages
     record = json.loads(Path("out/summary.json").read_text())

@@ -61,6 +61,9 @@ SchemeOption = Annotated[
 BlockOption = Annotated[
     int | None, typer.Option(min=1, help="Rows of a block, or time stamps of a step into the future.")
 ]
+MaxRefits = Annotated[
+    int | None, typer.Option(min=0, help="Most exact refits of what the draws cannot foretell (10 by default).")
+]
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -188,6 +191,7 @@ def compare(
     output: Output = None,
     scheme: SchemeOption = None,
     block: BlockOption = None,
+    max_refits: MaxRefits = None,
     seed: Seed = None,
     draws: Draws = None,
     tune: Tune = None,
@@ -202,7 +206,7 @@ def compare(
     as they are; the report and its like are written if --output is given.
     """
     sampling = {"seed": seed, "draws": draws, "tune": tune, "chains": chains}
-    folds = _given_folds(scheme, block)
+    folds = _given_folds(scheme, block, max_refits)
     from .comparing import compare_configured, compare_saved
 
     progress = not (no_progress or quiet)
@@ -236,6 +240,7 @@ def report(
     ] = None,
     scheme: SchemeOption = None,
     block: BlockOption = None,
+    max_refits: MaxRefits = None,
     no_progress: NoProgress = False,
     quiet: Quiet = False,
 ) -> int:
@@ -244,11 +249,12 @@ def report(
     Several fits are compared first; a folder that compare wrote is shown as it is. The page holds all its
     figures and needs no network.
     """
-    given = _given_folds(scheme, block)
+    given = _given_folds(scheme, block, max_refits)
     if any(file.is_dir() for file in files) and len(files) > 1:
         raise InputError("report takes one saved fit (*.nc), several, or one folder that compare wrote.")
     if given and len(files) == 1:
-        raise InputError(f"--{next(iter(given))} applies where several saved fits are compared; leave it out.")
+        option = next(iter(given)).replace("_", "-")
+        raise InputError(f"--{option} applies where several saved fits are compared; leave it out.")
     from bayes_greybox.report.saved import saved_html
 
     fits, page = saved_html(files, output, given, progress=not (no_progress or quiet))
@@ -296,8 +302,8 @@ def datasets() -> int:
     return DONE
 
 
-def _given_folds(scheme: Scheme | None, block: int | None) -> dict[str, Any]:
-    folds = {"scheme": None if scheme is None else scheme.value, "block": block}
+def _given_folds(scheme: Scheme | None, block: int | None, max_refits: int | None) -> dict[str, Any]:
+    folds = {"scheme": None if scheme is None else scheme.value, "block": block, "max_refits": max_refits}
     return {name: value for name, value in folds.items() if value is not None}
 
 
