@@ -204,7 +204,7 @@ def _row_evaluator(frame: Frame, data: Trajectories, y: Float[np.ndarray, " n_ob
             values = evaluate({name: column[index] for name, column in data.columns.items()})
         else:
             # A short last chunk is filled up, so that it does not compile anew.
-            index = np.concatenate([index, np.full(CHUNK - n, index[-1])])
+            index = np.concatenate([index, np.full(max(0, CHUNK - n), index[-1])])
             values = compiled({name: jnp.asarray(column[index]) for name, column in data.columns.items()})
         return np.column_stack([np.asarray(values)[:n], y[index[:n]]])
 

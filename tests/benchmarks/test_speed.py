@@ -22,8 +22,8 @@ import bayes_greybox as bg
 
 COMPLETE = ["y", "ydot", "y**2", "ydot**2", "y**3", "ydot**3"]
 PARTIAL = [term for term in COMPLETE if term != "y**3"]
-BY_HAND = {100: (200, 200), 200: (150, 150), 400: (60, 60)}
-"""Warm-up and draws of the hand-written model's one chain: as many as a benchmark can wait for."""
+CHAINS, TUNE, DRAWS = 2, 500, 1000
+"""Settings of both. NumPyro runs the chains of the hand-written model one after the other, as on any CPU."""
 
 
 def smallest_ess(draws: dict[str, np.ndarray]) -> float:
@@ -60,7 +60,7 @@ def test_faster_than_theta_sampled_by_hand(dictionary, n_obs, capsys):
     model = bg.GreyBox(dictionary={"ydot": COMPLETE if dictionary == "complete" else PARTIAL}, prior=bg.Laplace())
 
     start = time.perf_counter()
-    fit = model.fit(data, chains=2, tune=500, draws=1000, seed=0, progress=False)
+    fit = model.fit(data, chains=CHAINS, tune=TUNE, draws=DRAWS, seed=0, progress=False)
     ours = time.perf_counter() - start
     group = fit.idata["posterior"]
     names = ("theta", "sigma", "amplitude", "length_scale")
@@ -69,13 +69,13 @@ def test_faster_than_theta_sampled_by_hand(dictionary, n_obs, capsys):
     frame = fit.equations["ydot"].frame
     Phi, y = np.asarray(frame.dictionary_rows(data.columns)), data.derivatives["ydot"] / frame.target_scale
     program = by_hand(Phi, np.asarray(frame.position(data.columns)), y, 1e-4)
-    tune, draws = BY_HAND[n_obs]
     start = time.perf_counter()
     mcmc = MCMC(
         NUTS(program, target_accept_prob=0.9),
-        num_warmup=tune,
-        num_samples=draws,
-        num_chains=1,
+        num_warmup=TUNE,
+        num_samples=DRAWS,
+        num_chains=CHAINS,
+        chain_method="sequential",
         progress_bar=False,
     )
     mcmc.run(jax.random.PRNGKey(0))
@@ -87,5 +87,4 @@ def test_faster_than_theta_sampled_by_hand(dictionary, n_obs, capsys):
             f"\n| {dictionary} | {n_obs} | {our_rate:.1f} ({ours:.0f} s) | {hand_rate:.2f} ({theirs:.0f} s) | "
             f"{our_rate / hand_rate:.0f}x |"
         )
-    assert fit.verdict.ok or fit.sampling.chains * fit.sampling.draws < 4000
     assert our_rate > hand_rate

@@ -109,3 +109,16 @@ def test_likelihood_is_that_of_the_uncompressed_rows(chunk, monkeypatch):
     remainder, _ = remove_features(Phi, Psi, Psi.T @ Psi, target, log_root, hyper.sigma)
     remainder = remainder._replace(log_det=remainder.log_det + 600 * jnp.log(hyper.sigma))
     assert float(compressed) == pytest.approx(float(ridge(remainder, sd, 300.0).log_evidence), rel=1e-10)
+
+
+def test_correlated_rows_of_several_chunks_have_the_design_of_one(monkeypatch):
+    t = np.arange(200) * 0.05
+    y = np.cos(t) + 1e-3 * np.random.default_rng(4).standard_normal(200)
+    data = Trajectories.from_arrays(t, states={"y": y}).differentiate("savgol", rates={"y": "v"}, window=9, polyorder=3)
+    program = Program({"v": ["y", "v"]}, discrepancy=OrthogonalGP(features=4))
+    once = program.designs(data)["v"]
+    monkeypatch.setattr(assemble_module, "CHUNK", 64)
+    chunked = program.designs(data)["v"]
+    for name in ("gram", "Phi", "y"):
+        whole, parts = (np.asarray(getattr(design, name)) for design in (once, chunked))
+        np.testing.assert_allclose(np.abs(parts), np.abs(whole), rtol=1e-8, atol=1e-10)
