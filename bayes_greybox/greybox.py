@@ -72,8 +72,7 @@ class GreyBox(Program):
             InputError: Data or settings that cannot be used; the message names what and the remedy.
         """
         sampling = Sampling(draws, tune, chains, seed, target_accept)
-        # Threads inside BLAS fight those of the chains over the cores, for matrices too small to share.
-        with threadpool_limits(1):
+        with threadpool_limits(1):  # as in `sample_posterior`, here also for what completes the fit
             posterior = sample_posterior(self, data, sampling, progress=progress)
             for _ in range(MOST_REFITS):
                 refined = _refined(posterior.model, self.discrepancy, posterior)

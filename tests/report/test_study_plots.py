@@ -120,6 +120,20 @@ def test_labels_of_the_legend_stay_inside_the_figure(width):
     assert box.x1 <= figure.bbox.x1
 
 
+def test_the_end_of_a_long_free_run_is_shown_close_up():
+    t = np.linspace(0, 300, 6001)
+    figure = plot_free_run(t, np.sin(t), bands(np.cos(t)), bands(np.sin(t)), state="y")
+    whole, end = figure.axes[:2]
+    measured = {ax: next(line for line in ax.get_lines() if line.get_label() == "measured") for ax in (whole, end)}
+    np.testing.assert_array_equal(measured[end].get_xdata(), t[-200:])
+    np.testing.assert_array_equal(measured[end].get_ydata(), np.sin(t[-200:]))
+    assert measured[whole].get_xdata()[0] < 1
+    assert "last 200 samples" in end.texts[0].get_text()
+    # In axes of the caller's own there is one a run.
+    short = plot_free_run(t, np.sin(t), bands(np.cos(t)), bands(np.sin(t)), state="y", axes=[whole])
+    assert short is figure
+
+
 def test_a_free_run_that_fails_ends_with_a_cross_and_does_not_set_the_scale():
     t = np.linspace(0, 10, 101)
     before = np.where(t < 5, np.exp(t), np.nan)

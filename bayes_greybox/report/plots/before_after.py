@@ -31,6 +31,8 @@ _CLOSE = 1 / 400
 _NARROW = 6.0
 # Rows up to which measurements are drawn as points.
 _MOST_MARKERS = 400
+# Rows of a run whose swings may be too many to be told apart in one panel, and of its end that is then shown again.
+_LONG, _CLOSE_UP = 2000, 200
 
 
 @mpl.rc_context(STYLE)
@@ -107,7 +109,8 @@ def plot_free_run(
     """A state as measured and as the model runs it from its start alone, before and after.
 
     A run that failed ends with a cross where it did. The scale is that of the measurements and of the amended model:
-    a run that leaves it was far off.
+    a run that leaves it was far off. The end of a single long run, where errors have had most time to grow, is shown
+    again close up.
 
     Args:
         time: time of each row, in `time_unit`.
@@ -126,6 +129,9 @@ def plot_free_run(
         The figure.
     """
     rows, note = rows_of_runs(len(time), run)
+    closer = axes is None and len(rows) == 1 and len(rows[0]) > _LONG
+    if closer:
+        rows = [rows[0], rows[0][-_CLOSE_UP:]]
     panels = _panels(rows, width, axes)
     low, high = float(measured.min()), float(measured.max())
     margin = 0.35 * (high - low) or 1.0
@@ -141,7 +147,9 @@ def plot_free_run(
         ax.set_ylim(low - margin, high + margin)
         for path, colour in ((before[0, chosen], ORANGE), (after[0, chosen], BLUE)):
             _mark_failure(ax, t, path, colour)
-        if len(rows) > 1:
+        if closer:
+            name_run(ax, index, ["whole run", f"its last {_CLOSE_UP} samples"])
+        elif len(rows) > 1:
             name_run(ax, index, run_names)
         ax.margins(x=0.01)
     panels[0].set_title(f"Free run of {plain(state)}{note}")
