@@ -22,8 +22,8 @@ import bayes_greybox as bg
 
 COMPLETE = ["y", "ydot", "y**2", "ydot**2", "y**3", "ydot**3"]
 PARTIAL = [term for term in COMPLETE if term != "y**3"]
-TUNE, DRAWS = 500, 1000
-"""Warm-up and draws of a chain: two chains here, one by hand (NumPyro would run two one after the other on a CPU)."""
+CHAINS, TUNE, DRAWS = 2, 500, 1000
+"""Settings of both. NumPyro runs the chains of the hand-written model one after the other, as on any CPU."""
 
 PIECE, PATIENCE = 50, 300.0
 """Draws that the hand-written model makes at a time, and seconds after which it makes no more."""
@@ -63,7 +63,7 @@ def test_faster_than_theta_sampled_by_hand(dictionary, n_obs, capsys):
     model = bg.GreyBox(dictionary={"ydot": COMPLETE if dictionary == "complete" else PARTIAL}, prior=bg.Laplace())
 
     start = time.perf_counter()
-    fit = model.fit(data, chains=2, tune=TUNE, draws=DRAWS, seed=0, progress=False)
+    fit = model.fit(data, chains=CHAINS, tune=TUNE, draws=DRAWS, seed=0, progress=False)
     ours = time.perf_counter() - start
     group = fit.idata["posterior"]
     names = ("theta", "sigma", "amplitude", "length_scale")
@@ -74,7 +74,8 @@ def test_faster_than_theta_sampled_by_hand(dictionary, n_obs, capsys):
     program = by_hand(Phi, np.asarray(frame.position(data.columns)), y, 1e-4)
     start = time.perf_counter()
     sampler = NUTS(program, target_accept_prob=0.9)
-    mcmc = MCMC(sampler, num_warmup=TUNE, num_samples=PIECE, num_chains=1, progress_bar=False)
+    settings = {"num_warmup": TUNE, "num_samples": PIECE, "num_chains": CHAINS, "chain_method": "sequential"}
+    mcmc = MCMC(sampler, **settings, progress_bar=False)
     mcmc.warmup(jax.random.PRNGKey(0))
     pieces = []
     while len(pieces) * PIECE < DRAWS and (not pieces or time.perf_counter() - start < PATIENCE):
