@@ -148,8 +148,8 @@ def subset_density(design: Design, parameters: tuple[Hyperparameters, Scales]) -
     if isinstance(design, FeatureDesign):
         # Few rows make a short factor; rows of zeros change nothing, and all subsets share one compilation.
         short = max(0, design.Phi.shape[1] + design.Psi.shape[1] + 1 - len(design.y))
-        Phi, Psi, y = (jnp.pad(a, [(0, short), (0, 0)][: a.ndim]) for a in (design.Phi, design.Psi, design.y))
-        design = replace(design, Phi=Phi, Psi=Psi, y=y)
+        Phi, Psi, y = (np.pad(a, [(0, short), (0, 0)][: a.ndim]) for a in (design.Phi, design.Psi, design.y))
+        design = replace(design, Phi=jnp.asarray(Phi), Psi=jnp.asarray(Psi), y=jnp.asarray(y))
     return np.asarray(_subset(design, parameters))
 
 

@@ -85,12 +85,12 @@ def leave_out(posterior: Posterior, equation: str, rows: Sequence[int]) -> Equat
         table = table[kept] if directions is None else table - directions @ (directions.T @ table)
         factor = triangular_factor(lambda index: table[index], len(table))
     n_term = len(frame.dictionary)
-    Psi = jnp.asarray(factor[:, n_term:-1])
+    Psi = factor[:, n_term:-1]
     reduced = replace(
         design,
         Phi=jnp.asarray(factor[:, :n_term]),
-        Psi=Psi,
-        gram=Psi.T @ Psi,
+        Psi=jnp.asarray(Psi),
+        gram=jnp.asarray(Psi.T @ Psi),
         y=jnp.asarray(factor[:, -1]),
         **common,
     )

@@ -87,11 +87,11 @@ def assemble(
         factor = triangular_factor(lambda index: whitened[index], len(whitened))
     Phi, psi, y = np.split(factor, [len(dictionary), factor.shape[1] - 1], axis=1)
     conditioned = discrepancy is not None and discrepancy.variant == "conditioned"
-    Psi = jnp.asarray(frame.orthogonal(Phi, psi))
+    Psi = np.asarray(frame.orthogonal(Phi, psi))
     design = FeatureDesign(
         Phi=jnp.asarray(Phi),
-        Psi=Psi,
-        gram=Psi.T @ Psi,
+        Psi=jnp.asarray(Psi),
+        gram=jnp.asarray(Psi.T @ Psi),
         y=jnp.asarray(y[:, 0]),
         frequency=jnp.zeros((0, 0)) if frame.basis is None else frame.basis.frequency,
         constraints=jnp.asarray(frame.moments) if conditioned else None,

@@ -67,7 +67,7 @@ def evaluate(
 ) -> Float[Array | np.ndarray, "..."]:
     """Value of an expression on columns of numbers; works under jit, vmap and grad.
 
-    Integer powers are products, so they and their gradients are finite at zero and for negative bases. The
+    Integer powers and their gradients are finite at zero and for negative bases. The
     gradients of sqrt, abs, sign and heaviside at zero are taken as 0.
 
     Args:

@@ -357,7 +357,6 @@ def test_a_missing_pysindy_is_said_so(monkeypatch):
 
 
 @pytest.mark.skipif(not peers.available(), reason="PySINDy is not installed; it comes with the extra [peers]")
-@pytest.mark.filterwarnings("ignore")
 def test_pysindy_names_the_obvious_and_the_generator_stays_as_it_was():
     before = np.random.get_state()[1].copy()  # noqa: NPY002
     assert peers.sindy(made(OBVIOUS))["names"][:1] == ["cubic-stiffness"]
