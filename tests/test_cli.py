@@ -13,6 +13,7 @@ from shell import refuse
 
 import bayes_greybox as bg
 from bayes_greybox import cli
+from bayes_greybox.cli.ending import show
 
 ROOT = Path(__file__).parents[1]
 CONFIGS = ROOT / "configs"
@@ -283,3 +284,19 @@ def test_quiet_prints_nothing(here, first, monkeypatch, capsys):
     assert cli.main(["fit", "case.toml", *SHORT, "--quiet"]) == 3
     assert capsys.readouterr() == ("", "")
     assert sorted(os.listdir("out")) == ["config.toml", "run.nc", "summary.json"]
+
+
+def test_what_cannot_work_is_refused_before_the_work(here, first, tmp_path, monkeypatch, capsys):
+    never = lambda *_, **__: pytest.fail("worked before it looked")  # noqa: E731
+    monkeypatch.setattr(bg.GreyBox, "fit", never)
+    models = "[models]\nnormal = { prior = { kind = 'normal' } }\nlaplace = { prior = { kind = 'laplace' } }\n"
+    (here / "case.toml").write_text(CONFIG + models)
+    assert "block=20 does not apply to scheme='loo'" in refuse(capsys, "compare", "case.toml", "--block", "20")
+    monkeypatch.setattr("bayes_greybox.report.saved.compare", never)
+    files = [str(first.folder / "run.nc")] * 2
+    assert "Cannot write" in refuse(capsys, "report", *files, "-o", str(tmp_path / "absent" / "page.html"))
+
+
+def test_paths_are_no_markup(capsys):
+    show("Results are in runs/[old]/x and [/x].")
+    assert capsys.readouterr().out == "Results are in runs/[old]/x and [/x].\n"

@@ -140,6 +140,15 @@ def table(folder: Path, n: int = 40, name: str = "run.csv") -> pd.DataFrame:
             BASE.replace('"oscillator"', '"oscillator"\ntest_fraction = 0.2\ntest = { seed = 1 }'),
             "[data] give either test_fraction or the table test, not both.",
         ),
+        (
+            BASE.replace('"oscillator"', '"oscillator"\nsplit_by = "time"'),
+            "[data] split_by needs test_fraction, the share of the data to hold out.",
+        ),
+        (BASE + "[compare]\nstart = 0.7", '[compare] start applies to scheme = "future" only; leave it out.'),
+        (
+            BASE + "[models.a]\n[models.b]\ndictionary = {}",
+            "[models] a learns ydot but b learns ; compare models of the same equations.",
+        ),
     ],
 )
 def test_a_wrong_file_is_refused_with_the_place_and_the_remedy(tmp_path, text, sentence):

@@ -9,7 +9,7 @@ import typer
 
 import bayes_greybox as bg
 from bayes_greybox.config import Config
-from bayes_greybox.criticism.folds import require_divisible
+from bayes_greybox.criticism.folds import START, check_scheme, require_divisible
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.report.comparison_folder import save_comparison
 from bayes_greybox.report.folder import output_folder, staged
@@ -26,9 +26,10 @@ def compare_configured(settings: Config, output: Path | None, progress: bool, qu
             f"compare needs two or more models, and {settings.file} has {len(settings.models)}: add tables "
             'such as [models.laplace] with prior = { kind = "laplace" }.'
         )
+    given = settings.compare.given()
+    check_scheme(settings.compare.scheme, settings.compare.block, settings.compare.start or START)
     with output_folder(output or settings.folder) as folder:
         train, _ = settings.read_data()
-        given = settings.compare.given()
         models = {name: settings.build_model(name) for name in settings.models}
         for name, model in models.items():
             # What is wrong with the last model is better said before the first is sampled.

@@ -16,6 +16,6 @@ def show(*parts: Any) -> None:
     """Print texts and tables."""
     from rich.console import Console
 
-    console = Console(highlight=False)
+    console = Console(highlight=False, markup=False)
     for part in parts:
         console.print(part)

@@ -52,6 +52,12 @@ class Compare(Section):
     start: Annotated[float, Field(gt=0, lt=1)] | None = None
     max_refits: Annotated[int, Field(ge=0)] | None = None
 
+    @model_validator(mode="after")
+    def _check_start(self) -> Any:
+        if self.start is not None and self.scheme != "future":
+            raise wrong('start applies to scheme = "future" only; leave it out')
+        return self
+
 
 class Model(Section):
     """[models.NAME]: the sections in which one model of a comparison differs from the file's own."""
@@ -89,7 +95,7 @@ class Config(Section):
 
     @model_validator(mode="after")
     def _check_equations(self) -> Any:
-        learned = {name: set(model.dictionary or self.dictionary) for name, model in self.models.items()}
+        learned = {name: set(self._dictionary(model)) for name, model in self.models.items()}
         for name, states in learned.items():
             first = next(iter(learned))
             if states != learned[first]:
@@ -135,7 +141,7 @@ class Config(Section):
             raise InputError(f"There is no model {name!r}; there are {', '.join(self.models) or 'none'}.")
         own = self.models[name] if name is not None else Model()
         prior = own.prior or self.prior
-        dictionary = own.dictionary or self.dictionary
+        dictionary = self._dictionary(own)
         if not dictionary:
             raise InputError(
                 f'"{self._path}" has no [dictionary], so there is nothing to fit: add terms such as ydot = ["y"], or '
@@ -166,6 +172,9 @@ class Config(Section):
             raise InputError(f'"{self._path}": [sampling] target_accept does not apply to discover; leave it out.')
         sampling = self.sampling.model_dump(exclude={"target_accept"})
         return {**self.study.arguments(self._path.parent), **sampling}
+
+    def _dictionary(self, model: Model) -> Dictionary:
+        return self.dictionary if model.dictionary is None else model.dictionary
 
     def _model(self, dictionary: Dictionary, prior: Prior | None, discrepancy: Discrepancy) -> "bg.GreyBox":
         return bg.GreyBox(

@@ -34,6 +34,8 @@ class Source(Section, ABC):
     def _check_test(self) -> Any:
         if self.test_fraction is not None and self.held_out:
             raise wrong("give either test_fraction or the table test, not both")
+        if self.test_fraction is None and "split_by" in self.model_fields_set:
+            raise wrong("split_by needs test_fraction, the share of the data to hold out")
         return self
 
     @property

@@ -1,6 +1,7 @@
 """Models of the same data side by side: predictive densities, their differences, stacking weights."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -65,17 +66,18 @@ def compare(
     if scheme in ("block", "future") and block is None:
         longest = _longest({name: make_folds(fit, scheme, None, start) for name, fit in fits.items()})
         block, chosen = longest.block, longest.notes
-    results = {
-        name: cross_validate(
+    order = next(iter(fits.values())).model.equations
+    results = {}
+    for name, fit in fits.items():
+        found = cross_validate(
             fit, scheme, block=block, start=start, at_most=at_most, max_refits=max_refits, progress=progress
         )
-        for name, fit in fits.items()
-    }
+        results[name] = _in_order(found, fit.model.equations, order)
     return comparison_table(results, (*chosen, *_verdict_notes(fits)))
 
 
 def comparison_table(results: Mapping[str, Loo], notes: tuple[str, ...] = ()) -> pd.DataFrame:
-    """The table of `compare` from cross-validation results over the same observations."""
+    """The table of `compare` from cross-validation results over the same folds in the same order."""
     pointwise = np.column_stack([result.pointwise for result in results.values()])
     total = pointwise.sum(axis=0)
     best = int(np.argmax(total))
@@ -183,6 +185,15 @@ def _require_same_data(fits: Mapping[str, Posterior]) -> None:
                 raise InputError(
                     f"{pair}: the derivatives of {equation!r} come from different differentiators; {remedy}"
                 )
+
+
+def _in_order(result: Loo, equations: Sequence[str], order: Sequence[str]) -> Loo:
+    """The folds of the equations in another order, so that the same fold stands in the same place for all models."""
+    places = [equations.index(name) for name in order]
+    index = np.concatenate([np.flatnonzero(result.equation == place) for place in places])
+    folds = {name: getattr(result, name)[index] for name in ("pointwise", "khat", "refitted", "row")}
+    r_eff = tuple(result.r_eff[place] for place in places)
+    return replace(result, **folds, equation=np.argsort(places)[result.equation[index]], r_eff=r_eff)
 
 
 def _longest(folds: Mapping[str, Folds]) -> Folds:

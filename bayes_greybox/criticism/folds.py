@@ -79,6 +79,8 @@ def make_folds(posterior: Posterior, scheme: str, block: int | None = None, star
             coarse = math.ceil(left / MOST_FUTURES)
             if coarse > block:
                 block, reason = coarse, f"so that there are no more than {MOST_FUTURES} steps"
+            if block > left // 2 > 0:
+                block, reason = left // 2, "half of what is foretold, though residuals are correlated for longer"
             notes = (f"Steps of {_count(block, 'time stamp')} were chosen, {reason}.",)
         pieces = np.array_split(first + np.arange(left), math.ceil(left / block))
         rows = tuple(np.flatnonzero((stamp >= piece[0]) & (stamp <= piece[-1])) for piece in pieces)

@@ -165,6 +165,22 @@ def render(page: Page) -> str:
     return _template().render(page=page)
 
 
+def require_place(path: str | os.PathLike[str]) -> None:
+    """Refuse the destination of a page that cannot be written, before the work for it.
+
+    Args:
+        path: Destination.
+
+    Raises:
+        InputError: There is no such folder, or nothing can be written to it.
+    """
+    try:
+        with tempfile.TemporaryFile(dir=Path(path).parent):
+            pass
+    except OSError as error:
+        raise _unwritable(path, error) from error
+
+
 def write_page(page: Page, path: str | os.PathLike[str]) -> None:
     """Write a page beside its destination, then rename: it is whole or not there.
 
@@ -188,8 +204,7 @@ def write_page(page: Page, path: str | os.PathLike[str]) -> None:
         finally:
             Path(temporary).unlink(missing_ok=True)
     except OSError as error:
-        reason = error.strerror or str(error)
-        raise InputError(f'Cannot write "{path}" ({reason}); choose another place.') from error
+        raise _unwritable(path, error) from error
 
 
 def picture(figure: Figure, alt: str, caption: str = "", *, wide: bool = False) -> Picture:
@@ -206,6 +221,10 @@ def time_picture(draw: Callable[[float], Figure], alt: str, caption: str = "") -
         caption: What stands below it.
     """
     return Picture(_data_uri(draw(9.0)), alt, caption, narrow=_data_uri(draw(NARROW)), wide=True)
+
+
+def _unwritable(path: str | os.PathLike[str], error: OSError) -> InputError:
+    return InputError(f'Cannot write "{os.fspath(path)}" ({error.strerror or error}); choose another place.')
 
 
 def _data_uri(figure: Figure) -> str:

@@ -10,6 +10,7 @@ from bayes_greybox.greybox import Fit, load
 from .comparison_folder import PAGE, load_comparison
 from .comparison_page import comparison_html
 from .fit_page import fit_html
+from .page import require_place
 
 
 def saved_html(
@@ -32,6 +33,7 @@ def saved_html(
     """
     if len(files) > 1:
         fits, page = load_fits(files), path or Path(PAGE)
+        require_place(page)
         comparison_html(fits, compare(fits, **folds, progress=progress), page)
         return fits, page
     (file,) = files

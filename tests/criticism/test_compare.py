@@ -9,7 +9,9 @@ from bayes_greybox.criticism.cross_validation import cross_validate
 from bayes_greybox.criticism.loo import Loo
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.inference.posterior import Sampling, sample_posterior
 from bayes_greybox.model.discrepancy import OrthogonalGP
+from bayes_greybox.model.priors import Normal
 from bayes_greybox.model.program import Program
 
 FULL = Program(dictionary={"v": ["y", "v", "y**3"]}, discrepancy=OrthogonalGP(features=6))
@@ -108,6 +110,30 @@ def test_all_models_leave_out_the_same_folds(scheme):
         result = cross_validate(fit, scheme, block=longest, max_refits=0)
         assert table.attrs["folds"] == result.words
         assert table.loc[name, "elpd"] == pytest.approx(result.elpd, rel=1e-12)
+
+
+@pytest.mark.parametrize("scheme", ["loo", "future"])
+def test_rows_are_compared_with_themselves_in_whatever_order_models_list_their_equations(scheme):
+    rng, plain = np.random.default_rng(0), oscillator(40)
+    data = Trajectories.from_arrays(
+        plain.time,
+        states=dict(plain.states),
+        derivatives={"v": plain.derivatives["v"], "y": plain.column("v") + 3 * rng.standard_normal(40) ** 3},
+    )
+    terms = {"v": ("y", "v"), "y": ("v",)}
+    pair = {
+        name: sample_posterior(
+            Program(dictionary={equation: terms[equation] for equation in order}, prior=Normal(), discrepancy=None),
+            data,
+            Sampling(draws=200, tune=200, chains=1),
+            progress=False,
+        )
+        for name, order in {"v first": ("v", "y"), "y first": ("y", "v")}.items()
+    }
+    table = compare(pair, scheme, max_refits=0)
+    # The two are one model: nothing but the draws tells them apart.
+    assert abs(table["elpd_diff"].iloc[1]) < 1
+    assert table["diff_se"].iloc[1] < 0.05 * table["se"].iloc[1]
 
 
 def test_fits_that_have_not_converged_are_named():

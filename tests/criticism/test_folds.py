@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from dense import dense
 from fabricated import fabricate
 from numpyro.handlers import seed, trace
 from scipy.special import logsumexp
@@ -19,7 +20,6 @@ from bayes_greybox.criticism.pointwise import pointwise_loo
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.model.discrepancy import OrthogonalGP
-from bayes_greybox.model.kernels import KERNELS, log_spectral_density
 from bayes_greybox.model.priors import RegularisedHorseshoe
 from bayes_greybox.model.program import Program
 
@@ -52,30 +52,6 @@ def differentiated(method: str) -> Trajectories:
 def draw(posterior, s):
     draws = posterior.draws("v")
     return jax.tree.map(lambda values: jnp.asarray(values[s]), (draws.hyper, draws.prior_sd))
-
-
-def dense(posterior, hyper, sd):
-    """Covariance of the target and the target itself, scaled units, straight from the definition."""
-    frame, design, data = posterior.equations["v"].frame, posterior.equations["v"].design, posterior.data
-    Phi, Psi = (np.asarray(part) for part in frame.rows(data.columns))
-    C = (Phi * np.asarray(sd) ** 2) @ Phi.T
-    gp = posterior.model.discrepancy
-    if gp is not None and gp.path == "hsgp":
-        log_S = log_spectral_density(KERNELS[gp.kernel], frame.basis.frequency, hyper.amplitude, hyper.length_scale)
-        S = np.diag(np.exp(np.asarray(log_S)))
-        if gp.variant == "conditioned":
-            M = frame.moments
-            S = S - S @ M.T @ np.linalg.solve(M @ S @ M.T, M @ S)
-        C += Psi @ S @ Psi.T
-    elif gp is not None:
-        C += np.asarray(design.cross_covariance(design.points, hyper))
-    noise = data.noise.get("v")
-    C += float(hyper.sigma) ** 2 * (np.eye(len(C)) if noise is None else noise.covariance())
-    target = data.derivatives["v"] + 0.2 * data.column("v")
-    if noise is not None and not noise.square:
-        W = noise.whiten(np.eye(len(C)))
-        return W @ C @ W.T, W @ target / frame.target_scale
-    return C, target / frame.target_scale
 
 
 def conditional(C, y, fold, given):
@@ -334,3 +310,19 @@ def test_what_cannot_be_divided_is_refused():
         cross_validate(posterior, "rows")
     with pytest.raises(InputError, match="start=1 must lie between"):
         cross_validate(posterior, "future", start=1.0)
+
+
+def test_steps_into_the_future_that_the_package_chooses_are_two_at_least():
+    # Runs on one clock, each with an offset of its own: residuals stay correlated over the whole of a run.
+    rng, n_run, n = np.random.default_rng(0), 20, 30
+    y = [rng.uniform(-1, 1, n) for _ in range(n_run)]
+    rate = [np.full(n, offset) + 0.01 * rng.standard_normal(n) for offset in rng.standard_normal(n_run)]
+    data = Trajectories.from_arrays(
+        [0.1 * np.arange(n)] * n_run,
+        states={"y": y, "v": [rng.uniform(-1, 1, n) for _ in range(n_run)]},
+        derivatives={"v": rate},
+    )
+    posterior = fabricate(Program(dictionary={"v": ["y"]}, discrepancy=None), data)
+    assert correlation_length(posterior, "v") > 15
+    folds = make_folds(posterior, "future")
+    assert len(folds.members["v"]) >= 2 and "half of what is foretold" in folds.notes[0]
