@@ -80,6 +80,10 @@ def stack(label: str, value: Any, names: tuple[str, ...], lengths: list[int]) ->
         raise InputError(f"The {label} has {len(runs)} runs but the time has {len(lengths)}; give one array each.")
     out = []
     for name, length, values in zip(names, lengths, runs, strict=True):
+        if np.asarray(values).dtype.kind in "mM":
+            raise InputError(
+                f'The {label} of run "{name}" holds dates; convert it to a number, such as seconds since the start.'
+            )
         try:
             array = np.asarray(values, dtype=float)
         except (TypeError, ValueError) as error:

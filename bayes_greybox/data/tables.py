@@ -1,6 +1,8 @@
 """Read measured tables: delimited text, Parquet, MATLAB and netCDF files."""
 
 import difflib
+import re
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal
@@ -28,7 +30,8 @@ def read_table(
     """Read one file of measurements.
 
     Args:
-        path: .csv, .tsv, .txt (delimiter found from the text), .parquet, .mat or .nc.
+        path: .csv, .tsv, .txt (delimiter found from the text; lines marked # before the rows are remarks, but for
+            names above rows of numbers), .parquet, .mat or .nc.
         time: column of time stamps; None needs `dt`.
         states: names of state columns, or a mapping of state name to column.
         inputs: names of input columns, or a mapping of input name to column.
@@ -112,13 +115,56 @@ def _read(path: Path) -> pd.DataFrame:
 
 
 def _read_text(path: Path) -> pd.DataFrame:
-    if path.suffix.lower() == ".tsv":
-        return pd.read_csv(path, sep="\t")
-    if path.suffix.lower() == ".csv":
-        return pd.read_csv(path, skipinitialspace=True)
-    first = path.read_text(encoding="utf-8-sig").splitlines()[0]
-    delimiter = next((mark for mark in ("\t", ";", ",") if mark in first), r"\s+")
-    return pd.read_csv(path, sep=delimiter, skipinitialspace=True)
+    marked: list[str] = []
+    skipped, first = 0, ""
+    with path.open(encoding="utf-8-sig") as file:
+        for first in file:
+            if first.strip() and not first.startswith("#"):
+                break
+            marked += [first.lstrip("#").strip()] if first.strip() else []
+            skipped += 1
+    delimiter = _delimiter(first, path.suffix.lower())
+    # Names behind a # above rows of numbers, as numpy.savetxt writes them; other such lines are remarks.
+    names = _cells(marked[-1], delimiter) if marked and all(map(_is_number, _cells(first, delimiter))) else None
+    if names is not None and len(names) != len(_cells(first, delimiter)):
+        raise InputError(
+            f'"{path}" names {len(names)} columns, but its first row has {len(_cells(first, delimiter))} values; '
+            "correct the line of names."
+        )
+    with warnings.catch_warnings():
+        # Rows with more values than names would lose the last ones.
+        warnings.simplefilter("error", pd.errors.ParserWarning)
+        return pd.read_csv(
+            path,
+            sep=delimiter,
+            skipinitialspace=True,
+            skiprows=skipped,
+            header=None if names else "infer",
+            names=names,
+            # A delimiter at the end of each row would make the first column an index.
+            index_col=False,
+        )
+
+
+def _delimiter(line: str, suffix: str) -> str:
+    """What separates the values: tabs, semicolons, commas, or in a .txt blanks."""
+    if suffix == ".tsv":
+        return "\t"
+    order = (",", ";", "\t") if suffix == ".csv" else ("\t", ";", ",")
+    return next((mark for mark in order if mark in line), "," if suffix == ".csv" else r"\s+")
+
+
+def _cells(line: str, delimiter: str) -> list[str]:
+    cells = [cell.strip() for cell in re.split(delimiter, line.strip())]
+    return cells[:-1] if cells[-1] == "" else cells
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return True
 
 
 def _read_parquet(path: Path) -> pd.DataFrame:
@@ -192,6 +238,11 @@ def _column(table: pd.DataFrame, name: str, path: Path) -> Any:
 
 def _numbers(table: pd.DataFrame, name: str, path: Path) -> np.ndarray:
     column: Any = _column(table, name, path)
+    if column.dtype.kind in "mM":
+        raise InputError(
+            f'Column "{name}" of "{path}" holds dates; convert it to a number, such as seconds since the start: '
+            "(t - t.iloc[0]).dt.total_seconds()."
+        )
     if pd.api.types.is_bool_dtype(column) or not pd.api.types.is_numeric_dtype(column):
         numbers: Any = pd.to_numeric(column, errors="coerce")
         bad = np.flatnonzero(numbers.isna().to_numpy() & column.notna().to_numpy())

@@ -9,6 +9,7 @@ import xarray as xr
 
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.tables import read_table
+from bayes_greybox.data.trajectories import Trajectories
 
 N = 12
 T = np.arange(N) * 0.5
@@ -142,3 +143,45 @@ def test_contradictory_requests(tmp_path):
         read_table(path, time="time", states=["pos"], trajectory="id")
     with pytest.raises(InputError, match=r'states must be a list of names, such as \["pos"\]'):
         read_table(path, time="time", states="pos")
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("run.csv", "t,y,F\n0,1,5\n1,2,6\n2,4,7\n"),
+        ("run.csv", "t;y;F\n0;1;5\n1;2;6\n2;4;7\n"),
+        ("run.csv", "t,y,F\n0,1,5,\n1,2,6,\n2,4,7,\n"),
+        ("run.csv", "\ufefft,y,F\n0,1,5\n1,2,6\n2,4,7\n"),
+        ("run.txt", "# t y F\n0 1 5\n1 2 6\n2 4 7\n"),
+        ("run.csv", "# made on a Monday\n# t,y,F\n0,1,5\n1,2,6\n2,4,7\n"),
+        ("run.csv", "# made on a Monday, twice\n\nt,y,F\n0,1,5\n1,2,6\n2,4,7\n"),
+        ("run.tsv", "#t\ty\tF\n0\t1\t5\n1\t2\t6\n2\t4\t7\n"),
+    ],
+    ids=["plain", "semicolons", "delimiters at the end", "mark", "savetxt", "remark", "remark above names", "tabs"],
+)
+def test_text_is_read_as_it_is_meant(tmp_path, name, text):
+    path = tmp_path / name
+    path.write_text(text, encoding="utf-8")
+    data = read_table(path, time="t", states=["y"], inputs=["F"])
+    np.testing.assert_array_equal(data.time, [0, 1, 2])
+    np.testing.assert_array_equal(data.states["y"], [1, 2, 4])
+    np.testing.assert_array_equal(data.inputs["F"], [5, 6, 7])
+
+
+@pytest.mark.parametrize("text", ["t,y\n0,1,9\n1,2,9\n2,4,9\n", "# t y\n0 1 9\n1 2 9\n2 4 9\n"])
+def test_rows_with_more_values_than_names_are_refused(tmp_path, text):
+    path = tmp_path / ("run.csv" if "," in text else "run.txt")
+    path.write_text(text)
+    with pytest.raises(InputError, match="names 2 columns, but its first row has 3|Length of header"):
+        read_table(path, time="t", states=["y"])
+
+
+@pytest.mark.parametrize("kind", ["dates", "durations"])
+def test_dates_are_refused_and_never_counted_in_nanoseconds(tmp_path, kind):
+    stamps = pd.to_datetime("2024-05-01") + pd.to_timedelta(T, unit="s")
+    frame = pd.DataFrame({"time": stamps if kind == "dates" else stamps - stamps[0], "pos": np.sin(T)})
+    frame.to_parquet(tmp_path / "run.parquet")
+    with pytest.raises(InputError, match=r'Column "time" .* holds dates; convert it to a number, such as seconds'):
+        read_table(tmp_path / "run.parquet", time="time", states=["pos"])
+    with pytest.raises(InputError, match="holds dates"):
+        Trajectories.from_arrays(frame["time"].to_numpy(), states={"pos": np.sin(T)})
