@@ -72,7 +72,7 @@ class EquationStudy:
                     n for n, q in probabilities.items() if n not in (*STOPS, name) and q >= TIED * best
                 )  # fmt: skip
                 inner = [self.table.columns[index].inner]
-                row = self._row(data, index, p if not self.finding.base else p, draws, tied, inner, "")
+                row = self._row(data, index, p, draws, tied, inner, "")
                 rows.append({**row, "sd": abs(self._in_units(index)) * sd, "lower": min(draws), "upper": max(draws)})
         columns = ["equation", "slug", "name", "expression", "probability", "mean", "sd", "lower", "upper", "unit"]
         return pd.DataFrame(rows, columns=[*columns, "tied_with", "inner", "status"])
@@ -220,10 +220,10 @@ def _advice(found: EquationStudy, index: int, rivals: Sequence[int], data: Traje
     variables = sorted({c for i in (index, *rivals) for c in table.columns[i].term.symbols} & set(data.columns))
     parted = []
     for v in variables:
-        top = float(np.max(np.abs(data.column(v))))
+        low, top = float(np.min(data.column(v))), float(np.max(np.abs(data.column(v))))
         for reach in (1.25, 1.5, 2.0, 3.0, 5.0):
             columns = {n: np.full(41, np.median(c)) for n, c in data.columns.items()}
-            columns[v] = np.linspace(-reach * top, reach * top, 41)
+            columns[v] = np.linspace(-reach * top if low < 0 else low, reach * top, 41)
             curves = [alone(found.evaluations, i)[0] * table.rows([i], columns)[:, 0] for i in (index, *rivals)]
             apart = max(float(np.max(np.abs(curves[0] - other))) for other in curves[1:])
             if np.isfinite(apart) and apart * table.target_scale > 4 * found.amendment.sigma:

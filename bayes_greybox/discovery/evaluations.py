@@ -2,7 +2,8 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import product
+from functools import cache
+from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
@@ -105,13 +106,7 @@ class Evaluations:
 
     def patterns(self) -> tuple[np.ndarray, np.ndarray]:
         """Inclusion patterns of the corrections, all zeros first, and their log prior beside an effect."""
-        k = len(self.table.of_kind("correction"))
-        patterns = np.array(list(product((0, 1), repeat=k)), int).reshape(2**k, k)
-        if len(patterns) > MOST_PATTERNS:
-            patterns = patterns[patterns.sum(axis=1) <= 2]
-        log_prior = patterns.sum(axis=1) * np.log(self.odds.correction)
-        log_prior = log_prior + (k - patterns.sum(axis=1)) * np.log1p(-self.odds.correction)
-        return patterns, log_prior - np.logaddexp.reduce(log_prior)
+        return _patterns(len(self.table.of_kind("correction")), self.odds.correction)
 
     def indices(self, effects: Sequence[int]) -> list[int]:
         """Columns of a hypothesis: free ones, corrections, effects."""
@@ -131,7 +126,7 @@ class Evaluations:
         if not choices:
             return []
         _, log_prior = self.patterns()
-        indices = np.array([self.indices(c) for c in choices])
+        indices = np.array([self.indices(c) for c in choices], dtype=int)
         scales = np.stack([self.scales(c) for c in choices])
         gram = self.table.products[indices[:, :, None], indices[:, None, :]][:, None]
         product_y = self.table.with_target[indices][:, None]
@@ -219,3 +214,15 @@ def one_pattern(fitted: Parametric, pattern: int) -> tuple[Spectrum, Marginal]:
     spectrum, posterior = fitted.spectrum, fitted.marginal
     single = replace(spectrum, **{f: getattr(spectrum, f)[pattern] for f in ("eigenvalues", "loading", "back")})
     return single, Marginal(*(value[pattern] for value in posterior))
+
+
+@cache
+def _patterns(count: int, probability: float) -> tuple[np.ndarray, np.ndarray]:
+    most = count if 2**count <= MOST_PATTERNS else 2
+    chosen = [ones for size in range(most + 1) for ones in combinations(range(count), size)]
+    patterns = np.zeros((len(chosen), count), int)
+    for row, ones in zip(patterns, chosen, strict=True):
+        row[list(ones)] = 1
+    included = patterns.sum(axis=1)
+    log_prior = included * np.log(probability) + (count - included) * np.log1p(-probability)
+    return patterns, log_prior - np.logaddexp.reduce(log_prior)

@@ -173,10 +173,10 @@ class Contest:
 
     def _groups(self, base: tuple[int, ...]) -> dict[str, list[int]]:
         """Columns by effect, of the effects that are not in `base`."""
-        taken = {self.evaluations.name(i) for i in base}
+        taken = {self.evaluations.binding(i) for i in base}
         groups: dict[str, list[int]] = {}
         for i in self.evaluations.table.of_kind("effect"):
-            if self.evaluations.name(i) not in taken:
+            if self.evaluations.binding(i) not in taken:
                 groups.setdefault(self.evaluations.binding(i), []).append(i)
         return groups
 

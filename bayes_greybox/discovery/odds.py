@@ -1,11 +1,16 @@
 """Prior probabilities of the explanations of a gap."""
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, fields
+
+from bayes_greybox.data.errors import InputError
 
 
 @dataclass(frozen=True)
 class Odds:
     """Prior probabilities of the explanations; stated in every result.
+
+    Each is above 0 and below 1.
 
     Attributes:
         no_gap: Nothing is missing and every coefficient is right.
@@ -16,6 +21,9 @@ class Odds:
             already added are all.
         correction: Beside an effect or f, each coefficient of the simulation is off.
         remainder: Beside an effect, f remains.
+
+    Raises:
+        InputError: A value that is no such probability; `another` and `unknown` that leave nothing to the rest.
     """
 
     no_gap: float = 0.3
@@ -25,3 +33,17 @@ class Odds:
     another: float = 0.3
     correction: float = 0.1
     remainder: float = 0.2
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if not (isinstance(value, int | float) and math.isfinite(value) and 0 < value < 1):
+                raise InputError(
+                    f"odds: {field.name} = {value!r} must be a probability above 0 and below 1; what is as good as "
+                    "excluded gets a small one."
+                )
+        if not self.another + self.unknown < 1:
+            raise InputError(
+                f"odds: another = {self.another:g} and unknown = {self.unknown:g} must leave something to the effects "
+                "already added being all: their sum must be below 1."
+            )

@@ -16,11 +16,7 @@ def sentence(findings: Mapping[str, EquationStudy], verdict: str, effects: pd.Da
         effects: The study's table of effects.
         gap: The study's gap table.
     """
-    part = "test" if "test" in gap.index.get_level_values("data") else "train"
-    where = "held-out data" if part == "test" else "the training data"
-    shares = gap.reset_index().query("data == @part and metric == 'unexplained share'")
-    before, after = sum(shares["before"].to_list()), sum(shares["after"].to_list())
-    closed = f"closes {_percent(1 - after / before)} of the gap on {where}" if before > 0 else "leaves no gap"
+    closed = _closed(gap)
     if verdict == "no gap":
         return "Nothing is missing: simulation and measurements agree to within the noise."
     if verdict == "recalibrate":
@@ -47,6 +43,19 @@ def sentence(findings: Mapping[str, EquationStudy], verdict: str, effects: pd.Da
     if verdict == "partly named":
         return f"{lacks}, and something else that the catalogue does not have; adding what has a name {closed}."
     return "Something is missing that the catalogue does not have; the maps show its shape."
+
+
+def _closed(gap: pd.DataFrame) -> str:
+    """What became of the gap, on held-out data where the rates were measured there."""
+    shares = gap.xs("unexplained share", level="metric")
+    held_out = "test" in shares.index.get_level_values("data")
+    where = "held-out data" if held_out else "the training data"
+    before, after = shares.loc["test" if held_out else "train", ["before", "after"]].sum()
+    if not before > 0:
+        return f"leaves no gap on {where}"
+    if after > before:
+        return f"widens the gap on {where} by {100 * (after / before - 1):.0f} %"
+    return f"closes {_percent(1 - after / before)} of the gap on {where}"
 
 
 def _rounded(probability: float) -> str:

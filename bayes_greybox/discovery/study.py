@@ -12,13 +12,17 @@ from rich.console import Console
 from threadpoolctl import threadpool_limits
 
 from bayes_greybox.data.errors import InputError
+from bayes_greybox.data.records import plain_rows
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.greybox import Fit, GreyBox
 from bayes_greybox.inference.netcdf import versions
+from bayes_greybox.model.assemble import nothing_left
+from bayes_greybox.model.program import measured_rate
 from bayes_greybox.model.simulation import Simulation
 from bayes_greybox.physics.effects import CatalogueSpec, load_catalogue
 from bayes_greybox.physics.roles import bind_catalogue, roles_of, unbound
 from bayes_greybox.physics.terms import Term
+from bayes_greybox.physics.units import check_units
 
 from .equation import EquationStudy, study_equation
 from .gap import Amendment, FreePath, gap_rows
@@ -99,7 +103,7 @@ class Study:
     def record(self) -> dict[str, Any]:
         """Verdict, tables and settings as plain values, ready for JSON."""
         tables = ("effects", "hypotheses", "corrections", "where", "gap", "rounds")
-        plain = {name: json.loads(getattr(self, name).reset_index().to_json(orient="records")) for name in tables}
+        plain = {name: plain_rows(getattr(self, name)) for name in tables}
         left_out = [{"equation": e, "slug": s, "reason": r} for (e, s), r in self.left_out.items()]
         return {
             "verdict": self.verdict, "sentence": self.sentence, **plain, "ties": self.ties, "left_out": left_out,
@@ -180,6 +184,7 @@ def find_missing_effects(
     started = time.perf_counter()
     odds = odds or Odds()
     equations = studied_equations(model, train)
+    _check_data(model, equations, train, test, free_runs)
     loaded = load_catalogue(catalogue)
     seconds: dict[str, float] = {}
     findings: dict[str, EquationStudy] = {}
@@ -264,12 +269,17 @@ def studied_equations(model: GreyBox, data: Trajectories) -> tuple[str, ...]:
     simulation = Simulation.of(model.simulation, data.state_names, data.input_names)
     kinematic = [n for n, e in simulation.expressions.items() if e.is_Symbol and str(e) in data.state_names]
     found = tuple(name for name in data.derivative_names if name not in kinematic)
+    rates = {name: measured_rate(data, name) for name in found}
+    # Which equations of a function are kinematic cannot be read off it; but the data meet them exactly.
+    left = tuple(name for name in found if not nothing_left(rates[name] - simulation.on(data, name), rates[name]))
+    if found and not left:
+        raise InputError("The simulation equals every measured derivative exactly: there is nothing to look for.")
     if not found:
         raise InputError(
             "There is no equation to study: the data have no measured derivative of a state whose equation is more "
             "than another state; give derivatives=..., or compute them with data.differentiate()."
         )
-    return found
+    return left
 
 
 def amended_model(model: GreyBox, data: Trajectories, findings: Mapping[str, EquationStudy]) -> GreyBox:
@@ -282,3 +292,21 @@ def amended_model(model: GreyBox, data: Trajectories, findings: Mapping[str, Equ
         # A dictionary needs a term; an offset is the least that can be asked for.
         dictionary[name] = [*own, *added] or [Term("1")]
     return replace(model, dictionary=dictionary)
+
+
+def _check_data(
+    model: GreyBox, equations: Sequence[str], train: Trajectories, test: Trajectories | None, free_runs: bool
+) -> None:
+    """Refuse before the search what the search or the gap after it could not use."""
+    check_units({}, train.units, train.derivative_names, train.time_name)
+    whole = callable(model.simulation) or set(train.state_names) <= {*(model.simulation or {}), *equations}
+    for part, data in (("training", train), *([("test", test)] if test is not None else [])):
+        missing = [name for name in train.columns if name not in data.columns]
+        if missing:
+            raise InputError(f"The {part} data have no {missing[0]!r}, which the training data have: add it.")
+        short = [name for name, n in zip(data.run_names, data.run_lengths, strict=True) if n < 2]
+        if free_runs and whole and short:
+            raise InputError(
+                f"Run {short[0]!r} of the {part} data has one row, and a free run needs two: leave that run out, or "
+                "the free runs with free_runs=False."
+            )

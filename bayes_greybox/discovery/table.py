@@ -11,7 +11,7 @@ from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.noise import BandedNoise
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.inference.evidence import DiscrepancyPrior, NoisePrior
-from bayes_greybox.model.assemble import discrepancy_box, features_per_variable
+from bayes_greybox.model.assemble import discrepancy_box, features_per_variable, scale_of, with_rounding
 from bayes_greybox.model.discrepancy import OrthogonalGP
 from bayes_greybox.model.features import HilbertBasis
 from bayes_greybox.model.frame import held_features, scaled_position
@@ -135,16 +135,15 @@ class GapTable:
                 why = "zero on all the data" if size == 0 else "not finite on all the data"
                 if kind == "free":
                     raise InputError(f"Term {term.name!r} of equation {self.equation!r} is {why}: remove it.")
-                refused[_label(term, about.get("effect"))] = why
+                if about.get("effect") is not None:
+                    refused[about["effect"].slug] = why
                 continue
             sd = {"free": FREE_SCALE, "effect": EFFECT_SCALE}.get(kind, 0.0)
             if kind == "correction":
                 sd = CORRECTION_SCALE * abs(about["nominal"]) * size / self.target_scale
             values.append(value / size)
             kept.append(Column(kind, term, size, sd, **about))
-        # An effect is left out only if no value of its inner parameter can serve.
-        serving = {_label(column.term, column.effect) for column in (*self.columns, *kept)}
-        self.left_out |= {label: why for label, why in refused.items() if label not in serving}
+        self._leave_out(refused, [*self.columns, *kept])
         if not kept:
             return
         new = self._whitened(np.column_stack(values))
@@ -198,17 +197,21 @@ class GapTable:
                 outside = norm - g @ np.linalg.lstsq(G, g, rcond=1e-12)[0]
             else:
                 outside = norm
-            if outside < COLLINEAR * norm:
-                why = "the model has this term already: a change of its coefficient is a recalibration"
-                column = self.columns[i]
-                self.left_out[_label(column.term, column.effect)] = why
-            else:
+            if not outside < COLLINEAR * norm:
                 keep.append(i)
+        why = "the model has this term already: a change of its coefficient is a recalibration"
+        refused = {column.effect.slug: why for column in self.columns[first:] if column.effect is not None}
+        self._leave_out(refused, [self.columns[i] for i in keep])
         self.columns = [self.columns[i] for i in keep]
         self.products = self.products[np.ix_(keep, keep)]
         self.with_target, self.with_features = self.with_target[keep], self.with_features[keep]
         if self._known is not None:
             self._known = self._known[:, keep]
+
+    def _leave_out(self, refused: Mapping[str, str], left: Sequence[Column]) -> None:
+        """Note effects that no column is left of, by another binding or another value of their inner parameter."""
+        serving = {column.effect.slug for column in left if column.effect is not None}
+        self.left_out |= {slug: why for slug, why in refused.items() if slug not in serving}
 
     def _evaluated(self) -> np.ndarray:
         if self._known is not None:
@@ -250,10 +253,9 @@ def gap_table(model: Program, data: Trajectories, equation: str, effects: Sequen
         InputError: The simulation equals the measurement exactly; a variable of f that is constant or unknown.
     """
     simulation = Simulation.of(model.simulation, data.state_names, data.input_names)
-    target = measured_rate(data, equation) - simulation.on(data, equation)
-    target_scale = float(np.sqrt(np.mean(target**2)))
-    if target_scale == 0:
-        raise InputError(f"The simulation equals the measured derivative of {equation!r} exactly: nothing to look for.")
+    measured = measured_rate(data, equation)
+    target = measured - simulation.on(data, equation)
+    target_scale = scale_of(target, measured, equation)
     gp = model.discrepancy or OrthogonalGP()
     variables, centre, half_width = discrepancy_box(gp, data)
     finer = FEATURES.get(len(variables))
@@ -270,7 +272,7 @@ def gap_table(model: Program, data: Trajectories, equation: str, effects: Sequen
         half_width=half_width,
         basis=basis,
         n_obs=float(data.n_obs if noise is None else noise.n_white),
-        noise=NoisePrior(model.noise_floor, model.noise),
+        noise=NoisePrior(with_rounding(measured / target_scale, model.noise_floor), model.noise),
         prior=DiscrepancyPrior(
             gp.amplitude, gp.length_scale, gp.length_scale_spread, gp.kernel, np.asarray(basis.frequency)
         ),
@@ -320,7 +322,3 @@ def additive_terms(expression: sympy.Expr) -> list[tuple[Term, float]]:
         value, form = part.as_coeff_Mul()
         found[form] = found.get(form, 0.0) + float(value)
     return [(Term(form), value) for form, value in found.items() if value != 0]
-
-
-def _label(term: Term, effect: BoundEffect | None) -> str:
-    return term.name if effect is None else effect.slug

@@ -204,25 +204,20 @@ def _regions(
     left = np.ones(len(p), bool)
     whole = gain.sum()
     while len(found) < MOST_REGIONS:
-        rules = [rule for v in columns for rule in _rules(v, columns[v], units[v])]
-        scored = [(gain[inside & left].sum(), text, inside) for text, inside in rules]
-        score, text, inside = max(scored, key=lambda item: item[0])
+        rules = [(v, *rule) for v in columns for rule in _rules(v, columns[v], units[v])]
+        scored = [(gain[inside & left].sum(), v, text, inside) for v, text, inside in rules]
+        score, first, text, inside = max(scored, key=lambda item: item[0])
         if not found and whole >= 0.95 * score and whole > 0:
             return [("everywhere", left)]
         if score <= 0.02 * len(p):
             break
-        deeper = [(gain[inside & left & more].sum(), t, more) for t, more in _all_rules(columns, units) if t != text]
-        second, also, more = max(deeper, key=lambda item: item[0])
-        if second > 1.1 * score and also.strip("|").split()[0] != text.strip("|").split()[0]:
+        deeper = [(gain[inside & left & more].sum(), also, more) for v, also, more in rules if v != first]
+        second, also, more = max(deeper, key=lambda item: item[0], default=(0.0, "", inside))
+        if second > 1.1 * score:
             score, text, inside = second, f"{text} and {also}", inside & more
         found.append((text, inside & left))
         left = left & ~inside
     return found
-
-
-def _all_rules(columns: Mapping[str, np.ndarray], units: Mapping[str, str]) -> Iterator[tuple[str, np.ndarray]]:
-    for v, x in columns.items():
-        yield from _rules(v, x, units[v])
 
 
 def _rules(name: str, x: np.ndarray, unit: str) -> Iterator[tuple[str, np.ndarray]]:

@@ -23,6 +23,9 @@ from .linalg import require_independent
 from .measures import box_nodes
 from .orthogonal import orthonormalise
 
+FEWEST_STEPS = 8
+"""Values on so many steps of a lattice, or more, count as rounded to it."""
+
 Rows = Callable[[Int[np.ndarray, " n_chunk"]], Float[np.ndarray, "n_chunk n_column"]]
 
 
@@ -56,14 +59,15 @@ def assemble(
         InputError: Fewer rows than terms; a term that is not finite; collinear terms; a target that is zero;
             too many rows for the exact path; a kernel that is not a covariance.
     """
-    if data.n_obs < len(dictionary):
+    noise = data.noise.get(equation)
+    n_white = data.n_obs if noise is None else noise.n_white
+    if n_white < len(dictionary):
         raise InputError(
-            f"Equation {equation!r} has {len(dictionary)} terms but only {data.n_obs} rows of data: give at "
+            f"Equation {equation!r} has {len(dictionary)} terms but only {n_white} rows of data: give at "
             f"least as many rows as terms."
         )
-    target_scale = float(np.sqrt(np.mean(target**2)))
-    if target_scale == 0:
-        raise InputError(f"The simulation equals the measured derivative of {equation!r} exactly: nothing to learn.")
+    measured = data.derivatives[equation]
+    target_scale = scale_of(target, measured, equation)
     frame = _scaled_frame(data, equation, dictionary, target_scale, discrepancy)
     rows = _row_evaluator(frame, data, target / target_scale)
 
@@ -72,19 +76,21 @@ def assemble(
     if discrepancy is not None:
         frame = _with_measure(frame, discrepancy, data, factor)
 
-    noise = data.noise.get(equation)
-    n_obs = jnp.asarray(float(data.n_obs if noise is None else noise.n_white))
+    if noise is not None:
+        whitened = noise.whiten(rows(np.arange(data.n_obs)))
+        _require_traces(whitened[:, : len(dictionary)], factor, dictionary.names, equation)
+        factor = triangular_factor(lambda index: whitened[index], len(whitened))
+        require_independent(factor[:, : len(dictionary)], dictionary.names, equation)
+
+    n_obs = jnp.asarray(float(n_white))
     common = {
         "n_obs": n_obs,
         "n_prior": n_obs,
         "log_det_R": jnp.asarray(0.0 if noise is None else float(noise.log_det)),
-        "noise_floor": jnp.asarray(_floor(target / target_scale, noise_floor)),
+        "noise_floor": jnp.asarray(with_rounding(measured / target_scale, noise_floor)),
     }
     if discrepancy is not None and discrepancy.path == "exact":
         return Equation(frame, _dense_design(frame, discrepancy, data, rows, noise, common))
-    if noise is not None:
-        whitened = noise.whiten(rows(np.arange(data.n_obs)))
-        factor = triangular_factor(lambda index: whitened[index], len(whitened))
     Phi, psi, y = np.split(factor, [len(dictionary), factor.shape[1] - 1], axis=1)
     conditioned = discrepancy is not None and discrepancy.variant == "conditioned"
     Psi = np.asarray(frame.orthogonal(Phi, psi))
@@ -99,6 +105,48 @@ def assemble(
         **common,
     )
     return Equation(frame, design)
+
+
+def scale_of(target: Float[np.ndarray, " n_obs"], measured: Float[np.ndarray, " n_obs"], equation: str) -> float:
+    """RMS of the target, which its equation is scaled by.
+
+    Args:
+        target: Measured derivative less the simulation, user's units.
+        measured: The measured derivative.
+        equation: The equation, for the message.
+
+    Raises:
+        InputError: Nothing but rounding errors.
+    """
+    if nothing_left(target, measured):
+        raise InputError(
+            f"The simulation equals the measured derivative of {equation!r} exactly: there is nothing to learn."
+        )
+    return float(np.sqrt(np.mean(target**2)))
+
+
+def nothing_left(target: Float[np.ndarray, " n_obs"], measured: Float[np.ndarray, " n_obs"]) -> bool:
+    """Whether the simulation equals the measured derivative but for rounding errors."""
+    return bool(np.linalg.norm(target) <= 1e-13 * np.linalg.norm(measured))
+
+
+def with_rounding(measured: Float[np.ndarray, " n_obs"], relative: float) -> float:
+    """Noise floor: the relative one, and the rounding error of the recorded values, in quadrature.
+
+    Values are rounded if some repeat and all differences are multiples of the smallest; of unrounded values the
+    smallest difference says nothing but how many there are, and a signal of a few levels may well be exact.
+
+    Args:
+        measured: The measured derivative over the RMS of the target.
+        relative: Least noise standard deviation over the RMS of the target.
+    """
+    steps = np.diff(np.unique(measured))
+    if steps.size < FEWEST_STEPS or steps.size == measured.size - 1:
+        return relative
+    multiples = steps / steps.min()
+    rounded = bool(np.all(np.abs(multiples - np.rint(multiples)) < 1e-3))
+    rounding = steps.min() / np.sqrt(12) if rounded else 0.0
+    return float(np.hypot(relative, rounding))
 
 
 def discrepancy_box(
@@ -286,16 +334,17 @@ def _require_covariance(design: DenseDesign, gp: OrthogonalGP, n_var: int) -> No
         )
 
 
-def _floor(y: Float[np.ndarray, " n_obs"], relative: float) -> float:
-    """Noise floor: the relative one, and the rounding error of the recorded values, in quadrature.
-
-    Values are rounded if some repeat and all differences are multiples of the smallest; of unrounded values
-    the smallest difference says nothing but how many there are.
-    """
-    steps = np.diff(np.unique(y))
-    if steps.size == 0 or steps.size == y.size - 1:
-        return relative
-    multiples = steps / steps.min()
-    rounded = bool(np.all(np.abs(multiples - np.rint(multiples)) < 1e-3))
-    rounding = steps.min() / np.sqrt(12) if rounded else 0.0
-    return float(np.hypot(relative, rounding))
+def _require_traces(
+    whitened: Float[np.ndarray, "n_white n_term"],
+    columns: Float[np.ndarray, "n_row n_term_and_more"],
+    names: tuple[str, ...],
+    equation: str,
+) -> None:
+    """Refuse terms that whitening wipes out, as the spectral derivative does a constant one."""
+    size = np.linalg.norm(columns[:, : len(names)], axis=0)
+    lost = np.linalg.norm(whitened, axis=0) < 1e-10 * size
+    if np.any(lost):
+        raise InputError(
+            f"Term {names[int(np.argmax(lost))]!r} of equation {equation!r} leaves no trace in its derivative, which "
+            "was computed without its mean: remove the term, or use differentiate(method='savgol')."
+        )

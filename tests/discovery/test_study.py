@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 import bayes_greybox as bg
+from bayes_greybox.discovery.evaluations import _patterns
+from bayes_greybox.discovery.study import studied_equations
 
 N_OBS, STEP, NOISE = 400, 0.075, 0.05
 
@@ -46,7 +48,8 @@ def oscillator(hidden, seed, x0=(0.8, 0.0), k=2.0, noise=NOISE):
 
 def study(hidden, **changes):
     model = bg.GreyBox(
-        simulation={"y": "v", "v": "F - 2*y - 0.15*v"}, discrepancy=bg.OrthogonalGP(variables=("y", "v"), features=10)
+        simulation=changes.pop("simulation", {"y": "v", "v": "F - 2*y - 0.15*v"}),
+        discrepancy=bg.OrthogonalGP(variables=("y", "v"), features=10),
     )
     given = {"settle": False, "progress": False, "free_runs": False, **changes.pop("settings", {})}
     return bg.find_missing_effects(model, oscillator(hidden, 1, **changes), oscillator(hidden, 2, (0.2, 0.5)), **given)
@@ -159,3 +162,84 @@ def test_data_without_a_rate_to_study_are_refused():
     data = bg.Trajectories.from_arrays(t, states={"y": t, "v": t**2})
     with pytest.raises(bg.InputError, match="no equation to study"):
         bg.find_missing_effects(bg.GreyBox(simulation={"y": "v"}), data, progress=False)
+
+
+def test_kinematic_equations_of_a_function_are_passed_over():
+    plain = oscillator(lambda y, v: -0.3 * y**3, 1)
+    simulation = lambda t, x, u: [x[1], u[0] - 2 * x[0] - 0.15 * x[1]]  # noqa: E731
+
+    def studied(**rates):
+        columns = {"states": dict(plain.states), "inputs": dict(plain.inputs)}
+        data = bg.Trajectories.from_arrays(plain.time, **columns, derivatives=rates)
+        return studied_equations(bg.GreyBox(simulation=simulation), data)
+
+    assert studied(y=plain.states["v"], v=plain.derivatives["v"]) == ("v",)
+    with pytest.raises(bg.InputError, match="equals every measured derivative exactly"):
+        studied(y=plain.states["v"])
+
+
+def test_a_simulation_without_any_term_is_studied():
+    found = study(lambda y, v: -0.3 * y**3, simulation={"y": "v"})
+    # All of the restoring force and the drive are missing; whatever is named, nothing breaks on an empty model.
+    assert found.verdict in ("named", "partly named", "unknown") and found.corrections.empty
+    alone = bg.find_missing_effects(
+        bg.GreyBox(simulation=lambda t, x, u: [x[1], u[0] - 2 * x[0] - 0.15 * x[1]],
+                   discrepancy=bg.OrthogonalGP(variables=("y", "v"), features=10)),
+        oscillator(lambda y, v: -0.3 * y**3, 1),
+        roles={"position": "y", "velocity": "v"}, settle=False, free_runs=False, progress=False,
+    )  # fmt: skip
+    assert "cubic-stiffness" in added(alone).index
+
+
+def test_a_second_place_of_the_same_effect_is_found():
+    rng, t = np.random.default_rng(4), 0.05 * np.arange(300)
+    prey, first, second = (1 + 0.5 * np.sin(w * t + p) for w, p in ((1.0, 0.0), (1.7, 1.0), (0.6, 2.0)))
+    rate = 0.8 * prey - 0.5 * prey * first - 0.4 * prey * second + 0.02 * rng.standard_normal(300)
+    data = bg.Trajectories.from_arrays(t, states={"prey": prey, "a": first, "b": second}, derivatives={"prey": rate})
+    model = bg.GreyBox(simulation={"prey": "0.8*prey"}, discrepancy=bg.OrthogonalGP(features=6))
+    found = bg.find_missing_effects(model, data, catalogue="population", settle=False, free_runs=False, progress=False)
+    both = found.effects.query("status == 'added' and slug == 'bilinear-interaction'")
+    assert sorted(both["expression"]) == ["prey*a", "prey*b"] and found.verdict == "named"
+
+
+def test_a_gap_that_was_not_measured_on_the_test_data_is_told_of_the_training_data():
+    train = oscillator(lambda y, v: -0.3 * y**3, 1)
+    test = oscillator(lambda y, v: -0.3 * y**3, 2)
+    bare = bg.Trajectories.from_arrays(test.time, states=dict(test.states), inputs=dict(test.inputs))
+    model = bg.GreyBox(
+        simulation={"y": "v", "v": "F - 2*y - 0.15*v"}, discrepancy=bg.OrthogonalGP(variables=("y", "v"), features=10)
+    )
+    found = bg.find_missing_effects(model, train, bare, settle=False, progress=False)
+    assert "of the gap on the training data" in found.sentence
+    assert ("test", "free-run NRMSE", "y") in found.gap.index
+
+
+def test_what_cannot_be_used_is_refused_before_the_search():
+    train = oscillator(lambda y, v: 0.0 * y, 1)
+    model = bg.GreyBox(simulation={"y": "v", "v": "F - 2*y - 0.15*v"})
+    blind = bg.Trajectories.from_arrays(train.time, states=dict(train.states))
+    with pytest.raises(bg.InputError, match="The test data have no 'F'"):
+        bg.find_missing_effects(model, train, blind, progress=False)
+    parts = {name: [column[:50], column[50:51]] for name, column in train.columns.items()}
+    short = bg.Trajectories.from_arrays(
+        [train.time[:50], train.time[50:51]],
+        states={name: parts[name] for name in ("y", "v")},
+        inputs={"F": parts["F"]},
+        derivatives={"v": [train.derivatives["v"][:50], train.derivatives["v"][50:51]]},
+    )
+    with pytest.raises(bg.InputError, match="Run .* of the training data has one row.*free_runs=False"):
+        bg.find_missing_effects(model, short, progress=False)
+    for field, value in (("correction", 0.0), ("no_gap", 1.0), ("unknown", float("nan"))):
+        with pytest.raises(bg.InputError, match=f"{field} = .* must be a probability above 0 and below 1"):
+            bg.Odds(**{field: value})
+    with pytest.raises(bg.InputError, match="their sum must be below 1"):
+        bg.Odds(another=0.9)
+
+
+def test_patterns_of_many_corrections_have_at_most_two_terms_in():
+    few, log_few = _patterns(3, 0.1)
+    assert len(few) == 8 and not few[0].any()
+    np.testing.assert_allclose(np.exp(log_few), [np.prod(np.where(row, 0.1, 0.9)) for row in few], rtol=1e-12)
+    many, log_many = _patterns(30, 0.1)
+    assert len(many) == 1 + 30 + 435 and many.sum(axis=1).max() == 2
+    assert np.exp(log_many).sum() == pytest.approx(1.0)
