@@ -129,7 +129,7 @@ class Fit(Posterior):
         return free_run(self, data, level, draws, interpolation=interpolation)
 
     def checks(self) -> Checks:
-        """LOO-PIT, residual whiteness, posterior predictive and prior sensitivity: one table, with what to try."""
+        """LOO-PIT, whiteness of the residuals and sensitivity to the prior: one table, with what to try."""
         return self._checks
 
     def loo_pit(self, equation: str | None = None) -> LooPit:

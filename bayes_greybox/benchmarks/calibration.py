@@ -16,12 +16,13 @@ import pandas as pd
 
 from bayes_greybox.criticism.calibration import FEWEST_REPLICATES, Calibration, calibrate
 from bayes_greybox.data.errors import InputError
+from bayes_greybox.data.records import plain_rows, plain_values
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.model.discrepancy import OrthogonalGP
 from bayes_greybox.model.priors import Laplace, Normal, RegularisedHorseshoe, SpikeAndSlab
 from bayes_greybox.model.program import Program
 
-from .files import plain_values, unwritable, write_whole
+from .files import unwritable, write_whole
 
 PRIORS = {
     "spike-and-slab": SpikeAndSlab(),
@@ -112,9 +113,8 @@ def run(
                 write_whole(folder / f"{name}.json", json.dumps(records[name], indent=2, allow_nan=False) + "\n")
         table = pd.DataFrame.from_dict({name: _row(part) for name, part in records.items()}, orient="index")
         table.index.name = "variant"
-        plain = table.reset_index()
-        write_whole(folder / "calibration.csv", plain.to_csv(index=False))
-        summary = {**settings, "variants": json.loads(plain.to_json(orient="records") or "[]")}
+        write_whole(folder / "calibration.csv", table.reset_index().to_csv(index=False))
+        summary = {**settings, "variants": plain_rows(table)}
         write_whole(folder / "summary.json", json.dumps(summary, indent=2) + "\n")
     except OSError as error:
         raise unwritable(folder, error) from error

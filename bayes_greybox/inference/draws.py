@@ -10,7 +10,7 @@ from numpyro.handlers import seed, substitute, trace
 
 from bayes_greybox.model.collapsed import ridge, spike_and_slab
 from bayes_greybox.model.likelihood import CollapsedNormal, Design, FeatureDesign, Hyperparameters
-from bayes_greybox.model.linalg import solve_lower, solve_lower_transposed
+from bayes_greybox.model.linalg import singular_root, solve_lower, solve_lower_transposed
 from bayes_greybox.model.subsets import patterns
 
 
@@ -27,7 +27,7 @@ def conditional_sampler(model: Callable) -> Callable[..., dict[str, np.ndarray]]
         The function. It returns for each equation e, in scaled units: `e_theta`, `e_theta_sd` (prior standard deviation
         of each coefficient, zero where it is out) and `e_weight` (weights of the features) or `e_f` (values at the
         rows, exact path); under a spike-and-slab prior also `e_gamma`, and `e_inclusion`, the probability of
-        γ_j = 1 given the hyperparameters.
+        γ_j = 1 given the hyperparameters where the patterns are summed, else γ_j itself.
     """
 
     @jax.jit
@@ -110,6 +110,4 @@ def dense_draw(
     half = solve_lower(L, cross.T)
     mean = half.T @ solve_lower(L, design.y - design.Phi @ theta)
     covariance = prior - half.T @ half
-    # A difference of covariances: its root by eigenvalues, those that rounding made negative set to zero.
-    values, vectors = jnp.linalg.eigh(0.5 * (covariance + covariance.T))
-    return mean + vectors @ (jnp.sqrt(jnp.maximum(values, 0.0)) * jax.random.normal(key, mean.shape))
+    return mean + singular_root(covariance) @ jax.random.normal(key, mean.shape)

@@ -48,10 +48,11 @@ def drift_evidence(
         log p(e | OU + white) − log p(e | white); positive speaks for a gap.
     """
     residual, step, used = _stretches(residual, time, run)
-    n = int(np.sum(used))
-    if n < 20:
+    n, within = int(np.sum(used)), step[np.isfinite(step)]
+    if n < 20 or not len(within):
+        # Too few rows, or none that follows another.
         return -math.inf
-    typical = float(np.median(step[np.isfinite(step)]))
+    typical = float(np.median(within))
     arrays = {
         "e": jnp.asarray(residual),
         # Finite, so that the gradient of exp(-step/τ) is 0 and not ∞ x 0.

@@ -233,7 +233,7 @@ class Evaluator:
         return float(_value(jnp.asarray(eta), self.arrays(hypothesis), self.kernel))
 
     def explained(self, hypothesis: WithDiscrepancy, eta: np.ndarray) -> float:
-        """Posterior mean of ‖f‖² in the metric of R⁻¹ at η: |Ψ E w|²."""
+        """‖E f‖² in the metric of R⁻¹ at η, f by its posterior mean: |Ψ E w|²."""
         return float(_explained(jnp.asarray(eta), self.arrays(hypothesis), self.kernel))
 
     def integrate(
@@ -367,7 +367,7 @@ def _minimum(descend: Callable, start: np.ndarray) -> scipy.optimize.OptimizeRes
 
 
 def _covariance(descend: Callable, mode: np.ndarray, step: float = 1e-3) -> np.ndarray:
-    """Inverse Hessian by central differences of the gradient; directions without curvature get unit variance."""
+    """Inverse Hessian by central differences of the gradient; the variance along any direction is 10 at most."""
     shifts = step * np.eye(len(mode))
     hessian = np.stack([(descend(mode + h)[1] - descend(mode - h)[1]) / (2 * step) for h in shifts])
     values, vectors = np.linalg.eigh(0.5 * (hessian + hessian.T))

@@ -23,7 +23,7 @@ from bayes_greybox.model.simulation import RightHandSide
 from bayes_greybox.physics.printing import to_text
 from bayes_greybox.physics.terms import Term
 
-from .posterior import Posterior, Sampling
+from .posterior import Posterior, Sampling, rate_name
 
 RECORD = "bayes_greybox"
 """Root attribute that holds everything but arrays, as JSON text (netCDF attributes know no bool, None or dict)."""
@@ -121,9 +121,13 @@ def describe(model: Program, data: Trajectories) -> dict[str, Any]:
         for equation, dictionary in model.dictionaries(data).items()
     }
     simulation = "function" if callable(model.simulation) else {k: str(v) for k, v in (model.simulation or {}).items()}
-    prior: dict[str, Any] = {"kind": type(model.prior).__name__}
+    kind = type(model.prior).__name__
+    prior: dict[str, Any] = {"kind": kind}
     if type(model.prior) in PRIORS.values():
         prior |= dataclasses.asdict(model.prior)  # pyright: ignore[reportArgumentType]
+    elif kind in PRIORS:
+        # A class of the user's own that is called as one of the package's
+        prior["kind"] = f"own {kind}"
     return {
         "dictionary": terms,
         "simulation": simulation,
@@ -162,7 +166,8 @@ def _read_data(table: xr.Dataset, metadata: Mapping[str, Any]) -> Trajectories:
     time_name = metadata["time_name"]
     columns = {time_name: table["t"].to_numpy(), "run": table["run"].to_numpy()}
     columns |= {name: table[name].to_numpy() for name in (*metadata["states"], *metadata["inputs"])}
-    rates = {derivative_label(s, time_name): table[f"{s}_rate"].to_numpy() for s in metadata["derivatives"]}
+    names = {s: rate_name(s, (*metadata["states"], *metadata["inputs"])) for s in metadata["derivatives"]}
+    rates = {derivative_label(s, time_name): table[names[s]].to_numpy() for s in names}
     return Trajectories.from_frame(pd.DataFrame({**columns, **rates}), **metadata)
 
 

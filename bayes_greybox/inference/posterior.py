@@ -2,7 +2,7 @@
 
 import importlib.metadata
 import platform
-from collections.abc import Mapping
+from collections.abc import Container, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -229,9 +229,17 @@ def add_group(
 
 
 def data_table(data: Trajectories) -> dict[str, np.ndarray]:
-    """All columns of the data by names that netCDF allows; a derivative is `e_rate`."""
-    rates = {f"{name}_rate": values for name, values in data.derivatives.items()}
+    """All columns of the data by names that netCDF allows; a derivative is as `rate_name` says."""
+    rates = {rate_name(name, data.columns): values for name, values in data.derivatives.items()}
     return {"t": data.time, "run": data.run, **data.columns, **rates}
+
+
+def rate_name(state: str, columns: Container[str]) -> str:
+    """What the derivative of a state is called beside the columns of the data, which may have taken `e_rate`."""
+    name = f"{state}_rate"
+    while name in columns:
+        name += "_"
+    return name
 
 
 def _user_units(samples: Mapping[str, np.ndarray], equations: Mapping[str, Equation]) -> dict[str, np.ndarray]:
@@ -284,6 +292,10 @@ def _tree(groups: dict[str, dict[str, np.ndarray]], equations: Mapping[str, Equa
     for group, variables in groups.items():
         # Densities of whole sites have no event dimensions.
         own = {var: dims[var] for var in variables if var in dims and group != "log_prior"}
+        if group in ("posterior", "prior"):
+            # A user's own prior may call sites of other shapes as the package's priors do theirs.
+            shapes = {var: tuple(len(coords[dim]) for dim in own[var]) for var in own}
+            own = {var: own[var] for var in own if np.shape(variables[var])[2:] == shapes[var]}
         used = {dim: coords[dim] for var in own for dim in own[var] if dim in coords}
         tree[group] = arviz_base.from_dict({group: variables}, coords=used, dims=own)[group]
     tree.attrs = {

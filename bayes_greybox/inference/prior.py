@@ -9,6 +9,7 @@ from jaxtyping import Array
 from numpyro.handlers import seed, substitute, trace
 
 from bayes_greybox.model.likelihood import CollapsedNormal, Design, FeatureDesign
+from bayes_greybox.model.linalg import singular_root
 
 
 def prior_sampler(model: Callable, n_draw: int) -> Callable[..., dict[str, np.ndarray]]:
@@ -23,12 +24,12 @@ def prior_sampler(model: Callable, n_draw: int) -> Callable[..., dict[str, np.nd
     """
 
     def one(designs: Mapping[str, Design], key: Array) -> dict[str, Array]:
-        sites = trace(seed(model, key)).get_trace(designs)
+        site_key, own_key = jax.random.split(key)
+        sites = trace(seed(model, site_key)).get_trace(designs)
         kinds = ("sample", "deterministic")
         drawn = {n: s["value"] for n, s in sites.items() if s["type"] in kinds and not s.get("is_observed")}
-        # Other keys than those of the sites, which `seed` splits from this one.
-        for equation, own in zip(designs, jax.random.split(jax.random.fold_in(key, 1), len(designs)), strict=True):
-            parts = _prior_given(own, sites[f"{equation}_y"]["fn"], f"{equation}_gamma" in drawn)
+        for equation, own in zip(designs, jax.random.split(own_key, len(designs)), strict=True):
+            parts = _prior_given(own, sites[f"{equation}_y"]["fn"])
             drawn |= {f"{equation}_{name}": value for name, value in parts.items()}
         return drawn
 
@@ -84,13 +85,13 @@ def log_prior(model: Callable) -> Callable[..., dict[str, np.ndarray]]:
     return densities
 
 
-def _prior_given(key: Array, likelihood: CollapsedNormal, gamma_is_site: bool) -> dict[str, Array]:
+def _prior_given(key: Array, likelihood: CollapsedNormal) -> dict[str, Array]:
     """One draw of γ, θ and the weights or values of f given the hyperparameters, before any data."""
     design, hyper, scales = likelihood.design, likelihood.hyper, likelihood.scales
     key_gamma, key_theta, key_f = jax.random.split(key, 3)
     out: dict[str, Array] = {}
     sd = scales.sd
-    if scales.log_odds is not None and not gamma_is_site:
+    if scales.log_odds is not None:
         out["gamma"] = jax.random.bernoulli(key_gamma, jax.nn.sigmoid(scales.log_odds)).astype(float)
         sd = sd * out["gamma"]
     theta = jnp.where(sd > 0, sd * jax.random.normal(key_theta, sd.shape), 0.0)
@@ -99,7 +100,5 @@ def _prior_given(key: Array, likelihood: CollapsedNormal, gamma_is_site: bool) -
         out["weight"] = design.weights(jax.random.normal(key_f, design.Psi.shape[1:]), hyper)
         return out
     covariance = design.cross_covariance(design.points, hyper)
-    # A projected covariance is singular: its root by eigenvalues, those that rounding made negative set to zero.
-    values, vectors = jnp.linalg.eigh(0.5 * (covariance + covariance.T))
-    out["f"] = vectors @ (jnp.sqrt(jnp.maximum(values, 0.0)) * jax.random.normal(key_f, values.shape))
+    out["f"] = singular_root(covariance) @ jax.random.normal(key_f, covariance.shape[:1])
     return out

@@ -1,7 +1,8 @@
 """The user's choice of Gaussian process for what the dictionary cannot say."""
 
 from dataclasses import dataclass
-from typing import Literal, get_args
+from operator import index
+from typing import Any, Literal, get_args
 
 from bayes_greybox.data.errors import InputError
 
@@ -69,10 +70,22 @@ class OrthogonalGP:
         for field in ("length_scale", "length_scale_spread", "amplitude", "monte_carlo"):
             if not getattr(self, field) > 0:
                 raise InputError(f"OrthogonalGP({field}={getattr(self, field)!r}) must be positive.")
+        if isinstance(self.variables, str) or (self.variables is not None and len(self.variables) == 0):
+            raise InputError(
+                f"OrthogonalGP(variables={self.variables!r}) must name one variable or more, such as "
+                "variables=('y', 'ydot'); leave it out for all states and inputs."
+            )
         if isinstance(self.variables, list):
             object.__setattr__(self, "variables", tuple(self.variables))
-        if isinstance(self.features, list):
-            object.__setattr__(self, "features", tuple(self.features))
+        if self.features is not None:
+            object.__setattr__(self, "features", _whole(self.features))
+
+
+def _whole(features: Any) -> int | tuple[int, ...]:
+    try:
+        return tuple(map(index, features)) if isinstance(features, list | tuple) else index(features)
+    except TypeError as error:
+        raise InputError(f"OrthogonalGP(features={features!r}) must be whole numbers.") from error
 
 
 def _require_one_of(field: str, value: str, known: tuple[str, ...]) -> None:

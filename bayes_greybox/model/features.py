@@ -1,7 +1,7 @@
 """Hilbert-space features: the eigenfunctions of the Laplacian on a box around the data."""
 
-import itertools
 from dataclasses import dataclass
+from functools import cached_property
 
 import jax.numpy as jnp
 import numpy as np
@@ -37,11 +37,7 @@ class HilbertBasis:
     @property
     def indices(self) -> np.ndarray:
         """Indices j as an array [n_basis, n_var], the last variable running fastest."""
-        grid = np.array(list(itertools.product(*(range(m) for m in self.per_variable))))
-        if len(self.per_variable) <= 2:
-            return grid
-        largest = max(self.per_variable)
-        return grid[(grid * (largest / np.array(self.per_variable))).sum(axis=1) < largest]
+        return self._growth[0]
 
     @property
     def size(self) -> int:
@@ -57,17 +53,31 @@ class HilbertBasis:
         """ψ(x) for points in scaled units."""
         xp = namespace([x])
         values = xp.ones((x.shape[0], 1))
-        for d, m in enumerate(self.per_variable):
+        for d, (m, kept) in enumerate(zip(self.per_variable, self._growth[1], strict=True)):
             along = xp.cos(np.arange(m) * np.pi / (2 * self.boundary) * (x[:, d : d + 1] + self.boundary))
             along *= np.sqrt(np.where(np.arange(m) == 0, 0.5, 1.0) / self.boundary)
             values = (values[:, :, None] * along[:, None, :]).reshape(x.shape[0], -1)
-        if len(self.per_variable) <= 2:
-            return values
-        return values[:, np.ravel_multi_index(tuple(self.indices.T), self.per_variable)]
+            values = values if len(kept) == values.shape[1] else values[:, kept]
+        return values
 
     def resolved_length_scale(self, features_per_unit: float) -> np.ndarray:
         """Shortest length scale the basis resolves in each direction, ℓ = `features_per_unit` · L / m_d."""
         return features_per_unit * self.boundary / np.array(self.per_variable)
+
+    @cached_property
+    def _growth(self) -> tuple[np.ndarray, tuple[np.ndarray, ...]]:
+        """The indices, built one variable after the other, and what is kept of the product with each.
+
+        What is beyond the cut with some variables stays so with more; the whole product is never formed.
+        """
+        m = np.array(self.per_variable)
+        indices, kept = np.zeros((1, 0), int), []
+        for d in range(len(m)):
+            indices = np.column_stack([np.repeat(indices, m[d], axis=0), np.tile(np.arange(m[d]), len(indices))])
+            inside = (indices * (m.max() / m[: d + 1])).sum(axis=1) < m.max()
+            kept.append(np.flatnonzero(inside) if len(m) > 2 else np.arange(len(indices)))
+            indices = indices[kept[-1]]
+        return indices, tuple(kept)
 
 
 def default_features(n_var: int) -> tuple[int, ...]:

@@ -38,6 +38,15 @@ def solve_lower_transposed(factor: Float[Array, "n n"], right: Float[Array, "n .
     return solve_triangular(factor, right, lower=True, trans=1)
 
 
+def singular_root(covariance: Float[Array, "n n"]) -> Float[Array, "n n"]:
+    """A root R, R Rᵀ = C, of a covariance that may be singular: a projected one, or a difference of two.
+
+    By eigenvalues; those that rounding made negative count as zero.
+    """
+    values, vectors = jnp.linalg.eigh(0.5 * (covariance + covariance.T))
+    return vectors * jnp.sqrt(jnp.maximum(values, 0.0))
+
+
 def require_independent(columns: Float[np.ndarray, "n_row n_term"], names: tuple[str, ...], equation: str) -> None:
     """Refuse a dictionary whose terms are linearly dependent on the data, and name the terms.
 

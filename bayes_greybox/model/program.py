@@ -22,6 +22,9 @@ from .priors import Prior, SpikeAndSlab
 from .simulation import RightHandSide, Simulation
 from .sites import site
 
+RESERVED = ("theta", "theta_sd", "prior_sd", "gamma", "inclusion", "weight", "f")
+"""What is drawn exactly given the sites of the model; no site of a user's own prior can be called so."""
+
 
 @dataclass(frozen=True)
 class Program:
@@ -49,6 +52,12 @@ class Program:
             raise InputError(
                 "GreyBox(dictionary=...) must map each learned state to its candidate terms, for example "
                 "{'ydot': ['y', 'y**3']}."
+            )
+        if isinstance(self.prior, type) or not isinstance(self.prior, Prior):
+            raise InputError(f"GreyBox(prior={self.prior!r}) is not a prior: give one such as bg.Laplace(scale=0.5).")
+        if not (self.discrepancy is None or isinstance(self.discrepancy, OrthogonalGP)):
+            raise InputError(
+                f"GreyBox(discrepancy={self.discrepancy!r}) must be bg.OrthogonalGP(...), or None to leave f out."
             )
         if not 1e-7 <= self.noise_floor < 1:
             raise InputError(
@@ -129,9 +138,17 @@ class Program:
                 numpyro.sample("y", CollapsedNormal(design, hyper, scales), obs=design.y if observed else None)
 
     def gibbs_equations(self, designs: Mapping[str, Design]) -> tuple[str, ...]:
-        """Equations whose inclusion pattern is a site of the model, to be updated by Gibbs moves."""
+        """Equations whose inclusion pattern is a site of the model, to be updated by Gibbs moves.
+
+        Raises:
+            InputError: A prior of the user's own has a site that is called as something else is in the results.
+        """
         sites = trace(seed(self.numpyro_model, 0)).get_trace(designs)
-        return tuple(name for name in designs if f"{name}_gamma" in sites)
+        if isinstance(self.prior, SpikeAndSlab):
+            return tuple(name for name in designs if f"{name}_gamma" in sites)
+        for taken in (name for equation in designs for name in RESERVED if f"{equation}_{name}" in sites):
+            raise InputError(f"The prior has a site called {taken!r}, which the results need: give it another name.")
+        return ()
 
     def uncollapsed_model(self, designs: Mapping[str, Design]) -> None:
         """The same model with θ and the weights of f as sites: the reference for tests.
@@ -145,7 +162,7 @@ class Program:
             with scope(prefix=equation, divider="_"):
                 hyper = self._hyperparameters(design)
                 scales = self.prior.scales(design.Phi.shape[1], design.n_prior, hyper.sigma)
-                if scales.log_odds is not None:
+                if isinstance(self.prior, SpikeAndSlab):
                     raise InputError("uncollapsed_model has no density for a spike-and-slab prior: use another prior.")
                 theta = numpyro.sample("theta", dist.Normal(0.0, scales.sd).to_event(1))
                 z = jnp.asarray(numpyro.sample("z", dist.Normal(0.0, 1.0).expand(design.Psi.shape[1:]).to_event(1)))

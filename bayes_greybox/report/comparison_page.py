@@ -1,6 +1,5 @@
 """The page of a comparison: which model predicts best and how sure that is, then what each model says."""
 
-import math
 import os
 from collections.abc import Mapping
 from typing import Any
@@ -17,7 +16,7 @@ from bayes_greybox.inference.netcdf import versions
 from .page import Badge, Code, Details, Items, Page, Pictures, Section, Table, Words, picture, write_page
 from .plots import plot_comparison
 from .tables import by_equation, fit_settings, footer, settings_rows, settings_table, summary_table
-from .text import PROBABILITIES, estimate, formula, interval, listed, number, probability_column
+from .text import PROBABILITIES, estimate, formula, interval, listed, nats, number, pareto, probability_column
 
 LIKELY = 0.5
 """Terms more probable than this under the best model are marked."""
@@ -79,7 +78,7 @@ def _headline(table: pd.DataFrame) -> str:
         return f"Too close to call: the data do not tell {listed([best, *level])} apart{rest}."
     gap, se = -float(table["elpd_diff"].iloc[1]), float(table["diff_se"].iloc[1])
     sure = f", {gap / se:.1f} times the standard error of that lead" if se > 0 else ""
-    return f"{best} predicts data left out of the fit best: it is {_nats(gap)} nats ahead of {second}{sure}."
+    return f"{best} predicts data left out of the fit best: it is {nats(gap)} nats ahead of {second}{sure}."
 
 
 def _verdict(table: pd.DataFrame) -> Badge:
@@ -114,14 +113,14 @@ def _ranking(table: pd.DataFrame) -> Section:
     rows = [
         (
             str(name),
-            _nats(row["elpd"]),
-            _nats(row["se"]),
-            _nats(row["elpd_diff"]),
-            _nats(row["diff_se"]),
+            nats(row["elpd"]),
+            nats(row["se"]),
+            nats(row["elpd_diff"]),
+            nats(row["diff_se"]),
             f"{row['weight']:.2f}",
-            _pareto(row["worst_k"]),
+            pareto(row["worst_k"]),
             number(row["refits"]),
-            _nats(row["p_eff"]),
+            nats(row["p_eff"]),
         )
         for name, row in zip(table.index, table.to_dict("records"), strict=True)
     ]
@@ -286,14 +285,6 @@ def _equations(fits: Mapping[str, Fit]) -> tuple[str, ...]:
 
 def _rate(fits: Mapping[str, Fit], name: str) -> str:
     return derivative_label(name, next(iter(fits.values())).data.time_name)
-
-
-def _nats(value: float) -> str:
-    return f"{value:.1f}".replace("-", "−") if math.isfinite(value) else number(value)
-
-
-def _pareto(k: float) -> str:
-    return f"{k:.2f}".replace("-", "−") if math.isfinite(k) else "–" if k < 0 else number(k)
 
 
 def _worst(values: np.ndarray, pick: Any, form: str) -> str:

@@ -7,9 +7,9 @@ from typing import Any
 
 import pandas as pd
 
-from bayes_greybox.benchmarks.files import plain_values
 from bayes_greybox.criticism.compare import unreliable
 from bayes_greybox.criticism.convergence import Verdict
+from bayes_greybox.data.records import plain_rows, plain_values
 from bayes_greybox.discovery.study import Study
 from bayes_greybox.greybox import Fit
 from bayes_greybox.inference.netcdf import versions
@@ -30,9 +30,9 @@ def run_record(fit: Fit, sampling: Mapping[str, Any], seconds: float, held_out: 
     data = fit.data
     return {
         "verdict": _verdict(fit.verdict),
-        "coefficients": _rows(fit.inclusion()),
-        "discrepancy": _rows(fit.discrepancy()),
-        "held_out_nmse": None if held_out is None else {str(k): plain_values(v) for k, v in held_out.items()},
+        "coefficients": plain_rows(fit.inclusion()),
+        "discrepancy": plain_rows(fit.discrepancy()),
+        "held_out_nmse": None if held_out is None else plain_values(held_out.to_dict()),
         "data": {"rows": data.n_obs, "runs": data.n_run, "dropped": data.dropped},
         "sampling": dict(sampling),
         "seconds": round(seconds, 3),
@@ -54,7 +54,7 @@ def comparison_record(
         Comparison, models whose Pareto k is too large, verdict of each fit, settings and versions.
     """
     record: dict[str, Any] = {
-        "comparison": _rows(table),
+        "comparison": plain_rows(table),
         "scheme": {key: table.attrs.get(key) for key in ("scheme", "block", "folds", "threshold")},
         "unreliable": unreliable(table),
         "notes": list(table.attrs.get("notes", [])),
@@ -92,8 +92,3 @@ def write_json(path: Path, record: Mapping[str, Any]) -> None:
 
 def _verdict(verdict: Verdict) -> dict[str, Any]:
     return {"ok": bool(verdict.ok), "reasons": list(verdict.reasons)}
-
-
-def _rows(table: pd.DataFrame) -> list[dict[str, Any]]:
-    rows = table.reset_index().to_dict("records")
-    return [{str(key): plain_values(value) for key, value in row.items()} for row in rows]

@@ -254,7 +254,7 @@ def _gap(study: Study, part: str, caption: str) -> Table:
             metric_value(study, metric, row["before"]),
             metric_value(study, metric, row["after"]),
             percent_text(row["closed"]),
-            metric_interval(metric, row["lower"], row["upper"]),
+            metric_interval(study, metric, row["lower"], row["upper"]),
         )
         for (metric, variable), row in _records(study.gap.xs(part, level=0))
     ]

@@ -53,12 +53,11 @@ def closed_text(closed: float) -> str:
     return "unchanged" if closed < 0.005 else f"{percent_text(closed)} of the gap closed"
 
 
-def metric_interval(metric: str, lower: float, upper: float) -> str:
+def metric_interval(study: Study, metric: str, lower: float, upper: float) -> str:
     """The interval of a measure of the gap as it is read."""
-    if not (math.isfinite(lower) and math.isfinite(upper)):
+    if math.isnan(lower) or math.isnan(upper):
         return "–"
-    show = number if metric == "time to failure" else percent_text
-    return f"{show(lower)} to {show(upper)}"
+    return f"{metric_value(study, metric, lower)} to {metric_value(study, metric, upper)}"
 
 
 def concentration(row: Mapping[str, Any]) -> str:

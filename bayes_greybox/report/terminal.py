@@ -11,7 +11,7 @@ from rich.text import Text
 from bayes_greybox.data.columns import derivative_label
 from bayes_greybox.greybox import Fit
 
-from .text import PROBABILITIES, number, probability_column
+from .text import PROBABILITIES, nats, number, pareto, probability_column
 
 _LEVEL = 0.9
 
@@ -46,7 +46,7 @@ def comparison_tables(fits: Mapping[str, Fit], table: pd.DataFrame) -> Iterator[
     for column in table.columns:
         rows.add_column(str(column), justify="right")
     for name, entry in table.iterrows():
-        rows.add_row(Text(str(name)), *(Text(_number(value)) for value in entry))
+        rows.add_row(Text(str(name)), *(Text(_compared(*cell)) for cell in entry.items()))
     yield Group("", rows)
     for note in table.attrs.get("notes", []):
         yield Text(f"Note: {note}")
@@ -114,6 +114,12 @@ def _discrepancy(table: pd.DataFrame) -> RenderableType:
         rows.add_row(Text(str(equation)), *(Text(_percent(entry[part])) for part in parts))
     trades = ", ".join(f"{entry['correlation']:.2f} ({entry['term']})" for entry in entries.values())
     return Group("", rows, Text(f"Largest correlation of a coefficient with the discrepancy: {trades}"))
+
+
+def _compared(column: Any, value: Any) -> str:
+    if column == "worst_k":
+        return pareto(value)
+    return number(value) if column in ("weight", "refits") else nats(value)
 
 
 def _number(value: Any) -> str:

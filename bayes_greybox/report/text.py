@@ -5,6 +5,7 @@ import re
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
 from .plots.ranking import percent_text, probability_text
@@ -16,7 +17,9 @@ __all__ = [
     "formula",
     "interval",
     "listed",
+    "nats",
     "number",
+    "pareto",
     "percent_text",
     "probability_column",
     "probability_text",
@@ -30,11 +33,13 @@ _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 def number(value: Any, digits: int = 3) -> str:
-    """A number to some significant digits; a dash where there is none; other values as they are."""
+    """A number to some significant digits, whole numbers with all; a dash for none; other values as they are."""
     if value is None:
         return "–"
     if isinstance(value, bool | str) or not hasattr(value, "__float__"):
         return str(value)
+    if isinstance(value, int | np.integer):
+        return str(value).replace("-", "−")
     if math.isnan(value):
         return "–"
     if math.isinf(value):
@@ -44,6 +49,16 @@ def number(value: Any, digits: int = 3) -> str:
     text = number_text(value, digits)
     mantissa, _, power = text.partition("e")
     return f"{mantissa}·10{str(int(power.replace('−', '-'))).translate(_SUPERSCRIPT)}" if power else text
+
+
+def nats(value: float) -> str:
+    """A log density, to a tenth of a nat."""
+    return f"{value:.1f}".replace("-", "−") if math.isfinite(value) else number(value)
+
+
+def pareto(k: float) -> str:
+    """A Pareto k; a dash where no fold relies on importance sampling."""
+    return f"{k:.2f}".replace("-", "−") if math.isfinite(k) else "–" if k < 0 else number(k)
 
 
 def estimate(mean: float, sd: float, unit: str = "") -> str:

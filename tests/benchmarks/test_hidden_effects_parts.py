@@ -428,6 +428,10 @@ def test_scores_of_rows_made_by_hand():
     assert scores.bars.loc["nulls kept silent", "holds"]
     assert scores.bars.loc["accuracy less the oracle's, all sizes", "holds"] is not None
     json.dumps(json.loads(scores.cases.to_json()))
+    # No name was stated, so there is no error of their probabilities to judge.
+    bars = score([row("null", (), "no gap", oracle={"none": 1.0})]).bars
+    silent = bars.loc["expected calibration error of stated names"]
+    assert np.isnan(silent["reached"]) and silent["holds"] is None
 
 
 def test_calibration_error_by_hand():

@@ -152,6 +152,11 @@ def test_drift_does_not_join_runs():
     assert drift_evidence(residual, t, run, NOISE, 1.0) < 2
 
 
+def test_rows_none_of_which_follows_another_have_no_drift():
+    residual, run = np.random.default_rng(0).standard_normal(40), np.arange(40)
+    assert drift_evidence(residual, np.zeros(40), run, NOISE, 1.0) == -math.inf
+
+
 def test_drift_of_a_long_record_uses_stretches_of_it():
     residual, t = residuals(1.0, 0, n=6000)
     assert drift_evidence(residual, t, np.zeros(6000, int), NOISE, 1.0) > 100

@@ -4,12 +4,15 @@ import math
 
 import jax.numpy as jnp
 import numpy as np
+import numpyro
+import numpyro.distributions as dist
 import pytest
 from numpyro.handlers import seed, trace
 
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.model.discrepancy import EXACT_LIMIT, OrthogonalGP
+from bayes_greybox.model.priors import CustomPrior, Laplace
 from bayes_greybox.model.program import Program
 
 
@@ -86,6 +89,8 @@ def test_a_model_without_a_dictionary_has_nothing_to_fit_and_says_where_to_look(
         (lambda: Program({"v": ["y"]}, noise=-1.0), "noise=-1"),
         (lambda: OrthogonalGP(kernel="periodic"), "kernel='periodic'"),
         (lambda: OrthogonalGP(boundary=1.0), "boundary=1"),
+        (lambda: Program({"v": ["y"]}, prior=Laplace), "is not a prior: give one such as bg.Laplace"),
+        (lambda: OrthogonalGP(variables=()), r"variables=\(\)\) must name one variable or more"),
         (lambda: OrthogonalGP(length_scale=0.0), "length_scale=0.0"),
         (lambda: OrthogonalGP(variant="printed"), "not a covariance: give path='exact'"),
     ],
@@ -93,6 +98,22 @@ def test_a_model_without_a_dictionary_has_nothing_to_fit_and_says_where_to_look(
 def test_bad_settings_are_named(make, words):
     with pytest.raises(InputError, match=words):
         make()
+
+
+@pytest.mark.parametrize(
+    ("settings", "field", "value", "words"),
+    [
+        (Program({"v": ["y"]}), "prior", "laplace", "prior='laplace'.* is not a prior: give one such as bg.Laplace"),
+        (Program({"v": ["y"]}), "discrepancy", "none", "discrepancy='none'.* must be bg.OrthogonalGP"),
+        (OrthogonalGP(), "variables", "ydot", r"variables='ydot'\) must name one variable or more"),
+        (OrthogonalGP(), "features", 8.0, "features=8.0.* must be whole numbers"),
+    ],
+)
+def test_settings_of_a_wrong_kind_are_named(settings, field, value, words):
+    # Around the type checks that these tests run with and users do without.
+    object.__setattr__(settings, field, value)
+    with pytest.raises(InputError, match=words):
+        settings.__post_init__()
 
 
 def _plain_numpy(t, x, u):
@@ -155,12 +176,25 @@ def test_noise_floor_knows_rounded_values_from_others():
     rounded = np.round(rate / 0.2) * 0.2
     expected = np.hypot(1e-4 * np.sqrt(np.mean(rounded**2)), 0.2 / np.sqrt(12))
     assert floor(rounded) == pytest.approx(expected, rel=1e-9)
+    # A relay: two exact levels are no rounding.
+    relay = np.where(x > 0, 2.0, -2.0)
+    assert floor(relay) == pytest.approx(2e-4, rel=1e-9)
+    # What was recorded is rounded, whatever a simulation takes off it.
+    data = Trajectories.from_arrays(np.arange(60.0), states={"x": x}, derivatives={"x": rounded})
+    equation = Program({"x": ["x"]}, simulation={"x": "sin(3*x)"}, discrepancy=None).assemble(data)["x"]
+    scale = equation.frame.target_scale
+    assert float(equation.design.noise_floor) * scale == pytest.approx(
+        np.hypot(1e-4 * scale, 0.2 / np.sqrt(12)), rel=1e-9
+    )
 
 
 def test_simulation_equal_to_the_measurement_leaves_nothing_to_learn():
     data = _data(derivatives=("y",))
     with pytest.raises(InputError, match="nothing to learn"):
         Program({"y": ["v**2"]}, simulation={"y": "v"}).assemble(data)
+    # As exact as rounding lets it be
+    with pytest.raises(InputError, match="nothing to learn"):
+        Program({"y": ["v**2"]}, simulation={"y": "v*0.3 + v*0.7"}).assemble(data)
 
 
 def test_a_callable_may_return_one_rate_as_a_number():
@@ -200,3 +234,22 @@ def test_coefficients_return_to_the_users_units():
     np.testing.assert_allclose(position.max(0), 1, atol=1e-12)
     assert np.all(frame.inside(data.columns))
     assert not frame.inside({name: 10 * column for name, column in data.columns.items()}).all()
+
+
+def test_terms_that_a_spectral_derivative_wipes_out_are_refused():
+    t = np.arange(64) * (2 * np.pi / 64)
+    data = Trajectories.from_arrays(t, states={"y": np.sin(t), "v": np.cos(2 * t)}).differentiate("spectral")
+    for terms in (["y", "1"], ["y", "1", "v"]):
+        with pytest.raises(InputError, match="Term '1' of equation 'v' leaves no trace.*method='savgol'"):
+            Program({"v": terms}, discrepancy=None).assemble(data)
+    with pytest.raises(InputError, match="Collinear terms"):
+        Program({"v": ["y", "y + 1"]}, discrepancy=None).assemble(data)
+    assert Program({"v": ["y", "v"]}, discrepancy=None).assemble(data)
+
+
+@pytest.mark.parametrize("name", ["gamma", "theta", "weight", "f"])
+def test_sites_of_a_users_prior_cannot_take_names_of_the_results(name):
+    prior = CustomPrior(lambda n: numpyro.sample(name, dist.HalfNormal(1.0).expand([n]).to_event(1)))
+    program = Program({"v": ["y"]}, prior=prior, discrepancy=None)
+    with pytest.raises(InputError, match=f"site called '{name}', which the results need"):
+        program.gibbs_equations(program.designs(_data()))

@@ -24,11 +24,13 @@ from fake_study import (
 
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.report.page import Page, Section, Table, render, write_page
+from bayes_greybox.report.record import study_record
 from bayes_greybox.report.study_figures import study_figures
 from bayes_greybox.report.study_page import BADGES, study_html, study_page
 from bayes_greybox.report.study_terminal import study_tables
-from bayes_greybox.report.study_words import amended_simulation, closed_text
-from bayes_greybox.report.text import estimate, formula, interval, number
+from bayes_greybox.report.study_words import amended_simulation, closed_text, metric_interval
+from bayes_greybox.report.tables import settings_rows
+from bayes_greybox.report.text import estimate, formula, interval, nats, number, pareto
 
 # Most of the time a page takes is that of its figures.
 PLAIN = {"maps": {}, "traces": {}, "paths": {}}
@@ -279,6 +281,11 @@ def test_the_terminal_has_the_sentence_first_and_fits_80_columns():
         (number(float("inf")), "∞"),
         (number(None), "–"),
         (number(-3), "−3"),
+        (number(20240101), "20240101"),
+        (settings_rows({"seed": 20240101, "runs": [1234567, 2]}), [("seed", "20240101"), ("runs", "1234567, 2")]),
+        (nats(-12345.67), "−12345.7"),
+        (pareto(float("-inf")), "–"),
+        (metric_interval(fake_study(), "time to failure", 15.0, float("inf")), "15 s to never"),
         (number(1.23e-7), "1.23·10⁻⁷"),
         (number(np.float64(0.12345)), "0.123"),
         (number(True), "True"),
@@ -304,3 +311,9 @@ def test_free_runs_are_of_the_held_out_data():
     data = oscillator(seed=2)
     page = outline(test=data, paths=free_paths(data))
     assert "on the held-out data" in page.text
+
+
+def test_small_numbers_keep_their_digits_in_the_record():
+    study = fake_study(effects=effects().assign(mean=1.23456789e-13, sd=float("nan")))
+    (row, *_) = study_record(study, {})["effects"]
+    assert row["mean"] == 1.23456789e-13 and row["sd"] is None

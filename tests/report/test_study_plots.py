@@ -2,6 +2,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 from matplotlib.collections import LineCollection, QuadMesh
+from matplotlib.contour import ContourSet
 from matplotlib.figure import Figure
 
 from bayes_greybox.data.errors import InputError
@@ -46,10 +47,25 @@ def test_maps_that_are_compared_share_their_scale_and_outline_only_what_is_sure(
     meshes = figure.findobj(QuadMesh)
     limits = {mesh.get_clim() for mesh in meshes if mesh.get_array().size == 441}
     assert limits == {(-1.0, 1.0)}
-    assert any("P(|gap| > 0.1 m/s²) = 0.9" in text for text in shown)
+    assert any("around P(|gap| > 0.1 m/s²) > 0.9" in text for text in shown)
     assert "gap [m/s²]" in shown and "y [m]" in shown
     alone = plot_gap_map(grid, {"after": maps["after"]}, variables=("y", "v"), units=("", ""), threshold=0.1, limit=1.0)
     assert not any("P(" in text for text in texts(alone))
+
+
+def test_a_gap_that_is_sure_everywhere_is_outlined_along_the_edge_of_the_data():
+    (x, y), _ = grid_and_maps()
+    inside = np.hypot(*np.meshgrid(x, y / 2, indexing="ij")) < 0.8
+    sure = {"before": (np.ones((21, 21)), np.ones((21, 21)))}
+    for seen in (inside, np.ones((21, 21), bool)):
+        figure = plot_gap_map((x, y), sure, variables=("y", "v"), units=("", ""), threshold=0.1, inside=seen)
+        assert any("around P(" in text for text in texts(figure))
+        (lines,) = [found for found in figure.findobj(ContourSet) if not found.filled]
+        (path,) = lines.get_paths()
+        # Closed, and it goes round the data.
+        np.testing.assert_array_equal(path.vertices[0], path.vertices[-1])
+        rows = np.array(np.meshgrid(x, y, indexing="ij")).reshape(2, -1).T[seen.ravel()]
+        assert path.contains_points(rows).all()
 
 
 def test_what_lies_outside_the_data_does_not_set_the_scale():

@@ -12,6 +12,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from threadpoolctl import threadpool_limits
 
 from bayes_greybox.data.errors import InputError
+from bayes_greybox.data.records import plain_rows
 
 from ..files import opened, unwritable, write_whole
 from .cells import KERNELS, Cell, measure_cell
@@ -71,10 +72,10 @@ def run(output: str | os.PathLike[str], cells: Sequence[Cell] | None = None, *, 
                     with file.open("a", encoding="utf-8") as lines:
                         lines.write(json.dumps(rows[cell.key], allow_nan=False) + "\n")
         scores = score(rows[cell.key] for cell in chosen)
-        tables = {"terms": scores.terms.reset_index(), "cells": scores.cells.reset_index()}
+        tables = {"terms": scores.terms, "cells": scores.cells}
         for name, table in tables.items():
-            write_whole(folder / f"{name}.csv", table.to_csv(index=False))
-        summary = {name: json.loads(table.to_json(orient="records") or "[]") for name, table in tables.items()}
+            write_whole(folder / f"{name}.csv", table.reset_index().to_csv(index=False))
+        summary = {name: plain_rows(table) for name, table in tables.items()}
         text = json.dumps({"version": version("bayes-greybox"), **summary}, indent=2)
         write_whole(folder / "summary.json", text + "\n")
     except OSError as error:

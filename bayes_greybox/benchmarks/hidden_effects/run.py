@@ -17,8 +17,9 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from threadpoolctl import threadpool_limits
 
 from bayes_greybox.data.errors import InputError
+from bayes_greybox.data.records import plain_rows, plain_values
 
-from ..files import opened, plain_values, unwritable, write_whole
+from ..files import opened, unwritable, write_whole
 from .cases import Case, all_cases
 from .generate import generate
 from .hosts import HOSTS
@@ -129,10 +130,9 @@ def write_tables(scores: Scores, folder: Path) -> None:
     summary = {"version": version("bayes-greybox"), "cases": len(scores.cases)}
     try:
         for name, table in scores.tables().items():
-            plain = table.reset_index()
-            write_whole(folder / f"{name}.csv", plain.to_csv(index=False))
+            write_whole(folder / f"{name}.csv", table.reset_index().to_csv(index=False))
             if name != "cases":
-                summary[name] = json.loads(plain.to_json(orient="records") or "[]")
+                summary[name] = plain_rows(table)
         write_whole(folder / "summary.json", json.dumps(summary, indent=2) + "\n")
     except OSError as error:
         raise unwritable(folder, error) from error

@@ -148,13 +148,13 @@ def _bars(single: Marks, families: pd.DataFrame, coverage: pd.DataFrame, reliabi
     """What the benchmark asks for, with what was reached; no verdict where there were no cases."""
     table = families.to_dict("index")
     covered = coverage.to_dict("index")
-    errors = reliability["ece"].to_dict()
 
     def reached(family: str, column: str = "study") -> float:
         return table[family][column] if family in table else np.nan
 
     ahead = [reached(f) - np.fmax(reached(f, "stlsq"), reached(f, "ensemble")) for f in FAMILIES if f in table]
     clear = mean([mark for mark in single if mark["ratio"] >= 3], "right or tied")
+    named = reliability.loc["stated"]
     rows = [
         ("right name first, or excusably tied, ratio >= 3", clear, 0.95, 1.0),
         ("accuracy less the oracle's, all sizes", reached("catalogue") - reached("catalogue", "oracle"), -0.05, 1.0),
@@ -166,7 +166,7 @@ def _bars(single: Marks, families: pd.DataFrame, coverage: pd.DataFrame, reliabi
         ("coverage of 90 % intervals", covered["all"]["90 %"] if "all" in covered else np.nan, 0.85, 0.95),
         (
             "expected calibration error of stated names",
-            sum(v for k, v in errors.items() if k[0] == "stated"),
+            float(named["ece"].sum()) if named["cases"].sum() else np.nan,
             0.0,
             0.05,
         ),

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from bayes_greybox.report.plots.over_states import fade_outside
+from bayes_greybox.report.plots.over_states import fade_outside, outline
 from bayes_greybox.report.plots.style import (
     BLUE,
     DARK,
@@ -178,16 +178,13 @@ def _draw_map(
     fade_outside(ax, x, y, seen)
     ax.set_xlim(x[0], x[-1])
     ax.set_ylim(y[0], y[-1])
-    outlined = bool(probability[seen].max() > SURE > probability[seen].min())
-    if outlined:
-        ax.contour(x, y, np.ma.array(probability, mask=~seen).T, levels=[SURE], colors=[DARK], linewidths=2.0)
-    return outlined
+    return outline(ax, x, y, probability, SURE, seen)
 
 
 def _explain(ax: Axes, bold: bool, event: str, samples: bool, outside: bool, own: bool) -> None:
     handles: list[Artist] = []
     if bold:
-        handles.append(Line2D([], [], color=DARK, linewidth=2.0, label=plain(f"P({event}) = {SURE:g}")))
+        handles.append(Line2D([], [], color=DARK, linewidth=2.0, label=plain(f"around P({event}) > {SURE:g}")))
     if samples:
         handles.append(Line2D([], [], marker="o", color=DARK, linestyle="none", markersize=2.5, label="data"))
     if outside:

@@ -126,7 +126,7 @@ def _draw_maps(panels: list[Axes], grid: DiscrepancyGrid, points: np.ndarray, ow
     _lines(panels[0], grid, grid.mean, levels, 0.6)
     # Positive where the interval lies on one side of zero.
     beyond = np.maximum(grid.lower, -grid.upper)
-    bold = _lines(panels[0], grid, beyond, np.zeros(1), 2.0)
+    bold = outline(panels[0], x, y, beyond, 0.0, seen)
     for ax in panels:
         shown = points[every_nth(len(points), _MOST_POINTS)]
         ax.plot(
@@ -169,6 +169,27 @@ def _draw_map(
     extend = "both" if above and below else "max" if above else "min" if below else "neither"
     figure_of(ax).colorbar(mesh, ax=ax, label=label, extend=extend)
     fade_outside(ax, x, y, grid.inside)
+
+
+def outline(
+    ax: Axes,
+    x: Float[np.ndarray, " n_0"],
+    y: Float[np.ndarray, " n_1"],
+    values: Float[np.ndarray, "n_0 n_1"],
+    level: float,
+    seen: Bool[np.ndarray, "n_0 n_1"],
+) -> bool:
+    """A bold closed line around where values exceed a level and there are data; says whether there is such a place."""
+    top = float(values[seen].max())
+    if not top > level:
+        return False
+    # Below the level outside, so that the line closes at the edge of the data and of the map.
+    below = 2 * level - top
+    framed = np.pad(np.where(seen, values, below), 1, constant_values=below)
+    along, across = (np.concatenate([[a[0] - 1e-3 * step], a, [a[-1] + 1e-3 * step]])
+                     for a, step in ((x, x[1] - x[0]), (y, y[1] - y[0])))  # fmt: skip
+    ax.contour(along, across, framed.T, levels=[level], colors=[DARK], linewidths=2.0)
+    return True
 
 
 def fade_outside(
