@@ -9,7 +9,7 @@ from jaxtyping import Float, Int
 CHUNK = 16_384
 """Rows held in memory at once; also the size of the sample that the preconditioner is made from."""
 
-BLOCK = 2048
+BLOCK = 1024
 """Rows whitened at a time, few enough to stay in the processor's cache."""
 
 WELL_CONDITIONED = 1e-4
