@@ -3,10 +3,12 @@
 import json
 
 import numpy as np
+import pandas as pd
 import pytest
 
 import bayes_greybox as bg
 from bayes_greybox.discovery.evaluations import _patterns
+from bayes_greybox.discovery.sentence import _closed
 from bayes_greybox.discovery.study import studied_equations
 
 N_OBS, STEP, NOISE = 400, 0.075, 0.05
@@ -243,3 +245,20 @@ def test_patterns_of_many_corrections_have_at_most_two_terms_in():
     many, log_many = _patterns(30, 0.1)
     assert len(many) == 1 + 30 + 435 and many.sum(axis=1).max() == 2
     assert np.exp(log_many).sum() == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "said"),
+    [
+        (0.4, 0.1, "closes 75 % of the gap on held-out data"),
+        (0.4, 0.5, "widens the gap on held-out data by 25 %"),
+        (0.0, 0.0, "leaves no gap on held-out data"),
+    ],
+)
+def test_what_became_of_the_gap_is_said_as_it_is(before, after, said):
+    index = pd.MultiIndex.from_tuples(
+        [("train", "unexplained share", "v"), ("test", "unexplained share", "v"), ("test", "free-run NRMSE", "v")],
+        names=["data", "metric", "variable"],
+    )
+    gap = pd.DataFrame({"before": [0.9, before, 3.0], "after": [0.1, after, 2.0]}, index=index)
+    assert _closed(gap) == said
