@@ -80,14 +80,17 @@ def stack(label: str, value: Any, names: tuple[str, ...], lengths: list[int]) ->
         raise InputError(f"The {label} has {len(runs)} runs but the time has {len(lengths)}; give one array each.")
     out = []
     for name, length, values in zip(names, lengths, runs, strict=True):
-        if np.asarray(values).dtype.kind in "mM":
+        try:
+            given = np.asarray(values)
+            # NumPy would turn dates into ticks without a word.
+            dates = given.dtype.kind in "mM"
+            array = given if dates else np.asarray(given, dtype=float)
+        except (TypeError, ValueError) as error:
+            raise InputError(f'The {label} of run "{name}" is not numeric; convert it to numbers.') from error
+        if dates:
             raise InputError(
                 f'The {label} of run "{name}" holds dates; convert it to a number, such as seconds since the start.'
             )
-        try:
-            array = np.asarray(values, dtype=float)
-        except (TypeError, ValueError) as error:
-            raise InputError(f'The {label} of run "{name}" is not numeric; convert it to numbers.') from error
         if array.ndim != 1:
             raise InputError(
                 f'The {label} of run "{name}" has shape {array.shape}; give one-dimensional arrays, one '

@@ -242,7 +242,7 @@ class Trajectories:
         if isinstance(run, str) and run in self.run_names:
             index = self.run_names.index(run)
         elif isinstance(run, int | np.integer) and -self.n_run <= run < self.n_run:
-            index = int(run) % self.n_run
+            index = run % self.n_run
         else:
             raise InputError(f"There is no run {run!r}; there are {', '.join(self.run_names)}.")
         return self._restrict([(0, n if i == index else 0) for i, n in enumerate(self.run_lengths)])

@@ -1,6 +1,5 @@
 """Prior probabilities of the explanations of a gap."""
 
-import math
 from dataclasses import dataclass, fields
 
 from bayes_greybox.data.errors import InputError
@@ -37,7 +36,7 @@ class Odds:
     def __post_init__(self) -> None:
         for field in fields(self):
             value = getattr(self, field.name)
-            if not (isinstance(value, int | float) and math.isfinite(value) and 0 < value < 1):
+            if not (isinstance(value, int | float) and 0 < value < 1):
                 raise InputError(
                     f"odds: {field.name} = {value!r} must be a probability above 0 and below 1; what is as good as "
                     "excluded gets a small one."

@@ -17,7 +17,6 @@ from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.greybox import Fit, GreyBox
 from bayes_greybox.inference.netcdf import versions
 from bayes_greybox.model.assemble import nothing_left
-from bayes_greybox.model.program import measured_rate
 from bayes_greybox.model.simulation import Simulation
 from bayes_greybox.physics.effects import CatalogueSpec, load_catalogue
 from bayes_greybox.physics.roles import bind_catalogue, roles_of, unbound
@@ -269,8 +268,8 @@ def studied_equations(model: GreyBox, data: Trajectories) -> tuple[str, ...]:
     simulation = Simulation.of(model.simulation, data.state_names, data.input_names)
     kinematic = [n for n, e in simulation.expressions.items() if e.is_Symbol and str(e) in data.state_names]
     found = tuple(name for name in data.derivative_names if name not in kinematic)
-    rates = {name: measured_rate(data, name) for name in found}
     # Which equations of a function are kinematic cannot be read off it; but the data meet them exactly.
+    rates = data.derivatives
     left = tuple(name for name in found if not nothing_left(rates[name] - simulation.on(data, name), rates[name]))
     if found and not left:
         raise InputError("The simulation equals every measured derivative exactly: there is nothing to look for.")

@@ -117,9 +117,9 @@ def _discrepancy(table: pd.DataFrame) -> RenderableType:
 
 
 def _compared(column: Any, value: Any) -> str:
-    if column == "worst_k":
-        return pareto(value)
-    return number(value) if column in ("weight", "refits") else nats(value)
+    if column == "weight":
+        return f"{value:.2f}"
+    return {"worst_k": pareto, "refits": number}.get(column, nats)(value)
 
 
 def _number(value: Any) -> str:

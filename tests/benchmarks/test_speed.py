@@ -24,7 +24,7 @@ COMPLETE = ["y", "ydot", "y**2", "ydot**2", "y**3", "ydot**3"]
 PARTIAL = [term for term in COMPLETE if term != "y**3"]
 CHAINS, TUNE, DRAWS = 2, 500, 1000
 """Settings of both. The hand-written model's chains run one after the other, NumPyro's way on a CPU; side by side
-(`numpyro.set_host_device_count`) they took longer on two cores: a gradient of one took three times as long."""
+(`numpyro.set_host_device_count`) they took longer on two cores: a gradient then took two to three times as long."""
 
 PIECE, PATIENCE = 50, 3600.0
 """Draws that the hand-written model makes at a time, and seconds after which it makes no more."""

@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from bayes_greybox.data.columns import stack
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
 
@@ -193,3 +194,9 @@ def test_requests_that_cannot_be_met():
     single = Trajectories.from_arrays([T, T[:1]], states={"y": [T, T[:1]]})
     with pytest.raises(InputError, match=r'Run "1" has one row'):
         single.split(0.5)
+
+
+@pytest.mark.parametrize("values", [[1.0, "high", 2.0], [{}, 1.0, 2.0]])
+def test_columns_that_are_no_numbers_are_named(values):
+    with pytest.raises(InputError, match='state "y" of run .* is not numeric; convert it to numbers'):
+        stack('state "y"', [values], ("0",), [3])
