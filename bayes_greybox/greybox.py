@@ -3,35 +3,30 @@
 import os
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import cached_property
 
 import numpy as np
 import pandas as pd
 from threadpoolctl import threadpool_limits
 
-from bayes_greybox.criticism.checks import Checks, checks
-from bayes_greybox.criticism.convergence import Verdict, convergence
-from bayes_greybox.criticism.discrepancy import (
-    TradeOff,
-    discrepancy_grid,
-    discrepancy_table,
-    strongest_trade_off,
-)
-from bayes_greybox.criticism.grid import DiscrepancyGrid
+from bayes_greybox.criticism.checks.checks import Checks, checks
+from bayes_greybox.criticism.checks.loo_pit import LooPit
+from bayes_greybox.criticism.checks.whiteness import Whiteness
+from bayes_greybox.criticism.convergence import LARGEST_BASIS, Verdict, convergence, features_needed
+from bayes_greybox.criticism.cross_validation.row_densities import log_likelihood_group
+from bayes_greybox.criticism.discrepancy import DiscrepancyGrid, discrepancy_grid, discrepancy_table
+from bayes_greybox.criticism.free_run import FreeRun, free_run
 from bayes_greybox.criticism.inclusion import ROPE, inclusion
-from bayes_greybox.criticism.loo import log_likelihood_group
-from bayes_greybox.criticism.pit import LooPit
-from bayes_greybox.criticism.prediction import FreeRun, Prediction, free_run, predict, predictive_group
-from bayes_greybox.criticism.resolution import LARGEST_BASIS, features_needed
+from bayes_greybox.criticism.prediction import Prediction, predict, predictive_group
 from bayes_greybox.criticism.summary import summary
-from bayes_greybox.criticism.whiteness import Whiteness
+from bayes_greybox.criticism.trade_off import TradeOff, strongest_trade_off
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.inference import netcdf
 from bayes_greybox.inference.posterior import Posterior, Sampling, add_group, sample_posterior
 from bayes_greybox.model.discrepancy import OrthogonalGP
 from bayes_greybox.model.features import HilbertBasis
 from bayes_greybox.model.program import Program
-from bayes_greybox.model.simulation import RightHandSide
+from bayes_greybox.physics.simulation import RightHandSide
+from bayes_greybox.report.fit_page import fit_html
 
 MOST_REFITS, MARGIN = 2, 1.15
 """How often a fit is repeated with more features, and by how much these exceed what the last posterior asked for."""
@@ -79,8 +74,7 @@ class GreyBox(Program):
                 if refined is None:
                     break
                 posterior = sample_posterior(refined, data, sampling, progress=progress)
-            fit = Fit(posterior.model, data, sampling, posterior.idata)
-            fit.__dict__.update(equations=posterior.equations, programs=posterior.programs)
+            fit = Fit(posterior.model, data, sampling, posterior.idata, posterior.made)
             fit._complete()
         return fit
 
@@ -88,7 +82,7 @@ class GreyBox(Program):
 class Fit(Posterior):
     """The posterior of a GreyBox model: tables, predictions, free runs, and one file that holds it all."""
 
-    @cached_property
+    @property
     def verdict(self) -> Verdict:
         """Whether the chains can be trusted, with reasons in words and what to try."""
         return convergence(self)
@@ -130,19 +124,19 @@ class Fit(Posterior):
 
     def checks(self) -> Checks:
         """LOO-PIT, whiteness of the residuals and sensitivity to the prior: one table, with what to try."""
-        return self._checks
+        return checks(self)
 
     def loo_pit(self, equation: str | None = None) -> LooPit:
         """Where each measurement falls in its leave-one-out prediction; the first equation unless named."""
-        return self._checks.pit[equation or self.model.equations[0]]
+        return checks(self).loo_pit[equation or self.model.equations[0]]
 
     def whiteness(self, equation: str | None = None) -> Whiteness:
         """Autocorrelation of the whitened residuals; the first equation unless named."""
-        return self._checks.whiteness[equation or self.model.equations[0]]
+        return checks(self).whiteness[equation or self.model.equations[0]]
 
     def sensitivity(self) -> pd.DataFrame:
         """Power-scaling sensitivity of θ and P(γ) to prior and likelihood, by (equation, quantity)."""
-        return self._checks.sensitivity
+        return checks(self).sensitivity
 
     def save(self, path: str | os.PathLike) -> None:
         """Write posterior, data, model, settings, versions and seed to one netCDF file."""
@@ -150,14 +144,7 @@ class Fit(Posterior):
 
     def to_html(self, path: str | os.PathLike) -> None:
         """Write the report as one self-contained page."""
-        # The page is made further on in the package; the fit only points there.
-        import importlib
-
-        importlib.import_module("bayes_greybox.report.fit_page").fit_html(self, path)
-
-    @cached_property
-    def _checks(self) -> Checks:
-        return checks(self)
+        fit_html(self, path)
 
     def __repr__(self) -> str:
         """Model in one line and the verdict in words."""

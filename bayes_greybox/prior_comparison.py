@@ -8,12 +8,13 @@ from typing import Any
 import pandas as pd
 from rich.console import Console
 
-from bayes_greybox.criticism.compare import compare
-from bayes_greybox.criticism.folds import START, check_scheme, require_divisible
+from bayes_greybox.criticism.cross_validation.compare import compare
+from bayes_greybox.criticism.cross_validation.folds import START, check_scheme, require_divisible
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.greybox import Fit, GreyBox
 from bayes_greybox.model.priors import Laplace, Normal, Prior, RegularisedHorseshoe, SpikeAndSlab
+from bayes_greybox.report.comparison_page import comparison_html
 
 FOUR_PRIORS: Mapping[str, Prior] = {
     "SpikeAndSlab": SpikeAndSlab(),
@@ -63,12 +64,7 @@ class PriorComparison:
 
     def to_html(self, path: str | os.PathLike) -> None:
         """Write the report as one self-contained page."""
-        # The page is made further on in the package; the comparison only points there.
-        import importlib
-
-        importlib.import_module("bayes_greybox.report.comparison_page").comparison_html(
-            self.fits, self.comparison, path
-        )
+        comparison_html(self.fits, self.comparison, path)
 
 
 def compare_priors(

@@ -7,13 +7,13 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from bayes_greybox.criticism.bands import Band
 from bayes_greybox.criticism.convergence import Verdict
-from bayes_greybox.criticism.prediction import Band
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.gap import FreePath
-from bayes_greybox.discovery.study import Study
 from bayes_greybox.discovery.where import GapMap, GapTrace
 from bayes_greybox.greybox import GreyBox
+from bayes_greybox.missing_effects import Study
 
 TERM, ADDED = "y**3", "added"
 SENTENCE = (

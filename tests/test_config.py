@@ -11,7 +11,7 @@ import pytest
 import bayes_greybox as bg
 from bayes_greybox.config import load_config, parts, sources, study
 from bayes_greybox.config.file import Compare, Sampling
-from bayes_greybox.criticism.compare import SCHEMES
+from bayes_greybox.criticism.cross_validation.compare import SCHEMES
 from bayes_greybox.data.datasets import FOLDER_VARIABLE
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.model.discrepancy import Path as PathKind

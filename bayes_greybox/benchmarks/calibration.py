@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from bayes_greybox.criticism.calibration import FEWEST_REPLICATES, Calibration, calibrate
+from bayes_greybox.criticism.calibration.calibrate import FEWEST_REPLICATES, Calibration, calibrate
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.records import plain_rows, plain_values
 from bayes_greybox.data.trajectories import Trajectories

@@ -10,9 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 import bayes_greybox as bg
+from bayes_greybox.cli.ending import BAD_INPUT, DONE, NOT_CONVERGED, exit_code, show
 from bayes_greybox.data.errors import InputError
-
-from .ending import BAD_INPUT, DONE, NOT_CONVERGED, exit_code, show
 
 if TYPE_CHECKING:
     from bayes_greybox.config import Config
@@ -207,7 +206,7 @@ def compare(
     """
     sampling = {"seed": seed, "draws": draws, "tune": tune, "chains": chains}
     folds = _given_folds(scheme, block, max_refits)
-    from .comparing import compare_configured, compare_saved
+    from bayes_greybox.cli.comparing import compare_configured, compare_saved
 
     progress = not (no_progress or quiet)
     saved = [file.suffix == ".nc" for file in files]
@@ -285,7 +284,7 @@ def benchmark(
     they lie among the posterior draws as they should. confounding fits repeated data under each kernel and says what
     orthogonality gives and costs.
     """
-    from .benchmarking import run_benchmark
+    from bayes_greybox.cli.benchmarking import run_benchmark
 
     folder = output or Path("runs") / f"benchmark-{name.value}"
     return run_benchmark(

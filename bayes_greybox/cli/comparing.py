@@ -9,7 +9,7 @@ import typer
 
 import bayes_greybox as bg
 from bayes_greybox.config import Config
-from bayes_greybox.criticism.folds import START, check_scheme, require_divisible
+from bayes_greybox.criticism.cross_validation.folds import START, check_scheme, require_divisible
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.report.comparison_folder import save_comparison
 from bayes_greybox.report.folder import output_folder, staged

@@ -8,11 +8,12 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, PrivateAttr, ValidationError, field_validator, model_validator
 
 import bayes_greybox as bg
-from bayes_greybox.config.parts import Dictionary, Discrepancy, Prior
-from bayes_greybox.config.section import Count, Positive, Section, sentence, wrong
-from bayes_greybox.config.sources import Data
-from bayes_greybox.config.study import Study
 from bayes_greybox.data.errors import InputError
+
+from .parts import Dictionary, Discrepancy, Prior
+from .section import Count, Positive, Section, sentence, wrong
+from .sources import Data
+from .study import Study
 
 
 class Noise(Section):
@@ -21,7 +22,7 @@ class Noise(Section):
     floor: Positive | None = None
     scale: Positive | None = None
 
-    def arguments(self) -> dict[str, float]:
+    def arguments(self) -> dict[str, Any]:
         """Arguments of `GreyBox`, for the keys that the file has."""
         names = {"floor": "noise_floor", "scale": "noise"}
         return {names[key]: value for key, value in self.given().items()}

@@ -6,7 +6,8 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Discriminator, Field, Tag
 
 import bayes_greybox as bg
-from bayes_greybox.config.section import Count, Positive, Section, suggestion, wrong
+
+from .section import Count, Positive, Section, suggestion, wrong
 
 
 class Monomials(Section):

@@ -8,8 +8,9 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 
 import bayes_greybox as bg
-from bayes_greybox.config.section import Count, NotNegative, Positive, Section, wrong
 from bayes_greybox.data.errors import InputError
+
+from .section import Count, NotNegative, Positive, Section, wrong
 
 
 class Differentiate(Section):

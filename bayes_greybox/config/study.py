@@ -6,7 +6,8 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Field
 
 import bayes_greybox as bg
-from bayes_greybox.config.section import Count, Section, wrong
+
+from .section import Count, Section, wrong
 
 Probability = Annotated[float, Field(gt=0, lt=1)]
 

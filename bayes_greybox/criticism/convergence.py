@@ -9,9 +9,8 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Float
 
-from bayes_greybox.inference.posterior import Posterior
-
-from .resolution import features_needed
+from bayes_greybox.inference.posterior import Posterior, remembered
+from bayes_greybox.model.kernels import KERNELS
 
 MAX_R_HAT = 1.01
 MIN_ESS = 400
@@ -22,6 +21,12 @@ SATURATED_SHARE = 0.01
 
 NEGLIGIBLE_AMPLITUDE = 0.1
 """Below this multiple of σ the discrepancy's length scales are those of their prior and are not judged."""
+
+QUANTILE = 0.05
+"""The basis must resolve all but the shortest five percent of each length scale's posterior."""
+
+LARGEST_BASIS = 400
+"""Automatic refits stop at this many features."""
 
 _NOT_JUDGED = ("weight", "f", "prior_sd", "inclusion")
 
@@ -44,6 +49,7 @@ class Verdict:
         return "\n".join(["Not converged; do not rely on this fit:", *(f"- {reason}" for reason in self.reasons)])
 
 
+@remembered
 def convergence(posterior: Posterior) -> Verdict:
     """Judge a run by the criteria of Vehtari et al. 2021 and Betancourt 2016.
 
@@ -100,6 +106,32 @@ def convergence_table(posterior: Posterior) -> pd.DataFrame:
     return table
 
 
+def features_needed(posterior: Posterior) -> dict[str, tuple[int, ...]]:
+    """Features per variable that the posterior length scales call for, for equations whose basis has too few.
+
+    m ≥ a L/ℓ resolves the length scale ℓ, with a from Riutort-Mayol et al. 2023, Sec. 4.2, and ℓ the 5 % quantile of
+    its posterior in half-widths of the box.
+
+    Returns:
+        Features per variable by equation; empty if all is resolved.
+    """
+    gp = posterior.model.discrepancy
+    if gp is None or gp.path != "hsgp":
+        return {}
+    per_unit = KERNELS[gp.kernel].features_per_unit
+    needed = {}
+    for name, equation in posterior.equations.items():
+        basis = equation.frame.basis
+        if basis is None:
+            continue
+        shortest = np.quantile(posterior.draws(name).hyper.length_scale, QUANTILE, axis=0)
+        per_variable = np.array(basis.per_variable)
+        required = np.ceil(per_unit * basis.boundary / shortest).astype(int)
+        if np.any(required > per_variable):
+            needed[name] = tuple(int(m) for m in np.maximum(required, per_variable))
+    return needed
+
+
 def array_stats() -> Any:
     """ArviZ's statistics of plain arrays, the same in both of its generations."""
     from arviz_stats.base.array import array_stats  # three seconds, so not at the top
@@ -109,7 +141,7 @@ def array_stats() -> Any:
 
 def _judged(posterior: Posterior) -> Iterator[tuple[str, Float[np.ndarray, "n_chain n_draw"]]]:
     group = posterior.idata["posterior"].dataset
-    left_out = {f"{equation}_{name}" for equation in posterior.model.equations for name in _NOT_JUDGED}
+    left_out = {own[name] for own in posterior.sites.values() for name in _NOT_JUDGED}
     for name, variable in group.data_vars.items():
         if name in left_out:
             continue

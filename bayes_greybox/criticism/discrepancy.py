@@ -1,25 +1,20 @@
-"""What f does: its share of the variance, its trade-off with the dictionary, and its shape."""
+"""What f does: its share of the variance, and its shape on a grid."""
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 import pandas as pd
-from jaxtyping import Array, Float
+from jaxtyping import Bool, Float
 from scipy.spatial import KDTree
 
 from bayes_greybox.data.errors import InputError
-from bayes_greybox.inference.draws import draw_given
-from bayes_greybox.inference.posterior import EquationDraws, Posterior
-from bayes_greybox.model.assemble import Equation
-from bayes_greybox.model.likelihood import CollapsedNormal, DenseDesign, FeatureDesign, Hyperparameters
-from bayes_greybox.model.priors import Scales
-from bayes_greybox.model.simulation import Simulation
-from bayes_greybox.physics.units import coefficient_unit, derivative_unit
+from bayes_greybox.inference.posterior import Posterior
+from bayes_greybox.physics.units import derivative_unit
 
-from .grid import DiscrepancyGrid
-from .prediction import DENSE_DRAWS, PREDICTION_DRAWS, Band, discrepancy_draws
+from .bands import Band
+from .prediction import PREDICTION_DRAWS, discrepancy_draws
+from .trade_off import known_equation, trade_offs
 
 ROWS = 5000
 """Rows, evenly spaced, that variance shares are computed on."""
@@ -29,24 +24,41 @@ SUPPORT = 0.2
 
 
 @dataclass(frozen=True)
-class TradeOff:
-    """The coefficient that f can stand in for most: posterior draws of both, user's units.
+class DiscrepancyGrid:
+    """Posterior of the discrepancy f(x) of one equation on a grid over one or two variables.
+
+    The shape `*grid` is `n_0` for one variable and `n_0 n_1` for two, where `n_i = len(axes[i])`:
+    `mean[i, j]` belongs to `axes[0][i]`, `axes[1][j]`.
 
     Attributes:
-        equation: Learned state.
-        term: The dictionary's term.
-        theta: Its coefficient.
-        projection: The coefficient that f mimics: that of its least-squares projection on the dictionary.
-        correlation: Posterior correlation of the two; 0 when f has no such part.
-        unit: Unit of both.
+        equation: name of the state whose derivative the equation gives.
+        variables: names of the one or two variables that span the grid.
+        axes: grid positions of each variable, increasing, in the units of `units`.
+        mean: posterior mean of f, in `unit`.
+        sd: posterior standard deviation of f, in `unit`.
+        lower: lower end of the pointwise credible interval, in `unit`.
+        upper: upper end of the pointwise credible interval, in `unit`.
+        inside: True where the grid point lies inside the support of the data.
+        points: positions of the data rows, one column a variable.
+        units: unit of each variable; an empty string where none was given.
+        unit: unit of f; an empty string where none was given.
+        fixed: the other variables of the equation and the values they are held at.
+        level: probability that the credible interval holds.
     """
 
     equation: str
-    term: str
-    theta: Float[np.ndarray, " n_draw"]
-    projection: Float[np.ndarray, " n_draw"]
-    correlation: float
+    variables: tuple[str, ...]
+    axes: tuple[Float[np.ndarray, " _"], ...]
+    mean: Float[np.ndarray, "*grid"]
+    sd: Float[np.ndarray, "*grid"]
+    lower: Float[np.ndarray, "*grid"]
+    upper: Float[np.ndarray, "*grid"]
+    inside: Bool[np.ndarray, "*grid"]
+    points: Float[np.ndarray, "n_obs n_var"]
+    units: tuple[str, ...]
     unit: str
+    fixed: Mapping[str, float | np.floating]
+    level: float | np.floating = 0.9
 
 
 def discrepancy_table(posterior: Posterior, level: float = 0.9) -> pd.DataFrame:
@@ -70,12 +82,10 @@ def discrepancy_table(posterior: Posterior, level: float = 0.9) -> pd.DataFrame:
     data = posterior.data
     index = np.unique(np.linspace(0, data.n_obs - 1, min(data.n_obs, ROWS)).astype(int))
     columns = {name: column[index] for name, column in data.columns.items()}
-    simulation = Simulation.of(posterior.model.simulation, data.state_names, data.input_names)
     for name, equation in posterior.equations.items():
         frame = equation.frame
-        draws = posterior.draws(name, _draw_count(equation))
-        y = data.derivatives[name][index]
-        g = simulation.on(data, name)[index]
+        draws = posterior.draws(name, equation.design.worthwhile(PREDICTION_DRAWS))
+        y, g = equation.rows.measured[index], equation.rows.simulated[index]
         Phi = np.asarray(frame.dictionary_rows(columns)) * frame.target_scale
         f = discrepancy_draws(equation, draws, columns)
         centred = y - y.mean()
@@ -104,62 +114,6 @@ def discrepancy_table(posterior: Posterior, level: float = 0.9) -> pd.DataFrame:
     return pd.DataFrame.from_dict(rows, orient="index").rename_axis("equation")
 
 
-@dataclass(frozen=True)
-class TradeOffs:
-    """Draws of θ and of the projection of f on the dictionary, and how they go together, for every term."""
-
-    theta: Float[np.ndarray, "n_draw n_term"]
-    projection: Float[np.ndarray, "n_draw n_term"]
-    correlation: Float[np.ndarray, " n_term"]
-    overlap: Float[np.ndarray, " n_term"]
-
-
-def trade_offs(equation: Equation, draws: EquationDraws, *, plain: bool = False) -> TradeOffs:
-    """θ against the least-squares projection (ΦᵀΦ)⁻¹ Φᵀ f of f on the fitted rows, scaled units.
-
-    Args:
-        equation: Equation.
-        draws: Posterior draws of it.
-        plain: Take the plain kernel `none` instead, with θ and f drawn anew given the same hyperparameters.
-    """
-    design = equation.design
-    if plain:
-        theta, f = _plain_draws(equation, draws)
-    elif isinstance(design, FeatureDesign):
-        theta, f = draws.theta, draws.weight @ np.asarray(design.Psi).T
-    else:
-        theta, f = _redrawn(design, draws)
-    Phi = np.asarray(design.Phi)
-    projection = f @ np.linalg.pinv(Phi).T
-    norms = np.linalg.norm(f, axis=1)
-    alive = norms > 0
-    cosines = np.abs(f[alive] @ (Phi / np.linalg.norm(Phi, axis=0))) / norms[alive, None]
-    overlap = cosines.mean(axis=0) if alive.any() else np.zeros(Phi.shape[1])
-    # A projection that is zero but for rounding has no correlation with anything.
-    still = np.sqrt(np.mean(projection**2, axis=0)) <= 1e-9 * max(1e-300, float(np.sqrt(np.mean(f**2))))
-    correlation = np.zeros(Phi.shape[1])
-    for j in np.flatnonzero(~still & (theta.std(axis=0) > 0)):
-        correlation[j] = np.corrcoef(theta[:, j], projection[:, j])[0, 1]
-    return TradeOffs(theta, projection, correlation, overlap)
-
-
-def strongest_trade_off(posterior: Posterior, equation: str) -> TradeOff:
-    """The term whose coefficient trades off most with f, for a pair plot."""
-    entry = posterior.equations[_known(posterior, equation)]
-    both = trade_offs(entry, posterior.draws(equation, _draw_count(entry)))
-    j = int(np.argmax(np.abs(both.correlation)))
-    scale = entry.frame.coefficient_scale[j]
-    units = dict(posterior.data.units)
-    return TradeOff(
-        equation=equation,
-        term=entry.frame.dictionary.names[j],
-        theta=both.theta[:, j] * scale,
-        projection=both.projection[:, j] * scale,
-        correlation=float(both.correlation[j]),
-        unit=coefficient_unit(derivative_unit(equation, units), entry.frame.dictionary.terms[j], units),
-    )
-
-
 def discrepancy_grid(
     posterior: Posterior,
     equation: str,
@@ -179,7 +133,7 @@ def discrepancy_grid(
     Raises:
         InputError: Unknown equation or variables; a model without discrepancy.
     """
-    entry = posterior.equations[_known(posterior, equation)]
+    entry = posterior.equations[known_equation(posterior, equation)]
     frame, data = entry.frame, posterior.data
     if not frame.variables:
         raise InputError("The model has no discrepancy to show: fit with bg.OrthogonalGP().")
@@ -193,7 +147,8 @@ def discrepancy_grid(
     others = {name: float(np.median(column)) for name, column in data.columns.items() if name not in variables}
     columns = {name: np.full(mesh[0].size, value) for name, value in others.items()}
     columns |= {name: values.ravel() for name, values in zip(variables, mesh, strict=True)}
-    band = Band.of(discrepancy_draws(entry, posterior.draws(equation, _draw_count(entry)), columns), level)
+    draws = posterior.draws(equation, entry.design.worthwhile(PREDICTION_DRAWS))
+    band = Band.of(discrepancy_draws(entry, draws, columns), level)
     points = data.matrix(variables)
     half = np.array([np.ptp(axis) / 2 for axis in axes])
     nodes = np.stack([values.ravel() for values in mesh], axis=1)
@@ -215,44 +170,3 @@ def discrepancy_grid(
         fixed={name: value for name, value in others.items() if name in frame.variables},
         level=level,
     )
-
-
-def _plain_draws(equation: Equation, draws: EquationDraws) -> tuple[np.ndarray, np.ndarray]:
-    """θ and f on the design's rows under the kernel `none`, given the same hyperparameters and prior scales."""
-    design, frame = equation.design, equation.frame
-    if isinstance(design, DenseDesign):
-        return _redrawn(replace(design, variant="none"), draws)
-    Psi = design.Psi
-    if frame.projected:
-        Psi = Psi + design.Phi @ frame.orthonormal @ frame.moments
-    plain = replace(design, Psi=Psi, gram=Psi.T @ Psi, constraints=None)
-    theta, weight = _conditional(plain, draws, "weight")
-    return theta, weight @ np.asarray(Psi).T
-
-
-def _redrawn(design: DenseDesign, draws: EquationDraws) -> tuple[np.ndarray, np.ndarray]:
-    theta, f = _conditional(design, draws, "f")
-    return theta, f if design.whitening is None else f @ np.asarray(design.whitening).T
-
-
-def _conditional(design: FeatureDesign | DenseDesign, draws: EquationDraws, part: str) -> tuple[np.ndarray, np.ndarray]:
-    keys = jax.random.split(jax.random.PRNGKey(0), len(draws.theta))
-
-    def one(item: tuple[Array, Hyperparameters, Array]) -> tuple[Array, Array]:
-        key, hyper, sd = item
-        drawn = draw_given(key, CollapsedNormal(design, hyper, Scales(sd)))
-        return drawn["theta"], drawn[part]
-
-    hyper = Hyperparameters(*(jnp.asarray(value) for value in draws.hyper))
-    theta, values = jax.jit(lambda items: jax.lax.map(one, items))((keys, hyper, jnp.asarray(draws.prior_sd)))
-    return np.asarray(theta), np.asarray(values)
-
-
-def _draw_count(equation: Equation) -> int:
-    return DENSE_DRAWS if isinstance(equation.design, DenseDesign) else PREDICTION_DRAWS
-
-
-def _known(posterior: Posterior, equation: str) -> str:
-    if equation not in posterior.equations:
-        raise InputError(f"There is no equation {equation!r}; the model learns {', '.join(posterior.equations)}.")
-    return equation

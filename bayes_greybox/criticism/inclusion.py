@@ -48,8 +48,8 @@ def inclusion(posterior: Posterior, level: float = 0.9, rope: float = ROPE) -> p
             "lower": np.quantile(theta, tail, axis=0),
             "upper": np.quantile(theta, 1 - tail, axis=0),
         }
-        if f"{name}_inclusion" in group:
-            columns["inclusion"] = group[f"{name}_inclusion"].mean(("chain", "draw")).to_numpy()
+        if posterior.sites[name].inclusion in group:
+            columns["inclusion"] = group[posterior.sites[name].inclusion].mean(("chain", "draw")).to_numpy()
         columns |= {
             "outside_rope": np.mean(np.abs(draws.theta) > rope, axis=0),
             "shrinkage": np.mean(

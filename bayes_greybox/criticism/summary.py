@@ -28,17 +28,17 @@ def summary(posterior: Posterior, level: float = 0.9) -> pd.DataFrame:
     terms = inclusion(posterior, level)
     rows: dict[tuple[str, str], dict] = {}
     for name, equation in posterior.equations.items():
-        frame = equation.frame
+        frame, own = equation.frame, posterior.sites[name]
         quantities = {
-            term: (group[f"{name}_theta"].isel({f"{name}_term": j}).to_numpy(), terms.loc[(name, term), "unit"])
+            term: (group[own.theta].isel({own["term"]: j}).to_numpy(), terms.loc[(name, term), "unit"])
             for j, term in enumerate(frame.dictionary.names)
         }
         rate_unit = derivative_unit(name, posterior.data.units)
-        quantities["sigma"] = (group[f"{name}_sigma"].to_numpy(), rate_unit)
-        if f"{name}_amplitude" in group:
-            quantities["amplitude"] = (group[f"{name}_amplitude"].to_numpy(), rate_unit)
+        quantities["sigma"] = (group[own.sigma].to_numpy(), rate_unit)
+        if own.amplitude in group:
+            quantities["amplitude"] = (group[own.amplitude].to_numpy(), rate_unit)
             for d, variable in enumerate(frame.variables):
-                scale = group[f"{name}_length_scale"].isel({f"{name}_variable": d}).to_numpy()
+                scale = group[own.length_scale].isel({own["variable"]: d}).to_numpy()
                 quantities[f"length_scale[{variable}]"] = (scale, posterior.data.unit(variable) or "")
         for quantity, (draws, unit) in quantities.items():
             moving = draws.std() > 0

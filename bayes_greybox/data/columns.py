@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from bayes_greybox.data.errors import InputError
+from .errors import InputError
 
 _RESERVED = {"t": "time", "run": "run number"}
 

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from bayes_greybox.data.errors import InputError
-from bayes_greybox.data.trajectories import Trajectories
+from .errors import InputError
+from .trajectories import Trajectories
 
 FOLDER_VARIABLE = "BAYES_GREYBOX_DATA"
 """Environment variable that names the folder of the data sets."""

@@ -14,8 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
-from bayes_greybox.data.errors import InputError
-from bayes_greybox.data.filters import (
+from .errors import InputError
+from .filters import (
     STEP_TOLERANCE,
     band_per_sample,
     check_settings,
@@ -24,7 +24,7 @@ from bayes_greybox.data.filters import (
     savgol_window,
     spectral_derivative,
 )
-from bayes_greybox.data.noise import WHITE_SHARE, RowNoise, SpectralNoise, fir_noise
+from .noise import WHITE_SHARE, RowNoise, SpectralNoise, fir_noise
 
 WRAP_FACTOR = 3.0
 """A record whose last and first sample differ by more than this many largest steps is not periodic."""

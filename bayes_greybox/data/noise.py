@@ -1,4 +1,4 @@
-"""The two kinds of row noise: banded for finite filters, diagonal in Fourier space for periodic records."""
+"""Row noise of differentiators: banded for finite filters, diagonal in Fourier space for periodic records."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -10,8 +10,8 @@ import numpy as np
 from jaxtyping import Float
 from scipy.linalg import block_diag, cholesky_banded, get_lapack_funcs, toeplitz
 
-from bayes_greybox.data.errors import InputError
-from bayes_greybox.data.row_noise import WHITE_SHARE, RowNoise, check_white_share
+from .errors import InputError
+from .row_noise import WHITE_SHARE, RowNoise, check_white_share
 
 
 def noise_from_dict(record: Mapping[str, Any]) -> RowNoise:
@@ -232,6 +232,24 @@ class SpectralNoise(RowNoise):
     def n_white(self) -> int:
         """Number of whitened rows, two for each kept frequency."""
         return 2 * sum(self.kept)
+
+    @property
+    def white_lengths(self) -> tuple[int, ...]:
+        """Two for each kept frequency of a run."""
+        return tuple(2 * kept for kept in self.kept)
+
+    def sequences(
+        self, white: Float[np.ndarray, "n_draw n_white"]
+    ) -> tuple[Float[np.ndarray, "n_draw n_value"], tuple[int, ...], bool]:
+        """Power at each frequency, less its mean: neighbours in time have no rows of their own.
+
+        Cosines come before sines, run by run; the power of one frequency is exponential with mean 1.
+        """
+        powers, start = [], 0
+        for k in self.kept:
+            powers.append(0.5 * (white[:, start : start + k] ** 2 + white[:, start + k : start + 2 * k] ** 2) - 1.0)
+            start += 2 * k
+        return np.concatenate(powers, axis=1), self.kept, True
 
     @cached_property
     def log_det(self) -> float:

@@ -17,12 +17,15 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
-from bayes_greybox.data.errors import InputError
+from .errors import InputError
 
 WHITE_SHARE = 0.05
 """Default δ: the share of the row variance that is white."""
+
+COLUMNS = 20
+"""Columns of R⁻¹ computed at once: each is as long as the record."""
 
 
 class RowNoise(ABC):
@@ -46,6 +49,16 @@ class RowNoise(ABC):
     def square(self) -> bool:
         """Whether W is square, that is whether R is invertible."""
         return self.n_white == self.n_obs
+
+    @property
+    def local(self) -> bool:
+        """Whether a row is whitened by itself, so that rows can be whitened a chunk at a time."""
+        return False
+
+    @property
+    def white_lengths(self) -> tuple[int, ...]:
+        """Whitened rows of each run."""
+        return self.run_lengths
 
     @property
     @abstractmethod
@@ -73,9 +86,38 @@ class RowNoise(ABC):
     def precision_band(self, width: int) -> Float[np.ndarray, "n_obs width"]:
         """Entries (i, i + k) of Wᵀ W for k < width, zero beyond the run of row i."""
 
+    def precision_at(self, index: Int[np.ndarray, " n"]) -> Float[np.ndarray, "n n"]:
+        """Entries (i, j) of R⁻¹ at some rows; whitened coefficients, where R is singular, are independent."""
+        if not self.square:
+            return np.eye(len(index))
+        columns = []
+        for part in np.array_split(index, -(-len(index) // COLUMNS)):
+            unit = np.zeros((self.n_obs, len(part)))
+            unit[part, np.arange(len(part))] = 1.0
+            columns.append(self.whiten_transpose(self.whiten(unit))[index])
+        return np.concatenate(columns, axis=1)
+
     @abstractmethod
     def covariance(self) -> Float[np.ndarray, "n_obs n_obs"]:
         """R as a dense matrix, for tests and small data."""
+
+    def correlated(self, white: Float[np.ndarray, "n_draw n_obs"]) -> Float[np.ndarray, "n_draw n_obs"]:
+        """Draws from N(0, R) made of standard normal ones."""
+        values, vectors = np.linalg.eigh(self.covariance())
+        return white @ (vectors * np.sqrt(np.maximum(values, 0))).T
+
+    def sequences(
+        self, white: Float[np.ndarray, "n_draw n_white"]
+    ) -> tuple[Float[np.ndarray, "n_draw n_value"], tuple[int, ...], bool]:
+        """Whitened rows in an order in which neighbours would be correlated if R were wrong.
+
+        Args:
+            white: Whitened residuals, standard normal if R is right.
+
+        Returns:
+            The values, the length of each stretch of neighbours, and whether they go along frequency and not time.
+        """
+        return white, self.white_lengths, False
 
     @abstractmethod
     def restrict(self, bounds: Sequence[tuple[int, int]]) -> "RowNoise":

@@ -10,8 +10,8 @@ from typing import Any, Literal
 import numpy as np
 import pandas as pd
 
-from bayes_greybox.data.errors import InputError
-from bayes_greybox.data.trajectories import Trajectories
+from .errors import InputError
+from .trajectories import Trajectories
 
 
 def read_table(

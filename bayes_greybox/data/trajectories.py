@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Float, Int
 
-from bayes_greybox.data.columns import (
+from .columns import (
     check_names,
     check_times,
     check_units,
@@ -22,9 +22,10 @@ from bayes_greybox.data.columns import (
     summary_table,
     usable_rows,
 )
-from bayes_greybox.data.differentiate import differentiate
-from bayes_greybox.data.errors import InputError
-from bayes_greybox.data.noise import WHITE_SHARE, RowNoise, noise_from_dict
+from .differentiate import differentiate
+from .errors import InputError
+from .noise import WHITE_SHARE, RowNoise, noise_from_dict
+from .white_noise import WhiteNoise
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -176,6 +177,23 @@ class Trajectories:
     def n_obs(self) -> int:
         """Number of rows of all runs."""
         return len(self.time)
+
+    def rate(self, state: str) -> Float[np.ndarray, " n_obs"]:
+        """The measured derivative of a state.
+
+        Raises:
+            InputError: if the data have none.
+        """
+        if state not in self.derivatives:
+            raise InputError(
+                f"The data have no derivative of {state!r}: give it with derivatives={{{state!r}: ...}}, "
+                f"or compute it with data.differentiate()."
+            )
+        return self.derivatives[state]
+
+    def row_noise(self, state: str) -> RowNoise:
+        """Noise of the rows of a state's derivative: that of its differentiator, or white."""
+        return self.noise.get(state) or WhiteNoise(self.run_lengths)
 
     @property
     def n_run(self) -> int:

@@ -7,9 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from bayes_greybox.inference.evidence import coefficients
-
 from .evaluations import Evaluations, one_pattern
+from .evidence.parametric import coefficients
 
 
 class Coefficients(NamedTuple):
@@ -31,7 +30,7 @@ class Coefficients(NamedTuple):
 def plain(evaluations: Evaluations) -> np.ndarray:
     """Coefficients of the free columns with nothing else in the model, scaled."""
     fitted = evaluations.parametric([()])[0]
-    return coefficients(*one_pattern(fitted, 0))[0][: len(evaluations.table.of_kind("free"))]
+    return coefficients(*one_pattern(fitted, 0))[0][: len(evaluations.statistics.of_kind("free"))]
 
 
 def alone(evaluations: Evaluations, index: int) -> tuple[float, float]:
@@ -58,7 +57,7 @@ def draw_coefficients(evaluations: Evaluations, base: Sequence[int], n_draw: int
     n_pattern = logs.shape[1]
     flat = np.exp(logs - np.logaddexp.reduce(logs, axis=None)).ravel()
     picks = rng.choice(len(flat), size=n_draw, p=flat / flat.sum())
-    own = [*evaluations.table.of_kind("free"), *evaluations.table.of_kind("correction")]
+    own = [*evaluations.statistics.of_kind("free"), *evaluations.statistics.of_kind("correction")]
     beta, inner, sigma = (
         np.zeros((n_draw, len(own) + len(base))),
         np.zeros((n_draw, len(base)), int),
@@ -77,7 +76,7 @@ def draw_coefficients(evaluations: Evaluations, base: Sequence[int], n_draw: int
         spread = vectors * np.sqrt(np.maximum(values, 0))
         wide = np.ones(len(rows))
         # Where f remains, the noise is smaller; the coefficients' scatter shrinks with it.
-        s_f = np.sqrt(evaluations.table.noise.floor**2 + np.exp(2 * remainder.mode[0]))
+        s_f = np.sqrt(evaluations.statistics.noise.floor**2 + np.exp(2 * remainder.mode[0]))
         with_f = rng.random(len(rows)) < p_f
         wide[with_f] = s_f / sigma[rows][with_f]
         sigma[rows[with_f]] = s_f

@@ -1,4 +1,4 @@
-"""The study of one equation: its table, what was found, and the tables and maps that show it."""
+"""The study of one equation: its statistics, what was found, and the tables and maps that show it."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -9,7 +9,6 @@ import pandas as pd
 
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.inference.evidence import Evaluator
 from bayes_greybox.model.program import Program
 from bayes_greybox.physics.effects import BoundEffect
 from bayes_greybox.physics.terms import Term
@@ -17,11 +16,12 @@ from bayes_greybox.physics.units import coefficient_unit, derivative_unit
 
 from .coefficients import Coefficients, alone, draw_coefficients, plain
 from .evaluations import Evaluations
+from .evidence.with_discrepancy import Evaluator
 from .gap import Amendment
 from .hypotheses import Contest
 from .odds import Odds
 from .rounds import STOPS, TIED, Finding, search
-from .table import GapTable, gap_table
+from .sufficient_statistics import SufficientStatistics, sufficient_statistics
 from .where import GapField, GapMap, GapTrace, gap_map, gap_trace, where_table
 
 DRAWS = 2000
@@ -35,7 +35,7 @@ TAIL = 0.05
 class EquationStudy:
     """Everything found out about one equation."""
 
-    table: GapTable
+    statistics: SufficientStatistics
     evaluations: Evaluations
     finding: Finding
     coefficients: Coefficients
@@ -54,7 +54,7 @@ class EquationStudy:
             inner = self.coefficients.inner[:, k]
             scales = np.array([self._in_units(int(i)) for i in inner])
             draws = draws / self._in_units(index) * scales
-            values = [self.table.columns[int(i)].inner for i in inner]
+            values = [self.statistics.columns[int(i)].inner for i in inner]
             rows.append(
                 self._row(data, index, self.finding.probability[k], draws, self.finding.ties[k], values, "added")
             )
@@ -71,7 +71,7 @@ class EquationStudy:
                 tied = () if p < TIED * best else tuple(
                     n for n, q in probabilities.items() if n not in (*STOPS, name) and q >= TIED * best
                 )  # fmt: skip
-                inner = [self.table.columns[index].inner]
+                inner = [self.statistics.columns[index].inner]
                 row = self._row(data, index, p, draws, tied, inner, "")
                 rows.append({**row, "sd": abs(self._in_units(index)) * sd, "lower": min(draws), "upper": max(draws)})
         columns = ["equation", "slug", "name", "expression", "probability", "mean", "sd", "lower", "upper", "unit"]
@@ -82,7 +82,7 @@ class EquationStudy:
         first = self.finding.first
         rows = [
             {
-                "equation": self.table.equation,
+                "equation": self.statistics.equation,
                 "hypothesis": name,
                 "probability": p,
                 "log_evidence": first.best(name).log_evidence,
@@ -96,13 +96,13 @@ class EquationStudy:
         """Changes of the simulation's own coefficients."""
         rows = []
         for place, index in enumerate(self.coefficients.indices):
-            column = self.table.columns[index]
+            column = self.statistics.columns[index]
             if column.kind != "correction":
                 continue
             draws = self.coefficients.draws[:, place] * self._in_units(index)
             rows.append(
                 {
-                    "equation": self.table.equation,
+                    "equation": self.statistics.equation,
                     "term": column.term.name,
                     "nominal": column.nominal,
                     "probability": float(np.mean(draws != 0)),
@@ -121,7 +121,7 @@ class EquationStudy:
             second, q = rest[0] if rest else ("", np.nan)
             rows.append(
                 {
-                    "equation": self.table.equation, "round": number, "verdict": top, "added": step.added,
+                    "equation": self.statistics.equation, "round": number, "verdict": top, "added": step.added,
                     "probability": p, "runner_up": second, "runner_up_probability": q, "share_left": step.share_left,
                 }
             )  # fmt: skip
@@ -135,27 +135,27 @@ class EquationStudy:
                 slugs = (self.evaluations.name(index), *self.finding.ties[k])
                 rivals = [self.evaluations.best_of(slug) for slug in self.finding.ties[k]]
                 found.append(
-                    {"equation": self.table.equation, "slugs": slugs, "advice": _advice(self, index, rivals, data)}
+                    {"equation": self.statistics.equation, "slugs": slugs, "advice": _advice(self, index, rivals, data)}
                 )
         return found
 
     def _in_units(self, index: int) -> float:
-        return self.table.target_scale / self.table.columns[index].scale
+        return self.statistics.target_scale / self.statistics.columns[index].scale
 
     def _unit(self, data: Trajectories, term: Term) -> str:
         try:
-            return coefficient_unit(derivative_unit(self.table.equation, data.units), term, data.units)
+            return coefficient_unit(derivative_unit(self.statistics.equation, data.units), term, data.units)
         except InputError:
             # The numbers of a simulation's expression carry units that nobody wrote.
             return ""
 
     def _row(self, data: Trajectories, index: int, p: float, draws: np.ndarray, tied, inner: list, status: str) -> dict:
-        column = self.table.columns[index]
+        column = self.statistics.columns[index]
         assert column.effect is not None
         names = list(column.inner)
         values = {n: float(np.mean([v[n] for v in inner])) for n in names}
         return {
-            "equation": self.table.equation, "slug": column.effect.slug, "name": column.effect.name,
+            "equation": self.statistics.equation, "slug": column.effect.slug, "name": column.effect.name,
             "expression": column.effect.text(values) if values else column.effect.text(), "probability": p,
             **_moments(draws), "unit": self._unit(data, column.term), "tied_with": tied, "inner": values,
             "status": status,
@@ -179,9 +179,9 @@ def study_equation(
         settle: Whether finalists are settled by bridge sampling where that is needed.
         say: Told in words what is being done.
     """
-    table = gap_table(model, train, name, effects)
-    evaluator = Evaluator(table.noise, table.prior)
-    evaluations = Evaluations(table, odds, evaluator)
+    statistics = sufficient_statistics(model, train, name, effects)
+    evaluator = Evaluator(statistics.prior, statistics.kernel, np.asarray(statistics.basis.frequency))
+    evaluations = Evaluations(statistics, odds, evaluator)
     finding = search(Contest(evaluations), most, seed if settle else None, say)
     say("mapping the gap")
     corrected = finding.verdict not in ("no gap", "unknown")
@@ -189,22 +189,23 @@ def study_equation(
     if not corrected:
         # Nothing is missing, or nothing that has a name: the model after is the model before, whatever small weight
         # corrections keep.
-        coefficients = coefficients._replace(draws=coefficients.draws * _free_only(table, coefficients))
+        coefficients = coefficients._replace(draws=coefficients.draws * _free_only(statistics, coefficients))
     indices, beta = list(coefficients.indices), coefficients.draws.mean(axis=0)
-    changed = [k for k, i in enumerate(indices) if table.columns[i].kind != "free"]
-    before = GapField.of(table, evaluator)
-    after = GapField.of(table, evaluator, [indices[k] for k in changed], beta[changed])
-    sigma = float(np.mean(coefficients.sigma)) * table.target_scale
+    changed = [k for k, i in enumerate(indices) if statistics.columns[i].kind != "free"]
+    before = GapField.of(statistics, evaluator)
+    after = GapField.of(statistics, evaluator, [indices[k] for k in changed], beta[changed])
+    sigma = float(np.mean(coefficients.sigma)) * statistics.target_scale
     threshold = min(before.sigma, sigma)
     unit = derivative_unit(name, train.units)
-    trace = gap_trace(before, after, threshold, unit)
-    amendment = Amendment(table, plain(evaluations), coefficients, sigma)
-    drawn = gap_map(before, after, table.variables[:2], threshold, unit)
-    return EquationStudy(table, evaluations, finding, coefficients, amendment, drawn, trace, where_table(before, trace))
+    trace = gap_trace(train, before, after, threshold, unit)
+    amendment = Amendment(statistics, plain(evaluations), coefficients, sigma)
+    drawn = gap_map(train, before, after, statistics.variables[:2], threshold, unit)
+    where = where_table(train, statistics.variables, trace)
+    return EquationStudy(statistics, evaluations, finding, coefficients, amendment, drawn, trace, where)
 
 
-def _free_only(table: GapTable, coefficients: Coefficients) -> np.ndarray:
-    return np.array([float(table.columns[i].kind == "free") for i in coefficients.indices])
+def _free_only(statistics: SufficientStatistics, coefficients: Coefficients) -> np.ndarray:
+    return np.array([float(statistics.columns[i].kind == "free") for i in coefficients.indices])
 
 
 def _moments(draws: np.ndarray) -> dict[str, float]:
@@ -214,19 +215,21 @@ def _moments(draws: np.ndarray) -> dict[str, float]:
 
 def _advice(found: EquationStudy, index: int, rivals: Sequence[int], data: Trajectories) -> str:
     """Where beyond the data two tied effects part, each with its own best coefficient."""
-    table = found.table
-    effect = table.columns[index].effect
+    statistics = found.statistics
+    effect = statistics.columns[index].effect
     assert effect is not None
-    variables = sorted({c for i in (index, *rivals) for c in table.columns[i].term.symbols} & set(data.columns))
+    variables = sorted({c for i in (index, *rivals) for c in statistics.columns[i].term.symbols} & set(data.columns))
     parted = []
     for v in variables:
         low, top = float(np.min(data.column(v))), float(np.max(np.abs(data.column(v))))
         for reach in (1.25, 1.5, 2.0, 3.0, 5.0):
             columns = {n: np.full(41, np.median(c)) for n, c in data.columns.items()}
             columns[v] = np.linspace(-reach * top if low < 0 else low, reach * top, 41)
-            curves = [alone(found.evaluations, i)[0] * table.rows([i], columns)[:, 0] for i in (index, *rivals)]
+            curves = [
+                alone(found.evaluations, i)[0] * statistics.evaluate([i], columns)[:, 0] for i in (index, *rivals)
+            ]
             apart = max(float(np.max(np.abs(curves[0] - other))) for other in curves[1:])
-            if np.isfinite(apart) and apart * table.target_scale > 4 * found.amendment.sigma:
+            if np.isfinite(apart) and apart * statistics.target_scale > 4 * found.amendment.sigma:
                 unit = f" {data.unit(v)}" if data.unit(v) and data.unit(v) != "1" else ""
                 parted.append((reach, f"measure up to |{v}| = {reach * top:.3g}{unit} (the data reach {top:.3g})"))
                 break

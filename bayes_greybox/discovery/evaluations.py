@@ -1,4 +1,4 @@
-"""Evidence of sets of effects on one table, with and without what they leave over; each is found once."""
+"""Evidence of sets of effects, with and without what they leave over; each is found once."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -8,21 +8,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bayes_greybox.inference.bridge import bridge
-from bayes_greybox.inference.drift import drift_evidence
-from bayes_greybox.inference.evidence import (
-    IMPORTANCE_DRAWS,
-    Evaluator,
-    Integrated,
-    Marginal,
-    Spectrum,
-    WithDiscrepancy,
-    coefficients,
-    marginal,
-)
-
+from .evidence.correlated_residuals import correlation_evidence
+from .evidence.parametric import Marginal, Spectrum, coefficients, marginal
+from .evidence.with_discrepancy import IMPORTANCE_DRAWS, Evaluator, Integrated, WithDiscrepancy
 from .odds import Odds
-from .table import GapTable
+from .sufficient_statistics import SufficientStatistics
 
 MOST_PATTERNS = 64
 """Up to so many inclusion patterns of the simulation's own terms are summed; beyond, those with at most two terms."""
@@ -50,32 +40,32 @@ class Parametric(NamedTuple):
 
 @dataclass
 class Evaluations:
-    """Evidence on one table.
+    """Evidence on the statistics of one equation.
 
     Attributes:
-        table: Products of the equation.
+        statistics: Products of the equation.
         odds: Prior odds.
         evaluator: Evidence with f.
         importance_draws: Draws behind it.
     """
 
-    table: GapTable
+    statistics: SufficientStatistics
     odds: Odds
     evaluator: Evaluator
     importance_draws: int = IMPORTANCE_DRAWS
 
     def __post_init__(self) -> None:
         self._with_f: dict[tuple[int, ...], Integrated] = {}
-        self._drifts: dict[tuple[int, ...], float] = {}
+        self._correlations: dict[tuple[int, ...], float] = {}
         self._start: np.ndarray | None = None
 
     def share(self, indices: tuple[int, ...], f: Integrated) -> float:
         """Share of the gap's square that f carries at its mode; what the free columns explain is no gap."""
-        s2 = self.table.noise.floor**2 + np.exp(2 * f.mode[0])
-        free = self.table.of_kind("free")
-        own, g = self.table.products[np.ix_(free, free)], self.table.with_target[free]
-        square = self.table.square - float(g @ np.linalg.lstsq(own, g, rcond=1e-12)[0])
-        gap = max(square - self.table.n_obs * s2, 1e-12 * self.table.square)
+        s2 = self.statistics.noise.floor**2 + np.exp(2 * f.mode[0])
+        free = self.statistics.of_kind("free")
+        own, g = self.statistics.products[np.ix_(free, free)], self.statistics.with_target[free]
+        square = self.statistics.square - float(g @ np.linalg.lstsq(own, g, rcond=1e-12)[0])
+        gap = max(square - self.statistics.n_obs * s2, 1e-12 * self.statistics.square)
         return float(np.clip(self.evaluator.explained(self.with_features(indices), f.mode) / gap, 0.0, 1.0))
 
     def integrated(self, effects: tuple[int, ...]) -> Integrated:
@@ -89,34 +79,34 @@ class Evaluations:
                 self._start = found.mode
         return self._with_f[effects]
 
-    def drift(self, effects: tuple[int, ...]) -> float:
+    def correlation(self, effects: tuple[int, ...]) -> float:
         """Log Bayes factor of residuals that hang together in time, with these effects added."""
-        if effects not in self._drifts:
-            table = self.table
+        if effects not in self._correlations:
+            statistics = self.statistics
             fitted = self.parametric([effects])[0]
             pattern = int(np.argmax(fitted.by_pattern))
             mean = coefficients(*one_pattern(fitted, pattern))[0]
-            residual = table.residual(self.indices(effects), mean)
+            residual = statistics.residual(self.indices(effects), mean)
             found = -np.inf
             if residual is not None:
-                data = table.data
-                found = drift_evidence(residual, data.time, data.run, table.noise, table.prior.amplitude)
-            self._drifts[effects] = found
-        return self._drifts[effects]
+                rows, prior = statistics.rows, statistics.prior
+                found = correlation_evidence(residual, rows.time, rows.run, prior.noise, float(prior.amplitude))
+            self._correlations[effects] = found
+        return self._correlations[effects]
 
     def patterns(self) -> tuple[np.ndarray, np.ndarray]:
         """Inclusion patterns of the corrections, all zeros first, and their log prior beside an effect."""
-        return _patterns(len(self.table.of_kind("correction")), self.odds.correction)
+        return _patterns(len(self.statistics.of_kind("correction")), self.odds.correction)
 
     def indices(self, effects: Sequence[int]) -> list[int]:
         """Columns of a hypothesis: free ones, corrections, effects."""
-        return [*self.table.of_kind("free"), *self.table.of_kind("correction"), *effects]
+        return [*self.statistics.of_kind("free"), *self.statistics.of_kind("correction"), *effects]
 
     def scales(self, effects: Sequence[int]) -> np.ndarray:
         """Prior standard deviations by pattern [n_pattern, n_column]."""
         patterns, _ = self.patterns()
-        sd = np.array([self.table.columns[i].sd for i in self.indices(effects)])
-        n_free = len(self.table.of_kind("free"))
+        sd = np.array([self.statistics.columns[i].sd for i in self.indices(effects)])
+        n_free = len(self.statistics.of_kind("free"))
         scales = np.tile(sd, (len(patterns), 1))
         scales[:, n_free : n_free + patterns.shape[1]] *= patterns
         return scales
@@ -128,10 +118,10 @@ class Evaluations:
         _, log_prior = self.patterns()
         indices = np.array([self.indices(c) for c in choices], dtype=int)
         scales = np.stack([self.scales(c) for c in choices])
-        gram = self.table.products[indices[:, :, None], indices[:, None, :]][:, None]
-        product_y = self.table.with_target[indices][:, None]
-        spectrum = Spectrum.of(gram, product_y, self.table.square, self.table.n_obs, scales)
-        posterior = marginal(spectrum, self.table.noise)
+        gram = self.statistics.products[indices[:, :, None], indices[:, None, :]][:, None]
+        product_y = self.statistics.with_target[indices][:, None]
+        spectrum = Spectrum.of(gram, product_y, self.statistics.square, self.statistics.n_obs, scales)
+        posterior = marginal(spectrum, self.statistics.noise)
         found = []
         for k, choice in enumerate(choices):
             inner = self.inner_weight(choice)
@@ -155,11 +145,11 @@ class Evaluations:
 
     def with_features(self, effects: tuple[int, ...]) -> WithDiscrepancy:
         """The hypothesis with f, its features orthogonal to its columns in the metric of R⁻¹."""
-        table, indices = self.table, self.indices(effects)
+        statistics, indices = self.statistics, self.indices(effects)
         scales = self.scales(effects)
-        G, g = table.products[np.ix_(indices, indices)], table.with_target[indices]
-        spectrum = Spectrum.of(G, g, table.square, table.n_obs, scales)
-        C = table.with_features[indices]
+        G, g = statistics.products[np.ix_(indices, indices)], statistics.with_target[indices]
+        spectrum = Spectrum.of(G, g, statistics.square, statistics.n_obs, scales)
+        C = statistics.with_features[indices]
         # Projection on the columns through the eigenvectors of their Gram matrix that carry any weight
         values, vectors = np.linalg.eigh(G)
         kept = values > 1e-12 * max(values[-1], 1e-300) if len(values) else np.zeros(0, bool)
@@ -169,43 +159,43 @@ class Evaluations:
             spectrum.eigenvalues,
             spectrum.loading,
             self.patterns()[1],
-            table.square,
-            table.n_obs,
-            table.features - P.T @ P,
-            table.features_target - P.T @ (root.T @ g),
+            statistics.square,
+            statistics.n_obs,
+            statistics.features - P.T @ P,
+            statistics.features_target - P.T @ (root.T @ g),
         )
 
     def bridged(self, effects: tuple[int, ...], sure: float, seed: int) -> None:
         """Find the evidence with f by bridge sampling too, if its standard error exceeds `sure`; keep the surer."""
         found = self.integrated(effects)
         if found.se > sure:
-            again = bridge(self.evaluator, self.with_features(effects), seed=seed)
+            again = self.evaluator.bridged(self.with_features(effects), seed)
             if again.se < found.se:
                 self._with_f[effects] = found._replace(log_evidence=again.log_evidence, se=again.se)
 
     def inner_weight(self, effects: Sequence[int]) -> float:
         """Log prior weight of the inner parameters of these columns."""
-        return float(sum(self.table.columns[i].log_weight for i in effects))
+        return float(sum(self.statistics.columns[i].log_weight for i in effects))
 
     def name(self, index: int) -> str:
         """Slug of the effect that a column stands for."""
-        effect = self.table.columns[index].effect
+        effect = self.statistics.columns[index].effect
         assert effect is not None
         return effect.slug
 
     def binding(self, index: int) -> str:
         """Effect and the columns it is bound to."""
-        effect = self.table.columns[index].effect
+        effect = self.statistics.columns[index].effect
         assert effect is not None
         return f"{effect.slug}({', '.join(f'{r}={c}' for r, c in sorted(effect.names.items()))})"
 
     def group(self, index: int) -> tuple[int, ...]:
         """All columns of the effect that a column belongs to, one for each value of its inner parameter."""
-        return tuple(i for i in self.table.of_kind("effect") if self.binding(i) == self.binding(index))
+        return tuple(i for i in self.statistics.of_kind("effect") if self.binding(i) == self.binding(index))
 
     def best_of(self, slug: str) -> int:
         """The column of an effect that fits best alone."""
-        columns = [i for i in self.table.of_kind("effect") if self.name(i) == slug]
+        columns = [i for i in self.statistics.of_kind("effect") if self.name(i) == slug]
         return max(columns, key=lambda i: self.parametric([(i,)])[0].all)
 
 

@@ -9,13 +9,14 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Array, Float
 
-from bayes_greybox.criticism.prediction import Band, integrate_runs
+from bayes_greybox.criticism.bands import Band
+from bayes_greybox.criticism.free_run import integrate_runs
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.model.program import Program
-from bayes_greybox.model.simulation import Simulation
+from bayes_greybox.physics.simulation import Simulation
 
 from .coefficients import Coefficients
-from .table import GapTable
+from .sufficient_statistics import SufficientStatistics
 
 LEVEL = 0.9
 """Probability of the intervals."""
@@ -26,32 +27,32 @@ RATE_DRAWS, PATH_DRAWS = 200, 40
 
 @dataclass(frozen=True)
 class Amendment:
-    """What was added to one equation: columns of its table and posterior draws of their coefficients.
+    """What was added to one equation: columns of its statistics and posterior draws of their coefficients.
 
     Attributes:
-        table: The equation's table.
+        statistics: Of the equation.
         before: Coefficients of the user's own dictionary alone, scaled [n_free].
         after: Draws of all coefficients, with the effects that were added.
         sigma: Noise standard deviation after, user's units.
     """
 
-    table: GapTable
+    statistics: SufficientStatistics
     before: Float[np.ndarray, " n_free"]
     after: Coefficients
     sigma: float
 
     def rates(self, columns: Mapping[str, np.ndarray], n_draw: int) -> tuple[np.ndarray, np.ndarray]:
         """What is added to the simulation's rate at rows: before [n_row], and draws of after [n_draw, n_row]."""
-        table, scale = self.table, self.table.target_scale
-        own = [i for i in self.after.indices if table.columns[i].kind != "effect"]
-        before = scale * table.rows(table.of_kind("free"), columns) @ self.before
+        statistics, scale = self.statistics, self.statistics.target_scale
+        own = [i for i in self.after.indices if statistics.columns[i].kind != "effect"]
+        before = scale * statistics.evaluate(statistics.of_kind("free"), columns) @ self.before
         pick = np.linspace(0, len(self.after.draws) - 1, n_draw).astype(int)
         beta, inner = self.after.draws[pick], self.after.inner[pick]
-        after = beta[:, : len(own)] @ table.rows(own, columns).T
+        after = beta[:, : len(own)] @ statistics.evaluate(own, columns).T
         for k in range(inner.shape[1]):
             for index in np.unique(inner[:, k]):
                 rows = inner[:, k] == index
-                after[rows] += np.outer(beta[rows, len(own) + k], table.rows([int(index)], columns)[:, 0])
+                after[rows] += np.outer(beta[rows, len(own) + k], statistics.evaluate([int(index)], columns)[:, 0])
         return before, scale * after
 
 
@@ -87,30 +88,29 @@ def gap_rows(
         free_runs: Whether to integrate free runs.
         interpolation: Of the inputs between samples in free runs, see `criticism.prediction.integrate_runs`.
     """
-    simulation = Simulation.of(model.simulation, data.state_names, data.input_names)
+    simulation = model.simulator(data)
     rows = []
     for equation, amendment in amendments.items():
         if equation not in data.derivatives:
             continue
-        measured = data.derivatives[equation]
-        rate = simulation.on(data, equation)
+        measured = model.equation_rows(data, equation)
+        target, size = measured.target, float(np.mean(measured.measured**2))
         before, after = amendment.rates(data.columns, RATE_DRAWS)
-        variance, size = float(np.var(measured)), float(np.mean(measured**2))
-        noise = amendment.sigma**2
+        variance, noise = float(np.var(measured.measured)), amendment.sigma**2
 
-        def nmse(added: np.ndarray, measured=measured, rate=rate, variance=variance) -> Any:
-            return np.mean((measured - rate - added) ** 2, axis=-1) / variance
+        def error(added: np.ndarray, target=target, variance=variance) -> Any:
+            return np.mean((target - added) ** 2, axis=-1) / variance
 
         def share(values: Any, variance=variance, size=size, noise=noise) -> Any:
             return np.maximum(values * variance - noise, 0.0) / size
 
-        errors = nmse(after)
+        errors = error(after)
         for metric, f in (("derivative NMSE", lambda v: v), ("unexplained share", share)):
             low, high = np.quantile(f(errors), [(1 - LEVEL) / 2, (1 + LEVEL) / 2])
-            rows.append((part, metric, equation, float(f(nmse(before))), float(f(nmse(after.mean(axis=0)))), low, high))
+            mean = f(error(after.mean(axis=0)))
+            rows.append((part, metric, equation, float(f(error(before))), float(mean), low, high))
     paths: dict[str, FreePath] = {}
-    known = set(data.state_names) if callable(model.simulation) else {*(model.simulation or {}), *amendments}
-    if free_runs and set(data.state_names) <= known:
+    if free_runs and set(data.state_names) <= {*simulation.equations, *amendments}:
         paths, more = _free_runs(simulation, amendments, data, part, interpolation)
         rows += more
     table = pd.DataFrame(rows, columns=["data", "metric", "variable", "before", "after", "lower", "upper"])
@@ -179,12 +179,12 @@ def _free_runs(
 
 def _added(amendment: Amendment, n_draw: int) -> tuple[list, np.ndarray]:
     """Columns of one equation's free run and their coefficients in user's units [1 + n_draw, n_column]."""
-    table, after = amendment.table, amendment.after
+    statistics, after = amendment.statistics, amendment.after
     n_own = len(after.indices) - after.inner.shape[1]
     # The inner parameter is held at its likeliest value; its spread is in the tables.
     likeliest = [int(np.bincount(column).argmax()) for column in after.inner.T]
-    columns = [table.columns[i] for i in (*after.indices[:n_own], *likeliest)]
-    scale = np.array([table.target_scale / c.scale for c in columns])
+    columns = [statistics.columns[i] for i in (*after.indices[:n_own], *likeliest)]
+    scale = np.array([statistics.target_scale / c.scale for c in columns])
     pick = np.linspace(0, len(after.draws) - 1, n_draw).astype(int)
     before = np.zeros(len(columns))
     before[: len(amendment.before)] = amendment.before

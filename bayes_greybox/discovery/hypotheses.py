@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from .evaluations import Evaluations, Parametric
-from .table import nodes
+from .sufficient_statistics import nodes
 
 FINALISTS = 6
 """Effects whose evidence with f is integrated in full; for the others the mode of the best is used as it is."""
@@ -100,7 +100,7 @@ class Contest:
             share = odds.another
         else:
             others = [Explanation("no gap", (), bare.none, bare.none)]
-            if known.table.of_kind("correction"):
+            if known.statistics.of_kind("correction"):
                 others.append(Explanation("recalibrate", (), bare.some, bare.some))
             prior = {"no gap": odds.no_gap, "recalibrate": odds.recalibrate, "unknown": odds.unknown}
             share = odds.effects
@@ -122,13 +122,13 @@ class Contest:
         Returns:
             All columns of the effect, old and new.
         """
-        table, group = self.evaluations.table, list(group)
-        column = table.columns[group[0]]
+        statistics, group = self.evaluations.statistics, list(group)
+        column = statistics.columns[group[0]]
         if not column.inner or column.effect is None:
             return tuple(group)
         (key,) = column.inner
         for _ in range(ZOOMS):
-            values = np.array([table.columns[i].inner[key] for i in group])
+            values = np.array([statistics.columns[i].inner[key] for i in group])
             log_z = np.array([v.all for v in self.evaluations.parametric([(*base, i) for i in group])])
             posterior = np.exp(log_z - np.logaddexp.reduce(log_z))
             if np.max(posterior) < 0.5:
@@ -144,17 +144,20 @@ class Contest:
             # New weights for old and new values together: each is the width of its cell under the prior.
             merged = np.sort(np.concatenate([values, fresh]))
             weights = {
-                about["inner"][key]: about["log_weight"] for _, about in nodes(column.effect, table.data, merged)
+                about["inner"][key]: about["log_weight"]
+                for _, about in nodes(column.effect, statistics.rows.columns, merged)
             }
             for i in group:
-                table.columns[i] = replace(table.columns[i], log_weight=weights[table.columns[i].inner[key]])
+                statistics.columns[i] = replace(
+                    statistics.columns[i], log_weight=weights[statistics.columns[i].inner[key]]
+                )
             new = [
                 (t, {**about, "log_weight": weights[about["inner"][key]]})
-                for t, about in nodes(column.effect, table.data, fresh)
+                for t, about in nodes(column.effect, statistics.rows.columns, fresh)
             ]
-            before = len(table.columns)
-            table.add("effect", new)
-            group += range(before, len(table.columns))
+            before = len(statistics.columns)
+            statistics.add("effect", new)
+            group += range(before, len(statistics.columns))
         return tuple(group)
 
     def settle(self, base: Sequence[int], seed: int) -> Round:
@@ -175,7 +178,7 @@ class Contest:
         """Columns by effect, of the effects that are not in `base`."""
         taken = {self.evaluations.binding(i) for i in base}
         groups: dict[str, list[int]] = {}
-        for i in self.evaluations.table.of_kind("effect"):
+        for i in self.evaluations.statistics.of_kind("effect"):
             if self.evaluations.binding(i) not in taken:
                 groups.setdefault(self.evaluations.binding(i), []).append(i)
         return groups
@@ -185,7 +188,7 @@ class Contest:
         known = self.evaluations
         f = known.integrated(base)
         of_states = f.log_evidence + known.inner_weight(base)
-        either = float(np.logaddexp(of_states, bare.all + known.drift(base)) - np.log(2))
+        either = float(np.logaddexp(of_states, bare.all + known.correlation(base)) - np.log(2))
         return Explanation("unknown", (), either, either, None, 1.0, known.share(base, f), base)
 
     def _effects(self, base: tuple[int, ...], groups: Mapping[str, list[int]]) -> list[Explanation]:
@@ -212,7 +215,7 @@ class Contest:
                 integrated = known.integrated((*base, index))
                 # Other values of the inner parameter count relative to the best as they do at the common mode.
                 remainder += integrated.log_evidence - at_mode[index]
-                in_time = summed[key] + known.drift((*base, likeliest))
+                in_time = summed[key] + known.correlation((*base, likeliest))
                 remainder = float(np.logaddexp(remainder, in_time) - np.log(2))
                 share = known.share((*base, index), integrated)
             without = summed[key] + np.log1p(-known.odds.remainder)

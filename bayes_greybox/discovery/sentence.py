@@ -4,14 +4,19 @@ from collections.abc import Mapping
 
 import pandas as pd
 
+from bayes_greybox.data.trajectories import Trajectories
+
 from .equation import EquationStudy
 
 
-def sentence(findings: Mapping[str, EquationStudy], verdict: str, effects: pd.DataFrame, gap: pd.DataFrame) -> str:
+def sentence(
+    findings: Mapping[str, EquationStudy], data: Trajectories, verdict: str, effects: pd.DataFrame, gap: pd.DataFrame
+) -> str:
     """Say the verdict so that someone who never heard of evidence knows what to do.
 
     Args:
         findings: By equation.
+        data: Training data.
         verdict: Of the whole study.
         effects: The study's table of effects.
         gap: The study's gap table.
@@ -23,7 +28,7 @@ def sentence(findings: Mapping[str, EquationStudy], verdict: str, effects: pd.Da
         names = [n for n, found in findings.items() if found.finding.verdict == "recalibrate"]
         worst = []
         for n in names:
-            table = findings[n].corrections(findings[n].table.data)
+            table = findings[n].corrections(data)
             chosen = table[table["probability"] > 0.5]
             for row in chosen.reset_index().to_dict("records"):
                 right = row["nominal"] + row["mean"]

@@ -1,11 +1,9 @@
-"""The missing-effect study: gap, where, what, honesty, add, show."""
+"""The missing-effect study: gap, where, what, honesty, add, show. It samples nothing of the amended model."""
 
-import json
-import os
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
-from typing import Any
+from typing import Any, TypeVar
 
 import pandas as pd
 from rich.console import Console
@@ -14,12 +12,12 @@ from threadpoolctl import threadpool_limits
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.records import plain_rows
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.greybox import Fit, GreyBox
 from bayes_greybox.inference.netcdf import versions
-from bayes_greybox.model.assemble import nothing_left
-from bayes_greybox.model.simulation import Simulation
+from bayes_greybox.inference.posterior import Posterior
+from bayes_greybox.model.program import Program
 from bayes_greybox.physics.effects import CatalogueSpec, load_catalogue
 from bayes_greybox.physics.roles import bind_catalogue, roles_of, unbound
+from bayes_greybox.physics.simulation import known_states
 from bayes_greybox.physics.terms import Term
 from bayes_greybox.physics.units import check_units
 
@@ -28,21 +26,23 @@ from .gap import Amendment, FreePath, gap_rows
 from .odds import Odds
 from .rounds import NEGLIGIBLE, SUBSTANTIAL, TIED
 from .sentence import sentence
-from .table import CORRECTION_SCALE
+from .sufficient_statistics import CORRECTION_SCALE
 from .where import GapMap, GapTrace
+
+AnyProgram = TypeVar("AnyProgram", bound=Program)
 
 ORDER = ("no gap", "recalibrate", "named", "partly named", "unknown")
 """Verdicts; of several equations the last one in this order speaks for the study."""
 
 
 @dataclass(frozen=True)
-class Study:
+class StudyResult:
     """What is missing from a simulation, with the evidence.
 
     Attributes:
         base: The model that was given.
         model: The amended model: the terms of the simulation and the effects that were found, as a dictionary.
-        fit: NUTS posterior of the amended model; None with `settle=False`.
+        fit: NUTS posterior of the amended model; None where it was not sampled.
         train: Data the study learned from.
         test: Data it did not.
         verdict: "no gap", "recalibrate", "named", "partly named" or "unknown".
@@ -63,9 +63,9 @@ class Study:
         amendments: Coefficients before and after, by equation.
     """
 
-    base: GreyBox
-    model: GreyBox
-    fit: Fit | None
+    base: Program
+    model: Program
+    fit: Posterior | None
     train: Trajectories
     test: Trajectories | None
     verdict: str
@@ -84,21 +84,6 @@ class Study:
     settings: Mapping[str, Any] = field(default_factory=dict)
     amendments: Mapping[str, Amendment] = field(default_factory=dict)
 
-    def free_run(self, data: Trajectories, interpolation: str | Sequence[str] | None = None) -> dict[str, FreePath]:
-        """Free runs of the model before and after over other data, by state.
-
-        Args:
-            data: Times, starts and inputs to follow.
-            interpolation: Of the inputs between samples, as in `find_missing_effects`.
-
-        Raises:
-            InputError: A state has no equation to integrate.
-        """
-        paths = gap_rows(self.base, self.amendments, data, "", True, interpolation)[1]
-        if not paths:
-            raise InputError("A state of the data has no equation to integrate: add it to the simulation.")
-        return paths
-
     def record(self) -> dict[str, Any]:
         """Verdict, tables and settings as plain values, ready for JSON."""
         tables = ("effects", "hypotheses", "corrections", "where", "gap", "rounds")
@@ -109,31 +94,9 @@ class Study:
             "settings": dict(self.settings),
         }  # fmt: skip
 
-    def save(self, path: str | os.PathLike) -> None:
-        """Write the amended model's posterior and the study's tables to one netCDF file; it opens with `bg.load`.
 
-        Raises:
-            InputError: The study has no posterior (settle=False); the destination cannot be written.
-        """
-        if self.fit is None:
-            raise InputError("This study has no posterior to save: run find_missing_effects with settle=True.")
-        self.fit.idata.attrs["missing_effects"] = json.dumps(self.record(), default=float)
-        self.fit.save(path)
-
-    def to_html(self, path: str | os.PathLike) -> None:
-        """Write the report as one self-contained page."""
-        # The page is made two rooms further on; the study only points there.
-        import importlib
-
-        importlib.import_module("bayes_greybox.report.study_page").study_html(self, path)
-
-    def __repr__(self) -> str:
-        """The verdict in words."""
-        return f"Study: {self.verdict}\n{self.sentence}"
-
-
-def find_missing_effects(
-    model: GreyBox,
+def investigate(
+    model: Program,
     train: Trajectories,
     test: Trajectories | None = None,
     *,
@@ -145,37 +108,30 @@ def find_missing_effects(
     settle: bool = True,
     free_runs: bool = True,
     interpolation: str | Sequence[str] | None = None,
-    draws: int = 1000,
-    tune: int = 1000,
-    chains: int = 4,
     progress: bool = True,
-) -> Study:
-    """Find what a simulation lacks: where it disagrees with the data, which effect is missing, and the gap after.
+) -> StudyResult:
+    """Find what a simulation lacks, and the model with it added.
 
     The simulation is believed: the coefficients of its additive terms change only where the data say so. Terms of the
     model's dictionary are free: their coefficients are learned in every explanation. Explanations are weighed by their
-    evidence (see `inference.evidence`), all with a Gaussian process that can take what they leave over.
+    evidence (see `evidence`), all with a Gaussian process that can take what they leave over.
 
     Args:
-        model: Simulation, and the terms whose coefficients are to be learned anyway. `model.discrepancy` says what f
-            depends on.
+        model: Simulation, and the terms whose coefficients are to be learned anyway.
         train: Measurements with the rates of the equations in question.
         test: Measurements that no decision is made on.
-        catalogue: "mechanical", "fluid", "population", "electrical", "all", a TOML file of your own, or a list of
-            these.
-        roles: Columns by role where the package should not guess.
+        catalogue: As for `find_missing_effects`, as are the settings that follow.
+        roles: Columns by role.
         seed: Seed of everything random.
         effects_at_most: Largest number of effects added to one equation.
         odds: Prior probabilities of the explanations.
-        settle: Whether to sample the amended model by NUTS, and, where importance sampling is unsure of a finalist's
-            evidence, to find that by NUTS and bridge sampling.
+        settle: Whether NUTS and bridge sampling find the evidence of finalists that importance sampling is unsure of.
         free_runs: Whether to integrate simulation and amended model over the data.
-        interpolation: Of the inputs between samples in free runs: "linear", "cubic" or "zoh" (held), for all or one
-            for each. By default each input's own, linear or cubic, whichever foretells its samples better.
-        draws: Draws a chain of the amended model.
-        tune: Warm-up iterations of each chain.
-        chains: Chains.
+        interpolation: Of the inputs between samples in free runs.
         progress: Whether to show progress.
+
+    Returns:
+        The result, whose amended model is not sampled yet.
 
     Raises:
         InputError: Data, model or catalogue that cannot be used; the message names what and the remedy.
@@ -200,7 +156,7 @@ def find_missing_effects(
             left_out |= {(name, slug): why for slug, why in unbound(loaded, columns, train.units).items()}
             bound = bind_catalogue(loaded, columns, train.units)
             findings[name] = study_equation(model, train, name, bound, odds, effects_at_most, seed, settle, say)
-            left_out |= {(name, slug): why for slug, why in findings[name].table.left_out.items()}
+            left_out |= {(name, slug): why for slug, why in findings[name].statistics.left_out.items()}
         seconds["explain"] = time.perf_counter() - started
         status.update("measuring the gap before and after")
         start = time.perf_counter()
@@ -209,24 +165,17 @@ def find_missing_effects(
         measured = [gap_rows(model, amendments, data, part, free_runs, interpolation) for part, data in parts]
         seconds["gap"] = time.perf_counter() - start
     gap = pd.concat([table for table, _ in measured])
-    amended = amended_model(model, train, findings)
-    fit = None
-    if settle:
-        start = time.perf_counter()
-        fit = amended.fit(train, draws=draws, tune=tune, chains=chains, seed=seed, progress=progress)
-        # The fit's own model: it may have been given more features.
-        amended, seconds["sample"] = replace(amended, discrepancy=fit.model.discrepancy), time.perf_counter() - start
     seconds["total"] = time.perf_counter() - started
     verdict = max((found.finding.verdict for found in findings.values()), key=ORDER.index)
     effects = pd.concat([found.effects(train) for found in findings.values()], ignore_index=True)
-    return Study(
+    return StudyResult(
         base=model,
-        model=amended,
-        fit=fit,
+        model=amended_program(model, findings),
+        fit=None,
         train=train,
         test=test,
         verdict=verdict,
-        sentence=sentence(findings, verdict, effects, gap),
+        sentence=sentence(findings, train, verdict, effects, gap),
         effects=effects,
         hypotheses=pd.concat([found.hypotheses() for found in findings.values()]),
         corrections=pd.concat([found.corrections(train) for found in findings.values()]),
@@ -257,7 +206,7 @@ def find_missing_effects(
     )
 
 
-def studied_equations(model: GreyBox, data: Trajectories) -> tuple[str, ...]:
+def studied_equations(model: Program, data: Trajectories) -> tuple[str, ...]:
     """Equations a study looks at: those of the model's dictionary, or all whose measured rate the simulation misses.
 
     Raises:
@@ -265,12 +214,10 @@ def studied_equations(model: GreyBox, data: Trajectories) -> tuple[str, ...]:
     """
     if model.dictionary:
         return model.equations
-    simulation = Simulation.of(model.simulation, data.state_names, data.input_names)
-    kinematic = [n for n, e in simulation.expressions.items() if e.is_Symbol and str(e) in data.state_names]
-    found = tuple(name for name in data.derivative_names if name not in kinematic)
+    simulation = model.simulator(data)
+    found = tuple(name for name in data.derivative_names if not simulation.kinematic(name))
     # Which equations of a function are kinematic cannot be read off it; but the data meet them exactly.
-    rates = data.derivatives
-    left = tuple(name for name in found if not nothing_left(rates[name] - simulation.on(data, name), rates[name]))
+    left = tuple(name for name in found if not model.equation_rows(data, name).nothing_left)
     if found and not left:
         raise InputError("The simulation equals every measured derivative exactly: there is nothing to look for.")
     if not found:
@@ -281,24 +228,24 @@ def studied_equations(model: GreyBox, data: Trajectories) -> tuple[str, ...]:
     return left
 
 
-def amended_model(model: GreyBox, data: Trajectories, findings: Mapping[str, EquationStudy]) -> GreyBox:
+def amended_program(model: AnyProgram, findings: Mapping[str, EquationStudy]) -> AnyProgram:
     """The model with the simulation's terms and the found effects as its dictionary."""
     dictionary: dict[str, list[Term]] = {}
     for name, found in findings.items():
-        table = found.table
-        own = [table.columns[i].term for i in (*table.of_kind("free"), *table.of_kind("correction"))]
-        added = [table.columns[i].term for i in found.finding.base]
+        known = found.statistics
+        own = [known.columns[i].term for i in (*known.of_kind("free"), *known.of_kind("correction"))]
+        added = [known.columns[i].term for i in found.finding.base]
         # A dictionary needs a term; an offset is the least that can be asked for.
         dictionary[name] = [*own, *added] or [Term("1")]
     return replace(model, dictionary=dictionary)
 
 
 def _check_data(
-    model: GreyBox, equations: Sequence[str], train: Trajectories, test: Trajectories | None, free_runs: bool
+    model: Program, equations: Sequence[str], train: Trajectories, test: Trajectories | None, free_runs: bool
 ) -> None:
     """Refuse before the search what the search or the gap after it could not use."""
     check_units({}, train.units, train.derivative_names, train.time_name)
-    whole = callable(model.simulation) or set(train.state_names) <= {*(model.simulation or {}), *equations}
+    whole = set(train.state_names) <= {*known_states(model.simulation, train.state_names), *equations}
     for part, data in (("training", train), *([("test", test)] if test is not None else [])):
         missing = [name for name in train.columns if name not in data.columns]
         if missing:

@@ -5,12 +5,14 @@ from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from scipy.special import ndtr
 
-from bayes_greybox.inference.evidence import Evaluator, Spectrum, WithDiscrepancy, weights
+from bayes_greybox.data.trajectories import Trajectories
 
-from .table import GapTable
+from .evidence.parametric import Spectrum
+from .evidence.with_discrepancy import Evaluator, WithDiscrepancy
+from .sufficient_statistics import SufficientStatistics
 
 GRID = 41
 """Points of a map along each variable."""
@@ -78,14 +80,14 @@ class GapField:
     """Posterior of what a model lacks in one equation, as a Gaussian process over its variables.
 
     Attributes:
-        table: The equation's table.
+        statistics: Of the equation.
         mean: Posterior mean of the features' weights.
         root: Factor of their covariance, W with Wᵀ W = cov.
         sigma: Noise standard deviation, user's units.
         projection: Coefficients of the features on the free columns, taken off wherever they are evaluated.
     """
 
-    table: GapTable
+    statistics: SufficientStatistics
     mean: Float[np.ndarray, " n_basis"]
     root: Float[np.ndarray, "n_basis n_basis"]
     sigma: float
@@ -93,47 +95,51 @@ class GapField:
 
     @classmethod
     def of(
-        cls, table: GapTable, evaluator: Evaluator, indices: Sequence[int] = (), beta: np.ndarray | None = None
+        cls,
+        statistics: SufficientStatistics,
+        evaluator: Evaluator,
+        indices: Sequence[int] = (),
+        beta: np.ndarray | None = None,
     ) -> "GapField":
         """The gap left by columns with given coefficients; free columns take their share by least squares.
 
         Args:
-            table: Products of the equation.
+            statistics: Products of the equation.
             evaluator: Its evidence with f, whose mode sets η.
             indices: Columns taken into the model.
             beta: Their scaled coefficients.
         """
         beta = np.zeros(len(indices)) if beta is None else beta
         taken = list(indices)
-        within = table.products[np.ix_(taken, taken)]
-        square = float(table.square - 2 * beta @ table.with_target[taken] + beta @ within @ beta)
-        product = table.features_target - beta @ table.with_features[taken]
-        free = table.of_kind("free")
-        G = table.products[np.ix_(free, free)]
-        g = table.with_target[free] - table.products[np.ix_(free, taken)] @ beta
-        sd = np.array([[table.columns[i].sd for i in free]])
-        spectrum = Spectrum.of(G, g, square, table.n_obs, sd)
-        inverse, C = np.linalg.pinv(G, rcond=1e-12, hermitian=True) if free else G, table.with_features[free]
+        within = statistics.products[np.ix_(taken, taken)]
+        square = float(statistics.square - 2 * beta @ statistics.with_target[taken] + beta @ within @ beta)
+        product = statistics.features_target - beta @ statistics.with_features[taken]
+        free = statistics.of_kind("free")
+        G = statistics.products[np.ix_(free, free)]
+        g = statistics.with_target[free] - statistics.products[np.ix_(free, taken)] @ beta
+        sd = np.array([[statistics.columns[i].sd for i in free]])
+        spectrum = Spectrum.of(G, g, square, statistics.n_obs, sd)
+        inverse, C = np.linalg.pinv(G, rcond=1e-12, hermitian=True) if free else G, statistics.with_features[free]
         hypothesis = WithDiscrepancy(
-            spectrum.eigenvalues, spectrum.loading, np.zeros(1), max(square, 1e-300), table.n_obs,
-            table.features - C.T @ inverse @ C, product - C.T @ inverse @ g,
+            spectrum.eigenvalues, spectrum.loading, np.zeros(1), max(square, 1e-300), statistics.n_obs,
+            statistics.features - C.T @ inverse @ C, product - C.T @ inverse @ g,
         )  # fmt: skip
         found = evaluator.integrate(hypothesis, draws=0)
-        mean, root = weights(hypothesis, found.mode, table.noise, table.prior)
-        sigma = np.sqrt(table.noise.floor**2 + np.exp(2 * found.mode[0])) * table.target_scale
-        return cls(table, mean, root, float(sigma), inverse @ C)
+        mean, root = evaluator.weights(hypothesis, found.mode)
+        sigma = float(statistics.noise.sigma(found.mode[0])) * statistics.target_scale
+        return cls(statistics, mean, root, float(sigma), inverse @ C)
 
     def at(self, columns: Mapping[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
         """Posterior mean and standard deviation at rows, user's units."""
-        free = self.table.of_kind("free")
+        free = self.statistics.of_kind("free")
         means, sds = [], []
         n = len(next(iter(columns.values())))
         for start in range(0, n, 4096):
             part = {name: np.asarray(column)[start : start + 4096] for name, column in columns.items()}
-            psi = self.table.feature_rows(part) - self.table.rows(free, part) @ self.projection
+            psi = self.statistics.evaluate_features(part) - self.statistics.evaluate(free, part) @ self.projection
             means.append(psi @ self.mean)
             sds.append(np.linalg.norm(psi @ self.root.T, axis=1))
-        scale = self.table.target_scale
+        scale = self.statistics.target_scale
         return scale * np.concatenate(means), scale * np.concatenate(sds)
 
 
@@ -143,10 +149,11 @@ def exceedance(mean: np.ndarray, sd: np.ndarray, threshold: float) -> np.ndarray
     return ndtr((mean - threshold) / sd) + ndtr((-mean - threshold) / sd)
 
 
-def gap_map(before: GapField, after: GapField, variables: tuple[str, ...], threshold: float, unit: str) -> GapMap:
+def gap_map(
+    data: Trajectories, before: GapField, after: GapField, variables: tuple[str, ...], threshold: float, unit: str
+) -> GapMap:
     """The gap on a grid over one or two variables of f, the others held at their median."""
-    table = before.table
-    columns = table.data.columns
+    columns = data.columns
     axes = tuple(np.linspace(columns[v].min(), columns[v].max(), GRID) for v in variables)
     mesh = np.meshgrid(*axes, indexing="ij")
     rows = {name: np.full(mesh[0].size, np.median(column)) for name, column in columns.items()}
@@ -154,36 +161,38 @@ def gap_map(before: GapField, after: GapField, variables: tuple[str, ...], thres
     (m0, s0), (m1, s1) = before.at(rows), after.at(rows)
     shape = mesh[0].shape
     return GapMap(
-        table.equation, variables, axes, m0.reshape(shape), m1.reshape(shape),
+        before.statistics.equation, variables, axes, m0.reshape(shape), m1.reshape(shape),
         exceedance(m0, s0, threshold).reshape(shape), exceedance(m1, s1, threshold).reshape(shape),
         np.column_stack([columns[v] for v in variables]), threshold, unit,
-        tuple(table.data.unit(v) or "" for v in variables),
+        tuple(data.unit(v) or "" for v in variables),
     )  # fmt: skip
 
 
-def gap_trace(before: GapField, after: GapField, threshold: float, unit: str) -> GapTrace:
+def gap_trace(data: Trajectories, before: GapField, after: GapField, threshold: float, unit: str) -> GapTrace:
     """The gap along time on the training rows."""
-    data = before.table.data
-    pick = np.unique(np.linspace(0, data.n_obs - 1, min(data.n_obs, MOST_ROWS)).astype(int))
+    pick = _shown(data)
     rows = {name: column[pick] for name, column in data.columns.items()}
     (m0, s0), (m1, s1) = before.at(rows), after.at(rows)
-    p = exceedance(m0, s0, threshold)
-    return GapTrace(before.table.equation, data.time[pick], data.run[pick], m0, s0, m1, s1, p, threshold, unit)
+    p, equation = exceedance(m0, s0, threshold), before.statistics.equation
+    return GapTrace(equation, data.time[pick], data.run[pick], m0, s0, m1, s1, p, threshold, unit)
 
 
-def where_table(field: GapField, trace: GapTrace) -> pd.DataFrame:
+def where_table(data: Trajectories, variables: Sequence[str], trace: GapTrace) -> pd.DataFrame:
     """Regions of state space and windows of time in which the gap exceeds the threshold.
 
     A region is a rule on one variable, or on two, that gathers as many rows of high probability and as few of low as
     any other: it maximises Σ (p − ½) over its rows.
 
+    Args:
+        data: Training data.
+        variables: What f depends on.
+        trace: The gap along time.
+
     Returns:
         Columns equation, kind, description, probability (mean over the rows), gap_share (of the gap's square),
         sample_share; largest share of the gap first within each kind.
     """
-    data = field.table.data
-    pick = np.unique(np.linspace(0, data.n_obs - 1, min(data.n_obs, MOST_ROWS)).astype(int))
-    columns = {v: data.column(v)[pick] for v in field.table.variables}
+    columns = {v: data.column(v)[_shown(data)] for v in variables}
     units = {v: data.unit(v) or "" for v in columns}
     p, square = trace.probability, trace.before**2
     rows = []
@@ -195,6 +204,11 @@ def where_table(field: GapField, trace: GapTrace) -> pd.DataFrame:
         rows += sorted(part, key=lambda row: -row[4])[: MOST_REGIONS if kind == "region" else MOST_WINDOWS]
     names = ["equation", "kind", "description", "probability", "gap_share", "sample_share"]
     return pd.DataFrame(rows, columns=names)
+
+
+def _shown(data: Trajectories) -> Int[np.ndarray, " n_shown"]:
+    """Rows, evenly thinned, that regions and windows are sought on."""
+    return np.unique(np.linspace(0, data.n_obs - 1, min(data.n_obs, MOST_ROWS)).astype(int))
 
 
 def _regions(
@@ -236,7 +250,7 @@ def _rules(name: str, x: np.ndarray, unit: str) -> Iterator[tuple[str, np.ndarra
             yield f"{low:.3g} < {name} < {high:.3g}{unit}", (x > low) & (x < high)
 
 
-def _windows(trace: GapTrace, data) -> list[tuple[str, np.ndarray]]:
+def _windows(trace: GapTrace, data: Trajectories) -> list[tuple[str, np.ndarray]]:
     unit = f" {data.unit('t')}" if data.unit("t") else ""
     found = []
     for run in np.unique(trace.run):

@@ -1,17 +1,17 @@
-"""Bridge sampling: the evidence of a hypothesis from NUTS draws, where importance sampling is not sure of it."""
+"""Bridge sampling: the integral of a density from NUTS draws, where importance sampling is not sure of it."""
 
 import math
-from functools import partial
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import jax
+import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Float
 from numpyro.infer import NUTS
 
 from bayes_greybox.model.density import SITE, density_model
 
-from .evidence import Evaluator, WithDiscrepancy, log_joint
 from .nuts import Sampler
 
 ITERATIONS, TOLERANCE = 200, 1e-8
@@ -26,41 +26,42 @@ class Bridged(NamedTuple):
 
 
 def bridge(
-    evaluator: Evaluator,
-    hypothesis: WithDiscrepancy,
+    log_density: Callable[[Array, Any], Array],
+    argument: Any,
+    size: int,
     *,
     draws: int = 500,
     tune: int = 300,
     chains: int = 2,
     seed: int = 0,
 ) -> Bridged:
-    """Evidence of a hypothesis with f from NUTS draws of η.
+    """Log of the integral of a density over a real vector, from NUTS draws.
 
     The optimal bridge of Meng & Wong (1996), Eq. 4.1, between the posterior and a normal fitted to the first half of
     each chain; the second half is bridged (Gronau et al. 2017, Eq. 15). The error follows Frühwirth-Schnatter (2004),
     draws of a chain counted as independent.
 
     Args:
-        evaluator: Priors and features.
-        hypothesis: What to integrate.
+        log_density: Log of the unnormalised density of the vector, given an argument.
+        argument: Its argument, a pytree of arrays.
+        size: Length of the vector.
         draws: Draws of each chain.
         tune: Warm-up of each chain.
         chains: Chains.
         seed: Seed of everything random.
     """
-    arrays = evaluator.arrays(hypothesis)
-    size = len(evaluator.start)
-    model = density_model(partial(log_joint, kernel=evaluator.kernel), size)
+    model = density_model(log_density, size)
     key, other = jax.random.split(jax.random.PRNGKey(seed))
     sampler = Sampler(lambda _: NUTS(model, target_accept_prob=0.9), tune)
-    chained = sampler.run(arrays, draws=draws, chains=chains, key=key, progress=False)
+    chained = sampler.run(argument, draws=draws, chains=chains, key=key, progress=False)
     eta = chained.samples[SITE]
     fitted = eta[:, : draws // 2].reshape(-1, size)
     kept = eta[:, draws // 2 :].reshape(-1, size)
     mean, root = fitted.mean(axis=0), np.linalg.cholesky(np.cov(fitted.T) + 1e-10 * np.eye(size))
     z = np.asarray(jax.random.normal(other, kept.shape))
     proposed = mean + z @ root.T
-    posterior_at = [evaluator.values(hypothesis, points) for points in (kept, proposed)]
+    values = jax.jit(lambda points, argument: jax.lax.map(lambda point: log_density(point, argument), points))
+    posterior_at = [np.asarray(values(jnp.asarray(points), argument)) for points in (kept, proposed)]
     proposal_at = [_log_normal(points, mean, root) for points in (kept, proposed)]
     l_kept, l_proposed = (p - q for p, q in zip(posterior_at, proposal_at, strict=True))
     return _fixed_point(l_kept, l_proposed)

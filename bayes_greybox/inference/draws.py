@@ -5,12 +5,14 @@ from collections.abc import Callable, Mapping
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array
 from numpyro.handlers import seed, substitute, trace
 
 from bayes_greybox.model.collapsed import ridge, spike_and_slab
-from bayes_greybox.model.likelihood import CollapsedNormal, Design, FeatureDesign, Hyperparameters
-from bayes_greybox.model.linalg import singular_root, solve_lower, solve_lower_transposed
+from bayes_greybox.model.design import Design
+from bayes_greybox.model.likelihood import CollapsedNormal
+from bayes_greybox.model.linalg import solve_lower_transposed
+from bayes_greybox.model.sites import Sites
 from bayes_greybox.model.subsets import patterns
 
 
@@ -49,9 +51,9 @@ def conditional_draw(
     """One draw of γ, θ and f of every equation given one draw of the sites; see `conditional_sampler`."""
     sites = trace(seed(substitute(model, data=dict(values)), key)).get_trace(designs)
     drawn = {}
-    for equation, key_e in zip(designs, jax.random.split(key, len(designs)), strict=True):
-        parts = draw_given(key_e, sites[f"{equation}_y"]["fn"], values.get(f"{equation}_gamma"))
-        drawn.update({f"{equation}_{name}": value for name, value in parts.items()})
+    for own, key_e in zip(Sites(designs).values(), jax.random.split(key, len(designs)), strict=True):
+        parts = draw_given(key_e, sites[own.y]["fn"], values.get(own.gamma))
+        drawn.update({own[name]: value for name, value in parts.items()})
     return drawn
 
 
@@ -67,47 +69,20 @@ def draw_given(key: Array, likelihood: CollapsedNormal, gamma: Array | None = No
     """
     design, hyper, scales = likelihood.design, likelihood.hyper, likelihood.scales
     key_gamma, key_theta, key_f = jax.random.split(key, 3)
-    remainder, solve = design.remove_discrepancy(design.y, hyper)
+    regression, solve = design.remove_discrepancy(design.y, hyper)
     out: dict[str, Array] = {}
     sd = scales.sd
     if scales.log_odds is not None:
-        log_weight = spike_and_slab(remainder, sd, scales.log_odds, design.n_obs)[1]
+        log_weight = spike_and_slab(regression, sd, scales.log_odds, design.n_obs)[1]
         bits = jnp.asarray(patterns(len(sd)))
         out["inclusion"] = jnp.exp(log_weight) @ bits
         out["gamma"] = bits[jax.random.categorical(key_gamma, log_weight)]
         sd = sd * out["gamma"]
     elif gamma is not None:
         out["inclusion"] = gamma.astype(float)
-    posterior = ridge(remainder, sd, design.n_obs)
+    posterior = ridge(regression, sd, design.n_obs)
     u = posterior.mean + solve_lower_transposed(posterior.L, jax.random.normal(key_theta, sd.shape))
     # An excluded term is exactly zero, not minus zero.
     theta = jnp.where(sd > 0, sd * u, 0.0)
     out |= {"theta": theta, "theta_sd": sd}
-    if isinstance(design, FeatureDesign):
-        L, Z = solve
-        z = Z[:, -1] - Z[:, :-1] @ theta + solve_lower_transposed(L, jax.random.normal(key_f, L.shape[:1]))
-        out["weight"] = design.weights(z, hyper)
-    else:
-        points = design.points
-        out["f"] = dense_draw(key_f, design, hyper, theta, points, design.cross_covariance(points, hyper))
-    return out
-
-
-def dense_draw(
-    key: Array,
-    design: Design,
-    hyper: Hyperparameters,
-    theta: Float[Array, " n_term"],
-    left: tuple[Float[Array, "n_left n_var"], Float[Array, "n_left n_rank"]],
-    prior: Float[Array, "n_left n_left"],
-) -> Float[Array, " n_left"]:
-    """Draw f at given points, exact path: f | θ ~ N(k* C⁻¹ (y − Φθ), k** − k* C⁻¹ k*ᵀ), C = K⊥ + σ² I."""
-    assert not isinstance(design, FeatureDesign)
-    _, L = design.remove_discrepancy(design.y, hyper)
-    cross = design.cross_covariance(left, hyper)
-    if design.whitening is not None:
-        cross = cross @ design.whitening.T
-    half = solve_lower(L, cross.T)
-    mean = half.T @ solve_lower(L, design.y - design.Phi @ theta)
-    covariance = prior - half.T @ half
-    return mean + singular_root(covariance) @ jax.random.normal(key, mean.shape)
+    return {**out, **design.draw_discrepancy(key_f, hyper, theta, solve)}

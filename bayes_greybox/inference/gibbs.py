@@ -8,6 +8,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 from numpyro.handlers import seed, substitute, trace
 
+from bayes_greybox.model.sites import Sites
+
 
 def gamma_move(model: Callable, designs: Any, equations: tuple[str, ...]) -> Callable:
     """A `gibbs_fn` for `numpyro.infer.HMCGibbs`: a sweep over γ of each equation, then as many swaps.
@@ -27,19 +29,19 @@ def gamma_move(model: Callable, designs: Any, equations: tuple[str, ...]) -> Cal
         designs: Its argument.
         equations: Equations that have a `gamma` site.
     """
+    names = Sites(designs)
 
     def move(rng_key: Array, gibbs_sites: Mapping[str, Array], hmc_sites: Mapping[str, Array]) -> dict[str, Array]:
         values = {**hmc_sites, **gibbs_sites}
         sites = trace(seed(substitute(model, data=values), rng_key)).get_trace(designs)
         new = {}
         for equation, key in zip(equations, jax.random.split(rng_key, len(equations)), strict=True):
-            likelihood = sites[f"{equation}_y"]["fn"]
-            design = designs[equation]
-            remainder, _ = design.remove_discrepancy(design.y, likelihood.hyper)
-            name = f"{equation}_gamma"
-            pi, tau = values[f"{equation}_pi"], values[f"{equation}_tau"]
+            own, design = names[equation], designs[equation]
+            likelihood = sites[own.y]["fn"]
+            regression, _ = design.remove_discrepancy(design.y, likelihood.hyper)
+            name, pi, tau = own.gamma, values[own.pi], values[own.tau]
             gamma = resample_pattern(
-                key, values[name], remainder.T.T @ remainder.T, remainder.T.T @ remainder.q, tau, pi
+                key, values[name], regression.T.T @ regression.T, regression.T.T @ regression.q, tau, pi
             )
             new[name] = gamma.astype(values[name].dtype)
         return new

@@ -6,8 +6,9 @@ from typing import Any
 import jax.numpy as jnp
 from numpyro.infer import NUTS, HMCGibbs
 
-from bayes_greybox.model.likelihood import Design
+from bayes_greybox.model.design import Design
 from bayes_greybox.model.program import Program
+from bayes_greybox.model.sites import Sites
 
 from .gibbs import gamma_move
 
@@ -22,7 +23,8 @@ def posterior_kernel(model: Program, designs: Mapping[str, Design], target_accep
     """
     # log σ is known to 1/√(2n): a warm-up that starts from unit scales, or NumPyro's pull of every scale towards 1e-3,
     # would make a million rows cost three times the steps of a thousand.
-    scales = {(f"{name}_noise",): jnp.reshape(0.5 / design.n_obs, 1) for name, design in designs.items()}
+    sites = Sites(designs)
+    scales = {(sites[name].noise,): jnp.reshape(0.5 / design.n_obs, 1) for name, design in designs.items()}
     kernel: Any = NUTS(
         model.numpyro_model,
         target_accept_prob=target_accept,
@@ -33,4 +35,4 @@ def posterior_kernel(model: Program, designs: Mapping[str, Design], target_accep
     if not with_gamma:
         return kernel
     move = gamma_move(model.numpyro_model, designs, with_gamma)
-    return HMCGibbs(kernel, gibbs_fn=move, gibbs_sites=[f"{name}_gamma" for name in with_gamma])
+    return HMCGibbs(kernel, gibbs_fn=move, gibbs_sites=[sites[name].gamma for name in with_gamma])

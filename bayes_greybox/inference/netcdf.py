@@ -19,8 +19,8 @@ from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.model.discrepancy import OrthogonalGP
 from bayes_greybox.model.priors import CustomPrior, Laplace, Normal, RegularisedHorseshoe, SpikeAndSlab
 from bayes_greybox.model.program import Program
-from bayes_greybox.model.simulation import RightHandSide
 from bayes_greybox.physics.printing import to_text
+from bayes_greybox.physics.simulation import RightHandSide, simulation_from, simulation_record
 from bayes_greybox.physics.terms import Term
 
 from .posterior import Posterior, Sampling, rate_name
@@ -40,7 +40,7 @@ def versions() -> dict[str, str]:
     return {"python": platform.python_version(), **{name: importlib.metadata.version(name) for name in packages}}
 
 
-def save(posterior: Posterior, path: str | os.PathLike) -> None:
+def save(posterior: Posterior, path: str | os.PathLike, attributes: Mapping[str, str] | None = None) -> None:
     """Write a posterior to a netCDF file that `load` and `arviz.from_netcdf` open.
 
     The file is written beside its destination and renamed, so that it is whole or not there.
@@ -48,6 +48,7 @@ def save(posterior: Posterior, path: str | os.PathLike) -> None:
     Args:
         posterior: What to save.
         path: Destination, usually `*.nc`.
+        attributes: Further root attributes of the file.
 
     Raises:
         InputError: The destination cannot be written.
@@ -61,7 +62,7 @@ def save(posterior: Posterior, path: str | os.PathLike) -> None:
         "versions": versions(),
     }
     tree = posterior.idata.copy()
-    tree.attrs = {**posterior.idata.attrs, RECORD: json.dumps(record)}
+    tree.attrs = {**posterior.idata.attrs, **(attributes or {}), RECORD: json.dumps(record)}
     try:
         handle, temporary = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
     except OSError as error:
@@ -120,7 +121,6 @@ def describe(model: Program, data: Trajectories) -> dict[str, Any]:
         equation: [{"expression": to_text(t.expr), "name": t.name, "unit": t.unit} for t in dictionary.terms]
         for equation, dictionary in model.dictionaries(data).items()
     }
-    simulation = "function" if callable(model.simulation) else {k: str(v) for k, v in (model.simulation or {}).items()}
     kind = type(model.prior).__name__
     prior: dict[str, Any] = {"kind": kind}
     if type(model.prior) in PRIORS.values():
@@ -130,7 +130,7 @@ def describe(model: Program, data: Trajectories) -> dict[str, Any]:
         prior["kind"] = f"own {kind}"
     return {
         "dictionary": terms,
-        "simulation": simulation,
+        "simulation": simulation_record(model.simulation),
         "prior": prior,
         "discrepancy": None if model.discrepancy is None else dataclasses.asdict(model.discrepancy),
         "noise_floor": model.noise_floor,
@@ -144,17 +144,12 @@ def rebuild(record: Mapping[str, Any], simulation: RightHandSide | None = None) 
     Raises:
         InputError: If the simulation was a function and none is given.
     """
-    if record["simulation"] == "function" and simulation is None:
-        raise InputError(
-            "The model's simulation was a Python function, which a file cannot hold: give it again, "
-            "bg.load(path, simulation=function)."
-        )
     prior = dict(record["prior"])
     kind = prior.pop("kind")
     gp = record["discrepancy"]
     return Program(
         dictionary={name: tuple(Term(**term) for term in terms) for name, terms in record["dictionary"].items()},
-        simulation=simulation if record["simulation"] == "function" else record["simulation"],
+        simulation=simulation_from(record["simulation"], simulation),
         prior=PRIORS[kind](**prior) if kind in PRIORS else CustomPrior(_lost_program),
         discrepancy=None if gp is None else OrthogonalGP(**gp),
         noise_floor=record["noise_floor"],

@@ -2,24 +2,24 @@
 
 import importlib.metadata
 import platform
-from collections.abc import Container, Mapping
-from dataclasses import dataclass
-from functools import cached_property
-from typing import Any, NamedTuple
+from collections.abc import Callable, Container, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property, wraps
+from typing import Any, TypeVar
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import xarray as xr
-from jaxtyping import Float
 from threadpoolctl import threadpool_limits
 
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.model.assemble import Equation
-from bayes_greybox.model.likelihood import Hyperparameters
-from bayes_greybox.model.priors import Scales, SpikeAndSlab
-from bayes_greybox.model.program import Program, measured_rate
+from bayes_greybox.model.design import EquationDraws
+from bayes_greybox.model.equation import Equation
+from bayes_greybox.model.hyper import Hyperparameters
+from bayes_greybox.model.program import Program
+from bayes_greybox.model.sites import Sites
 
 from .draws import conditional_sampler
 from .kernel import posterior_kernel
@@ -49,30 +49,11 @@ class Sampling:
     target_accept: float = 0.9
 
     def __post_init__(self) -> None:
-        for field in ("draws", "tune", "chains"):
-            if getattr(self, field) < 1:
-                raise InputError(f"{field}={getattr(self, field)} must be at least 1.")
+        for name in ("draws", "tune", "chains"):
+            if getattr(self, name) < 1:
+                raise InputError(f"{name}={getattr(self, name)} must be at least 1.")
         if not 0 < self.target_accept < 1:
             raise InputError(f"target_accept={self.target_accept:g} must lie between 0 and 1.")
-
-
-class EquationDraws(NamedTuple):
-    """Posterior draws of one equation in scaled units, chains flattened: what the mathematics works with.
-
-    Attributes:
-        hyper: Noise SD [n_draw], amplitude [n_draw] and length scales [n_draw, n_var].
-        theta: Coefficients [n_draw, n_term].
-        prior_sd: Prior standard deviation of each coefficient, zero where it is out [n_draw, n_term].
-        weight: Feature weights [n_draw, n_basis]; no columns on the exact path or without a discrepancy.
-        summed: Where the sampler summed over the inclusion patterns: slab standard deviations and log prior odds, each
-            [n_draw, n_term]; else None.
-    """
-
-    hyper: Hyperparameters
-    theta: Float[np.ndarray, "n_draw n_term"]
-    prior_sd: Float[np.ndarray, "n_draw n_term"]
-    weight: Float[np.ndarray, "n_draw n_basis"]
-    summed: Scales | None = None
 
 
 @dataclass(frozen=True)
@@ -86,22 +67,31 @@ class Posterior:
         idata: DataTree in the InferenceData schema. For each equation e the `posterior` group has `e_theta` (user's
             units), `e_sigma`, `e_amplitude`, `e_length_scale` (user's units), `e_prior_sd` and the scales of the prior
             (scaled units), `e_weight` or `e_f`, and under a spike-and-slab prior `e_gamma` and `e_inclusion`.
+        made: What the run left beside its draws; None for a posterior read from a file.
+        memory: What `remembered` functions found of it.
     """
 
     model: Program
     data: Trajectories
     sampling: Sampling
     idata: xr.DataTree
+    made: "Made | None" = field(default=None, repr=False, compare=False)
+    memory: dict[Any, Any] = field(default_factory=dict, repr=False, compare=False)
 
     @cached_property
     def equations(self) -> Mapping[str, Equation]:
-        """Frames and designs by equation, rebuilt from the data."""
-        return self.model.assemble(self.data)
+        """Rows, frames and designs by equation; rebuilt from the data if the posterior was read from a file."""
+        return self.model.assemble(self.data) if self.made is None else self.made.equations
 
     @cached_property
     def programs(self) -> "Programs":
         """The compiled programs of this fit, for fits to other data of the same shapes."""
-        return Programs(self.model, self.sampling)
+        return Programs(self.model, self.sampling) if self.made is None else self.made.programs
+
+    @property
+    def sites(self) -> Sites:
+        """Names of the variables of each equation."""
+        return self.model.sites
 
     def draws(self, equation: str, at_most: int | None = None, group_name: str = "posterior") -> EquationDraws:
         """Draws of one equation in scaled units, chains flattened, evenly thinned to `at_most`.
@@ -110,37 +100,63 @@ class Posterior:
             equation: Learned state.
             at_most: Most draws; None: all.
             group_name: "posterior" or "prior".
+
+        Raises:
+            InputError: The prior's odds of inclusion cannot be told from the draws.
         """
-        frame = self.equations[equation].frame
+        frame, design = self.equations[equation].frame, self.equations[equation].design
         group = self.idata[group_name].dataset
         n_draw = group.sizes["chain"] * group.sizes["draw"]
         index = np.arange(n_draw)
         if at_most is not None and n_draw > at_most:
             index = np.linspace(0, n_draw - 1, at_most).round().astype(int)
+        values = {}
+        for quantity, name in self.sites.owned(equation, map(str, group)).items():
+            value = group[name].to_numpy()
+            values[quantity] = value.reshape(n_draw, *value.shape[2:])[index]
 
-        def flat(name: str, n_column: int | None = None) -> np.ndarray:
-            name = f"{equation}_{name}"
-            if name not in group:
-                return np.ones(len(index)) if n_column is None else np.zeros((len(index), n_column))
-            values = group[name].to_numpy()
-            return values.reshape(n_draw, *values.shape[2:])[index]
+        def flat(quantity: str, n_column: int | None = None) -> np.ndarray:
+            if quantity in values:
+                return values[quantity]
+            return np.ones(len(index)) if n_column is None else np.zeros((len(index), n_column))
 
-        summed, n_term, prior = None, len(frame.dictionary), self.model.prior
-        if f"{equation}_pi" in group and isinstance(prior, SpikeAndSlab) and prior.sums(n_term):
-            pi, tau = (jnp.asarray(flat(name))[:, None] * jnp.ones(n_term) for name in ("pi", "tau"))
-            summed = Scales(tau, jnp.log(pi) - jnp.log1p(-pi))
         # Without a discrepancy there is neither amplitude nor length scale; the placeholders multiply no features.
+        sigma = flat("sigma") / frame.target_scale
         return EquationDraws(
             Hyperparameters(
-                jnp.asarray(flat("sigma") / frame.target_scale),
+                jnp.asarray(sigma),
                 jnp.asarray(flat("amplitude") / frame.target_scale),
                 jnp.asarray(flat("length_scale", len(frame.variables)) / frame.half_width),
             ),
             flat("theta") / frame.coefficient_scale,
             flat("prior_sd"),
             flat("weight", 0) / frame.target_scale,
-            summed,
+            flat("f", 0) / frame.target_scale,
+            self.model.slab(design, values, sigma),
         )
+
+
+@dataclass(frozen=True, eq=False)
+class Made:
+    """What a run leaves beside its draws: the equations that were sampled, and the programs that were compiled."""
+
+    equations: Mapping[str, Equation]
+    programs: "Programs"
+
+
+Result = TypeVar("Result")
+
+
+def remembered(function: Callable[[Posterior], Result]) -> Callable[[Posterior], Result]:
+    """Find something out about a posterior once; later calls return the same object."""
+
+    @wraps(function)
+    def once(posterior: Posterior) -> Result:
+        if function not in posterior.memory:
+            posterior.memory[function] = function(posterior)
+        return posterior.memory[function]
+
+    return once
 
 
 class Programs:
@@ -194,12 +210,10 @@ def sample_posterior(
         "sample_stats": chains.stats,
         "prior": _user_units(prior, equations),
         "log_prior": densities,
-        "observed_data": {f"{name}_rate": measured_rate(data, name) for name in designs},
+        "observed_data": {model.sites[name].rate: equations[name].rows.measured for name in designs},
         "constant_data": data_table(data),
     }
-    posterior = Posterior(model, data, sampling, _tree(groups, equations))
-    posterior.__dict__.update(equations=equations, programs=programs)
-    return posterior
+    return Posterior(model, data, sampling, _tree(groups, equations), Made(equations, programs))
 
 
 def add_group(
@@ -236,7 +250,7 @@ def data_table(data: Trajectories) -> dict[str, np.ndarray]:
 
 def rate_name(state: str, columns: Container[str]) -> str:
     """What the derivative of a state is called beside the columns of the data, which may have taken `e_rate`."""
-    name = f"{state}_rate"
+    name = Sites([state])[state].rate
     while name in columns:
         name += "_"
     return name
@@ -245,27 +259,25 @@ def rate_name(state: str, columns: Container[str]) -> str:
 def _user_units(samples: Mapping[str, np.ndarray], equations: Mapping[str, Equation]) -> dict[str, np.ndarray]:
     """Draws under their public names, user's units; raw coordinates that another site tells are left out."""
     named = dict(samples)
-    for name, equation in equations.items():
-        frame = equation.frame
-        named.pop(f"{name}_noise", None)
-        named.pop(f"{name}_tau_unit", None)
+    for name, own in Sites(equations).items():
+        frame = equations[name].frame
+        for raw in own.raw:
+            named.pop(raw, None)
         units = {
-            "sigma": frame.target_scale,
-            "amplitude": frame.target_scale,
-            "weight": frame.target_scale,
-            "f": frame.target_scale,
-            "length_scale": frame.half_width,
-            "theta": frame.coefficient_scale,
+            own.sigma: frame.target_scale,
+            own.amplitude: frame.target_scale,
+            own.weight: frame.target_scale,
+            own.f: frame.target_scale,
+            own.length_scale: frame.half_width,
+            own.theta: frame.coefficient_scale,
         }
-        for key, unit in units.items():
-            if f"{name}_{key}" in named:
-                named[f"{name}_{key}"] = named[f"{name}_{key}"] * unit
-        if f"{name}_weight" in named and frame.basis is None:
-            del named[f"{name}_weight"]
-        if f"{name}_theta_sd" in named:
-            named[f"{name}_prior_sd"] = named.pop(f"{name}_theta_sd")
-        if f"{name}_gamma" in named:
-            named[f"{name}_gamma"] = named[f"{name}_gamma"].astype(np.int64)
+        for variable, unit in units.items():
+            if variable in named:
+                named[variable] = named[variable] * unit
+        if own.theta_sd in named:
+            named[own.prior_sd] = named.pop(own.theta_sd)
+        if own.gamma in named:
+            named[own.gamma] = named[own.gamma].astype(np.int64)
     return named
 
 
@@ -275,19 +287,19 @@ def _tree(groups: dict[str, dict[str, np.ndarray]], equations: Mapping[str, Equa
 
     dims: dict[str, list[str]] = {name: ["obs_id"] for name in groups["constant_data"]}
     coords: dict[str, Any] = {"obs_id": np.arange(len(groups["constant_data"]["t"]))}
-    for name, equation in equations.items():
-        frame = equation.frame
-        coords[f"{name}_term"] = list(frame.dictionary.names)
-        dims[f"{name}_rate"] = ["obs_id"]
-        for key in ("theta", "prior_sd", "gamma", "inclusion", "v", "lambda"):
-            dims[f"{name}_{key}"] = [f"{name}_term"]
+    for name, own in Sites(equations).items():
+        frame = equations[name].frame
+        coords[own["term"]] = list(frame.dictionary.names)
+        dims[own.rate] = ["obs_id"]
+        for variable in (own.theta, own.prior_sd, own.gamma, own.inclusion, own["v"], own["lambda"]):
+            dims[variable] = [own["term"]]
         if frame.variables:
-            coords[f"{name}_variable"] = list(frame.variables)
-            dims[f"{name}_length_scale"] = [f"{name}_variable"]
+            coords[own["variable"]] = list(frame.variables)
+            dims[own.length_scale] = [own["variable"]]
         if frame.basis is not None:
-            coords[f"{name}_basis"] = np.arange(frame.basis.size)
-            dims[f"{name}_weight"] = [f"{name}_basis"]
-        dims[f"{name}_f"] = ["obs_id"]
+            coords[own["basis"]] = np.arange(frame.basis.size)
+            dims[own.weight] = [own["basis"]]
+        dims[own.f] = ["obs_id"]
     tree = xr.DataTree()
     for group, variables in groups.items():
         # Densities of whole sites have no event dimensions.

@@ -8,8 +8,9 @@ import numpy as np
 from jaxtyping import Array
 from numpyro.handlers import seed, substitute, trace
 
-from bayes_greybox.model.likelihood import CollapsedNormal, Design, FeatureDesign
-from bayes_greybox.model.linalg import singular_root
+from bayes_greybox.model.design import Design
+from bayes_greybox.model.likelihood import CollapsedNormal
+from bayes_greybox.model.sites import Sites
 
 
 def prior_sampler(model: Callable, n_draw: int) -> Callable[..., dict[str, np.ndarray]]:
@@ -28,9 +29,9 @@ def prior_sampler(model: Callable, n_draw: int) -> Callable[..., dict[str, np.nd
         sites = trace(seed(model, site_key)).get_trace(designs)
         kinds = ("sample", "deterministic")
         drawn = {n: s["value"] for n, s in sites.items() if s["type"] in kinds and not s.get("is_observed")}
-        for equation, own in zip(designs, jax.random.split(own_key, len(designs)), strict=True):
-            parts = _prior_given(own, sites[f"{equation}_y"]["fn"])
-            drawn |= {f"{equation}_{name}": value for name, value in parts.items()}
+        for own, key_e in zip(Sites(designs).values(), jax.random.split(own_key, len(designs)), strict=True):
+            parts = _prior_given(key_e, sites[own.y]["fn"])
+            drawn |= {own[name]: value for name, value in parts.items()}
         return drawn
 
     # One after another: a batch would hold a covariance matrix for each draw on the exact path.
@@ -63,16 +64,16 @@ def log_prior(model: Callable) -> Callable[..., dict[str, np.ndarray]]:
             for name, site in sites.items()
             if site["type"] == "sample" and not site["is_observed"]
         }
-        for equation in designs:
-            theta, sd = values[f"{equation}_theta"], values[f"{equation}_theta_sd"]
+        for own in Sites(designs).values():
+            theta, sd = values[own.theta], values[own.theta_sd]
             inside = sd > 0
             scale = jnp.where(inside, sd, 1.0)
             density = jax.scipy.stats.norm.logpdf(theta, 0.0, scale)
-            out[f"{equation}_theta"] = jnp.sum(jnp.where(inside, density, 0.0))
-            log_odds = sites[f"{equation}_y"]["fn"].scales.log_odds
+            out[own.theta] = jnp.sum(jnp.where(inside, density, 0.0))
+            log_odds = sites[own.y]["fn"].scales.log_odds
             if log_odds is not None:
                 # log π where a term is in, log(1 − π) where it is out
-                out[f"{equation}_gamma"] = -jnp.sum(jnp.logaddexp(0.0, jnp.where(inside, -log_odds, log_odds)))
+                out[own.gamma] = -jnp.sum(jnp.logaddexp(0.0, jnp.where(inside, -log_odds, log_odds)))
         return out
 
     compiled = jax.jit(jax.vmap(one, in_axes=(None, 0)))
@@ -96,9 +97,4 @@ def _prior_given(key: Array, likelihood: CollapsedNormal) -> dict[str, Array]:
         sd = sd * out["gamma"]
     theta = jnp.where(sd > 0, sd * jax.random.normal(key_theta, sd.shape), 0.0)
     out |= {"theta": theta, "theta_sd": sd}
-    if isinstance(design, FeatureDesign):
-        out["weight"] = design.weights(jax.random.normal(key_f, design.Psi.shape[1:]), hyper)
-        return out
-    covariance = design.cross_covariance(design.points, hyper)
-    out["f"] = singular_root(covariance) @ jax.random.normal(key_f, covariance.shape[:1])
-    return out
+    return {**out, **design.prior_discrepancy(key_f, hyper)}

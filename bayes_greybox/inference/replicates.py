@@ -4,14 +4,14 @@ import os
 import threading
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from bayes_greybox.model.likelihood import Design
+from bayes_greybox.model.design import Design
 from bayes_greybox.model.program import Program
 
 from .draws import conditional_draw
@@ -85,7 +85,7 @@ def _chain(
     model: Program, designs: Mapping[str, Design], draws: int, tune: int, target_accept: float
 ) -> Callable[[dict[str, Array], Array], dict[str, Array]]:
     def chain(target: dict[str, Array], key: Array) -> dict[str, Array]:
-        argument = {name: replace(design, y=target[name]) for name, design in designs.items()}
+        argument = {name: design.with_target(target[name]) for name, design in designs.items()}
         kernel = posterior_kernel(model, argument, target_accept)
         run_key, draw_key = jax.random.split(key)
         state = kernel.init(run_key, tune, None, (argument,), {})

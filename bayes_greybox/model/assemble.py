@@ -1,7 +1,7 @@
 """From data to design: scale, orthogonalise, whiten and compress the rows of each equation."""
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import replace
 
 import jax
 import jax.numpy as jnp
@@ -9,49 +9,33 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from bayes_greybox.data.errors import InputError
-from bayes_greybox.data.noise import RowNoise
-from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.physics.expressions import namespace
 from bayes_greybox.physics.terms import Dictionary
 
 from .compression import CHUNK, triangular_factor
+from .design import DenseDesign, FeatureDesign
 from .discrepancy import EXACT_LIMIT, OrthogonalGP
+from .equation import Equation
 from .features import HilbertBasis, default_features
 from .frame import Frame
-from .likelihood import DenseDesign, Design, FeatureDesign, Hyperparameters
+from .hyper import Hyperparameters
 from .linalg import require_independent
 from .measures import box_nodes
 from .orthogonal import orthonormalise
+from .rows import EquationRows, Table
 
 FEWEST_STEPS = 8
 """Values on so many steps of a lattice, or more, count as rounded to it."""
 
-Rows = Callable[[Int[np.ndarray, " n_chunk"]], Float[np.ndarray, "n_chunk n_column"]]
-
-
-@dataclass(frozen=True)
-class Equation:
-    """One learned equation, ready for the likelihood: its frame and its design."""
-
-    frame: Frame
-    design: Design
-
 
 def assemble(
-    data: Trajectories,
-    equation: str,
-    dictionary: Dictionary,
-    target: Float[np.ndarray, " n_obs"],
-    discrepancy: OrthogonalGP | None,
-    noise_floor: float,
+    rows: EquationRows, dictionary: Dictionary, discrepancy: OrthogonalGP | None, noise_floor: float
 ) -> Equation:
     """Build frame and design of one equation: the only work that grows with the number of rows.
 
     Args:
-        data: Training data.
-        equation: Learned state.
+        rows: Rows of the equation.
         dictionary: Terms of its equation.
-        target: Measured derivative less the simulation, user's units.
         discrepancy: The Gaussian process, or None for a purely parametric model.
         noise_floor: Least noise standard deviation over the RMS of the target.
 
@@ -59,39 +43,38 @@ def assemble(
         InputError: Fewer rows than terms; a term that is not finite; collinear terms; a target that is zero;
             too many rows for the exact path; a kernel that is not a covariance.
     """
-    noise = data.noise.get(equation)
-    n_white = data.n_obs if noise is None else noise.n_white
-    if n_white < len(dictionary):
+    equation, n_term = rows.equation, len(dictionary)
+    if rows.n_white < n_term:
         raise InputError(
-            f"Equation {equation!r} has {len(dictionary)} terms but only {n_white} rows of data: give at "
+            f"Equation {equation!r} has {n_term} terms but only {rows.n_white} rows of data: give at "
             f"least as many rows as terms."
         )
-    measured = data.derivatives[equation]
-    target_scale = scale_of(target, measured, equation)
-    frame = _scaled_frame(data, equation, dictionary, target_scale, discrepancy)
-    rows = _row_evaluator(frame, data, target / target_scale)
+    target_scale = rows.scale
+    frame = _scaled_frame(rows, dictionary, target_scale, discrepancy)
+    table = _scaled_table(frame, rows)
 
-    factor = triangular_factor(rows, data.n_obs)
-    require_independent(factor[:, : len(dictionary)], dictionary.names, equation)
+    factor = triangular_factor(table, rows.n_row)
+    require_independent(factor[:, :n_term], dictionary.names, equation)
     if discrepancy is not None:
-        frame = _with_measure(frame, discrepancy, data, factor)
+        frame = _with_measure(frame, discrepancy, rows, factor)
 
-    if noise is not None:
-        whitened = noise.whiten(rows(np.arange(data.n_obs)))
-        _require_traces(whitened[:, : len(dictionary)], factor, dictionary.names, equation)
-        factor = triangular_factor(lambda index: whitened[index], len(whitened))
-        require_independent(factor[:, : len(dictionary)], dictionary.names, equation)
+    white = rows.whitened(table)
+    if white is not table:
+        whitened = white(np.arange(rows.n_white))
+        _require_traces(whitened[:, :n_term], factor, dictionary.names, equation)
+        factor = triangular_factor(white, rows.n_white)
+        require_independent(factor[:, :n_term], dictionary.names, equation)
 
-    n_obs = jnp.asarray(float(n_white))
+    n_obs = jnp.asarray(float(rows.n_white))
     common = {
         "n_obs": n_obs,
         "n_prior": n_obs,
-        "log_det_R": jnp.asarray(0.0 if noise is None else float(noise.log_det)),
-        "noise_floor": jnp.asarray(with_rounding(measured / target_scale, noise_floor)),
+        "log_det_R": jnp.asarray(float(rows.noise.log_det)),
+        "noise_floor": jnp.asarray(with_rounding(rows.measured / target_scale, noise_floor)),
     }
     if discrepancy is not None and discrepancy.path == "exact":
-        return Equation(frame, _dense_design(frame, discrepancy, data, rows, noise, common))
-    Phi, psi, y = np.split(factor, [len(dictionary), factor.shape[1] - 1], axis=1)
+        return Equation(rows, frame, _dense_design(frame, discrepancy, rows, table, common))
+    Phi, psi, y = np.split(factor, [n_term, factor.shape[1] - 1], axis=1)
     conditioned = discrepancy is not None and discrepancy.variant == "conditioned"
     Psi = np.asarray(frame.orthogonal(Phi, psi))
     design = FeatureDesign(
@@ -104,30 +87,7 @@ def assemble(
         kernel="squared_exponential" if discrepancy is None else discrepancy.kernel,
         **common,
     )
-    return Equation(frame, design)
-
-
-def scale_of(target: Float[np.ndarray, " n_obs"], measured: Float[np.ndarray, " n_obs"], equation: str) -> float:
-    """RMS of the target, which its equation is scaled by.
-
-    Args:
-        target: Measured derivative less the simulation, user's units.
-        measured: The measured derivative.
-        equation: The equation, for the message.
-
-    Raises:
-        InputError: Nothing but rounding errors.
-    """
-    if nothing_left(target, measured):
-        raise InputError(
-            f"The simulation equals the measured derivative of {equation!r} exactly: there is nothing to learn."
-        )
-    return float(np.sqrt(np.mean(target**2)))
-
-
-def nothing_left(target: Float[np.ndarray, " n_obs"], measured: Float[np.ndarray, " n_obs"]) -> bool:
-    """Whether the simulation equals the measured derivative but for rounding errors."""
-    return bool(np.linalg.norm(target) <= 1e-13 * np.linalg.norm(measured))
+    return Equation(rows, frame, design)
 
 
 def with_rounding(measured: Float[np.ndarray, " n_obs"], relative: float) -> float:
@@ -150,21 +110,21 @@ def with_rounding(measured: Float[np.ndarray, " n_obs"], relative: float) -> flo
 
 
 def discrepancy_box(
-    discrepancy: OrthogonalGP, data: Trajectories
+    discrepancy: OrthogonalGP, columns: Mapping[str, Float[np.ndarray, " n_row"]]
 ) -> tuple[tuple[str, ...], Float[np.ndarray, " n_var"], Float[np.ndarray, " n_var"]]:
     """Variables that f depends on, and centre and half-width of their box in the data, user's units.
 
     Raises:
         InputError: A variable that the data do not have, or that is constant.
     """
-    variables = tuple(discrepancy.variables or (*data.state_names, *data.input_names))
-    unknown = [name for name in variables if name not in data.columns]
+    variables = tuple(discrepancy.variables or columns)
+    unknown = [name for name in variables if name not in columns]
     if unknown:
         raise InputError(
             f"OrthogonalGP(variables=...) names {unknown[0]!r}, which is neither a state nor an input; "
-            f"known: {', '.join(data.columns)}."
+            f"known: {', '.join(columns)}."
         )
-    centre, half_width = _box(data, variables)
+    centre, half_width = _box(columns, variables)
     if np.any(half_width == 0):
         constant = variables[int(np.argmin(half_width))]
         raise InputError(
@@ -194,21 +154,18 @@ def features_per_variable(
 
 
 def _scaled_frame(
-    data: Trajectories,
-    equation: str,
-    dictionary: Dictionary,
-    target_scale: float,
-    discrepancy: OrthogonalGP | None,
+    rows: EquationRows, dictionary: Dictionary, target_scale: float, discrepancy: OrthogonalGP | None
 ) -> Frame:
+    equation = rows.equation
     variables, centre, half_width = (), np.zeros(0), np.zeros(0)
     if discrepancy is not None:
-        variables, centre, half_width = discrepancy_box(discrepancy, data)
+        variables, centre, half_width = discrepancy_box(discrepancy, rows.columns)
     basis = None
     if discrepancy is not None and discrepancy.path == "hsgp":
         basis = HilbertBasis(discrepancy.boundary, features_per_variable(discrepancy, len(variables)))
     squares = np.zeros(len(dictionary))
-    for start in range(0, data.n_obs, 16 * CHUNK):
-        part = {name: column[start : start + 16 * CHUNK] for name, column in data.columns.items()}
+    for start in range(0, rows.n_row, 16 * CHUNK):
+        part = rows.at(slice(start, start + 16 * CHUNK))
         squares += np.sum(np.asarray(dictionary.evaluate(part)) ** 2, axis=0)
     if not np.all(np.isfinite(squares)):
         bad = dictionary.names[int(np.argmin(np.isfinite(squares)))]
@@ -222,7 +179,7 @@ def _scaled_frame(
         variables=tuple(variables),
         centre=centre,
         half_width=half_width,
-        term_scale=np.sqrt(squares / data.n_obs),
+        term_scale=np.sqrt(squares / rows.n_row),
         target_scale=target_scale,
         orthonormal=np.zeros((len(dictionary), 0)),
         basis=basis,
@@ -231,14 +188,15 @@ def _scaled_frame(
     )
 
 
-def _box(data: Trajectories, names: tuple[str, ...]) -> tuple[np.ndarray, np.ndarray]:
-    low = np.array([data.column(name).min() for name in names])
-    high = np.array([data.column(name).max() for name in names])
+def _box(columns: Mapping[str, np.ndarray], names: tuple[str, ...]) -> tuple[np.ndarray, np.ndarray]:
+    low = np.array([columns[name].min() for name in names])
+    high = np.array([columns[name].max() for name in names])
     return (low + high) / 2, (high - low) / 2
 
 
-def _row_evaluator(frame: Frame, data: Trajectories, y: Float[np.ndarray, " n_obs"]) -> Rows:
-    """Rows [Φ ψ y] by index; of many chunks each is evaluated by one compiled program."""
+def _scaled_table(frame: Frame, rows: EquationRows) -> Table:
+    """[Φ ψ y] by index; of many chunks each is evaluated by one compiled program."""
+    y = rows.target / frame.target_scale
 
     def evaluate(columns: Mapping[str, jax.Array | np.ndarray]) -> jax.Array | np.ndarray:
         parts = [frame.dictionary_rows(columns), frame.plain_features(columns)]
@@ -246,27 +204,27 @@ def _row_evaluator(frame: Frame, data: Trajectories, y: Float[np.ndarray, " n_ob
 
     compiled = jax.jit(evaluate)
 
-    def rows(index: Int[np.ndarray, " n_chunk"]) -> Float[np.ndarray, "n_chunk n_column"]:
+    def table(index: Int[np.ndarray, " n_chunk"]) -> Float[np.ndarray, "n_chunk n_column"]:
         n = len(index)
-        if data.n_obs <= CHUNK:
-            values = evaluate({name: column[index] for name, column in data.columns.items()})
+        if rows.n_row <= CHUNK:
+            values = evaluate(rows.at(index))
         else:
             # A short last chunk is filled up, so that it does not compile anew.
             index = np.concatenate([index, np.full(max(0, CHUNK - n), index[-1])])
-            values = compiled({name: jnp.asarray(column[index]) for name, column in data.columns.items()})
+            values = compiled({name: jnp.asarray(column) for name, column in rows.at(index).items()})
         return np.column_stack([np.asarray(values)[:n], y[index[:n]]])
 
-    return rows
+    return table
 
 
-def _with_measure(frame: Frame, gp: OrthogonalGP, data: Trajectories, factor: np.ndarray) -> Frame:
+def _with_measure(frame: Frame, gp: OrthogonalGP, rows: EquationRows, factor: np.ndarray) -> Frame:
     """Orthonormal dictionary and ⟨Φₒ, ψᵀ⟩ under the chosen measure."""
     if gp.measure == "empirical":
         # The triangular factor has the Gram matrix of the data's rows, so it serves as their nodes.
         Phi, psi = factor[:, : len(frame.dictionary)], factor[:, len(frame.dictionary) : -1]
-        weights = np.full(len(factor), 1.0 / data.n_obs)
+        weights = np.full(len(factor), 1.0 / rows.n_row)
     else:
-        columns, weights = _box_columns(frame, gp, data)
+        columns, weights = _box_columns(frame, gp, rows)
         Phi, psi = np.asarray(frame.dictionary_rows(columns)), np.asarray(frame.plain_features(columns))
         if not np.all(np.isfinite(Phi)):
             bad = frame.dictionary.names[int(np.argmin(np.isfinite(Phi).all(axis=0)))]
@@ -279,34 +237,32 @@ def _with_measure(frame: Frame, gp: OrthogonalGP, data: Trajectories, factor: np
     return replace(frame, orthonormal=T, moments=moments, projected=gp.variant == "projected")
 
 
-def _box_columns(frame: Frame, gp: OrthogonalGP, data: Trajectories) -> tuple[dict[str, np.ndarray], np.ndarray]:
+def _box_columns(frame: Frame, gp: OrthogonalGP, rows: EquationRows) -> tuple[dict[str, np.ndarray], np.ndarray]:
     """Nodes of the uniform measure on the box of every variable that Φ or f depends on."""
-    names = tuple(n for n in data.columns if n in frame.variables or n in frame.dictionary.symbols)
+    names = tuple(n for n in rows.columns if n in frame.variables or n in frame.dictionary.symbols)
     nodes, weights = box_nodes(
         len(names), monte_carlo=gp.monte_carlo if gp.measure == "box-monte-carlo" else None, seed=gp.seed
     )
-    centre, half_width = _box(data, names)
+    centre, half_width = _box(rows.columns, names)
     return dict(zip(names, (centre + half_width * nodes).T, strict=True)), weights
 
 
-def _dense_design(
-    frame: Frame, gp: OrthogonalGP, data: Trajectories, rows: Rows, noise: RowNoise | None, common: dict
-) -> DenseDesign:
-    if data.n_obs > EXACT_LIMIT:
+def _dense_design(frame: Frame, gp: OrthogonalGP, rows: EquationRows, table: Table, common: dict) -> DenseDesign:
+    if rows.n_row > EXACT_LIMIT:
         raise InputError(
-            f"OrthogonalGP(path='exact') is dense and takes at most {EXACT_LIMIT} rows, not {data.n_obs}: "
+            f"OrthogonalGP(path='exact') is dense and takes at most {EXACT_LIMIT} rows, not {rows.n_row}: "
             f"use path='hsgp'."
         )
-    table = rows(np.arange(data.n_obs))
-    Phi, y = table[:, : len(frame.dictionary)], table[:, -1]
-    x = jnp.asarray(frame.position(data.columns))
+    whole = table(np.arange(rows.n_row))
+    Phi, y = whole[:, : len(frame.dictionary)], whole[:, -1]
+    x = jnp.asarray(frame.position(rows.columns))
     points = (x, jnp.asarray(Phi @ frame.orthonormal))
-    nodes: tuple[jax.Array, jax.Array] = (x, points[1] / data.n_obs)
+    nodes: tuple[jax.Array, jax.Array] = (x, points[1] / rows.n_row)
     if gp.measure != "empirical":
-        columns, weights = _box_columns(frame, gp, data)
+        columns, weights = _box_columns(frame, gp, rows)
         at_nodes = frame.dictionary_rows(columns) @ frame.orthonormal
         nodes = (jnp.asarray(frame.position(columns)), jnp.asarray(weights[:, None] * at_nodes))
-    whitening = None if noise is None else noise.whiten(np.eye(data.n_obs))
+    whitening = None if rows.noise.local else rows.whiten(np.eye(rows.n_row))
     design = DenseDesign(
         Phi=jnp.asarray(Phi if whitening is None else whitening @ Phi),
         y=jnp.asarray(y if whitening is None else whitening @ y),

@@ -1,7 +1,7 @@
 """Integrating f and θ out of the model, given the hyperparameters: the mathematics behind the likelihood.
 
 Everything is Gaussian given η = (length scales, amplitude, σ) and the prior scales. First f is integrated
-out, which leaves an ordinary linear regression for θ (a `Remainder`); then θ is.
+out, which leaves an ordinary linear regression for θ (a `Regression`); then θ is.
 """
 
 import math
@@ -16,7 +16,7 @@ from .linalg import jittered_cholesky, solve_lower, solve_lower_transposed
 from .subsets import log_pattern_weights
 
 
-class Remainder(NamedTuple):
+class Regression(NamedTuple):
     """What is left for θ once f is integrated out: −2 log p(y | θ, η) = ‖q − T θ‖² + log_det + n log 2π.
 
     T and q are residuals of ridge regressions on the features, stacked on their penalties, so that ‖q − Tθ‖²
@@ -51,7 +51,7 @@ def remove_features(
     log_root: Float[Array, " n_basis"],
     sigma: Float[Array, ""] | float,
     U: Float[Array, "n_basis n_rank"] | None = None,
-) -> tuple[Remainder, FeatureSolve]:
+) -> tuple[Regression, FeatureSolve]:
     """Integrate out z ~ N(0, I) in y = Φθ + B σ z + σ ε, B = Ψ diag(√S/σ) (I − U Uᵀ), ε ~ N(0, I).
 
     L Lᵀ = I + BᵀB,  Z = (L Lᵀ)⁻¹ Bᵀ [Φ y]/σ,  [T q] = [[Φ y]/σ − B Z; Z].
@@ -72,7 +72,7 @@ def remove_features(
     rows = jnp.column_stack([Phi, y]) / sigma
     if Psi.shape[1] == 0:
         nothing = jnp.zeros((0, rows.shape[1]))
-        return Remainder(rows[:, :-1], rows[:, -1], jnp.zeros(())), FeatureSolve(jnp.zeros((0, 0)), nothing)
+        return Regression(rows[:, :-1], rows[:, -1], jnp.zeros(())), FeatureSolve(jnp.zeros((0, 0)), nothing)
     log_s = log_root - jnp.log(sigma)
     s = jnp.exp(log_s)
     right = s[:, None] * (Psi.T @ rows)
@@ -86,7 +86,7 @@ def remove_features(
         log_det, Z, L = symmetric_solve(jnp.eye(len(s)) + inner, right - U @ (U.T @ right))
         weights = Z - U @ (U.T @ Z)
     left = jnp.concatenate([rows - Psi @ (s[:, None] * weights), Z])
-    return Remainder(left[:, :-1], left[:, -1], log_det), FeatureSolve(L, Z)
+    return Regression(left[:, :-1], left[:, -1], log_det), FeatureSolve(L, Z)
 
 
 @jax.custom_vjp
@@ -170,51 +170,51 @@ def remove_dense(
     K: Float[Array, "n_row n_row"],
     y: Float[Array, " n_row"],
     sigma: Float[Array, ""] | float,
-) -> tuple[Remainder, Float[Array, "n_row n_row"]]:
+) -> tuple[Regression, Float[Array, "n_row n_row"]]:
     """Integrate out f ~ N(0, K) at the rows: [T q] = L⁻¹ [Φ y], L Lᵀ = K + σ² I; also returns L."""
     L = jnp.linalg.cholesky(K + sigma**2 * jnp.eye(K.shape[0]))
     left = solve_lower(L, jnp.column_stack([Phi, y]))
-    return Remainder(left[:, :-1], left[:, -1], 2 * jnp.sum(jnp.log(jnp.diag(L)))), L
+    return Regression(left[:, :-1], left[:, -1], 2 * jnp.sum(jnp.log(jnp.diag(L)))), L
 
 
-def ridge(remainder: Remainder, sd: Float[Array, " n_term"], n_obs: Float[Array, ""] | float) -> Ridge:
+def ridge(regression: Regression, sd: Float[Array, " n_term"], n_obs: Float[Array, ""] | float) -> Ridge:
     """Integrate out θ = sd · u, u ~ N(0, I); a term with sd = 0 is out of the model.
 
     log p(y | η, sd) = −½ (‖q − T sd m‖² + ‖m‖² + log|I + sd TᵀT sd| + log_det + n log 2π).
 
     Args:
-        remainder: The regression left for θ.
+        regression: The regression left for θ.
         sd: Prior standard deviation of each coefficient, scaled units.
         n_obs: Number of observations n behind the rows.
     """
-    T = remainder.T * sd
+    T = regression.T * sd
     L = jnp.linalg.cholesky(jnp.eye(T.shape[1]) + T.T @ T)
-    mean = solve_lower_transposed(L, solve_lower(L, T.T @ remainder.q))
-    squares = jnp.sum((remainder.q - T @ mean) ** 2) + jnp.sum(mean**2)
-    log_det = remainder.log_det + 2 * jnp.sum(jnp.log(jnp.diag(L)))
+    mean = solve_lower_transposed(L, solve_lower(L, T.T @ regression.q))
+    squares = jnp.sum((regression.q - T @ mean) ** 2) + jnp.sum(mean**2)
+    log_det = regression.log_det + 2 * jnp.sum(jnp.log(jnp.diag(L)))
     return Ridge(mean, L, -0.5 * (squares + log_det + n_obs * math.log(2 * math.pi)))
 
 
 def log_evidence(
-    remainder: Remainder,
+    regression: Regression,
     sd: Float[Array, " n_term"],
     log_odds: Float[Array, " n_term"] | None,
     n_obs: Float[Array, ""] | float,
 ) -> Float[Array, ""]:
     """Log p(y | η, sd), summed over all inclusion patterns where there are odds of inclusion."""
     if log_odds is None:
-        return ridge(remainder, sd, n_obs).log_evidence
-    return spike_and_slab(remainder, sd, log_odds, n_obs)[0]
+        return ridge(regression, sd, n_obs).log_evidence
+    return spike_and_slab(regression, sd, log_odds, n_obs)[0]
 
 
 def spike_and_slab(
-    remainder: Remainder,
+    regression: Regression,
     sd: Float[Array, " n_term"],
     log_odds: Float[Array, " n_term"],
     n_obs: Float[Array, ""] | float,
 ) -> tuple[Float[Array, ""], Float[Array, " n_pattern"]]:
     """Log p(y | η) summed over all inclusion patterns, and log p(γ | y, η) of each pattern."""
-    full = ridge(remainder, sd, n_obs)
+    full = ridge(regression, sd, n_obs)
     inverse = solve_lower(full.L, jnp.eye(sd.shape[0]))
     weights = log_pattern_weights(full.mean, inverse.T @ inverse, log_odds)
     total = logsumexp(weights)

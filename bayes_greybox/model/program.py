@@ -5,25 +5,29 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+import jax
 import jax.numpy as jnp
+import numpy as np
 import numpyro
 import numpyro.distributions as dist
-from numpyro.handlers import scope, seed, trace
+from jaxtyping import Float
+from numpyro.handlers import scope, seed, substitute, trace
 
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.physics.simulation import RightHandSide, Simulation, simulation_of
 from bayes_greybox.physics.terms import Dictionary
 from bayes_greybox.physics.units import check_units
 
-from .assemble import Equation, assemble
+from .assemble import assemble
+from .design import Design
 from .discrepancy import OrthogonalGP
-from .likelihood import CollapsedNormal, Design, FeatureDesign, Hyperparameters
-from .priors import Prior, SpikeAndSlab
-from .simulation import RightHandSide, Simulation
-from .sites import site
-
-RESERVED = ("theta", "theta_sd", "prior_sd", "gamma", "inclusion", "weight", "f")
-"""What is drawn exactly given the sites of the model; no site of a user's own prior can be called so."""
+from .equation import Equation
+from .hyper import Hyperparameters, HyperPrior, NoisePrior
+from .likelihood import CollapsedNormal
+from .priors import Prior, Scales, SpikeAndSlab
+from .rows import DerivativeRows, EquationRows, RowKind
+from .sites import DRAWN, Sites
 
 
 @dataclass(frozen=True)
@@ -38,6 +42,7 @@ class Program:
         noise_floor: Least σ over the RMS of the target. The data's own rounding is added to it in quadrature;
             it keeps the likelihood of noise-free data finite.
         noise: Prior scale of σ over the RMS of the target: σ² = floor² + s², s ~ HalfNormal(`noise`).
+        rows: What the rows of an equation say; rates at time stamps by default.
     """
 
     dictionary: Mapping[str, Any] = field(default_factory=dict)
@@ -46,6 +51,7 @@ class Program:
     discrepancy: OrthogonalGP | None = field(default_factory=OrthogonalGP)
     noise_floor: float = 1e-4
     noise: float = 1.0
+    rows: RowKind = field(default_factory=DerivativeRows)
 
     def __post_init__(self) -> None:
         if not isinstance(self.dictionary, Mapping):
@@ -59,6 +65,8 @@ class Program:
             raise InputError(
                 f"GreyBox(discrepancy={self.discrepancy!r}) must be bg.OrthogonalGP(...), or None to leave f out."
             )
+        if isinstance(self.rows, type) or not isinstance(self.rows, RowKind):
+            raise InputError(f"GreyBox(rows={self.rows!r}) is no kind of rows: give one such as bg.DerivativeRows().")
         if not 1e-7 <= self.noise_floor < 1:
             raise InputError(
                 f"GreyBox(noise_floor={self.noise_floor:g}) must lie between 1e-7, where rounding takes over, and 1."
@@ -96,24 +104,36 @@ class Program:
         check_units(terms, data.units, data.derivative_names, data.time_name)
         return parsed
 
-    def assemble(self, data: Trajectories) -> dict[str, Equation]:
-        """Read the data into frames and designs by equation: all the work that grows with the rows.
+    @property
+    def sites(self) -> Sites:
+        """Names of the variables of each equation, in the model and in results."""
+        return Sites(self.equations)
+
+    def simulator(self, data: Trajectories) -> Simulation:
+        """The simulation, read with the names of the data.
 
         Raises:
-            InputError: See `dictionaries`, `Simulation.of` and `assemble.assemble`; a derivative that is
-                missing.
+            InputError: An expression for an unknown state, or one that cannot be read.
+        """
+        return simulation_of(self.simulation, data.state_names, data.input_names)
+
+    def equation_rows(self, data: Trajectories, equation: str) -> EquationRows:
+        """The rows of one equation: what was measured, less what is simulated, and its noise.
+
+        Raises:
+            InputError: What the kind of rows refuses, such as a derivative that is missing.
+        """
+        return self.rows.rows(data, equation, self.simulator(data))
+
+    def assemble(self, data: Trajectories) -> dict[str, Equation]:
+        """Read the data into rows, frames and designs by equation: all the work that grows with the rows.
+
+        Raises:
+            InputError: See `dictionaries`, `equation_rows` and `assemble.assemble`.
         """
         dictionaries = self.dictionaries(data)
-        simulation = Simulation.of(self.simulation, data.state_names, data.input_names)
         return {
-            equation: assemble(
-                data,
-                equation,
-                dictionary,
-                measured_rate(data, equation) - simulation.on(data, equation),
-                self.discrepancy,
-                self.noise_floor,
-            )
+            equation: assemble(self.equation_rows(data, equation), dictionary, self.discrepancy, self.noise_floor)
             for equation, dictionary in dictionaries.items()
         }
 
@@ -133,22 +153,44 @@ class Program:
         """
         for equation, design in designs.items():
             with scope(prefix=equation, divider="_"):
-                hyper = self._hyperparameters(design)
-                scales = self.prior.scales(design.Phi.shape[1], design.n_prior, hyper.sigma)
+                hyper, scales = self._sample(design)
                 numpyro.sample("y", CollapsedNormal(design, hyper, scales), obs=design.y if observed else None)
 
     def gibbs_equations(self, designs: Mapping[str, Design]) -> tuple[str, ...]:
         """Equations whose inclusion pattern is a site of the model, to be updated by Gibbs moves.
 
         Raises:
+            InputError: See `require_own_sites`.
+        """
+        sites = self.require_own_sites(designs)
+        if isinstance(self.prior, SpikeAndSlab):
+            return tuple(name for name in designs if "gamma" in sites[name])
+        return ()
+
+    def require_own_sites(self, designs: Mapping[str, Design]) -> dict[str, dict[str, str]]:
+        """Sites of each equation by quantity, from a trace of each equation alone.
+
+        Args:
+            designs: From `designs(data)`.
+
+        Raises:
             InputError: A prior of the user's own has a site that is called as something else is in the results.
         """
-        sites = trace(seed(self.numpyro_model, 0)).get_trace(designs)
-        if isinstance(self.prior, SpikeAndSlab):
-            return tuple(name for name in designs if f"{name}_gamma" in sites)
-        for taken in (name for equation in designs for name in RESERVED if f"{equation}_{name}" in sites):
-            raise InputError(f"The prior has a site called {taken!r}, which the results need: give it another name.")
-        return ()
+        names, found = Sites(designs), {}
+        for equation, design in designs.items():
+            traced = [str(name) for name in trace(seed(self.numpyro_model, 0)).get_trace({equation: design})]
+            found[equation] = names.owned(equation, traced)
+            strange = [name for name in traced if name not in found[equation].values()]
+            if strange:
+                raise InputError(
+                    f"The prior has a site that is called {strange[0]!r} in the equation of {equation!r}, as if it "
+                    "were one of another equation: give it another name."
+                )
+            for taken in (name for name in DRAWN if name in found[equation] and not self._samples_patterns):
+                raise InputError(
+                    f"The prior has a site called {taken!r}, which the results need: give it another name."
+                )
+        return found
 
     def uncollapsed_model(self, designs: Mapping[str, Design]) -> None:
         """The same model with θ and the weights of f as sites: the reference for tests.
@@ -157,45 +199,69 @@ class Program:
         θ are exactly zero).
         """
         for equation, design in designs.items():
-            if not isinstance(design, FeatureDesign):
-                raise InputError("uncollapsed_model needs OrthogonalGP(path='hsgp').")
             with scope(prefix=equation, divider="_"):
-                hyper = self._hyperparameters(design)
-                scales = self.prior.scales(design.Phi.shape[1], design.n_prior, hyper.sigma)
-                if isinstance(self.prior, SpikeAndSlab):
+                hyper, scales = self._sample(design)
+                if self._samples_patterns:
                     raise InputError("uncollapsed_model has no density for a spike-and-slab prior: use another prior.")
                 theta = numpyro.sample("theta", dist.Normal(0.0, scales.sd).to_event(1))
-                z = jnp.asarray(numpyro.sample("z", dist.Normal(0.0, 1.0).expand(design.Psi.shape[1:]).to_event(1)))
-                weight = design.weights(z, hyper)
-                numpyro.deterministic("weight", weight)
-                mean = design.Phi @ theta + design.Psi @ weight
+                mean = design.Phi @ theta + design.uncollapsed_discrepancy(hyper)
                 # Rows folded away by compression carry no signal: their share of the density is σ's alone.
                 hidden = design.n_obs - design.y.size
                 numpyro.factor("hidden", -hidden * (jnp.log(hyper.sigma) + 0.5 * jnp.log(2 * jnp.pi)))
                 numpyro.sample("y", dist.Normal(mean, hyper.sigma).to_event(1), obs=design.y)
 
-    def _hyperparameters(self, design: Design) -> Hyperparameters:
-        noise = jnp.asarray(numpyro.sample("noise", dist.HalfNormal(self.noise)))
-        # σ² = floor² + s²
-        sigma = jnp.asarray(numpyro.deterministic("sigma", jnp.sqrt(design.noise_floor**2 + noise**2)))
-        gp = self.discrepancy
+    def hyper_prior(self, floor: Any, n_var: int) -> HyperPrior:
+        """Prior of η of an equation.
+
+        Args:
+            floor: Least σ, scaled units.
+            n_var: Number of variables that f depends on.
+        """
+        noise, gp = NoisePrior(floor, self.noise), self.discrepancy
         if gp is None:
-            return Hyperparameters(sigma, jnp.ones(()), jnp.ones(0))
-        n_var = design.frequency.shape[1] if isinstance(design, FeatureDesign) else design.points[0].shape[1]
-        amplitude = jnp.asarray(numpyro.sample("amplitude", dist.HalfNormal(gp.amplitude)))
-        prior = dist.LogNormal(jnp.log(gp.length_scale), gp.length_scale_spread).expand([n_var]).to_event(1)
-        return Hyperparameters(sigma, amplitude, jnp.asarray(site("length_scale", prior)))
+            return HyperPrior(noise)
+        return HyperPrior(noise, gp.amplitude, gp.length_scale, gp.length_scale_spread, n_var)
 
+    def slab(self, design: Design, values: Mapping[str, Any], sigma: Float[np.ndarray, " n_draw"]) -> Scales | None:
+        """Scales and odds of θ at given draws, where the sampler summed over the inclusion patterns; else None.
 
-def measured_rate(data: Trajectories, equation: str) -> Any:
-    """The measured derivative of a state.
+        Args:
+            design: Of the equation.
+            values: Draws of the prior's sites by quantity, each [n_draw, ...]; others are passed over.
+            sigma: Draws of σ, scaled units.
 
-    Raises:
-        InputError: If the data have none.
-    """
-    if equation not in data.derivatives:
-        raise InputError(
-            f"The data have no derivative of {equation!r}: give it with derivatives={{{equation!r}: ...}}, "
-            f"or compute it with data.differentiate()."
-        )
-    return data.derivatives[equation]
+        Raises:
+            InputError: The prior has a site that the draws do not have.
+        """
+        n_term = design.Phi.shape[1]
+
+        def program(sigma: Any) -> Scales:
+            return self.prior.scales(n_term, design.n_prior, sigma)
+
+        with seed(rng_seed=0), trace() as sites:
+            if program(1.0).log_odds is None:
+                return None
+        drawn = [str(name) for name, site in sites.items() if site["type"] == "sample"]
+        missing = [name for name in drawn if name not in values]
+        if missing:
+            raise InputError(
+                f"The prior's odds of inclusion cannot be told from these draws, which have no {missing[0]!r}: give "
+                "that site of the prior another name and fit again."
+            )
+
+        def one(item: tuple[dict[str, Any], Any]) -> tuple[Any, Any]:
+            with seed(rng_seed=0), substitute(data=item[0]):
+                scales = program(item[1])
+            return scales.sd, jnp.broadcast_to(jnp.asarray(scales.log_odds), scales.sd.shape)
+
+        sd, odds = jax.vmap(one)(({name: jnp.asarray(values[name]) for name in drawn}, jnp.asarray(sigma)))
+        return Scales(sd, odds)
+
+    @property
+    def _samples_patterns(self) -> bool:
+        return isinstance(self.prior, SpikeAndSlab)
+
+    def _sample(self, design: Design) -> tuple[Hyperparameters, Any]:
+        """η and the prior scales of one equation."""
+        hyper = self.hyper_prior(design.noise_floor, design.n_var).sample()
+        return hyper, self.prior.scales(design.Phi.shape[1], design.n_prior, hyper.sigma)

@@ -1,11 +1,160 @@
-"""Random sites of the NumPyro program."""
+"""Random sites of the NumPyro program, and the one place where the variables of an equation get their names."""
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
 
 import jax.numpy as jnp
 import numpyro
 import numpyro.distributions as dist
 from jaxtyping import Array
 
+DRAWN = ("theta", "theta_sd", "prior_sd", "gamma", "inclusion", "weight", "f")
+"""What is drawn exactly given the sites of the model; no site of a user's own prior can be called so."""
+
 
 def site(name: str, distribution: dist.Distribution) -> Array:
     """`numpyro.sample` of an array-valued site."""
     return jnp.asarray(numpyro.sample(name, distribution))
+
+
+@dataclass(frozen=True)
+class EquationSites:
+    """Names of one equation's variables in the model and in results: `sites["ydot"].tau` is "ydot_tau".
+
+    A quantity of another name, such as a site of a user's own prior, is `sites["ydot"]["its_name"]`.
+
+    Attributes:
+        equation: The learned state.
+    """
+
+    equation: str
+
+    def __getitem__(self, quantity: str) -> str:
+        # As numpyro.handlers.scope(prefix=equation, divider="_") names them.
+        return f"{self.equation}_{quantity}"
+
+    @property
+    def y(self) -> str:
+        """The target, the observed site."""
+        return self["y"]
+
+    @property
+    def rate(self) -> str:
+        """The measured rate, user's units."""
+        return self["rate"]
+
+    @property
+    def noise(self) -> str:
+        """s, the coordinate that σ is sampled by."""
+        return self["noise"]
+
+    @property
+    def sigma(self) -> str:
+        """Noise standard deviation."""
+        return self["sigma"]
+
+    @property
+    def amplitude(self) -> str:
+        """Standard deviation of f."""
+        return self["amplitude"]
+
+    @property
+    def length_scale(self) -> str:
+        """Length scales of f."""
+        return self["length_scale"]
+
+    @property
+    def tau(self) -> str:
+        """Scale of the coefficients, or of the slab."""
+        return self["tau"]
+
+    @property
+    def tau_unit(self) -> str:
+        """The coordinate that the horseshoe's global scale is sampled by."""
+        return self["tau_unit"]
+
+    @property
+    def pi(self) -> str:
+        """Inclusion probability a priori."""
+        return self["pi"]
+
+    @property
+    def gamma(self) -> str:
+        """Inclusion pattern."""
+        return self["gamma"]
+
+    @property
+    def inclusion(self) -> str:
+        """P(γ = 1) given the hyperparameters."""
+        return self["inclusion"]
+
+    @property
+    def theta(self) -> str:
+        """Coefficients."""
+        return self["theta"]
+
+    @property
+    def theta_sd(self) -> str:
+        """Prior standard deviations of the coefficients, scaled units, as they are drawn."""
+        return self["theta_sd"]
+
+    @property
+    def prior_sd(self) -> str:
+        """The same in results."""
+        return self["prior_sd"]
+
+    @property
+    def log_odds(self) -> str:
+        """Log prior odds of inclusion where the sampler sums over the patterns."""
+        return self["log_odds"]
+
+    @property
+    def weight(self) -> str:
+        """Weights of the features of f."""
+        return self["weight"]
+
+    @property
+    def f(self) -> str:
+        """Values of f at the rows."""
+        return self["f"]
+
+    @property
+    def raw(self) -> tuple[str, str]:
+        """Coordinates of the sampler that another quantity tells: s by σ, the horseshoe's by τ."""
+        return self.noise, self.tau_unit
+
+
+class Sites(Mapping[str, EquationSites]):
+    """Names of the variables of several equations, and whose a variable is.
+
+    Args:
+        equations: Learned states.
+    """
+
+    def __init__(self, equations: Iterable[str]) -> None:
+        """Name nothing yet."""
+        self._equations = {name: EquationSites(name) for name in equations}
+
+    def __getitem__(self, equation: str) -> EquationSites:
+        return self._equations[equation]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._equations)
+
+    def __len__(self) -> int:
+        return len(self._equations)
+
+    def owned(self, equation: str, variables: Iterable[str]) -> dict[str, str]:
+        """Those variables that belong to an equation, by quantity: {"tau": "ydot_tau", ...}.
+
+        Of two equations `y` and `y_dot` a variable `y_dot_tau` belongs to the one with the longer name; a model whose
+        sites would break this rule is refused (see `Program.require_own_sites`).
+
+        Args:
+            equation: One of the equations.
+            variables: Names of sites or results.
+        """
+        prefix = self[equation][""]
+        longer = tuple(other[""] for other in self.values() if other[""].startswith(prefix) and other[""] != prefix)
+        own = [name for name in variables if name.startswith(prefix) and not name.startswith(longer or "\0")]
+        return {name.removeprefix(prefix): name for name in own}

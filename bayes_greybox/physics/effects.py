@@ -22,11 +22,12 @@ from jaxtyping import Float
 
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.toml_files import read_toml
-from bayes_greybox.physics.effect_tables import effect_tables, nearest
-from bayes_greybox.physics.expressions import parse_expression, symbol_names
-from bayes_greybox.physics.grammar import check_name
-from bayes_greybox.physics.printing import to_latex
-from bayes_greybox.physics.terms import Term
+
+from .effect_tables import effect_tables, nearest
+from .expressions import parse_expression, symbol_names
+from .grammar import check_name
+from .printing import to_latex
+from .terms import Term
 
 DOMAINS = ("mechanical", "fluid", "population", "electrical")
 """Catalogues that come with the package."""

@@ -4,7 +4,7 @@ import sympy
 from sympy.printing.latex import LatexPrinter
 from sympy.printing.str import StrPrinter
 
-from bayes_greybox.physics.functions import FUNCTIONS
+from .functions import FUNCTIONS
 
 
 def to_text(expr: sympy.Basic) -> str:

@@ -6,7 +6,8 @@ from collections.abc import Mapping
 import numpy as np
 
 from bayes_greybox.data.errors import InputError
-from bayes_greybox.physics.simulated import Drive, System, multisine
+
+from .simulated import Drive, System, multisine
 
 __all__ = [
     "Drive",

@@ -11,9 +11,10 @@ import sympy
 from jaxtyping import Array, Float
 
 from bayes_greybox.data.errors import InputError
-from bayes_greybox.physics.expressions import check_expression, evaluate, namespace, parse_expression, symbol_names
-from bayes_greybox.physics.grammar import MAX_EXPONENT, check_known, check_name
-from bayes_greybox.physics.printing import to_latex, to_text
+
+from .expressions import check_expression, evaluate, namespace, parse_expression, symbol_names
+from .grammar import MAX_EXPONENT, check_known, check_name
+from .printing import to_latex, to_text
 
 # Larger polynomial families than this are a slip in the degree or the variables.
 _MAX_TERMS = 1000

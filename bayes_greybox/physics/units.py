@@ -16,8 +16,9 @@ import sympy
 
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import derivative_label
-from bayes_greybox.physics.printing import to_text
-from bayes_greybox.physics.terms import Term
+
+from .printing import to_text
+from .terms import Term
 
 
 @cache

@@ -6,7 +6,7 @@ import pandas as pd
 from rich.console import Group, RenderableType
 
 from bayes_greybox.benchmarks.confounding.score import Confounding
-from bayes_greybox.benchmarks.hidden_effects.marks import SOLVERS
+from bayes_greybox.benchmarks.hidden_effects.case_scores import SOLVERS
 from bayes_greybox.benchmarks.hidden_effects.score import Scores
 
 from .terminal import frame_table

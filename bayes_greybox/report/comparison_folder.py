@@ -11,7 +11,8 @@ from typing import Any
 import pandas as pd
 
 from bayes_greybox.data.errors import InputError
-from bayes_greybox.greybox import Fit, load
+from bayes_greybox.inference.netcdf import load
+from bayes_greybox.inference.posterior import Posterior
 
 from .comparison_page import comparison_html
 from .folder import staged
@@ -31,14 +32,14 @@ class SavedComparison:
         config: Text of the configuration file, if there was one.
     """
 
-    fits: Mapping[str, Fit]
+    fits: Mapping[str, Posterior]
     table: pd.DataFrame
     config: str | None
 
 
 def save_comparison(
     folder: Path,
-    fits: Mapping[str, Fit],
+    fits: Mapping[str, Posterior],
     table: pd.DataFrame,
     files: Mapping[str, Path],
     *,

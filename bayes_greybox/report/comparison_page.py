@@ -7,11 +7,12 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from bayes_greybox.criticism.compare import TIE_NATS, tied, unreliable
-from bayes_greybox.criticism.convergence import convergence_table
+from bayes_greybox.criticism.convergence import convergence, convergence_table
+from bayes_greybox.criticism.cross_validation.compare import TIE_NATS, tied, unreliable
+from bayes_greybox.criticism.inclusion import inclusion
 from bayes_greybox.data.columns import derivative_label
-from bayes_greybox.greybox import Fit
 from bayes_greybox.inference.netcdf import versions
+from bayes_greybox.inference.posterior import Posterior
 
 from .page import Badge, Code, Details, Items, Page, Pictures, Section, Table, Words, picture, write_page
 from .plots import plot_comparison
@@ -23,7 +24,7 @@ LIKELY = 0.5
 
 
 def comparison_html(
-    fits: Mapping[str, Fit], table: pd.DataFrame, path: str | os.PathLike[str], config: str | None = None
+    fits: Mapping[str, Posterior], table: pd.DataFrame, path: str | os.PathLike[str], config: str | None = None
 ) -> None:
     """Write the report of a comparison as one HTML file that needs no network.
 
@@ -39,7 +40,7 @@ def comparison_html(
     write_page(comparison_page(fits, table, config), path)
 
 
-def comparison_page(fits: Mapping[str, Fit], table: pd.DataFrame, config: str | None = None) -> Page:
+def comparison_page(fits: Mapping[str, Posterior], table: pd.DataFrame, config: str | None = None) -> Page:
     """The report of a comparison.
 
     Args:
@@ -85,9 +86,9 @@ def _verdict(table: pd.DataFrame) -> Badge:
     return Badge("Too close to call", "warn", "≈") if tied(table) else Badge("Clear lead", "good", "✓")
 
 
-def _trust(fits: Mapping[str, Fit], table: pd.DataFrame) -> tuple[list[Badge], list[str]]:
+def _trust(fits: Mapping[str, Posterior], table: pd.DataFrame) -> tuple[list[Badge], list[str]]:
     """Badges and alerts: a lead that rests on bad chains or weights is not shown as good."""
-    failed = [name for name, fit in fits.items() if not fit.verdict.ok]
+    failed = [name for name, fit in fits.items() if not convergence(fit).ok]
     doubtful = unreliable(table)
     badges, alerts = [], []
     if failed:
@@ -103,7 +104,7 @@ def _trust(fits: Mapping[str, Fit], table: pd.DataFrame) -> tuple[list[Badge], l
     return [*badges, Badge(verdict.text, "quiet", verdict.symbol) if badges else verdict], alerts
 
 
-def _facts(fits: Mapping[str, Fit], table: pd.DataFrame) -> list[str]:
+def _facts(fits: Mapping[str, Posterior], table: pd.DataFrame) -> list[str]:
     data = next(iter(fits.values())).data
     runs = f" in {data.n_run} runs" if data.n_run > 1 else ""
     return [f"{len(fits)} models", f"data: {data.n_obs} rows{runs}", f"left out: {table.attrs['folds']}"]
@@ -169,9 +170,9 @@ def _ranking(table: pd.DataFrame) -> Section:
 _LEAD = "Every model is judged on data that its prediction did not use: how probable did it hold what was measured?"
 
 
-def _terms(fits: Mapping[str, Fit]) -> Section:
+def _terms(fits: Mapping[str, Posterior]) -> Section:
     """How probable each term is, one column for each model."""
-    tables = {name: fit.inclusion() for name, fit in fits.items()}
+    tables = {name: inclusion(fit) for name, fit in fits.items()}
     columns = {name: probability_column(table) for name, table in tables.items()}
     rows, marked = [], []
     for key in _keys(tables):
@@ -191,9 +192,9 @@ def _terms(fits: Mapping[str, Fit]) -> Section:
     return Section("terms", "Which terms matter under each model?", lead, [block])
 
 
-def _coefficients(fits: Mapping[str, Fit]) -> Section:
+def _coefficients(fits: Mapping[str, Posterior]) -> Section:
     """Estimates of each term under each model that has it, one below the other."""
-    tables = {name: fit.inclusion() for name, fit in fits.items()}
+    tables = {name: inclusion(fit) for name, fit in fits.items()}
     rows = []
     for key in _keys(tables):
         for name, table in tables.items():
@@ -213,7 +214,7 @@ def _coefficients(fits: Mapping[str, Fit]) -> Section:
     return Section("coefficients", "Coefficients", lead, [by_equation(heads, rows, _equations(fits))])
 
 
-def _convergence(fits: Mapping[str, Fit]) -> Section:
+def _convergence(fits: Mapping[str, Posterior]) -> Section:
     rows, reasons = [], []
     for name, fit in fits.items():
         judged = convergence_table(fit)
@@ -221,16 +222,16 @@ def _convergence(fits: Mapping[str, Fit]) -> Section:
         rows.append(
             (
                 name,
-                "converged" if fit.verdict.ok else "not converged",
+                "converged" if convergence(fit).ok else "not converged",
                 _worst(judged["r_hat"].to_numpy(float), np.max, ".3f"),
                 _worst(judged["ess_bulk"].to_numpy(float), np.min, ".0f"),
                 _worst(judged["ess_tail"].to_numpy(float), np.min, ".0f"),
                 number(divergences),
             )
         )
-        reasons += [(name, reason) for reason in fit.verdict.reasons]
+        reasons += [(name, reason) for reason in convergence(fit).reasons]
     heads = ("model", "result", "#largest R̂", "#least bulk ESS", "#least tail ESS", "#divergences")
-    failed = [i for i, fit in enumerate(fits.values()) if not fit.verdict.ok]
+    failed = [i for i, fit in enumerate(fits.values()) if not convergence(fit).ok]
     blocks: list[Any] = [Table(heads, rows, "Marked: not converged" if failed else "", failed)]
     if reasons:
         blocks += [Words("The sampler did not converge; what to try:", "alert"), Items(reasons)]
@@ -241,7 +242,7 @@ def _convergence(fits: Mapping[str, Fit]) -> Section:
     return Section("convergence", "Can the sampler be trusted?", "", blocks)
 
 
-def _settings(fits: Mapping[str, Fit], made: Mapping[str, str], config: str | None) -> Section:
+def _settings(fits: Mapping[str, Posterior], made: Mapping[str, str], config: str | None) -> Section:
     """What the models differ in beside each other, and what they share once."""
     settings = {name: dict(settings_rows(_described(fit))) for name, fit in fits.items()}
     keys = list(dict.fromkeys(key for one in settings.values() for key in one))
@@ -264,7 +265,7 @@ def _settings(fits: Mapping[str, Fit], made: Mapping[str, str], config: str | No
     return Section("settings", "What do the models differ in?", "", blocks)
 
 
-def _described(fit: Fit) -> dict[str, Any]:
+def _described(fit: Posterior) -> dict[str, Any]:
     """Settings of a fit, with a place for the kernel also where there is none."""
     settings = fit_settings(fit)
     if settings["model"]["discrepancy"] is None:
@@ -279,11 +280,11 @@ def _keys(tables: Mapping[str, pd.DataFrame]) -> list[tuple[str, str]]:
     return sorted(keys, key=lambda key: order.index(key[0]))
 
 
-def _equations(fits: Mapping[str, Fit]) -> tuple[str, ...]:
+def _equations(fits: Mapping[str, Posterior]) -> tuple[str, ...]:
     return next(iter(fits.values())).model.equations
 
 
-def _rate(fits: Mapping[str, Fit], name: str) -> str:
+def _rate(fits: Mapping[str, Posterior], name: str) -> str:
     return derivative_label(name, next(iter(fits.values())).data.time_name)
 
 

@@ -5,11 +5,16 @@ from collections.abc import Mapping
 import numpy as np
 from matplotlib.figure import Figure
 
-from bayes_greybox.criticism.calibration import Calibration
-from bayes_greybox.criticism.prediction import Band
-from bayes_greybox.criticism.sensitivity import THRESHOLD
+from bayes_greybox.criticism.bands import Band
+from bayes_greybox.criticism.calibration.calibrate import Calibration
+from bayes_greybox.criticism.checks.checks import checks
+from bayes_greybox.criticism.checks.sensitivity import THRESHOLD
+from bayes_greybox.criticism.discrepancy import discrepancy_grid
+from bayes_greybox.criticism.inclusion import inclusion
+from bayes_greybox.criticism.prediction import predict
+from bayes_greybox.criticism.trade_off import strongest_trade_off
 from bayes_greybox.data.errors import InputError
-from bayes_greybox.greybox import Fit
+from bayes_greybox.inference.posterior import Posterior
 from bayes_greybox.physics.units import derivative_unit
 
 from .plots import (
@@ -42,7 +47,7 @@ __all__ = [
 ]
 
 
-def fit_figures(fit: Fit) -> dict[str, Figure]:
+def fit_figures(fit: Posterior) -> dict[str, Figure]:
     """Every figure of a fit, by file name: coefficients, predicted, discrepancy, trade-off, checks."""
     figures = {"coefficients": coefficients(fit)}
     several = len(fit.equations) > 1
@@ -61,7 +66,7 @@ def fit_figures(fit: Fit) -> dict[str, Figure]:
     return figures
 
 
-def coefficients(fit: Fit, truth: Mapping | None = None, level: float = 0.9) -> Figure:
+def coefficients(fit: Posterior, truth: Mapping | None = None, level: float = 0.9) -> Figure:
     """Forest of the coefficients with inclusion, beside the true values if they are known.
 
     Args:
@@ -69,7 +74,7 @@ def coefficients(fit: Fit, truth: Mapping | None = None, level: float = 0.9) -> 
         truth: True coefficients, {equation: {term: value}}.
         level: Probability of the intervals.
     """
-    return plot_coefficients(fit.inclusion(level), truth=truth)
+    return plot_coefficients(inclusion(fit, level), truth=truth)
 
 
 def calibration(found: Calibration) -> Figure:
@@ -79,10 +84,10 @@ def calibration(found: Calibration) -> Figure:
     return plot_calibration(found.ecdf_differences, band.lower, band.upper, found.tests, reliability)
 
 
-def predicted(fit: Fit, equation: str | None = None, level: float = 0.9) -> Figure:
+def predicted(fit: Posterior, equation: str | None = None, level: float = 0.9) -> Figure:
     """Predicted against measured rate over the training data, with the band of a measurement."""
     equation = equation or fit.model.equations[0]
-    shown = fit.predict(fit.data, level)[equation]
+    shown = predict(fit, fit.data, level)[equation]
     return plot_predicted(
         fit.data.time,
         fit.data.derivatives[equation],
@@ -97,17 +102,17 @@ def predicted(fit: Fit, equation: str | None = None, level: float = 0.9) -> Figu
 
 
 def discrepancy_over_states(
-    fit: Fit, equation: str | None = None, variables: tuple[str, ...] | None = None, level: float = 0.9
+    fit: Posterior, equation: str | None = None, variables: tuple[str, ...] | None = None, level: float = 0.9
 ) -> Figure:
     """Posterior of f over one or two of its variables."""
-    grid = fit.discrepancy_grid(equation, variables, level=level)
+    grid = discrepancy_grid(fit, equation or fit.model.equations[0], variables, level=level)
     return plot_discrepancy_over_states(grid)
 
 
-def discrepancy_over_time(fit: Fit, equation: str | None = None, level: float = 0.9) -> Figure:
+def discrepancy_over_time(fit: Posterior, equation: str | None = None, level: float = 0.9) -> Figure:
     """Posterior of f along the training data, against the noise level."""
     equation = equation or fit.model.equations[0]
-    band: Band = fit.predict(fit.data, level)[equation].discrepancy
+    band: Band = predict(fit, fit.data, level)[equation].discrepancy
     sigma = float(np.mean(fit.idata["posterior"][f"{equation}_sigma"].to_numpy()))
     return plot_discrepancy_over_time(
         fit.data.time,
@@ -122,9 +127,9 @@ def discrepancy_over_time(fit: Fit, equation: str | None = None, level: float = 
     )
 
 
-def trade_off(fit: Fit, equation: str | None = None) -> Figure:
+def trade_off(fit: Posterior, equation: str | None = None) -> Figure:
     """Posterior pairs of the coefficient that f can stand in for most."""
-    pair = fit.trade_off(equation)
+    pair = strongest_trade_off(fit, equation or fit.model.equations[0])
     return plot_tradeoff(
         pair.theta,
         pair.projection,
@@ -135,7 +140,7 @@ def trade_off(fit: Fit, equation: str | None = None) -> Figure:
     )
 
 
-def predictive(fit: Fit, equation: str | None = None) -> Figure:
+def predictive(fit: Posterior, equation: str | None = None) -> Figure:
     """Distribution of the measured rate beside data sets drawn from the prior and from the posterior.
 
     Raises:
@@ -153,15 +158,15 @@ def predictive(fit: Fit, equation: str | None = None) -> Figure:
     )
 
 
-def loo_pit(fit: Fit, equation: str | None = None) -> Figure:
+def loo_pit(fit: Posterior, equation: str | None = None) -> Figure:
     """Where the measurements fall in their leave-one-out predictions, against a uniform distribution."""
-    pit = fit.loo_pit(equation)
+    pit = checks(fit).loo_pit[equation or fit.model.equations[0]]
     return plot_loo_pit(pit.value, equation=pit.equation, band=pit.band, p=pit.p)
 
 
-def autocorrelation(fit: Fit, equation: str | None = None) -> Figure:
+def autocorrelation(fit: Posterior, equation: str | None = None) -> Figure:
     """Autocorrelation of the whitened residuals."""
-    white = fit.whiteness(equation)
+    white = checks(fit).whiteness[equation or fit.model.equations[0]]
     return plot_autocorrelation(
         white.lag,
         white.autocorrelation,
@@ -173,16 +178,16 @@ def autocorrelation(fit: Fit, equation: str | None = None) -> Figure:
     )
 
 
-def sensitivity(fit: Fit) -> Figure:
+def sensitivity(fit: Posterior) -> Figure:
     """Power-scaling sensitivity of coefficients and inclusion probabilities."""
-    return plot_sensitivity(fit.sensitivity(), threshold=THRESHOLD)
+    return plot_sensitivity(checks(fit).sensitivity, threshold=THRESHOLD)
 
 
-def _runs(fit: Fit) -> dict:
+def _runs(fit: Posterior) -> dict:
     if fit.data.n_run == 1:
         return {}
     return {"run": fit.data.run, "run_names": list(fit.data.run_names)}
 
 
-def _units(fit: Fit, equation: str) -> dict:
+def _units(fit: Posterior, equation: str) -> dict:
     return {"time_unit": fit.data.unit("t") or "", "unit": derivative_unit(equation, fit.data.units)}

@@ -6,8 +6,13 @@ from typing import Any
 
 import pandas as pd
 
+from bayes_greybox.criticism.checks.checks import checks
+from bayes_greybox.criticism.convergence import convergence
+from bayes_greybox.criticism.discrepancy import discrepancy_table
+from bayes_greybox.criticism.inclusion import inclusion
+from bayes_greybox.criticism.prediction import predict
 from bayes_greybox.data.columns import derivative_label
-from bayes_greybox.greybox import Fit
+from bayes_greybox.inference.posterior import Posterior
 from bayes_greybox.physics.units import derivative_unit
 
 from . import figures
@@ -47,7 +52,7 @@ _CHECKS = {
 }
 
 
-def fit_html(fit: Fit, path: str | os.PathLike[str], config: str | None = None) -> None:
+def fit_html(fit: Posterior, path: str | os.PathLike[str], config: str | None = None) -> None:
     """Write the report of a fit as one HTML file that needs no network.
 
     Args:
@@ -61,14 +66,14 @@ def fit_html(fit: Fit, path: str | os.PathLike[str], config: str | None = None) 
     write_page(fit_page(fit, config), path)
 
 
-def fit_page(fit: Fit, config: str | None = None) -> Page:
+def fit_page(fit: Posterior, config: str | None = None) -> Page:
     """The report of a fit.
 
     Args:
         fit: The fit.
         config: Text of the configuration file that asked for it.
     """
-    verdict, terms, shares = fit.verdict, fit.inclusion(), fit.discrepancy()
+    verdict, terms, shares = convergence(fit), inclusion(fit), discrepancy_table(fit)
     sections = [
         *_study(fit),
         _coefficients(fit, terms),
@@ -93,7 +98,7 @@ def fit_page(fit: Fit, config: str | None = None) -> Page:
     )
 
 
-def _headline(fit: Fit, table: pd.DataFrame, shares: pd.DataFrame) -> str:
+def _headline(fit: Posterior, table: pd.DataFrame, shares: pd.DataFrame) -> str:
     column = probability_column(table)
     sentences = []
     for name in fit.model.equations:
@@ -106,15 +111,15 @@ def _headline(fit: Fit, table: pd.DataFrame, shares: pd.DataFrame) -> str:
     return " ".join(sentences)
 
 
-def _rate(fit: Fit, name: str) -> str:
+def _rate(fit: Posterior, name: str) -> str:
     return derivative_label(name, fit.data.time_name)
 
 
-def _with_unit(value: float, fit: Fit, name: str) -> str:
+def _with_unit(value: float, fit: Posterior, name: str) -> str:
     return f"{number(value)} {unit_text(derivative_unit(name, fit.data.units))}".strip()
 
 
-def _facts(fit: Fit) -> list[str]:
+def _facts(fit: Posterior) -> list[str]:
     data, sampling = fit.data, fit.sampling
     runs = f" in {data.n_run} runs" if data.n_run > 1 else ""
     dropped = f", {data.dropped} dropped" if data.dropped else ""
@@ -127,7 +132,7 @@ def _facts(fit: Fit) -> list[str]:
     ]
 
 
-def _cards(fit: Fit, shares: pd.DataFrame) -> list[Card]:
+def _cards(fit: Posterior, shares: pd.DataFrame) -> list[Card]:
     cards = []
     several = len(fit.model.equations) > 1
     for name, row in zip(shares.index, shares.to_dict("records"), strict=True):
@@ -143,7 +148,7 @@ def _cards(fit: Fit, shares: pd.DataFrame) -> list[Card]:
     return cards
 
 
-def _study(fit: Fit) -> list[Section]:
+def _study(fit: Posterior) -> list[Section]:
     """What the missing-effect study said that made this model, if one did."""
     text = fit.idata.attrs.get("missing_effects")
     if not text:
@@ -153,7 +158,7 @@ def _study(fit: Fit) -> list[Section]:
     return [Section("study", "The study that made this model", "", [words])]
 
 
-def _coefficients(fit: Fit, table: pd.DataFrame) -> Section:
+def _coefficients(fit: Posterior, table: pd.DataFrame) -> Section:
     column = probability_column(table)
     records = table.to_dict("records")
     rows = [
@@ -177,7 +182,7 @@ def _coefficients(fit: Fit, table: pd.DataFrame) -> Section:
     return Section("coefficients", "Coefficients", lead, blocks)
 
 
-def _discrepancy(fit: Fit, shares: pd.DataFrame) -> Section:
+def _discrepancy(fit: Posterior, shares: pd.DataFrame) -> Section:
     blocks: list[Any] = []
     for name in fit.model.equations:
         rate = _rate(fit, name)
@@ -217,19 +222,19 @@ def _discrepancy(fit: Fit, shares: pd.DataFrame) -> Section:
     return Section("discrepancy", "What no term explains", lead, blocks)
 
 
-def _predicted(fit: Fit) -> Section:
+def _predicted(fit: Posterior) -> Section:
     shown = [
         picture(figures.predicted(fit, name), f"Predicted and measured {_rate(fit, name)}", wide=True)
         for name in fit.model.equations
     ]
-    errors = fit.predict(fit.data).nmse()
+    errors = predict(fit, fit.data).nmse()
     text = ", ".join(f"{_rate(fit, str(name))} {number(value, 2)}" for name, value in errors.items())
     words = Words(f"Mean square error over the variance of the measurements, training data: {text}.")
     return Section("predicted", "Predicted and measured", "", [Pictures(shown), words])
 
 
-def _checks(fit: Fit) -> Section:
-    found = fit.checks()
+def _checks(fit: Posterior) -> Section:
+    found = checks(fit)
     rows = [
         (
             _CHECKS[str(check)],
@@ -277,7 +282,7 @@ def _checks(fit: Fit) -> Section:
     return Section("checks", "Do the data support the model?", lead, blocks)
 
 
-def _settings(fit: Fit, config: str | None) -> Section:
+def _settings(fit: Posterior, config: str | None) -> Section:
     blocks = [Details("Model, sampler, seed and versions", [settings_table(fit_settings(fit))])]
     if config:
         blocks.append(Details("Configuration file", [Code(config)]))

@@ -7,15 +7,19 @@ from typing import Any
 
 import pandas as pd
 
-from bayes_greybox.criticism.compare import unreliable
-from bayes_greybox.criticism.convergence import Verdict
+from bayes_greybox.criticism.convergence import Verdict, convergence
+from bayes_greybox.criticism.cross_validation.compare import unreliable
+from bayes_greybox.criticism.discrepancy import discrepancy_table
+from bayes_greybox.criticism.inclusion import inclusion
 from bayes_greybox.data.records import plain_rows, plain_values
-from bayes_greybox.discovery.study import Study
-from bayes_greybox.greybox import Fit
+from bayes_greybox.discovery.study import StudyResult
 from bayes_greybox.inference.netcdf import versions
+from bayes_greybox.inference.posterior import Posterior
 
 
-def run_record(fit: Fit, sampling: Mapping[str, Any], seconds: float, held_out: pd.Series | None) -> dict[str, Any]:
+def run_record(
+    fit: Posterior, sampling: Mapping[str, Any], seconds: float, held_out: pd.Series | None
+) -> dict[str, Any]:
     """What a fit found, and with what.
 
     Args:
@@ -29,9 +33,9 @@ def run_record(fit: Fit, sampling: Mapping[str, Any], seconds: float, held_out: 
     """
     data = fit.data
     return {
-        "verdict": _verdict(fit.verdict),
-        "coefficients": plain_rows(fit.inclusion()),
-        "discrepancy": plain_rows(fit.discrepancy()),
+        "verdict": _verdict(convergence(fit)),
+        "coefficients": plain_rows(inclusion(fit)),
+        "discrepancy": plain_rows(discrepancy_table(fit)),
         "held_out_nmse": None if held_out is None else plain_values(held_out.to_dict()),
         "data": {"rows": data.n_obs, "runs": data.n_run, "dropped": data.dropped},
         "sampling": dict(sampling),
@@ -41,7 +45,7 @@ def run_record(fit: Fit, sampling: Mapping[str, Any], seconds: float, held_out: 
 
 
 def comparison_record(
-    fits: Mapping[str, Fit], table: pd.DataFrame, sampling: Mapping[str, Any] | None
+    fits: Mapping[str, Posterior], table: pd.DataFrame, sampling: Mapping[str, Any] | None
 ) -> dict[str, Any]:
     """What a comparison found.
 
@@ -58,13 +62,13 @@ def comparison_record(
         "scheme": {key: table.attrs.get(key) for key in ("scheme", "block", "folds", "threshold")},
         "unreliable": unreliable(table),
         "notes": list(table.attrs.get("notes", [])),
-        "verdicts": {name: _verdict(fit.verdict) for name, fit in fits.items()},
+        "verdicts": {name: _verdict(convergence(fit)) for name, fit in fits.items()},
         "versions": versions(),
     }
     return record if sampling is None else {**record, "sampling": dict(sampling)}
 
 
-def study_record(study: Study, sampling: Mapping[str, Any]) -> dict[str, Any]:
+def study_record(study: StudyResult, sampling: Mapping[str, Any]) -> dict[str, Any]:
     """What a missing-effect study found, and with what.
 
     Args:
@@ -78,7 +82,7 @@ def study_record(study: Study, sampling: Mapping[str, Any]) -> dict[str, Any]:
     return plain_values(
         {
             **study.record(),
-            "convergence": None if fit is None else _verdict(fit.verdict),
+            "convergence": None if fit is None else _verdict(convergence(fit)),
             "data": {"train": study.train.n_obs, "test": None if test is None else test.n_obs},
             "sampling": dict(sampling),
         }

@@ -4,8 +4,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from bayes_greybox.criticism.compare import compare
-from bayes_greybox.greybox import Fit, load
+from bayes_greybox.criticism.cross_validation.compare import compare
+from bayes_greybox.inference.netcdf import load
+from bayes_greybox.inference.posterior import Posterior
 
 from .comparison_folder import PAGE, load_comparison
 from .comparison_page import comparison_html
@@ -15,7 +16,7 @@ from .page import require_place
 
 def saved_html(
     files: Sequence[Path], path: Path | None, folds: Mapping[str, Any], progress: bool = False
-) -> tuple[dict[str, Fit], Path]:
+) -> tuple[dict[str, Posterior], Path]:
     """Write the report of saved results.
 
     Args:
@@ -46,7 +47,7 @@ def saved_html(
     return {file.stem: fit}, page
 
 
-def load_fits(files: Sequence[Path]) -> dict[str, Fit]:
+def load_fits(files: Sequence[Path]) -> dict[str, Posterior]:
     """Saved fits by names that tell them apart: of the file, of its folder where the file is a plain run.nc."""
     names = [file.resolve().parent.name if file.stem == "run" else file.stem for file in files]
     if len(set(names)) < len(names):

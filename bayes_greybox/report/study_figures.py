@@ -7,10 +7,10 @@ from jaxtyping import Bool, Float
 from matplotlib.figure import Figure
 from scipy.spatial import KDTree
 
+from bayes_greybox.criticism.bands import Band
 from bayes_greybox.criticism.discrepancy import SUPPORT
-from bayes_greybox.criticism.prediction import Band
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.discovery.study import Study
+from bayes_greybox.discovery.study import StudyResult
 from bayes_greybox.discovery.where import GapMap
 
 from .plots import (
@@ -40,7 +40,7 @@ REACH = 1.6449
 """Standard deviations on either side of the mean that hold 90 % of a normal distribution."""
 
 
-def study_figures(study: Study) -> dict[str, Figure]:
+def study_figures(study: StudyResult) -> dict[str, Figure]:
     """Every figure of a study, by file name: gap maps, gap over time, ranking, rounds, coefficients, free runs.
 
     Args:
@@ -63,7 +63,7 @@ def study_figures(study: Study) -> dict[str, Figure]:
     return figures
 
 
-def gap_map(study: Study, equation: str, parts: tuple[str, ...] = ("before", "after")) -> Figure:
+def gap_map(study: StudyResult, equation: str, parts: tuple[str, ...] = ("before", "after")) -> Figure:
     """Gap over the state space before and after, on one scale; curves where it is over one variable.
 
     Args:
@@ -95,7 +95,7 @@ def gap_map(study: Study, equation: str, parts: tuple[str, ...] = ("before", "af
     )  # fmt: skip
 
 
-def gap_over_time(study: Study, equation: str, width: float = 9.0) -> Figure:
+def gap_over_time(study: StudyResult, equation: str, width: float = 9.0) -> Figure:
     """Gap along the training data before and after, with its 90 % bands."""
     trace = study.traces[equation]
     return plot_gap_over_time(
@@ -105,7 +105,7 @@ def gap_over_time(study: Study, equation: str, width: float = 9.0) -> Figure:
     )  # fmt: skip
 
 
-def ranking(study: Study, equation: str) -> Figure:
+def ranking(study: StudyResult, equation: str) -> Figure:
     """Hypotheses about one equation, most probable first."""
     table = study.hypotheses.xs(equation, level=0).sort_values("probability", ascending=False).head(MOST_HYPOTHESES)
     chosen, tied = marked(study, equation)
@@ -117,7 +117,7 @@ def ranking(study: Study, equation: str) -> Figure:
     )  # fmt: skip
 
 
-def rounds(study: Study, equation: str) -> Figure:
+def rounds(study: StudyResult, equation: str) -> Figure:
     """What each round added and what it left of the gap."""
     table = study.rounds.xs(equation, level=0)
     labels, left = ["the simulation as given"], [1.0, *table["share_left"]]
@@ -127,7 +127,7 @@ def rounds(study: Study, equation: str) -> Figure:
     return plot_rounds(labels, np.array(left, float), title=f"Rounds about d({equation})/dt")
 
 
-def coefficients(study: Study) -> Figure:
+def coefficients(study: StudyResult) -> Figure:
     """Posterior of the coefficient of each effect that was added."""
     chosen = study.effects.loc[added(study)]
     return plot_posteriors(
@@ -141,7 +141,7 @@ def coefficients(study: Study) -> Figure:
     )  # fmt: skip
 
 
-def free_run(study: Study, state: str, width: float = 9.0) -> Figure:
+def free_run(study: StudyResult, state: str, width: float = 9.0) -> Figure:
     """A state as measured and as the models run it from its start alone."""
     path = study.paths[state]
     data = study.train if study.test is None else study.test
@@ -151,18 +151,18 @@ def free_run(study: Study, state: str, width: float = 9.0) -> Figure:
     )  # fmt: skip
 
 
-def added(study: Study) -> np.ndarray:
+def added(study: StudyResult) -> np.ndarray:
     """Row numbers of the effects that were added to the model."""
     return np.flatnonzero((study.effects["status"] == "added").to_numpy()) if len(study.effects) else np.zeros(0, int)
 
 
-def name_of(study: Study, slug: str) -> str:
+def name_of(study: StudyResult, slug: str) -> str:
     """Plain name of an explanation; the slug itself for an effect that the study's table does not have."""
     named = dict(zip(study.effects["slug"], study.effects["name"], strict=True))
     return NAMES.get(slug) or named.get(slug) or slug
 
 
-def marked(study: Study, equation: str) -> tuple[list[str], list[str]]:
+def marked(study: StudyResult, equation: str) -> tuple[list[str], list[str]]:
     """Slugs that were added to an equation, and those tied with them."""
     chosen = study.effects.iloc[added(study)]
     chosen = chosen[chosen["equation"] == equation]
@@ -179,7 +179,7 @@ def support(gap: GapMap) -> Bool[np.ndarray, "*grid"]:
     return (KDTree(samples / half).query(nodes / half)[0] <= SUPPORT).reshape(mesh[0].shape)
 
 
-def _draws(study: Study, place: int) -> Float[np.ndarray, " n_draw"] | None:
+def _draws(study: StudyResult, place: int) -> Float[np.ndarray, " n_draw"] | None:
     """Posterior draws of an added effect's coefficient: its terms are the last of the amended dictionary, in order."""
     if study.fit is None:
         return None

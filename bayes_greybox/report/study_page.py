@@ -4,8 +4,9 @@ import os
 
 import numpy as np
 
+from bayes_greybox.criticism.convergence import convergence
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.discovery.study import Study
+from bayes_greybox.discovery.study import StudyResult
 
 from . import study_sections as rungs
 from .page import Badge, Card, Page, write_page
@@ -22,7 +23,7 @@ BADGES = {
 MOST_CARDS = 6
 
 
-def study_html(study: Study, path: str | os.PathLike[str], config: str | None = None) -> None:
+def study_html(study: StudyResult, path: str | os.PathLike[str], config: str | None = None) -> None:
     """Write the report of a study as one HTML file that needs no network.
 
     Args:
@@ -36,7 +37,7 @@ def study_html(study: Study, path: str | os.PathLike[str], config: str | None = 
     write_page(study_page(study, config), path)
 
 
-def study_page(study: Study, config: str | None = None) -> Page:
+def study_page(study: StudyResult, config: str | None = None) -> Page:
     """The report of a study.
 
     Args:
@@ -70,16 +71,16 @@ def study_page(study: Study, config: str | None = None) -> Page:
     )
 
 
-def _badges(study: Study) -> list[Badge]:
+def _badges(study: StudyResult) -> list[Badge]:
     badges = [BADGES.get(study.verdict, Badge(study.verdict.capitalize(), "quiet"))]
     if study.fit is None:
         badges.append(Badge("screened only, not sampled", "quiet"))
-    elif not study.fit.verdict.ok:
+    elif not convergence(study.fit).ok:
         badges.append(Badge("sampler did not converge", "bad", "!"))
     return badges
 
 
-def _facts(study: Study) -> list[str]:
+def _facts(study: StudyResult) -> list[str]:
     def rows(data: Trajectories) -> str:
         return f"{data.n_obs} rows in {data.n_run} runs" if data.n_run > 1 else f"{data.n_obs} rows"
 
@@ -90,13 +91,13 @@ def _facts(study: Study) -> list[str]:
     return facts
 
 
-def _alerts(study: Study) -> list[str]:
-    if study.fit is None or study.fit.verdict.ok:
+def _alerts(study: StudyResult) -> list[str]:
+    if study.fit is None or convergence(study.fit).ok:
         return []
-    return [f"The sampler did not converge; do not rely on these numbers. {' '.join(study.fit.verdict.reasons)}"]
+    return [f"The sampler did not converge; do not rely on these numbers. {' '.join(convergence(study.fit).reasons)}"]
 
 
-def _cards(study: Study) -> list[Card]:
+def _cards(study: StudyResult) -> list[Card]:
     table = study.gap.xs(shown_part(study), level=0)
     cards = []
     for metric, (title, about) in METRICS.items():

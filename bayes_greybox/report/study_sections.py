@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from bayes_greybox.discovery.study import Study
+from bayes_greybox.discovery.study import StudyResult
 
 from . import study_figures as figures
 from .page import Code, Details, Items, Picture, Pictures, Section, Table, Words, picture, time_picture
@@ -18,7 +18,7 @@ MOST_EFFECTS = 8
 """Effects that are shown unfolded."""
 
 
-def where(study: Study) -> Section:
+def where(study: StudyResult) -> Section:
     """Gap maps, gap along time, regions and windows."""
     blocks: list[Any] = [Pictures(_maps(study, equation)) for equation in study.maps]
     blocks.append(_regions(study) if len(study.where) else Words("No region and no stretch of time stands out."))
@@ -29,7 +29,7 @@ def where(study: Study) -> Section:
     return Section("where", "Where simulation and measurement disagree", lead, blocks)
 
 
-def what(study: Study) -> Section:
+def what(study: StudyResult) -> Section:
     """Hypotheses and effects with their probabilities."""
     blocks: list[Any] = [
         Pictures([picture(figures.ranking(study, name), f"Probabilities of the hypotheses about d({name})/dt")])
@@ -55,7 +55,7 @@ def what(study: Study) -> Section:
     return Section("what", "What could be missing", lead, blocks)
 
 
-def how_much(study: Study) -> Section:
+def how_much(study: StudyResult) -> Section:
     """Coefficients of the added effects, and the amended simulation to copy."""
     blocks: list[Any] = [Words("No effect was added to the model.")]
     if figures.added(study).size:
@@ -68,7 +68,7 @@ def how_much(study: Study) -> Section:
     return Section("how-much", "How much of it", "", blocks)
 
 
-def free_runs(study: Study) -> Section | None:
+def free_runs(study: StudyResult) -> Section | None:
     """Each state as measured, and as the models run it before and after."""
     if not study.paths:
         return None
@@ -87,7 +87,7 @@ def free_runs(study: Study) -> Section | None:
     return Section("free-run", "Does the simulation now follow the measurements?", lead, [Pictures(shown)])
 
 
-def gap_numbers(study: Study) -> Section:
+def gap_numbers(study: StudyResult) -> Section:
     """Every measure of the gap, held-out data first."""
     captions = {"test": "On held-out data", "train": "On the training data"}
     known = set(study.gap.index.get_level_values(0))
@@ -95,7 +95,7 @@ def gap_numbers(study: Study) -> Section:
     return Section("gap", "The gap in numbers", "", blocks)
 
 
-def rounds(study: Study) -> Section | None:
+def rounds(study: StudyResult) -> Section | None:
     """The rounds as bars and as a table."""
     if not len(study.rounds):
         return None
@@ -121,7 +121,7 @@ def rounds(study: Study) -> Section | None:
     return Section("rounds", "The rounds that led there", lead, [Pictures(shown), _table(study, columns, rows)])
 
 
-def convergence(study: Study) -> Section:
+def convergence(study: StudyResult) -> Section:
     """Whether the amended model's fit can be trusted."""
     title = "Can the sampler be trusted?"
     if study.fit is None:
@@ -130,7 +130,7 @@ def convergence(study: Study) -> Section:
     return Section("convergence", title, "", verdict_blocks(study.fit))
 
 
-def corrections(study: Study) -> Section | None:
+def corrections(study: StudyResult) -> Section | None:
     """Corrections to the simulation's own coefficients."""
     if not len(study.corrections):
         return None
@@ -155,7 +155,7 @@ def corrections(study: Study) -> Section | None:
     return Section("corrections", "The simulation's own coefficients", lead, [table])
 
 
-def ties(study: Study) -> Section | None:
+def ties(study: StudyResult) -> Section | None:
     """Which effects these data cannot tell apart, and which experiment could."""
     if not study.ties:
         return None
@@ -167,7 +167,7 @@ def ties(study: Study) -> Section | None:
     return Section("ties", "What would tell the candidates apart", lead, [Items(items)])
 
 
-def settings(study: Study, config: str | None) -> Section:
+def settings(study: StudyResult, config: str | None) -> Section:
     """Settings, seed, versions, times and the configuration file, folded."""
     blocks = [Details("Settings, seed, versions and times", [settings_table(study.settings)])]
     if config:
@@ -175,7 +175,7 @@ def settings(study: Study, config: str | None) -> Section:
     return Section("settings", "How this was made", "", blocks)
 
 
-def _maps(study: Study, equation: str) -> list[Picture]:
+def _maps(study: StudyResult, equation: str) -> list[Picture]:
     gap = study.maps[equation]
     over = f"Gap in {_rate(equation)} over {' and '.join(gap.variables)}"
     if len(gap.variables) == 2:
@@ -194,7 +194,7 @@ def _maps(study: Study, equation: str) -> list[Picture]:
     return [*shown, along]
 
 
-def _regions(study: Study) -> Table:
+def _regions(study: StudyResult) -> Table:
     rows = [
         (
             row["description"],
@@ -212,7 +212,7 @@ def _regions(study: Study) -> Table:
     return _table(study, ("where", "equation", "#probability", *shares, "kind"), rows, caption)
 
 
-def _effects(study: Study, effects: pd.DataFrame) -> Table:
+def _effects(study: StudyResult, effects: pd.DataFrame) -> Table:
     records = effects.to_dict("records")
     rows = [
         (
@@ -232,7 +232,7 @@ def _effects(study: Study, effects: pd.DataFrame) -> Table:
     return _table(study, columns, rows, caption, marked)
 
 
-def _hypotheses(study: Study) -> Table:
+def _hypotheses(study: StudyResult) -> Table:
     table = study.hypotheses.sort_values("probability", ascending=False, kind="stable")
     rows = [
         (
@@ -247,7 +247,7 @@ def _hypotheses(study: Study) -> Table:
     return _table(study, ("hypothesis", "equation", "#probability", "#log evidence [nat]", "#gap left"), rows)
 
 
-def _gap(study: Study, part: str, caption: str) -> Table:
+def _gap(study: StudyResult, part: str, caption: str) -> Table:
     rows = [
         (
             f"{metric}, {variable}",
@@ -261,7 +261,7 @@ def _gap(study: Study, part: str, caption: str) -> Table:
     return Table(("measure", "#before", "#after", "#closed", "#90 % interval of after"), rows, caption)
 
 
-def _table(study: Study, columns: Any, rows: Any, caption: str = "", marked: Any = ()) -> Table:
+def _table(study: StudyResult, columns: Any, rows: Any, caption: str = "", marked: Any = ()) -> Table:
     return by_equation(columns, rows, list(study.maps), caption, marked)
 
 

@@ -7,7 +7,8 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from bayes_greybox.discovery.study import Study
+from bayes_greybox.criticism.convergence import convergence
+from bayes_greybox.discovery.study import StudyResult
 
 from . import study_figures as figures
 from .study_words import metric_value, shown_part
@@ -20,7 +21,7 @@ MOST_EFFECTS = 5
 STYLES = {"no gap": "bold green", "named": "bold green", "unknown": "bold red"}
 
 
-def study_tables(study: Study) -> Iterator[RenderableType]:
+def study_tables(study: StudyResult) -> Iterator[RenderableType]:
     """Verdict in one sentence, convergence where it is bad, then where, what, and the gap before and after.
 
     Args:
@@ -30,8 +31,8 @@ def study_tables(study: Study) -> Iterator[RenderableType]:
         What to print, in order.
     """
     yield Text.assemble((study.verdict.upper(), STYLES.get(study.verdict, "bold yellow")), f": {study.sentence}")
-    if study.fit is not None and not study.fit.verdict.ok:
-        yield Text(str(study.fit.verdict), style="red")
+    if study.fit is not None and not convergence(study.fit).ok:
+        yield Text(str(convergence(study.fit)), style="red")
     if len(study.where):
         yield Group("", _where(study))
     if len(study.effects):
@@ -42,7 +43,7 @@ def study_tables(study: Study) -> Iterator[RenderableType]:
         yield Text(f"\nNot told apart by these data: {names}. {tie['advice']}")
 
 
-def _where(study: Study) -> Table:
+def _where(study: StudyResult) -> Table:
     rows = [
         (
             row["description"],
@@ -56,7 +57,7 @@ def _where(study: Study) -> Table:
     return _table(study, "Where the gap is", ("where", "equation", "#P", "#of the gap", "#of the samples"), rows)
 
 
-def _effects(study: Study) -> Table:
+def _effects(study: StudyResult) -> Table:
     rows = [
         (
             "+" if row["status"] == "added" else "",
@@ -72,7 +73,7 @@ def _effects(study: Study) -> Table:
     return _table(study, title, ("", "effect", "equation", "term", "#P", "#coefficient"), rows)
 
 
-def _gap(study: Study) -> Table:
+def _gap(study: StudyResult) -> Table:
     part = shown_part(study)
     table = study.gap.xs(part, level=0)
     rows = [
@@ -89,7 +90,7 @@ def _gap(study: Study) -> Table:
     return _table(study, title, ("measure", "variable", "#before", "#after", "#closed"), rows)
 
 
-def _table(study: Study, title: str, columns: Sequence[str], rows: Sequence[Sequence[Any]]) -> Table:
+def _table(study: StudyResult, title: str, columns: Sequence[str], rows: Sequence[Sequence[Any]]) -> Table:
     """A table; the column that says which equation is left out where there is one equation only."""
     table = plain_table(title)
     kept = [i for i, column in enumerate(columns) if column != "equation" or len(study.maps) > 1]

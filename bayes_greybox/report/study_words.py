@@ -5,7 +5,7 @@ import re
 from collections.abc import Mapping
 from typing import Any
 
-from bayes_greybox.discovery.study import Study
+from bayes_greybox.discovery.study import StudyResult
 
 from .text import number, percent_text
 
@@ -31,12 +31,12 @@ LIKELY = 0.5
 """A correction more probable than this is taken over into the amended simulation."""
 
 
-def shown_part(study: Study) -> str:
+def shown_part(study: StudyResult) -> str:
     """Which part of the data the gap is summed up on: held-out data where there are any."""
     return "test" if "test" in study.gap.index.get_level_values(0) else "train"
 
 
-def metric_value(study: Study, metric: str, value: float) -> str:
+def metric_value(study: StudyResult, metric: str, value: float) -> str:
     """A value of a measure of the gap as it is read."""
     if metric == "time to failure":
         unit = study.train.unit("t") or ""
@@ -53,7 +53,7 @@ def closed_text(closed: float) -> str:
     return "unchanged" if closed < 0.005 else f"{percent_text(closed)} of the gap closed"
 
 
-def metric_interval(study: Study, metric: str, lower: float, upper: float) -> str:
+def metric_interval(study: StudyResult, metric: str, lower: float, upper: float) -> str:
     """The interval of a measure of the gap as it is read."""
     if math.isnan(lower) or math.isnan(upper):
         return "–"
@@ -66,7 +66,7 @@ def concentration(row: Mapping[str, Any]) -> str:
     return f"{gap / samples:.1f}×" if samples > 0 and math.isfinite(gap) else "–"
 
 
-def amended_simulation(study: Study) -> str:
+def amended_simulation(study: StudyResult) -> str:
     """The simulation's expressions with the added effects and likely corrections, one line each; "" for a callable.
 
     Digits are those that the posterior standard deviation justifies.

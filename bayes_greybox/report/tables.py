@@ -6,6 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from bayes_greybox.criticism.convergence import convergence
+from bayes_greybox.criticism.summary import summary
 from bayes_greybox.inference.netcdf import describe
 
 from .page import Details, Items, Table, Words
@@ -54,7 +56,7 @@ def fit_settings(fit: Any) -> dict[str, Any]:
 
 def summary_table(fit: Any) -> Table:
     """Every quantity of a fit with R̂ and effective sample sizes."""
-    table = fit.summary()
+    table = summary(fit)
     rows = []
     for (equation, quantity), row in zip(table.index, table.to_dict("records"), strict=True):
         cells = [_cell(column, value) for column, value in row.items()]
@@ -67,9 +69,9 @@ def summary_table(fit: Any) -> Table:
 def verdict_blocks(fit: Any) -> list[Any]:
     """What the convergence checks say of a fit, with the numbers behind it folded."""
     details = Details("Every quantity with R̂ and effective sample sizes", [summary_table(fit)])
-    if fit.verdict.ok:
+    if convergence(fit).ok:
         return [Words("Every convergence check passed."), details]
-    reasons = Items([("", reason) for reason in fit.verdict.reasons])
+    reasons = Items([("", reason) for reason in convergence(fit).reasons])
     return [Words("The sampler did not converge; what to try:", "alert"), reasons, details]
 
 

@@ -8,15 +8,18 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from bayes_greybox.criticism.convergence import convergence
+from bayes_greybox.criticism.discrepancy import discrepancy_table
+from bayes_greybox.criticism.inclusion import inclusion
 from bayes_greybox.data.columns import derivative_label
-from bayes_greybox.greybox import Fit
+from bayes_greybox.inference.posterior import Posterior
 
 from .text import PROBABILITIES, nats, number, pareto, probability_column
 
 _LEVEL = 0.9
 
 
-def fit_tables(fit: Fit, held_out: pd.Series | None) -> Iterator[RenderableType]:
+def fit_tables(fit: Posterior, held_out: pd.Series | None) -> Iterator[RenderableType]:
     """Verdict in words, then coefficients, discrepancy and error on held-out data.
 
     Args:
@@ -27,16 +30,16 @@ def fit_tables(fit: Fit, held_out: pd.Series | None) -> Iterator[RenderableType]
         What to print, in order.
     """
     yield _verdict("", fit)
-    table = fit.inclusion(_LEVEL)
+    table = inclusion(fit, _LEVEL)
     for equation in fit.model.equations:
         yield _coefficients(derivative_label(equation, fit.data.time_name), table.loc[equation])
-    yield _discrepancy(fit.discrepancy(_LEVEL))
+    yield _discrepancy(discrepancy_table(fit, _LEVEL))
     if held_out is not None:
         errors = ", ".join(f"{name} {value:.2g}" for name, value in held_out.items())
         yield Text(f"\nError on held-out data (NMSE of the derivative): {errors}")
 
 
-def comparison_tables(fits: Mapping[str, Fit], table: pd.DataFrame) -> Iterator[RenderableType]:
+def comparison_tables(fits: Mapping[str, Posterior], table: pd.DataFrame) -> Iterator[RenderableType]:
     """Verdict of each fit, then the comparison, best first, with what to beware of."""
     for name, fit in fits.items():
         yield _verdict(f"{name}: ", fit)
@@ -80,9 +83,9 @@ def plain_table(title: str) -> Table:
     return Table(title=title, title_justify="left", title_style="bold", box=None, pad_edge=False, header_style="dim")
 
 
-def _verdict(label: str, fit: Fit) -> Text:
-    first, *rest = str(fit.verdict).splitlines()
-    text = Text(f"{label}{first}", style="green" if fit.verdict.ok else "bold red")
+def _verdict(label: str, fit: Posterior) -> Text:
+    first, *rest = str(convergence(fit)).splitlines()
+    text = Text(f"{label}{first}", style="green" if convergence(fit).ok else "bold red")
     for line in rest:
         text.append(f"\n{line}", style="not bold default")
     return text

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from .plots.ranking import percent_text, probability_text
-from .plots.style import number_text, unit_text
+from bayes_greybox.report.plots.ranking import percent_text, probability_text
+from bayes_greybox.report.plots.style import number_text, unit_text
 
 __all__ = [
     "PROBABILITIES",

@@ -10,8 +10,8 @@ import pytest
 import bayes_greybox as bg
 from bayes_greybox import cli
 from bayes_greybox.benchmarks import calibration as benchmark
-from bayes_greybox.criticism.calibration import Calibration
-from bayes_greybox.criticism.reliability import reliability
+from bayes_greybox.criticism.calibration.calibrate import Calibration
+from bayes_greybox.criticism.calibration.reliability import reliability
 
 
 def made_up(replicates=100, broken=False):

@@ -18,11 +18,11 @@ from bayes_greybox.benchmarks.hidden_effects.cases import (
     ratio_density,
     subset,
 )
-from bayes_greybox.benchmarks.hidden_effects.flow import Flow, LostError
 from bayes_greybox.benchmarks.hidden_effects.generate import generate
 from bayes_greybox.benchmarks.hidden_effects.hidden import CATALOGUE, OFF_CATALOGUE
-from bayes_greybox.benchmarks.hidden_effects.host import formula, term_value
-from bayes_greybox.benchmarks.hidden_effects.hosts import HOSTS
+from bayes_greybox.benchmarks.hidden_effects.host_system import formula, term_value
+from bayes_greybox.benchmarks.hidden_effects.host_systems import HOSTS
+from bayes_greybox.benchmarks.hidden_effects.ode import Flow, LostError
 from bayes_greybox.benchmarks.hidden_effects.oracle import (
     NONE,
     candidates,
@@ -212,7 +212,7 @@ def test_states_solve_the_equations_with_the_hidden_effect():
 
 
 def test_rest_on_a_jump_is_refused_and_crossed_jumps_are_exact():
-    from bayes_greybox.benchmarks.hidden_effects.flow import Acting, paths
+    from bayes_greybox.benchmarks.hidden_effects.ode import Acting, paths
 
     host = HOSTS["free-oscillator"]
     friction = CATALOGUE["mechanical"]["coulomb-friction"]

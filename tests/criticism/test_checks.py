@@ -7,11 +7,11 @@ import xarray as xr
 from fabricated import fabricate, oscillator
 from scipy.stats import binom, kstest, norm
 
-from bayes_greybox.criticism.combined import LEVEL, combined_p
-from bayes_greybox.criticism.pit import _inverse, _parameters, anderson_darling, loo_pit
-from bayes_greybox.criticism.pointwise import pointwise_loo, weighted_rows
-from bayes_greybox.criticism.sensitivity import CONFLICT, DOMINANT, FINE, sensitivity
-from bayes_greybox.criticism.whiteness import _autocorrelation, whiteness
+from bayes_greybox.criticism.checks.loo_pit import _inverse, _parameters, anderson_darling, loo_pit
+from bayes_greybox.criticism.checks.p_values import LEVEL, combined_p
+from bayes_greybox.criticism.checks.sensitivity import CONFLICT, DOMINANT, FINE, sensitivity
+from bayes_greybox.criticism.checks.whiteness import _autocorrelation, whiteness
+from bayes_greybox.criticism.cross_validation.row_densities import pointwise_loo, weighted_rows
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.model.discrepancy import OrthogonalGP
 from bayes_greybox.model.priors import CustomPrior, Normal, SpikeAndSlab

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from fabricated import fabricate, oscillator
 
-from bayes_greybox.criticism.compare import compare, comparison_table, stacking_weights, tied
-from bayes_greybox.criticism.cross_validation import cross_validate
-from bayes_greybox.criticism.loo import Loo
+from bayes_greybox.criticism.cross_validation.compare import compare, comparison_table, stacking_weights, tied
+from bayes_greybox.criticism.cross_validation.cross_validate import cross_validate
+from bayes_greybox.criticism.cross_validation.loo import Loo
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.inference.posterior import Sampling, sample_posterior

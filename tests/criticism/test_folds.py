@@ -11,12 +11,17 @@ from fabricated import fabricate
 from numpyro.handlers import seed, trace
 from scipy.special import logsumexp
 
-from bayes_greybox.criticism import fold_density
-from bayes_greybox.criticism.cross_validation import cross_validate
-from bayes_greybox.criticism.fold_density import fold_blocks, fold_parameters, past_densities, subset_density
-from bayes_greybox.criticism.folds import correlation_length, make_folds
-from bayes_greybox.criticism.leave_out import leave_out
-from bayes_greybox.criticism.pointwise import pointwise_loo
+from bayes_greybox.criticism.cross_validation import fold_densities as fold_density
+from bayes_greybox.criticism.cross_validation.cross_validate import cross_validate
+from bayes_greybox.criticism.cross_validation.fold_densities import (
+    fold_blocks,
+    fold_parameters,
+    past_densities,
+    subset_density,
+)
+from bayes_greybox.criticism.cross_validation.folds import correlation_length, make_folds
+from bayes_greybox.criticism.cross_validation.refits import leave_out
+from bayes_greybox.criticism.cross_validation.row_densities import pointwise_loo
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.model.discrepancy import OrthogonalGP

@@ -11,10 +11,10 @@ from dense import dense
 from fabricated import fabricate, oscillator
 from scipy.special import betaln, logsumexp
 
-from bayes_greybox.criticism import pointwise
 from bayes_greybox.criticism.convergence import array_stats
-from bayes_greybox.criticism.leave_out import leave_out, refit_without
-from bayes_greybox.criticism.loo import log_likelihood_group, loo, pointwise_loo
+from bayes_greybox.criticism.cross_validation import row_densities as pointwise
+from bayes_greybox.criticism.cross_validation.loo import log_likelihood_group, loo, pointwise_loo
+from bayes_greybox.criticism.cross_validation.refits import leave_out, refit_without
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.inference.posterior import Sampling, sample_posterior

@@ -11,8 +11,8 @@ import pytest
 from scipy.special import betaln, logsumexp
 
 from bayes_greybox.criticism import future, loo
-from bayes_greybox.criticism.cross_validation import cross_validate
-from bayes_greybox.criticism.folds import make_folds
+from bayes_greybox.criticism.cross_validation.cross_validate import cross_validate
+from bayes_greybox.criticism.cross_validation.folds import make_folds
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.inference.posterior import Sampling, sample_posterior
 from bayes_greybox.model.discrepancy import OrthogonalGP

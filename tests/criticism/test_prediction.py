@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from bayes_greybox.criticism.prediction import Band
+from bayes_greybox.criticism.bands import Band
 
 
 def test_bands_of_draws_that_end_one_by_one():

@@ -5,9 +5,9 @@ import pytest
 from scipy.signal import lfilter
 from scipy.stats import binomtest
 
-from bayes_greybox.criticism.ranks import rank_truths
-from bayes_greybox.criticism.reliability import poisson_binomial_p, reliability
-from bayes_greybox.criticism.uniformity import uniformity_p
+from bayes_greybox.criticism.calibration.ranks import rank_truths
+from bayes_greybox.criticism.calibration.reliability import poisson_binomial_p, reliability
+from bayes_greybox.criticism.calibration.uniformity import uniformity_p
 
 # A right implementation fails each of these tests at most once in a thousand seeds.
 LEVEL = 1e-3

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from bayes_greybox.criticism.uniformity import ecdf_difference, simultaneous_band, uniformity_p
+from bayes_greybox.criticism.calibration.uniformity import ecdf_difference, simultaneous_band, uniformity_p
 
 
 def _outside(values, band):

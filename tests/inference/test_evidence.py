@@ -3,12 +3,7 @@ import math
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from scipy.integrate import quad
-from scipy.stats import halfnorm, lognorm, multivariate_normal
-
-from bayes_greybox.inference.bridge import bridge
-from bayes_greybox.inference.drift import drift_evidence
-from bayes_greybox.inference.evidence import (
+from bayes_greybox.discovery.evidence.evidence import (
     DiscrepancyPrior,
     Evaluator,
     NoisePrior,
@@ -17,6 +12,11 @@ from bayes_greybox.inference.evidence import (
     coefficients,
     marginal,
 )
+from scipy.integrate import quad
+from scipy.stats import halfnorm, lognorm, multivariate_normal
+
+from bayes_greybox.discovery.evidence.correlated_residuals import drift_evidence
+from bayes_greybox.inference.bridge import bridge
 from bayes_greybox.model.kernels import KERNELS, log_spectral_density
 
 NOISE = NoisePrior(1e-3, 1.0)

@@ -8,7 +8,7 @@ import pytest
 from numpyro.handlers import seed, substitute, trace
 
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.inference.truths import calibration_rows, draw_truths
+from bayes_greybox.inference.prior_data import calibration_rows, draw_truths
 from bayes_greybox.model.discrepancy import OrthogonalGP
 from bayes_greybox.model.priors import Laplace, Normal, SpikeAndSlab
 from bayes_greybox.model.program import Program

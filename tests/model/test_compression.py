@@ -106,9 +106,9 @@ def test_likelihood_is_that_of_the_uncompressed_rows(chunk, monkeypatch):
     Phi, Psi = (jnp.asarray(part) for part in equation.frame.rows(data.columns))
     target = jnp.asarray(rate / equation.frame.target_scale)
     log_root, _ = design.weight_prior(hyper)
-    remainder, _ = remove_features(Phi, Psi, Psi.T @ Psi, target, log_root, hyper.sigma)
-    remainder = remainder._replace(log_det=remainder.log_det + 600 * jnp.log(hyper.sigma))
-    assert float(compressed) == pytest.approx(float(ridge(remainder, sd, 300.0).log_evidence), rel=1e-10)
+    regression, _ = remove_features(Phi, Psi, Psi.T @ Psi, target, log_root, hyper.sigma)
+    regression = regression._replace(log_det=regression.log_det + 600 * jnp.log(hyper.sigma))
+    assert float(compressed) == pytest.approx(float(ridge(regression, sd, 300.0).log_evidence), rel=1e-10)
 
 
 def test_correlated_rows_of_several_chunks_have_the_design_of_one(monkeypatch):

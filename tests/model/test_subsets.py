@@ -8,7 +8,7 @@ import mpmath
 import numpy as np
 import pytest
 
-from bayes_greybox.model.collapsed import Remainder, spike_and_slab
+from bayes_greybox.model.collapsed import Regression, spike_and_slab
 from bayes_greybox.model.subsets import log_pattern_weights, patterns
 
 
@@ -53,9 +53,9 @@ def _evidences(T, q, tau, log_odds, digits=50):
 def test_weights_are_the_evidences_of_all_patterns(n_term, sigma, collinear):
     T, q = _regression(n_term, sigma, collinear)
     tau, log_odds = np.linspace(0.5, 1.5, n_term), np.linspace(-2.0, 1.0, n_term)
-    remainder = Remainder(jnp.asarray(T), jnp.asarray(q), jnp.zeros(()))
+    regression = Regression(jnp.asarray(T), jnp.asarray(q), jnp.zeros(()))
     total, log_weight = jax.jit(spike_and_slab, static_argnums=3)(
-        remainder, jnp.asarray(tau), jnp.asarray(log_odds), float(len(q))
+        regression, jnp.asarray(tau), jnp.asarray(log_odds), float(len(q))
     )
     expected = np.array(_evidences(T, q, tau, log_odds))
     largest = expected.max()
@@ -84,10 +84,10 @@ def test_patterns_come_in_the_order_of_the_weights():
 @pytest.mark.parametrize(("sigma", "collinear"), [(0.5, 1.0), (0.5, 1e-6), (1e-4, 1e-2)])
 def test_gradients_are_finite_and_those_of_finite_differences(sigma, collinear):
     T, q = _regression(4, sigma, collinear)
-    remainder = Remainder(jnp.asarray(T), jnp.asarray(q), jnp.zeros(()))
+    regression = Regression(jnp.asarray(T), jnp.asarray(q), jnp.zeros(()))
 
     def value(parameters):
-        return spike_and_slab(remainder, jnp.exp(parameters[:4]), parameters[4:], 9.0)[0]
+        return spike_and_slab(regression, jnp.exp(parameters[:4]), parameters[4:], 9.0)[0]
 
     at = jnp.asarray([0.1, -0.3, 0.2, 0.0, -1.0, 0.5, 0.0, 1.0])
     gradient = jax.jit(jax.grad(value))(at)
@@ -98,8 +98,8 @@ def test_gradients_are_finite_and_those_of_finite_differences(sigma, collinear):
 
 def test_hopeless_odds_and_absent_terms_stay_finite():
     T, q = _regression(3, 5.0, 1.0)
-    remainder = Remainder(jnp.asarray(T), jnp.asarray(q), jnp.zeros(()))
-    total, log_weight = spike_and_slab(remainder, jnp.ones(3), jnp.asarray([-800.0, 800.0, 0.0]), 9.0)
+    regression = Regression(jnp.asarray(T), jnp.asarray(q), jnp.zeros(()))
+    total, log_weight = spike_and_slab(regression, jnp.ones(3), jnp.asarray([-800.0, 800.0, 0.0]), 9.0)
     assert np.isfinite(total)
     inclusion = np.exp(np.asarray(log_weight)) @ patterns(3)
     assert inclusion[0] == 0 and inclusion[1] == 1 and 0 < inclusion[2] < 1

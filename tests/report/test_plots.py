@@ -7,7 +7,7 @@ import pytest
 from matplotlib.collections import LineCollection, PolyCollection, QuadMesh
 from matplotlib.figure import Figure
 
-from bayes_greybox.criticism.grid import DiscrepancyGrid
+from bayes_greybox.criticism.discrepancy import DiscrepancyGrid
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.report.plots import (
     plot_coefficients,

@@ -9,13 +9,14 @@ import jax.numpy as jnp
 import numpy as np
 
 from bayes_greybox.criticism.convergence import MAX_R_HAT, MIN_ESS, array_stats
-from bayes_greybox.criticism.discrepancy import trade_offs
+from bayes_greybox.criticism.trade_off import trade_offs
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.inference.posterior import EquationDraws
+from bayes_greybox.inference.prior_data import open_equation
 from bayes_greybox.inference.replicates import sample_replicates
-from bayes_greybox.model.assemble import Equation
+from bayes_greybox.model.design import EquationDraws
 from bayes_greybox.model.discrepancy import OrthogonalGP
-from bayes_greybox.model.likelihood import FeatureDesign, Hyperparameters
+from bayes_greybox.model.equation import Equation
+from bayes_greybox.model.hyper import Hyperparameters
 from bayes_greybox.model.measures import Measure
 from bayes_greybox.model.orthogonal import Variant
 from bayes_greybox.model.priors import Normal
@@ -121,19 +122,11 @@ def _compressed(model: Program, data: Records) -> tuple[Equation, np.ndarray]:
     first = Trajectories.from_arrays(
         data.t, states={"y": data.y, "v": data.v}, derivatives={"v": data.rates[0]}, inputs={"F": data.force}
     )
-    equation = model.assemble(first)["v"]
-    design = equation.design
-    assert isinstance(design, FeatureDesign)
-    table = np.column_stack([np.asarray(part) for part in equation.frame.rows(first.columns)])
-    Q, triangle = np.linalg.qr(table)
-    y = (data.rates - data.force) / equation.frame.target_scale
-    inside = y @ Q
-    targets = np.column_stack([inside, np.linalg.norm(y - inside @ Q.T, axis=1)])
-    rows = np.vstack([triangle, np.zeros(triangle.shape[1])])
-    n_term = len(equation.frame.dictionary)
-    Psi = jnp.asarray(rows[:, n_term:])
-    shared = replace(design, Phi=jnp.asarray(rows[:, :n_term]), Psi=Psi, gram=Psi.T @ Psi, y=jnp.asarray(targets[0]))
-    return Equation(equation.frame, shared), targets
+    opened = open_equation(model.assemble(first)["v"])
+    frame = opened.equation.frame
+    targets = opened.compress((data.rates - data.force) / frame.target_scale)
+    design = opened.equation.design.with_target(jnp.asarray(targets[0]))
+    return replace(opened.equation, design=design), targets
 
 
 def _judged(equation: Equation, samples: dict[str, np.ndarray], chains: range) -> dict[str, Any]:
@@ -149,6 +142,7 @@ def _judged(equation: Equation, samples: dict[str, np.ndarray], chains: range) -
         flat["theta"],
         samples["v_theta_sd"][list(chains)].reshape(flat["theta"].shape),
         samples["v_weight"][list(chains)].reshape(len(flat["theta"]), -1),
+        np.zeros((len(flat["theta"]), 0)),
     )
     theta = flat["theta"] * equation.frame.coefficient_scale
     tail = (1 - LEVEL) / 2

@@ -11,10 +11,10 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from threadpoolctl import threadpool_limits
 
+from bayes_greybox.benchmarks.files import opened, unwritable, write_whole
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.records import plain_rows
 
-from ..files import opened, unwritable, write_whole
 from .cells import KERNELS, Cell, measure_cell
 from .score import Confounding, score
 from .situations import SITUATIONS

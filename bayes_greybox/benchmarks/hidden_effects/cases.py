@@ -12,7 +12,7 @@ from jaxtyping import Float
 from bayes_greybox.data.errors import InputError
 
 from .hidden import CATALOGUE, OFF_CATALOGUE
-from .hosts import HOSTS
+from .host_systems import HOSTS
 
 FAMILIES = ("catalogue", "null", "mis-calibrated", "off-catalogue", "two effects")
 """Kinds of cases."""

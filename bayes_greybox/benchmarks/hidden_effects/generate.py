@@ -13,12 +13,12 @@ from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
 
 from .cases import RATIO_EDGES, Case
-from .flow import Flow, LostError
 from .hidden import find
-from .host import SPREAD, Host, formula, term_value
-from .hosts import HOSTS
-from .runs import Excited, Runs, combine, excite, follow, rms
+from .host_system import SPREAD, Host, formula, term_value
+from .host_systems import HOSTS
+from .ode import Flow, LostError
 from .search import Wanted, coefficients
+from .trajectories import Excited, Runs, combine, excite, follow, rms
 
 OFF_BY = 0.1
 """Relative error of the coefficient in a mis-calibrated simulation."""

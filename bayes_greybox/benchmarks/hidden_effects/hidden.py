@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from .host import Columns, Host
+from .host_system import Columns, Host
 
 Value = Callable[[Columns, Any], Any]
 """(columns by role, inner parameter) -> value."""

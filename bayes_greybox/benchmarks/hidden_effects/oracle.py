@@ -20,8 +20,8 @@ from scipy.special import logsumexp
 from .cases import NULLS, RATIO_EDGES, ratio_density
 from .generate import CaseData
 from .hidden import CATALOGUE, Hidden
-from .host import term_value
-from .runs import rms
+from .host_system import term_value
+from .trajectories import rms
 
 NONE = "none"
 """Name of the hypothesis that nothing is hidden."""

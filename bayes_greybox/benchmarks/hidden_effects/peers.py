@@ -20,7 +20,7 @@ from bayes_greybox.data.errors import InputError
 
 from .generate import CaseData
 from .oracle import candidates, effect_values, inner_nodes, own_terms
-from .runs import rms
+from .trajectories import rms
 
 THRESHOLDS = np.append(np.geomspace(0.01, 10.0, 16), 1e6)
 """Thresholds tried, in units of the gap's RMS; collinear columns have coefficients above 1, the last one drops all."""

@@ -16,13 +16,13 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from threadpoolctl import threadpool_limits
 
+from bayes_greybox.benchmarks.files import opened, unwritable, write_whole
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.records import plain_rows, plain_values
 
-from ..files import opened, unwritable, write_whole
 from .cases import Case, all_cases
 from .generate import generate
-from .hosts import HOSTS
+from .host_systems import HOSTS
 from .oracle import nearest, posterior
 from .peers import available, require, sindy
 from .score import Scores, score

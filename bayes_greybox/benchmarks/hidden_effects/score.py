@@ -11,8 +11,8 @@ import pandas as pd
 
 from bayes_greybox.data.errors import InputError
 
+from .case_scores import PEERS, SOLVERS, case_marks, coverage_table, listed, reliability_curve, stated
 from .cases import FAMILIES
-from .marks import PEERS, SOLVERS, case_marks, coverage_table, listed, reliability_curve, stated
 
 RATIO_BINS = (0.3, 1.0, 3.0, 10.0, 30.0)
 """Edges of the ranges of effect over noise that accuracy is given for; the first and last range have no outer end."""

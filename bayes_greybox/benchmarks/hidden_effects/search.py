@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .flow import ROUGH, Acting, Flow, LostError
 from .hidden import Hidden
-from .runs import Excited, Runs, follow, rms
+from .ode import ROUGH, Acting, Flow, LostError
+from .trajectories import Excited, Runs, follow, rms
 
 CLOSE = 1e-3
 """Relative error of the size at which the search ends."""

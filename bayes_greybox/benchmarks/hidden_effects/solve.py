@@ -31,8 +31,8 @@ def study_case(data: CaseData, free_runs: bool = False, seed: int = 0) -> dict[s
         seed: Of the study.
     """
     # Imported here: these bring JAX, which the modules that make the data do without.
-    from bayes_greybox.discovery.study import find_missing_effects
     from bayes_greybox.greybox import GreyBox
+    from bayes_greybox.missing_effects import find_missing_effects
 
     start = time.perf_counter()
     study = find_missing_effects(

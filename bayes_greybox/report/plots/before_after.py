@@ -8,9 +8,9 @@ from jaxtyping import Bool, Float, Int
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from bayes_greybox.report.plots.gap_map import SURE, draw_threshold
-from bayes_greybox.report.plots.over_time import N_BIN, name_run, rows_of_runs
-from bayes_greybox.report.plots.style import (
+from .gap_map import SURE, draw_threshold
+from .over_time import N_BIN, name_run, rows_of_runs
+from .style import (
     BLUE,
     DARK,
     GREY,
@@ -23,7 +23,7 @@ from bayes_greybox.report.plots.style import (
     plain,
     with_unit,
 )
-from bayes_greybox.report.plots.thinning import extreme_rows, outer_band
+from .thinning import extreme_rows, outer_band
 
 # Stretches of time closer than this share of the record are drawn as one.
 _CLOSE = 1 / 400

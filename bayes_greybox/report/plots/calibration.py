@@ -11,7 +11,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from bayes_greybox.data.errors import InputError
-from bayes_greybox.report.plots.style import BLUE, DARK, GREY, LIGHT, ORANGE, STYLE, new_figure, number_text, plain
+
+from .style import BLUE, DARK, GREY, LIGHT, ORANGE, STYLE, new_figure, number_text, plain
 
 _ACROSS = 4
 """Panels in a row."""

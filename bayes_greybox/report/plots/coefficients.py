@@ -12,7 +12,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, MaxNLocator
 
 from bayes_greybox.data.errors import InputError
-from bayes_greybox.report.plots.style import (
+
+from .style import (
     BLUE,
     DARK,
     GREY,
@@ -108,7 +109,7 @@ def estimate_text(mean: float | np.floating, sd: float | np.floating, unit: str 
 def _equations(table: pd.DataFrame, equation: str | None) -> list[str]:
     missing = [column for column in ("mean", "sd", "lower", "upper") if column not in table.columns]
     if missing:
-        raise InputError(f"The coefficient table lacks the column {missing[0]!r}; pass fit.inclusion().")
+        raise InputError(f"The coefficient table lacks the column {missing[0]!r}; pass inclusion(fit).")
     known = list(dict.fromkeys(table.index.get_level_values(0)))
     if equation is not None and equation not in known:
         raise InputError(f"The coefficient table has no equation {equation!r}; it has {', '.join(known)}.")

@@ -10,7 +10,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from bayes_greybox.data.errors import InputError
-from bayes_greybox.report.plots.style import (
+
+from .style import (
     BLUE,
     DARK,
     GREY,

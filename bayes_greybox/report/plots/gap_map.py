@@ -11,8 +11,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from bayes_greybox.report.plots.over_states import fade_outside, outline
-from bayes_greybox.report.plots.style import (
+from .over_states import fade_outside, outline
+from .style import (
     BLUE,
     DARK,
     GREY,
@@ -27,7 +27,7 @@ from bayes_greybox.report.plots.style import (
     unit_text,
     with_unit,
 )
-from bayes_greybox.report.plots.thinning import every_nth
+from .thinning import every_nth
 
 SURE = 0.9
 """Probability from which a gap counts as there, in every figure."""

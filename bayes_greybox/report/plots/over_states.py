@@ -12,9 +12,10 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from bayes_greybox.criticism.grid import DiscrepancyGrid
+from bayes_greybox.criticism.discrepancy import DiscrepancyGrid
 from bayes_greybox.data.errors import InputError
-from bayes_greybox.report.plots.style import (
+
+from .style import (
     BLUE,
     DARK,
     GREY,
@@ -27,7 +28,7 @@ from bayes_greybox.report.plots.style import (
     plain,
     with_unit,
 )
-from bayes_greybox.report.plots.thinning import every_nth
+from .thinning import every_nth
 
 _MOST_POINTS = 2000
 

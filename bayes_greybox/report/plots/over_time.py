@@ -8,7 +8,7 @@ from jaxtyping import Float, Int
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from bayes_greybox.report.plots.style import (
+from .style import (
     BLUE,
     DARK,
     GREY,
@@ -20,7 +20,7 @@ from bayes_greybox.report.plots.style import (
     plain,
     with_unit,
 )
-from bayes_greybox.report.plots.thinning import extreme_rows, outer_band
+from .thinning import extreme_rows, outer_band
 
 MOST_PANELS = 6
 # Bins of a long record: about one a pixel column of a notebook figure.

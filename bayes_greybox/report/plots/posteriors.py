@@ -11,8 +11,9 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from bayes_greybox.data.errors import InputError
-from bayes_greybox.report.plots.coefficients import estimate_text
-from bayes_greybox.report.plots.style import (
+
+from .coefficients import estimate_text
+from .style import (
     BLUE,
     DARK,
     GREY,

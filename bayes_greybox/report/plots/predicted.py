@@ -9,8 +9,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from bayes_greybox.report.plots.over_time import N_BIN, draw_posterior, name_run, rows_of_runs
-from bayes_greybox.report.plots.style import (
+from .over_time import N_BIN, draw_posterior, name_run, rows_of_runs
+from .style import (
     BLUE,
     DARK,
     GREY,
@@ -22,7 +22,7 @@ from bayes_greybox.report.plots.style import (
     plain,
     with_unit,
 )
-from bayes_greybox.report.plots.thinning import extreme_rows
+from .thinning import extreme_rows
 
 # Beyond these numbers of rows points merge into a blot: along time a line, across a density.
 _MOST_MARKERS = 2000

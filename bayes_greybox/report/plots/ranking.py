@@ -9,7 +9,7 @@ from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from bayes_greybox.report.plots.style import (
+from .style import (
     BLUE,
     DARK,
     GREY,

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from bayes_greybox.report.plots.style import (
+from .style import (
     BLUE,
     DARK,
     GREY,
@@ -22,7 +22,7 @@ from bayes_greybox.report.plots.style import (
     plain,
     with_unit,
 )
-from bayes_greybox.report.plots.thinning import every_nth
+from .thinning import every_nth
 
 _MOST_POINTS = 4000
 _N_BIN = 40

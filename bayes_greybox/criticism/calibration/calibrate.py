@@ -1,0 +1,237 @@
+"""Simulation-based calibration: is the posterior of data drawn from the model what it claims to be?
+
+Draw the truth from the prior and data from the truth; then the truth is one more posterior draw, and its rank among
+the others is uniform for every quantity (Talts et al. 2018; Modrák et al. 2023). A density, a sampler or conditional
+draws that are wrong show in some rank.
+"""
+
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import jax
+import numpy as np
+import pandas as pd
+from threadpoolctl import threadpool_limits
+
+from bayes_greybox.criticism.convergence import Verdict
+from bayes_greybox.data.errors import InputError
+from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.inference.nuts import progress_bar
+from bayes_greybox.inference.posterior import Sampling
+from bayes_greybox.inference.prior_data import draw_truths, open_equation
+from bayes_greybox.inference.replicates import sample_replicates
+from bayes_greybox.model.program import Program
+from bayes_greybox.model.sites import Sites
+
+from .coverage import coverage_table, places
+from .quantities import pattern_draws, quantities
+from .ranks import Ranks, rank_truths
+from .reliability import Reliability, reliability
+from .uniformity import Band, ecdf_difference, simultaneous_band, uniformity_p
+
+FEWEST_REPLICATES = 20
+
+
+class CalibrationVerdict(Verdict):
+    """Whether every test was passed, in words."""
+
+    def __str__(self) -> str:
+        if self.ok:
+            return "Calibrated: no test failed."
+        return "\n".join(["Not calibrated:", *(f"- {reason}" for reason in self.reasons)])
+
+
+@dataclass(frozen=True, repr=False)
+class Calibration:
+    """What simulation-based calibration of a model found.
+
+    Attributes:
+        level: Probability that a calibrated model fails any of the tests.
+        tests: One row a test: kind ("rank": ranks are uniform; "inclusion": a term is in as often as its probabilities
+            say; "reliability": the expected calibration error is small), p (exact, each by itself), adjusted (Holm,
+            over all rows) and passed (adjusted > level).
+        ranks: One row a replicate, one column a quantity: rank of the truth among the thinned draws.
+        kept: How many draws these were.
+        pit: The ranks on (0, 1), ties broken at random: uniform if the model is calibrated.
+        ess: Median effective sample size of each quantity.
+        inclusion: Reliability of P(γ) by equation; empty without a spike-and-slab prior.
+        coverage: Share of true f inside the posterior band, by (equation, region, level), with its standard error;
+            regions are "data" (at the rows), "box" (in their box, away from them) and "beyond" (outside, up to 1.3
+            half-widths from its centre). Not among the tests.
+        divergences: Divergences of each replicate.
+        seconds: Wall time of drawing, compiling and sampling.
+    """
+
+    level: float
+    tests: pd.DataFrame
+    ranks: pd.DataFrame
+    kept: pd.DataFrame
+    pit: pd.DataFrame
+    ess: pd.Series
+    inclusion: Mapping[str, Reliability]
+    coverage: pd.DataFrame
+    divergences: np.ndarray
+    seconds: float
+
+    @property
+    def replicates(self) -> int:
+        """Number of replicates."""
+        return len(self.pit)
+
+    @property
+    def band(self) -> Band:
+        """Where the ECDF differences of calibrated ranks stay, all quantities together, but for `level` at most."""
+        return simultaneous_band(self.replicates, self.level / len(self.tests))
+
+    @property
+    def ecdf_differences(self) -> pd.DataFrame:
+        """F̂(z) − z of the ranks of each quantity, one row for each z."""
+        return pd.DataFrame(
+            {name: ecdf_difference(self.pit[name].to_numpy()) for name in self.pit},
+            index=pd.Index(self.band.at, name="z"),
+        )
+
+    @property
+    def verdict(self) -> CalibrationVerdict:
+        """Whether the model is calibrated at the stated level, with what failed."""
+        said = {
+            "rank": "the ranks of {} are not uniform",
+            "inclusion": "{} is included more or less often than its probabilities say",
+            "reliability": "inclusion probabilities of {} are off by more than chance",
+        }
+        failed = self.tests.loc[~self.tests["passed"].to_numpy(bool)].sort_values("adjusted")
+        reasons = (
+            f"{said[row.kind].format(row.quantity)} (adjusted p = {row.adjusted:.2g})."
+            for row in failed.reset_index().itertuples()
+        )
+        return CalibrationVerdict(failed.empty, tuple(reasons))
+
+    def __repr__(self) -> str:
+        """Replicates, verdict and the least p-values."""
+        least = self.tests.sort_values("adjusted").head(5)
+        lines = [
+            f"Calibration over {self.replicates} replicates; {len(self.tests)} tests, level {self.level:g} in all",
+            str(self.verdict),
+            least.to_string(float_format=lambda value: f"{value:.3g}"),
+        ]
+        for name, found in self.inclusion.items():
+            lines.append(
+                f"Expected calibration error of P(included), {name}: {found.ece:.3f} "
+                f"({found.expected_ece:.3f} if calibrated)"
+            )
+        diverged = int(np.sum(self.divergences > 0))
+        if diverged:
+            lines.append(f"{diverged} replicates had divergences.")
+        return "\n".join(lines)
+
+
+def calibrate(
+    model: Program,
+    data: Trajectories,
+    *,
+    replicates: int = 500,
+    draws: int = 300,
+    tune: int = 300,
+    seed: int = 0,
+    target_accept: float = 0.9,
+    level: float = 0.01,
+    progress: bool = True,
+) -> Calibration:
+    """Simulation-based calibration of a model at the rows of some data, whose measured rates are not used.
+
+    For each replicate η and the prior scales are drawn from the prior, then γ, θ, f and y = Φθ + f + σε on the rows
+    as they were measured. The posterior is that of a fit: its density, its NUTS kernel and its conditional draws, one
+    chain a replicate, compiled once. Ranked are θ, σ, amplitude, length scales and the prior's scalar scales, the
+    number of terms that are in, f at a place of each region and its RMS over the rows, and the log likelihood, which
+    sees what marginal ranks do not (Modrák et al. 2023, Sec. 4). Scaling (of terms and target) stays that of the data.
+
+    Args:
+        model: Model to test; its prior must be proper and something one can draw from.
+        data: Rows: states, inputs and noise covariance. Few rows and terms keep it fast.
+        replicates: Number of replicates.
+        draws: Draws of each replicate.
+        tune: Warm-up iterations of each.
+        seed: Seed of everything random.
+        target_accept: Target acceptance probability of NUTS.
+        level: Probability that a calibrated model is called not calibrated: tests are adjusted for their number.
+        progress: Whether to show a progress bar.
+
+    Raises:
+        InputError: Too few replicates; a level outside (0, 1); what `GreyBox.fit` refuses.
+    """
+    if replicates < FEWEST_REPLICATES:
+        raise InputError(f"calibrate(replicates={replicates}) says nothing: give {FEWEST_REPLICATES} at least.")
+    if not 0 < level < 1:
+        raise InputError(f"calibrate(level={level:g}) must lie between 0 and 1.")
+    Sampling(draws, tune, 1, seed, target_accept)
+    start = time.perf_counter()
+    opened = {name: open_equation(equation) for name, equation in model.assemble(data).items()}
+    prior_key, chain_key = jax.random.split(jax.random.PRNGKey(seed))
+    generator = np.random.default_rng(seed)
+    truths, targets = draw_truths(model, opened, replicates, prior_key, generator)
+    designs = {name: part.equation.design for name, part in opened.items()}
+    keys = jax.random.split(chain_key, replicates)
+    # Threads inside BLAS fight those of the chains over the cores, for matrices too small to share.
+    with threadpool_limits(1), progress_bar(progress) as bar:
+        task = bar.add_task("Calibrating", total=replicates, note="")
+
+        def done(finished: int) -> None:
+            bar.advance(task, finished)
+
+        found = sample_replicates(
+            model, designs, targets, keys, draws=draws, tune=tune, target_accept=target_accept, done=done
+        )
+    seconds = time.perf_counter() - start
+
+    samples = found.samples
+    where = {name: places(part.equation.frame, data) for name, part in opened.items()}
+    ranks: dict[str, Ranks] = {}
+    for name, truth, drawn in quantities(opened, targets, truths, samples, where):
+        ranks[name] = rank_truths(truth, drawn, generator)
+    inclusion = {
+        name: reliability(
+            truths[model.sites[name].gamma].astype(float),
+            samples[model.sites[name].inclusion].mean(axis=1),
+            pattern_draws(samples, model.sites[name]),
+            part.equation.frame.dictionary.names,
+            generator,
+        )
+        for name, part in opened.items()
+        if model.sites[name].inclusion in samples
+    }
+    columns = {field: pd.DataFrame({name: getattr(r, field) for name, r in ranks.items()}) for field in Ranks._fields}
+    return Calibration(
+        level=level,
+        tests=_tests(columns["pit"], inclusion, level),
+        ranks=columns["rank"],
+        kept=columns["kept"],
+        pit=columns["pit"],
+        ess=columns["ess"].median(),
+        inclusion=inclusion,
+        coverage=coverage_table(
+            {name: (part, where[name]) for name, part in opened.items()}, truths, samples, generator
+        ),
+        divergences=found.divergences,
+        seconds=seconds,
+    )
+
+
+def _tests(pit: pd.DataFrame, inclusion: Mapping[str, Reliability], level: float) -> pd.DataFrame:
+    """Every test, with Holm's adjustment."""
+    found = [("rank", str(name), uniformity_p(pit[name].to_numpy())) for name in pit]
+    for name, part in inclusion.items():
+        gamma = Sites([name])[name].gamma
+        found += [
+            ("inclusion", f"{gamma}[{term}]", float(p))
+            for term, p in zip(part.terms.index, part.terms["p"].to_numpy(float), strict=True)
+        ]
+        found += [("reliability", gamma, part.p)]
+    table = pd.DataFrame(found, columns=["kind", "quantity", "p"])
+    order = np.argsort(table["p"].to_numpy(), kind="stable")
+    adjusted = np.empty(len(table))
+    # Holm 1979: the i-th smallest of m is multiplied by m − i, and none is below its predecessor.
+    adjusted[order] = np.maximum.accumulate(table["p"].to_numpy()[order] * np.arange(len(table), 0, -1))
+    table["adjusted"] = np.minimum(adjusted, 1.0)
+    table["passed"] = table["adjusted"] > level
+    return table.set_index("quantity")

@@ -1,0 +1,77 @@
+"""What simulation-based calibration ranks: parameters, and functions of parameters and data that see more than them."""
+
+from collections.abc import Iterator, Mapping
+
+import numpy as np
+from jaxtyping import Float
+
+from bayes_greybox.inference.prior_data import OpenEquation
+from bayes_greybox.model.sites import EquationSites, Sites
+
+from .coverage import Places, f_at
+
+
+def quantities(
+    equations: Mapping[str, OpenEquation],
+    targets: Mapping[str, np.ndarray],
+    truths: Mapping[str, np.ndarray],
+    samples: Mapping[str, np.ndarray],
+    where: Mapping[str, Places],
+) -> Iterator[tuple[str, Float[np.ndarray, " n_replicate"], Float[np.ndarray, "n_replicate n_draw"]]]:
+    """Name, true value and draws of everything that is ranked.
+
+    Args:
+        equations: Equations.
+        targets: Compressed targets.
+        truths: True values under the names of posterior draws.
+        samples: Posterior draws.
+        where: Places where f is ranked.
+    """
+    sites = Sites(equations)
+    for name, part in equations.items():
+        frame, own = part.equation.frame, sites[name]
+        for j, term in enumerate(frame.dictionary.names):
+            yield f"{own.theta}[{term}]", truths[own.theta][:, j], samples[own.theta][..., j]
+        for j, variable in enumerate(frame.variables):
+            key = own.length_scale
+            yield f"{key}[{variable}]", truths[key][:, j], samples[key][..., j]
+        for key in sites.owned(name, truths).values():
+            if truths[key].ndim == 1 and key not in own.raw:
+                yield key, truths[key], samples[key]
+        if own.gamma in truths:
+            number = truths[own.gamma].sum(axis=1), pattern_draws(samples, own).sum(axis=2)
+            yield own["terms_in"], number[0].astype(float), number[1]
+        truth, drawn = (
+            _log_likelihood(part, y, values, own)
+            for values, y in ((truths, targets[name]), (samples, targets[name][:, None]))
+        )
+        yield own["log_likelihood"], truth, drawn
+        if frame.variables:
+            for region, index in where[name].first():
+                truth, drawn = (f_at(where[name], values, own, index) for values in (truths, samples))
+                yield f"{own.f}[{region}]", truth, drawn
+            truth, drawn = (np.sqrt(np.mean(_f(part, values, own) ** 2, axis=-1)) for values in (truths, samples))
+            yield own["f_rms"], truth, drawn
+
+
+def pattern_draws(
+    samples: Mapping[str, np.ndarray], own: EquationSites
+) -> Float[np.ndarray, "n_replicate n_draw n_term"]:
+    """Draws of γ as numbers, whether they were drawn afterwards or are a site."""
+    return samples[own.gamma].astype(float)
+
+
+def _f(part: OpenEquation, values: Mapping[str, np.ndarray], own: EquationSites) -> np.ndarray:
+    """F at the compressed rows, which keep its sum of squares; zero without a discrepancy."""
+    nothing = np.zeros((*values[own.theta].shape[:-1], 0))
+    return part.equation.design.on_rows(values.get(own.weight, nothing), values.get(own.f, nothing))
+
+
+def _log_likelihood(
+    part: OpenEquation, y: np.ndarray, values: Mapping[str, np.ndarray], own: EquationSites
+) -> np.ndarray:
+    """−n log σ − ‖y − Φθ − f‖²/(2σ²)."""
+    design = part.equation.design
+    residual = y - values[own.theta] @ np.asarray(design.Phi).T - _f(part, values, own)
+    sigma = values[own.sigma]
+    return -float(design.n_obs) * np.log(sigma) - np.sum(residual**2, axis=-1) / (2 * sigma**2)

@@ -1,0 +1,135 @@
+"""What a fit claims, checked, in one table: is the noise model right, and who decides, data or prior."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import pandas as pd
+
+from bayes_greybox.criticism.convergence import convergence
+from bayes_greybox.inference.posterior import Posterior, remembered
+
+from .loo_pit import LooPit, loo_pit
+from .p_values import LEVEL
+from .sensitivity import CONFLICT, DOMINANT, THRESHOLD, sensitivity
+from .whiteness import Whiteness, whiteness
+
+
+@dataclass(frozen=True)
+class Checks:
+    """Checks of a fit.
+
+    Attributes:
+        ok: Whether every check passed.
+        reasons: What failed, one sentence each with what to try; empty if `ok`.
+        table: Indexed by (equation, check): ok, value (a p-value, or the largest sensitivity to the prior), limit
+            (the level, or the threshold) and reason.
+        loo_pit: LOO-PIT by equation.
+        whiteness: Autocorrelation of the residuals by equation.
+        sensitivity: Power-scaling sensitivity by (equation, quantity).
+    """
+
+    ok: bool
+    reasons: tuple[str, ...]
+    table: pd.DataFrame
+    loo_pit: Mapping[str, LooPit]
+    whiteness: Mapping[str, Whiteness]
+    sensitivity: pd.DataFrame
+
+    @property
+    def pit(self) -> Mapping[str, LooPit]:
+        """`loo_pit` under its former name."""
+        return self.loo_pit
+
+    def __str__(self) -> str:
+        if self.ok:
+            return "Every check of the model passed."
+        return "\n".join(
+            ["The data speak against the model, or too softly:", *(f"- {reason}" for reason in self.reasons)]
+        )
+
+
+@remembered
+def checks(posterior: Posterior) -> Checks:
+    """Check what a fit claims: predictive distributions, white noise, and data that outweigh the prior.
+
+    The first two are tests, each of level 1 % on average over the prior (see `loo_pit` and `whiteness` for what that
+    assumes); the third compares sensitivities with the threshold of Kallioinen et al. 2024, which has no level. Chains
+    that have not converged make all three unreliable, and `reasons` says so first.
+
+    Args:
+        posterior: Fitted model.
+    """
+    names = tuple(posterior.equations)
+    pits = {name: loo_pit(posterior, name) for name in names}
+    white = {name: whiteness(posterior, name) for name in names}
+    scaled = sensitivity(posterior)
+    rows: dict[tuple[str, str], dict[str, Any]] = {}
+    for name in names:
+        rows[(name, "LOO-PIT")] = _tested(pits[name].p, _pit_reason(pits[name]))
+        rows[(name, "whiteness")] = _tested(white[name].p, _white_reason(white[name]))
+        own = scaled.loc[[key for key in scaled.index if key[0] == name]]
+        worst = float(own["prior"].max()) if len(own) else 0.0
+        reason = " ".join(_prior_reasons(name, own))
+        rows[(name, "prior sensitivity")] = {"ok": not reason, "value": worst, "limit": THRESHOLD, "reason": reason}
+    index = pd.MultiIndex.from_tuples(list(rows), names=["equation", "check"])
+    table = pd.DataFrame(list(rows.values()), index=index)
+    reasons = [reason for reason in table["reason"] if reason]
+    if not convergence(posterior).ok:
+        reasons.insert(0, "The sampler has not converged, so the other checks say little: see fit.verdict.")
+    return Checks(not reasons, tuple(reasons), table, pits, white, scaled)
+
+
+def _tested(p: float, reason: str) -> dict[str, Any]:
+    ok = p > LEVEL
+    return {"ok": ok, "value": p, "limit": LEVEL, "reason": "" if ok else reason}
+
+
+def _pit_reason(pit: LooPit) -> str:
+    hint = {
+        "too narrow": "the noise is larger or has heavier tails than the model can say: look for outliers, raise "
+        "GreyBox(noise=...), or let the discrepancy see more variables",
+        "too wide": "the noise is smaller than the model believes: lower GreyBox(noise_floor=...), and look "
+        "whether rows repeat",
+        "of the wrong shape": "the noise is shifted, skewed or changes along the record: look at the residuals over "
+        "time and over the states",
+    }[pit.wrong]
+    return (
+        f"The leave-one-out predictions of {pit.equation!r} are {pit.wrong} (p = {pit.p:.2g}; {pit.outside:.0%} of the "
+        f"measurements fall outside their 90 % interval): {hint}."
+    )
+
+
+def _white_reason(white: Whiteness) -> str:
+    lags = ", ".join(map(str, white.standing_out[:5])) + (", …" if len(white.standing_out) > 5 else "")
+    where = f"lag {lags} stands out" if len(white.standing_out) == 1 else f"lags {lags} stand out"
+    where = where if white.standing_out else "no lag alone, but all together"
+    if white.by_frequency:
+        return (
+            f"The residuals of {white.equation!r} do not have the spectrum that differentiation gives white sensor "
+            f"noise (p = {white.p:.2g}): keep fewer frequencies, or give the noise a larger white share."
+        )
+    hint = (
+        "either the noise is correlated (differentiate with data.differentiate(), which tells the model, or take every "
+        "n-th row), or something is missing that f cannot follow (give OrthogonalGP more variables or features, or "
+        "look with bg.find_missing_effects)"
+    )
+    return (
+        f"The residuals of {white.equation!r} are not as independent as the noise model says (p = {white.p:.2g}; "
+        f"{where}): {hint}."
+    )
+
+
+def _prior_reasons(equation: str, table: pd.DataFrame) -> Iterator[str]:
+    for diagnosis, words, hint in (
+        (CONFLICT, "the prior and the data pull apart", "widen the prior's scale, or ask why the data contradict it"),
+        (
+            DOMINANT,
+            "the prior decides, not the data",
+            "report the dependence on the prior, or collect data that move it",
+        ),
+    ):
+        given = table["diagnosis"].to_numpy(str) == diagnosis
+        found = [str(key[1]) for key in table.index[given]]
+        if found:
+            yield f"In {equation!r}, for {', '.join(found)} {words}: {hint}."

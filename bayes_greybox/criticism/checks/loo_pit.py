@@ -1,0 +1,179 @@
+"""LOO-PIT: where each measurement falls in what the others predict for it, and a test that knows their dependence."""
+
+from dataclasses import dataclass
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+from scipy.special import log_ndtr, ndtr
+
+from bayes_greybox.criticism.convergence import array_stats
+from bayes_greybox.inference.posterior import Posterior
+from bayes_greybox.model.design import Design, EquationDraws, WeightedRows
+from bayes_greybox.model.equation import Equation
+from bayes_greybox.model.hyper import Hyperparameters
+
+from .p_values import combined_p
+
+OBSERVATIONS = 400
+"""Observations that are looked at, evenly spaced: the test needs the correlation of every pair."""
+
+TEST_DRAWS, REPLICATES = 12, 999
+"""Posterior draws that the test uses, and replicated data sets for each of them."""
+
+
+@dataclass(frozen=True)
+class LooPit:
+    """LOO-PIT values of one equation and their test.
+
+    Attributes:
+        equation: Learned state.
+        row: Observations looked at.
+        value: P(ỹ_i ≤ y_i | y₋ᵢ) of each.
+        p: p-value of uniformity; see `loo_pit`.
+        outside: Share of values outside [0.05, 0.95], a tenth if all is well.
+        outside_lower: 0.5 % quantile of this share under the model.
+        outside_upper: 99.5 % quantile.
+        band: Half-width of the band that holds the whole difference between the values' distribution function and the
+            uniform one in 99 % of replicated data sets.
+        khat: Largest Pareto k̂ of the weights.
+    """
+
+    equation: str
+    row: Int[np.ndarray, " n_obs"]
+    value: Float[np.ndarray, " n_obs"]
+    p: float
+    outside: float
+    outside_lower: float
+    outside_upper: float
+    band: float
+    khat: float
+
+    @property
+    def wrong(self) -> str:
+        """In what way the values are not uniform."""
+        if self.outside > self.outside_upper:
+            return "too narrow"
+        if self.outside < self.outside_lower:
+            return "too wide"
+        return "of the wrong shape"
+
+
+def loo_pit(posterior: Posterior, equation: str, at_most: int | None = None) -> LooPit:
+    """Probability integral transforms under the closed-form leave-one-out predictive distributions.
+
+    Given η, γ (θ and f integrated out) y_i | y₋ᵢ is normal with mean y_i − g_i/c_i and variance 1/c_i (notation of
+    `pointwise_loo`), so
+
+        PIT_i = Σ_s w_is Φ(z_is),   z_i = g_i/√c_i,
+
+    over the posterior draws s, those of γ among them, with the smoothed weights of PSIS-LOO.
+
+    The values are not independent: g = C⁻¹y has covariance C⁻¹, so corr(z_i, z_j) = (C⁻¹)_ij/√(c_i c_j) whatever the
+    data. The test uses it. For one posterior draw, z ~ N(0, corr(C⁻¹)) exactly if the data come from the model with its
+    prior, because that draw and the data then have the joint distribution of a truth and its data (Johnson 2007,
+    Bayesian Analysis 2:719); the Anderson-Darling statistic of Φ(z) is compared with that of replicates from this
+    normal. p-values of several draws are combined by twice their median, which keeps the level whatever their
+    dependence (Meinshausen, Meier & Bühlmann 2009). The level thus holds, as an upper bound, on average over the prior;
+    nothing is assumed about the dependence of the values.
+
+    Args:
+        posterior: Fitted model.
+        equation: Learned state.
+        at_most: Thin the draws evenly to this many; None: all.
+    """
+    entry = posterior.equations[equation]
+    n = entry.rows.n_white
+    index = np.unique(np.linspace(0, n - 1, min(n, OBSERVATIONS)).round().astype(int))
+    rows = entry.weighted()(index)
+    draws = posterior.draws(equation, at_most)
+    precision, g = (np.asarray(part) for part in _terms(entry.design, rows, _parameters(draws)))
+    z = g / np.sqrt(precision)
+    log_p = 0.5 * (np.log(precision) - z**2)
+    log_weight, khat = _weights(log_p.T)
+    value = np.clip(np.sum(np.exp(log_weight) * ndtr(z.T), axis=1), 0.0, 1.0)
+    p, gaps, outside = _test(posterior, entry, rows, index)
+    lower, upper = np.quantile(outside, [0.005, 0.995])
+    return LooPit(
+        equation=equation,
+        row=index,
+        value=value,
+        p=p,
+        outside=float(np.mean((value < 0.05) | (value > 0.95))),
+        outside_lower=float(lower),
+        outside_upper=float(upper),
+        band=float(np.quantile(gaps, 0.99)),
+        khat=float(khat.max()),
+    )
+
+
+def anderson_darling(z: Float[np.ndarray, "n_replicate n_obs"]) -> Float[np.ndarray, " n_replicate"]:
+    """A² = −n − Σ_i (2i − 1)/n (log Φ(z_(i)) + log Φ(−z_(n+1−i))): large where values are not standard normal."""
+    z = np.sort(z, axis=-1)
+    n = z.shape[-1]
+    weight = (2 * np.arange(1, n + 1) - 1) / n
+    return -n - np.sum(weight * (log_ndtr(z) + log_ndtr(-z[..., ::-1])), axis=-1)
+
+
+def _weights(log_p: Float[np.ndarray, "n_obs n_draw"]) -> tuple[np.ndarray, np.ndarray]:
+    """Smoothed log weights of leaving out each observation, and their k̂."""
+    log_weight = np.full(log_p.shape, -np.log(log_p.shape[1]))
+    khat = np.zeros(len(log_p))
+    varies = np.ptp(log_p, axis=1) > 0
+    if varies.any():
+        log_weight[varies], khat[varies] = array_stats().psislw(log_p[varies], r_eff=1.0, axis=-1)
+    return log_weight, khat
+
+
+def _test(
+    posterior: Posterior, entry: Equation, rows: WeightedRows, index: np.ndarray
+) -> tuple[float, np.ndarray, np.ndarray]:
+    """p-value of uniformity; largest gap of the distribution function, and share outside, of the replicates."""
+    draws = posterior.draws(entry.rows.equation, TEST_DRAWS)
+    inverse_R = jnp.asarray(entry.rows.noise.precision_at(index))
+    rng = np.random.default_rng(posterior.sampling.seed)
+    steps = np.arange(len(index) + 1) / len(index)
+    p, gaps, outside = [], [], []
+    for s in range(len(draws.theta)):
+        hyper, sd = jax.tree.map(lambda leaf: leaf[s], _parameters(draws))  # noqa: B023
+        g, inverse = (np.asarray(part) for part in _inverse(entry.design, rows, inverse_R, hyper, sd))
+        scale = np.sqrt(np.diag(inverse))
+        values, vectors = np.linalg.eigh(inverse / np.outer(scale, scale))
+        root = vectors * np.sqrt(np.maximum(values, 0.0))
+        replicated = rng.standard_normal((REPLICATES, len(index))) @ root.T
+        statistic = anderson_darling(replicated)
+        p.append((1 + np.sum(statistic >= anderson_darling((g / scale)[None]))) / (1 + REPLICATES))
+        u = np.sort(ndtr(replicated), axis=1)
+        gaps.append(np.maximum(steps[1:] - u, u - steps[:-1]).max(axis=1))
+        outside.append(np.mean((u < 0.05) | (u > 0.95), axis=1))
+    return combined_p(np.array(p)), np.concatenate(gaps), np.concatenate(outside)
+
+
+def _parameters(draws: EquationDraws) -> tuple[Hyperparameters, Array]:
+    return Hyperparameters(*(jnp.asarray(part) for part in draws.hyper)), jnp.asarray(draws.prior_sd)
+
+
+@jax.jit
+def _terms(design: Design, rows: WeightedRows, parameters: tuple[Hyperparameters, Array]) -> tuple[Array, Array]:
+    """Diagonal of C⁻¹, and C⁻¹y, at the rows looked at, for every draw."""
+
+    def one(item: tuple[Hyperparameters, Array]) -> tuple[Array, Array]:
+        hyper, sd = item
+        root = design.root(rows, hyper, sd)
+        return design.inverse_diagonal(root, rows, hyper), root.g
+
+    return jax.lax.map(one, parameters)
+
+
+@jax.jit
+def _inverse(
+    design: Design,
+    rows: WeightedRows,
+    inverse_R: Float[Array, "n n"],
+    hyper: Hyperparameters,
+    sd: Float[Array, " n_term"],
+) -> tuple[Array, Array]:
+    """C⁻¹y and C⁻¹ at the rows looked at."""
+    root = design.root(rows, hyper, sd)
+    return root.g, design.inverse(root.H.T, root.H.T, inverse_R, hyper)

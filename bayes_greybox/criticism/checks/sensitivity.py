@@ -1,0 +1,227 @@
+"""Power-scaling sensitivity: would θ and P(γ) change if the prior, or the likelihood, counted a little more or less."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pandas as pd
+from jax.scipy.special import logsumexp
+from jaxtyping import Array, Float
+
+from bayes_greybox.criticism.convergence import array_stats
+from bayes_greybox.inference.posterior import Posterior
+from bayes_greybox.model.collapsed import Regression, ridge
+from bayes_greybox.model.design import Design
+from bayes_greybox.model.linalg import solve_lower
+from bayes_greybox.model.subsets import log_pattern_weights, patterns
+
+ALPHAS = (0.99, 1.01)
+"""Powers that prior and likelihood are raised to, one at a time."""
+
+THRESHOLD = 0.05
+"""Sensitivities above this are worth a look (Kallioinen et al. 2024): five points of an inclusion probability."""
+
+LEAST_INCLUDED = 100
+"""Draws that must include a term for its coefficient to have a sensitivity."""
+
+DRAWS = 2000
+"""Posterior draws used."""
+
+CONFLICT, DOMINANT, FINE = "prior and data pull apart", "the prior decides", "fine"
+"""Diagnoses: both sensitivities high; that of the prior only; neither, or that of the likelihood only."""
+
+
+@dataclass(frozen=True)
+class _Powers:
+    """Log weights of each draw under the four scalings, and P(γ | hyperparameters) recomputed under each.
+
+    Scalings in the order prior 0.99, prior 1.01, likelihood 0.99, likelihood 1.01; `inclusion` has the unscaled first.
+    """
+
+    joint: Float[np.ndarray, "four n_draw"]
+    collapsed: Float[np.ndarray, "four n_draw"] | None
+    inclusion: Float[np.ndarray, "five n_draw n_term"] | None
+
+
+def sensitivity(posterior: Posterior) -> pd.DataFrame:
+    """Power-scaling sensitivity of every coefficient and inclusion probability (Kallioinen et al. 2024).
+
+    The posterior is reweighted to p(θ)^α p(y | θ) and p(θ) p(y | θ)^α for α beside 1. The sensitivity of a coefficient,
+    given that its term is in, is the change of its distribution for each doubling of α (cumulative Jensen-Shannon
+    distance), as in `arviz_stats.psense`. That of an inclusion probability is the change of the probability itself: the
+    distance is relative to the smaller of P and 1 − P, and would ring where 1e-9 becomes 2e-9.
+
+    The prior of a hierarchy is scaled level by level, each normalised again given the level above: every site of the
+    model to the power α, N(θ_j; 0, sd_j²) to N(θ_j; 0, sd_j²/α), and π to π^α/(π^α + (1 − π)^α). Without normalising,
+    a power of a density over k coefficients would multiply a pattern's weight by a factor that depends on k and on the
+    units. The likelihood is p(y | θ, η) with f integrated out: the sum of the `log_likelihood` group, which holds
+    leave-one-out densities, is not one, so `arviz_stats.psense(fit.idata, group="likelihood")` answers another
+    question.
+
+    P(γ_j = 1) is recomputed exactly for each draw of the hyperparameters, over all patterns, under every scaling, and
+    averaged with importance weights in which θ and γ are summed out; where γ is sampled by Gibbs the draws of γ are
+    reweighted with those of θ.
+
+    Returns:
+        Table indexed by (equation, quantity), quantities the terms and "P(term)": prior, likelihood, and diagnosis
+        ("fine", "the prior decides", "prior and data pull apart").
+    """
+    rows: dict[tuple[str, str], dict[str, Any]] = {}
+    stats = array_stats()
+    for name, equation in posterior.equations.items():
+        index = _thinned(posterior, equation.design.worthwhile(DRAWS))
+        draws = jax.tree.map(lambda leaf: np.asarray(leaf)[index], posterior.draws(name))  # noqa: B023
+        powers = _powers(posterior, name, index)
+        weights = _normalised(powers.joint)
+        terms = equation.frame.dictionary.names
+        gamma = posterior.idata["posterior"].dataset.get(posterior.sites[name].gamma)
+        included = np.ones(draws.theta.shape, bool) if gamma is None else draws.theta != 0.0
+        for j, term in enumerate(terms):
+            inside, theta = included[:, j], draws.theta[:, j]
+            if inside.sum() >= min(LEAST_INCLUDED, len(theta)) and np.ptp(theta[inside]) > 0:
+                rows[(name, term)] = _row(
+                    *(_of_draws(stats, theta[inside], weights[i : i + 2, inside]) for i in (0, 2))
+                )
+        if gamma is None:
+            continue
+        if powers.inclusion is not None and powers.collapsed is not None:
+            scaled = np.einsum("ws,wsk->wk", _normalised(powers.collapsed), powers.inclusion[1:])
+        else:
+            scaled = weights @ included
+        for j, term in enumerate(terms):
+            rows[(name, f"P({term})")] = _row(*(_of_probability(scaled[i : i + 2, j]) for i in (0, 2)))
+    index = pd.MultiIndex.from_tuples(list(rows), names=["equation", "quantity"])
+    return pd.DataFrame(list(rows.values()), index=index, columns=["prior", "likelihood", "diagnosis"])
+
+
+def _row(prior: float, likelihood: float) -> dict[str, Any]:
+    diagnosis = FINE
+    if prior >= THRESHOLD:
+        diagnosis = CONFLICT if likelihood >= THRESHOLD else DOMINANT
+    return {"prior": prior, "likelihood": likelihood, "diagnosis": diagnosis}
+
+
+def _of_draws(stats: Any, values: Float[np.ndarray, " n_draw"], weights: Float[np.ndarray, "two n_draw"]) -> float:
+    lower, upper = weights
+    return float(
+        stats.power_scale_sense(
+            values[None],
+            lower[None],
+            upper[None],
+            lower_alpha=ALPHAS[0],
+            upper_alpha=ALPHAS[1],
+            chain_axis=0,
+            draw_axis=1,
+        )
+    )
+
+
+def _of_probability(scaled: Float[np.ndarray, " two"]) -> float:
+    """Change of the probability for each doubling of α, from the two sides of 1."""
+    return float(abs(scaled[1] - scaled[0]) / np.log2(ALPHAS[1] / ALPHAS[0]))
+
+
+def _normalised(log_ratio: Float[np.ndarray, "four n_draw"]) -> Float[np.ndarray, "four n_draw"]:
+    """Importance weights that sum to one; α is so close to 1 that they have no tail to smooth."""
+    weights = np.exp(log_ratio - log_ratio.max(axis=1, keepdims=True))
+    return weights / weights.sum(axis=1, keepdims=True)
+
+
+def _thinned(posterior: Posterior, most: int) -> np.ndarray:
+    sizes = posterior.idata["posterior"].sizes
+    n = sizes["chain"] * sizes["draw"]
+    return np.unique(np.linspace(0, n - 1, min(n, most)).round().astype(int))
+
+
+def _powers(posterior: Posterior, equation: str, index: np.ndarray) -> _Powers:
+    """Log ratios of scaled to unscaled densities, draw by draw."""
+    design = posterior.equations[equation].design
+    draws = posterior.draws(equation)
+    enumerated = draws.summed is not None
+    own = posterior.sites[equation]
+    log_prior = posterior.idata["log_prior"].dataset
+    theta_level = (own.theta, own.gamma)
+    names = posterior.sites.owned(equation, map(str, log_prior)).values()
+    sites = [log_prior[n].to_numpy().reshape(-1)[index] for n in names if n not in theta_level]
+    top = np.sum(sites, axis=0) if sites else np.zeros(len(index))
+    has_gamma = own.gamma in posterior.idata["posterior"].dataset
+    n_term = draws.theta.shape[1]
+    if draws.summed is not None and draws.summed.log_odds is not None:
+        slab, odds = draws.summed.sd[index], draws.summed.log_odds[index]
+    else:
+        # Of a pattern that is a site only its own odds count, which do not depend on the term.
+        slab, odds = jnp.ones((len(index), n_term)), jnp.zeros((len(index), n_term))
+        if has_gamma:
+            pi = posterior.idata["posterior"][own.pi].to_numpy().reshape(-1)[index]
+            odds = jnp.broadcast_to(jnp.asarray(np.log(pi) - np.log1p(-pi))[:, None], odds.shape)
+    items = (
+        jax.tree.map(lambda leaf: jnp.asarray(leaf)[index], draws.hyper),
+        jnp.asarray(draws.theta[index]),
+        jnp.asarray(draws.prior_sd[index]),
+        jnp.asarray(top),
+        slab,
+        odds,
+    )
+    joint, collapsed, inclusion = _evaluated(enumerated, has_gamma)(design, items)
+    joint = np.asarray(joint).T
+    if not enumerated:
+        return _Powers(joint, None, None)
+    return _Powers(joint, np.asarray(collapsed).T, np.moveaxis(np.asarray(inclusion), 1, 0))
+
+
+def _evaluated(enumerated: bool, has_gamma: bool) -> Callable[..., Any]:
+    def one(design: Design, item: tuple) -> tuple[Array, Array, Array]:
+        hyper, theta, sd, top, slab, log_odds = item
+        regression, _ = design.remove_discrepancy(design.y, hyper)
+        inside = sd > 0
+        squares = jnp.sum(jnp.where(inside, (theta / jnp.where(inside, sd, 1.0)) ** 2, 0.0))
+        count = jnp.sum(inside)
+        # log p(y | θ, η), up to a constant of the data
+        misfit = -0.5 * (jnp.sum((regression.q - regression.T @ theta) ** 2) + regression.log_det)
+
+        def pattern(alpha: float) -> Array:
+            """Log p_α(γ | π): log π where a term is in, log(1 − π) where it is out."""
+            return -jnp.sum(jnp.logaddexp(0.0, jnp.where(inside, -alpha, alpha) * log_odds))
+
+        joint = []
+        for alpha in ALPHAS:
+            level = 0.5 * count * jnp.log(alpha) - 0.5 * (alpha - 1) * squares
+            joint.append((alpha - 1) * top + level + (pattern(alpha) - pattern(1.0) if has_gamma else 0.0))
+        joint += [(alpha - 1) * misfit for alpha in ALPHAS]
+        if not enumerated:
+            return jnp.stack(joint), jnp.zeros(0), jnp.zeros((0, 0))
+        summed = (_summed(regression, slab, log_odds, *powers) for powers in _SCALINGS)
+        total, probability = zip(*summed, strict=True)
+        shift = [(alpha - 1) * top for alpha in ALPHAS] + [0.0, 0.0]
+        collapsed = [value - total[0] + extra for value, extra in zip(total[1:], shift, strict=True)]
+        return jnp.stack(joint), jnp.stack(collapsed), jnp.stack(probability)
+
+    return jax.jit(lambda design, items: jax.lax.map(lambda item: one(design, item), items))
+
+
+_SCALINGS = ((1.0, 1.0), (ALPHAS[0], 1.0), (ALPHAS[1], 1.0), (1.0, ALPHAS[0]), (1.0, ALPHAS[1]))
+"""Powers of prior and likelihood."""
+
+
+def _summed(
+    regression: Regression,
+    slab: Float[Array, " n_term"],
+    log_odds: Float[Array, " n_term"],
+    prior: float,
+    likelihood: float,
+) -> tuple[Array, Array]:
+    """Log Σ_γ p_α(γ | π) p_α(y | γ, η) and P(γ_j = 1) under it.
+
+    p_α(y | γ, η) = ∫ N(θ; 0, τ²/α) p(y | θ, η)^β dθ, α the power of the prior and β that of the likelihood: the
+    evidence of the remaining regression with T and q times √β.
+    """
+    root = jnp.sqrt(likelihood)
+    scaled = Regression(root * regression.T, root * regression.q, likelihood * regression.log_det)
+    full = ridge(scaled, slab / jnp.sqrt(prior), 0.0)
+    inverse = solve_lower(full.L, jnp.eye(regression.T.shape[1]))
+    weights = log_pattern_weights(full.mean, inverse.T @ inverse, prior * log_odds)
+    total = logsumexp(weights)
+    return full.log_evidence + total, jnp.exp(weights - total) @ jnp.asarray(patterns(len(full.mean)))

@@ -1,0 +1,191 @@
+"""Densities of folds given the others, or given their past, in closed form given the hyperparameters."""
+
+import math
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.scipy.special import logsumexp
+from jaxtyping import Array, Bool, Float, Int
+
+from bayes_greybox.inference.posterior import Posterior
+from bayes_greybox.model.collapsed import log_evidence, ridge
+from bayes_greybox.model.design import Design, EquationDraws, WeightedRows
+from bayes_greybox.model.hyper import Hyperparameters
+from bayes_greybox.model.linalg import solve_lower
+from bayes_greybox.model.priors import Scales
+from bayes_greybox.model.subsets import log_pattern_weights
+
+from .row_densities import ROW_BLOCK
+
+Members = Sequence[Int[np.ndarray, " _"]]
+
+
+class _Fold(NamedTuple):
+    """Folds filled up to one size: their rows, which of them count, and (R⁻¹)_FF."""
+
+    index: Int[Array, "n_fold size"]
+    counts: Bool[Array, "n_fold size"]
+    precision: Float[Array, "n_fold size size"]
+
+
+def fold_densities(
+    posterior: Posterior, equation: str, draws: EquationDraws, folds: Members, index: np.ndarray | None = None
+) -> Iterator[tuple[Int[np.ndarray, " n_block"], Float[np.ndarray, "n_draw n_block"]]]:
+    """Densities log p(y_F | y₋F, η) of every fold and draw, θ and f integrated out.
+
+    With g = C⁻¹y and P = (C⁻¹)_FF,
+
+        log p(y_F | y₋F, η) = ½ log|P| − ½ g_Fᵀ P⁻¹ g_F − ½ |F| log 2π,
+
+    the block form of Sundararajan & Keerthi 2001. On the feature path P = σ⁻² ((R⁻¹)_FF − H_FᵀH_F) by Woodbury's
+    identity, so a draw costs N (K + M)², as for single rows. Folds with more rows than there are columns have
+    instead log p(y) − log p(y₋F), each a problem of order K + M.
+
+    Under a spike-and-slab prior whose patterns the sampler summed they are summed here too, with and without the fold:
+    a fold that alone decides about a term would need weights that the drawn patterns cannot give. With u ~ N(m, V) the
+    coefficients over τ given y if all terms are in, and J = cov(u, y) C⁻¹,
+
+        m₋F = m − J_F P⁻¹ g_F,   V₋F = V + J_F P⁻¹ J_Fᵀ,
+        p(y_F | y₋F, η) = p(y_F | y₋F, η, γ = 1) Σ_γ w_γ(m, V) / Σ_γ w_γ(m₋F, V₋F),
+
+    with the weights of `model.subsets.log_pattern_weights`. Patterns that Gibbs moves drew are given with η.
+
+    Args:
+        posterior: Gives data, frame and design; the draws may be those of another run.
+        equation: Learned state.
+        draws: Scaled draws.
+        folds: Observations of each fold, in increasing order.
+        index: Numbers of the folds wanted; None: all.
+
+    Yields:
+        Numbers of some folds, and their densities in user's units.
+    """
+    index = np.arange(len(folds)) if index is None else index
+    entry = posterior.equations[equation]
+    parameters = fold_parameters(draws)
+    unit = math.log(entry.frame.target_scale)
+    size = max(len(fold) for fold in folds)
+    if entry.design.removes(size):
+        whole = subset_density(entry.design, parameters)
+        for i in index:
+            rest = subset_density(entry.without(folds[i].tolist()).design, parameters)
+            yield np.array([i]), (whole - rest - len(folds[i]) * unit)[:, None]
+        return
+    weighted, blocks = entry.weighted(), entry.rows.precision_blocks(_reach(folds))
+    together = min(max(1, ROW_BLOCK // size), len(index))
+    for start in range(0, len(index), together):
+        part = index[start : start + together]
+        # A short last block is filled up, so that it does not compile anew.
+        padded = np.concatenate([part, np.full(together - len(part), part[-1])])
+        numbers, counts = _stack([folds[i] for i in padded], size)
+        stacked = _Fold(jnp.asarray(numbers), jnp.asarray(counts), jnp.asarray(blocks(numbers)))
+        values = np.asarray(_mapped(entry.design, weighted(numbers.ravel()), stacked, parameters))[:, : len(part)]
+        yield part, values - unit * np.array([len(folds[i]) for i in part])
+
+
+def past_densities(
+    posterior: Posterior,
+    equation: str,
+    draws: EquationDraws,
+    first: Int[np.ndarray, " n_past"],
+    folds: Members,
+) -> Float[np.ndarray, "n_draw n_fold_and_1"]:
+    """Densities log p(y_A | η) of the first rows A, and of these with one, two, … folds more, user's units.
+
+    Their differences are log p(y_F | y_past, η) of each fold; patterns are summed as in `fold_densities`. On the exact
+    path one Cholesky factorisation of K⊥ + σ²R in the order of time serves them all.
+
+    Args:
+        posterior: Gives data, frame and design; the draws may be those of another run.
+        equation: Learned state.
+        draws: Scaled draws.
+        first: Rows before the first fold, which hold the start of each run.
+        folds: Rows of each fold, in order of time.
+    """
+    entry = posterior.equations[equation]
+    parameters = fold_parameters(draws)
+    counts = len(first) + np.cumsum([0, *map(len, folds)])
+    unit = counts * math.log(entry.frame.target_scale)
+    order = np.concatenate([first, *folds])
+    at_once = entry.design.first_densities(order, counts, parameters)
+    if at_once is not None:
+        log_det = np.array([entry.rows.log_det_of(order[:count]) for count in counts])
+        return at_once - 0.5 * log_det - unit
+    out = [np.setdiff1d(np.arange(posterior.data.n_obs), order[:count]) for count in counts]
+    parts = [entry.without(rows.tolist()).design for rows in out]
+    return np.stack([subset_density(part, parameters) for part in parts], axis=1) - unit
+
+
+def fold_parameters(draws: EquationDraws) -> tuple[Hyperparameters, Scales]:
+    """η and the scales of θ, stacked over draws: those of the slab with odds where the patterns are summed."""
+    scales = Scales(jnp.asarray(draws.prior_sd)) if draws.summed is None else draws.summed
+    return jax.tree.map(jnp.asarray, draws.hyper), scales
+
+
+def subset_density(design: Design, parameters: tuple[Hyperparameters, Scales]) -> Float[np.ndarray, " n_draw"]:
+    """Log p(y_A | η) of the rows of a design, scaled units.
+
+    Args:
+        design: The rows.
+        parameters: From `fold_parameters`.
+    """
+    return np.asarray(_subset(design.padded(), parameters))
+
+
+def _stack(
+    folds: list[Int[np.ndarray, " _"]], size: int
+) -> tuple[Int[np.ndarray, "n_fold size"], Bool[np.ndarray, "n_fold size"]]:
+    """Rows of the folds, filled up to one size, and which of them count."""
+    index = np.stack([np.concatenate([fold, np.full(size - len(fold), fold[-1])]) for fold in folds])
+    return index, np.arange(size) < np.array([[len(fold)] for fold in folds])
+
+
+def _reach(folds: Members) -> int:
+    return max(int(fold[-1] - fold[0]) for fold in folds) + 1
+
+
+@jax.jit
+def _mapped(design: Design, rows: WeightedRows, folds: _Fold, parameters: tuple[Hyperparameters, Scales]) -> Array:
+    n_fold, size = folds.index.shape
+    n_term = design.Phi.shape[1]
+
+    def one(item: tuple[Hyperparameters, Scales]) -> Array:
+        hyper, (sd, log_odds) = item
+        root = design.root(rows, hyper, sd)
+        H, g = root.H.T.reshape(n_fold, size, -1), root.g.reshape(n_fold, size)
+        J = root.J.T.reshape(n_fold, size, n_term)
+        posterior = ridge(design.remove_discrepancy(design.y, hyper)[0], sd, design.n_obs)
+        inverse = solve_lower(posterior.L, jnp.eye(n_term))
+        m, V = posterior.mean, inverse.T @ inverse
+
+        def fold(item: tuple[Array, Array, Array, Array, Array]) -> Array:
+            H, g, J, counts, precision = item
+            P = design.inverse(H, H, precision, hyper)
+            # Rows that only fill up are independent, with unit variance and no residual.
+            P = jnp.where(counts[:, None] & counts, P, jnp.eye(size))
+            L = jnp.linalg.cholesky(P)
+            z = solve_lower(L, jnp.where(counts, g, 0.0))
+            value = jnp.sum(jnp.log(jnp.diag(L))) - 0.5 * (jnp.sum(z**2) + jnp.sum(counts) * math.log(2 * math.pi))
+            if log_odds is None:
+                return value
+            G = solve_lower(L, jnp.where(counts[:, None], J, 0.0))
+            without = log_pattern_weights(m - G.T @ z, V + G.T @ G, log_odds)
+            return value + logsumexp(log_pattern_weights(m, V, log_odds)) - logsumexp(without)
+
+        # Fold by fold, since batched factorisations inside a loop can deadlock (see row_densities).
+        return jax.lax.map(fold, (H, g, J, folds.counts, folds.precision))
+
+    return jax.lax.map(one, parameters)
+
+
+@jax.jit
+def _subset(design: Design, parameters: tuple[Hyperparameters, Scales]) -> Array:
+    def one(item: tuple[Hyperparameters, Scales]) -> Array:
+        hyper, (sd, log_odds) = item
+        regression, _ = design.remove_discrepancy(design.y, hyper)
+        return log_evidence(regression, sd, log_odds, design.n_obs)
+
+    return jax.lax.map(one, parameters)

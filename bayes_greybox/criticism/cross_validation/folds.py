@@ -1,0 +1,187 @@
+"""Which observations are left out together: blocks, whole trajectories, or the future."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from bayes_greybox.data.errors import InputError
+from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.inference.posterior import Posterior
+
+SCHEMES = ("loo", "block", "trajectory", "future")
+"""Cross-validation schemes: single rows, contiguous blocks, whole trajectories, leave-future-out."""
+
+LEAST_BLOCKS = 10
+"""Blocks of a length that the package chooses are short enough to be at least so many."""
+
+MOST_FUTURES = 20
+"""Steps into the future that the package chooses are long enough to be at most so many."""
+
+START = 0.5
+"""Share of the time stamps that leave-future-out only learns from."""
+
+
+@dataclass(frozen=True)
+class Folds:
+    """Observations left out together, for each equation.
+
+    Attributes:
+        scheme: "block", "trajectory" or "future".
+        members: For each equation, the observations of each fold (rows of the data; whitened coefficients where
+            the rows' noise is singular).
+        past: For "future", the observations before the first fold; the past of a later one has the folds between
+            as well.
+        block: Rows of a block (block), or time stamps of a step (future).
+        words: The folds in words, such as "7 blocks of 20 rows".
+        notes: Sentences on how they were chosen.
+    """
+
+    scheme: str
+    members: Mapping[str, tuple[Int[np.ndarray, " _"], ...]]
+    past: Mapping[str, Int[np.ndarray, " _"]]
+    block: int | None
+    words: str
+    notes: tuple[str, ...] = ()
+
+
+def make_folds(posterior: Posterior, scheme: str, block: int | None = None, start: float = START) -> Folds:
+    """Divide the data.
+
+    A block is contiguous rows of one run; every run is cut evenly. The future goes by time stamps: the past of a
+    fold is every row, of whichever run, that was stamped before it. Runs that share a clock thus advance
+    together, runs that followed each other are predicted one after the other.
+
+    Args:
+        posterior: Fitted model.
+        scheme: "block", "trajectory" or "future".
+        block: Rows of a block, or time stamps of a step; None: from `correlation_length`.
+        start: For "future", the share of the time stamps before the first fold.
+
+    Raises:
+        InputError: Data that cannot be divided so; the message says why and what to do.
+    """
+    data = posterior.data
+    require_divisible(data, tuple(posterior.equations), scheme)
+    if scheme == "trajectory":
+        return _trajectories(posterior)
+    notes: tuple[str, ...] = ()
+    if scheme == "future":
+        stamps, stamp = np.unique(data.time, return_inverse=True)
+        first = min(max(1, math.ceil(start * len(stamps))), len(stamps) - 1)
+        left = len(stamps) - first
+        if block is None:
+            block, reason = chosen_block(posterior)
+            coarse = math.ceil(left / MOST_FUTURES)
+            if coarse > block:
+                block, reason = coarse, f"so that there are no more than {MOST_FUTURES} steps"
+            if block > left // 2 > 0:
+                block, reason = left // 2, "half of what is predicted, though residuals are correlated for longer"
+            notes = (f"Steps of {_count(block, 'time stamp')} were chosen, {reason}.",)
+        pieces = np.array_split(first + np.arange(left), math.ceil(left / block))
+        rows = tuple(np.flatnonzero((stamp >= piece[0]) & (stamp <= piece[-1])) for piece in pieces)
+        past = np.flatnonzero(stamp < first)
+        words = f"{_count(len(rows), 'step')} of up to {_count(block, 'time stamp')} into the future"
+    else:
+        if block is None:
+            block, reason = chosen_block(posterior)
+            notes = (f"Blocks of {_count(block, 'row')} were chosen, {reason}.",)
+        starts = np.cumsum([0, *data.run_lengths])
+        rows = tuple(
+            begin + piece
+            for begin, n in zip(starts, data.run_lengths, strict=False)
+            for piece in np.array_split(np.arange(n), math.ceil(n / block))
+        )
+        past = np.zeros(0, int)
+        words = f"{_count(len(rows), 'block')} of up to {_count(block, 'row')}"
+    if len(rows) < 2:
+        raise InputError(f"block={block} leaves a single fold: give a smaller block.")
+    names = tuple(posterior.equations)
+    return Folds(scheme, dict.fromkeys(names, rows), dict.fromkeys(names, past), block, words, notes)
+
+
+def chosen_block(posterior: Posterior) -> tuple[int, str]:
+    """Length of blocks in rows from the longest `correlation_length` of an equation, and the reason in words."""
+    lengths = {name: correlation_length(posterior, name) for name in posterior.equations}
+    name = max(lengths, key=lambda name: lengths[name])
+    most = max(1, posterior.data.n_obs // LEAST_BLOCKS)
+    if lengths[name] >= most:
+        return most, f"a tenth of the rows, because what the dictionary leaves of {name!r} is correlated that far"
+    lag = _count(lengths[name], "row")
+    return lengths[name], f"because what the dictionary leaves of {name!r} is uncorrelated {lag} apart"
+
+
+def correlation_length(posterior: Posterior, equation: str) -> int:
+    """Least lag at which the autocorrelation of y − g − Φᵀθ̄ is within that of white noise, ρ < 1.96/√n.
+
+    f is part of this residual: where it varies slowly, a row's neighbours predict it, and a block must be longer than
+    that to tell what the model knows from what it reads off beside. The search ends at a tenth of the rows.
+    """
+    residual, run = _residual(posterior, equation), posterior.data.run
+    residual = residual - residual.mean()
+    n, power = len(residual), float(residual @ residual)
+    most = max(1, n // LEAST_BLOCKS)
+    for lag in range(1, most):
+        same = run[lag:] == run[:-lag]
+        if float(np.sum(residual[lag:] * residual[:-lag] * same)) < 1.96 / math.sqrt(n) * power:
+            return lag
+    return most
+
+
+def check_scheme(scheme: str, block: int | None, start: float) -> None:
+    """Refuse settings that name no division.
+
+    Raises:
+        InputError: An unknown scheme; a block that is not a positive whole number, or that does not apply.
+    """
+    if scheme not in SCHEMES:
+        raise InputError(f"scheme={scheme!r} is not known: choose one of {', '.join(map(repr, SCHEMES))}.")
+    if block is not None and scheme in ("loo", "trajectory"):
+        raise InputError(f"block={block!r} does not apply to scheme={scheme!r}: leave it out, or use scheme='block'.")
+    if block is not None and (isinstance(block, bool) or not isinstance(block, int | np.integer) or block < 1):
+        raise InputError(f"block={block!r} must be a positive whole number of rows.")
+    if not 0 < start < 1:
+        raise InputError(f"start={start:g} must lie between 0 and 1.")
+
+
+def require_divisible(data: Trajectories, equations: Sequence[str], scheme: str) -> None:
+    """Refuse data that a scheme cannot divide; called before anything is sampled where that is possible.
+
+    Raises:
+        InputError: One trajectory where whole ones are to be left out; rows without a density of their own.
+    """
+    if scheme == "trajectory" and data.n_run < 2:
+        raise InputError("scheme='trajectory' leaves out whole runs, and the data have one: use scheme='block'.")
+    for name in equations if scheme in ("block", "future") else ():
+        if not data.row_noise(name).square:
+            raise InputError(
+                f"scheme={scheme!r} needs rows with a density of their own, and the spectral derivative of {name!r} "
+                "gives Fourier coefficients, which belong to no time: use scheme='loo' or 'trajectory', or "
+                "differentiate(method='savgol')."
+            )
+
+
+def _trajectories(posterior: Posterior) -> Folds:
+    data = posterior.data
+    members = {}
+    for name in posterior.equations:
+        lengths = posterior.equations[name].rows.noise.white_lengths
+        ends = np.cumsum(lengths)
+        members[name] = tuple(np.arange(end - n, end) for end, n in zip(ends, lengths, strict=True))
+    empty = dict.fromkeys(members, np.zeros(0, int))
+    notes = ()
+    if data.n_run < LEAST_BLOCKS:
+        notes = (f"There are {data.n_run} trajectories: standard errors from so few are rough.",)
+    return Folds("trajectory", members, empty, None, f"{data.n_run} trajectories", notes)
+
+
+def _residual(posterior: Posterior, equation: str) -> Float[np.ndarray, " n_obs"]:
+    entry = posterior.equations[equation]
+    Phi = np.asarray(entry.frame.dictionary_rows(entry.rows.columns))
+    return entry.target - Phi @ posterior.draws(equation).theta.mean(axis=0)
+
+
+def _count(number: int, what: str) -> str:
+    return f"{number} {what}" + ("" if number == 1 else "s")

@@ -1,0 +1,151 @@
+"""Free runs: the whole model integrated from a measured start and then left alone, with bands."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pandas as pd
+from jaxtyping import Array, Float
+
+from bayes_greybox.data.errors import InputError
+from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.inference.posterior import Posterior
+from bayes_greybox.physics.integrate import between_samples, integrate
+
+from .bands import Band
+from .prediction import require_columns
+
+FREE_RUN_DRAWS = 50
+"""Posterior draws that a free run integrates."""
+
+
+@dataclass(frozen=True)
+class FreeRun:
+    """The amended model integrated from the measured start of each run.
+
+    Attributes:
+        data: The data whose starts and inputs were used.
+        level: Probability of the bands.
+        states: Band of each state, rows as in the data; NaN after every draw of a run has failed.
+        failed: Share of posterior draws of each run that blew up before its end.
+        failed_at: Median time to failure of those draws, NaN where none failed.
+    """
+
+    data: Trajectories
+    level: float
+    states: Mapping[str, Band]
+    failed: Float[np.ndarray, " n_run"]
+    failed_at: Float[np.ndarray, " n_run"]
+
+    def nrmse(self) -> pd.Series:
+        """RMS of measured less mean free run, over the standard deviation of the measured state."""
+        errors = {}
+        for name, band in self.states.items():
+            measured = self.data.states[name]
+            errors[name] = float(np.sqrt(np.mean((measured - band.mean) ** 2)) / np.std(measured))
+        return pd.Series(errors, name="nrmse")
+
+
+def free_run(
+    posterior: Posterior,
+    data: Trajectories,
+    level: float = 0.9,
+    at_most: int = FREE_RUN_DRAWS,
+    seed: int = 0,
+    interpolation: str | Sequence[str] | None = None,
+) -> FreeRun:
+    """Integrate simulation + dictionary + f over each run from its measured start, for several posterior draws.
+
+    Args:
+        posterior: Fitted model; every state needs an equation, in the simulation or in the dictionary.
+        data: Runs to follow: their times, starts and inputs are used.
+        level: Probability of the bands.
+        at_most: Posterior draws integrated.
+        seed: Seed of the choice of draws.
+        interpolation: Of the inputs between samples, see `integrate_runs`.
+
+    Raises:
+        InputError: States without an equation; a model on the exact path, whose f has no finite expansion.
+    """
+    require_columns(posterior, data)
+    equations = posterior.equations
+    if not all(equation.design.expands for equation in equations.values()):
+        raise InputError("A free run needs f at every step: fit with OrthogonalGP(path='hsgp').")
+    simulation = posterior.model.simulator(data)
+    idle = [s for s in data.state_names if s not in simulation.equations and s not in equations]
+    if idle:
+        raise InputError(
+            f"State {idle[0]!r} has no equation to integrate: add it to the simulation, for example "
+            f"simulation={{{idle[0]!r}: '...'}}."
+        )
+    n_draw = posterior.idata["posterior"].sizes["chain"] * posterior.idata["posterior"].sizes["draw"]
+    pick = np.random.default_rng(seed).permutation(n_draw)[: min(at_most, n_draw)]
+    parameters = {}
+    for name in equations:
+        draws = posterior.draws(name)
+        parameters[name] = (jnp.asarray(draws.theta[pick]), jnp.asarray(draws.weight[pick]))
+
+    def right_hand_side(t: Array, x: Array, u: Array, args: dict) -> Array:
+        rate = simulation.rate(t, x, u)
+        names = (*data.state_names, *data.input_names)
+        columns = {name: value[None] for name, value in zip(names, (*x, *u), strict=True)}
+        for name, (theta, weight) in args.items():
+            frame = equations[name].frame
+            Phi, Psi = frame.rows(columns)
+            added = frame.target_scale * (Phi[0] @ theta + Psi[0] @ weight)
+            rate = rate.at[data.state_names.index(name)].add(added)
+        return rate
+
+    states, failed_at = integrate_runs(right_hand_side, data, parameters, interpolation)
+    bands = {name: Band.surviving(states[:, :, i], level) for i, name in enumerate(data.state_names)}
+    lost = [times[np.isfinite(times)] for times in failed_at]
+    failed = np.array([len(times) / len(every) for times, every in zip(lost, failed_at, strict=True)])
+    return FreeRun(data, level, bands, failed, np.array([np.median(t) if len(t) else np.nan for t in lost]))
+
+
+def integrate_runs(
+    right_hand_side: Callable[[Array, Array, Array, Any], Array],
+    data: Trajectories,
+    parameters: Any,
+    interpolation: str | Sequence[str] | None = None,
+    **options: Any,
+) -> tuple[Float[np.ndarray, "n_draw n_obs n_state"], Float[np.ndarray, "n_run n_draw"]]:
+    """Integrate every run of the data from its measured start with its measured inputs, for several parameters at once.
+
+    Args:
+        right_hand_side: (t, x, u, one draw of the parameters) -> dx/dt.
+        data: Runs to follow.
+        parameters: Pytree of arrays whose first axis counts draws.
+        interpolation: Of the inputs between samples: "linear", "zoh" (held) or "cubic", for all or one for each. By
+            default each input's own, linear or cubic, by `physics.integrate.between_samples`.
+        **options: Of `physics.integrate.integrate`.
+
+    Returns:
+        States at the rows of the data, NaN from where a run failed; and the time of each failure, NaN where none.
+    """
+    size = np.sqrt(np.mean(data.matrix(data.state_names) ** 2, axis=0))
+    size = np.where(size > 0, size, 1.0)
+    runs = [data.take(i) for i in range(data.n_run)]
+    if interpolation is None:
+        interpolation = _most_cautious([between_samples(run.time, run.matrix(data.input_names)) for run in runs])
+
+    def follow(args: Any, t: Array, x0: Array, u: Array | None) -> Any:
+        return integrate(right_hand_side, t, x0, u, args, scale=size, interpolation=interpolation, **options)
+
+    # Compiled once for all runs of one length.
+    follow_all = jax.jit(jax.vmap(follow, in_axes=(0, None, None, None)))
+    states, failed_at = [], []
+    for run in runs:
+        u = jnp.asarray(run.matrix(data.input_names)) if data.input_names else None
+        path = follow_all(parameters, jnp.asarray(run.time), jnp.asarray(run.matrix(data.state_names)[0]), u)
+        states.append(np.asarray(path.states))
+        failed_at.append(np.asarray(path.failed_at))
+    return np.concatenate(states, axis=1), np.array(failed_at)
+
+
+def _most_cautious(kinds: list[tuple[str, ...]]) -> tuple[str, ...]:
+    """For each input "cubic" where all runs say so: a step in one run is a step."""
+    return tuple("cubic" if set(each) == {"cubic"} else "linear" for each in zip(*kinds, strict=True))

@@ -1,0 +1,120 @@
+"""How f trades off with the coefficients, with the orthogonal kernel and without."""
+
+from dataclasses import dataclass
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from bayes_greybox.data.errors import InputError
+from bayes_greybox.inference.draws import draw_given
+from bayes_greybox.inference.posterior import Posterior
+from bayes_greybox.model.design import Design, EquationDraws
+from bayes_greybox.model.equation import Equation
+from bayes_greybox.model.hyper import Hyperparameters
+from bayes_greybox.model.likelihood import CollapsedNormal
+from bayes_greybox.model.priors import Scales
+from bayes_greybox.physics.units import coefficient_unit, derivative_unit
+
+from .prediction import PREDICTION_DRAWS
+
+
+@dataclass(frozen=True)
+class TradeOff:
+    """The coefficient that f can stand in for most: posterior draws of both, user's units.
+
+    Attributes:
+        equation: Learned state.
+        term: The dictionary's term.
+        theta: Its coefficient.
+        projection: The coefficient that f mimics: that of its least-squares projection on the dictionary.
+        correlation: Posterior correlation of the two; 0 when f has no such part.
+        unit: Unit of both.
+    """
+
+    equation: str
+    term: str
+    theta: Float[np.ndarray, " n_draw"]
+    projection: Float[np.ndarray, " n_draw"]
+    correlation: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class TradeOffs:
+    """Draws of θ and of the projection of f on the dictionary, and how they go together, for every term."""
+
+    theta: Float[np.ndarray, "n_draw n_term"]
+    projection: Float[np.ndarray, "n_draw n_term"]
+    correlation: Float[np.ndarray, " n_term"]
+    overlap: Float[np.ndarray, " n_term"]
+
+
+def trade_offs(equation: Equation, draws: EquationDraws, *, plain: bool = False) -> TradeOffs:
+    """θ against the least-squares projection (ΦᵀΦ)⁻¹ Φᵀ f of f on the fitted rows, scaled units.
+
+    Args:
+        equation: Equation.
+        draws: Posterior draws of it.
+        plain: Take the plain kernel `none` instead, with θ and f drawn anew given the same hyperparameters.
+    """
+    design = equation.design
+    if plain:
+        draws = redrawn(design.plain(equation.frame), draws)
+        design = design.plain(equation.frame)
+    theta, f = draws.theta, design.on_rows(draws.weight, draws.f)
+    Phi = np.asarray(design.Phi)
+    projection = f @ np.linalg.pinv(Phi).T
+    norms = np.linalg.norm(f, axis=1)
+    alive = norms > 0
+    cosines = np.abs(f[alive] @ (Phi / np.linalg.norm(Phi, axis=0))) / norms[alive, None]
+    overlap = cosines.mean(axis=0) if alive.any() else np.zeros(Phi.shape[1])
+    # A projection that is zero but for rounding has no correlation with anything.
+    still = np.sqrt(np.mean(projection**2, axis=0)) <= 1e-9 * max(1e-300, float(np.sqrt(np.mean(f**2))))
+    correlation = np.zeros(Phi.shape[1])
+    for j in np.flatnonzero(~still & (theta.std(axis=0) > 0)):
+        correlation[j] = np.corrcoef(theta[:, j], projection[:, j])[0, 1]
+    return TradeOffs(theta, projection, correlation, overlap)
+
+
+def strongest_trade_off(posterior: Posterior, equation: str) -> TradeOff:
+    """The term whose coefficient trades off most with f, for a pair plot."""
+    entry = posterior.equations[known_equation(posterior, equation)]
+    both = trade_offs(entry, posterior.draws(equation, entry.design.worthwhile(PREDICTION_DRAWS)))
+    j = int(np.argmax(np.abs(both.correlation)))
+    scale = entry.frame.coefficient_scale[j]
+    units = dict(posterior.data.units)
+    return TradeOff(
+        equation=equation,
+        term=entry.frame.dictionary.names[j],
+        theta=both.theta[:, j] * scale,
+        projection=both.projection[:, j] * scale,
+        correlation=float(both.correlation[j]),
+        unit=coefficient_unit(derivative_unit(equation, units), entry.frame.dictionary.terms[j], units),
+    )
+
+
+def known_equation(posterior: Posterior, equation: str) -> str:
+    """The name of an equation of the model.
+
+    Raises:
+        InputError: There is none of that name.
+    """
+    if equation not in posterior.equations:
+        raise InputError(f"There is no equation {equation!r}; the model learns {', '.join(posterior.equations)}.")
+    return equation
+
+
+def redrawn(design: Design, draws: EquationDraws) -> EquationDraws:
+    """θ and f drawn anew given the hyperparameters and prior scales of other draws."""
+    keys = jax.random.split(jax.random.PRNGKey(0), len(draws.theta))
+
+    def one(item: tuple[Array, Hyperparameters, Array]) -> dict[str, Array]:
+        key, hyper, sd = item
+        return draw_given(key, CollapsedNormal(design, hyper, Scales(sd)))
+
+    hyper = Hyperparameters(*(jnp.asarray(value) for value in draws.hyper))
+    drawn = jax.jit(lambda items: jax.lax.map(one, items))((keys, hyper, jnp.asarray(draws.prior_sd)))
+    found = {name: np.asarray(drawn[name]) for name in ("theta", "weight", "f") if name in drawn}
+    return draws._replace(**found)

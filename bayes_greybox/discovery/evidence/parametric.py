@@ -1,0 +1,126 @@
+"""Evidence of sets of terms without a discrepancy: one eigendecomposition a hypothesis, σ integrated on a grid."""
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from bayes_greybox.model.hyper import NoisePrior
+
+SIGMA_NODES = 33
+"""Nodes of the grid over log σ; the integrand is within 1e-6 of its integral from about 20 on."""
+
+SIGMA_SPAN = 7.0
+"""Half-width of that grid in posterior standard deviations of log σ."""
+
+
+@dataclass(frozen=True)
+class Spectrum:
+    """One hypothesis, or a batch of them, in the eigenbasis of D^½ XᵀR⁻¹X D^½.
+
+    Attributes:
+        eigenvalues: λ [..., n_column].
+        loading: b = Uᵀ D^½ XᵀR⁻¹y [..., n_column].
+        back: D^½ U, which maps eigen-coefficients to β [..., n_column, n_column].
+        square: yᵀR⁻¹y.
+        n_obs: Number of observations.
+    """
+
+    eigenvalues: Float[np.ndarray, "*batch n_column"]
+    loading: Float[np.ndarray, "*batch n_column"]
+    back: Float[np.ndarray, "*batch n_column n_column"]
+    square: float
+    n_obs: float | int
+
+    @classmethod
+    def of(
+        cls,
+        gram: Float[np.ndarray, "... n_column n_column"],
+        product: Float[np.ndarray, "... n_column"],
+        square: float,
+        n_obs: float | int,
+        sd: Float[np.ndarray, "... n_column"],
+    ) -> "Spectrum":
+        """Decompose; a column with sd = 0 is out of its hypothesis.
+
+        Args:
+            gram: XᵀR⁻¹X.
+            product: XᵀR⁻¹y.
+            square: yᵀR⁻¹y.
+            n_obs: Number of observations.
+            sd: Prior standard deviations, the root of diag D.
+        """
+        values, vectors = np.linalg.eigh(sd[..., :, None] * gram * sd[..., None, :])
+        back = sd[..., :, None] * vectors
+        loading = np.einsum("...ij,...i->...j", back, product)
+        return cls(np.maximum(values, 0.0), loading, back, square, n_obs)
+
+    def log_density(self, sigma: np.ndarray) -> np.ndarray:
+        """Log p(y | σ), f = 0; σ of shape [n_node], or [..., n_node] with the shape of the batch: [..., n_node].
+
+        −½ (Σ log(1 + λ/σ²) + (yᵀR⁻¹y − Σ b²/(σ² + λ))/σ² + n log 2πσ²), less ½ log|R|.
+        """
+        s2 = np.asarray(sigma)[..., None] ** 2
+        lam, b = self.eigenvalues[..., None, :], self.loading[..., None, :]
+        log_det = np.sum(np.log1p(lam / s2), axis=-1) + self.n_obs * np.log(2 * math.pi * s2[..., 0])
+        rest = np.maximum(self.square - np.sum(b**2 / (s2 + lam), axis=-1), 0.0)
+        return -0.5 * (log_det + rest / s2[..., 0])
+
+
+class Marginal(NamedTuple):
+    """A hypothesis without f, σ integrated out: log evidence, and the grid with its posterior weights.
+
+    Attributes:
+        log_evidence: log p(y), up to −½ log|R|, [*batch].
+        sigma: Nodes of σ [*batch, n_node].
+        weight: Posterior weights of the nodes, each row sums to one [*batch, n_node].
+    """
+
+    log_evidence: np.ndarray
+    sigma: np.ndarray
+    weight: np.ndarray
+
+
+def marginal(spectrum: Spectrum, noise: NoisePrior) -> Marginal:
+    """Integrate σ out of log p(y | σ) on a grid around the mode of each hypothesis of the batch."""
+
+    def objective(t: np.ndarray) -> np.ndarray:
+        return spectrum.log_density(noise.sigma(t)) + noise.log_density(t)
+
+    # The mode of log s: a coarse grid, then shrinking grids around the best node.
+    low, high = math.log(max(noise.floor, 1e-6)) - 2.0, math.log(4.0 * noise.scale)
+    width, centre = 0.5 * (high - low), np.full(spectrum.eigenvalues.shape[:-1], 0.5 * (high + low))
+    while width > 0.3 / math.sqrt(2 * spectrum.n_obs):
+        nodes = centre[..., None] + np.linspace(-width, width, 17)
+        centre = np.take_along_axis(nodes, np.argmax(objective(nodes), axis=-1)[..., None], axis=-1)[..., 0]
+        width *= 0.2
+    step = 1.0 / math.sqrt(2 * spectrum.n_obs)
+    below, at, above = np.moveaxis(objective(centre[..., None] + step * np.array([-1.0, 0.0, 1.0])), -1, 0)
+    # Below the floor the density in log s falls only as the prior does: no narrower than that, no wider than 1.
+    spread = np.clip(step / np.sqrt(np.maximum(2 * at - below - above, 1e-12)), step, 1.0)
+    nodes = centre[..., None] + SIGMA_SPAN * spread[..., None] * np.linspace(-1, 1, SIGMA_NODES)
+    values = objective(nodes)
+    total = np.logaddexp.reduce(values, axis=-1)
+    log_step = np.log(2 * SIGMA_SPAN * spread / (SIGMA_NODES - 1))
+    return Marginal(total + log_step, noise.sigma(nodes), np.exp(values - total[..., None]))
+
+
+def coefficients(spectrum: Spectrum, posterior: Marginal) -> tuple[np.ndarray, np.ndarray]:
+    """Posterior mean [..., n_column] and covariance [..., n_column, n_column] of β without f, σ integrated out.
+
+    Given σ, β ~ N(D^½U b/(σ² + λ), σ² D^½U diag 1/(σ² + λ) UᵀD^½); the mean hardly moves with σ, so the covariance is
+    the average of the conditional ones plus that of the conditional means.
+    """
+    s2 = posterior.sigma[..., None] ** 2
+    lam, b = spectrum.eigenvalues[..., None, :], spectrum.loading[..., None, :]
+    weight = posterior.weight[..., None]
+    given = b / (s2 + lam)
+    centre = np.sum(weight * given, axis=-2)
+    within = np.sum(weight * s2 / (s2 + lam), axis=-2)
+    away = given - centre[..., None, :]
+    between = np.einsum("...n,...ni,...nj->...ij", posterior.weight, away, away)
+    inner = between + np.eye(within.shape[-1]) * within[..., None, :]
+    mean = np.einsum("...ij,...j->...i", spectrum.back, centre)
+    return mean, np.einsum("...ij,...jk,...lk->...il", spectrum.back, inner, spectrum.back)

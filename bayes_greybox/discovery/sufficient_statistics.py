@@ -1,0 +1,321 @@
+"""The sufficient statistics that every hypothesis about one equation is judged on; effects add columns to them."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from bayes_greybox.data.errors import InputError
+from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.model.assemble import discrepancy_box, features_per_variable, with_rounding
+from bayes_greybox.model.discrepancy import OrthogonalGP
+from bayes_greybox.model.features import HilbertBasis
+from bayes_greybox.model.frame import held_features, scaled_position
+from bayes_greybox.model.hyper import HyperPrior, NoisePrior
+from bayes_greybox.model.program import Program
+from bayes_greybox.model.rows import EquationRows
+from bayes_greybox.physics.effects import BoundEffect
+from bayes_greybox.physics.terms import Dictionary, Term
+
+CHUNK = 16_384
+"""Rows evaluated at once."""
+
+KEPT = 3e7
+"""Numbers up to which the evaluated rows stay in memory; beyond, new columns cost another pass over the data."""
+
+FREE_SCALE = 10.0
+"""Prior standard deviation of the coefficients of the user's own dictionary, scaled units: hardly a prior at all."""
+
+CORRECTION_SCALE = 0.3
+"""Prior standard deviation of a correction over the simulation's own coefficient."""
+
+EFFECT_SCALE = 1.0
+"""Prior standard deviation of an effect's coefficient, scaled units: its RMS in units of the gap's RMS."""
+
+FEATURES = {1: 40, 2: 16, 3: 10}
+"""Features per variable when the user names none: finer than in a fit, since what is missing may be finer than what is
+left after it was added, and no chain has to pay for them."""
+
+COLLINEAR = 1e-9
+"""Share of a column's square outside the span of the model's own terms below which it is no effect of its own."""
+
+
+@dataclass(frozen=True)
+class Column:
+    """One column of the table.
+
+    Attributes:
+        kind: "free" (a term of the user's dictionary), "correction" (a term of the simulation) or "effect".
+        term: Its formula over the data's columns.
+        scale: RMS over the data, user's units.
+        sd: Prior standard deviation of its coefficient, scaled units.
+        nominal: The simulation's own coefficient, of a correction.
+        effect: The catalogue's entry, of an effect.
+        inner: Values of its inner parameter.
+        log_weight: Log prior weight of these values.
+    """
+
+    kind: str
+    term: Term
+    scale: float
+    sd: float
+    nominal: float = 0.0
+    effect: BoundEffect | None = None
+    inner: Mapping[str, float] = field(default_factory=dict)
+    log_weight: float = 0.0
+
+
+@dataclass
+class SufficientStatistics:
+    """Products FᵀR⁻¹F of F = [columns, features of f, target] for one equation, scaled to unit RMS.
+
+    Attributes:
+        rows: Rows of the equation.
+        variables: What f depends on.
+        centre, half_width: Their box in the data, user's units.
+        basis: Features of f.
+        kernel: Name of its base kernel.
+        prior: Prior of η.
+        columns: Terms; free ones first, then corrections, then effects.
+        left_out: Effects that cannot be told from the model's own terms, or cannot be evaluated, with the reason.
+        square: yᵀR⁻¹y; with `n_obs`, `noise` what the evidence needs beside the products.
+        products: XᵀR⁻¹X of the columns; `with_target` XᵀR⁻¹y; `with_features` XᵀR⁻¹ψ.
+        features, features_target: ψᵀR⁻¹ψ and ψᵀR⁻¹y.
+    """
+
+    rows: EquationRows
+    variables: tuple[str, ...]
+    centre: Float[np.ndarray, " n_var"]
+    half_width: Float[np.ndarray, " n_var"]
+    basis: HilbertBasis
+    kernel: str
+    prior: HyperPrior
+    columns: list[Column] = field(default_factory=list)
+    left_out: dict[str, str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        p, m = 0, self.basis.size
+        self.products, self.with_target, self.with_features = np.zeros((p, p)), np.zeros(p), np.zeros((p, m))
+        self.features, self.features_target, self.square = np.zeros((m, m)), np.zeros(m), 0.0
+        self._kept: list[np.ndarray] | None = None
+        self._known: np.ndarray | None = None
+        blocks = [] if self.rows.n_row * (m + 1) <= KEPT or not self.rows.noise.local else None
+        for block in self._fixed():
+            psi, y = block[:, :-1], block[:, -1]
+            self.features += psi.T @ psi
+            self.features_target += psi.T @ y
+            self.square += float(y @ y)
+            if blocks is not None:
+                blocks.append(block)
+        self._kept = blocks
+
+    @property
+    def equation(self) -> str:
+        """The learned state."""
+        return self.rows.equation
+
+    @property
+    def target_scale(self) -> float:
+        """RMS of the measured rate less the simulation, user's units."""
+        return self.rows.scale
+
+    @property
+    def n_obs(self) -> float:
+        """Number of observations."""
+        return float(self.rows.n_white)
+
+    @property
+    def noise(self) -> NoisePrior:
+        """Prior of σ."""
+        return self.prior.noise
+
+    def of_kind(self, kind: str) -> list[int]:
+        """Indices of the columns of one kind."""
+        return [i for i, column in enumerate(self.columns) if column.kind == kind]
+
+    def add(self, kind: str, items: Sequence[tuple[Term, dict]]) -> None:
+        """Evaluate terms and extend the products by their columns; a term that cannot serve is left out, with a reason.
+
+        Args:
+            kind: Kind of the columns.
+            items: Terms, with what their columns are to carry beside (nominal, effect, inner, log_weight).
+
+        Raises:
+            InputError: A free term that is zero or not finite on the data.
+        """
+        values, kept, refused = [], [], {}
+        for term, about in items:
+            value = np.asarray(term.evaluate(self.rows.columns), float)
+            size = float(np.sqrt(np.mean(value**2))) if np.all(np.isfinite(value)) else np.nan
+            if not size > 0 or not np.isfinite(size):
+                why = "zero on all the data" if size == 0 else "not finite on all the data"
+                if kind == "free":
+                    raise InputError(f"Term {term.name!r} of equation {self.equation!r} is {why}: remove it.")
+                if about.get("effect") is not None:
+                    refused[about["effect"].slug] = why
+                continue
+            sd = {"free": FREE_SCALE, "effect": EFFECT_SCALE}.get(kind, 0.0)
+            if kind == "correction":
+                sd = CORRECTION_SCALE * abs(about["nominal"]) * size / self.target_scale
+            values.append(value / size)
+            kept.append(Column(kind, term, size, sd, **about))
+        self._leave_out(refused, [*self.columns, *kept])
+        if not kept:
+            return
+        new = self.rows.whiten(np.column_stack(values))
+        old = self._evaluated()
+        if self._kept is not None:
+            self._known = np.hstack([old, new])
+        cross_y, cross_psi, cross_old = [], [], []
+        start = 0
+        for fixed in self._blocks():
+            part = new[start : start + len(fixed)]
+            cross_psi.append(part.T @ fixed[:, :-1])
+            cross_y.append(part.T @ fixed[:, -1])
+            cross_old.append(part.T @ old[start : start + len(fixed)])
+            start += len(fixed)
+        with_old = sum(cross_old)
+        corner = new.T @ new
+        self.products = np.block([[self.products, np.transpose(with_old)], [with_old, corner]])
+        self.with_target = np.concatenate([self.with_target, sum(cross_y)])
+        self.with_features = np.vstack([self.with_features, sum(cross_psi)])
+        self.columns += kept
+        self._drop_collinear(len(kept))
+
+    def evaluate(
+        self, indices: Sequence[int], columns: Mapping[str, np.ndarray]
+    ) -> Float[np.ndarray, "n_row n_column"]:
+        """Chosen columns at any rows, scaled."""
+        parts = [np.asarray(self.columns[i].term.evaluate(columns)) / self.columns[i].scale for i in indices]
+        return np.column_stack(parts) if parts else np.zeros((len(next(iter(columns.values()))), 0))
+
+    def residual(self, indices: Sequence[int], beta: Float[np.ndarray, " n_column"]) -> np.ndarray | None:
+        """Whitened target less columns with these scaled coefficients; None where whitening leaves no order in time."""
+        rest = self.rows.target / self.target_scale - self.evaluate(indices, self.rows.columns) @ beta
+        return self.rows.whiten(rest[:, None])[:, 0] if self.rows.noise.square else None
+
+    def evaluate_features(self, columns: Mapping[str, np.ndarray]) -> Float[np.ndarray, "n_row n_basis"]:
+        """Features of f at any rows."""
+        x = scaled_position(columns, self.variables, self.centre, self.half_width)
+        return np.asarray(held_features(self.basis, x))
+
+    def _drop_collinear(self, count: int) -> None:
+        """Leave out new columns in the span of the model's own terms: of corrections, those that repeat a free term."""
+        own = [i for i in range(len(self.columns)) if self.columns[i].kind != "effect"]
+        first = len(self.columns) - count
+        keep = list(range(first))
+        for i in range(first, len(self.columns)):
+            base = [j for j in own if j != i and j in keep]
+            norm = self.products[i, i]
+            if base:
+                G, g = self.products[np.ix_(base, base)], self.products[base, i]
+                outside = norm - g @ np.linalg.lstsq(G, g, rcond=1e-12)[0]
+            else:
+                outside = norm
+            if not outside < COLLINEAR * norm:
+                keep.append(i)
+        why = "the model has this term already: a change of its coefficient is a recalibration"
+        refused = {column.effect.slug: why for column in self.columns[first:] if column.effect is not None}
+        self._leave_out(refused, [self.columns[i] for i in keep])
+        self.columns = [self.columns[i] for i in keep]
+        self.products = self.products[np.ix_(keep, keep)]
+        self.with_target, self.with_features = self.with_target[keep], self.with_features[keep]
+        if self._known is not None:
+            self._known = self._known[:, keep]
+
+    def _leave_out(self, refused: Mapping[str, str], left: Sequence[Column]) -> None:
+        """Note effects that no column is left of, by another binding or another value of their inner parameter."""
+        serving = {column.effect.slug for column in left if column.effect is not None}
+        self.left_out |= {slug: why for slug, why in refused.items() if slug not in serving}
+
+    def _evaluated(self) -> np.ndarray:
+        if self._known is not None:
+            return self._known
+        if not self.columns:
+            return np.zeros((self.rows.n_white, 0))
+        return self.rows.whiten(self.evaluate(range(len(self.columns)), self.rows.columns))
+
+    def _blocks(self) -> Iterator[np.ndarray]:
+        return iter(self._kept) if self._kept is not None else self._fixed()
+
+    def _fixed(self) -> Iterator[np.ndarray]:
+        """[ψ y] in blocks of whitened rows."""
+        y = self.rows.target / self.target_scale
+
+        def table(index: Int[np.ndarray, " n"]) -> Float[np.ndarray, "n n_column"]:
+            return np.column_stack([self.evaluate_features(self.rows.at(index)), y[index]])
+
+        white = self.rows.whitened(table)
+        for start in range(0, self.rows.n_white, CHUNK):
+            yield white(np.arange(start, min(start + CHUNK, self.rows.n_white)))
+
+
+def sufficient_statistics(
+    model: Program, data: Trajectories, equation: str, effects: Sequence[BoundEffect]
+) -> SufficientStatistics:
+    """Free terms, corrections and effects of one equation, evaluated and multiplied out.
+
+    Args:
+        model: Simulation, free terms, and the discrepancy whose features are used.
+        data: Training data.
+        equation: The learned state.
+        effects: Effects bound to columns.
+
+    Raises:
+        InputError: The simulation equals the measurement exactly; a variable of f that is constant or unknown.
+    """
+    rows = model.equation_rows(data, equation)
+    target_scale = rows.scale
+    gp = model.discrepancy or OrthogonalGP()
+    variables, centre, half_width = discrepancy_box(gp, rows.columns)
+    finer = FEATURES.get(len(variables))
+    default = None if finer is None else (finer,) * len(variables)
+    basis = HilbertBasis(gp.boundary, features_per_variable(gp, len(variables), default))
+    floor = with_rounding(rows.measured / target_scale, model.noise_floor)
+    statistics = SufficientStatistics(
+        rows=rows,
+        variables=variables,
+        centre=centre,
+        half_width=half_width,
+        basis=basis,
+        kernel=gp.kernel,
+        prior=replace(model, discrepancy=gp).hyper_prior(floor, len(variables)),
+    )
+    own = model.dictionary.get(equation, ())
+    if own:
+        names = (*data.state_names, *data.input_names)
+        statistics.add("free", [(term, {}) for term in Dictionary.of(own, names).terms])
+    parts = model.simulator(data).additive_terms(equation)
+    statistics.add("correction", [(term, {"nominal": value}) for term, value in parts])
+    statistics.add("effect", [item for effect in effects for item in nodes(effect, rows.columns)])
+    return statistics
+
+
+def nodes(
+    effect: BoundEffect, columns: Mapping[str, np.ndarray], values: np.ndarray | None = None
+) -> list[tuple[Term, dict]]:
+    """The columns of one effect: one, or one for each value of its inner parameter with that value's prior weight.
+
+    Args:
+        effect: Effect bound to columns.
+        columns: States and inputs, whose range scales the inner parameter's prior.
+        values: Increasing values of the inner parameter; its own grid by default.
+    """
+    if not effect.effect.inner:
+        return [(effect.term(), {"effect": effect})]
+    (inner,) = effect.effect.inner
+    size = float(np.max(np.abs(columns[effect.names[inner.of]])))
+    if values is None:
+        values = inner.nodes(size)[0]
+    # Trapezoidal weights of the log-uniform prior, so that grids of any spacing can be mixed.
+    position = np.log(np.asarray(values) / (inner.low * size)) / np.log(inner.high / inner.low)
+    edges = np.clip(np.concatenate([[0.0], (position[1:] + position[:-1]) / 2, [1.0]]), 0.0, 1.0)
+    weight = np.maximum(np.diff(edges), 1e-12)
+    return [
+        (
+            effect.term({inner.name: float(v)}),
+            {"effect": effect, "inner": {inner.name: float(v)}, "log_weight": float(w)},
+        )
+        for v, w in zip(values, np.log(weight), strict=True)
+    ]

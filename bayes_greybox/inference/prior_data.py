@@ -1,0 +1,100 @@
+"""Truths and targets drawn from a model, coefficient by coefficient: nothing here is integrated out.
+
+This is the side of simulation-based calibration that must not share a mistake with the collapsed likelihood, so apart
+from the sites of the prior it is NumPy on the rows as they were measured, not the compressed ones.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+from numpyro.handlers import seed, trace
+
+from bayes_greybox.model.design import Compress, Design
+from bayes_greybox.model.equation import Equation
+from bayes_greybox.model.hyper import Hyperparameters
+from bayes_greybox.model.program import Program
+
+
+@dataclass(frozen=True)
+class OpenEquation:
+    """One equation whose targets are still to be drawn.
+
+    Attributes:
+        equation: Rows, frame, and the design that the sampler gets.
+        Phi: Dictionary at the whitened rows, before compression, scaled units.
+        Psi: Orthogonal features there; no columns on the exact path.
+        compress: From targets at the whitened rows to those of the design.
+    """
+
+    equation: Equation
+    Phi: Float[np.ndarray, "n_white n_term"]
+    Psi: Float[np.ndarray, "n_white n_basis"]
+    compress: Compress
+
+
+def open_equation(equation: Equation) -> OpenEquation:
+    """An equation and its design for targets other than the measured one.
+
+    Args:
+        equation: From `Program.assemble`.
+    """
+    Phi, Psi, _ = equation.parts()
+    Phi, Psi = equation.rows.whiten(Phi), equation.rows.whiten(Psi)
+    design, compress = equation.design.open(Phi, Psi)
+    return OpenEquation(replace(equation, design=design), Phi, Psi, compress)
+
+
+def draw_truths(
+    model: Program,
+    open_equations: Mapping[str, OpenEquation],
+    replicates: int,
+    key: Array,
+    generator: np.random.Generator,
+) -> tuple[dict[str, np.ndarray], dict[str, Float[np.ndarray, "n_replicate n_row"]]]:
+    """Draw η and the prior scales from the prior, then γ, θ, f and y = Φθ + f + σε.
+
+    Args:
+        model: Model.
+        open_equations: Its equations.
+        replicates: Number of draws.
+        key: Random key of the prior's sites.
+        generator: Source of γ, θ, f and ε.
+
+    Returns:
+        True values under the names that posterior draws have, each [n_replicate, ...], and compressed targets.
+    """
+    designs: dict[str, Design] = {name: part.equation.design for name, part in open_equations.items()}
+
+    def draw(key: Array) -> dict[str, Array]:
+        found = trace(seed(model.numpyro_model, key)).get_trace(designs)
+        values = {name: site["value"] for name, site in found.items()}
+        for own in model.sites.values():
+            del values[own.y]
+            scales = found[own.y]["fn"].scales
+            values[own.theta_sd] = scales.sd
+            if scales.log_odds is not None:
+                values[own.log_odds] = scales.log_odds
+        return values
+
+    drawn = jax.jit(jax.vmap(draw))(jax.random.split(key, replicates))
+    truths = {name: np.asarray(value) for name, value in drawn.items()}
+    targets = {}
+    for name, part in open_equations.items():
+        own = model.sites[name]
+        sd = truths[own.theta_sd]
+        if own.log_odds in truths:
+            included = generator.random(sd.shape) < 1 / (1 + np.exp(-truths.pop(own.log_odds)))
+            truths[own.gamma] = included.astype(float)
+            sd = truths[own.theta_sd] = sd * included
+        theta = truths[own.theta] = sd * generator.standard_normal(sd.shape)
+        nothing = np.ones(replicates)
+        hyper = Hyperparameters(*(jnp.asarray(truths.get(own[key], nothing)) for key in Hyperparameters._fields))
+        values, f = part.equation.design.simulate(hyper, part.Psi, generator)
+        truths |= {own[quantity]: value for quantity, value in values.items()}
+        epsilon = generator.standard_normal((replicates, len(part.Phi)))
+        targets[name] = part.compress(theta @ part.Phi.T + f + truths[own.sigma][:, None] * epsilon)
+    return truths, targets

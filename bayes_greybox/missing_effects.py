@@ -1,0 +1,137 @@
+"""What a simulation is missing: find_missing_effects, and Study, its result, in users' hands."""
+
+import json
+import os
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+
+from bayes_greybox.data.errors import InputError
+from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.discovery.gap import FreePath, gap_rows
+from bayes_greybox.discovery.odds import Odds
+from bayes_greybox.discovery.study import StudyResult, investigate
+from bayes_greybox.greybox import Fit, GreyBox
+from bayes_greybox.inference import netcdf
+from bayes_greybox.physics.effects import CatalogueSpec
+from bayes_greybox.report.study_page import study_html
+
+STUDY = "missing_effects"
+"""Root attribute of a saved study that holds its record, as JSON text."""
+
+
+@dataclass(frozen=True, repr=False)
+class Study(StudyResult):
+    """What is missing from a simulation, with the evidence; see `StudyResult` for its tables."""
+
+    base: GreyBox
+    model: GreyBox
+    fit: Fit | None
+
+    def free_run(self, data: Trajectories, interpolation: str | Sequence[str] | None = None) -> dict[str, FreePath]:
+        """Free runs of the model before and after over other data, by state.
+
+        Args:
+            data: Times, starts and inputs to follow.
+            interpolation: Of the inputs between samples, as in `find_missing_effects`.
+
+        Raises:
+            InputError: A state has no equation to integrate.
+        """
+        paths = gap_rows(self.base, self.amendments, data, "", True, interpolation)[1]
+        if not paths:
+            raise InputError("A state of the data has no equation to integrate: add it to the simulation.")
+        return paths
+
+    def save(self, path: str | os.PathLike) -> None:
+        """Write the amended model's posterior and the study's tables to one netCDF file; it opens with `bg.load`.
+
+        Raises:
+            InputError: The study has no posterior (settle=False); the destination cannot be written.
+        """
+        if self.fit is None:
+            raise InputError("This study has no posterior to save: run find_missing_effects with settle=True.")
+        netcdf.save(self.fit, path, {STUDY: json.dumps(self.record(), default=float)})
+
+    def to_html(self, path: str | os.PathLike) -> None:
+        """Write the report as one self-contained page."""
+        study_html(self, path)
+
+    def __repr__(self) -> str:
+        """The verdict in words."""
+        return f"Study: {self.verdict}\n{self.sentence}"
+
+
+def find_missing_effects(
+    model: GreyBox,
+    train: Trajectories,
+    test: Trajectories | None = None,
+    *,
+    catalogue: CatalogueSpec = "mechanical",
+    roles: Mapping[str, str | Sequence[str]] | None = None,
+    seed: int = 0,
+    effects_at_most: int = 3,
+    odds: Odds | None = None,
+    settle: bool = True,
+    free_runs: bool = True,
+    interpolation: str | Sequence[str] | None = None,
+    draws: int = 1000,
+    tune: int = 1000,
+    chains: int = 4,
+    progress: bool = True,
+) -> Study:
+    """Find what a simulation lacks: where it disagrees with the data, which effect is missing, and the gap after.
+
+    The simulation is believed: the coefficients of its additive terms change only where the data say so. Terms of the
+    model's dictionary are free: their coefficients are learned in every explanation. Explanations are weighed by their
+    evidence (see `discovery.evidence`), all with a Gaussian process that can take what they leave over.
+
+    Args:
+        model: Simulation, and the terms whose coefficients are to be learned anyway. `model.discrepancy` says what f
+            depends on.
+        train: Measurements with the rates of the equations in question.
+        test: Measurements that no decision is made on.
+        catalogue: "mechanical", "fluid", "population", "electrical", "all", a TOML file of your own, or a list of
+            these.
+        roles: Columns by role where the package should not guess.
+        seed: Seed of everything random.
+        effects_at_most: Largest number of effects added to one equation.
+        odds: Prior probabilities of the explanations.
+        settle: Whether to sample the amended model by NUTS, and, where importance sampling is unsure of a finalist's
+            evidence, to find that by NUTS and bridge sampling.
+        free_runs: Whether to integrate simulation and amended model over the data.
+        interpolation: Of the inputs between samples in free runs: "linear", "cubic" or "zoh" (held), for all or one
+            for each. By default each input's own, linear or cubic, whichever predicts its samples better.
+        draws: Draws a chain of the amended model.
+        tune: Warm-up iterations of each chain.
+        chains: Chains.
+        progress: Whether to show progress.
+
+    Raises:
+        InputError: Data, model or catalogue that cannot be used; the message names what and the remedy.
+    """
+    started = time.perf_counter()
+    found = investigate(
+        model,
+        train,
+        test,
+        catalogue=catalogue,
+        roles=roles,
+        seed=seed,
+        effects_at_most=effects_at_most,
+        odds=odds,
+        settle=settle,
+        free_runs=free_runs,
+        interpolation=interpolation,
+        progress=progress,
+    )
+    amended, fit, seconds = replace(model, dictionary=found.model.dictionary), None, dict(found.settings["seconds"])
+    if settle:
+        start = time.perf_counter()
+        fit = amended.fit(train, draws=draws, tune=tune, chains=chains, seed=seed, progress=progress)
+        # The fit's own model: it may have been given more features.
+        amended, seconds["sample"] = replace(amended, discrepancy=fit.model.discrepancy), time.perf_counter() - start
+    seconds["total"] = time.perf_counter() - started
+    parts = {field.name: getattr(found, field.name) for field in fields(found)}
+    settings = {**found.settings, "seconds": seconds}
+    return Study(**{**parts, "base": model, "model": amended, "fit": fit, "settings": settings})

@@ -1,0 +1,265 @@
+"""The exact path: f stands in the model by its covariance matrix at the rows."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from bayes_greybox.data.errors import InputError
+from bayes_greybox.model.collapsed import Regression, log_evidence, remove_dense
+from bayes_greybox.model.frame import Frame
+from bayes_greybox.model.hyper import Hyperparameters
+from bayes_greybox.model.kernels import KERNELS
+from bayes_greybox.model.linalg import singular_root, solve_lower
+from bayes_greybox.model.orthogonal import Variant, orthogonal_gram
+from bayes_greybox.model.priors import Scales
+from bayes_greybox.model.rows import EquationRows, Removal, Table
+
+from .protocol import Compress, Design, EquationDraws, Root, WeightedRows
+
+DRAWS = 100
+"""Posterior draws worth their cost, a dense factorisation each."""
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class DenseDesign(Design):
+    """Rows of one equation on the exact path: f stands in the model by its covariance matrix at the rows.
+
+    Attributes:
+        points: Variables of f and Φₒ at the rows of the data, before whitening.
+        nodes: Nodes of the measure, and w Φₒ there.
+        whitening: W, or None where the rows are independent.
+    """
+
+    Phi: Float[Array, "n_row n_term"]
+    y: Float[Array, " n_row"]
+    n_obs: Float[Array, ""]
+    n_prior: Float[Array, ""]
+    log_det_R: Float[Array, ""]
+    noise_floor: Float[Array, ""]
+    points: tuple[Float[Array, "n_obs n_var"], Float[Array, "n_obs n_rank"]]
+    nodes: tuple[Float[Array, "n_node n_var"], Float[Array, "n_node n_rank"]]
+    whitening: Float[Array, "n_row n_obs"] | None
+    kernel: str = field(metadata={"static": True})
+    variant: Variant = field(metadata={"static": True})
+
+    @property
+    def n_var(self) -> int:
+        """Number of variables that f depends on."""
+        return self.points[0].shape[1]
+
+    @property
+    def expands(self) -> bool:
+        """It does not: f is known where it was drawn."""
+        return False
+
+    def worthwhile(self, draws: int) -> int:
+        """Few: each costs a factorisation of all rows."""
+        return min(draws, DRAWS)
+
+    def covariance(self, hyper: Hyperparameters) -> Float[Array, "n_row n_row"]:
+        """k⊥ at the (whitened) rows."""
+        K = self.cross_covariance(self.points, hyper)
+        return K if self.whitening is None else self.whitening @ K @ self.whitening.T
+
+    def cross_covariance(
+        self, left: tuple[Float[Array, "n_left n_var"], Float[Array, "n_left n_rank"]], hyper: Hyperparameters
+    ) -> Float[Array, "n_left n_obs"]:
+        """k⊥ between other points and the data, before whitening."""
+        return self._gram(left, self.points, hyper)
+
+    def covariance_at(
+        self, left: tuple[Float[Array, "n_left n_var"], Float[Array, "n_left n_rank"]], hyper: Hyperparameters
+    ) -> Float[Array, "n_left n_left"]:
+        """k⊥ among other points."""
+        return self._gram(left, left, hyper)
+
+    def remove_discrepancy(
+        self, y: Float[Array, " n_row"], hyper: Hyperparameters
+    ) -> tuple[Regression, Float[Array, "n_row n_row"]]:
+        """Integrate out the values of f."""
+        regression, L = remove_dense(self.Phi, self.covariance(hyper), y, hyper.sigma)
+        return regression._replace(log_det=regression.log_det + self.log_det_R), L
+
+    def sample_discrepancy(self, key: Array, hyper: Hyperparameters) -> Float[Array, " n_row"]:
+        """Prior draw of f on the rows."""
+        return singular_root(self.covariance(hyper)) @ jax.random.normal(key, self.y.shape)
+
+    def uncollapsed_discrepancy(self, hyper: Hyperparameters) -> Float[Array, " n_row"]:
+        """There are no sites that f could be made of."""
+        raise InputError("uncollapsed_model needs OrthogonalGP(path='hsgp').")
+
+    def prior_discrepancy(self, key: Array, hyper: Hyperparameters) -> dict[str, Array]:
+        """Prior draw of f at the rows of the data."""
+        covariance = self.cross_covariance(self.points, hyper)
+        return {"f": singular_root(covariance) @ jax.random.normal(key, covariance.shape[:1])}
+
+    def draw_discrepancy(
+        self, key: Array, hyper: Hyperparameters, theta: Float[Array, " n_term"], solve: Any
+    ) -> dict[str, Array]:
+        """Posterior draw of f at the rows of the data."""
+        prior = self.cross_covariance(self.points, hyper)
+        return {"f": self._drawn(key, hyper, theta, self.points, prior)}
+
+    def at(
+        self, frame: Frame, columns: Mapping[str, np.ndarray], draws: EquationDraws
+    ) -> Float[np.ndarray, "n_draw n_row"]:
+        """Draws of f at other points given θ and η, not given the values at the data."""
+        left = (
+            jnp.asarray(frame.position(columns)),
+            jnp.asarray(frame.dictionary_rows(columns) @ frame.orthonormal),
+        )
+        keys = jax.random.split(jax.random.PRNGKey(0), len(draws.theta))
+
+        def one(item: tuple[Array, Hyperparameters, Array]) -> Array:
+            key, hyper, theta = item
+            return self._drawn(key, hyper, theta, left, self.covariance_at(left, hyper))
+
+        hyper = Hyperparameters(*map(jnp.asarray, draws.hyper))
+        return np.asarray(jax.lax.map(one, (keys, hyper, jnp.asarray(draws.theta))))
+
+    def at_data(
+        self, Psi: Float[np.ndarray, "n_obs n_basis"], index: Int[np.ndarray, " n_obs"] | slice, draws: EquationDraws
+    ) -> Float[np.ndarray, "n_draw n_obs"]:
+        """The values that were drawn there."""
+        return draws.f[:, index]
+
+    def on_rows(
+        self, weight: Float[np.ndarray, "*batch n_basis"], f: Float[np.ndarray, "*batch n_value"]
+    ) -> Float[np.ndarray, "*batch n_row"]:
+        """The values that were drawn at the data, whitened."""
+        return f if self.whitening is None else f @ np.asarray(self.whitening).T
+
+    def with_target(self, y: Float[Array, " n_row"]) -> "DenseDesign":
+        """Another target."""
+        return replace(self, y=y)
+
+    def plain(self, frame: Frame) -> "DenseDesign":
+        """The base kernel."""
+        return replace(self, variant="none")
+
+    def weighted(
+        self, frame: Frame, rows: EquationRows, table: Table
+    ) -> Callable[[Int[np.ndarray, " n"]], WeightedRows]:
+        """The numbers of the observations: the rest is in C."""
+        nothing = (jnp.zeros((0, len(frame.dictionary))), jnp.zeros((0, 0)), jnp.zeros(0), jnp.zeros(0))
+        return lambda index: WeightedRows(jnp.asarray(index), *nothing)
+
+    def root(self, rows: WeightedRows, hyper: Hyperparameters, sd: Float[Array, " n_term"]) -> Root:
+        """`Root` with C⁻¹ = HᵀH = Wᵀ (W (ΦDΦᵀ + K⊥) Wᵀ + σ²I)⁻¹ W; W left out where not square."""
+        Phi = self.Phi * sd
+        L = jnp.linalg.cholesky(Phi @ Phi.T + self.covariance(hyper) + hyper.sigma**2 * jnp.eye(len(self.y)))
+        W = self.whitening
+        half = solve_lower(L, jnp.eye(len(L)) if W is None or W.shape[0] != W.shape[1] else W)
+        g, J = half.T @ solve_lower(L, self.y), solve_lower(L, Phi).T @ half
+        return Root(half[:, rows.index], g[rows.index], J[:, rows.index])
+
+    def inverse(
+        self, left: Float[Array, "n k"], right: Float[Array, "m k"], precision: Array, hyper: Hyperparameters
+    ) -> Float[Array, "n m"]:
+        """HᵀH: the noise is in it."""
+        return left @ right.T
+
+    def inverse_diagonal(self, root: Root, rows: WeightedRows, hyper: Hyperparameters) -> Float[Array, " n_row"]:
+        """Diag HᵀH."""
+        return jnp.sum(root.H**2, axis=0)
+
+    def removes(self, size: int) -> bool:
+        """Never: C is factorised anyway."""
+        return False
+
+    def without(
+        self, frame: Frame, rows: EquationRows, table: Table, out: Int[np.ndarray, " n_out"], removal: Removal
+    ) -> "DenseDesign":
+        """Rows of an orthonormal basis of what is left; without correlation these are unit vectors."""
+        remain = np.eye(rows.n_white)[removal.kept]
+        if removal.directions is not None:
+            remain = np.linalg.qr(removal.directions, mode="complete")[0][:, len(out) :].T
+        W = remain if self.whitening is None else remain @ np.asarray(self.whitening)
+        return replace(
+            self,
+            Phi=jnp.asarray(remain @ np.asarray(self.Phi)),
+            y=jnp.asarray(remain @ np.asarray(self.y)),
+            whitening=jnp.asarray(W),
+            n_obs=self.n_obs - len(out),
+            log_det_R=self.log_det_R + removal.log_det,
+        )
+
+    def padded(self) -> "DenseDesign":
+        """Itself: its covariance matrix is as large as it has rows."""
+        return self
+
+    def first_densities(
+        self,
+        order: Int[np.ndarray, " n_obs"],
+        counts: Int[np.ndarray, " n_count"],
+        parameters: tuple[Hyperparameters, Scales],
+    ) -> Float[np.ndarray, "n_draw n_count"]:
+        """One Cholesky factorisation of K⊥ + σ²R in this order serves them all."""
+        return np.asarray(_first_densities(self, jnp.asarray(order), jnp.asarray(counts), parameters))
+
+    def open(
+        self, Phi: Float[np.ndarray, "n_white n_term"], Psi: Float[np.ndarray, "n_white n_basis"]
+    ) -> tuple["DenseDesign", Compress]:
+        """Its rows are the whitened ones already."""
+        return self, lambda y: y
+
+    def simulate(
+        self, hyper: Hyperparameters, Psi: Float[np.ndarray, "n_white n_basis"], generator: np.random.Generator
+    ) -> tuple[dict[str, np.ndarray], Float[np.ndarray, "n_replicate n_white"]]:
+        """F ~ N(0, K⊥) at the rows of the data, through eigenvalues."""
+        covariance = jax.jit(lambda hyper: self.cross_covariance(self.points, hyper))
+        f = np.empty((len(hyper.sigma), len(self.points[0])))
+        for i in range(len(f)):
+            one = Hyperparameters(*(jnp.asarray(part[i]) for part in hyper))
+            values, vectors = np.linalg.eigh(np.asarray(covariance(one)))
+            f[i] = vectors @ (np.sqrt(np.maximum(values, 0.0)) * generator.standard_normal(len(values)))
+        return {"f": f}, f if self.whitening is None else f @ np.asarray(self.whitening).T
+
+    def _gram(self, left: tuple[Array, Array], right: tuple[Array, Array], hyper: Hyperparameters) -> Array:
+        kernel = KERNELS[self.kernel]
+        return orthogonal_gram(self.variant, kernel, hyper.amplitude, hyper.length_scale, left, right, self.nodes)
+
+    def _drawn(
+        self,
+        key: Array,
+        hyper: Hyperparameters,
+        theta: Float[Array, " n_term"],
+        left: tuple[Float[Array, "n_left n_var"], Float[Array, "n_left n_rank"]],
+        prior: Float[Array, "n_left n_left"],
+    ) -> Float[Array, " n_left"]:
+        """F | θ ~ N(k* C⁻¹ (y − Φθ), k** − k* C⁻¹ k*ᵀ), C = K⊥ + σ² I."""
+        _, L = self.remove_discrepancy(self.y, hyper)
+        cross = self.cross_covariance(left, hyper)
+        if self.whitening is not None:
+            cross = cross @ self.whitening.T
+        half = solve_lower(L, cross.T)
+        mean = half.T @ solve_lower(L, self.y - self.Phi @ theta)
+        covariance = prior - half.T @ half
+        return mean + singular_root(covariance) @ jax.random.normal(key, mean.shape)
+
+
+@jax.jit
+def _first_densities(
+    design: DenseDesign, order: Array, counts: Array, parameters: tuple[Hyperparameters, Scales]
+) -> Array:
+    def one(item: tuple[Hyperparameters, Scales]) -> Array:
+        hyper, (sd, log_odds) = item
+        C = design.covariance(hyper) + hyper.sigma**2 * jnp.eye(len(design.y))
+        L = jnp.linalg.cholesky(C[order[:, None], order])
+        left = solve_lower(L, jnp.column_stack([design.Phi, design.y])[order])
+        log_det = jnp.concatenate([jnp.zeros(1), 2 * jnp.cumsum(jnp.log(jnp.diag(L)))])
+
+        def first(count: Array) -> Array:
+            # L is triangular: what f leaves of the first rows does not know the later ones.
+            known = jnp.where((jnp.arange(len(order)) < count)[:, None], left, 0.0)
+            return log_evidence(Regression(known[:, :-1], known[:, -1], log_det[count]), sd, log_odds, 1.0 * count)
+
+        return jax.lax.map(first, counts)
+
+    return jax.lax.map(one, parameters)

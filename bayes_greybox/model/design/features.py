@@ -1,0 +1,288 @@
+"""The feature path: rows [Φ Ψ̃ y] compressed to a triangular factor, whatever their number."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import numpyro
+import numpyro.distributions as dist
+from jax.scipy.linalg import solve_triangular
+from jaxtyping import Array, Float, Int
+
+from bayes_greybox.model.collapsed import FeatureSolve, Regression, constraint_directions, remove_features
+from bayes_greybox.model.compression import triangular_factor
+from bayes_greybox.model.frame import Frame
+from bayes_greybox.model.hyper import Hyperparameters
+from bayes_greybox.model.kernels import KERNELS, log_spectral_density
+from bayes_greybox.model.linalg import solve_lower_transposed
+from bayes_greybox.model.priors import Scales
+from bayes_greybox.model.rows import EquationRows, Removal, Table
+from bayes_greybox.model.sites import site
+
+from .protocol import Compress, Design, EquationDraws, Root, WeightedRows
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class FeatureDesign(Design):
+    """Rows of one equation on the feature path: [Φ Ψ̃ y], whitened, scaled, compressed to a triangular factor.
+
+    The rotation that compresses the rows leaves the likelihood as it is; `n_obs` rows stand behind `y`. Without a
+    discrepancy the features have no columns.
+    """
+
+    Phi: Float[Array, "n_row n_term"]
+    Psi: Float[Array, "n_row n_basis"]
+    gram: Float[Array, "n_basis n_basis"]
+    y: Float[Array, " n_row"]
+    n_obs: Float[Array, ""]
+    n_prior: Float[Array, ""]
+    log_det_R: Float[Array, ""]
+    noise_floor: Float[Array, ""]
+    frequency: Float[Array, "n_basis n_var"]
+    constraints: Float[Array, "n_rank n_basis"] | None
+    kernel: str = field(metadata={"static": True})
+
+    @property
+    def n_var(self) -> int:
+        """Number of variables that f depends on."""
+        return self.frequency.shape[1]
+
+    @property
+    def expands(self) -> bool:
+        """It does."""
+        return True
+
+    def worthwhile(self, draws: int) -> int:
+        """All: a draw costs a product."""
+        return draws
+
+    def weight_prior(self, hyper: Hyperparameters) -> tuple[Array, Array | None]:
+        """½ log S and U: the weights are w = √S ⊙ (I − U Uᵀ) z, z ~ N(0, I); U is None unless conditioned."""
+        if self.Psi.shape[1] == 0:
+            return jnp.zeros(0), None
+        log_S = log_spectral_density(KERNELS[self.kernel], self.frequency, hyper.amplitude, hyper.length_scale)
+        # √S as exp(½ log S): S underflows, and the gradient of √0 is NaN
+        if self.constraints is None:
+            return 0.5 * log_S, None
+        return 0.5 * log_S, constraint_directions(jnp.exp(0.5 * log_S), self.constraints)
+
+    def weights(self, z: Float[Array, " n_basis"], hyper: Hyperparameters) -> Float[Array, " n_basis"]:
+        """Feature weights w of standardised ones z."""
+        if z.size == 0:
+            return z
+        log_root, U = self.weight_prior(hyper)
+        return jnp.exp(log_root) * (z if U is None else z - U @ (U.T @ z))
+
+    def remove_discrepancy(self, y: Float[Array, " n_row"], hyper: Hyperparameters) -> tuple[Regression, FeatureSolve]:
+        """Integrate out the weights of f."""
+        log_root, U = self.weight_prior(hyper)
+        regression, solve = remove_features(self.Phi, self.Psi, self.gram, y, log_root, hyper.sigma, U)
+        log_det = regression.log_det + 2 * self.n_obs * jnp.log(hyper.sigma) + self.log_det_R
+        return regression._replace(log_det=log_det), solve
+
+    def sample_discrepancy(self, key: Array, hyper: Hyperparameters) -> Float[Array, " n_row"]:
+        """Prior draw of f on the compressed rows."""
+        return self.Psi @ self.weights(jax.random.normal(key, self.Psi.shape[1:]), hyper)
+
+    def uncollapsed_discrepancy(self, hyper: Hyperparameters) -> Float[Array, " n_row"]:
+        """F on the compressed rows: standardised weights as the site `z`."""
+        z = site("z", dist.Normal(0.0, 1.0).expand(self.Psi.shape[1:]).to_event(1))
+        weight = self.weights(z, hyper)
+        numpyro.deterministic("weight", weight)
+        return self.Psi @ weight
+
+    def prior_discrepancy(self, key: Array, hyper: Hyperparameters) -> dict[str, Array]:
+        """Prior draw of the weights."""
+        return self._named(self.weights(jax.random.normal(key, self.Psi.shape[1:]), hyper))
+
+    def draw_discrepancy(
+        self, key: Array, hyper: Hyperparameters, theta: Float[Array, " n_term"], solve: Any
+    ) -> dict[str, Array]:
+        """Posterior draw of the weights: z | θ, η, y ~ N(Z_y − Z_Φ θ, (L Lᵀ)⁻¹)."""
+        L, Z = solve
+        z = Z[:, -1] - Z[:, :-1] @ theta + solve_lower_transposed(L, jax.random.normal(key, L.shape[:1]))
+        return self._named(self.weights(z, hyper))
+
+    def at(
+        self, frame: Frame, columns: Mapping[str, np.ndarray], draws: EquationDraws
+    ) -> Float[np.ndarray, "n_draw n_row"]:
+        """Ψ̃ w at any rows."""
+        return draws.weight @ np.asarray(frame.rows(columns)[1]).T
+
+    def at_data(
+        self, Psi: Float[np.ndarray, "n_obs n_basis"], index: Int[np.ndarray, " n_obs"] | slice, draws: EquationDraws
+    ) -> Float[np.ndarray, "n_draw n_obs"]:
+        """Ψ̃ w at rows of the data."""
+        return draws.weight @ Psi.T
+
+    def on_rows(
+        self, weight: Float[np.ndarray, "*batch n_basis"], f: Float[np.ndarray, "*batch n_value"]
+    ) -> Float[np.ndarray, "*batch n_row"]:
+        """Ψ̃ w at the compressed rows."""
+        return weight @ np.asarray(self.Psi).T
+
+    def with_target(self, y: Float[Array, " n_row"]) -> "FeatureDesign":
+        """Another target."""
+        return replace(self, y=y)
+
+    def plain(self, frame: Frame) -> "FeatureDesign":
+        """The features before the dictionary was projected out of them, unconstrained."""
+        Psi = self.Psi
+        if frame.projected:
+            Psi = Psi + self.Phi @ frame.orthonormal @ frame.moments
+        return replace(self, Psi=Psi, gram=Psi.T @ Psi, constraints=None)
+
+    def weighted(
+        self, frame: Frame, rows: EquationRows, table: Table
+    ) -> Callable[[Int[np.ndarray, " n"]], WeightedRows]:
+        """R⁻¹[Φ Ψ̃ y] and diag R⁻¹ at given observations."""
+        values, precision = rows.weighted(table)
+        n_term = len(frame.dictionary)
+
+        def pick(index: Int[np.ndarray, " n"]) -> WeightedRows:
+            part = values(index)
+            columns = (part[:, :n_term], part[:, n_term:-1], part[:, -1], precision(index)[:, 0])
+            return WeightedRows(jnp.asarray(index), *map(jnp.asarray, columns))
+
+        return pick
+
+    def root(self, rows: WeightedRows, hyper: Hyperparameters, sd: Float[Array, " n_term"]) -> Root:
+        """`Root` with C⁻¹ = σ⁻² (R⁻¹ − HᵀH) for C = σ²(R + BBᵀ), B = [Φ sd, Ψ̃ √S (I − UUᵀ)]/σ.
+
+        C⁻¹ = σ⁻² (R⁻¹ − R⁻¹B (I + BᵀR⁻¹B)⁻¹ BᵀR⁻¹) by Woodbury's identity, with I + BᵀR⁻¹B = TᵀT from a QR
+        factorisation, since the Gram matrix would square the condition number; H = T⁻ᵀBᵀR⁻¹.
+        """
+        log_root, U = self.weight_prior(hyper)
+        root = jnp.exp(log_root)
+
+        def scaled(Phi: Array, Psi: Array) -> Array:
+            B = Psi * root
+            B = B if U is None else B - (B @ U) @ U.T
+            return jnp.concatenate([Phi * sd, B], axis=1) / hyper.sigma
+
+        # The compressed rows have the Gram matrix of the whitened ones.
+        B = scaled(self.Phi, self.Psi)
+        n_column = B.shape[1]
+        penalised = jnp.concatenate(
+            [jnp.column_stack([B, self.y / hyper.sigma]), jnp.eye(n_column, n_column + 1)], axis=0
+        )
+        triangle = jnp.linalg.qr(penalised, mode="r")
+        T, right = triangle[:n_column, :n_column], triangle[:n_column, n_column]
+        weighted = scaled(rows.Phi, rows.Psi)
+        half = solve_triangular(T, weighted.T, trans=1)
+        g = (rows.y / hyper.sigma - weighted @ solve_triangular(T, right)) / hyper.sigma
+        return Root(half, g, solve_triangular(T, half)[: len(sd)] / hyper.sigma)
+
+    def inverse(
+        self, left: Float[Array, "n k"], right: Float[Array, "m k"], precision: Array, hyper: Hyperparameters
+    ) -> Float[Array, "n m"]:
+        """σ⁻² (R⁻¹ − HᵀH)."""
+        return (precision - left @ right.T) / hyper.sigma**2
+
+    def inverse_diagonal(self, root: Root, rows: WeightedRows, hyper: Hyperparameters) -> Float[Array, " n_row"]:
+        """σ⁻² diag(R⁻¹ − HᵀH)."""
+        return (rows.precision - jnp.sum(root.H**2, axis=0)) / hyper.sigma**2
+
+    def removes(self, size: int) -> bool:
+        """More rows than there are columns: a block of C⁻¹ would be larger than what leaving them out costs."""
+        return size > self.Phi.shape[1] + self.Psi.shape[1]
+
+    def without(
+        self, frame: Frame, rows: EquationRows, table: Table, out: Int[np.ndarray, " n_out"], removal: Removal
+    ) -> "FeatureDesign":
+        """The factor of the whitened rows that are left."""
+        kept, directions = removal.kept, removal.directions
+        white = rows.whitened(table)
+        if directions is None:
+            factor = triangular_factor(lambda index: white(kept[index]), len(kept))
+        else:
+            whole = white(np.arange(rows.n_white))
+            left = whole - directions @ (directions.T @ whole)
+            factor = triangular_factor(lambda index: left[index], len(left))
+        n_term = len(frame.dictionary)
+        Psi = factor[:, n_term:-1]
+        return replace(
+            self,
+            Phi=jnp.asarray(factor[:, :n_term]),
+            Psi=jnp.asarray(Psi),
+            gram=jnp.asarray(Psi.T @ Psi),
+            y=jnp.asarray(factor[:, -1]),
+            n_obs=self.n_obs - len(out),
+            log_det_R=self.log_det_R + removal.log_det,
+        )
+
+    def padded(self) -> "FeatureDesign":
+        """A factor of few rows, filled up with rows of zeros, which change nothing."""
+        short = max(0, self.Phi.shape[1] + self.Psi.shape[1] + 1 - len(self.y))
+        Phi, Psi, y = (np.pad(a, [(0, short), (0, 0)][: a.ndim]) for a in (self.Phi, self.Psi, self.y))
+        return replace(self, Phi=jnp.asarray(Phi), Psi=jnp.asarray(Psi), y=jnp.asarray(y))
+
+    def first_densities(
+        self,
+        order: Int[np.ndarray, " n_obs"],
+        counts: Int[np.ndarray, " n_count"],
+        parameters: tuple[Hyperparameters, Scales],
+    ) -> None:
+        """None: each number of rows has a factor of its own."""
+        return None
+
+    def open(
+        self, Phi: Float[np.ndarray, "n_white n_term"], Psi: Float[np.ndarray, "n_white n_basis"]
+    ) -> tuple["FeatureDesign", Compress]:
+        """[Φ Ψ̃] = Q R: the sampler sees R, Qᵀy, and the length of what Q cannot say as one more row."""
+        rotation, R = np.linalg.qr(np.column_stack([Phi, Psi]))
+        R = np.vstack([R, np.zeros((int(len(Phi) > R.shape[1]), R.shape[1]))])
+        features = jnp.asarray(R[:, Phi.shape[1] :])
+
+        def compress(y: Float[np.ndarray, "n_replicate n_white"]) -> Float[np.ndarray, "n_replicate n_row"]:
+            kept = y @ rotation
+            if rotation.shape[0] <= rotation.shape[1]:
+                return kept
+            # ‖y − QQᵀy‖ as a residual, not as a difference of squares
+            return np.column_stack([kept, np.linalg.norm(y - kept @ rotation.T, axis=1)])
+
+        design = replace(
+            self,
+            Phi=jnp.asarray(R[:, : Phi.shape[1]]),
+            Psi=features,
+            gram=features.T @ features,
+            y=jnp.zeros(len(R)),
+        )
+        return design, compress
+
+    def simulate(
+        self, hyper: Hyperparameters, Psi: Float[np.ndarray, "n_white n_basis"], generator: np.random.Generator
+    ) -> tuple[dict[str, np.ndarray], Float[np.ndarray, "n_replicate n_white"]]:
+        """W ~ N(0, S), or given C w = 0."""
+        n = len(hyper.sigma)
+        if Psi.shape[1] == 0:
+            return {}, np.zeros((n, len(Psi)))
+        kernel = KERNELS[self.kernel]
+        log_S = jax.vmap(lambda a, ell: log_spectral_density(kernel, self.frequency, a, ell))(
+            jnp.asarray(hyper.amplitude), jnp.asarray(hyper.length_scale)
+        )
+        S = np.exp(np.asarray(log_S))
+        weight = np.sqrt(S) * generator.standard_normal(S.shape)
+        if self.constraints is not None:
+            weight = _condition(weight, S, np.asarray(self.constraints))
+        return {"weight": weight}, weight @ Psi.T
+
+    def _named(self, weight: Array) -> dict[str, Array]:
+        return {"weight": weight} if weight.size else {}
+
+
+def _condition(
+    weight: Float[np.ndarray, "n n_basis"], S: Float[np.ndarray, "n n_basis"], C: Float[np.ndarray, "n_rank n_basis"]
+) -> Float[np.ndarray, "n n_basis"]:
+    """Draws of w given C w = 0 from free ones: w − S Cᵀ (C S Cᵀ)⁺ C w (Matheron's rule)."""
+    out = np.empty_like(weight)
+    for i, (w, s) in enumerate(zip(weight, S, strict=True)):
+        # Least squares in standardised weights, so that C S Cᵀ is never formed.
+        root = np.sqrt(s)
+        z = w / np.where(root > 0, root, 1.0)
+        out[i] = root * (z - np.linalg.pinv(C * root) @ (C @ w))
+    return out

@@ -1,0 +1,63 @@
+"""One learned equation, ready for the likelihood: its rows, its frame and its design."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from .design import Design, EquationDraws, WeightedRows
+from .frame import Frame
+from .rows import EquationRows
+
+
+@dataclass(frozen=True)
+class Equation:
+    """One learned equation.
+
+    Attributes:
+        rows: What was measured, and with what noise.
+        frame: Scaling and bases, fixed by the data.
+        design: What the likelihood sees of the rows.
+    """
+
+    rows: EquationRows
+    frame: Frame
+    design: Design
+
+    @property
+    def target(self) -> Float[np.ndarray, " n_row"]:
+        """Measured less simulated, scaled units."""
+        return self.rows.target / self.frame.target_scale
+
+    def table(self, index: Int[np.ndarray, " n"] | slice = slice(None)) -> Float[np.ndarray, "n n_column"]:
+        """[Φ Ψ̃ y] in scaled units at rows of the data, neither whitened nor compressed."""
+        Phi, Psi = self.frame.rows(self.rows.at(index))
+        return np.column_stack([np.asarray(Phi), np.asarray(Psi), self.target[index]])
+
+    def parts(
+        self, index: Int[np.ndarray, " n"] | slice = slice(None)
+    ) -> tuple[Float[np.ndarray, "n n_term"], Float[np.ndarray, "n n_basis"], Float[np.ndarray, " n"]]:
+        """Φ, Ψ̃ and y of `table`."""
+        table, n_term = self.table(index), len(self.frame.dictionary)
+        return table[:, :n_term], table[:, n_term:-1], table[:, -1]
+
+    def discrepancy(
+        self, draws: EquationDraws, index: Int[np.ndarray, " n"] | slice = slice(None)
+    ) -> Float[np.ndarray, "n_draw n"]:
+        """Posterior draws of f at rows of the data, scaled units."""
+        return self.design.at_data(self.parts(index)[1], index, draws)
+
+    def weighted(self) -> Callable[[Int[np.ndarray, " n"]], WeightedRows]:
+        """Observations by number, weighted by the inverse noise correlation; see `Design.weighted`."""
+        return self.design.weighted(self.frame, self.rows, self.table)
+
+    def without(self, out: Sequence[int] | Int[np.ndarray, " n_out"]) -> "Equation":
+        """The equation without the targets of some observations; the frame (scaling, measure, features) stays.
+
+        Args:
+            out: Observations to leave out: rows of the data, or whitened coefficients where R is singular.
+        """
+        gone = np.unique(np.asarray(out, int))
+        removal = self.rows.without(gone)
+        return replace(self, design=self.design.without(self.frame, self.rows, self.table, gone, removal))

@@ -1,0 +1,246 @@
+"""The known part of the model: the user's simulation as a right-hand side.
+
+`Simulation` is what the rest of the package asks; expressions and callables answer it here, each in its way.
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import sympy
+from jaxtyping import Array, Float
+
+from bayes_greybox.data.errors import InputError
+from bayes_greybox.data.trajectories import Trajectories
+
+from .expressions import evaluate, parse_expression
+from .terms import Term
+
+RightHandSide = Callable[[Array, Array, Array], Array]
+"""(t, x [n_state], u [n_input]) -> dx/dt [n_state]."""
+
+FUNCTION = "function"
+"""What stands in files for a simulation that is code."""
+
+
+@dataclass(frozen=True)
+class Simulation(ABC):
+    """g(x, u), the known rates of the states.
+
+    Attributes:
+        states: State names, in the order of x.
+        inputs: Input names, in the order of u.
+    """
+
+    states: tuple[str, ...]
+    inputs: tuple[str, ...]
+
+    @property
+    @abstractmethod
+    def equations(self) -> tuple[str, ...]:
+        """States whose rate the simulation gives; that of the others is zero."""
+
+    @property
+    @abstractmethod
+    def differentiable(self) -> bool:
+        """Whether JAX can trace `rate`; decided without calling it, so True may still turn out to be wrong."""
+
+    @abstractmethod
+    def rate(self, t: Array, x: Float[Array, " n_state"], u: Float[Array, " n_input"]) -> Float[Array, " n_state"]:
+        """Value of g at one point, inside an integrator."""
+
+    @abstractmethod
+    def on(self, data: Trajectories, state: str) -> Float[np.ndarray, " n_obs"]:
+        """Values of g for one state on the rows of the data, user's units.
+
+        Raises:
+            InputError: A simulation that fails, that is not finite, or that returns the wrong number of rates.
+        """
+
+    @abstractmethod
+    def additive_terms(self, state: str) -> list[tuple[Term, float]]:
+        """The terms of a state's rate with their coefficients; none where the simulation cannot be read."""
+
+    @abstractmethod
+    def kinematic(self, state: str) -> bool:
+        """Whether the rate of a state is known to be another state, as position and velocity are."""
+
+
+@dataclass(frozen=True)
+class ExpressionSimulation(Simulation):
+    """Expressions by state; missing ones are zero.
+
+    Attributes:
+        expressions: Parsed expressions by state.
+    """
+
+    expressions: Mapping[str, sympy.Expr]
+
+    @property
+    def equations(self) -> tuple[str, ...]:
+        """States with an expression."""
+        return tuple(self.expressions)
+
+    @property
+    def differentiable(self) -> bool:
+        """Expressions always are."""
+        return True
+
+    def rate(self, t: Array, x: Float[Array, " n_state"], u: Float[Array, " n_input"]) -> Float[Array, " n_state"]:
+        """Value of g at one point, inside an integrator."""
+        columns = dict(zip((*self.states, *self.inputs), (*x, *u), strict=True))
+        return jnp.stack(
+            [evaluate(self.expressions[s], columns) if s in self.expressions else jnp.zeros(()) for s in self.states]
+        )
+
+    def on(self, data: Trajectories, state: str) -> Float[np.ndarray, " n_obs"]:
+        """Values of g for one state on the rows of the data, user's units."""
+        if state not in self.expressions:
+            return np.zeros(data.n_obs)
+        return _finite(np.asarray(evaluate(self.expressions[state], data.columns)), state)
+
+    def additive_terms(self, state: str) -> list[tuple[Term, float]]:
+        """The additive terms of an expression, each with its coefficient: F - 2*y gives (F, 1) and (y, -2)."""
+        if state not in self.expressions:
+            return []
+        found: dict[sympy.Expr, float] = {}
+        for part in sympy.Add.make_args(sympy.expand(self.expressions[state])):
+            value, form = part.as_coeff_Mul()
+            found[form] = found.get(form, 0.0) + float(value)
+        return [(Term(form), value) for form, value in found.items() if value != 0]
+
+    def kinematic(self, state: str) -> bool:
+        """Whether the expression is the name of a state."""
+        expression = self.expressions.get(state)
+        return expression is not None and bool(expression.is_Symbol) and str(expression) in self.states
+
+
+@dataclass(frozen=True)
+class CallableSimulation(Simulation):
+    """A function (t, x, u) -> dx/dt of all states at once.
+
+    Attributes:
+        function: The user's.
+    """
+
+    function: RightHandSide
+
+    @property
+    def equations(self) -> tuple[str, ...]:
+        """All states."""
+        return self.states
+
+    @property
+    def differentiable(self) -> bool:
+        """A function may be plain NumPy, which JAX cannot trace; that shows when it is called."""
+        return True
+
+    def rate(self, t: Array, x: Float[Array, " n_state"], u: Float[Array, " n_input"]) -> Float[Array, " n_state"]:
+        """Value of g at one point, inside an integrator."""
+        return jnp.asarray(self.function(t, x, u), float)
+
+    def on(self, data: Trajectories, state: str) -> Float[np.ndarray, " n_obs"]:
+        """Values of g for one state on the rows of the data, user's units."""
+        return _finite(self._call(data)[:, self.states.index(state)], state)
+
+    def additive_terms(self, state: str) -> list[tuple[Term, float]]:
+        """None: code cannot be read."""
+        return []
+
+    def kinematic(self, state: str) -> bool:
+        """Never known; data that meet the rate exactly tell it."""
+        return False
+
+    def _call(self, data: Trajectories) -> np.ndarray:
+        x, u = data.matrix(self.states), data.matrix(self.inputs)
+        try:
+            rates = np.asarray(jax.vmap(self.rate)(jnp.asarray(data.time), jnp.asarray(x), jnp.asarray(u)))
+        except Exception:
+            # Plain NumPy, in-place assignment and Python branches fail under JAX with errors of many kinds.
+            rates = self._row_by_row(data.time, x, u)
+        if rates.shape != (data.n_obs, len(self.states)):
+            raise InputError(
+                f"The simulation returns {rates.shape[1:]} rates for {len(self.states)} states: return one "
+                f"for each of {', '.join(self.states)}."
+            )
+        return rates
+
+    def _row_by_row(self, t: np.ndarray, x: np.ndarray, u: np.ndarray) -> np.ndarray:
+        try:
+            return np.array([self.function(*row) for row in zip(t, x, u, strict=True)], float)
+        except Exception as error:
+            raise InputError(
+                f"The simulation failed on the data with {type(error).__name__}: {error}. It is called as "
+                "simulation(t, x, u), with arrays of states and inputs, and returns the rates of all states."
+            ) from error
+
+
+def simulation_of(
+    given: Mapping[str, str] | RightHandSide | None, states: tuple[str, ...], inputs: tuple[str, ...]
+) -> Simulation:
+    """Read the user's simulation.
+
+    Args:
+        given: Expressions by state, a function of all states at once, or None for no simulation.
+        states: State names of the data.
+        inputs: Input names of the data.
+
+    Raises:
+        InputError: An expression for an unknown state, or one that cannot be read.
+    """
+    if callable(given):
+        return CallableSimulation(states, inputs, given)
+    given = given or {}
+    unknown = [name for name in given if name not in states]
+    if unknown:
+        raise InputError(
+            f"The simulation has an equation for {unknown[0]!r}, which is not a state of the data; "
+            f"states: {', '.join(states)}."
+        )
+    parsed = {name: parse_expression(str(text), (*states, *inputs)) for name, text in given.items()}
+    return ExpressionSimulation(states, inputs, parsed)
+
+
+def known_states(given: Mapping[str, str] | RightHandSide | None, states: tuple[str, ...]) -> tuple[str, ...]:
+    """States whose rate a user's simulation gives, told without reading it.
+
+    Args:
+        given: As for `simulation_of`.
+        states: State names of the data.
+    """
+    return states if callable(given) else tuple(given or {})
+
+
+def simulation_record(given: Mapping[str, str] | RightHandSide | None) -> Any:
+    """A user's simulation as plain values for a file: its expressions, or the word that it is code."""
+    return FUNCTION if callable(given) else {name: str(text) for name, text in (given or {}).items()}
+
+
+def simulation_from(record: Any, function: RightHandSide | None = None) -> Mapping[str, str] | RightHandSide:
+    """The inverse of `simulation_record`.
+
+    Args:
+        record: What it returned.
+        function: The simulation's function, if it had one; a file cannot hold code.
+
+    Raises:
+        InputError: If the simulation was a function and none is given.
+    """
+    if record != FUNCTION:
+        return record
+    if function is None:
+        raise InputError(
+            "The model's simulation was a Python function, which a file cannot hold: give it again, "
+            "bg.load(path, simulation=function)."
+        )
+    return function
+
+
+def _finite(value: np.ndarray, state: str) -> np.ndarray:
+    if not np.all(np.isfinite(value)):
+        raise InputError(f"The simulation of {state!r} is not finite on all the data: check its domain.")
+    return value
