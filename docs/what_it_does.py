@@ -93,7 +93,8 @@ def _helps(figure, path) -> None:
 def save(figure: Figure, path: Path) -> None:
     """Write the picture as a PNG of few colours, a third of its size otherwise."""
     figure.savefig(path, dpi=200)
-    Image.open(path).convert("RGB").quantize(96).save(path, optimize=True)
+    few = Image.open(path).convert("RGB").quantize(256, method=Image.Quantize.MAXCOVERAGE, kmeans=3)
+    few.save(path, optimize=True)
 
 
 if __name__ == "__main__":
