@@ -1,4 +1,4 @@
-"""The notebooks run as a reader would run them."""
+"""The notebooks are small as they are stored, and run as a reader would run them (with -m slow)."""
 
 import os
 import shutil
@@ -10,10 +10,30 @@ from nbclient import NotebookClient
 
 ROOT = Path(__file__).parent.parent
 
-pytestmark = pytest.mark.slow  # a step of its own in .ci/run
+NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
+LIMIT = 100_000
+"""Bytes of a stored notebook: what a code host shows without waiting."""
+
+every_notebook = pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 
 
-@pytest.mark.parametrize("path", sorted((ROOT / "notebooks").glob("*.ipynb")), ids=lambda path: path.stem)
+def test_there_are_notebooks():
+    assert len(NOTEBOOKS) >= 5
+
+
+@every_notebook
+def test_a_notebook_is_stored_small_and_without_errors(path):
+    size = path.stat().st_size
+    assert size <= LIMIT, f"{path.name} has {size} bytes; run python .ci/small_notebooks.py notebooks/*.ipynb"
+    notebook = nbformat.read(path, as_version=4)
+    outputs = [output for cell in notebook.cells for output in cell.get("outputs", [])]
+    assert outputs, "stored without outputs"
+    assert not [output for output in outputs if output.output_type == "error"]
+    assert not [output for output in outputs if output.get("name") == "stderr"]
+
+
+@pytest.mark.slow  # a step of its own in .ci/run
+@every_notebook
 def test_a_notebook_runs_and_was_saved_with_its_outputs(path, tmp_path):
     notebook = nbformat.read(path, as_version=4)
     code = [cell for cell in notebook.cells if cell.cell_type == "code"]

@@ -1,4 +1,4 @@
-"""README's Python blocks run as a reader would run them: python -m pytest -m slow tests/test_readme.py."""
+"""README's Python blocks run as a reader would run them, and its picture is drawn: with -m slow."""
 
 import re
 import shutil
@@ -17,10 +17,14 @@ def test_the_python_blocks_of_readme_run(tmp_path):
     blocks = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(encoding="utf-8"), re.DOTALL)
     assert blocks
     shutil.copytree(ROOT / "configs", tmp_path / "configs")
-    result = subprocess.run(
-        [sys.executable, "-c", "\n".join(blocks)], cwd=tmp_path, capture_output=True, text=True, timeout=600
-    )
+    # The picture of README is drawn from the study that its last block makes.
+    script = ROOT / "docs" / "what_it_does.py"
+    drawn = f"import pathlib, runpy\ndrawer = runpy.run_path({str(script)!r})\n"
+    drawn += "drawer['save'](drawer['picture'](study), pathlib.Path('picture.png'))"
+    code = "\n".join([*blocks, drawn])
+    result = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, timeout=600)
     assert result.returncode == 0, result.stderr
     assert (tmp_path / "run.nc").is_file()
     assert (tmp_path / "gap.html").is_file()
+    assert (tmp_path / "picture.png").read_bytes().startswith(b"\x89PNG")
     assert "Converged" in result.stdout

@@ -11,7 +11,7 @@ from bayes_greybox.criticism.checks.loo_pit import _inverse, _parameters, anders
 from bayes_greybox.criticism.checks.p_values import LEVEL, combined_p
 from bayes_greybox.criticism.checks.sensitivity import CONFLICT, DOMINANT, FINE, sensitivity
 from bayes_greybox.criticism.checks.whiteness import _autocorrelation, whiteness
-from bayes_greybox.criticism.cross_validation.row_densities import pointwise_loo, weighted_rows
+from bayes_greybox.criticism.cross_validation.row_densities import pointwise_loo
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.model.discrepancy import OrthogonalGP
 from bayes_greybox.model.priors import CustomPrior, Normal, SpikeAndSlab
@@ -101,7 +101,7 @@ def test_loo_pit_is_that_of_dense_algebra():
         inverse = np.linalg.inv(C)
         z.append(inverse @ y / np.sqrt(np.diag(inverse)))
         if s == 0:
-            rows = weighted_rows(posterior, "v", np.arange(40))
+            rows = posterior.equations["v"].weighted()(np.arange(40))
             first, sd = jax.tree.map(lambda leaf: leaf[0], _parameters(draws))
             g, found = _inverse(design, rows, np.eye(40), first, sd)
             np.testing.assert_allclose(found, inverse, rtol=1e-6, atol=1e-8 * np.abs(inverse).max())

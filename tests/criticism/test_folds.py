@@ -14,16 +14,16 @@ from scipy.special import logsumexp
 from bayes_greybox.criticism.cross_validation import fold_densities as fold_density
 from bayes_greybox.criticism.cross_validation.cross_validate import cross_validate
 from bayes_greybox.criticism.cross_validation.fold_densities import (
-    fold_blocks,
+    fold_densities,
     fold_parameters,
     past_densities,
     subset_density,
 )
 from bayes_greybox.criticism.cross_validation.folds import correlation_length, make_folds
-from bayes_greybox.criticism.cross_validation.refits import leave_out
 from bayes_greybox.criticism.cross_validation.row_densities import pointwise_loo
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.model.design import FeatureDesign
 from bayes_greybox.model.discrepancy import OrthogonalGP
 from bayes_greybox.model.priors import RegularisedHorseshoe
 from bayes_greybox.model.program import Program
@@ -101,7 +101,7 @@ def singular(posterior):
 
 
 def values_of(posterior, folds):
-    parts = list(fold_blocks(posterior, "v", posterior.draws("v"), folds))
+    parts = list(fold_densities(posterior, "v", posterior.draws("v"), folds))
     assert np.array_equal(np.concatenate([index for index, _ in parts]), np.arange(len(folds)))
     return np.concatenate([values for _, values in parts], axis=1)
 
@@ -128,7 +128,7 @@ def test_left_out_folds_have_the_dense_conditional(case, monkeypatch):
         assert scheme == "trajectory" or {len(fold) for fold in folds} <= {3, 4}
         expected = [expected_of(case, s, folds, [np.setdiff1d(np.arange(n), fold) for fold in folds]) for s in range(4)]
         for by_precision in routes:
-            monkeypatch.setattr(fold_density, "_by_precision", lambda *_, route=by_precision: route)
+            monkeypatch.setattr(FeatureDesign, "removes", lambda *_, route=by_precision: not route)
             # Densities far in the tails are thousands of nats, of which twelve digits are as good as the algebra gives.
             np.testing.assert_allclose(values_of(case, folds), expected, rtol=1e-10, atol=1e-8)
 
@@ -185,7 +185,7 @@ def test_patterns_that_were_summed_are_summed_with_and_without_the_fold(case, mo
     n = sum(len(fold) for fold in folds)
     expected = conditionals(folds, [np.setdiff1d(np.arange(n), fold) for fold in folds])
     for by_precision in [True] if exact else [True, False]:
-        monkeypatch.setattr(fold_density, "_by_precision", lambda *_, route=by_precision: route)
+        monkeypatch.setattr(FeatureDesign, "removes", lambda *_, route=by_precision: not route)
         np.testing.assert_allclose(values_of(posterior, folds), expected, rtol=1e-9, atol=1e-7)
     if singular(case):
         return
@@ -211,7 +211,7 @@ def test_designs_for_refits_have_the_density_of_what_is_left(case):
     for scheme in schemes:
         folds = make_folds(case, scheme, 3 if scheme == "future" else None).members["v"]
         out = folds[0] if scheme == "trajectory" else np.sort(np.concatenate(folds))
-        part = leave_out(case, "v", out.tolist()).design
+        part = case.equations["v"].without(out).design
         C, y = dense(case, *draw(case, 0))
         kept = np.setdiff1d(np.arange(len(y)), out)
         C, y = C[np.ix_(kept, kept)], y[kept]
@@ -228,7 +228,7 @@ def test_designs_for_refits_have_the_density_of_what_is_left(case):
 def test_the_horseshoe_is_told_the_number_of_rows_of_the_whole_data():
     model = Program(dictionary={"v": TERMS}, prior=RegularisedHorseshoe(), discrepancy=None)
     posterior = fabricate(model, measured())
-    part = {"v": leave_out(posterior, "v", list(range(20))).design}
+    part = {"v": posterior.equations["v"].without(range(20)).design}
     tau = [
         trace(seed(model.numpyro_model, 0)).get_trace(designs)["v_tau"]["value"]
         for designs in (part, {"v": posterior.equations["v"].design})
@@ -274,7 +274,7 @@ def test_several_runs_advance_together_on_one_clock_and_in_turn_on_several():
     assert [fold.tolist() for fold in in_turn.members["v"]] == [[4, 5], [6, 7]]
 
 
-def test_the_future_is_foretold_backwards_with_refits_to_the_past():
+def test_the_future_is_predicted_backwards_with_refits_to_the_past():
     model = Program(dictionary={"v": TERMS}, discrepancy=None)
     wild = 0.2 * np.exp(np.random.default_rng(0).standard_normal((2, 100)))
     posterior = fabricate(model, measured((25,)), draws=100, sigma=wild)
@@ -330,4 +330,4 @@ def test_steps_into_the_future_that_the_package_chooses_are_two_at_least():
     posterior = fabricate(Program(dictionary={"v": ["y"]}, discrepancy=None), data)
     assert correlation_length(posterior, "v") > 15
     folds = make_folds(posterior, "future")
-    assert len(folds.members["v"]) >= 2 and "half of what is foretold" in folds.notes[0]
+    assert len(folds.members["v"]) >= 2 and "half of what is predicted" in folds.notes[0]

@@ -14,7 +14,7 @@ from scipy.special import betaln, logsumexp
 from bayes_greybox.criticism.convergence import array_stats
 from bayes_greybox.criticism.cross_validation import row_densities as pointwise
 from bayes_greybox.criticism.cross_validation.loo import log_likelihood_group, loo, pointwise_loo
-from bayes_greybox.criticism.cross_validation.refits import leave_out, refit_without
+from bayes_greybox.criticism.cross_validation.refits import refit_without
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.inference.posterior import Sampling, sample_posterior
@@ -96,7 +96,7 @@ def test_designs_without_rows_have_the_density_of_the_other_rows(case):
     scale = case.equations["v"].frame.target_scale
     whole = case.equations["v"].design
     for i in (0, 11):
-        part = leave_out(case, "v", [i])
+        part = case.equations["v"].without([i])
         assert part.frame is case.equations["v"].frame
         for s in range(4):
             hyper, sd = draw(case, s)
@@ -106,7 +106,7 @@ def test_designs_without_rows_have_the_density_of_the_other_rows(case):
 
 def test_leaving_out_several_rows(case):
     out = [3, 4, 9]
-    part = leave_out(case, "v", out).design
+    part = case.equations["v"].without(out).design
     hyper, sd = draw(case, 0)
     C, y = dense(case, hyper, sd)
     kept = np.delete(np.arange(len(y)), out)

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 from scipy.special import betaln, logsumexp
 
-from bayes_greybox.criticism import future, loo
+from bayes_greybox.criticism.cross_validation import leave_future_out as future
+from bayes_greybox.criticism.cross_validation import loo
 from bayes_greybox.criticism.cross_validation.cross_validate import cross_validate
 from bayes_greybox.criticism.cross_validation.folds import make_folds
 from bayes_greybox.data.trajectories import Trajectories

@@ -9,7 +9,8 @@ from bayes_greybox.model import assemble as assemble_module
 from bayes_greybox.model.collapsed import remove_features, ridge
 from bayes_greybox.model.compression import triangular_factor
 from bayes_greybox.model.discrepancy import OrthogonalGP
-from bayes_greybox.model.likelihood import CollapsedNormal, Hyperparameters
+from bayes_greybox.model.hyper import Hyperparameters
+from bayes_greybox.model.likelihood import CollapsedNormal
 from bayes_greybox.model.priors import Scales
 from bayes_greybox.model.program import Program
 

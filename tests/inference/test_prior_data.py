@@ -1,14 +1,12 @@
 """Truths against dense algebra, and the design of a replicate against the one a fit would build."""
 
-from dataclasses import replace
-
 import jax
 import numpy as np
 import pytest
 from numpyro.handlers import seed, substitute, trace
 
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.inference.prior_data import calibration_rows, draw_truths
+from bayes_greybox.inference.prior_data import draw_truths, open_equation
 from bayes_greybox.model.discrepancy import OrthogonalGP
 from bayes_greybox.model.priors import Laplace, Normal, SpikeAndSlab
 from bayes_greybox.model.program import Program
@@ -37,9 +35,9 @@ GPS = [
 def test_a_replicate_has_the_likelihood_of_a_fit_to_the_same_target(data, gp):
     program = Program({"x": ["x", "x**3"]}, prior=SpikeAndSlab(), discrepancy=gp)
     equation = program.assemble(data)["x"]
-    rows = calibration_rows(data, equation)
+    rows = open_equation(equation)
     y = data.derivatives["x"] / equation.frame.target_scale
-    ours = replace(rows.equation.design, y=jax.numpy.asarray(rows.compress(y[None])[0]))
+    ours = rows.equation.design.with_target(jax.numpy.asarray(rows.compress(y[None])[0]))
     values = {"x_noise": 0.3, "x_amplitude": 0.6, "x_length_scale": np.array([0.5]), "x_pi": 0.4, "x_tau": 0.9}
     log_p = []
     for design in (equation.design, ours):
@@ -51,7 +49,7 @@ def test_a_replicate_has_the_likelihood_of_a_fit_to_the_same_target(data, gp):
 @pytest.mark.parametrize("gp", GPS[:4], ids=["projected", "more-features", "conditioned", "none"])
 def test_f_is_orthogonal_where_it_should_be(data, gp):
     program = Program({"x": ["x", "x**3"]}, prior=Laplace(), discrepancy=gp)
-    rows = {name: calibration_rows(data, part) for name, part in program.assemble(data).items()}
+    rows = {name: open_equation(part) for name, part in program.assemble(data).items()}
     truths, _ = draw_truths(program, rows, 50, jax.random.key(0), np.random.default_rng(0))
     f = truths["x_weight"] @ rows["x"].Psi.T
     overlap = (
@@ -62,7 +60,7 @@ def test_f_is_orthogonal_where_it_should_be(data, gp):
 
 def test_targets_are_the_sum_of_their_parts_and_terms_left_out_are_zero(data):
     program = Program({"x": ["x", "x**3"]}, prior=SpikeAndSlab(), discrepancy=GPS[0])
-    rows = {name: calibration_rows(data, part) for name, part in program.assemble(data).items()}
+    rows = {name: open_equation(part) for name, part in program.assemble(data).items()}
     truths, targets = draw_truths(program, rows, 400, jax.random.key(1), np.random.default_rng(1))
     design = rows["x"].equation.design
     signal = truths["x_theta"] @ np.asarray(design.Phi).T + truths["x_weight"] @ np.asarray(design.Psi).T
@@ -80,7 +78,7 @@ def test_the_exact_path_has_the_covariance_of_its_kernel(data):
     program = Program(
         {"x": ["x", "x**3"]}, prior=Normal(), discrepancy=OrthogonalGP(path="exact", length_scale_spread=1e-6)
     )
-    rows = {name: calibration_rows(data, part) for name, part in program.assemble(data).items()}
+    rows = {name: open_equation(part) for name, part in program.assemble(data).items()}
     truths, _ = draw_truths(program, rows, 300, jax.random.key(2), np.random.default_rng(2))
     x = np.asarray(rows["x"].equation.frame.position(data.columns))
     residual = np.eye(30) - rows["x"].Phi @ np.linalg.pinv(rows["x"].Phi)

@@ -3,20 +3,13 @@ import math
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from bayes_greybox.discovery.evidence.evidence import (
-    DiscrepancyPrior,
-    Evaluator,
-    NoisePrior,
-    Spectrum,
-    WithDiscrepancy,
-    coefficients,
-    marginal,
-)
 from scipy.integrate import quad
 from scipy.stats import halfnorm, lognorm, multivariate_normal
 
-from bayes_greybox.discovery.evidence.correlated_residuals import drift_evidence
-from bayes_greybox.inference.bridge import bridge
+from bayes_greybox.discovery.evidence.correlated_residuals import correlation_evidence
+from bayes_greybox.discovery.evidence.parametric import Spectrum, coefficients, marginal
+from bayes_greybox.discovery.evidence.with_discrepancy import Evaluator, WithDiscrepancy
+from bayes_greybox.model.hyper import HyperPrior, NoisePrior
 from bayes_greybox.model.kernels import KERNELS, log_spectral_density
 
 NOISE = NoisePrior(1e-3, 1.0)
@@ -92,16 +85,16 @@ def with_features(n: int = 40, m: int = 8, seed: int = 1):
     hypothesis = WithDiscrepancy(
         spectrum.eigenvalues, spectrum.loading, np.zeros(1), float(y @ y), n, Psi.T @ Psi, Psi.T @ y
     )
-    prior = DiscrepancyPrior(1.0, 0.8, 0.5, "squared_exponential", frequency)
-    return X, Psi, y, sd, hypothesis, prior
+    prior = HyperPrior(NOISE, 1.0, 0.8, 0.5, 1)
+    return X, Psi, y, sd, hypothesis, prior, frequency
 
 
 def test_the_density_with_f_is_that_of_the_dense_normal():
-    X, Psi, y, sd, hypothesis, prior = with_features()
-    evaluator = Evaluator(NOISE, prior)
+    X, Psi, y, sd, hypothesis, prior, frequency = with_features()
+    evaluator = Evaluator(prior, "squared_exponential", frequency)
     s, amplitude, length = 0.2, 0.6, 0.5
     log_S = log_spectral_density(
-        KERNELS[prior.kernel], jnp.asarray(prior.frequency), jnp.asarray(amplitude), jnp.asarray([length])
+        KERNELS["squared_exponential"], jnp.asarray(frequency), jnp.asarray(amplitude), jnp.asarray([length])
     )
     sigma2 = s**2 + NOISE.floor**2
     covariance = (X * sd**2) @ X.T + (Psi * np.exp(np.asarray(log_S))) @ Psi.T + sigma2 * np.eye(len(y))
@@ -115,10 +108,10 @@ def test_the_density_with_f_is_that_of_the_dense_normal():
 
 
 def test_importance_sampling_agrees_with_bridge_sampling():
-    *_, hypothesis, prior = with_features()
-    evaluator = Evaluator(NOISE, prior)
+    *_, hypothesis, prior, frequency = with_features()
+    evaluator = Evaluator(prior, "squared_exponential", frequency)
     found = evaluator.integrate(hypothesis, draws=2000)
-    bridged = bridge(evaluator, hypothesis, draws=600, tune=300, seed=3)
+    bridged = evaluator.bridged(hypothesis, seed=3)
     assert bridged.se < 0.1
     # Chains of NUTS are not quite independent draws, so twice the stated error; false failure below 1e-4.
     assert abs(found.log_evidence - bridged.log_evidence) < 4 * math.hypot(found.se, 2 * bridged.se)
@@ -134,29 +127,29 @@ def residuals(correlated: float, seed: int, n: int = 300):
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_drift_rings_on_correlated_residuals_and_stays_quiet_on_white_ones(seed):
+def test_the_evidence_rings_on_correlated_residuals_and_stays_quiet_on_white_ones(seed):
     run = np.zeros(300, int)
     loud, t = residuals(1.0, seed)
     quiet, _ = residuals(0.0, seed)
-    assert drift_evidence(loud, t, run, NOISE, 1.0) > 5
+    assert correlation_evidence(loud, t, run, NOISE, 1.0) > 5
     # White residuals: the Occam factor alone makes it negative; 2 nats by chance less than one in twenty.
-    assert drift_evidence(quiet, t, run, NOISE, 1.0) < 2
+    assert correlation_evidence(quiet, t, run, NOISE, 1.0) < 2
 
 
-def test_drift_does_not_join_runs():
+def test_runs_are_not_joined():
     """One value a run is no correlation in time, however far apart the runs are."""
     rng = np.random.default_rng(0)
     run = np.repeat(np.arange(150), 2)
     residual = rng.standard_normal(300)
     t = np.tile([0.0, 0.1], 150)
-    assert drift_evidence(residual, t, run, NOISE, 1.0) < 2
+    assert correlation_evidence(residual, t, run, NOISE, 1.0) < 2
 
 
-def test_rows_none_of_which_follows_another_have_no_drift():
+def test_rows_none_of_which_follows_another_have_no_correlation():
     residual, run = np.random.default_rng(0).standard_normal(40), np.arange(40)
-    assert drift_evidence(residual, np.zeros(40), run, NOISE, 1.0) == -math.inf
+    assert correlation_evidence(residual, np.zeros(40), run, NOISE, 1.0) == -math.inf
 
 
-def test_drift_of_a_long_record_uses_stretches_of_it():
+def test_the_correlation_of_a_long_record_uses_stretches_of_it():
     residual, t = residuals(1.0, 0, n=6000)
-    assert drift_evidence(residual, t, np.zeros(6000, int), NOISE, 1.0) > 100
+    assert correlation_evidence(residual, t, np.zeros(6000, int), NOISE, 1.0) > 100
