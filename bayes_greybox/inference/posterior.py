@@ -15,9 +15,10 @@ from threadpoolctl import threadpool_limits
 
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.model.design import EquationDraws
+from bayes_greybox.model.design import Design, EquationDraws
 from bayes_greybox.model.equation import Equation
 from bayes_greybox.model.hyper import Hyperparameters
+from bayes_greybox.model.priors import Scales
 from bayes_greybox.model.program import Program
 from bayes_greybox.model.sites import Sites
 
@@ -28,6 +29,9 @@ from .prior import log_prior, prior_sampler
 
 PRIOR_DRAWS = 500
 """Draws in the `prior` group."""
+
+SLAB = "slab"
+"""Group with the scales and odds that only a prior of the user's own can tell: a file cannot hold that prior."""
 
 
 @dataclass(frozen=True)
@@ -132,8 +136,22 @@ class Posterior:
             flat("prior_sd"),
             flat("weight", 0) / frame.target_scale,
             flat("f", 0) / frame.target_scale,
-            self.model.slab(design, values, sigma),
+            self._summed(equation, design, values, sigma, index),
         )
+
+    def _summed(
+        self, equation: str, design: Design, values: Mapping[str, np.ndarray], sigma: np.ndarray, index: np.ndarray
+    ) -> Scales | None:
+        """Scales and odds of θ where the sampler summed over the inclusion patterns, which leaves `e_inclusion`."""
+        if "inclusion" not in values:
+            return None
+        if SLAB not in self.idata.children:
+            return self.model.slab(design, values, sigma)
+        own, kept = self.sites[equation], self.idata[SLAB].dataset
+        sd, log_odds = (
+            kept[name].stack(flat=("chain", "draw")).to_numpy().T[index] for name in (own["sd"], own.log_odds)
+        )
+        return Scales(jnp.asarray(sd), jnp.asarray(log_odds))
 
 
 @dataclass(frozen=True, eq=False)
@@ -240,6 +258,17 @@ def add_group(
     if any("obs_id" in dims for dims, _ in variables.values()):
         coords["obs_id"] = np.arange(n_obs)
     posterior.idata[name] = xr.DataTree(xr.Dataset(variables, coords=coords))
+
+
+def slab_group(posterior: Posterior) -> xr.Dataset:
+    """Scales and log odds of θ at the draws, of the equations whose inclusion patterns the sampler summed over."""
+    group, variables = posterior.idata["posterior"].dataset, {}
+    for name, own in posterior.sites.items():
+        summed = posterior.draws(name).summed
+        if summed is not None:
+            for variable, value in ((own["sd"], summed.sd), (own.log_odds, summed.log_odds)):
+                variables[variable] = group[own.theta].copy(data=np.reshape(value, group[own.theta].shape))
+    return xr.Dataset(variables)
 
 
 def data_table(data: Trajectories) -> dict[str, np.ndarray]:
