@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import numpyro
 import numpyro.distributions as dist
+import pandas as pd
 import pytest
 from scipy import stats
 from scipy.special import logsumexp
@@ -106,7 +107,7 @@ def test_blocks_are_left_out_with_the_patterns_summed(fit, read_again):
         draws = posterior.draws("y")
         Phi, _, y = posterior.equations["y"].parts()
         unit = np.log(posterior.equations["y"].frame.target_scale)
-        ((_, values),) = list(fold_densities(posterior, "y", draws, folds))
+        values = np.hstack([values for _, values in fold_densities(posterior, "y", draws, folds)])
         for i, (f, fold) in itertools.product((0, 33, 79), enumerate(folds)):
             tau, sigma = float(draws.summed.sd[i, 0]), float(draws.hyper.sigma[i])
             rest = np.delete(np.arange(24), fold)
@@ -118,16 +119,16 @@ def test_blocks_are_left_out_with_the_patterns_summed(fit, read_again):
 def test_a_users_spike_and_slab_is_judged_as_the_packages(data):
     own, package = fitted(SameAsPackage(), data), fitted(bg.SpikeAndSlab(), data)
     np.testing.assert_allclose(own.idata["posterior"]["y_theta"], package.idata["posterior"]["y_theta"], rtol=1e-9)
-    np.testing.assert_allclose(own.sensitivity(), package.sensitivity(), rtol=1e-6)
-    scores = [bg.cross_validate(fit, scheme="block", block=4, progress=False) for fit in (own, package)]
+    pd.testing.assert_frame_equal(own.sensitivity(), package.sensitivity(), rtol=1e-6)
+    scores = [bg.cross_validate(fit, scheme="block", block=4, refit=None, progress=False) for fit in (own, package)]
     assert scores[0].elpd == pytest.approx(scores[1].elpd, rel=1e-9)
 
 
 def test_what_is_read_again_is_judged_as_before(fit, read_again, data, tmp_path):
     assert SLAB in read_again.idata.children
     jax.tree.map(np.testing.assert_array_equal, tuple(read_again.draws("y")), tuple(fit.draws("y")))
-    np.testing.assert_array_equal(read_again.inclusion(), fit.inclusion())
-    np.testing.assert_allclose(read_again.sensitivity(), fit.sensitivity(), rtol=1e-9)
+    pd.testing.assert_frame_equal(read_again.inclusion(), fit.inclusion())
+    pd.testing.assert_frame_equal(read_again.sensitivity(), fit.sensitivity())
     read_again.save(tmp_path / "again.nc")
     twice = bg.load(tmp_path / "again.nc")
     jax.tree.map(np.testing.assert_array_equal, tuple(twice.draws("y")), tuple(fit.draws("y")))
@@ -148,6 +149,6 @@ def test_a_program_without_odds_is_read_again_and_judged_as_before(data, tmp_pat
     fit.save(tmp_path / "run.nc")
     again = bg.load(tmp_path / "run.nc")
     assert SLAB not in again.idata.children and again.draws("y").summed is None
-    np.testing.assert_array_equal(again.inclusion(), fit.inclusion())
+    pd.testing.assert_frame_equal(again.inclusion(), fit.inclusion())
     assert again.predict(data).nmse()["y"] == pytest.approx(fit.predict(data).nmse()["y"])
-    assert len(bg.compare({"a": again, "b": fit}, progress=False)) == 2
+    assert len(bg.compare({"a": again, "b": fit}, max_refits=0, progress=False)) == 2
