@@ -5,7 +5,7 @@ are derived from the same types.
 """
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from types import UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
@@ -18,7 +18,7 @@ from .errors import InputError
 class OneOf:
     """A limit: one of the keys of a registry, whatever it holds when a value is checked."""
 
-    known: Mapping[str, Any]
+    known: Mapping[str, Any] = field(repr=False)
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class Rule:
         words: What is asked for, to follow the value in a sentence: "should be ...".
     """
 
-    holds: Callable[[Any], bool]
+    holds: Callable[[Any], bool] = field(repr=False)
     words: str
 
 
@@ -48,18 +48,18 @@ def require_limits(part: object) -> None:
     Raises:
         InputError: The first such field, its value and what it must be.
     """
-    for field, value, words in beyond_limits(part):
-        raise InputError(f"{type(part).__name__}({field}={value!r}) {words}.")
+    for name, value, words in beyond_limits(part):
+        raise InputError(f"{type(part).__name__}({name}={value!r}) {words}.")
 
 
 def beyond_limits(part: object) -> Iterator[tuple[str, Any, str]]:
     """Fields of an object that are beyond the limits of their types: name, value, and what is wrong with it."""
-    for field, hint in get_type_hints(type(part), include_extras=True).items():
-        value = getattr(part, field)
+    for name, hint in get_type_hints(type(part), include_extras=True).items():
+        value = getattr(part, name)
         for limit in _limits(hint) if value is not None else ():
             words = _broken(limit, value)
             if words is not None:
-                yield field, value, words
+                yield name, value, words
 
 
 def _limits(hint: Any) -> Iterator[Any]:

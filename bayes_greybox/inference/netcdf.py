@@ -144,7 +144,7 @@ def rebuild(record: Mapping[str, Any], simulation: RightHandSide | None = None) 
         dictionary={name: tuple(Term(**term) for term in terms) for name, terms in record["dictionary"].items()},
         simulation=simulation_from(record["simulation"], simulation),
         prior=_rebuild_part(record["prior"], _class_names(PRIORS), CustomPrior(_lost_program)),
-        discrepancy=None if gp is None else OrthogonalGP(**gp),
+        discrepancy=None if gp is None else OrthogonalGP(**_fields(gp)),
         # Files from before there were kinds of rows have none.
         rows=_rebuild_part(record.get("rows", {"kind": "derivative"}), ROWS, _LostRows()),
         noise_floor=record["noise_floor"],
@@ -174,14 +174,14 @@ def _rebuild_part(record: Mapping[str, Any], kinds: Mapping[str, type], lost: An
         kinds: Classes by kind.
         lost: What stands for a class of the user's own.
     """
-    fields = dict(record)
+    fields = _fields(record)
     kind = fields.pop("kind")
-    return kinds[kind](**{key: _tuples(value) for key, value in fields.items()}) if kind in kinds else lost
+    return kinds[kind](**fields) if kind in kinds else lost
 
 
-def _tuples(value: Any) -> Any:
-    """JSON has lists where the fields of a class have tuples."""
-    return tuple(map(_tuples, value)) if isinstance(value, list) else value
+def _fields(record: Mapping[str, Any]) -> dict[str, Any]:
+    """Fields of a class, which has tuples where JSON has lists."""
+    return {key: tuple(value) if isinstance(value, list) else value for key, value in record.items()}
 
 
 def _read_data(table: xr.Dataset, metadata: Mapping[str, Any]) -> Trajectories:
