@@ -267,7 +267,7 @@ def slab_group(posterior: Posterior) -> xr.Dataset:
         summed = posterior.draws(name).summed
         if summed is not None:
             for variable, value in ((own["sd"], summed.sd), (own.log_odds, summed.log_odds)):
-                variables[variable] = group[own.theta].copy(data=np.reshape(value, group[own.theta].shape))
+                variables[variable] = group[own.theta].copy(data=np.asarray(value).reshape(group[own.theta].shape))
     return xr.Dataset(variables)
 
 
