@@ -61,7 +61,7 @@ BlockOption = Annotated[
     int | None, typer.Option(min=1, help="Rows of a block, or time stamps of a step into the future.")
 ]
 MaxRefits = Annotated[
-    int | None, typer.Option(min=0, help="Most exact refits of what the draws cannot foretell (10 by default).")
+    int | None, typer.Option(min=0, help="Most exact refits of what the draws cannot predict (10 by default).")
 ]
 
 
