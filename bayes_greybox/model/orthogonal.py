@@ -13,8 +13,9 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Array, Float
 
+from bayes_greybox.model.algebra.linalg import jittered_cholesky, solve_lower
+
 from .kernels import Kernel, gram
-from .linalg import jittered_cholesky, solve_lower
 
 Variant = Literal["projected", "conditioned", "printed", "none"]
 

@@ -13,10 +13,10 @@ from jaxtyping import Array, Float
 
 from bayes_greybox.criticism.convergence import array_stats
 from bayes_greybox.inference.posterior import Posterior
-from bayes_greybox.model.collapsed import Regression, ridge
+from bayes_greybox.model.algebra.collapsed import Regression, ridge
+from bayes_greybox.model.algebra.linalg import solve_lower
+from bayes_greybox.model.algebra.subsets import log_pattern_weights, patterns
 from bayes_greybox.model.design import Design
-from bayes_greybox.model.linalg import solve_lower
-from bayes_greybox.model.subsets import log_pattern_weights, patterns
 
 ALPHAS = (0.99, 1.01)
 """Powers that prior and likelihood are raised to, one at a time."""

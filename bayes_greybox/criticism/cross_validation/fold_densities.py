@@ -11,12 +11,12 @@ from jax.scipy.special import logsumexp
 from jaxtyping import Array, Bool, Float, Int
 
 from bayes_greybox.inference.posterior import Posterior
-from bayes_greybox.model.collapsed import log_evidence, ridge
+from bayes_greybox.model.algebra.collapsed import log_evidence, ridge
+from bayes_greybox.model.algebra.linalg import solve_lower
+from bayes_greybox.model.algebra.subsets import log_pattern_weights
 from bayes_greybox.model.design import Design, WeightedRows
 from bayes_greybox.model.hyper import Hyperparameters
-from bayes_greybox.model.linalg import solve_lower
 from bayes_greybox.model.priors import Scales
-from bayes_greybox.model.subsets import log_pattern_weights
 
 from .row_densities import ROW_BLOCK
 
@@ -55,7 +55,7 @@ def fold_densities(
         m₋F = m − J_F P⁻¹ g_F,   V₋F = V + J_F P⁻¹ J_Fᵀ,
         p(y_F | y₋F, η) = p(y_F | y₋F, η, γ = 1) Σ_γ w_γ(m, V) / Σ_γ w_γ(m₋F, V₋F),
 
-    with the weights of `model.subsets.log_pattern_weights`. Patterns that Gibbs moves drew are given with η.
+    with the weights of `model.algebra.subsets.log_pattern_weights`. Patterns that Gibbs moves drew are given with η.
 
     Args:
         posterior: Gives data, frame and design.

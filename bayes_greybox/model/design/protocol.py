@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from bayes_greybox.model.collapsed import Regression
+from bayes_greybox.model.algebra.collapsed import Regression
 from bayes_greybox.model.frame import Frame
 from bayes_greybox.model.hyper import Hyperparameters
 from bayes_greybox.model.priors import Scales
