@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 
 import bayes_greybox as bg
-from bayes_greybox.config import load_config, parts, sources, study
+from bayes_greybox.config import load_config, sources, study
 from bayes_greybox.config.file import Compare, Sampling
 from bayes_greybox.criticism.cross_validation.compare import SCHEMES
 from bayes_greybox.data.datasets import FOLDER_VARIABLE
@@ -18,6 +18,8 @@ from bayes_greybox.model.discrepancy import Path as PathKind
 from bayes_greybox.model.kernels import KERNELS
 from bayes_greybox.model.measures import Measure
 from bayes_greybox.model.orthogonal import Variant
+from bayes_greybox.model.priors import PRIORS
+from bayes_greybox.model.rows import ROWS
 
 CONFIGS = Path(__file__).parents[1] / "configs"
 
@@ -174,21 +176,6 @@ def test_files_that_are_no_configuration_are_refused(tmp_path):
         load_config(tmp_path / "bytes.toml")
 
 
-@pytest.mark.parametrize(
-    ("section", "target", "own"),
-    [
-        (parts.Normal, bg.Normal, {"kind"}),
-        (parts.Laplace, bg.Laplace, {"kind"}),
-        (parts.RegularisedHorseshoe, bg.RegularisedHorseshoe, {"kind"}),
-        (parts.SpikeAndSlab, bg.SpikeAndSlab, {"kind"}),
-        (parts.Discrepancy, bg.OrthogonalGP, {"enabled"}),
-        (study.Odds, bg.Odds, set()),
-    ],
-)
-def test_sections_have_the_fields_of_what_they_build(section, target, own):
-    assert set(section.model_fields) - own == {field.name for field in dataclasses.fields(target)}
-
-
 def test_what_a_file_leaves_out_has_the_default_of_the_package(tmp_path):
     model = config(tmp_path, BASE).build_model()
     default = bg.GreyBox({"ydot": ["y"]})
@@ -199,19 +186,59 @@ def test_what_a_file_leaves_out_has_the_default_of_the_package(tmp_path):
     )
 
 
-def test_choices_are_those_of_the_package():
-    def choices(section, field):
-        options = typing.get_args(section.model_fields[field].annotation)
-        # Where None is possible, the choices are one level down.
-        return set(typing.get_args(options[0]) or options)
+@pytest.mark.parametrize(
+    "table",
+    [
+        *(f"[prior]\nkind = '{kind}'" for kind in PRIORS),
+        *(f"[rows]\nkind = '{kind}'" for kind in ROWS),
+        "[discrepancy]",
+        "[study]\nodds = {",
+    ],
+)
+def test_every_field_of_a_class_is_a_key_of_its_table(tmp_path, table):
+    section, own = _section(config(tmp_path, BASE + table + (" }" if table.endswith("{") else "")))
+    part = section.build()
+    assert set(type(section).model_fields) - own == {field.name for field in dataclasses.fields(part)}
+    # What the file leaves out has the default of the class.
+    assert part == type(part)()
+    defaults = {name: value for name, value in dataclasses.asdict(part).items() if value is not None}
+    again = _section(config(tmp_path, BASE + _written(table, defaults)))[0]
+    assert again.build() == part
 
-    assert choices(parts.Discrepancy, "variant") == set(typing.get_args(Variant))
-    assert choices(parts.Discrepancy, "measure") == set(typing.get_args(Measure))
-    assert choices(parts.Discrepancy, "path") == set(typing.get_args(PathKind))
-    assert choices(parts.Discrepancy, "kernel") == set(KERNELS)
-    assert choices(Compare, "scheme") == set(SCHEMES)
+
+def _section(settings):
+    """The one section of a file that is a class of the package's, and its keys that are not fields of the class."""
+    for section, own in (
+        (settings.prior, {"kind"}),
+        (settings.rows, {"kind"}),
+        (settings.discrepancy, {"enabled"}),
+        (settings.study.odds, set()),
+    ):
+        if section is not None:
+            return section, own
+    raise AssertionError
+
+
+def _written(table, fields):
+    def value(given):
+        return f"{given!r}".lower() if not isinstance(given, str) else f'"{given}"'
+
+    pairs = [f"{name} = {value(given)}" for name, given in fields.items()]
+    return f"{table} {', '.join(pairs)} }}" if table.endswith("{") else "\n".join([table, *pairs])
+
+
+def test_choices_are_those_of_the_package(tmp_path):
+    for field, known in (("variant", Variant), ("measure", Measure), ("path", PathKind)):
+        for choice in set(typing.get_args(known)) - {"printed"}:
+            text = BASE + f'[discrepancy]\n{field} = "{choice}"'
+            assert getattr(config(tmp_path, text).build_model().discrepancy, field) == choice
+    for name in KERNELS:
+        assert config(tmp_path, BASE + f'[discrepancy]\nkernel = "{name}"').build_model().discrepancy.kernel == name
+    with pytest.raises(InputError, match=r"\[discrepancy\] kernel = 'matern' is not available; did you mean 'matern"):
+        config(tmp_path, BASE + '[discrepancy]\nkernel = "matern"')
+    assert set(typing.get_args(Compare.model_fields["scheme"].annotation)) == set(SCHEMES)
     systems = {name for name in bg.systems.__all__ if inspect.isfunction(getattr(bg.systems, name))}
-    assert choices(sources.SystemSource, "system") == systems - {"multisine"}
+    assert set(typing.get_args(sources.SystemSource.model_fields["system"].annotation)) == systems - {"multisine"}
 
 
 def test_sampling_has_the_defaults_of_the_package():
@@ -313,7 +340,7 @@ def test_both_parts_are_differentiated_after_the_split(tmp_path):
 
 
 def test_a_wrong_part_of_a_data_set_is_refused_with_the_parts(tmp_path, monkeypatch):
-    monkeypatch.setattr("bayes_greybox.load_dataset", lambda name, **options: {"train": None}, raising=False)
+    monkeypatch.setattr("bayes_greybox.data.datasets.load_dataset", lambda name, **options: {"train": None})
     text = '[data]\ndataset = "silverbox"\npart = "trian"' + DICTIONARY
     with pytest.raises(InputError, match="'silverbox' has no part 'trian'; set part to one of train"):
         config(tmp_path, text).read_data()

@@ -3,17 +3,22 @@
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
-from pydantic import Field, PrivateAttr, ValidationError, field_validator, model_validator
+from pydantic import PrivateAttr, ValidationError, field_validator, model_validator
 
-import bayes_greybox as bg
 from bayes_greybox.data.errors import InputError
+from bayes_greybox.data.limits import Count, Positive, Probability, Seed, Whole
 
-from .parts import Dictionary, Discrepancy, Prior
-from .section import Count, Positive, Section, sentence, wrong
+from .derived import WITHOUT_MODELS
+from .parts import Dictionary, Discrepancy, Prior, Rows
+from .section import Section, sentence, wrong
 from .sources import Data
 from .study import Study
+
+if TYPE_CHECKING:
+    from bayes_greybox.data.trajectories import Trajectories
+    from bayes_greybox.greybox import GreyBox
 
 
 class Noise(Section):
@@ -32,10 +37,10 @@ class Sampling(Section):
     """[sampling]: arguments of `GreyBox.fit`."""
 
     draws: Count = 1000
-    tune: Annotated[int, Field(ge=0)] = 1000
+    tune: Whole = 1000
     chains: Count = 4
-    seed: Annotated[int, Field(ge=0)] = 0
-    target_accept: Annotated[float, Field(gt=0, lt=1)] = 0.9
+    seed: Seed = 0
+    target_accept: Probability = 0.9
 
 
 class Output(Section):
@@ -50,8 +55,8 @@ class Compare(Section):
 
     scheme: Literal["loo", "block", "trajectory", "future"] = "loo"
     block: Count | None = None
-    start: Annotated[float, Field(gt=0, lt=1)] | None = None
-    max_refits: Annotated[int, Field(ge=0)] | None = None
+    start: Probability | None = None
+    max_refits: Whole | None = None
 
     @model_validator(mode="after")
     def _check_start(self) -> Any:
@@ -64,8 +69,8 @@ class Model(Section):
     """[models.NAME]: the sections in which one model of a comparison differs from the file's own."""
 
     dictionary: Dictionary | None = None
-    prior: Prior | None = None
-    discrepancy: Discrepancy | None = None
+    prior: Prior = None
+    discrepancy: Discrepancy = None
 
 
 class Config(Section):
@@ -74,8 +79,9 @@ class Config(Section):
     data: Data
     simulation: dict[str, str] = {}
     dictionary: Dictionary = {}
-    prior: Prior | None = None
-    discrepancy: Discrepancy = Discrepancy()
+    prior: Prior = None
+    discrepancy: Discrepancy = None
+    rows: Rows = None
     noise: Noise = Noise()
     sampling: Sampling = Sampling()
     output: Output = Output()
@@ -121,7 +127,7 @@ class Config(Section):
         """Where results go: as the file says, else runs/<name>."""
         return Path(self.output.folder or Path("runs") / self._path.stem)
 
-    def read_data(self) -> "tuple[bg.Trajectories, bg.Trajectories | None]":
+    def read_data(self) -> "tuple[Trajectories, Trajectories | None]":
         """Training data and, where the file asks for them, held-out data.
 
         Raises:
@@ -129,7 +135,7 @@ class Config(Section):
         """
         return self.data.read(self._path.parent)
 
-    def build_model(self, name: str | None = None) -> "bg.GreyBox":
+    def build_model(self, name: str | None = None) -> "GreyBox":
         """The model of the file, or one of its [models].
 
         Args:
@@ -141,16 +147,15 @@ class Config(Section):
         if name is not None and name not in self.models:
             raise InputError(f"There is no model {name!r}; there are {', '.join(self.models) or 'none'}.")
         own = self.models[name] if name is not None else Model()
-        prior = own.prior or self.prior
         dictionary = self._dictionary(own)
         if not dictionary:
             raise InputError(
                 f'"{self._path}" has no [dictionary], so there is nothing to fit: add terms such as ydot = ["y"], or '
                 "look for what the simulation misses with bayes-greybox discover."
             )
-        return self._model(dictionary, prior, own.discrepancy or self.discrepancy)
+        return self._model(dictionary, own)
 
-    def build_studied_model(self) -> "bg.GreyBox":
+    def build_studied_model(self) -> "GreyBox":
         """The model that missing effects are looked for in: the simulation, and the terms that are free anyway.
 
         Raises:
@@ -161,7 +166,7 @@ class Config(Section):
                 f'"{self._path}" has neither [simulation] nor [dictionary]: say what is known, such as '
                 '[simulation] ydot = "F - y", so that what is missing can be told from it.'
             )
-        return self._model(self.dictionary, self.prior, self.discrepancy)
+        return self._model(self.dictionary, Model())
 
     def study_arguments(self) -> dict[str, Any]:
         """Arguments of `find_missing_effects` beside model and data.
@@ -177,12 +182,18 @@ class Config(Section):
     def _dictionary(self, model: Model) -> Dictionary:
         return self.dictionary if model.dictionary is None else model.dictionary
 
-    def _model(self, dictionary: Dictionary, prior: Prior | None, discrepancy: Discrepancy) -> "bg.GreyBox":
-        return bg.GreyBox(
+    def _model(self, dictionary: Dictionary, own: Model) -> "GreyBox":
+        from bayes_greybox.greybox import GreyBox
+
+        parts = {
+            "prior": own.prior or self.prior,
+            "discrepancy": own.discrepancy or self.discrepancy,
+            "rows": self.rows,
+        }
+        return GreyBox(
             dictionary={state: terms.build() for state, terms in dictionary.items()},
             simulation=dict(self.simulation) or None,
-            prior=bg.SpikeAndSlab() if prior is None else prior.build(),
-            discrepancy=discrepancy.build(),
+            **{name: part.build() for name, part in parts.items() if part is not None},
             **self.noise.arguments(),
         )
 
@@ -217,6 +228,8 @@ def load_config(path: str | Path) -> Config:
     try:
         text = path.read_bytes().decode("utf-8-sig")
         content: Mapping[str, Any] = tomllib.loads(text)
+        # First without what imports half of the package, so that other mistakes are told at once.
+        Config.model_validate(content, context=WITHOUT_MODELS)
         config = Config.model_validate(content)
     except FileNotFoundError:
         raise InputError(f'There is no configuration file "{path}"; check the path.') from None

@@ -3,14 +3,17 @@
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 
-import bayes_greybox as bg
 from bayes_greybox.data.errors import InputError
+from bayes_greybox.data.limits import Count, NotNegative, Positive, Probability, Seed
 
-from .section import Count, NotNegative, Positive, Section, wrong
+from .section import Section, wrong
+
+if TYPE_CHECKING:
+    from bayes_greybox.data.trajectories import Trajectories
 
 
 class Differentiate(Section):
@@ -28,7 +31,7 @@ class Source(Section, ABC):
     """What every kind of [data] may have."""
 
     differentiate: Differentiate | None = None
-    test_fraction: Annotated[float, Field(gt=0, lt=1)] | None = None
+    test_fraction: Probability | None = None
     split_by: Literal["time", "trajectory"] = "time"
 
     @model_validator(mode="after")
@@ -44,7 +47,7 @@ class Source(Section, ABC):
         """Whether there is a table [data.test]."""
         return getattr(self, "test", None) is not None
 
-    def read(self, folder: Path) -> "tuple[bg.Trajectories, bg.Trajectories | None]":
+    def read(self, folder: Path) -> "tuple[bg.Trajectories, Trajectories | None]":
         """Training data and, where the file asks for them, held-out data."""
         first = self.load(folder, test=False)
         second = self.load(folder, test=True) if self.held_out else None
@@ -58,7 +61,7 @@ class Source(Section, ABC):
         return first, second
 
     @abstractmethod
-    def load(self, folder: Path, *, test: bool) -> "bg.Trajectories":
+    def load(self, folder: Path, *, test: bool) -> "Trajectories":
         """The measurements as they are, of the training or of the held-out data."""
 
 
@@ -83,13 +86,15 @@ class TableSource(Source):
     constant: Literal["error", "keep"] = "error"
     test: TableTest | None = None
 
-    def load(self, folder: Path, *, test: bool) -> "bg.Trajectories":
+    def load(self, folder: Path, *, test: bool) -> "Trajectories":
         """Read the file."""
+        from bayes_greybox.data.tables import read_table
+
         settings = self.given("path", "test", "test_fraction", "split_by", "differentiate")
         if test and self.test is not None:
             # Held-out runs may well have an input switched off.
-            return bg.read_table(folder / self.test.path, **{"constant": "keep", **settings})
-        return bg.read_table(folder / self.path, **settings)
+            return read_table(folder / self.test.path, **{"constant": "keep", **settings})
+        return read_table(folder / self.path, **settings)
 
 
 class DatasetTest(Section):
@@ -106,15 +111,18 @@ class DatasetSource(Source):
     options: dict[str, Any] = {}
     test: DatasetTest | None = None
 
-    def load(self, folder: Path, *, test: bool) -> "bg.Trajectories":
+    def load(self, folder: Path, *, test: bool) -> "Trajectories":
         """Load the part."""
-        loaded = bg.load_dataset(self.dataset, **self.options)
+        from bayes_greybox.data.datasets import load_dataset
+        from bayes_greybox.data.trajectories import Trajectories
+
+        loaded = load_dataset(self.dataset, **self.options)
         part = self.test.part if test and self.test is not None else self.part
         section = "[data.test]" if test else "[data]"
         if not isinstance(loaded, dict):
             if part is not None:
                 raise InputError(f"{section} the data set {self.dataset!r} has no parts; leave out part.")
-            return loaded if isinstance(loaded, bg.Trajectories) else loaded.data
+            return loaded if isinstance(loaded, Trajectories) else loaded.data
         if part not in loaded:
             lacks = f"has no part {part!r}" if part is not None else "comes in parts"
             raise InputError(
@@ -138,7 +146,7 @@ class SystemTest(Section):
     x0: Annotated[Any, BeforeValidator(lambda v: _start(v))] = None
     noise: NotNegative = 0.0
     noise_on: Literal["derivatives", "states", "both"] = "derivatives"
-    seed: Annotated[int, Field(ge=0)] = 0
+    seed: Seed = 0
 
 
 class SystemSource(Source):
@@ -150,16 +158,18 @@ class SystemSource(Source):
     x0: Annotated[Any, BeforeValidator(lambda v: _start(v))] = None
     noise: NotNegative = 0.0
     noise_on: Literal["derivatives", "states", "both"] = "derivatives"
-    seed: Annotated[int, Field(ge=0)] = 0
+    seed: Seed = 0
     test: SystemTest | None = None
 
-    def load(self, folder: Path, *, test: bool) -> "bg.Trajectories":
+    def load(self, folder: Path, *, test: bool) -> "Trajectories":
         """Simulate the system."""
         import inspect
 
         import numpy as np
 
-        build = getattr(bg.systems, self.system)
+        from bayes_greybox.physics import systems
+
+        build = getattr(systems, self.system)
         known = list(inspect.signature(build).parameters)
         for name in self.parameters:
             if name not in known:

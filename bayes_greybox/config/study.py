@@ -3,25 +3,15 @@
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field
+from pydantic import BeforeValidator
 
-import bayes_greybox as bg
+from bayes_greybox.data.limits import Count
+from bayes_greybox.discovery import odds
 
-from .section import Count, Section, wrong
+from .derived import section_of
+from .section import Section, wrong
 
-Probability = Annotated[float, Field(gt=0, lt=1)]
-
-
-class Odds(Section):
-    """[study.odds]: the fields of `bayes_greybox.Odds`, prior probabilities of the explanations."""
-
-    no_gap: Probability | None = None
-    recalibrate: Probability | None = None
-    unknown: Probability | None = None
-    effects: Probability | None = None
-    another: Probability | None = None
-    correction: Probability | None = None
-    remainder: Probability | None = None
+Odds = section_of(odds.Odds)
 
 
 class Study(Section):
@@ -33,7 +23,7 @@ class Study(Section):
     catalogue: Annotated[str | list[str], BeforeValidator(lambda v: _words(v, "catalogue"))] = "mechanical"
     roles: dict[str, Annotated[str | list[str], BeforeValidator(lambda v: _words(v, "column"))]] = {}
     effects_at_most: Count = 3
-    odds: Odds | None = None
+    odds: Odds | None = None  # pyright: ignore[reportInvalidTypeForm]
     settle: bool = True
     free_runs: bool = True
     interpolation: Literal["linear", "cubic", "zoh"] | None = None
@@ -50,7 +40,7 @@ class Study(Section):
             found = [_located(name, folder) for name in ([names] if isinstance(names, str) else names)]
             given["catalogue"] = found[0] if isinstance(names, str) else found
         if self.odds is not None:
-            given["odds"] = bg.Odds(**self.odds.given())
+            given["odds"] = self.odds.build()
         return given
 
 

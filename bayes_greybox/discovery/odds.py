@@ -1,8 +1,9 @@
 """Prior probabilities of the explanations of a gap."""
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 from bayes_greybox.data.errors import InputError
+from bayes_greybox.data.limits import Probability, beyond_limits
 
 
 @dataclass(frozen=True)
@@ -25,22 +26,20 @@ class Odds:
         InputError: A value that is no such probability; `another` and `unknown` that leave nothing to the rest.
     """
 
-    no_gap: float = 0.3
-    recalibrate: float = 0.2
-    unknown: float = 0.1
-    effects: float = 0.4
-    another: float = 0.3
-    correction: float = 0.1
-    remainder: float = 0.2
+    no_gap: Probability = 0.3
+    recalibrate: Probability = 0.2
+    unknown: Probability = 0.1
+    effects: Probability = 0.4
+    another: Probability = 0.3
+    correction: Probability = 0.1
+    remainder: Probability = 0.2
 
     def __post_init__(self) -> None:
-        for field in fields(self):
-            value = getattr(self, field.name)
-            if not (isinstance(value, int | float) and 0 < value < 1):
-                raise InputError(
-                    f"odds: {field.name} = {value!r} must be a probability above 0 and below 1; what is as good as "
-                    "excluded gets a small one."
-                )
+        for field, value, _ in beyond_limits(self):
+            raise InputError(
+                f"odds: {field} = {value!r} must be a probability above 0 and below 1; what is as good as excluded "
+                "gets a small one."
+            )
         if not self.another + self.unknown < 1:
             raise InputError(
                 f"odds: another = {self.another:g} and unknown = {self.unknown:g} must leave something to the effects "

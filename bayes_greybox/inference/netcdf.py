@@ -17,21 +17,20 @@ from bayes_greybox.data.columns import derivative_label
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.model.discrepancy import OrthogonalGP
-from bayes_greybox.model.priors import CustomPrior, Laplace, Normal, RegularisedHorseshoe, SpikeAndSlab
+from bayes_greybox.model.priors import PRIORS, CustomPrior
 from bayes_greybox.model.program import Program
+from bayes_greybox.model.rows import ROWS, EquationRows
 from bayes_greybox.physics.printing import to_text
-from bayes_greybox.physics.simulation import RightHandSide, simulation_from, simulation_record
+from bayes_greybox.physics.simulation import RightHandSide, Simulation, simulation_from, simulation_record
 from bayes_greybox.physics.terms import Term
 
-from .posterior import Posterior, Sampling, rate_name
+from .posterior import SLAB, Posterior, Sampling, rate_name, slab_group
 
 RECORD = "bayes_greybox"
 """Root attribute that holds everything but arrays, as JSON text (netCDF attributes know no bool, None or dict)."""
 
 FORMAT = 1
 """Version of the file's layout."""
-
-PRIORS = {kind.__name__: kind for kind in (Normal, Laplace, RegularisedHorseshoe, SpikeAndSlab)}
 
 
 def versions() -> dict[str, str]:
@@ -62,6 +61,8 @@ def save(posterior: Posterior, path: str | os.PathLike, attributes: Mapping[str,
         "versions": versions(),
     }
     tree = posterior.idata.copy()
+    if type(posterior.model.prior) not in PRIORS.values() and (kept := slab_group(posterior)):
+        tree[SLAB] = xr.DataTree(kept)
     tree.attrs = {**posterior.idata.attrs, **(attributes or {}), RECORD: json.dumps(record)}
     try:
         handle, temporary = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
@@ -121,18 +122,12 @@ def describe(model: Program, data: Trajectories) -> dict[str, Any]:
         equation: [{"expression": to_text(t.expr), "name": t.name, "unit": t.unit} for t in dictionary.terms]
         for equation, dictionary in model.dictionaries(data).items()
     }
-    kind = type(model.prior).__name__
-    prior: dict[str, Any] = {"kind": kind}
-    if type(model.prior) in PRIORS.values():
-        prior |= dataclasses.asdict(model.prior)  # pyright: ignore[reportArgumentType]
-    elif kind in PRIORS:
-        # A class of the user's own that is called as one of the package's
-        prior["kind"] = f"own {kind}"
     return {
         "dictionary": terms,
         "simulation": simulation_record(model.simulation),
-        "prior": prior,
+        "prior": _describe_part(model.prior, _class_names(PRIORS)),
         "discrepancy": None if model.discrepancy is None else dataclasses.asdict(model.discrepancy),
+        "rows": _describe_part(model.rows, ROWS),
         "noise_floor": model.noise_floor,
         "noise": model.noise,
     }
@@ -144,17 +139,49 @@ def rebuild(record: Mapping[str, Any], simulation: RightHandSide | None = None) 
     Raises:
         InputError: If the simulation was a function and none is given.
     """
-    prior = dict(record["prior"])
-    kind = prior.pop("kind")
     gp = record["discrepancy"]
     return Program(
         dictionary={name: tuple(Term(**term) for term in terms) for name, terms in record["dictionary"].items()},
         simulation=simulation_from(record["simulation"], simulation),
-        prior=PRIORS[kind](**prior) if kind in PRIORS else CustomPrior(_lost_program),
-        discrepancy=None if gp is None else OrthogonalGP(**gp),
+        prior=_rebuild_part(record["prior"], _class_names(PRIORS), CustomPrior(_lost_program)),
+        discrepancy=None if gp is None else OrthogonalGP(**_fields(gp)),
+        # Files from before there were kinds of rows have none.
+        rows=_rebuild_part(record.get("rows", {"kind": "derivative"}), ROWS, _LostRows()),
         noise_floor=record["noise_floor"],
         noise=record["noise"],
     )
+
+
+def _class_names(registry: Mapping[str, type]) -> dict[str, type]:
+    """The classes of a registry by their names, which stand in files for the priors since the first one."""
+    return {kind.__name__: kind for kind in registry.values()}
+
+
+def _describe_part(part: Any, kinds: Mapping[str, type]) -> dict[str, Any]:
+    """A part of a model as plain values: its kind and its fields, or the name only of a class of the user's own."""
+    for kind, known in kinds.items():
+        if type(part) is known:
+            return {"kind": kind, **dataclasses.asdict(part)}
+    # It may be called as one of the package's is.
+    return {"kind": f"own {type(part).__name__}"}
+
+
+def _rebuild_part(record: Mapping[str, Any], kinds: Mapping[str, type], lost: Any) -> Any:
+    """A part of a model from `_describe_part`.
+
+    Args:
+        record: Its kind and its fields.
+        kinds: Classes by kind.
+        lost: What stands for a class of the user's own.
+    """
+    fields = _fields(record)
+    kind = fields.pop("kind")
+    return kinds[kind](**fields) if kind in kinds else lost
+
+
+def _fields(record: Mapping[str, Any]) -> dict[str, Any]:
+    """Fields of a class, which has tuples where JSON has lists."""
+    return {key: tuple(value) if isinstance(value, list) else value for key, value in record.items()}
 
 
 def _read_data(table: xr.Dataset, metadata: Mapping[str, Any]) -> Trajectories:
@@ -178,6 +205,17 @@ def _lost_program(n_term: int) -> Any:
     raise InputError(
         "The model's prior was a Python program, which a file cannot hold: build the model again to sample from it."
     )
+
+
+@dataclasses.dataclass(frozen=True)
+class _LostRows:
+    """Stands for rows of the user's own kind."""
+
+    def rows(self, data: Trajectories, equation: str, simulation: Simulation) -> EquationRows:
+        """Refuse."""
+        raise InputError(
+            "The model's rows were of a class of your own, which a file cannot hold: build the model again and fit it."
+        )
 
 
 def _umask() -> int:

@@ -30,6 +30,9 @@ from .prior import log_prior, prior_sampler
 PRIOR_DRAWS = 500
 """Draws in the `prior` group."""
 
+SLAB = "slab"
+"""Group with the scales and odds that only a prior of the user's own can tell: a file cannot hold that prior."""
+
 
 @dataclass(frozen=True)
 class Sampling:
@@ -140,6 +143,9 @@ class Posterior:
         values, entry = self._flat(equation, at_most, "posterior"), self.equations[equation]
         if "gamma" not in values:
             return None
+        if SLAB in self.idata.children:
+            kept = self._flat(equation, at_most, SLAB)
+            return Scales(jnp.asarray(kept["sd"]), jnp.asarray(kept["log_odds"]))
         return self.model.slab(entry.design, values, values["sigma"] / entry.frame.target_scale)
 
     def _flat(self, equation: str, at_most: int | None, group_name: str) -> dict[str, np.ndarray]:
@@ -260,6 +266,17 @@ def add_group(
     if any("obs_id" in dims for dims, _ in variables.values()):
         coords["obs_id"] = np.arange(n_obs)
     posterior.idata[name] = xr.DataTree(xr.Dataset(variables, coords=coords))
+
+
+def slab_group(posterior: Posterior) -> xr.Dataset:
+    """Scales and log odds of θ at the draws, of the equations whose inclusion patterns the sampler summed over."""
+    group, variables = posterior.idata["posterior"].dataset, {}
+    for name, own in posterior.sites.items():
+        summed = posterior.summed(name)
+        if summed is not None:
+            for variable, value in ((own["sd"], summed.sd), (own.log_odds, summed.log_odds)):
+                variables[variable] = group[own.theta].copy(data=np.asarray(value).reshape(group[own.theta].shape))
+    return xr.Dataset(variables)
 
 
 def data_table(data: Trajectories) -> dict[str, np.ndarray]:

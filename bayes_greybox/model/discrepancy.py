@@ -2,9 +2,12 @@
 
 from dataclasses import dataclass
 from operator import index
-from typing import Any, Literal, get_args
+from typing import Annotated, Any, Literal
+
+from annotated_types import Gt
 
 from bayes_greybox.data.errors import InputError
+from bayes_greybox.data.limits import Count, OneOf, Positive, Rule, Seed, require_limits
 
 from .kernels import KERNELS
 from .measures import Measure
@@ -14,6 +17,15 @@ Path = Literal["hsgp", "exact"]
 
 EXACT_LIMIT = 1500
 """Rows up to which the dense path is offered."""
+
+
+def _counts(features: Any) -> bool:
+    counts = features if isinstance(features, list | tuple) else [features]
+    return all(type(count) is int and count > 0 for count in counts)
+
+
+COUNTS = Rule(_counts, "should be a positive whole number, or a list with one for each variable")
+"""What numbers of features are."""
 
 
 @dataclass(frozen=True)
@@ -29,7 +41,8 @@ class OrthogonalGP:
         measure: What orthogonal is taken with respect to: "empirical" (the training states), "box" (uniform
             over their bounding box) or "box-monte-carlo" (the same by `monte_carlo` random points, as in the
             paper).
-        kernel: "squared_exponential", "matern32" or "matern52", with one length scale per variable.
+        kernel: One of `kernels.KERNELS`: "squared_exponential", "matern32" or "matern52", with one length scale per
+            variable.
         path: "hsgp" (Hilbert-space features, cost independent of the number of rows) or "exact" (dense).
         variables: What f depends on; None: every state and input.
         features: Features per variable on the hsgp path; None: 20, 10², 8 by total order for 1, 2, 3
@@ -44,32 +57,18 @@ class OrthogonalGP:
 
     variant: Variant = "projected"
     measure: Measure = "empirical"
-    kernel: str = "squared_exponential"
+    kernel: Annotated[str, OneOf(KERNELS)] = "squared_exponential"
     path: Path = "hsgp"
     variables: tuple[str, ...] | None = None
-    features: int | tuple[int, ...] | None = None
-    boundary: float = 2.0
-    length_scale: float = 1.0
-    length_scale_spread: float = 0.5
-    amplitude: float = 1.0
-    monte_carlo: int = 2000
-    seed: int = 0
+    features: Annotated[int | tuple[int, ...] | None, COUNTS] = None
+    boundary: Annotated[float, Gt(1)] = 2.0
+    length_scale: Positive = 1.0
+    length_scale_spread: Positive = 0.5
+    amplitude: Positive = 1.0
+    monte_carlo: Count = 2000
+    seed: Seed = 0
 
     def __post_init__(self) -> None:
-        _require_one_of("variant", self.variant, get_args(Variant))
-        _require_one_of("measure", self.measure, get_args(Measure))
-        _require_one_of("kernel", self.kernel, tuple(KERNELS))
-        _require_one_of("path", self.path, get_args(Path))
-        if self.variant == "printed" and self.path != "exact":
-            raise InputError(
-                "OrthogonalGP(variant='printed') has no feature expansion, because it is not a covariance: "
-                "give path='exact' to build it anyway, or use variant='projected'."
-            )
-        if self.boundary <= 1:
-            raise InputError(f"OrthogonalGP(boundary={self.boundary:g}) must exceed 1, the edge of the data.")
-        for field in ("length_scale", "length_scale_spread", "amplitude", "monte_carlo"):
-            if not getattr(self, field) > 0:
-                raise InputError(f"OrthogonalGP({field}={getattr(self, field)!r}) must be positive.")
         if isinstance(self.variables, str) or (self.variables is not None and len(self.variables) == 0):
             raise InputError(
                 f"OrthogonalGP(variables={self.variables!r}) must name one variable or more, such as "
@@ -79,6 +78,12 @@ class OrthogonalGP:
             object.__setattr__(self, "variables", tuple(self.variables))
         if self.features is not None:
             object.__setattr__(self, "features", _whole(self.features))
+        require_limits(self)
+        if self.variant == "printed" and self.path != "exact":
+            raise InputError(
+                "OrthogonalGP(variant='printed') has no feature expansion, because it is not a covariance: "
+                "give path='exact' to build it anyway, or use variant='projected'."
+            )
 
 
 def _whole(features: Any) -> int | tuple[int, ...]:
@@ -86,8 +91,3 @@ def _whole(features: Any) -> int | tuple[int, ...]:
         return tuple(map(index, features)) if isinstance(features, list | tuple) else index(features)
     except TypeError as error:
         raise InputError(f"OrthogonalGP(features={features!r}) must be whole numbers.") from error
-
-
-def _require_one_of(field: str, value: str, known: tuple[str, ...]) -> None:
-    if value not in known:
-        raise InputError(f"OrthogonalGP({field}={value!r}) is not one of {', '.join(map(repr, known))}.")

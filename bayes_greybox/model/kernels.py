@@ -99,3 +99,4 @@ KERNELS = {
         _matern("matern52", 2.5, lambda r: 1 + r + r**2 / 3, 2.65),
     )
 }
+"""Kernels by name: what is listed here can be chosen in `OrthogonalGP` and in configurations."""

@@ -3,7 +3,7 @@
 Coefficients are in scaled units here: every dictionary column has unit RMS and so has the target.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol, runtime_checkable
 
@@ -13,6 +13,7 @@ import numpyro.distributions as dist
 from jaxtyping import Array, Float
 
 from bayes_greybox.data.errors import InputError
+from bayes_greybox.data.limits import Positive, Whole, require_limits
 
 from .sites import site
 
@@ -46,10 +47,10 @@ class Prior(Protocol):
 class Normal:
     """θ_j ~ N(0, τ²), τ ~ HalfNormal(`scale`)."""
 
-    scale: float = 1.0
+    scale: Positive = 1.0
 
     def __post_init__(self) -> None:
-        _require_positive(self, "scale")
+        require_limits(self)
 
     def scales(self, n_term: int, n_obs: Float[Array, ""] | float, sigma: Float[Array, ""] | float) -> Scales:
         """Sample τ."""
@@ -64,10 +65,10 @@ class Laplace:
     Park & Casella 2008, The Bayesian Lasso, Eq. (4).
     """
 
-    scale: float = 1.0
+    scale: Positive = 1.0
 
     def __post_init__(self) -> None:
-        _require_positive(self, "scale")
+        require_limits(self)
 
     def scales(self, n_term: int, n_obs: Float[Array, ""] | float, sigma: Float[Array, ""] | float) -> Scales:
         """Sample τ and the mixing variances v."""
@@ -91,15 +92,12 @@ class RegularisedHorseshoe:
         slab_df: ν.
     """
 
-    expected_active: float | None = None
-    slab_scale: float = 2.0
-    slab_df: float = 4.0
+    expected_active: Positive | None = None
+    slab_scale: Positive = 2.0
+    slab_df: Positive = 4.0
 
     def __post_init__(self) -> None:
-        _require_positive(self, "slab_scale")
-        _require_positive(self, "slab_df")
-        if self.expected_active is not None:
-            _require_positive(self, "expected_active")
+        require_limits(self)
 
     def scales(self, n_term: int, n_obs: Float[Array, ""] | float, sigma: Float[Array, ""] | float) -> Scales:
         """Sample the global scale, local scales and slab."""
@@ -135,14 +133,13 @@ class SpikeAndSlab:
         enumerate_up_to: Largest dictionary whose patterns are summed.
     """
 
-    a: float = 1.0
-    b: float = 1.0
-    slab_scale: float = 1.0
-    enumerate_up_to: int = ENUMERATION_LIMIT
+    a: Positive = 1.0
+    b: Positive = 1.0
+    slab_scale: Positive = 1.0
+    enumerate_up_to: Whole = ENUMERATION_LIMIT
 
     def __post_init__(self) -> None:
-        for field in ("a", "b", "slab_scale"):
-            _require_positive(self, field)
+        require_limits(self)
 
     def sums(self, n_term: int) -> bool:
         """Whether the patterns of so many terms are summed."""
@@ -180,7 +177,13 @@ def _log_odds(pi: Float[Array, ""]) -> Float[Array, ""]:
     return jnp.log(pi) - jnp.log1p(-pi)
 
 
-def _require_positive(prior: object, field: str) -> None:
-    value = getattr(prior, field)
-    if not value > 0:
-        raise InputError(f"{type(prior).__name__}({field}={value!r}) must be positive.")
+PRIORS: Mapping[str, type] = {
+    "spike_and_slab": SpikeAndSlab,
+    "laplace": Laplace,
+    "regularised_horseshoe": RegularisedHorseshoe,
+    "normal": Normal,
+}
+"""Priors by the kind that configurations have for them; files of fits have the names of the classes.
+
+A prior that is listed here can be configured, saved and loaded. Its fields state their limits in their types.
+"""

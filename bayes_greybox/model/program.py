@@ -223,7 +223,7 @@ class Program:
         return HyperPrior(noise, gp.amplitude, gp.length_scale, gp.length_scale_spread, n_var)
 
     def slab(self, design: Design, values: Mapping[str, Any], sigma: Float[np.ndarray, " n_draw"]) -> Scales | None:
-        """Scales and odds of θ at given draws, where the sampler summed over the inclusion patterns; else None.
+        """Scales and odds of θ at given draws, where the prior leaves the inclusion patterns to be summed; else None.
 
         Args:
             design: Of the equation.

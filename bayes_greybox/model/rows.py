@@ -218,4 +218,7 @@ class DerivativeRows:
 
 
 ROWS: Mapping[str, type] = {"derivative": DerivativeRows}
-"""Kinds of rows by the name that files and configurations have for them."""
+"""Kinds of rows by the name that files of fits and configurations have for them.
+
+A kind that is listed here can be configured, saved and loaded. Its fields state their limits in their types.
+"""

@@ -1,0 +1,87 @@
+"""Files of an older version open, say what they said there, and can be saved again; see tests/data/files/README.md."""
+
+import gzip
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import bayes_greybox as bg
+from bayes_greybox.model.rows import DerivativeRows
+
+FILES = Path(__file__).parents[1] / "data" / "files"
+
+SAID = {
+    "fit": {
+        "inclusion": [1.0, 0.009340696542944922, 0.006022634804129001],
+        "mean": [-0.20007277516704464, 0.0, 0.0],
+        "loo": 91.85588981511115,
+        "block": 88.6674854182622,
+        "nmse": 0.0009329578077234503,
+        "noise": 0.0008082247794516384,
+        "sensitivity": [0.04920062429963353, 0.1463312589279885],
+    },
+    "study": {
+        "inclusion": [1.0, 1.0, 0.6289636173701187],
+        "mean": [-9.222085416508786, 0.24438955119597483, -0.6164413604355239],
+        "loo": -2.2840135790310043,
+        "block": -4.2434237394204395,
+        "nmse": 0.00016625053664530816,
+        "noise": 0.0001533346304685157,
+        "sensitivity": [0.09272520744913926, 0.5648251512819035],
+    },
+}
+"""What commit ef3be5d said of its files."""
+
+
+@pytest.fixture(scope="module", params=list(SAID))
+def name(request):
+    return request.param
+
+
+@pytest.fixture(scope="module")
+def fit(name, tmp_path_factory):
+    path = tmp_path_factory.mktemp("older") / f"{name}.nc"
+    path.write_bytes(gzip.decompress((FILES / f"{name}.nc.gz").read_bytes()))
+    return bg.load(path)
+
+
+def test_the_tables_say_what_they_said(name, fit):
+    said = SAID[name]
+    np.testing.assert_allclose(fit.inclusion()["inclusion"], said["inclusion"], rtol=1e-9)
+    np.testing.assert_allclose(fit.inclusion()["mean"], said["mean"], rtol=1e-9)
+    assert fit.predict(fit.data).nmse()["ydot"] == pytest.approx(said["nmse"], rel=1e-6)
+    assert fit.discrepancy()["noise"].iloc[0] == pytest.approx(said["noise"], rel=1e-6)
+    assert not fit.verdict.ok and "converged" in str(fit.checks())
+    sensitivity = fit.sensitivity().select_dtypes("number").iloc[0]
+    np.testing.assert_allclose(sensitivity, said["sensitivity"], rtol=1e-6)
+    for scheme, settings in (("loo", {}), ("block", {"block": 5})):
+        # Without the refits that so few draws ask for.
+        found = bg.cross_validate(fit, scheme, refit=None, progress=False, **settings)
+        assert found.elpd == pytest.approx(said[scheme], rel=1e-6)
+
+
+def test_the_parts_of_the_model_are_there(name, fit):
+    assert fit.model.rows == DerivativeRows()
+    assert fit.model.prior == bg.SpikeAndSlab()
+    assert fit.model.discrepancy == bg.OrthogonalGP(variables=("y",) if name == "fit" else None, features=4)
+    assert fit.model.simulation["y"] == "ydot"
+    assert fit.data.units["y"] == "m"
+    # Filtered rates have the noise of their rows.
+    assert ("ydot" in fit.data.noise) == (name == "fit")
+    assert fit.sampling.draws == 25
+
+
+def test_saved_again_it_is_the_same(name, fit, tmp_path):
+    fit.save(tmp_path / "again.nc")
+    again = bg.load(tmp_path / "again.nc")
+    assert again.model == fit.model and again.sampling == fit.sampling
+    assert again.data.metadata() == fit.data.metadata()
+    assert list(again.idata.children) == list(fit.idata.children)
+    for group in fit.idata.children:
+        xr.testing.assert_identical(again.idata[group].dataset, fit.idata[group].dataset)
+    if name == "study":
+        record = json.loads(again.idata.attrs["missing_effects"])
+        assert record["verdict"] == "partly named" and record["effects"][0]["slug"] == "dead-zone"
