@@ -5,10 +5,10 @@ import json
 import numpy as np
 import pandas as pd
 import pytest
+from bayes_greybox.discovery.sentence import _closed
 
 import bayes_greybox as bg
 from bayes_greybox.discovery.evaluations import _patterns
-from bayes_greybox.discovery.sentence import _closed
 from bayes_greybox.discovery.study import studied_equations
 
 N_OBS, STEP, NOISE = 400, 0.075, 0.05

@@ -10,8 +10,8 @@ from bayes_greybox import cli
 from bayes_greybox.greybox import Fit
 from bayes_greybox.report import saved
 from bayes_greybox.report.comparison_folder import load_comparison, save_comparison
-from bayes_greybox.report.comparison_page import comparison_page
-from bayes_greybox.report.page import render
+from bayes_greybox.report.pages.comparison_page import comparison_page
+from bayes_greybox.report.pages.page import render
 
 NAMES = ("spike & slab", "laplace")
 

@@ -6,7 +6,7 @@ import pytest
 
 import bayes_greybox as bg
 from bayes_greybox.data.errors import InputError
-from bayes_greybox.report.fit_page import fit_html
+from bayes_greybox.report.pages.fit_page import fit_html
 
 SHORT = {"draws": 50, "tune": 100, "chains": 2, "progress": False}
 

@@ -4,6 +4,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 import pytest
+from bayes_greybox.report.plots.coefficients import estimate_text
 from matplotlib.collections import LineCollection, PolyCollection, QuadMesh
 from matplotlib.figure import Figure
 
@@ -18,7 +19,6 @@ from bayes_greybox.report.plots import (
     plot_tradeoff,
     save_figures,
 )
-from bayes_greybox.report.plots.coefficients import estimate_text
 from bayes_greybox.report.plots.style import formula_or_name, unit_text
 
 

@@ -23,14 +23,14 @@ from fake_study import (
 )
 
 from bayes_greybox.data.errors import InputError
-from bayes_greybox.report.page import Page, Section, Table, render, write_page
+from bayes_greybox.report.formatting import estimate, formula, interval, nats, number, pareto
+from bayes_greybox.report.pages.page import Page, Section, Table, render, write_page
+from bayes_greybox.report.pages.study_page import BADGES, study_html, study_page
+from bayes_greybox.report.pages.tables import settings_rows
 from bayes_greybox.report.record import study_record
 from bayes_greybox.report.study_figures import study_figures
-from bayes_greybox.report.study_page import BADGES, study_html, study_page
-from bayes_greybox.report.study_terminal import study_tables
 from bayes_greybox.report.study_words import amended_simulation, closed_text, metric_interval
-from bayes_greybox.report.tables import settings_rows
-from bayes_greybox.report.text import estimate, formula, interval, nats, number, pareto
+from bayes_greybox.report.terminal.study import study_tables
 
 # Most of the time a page takes is that of its figures.
 PLAIN = {"maps": {}, "traces": {}, "paths": {}}

@@ -1,6 +1,7 @@
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
+from bayes_greybox.report.plots.ranking import percent_text, probability_text
 from matplotlib.collections import LineCollection, QuadMesh
 from matplotlib.contour import ContourSet
 from matplotlib.figure import Figure
@@ -16,7 +17,6 @@ from bayes_greybox.report.plots import (
     plot_posteriors,
     plot_rounds,
 )
-from bayes_greybox.report.plots.ranking import percent_text, probability_text
 from bayes_greybox.report.plots.style import BLUE, SKY
 
 

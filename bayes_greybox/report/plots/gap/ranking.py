@@ -9,7 +9,8 @@ from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from .style import (
+from bayes_greybox.report.formatting import percent_text, probability_text
+from bayes_greybox.report.plots.style import (
     BLUE,
     DARK,
     GREY,
@@ -22,7 +23,6 @@ from .style import (
     plain,
 )
 
-_LEAST = 1e-3
 # Points between the columns of text, and the width of a character in them.
 _GAP, _CHARACTER = 8.0, 6.0
 
@@ -82,26 +82,6 @@ def plot_rounds(
     """
     columns = {"gap left": [percent_text(value) for value in share_left]}
     return _bars(labels, share_left, [BLUE] * len(labels), columns, title, "share of the gap left", axes)
-
-
-def probability_text(value: float | np.floating) -> str:
-    """A probability to three decimals, never rounded to certainty."""
-    if not np.isfinite(value):
-        return "–"
-    if value < _LEAST:
-        return "<\u00a00.001"
-    return ">\u00a00.999" if value > 1 - _LEAST else f"{value:.3f}"
-
-
-def percent_text(share: float | np.floating) -> str:
-    """A share in percent with a sensible number of digits, in one piece: its spaces do not break."""
-    if not np.isfinite(share):
-        return "–"
-    percent = 100 * float(share)
-    if 0 < abs(percent) < 0.01:
-        return "<\u00a00.01\u00a0%" if percent > 0 else "0\u00a0%"
-    digits = 0 if abs(percent) >= 99.95 or percent == 0 else 1 if abs(percent) >= 1 else 2
-    return f"{percent:.{digits}f}\u00a0%".replace("-", "−")
 
 
 def _bars(

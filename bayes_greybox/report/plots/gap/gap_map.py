@@ -11,8 +11,9 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from .over_states import fade_outside, outline
-from .style import (
+from bayes_greybox.report.formatting import number, unit_text
+from bayes_greybox.report.plots.posterior.over_states import fade_outside, outline
+from bayes_greybox.report.plots.style import (
     BLUE,
     DARK,
     GREY,
@@ -21,13 +22,11 @@ from .style import (
     figure_of,
     given_axes,
     new_figure,
-    number_text,
     place_legend,
     plain,
-    unit_text,
     with_unit,
 )
-from .thinning import every_nth
+from bayes_greybox.report.plots.thinning import every_nth
 
 SURE = 0.9
 """Probability from which a gap counts as there, in every figure."""
@@ -82,7 +81,7 @@ def plot_gap_map(
         ax.set_xlabel(with_unit(variables[0], units[0]))
         ax.set_ylabel(with_unit(variables[1], units[1]))
         ax.set_title(title)
-    event = f"|gap| > {number_text(threshold)} {unit_text(unit)}".rstrip()
+    event = f"|gap| > {number(threshold)} {unit_text(unit)}".rstrip()
     _explain(panels[0], bold, event, samples is not None, not seen.all(), axes is None)
     return figure_of(panels[0])
 

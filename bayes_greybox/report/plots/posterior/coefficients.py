@@ -1,6 +1,5 @@
 """Forest plot of the coefficients, with the probability that each one matters."""
 
-import re
 from collections.abc import Mapping, Sequence
 from typing import Any, Literal
 
@@ -12,8 +11,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, MaxNLocator
 
 from bayes_greybox.data.errors import InputError
-
-from .style import (
+from bayes_greybox.report.formatting import PROBABILITIES, figure_estimate, probability_text
+from bayes_greybox.report.plots.style import (
     BLUE,
     DARK,
     GREY,
@@ -24,13 +23,10 @@ from .style import (
     formula_or_name,
     given_axes,
     new_figure,
-    number_text,
     place_legend,
     plain,
-    unit_text,
 )
 
-_PROBABILITY_LABEL = {"inclusion": "P(included)", "outside_rope": "P(|θ| > ROPE)"}
 # Beyond this ratio of the largest to the smallest clear coefficient a linear axis hides the small ones.
 _LINEAR_RATIO = 30.0
 # Half width of the linear part of a symmetric-log axis, in decades.
@@ -87,25 +83,6 @@ def plot_coefficients(
     return figure_of(pairs[0][0])
 
 
-def estimate_text(mean: float | np.floating, sd: float | np.floating, unit: str = "") -> str:
-    """`mean ± sd [unit]` with two significant digits of the sd, and one common power of ten where needed."""
-    mean, sd, shown = float(mean), float(sd), unit_text(unit)
-    tail = f" [{shown}]" if shown else ""
-    size = max(abs(mean), sd)
-    if sd == 0.0 or not np.isfinite(size):
-        return number_text(mean) + tail
-    power = int(np.floor(np.log10(size)))
-    power = power if power >= 5 or power <= -4 else 0
-    decimals = max(0, 1 - int(np.floor(np.log10(sd / 10.0**power))))
-    if decimals <= 6:
-        body = f"{mean / 10.0**power:.{decimals}f} ± {sd / 10.0**power:.{decimals}f}"
-    else:
-        body = f"{mean / 10.0**power:.6f} ± {sd / 10.0**power:.0e}"
-    # A mean that rounds to zero carries no sign.
-    body = re.sub(r"^-(?=[0.]+ )", "", body).replace("-", "−")
-    return (f"({body})$\\times 10^{{{power}}}$" if power else body) + tail
-
-
 def _equations(table: pd.DataFrame, equation: str | None) -> list[str]:
     missing = [column for column in ("mean", "sd", "lower", "upper") if column not in table.columns]
     if missing:
@@ -119,7 +96,7 @@ def _equations(table: pd.DataFrame, equation: str | None) -> list[str]:
 
 
 def _probability_column(block: pd.DataFrame) -> str | None:
-    for column in _PROBABILITY_LABEL:
+    for column in PROBABILITIES:
         if column in block.columns and not np.isnan(block[column].to_numpy(dtype=float)).any():
             return column
     return None
@@ -183,7 +160,7 @@ def _draw_forest(ax: Axes, block: pd.DataFrame, truth: dict[str, Any], units: di
             label="true value",
         )
     for row, (term, value, sd) in enumerate(zip(terms, mean, block["sd"], strict=True)):
-        text = estimate_text(value, sd, units.get(term) or "")
+        text = figure_estimate(value, sd, plain(units.get(term) or ""))
         ax.text(1.02, row, text, transform=ax.get_yaxis_transform(), va="center", fontsize=9, color=DARK)
     ax.set_yticks(rows, [formula_or_name(term, latex.get(term)) for term in terms])
     ax.set_ylim(len(terms) - 0.4, -0.6)
@@ -235,9 +212,9 @@ def _draw_bars(ax: Axes, block: pd.DataFrame, source: str | None) -> None:
     probability = block[source].to_numpy(dtype=float)
     ax.barh(rows, probability, height=0.55, color=BLUE)
     for row, value in enumerate(probability):
-        ax.text(1.04, row, f"{value:.2f}", transform=ax.get_yaxis_transform(), va="center", fontsize=9)
+        ax.text(1.04, row, probability_text(value), transform=ax.get_yaxis_transform(), va="center", fontsize=9)
     ax.set_xlim(0, 1)
     ax.set_xticks([0, 0.5, 1], ["0", "0.5", "1"])
     ax.set_ylim(len(block) - 0.4, -0.6)
     ax.set_yticks([])
-    ax.set_xlabel(_PROBABILITY_LABEL[source])
+    ax.set_xlabel(PROBABILITIES[source])

@@ -9,8 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from .over_time import N_BIN, draw_posterior, name_run, rows_of_runs
-from .style import (
+from bayes_greybox.report.plots.style import (
     BLUE,
     DARK,
     GREY,
@@ -22,7 +21,9 @@ from .style import (
     plain,
     with_unit,
 )
-from .thinning import extreme_rows
+from bayes_greybox.report.plots.thinning import extreme_rows
+
+from .over_time import N_BIN, draw_posterior, name_run, rows_of_runs
 
 # Beyond these numbers of rows points merge into a blot: along time a line, across a density.
 _MOST_MARKERS = 2000

@@ -14,8 +14,21 @@ from bayes_greybox.criticism.prediction import predict
 from bayes_greybox.data.columns import derivative_label
 from bayes_greybox.inference.posterior import Posterior
 from bayes_greybox.physics.units import derivative_unit
+from bayes_greybox.report import plots as figures
+from bayes_greybox.report.formatting import (
+    PROBABILITIES,
+    estimate,
+    formula,
+    interval,
+    listed,
+    nmse_text,
+    number,
+    percent_text,
+    probability_column,
+    probability_text,
+    unit_text,
+)
 
-from . import figures
 from .page import (
     Badge,
     Card,
@@ -30,17 +43,6 @@ from .page import (
     write_page,
 )
 from .tables import by_equation, fit_settings, footer, settings_table, verdict_blocks
-from .text import (
-    PROBABILITIES,
-    estimate,
-    formula,
-    interval,
-    listed,
-    number,
-    percent_text,
-    probability_column,
-    unit_text,
-)
 
 CLEAR = 0.5
 """Terms more probable than this are marked."""
@@ -165,7 +167,7 @@ def _coefficients(fit: Posterior, table: pd.DataFrame) -> Section:
         (
             formula(str(term)),
             _rate(fit, str(name)),
-            f"{row[column]:.3f}",
+            probability_text(row[column]),
             estimate(row["mean"], row["sd"], row["unit"]),
             interval(row["lower"], row["upper"]),
             number(row["shrinkage"], 2),
@@ -228,7 +230,7 @@ def _predicted(fit: Posterior) -> Section:
         for name in fit.model.equations
     ]
     errors = predict(fit, fit.data).nmse()
-    text = ", ".join(f"{_rate(fit, str(name))} {number(value, 2)}" for name, value in errors.items())
+    text = ", ".join(f"{_rate(fit, str(name))} {nmse_text(value)}" for name, value in errors.items())
     words = Words(f"Mean square error over the variance of the measurements, training data: {text}.")
     return Section("predicted", "Predicted and measured", "", [Pictures(shown), words])
 

@@ -8,7 +8,8 @@ from jaxtyping import Float, Int
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from .style import (
+from bayes_greybox.report.formatting import level_text
+from bayes_greybox.report.plots.style import (
     BLUE,
     DARK,
     GREY,
@@ -20,7 +21,7 @@ from .style import (
     plain,
     with_unit,
 )
-from .thinning import extreme_rows, outer_band
+from bayes_greybox.report.plots.thinning import extreme_rows, outer_band
 
 MOST_PANELS = 6
 # Bins of a long record: about one a pixel column of a notebook figure.
@@ -111,7 +112,7 @@ def draw_posterior(
 ) -> None:
     """Mean line and band of a quantity along time, thinned where the record is long."""
     band_time, low, high = outer_band(time, lower, upper, N_BIN)
-    ax.fill_between(band_time, low, high, color=BLUE, alpha=0.28, linewidth=0, label=f"{float(level):.0%} interval")
+    ax.fill_between(band_time, low, high, color=BLUE, alpha=0.28, linewidth=0, label=f"{level_text(level)} interval")
     kept = extreme_rows(mean, N_BIN)
     ax.plot(
         time[kept],

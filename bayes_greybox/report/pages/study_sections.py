@@ -7,12 +7,20 @@ import numpy as np
 import pandas as pd
 
 from bayes_greybox.discovery.study import StudyResult
+from bayes_greybox.report import plots as figures
+from bayes_greybox.report.formatting import estimate, formula, interval, number, percent_text, probability_text
+from bayes_greybox.report.study_words import (
+    LIKELY,
+    added,
+    amended_simulation,
+    concentration,
+    metric_interval,
+    metric_value,
+    name_of,
+)
 
-from . import study_figures as figures
 from .page import Code, Details, Items, Picture, Pictures, Section, Table, Words, picture, time_picture
-from .study_words import LIKELY, amended_simulation, concentration, metric_interval, metric_value
 from .tables import by_equation, settings_table, verdict_blocks
-from .text import estimate, formula, interval, number, percent_text, probability_text
 
 MOST_EFFECTS = 8
 """Effects that are shown unfolded."""
@@ -36,7 +44,7 @@ def what(study: StudyResult) -> Section:
         for name in _equations(study.hypotheses)
     ]
     if len(study.effects):
-        first = max(MOST_EFFECTS, len(figures.added(study)))
+        first = max(MOST_EFFECTS, len(added(study)))
         blocks.append(_effects(study, study.effects.iloc[:first]))
         rest = study.effects.iloc[first:]
         if len(rest):
@@ -58,9 +66,9 @@ def what(study: StudyResult) -> Section:
 def how_much(study: StudyResult) -> Section:
     """Coefficients of the added effects, and the amended simulation to copy."""
     blocks: list[Any] = [Words("No effect was added to the model.")]
-    if figures.added(study).size:
+    if added(study).size:
         alt = "Posterior distribution of the coefficient of each added effect"
-        blocks = [Pictures([picture(figures.coefficients(study), alt)])]
+        blocks = [Pictures([picture(figures.added_coefficients(study), alt)])]
     text = amended_simulation(study)
     if text:
         caption = "The simulation with what was found, posterior means put in, as [simulation] of a configuration:"
@@ -107,11 +115,11 @@ def rounds(study: StudyResult) -> Section | None:
         (
             _rate(equation),
             str(k),
-            figures.name_of(study, row["added"]) or "–",
+            name_of(study, row["added"]) or "–",
             probability_text(row["probability"]),
             percent_text(row["share_left"]),
-            figures.name_of(study, row["verdict"]),
-            figures.name_of(study, row["runner_up"]) or "–",
+            name_of(study, row["verdict"]),
+            name_of(study, row["runner_up"]) or "–",
             probability_text(row["runner_up_probability"]),
         )
         for (equation, k), row in _records(study.rounds)
@@ -162,7 +170,7 @@ def ties(study: StudyResult) -> Section | None:
     lead = "These data do not tell the following effects apart; the next experiment could."
     items = []
     for tie in study.ties:
-        names = " or ".join(figures.name_of(study, slug) for slug in tie["slugs"])
+        names = " or ".join(name_of(study, slug) for slug in tie["slugs"])
         items.append((names if len(study.maps) == 1 else f"{names}, in {_rate(tie['equation'])}", str(tie["advice"])))
     return Section("ties", "What would tell the candidates apart", lead, [Items(items)])
 
@@ -222,7 +230,7 @@ def _effects(study: StudyResult, effects: pd.DataFrame) -> Table:
             estimate(row["mean"], row["sd"], row["unit"]),
             interval(row["lower"], row["upper"]),
             formula(row["expression"]),
-            ", ".join(figures.name_of(study, slug) for slug in row["tied_with"]) or "–",
+            ", ".join(name_of(study, slug) for slug in row["tied_with"]) or "–",
         )
         for row in records
     ]
@@ -236,7 +244,7 @@ def _hypotheses(study: StudyResult) -> Table:
     table = study.hypotheses.sort_values("probability", ascending=False, kind="stable")
     rows = [
         (
-            figures.name_of(study, slug),
+            name_of(study, slug),
             _rate(equation),
             probability_text(row["probability"]),
             number(row["log_evidence"], 5),

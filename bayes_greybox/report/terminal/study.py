@@ -9,11 +9,11 @@ from rich.text import Text
 
 from bayes_greybox.criticism.convergence import convergence
 from bayes_greybox.discovery.study import StudyResult
+from bayes_greybox.report.formatting import estimate, formula, percent_text, probability_text
+from bayes_greybox.report.sentence import sentence
+from bayes_greybox.report.study_words import metric_value, name_of, shown_part
 
-from . import study_figures as figures
-from .study_words import metric_value, shown_part
-from .terminal import plain_table
-from .text import estimate, formula, percent_text, probability_text
+from .tables import plain_table
 
 MOST_EFFECTS = 5
 """Effects shown; the report and the record have them all."""
@@ -30,7 +30,7 @@ def study_tables(study: StudyResult) -> Iterator[RenderableType]:
     Yields:
         What to print, in order.
     """
-    yield Text.assemble((study.verdict.upper(), STYLES.get(study.verdict, "bold yellow")), f": {study.sentence}")
+    yield Text.assemble((study.verdict.upper(), STYLES.get(study.verdict, "bold yellow")), f": {sentence(study)}")
     if study.fit is not None and not convergence(study.fit).ok:
         yield Text(str(convergence(study.fit)), style="red")
     if len(study.where):
@@ -39,7 +39,7 @@ def study_tables(study: StudyResult) -> Iterator[RenderableType]:
         yield Group("", _effects(study))
     yield Group("", _gap(study))
     for tie in study.ties:
-        names = " or ".join(figures.name_of(study, slug) for slug in tie["slugs"])
+        names = " or ".join(name_of(study, slug) for slug in tie["slugs"])
         yield Text(f"\nNot told apart by these data: {names}. {tie['advice']}")
 
 

@@ -11,8 +11,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from bayes_greybox.data.errors import InputError
-
-from .style import BLUE, DARK, GREY, LIGHT, ORANGE, STYLE, new_figure, number_text, plain
+from bayes_greybox.report.formatting import number
+from bayes_greybox.report.plots.style import BLUE, DARK, GREY, LIGHT, ORANGE, STYLE, new_figure, plain
 
 _ACROSS = 4
 """Panels in a row."""
@@ -60,7 +60,7 @@ def plot_calibration(
         ax.axhline(0.0, color=GREY, linewidth=0.6)
         ax.plot(at, differences[name].to_numpy(float), color=BLUE if passed else ORANGE, linewidth=1.3, label="ECDF")
         ax.set_ylim(-reach, reach)
-        _finish(ax, str(name), f"adjusted p = {number_text(adjusted, 2)}")
+        _finish(ax, str(name), f"adjusted p = {number(adjusted, 2)}")
     for ax, (name, table) in zip(panels[differences.shape[1] :], reliability.items(), strict=False):
         _draw_reliability(ax, table)
         _finish(ax, f"{name}: P(included)", "")

@@ -11,9 +11,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from bayes_greybox.data.errors import InputError
-
-from .coefficients import estimate_text
-from .style import (
+from bayes_greybox.report.formatting import figure_estimate, level_text
+from bayes_greybox.report.plots.style import (
     BLUE,
     DARK,
     GREY,
@@ -82,7 +81,7 @@ def plot_posteriors(
     for ax, item in zip(panels, coefficients, strict=True):
         _draw(ax, item)
     below = panels[-1]
-    below.set_xlabel(f"{below.get_xlabel()}\ndot and bar: mean and {level:.0%} interval")
+    below.set_xlabel(f"{below.get_xlabel()}\ndot and bar: mean and {level_text(level)} interval")
     return figure_of(panels[0])
 
 
@@ -108,5 +107,5 @@ def _draw(ax: Axes, item: Coefficient) -> None:
     ax.xaxis.set_major_locator(MaxNLocator(5))
     ax.set_xlabel(with_unit(f"coefficient of {item.term}", item.unit))
     ax.set_title(plain(item.name))
-    text = estimate_text(item.mean, item.sd)
+    text = figure_estimate(item.mean, item.sd)
     ax.text(1.0, 1.0, text, transform=ax.transAxes, ha="right", va="bottom", fontsize=9, color=DARK)

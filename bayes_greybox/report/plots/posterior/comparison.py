@@ -10,8 +10,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from bayes_greybox.data.errors import InputError
-
-from .style import (
+from bayes_greybox.report.formatting import pareto, weight_text
+from bayes_greybox.report.plots.style import (
     BLUE,
     DARK,
     GREY,
@@ -72,9 +72,9 @@ def plot_comparison(table: pd.DataFrame, *, axes: Sequence[Axes] | np.ndarray | 
     beside = right.get_yaxis_transform()
     right.text(1.03, 1.0, "weight", transform=right.transAxes, va="bottom", fontsize=9, color=DARK)
     for row, (share, k, bad) in enumerate(zip(weight, worst_k, suspect, strict=True)):
-        right.text(1.03, row, f"{share:.2f}", transform=beside, va="center", fontsize=9, color=DARK)
+        right.text(1.03, row, weight_text(share), transform=beside, va="center", fontsize=9, color=DARK)
         if bad:
-            warning = f"▲ worst k = {k:.2f}"
+            warning = f"▲ worst k = {pareto(k)}"
             right.text(1.18, row, warning, transform=beside, va="center", fontsize=9, color=ORANGE)
     return figure_of(left)
 

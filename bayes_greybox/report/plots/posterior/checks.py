@@ -10,7 +10,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from .style import (
+from bayes_greybox.report.formatting import number
+from bayes_greybox.report.plots.style import (
     BLUE,
     DARK,
     GREY,
@@ -104,7 +105,7 @@ def plot_loo_pit(
     ax.set_xlim(0.0, 1.0)
     ax.set_xlabel("LOO-PIT value")
     ax.set_ylabel("share below, less uniform")
-    ax.set_title(f"Leave-one-out predictions of {plain(equation)} (p = {float(p):.2g})")
+    ax.set_title(f"Leave-one-out predictions of {plain(equation)} (p = {number(p, 2)})")
     place_legend(ax, axes is None)
     return figure_of(ax)
 
@@ -147,7 +148,7 @@ def plot_autocorrelation(
     ax.xaxis.set_major_locator(MaxNLocator(integer=True))
     ax.set_xlabel("lag [frequencies]" if by_frequency else "lag [rows]")
     ax.set_ylabel("autocorrelation")
-    ax.set_title(f"Whitened residuals of {plain(equation)} (p = {float(p):.2g})")
+    ax.set_title(f"Whitened residuals of {plain(equation)} (p = {number(p, 2)})")
     place_legend(ax, axes is None)
     return figure_of(ax)
 

@@ -8,9 +8,8 @@ from jaxtyping import Bool, Float, Int
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from .gap_map import SURE, draw_threshold
-from .over_time import N_BIN, name_run, rows_of_runs
-from .style import (
+from bayes_greybox.report.plots.posterior.over_time import N_BIN, name_run, rows_of_runs
+from bayes_greybox.report.plots.style import (
     BLUE,
     DARK,
     GREY,
@@ -23,7 +22,9 @@ from .style import (
     plain,
     with_unit,
 )
-from .thinning import extreme_rows, outer_band
+from bayes_greybox.report.plots.thinning import extreme_rows, outer_band
+
+from .gap_map import SURE, draw_threshold
 
 # Stretches of time closer than this share of the record are drawn as one.
 _CLOSE = 1 / 400

@@ -14,8 +14,8 @@ from matplotlib.patches import Patch
 
 from bayes_greybox.criticism.discrepancy import DiscrepancyGrid
 from bayes_greybox.data.errors import InputError
-
-from .style import (
+from bayes_greybox.report.formatting import level_text, number
+from bayes_greybox.report.plots.style import (
     BLUE,
     DARK,
     GREY,
@@ -23,12 +23,11 @@ from .style import (
     figure_of,
     given_axes,
     new_figure,
-    number_text,
     place_legend,
     plain,
     with_unit,
 )
-from .thinning import every_nth
+from bayes_greybox.report.plots.thinning import every_nth
 
 _MOST_POINTS = 2000
 
@@ -73,7 +72,7 @@ def plot_discrepancy_over_states(
 
 
 def _title(grid: DiscrepancyGrid, what: str) -> str:
-    held = ", ".join(f"{plain(name)} = {number_text(value)}" for name, value in grid.fixed.items())
+    held = ", ".join(f"{plain(name)} = {number(value)}" for name, value in grid.fixed.items())
     title = f"{what} in the equation for {plain(grid.equation)}"
     return f"{title}\nheld: {held}" if held else title
 
@@ -93,7 +92,7 @@ def _draw_curve(ax: Axes, grid: DiscrepancyGrid, points: np.ndarray, own: bool) 
         alpha=0.28,
         linewidth=0,
     )
-    band.set_label(f"{float(grid.level):.0%} interval")
+    band.set_label(f"{level_text(grid.level)} interval")
     ax.plot(x, np.where(grid.inside, grid.mean, np.nan), color=BLUE, linewidth=2.0, label="mean")
     ax.margins(x=0.02)
     shown = points[every_nth(len(points), _MOST_POINTS), 0]
@@ -225,7 +224,7 @@ def _pale_map() -> Colormap:
 
 def _explain(ax: Axes, grid: DiscrepancyGrid, bold: bool, own: bool) -> None:
     handles: list[Artist] = [Line2D([], [], marker="o", color=DARK, linestyle="none", markersize=2.5, label="data")]
-    level = f"{float(grid.level):.0%}"
+    level = level_text(grid.level)
     if bold:
         handles.append(
             Line2D([], [], color=DARK, linewidth=2.0, label=f"edge of where the {level} interval excludes 0")

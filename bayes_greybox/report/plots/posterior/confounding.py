@@ -8,7 +8,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from .style import (
+from bayes_greybox.report.plots.style import (
     BLUE,
     DARK,
     GREY,

@@ -7,10 +7,11 @@ import numpy as np
 from bayes_greybox.criticism.convergence import convergence
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.study import StudyResult
+from bayes_greybox.report.sentence import sentence
+from bayes_greybox.report.study_words import METRICS, closed_text, metric_value, shown_part
 
 from . import study_sections as rungs
 from .page import Badge, Card, Page, write_page
-from .study_words import METRICS, closed_text, metric_value, shown_part
 from .tables import footer
 
 BADGES = {
@@ -60,7 +61,7 @@ def study_page(study: StudyResult, config: str | None = None) -> Page:
     return Page(
         title=f"Missing-effect study: {study.verdict}",
         kind="bayes_greybox · missing-effect study",
-        headline=study.sentence,
+        headline=sentence(study),
         badges=_badges(study),
         facts=_facts(study),
         alerts=_alerts(study),

@@ -13,11 +13,23 @@ from bayes_greybox.criticism.inclusion import inclusion
 from bayes_greybox.data.columns import derivative_label
 from bayes_greybox.inference.netcdf import versions
 from bayes_greybox.inference.posterior import Posterior
+from bayes_greybox.report.formatting import (
+    PROBABILITIES,
+    estimate,
+    formula,
+    interval,
+    listed,
+    nats,
+    number,
+    pareto,
+    probability_column,
+    probability_text,
+    weight_text,
+)
+from bayes_greybox.report.plots import plot_comparison
 
 from .page import Badge, Code, Details, Items, Page, Pictures, Section, Table, Words, picture, write_page
-from .plots import plot_comparison
 from .tables import by_equation, fit_settings, footer, settings_rows, settings_table, summary_table
-from .text import PROBABILITIES, estimate, formula, interval, listed, nats, number, pareto, probability_column
 
 LIKELY = 0.5
 """Terms more probable than this under the best model are marked."""
@@ -118,7 +130,7 @@ def _ranking(table: pd.DataFrame) -> Section:
             nats(row["se"]),
             nats(row["elpd_diff"]),
             nats(row["diff_se"]),
-            f"{row['weight']:.2f}",
+            weight_text(row["weight"]),
             pareto(row["worst_k"]),
             number(row["refits"]),
             nats(row["p_eff"]),
@@ -176,7 +188,10 @@ def _terms(fits: Mapping[str, Posterior]) -> Section:
     columns = {name: probability_column(table) for name, table in tables.items()}
     rows, marked = [], []
     for key in _keys(tables):
-        cells = [f"{tables[name].loc[key, columns[name]]:.3f}" if key in tables[name].index else "–" for name in fits]
+        cells = [
+            probability_text(tables[name].loc[key, columns[name]]) if key in tables[name].index else "–"
+            for name in fits
+        ]
         first = next(iter(fits))
         if key in tables[first].index and float(tables[first].loc[key, columns[first]]) > LIKELY:
             marked.append(len(rows))

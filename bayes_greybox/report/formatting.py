@@ -1,4 +1,4 @@
-"""Numbers, units and formulas as people read them."""
+"""How numbers, probabilities, shares, units and formulas are printed: one way for every page, figure and terminal."""
 
 import math
 import re
@@ -8,28 +8,49 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from bayes_greybox.report.plots.ranking import percent_text, probability_text
-from bayes_greybox.report.plots.style import number_text, unit_text
-
-__all__ = [
-    "PROBABILITIES",
-    "estimate",
-    "formula",
-    "interval",
-    "listed",
-    "nats",
-    "number",
-    "pareto",
-    "percent_text",
-    "probability_column",
-    "probability_text",
-    "unit_text",
-]
-
 PROBABILITIES = {"inclusion": "P(included)", "outside_rope": "P(|θ| > ROPE)"}
 """What the probability of a term is called; continuous priors have no inclusion."""
 
+_LEAST = 1e-3
+"""Probabilities nearer than this to 0 or 1 are not told from each other, and never rounded to certainty."""
+
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+
+def probability_text(value: float | np.floating) -> str:
+    """A probability to three decimals, never rounded to certainty."""
+    if not np.isfinite(value):
+        return "–"
+    if value < _LEAST:
+        return "<\u00a00.001"
+    return ">\u00a00.999" if value > 1 - _LEAST else f"{value:.3f}"
+
+
+def percent_text(share: float | np.floating, digits: int | None = None) -> str:
+    """A share in percent, in one piece: its spaces do not break.
+
+    Args:
+        share: The share, 1 being all.
+        digits: Decimals; a sensible number by default.
+    """
+    if not np.isfinite(share):
+        return "–"
+    percent = 100 * float(share)
+    if digits is None:
+        if 0 < abs(percent) < 0.01:
+            return "<\u00a00.01\u00a0%" if percent > 0 else "0\u00a0%"
+        digits = 0 if abs(percent) >= 99.95 or percent == 0 else 1 if abs(percent) >= 1 else 2
+    return f"{percent:.{digits}f}\u00a0%".replace("-", "−")
+
+
+def level_text(level: float | np.floating) -> str:
+    """The probability that an interval holds, as intervals are called: 90 %."""
+    return percent_text(level, 0)
+
+
+def nmse_text(value: float | np.floating) -> str:
+    """A mean square error over the variance of the measurements: the share that was not predicted."""
+    return percent_text(value)
 
 
 def number(value: Any, digits: int = 3) -> str:
@@ -46,7 +67,7 @@ def number(value: Any, digits: int = 3) -> str:
         return "∞" if value > 0 else "−∞"
     if float(value) == int(value) and abs(value) < 1e6:
         return f"{int(value)}".replace("-", "−")
-    text = number_text(value, digits)
+    text = f"{float(value):.{digits}g}".replace("-", "−")
     mantissa, _, power = text.partition("e")
     return f"{mantissa}·10{str(int(power.replace('−', '-'))).translate(_SUPERSCRIPT)}" if power else text
 
@@ -61,6 +82,11 @@ def pareto(k: float) -> str:
     return f"{k:.2f}".replace("-", "−") if math.isfinite(k) else "–" if k < 0 else number(k)
 
 
+def weight_text(weight: float) -> str:
+    """The weight of a model among others."""
+    return f"{weight:.2f}"
+
+
 def estimate(mean: float, sd: float, unit: str = "") -> str:
     """`mean ± sd unit`, to two significant digits of the sd."""
     tail = f" {unit_text(unit)}" if unit_text(unit) else ""
@@ -72,6 +98,25 @@ def estimate(mean: float, sd: float, unit: str = "") -> str:
         return f"{number(mean, digits)} ± {number(sd, 2)}{tail}"
     decimals = max(0, 1 - math.floor(math.log10(sd)))
     return f"{mean:.{decimals}f} ± {sd:.{decimals}f}".replace("-", "−") + tail
+
+
+def figure_estimate(mean: float | np.floating, sd: float | np.floating, unit: str = "") -> str:
+    """`mean ± sd [unit]` for a figure: two significant digits of the sd, one common power of ten where needed."""
+    mean, sd, shown = float(mean), float(sd), unit_text(unit)
+    tail = f" [{shown}]" if shown else ""
+    size = max(abs(mean), sd)
+    if sd == 0.0 or not np.isfinite(size):
+        return number(mean) + tail
+    power = int(np.floor(np.log10(size)))
+    power = power if power >= 5 or power <= -4 else 0
+    decimals = max(0, 1 - int(np.floor(np.log10(sd / 10.0**power))))
+    if decimals <= 6:
+        body = f"{mean / 10.0**power:.{decimals}f} ± {sd / 10.0**power:.{decimals}f}"
+    else:
+        body = f"{mean / 10.0**power:.6f} ± {sd / 10.0**power:.0e}"
+    # A mean that rounds to zero carries no sign.
+    body = re.sub(r"^-(?=[0.]+ )", "", body).replace("-", "−")
+    return (f"({body})$\\times 10^{{{power}}}$" if power else body) + tail
 
 
 def interval(lower: float, upper: float) -> str:
@@ -91,6 +136,14 @@ def probability_column(inclusion: pd.DataFrame) -> str:
 def listed(words: Sequence[str]) -> str:
     """Words as a sentence lists them: a, b and c."""
     return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
+
+
+def unit_text(unit: str | None) -> str:
+    """A unit as people write it: `m/s**2` becomes m/s², `N*m` becomes N·m, nothing stays empty."""
+    if not unit or unit == "dimensionless":
+        return ""
+    raised = re.sub(r"(?:\*\*|\^)(-?\d+)(?![\d.])", lambda found: found[1].translate(_SUPERSCRIPT), unit)
+    return re.sub(r"(?<!\*)\s*\*\s*(?!\*)", "·", raised)
 
 
 def formula(expression: str) -> str:

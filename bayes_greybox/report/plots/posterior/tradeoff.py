@@ -9,7 +9,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from .style import (
+from bayes_greybox.report.formatting import number
+from bayes_greybox.report.plots.style import (
     BLUE,
     DARK,
     GREY,
@@ -18,11 +19,10 @@ from .style import (
     figure_of,
     given_axes,
     new_figure,
-    number_text,
     plain,
     with_unit,
 )
-from .thinning import every_nth
+from bayes_greybox.report.plots.thinning import every_nth
 
 _MOST_POINTS = 4000
 _N_BIN = 40
@@ -92,7 +92,7 @@ def _correlation_text(correlation: float | np.floating | None) -> str:
         return ""
     if not np.isfinite(correlation):
         return "\ncorrelation not defined: one of the two does not vary"
-    return f"\ncorrelation {number_text(correlation, 2)}"
+    return f"\ncorrelation {number(correlation, 2)}"
 
 
 def _draw_pairs(

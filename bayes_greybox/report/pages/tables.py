@@ -9,9 +9,9 @@ import numpy as np
 from bayes_greybox.criticism.convergence import convergence
 from bayes_greybox.criticism.summary import summary
 from bayes_greybox.inference.netcdf import describe
+from bayes_greybox.report.formatting import formula, number
 
 from .page import Details, Items, Table, Words
-from .text import formula, number
 
 
 def by_equation(
