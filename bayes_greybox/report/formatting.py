@@ -27,7 +27,7 @@ def probability_text(value: float | np.floating) -> str:
 
 
 def percent_text(share: float | np.floating, digits: int | None = None) -> str:
-    """A share in percent, in one piece: its spaces do not break.
+    """A share in percent, never rounded to all or nothing, in one piece: its spaces do not break.
 
     Args:
         share: The share, 1 being all.
@@ -39,6 +39,9 @@ def percent_text(share: float | np.floating, digits: int | None = None) -> str:
     if digits is None:
         if 0 < abs(percent) < 0.01:
             return "<\u00a00.01\u00a0%" if percent > 0 else "0\u00a0%"
+        # All but what floating point loses is all.
+        if 99.95 <= percent < 100 - 1e-9:
+            return ">\u00a099.9\u00a0%"
         digits = 0 if abs(percent) >= 99.95 or percent == 0 else 1 if abs(percent) >= 1 else 2
     return f"{percent:.{digits}f}\u00a0%".replace("-", "−")
 
