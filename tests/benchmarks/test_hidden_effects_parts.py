@@ -20,8 +20,7 @@ from bayes_greybox.benchmarks.hidden_effects.cases import (
 )
 from bayes_greybox.benchmarks.hidden_effects.generate import generate
 from bayes_greybox.benchmarks.hidden_effects.hidden import CATALOGUE, OFF_CATALOGUE
-from bayes_greybox.benchmarks.hidden_effects.host_systems import formula, term_value
-from bayes_greybox.benchmarks.hidden_effects.host_systems import HOSTS
+from bayes_greybox.benchmarks.hidden_effects.host_systems import HOSTS, formula, term_value
 from bayes_greybox.benchmarks.hidden_effects.ode import HostODE, LostError
 from bayes_greybox.benchmarks.hidden_effects.oracle import (
     NONE,

@@ -14,8 +14,7 @@ from bayes_greybox.data.trajectories import Trajectories
 
 from .cases import RATIO_EDGES, Case
 from .hidden import find
-from .host_systems import SPREAD, Host, formula, term_value
-from .host_systems import HOSTS
+from .host_systems import HOSTS, SPREAD, Host, formula, term_value
 from .ode import HostODE, LostError
 from .search import Wanted, coefficients
 from .trajectories import Excited, Runs, combine, excite, follow, rms

@@ -144,7 +144,9 @@ def _verdicts(scored: CaseScores) -> pd.DataFrame:
     return pd.DataFrame.from_dict(rows, orient="index").fillna(0.0).rename_axis("family")
 
 
-def _bars(single: CaseScores, families: pd.DataFrame, coverage: pd.DataFrame, reliability: pd.DataFrame) -> pd.DataFrame:
+def _bars(
+    single: CaseScores, families: pd.DataFrame, coverage: pd.DataFrame, reliability: pd.DataFrame
+) -> pd.DataFrame:
     """What the benchmark asks for, with what was reached; no verdict where there were no cases."""
     table = families.to_dict("index")
     covered = coverage.to_dict("index")
