@@ -43,6 +43,8 @@ def fabricate(
         values["amplitude"] = 0.5 * np.exp(0.3 * rng.standard_normal(shape))
         values["length_scale"] = np.exp(0.2 * rng.standard_normal((*shape, n_var)))
         units |= {"amplitude": frame.target_scale, "length_scale": frame.half_width}
+    if "gamma" in scaled:
+        values["pi"] = np.full(shape, 0.5)
     values |= scaled
     dims = {
         "theta": "v_term",

@@ -140,7 +140,7 @@ def test_every_rung_of_the_ladder_shows_its_numbers(study, html):
         "recalibration of the simulation", estimate(added["mean"], added["sd"], added["unit"]),
         interval(added["lower"], added["upper"]), right, "Every convergence check passed.",
         probability_text(study.corrections.loc[("ydot", "y"), "probability"]), "To tell them apart, measure up to |y|",
-        "prior odds / no gap", "versions / jax", 'path = "run.csv"', "seed", *(slug for _, slug in study.left_out),
+        "prior odds / no_gap", "versions / jax", 'path = "run.csv"', "seed", *(slug for _, slug in study.left_out),
     ):  # fmt: skip
         assert " ".join(words.split()) in text, words
 
