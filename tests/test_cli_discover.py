@@ -41,6 +41,8 @@ odds = { no_gap = 0.5 }
 folder = "out"
 """
 
+PLAIN = CONFIG + "figures = false\n"
+
 
 @pytest.fixture
 def here(tmp_path, monkeypatch):
@@ -78,6 +80,7 @@ def test_the_folder_has_the_report_the_record_the_study_the_figures_and_the_conf
 
 
 def test_the_record_is_plain_json(here, study, found):
+    (here / "case.toml").write_text(PLAIN)
     cli.main(["discover", "case.toml", "--quiet", "--seed", "7"])
     record = json.loads(Path("out/summary.json").read_text())
     assert (record["config"], record["verdict"], record["sentence"]) == ("case.toml", "named", study.sentence)
@@ -92,6 +95,7 @@ def test_the_record_is_plain_json(here, study, found):
 
 
 def test_the_study_gets_what_the_file_and_the_options_say(here, found):
+    (here / "case.toml").write_text(PLAIN)
     cli.main(["discover", "case.toml", "--quiet", "--draws", "30", "--seed", "5"])
     assert found["catalogue"] == ["mechanical", str(Path("own.toml"))]
     assert found["roles"] == {"position": "y"}
@@ -110,6 +114,7 @@ def test_a_catalogue_is_found_beside_the_file(here):
 
 
 def test_a_fit_that_did_not_converge_ends_with_code_3(here, study, found, capsys):
+    (here / "case.toml").write_text(PLAIN)
     found["study"] = replace(study, fit=judged(study.fit, False))
     assert cli.main(["discover", "case.toml", "--no-progress"]) == 3
     assert "Not converged; do not rely on this fit" in capsys.readouterr().out
@@ -118,14 +123,15 @@ def test_a_fit_that_did_not_converge_ends_with_code_3(here, study, found, capsys
 
 
 def test_a_study_that_was_not_sampled_has_no_posterior_to_save(here, study, found):
+    (here / "case.toml").write_text(PLAIN)
     found["study"] = replace(study, fit=None)
     assert cli.main(["discover", "case.toml", "--quiet", "-o", "other"]) == 0
-    assert sorted(os.listdir("other")) == ["config.toml", "figures", "gap.html", "summary.json"]
+    assert sorted(os.listdir("other")) == ["config.toml", "gap.html", "summary.json"]
     assert json.loads(Path("other/summary.json").read_text())["convergence"] is None
 
 
 def test_quiet_prints_nothing_and_figures_can_be_left_out(here, found, capsys):
-    (here / "case.toml").write_text(CONFIG + "figures = false\n")
+    (here / "case.toml").write_text(PLAIN)
     assert cli.main(["discover", "case.toml", "--quiet"]) == 0
     assert capsys.readouterr() == ("", "")
     assert not (here / "out" / "figures").exists()

@@ -10,6 +10,7 @@ import bayes_greybox
 
 PACKAGE = Path(bayes_greybox.__file__).parent
 FILES = sorted(PACKAGE.rglob("*.py"))
+FOREIGN = re.compile(r"""import_module\(["'](?!bayes_greybox)\w+["']\)""")
 HIDDEN = re.compile(r"import_module|__import__|find_spec|load_module|attach_stub|lazy_loader|lazy\.(attach|load)")
 
 
@@ -28,14 +29,16 @@ def imports(path: Path) -> list[str]:
 def test_no_room_hides_an_import_or_imports_the_root(path):
     assert "bayes_greybox" not in imports(path)
     if path != PACKAGE / "__init__.py":
-        assert not HIDDEN.search(path.read_text(encoding="utf-8"))
+        # A package that may be missing, such as PySINDy, is looked for by its name.
+        assert not HIDDEN.search(FOREIGN.sub("", path.read_text(encoding="utf-8")))
 
 
 def test_what_must_be_found_is_found(tmp_path):
     file = tmp_path / "room.py"
     file.write_text("import numpy\n\ndef late():\n    import bayes_greybox as bg\n    from bayes_greybox import Fit\n")
     assert imports(file).count("bayes_greybox") == 2
-    assert HIDDEN.search('importlib.import_module("bayes_greybox.report")')
+    hidden = 'importlib.import_module("bayes_greybox.report")'
+    assert HIDDEN.search(hidden) and FOREIGN.sub("", hidden) == hidden
 
 
 def test_the_command_line_is_not_imported_by_any_room():

@@ -20,7 +20,17 @@ BEFORE = """
     GreyBox load Study find_missing_effects OrthogonalGP CustomPrior Laplace Normal RegularisedHorseshoe SpikeAndSlab
     systems Dictionary Term polynomial PriorComparison compare_priors figures plots study_figures __version__
 """.split()
-RETURNED = ["Verdict", "Prediction", "FreeRun", "Checks", "LooPit", "DiscrepancyGrid", "Loo", "DerivativeRows", "priors"]
+RETURNED = [
+    "Verdict",
+    "Prediction",
+    "FreeRun",
+    "Checks",
+    "LooPit",
+    "DiscrepancyGrid",
+    "Loo",
+    "DerivativeRows",
+    "priors",
+]
 
 FIGURES = """
     calibration autocorrelation coefficients discrepancy_over_states discrepancy_over_time fit_figures loo_pit predicted

@@ -161,7 +161,7 @@ def test_every_verdict_has_its_own_badge(study, verdict):
 def test_a_fit_that_did_not_converge_says_so_before_anything_else(study):
     page = outline(study, fit=judged(study.fit, False), **PLAIN)
     before = page.text.split("The gap before and after")[0]
-    assert "sampler did not converge" in before and "do not rely on these numbers" in before and "R̂ of" in before
+    assert "sampler did not converge" in before and "do not rely on these numbers" in before and "R̂ is" in before
     assert "12 divergences" in page.text.split("Can the sampler be trusted?")[2]
     assert "did not converge" not in outline(study, **PLAIN).text
 
