@@ -1,6 +1,8 @@
 import dataclasses
 import inspect
 import os
+import subprocess
+import sys
 import typing
 from pathlib import Path
 
@@ -79,6 +81,12 @@ def table(folder: Path, n: int = 40, name: str = "run.csv") -> pd.DataFrame:
             BASE + '[prior]\nkind = "laplase"',
             "[prior] kind = 'laplase' is not available; did you mean 'laplace'?",
         ),
+        (BASE + "[prior]\nkind = [1]", "[prior] kind = [1] is not available; known: spike_and_slab, laplace, "),
+        (BASE + "[discrepancy]\nkernel = 3", "[discrepancy] kernel = 3 is not available; known: squared_exponential, "),
+        ("discrepancy = 3\n" + BASE, "discrepancy = 3 cannot be used; it must be a table of keys and values."),
+        (BASE + "[study]\nodds = 3", "[study] odds = 3 cannot be used; it must be a table of keys and values."),
+        (BASE + "[discrepancy]\nboundary = 1.0", "[discrepancy] boundary = 1.0 cannot be used; it must be greater"),
+        (BASE + "[discrepancy]\nvariables = 'y'", "[discrepancy] variables = 'y' cannot be used; it must be a list."),
         (BASE + "[prior]\nscale = 1.0", "[prior] needs the key 'kind'; known: spike_and_slab, laplace, "),
         ('prior = "laplace"\n' + BASE, "prior = 'laplace' should be a table with the key kind"),
         (
@@ -159,6 +167,20 @@ def test_a_wrong_file_is_refused_with_the_place_and_the_remedy(tmp_path, text, s
     message = str(error.value)
     assert message.startswith(f'"{tmp_path / "case.toml"}": {sentence}')
     assert "\n" not in message and message.endswith((".", "?"))
+
+
+def test_mistakes_elsewhere_are_told_without_the_rooms_of_models(tmp_path):
+    path = write(tmp_path, BASE + '[prior]\nkind = "laplace"\n[discrepancy]\n[rows]\n[sampling]\ndraws = 0')
+    program = f"""
+import sys
+from bayes_greybox.config import load_config
+try:
+    load_config({str(path)!r})
+except ValueError as error:
+    print(error, "jax" in sys.modules, "numpy" in sys.modules)
+"""
+    told = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True).stdout
+    assert "[sampling] draws = 0 cannot be used" in told and told.endswith("False False\n")
 
 
 def test_malformed_toml_is_refused_with_its_line(tmp_path):

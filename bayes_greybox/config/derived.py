@@ -75,48 +75,46 @@ def section_of(part: type, base: type[Derived] = Derived) -> type[Derived]:
     return section
 
 
-def table(section: Callable[[Mapping[str, Any]], type[Section]], example: str = "") -> Any:
-    """The type of a table whose section is found when it is read, because that imports the room of models.
+def table(section: Callable[[Any], type[Section]]) -> PlainValidator:
+    """Annotation of a table whose section is found when it is read, because that imports the room of models.
 
     Args:
-        section: Finds the section for the content of the table.
-        example: What the table may look like, for the sentence about something that is no table.
+        section: Finds the section for what the file has there.
     """
 
     def check(given: Any, info: Any) -> Any:
-        if isinstance(given, Section):
+        if isinstance(given, Section) or info.context == WITHOUT_MODELS:
             return given
-        if not isinstance(given, Mapping):
-            raise wrong(f"should be a table{example}")
-        return None if info.context == WITHOUT_MODELS else section(given).model_validate(given)
+        return section(given).model_validate(given)
 
-    return Annotated[Any, PlainValidator(check)]
+    return PlainValidator(check)
 
 
-def table_of_kinds(kinds: Callable[[], Mapping[str, type]], example: str) -> Any:
-    """The type of a table whose key `kind` says which class of a registry it has the fields of.
+def table_of_kinds(kinds: Callable[[], Mapping[str, type]], example: str) -> PlainValidator:
+    """Annotation of a table whose key `kind` says which class of a registry it has the fields of.
 
     Args:
         kinds: Imports the registry: classes by kind.
         example: One of its kinds.
     """
 
-    def section(given: Mapping[str, Any]) -> type[Section]:
+    def section(given: Any) -> type[Section]:
+        if not isinstance(given, Mapping):
+            raise wrong(f'should be a table with the key kind, such as {{ kind = "{example}" }}')
         known = kinds()
         if "kind" not in given:
             raise wrong(f"needs the key 'kind'; known: {', '.join(known)}")
-        if given["kind"] not in known:
+        if not isinstance(given["kind"], str) or given["kind"] not in known:
             raise wrong(f"kind = {given['kind']!r} is not available; {suggestion(str(given['kind']), list(known))}")
         return section_of(known[given["kind"]], Kind)
 
-    return table(section, f' with the key kind, such as {{ kind = "{example}" }}')
+    return table(section)
 
 
 def _in_toml(hint: Any) -> Any:
     """A type of the package as a file can say it: lists for tuples, and limits as checks with their sentences."""
     origin, arguments = get_origin(hint), get_args(hint)
     if origin is Annotated:
-        # A type's last annotation is checked last, a "before" validator first.
         checks = [_check(limit) for limit in arguments[1:]]
         return Annotated[(_in_toml(arguments[0]), *checks)]  # pyright: ignore[reportInvalidTypeArguments]
     if origin is tuple:

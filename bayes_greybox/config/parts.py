@@ -64,12 +64,12 @@ def _rows() -> Mapping[str, type]:
     return ROWS
 
 
-def _discrepancy(given: Mapping[str, Any]) -> type[Section]:
+def _discrepancy(given: Any) -> type[Section]:
     from bayes_greybox.model.discrepancy import OrthogonalGP
 
     return section_of(OrthogonalGP, Switch)
 
 
-Prior = table_of_kinds(_priors, "laplace")
-Rows = table_of_kinds(_rows, "derivative")
-Discrepancy = table(_discrepancy)
+Prior = Annotated[Any, table_of_kinds(_priors, "laplace")]
+Rows = Annotated[Any, table_of_kinds(_rows, "derivative")]
+Discrepancy = Annotated[Any, table(_discrepancy)]

@@ -47,7 +47,7 @@ class Source(Section, ABC):
         """Whether there is a table [data.test]."""
         return getattr(self, "test", None) is not None
 
-    def read(self, folder: Path) -> "tuple[bg.Trajectories, Trajectories | None]":
+    def read(self, folder: Path) -> "tuple[Trajectories, Trajectories | None]":
         """Training data and, where the file asks for them, held-out data."""
         first = self.load(folder, test=False)
         second = self.load(folder, test=True) if self.held_out else None

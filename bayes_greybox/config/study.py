@@ -6,12 +6,18 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator
 
 from bayes_greybox.data.limits import Count
-from bayes_greybox.discovery import odds
 
-from .derived import section_of
+from .derived import section_of, table
 from .section import Section, wrong
 
-Odds = section_of(odds.Odds)
+
+def _odds(given: Any) -> type[Section]:
+    from bayes_greybox.discovery.odds import Odds
+
+    return section_of(Odds)
+
+
+Odds = Annotated[Any, table(_odds)]
 
 
 class Study(Section):
@@ -23,7 +29,7 @@ class Study(Section):
     catalogue: Annotated[str | list[str], BeforeValidator(lambda v: _words(v, "catalogue"))] = "mechanical"
     roles: dict[str, Annotated[str | list[str], BeforeValidator(lambda v: _words(v, "column"))]] = {}
     effects_at_most: Count = 3
-    odds: Odds | None = None  # pyright: ignore[reportInvalidTypeForm]
+    odds: Odds = None
     settle: bool = True
     free_runs: bool = True
     interpolation: Literal["linear", "cubic", "zoh"] | None = None
