@@ -4,16 +4,13 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from tiny_equation import CUBE, DEAD_ZONE, on, tiny_evaluations
 
-from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.evaluations import Evaluations, Parametric
-from bayes_greybox.discovery.evidence.with_discrepancy import Evaluator, Integrated
+from bayes_greybox.discovery.evidence.with_discrepancy import Integrated
 from bayes_greybox.discovery.hypotheses import FINALISTS, REACH, SURE, ZOOM_NODES, ZOOMS, Contest, Explanation, Round
 from bayes_greybox.discovery.odds import Odds
-from bayes_greybox.discovery.sufficient_statistics import nodes, sufficient_statistics
-from bayes_greybox.model.discrepancy import OrthogonalGP
-from bayes_greybox.model.program import Program
-from bayes_greybox.physics.effects import Effect, InnerParameter
+from bayes_greybox.discovery.sufficient_statistics import nodes
 
 # A round
 
@@ -221,31 +218,10 @@ def test_chains_settle_explanations_that_are_in_the_running_only():
 
 # The grid over an inner parameter, on rows of a dead zone
 
-DEAD_ZONE = Effect(
-    slug="dead-zone",
-    name="Dead zone",
-    domain="test",
-    expression="sign(x)*max(abs(x) - gap, 0)",
-    inner=(InnerParameter("gap", "width", of="x", low=0.1, high=0.9, unit_of="x"),),
-)
-CUBE = Effect(slug="cube", name="Cube", domain="test", expression="x**3")
-
-
-def tiny(effects, hidden, noise, n=60):
-    """Evaluations on n rows of ẋ = −x + hidden(x), x evenly spread over [−1, 1]."""
-    rng = np.random.default_rng(1)
-    x = rng.permutation(np.linspace(-1, 1, n))
-    rate = -x + hidden(x) + noise * rng.standard_normal(n)
-    data = Trajectories.from_arrays(np.arange(n) * 0.1, states={"x": x}, derivatives={"x": rate})
-    model = Program(simulation={"x": "-x"}, discrepancy=OrthogonalGP(features=5))
-    statistics = sufficient_statistics(model, data, "x", [effect.bind({"x": "x"}) for effect in effects])
-    evaluator = Evaluator(statistics.prior, statistics.kernel, np.asarray(statistics.basis.frequency))
-    return Evaluations(statistics, ODDS, evaluator)
-
 
 def dead(noise):
     """Rows with a dead zone of 0.43, sought among others in that shape only."""
-    return tiny([DEAD_ZONE], lambda x: -np.sign(x) * np.maximum(np.abs(x) - 0.43, 0), noise)
+    return tiny_evaluations([DEAD_ZONE], lambda x: -np.sign(x) * np.maximum(np.abs(x) - 0.43, 0), noise)
 
 
 def values(known):
@@ -263,7 +239,7 @@ def posterior(known):
 
 
 def test_an_effect_without_an_inner_parameter_has_no_grid_to_refine():
-    known = tiny([CUBE], lambda x: -(x**3), 0.1)
+    known = tiny_evaluations([CUBE], lambda x: -(x**3), 0.1)
     (cube,) = known.statistics.of_kind("effect")
     assert Contest(known).refine((), [cube]) == (cube,)
 
@@ -327,7 +303,7 @@ def test_refining_brings_the_evidence_to_its_integral_over_the_prior():
     coarse, fine = summed(effects), summed(Contest(known).refine((), effects))
     start = len(known.statistics.columns)
     grid = np.geomspace(0.1, 0.9, 60)
-    known.statistics.add("effect", nodes(DEAD_ZONE.bind({"x": "x"}), known.statistics.rows.columns, grid))
+    known.statistics.add("effect", nodes(on(DEAD_ZONE), known.statistics.rows.columns, grid))
     integral = summed(range(start, len(known.statistics.columns)))
     assert fine == pytest.approx(integral, abs=0.05)
     assert abs(coarse - integral) > 0.3
@@ -340,7 +316,7 @@ def test_a_column_that_has_one_value_of_its_inner_parameter_left_cannot_be_refin
 
 
 def test_a_round_on_real_rows_finds_the_hidden_effect():
-    known = tiny([DEAD_ZONE, CUBE], lambda x: -(x**3), 0.05)
+    known = tiny_evaluations([DEAD_ZONE, CUBE], lambda x: -(x**3), 0.05)
     found = Contest(known).round()
     assert next(iter(found.probabilities())) == "cube"
     assert known.name(found.best("cube").best) == "cube"
