@@ -1,4 +1,6 @@
-"""Whether another commit gives the same posteriors: python .ci/same_posterior.py COMMIT [CONFIG ...]
+"""Whether another commit gives the same posteriors.
+
+    python .ci/same_posterior.py COMMIT [CONFIG ...]
 
 Fits each configuration with the code of that commit and with this checkout's, same seed, and prints the largest
 difference of every group of the results, relative to the largest number of its variable. Above 1e-10 it fails.
