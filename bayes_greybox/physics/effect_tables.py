@@ -1,30 +1,60 @@
 """The layout of a catalogue file: tables of text and numbers, checked, before they become effects.
 
-A file has `[[effect]]` tables with the keys slug, name, expression and meaning, and optionally latex,
-confusions and one inner parameter as `[effect.inner.NAME]` with meaning, of, low, high and unit_of.
+A file has `[[effect]]` tables with the fields of `Effect`, and optionally one inner parameter as
+`[effect.inner.NAME]` with the fields of `InnerParameter`. The keys and their types are read from the classes; a file
+explains itself, so that it needs the meaning too.
 """
 
+import dataclasses
 from collections.abc import Mapping
 from difflib import get_close_matches
-from typing import Any
+from types import UnionType
+from typing import Any, NamedTuple, get_args, get_origin, get_type_hints
 
 from bayes_greybox.data.errors import InputError
 
-_FILE = {"domain": str, "effect": list}
-_EFFECT = {
-    "slug": str, "name": str, "expression": str, "meaning": str, "latex": str, "confusions": list, "inner": dict
-}  # fmt: skip
-_NEEDED = ("slug", "name", "expression", "meaning")
-_INNER = {"meaning": str, "of": str, "low": float, "high": float, "unit_of": str}
-_INNER_NEEDED = ("meaning", "of", "low", "high")
 _WANTED = {str: "text in quotes", list: "a list", dict: "a table", float: "a number"}
 
 
-def effect_tables(content: Mapping[str, Any]) -> list[dict[str, Any]]:
+class Keys(NamedTuple):
+    """Keys of a table: the type that TOML has for each, and those that a table needs."""
+
+    types: dict[str, type]
+    needed: tuple[str, ...]
+
+
+_FILE = Keys({"domain": str, "effect": list}, ())
+
+
+def keys_of(part: type, *elsewhere: str) -> Keys:
+    """The keys of a table that has the fields of a dataclass.
+
+    Args:
+        part: The dataclass.
+        elsewhere: Fields that are said elsewhere in the file.
+    """
+    hints = get_type_hints(part)
+    own = [field for field in dataclasses.fields(part) if field.init and field.name not in elsewhere]
+    needed = [f.name for f in own if f.default is dataclasses.MISSING or f.name == "meaning"]
+    return Keys({field.name: _in_toml(hints[field.name]) for field in own}, tuple(needed))
+
+
+def _in_toml(hint: Any) -> type:
+    """Tables named after what they describe stand for a tuple of parts, and a list for one of plain values."""
+    if get_origin(hint) is UnionType:
+        hint = get_args(hint)[0]
+    if get_origin(hint) is tuple:
+        return dict if dataclasses.is_dataclass(get_args(hint)[0]) else list
+    return hint
+
+
+def effect_tables(content: Mapping[str, Any], effect: Keys, inner: Keys) -> list[dict[str, Any]]:
     """The effects of a catalogue file.
 
     Args:
         content: The file, as TOML reads it.
+        effect: Keys of an effect.
+        inner: Keys of its inner parameter.
 
     Returns:
         One table for each effect, complete and with values of the right kind; `inner` is a list of tables
@@ -34,12 +64,12 @@ def effect_tables(content: Mapping[str, Any]) -> list[dict[str, Any]]:
         InputError: An unknown or missing key, a value of the wrong kind, no effects, a slug twice, or more
             than one inner parameter of an effect.
     """
-    _check_keys(content, _FILE, (), "")
+    _check_keys(content, _FILE, "")
     tables = content.get("effect", [])
     if not tables:
         raise InputError("there are no effects; write at least one table [[effect]].")
-    effects = [_effect_table(table, place) for place, table in enumerate(tables, start=1)]
-    slugs = [effect["slug"] for effect in effects]
+    effects = [_effect_table(table, place, effect, inner) for place, table in enumerate(tables, start=1)]
+    slugs = [table["slug"] for table in effects]
     for slug in slugs:
         if slugs.count(slug) > 1:
             raise InputError(f"the slug {slug!r} occurs {slugs.count(slug)} times; give every effect its own.")
@@ -52,45 +82,47 @@ def nearest(word: str, known: list[str]) -> str:
     return f"did you mean {near[0]!r}?" if near else f"known: {', '.join(known)}."
 
 
-def _effect_table(table: Any, place: int) -> dict[str, Any]:
+def _effect_table(table: Any, place: int, effect: Keys, inner: Keys) -> dict[str, Any]:
     if not isinstance(table, Mapping):
         raise InputError("an effect is a table; start it with the line [[effect]].")
     slug = table.get("slug")
     where = f"effect {slug!r}: " if isinstance(slug, str) and slug else f"effect number {place}: "
-    _check_keys(table, _EFFECT, _NEEDED, where)
+    _check_keys(table, effect, where)
     confusions = table.get("confusions", [])
     if not all(isinstance(item, str) for item in confusions):
         raise InputError(f"{where}confusions = {confusions!r} cannot be used; it must be a list of slugs in quotes.")
-    inner = table.get("inner", {})
-    if len(inner) > 1 and all(isinstance(item, Mapping) for item in inner.values()):
+    tables = table.get("inner", {})
+    if len(tables) > 1 and all(isinstance(item, Mapping) for item in tables.values()):
         raise InputError(
-            f"{where}has {len(inner)} inner parameters ({', '.join(inner)}); one at most can be integrated over: "
+            f"{where}has {len(tables)} inner parameters ({', '.join(tables)}); one at most can be integrated over: "
             "fix the others at numbers in the expression."
         )
-    return {**table, "confusions": confusions, "inner": [_inner_table(name, inner[name], where) for name in inner]}
+    parts = [_inner_table(name, part, where, inner) for name, part in tables.items()]
+    return {**table, "confusions": confusions, "inner": parts}
 
 
-def _inner_table(name: str, table: Any, where: str) -> dict[str, Any]:
+def _inner_table(name: str, table: Any, where: str, inner: Keys) -> dict[str, Any]:
     if not isinstance(table, Mapping):
         raise InputError(
             f"{where}inner must hold a table named after the parameter; start it with a line such as "
             "[effect.inner.gap]."
         )
     where = f"{where}inner parameter {name!r}: "
-    _check_keys(table, _INNER, _INNER_NEEDED, where)
-    return {**table, "name": name, "low": float(table["low"]), "high": float(table["high"])}
+    _check_keys(table, inner, where)
+    numbers = {key: float(value) for key, value in table.items() if inner.types[key] is float}
+    return {**table, **numbers, "name": name}
 
 
-def _check_keys(table: Mapping[str, Any], kinds: Mapping[str, type], needed: tuple[str, ...], where: str) -> None:
+def _check_keys(table: Mapping[str, Any], keys: Keys, where: str) -> None:
     for key, value in table.items():
-        if key not in kinds:
-            raise InputError(f"{where}unknown key {key!r}; {nearest(key, list(kinds))}")
-        kind = kinds[key]
+        if key not in keys.types:
+            raise InputError(f"{where}unknown key {key!r}; {nearest(key, list(keys.types))}")
+        kind = keys.types[key]
         number = isinstance(value, int | float) and not isinstance(value, bool)
         if not (number if kind is float else isinstance(value, kind)):
             raise InputError(f"{where}{key} = {value!r} cannot be used; it must be {_WANTED[kind]}.")
         if isinstance(value, str) and not value.strip() and key != "unit_of":
             raise InputError(f"{where}{key} is empty; write it or leave it out.")
-    for key in needed:
+    for key in keys.needed:
         if key not in table:
             raise InputError(f"{where}needs the key {key!r}.")

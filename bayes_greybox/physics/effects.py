@@ -23,7 +23,7 @@ from jaxtyping import Float
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.toml_files import read_toml
 
-from .effect_tables import effect_tables, nearest
+from .effect_tables import effect_tables, keys_of, nearest
 from .expressions import parse_expression, symbol_names
 from .grammar import check_name
 from .printing import to_latex
@@ -47,7 +47,7 @@ class InnerParameter:
         meaning: What it is, in a few words.
         of: Role whose column scales it.
         low, high: Smallest and largest share.
-        unit_of: Role whose unit it carries; "" for a plain number.
+        unit_of: Role whose unit it carries; "" for a plain number; None: that of `of`.
     """
 
     name: str
@@ -55,10 +55,12 @@ class InnerParameter:
     of: str
     low: float
     high: float
-    unit_of: str
+    unit_of: str | None = None
 
     def __post_init__(self) -> None:
         """Refuse a name that formulas cannot use and a range without a log-uniform prior."""
+        if self.unit_of is None:
+            object.__setattr__(self, "unit_of", self.of)
         check_name(self.name)
         if not 0.0 < self.low < self.high < math.inf:
             raise InputError(
@@ -295,12 +297,14 @@ def _own(path: str | os.PathLike[str]) -> tuple[Effect, ...]:
 
 
 def _effects(content: Mapping[str, Any], domain: str) -> tuple[Effect, ...]:
-    return tuple(_effect(table, content.get("domain", domain)) for table in effect_tables(content))
+    # The domain is the whole file's, and an inner parameter's name that of its table.
+    tables = effect_tables(content, keys_of(Effect, "domain"), keys_of(InnerParameter, "name"))
+    return tuple(_effect(table, content.get("domain", domain)) for table in tables)
 
 
 def _effect(table: dict[str, Any], domain: str) -> Effect:
     try:
-        inner = tuple(InnerParameter(**{"unit_of": item["of"], **item}) for item in table["inner"])
+        inner = tuple(InnerParameter(**item) for item in table["inner"])
         return Effect(**{**table, "domain": domain, "inner": inner, "confusions": tuple(table["confusions"])})
     except InputError as error:
         raise InputError(f"effect {table['slug']!r}: {error}") from None

@@ -97,6 +97,7 @@ def test_spike_and_slab_odds_are_those_of_pi():
         (lambda: SpikeAndSlab(a=0.0), "a=0.0"),
         (lambda: SpikeAndSlab(b=float("nan")), "b=nan"),
         (lambda: SpikeAndSlab(slab_scale=-1.0), "slab_scale=-1.0"),
+        (lambda: SpikeAndSlab(enumerate_up_to=-1), r"SpikeAndSlab\(enumerate_up_to=-1\) must be at least 0"),
     ],
 )
 def test_parameters_must_be_positive(make, words):

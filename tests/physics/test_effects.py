@@ -8,6 +8,7 @@ import pytest
 from matplotlib.mathtext import MathTextParser
 
 from bayes_greybox.data.errors import InputError
+from bayes_greybox.physics.effect_tables import keys_of
 from bayes_greybox.physics.effects import DOMAINS, Effect, InnerParameter, load_catalogue
 from bayes_greybox.physics.expressions import evaluate, parse_expression
 from bayes_greybox.physics.roles import ROLES, bind_catalogue, roles_of, unbound
@@ -430,6 +431,18 @@ def test_mistakes_in_a_users_file_are_named(tmp_path, old, new, words):
     with pytest.raises(InputError, match=words) as raised:
         load_catalogue(path)
     assert "mine.toml" in str(raised.value) or "confusions" in str(raised.value)
+
+
+def test_a_file_has_the_fields_of_the_classes_as_keys():
+    keys = keys_of(Effect, "domain")
+    assert set(keys.types) | {"domain"} == {field.name for field in dataclasses.fields(Effect) if field.init}
+    assert keys.needed == ("slug", "name", "expression", "meaning")
+    assert (keys.types["confusions"], keys.types["inner"], keys.types["latex"]) == (list, dict, str)
+    keys = keys_of(InnerParameter, "name")
+    assert keys.types == {"meaning": str, "of": str, "low": float, "high": float, "unit_of": str}
+    assert keys.needed == ("meaning", "of", "low", "high")
+    # Where nothing else is said, the parameter has the unit of what it is a share of.
+    assert InnerParameter("onset", "speed", "velocity", 0.1, 1.0).unit_of == "velocity"
 
 
 def test_wrong_catalogues_are_refused(tmp_path):
