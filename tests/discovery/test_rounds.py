@@ -309,11 +309,6 @@ def test_a_twin_votes_for_the_effect_in_the_backward_check_too(apart, expected):
     assert added(search(contest, 3)) == expected
 
 
-def test_an_effect_that_is_likelier_than_not_is_kept_without_a_look_at_its_rivals():
-    rounds = two_effects(b={"enough": 0.45, "a": 0.51, "c": 0.04})
-    assert added(search(Written(rounds), 3)) == "ab"
-
-
 def test_a_replacement_sends_the_check_round_once_more():
     # b is wanted beside a, but not beside c, which took the place of a; d is.
     rounds = two_effects(b={"enough": 0.05, "c": 0.9, "a": 0.05}, c={"enough": 0.1, "d": 0.8, "b": 0.1})
