@@ -27,7 +27,7 @@ def catalogue(domain: CatalogueSpec = "all", search: str | None = None) -> pd.Da
     table = pd.DataFrame([_row(effect) for effect in load_catalogue(domain)], columns=list(_COLUMNS))
     words = (search or "").casefold().split()
     texts = table.apply(lambda row: " ".join(map(str, row)).casefold(), axis=1)
-    found = table[[all(word in text for word in words) for text in texts]].reset_index(drop=True)
+    found = table.loc[[all(word in text for word in words) for text in texts]].reset_index(drop=True)
     if found.empty:
         raise InputError(f"No effect of the catalogue has {search!r} in it: search for one word, or in domain='all'.")
     return found

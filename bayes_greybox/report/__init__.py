@@ -1,1 +1,4 @@
-"""What a reader sees: figures, pages, tables for a terminal, records for a program."""
+"""What a reader sees: figures (`plots/`), HTML files (`pages/`), tables for a terminal, records, and folders of results.
+
+It reads results and samples nothing. `formatting` prints every number, `sentence` says a study's verdict.
+"""
