@@ -18,8 +18,7 @@ from bayes_greybox.data.datasets import FOLDER_VARIABLE
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.model.discrepancy import Path as PathKind
 from bayes_greybox.model.kernels import KERNELS
-from bayes_greybox.model.measures import Measure
-from bayes_greybox.model.orthogonal import Variant
+from bayes_greybox.model.orthogonal import Measure, Variant
 from bayes_greybox.model.priors import PRIORS
 from bayes_greybox.model.rows import ROWS
 

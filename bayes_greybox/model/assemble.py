@@ -20,8 +20,7 @@ from .equation import Equation
 from .features import HilbertBasis, default_features
 from .frame import Frame
 from .hyper import Hyperparameters
-from .measures import box_nodes
-from .orthogonal import orthonormalise
+from .orthogonal import box_nodes, orthonormalise
 from .rows import EquationRows, Table
 
 FEWEST_STEPS = 8

@@ -3,12 +3,12 @@
 import numpy as np
 import pandas as pd
 import pytest
+from bayes_greybox.discovery.sentence import sentence
 from tiny_equation import CUBE, SQUARE, tiny_data, tiny_evaluations
 
 from bayes_greybox.discovery.coefficients import Coefficients
 from bayes_greybox.discovery.equation import EquationStudy
 from bayes_greybox.discovery.rounds import Finding
-from bayes_greybox.discovery.sentence import sentence
 
 INDEX = ["data", "metric", "variable"]
 
