@@ -11,7 +11,13 @@ import lazy_loader
 _named, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 
 # The stub's loader reads names from modules; a submodule that nobody has imported yet is no such name.
-_MODULES = {"systems": "physics", "figures": "report", "plots": "report", "study_figures": "report"}
+_MODULES = {
+    "figures": "report",
+    "plots": "report",
+    "priors": "model",
+    "study_figures": "report",
+    "systems": "physics",
+}
 
 
 def __getattr__(name: str) -> Any:

@@ -26,7 +26,7 @@ from bayes_greybox.model.discrepancy import OrthogonalGP
 from bayes_greybox.model.features import HilbertBasis
 from bayes_greybox.model.program import Program
 from bayes_greybox.physics.simulation import RightHandSide
-from bayes_greybox.report.fit_page import fit_html
+from bayes_greybox.report.pages.fit_page import fit_html
 
 MOST_REFITS, MARGIN = 2, 1.15
 """How often a fit is repeated with more features, and by how much these exceed what the last posterior asked for."""

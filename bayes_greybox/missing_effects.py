@@ -5,6 +5,7 @@ import os
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
+from typing import Any
 
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
@@ -14,7 +15,8 @@ from bayes_greybox.discovery.study import StudyResult, investigate
 from bayes_greybox.greybox import Fit, GreyBox
 from bayes_greybox.inference import netcdf
 from bayes_greybox.physics.effects import CatalogueSpec
-from bayes_greybox.report.study_page import study_html
+from bayes_greybox.report.pages.study_page import study_html
+from bayes_greybox.report.sentence import sentence
 
 STUDY = "missing_effects"
 """Root attribute of a saved study that holds its record, as JSON text."""
@@ -27,6 +29,15 @@ class Study(StudyResult):
     base: GreyBox
     model: GreyBox
     fit: Fit | None
+
+    @property
+    def sentence(self) -> str:
+        """The verdict in one sentence."""
+        return sentence(self)
+
+    def record(self) -> dict[str, Any]:
+        """Verdict, its sentence, tables and settings as plain values, ready for JSON."""
+        return {"verdict": self.verdict, "sentence": self.sentence, **super().record()}
 
     def free_run(self, data: Trajectories, interpolation: str | Sequence[str] | None = None) -> dict[str, FreePath]:
         """Free runs of the model before and after over other data, by state.

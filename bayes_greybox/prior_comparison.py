@@ -14,7 +14,7 @@ from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.greybox import Fit, GreyBox
 from bayes_greybox.model.priors import Laplace, Normal, Prior, RegularisedHorseshoe, SpikeAndSlab
-from bayes_greybox.report.comparison_page import comparison_html
+from bayes_greybox.report.pages.comparison_page import comparison_html
 
 FOUR_PRIORS: Mapping[str, Prior] = {
     "SpikeAndSlab": SpikeAndSlab(),

@@ -13,6 +13,7 @@ import pkgutil
 from importlib.util import find_spec
 
 import matplotlib
+import pytest
 from jaxtyping import install_import_hook
 
 matplotlib.use("Agg")
@@ -20,6 +21,15 @@ if os.environ.get("BAYES_GREYBOX_TYPECHECK", "1") == "1":
     # All rooms but the benchmarks: their data come out of loops that call small functions fifty thousand times a case.
     rooms = pkgutil.iter_modules(find_spec("bayes_greybox").submodule_search_locations, "bayes_greybox.")
     install_import_hook([room.name for room in rooms if room.name != "bayes_greybox.benchmarks"], "beartype.beartype")
+
+
+@pytest.fixture(scope="session")
+def study():
+    """A real, tiny study."""
+    from tiny_study import tiny_study
+
+    return tiny_study()
+
 
 LONGEST = ("test_loo.py", "test_cli.py", "test_one_run.py")
 """Files of few long tests; they begin the run, so that no worker waits for one of them at its end."""

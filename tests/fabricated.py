@@ -43,6 +43,9 @@ def fabricate(
         values["amplitude"] = 0.5 * np.exp(0.3 * rng.standard_normal(shape))
         values["length_scale"] = np.exp(0.2 * rng.standard_normal((*shape, n_var)))
         units |= {"amplitude": frame.target_scale, "length_scale": frame.half_width}
+    if "gamma" in scaled:
+        # What the odds of the patterns are computed from.
+        values |= {"pi": np.full(shape, 0.5), "tau": np.ones(shape)}
     values |= scaled
     dims = {
         "theta": "v_term",

@@ -1,12 +1,14 @@
 import json
 import os
+from dataclasses import replace
+from html import escape
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
-from fake_study import SENTENCE, fake_fit, fake_study
 from shell import refuse
+from tiny_study import judged
 
 import bayes_greybox as bg
 from bayes_greybox import cli
@@ -39,6 +41,8 @@ odds = { no_gap = 0.5 }
 folder = "out"
 """
 
+PLAIN = CONFIG + "figures = false\n"
+
 
 @pytest.fixture
 def here(tmp_path, monkeypatch):
@@ -52,44 +56,46 @@ def here(tmp_path, monkeypatch):
 
 
 @pytest.fixture
-def found(monkeypatch):
-    """What the command asked the study for; the study itself is made of arrays."""
+def found(study, monkeypatch):
+    """What the command asked the study for; the study itself is of other data."""
     asked = {}
 
     def find(model, train, test=None, **settings):
         asked.update(model=model, train=train, test=test, **settings)
-        return asked.get("study") or fake_study()
+        return asked.get("study") or study
 
-    monkeypatch.setattr(bg, "find_missing_effects", find, raising=False)
+    monkeypatch.setattr("bayes_greybox.missing_effects.find_missing_effects", find)
     return asked
 
 
-def test_the_folder_has_the_report_the_record_the_study_the_figures_and_the_configuration(here, found, capsys):
+def test_the_folder_has_the_report_the_record_the_study_the_figures_and_the_configuration(here, study, found, capsys):
     assert cli.main(["discover", "case.toml", "--no-progress"]) == 0
     assert sorted(os.listdir("out")) == ["config.toml", "figures", "gap.html", "study.nc", "summary.json"]
     assert Path("out/config.toml").read_text() == CONFIG
-    assert SENTENCE in Path("out/gap.html").read_text(encoding="utf-8")
+    assert escape(study.sentence) in Path("out/gap.html").read_text(encoding="utf-8")
     assert "effects_at_most = 2" in Path("out/gap.html").read_text(encoding="utf-8")
     assert {"gap_map.png", "ranking.png", "free_run_y.png"} <= set(os.listdir("out/figures"))
     out = capsys.readouterr().out
-    assert out.startswith("NAMED: ") and "cubic spring" in out and "out/gap.html" in out
+    assert out.startswith("NAMED: ") and "cubic stiffness" in out and "out/gap.html" in out
 
 
-def test_the_record_is_plain_json(here, found):
+def test_the_record_is_plain_json(here, study, found):
+    (here / "case.toml").write_text(PLAIN)
     cli.main(["discover", "case.toml", "--quiet", "--seed", "7"])
     record = json.loads(Path("out/summary.json").read_text())
-    assert (record["config"], record["verdict"], record["sentence"]) == ("case.toml", "named", SENTENCE)
+    assert (record["config"], record["verdict"], record["sentence"]) == ("case.toml", "named", study.sentence)
     assert record["convergence"] == {"ok": True, "reasons": []}
     assert record["sampling"]["seed"] == 7
-    assert record["data"] == {"train": 400, "test": 400}
+    assert record["data"] == {"train": study.train.n_obs, "test": study.test.n_obs}
     best = record["effects"][0]
-    assert (best["slug"], best["status"], best["tied_with"]) == ("cubic-stiffness", "added", ["pendulum-restoring"])
+    assert (best["slug"], best["status"], best["tied_with"]) == ("cubic-stiffness", "added", [])
     assert {row["metric"] for row in record["gap"]} >= {"derivative NMSE", "free-run NRMSE"}
     # Infinite and missing numbers, which JSON lacks.
-    assert any(row["after"] is None for row in record["gap"])
+    assert record["rounds"][-1]["added"] == "" and "NaN" not in Path("out/summary.json").read_text()
 
 
 def test_the_study_gets_what_the_file_and_the_options_say(here, found):
+    (here / "case.toml").write_text(PLAIN)
     cli.main(["discover", "case.toml", "--quiet", "--draws", "30", "--seed", "5"])
     assert found["catalogue"] == ["mechanical", str(Path("own.toml"))]
     assert found["roles"] == {"position": "y"}
@@ -107,23 +113,25 @@ def test_a_catalogue_is_found_beside_the_file(here):
     assert load_config("sub/case.toml").study_arguments()["catalogue"] == str(Path("sub/own.toml"))
 
 
-def test_a_fit_that_did_not_converge_ends_with_code_3(here, found, capsys):
-    found["study"] = fake_study(fit=fake_fit(ok=False))
+def test_a_fit_that_did_not_converge_ends_with_code_3(here, study, found, capsys):
+    (here / "case.toml").write_text(PLAIN)
+    found["study"] = replace(study, fit=judged(study.fit, False))
     assert cli.main(["discover", "case.toml", "--no-progress"]) == 3
     assert "Not converged; do not rely on this fit" in capsys.readouterr().out
     assert json.loads(Path("out/summary.json").read_text())["convergence"]["ok"] is False
     assert (here / "out" / "gap.html").exists()
 
 
-def test_a_study_that_was_not_sampled_has_no_posterior_to_save(here, found):
-    found["study"] = fake_study(fit=None)
+def test_a_study_that_was_not_sampled_has_no_posterior_to_save(here, study, found):
+    (here / "case.toml").write_text(PLAIN)
+    found["study"] = replace(study, fit=None)
     assert cli.main(["discover", "case.toml", "--quiet", "-o", "other"]) == 0
-    assert sorted(os.listdir("other")) == ["config.toml", "figures", "gap.html", "summary.json"]
+    assert sorted(os.listdir("other")) == ["config.toml", "gap.html", "summary.json"]
     assert json.loads(Path("other/summary.json").read_text())["convergence"] is None
 
 
 def test_quiet_prints_nothing_and_figures_can_be_left_out(here, found, capsys):
-    (here / "case.toml").write_text(CONFIG + "figures = false\n")
+    (here / "case.toml").write_text(PLAIN)
     assert cli.main(["discover", "case.toml", "--quiet"]) == 0
     assert capsys.readouterr() == ("", "")
     assert not (here / "out" / "figures").exists()
@@ -133,7 +141,7 @@ def test_a_failure_leaves_no_folder(here, monkeypatch, capsys):
     def fail(*_, **__):
         raise InputError("There is no catalogue 'x'; there are mechanical.")
 
-    monkeypatch.setattr(bg, "find_missing_effects", fail, raising=False)
+    monkeypatch.setattr("bayes_greybox.missing_effects.find_missing_effects", fail)
     assert "no catalogue 'x'" in refuse(capsys, "discover", "case.toml")
     assert sorted(os.listdir(here)) == ["case.toml", "run.csv"]
 
@@ -188,12 +196,12 @@ def test_fitting_without_a_dictionary_is_refused_and_points_to_discover(here, ca
     assert "bayes-greybox discover" in refuse(capsys, command, "case.toml")
 
 
-def test_a_saved_fit_is_reported_beside_itself_or_where_asked(here, monkeypatch, capsys):
+def test_a_saved_fit_is_reported_beside_itself_or_where_asked(here, study, monkeypatch, capsys):
     asked = []
 
     def saved_html(files, path, folds, progress):
         asked.append((files, path, folds, progress))
-        return {"run": fake_fit(ok=False)}, path or files[0].with_suffix(".html")
+        return {"run": judged(study.fit, False)}, path or files[0].with_suffix(".html")
 
     monkeypatch.setattr("bayes_greybox.report.saved.saved_html", saved_html)
     assert cli.main(["report", "runs/first/run.nc"]) == 3

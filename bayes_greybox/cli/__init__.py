@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-import bayes_greybox as bg
 from bayes_greybox.cli.ending import BAD_INPUT, DONE, NOT_CONVERGED, exit_code, show
 from bayes_greybox.data.errors import InputError
 
@@ -61,7 +60,7 @@ BlockOption = Annotated[
     int | None, typer.Option(min=1, help="Rows of a block, or time stamps of a step into the future.")
 ]
 MaxRefits = Annotated[
-    int | None, typer.Option(min=0, help="Most exact refits of what the draws cannot foretell (10 by default).")
+    int | None, typer.Option(min=0, help="Most exact refits of what the draws cannot predict (10 by default).")
 ]
 
 
@@ -126,9 +125,11 @@ def fit(
             record = run_record(result, settings.sampling.model_dump(), seconds, held_out)
             write_json(place / "summary.json", {"config": settings.file, **record})
         if settings.output.figures:
-            bg.plots.save_figures(bg.figures.fit_figures(result), folder / "figures")
+            from bayes_greybox.report.plots import fit_figures, save_figures
+
+            save_figures(fit_figures(result), folder / "figures")
     if not quiet:
-        from bayes_greybox.report.terminal import fit_tables
+        from bayes_greybox.report.terminal.fit import fit_tables
 
         show(*fit_tables(result, held_out), f"Results are in {folder}.")
     return DONE if result.verdict.ok else NOT_CONVERGED
@@ -152,30 +153,33 @@ def discover(
     tables), the figures and a copy of the configuration.
     """
     settings = _configured(config, seed=seed, draws=draws, tune=tune, chains=chains)
+    from bayes_greybox.missing_effects import find_missing_effects
     from bayes_greybox.report.folder import output_folder, staged
 
     with output_folder(output or settings.folder) as folder:
         arguments = settings.study_arguments()
         model = settings.build_studied_model()
         train, test = settings.read_data()
-        study = bg.find_missing_effects(model, train, test, **arguments, progress=not (no_progress or quiet))
+        study = find_missing_effects(model, train, test, **arguments, progress=not (no_progress or quiet))
         # What was sampled first, by itself: nothing that fails later may cost it.
         with staged(folder) as place:
             if study.fit is not None:
                 study.save(place / "study.nc")
             (place / "config.toml").write_text(settings.text, encoding="utf-8", newline="")
 
+        from bayes_greybox.report.pages.study_page import study_html
         from bayes_greybox.report.record import study_record, write_json
-        from bayes_greybox.report.study_page import study_html
 
         with staged(folder) as place:
             record = study_record(study, settings.sampling.model_dump())
             write_json(place / "summary.json", {"config": settings.file, **record})
             study_html(study, place / "gap.html", settings.text)
         if settings.output.figures:
-            bg.plots.save_figures(bg.figures.study_figures(study), folder / "figures")
+            from bayes_greybox.report.plots import save_figures, study_figures
+
+            save_figures(study_figures(study), folder / "figures")
     if not quiet:
-        from bayes_greybox.report.study_terminal import study_tables
+        from bayes_greybox.report.terminal.study import study_tables
 
         show(*study_tables(study), f"\nThe report is {folder / 'gap.html'}.")
     return DONE if study.fit is None or study.fit.verdict.ok else NOT_CONVERGED
@@ -295,9 +299,10 @@ def benchmark(
 @app.command()
 def datasets() -> int:
     """List the measured benchmark data sets and where they were found."""
-    from bayes_greybox.report.terminal import datasets_table
+    from bayes_greybox.data.datasets import dataset_table
+    from bayes_greybox.report.terminal.datasets import datasets_table
 
-    show(datasets_table(bg.dataset_table()))
+    show(datasets_table(dataset_table()))
     return DONE
 
 

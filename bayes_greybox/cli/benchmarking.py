@@ -1,11 +1,14 @@
 """The command benchmark."""
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-import bayes_greybox as bg
 from bayes_greybox.data.errors import InputError
 
 from .ending import DONE, show
+
+if TYPE_CHECKING:
+    from bayes_greybox.criticism.calibration.calibrate import Calibration
 
 
 def run_benchmark(
@@ -31,7 +34,7 @@ def run_benchmark(
         raise InputError("--replicates does not apply to hidden-effects; --cases sets how many are run.")
     from bayes_greybox.benchmarks.hidden_effects.cases import all_cases, subset
     from bayes_greybox.benchmarks.hidden_effects.run import run
-    from bayes_greybox.report.benchmark_terminal import benchmark_tables
+    from bayes_greybox.benchmarks.tables import benchmark_tables
 
     chosen = all_cases(seed) if cases is None else subset(all_cases(seed), cases, seed)
     scores = run(folder, chosen, workers=workers or 2, progress=progress)
@@ -41,10 +44,11 @@ def run_benchmark(
 
 def _calibrate(folder: Path, cases: int | None, replicates: int, seed: int, progress: bool) -> int:
     from bayes_greybox.benchmarks.calibration import run, subset
-    from bayes_greybox.report.benchmark_terminal import calibration_tables
+    from bayes_greybox.benchmarks.tables import calibration_tables
+    from bayes_greybox.report.plots import calibration, save_figures
 
-    def finished(name: str, found: "bg.Calibration") -> None:
-        bg.plots.save_figures({name: bg.figures.calibration(found)}, folder / "figures")
+    def finished(name: str, found: "Calibration") -> None:
+        save_figures({name: calibration(found)}, folder / "figures")
 
     table = run(folder, subset(cases), replicates=replicates, seed=seed, progress=progress, finished=finished)
     show(*calibration_tables(table), f"\nResults are in {folder}.")
@@ -53,9 +57,10 @@ def _calibrate(folder: Path, cases: int | None, replicates: int, seed: int, prog
 
 def _confounding(folder: Path, replicates: int | None, seed: int, progress: bool) -> int:
     from bayes_greybox.benchmarks.confounding.run import REPLICATES, all_cells, run
-    from bayes_greybox.report.benchmark_terminal import confounding_tables
+    from bayes_greybox.benchmarks.tables import confounding_tables
+    from bayes_greybox.report.plots import plot_confounding, save_figures
 
     scores = run(folder, all_cells(replicates or REPLICATES, seed), progress=progress)
-    bg.plots.save_figures({"confounding": bg.plots.plot_confounding(scores.terms)}, folder)
+    save_figures({"confounding": plot_confounding(scores.terms)}, folder)
     show(*confounding_tables(scores), f"\nResults are in {folder}.")
     return DONE

@@ -7,14 +7,14 @@ from typing import Any
 
 import typer
 
-import bayes_greybox as bg
 from bayes_greybox.config import Config
+from bayes_greybox.criticism.cross_validation.compare import compare
 from bayes_greybox.criticism.cross_validation.folds import START, check_scheme, require_divisible
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.report.comparison_folder import save_comparison
 from bayes_greybox.report.folder import output_folder, staged
 from bayes_greybox.report.saved import load_fits
-from bayes_greybox.report.terminal import comparison_tables
+from bayes_greybox.report.terminal.comparison import comparison_tables
 
 from .ending import exit_code, show
 
@@ -44,7 +44,7 @@ def compare_configured(settings: Config, output: Path | None, progress: bool, qu
             # Each as soon as it is there: a later failure costs no finished fit.
             with staged(folder) as place:
                 fits[name].save(place / f"{name}.nc")
-        table = bg.compare(fits, **given, progress=progress)
+        table = compare(fits, **given, progress=progress)
         save_comparison(
             folder,
             fits,
@@ -63,9 +63,9 @@ def compare_saved(
     """Compare saved fits; results are written if a folder is given."""
     fits = load_fits(files)
     if output is None:
-        return _compared(fits, bg.compare(fits, **given, progress=progress), None, quiet)
+        return _compared(fits, compare(fits, **given, progress=progress), None, quiet)
     with output_folder(output) as folder:
-        table = bg.compare(fits, **given, progress=progress)
+        table = compare(fits, **given, progress=progress)
         save_comparison(folder, fits, table, dict(zip(fits, files, strict=True)))
     return _compared(fits, table, folder, quiet)
 

@@ -7,8 +7,9 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from bayes_greybox.discovery.evidence.parametric import coefficients
+
 from .evaluations import Evaluations, one_pattern
-from .evidence.parametric import coefficients
 
 
 class Coefficients(NamedTuple):

@@ -9,6 +9,7 @@ import pandas as pd
 
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.discovery.evidence.with_discrepancy import Evaluator
 from bayes_greybox.model.program import Program
 from bayes_greybox.physics.effects import BoundEffect
 from bayes_greybox.physics.terms import Term
@@ -16,7 +17,6 @@ from bayes_greybox.physics.units import coefficient_unit, derivative_unit
 
 from .coefficients import Coefficients, alone, draw_coefficients, plain
 from .evaluations import Evaluations
-from .evidence.with_discrepancy import Evaluator
 from .gap import Amendment
 from .hypotheses import Contest
 from .odds import Odds

@@ -8,9 +8,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .evidence.correlated_residuals import correlation_evidence
-from .evidence.parametric import Marginal, Spectrum, coefficients, marginal
-from .evidence.with_discrepancy import IMPORTANCE_DRAWS, Evaluator, Integrated, WithDiscrepancy
+from bayes_greybox.discovery.evidence.correlated_residuals import correlation_evidence
+from bayes_greybox.discovery.evidence.parametric import Marginal, Spectrum, coefficients, marginal
+from bayes_greybox.discovery.evidence.with_discrepancy import IMPORTANCE_DRAWS, Evaluator, Integrated, WithDiscrepancy
+
 from .odds import Odds
 from .sufficient_statistics import SufficientStatistics
 

@@ -25,7 +25,6 @@ from .equation import EquationStudy, study_equation
 from .gap import Amendment, FreePath, gap_rows
 from .odds import Odds
 from .rounds import NEGLIGIBLE, SUBSTANTIAL, TIED
-from .sentence import sentence
 from .sufficient_statistics import CORRECTION_SCALE
 from .where import GapMap, GapTrace
 
@@ -46,7 +45,6 @@ class StudyResult:
         train: Data the study learned from.
         test: Data it did not.
         verdict: "no gap", "recalibrate", "named", "partly named" or "unknown".
-        sentence: The verdict in one sentence.
         effects: All effects that were weighed, best first: equation, slug, name, expression, probability, mean, sd,
             lower, upper, unit, tied_with, inner, status ("added" or "").
         hypotheses: Explanations of the first round by (equation, hypothesis).
@@ -69,7 +67,6 @@ class StudyResult:
     train: Trajectories
     test: Trajectories | None
     verdict: str
-    sentence: str
     effects: pd.DataFrame
     hypotheses: pd.DataFrame
     corrections: pd.DataFrame
@@ -90,7 +87,7 @@ class StudyResult:
         plain = {name: plain_rows(getattr(self, name)) for name in tables}
         left_out = [{"equation": e, "slug": s, "reason": r} for (e, s), r in self.left_out.items()]
         return {
-            "verdict": self.verdict, "sentence": self.sentence, **plain, "ties": self.ties, "left_out": left_out,
+            "verdict": self.verdict, **plain, "ties": self.ties, "left_out": left_out,
             "settings": dict(self.settings),
         }  # fmt: skip
 
@@ -164,10 +161,8 @@ def investigate(
         parts = [("train", train), *([("test", test)] if test is not None else [])]
         measured = [gap_rows(model, amendments, data, part, free_runs, interpolation) for part, data in parts]
         seconds["gap"] = time.perf_counter() - start
-    gap = pd.concat([table for table, _ in measured])
     seconds["total"] = time.perf_counter() - started
     verdict = max((found.finding.verdict for found in findings.values()), key=ORDER.index)
-    effects = pd.concat([found.effects(train) for found in findings.values()], ignore_index=True)
     return StudyResult(
         base=model,
         model=amended_program(model, findings),
@@ -175,12 +170,11 @@ def investigate(
         train=train,
         test=test,
         verdict=verdict,
-        sentence=sentence(findings, train, verdict, effects, gap),
-        effects=effects,
+        effects=pd.concat([found.effects(train) for found in findings.values()], ignore_index=True),
         hypotheses=pd.concat([found.hypotheses() for found in findings.values()]),
         corrections=pd.concat([found.corrections(train) for found in findings.values()]),
         where=pd.concat([found.where for found in findings.values()], ignore_index=True),
-        gap=gap,
+        gap=pd.concat([table for table, _ in measured]),
         rounds=pd.concat([found.ladder() for found in findings.values()]),
         ties=[tie for found in findings.values() for tie in found.ties(train)],
         maps={name: found.map for name, found in findings.items()},

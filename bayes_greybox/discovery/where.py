@@ -9,9 +9,9 @@ from jaxtyping import Float, Int
 from scipy.special import ndtr
 
 from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.discovery.evidence.parametric import Spectrum
+from bayes_greybox.discovery.evidence.with_discrepancy import Evaluator, WithDiscrepancy
 
-from .evidence.parametric import Spectrum
-from .evidence.with_discrepancy import Evaluator, WithDiscrepancy
 from .sufficient_statistics import SufficientStatistics
 
 GRID = 41

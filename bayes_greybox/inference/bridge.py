@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Array, Float
 from numpyro.infer import NUTS
 
-from bayes_greybox.model.density import SITE, density_model
+from bayes_greybox.model.sites import VECTOR, density_model
 
 from .nuts import Sampler
 
@@ -54,7 +54,7 @@ def bridge(
     key, other = jax.random.split(jax.random.PRNGKey(seed))
     sampler = Sampler(lambda _: NUTS(model, target_accept_prob=0.9), tune)
     chained = sampler.run(argument, draws=draws, chains=chains, key=key, progress=False)
-    eta = chained.samples[SITE]
+    eta = chained.samples[VECTOR]
     fitted = eta[:, : draws // 2].reshape(-1, size)
     kept = eta[:, draws // 2 :].reshape(-1, size)
     mean, root = fitted.mean(axis=0), np.linalg.cholesky(np.cov(fitted.T) + 1e-10 * np.eye(size))

@@ -16,7 +16,7 @@ def gamma_move(model: Callable, designs: Any, equations: tuple[str, ...]) -> Cal
 
     Given η, τ and π the posterior of γ is p(γ | ·) ∝ Π π^γ (1 − π)^(1−γ) p(y | γ, ·), and p(y | γ, ·) is
     Gaussian with θ and f integrated out. In terms of A = TᵀT and b = Tᵀq of the remaining regression (see
-    `model.collapsed`), bringing term j into the set γ multiplies the evidence by
+    `model.algebra.collapsed`), bringing term j into the set γ multiplies the evidence by
 
         (1 + τ² r)^{-1/2} exp(½ s²/(r + τ⁻²)),
         r = A_jj − A_jγ (A_γγ + τ⁻² I)⁻¹ A_γj,   s = b_j − A_jγ (A_γγ + τ⁻² I)⁻¹ b_γ,

@@ -15,7 +15,7 @@ from threadpoolctl import threadpool_limits
 
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.model.design import Design, EquationDraws
+from bayes_greybox.model.design import EquationDraws
 from bayes_greybox.model.equation import Equation
 from bayes_greybox.model.hyper import Hyperparameters
 from bayes_greybox.model.priors import Scales
@@ -104,31 +104,20 @@ class Posterior:
             equation: Learned state.
             at_most: Most draws; None: all.
             group_name: "posterior" or "prior".
-
-        Raises:
-            InputError: The prior's odds of inclusion cannot be told from the draws.
         """
-        frame, design = self.equations[equation].frame, self.equations[equation].design
-        group = self.idata[group_name].dataset
-        n_draw = group.sizes["chain"] * group.sizes["draw"]
-        index = np.arange(n_draw)
-        if at_most is not None and n_draw > at_most:
-            index = np.linspace(0, n_draw - 1, at_most).round().astype(int)
-        values = {}
-        for quantity, name in self.sites.owned(equation, map(str, group)).items():
-            value = group[name].to_numpy()
-            values[quantity] = value.reshape(n_draw, *value.shape[2:])[index]
+        frame = self.equations[equation].frame
+        values = self._flat(equation, at_most, group_name)
+        n_draw = len(next(iter(values.values())))
 
         def flat(quantity: str, n_column: int | None = None) -> np.ndarray:
             if quantity in values:
                 return values[quantity]
-            return np.ones(len(index)) if n_column is None else np.zeros((len(index), n_column))
+            return np.ones(n_draw) if n_column is None else np.zeros((n_draw, n_column))
 
         # Without a discrepancy there is neither amplitude nor length scale; the placeholders multiply no features.
-        sigma = flat("sigma") / frame.target_scale
         return EquationDraws(
             Hyperparameters(
-                jnp.asarray(sigma),
+                jnp.asarray(flat("sigma") / frame.target_scale),
                 jnp.asarray(flat("amplitude") / frame.target_scale),
                 jnp.asarray(flat("length_scale", len(frame.variables)) / frame.half_width),
             ),
@@ -136,22 +125,41 @@ class Posterior:
             flat("prior_sd"),
             flat("weight", 0) / frame.target_scale,
             flat("f", 0) / frame.target_scale,
-            self._summed(equation, design, values, sigma, index),
         )
 
-    def _summed(
-        self, equation: str, design: Design, values: Mapping[str, np.ndarray], sigma: np.ndarray, index: np.ndarray
-    ) -> Scales | None:
-        """Scales and odds of θ where the sampler summed over the inclusion patterns, which leaves `e_inclusion`."""
-        if "inclusion" not in values:
+    def summed(self, equation: str, at_most: int | None = None) -> Scales | None:
+        """Slab standard deviations and log prior odds [n_draw, n_term] where the sampler summed over the patterns.
+
+        Args:
+            equation: Learned state.
+            at_most: As for `draws`.
+
+        Returns:
+            The scales of each draw; None where no patterns were summed.
+
+        Raises:
+            InputError: The prior's odds of inclusion cannot be told from the draws.
+        """
+        values, entry = self._flat(equation, at_most, "posterior"), self.equations[equation]
+        if "gamma" not in values:
             return None
-        if SLAB not in self.idata.children:
-            return self.model.slab(design, values, sigma)
-        own, kept = self.sites[equation], self.idata[SLAB].dataset
-        sd, log_odds = (
-            kept[name].stack(flat=("chain", "draw")).to_numpy().T[index] for name in (own["sd"], own.log_odds)
-        )
-        return Scales(jnp.asarray(sd), jnp.asarray(log_odds))
+        if SLAB in self.idata.children:
+            kept = self._flat(equation, at_most, SLAB)
+            return Scales(jnp.asarray(kept["sd"]), jnp.asarray(kept["log_odds"]))
+        return self.model.slab(entry.design, values, values["sigma"] / entry.frame.target_scale)
+
+    def _flat(self, equation: str, at_most: int | None, group_name: str) -> dict[str, np.ndarray]:
+        """Variables of one equation by quantity, chains flattened, evenly thinned."""
+        group = self.idata[group_name].dataset
+        n_draw = group.sizes["chain"] * group.sizes["draw"]
+        index = np.arange(n_draw)
+        if at_most is not None and n_draw > at_most:
+            index = np.linspace(0, n_draw - 1, at_most).round().astype(int)
+        found = {}
+        for quantity, name in self.sites.owned(equation, map(str, group)).items():
+            value = group[name].to_numpy()
+            found[quantity] = value.reshape(n_draw, *value.shape[2:])[index]
+        return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -264,7 +272,7 @@ def slab_group(posterior: Posterior) -> xr.Dataset:
     """Scales and log odds of θ at the draws, of the equations whose inclusion patterns the sampler summed over."""
     group, variables = posterior.idata["posterior"].dataset, {}
     for name, own in posterior.sites.items():
-        summed = posterior.draws(name).summed
+        summed = posterior.summed(name)
         if summed is not None:
             for variable, value in ((own["sd"], summed.sd), (own.log_odds, summed.log_odds)):
                 variables[variable] = group[own.theta].copy(data=np.asarray(value).reshape(group[own.theta].shape))

@@ -9,19 +9,18 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from bayes_greybox.data.errors import InputError
+from bayes_greybox.model.algebra.compression import CHUNK, triangular_factor
+from bayes_greybox.model.algebra.linalg import require_independent
 from bayes_greybox.physics.expressions import namespace
 from bayes_greybox.physics.terms import Dictionary
 
-from .compression import CHUNK, triangular_factor
 from .design import DenseDesign, FeatureDesign
 from .discrepancy import EXACT_LIMIT, OrthogonalGP
 from .equation import Equation
 from .features import HilbertBasis, default_features
 from .frame import Frame
 from .hyper import Hyperparameters
-from .linalg import require_independent
-from .measures import box_nodes
-from .orthogonal import orthonormalise
+from .orthogonal import box_nodes, orthonormalise
 from .rows import EquationRows, Table
 
 FEWEST_STEPS = 8

@@ -10,8 +10,7 @@ from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.limits import Count, OneOf, Positive, Rule, Seed, require_limits
 
 from .kernels import KERNELS
-from .measures import Measure
-from .orthogonal import Variant
+from .orthogonal import Measure, Variant
 
 Path = Literal["hsgp", "exact"]
 

@@ -60,10 +60,6 @@ class HilbertBasis:
             values = values if len(kept) == values.shape[1] else values[:, kept]
         return values
 
-    def resolved_length_scale(self, features_per_unit: float) -> np.ndarray:
-        """Shortest length scale the basis resolves in each direction, ℓ = `features_per_unit` · L / m_d."""
-        return features_per_unit * self.boundary / np.array(self.per_variable)
-
     @cached_property
     def _growth(self) -> tuple[np.ndarray, tuple[np.ndarray, ...]]:
         """The indices, built one variable after the other, and what is kept of the product with each.

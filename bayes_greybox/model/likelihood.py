@@ -8,7 +8,8 @@ import numpyro.distributions as dist
 from jaxtyping import Array, Float
 from numpyro.distributions import constraints
 
-from .collapsed import log_evidence
+from bayes_greybox.model.algebra.collapsed import log_evidence
+
 from .design import Design
 from .hyper import Hyperparameters
 from .priors import Scales

@@ -233,8 +233,6 @@ class Program:
         Raises:
             InputError: The prior has a site that the draws do not have.
         """
-        if "gamma" not in values:
-            return None  # no patterns were drawn, so none were summed
         n_term = design.Phi.shape[1]
 
         def program(sigma: Any) -> Scales:

@@ -1,7 +1,8 @@
 """Random sites of the NumPyro program, and the one place where the variables of an equation get their names."""
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import jax.numpy as jnp
 import numpyro
@@ -12,9 +13,28 @@ DRAWN = ("theta", "theta_sd", "prior_sd", "gamma", "inclusion", "weight", "f")
 """What is drawn exactly given the sites of the model; no site of a user's own prior can be called so."""
 
 
+VECTOR = "eta"
+"""The only site of a `density_model`."""
+
+
 def site(name: str, distribution: dist.Distribution) -> Array:
     """`numpyro.sample` of an array-valued site."""
     return jnp.asarray(numpyro.sample(name, distribution))
+
+
+def density_model(log_density: Callable[[Array, Any], Array], size: int) -> Callable[[Any], None]:
+    """A model of one real vector whose log density, up to a constant, is the given function.
+
+    Args:
+        log_density: Of the vector and of the model's argument.
+        size: Length of the vector.
+    """
+
+    def model(argument: Any) -> None:
+        eta = site(VECTOR, dist.ImproperUniform(dist.constraints.real_vector, (), (size,)))
+        numpyro.factor("log_density", log_density(eta, argument))
+
+    return model
 
 
 @dataclass(frozen=True)

@@ -140,33 +140,8 @@ def integrate(
     return Path(states=states, failed_at=jnp.where(first <= t[-1], first, jnp.nan))
 
 
-def interpolant(
-    t: Float[Array | np.ndarray, " n"],
-    values: Float[Array | np.ndarray, "n p"] | None,
-    kind: str | Sequence[str] = "linear",
-) -> Callable[[Any], Float[Array, " p"]]:
-    """Function of time through samples.
-
-    Args:
-        t: Increasing times.
-        values: Samples at these times; None for a function without components.
-        kind: "linear", "zoh" or "cubic" (not-a-knot spline), for all columns or one for each.
-
-    Returns:
-        The function; before the first and after the last time it continues the nearest piece.
-
-    Raises:
-        InputError: Unknown kind, not one for each column, or fewer than four samples for "cubic".
-    """
-    if values is None:
-        return lambda time: jnp.zeros(0)
-    t, values = jnp.asarray(t), jnp.asarray(values)
-    kinds, curvature = _pieces(t, values, kind)
-    return lambda time: _at(time, t, values, curvature, kinds)
-
-
 def between_samples(t: Float[np.ndarray, " n"], values: Float[np.ndarray, "n p"]) -> tuple[str, ...]:
-    """Choose "linear" or "cubic" for each column: a sample is foretold better from two neighbours, or from four.
+    """Choose "linear" or "cubic" for each column: a sample is predicted better from two neighbours, or from four.
 
     Straight lines take five per cent of the amplitude of a sine that is sampled eight times a period; splines
     overshoot at steps. The cubic through the four neighbours wins where most of the signal lies below a third of
@@ -186,12 +161,12 @@ def between_samples(t: Float[np.ndarray, " n"], values: Float[np.ndarray, "n p"]
     def error(offsets: tuple[int, ...]) -> Float[np.ndarray, " p"]:
         # Lagrange's polynomial through the neighbours at these offsets, at the sample itself.
         at = [t[2 + k : len(t) - 2 + k] for k in offsets]
-        foretold = np.zeros_like(values[inner])
+        predicted = np.zeros_like(values[inner])
         for j, k in enumerate(offsets):
             others = [other for i, other in enumerate(at) if i != j]
             weight = np.prod([(t[inner] - other) / (at[j] - other) for other in others], axis=0)
-            foretold += weight[:, None] * values[2 + k : len(t) - 2 + k]
-        return np.mean((foretold - values[inner]) ** 2, axis=0)
+            predicted += weight[:, None] * values[2 + k : len(t) - 2 + k]
+        return np.mean((predicted - values[inner]) ** 2, axis=0)
 
     return tuple("cubic" if better else "linear" for better in error((-2, -1, 1, 2)) < error((-1, 1)))
 

@@ -1,39 +1,23 @@
-"""Figures of a fit: what `report.plots` draws, with the numbers from `criticism`; those of a study beside them."""
-
-from collections.abc import Mapping
-
-import numpy as np
-from matplotlib.figure import Figure
-
-from bayes_greybox.criticism.bands import Band
-from bayes_greybox.criticism.calibration.calibrate import Calibration
-from bayes_greybox.criticism.checks.checks import checks
-from bayes_greybox.criticism.checks.sensitivity import THRESHOLD
-from bayes_greybox.criticism.discrepancy import discrepancy_grid
-from bayes_greybox.criticism.inclusion import inclusion
-from bayes_greybox.criticism.prediction import predict
-from bayes_greybox.criticism.trade_off import strongest_trade_off
-from bayes_greybox.data.errors import InputError
-from bayes_greybox.inference.posterior import Posterior
-from bayes_greybox.physics.units import derivative_unit
+"""The older name of the figures of fits, which `plots` offers."""
 
 from .plots import (
-    plot_autocorrelation,
-    plot_calibration,
-    plot_coefficients,
-    plot_discrepancy_over_states,
-    plot_discrepancy_over_time,
-    plot_loo_pit,
-    plot_predicted,
-    plot_predictive,
-    plot_sensitivity,
-    plot_tradeoff,
+    autocorrelation,
+    calibration,
+    coefficients,
+    discrepancy_over_states,
+    discrepancy_over_time,
+    fit_figures,
+    loo_pit,
+    predicted,
+    predictive,
+    sensitivity,
+    study_figures,
+    trade_off,
 )
-from .study_figures import study_figures
 
 __all__ = [
-    "calibration",
     "autocorrelation",
+    "calibration",
     "coefficients",
     "discrepancy_over_states",
     "discrepancy_over_time",
@@ -45,149 +29,3 @@ __all__ = [
     "study_figures",
     "trade_off",
 ]
-
-
-def fit_figures(fit: Posterior) -> dict[str, Figure]:
-    """Every figure of a fit, by file name: coefficients, predicted, discrepancy, trade-off, checks."""
-    figures = {"coefficients": coefficients(fit)}
-    several = len(fit.equations) > 1
-    for name in fit.equations:
-        suffix = f"_{name}" if several else ""
-        figures[f"predicted{suffix}"] = predicted(fit, name)
-        if fit.equations[name].frame.variables:
-            figures[f"discrepancy_states{suffix}"] = discrepancy_over_states(fit, name)
-            figures[f"discrepancy_time{suffix}"] = discrepancy_over_time(fit, name)
-            figures[f"trade_off{suffix}"] = trade_off(fit, name)
-        if "prior_predictive" in fit.idata:
-            figures[f"predictive{suffix}"] = predictive(fit, name)
-        figures[f"loo_pit{suffix}"] = loo_pit(fit, name)
-        figures[f"autocorrelation{suffix}"] = autocorrelation(fit, name)
-    figures["sensitivity"] = sensitivity(fit)
-    return figures
-
-
-def coefficients(fit: Posterior, truth: Mapping | None = None, level: float = 0.9) -> Figure:
-    """Forest of the coefficients with inclusion, beside the true values if they are known.
-
-    Args:
-        fit: Fit.
-        truth: True coefficients, {equation: {term: value}}.
-        level: Probability of the intervals.
-    """
-    return plot_coefficients(inclusion(fit, level), truth=truth)
-
-
-def calibration(found: Calibration) -> Figure:
-    """ECDF differences of the ranks with their simultaneous band, and reliability of P(included)."""
-    band = found.band
-    reliability = {name: part.bins for name, part in found.inclusion.items()}
-    return plot_calibration(found.ecdf_differences, band.lower, band.upper, found.tests, reliability)
-
-
-def predicted(fit: Posterior, equation: str | None = None, level: float = 0.9) -> Figure:
-    """Predicted against measured rate over the training data, with the band of a measurement."""
-    equation = equation or fit.model.equations[0]
-    shown = predict(fit, fit.data, level)[equation]
-    return plot_predicted(
-        fit.data.time,
-        fit.data.derivatives[equation],
-        shown.rate.mean,
-        shown.measurement.lower,
-        shown.measurement.upper,
-        equation=equation,
-        level=level,
-        **_runs(fit),
-        **_units(fit, equation),
-    )
-
-
-def discrepancy_over_states(
-    fit: Posterior, equation: str | None = None, variables: tuple[str, ...] | None = None, level: float = 0.9
-) -> Figure:
-    """Posterior of f over one or two of its variables."""
-    grid = discrepancy_grid(fit, equation or fit.model.equations[0], variables, level=level)
-    return plot_discrepancy_over_states(grid)
-
-
-def discrepancy_over_time(fit: Posterior, equation: str | None = None, level: float = 0.9) -> Figure:
-    """Posterior of f along the training data, against the noise level."""
-    equation = equation or fit.model.equations[0]
-    band: Band = predict(fit, fit.data, level)[equation].discrepancy
-    sigma = float(np.mean(fit.idata["posterior"][f"{equation}_sigma"].to_numpy()))
-    return plot_discrepancy_over_time(
-        fit.data.time,
-        band.mean,
-        band.lower,
-        band.upper,
-        equation=equation,
-        sigma=sigma,
-        level=level,
-        **_runs(fit),
-        **_units(fit, equation),
-    )
-
-
-def trade_off(fit: Posterior, equation: str | None = None) -> Figure:
-    """Posterior pairs of the coefficient that f can stand in for most."""
-    pair = strongest_trade_off(fit, equation or fit.model.equations[0])
-    return plot_tradeoff(
-        pair.theta,
-        pair.projection,
-        term=pair.term,
-        equation=pair.equation,
-        correlation=pair.correlation,
-        unit=pair.unit,
-    )
-
-
-def predictive(fit: Posterior, equation: str | None = None) -> Figure:
-    """Distribution of the measured rate beside data sets drawn from the prior and from the posterior.
-
-    Raises:
-        InputError: The fit holds no predictive draws, which are left out for long records.
-    """
-    equation = equation or fit.model.equations[0]
-    if "prior_predictive" not in fit.idata or "posterior_predictive" not in fit.idata:
-        raise InputError("The fit holds no predictive draws: its record is too long, or an older version saved it.")
-    drawn = {
-        source: fit.idata[f"{source}_predictive"][f"{equation}_rate"].to_numpy().reshape(-1, fit.data.n_obs)
-        for source in ("posterior", "prior")
-    }
-    return plot_predictive(
-        fit.data.derivatives[equation], **drawn, equation=equation, unit=derivative_unit(equation, fit.data.units)
-    )
-
-
-def loo_pit(fit: Posterior, equation: str | None = None) -> Figure:
-    """Where the measurements fall in their leave-one-out predictions, against a uniform distribution."""
-    pit = checks(fit).loo_pit[equation or fit.model.equations[0]]
-    return plot_loo_pit(pit.value, equation=pit.equation, band=pit.band, p=pit.p)
-
-
-def autocorrelation(fit: Posterior, equation: str | None = None) -> Figure:
-    """Autocorrelation of the whitened residuals."""
-    white = checks(fit).whiteness[equation or fit.model.equations[0]]
-    return plot_autocorrelation(
-        white.lag,
-        white.autocorrelation,
-        white.bound,
-        equation=white.equation,
-        p=white.p,
-        standing_out=white.standing_out,
-        by_frequency=white.by_frequency,
-    )
-
-
-def sensitivity(fit: Posterior) -> Figure:
-    """Power-scaling sensitivity of coefficients and inclusion probabilities."""
-    return plot_sensitivity(checks(fit).sensitivity, threshold=THRESHOLD)
-
-
-def _runs(fit: Posterior) -> dict:
-    if fit.data.n_run == 1:
-        return {}
-    return {"run": fit.data.run, "run_names": list(fit.data.run_names)}
-
-
-def _units(fit: Posterior, equation: str) -> dict:
-    return {"time_unit": fit.data.unit("t") or "", "unit": derivative_unit(equation, fit.data.units)}

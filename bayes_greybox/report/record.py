@@ -16,6 +16,8 @@ from bayes_greybox.discovery.study import StudyResult
 from bayes_greybox.inference.netcdf import versions
 from bayes_greybox.inference.posterior import Posterior
 
+from .sentence import sentence
+
 
 def run_record(
     fit: Posterior, sampling: Mapping[str, Any], seconds: float, held_out: pd.Series | None
@@ -81,6 +83,8 @@ def study_record(study: StudyResult, sampling: Mapping[str, Any]) -> dict[str, A
     fit, test = study.fit, study.test
     return plain_values(
         {
+            "verdict": study.verdict,
+            "sentence": sentence(study),
             **study.record(),
             "convergence": None if fit is None else _verdict(convergence(fit)),
             "data": {"train": study.train.n_obs, "test": None if test is None else test.n_obs},

@@ -9,9 +9,9 @@ from bayes_greybox.inference.netcdf import load
 from bayes_greybox.inference.posterior import Posterior
 
 from .comparison_folder import PAGE, load_comparison
-from .comparison_page import comparison_html
-from .fit_page import fit_html
-from .page import require_place
+from .pages.comparison_page import comparison_html
+from .pages.fit_page import fit_html
+from .pages.page import require_place
 
 
 def saved_html(

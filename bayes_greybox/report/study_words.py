@@ -1,13 +1,15 @@
-"""Sentences and single values of a study's report."""
+"""What figures, pages and terminal call things: explanations, measures of the gap, the amended simulation."""
 
 import math
 import re
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
+
 from bayes_greybox.discovery.study import StudyResult
 
-from .text import number, percent_text
+from .formatting import nmse_text, number, percent_text
 
 METRICS: dict[str, tuple[str, str]] = {
     "unexplained share": (
@@ -26,9 +28,35 @@ METRICS: dict[str, tuple[str, str]] = {
 }
 """Title and explanation of each measure of the gap, the plainest first."""
 
+NAMES = {
+    "no gap": "no gap",
+    "recalibrate": "recalibration of the simulation",
+    "unknown": "unknown (f alone)",
+    "enough": "nothing more",
+}
+"""Explanations that are not effects, as they are called in figures and tables."""
 
 LIKELY = 0.5
 """A correction more probable than this is taken over into the amended simulation."""
+
+
+def added(study: StudyResult) -> np.ndarray:
+    """Row numbers of the effects that were added to the model."""
+    return np.flatnonzero((study.effects["status"] == "added").to_numpy()) if len(study.effects) else np.zeros(0, int)
+
+
+def name_of(study: StudyResult, slug: str) -> str:
+    """Plain name of an explanation; the slug itself for an effect that the study's table does not have."""
+    named = dict(zip(study.effects["slug"], study.effects["name"], strict=True))
+    return NAMES.get(slug) or named.get(slug) or slug
+
+
+def marked(study: StudyResult, equation: str) -> tuple[list[str], list[str]]:
+    """Slugs that were added to an equation, and those tied with them."""
+    chosen = study.effects.iloc[added(study)]
+    chosen = chosen[chosen["equation"] == equation]
+    tied = [slug for slugs in chosen["tied_with"] for slug in slugs]
+    return list(chosen["slug"]), tied
 
 
 def shown_part(study: StudyResult) -> str:
@@ -41,7 +69,7 @@ def metric_value(study: StudyResult, metric: str, value: float) -> str:
     if metric == "time to failure":
         unit = study.train.unit("t") or ""
         return "never" if not math.isfinite(value) else f"{number(value)} {unit}".strip()
-    return percent_text(value)
+    return nmse_text(value) if metric == "derivative NMSE" else percent_text(value)
 
 
 def closed_text(closed: float) -> str:

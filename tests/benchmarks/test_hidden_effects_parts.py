@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bayes_greybox.benchmarks.hidden_effects import marks, peers, solve
+from bayes_greybox.benchmarks.hidden_effects import case_scores, peers, solve
 from bayes_greybox.benchmarks.hidden_effects.cases import (
     FAMILIES,
     NOISE,
@@ -20,9 +20,8 @@ from bayes_greybox.benchmarks.hidden_effects.cases import (
 )
 from bayes_greybox.benchmarks.hidden_effects.generate import generate
 from bayes_greybox.benchmarks.hidden_effects.hidden import CATALOGUE, OFF_CATALOGUE
-from bayes_greybox.benchmarks.hidden_effects.host_system import formula, term_value
-from bayes_greybox.benchmarks.hidden_effects.host_systems import HOSTS
-from bayes_greybox.benchmarks.hidden_effects.ode import Flow, LostError
+from bayes_greybox.benchmarks.hidden_effects.host_systems import HOSTS, formula, term_value
+from bayes_greybox.benchmarks.hidden_effects.ode import HostODE, LostError
 from bayes_greybox.benchmarks.hidden_effects.oracle import (
     NONE,
     candidates,
@@ -219,7 +218,7 @@ def test_rest_on_a_jump_is_refused_and_crossed_jumps_are_exact():
 
     def path(coefficient):
         rates = {"y": {"ydot": 1.0}, "ydot": {"y": -4.0}}
-        return paths(Flow(host, rates, (Acting(friction, coefficient),)), np.array([[1.0, 0.0]]), None)
+        return paths(HostODE(host, rates, (Acting(friction, coefficient),)), np.array([[1.0, 0.0]]), None)
 
     # Without damping each half swing loses 2 c / k of its height.
     swing = path(-0.1)[0, 0]
@@ -401,7 +400,7 @@ def row(family="catalogue", truth=("a",), verdict="named", effects=(), oracle=No
     ],
 )
 def test_what_counts_as_right(family, truth, verdict, names, right):
-    assert marks.is_right(family, truth, verdict, names) is right
+    assert case_scores.is_right(family, truth, verdict, names) is right
 
 
 def test_scores_of_rows_made_by_hand():
@@ -437,10 +436,10 @@ def test_scores_of_rows_made_by_hand():
 def test_calibration_error_by_hand():
     probability = np.array([0.95, 0.95, 0.95, 0.95, 0.65, 0.65])
     right = np.array([True, True, True, False, True, False])
-    curve = marks.reliability_curve(probability, right)
+    curve = case_scores.reliability_curve(probability, right)
     assert curve["ece"].sum() == pytest.approx(4 / 6 * abs(0.75 - 0.95) + 2 / 6 * abs(0.5 - 0.65))
     assert curve["cases"].sum() == 6
-    assert marks.reliability_curve(np.array([]), np.array([], bool))["ece"].sum() == 0.0
+    assert case_scores.reliability_curve(np.array([]), np.array([], bool))["ece"].sum() == 0.0
 
 
 @pytest.mark.parametrize(
@@ -453,7 +452,7 @@ def test_calibration_error_by_hand():
     ],
 )
 def test_a_tie_excuses_only_what_the_oracle_cannot_separate(tied, oracle, excused):
-    found = marks.case_marks(row(effects=[effect("b", tied_with=tied)], oracle=oracle))
+    found = case_scores.case_scores(row(effects=[effect("b", tied_with=tied)], oracle=oracle))
     assert found["study"] is False
     assert found["right or tied"] is excused
 

@@ -11,7 +11,7 @@ import pytest
 
 import bayes_greybox as bg
 from bayes_greybox.inference.posterior import Sampling, sample_posterior
-from bayes_greybox.model.compression import CHUNK, triangular_factor
+from bayes_greybox.model.algebra.compression import CHUNK, triangular_factor
 
 
 def noisy_oscillator(n_obs: int) -> bg.Trajectories:

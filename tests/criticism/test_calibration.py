@@ -20,9 +20,9 @@ DEFAULT = "spike-and-slab_projected"
 class TooWide(Program):
     """The likelihood takes 1.3 times the noise it says."""
 
-    def _hyperparameters(self, design):
-        hyper = super()._hyperparameters(design)
-        return hyper._replace(sigma=1.3 * hyper.sigma)
+    def _sample(self, design):
+        hyper, scales = super()._sample(design)
+        return hyper._replace(sigma=1.3 * hyper.sigma), scales
 
 
 def _too_sure(monkeypatch):

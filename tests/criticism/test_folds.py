@@ -101,7 +101,7 @@ def singular(posterior):
 
 
 def values_of(posterior, folds):
-    parts = list(fold_densities(posterior, "v", posterior.draws("v"), folds))
+    parts = list(fold_densities(posterior, "v", fold_parameters(posterior, "v"), folds))
     assert np.array_equal(np.concatenate([index for index, _ in parts]), np.arange(len(folds)))
     return np.concatenate([values for _, values in parts], axis=1)
 
@@ -145,7 +145,7 @@ def test_steps_into_the_future_have_the_dense_conditional(case):
     assert np.array_equal(pasts[0], past)
     assert np.array_equal(np.sort(np.concatenate([past, *folds])), np.arange(len(time)))
     assert all(len(np.unique(time[fold])) <= 3 for fold in folds)
-    values = np.diff(past_densities(case, "v", case.draws("v"), past, folds), axis=1)
+    values = np.diff(past_densities(case, "v", fold_parameters(case, "v"), past, folds), axis=1)
     for s in range(4):
         np.testing.assert_allclose(values[s], expected_of(case, s, folds, pasts), rtol=1e-10, atol=1e-8)
 
@@ -154,7 +154,8 @@ def test_steps_into_the_future_have_the_dense_conditional(case):
 def test_patterns_that_were_summed_are_summed_with_and_without_the_fold(case, monkeypatch):
     rng = np.random.default_rng(2)
     pi, tau = rng.uniform(0.1, 0.9, (2, 2)), np.exp(0.3 * rng.standard_normal((2, 2)))
-    posterior = fabricate(case.model, case.data, draws=2, pi=pi, tau=tau)
+    gamma = np.ones((2, 2, len(TERMS)))
+    posterior = fabricate(case.model, case.data, draws=2, pi=pi, tau=tau, gamma=gamma)
     hyper = [draw(posterior, s)[0] for s in range(4)]
     unit = np.log(posterior.equations["v"].frame.target_scale)
 
@@ -192,7 +193,7 @@ def test_patterns_that_were_summed_are_summed_with_and_without_the_fold(case, mo
     chosen = make_folds(posterior, "future", 3, start=0.05)
     folds, past = chosen.members["v"], chosen.past["v"]
     pasts = [np.sort(np.concatenate([past, *folds[:j]])) for j in range(len(folds))]
-    values = np.diff(past_densities(posterior, "v", posterior.draws("v"), past, folds), axis=1)
+    values = np.diff(past_densities(posterior, "v", fold_parameters(posterior, "v"), past, folds), axis=1)
     np.testing.assert_allclose(values, conditionals(folds, pasts), rtol=1e-9, atol=1e-7)
 
 
@@ -218,8 +219,7 @@ def test_designs_for_refits_have_the_density_of_what_is_left(case):
         expected = -0.5 * (np.linalg.slogdet(2 * np.pi * C)[1] + y @ np.linalg.solve(C, y))
         if singular(case):
             expected -= 0.5 * case.data.noise["v"].log_det  # the constant of the coefficients before whitening
-        draws = case.draws("v")
-        values = subset_density(part, fold_parameters(draws))
+        values = subset_density(part, fold_parameters(case, "v"))
         assert values[0] == pytest.approx(expected, abs=1e-7)
         # A prior that asks for the number of rows, as the horseshoe does, must not change when rows are left out.
         assert float(part.n_prior) == float(case.equations["v"].design.n_obs) > float(part.n_obs)
@@ -292,7 +292,7 @@ def test_the_future_is_predicted_backwards_with_refits_to_the_past():
     steps = np.flatnonzero(result.refitted)[::-1]
     for j, (rows, without) in zip(steps, refits, strict=True):
         assert rows == sorted(np.concatenate(members[j:]).tolist())
-        values = np.diff(past_densities(posterior, "v", without.draws("v"), past, members), axis=1)[:, j]
+        values = np.diff(past_densities(posterior, "v", fold_parameters(without, "v"), past, members), axis=1)[:, j]
         assert result.pointwise[j] == pytest.approx(logsumexp(values) - np.log(200), abs=1e-9)
     without = cross_validate(posterior, "future", block=3, refit=None)
     assert without.refits == 0 and "were not refitted" in without.notes[0]

@@ -298,7 +298,8 @@ def test_flagged_rows_are_refitted_exactly_or_reported():
     assert without.idata["posterior"][sigma].mean() < 0.5 * posterior.idata["posterior"][sigma].mean()
     log_p = np.array([left_out(*dense(posterior, *draw(without, s)), 7) for s in range(200)])
     scale = posterior.equations["v"].frame.target_scale
-    assert result.pointwise[7] == pytest.approx(logsumexp(log_p) - np.log(200 * scale), abs=1e-8)
+    # Some -2000 nat under a small noise: a bound in nats would be one on how a kernel rounds (5e-9 under one of them).
+    assert result.pointwise[7] == pytest.approx(logsumexp(log_p) - np.log(200 * scale), rel=1e-9)
 
     def never(*_):
         raise AssertionError("no refit was to be made")

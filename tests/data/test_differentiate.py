@@ -1,8 +1,9 @@
 import numpy as np
 import pytest
+from differentiation import differentiation_matrix
 
 from bayes_greybox.data.errors import InputError
-from bayes_greybox.data.filters import differentiation_matrix, filter_taps, savgol_window, spectral_derivative
+from bayes_greybox.data.filters import filter_taps, savgol_window, spectral_derivative
 from bayes_greybox.data.trajectories import Trajectories
 
 H = 0.1

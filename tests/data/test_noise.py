@@ -1,10 +1,11 @@
 import numpy as np
 import pytest
+from differentiation import differentiation_matrix
 from scipy.linalg import block_diag
 
 from bayes_greybox.data.differentiate import differentiate
 from bayes_greybox.data.errors import InputError
-from bayes_greybox.data.filters import differentiation_matrix, filter_taps
+from bayes_greybox.data.filters import filter_taps
 from bayes_greybox.data.noise import BandedNoise, SpectralNoise, fir_noise, noise_from_dict
 
 LENGTHS, STEPS = (40, 25), (0.1, 0.05)

@@ -8,8 +8,8 @@ import pytest
 
 import bayes_greybox as bg
 from bayes_greybox.discovery.evaluations import _patterns
-from bayes_greybox.discovery.sentence import _closed
 from bayes_greybox.discovery.study import studied_equations
+from bayes_greybox.report.sentence import closed_in_words
 
 N_OBS, STEP, NOISE = 400, 0.075, 0.05
 
@@ -250,8 +250,8 @@ def test_patterns_of_many_corrections_have_at_most_two_terms_in():
 @pytest.mark.parametrize(
     ("before", "after", "said"),
     [
-        (0.4, 0.1, "closes 75 % of the gap on held-out data"),
-        (0.4, 0.5, "widens the gap on held-out data by 25 %"),
+        (0.4, 0.1, "closes 75.0 % of the gap on held-out data"),
+        (0.4, 0.5, "widens the gap on held-out data by 25.0 %"),
         (0.0, 0.0, "leaves no gap on held-out data"),
     ],
 )
@@ -261,4 +261,4 @@ def test_what_became_of_the_gap_is_said_as_it_is(before, after, said):
         names=["data", "metric", "variable"],
     )
     gap = pd.DataFrame({"before": [0.9, before, 3.0], "after": [0.1, after, 2.0]}, index=index)
-    assert _closed(gap) == said
+    assert closed_in_words(gap).replace("\u00a0", " ") == said

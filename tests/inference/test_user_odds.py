@@ -14,7 +14,7 @@ from scipy import stats
 from scipy.special import logsumexp
 
 import bayes_greybox as bg
-from bayes_greybox.criticism.cross_validation.fold_densities import fold_densities
+from bayes_greybox.criticism.cross_validation.fold_densities import fold_densities, fold_parameters
 from bayes_greybox.inference.posterior import SLAB
 from bayes_greybox.model.priors import Scales
 
@@ -78,19 +78,19 @@ def log_density(Phi, y, tau, sigma, log_odds):
 
 
 def test_draws_have_the_odds_of_each_term(fit):
-    summed = fit.draws("y").summed
+    summed = fit.summed("y")
     tau = fit.idata["posterior"]["y_tau"].to_numpy().reshape(-1)
     np.testing.assert_array_equal(summed.log_odds, np.broadcast_to(ODDS, (80, 3)))
     np.testing.assert_allclose(summed.sd, np.repeat(tau[:, None], 3, axis=1), rtol=1e-12)
-    thinned = fit.draws("y", 10).summed
+    thinned = fit.summed("y", 10)
     assert thinned.sd.shape == (10, 3)
 
 
 def test_inclusion_is_that_of_the_patterns_summed_one_by_one(fit):
-    draws, equation = fit.draws("y"), fit.equations["y"]
+    draws, summed, equation = fit.draws("y"), fit.summed("y"), fit.equations["y"]
     Phi, _, y = equation.parts()
     i = 7
-    tau, sigma = float(draws.summed.sd[i, 0]), float(draws.hyper.sigma[i])
+    tau, sigma = float(summed.sd[i, 0]), float(draws.hyper.sigma[i])
     odds = np.array(ODDS)
     whole = log_density(Phi, y, tau, sigma, odds)
     found = fit.idata["posterior"]["y_inclusion"].to_numpy().reshape(-1, 3)[i]
@@ -104,12 +104,14 @@ def test_inclusion_is_that_of_the_patterns_summed_one_by_one(fit):
 def test_blocks_are_left_out_with_the_patterns_summed(fit, read_again):
     folds = [np.arange(0, 6), np.arange(6, 9)]
     for posterior in (fit, read_again):
-        draws = posterior.draws("y")
+        draws, summed = posterior.draws("y"), posterior.summed("y")
         Phi, _, y = posterior.equations["y"].parts()
         unit = np.log(posterior.equations["y"].frame.target_scale)
-        values = np.hstack([values for _, values in fold_densities(posterior, "y", draws, folds)])
+        values = np.hstack(
+            [values for _, values in fold_densities(posterior, "y", fold_parameters(posterior, "y"), folds)]
+        )
         for i, (f, fold) in itertools.product((0, 33, 79), enumerate(folds)):
-            tau, sigma = float(draws.summed.sd[i, 0]), float(draws.hyper.sigma[i])
+            tau, sigma = float(summed.sd[i, 0]), float(draws.hyper.sigma[i])
             rest = np.delete(np.arange(24), fold)
             expected = log_density(Phi, y, tau, sigma, np.array(ODDS))
             expected -= log_density(Phi[rest], y[rest], tau, sigma, np.array(ODDS)) + len(fold) * unit
@@ -139,8 +141,9 @@ def test_what_is_read_again_is_judged_as_before(fit, read_again, data, tmp_path)
 def test_a_file_without_the_odds_is_refused_rather_than_judged_without_them(read_again):
     older = bg.Fit(read_again.model, read_again.data, read_again.sampling, read_again.idata.copy())
     del older.idata[SLAB]
+    assert len(older.draws("y").theta) == 80
     with pytest.raises(bg.InputError, match="prior was a Python program"):
-        older.draws("y")
+        older.summed("y")
 
 
 def test_a_program_without_odds_is_read_again_and_judged_as_before(data, tmp_path):
@@ -148,7 +151,7 @@ def test_a_program_without_odds_is_read_again_and_judged_as_before(data, tmp_pat
     fit = fitted(program, data)
     fit.save(tmp_path / "run.nc")
     again = bg.load(tmp_path / "run.nc")
-    assert SLAB not in again.idata.children and again.draws("y").summed is None
+    assert SLAB not in again.idata.children and again.summed("y") is None
     pd.testing.assert_frame_equal(again.inclusion(), fit.inclusion())
     assert again.predict(data).nmse()["y"] == pytest.approx(fit.predict(data).nmse()["y"])
     assert len(bg.compare({"a": again, "b": fit}, max_refits=0, progress=False)) == 2

@@ -1,13 +1,15 @@
 """The triangular factor carries all that the rows say, at the precision of a QR factorisation."""
 
+import math
+
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.model import assemble as assemble_module
-from bayes_greybox.model.collapsed import remove_features, ridge
-from bayes_greybox.model.compression import triangular_factor
+from bayes_greybox.model.algebra.collapsed import remove_features, ridge
+from bayes_greybox.model.algebra.compression import triangular_factor
 from bayes_greybox.model.discrepancy import OrthogonalGP
 from bayes_greybox.model.hyper import Hyperparameters
 from bayes_greybox.model.likelihood import CollapsedNormal
@@ -43,10 +45,22 @@ def test_factor_is_that_of_a_qr(condition):
 
 
 def test_gram_matrix_alone_would_not_do():
-    # The reason for the preconditioner: the same diagonal by a Cholesky of FᵀF is wrong in its first digits.
-    F = _with_condition(1e8)
-    with pytest.raises((np.linalg.LinAlgError, AssertionError)):
-        np.testing.assert_allclose(np.diag(np.linalg.cholesky(F.T @ F)), np.diag(_both(F)[1]), rtol=1e-2)
+    # The reason for the preconditioner: these two matrices have one Gram matrix, even if it is rounded only once, and
+    # triangular factors that differ by a factor of two. The columns are one in half of the rows; the others belong to
+    # one column each. So FᵀF is n_one + δ² n / 4 on its diagonal, where the second part is below half of the last digit
+    # of 1, and thus lost from every partial sum with a one in it, in any order. The least singular value is δ √(n / 4).
+    grams = []
+    for delta in (2.0**-32, 2.0**-33):
+        F = np.ones((N, 2))
+        F[2::4] = (delta, 0.0)
+        F[3::4] = (0.0, delta)
+        n_own = len(F[2::4]) + len(F[3::4])
+        grams.append([[math.fsum(a * b) for a in F.T] for b in F.T])
+        got = triangular_factor(lambda index, F=F: F[index], N, CHUNK)
+        # R₂₂² = (a b - n_one²) / a with a, b the squared norms: δ² n_own up to δ². Rounding changes it by at most
+        # n_row · n_column · ε · condition of itself in Householder's QR, and the condition is 2 / δ.
+        assert abs(got[1, 1]) == pytest.approx(delta * math.sqrt(n_own), rel=2 * N * np.finfo(float).eps * 2 / delta)
+    assert grams[0] == grams[1] == [[N - n_own] * 2] * 2
 
 
 @pytest.mark.parametrize("scale", [1.0, 1e6])

@@ -7,12 +7,11 @@ import pytest
 
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.model.algebra.linalg import require_independent
 from bayes_greybox.model.discrepancy import OrthogonalGP
-from bayes_greybox.model.kernels import KERNELS, gram
 from bayes_greybox.model.hyper import Hyperparameters
-from bayes_greybox.model.linalg import require_independent
-from bayes_greybox.model.measures import box_nodes
-from bayes_greybox.model.orthogonal import orthogonal_gram, orthonormalise
+from bayes_greybox.model.kernels import KERNELS, gram
+from bayes_greybox.model.orthogonal import box_nodes, orthogonal_gram, orthonormalise
 from bayes_greybox.model.program import Program
 from bayes_greybox.physics.systems import oscillator
 

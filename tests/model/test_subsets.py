@@ -8,8 +8,8 @@ import mpmath
 import numpy as np
 import pytest
 
-from bayes_greybox.model.collapsed import Regression, spike_and_slab
-from bayes_greybox.model.subsets import log_pattern_weights, patterns
+from bayes_greybox.model.algebra.collapsed import Regression, spike_and_slab
+from bayes_greybox.model.algebra.subsets import log_pattern_weights, patterns
 
 
 def _regression(n_term, sigma, collinear, n_row=9, seed=0):

@@ -7,7 +7,14 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 from bayes_greybox.data.errors import InputError
-from bayes_greybox.physics.integrate import PIECE, between_samples, integrate, interpolant
+from bayes_greybox.physics.integrate import PIECE, _at, _pieces, between_samples, integrate
+
+
+def interpolant(t, values, kind="linear"):
+    """The input between samples as the integrator sees it."""
+    t, values = jnp.asarray(t), jnp.asarray(values)
+    kinds, curvature = _pieces(t, values, kind)
+    return lambda time: _at(time, t, values, curvature, kinds)
 
 
 def _harmonic(t, x, u, args):

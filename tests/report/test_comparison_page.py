@@ -1,4 +1,5 @@
 import re
+from html import escape
 
 import numpy as np
 import pandas as pd
@@ -7,11 +8,13 @@ from fabricated import fabricate, oscillator
 
 import bayes_greybox as bg
 from bayes_greybox import cli
+from bayes_greybox.criticism.convergence import convergence
 from bayes_greybox.greybox import Fit
 from bayes_greybox.report import saved
 from bayes_greybox.report.comparison_folder import load_comparison, save_comparison
-from bayes_greybox.report.comparison_page import comparison_page
-from bayes_greybox.report.page import render
+from bayes_greybox.report.formatting import probability_text
+from bayes_greybox.report.pages.comparison_page import comparison_page
+from bayes_greybox.report.pages.page import render
 
 NAMES = ("spike & slab", "laplace")
 
@@ -91,7 +94,7 @@ def test_terms_stand_side_by_side_under_their_own_probability(fits, table, html)
     found = {name: fits[name].inclusion()[column].loc["v"] for name, column in columns.items()}
     for term, *shown in cells(html, "terms"):
         key = term.replace("³", "**3")
-        expected = [f"{found[name][key]:.3f}" if key in found[name] else "–" for name in table.index]
+        expected = [escape(probability_text(found[name][key])) if key in found[name] else "–" for name in table.index]
         assert shown == expected
     assert "spike &amp; slab: P(included)" in html and "laplace: P(|θ| &gt; ROPE)" in html
     # Three terms of one model, two of the other, with their units.
@@ -133,7 +136,7 @@ def test_what_the_models_differ_in_comes_apart_from_what_they_share(table, html)
 )
 def test_the_headline_says_who_leads_and_how_surely(fits, monkeypatch, differences, errors, headline, badge):
     (fit, *_) = fits.values()
-    monkeypatch.setitem(fit.__dict__, "verdict", type(fit.verdict)(True))
+    monkeypatch.setitem(fit.memory, convergence.__wrapped__, type(fit.verdict)(True))
     page = comparison_page(dict.fromkeys("abc", fit), made_up(differences, errors))
     assert headline in page.headline
     assert [(one.text, one.tone) for one in page.badges] == [
@@ -144,7 +147,7 @@ def test_the_headline_says_who_leads_and_how_surely(fits, monkeypatch, differenc
 
 def test_a_large_pareto_k_is_an_alert(fits, monkeypatch):
     (fit, *_) = fits.values()
-    monkeypatch.setitem(fit.__dict__, "verdict", type(fit.verdict)(True))
+    monkeypatch.setitem(fit.memory, convergence.__wrapped__, type(fit.verdict)(True))
     page = comparison_page({"a": fit, "b": fit}, made_up([0, -50.0], [0, 10.0], (-np.inf, np.inf)))
     assert [one.text for one in page.badges] == ["Pareto k too large", "Clear lead"]
     assert page.badges[1].tone == "quiet" and "above 0.7 for b," in page.alerts[0]

@@ -1,12 +1,13 @@
 import re
-from html import unescape
+from html import escape, unescape
 
 import numpy as np
 import pytest
 
 import bayes_greybox as bg
 from bayes_greybox.data.errors import InputError
-from bayes_greybox.report.fit_page import fit_html
+from bayes_greybox.report.formatting import probability_text
+from bayes_greybox.report.pages.fit_page import fit_html
 
 SHORT = {"draws": 50, "tune": 100, "chains": 2, "progress": False}
 
@@ -36,7 +37,8 @@ def test_the_page_of_a_fit_has_its_verdict_first_and_every_part(fit, html):
 
 def test_the_numbers_are_those_of_the_fit(fit, html):
     table = fit.inclusion()
-    assert f'<td class="number">{table.loc[("ydot", "y**3"), "inclusion"]:.3f}</td>' in html
+    shown = probability_text(table.loc[("ydot", "y**3"), "inclusion"])
+    assert f'<td class="number">{escape(shown)}</td>' in html
     assert "P(included)" in html and "SpikeAndSlab" in html and "RMS of f" in html
     assert all(reason.split(":")[0] in unescape(html) for reason in fit.verdict.reasons)
 

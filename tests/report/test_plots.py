@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 
 from bayes_greybox.criticism.discrepancy import DiscrepancyGrid
 from bayes_greybox.data.errors import InputError
+from bayes_greybox.report.formatting import figure_estimate, unit_text
 from bayes_greybox.report.plots import (
     plot_coefficients,
     plot_comparison,
@@ -18,8 +19,7 @@ from bayes_greybox.report.plots import (
     plot_tradeoff,
     save_figures,
 )
-from bayes_greybox.report.plots.coefficients import estimate_text
-from bayes_greybox.report.plots.style import formula_or_name, unit_text
+from bayes_greybox.report.plots.style import formula_or_name
 
 
 def texts(figure: Figure) -> list[str]:
@@ -162,8 +162,8 @@ def test_bad_tables_are_named():
     ],
 )
 def test_estimates_show_two_digits_of_their_uncertainty(mean, sd, expected):
-    assert estimate_text(mean, sd) == expected
-    assert estimate_text(mean, sd, "m/s**2") == expected + " [m/s²]"
+    assert figure_estimate(mean, sd) == expected
+    assert figure_estimate(mean, sd, "m/s**2") == expected + " [m/s²]"
 
 
 def test_units_read_as_people_write_them():
@@ -204,7 +204,7 @@ def test_curve_shows_band_units_and_where_it_extrapolates():
     np.testing.assert_array_equal(np.isfinite(solid), grid.inside)
     np.testing.assert_array_equal(line(ax, "mean, extrapolated").get_ydata(), grid.mean)
     assert len(line(ax, "data").get_xdata()) == 500
-    assert {"90% interval", "mean, extrapolated"} <= set(texts(figure))
+    assert {"90\u00a0% interval", "mean, extrapolated"} <= set(texts(figure))
 
 
 def test_curve_without_units_and_with_support_everywhere():
@@ -270,7 +270,7 @@ def test_time_panel_has_units_noise_lines_and_its_band():
     levels = sorted(float(found.get_ydata()[0]) for found in ax.get_lines() if len(found.get_ydata()) == 2)
     assert levels == [-0.3, 0.0, 0.3]
     np.testing.assert_array_equal(line(ax, "mean").get_ydata(), mean)
-    assert {"50% interval", "± noise sd σ"} <= set(texts(figure))
+    assert {"50\u00a0% interval", "± noise sd σ"} <= set(texts(figure))
 
 
 def test_long_record_is_thinned_without_losing_a_peak_or_narrowing_the_band():
@@ -307,7 +307,9 @@ def test_predicted_shows_every_row_against_its_measurement(n_obs):
         time, measured, mean, lower, upper, equation="ydot", level=0.95, time_unit="s", unit="m/s**2"
     )
     along, across = figure.axes[:2]
-    assert {"time [s]", "d(ydot)/dt [m/s²]", "measured d(ydot)/dt [m/s²]", "95% interval", "1:1"} <= set(texts(figure))
+    assert {"time [s]", "d(ydot)/dt [m/s²]", "measured d(ydot)/dt [m/s²]", "95\u00a0% interval", "1:1"} <= set(
+        texts(figure)
+    )
     assert across.get_xlim() == across.get_ylim() and across.get_aspect() == 1.0
     assert across.get_xlim()[0] < measured.min() and across.get_xlim()[1] > measured.max()
     if n_obs <= 2500:

@@ -6,6 +6,7 @@ from matplotlib.contour import ContourSet
 from matplotlib.figure import Figure
 
 from bayes_greybox.data.errors import InputError
+from bayes_greybox.report.formatting import percent_text, probability_text
 from bayes_greybox.report.plots import (
     Coefficient,
     plot_free_run,
@@ -16,7 +17,6 @@ from bayes_greybox.report.plots import (
     plot_posteriors,
     plot_rounds,
 )
-from bayes_greybox.report.plots.ranking import percent_text, probability_text
 from bayes_greybox.report.plots.style import BLUE, SKY
 
 
@@ -229,7 +229,7 @@ def test_probabilities_are_never_rounded_to_certainty():
     assert [spaced(probability_text(p)) for p in (1.0, 0.9995, 0.5, 1e-4, 0.0, np.nan)] == [
         "> 0.999", "> 0.999", "0.500", "< 0.001", "< 0.001", "–",
     ]  # fmt: skip
-    shares = (1.0, 0.4567, 0.0123, 0.00456, 1e-6, 0.0, -0.5, np.nan)
+    shares = (1.0, 0.9997, 0.4567, 0.0123, 0.00456, 1e-6, 0.0, -0.5, np.nan)
     assert [spaced(percent_text(s)) for s in shares] == [
-        "100 %", "45.7 %", "1.2 %", "0.46 %", "< 0.01 %", "0 %", "−50.0 %", "–",
+        "100 %", "> 99.9 %", "45.7 %", "1.2 %", "0.46 %", "< 0.01 %", "0 %", "−50.0 %", "–",
     ]  # fmt: skip

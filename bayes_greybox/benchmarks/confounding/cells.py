@@ -17,8 +17,7 @@ from bayes_greybox.model.design import EquationDraws
 from bayes_greybox.model.discrepancy import OrthogonalGP
 from bayes_greybox.model.equation import Equation
 from bayes_greybox.model.hyper import Hyperparameters
-from bayes_greybox.model.measures import Measure
-from bayes_greybox.model.orthogonal import Variant
+from bayes_greybox.model.orthogonal import Measure, Variant
 from bayes_greybox.model.priors import Normal
 from bayes_greybox.model.program import Program
 

@@ -81,7 +81,7 @@ def answers(row: Mapping[str, Any]) -> dict[str, tuple[str, list[str]]]:
     return given
 
 
-def case_marks(row: Mapping[str, Any]) -> dict[str, Any]:
+def case_scores(row: Mapping[str, Any]) -> dict[str, Any]:
     """One row of the table of cases."""
     family, truth, given = row["family"], row["effects"], answers(row)
     study = row.get("study") or {}

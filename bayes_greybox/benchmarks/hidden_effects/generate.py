@@ -14,9 +14,8 @@ from bayes_greybox.data.trajectories import Trajectories
 
 from .cases import RATIO_EDGES, Case
 from .hidden import find
-from .host_system import SPREAD, Host, formula, term_value
-from .host_systems import HOSTS
-from .ode import Flow, LostError
+from .host_systems import HOSTS, SPREAD, Host, formula, term_value
+from .ode import HostODE, LostError
 from .search import Wanted, coefficients
 from .trajectories import Excited, Runs, combine, excite, follow, rms
 
@@ -122,7 +121,7 @@ def generate(case: Case) -> CaseData:
         rates = _drawn_rates(host, setting)
         excited = {"train": excite(host, setting, host.runs), "test": excite(host, setting, host.test_runs)}
         with suppress(LostError):
-            flow, exact = _followed(case, Flow(host, rates), excited, choice)
+            ode, exact = _followed(case, HostODE(host, rates), excited, choice)
             break
     else:
         raise InputError(f"The host {host.name} cannot show {' and '.join(case.effects)} at any size.")
@@ -133,7 +132,7 @@ def generate(case: Case) -> CaseData:
         given, off = _miscalibrated(host, rates, exact["train"], sigma, choice)
     truth = tuple(
         Truth(act.effect.slug, act.coefficient, act.inner, abs(act.coefficient) * rms(value) / sigma, wanted)
-        for act, value, wanted in zip(flow.acting, exact["train"].values, case.ratios, strict=True)
+        for act, value, wanted in zip(ode.acting, exact["train"].values, case.ratios, strict=True)
     )
     return CaseData(
         case=case,
@@ -161,8 +160,8 @@ def _drawn_rates(host: Host, rng: np.random.Generator) -> dict[str, dict[str, fl
 
 
 def _followed(
-    case: Case, bare: Flow, excited: Mapping[str, Excited], rng: np.random.Generator
-) -> tuple[Flow, dict[str, Runs]]:
+    case: Case, bare: HostODE, excited: Mapping[str, Excited], rng: np.random.Generator
+) -> tuple[HostODE, dict[str, Runs]]:
     """The host with its hidden effects at work; with another sign or smaller ones where it cannot take them."""
     effects = [find(bare.host.domain, slug) for slug in case.effects]
     missing = [effect.slug for effect in effects if not effect.fits(bare.host)]
@@ -180,8 +179,8 @@ def _followed(
         ]
         try:
             acting = coefficients(bare, excited["train"], wanted) if wanted else ()
-            flow = Flow(bare.host, bare.rates, acting)
-            return flow, {part: follow(flow, runs) for part, runs in excited.items()}
+            ode = HostODE(bare.host, bare.rates, acting)
+            return ode, {part: follow(ode, runs) for part, runs in excited.items()}
         except LostError:
             continue
     raise LostError("The host cannot take its effects at any size.")

@@ -9,7 +9,7 @@ from jaxtyping import Float
 from scipy.integrate import solve_ivp
 
 from .hidden import Hidden
-from .host_system import Host, term_value
+from .host_systems import Host, term_value
 
 TIGHT, ROUGH = 1e-10, 1e-6
 """Relative tolerances of the data, and of the search for coefficients."""
@@ -33,7 +33,7 @@ class Acting:
 
 
 @dataclass(frozen=True)
-class Flow:
+class HostODE:
     """dx/dt of a host with its true coefficients and the effects hidden in one of its equations.
 
     Attributes:
@@ -76,7 +76,7 @@ class Flow:
 
 
 def paths(
-    flow: Flow,
+    ode: HostODE,
     starts: Float[np.ndarray, "n_run n_state"],
     signal: Callable[[float], Any] | None,
     tolerance: float = TIGHT,
@@ -84,7 +84,7 @@ def paths(
     """States of all runs at the host's times, followed by those of effects with a memory.
 
     Args:
-        flow: The system.
+        ode: The system.
         starts: Initial states.
         signal: The inputs of the runs as a function of time, if there are any.
         tolerance: Relative tolerance of the integration (order 8).
@@ -92,24 +92,24 @@ def paths(
     Raises:
         LostError: Nothing that could serve as data.
     """
-    full = np.column_stack([starts, np.zeros((len(starts), len(flow.memories)))])
-    jump = next((act.effect.jump for act in flow.acting if act.effect.jump), None)
+    full = np.column_stack([starts, np.zeros((len(starts), len(ode.memories)))])
+    jump = next((act.effect.jump for act in ode.acting if act.effect.jump), None)
     with np.errstate(over="ignore", invalid="ignore"):
         if jump is None:
-            found = _smooth(flow, full, signal, tolerance)
+            found = _smooth(ode, full, signal, tolerance)
         else:
-            state = list(flow.rates).index(flow.host.roles[jump])
-            found = np.stack([_jumping(flow, full, signal, tolerance, run, state) for run in range(len(full))])
-    for name in flow.host.positive:
-        if np.min(found[:, list(flow.rates).index(name)]) <= 0.0:
+            state = list(ode.rates).index(ode.host.roles[jump])
+            found = np.stack([_jumping(ode, full, signal, tolerance, run, state) for run in range(len(full))])
+    for name in ode.host.positive:
+        if np.min(found[:, list(ode.rates).index(name)]) <= 0.0:
             raise LostError(f"{name} reached zero.")
     return found
 
 
-def _columns(flow: Flow, t: Any, x: np.ndarray, u: Any) -> dict[str, Any]:
-    columns = {"t": t, **dict(zip(flow.rates, x, strict=False))}
+def _columns(ode: HostODE, t: Any, x: np.ndarray, u: Any) -> dict[str, Any]:
+    columns = {"t": t, **dict(zip(ode.rates, x, strict=False))}
     if u is not None:
-        columns[flow.host.inputs[0]] = u
+        columns[ode.host.inputs[0]] = u
     return columns
 
 
@@ -142,10 +142,10 @@ def _solve(slope: Callable[[float, np.ndarray], np.ndarray], span: Any, start: n
     return result
 
 
-def _smooth(flow: Flow, full: np.ndarray, signal: Any, tolerance: float) -> np.ndarray:
-    times = flow.host.times
+def _smooth(ode: HostODE, full: np.ndarray, signal: Any, tolerance: float) -> np.ndarray:
+    times = ode.host.times
     n_run, n_all = full.shape
-    n_state = len(flow.rates)
+    n_state = len(ode.rates)
     guard = _Guard(full, tolerance)
 
     def slope(t: float, packed: np.ndarray) -> np.ndarray:
@@ -153,7 +153,7 @@ def _smooth(flow: Flow, full: np.ndarray, signal: Any, tolerance: float) -> np.n
         guard.check(packed)
         u = None if signal is None else signal(t)
         memory = x[n_state] if n_all > n_state else 0.0
-        return flow.rate(_columns(flow, t, x, u), memory).ravel()
+        return ode.rate(_columns(ode, t, x, u), memory).ravel()
 
     result = _solve(
         slope, (times[0], times[-1]), full.T.ravel(), t_eval=times, max_step=times[-1] / 40, tolerance=tolerance
@@ -161,15 +161,15 @@ def _smooth(flow: Flow, full: np.ndarray, signal: Any, tolerance: float) -> np.n
     return result.y.reshape(n_all, n_run, len(times)).swapaxes(0, 1)
 
 
-def _jumping(flow: Flow, full: np.ndarray, signal: Any, tolerance: float, run: int, state: int) -> np.ndarray:
+def _jumping(ode: HostODE, full: np.ndarray, signal: Any, tolerance: float, run: int, state: int) -> np.ndarray:
     """One run, from each zero of the state at which the equation jumps to the next."""
-    times = flow.host.times
+    times = ode.host.times
     guard = _Guard(full, tolerance)
 
     def rate(t: float, x: np.ndarray, side: float) -> np.ndarray:
         guard.check(x)
         u = None if signal is None else signal(t)[run]
-        return flow.rate({**_columns(flow, t, x, u), "side": side})
+        return ode.rate({**_columns(ode, t, x, u), "side": side})
 
     def side_of(t: float, x: np.ndarray, before: float) -> float:
         """Where the state goes from zero: on through it, or back."""

@@ -20,7 +20,7 @@ from scipy.special import logsumexp
 from .cases import NULLS, RATIO_EDGES, ratio_density
 from .generate import CaseData
 from .hidden import CATALOGUE, Hidden
-from .host_system import term_value
+from .host_systems import term_value
 from .trajectories import rms
 
 NONE = "none"

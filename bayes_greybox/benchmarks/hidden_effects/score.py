@@ -11,17 +11,17 @@ import pandas as pd
 
 from bayes_greybox.data.errors import InputError
 
-from .case_scores import PEERS, SOLVERS, case_marks, coverage_table, listed, reliability_curve, stated
+from .case_scores import PEERS, SOLVERS, case_scores, coverage_table, listed, reliability_curve, stated
 from .cases import FAMILIES
 
 RATIO_BINS = (0.3, 1.0, 3.0, 10.0, 30.0)
 """Edges of the ranges of effect over noise that accuracy is given for; the first and last range have no outer end."""
 
 SHARES = (*SOLVERS, "exact", *(f"{peer} exact" for peer in PEERS), "right or tied")
-"""Marks whose means are shares of right answers."""
+"""Scores whose means are shares of right answers."""
 
-Marks = Sequence[Mapping[str, Any]]
-"""Cases, as `case_marks` describes them."""
+CaseScores = Sequence[Mapping[str, Any]]
+"""Cases, as `case_scores` describes them."""
 
 
 @dataclass(frozen=True)
@@ -68,30 +68,30 @@ def score(rows: Iterable[Mapping[str, Any]]) -> Scores:
     records = list(rows)
     if not records:
         raise InputError("There is no finished case to score; run the benchmark first.")
-    marks = [case_marks(row) for row in records]
-    single = [mark for mark in marks if mark["family"] == "catalogue"]
-    families = _families(marks)
+    scored = [case_scores(row) for row in records]
+    single = [case for case in scored if case["family"] == "catalogue"]
+    families = _families(scored)
     coverage = coverage_table(records)
     curves = {"stated": reliability_curve(*stated(records)), "listed": reliability_curve(*listed(records))}
     reliability = pd.concat(curves, names=["names", "bin"])
-    groups = {by: _accuracy(single, lambda mark, by=by: mark[by]) for by in ("domain", "noise", "effects")}
+    groups = {by: _accuracy(single, lambda case, by=by: case[by]) for by in ("domain", "noise", "effects")}
     return Scores(
-        cases=pd.DataFrame(marks),
+        cases=pd.DataFrame(scored),
         families=families,
         ratios=_accuracy(
-            single, lambda mark: _range(mark["ratio"]), [_label(*edges) for edges in pairwise(RATIO_BINS)]
+            single, lambda case: _range(case["ratio"]), [_label(*edges) for edges in pairwise(RATIO_BINS)]
         ),
         groups=pd.concat(groups, names=["by", "group"]),
-        verdicts=_verdicts(marks),
+        verdicts=_verdicts(scored),
         coverage=coverage,
         reliability=reliability,
         bars=_bars(single, families, coverage, reliability),
     )
 
 
-def mean(marks: Marks, column: str, missing: float | None = None) -> float:
-    """Mean of a mark; cases without one are left out, or count as `missing`."""
-    values = [mark[column] if mark[column] is not None else missing for mark in marks]
+def mean(scored: CaseScores, column: str, missing: float | None = None) -> float:
+    """Mean of a score; cases without one are left out, or count as `missing`."""
+    values = [case[column] if case[column] is not None else missing for case in scored]
     known = [float(value) for value in values if value is not None]
     return float(np.mean(known)) if known else float("nan")
 
@@ -105,18 +105,18 @@ def _range(ratio: float) -> str:
     return _label(RATIO_BINS[place], RATIO_BINS[place + 1])
 
 
-def _accuracy(marks: Marks, by: Callable[[Any], Any], order: Sequence[Any] | None = None) -> pd.DataFrame:
+def _accuracy(scored: CaseScores, by: Callable[[Any], Any], order: Sequence[Any] | None = None) -> pd.DataFrame:
     """Shares of right answers by group."""
-    groups = order or sorted({by(mark) for mark in marks})
-    parts = {group: [mark for mark in marks if by(mark) == group] for group in groups}
+    groups = order or sorted({by(case) for case in scored})
+    parts = {group: [case for case in scored if by(case) == group] for group in groups}
     rows = {group: {"cases": len(part), **{c: mean(part, c) for c in SHARES}} for group, part in parts.items()}
     return pd.DataFrame.from_dict(rows, orient="index", columns=["cases", *SHARES])
 
 
-def _families(marks: Marks) -> pd.DataFrame:
-    parts = {name: [mark for mark in marks if mark["family"] == name] for name in FAMILIES}
+def _families(scored: CaseScores) -> pd.DataFrame:
+    parts = {name: [case for case in scored if case["family"] == name] for name in FAMILIES}
     parts["one or none"] = [*parts["catalogue"], *parts["null"]]
-    parts["all"] = list(marks)
+    parts["all"] = list(scored)
     rows = {}
     for name, part in parts.items():
         if not part:
@@ -131,20 +131,22 @@ def _families(marks: Marks) -> pd.DataFrame:
             "seconds": mean(part, "seconds"),
         }
         # A mean over those that it applies to would not compare with the others'.
-        if any(mark["oracle"] is None for mark in part):
+        if any(case["oracle"] is None for case in part):
             rows[name]["oracle"] = np.nan
     return pd.DataFrame.from_dict(rows, orient="index").rename_axis("family")
 
 
-def _verdicts(marks: Marks) -> pd.DataFrame:
+def _verdicts(scored: CaseScores) -> pd.DataFrame:
     rows = {}
-    for family in dict.fromkeys(mark["family"] for mark in marks):
-        counts = Counter(mark["study verdict"] for mark in marks if mark["family"] == family)
+    for family in dict.fromkeys(case["family"] for case in scored):
+        counts = Counter(case["study verdict"] for case in scored if case["family"] == family)
         rows[family] = {verdict: n / counts.total() for verdict, n in counts.items()}
     return pd.DataFrame.from_dict(rows, orient="index").fillna(0.0).rename_axis("family")
 
 
-def _bars(single: Marks, families: pd.DataFrame, coverage: pd.DataFrame, reliability: pd.DataFrame) -> pd.DataFrame:
+def _bars(
+    single: CaseScores, families: pd.DataFrame, coverage: pd.DataFrame, reliability: pd.DataFrame
+) -> pd.DataFrame:
     """What the benchmark asks for, with what was reached; no verdict where there were no cases."""
     table = families.to_dict("index")
     covered = coverage.to_dict("index")
@@ -153,7 +155,7 @@ def _bars(single: Marks, families: pd.DataFrame, coverage: pd.DataFrame, reliabi
         return table[family][column] if family in table else np.nan
 
     ahead = [reached(f) - np.fmax(reached(f, "stlsq"), reached(f, "ensemble")) for f in FAMILIES if f in table]
-    clear = mean([mark for mark in single if mark["ratio"] >= 3], "right or tied")
+    clear = mean([case for case in single if case["ratio"] >= 3], "right or tied")
     named = reliability.loc["stated"]
     rows = [
         ("right name first, or excusably tied, ratio >= 3", clear, 0.95, 1.0),

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .hidden import Hidden
-from .ode import ROUGH, Acting, Flow, LostError
+from .ode import ROUGH, Acting, HostODE, LostError
 from .trajectories import Excited, Runs, follow, rms
 
 CLOSE = 1e-3
@@ -35,11 +35,11 @@ class Wanted:
     fraction: float
 
 
-def coefficients(flow: Flow, excited: Excited, wanted: Sequence[Wanted]) -> tuple[Acting, ...]:
+def coefficients(ode: HostODE, excited: Excited, wanted: Sequence[Wanted]) -> tuple[Acting, ...]:
     """Search coefficients, and with them inner parameters, by secants in their logarithms.
 
     Args:
-        flow: The host without effects.
+        ode: The host without effects.
         excited: Starts and input of the training data.
         wanted: Effects and their sizes.
 
@@ -47,11 +47,11 @@ def coefficients(flow: Flow, excited: Excited, wanted: Sequence[Wanted]) -> tupl
         LostError: The host cannot be followed with effects of these sizes.
     """
     acting = tuple(Acting(item.effect, 0.0) for item in wanted)
-    runs = follow(flow, excited, ROUGH)
-    acting = _scaled(acting, wanted, runs, flow)
-    runs = follow(Flow(flow.host, flow.rates, acting), excited, ROUGH)
+    runs = follow(ode, excited, ROUGH)
+    acting = _scaled(acting, wanted, runs, ode)
+    runs = follow(HostODE(ode.host, ode.rates, acting), excited, ROUGH)
     shares = np.array([item.share for item in wanted])
-    log_size = np.log(shares * rms(runs.rates[flow.host.equation]) / _units(runs))
+    log_size = np.log(shares * rms(runs.rates[ode.host.equation]) / _units(runs))
     slope = np.ones(len(wanted))
     before: tuple[np.ndarray, np.ndarray] | None = None
     lost = 0
@@ -61,7 +61,7 @@ def coefficients(flow: Flow, excited: Excited, wanted: Sequence[Wanted]) -> tupl
             for item, size, act in zip(wanted, log_size, acting, strict=True)
         )
         try:
-            runs = follow(Flow(flow.host, flow.rates, acting), excited, ROUGH)
+            runs = follow(HostODE(ode.host, ode.rates, acting), excited, ROUGH)
         except LostError:
             lost += 1
             if lost > _LOSSES:
@@ -69,7 +69,7 @@ def coefficients(flow: Flow, excited: Excited, wanted: Sequence[Wanted]) -> tupl
             # Back to where it still held together; without such a place, downwards.
             log_size = log_size - 0.7 if before is None else (log_size + before[0]) / 2
             continue
-        error = log_size + np.log(_units(runs) / rms(runs.rates[flow.host.equation]) / shares)
+        error = log_size + np.log(_units(runs) / rms(runs.rates[ode.host.equation]) / shares)
         if np.all(np.abs(error) < CLOSE):
             return acting
         if before is not None:
@@ -79,7 +79,7 @@ def coefficients(flow: Flow, excited: Excited, wanted: Sequence[Wanted]) -> tupl
         before = (log_size, error)
         log_size = log_size - np.clip(error / slope, -_LONGEST, _LONGEST)
         if step < _FREE:
-            acting = _scaled(acting, wanted, runs, flow)
+            acting = _scaled(acting, wanted, runs, ode)
     raise LostError("No coefficient gives the wanted size.")
 
 
@@ -90,9 +90,9 @@ def _units(runs: Runs) -> np.ndarray:
     return sizes
 
 
-def _scaled(acting: tuple[Acting, ...], wanted: Sequence[Wanted], runs: Runs, flow: Flow) -> tuple[Acting, ...]:
+def _scaled(acting: tuple[Acting, ...], wanted: Sequence[Wanted], runs: Runs, ode: HostODE) -> tuple[Acting, ...]:
     """Inner parameters as fractions of what the path spans."""
-    columns = {**flow.host.in_roles(runs.columns), "t": runs.columns["t"]}
+    columns = {**ode.host.in_roles(runs.columns), "t": runs.columns["t"]}
 
     def inner(act: Acting, fraction: float) -> float:
         given = act.effect.inner

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from .host_system import Host, term_value
-from .ode import TIGHT, Flow, paths
+from .host_systems import Host, term_value
+from .ode import TIGHT, HostODE, paths
 
 Signal = Callable[[float], Any] | None
 """The input of all runs as a function of time; None without an input."""
@@ -48,24 +48,24 @@ def excite(host: Host, rng: np.random.Generator, runs: int) -> Excited:
     return Excited(starts, signals[0] if signals else None)
 
 
-def follow(flow: Flow, excited: Excited, tolerance: float = TIGHT) -> Runs:
+def follow(ode: HostODE, excited: Excited, tolerance: float = TIGHT) -> Runs:
     """Integrate the runs and take down what is exact about them.
 
     Raises:
         LostError: The system cannot be followed.
     """
-    host, times = flow.host, flow.host.times
-    found = paths(flow, excited.starts, excited.signal, tolerance)
+    host, times = ode.host, ode.host.times
+    found = paths(ode, excited.starts, excited.signal, tolerance)
     n_run, n_state = excited.starts.shape
     columns = {"t": np.tile(times, n_run)}
-    columns |= {state: found[:, i].ravel() for i, state in enumerate(flow.rates)}
+    columns |= {state: found[:, i].ravel() for i, state in enumerate(ode.rates)}
     if excited.signal is not None:
         columns[host.inputs[0]] = np.array([excited.signal(t) for t in times]).T.ravel()
-    memory = found[:, n_state].ravel() if flow.memories else 0.0
-    known = {state: np.broadcast_to(value, columns["t"].shape) for state, value in flow.known(columns).items()}
-    values = tuple(np.broadcast_to(value, columns["t"].shape) for value in flow.values(columns, memory))
+    memory = found[:, n_state].ravel() if ode.memories else 0.0
+    known = {state: np.broadcast_to(value, columns["t"].shape) for state, value in ode.known(columns).items()}
+    values = tuple(np.broadcast_to(value, columns["t"].shape) for value in ode.values(columns, memory))
     hidden = np.zeros(len(columns["t"]))
-    for act, value in zip(flow.acting, values, strict=True):
+    for act, value in zip(ode.acting, values, strict=True):
         hidden = hidden + act.coefficient * value
     rates = {**known, host.equation: known[host.equation] + hidden}
     return Runs(columns, known[host.equation], values, hidden, rates)

@@ -13,10 +13,10 @@ from jaxtyping import Array, Float
 
 from bayes_greybox.criticism.convergence import array_stats
 from bayes_greybox.inference.posterior import Posterior
-from bayes_greybox.model.collapsed import Regression, ridge
+from bayes_greybox.model.algebra.collapsed import Regression, ridge
+from bayes_greybox.model.algebra.linalg import solve_lower
+from bayes_greybox.model.algebra.subsets import log_pattern_weights, patterns
 from bayes_greybox.model.design import Design
-from bayes_greybox.model.linalg import solve_lower
-from bayes_greybox.model.subsets import log_pattern_weights, patterns
 
 ALPHAS = (0.99, 1.01)
 """Powers that prior and likelihood are raised to, one at a time."""
@@ -140,7 +140,7 @@ def _powers(posterior: Posterior, equation: str, index: np.ndarray) -> _Powers:
     """Log ratios of scaled to unscaled densities, draw by draw."""
     design = posterior.equations[equation].design
     draws = posterior.draws(equation)
-    enumerated = draws.summed is not None
+    summed = posterior.summed(equation)
     own = posterior.sites[equation]
     log_prior = posterior.idata["log_prior"].dataset
     theta_level = (own.theta, own.gamma)
@@ -149,8 +149,8 @@ def _powers(posterior: Posterior, equation: str, index: np.ndarray) -> _Powers:
     top = np.sum(sites, axis=0) if sites else np.zeros(len(index))
     has_gamma = own.gamma in posterior.idata["posterior"].dataset
     n_term = draws.theta.shape[1]
-    if draws.summed is not None and draws.summed.log_odds is not None:
-        slab, odds = draws.summed.sd[index], draws.summed.log_odds[index]
+    if summed is not None and summed.log_odds is not None:
+        slab, odds = summed.sd[index], summed.log_odds[index]
     else:
         # Of a pattern that is a site only its own odds count, which do not depend on the term.
         slab, odds = jnp.ones((len(index), n_term)), jnp.zeros((len(index), n_term))
@@ -165,9 +165,9 @@ def _powers(posterior: Posterior, equation: str, index: np.ndarray) -> _Powers:
         slab,
         odds,
     )
-    joint, collapsed, inclusion = _evaluated(enumerated, has_gamma)(design, items)
+    joint, collapsed, inclusion = _evaluated(summed is not None, has_gamma)(design, items)
     joint = np.asarray(joint).T
-    if not enumerated:
+    if summed is None:
         return _Powers(joint, None, None)
     return _Powers(joint, np.asarray(collapsed).T, np.moveaxis(np.asarray(inclusion), 1, 0))
 

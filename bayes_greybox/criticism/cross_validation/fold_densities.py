@@ -11,12 +11,12 @@ from jax.scipy.special import logsumexp
 from jaxtyping import Array, Bool, Float, Int
 
 from bayes_greybox.inference.posterior import Posterior
-from bayes_greybox.model.collapsed import log_evidence, ridge
-from bayes_greybox.model.design import Design, EquationDraws, WeightedRows
+from bayes_greybox.model.algebra.collapsed import log_evidence, ridge
+from bayes_greybox.model.algebra.linalg import solve_lower
+from bayes_greybox.model.algebra.subsets import log_pattern_weights
+from bayes_greybox.model.design import Design, WeightedRows
 from bayes_greybox.model.hyper import Hyperparameters
-from bayes_greybox.model.linalg import solve_lower
 from bayes_greybox.model.priors import Scales
-from bayes_greybox.model.subsets import log_pattern_weights
 
 from .row_densities import ROW_BLOCK
 
@@ -32,7 +32,11 @@ class _Fold(NamedTuple):
 
 
 def fold_densities(
-    posterior: Posterior, equation: str, draws: EquationDraws, folds: Members, index: np.ndarray | None = None
+    posterior: Posterior,
+    equation: str,
+    parameters: tuple[Hyperparameters, Scales],
+    folds: Members,
+    index: np.ndarray | None = None,
 ) -> Iterator[tuple[Int[np.ndarray, " n_block"], Float[np.ndarray, "n_draw n_block"]]]:
     """Densities log p(y_F | y₋F, η) of every fold and draw, θ and f integrated out.
 
@@ -51,12 +55,12 @@ def fold_densities(
         m₋F = m − J_F P⁻¹ g_F,   V₋F = V + J_F P⁻¹ J_Fᵀ,
         p(y_F | y₋F, η) = p(y_F | y₋F, η, γ = 1) Σ_γ w_γ(m, V) / Σ_γ w_γ(m₋F, V₋F),
 
-    with the weights of `model.subsets.log_pattern_weights`. Patterns that Gibbs moves drew are given with η.
+    with the weights of `model.algebra.subsets.log_pattern_weights`. Patterns that Gibbs moves drew are given with η.
 
     Args:
-        posterior: Gives data, frame and design; the draws may be those of another run.
+        posterior: Gives data, frame and design.
         equation: Learned state.
-        draws: Scaled draws.
+        parameters: From `fold_parameters`, which may be of another run.
         folds: Observations of each fold, in increasing order.
         index: Numbers of the folds wanted; None: all.
 
@@ -65,7 +69,6 @@ def fold_densities(
     """
     index = np.arange(len(folds)) if index is None else index
     entry = posterior.equations[equation]
-    parameters = fold_parameters(draws)
     unit = math.log(entry.frame.target_scale)
     size = max(len(fold) for fold in folds)
     if entry.design.removes(size):
@@ -89,7 +92,7 @@ def fold_densities(
 def past_densities(
     posterior: Posterior,
     equation: str,
-    draws: EquationDraws,
+    parameters: tuple[Hyperparameters, Scales],
     first: Int[np.ndarray, " n_past"],
     folds: Members,
 ) -> Float[np.ndarray, "n_draw n_fold_and_1"]:
@@ -99,14 +102,13 @@ def past_densities(
     path one Cholesky factorisation of K⊥ + σ²R in the order of time serves them all.
 
     Args:
-        posterior: Gives data, frame and design; the draws may be those of another run.
+        posterior: Gives data, frame and design.
         equation: Learned state.
-        draws: Scaled draws.
+        parameters: From `fold_parameters`, which may be of another run.
         first: Rows before the first fold, which hold the start of each run.
         folds: Rows of each fold, in order of time.
     """
     entry = posterior.equations[equation]
-    parameters = fold_parameters(draws)
     counts = len(first) + np.cumsum([0, *map(len, folds)])
     unit = counts * math.log(entry.frame.target_scale)
     order = np.concatenate([first, *folds])
@@ -119,9 +121,16 @@ def past_densities(
     return np.stack([subset_density(part, parameters) for part in parts], axis=1) - unit
 
 
-def fold_parameters(draws: EquationDraws) -> tuple[Hyperparameters, Scales]:
-    """η and the scales of θ, stacked over draws: those of the slab with odds where the patterns are summed."""
-    scales = Scales(jnp.asarray(draws.prior_sd)) if draws.summed is None else draws.summed
+def fold_parameters(posterior: Posterior, equation: str, at_most: int | None = None) -> tuple[Hyperparameters, Scales]:
+    """η and the scales of θ, stacked over draws: those of the slab with odds where the patterns are summed.
+
+    Args:
+        posterior: Whose draws.
+        equation: Learned state.
+        at_most: Thin the draws evenly to this many; None: all.
+    """
+    draws, summed = posterior.draws(equation, at_most), posterior.summed(equation, at_most)
+    scales = Scales(jnp.asarray(draws.prior_sd)) if summed is None else summed
     return jax.tree.map(jnp.asarray, draws.hyper), scales
 
 

@@ -4,7 +4,7 @@ import numpy as np
 
 from bayes_greybox.inference.posterior import Posterior
 
-from .fold_densities import past_densities
+from .fold_densities import fold_parameters, past_densities
 from .folds import Folds
 from .loo import Loo, Refit, refitted_without, result
 from .psis import count_draws, khat_threshold, log_mean, relative_efficiency, smoothed
@@ -55,7 +55,7 @@ def leave_future_out(
     left = 0 if refit is None else max_refits
     for name in names:
         members, first = folds.members[name], folds.past[name]
-        density = past_densities(posterior, name, posterior.draws(name, at_most), first, members)
+        density = past_densities(posterior, name, fold_parameters(posterior, name, at_most), first, members)
         spread[name] = log_mean(np.diff(density, axis=1))
         # The run in use knows the first `known` folds, and this is its efficiency.
         known, r_eff = n_fold[name], efficiency[name]
@@ -66,10 +66,10 @@ def leave_future_out(
                 continue
             future = np.sort(np.concatenate(members[j:])).tolist()
             past = refitted_without(posterior, name, future, refit, progress, f"step {j} and later", warnings)
-            draws = past.draws(name, at_most)
-            density = past_densities(posterior, name, draws, first, members[: j + 1])
+            parameters = fold_parameters(past, name, at_most)
+            density = past_densities(posterior, name, parameters, first, members[: j + 1])
             elpd[name][j] = log_mean(density[:, j + 1 :] - density[:, j : j + 1])[0]
-            known, r_eff = j, relative_efficiency(past, name, len(draws.theta))
+            known, r_eff = j, relative_efficiency(past, name, len(parameters[1].sd))
             refitted[name][j] = True
             left -= 1
     notes = [*folds.notes]

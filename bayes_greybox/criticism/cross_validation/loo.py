@@ -1,6 +1,6 @@
 """Leave-one-out from one run: closed forms given η, Pareto-smoothed importance sampling, exact refits."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float, Int
 from bayes_greybox.criticism.convergence import convergence
 from bayes_greybox.inference.posterior import Posterior
 
-from .fold_densities import fold_densities
+from .fold_densities import fold_densities, fold_parameters
 from .folds import Folds
 from .psis import count_draws, khat_threshold, log_mean, relative_efficiency, smoothed
 from .refits import refit_without
@@ -133,16 +133,13 @@ def leave_folds_out(
     n_draw = count_draws(posterior, at_most)
     names = tuple(posterior.equations)
 
-    def blocks(name: str, draws, index=None):
+    def blocks(run: Posterior, name: str, index: np.ndarray | None = None) -> Iterator[tuple[np.ndarray, np.ndarray]]:
         if folds is None:
-            return row_densities(posterior, name, draws, index)
-        return fold_densities(posterior, name, draws, folds.members[name], index)
+            return row_densities(posterior, name, run.draws(name, at_most), index)
+        return fold_densities(posterior, name, fold_parameters(run, name, at_most), folds.members[name], index)
 
     efficiency = {name: relative_efficiency(posterior, name, n_draw) for name in names}
-    parts = {
-        name: [smoothed(part, -part, efficiency[name]) for _, part in blocks(name, posterior.draws(name, at_most))]
-        for name in names
-    }
+    parts = {name: [smoothed(part, -part, efficiency[name]) for _, part in blocks(posterior, name)] for name in names}
     elpd, spread, khat = ({name: np.concatenate([part[i] for part in parts[name]]) for name in names} for i in range(3))
     threshold = khat_threshold(n_draw)
     flagged = [(name, int(i)) for name in names for i in np.flatnonzero(~(khat[name] <= threshold))]
@@ -156,7 +153,7 @@ def leave_folds_out(
             rows = [i] if folds is None else folds.members[name][i].tolist()
             about = f"observation {i}" if folds is None else f"{folds.scheme} {i}"
             without = refitted_without(posterior, name, rows, refit, progress, about, warnings)
-            ((_, values),) = blocks(name, without.draws(name, at_most), np.array([i]))
+            ((_, values),) = blocks(without, name, np.array([i]))
             elpd[name][i] = log_mean(values)[0]
             refitted[name][i] = True
         notes += [f"{found}; their values come from exact refits.", *warnings]

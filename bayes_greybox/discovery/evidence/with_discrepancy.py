@@ -24,7 +24,7 @@ from jax.scipy.special import logsumexp
 from jaxtyping import Array, Float
 
 from bayes_greybox.inference.bridge import Bridged, bridge
-from bayes_greybox.model.collapsed import scaled_solve
+from bayes_greybox.model.algebra.collapsed import scaled_solve
 from bayes_greybox.model.hyper import Hyperparameters, HyperPrior
 from bayes_greybox.model.kernels import KERNELS, log_spectral_density
 

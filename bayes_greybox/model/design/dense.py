@@ -10,11 +10,11 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from bayes_greybox.data.errors import InputError
-from bayes_greybox.model.collapsed import Regression, log_evidence, remove_dense
+from bayes_greybox.model.algebra.collapsed import Regression, log_evidence, remove_dense
+from bayes_greybox.model.algebra.linalg import singular_root, solve_lower
 from bayes_greybox.model.frame import Frame
 from bayes_greybox.model.hyper import Hyperparameters
 from bayes_greybox.model.kernels import KERNELS
-from bayes_greybox.model.linalg import singular_root, solve_lower
 from bayes_greybox.model.orthogonal import Variant, orthogonal_gram
 from bayes_greybox.model.priors import Scales
 from bayes_greybox.model.rows import EquationRows, Removal, Table

@@ -12,12 +12,12 @@ import numpyro.distributions as dist
 from jax.scipy.linalg import solve_triangular
 from jaxtyping import Array, Float, Int
 
-from bayes_greybox.model.collapsed import FeatureSolve, Regression, constraint_directions, remove_features
-from bayes_greybox.model.compression import triangular_factor
+from bayes_greybox.model.algebra.collapsed import FeatureSolve, Regression, constraint_directions, remove_features
+from bayes_greybox.model.algebra.compression import triangular_factor
+from bayes_greybox.model.algebra.linalg import solve_lower_transposed
 from bayes_greybox.model.frame import Frame
 from bayes_greybox.model.hyper import Hyperparameters
 from bayes_greybox.model.kernels import KERNELS, log_spectral_density
-from bayes_greybox.model.linalg import solve_lower_transposed
 from bayes_greybox.model.priors import Scales
 from bayes_greybox.model.rows import EquationRows, Removal, Table
 from bayes_greybox.model.sites import site

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from bayes_greybox.model.collapsed import Regression
+from bayes_greybox.model.algebra.collapsed import Regression
 from bayes_greybox.model.frame import Frame
 from bayes_greybox.model.hyper import Hyperparameters
 from bayes_greybox.model.priors import Scales
@@ -26,8 +26,6 @@ class EquationDraws(NamedTuple):
         prior_sd: Prior standard deviation of each coefficient, zero where it is out [n_draw, n_term].
         weight: Feature weights [n_draw, n_basis]; no columns where f is not made of features.
         f: Values of f at the rows of the data [n_draw, n_obs]; no columns where weights tell it.
-        summed: Where the sampler summed over the inclusion patterns: slab standard deviations and log prior odds, each
-            [n_draw, n_term]; else None.
     """
 
     hyper: Hyperparameters
@@ -35,7 +33,6 @@ class EquationDraws(NamedTuple):
     prior_sd: Float[np.ndarray, "n_draw n_term"]
     weight: Float[np.ndarray, "n_draw n_basis"]
     f: Float[np.ndarray, "n_draw n_value"]
-    summed: Scales | None = None
 
 
 class WeightedRows(NamedTuple):

@@ -1,29 +1,57 @@
-"""Figures: every number they draw arrives computed.
+"""Every figure: of fits, of studies, and of numbers of your own.
+
+Figures of results take the result: `coefficients(fit)`, `gap_map(study, "ydot")`; `fit_figures` and `study_figures`
+draw them all. The functions plot_* draw numbers that are handed to them.
 
 Each function returns the figure. It is not registered with pyplot: in a notebook it shows once, as the value
 of the cell, and a loop that draws hundreds leaves nothing open. Hand over axes of your own to draw into a
 figure of your own.
 """
 
-from bayes_greybox.report.plots.before_after import plot_free_run, plot_gap_over_time
-from bayes_greybox.report.plots.calibration import plot_calibration
-from bayes_greybox.report.plots.checks import plot_autocorrelation, plot_loo_pit, plot_predictive, plot_sensitivity
-from bayes_greybox.report.plots.coefficients import plot_coefficients
-from bayes_greybox.report.plots.comparison import plot_comparison
-from bayes_greybox.report.plots.confounding import plot_confounding
-from bayes_greybox.report.plots.files import save_figures
-from bayes_greybox.report.plots.gap_map import plot_gap_curve, plot_gap_map
-from bayes_greybox.report.plots.over_states import plot_discrepancy_over_states
-from bayes_greybox.report.plots.over_time import plot_discrepancy_over_time
-from bayes_greybox.report.plots.posteriors import Coefficient, plot_posteriors
-from bayes_greybox.report.plots.predicted import plot_predicted
-from bayes_greybox.report.plots.ranking import plot_hypotheses, plot_rounds
-from bayes_greybox.report.plots.tradeoff import plot_tradeoff
+from .files import save_figures
+from .fits import (
+    autocorrelation,
+    calibration,
+    coefficients,
+    discrepancy_over_states,
+    discrepancy_over_time,
+    fit_figures,
+    loo_pit,
+    predicted,
+    predictive,
+    sensitivity,
+    trade_off,
+)
+from .gap.before_after import plot_free_run, plot_gap_over_time
+from .gap.gap_map import plot_gap_curve, plot_gap_map
+from .gap.posteriors import Coefficient, plot_posteriors
+from .gap.ranking import plot_hypotheses, plot_rounds
+from .posterior.calibration import plot_calibration
+from .posterior.checks import plot_autocorrelation, plot_loo_pit, plot_predictive, plot_sensitivity
+from .posterior.coefficients import plot_coefficients
+from .posterior.comparison import plot_comparison
+from .posterior.confounding import plot_confounding
+from .posterior.over_states import plot_discrepancy_over_states
+from .posterior.over_time import plot_discrepancy_over_time
+from .posterior.predicted import plot_predicted
+from .posterior.tradeoff import plot_tradeoff
+from .studies import added_coefficients, free_run, gap_map, gap_over_time, ranking, rounds, study_figures
 
 __all__ = [
     "Coefficient",
-    "plot_calibration",
+    "added_coefficients",
+    "autocorrelation",
+    "calibration",
+    "coefficients",
+    "discrepancy_over_states",
+    "discrepancy_over_time",
+    "fit_figures",
+    "free_run",
+    "gap_map",
+    "gap_over_time",
+    "loo_pit",
     "plot_autocorrelation",
+    "plot_calibration",
     "plot_coefficients",
     "plot_comparison",
     "plot_confounding",
@@ -41,5 +69,12 @@ __all__ = [
     "plot_rounds",
     "plot_sensitivity",
     "plot_tradeoff",
+    "predicted",
+    "predictive",
+    "ranking",
+    "rounds",
     "save_figures",
+    "sensitivity",
+    "study_figures",
+    "trade_off",
 ]

@@ -1,6 +1,5 @@
 """What all figures share: colours, text with units, and figures that pyplot does not keep."""
 
-import re
 from collections.abc import Sequence
 from typing import Any
 
@@ -13,6 +12,7 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.mathtext import MathTextParser
 
 from bayes_greybox.data.errors import InputError
+from bayes_greybox.report.formatting import unit_text
 
 # Okabe & Ito's colour-blind-safe palette; blue and orange also differ in lightness.
 BLUE = "#0072B2"
@@ -39,8 +39,6 @@ STYLE: dict[str, Any] = {
     "text.usetex": False,
     "figure.facecolor": "white",
 }
-
-_SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 def new_figure(width: float, height: float) -> Figure:
@@ -110,20 +108,7 @@ def formula_or_name(name: str, latex: str | None) -> str:
     return formula
 
 
-def unit_text(unit: str | None) -> str:
-    """A unit as people write it: `m/s**2` becomes m/s², `N*m` becomes N·m, nothing stays empty."""
-    if not unit or unit == "dimensionless":
-        return ""
-    raised = re.sub(r"(?:\*\*|\^)(-?\d+)(?![\d.])", lambda found: found[1].translate(_SUPERSCRIPT), unit)
-    return plain(re.sub(r"(?<!\*)\s*\*\s*(?!\*)", "·", raised))
-
-
 def with_unit(label: str, unit: str | None) -> str:
     """A label with its unit in brackets; the label alone where there is no unit."""
-    shown = unit_text(unit)
+    shown = plain(unit_text(unit))
     return f"{plain(label)} [{shown}]" if shown else plain(label)
-
-
-def number_text(value: float | np.floating, digits: int = 3) -> str:
-    """A number to some significant digits, with a typographic minus."""
-    return f"{float(value):.{digits}g}".replace("-", "−")

@@ -1,0 +1,42 @@
+"""The results of the benchmarks as tables for a terminal."""
+
+from collections.abc import Iterator
+
+import pandas as pd
+from rich.console import Group, RenderableType
+
+from bayes_greybox.report.terminal.tables import frame_table
+
+from .confounding.score import Confounding
+from .hidden_effects.case_scores import SOLVERS
+from .hidden_effects.score import Scores
+
+_SHOWN = ["cases", *SOLVERS, "right or tied", "closed", "seconds"]
+
+
+def benchmark_tables(scores: Scores) -> Iterator[RenderableType]:
+    """Right answers of the study and of those it is compared with, then what must hold."""
+    title = "Share of right answers; gap closed, of what the true model closes"
+    yield frame_table(title, scores.families.loc[:, _SHOWN])
+    yield Group("", frame_table("What must hold", scores.bars))
+
+
+def calibration_tables(table: pd.DataFrame) -> Iterator[RenderableType]:
+    """Verdict and worst test of each variant."""
+    yield frame_table("Simulation-based calibration", table.loc[:, ["passed", "worst", "adjusted", "seconds"]])
+
+
+def confounding_tables(scores: Confounding) -> Iterator[RenderableType]:
+    """Bias, coverage and trade-off of each kernel, and how its chains moved; then the coefficients by situation."""
+    cells = scores.cells.reset_index().set_index("situation")
+    cells = cells.rename(columns={"coverage": "covers", "correlation": "|corr|", "ess_per_second": "ESS/s"})
+    title = "Worst bias in SDs, worst coverage of 90 % intervals, |corr(θ, f)|, chains"
+    shown = ["kernel", "measure", "bias", "covers", "|corr|", "converged", "ESS/s"]
+    yield frame_table(title, cells.loc[:, shown])
+    for situation, terms in scores.terms.groupby(level="situation", sort=False):
+        table = terms.reset_index().set_index("kernel")
+        table = table.rename(
+            columns={"projection": "proj.", "coverage": "covers θ", "coverage_projection": "θ + proj."}
+        )
+        columns = ["measure", "term", "proj.", "bias", "sd", "covers θ", "θ + proj."]
+        yield Group("", frame_table(f"Coefficients, {situation}", table.loc[:, columns]))

@@ -1,0 +1,308 @@
+"""The page of a comparison: which model predicts best and how sure that is, then what each model says."""
+
+import os
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from bayes_greybox.criticism.convergence import convergence, convergence_table
+from bayes_greybox.criticism.cross_validation.compare import TIE_NATS, tied, unreliable
+from bayes_greybox.criticism.inclusion import inclusion
+from bayes_greybox.data.columns import derivative_label
+from bayes_greybox.inference.netcdf import versions
+from bayes_greybox.inference.posterior import Posterior
+from bayes_greybox.report.formatting import (
+    PROBABILITIES,
+    estimate,
+    formula,
+    interval,
+    listed,
+    nats,
+    number,
+    pareto,
+    probability_column,
+    probability_text,
+    weight_text,
+)
+from bayes_greybox.report.plots import plot_comparison
+
+from .page import Badge, Code, Details, Items, Page, Pictures, Section, Table, Words, picture, write_page
+from .tables import by_equation, fit_settings, footer, settings_rows, settings_table, summary_table
+
+LIKELY = 0.5
+"""Terms more probable than this under the best model are marked."""
+
+
+def comparison_html(
+    fits: Mapping[str, Posterior], table: pd.DataFrame, path: str | os.PathLike[str], config: str | None = None
+) -> None:
+    """Write the report of a comparison as one HTML file that needs no network.
+
+    Args:
+        fits: The fits by name.
+        table: What `compare` returns for them, best first.
+        path: Destination.
+        config: Text of the configuration file that asked for it.
+
+    Raises:
+        InputError: The destination cannot be written.
+    """
+    write_page(comparison_page(fits, table, config), path)
+
+
+def comparison_page(fits: Mapping[str, Posterior], table: pd.DataFrame, config: str | None = None) -> Page:
+    """The report of a comparison.
+
+    Args:
+        fits: The fits by name.
+        table: What `compare` returns for them, best first.
+        config: Text of the configuration file that asked for it.
+    """
+    fits = {str(name): fits[str(name)] for name in table.index}
+    made = table.attrs.get("versions") or versions()
+    badges, alerts = _trust(fits, table)
+    return Page(
+        title=f"Comparison: {_verdict(table).text.lower()}",
+        kind="bayes_greybox · comparison of models",
+        headline=_headline(table),
+        badges=badges,
+        facts=_facts(fits, table),
+        alerts=alerts,
+        sections=[
+            _ranking(table),
+            _terms(fits),
+            _coefficients(fits),
+            _convergence(fits),
+            _settings(fits, made, config),
+        ],
+        footer=footer(made["bayes-greybox"]),
+    )
+
+
+def _headline(table: pd.DataFrame) -> str:
+    """Which model predicts best and how sure that is, in words for those who decide."""
+    best, second = (str(name) for name in table.index[:2])
+    level = tied(table)
+    if level:
+        behind = [str(name) for name in table.index[1:] if name not in level]
+        rest = f"; {listed(behind)} {'predicts' if len(behind) == 1 else 'predict'} worse" if behind else ""
+        return f"Too close to call: the data do not tell {listed([best, *level])} apart{rest}."
+    gap, se = -float(table["elpd_diff"].iloc[1]), float(table["diff_se"].iloc[1])
+    sure = f", {gap / se:.1f} times the standard error of that lead" if se > 0 else ""
+    return f"{best} predicts data left out of the fit best: it is {nats(gap)} nats ahead of {second}{sure}."
+
+
+def _verdict(table: pd.DataFrame) -> Badge:
+    return Badge("Too close to call", "warn", "≈") if tied(table) else Badge("Clear lead", "good", "✓")
+
+
+def _trust(fits: Mapping[str, Posterior], table: pd.DataFrame) -> tuple[list[Badge], list[str]]:
+    """Badges and alerts: a lead that rests on bad chains or weights is not shown as good."""
+    failed = [name for name, fit in fits.items() if not convergence(fit).ok]
+    doubtful = unreliable(table)
+    badges, alerts = [], []
+    if failed:
+        badges.append(Badge("Not converged", "bad", "!"))
+        alerts.append(f"The sampler did not converge for {listed(failed)}; do not rely on this comparison.")
+    if doubtful:
+        badges.append(Badge("Pareto k too large", "bad", "!"))
+        alerts.append(
+            f"Pareto k is above {number(table.attrs['threshold'], 2)} for {listed(doubtful)}, so the elpd there is not "
+            "reliable: compare again with a larger max_refits."
+        )
+    verdict = _verdict(table)
+    return [*badges, Badge(verdict.text, "quiet", verdict.symbol) if badges else verdict], alerts
+
+
+def _facts(fits: Mapping[str, Posterior], table: pd.DataFrame) -> list[str]:
+    data = next(iter(fits.values())).data
+    runs = f" in {data.n_run} runs" if data.n_run > 1 else ""
+    return [f"{len(fits)} models", f"data: {data.n_obs} rows{runs}", f"left out: {table.attrs['folds']}"]
+
+
+def _ranking(table: pd.DataFrame) -> Section:
+    rows = [
+        (
+            str(name),
+            nats(row["elpd"]),
+            nats(row["se"]),
+            nats(row["elpd_diff"]),
+            nats(row["diff_se"]),
+            weight_text(row["weight"]),
+            pareto(row["worst_k"]),
+            number(row["refits"]),
+            nats(row["p_eff"]),
+        )
+        for name, row in zip(table.index, table.to_dict("records"), strict=True)
+    ]
+    heads = (
+        "model",
+        "#elpd, nats",
+        "#± SE, nats",
+        "#difference, nats",
+        "#± SE, nats",
+        "#weight",
+        "#worst k",
+        "#refits",
+        "#p_eff",
+    )
+    level = [i for i, name in enumerate(table.index) if i == 0 or name in tied(table)]
+    caption = f"Left out: {table.attrs['folds']}. Marked: the best model, and those that the data do not tell from it"
+    blocks: list[Any] = [
+        Pictures(
+            [
+                picture(
+                    plot_comparison(table), "Elpd of each model, its difference to the best and its weight", wide=True
+                )
+            ]
+        ),
+        Table(heads, rows, caption, level),
+    ]
+    notes = list(table.attrs.get("notes", []))
+    if notes:
+        blocks += [Words("What to beware of:"), Items([("", note) for note in notes])]
+    meaning = [
+        ("elpd", "Expected log predictive density: log probability of the data left out, summed; higher is better."),
+        ("Difference", f"To the best model. It counts above {TIE_NATS:g} nats and twice its standard error (SE)."),
+        ("Weight", "Share of each model in the mixture of models that predicts best (stacking)."),
+        (
+            "Worst k",
+            f"Largest Pareto k among parts left out that were not fitted again; up to "
+            f"{number(table.attrs['threshold'], 2)} is safe. A dash: all were.",
+        ),
+        ("Refits", "Parts that the model was fitted again without, because k was too large."),
+        ("p_eff", "Effective number of sampled parameters."),
+    ]
+    blocks.append(Details("What the columns mean", [Items(meaning)]))
+    return Section("ranking", "Which model predicts best?", _LEAD, blocks)
+
+
+_LEAD = "Every model is judged on data that its prediction did not use: how probable did it hold what was measured?"
+
+
+def _terms(fits: Mapping[str, Posterior]) -> Section:
+    """How probable each term is, one column for each model."""
+    tables = {name: inclusion(fit) for name, fit in fits.items()}
+    columns = {name: probability_column(table) for name, table in tables.items()}
+    rows, marked = [], []
+    for key in _keys(tables):
+        cells = [
+            probability_text(tables[name].loc[key, columns[name]]) if key in tables[name].index else "–"
+            for name in fits
+        ]
+        first = next(iter(fits))
+        if key in tables[first].index and float(tables[first].loc[key, columns[first]]) > LIKELY:
+            marked.append(len(rows))
+        rows.append((formula(key[1]), _rate(fits, key[0]), *cells))
+    heads = ("`term", "equation", *(f"#{name}: {PROBABILITIES[columns[name]]}" for name in fits))
+    block = by_equation(
+        heads, rows, _equations(fits), "Marked: terms more likely to matter than not, best model", marked
+    )
+    lead = (
+        "Probability that a term matters. Only a spike-and-slab prior can leave a term out, and has P(included); for "
+        "the others it is the probability of moving the rate by more than 1 % of its RMS. A dash: not in the model."
+    )
+    return Section("terms", "Which terms matter under each model?", lead, [block])
+
+
+def _coefficients(fits: Mapping[str, Posterior]) -> Section:
+    """Estimates of each term under each model that has it, one below the other."""
+    tables = {name: inclusion(fit) for name, fit in fits.items()}
+    rows = []
+    for key in _keys(tables):
+        for name, table in tables.items():
+            if key in table.index:
+                row = table.loc[key]
+                rows.append(
+                    (
+                        formula(key[1]),
+                        _rate(fits, key[0]),
+                        name,
+                        estimate(row["mean"], row["sd"], row["unit"]),
+                        interval(row["lower"], row["upper"]),
+                    )
+                )
+    heads = ("`term", "equation", "model", "#coefficient", "#90 % interval")
+    lead = "Posterior mean, standard deviation and equal-tailed 90 % interval of each coefficient, in your units."
+    return Section("coefficients", "Coefficients", lead, [by_equation(heads, rows, _equations(fits))])
+
+
+def _convergence(fits: Mapping[str, Posterior]) -> Section:
+    rows, reasons = [], []
+    for name, fit in fits.items():
+        judged = convergence_table(fit)
+        divergences = int(fit.idata["sample_stats"].dataset["diverging"].sum())
+        rows.append(
+            (
+                name,
+                "converged" if convergence(fit).ok else "not converged",
+                _worst(judged["r_hat"].to_numpy(float), np.max, ".3f"),
+                _worst(judged["ess_bulk"].to_numpy(float), np.min, ".0f"),
+                _worst(judged["ess_tail"].to_numpy(float), np.min, ".0f"),
+                number(divergences),
+            )
+        )
+        reasons += [(name, reason) for reason in convergence(fit).reasons]
+    heads = ("model", "result", "#largest R̂", "#least bulk ESS", "#least tail ESS", "#divergences")
+    failed = [i for i, fit in enumerate(fits.values()) if not convergence(fit).ok]
+    blocks: list[Any] = [Table(heads, rows, "Marked: not converged" if failed else "", failed)]
+    if reasons:
+        blocks += [Words("The sampler did not converge; what to try:", "alert"), Items(reasons)]
+    blocks += [
+        Details(f"{name}: every quantity with R̂ and effective sample sizes", [summary_table(fit)])
+        for name, fit in fits.items()
+    ]
+    return Section("convergence", "Can the sampler be trusted?", "", blocks)
+
+
+def _settings(fits: Mapping[str, Posterior], made: Mapping[str, str], config: str | None) -> Section:
+    """What the models differ in beside each other, and what they share once."""
+    settings = {name: dict(settings_rows(_described(fit))) for name, fit in fits.items()}
+    keys = list(dict.fromkeys(key for one in settings.values() for key in one))
+    values = {key: [one[key] for one in settings.values() if key in one] for key in keys}
+    partly = [(key, *(one.get(key, "–") for one in settings.values())) for key in keys if len(values[key]) < len(fits)]
+    everywhere = {key: row for key, row in values.items() if len(row) == len(fits)}
+    differ = [(key, *row) for key, row in everywhere.items() if len(set(row)) > 1]
+    shared = [(key, row[0]) for key, row in everywhere.items() if len(set(row)) == 1]
+    heads = ("setting", *fits)
+    same = Words("Prior, kernel, data and sampler are the same for all models.")
+    blocks: list[Any] = [Table(heads, differ) if differ or partly else same]
+    if partly:
+        blocks.append(Details("Settings that only some of the models have", [Table(heads, partly)]))
+    blocks += [
+        Details("Settings that all models share", [Table(("setting", "value"), shared)]),
+        Details("Versions that made the comparison", [settings_table(made)]),
+    ]
+    if config:
+        blocks.append(Details("Configuration file", [Code(config)]))
+    return Section("settings", "What do the models differ in?", "", blocks)
+
+
+def _described(fit: Posterior) -> dict[str, Any]:
+    """Settings of a fit, with a place for the kernel also where there is none."""
+    settings = fit_settings(fit)
+    if settings["model"]["discrepancy"] is None:
+        settings["model"]["discrepancy"] = {"variant": None}
+    return settings
+
+
+def _keys(tables: Mapping[str, pd.DataFrame]) -> list[tuple[str, str]]:
+    """Every (equation, term) of any model, those of an equation together."""
+    keys = list(dict.fromkeys((str(name), str(term)) for table in tables.values() for name, term in table.index))
+    order = list(dict.fromkeys(name for name, _ in keys))
+    return sorted(keys, key=lambda key: order.index(key[0]))
+
+
+def _equations(fits: Mapping[str, Posterior]) -> tuple[str, ...]:
+    return next(iter(fits.values())).model.equations
+
+
+def _rate(fits: Mapping[str, Posterior], name: str) -> str:
+    return derivative_label(name, next(iter(fits.values())).data.time_name)
+
+
+def _worst(values: np.ndarray, pick: Any, form: str) -> str:
+    known = values[~np.isnan(values)]
+    return format(float(pick(known)), form) if len(known) else "–"

@@ -1,0 +1,121 @@
+"""The page of a missing-effect study: the verdict first, then the ladder of evidence that leads to it."""
+
+import os
+
+import numpy as np
+
+from bayes_greybox.criticism.convergence import convergence
+from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.discovery.study import StudyResult
+from bayes_greybox.report.sentence import sentence
+from bayes_greybox.report.study_words import METRICS, closed_text, metric_value, shown_part
+
+from . import study_sections as rungs
+from .page import Badge, Card, Page, write_page
+from .tables import footer
+
+BADGES = {
+    "no gap": Badge("No gap", "good", "✓"),
+    "recalibrate": Badge("Recalibrate", "warn", "⟳"),
+    "named": Badge("Named", "good", "✓"),
+    "partly named": Badge("Partly named", "warn", "◐"),
+    "unknown": Badge("Unknown", "bad", "?"),
+}
+MOST_CARDS = 6
+
+
+def study_html(study: StudyResult, path: str | os.PathLike[str], config: str | None = None) -> None:
+    """Write the report of a study as one HTML file that needs no network.
+
+    Args:
+        study: The study.
+        path: Destination.
+        config: Text of the configuration file that asked for it.
+
+    Raises:
+        InputError: The destination cannot be written.
+    """
+    write_page(study_page(study, config), path)
+
+
+def study_page(study: StudyResult, config: str | None = None) -> Page:
+    """The report of a study.
+
+    Args:
+        study: The study.
+        config: Text of the configuration file that asked for it.
+    """
+    sections = [
+        rungs.where(study),
+        rungs.what(study),
+        rungs.how_much(study),
+        rungs.free_runs(study),
+        rungs.gap_numbers(study),
+        rungs.rounds(study),
+        rungs.convergence(study),
+        rungs.corrections(study),
+        rungs.ties(study),
+        rungs.settings(study, config),
+    ]
+    measured_on = "held-out data" if shown_part(study) == "test" else "the training data (none were held out)"
+    return Page(
+        title=f"Missing-effect study: {study.verdict}",
+        kind="bayes_greybox · missing-effect study",
+        headline=sentence(study),
+        badges=_badges(study),
+        facts=_facts(study),
+        alerts=_alerts(study),
+        cards=_cards(study),
+        cards_title=f"The gap before and after, on {measured_on}",
+        sections=[section for section in sections if section is not None],
+        footer=footer(study.settings.get("versions", {}).get("bayes-greybox")),
+    )
+
+
+def _badges(study: StudyResult) -> list[Badge]:
+    badges = [BADGES.get(study.verdict, Badge(study.verdict.capitalize(), "quiet"))]
+    if study.fit is None:
+        badges.append(Badge("screened only, not sampled", "quiet"))
+    elif not convergence(study.fit).ok:
+        badges.append(Badge("sampler did not converge", "bad", "!"))
+    return badges
+
+
+def _facts(study: StudyResult) -> list[str]:
+    def rows(data: Trajectories) -> str:
+        return f"{data.n_obs} rows in {data.n_run} runs" if data.n_run > 1 else f"{data.n_obs} rows"
+
+    facts = [f"equations: {', '.join(f'd({name})/dt' for name in study.maps)}", f"training data: {rows(study.train)}"]
+    facts.append("held-out data: none" if study.test is None else f"held-out data: {rows(study.test)}")
+    if "catalogue" in study.settings:
+        facts.append(f"catalogue: {study.settings['catalogue']}")
+    return facts
+
+
+def _alerts(study: StudyResult) -> list[str]:
+    if study.fit is None or convergence(study.fit).ok:
+        return []
+    return [f"The sampler did not converge; do not rely on these numbers. {' '.join(convergence(study.fit).reasons)}"]
+
+
+def _cards(study: StudyResult) -> list[Card]:
+    table = study.gap.xs(shown_part(study), level=0)
+    cards = []
+    for metric, (title, about) in METRICS.items():
+        if metric not in table.index.get_level_values(0):
+            continue
+        block = table.xs(metric, level=0)
+        for variable, row in zip(block.index, block.to_dict("records"), strict=True):
+            before, after = float(row["before"]), float(row["after"])
+            left = after / before if metric != "time to failure" and before > 0 and np.isfinite(after) else None
+            cards.append(
+                Card(
+                    title=title.format(variable=variable),
+                    about=about,
+                    before=metric_value(study, metric, before),
+                    after=metric_value(study, metric, after),
+                    note=closed_text(float(row["closed"])),
+                    left=None if left is None else min(left, 1.0),
+                )
+            )
+    return cards[:MOST_CARDS]

@@ -1,0 +1,286 @@
+"""The ladder of evidence of a missing-effect study, rung by rung, each a section of its page."""
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from bayes_greybox.discovery.study import StudyResult
+from bayes_greybox.report import plots as figures
+from bayes_greybox.report.formatting import estimate, formula, interval, number, percent_text, probability_text
+from bayes_greybox.report.study_words import (
+    LIKELY,
+    added,
+    amended_simulation,
+    concentration,
+    metric_interval,
+    metric_value,
+    name_of,
+)
+
+from .page import Code, Details, Items, Picture, Pictures, Section, Table, Words, picture, time_picture
+from .tables import by_equation, settings_table, verdict_blocks
+
+MOST_EFFECTS = 8
+"""Effects that are shown unfolded."""
+
+
+def where(study: StudyResult) -> Section:
+    """Gap maps, gap along time, regions and windows."""
+    blocks: list[Any] = [Pictures(_maps(study, equation)) for equation in study.maps]
+    blocks.append(_regions(study) if len(study.where) else Words("No region and no stretch of time stands out."))
+    lead = (
+        "The gap is what the measured rate has beyond the model: its posterior mean by colour, with a bold outline "
+        "where it exceeds the threshold with probability 0.9. Both maps share one scale."
+    )
+    return Section("where", "Where simulation and measurement disagree", lead, blocks)
+
+
+def what(study: StudyResult) -> Section:
+    """Hypotheses and effects with their probabilities."""
+    blocks: list[Any] = [
+        Pictures([picture(figures.ranking(study, name), f"Probabilities of the hypotheses about d({name})/dt")])
+        for name in _equations(study.hypotheses)
+    ]
+    if len(study.effects):
+        first = max(MOST_EFFECTS, len(added(study)))
+        blocks.append(_effects(study, study.effects.iloc[:first]))
+        rest = study.effects.iloc[first:]
+        if len(rest):
+            blocks.append(Details(f"{len(rest)} less probable effects", [_effects(study, rest)]))
+    if len(study.hypotheses):
+        table = _hypotheses(study)
+        blocks.append(Details(f"All {len(table.rows)} hypotheses", [table]))
+    if study.left_out:
+        rows = [(slug, _rate(equation), reason) for (equation, slug), reason in study.left_out.items()]
+        left_out = _table(study, ("effect", "equation", "reason"), rows)
+        blocks.append(Details(f"{len(rows)} effects that were not weighed, and why", [left_out]))
+    lead = (
+        "One model for each hypothesis, every one with the free-form discrepancy in it, so a wrong effect pays for "
+        "what it leaves open. “Gap left” is the share of the gap that no named physics explains under the hypothesis."
+    )
+    return Section("what", "What could be missing", lead, blocks)
+
+
+def how_much(study: StudyResult) -> Section:
+    """Coefficients of the added effects, and the amended simulation to copy."""
+    blocks: list[Any] = [Words("No effect was added to the model.")]
+    if added(study).size:
+        alt = "Posterior distribution of the coefficient of each added effect"
+        blocks = [Pictures([picture(figures.added_coefficients(study), alt)])]
+    text = amended_simulation(study)
+    if text:
+        caption = "The simulation with what was found, posterior means put in, as [simulation] of a configuration:"
+        blocks.append(Code(text, caption))
+    return Section("how-much", "How much of it", "", blocks)
+
+
+def free_runs(study: StudyResult) -> Section | None:
+    """Each state as measured, and as the models run it before and after."""
+    if not study.paths:
+        return None
+    shown = [
+        time_picture(
+            lambda width, state=state: figures.free_run(study, state, width),
+            f"Free run of {state} before and after, against the measurements",
+        )
+        for state in study.paths
+    ]
+    part = "training data" if study.test is None else "held-out data"
+    lead = (
+        f"Each model is started from the measured state and then left alone, on the {part}. Bands hold 90 % of the "
+        "posterior draws; a cross marks where a run failed."
+    )
+    return Section("free-run", "Does the simulation now follow the measurements?", lead, [Pictures(shown)])
+
+
+def gap_numbers(study: StudyResult) -> Section:
+    """Every measure of the gap, held-out data first."""
+    captions = {"test": "On held-out data", "train": "On the training data"}
+    known = set(study.gap.index.get_level_values(0))
+    blocks = [_gap(study, part, caption) for part, caption in captions.items() if part in known]
+    return Section("gap", "The gap in numbers", "", blocks)
+
+
+def rounds(study: StudyResult) -> Section | None:
+    """The rounds as bars and as a table."""
+    if not len(study.rounds):
+        return None
+    shown = [
+        picture(figures.rounds(study, name), f"Share of the gap left after each round, d({name})/dt")
+        for name in _equations(study.rounds)
+    ]
+    rows = [
+        (
+            _rate(equation),
+            str(k),
+            name_of(study, row["added"]) or "–",
+            probability_text(row["probability"]),
+            percent_text(row["share_left"]),
+            name_of(study, row["verdict"]),
+            name_of(study, row["runner_up"]) or "–",
+            probability_text(row["runner_up_probability"]),
+        )
+        for (equation, k), row in _records(study.rounds)
+    ]
+    columns = ("equation", "#round", "added", "#probability", "#gap left", "likeliest", "runner-up", "#its probability")
+    lead = "Effects are added one at a time, until what is left needs none, or no name fits it."
+    return Section("rounds", "The rounds that led there", lead, [Pictures(shown), _table(study, columns, rows)])
+
+
+def convergence(study: StudyResult) -> Section:
+    """Whether the amended model's fit can be trusted."""
+    title = "Can the sampler be trusted?"
+    if study.fit is None:
+        text = "The amended model was not sampled: its numbers are those of the Laplace approximation."
+        return Section("convergence", title, "", [Words(text)])
+    return Section("convergence", title, "", verdict_blocks(study.fit))
+
+
+def corrections(study: StudyResult) -> Section | None:
+    """Corrections to the simulation's own coefficients."""
+    if not len(study.corrections):
+        return None
+    rows = [
+        (
+            formula(str(term)),
+            _rate(equation),
+            number(row["nominal"], 4),
+            probability_text(row["probability"]),
+            estimate(row["mean"], row["sd"], row["unit"]),
+            interval(row["lower"], row["upper"]),
+        )
+        for (equation, term), row in _records(study.corrections)
+    ]
+    marked = np.flatnonzero(study.corrections["probability"].to_numpy() > LIKELY).tolist()
+    columns = ("`term", "equation", "#in the simulation", "#P(it is off)", "#correction", "#90 % interval")
+    lead = (
+        "Each coefficient of the simulation may be off: the correction is exactly zero unless the data say otherwise. "
+        "Marked are those more likely off than not."
+    )
+    table = _table(study, columns, rows, marked=marked)
+    return Section("corrections", "The simulation's own coefficients", lead, [table])
+
+
+def ties(study: StudyResult) -> Section | None:
+    """Which effects these data cannot tell apart, and which experiment could."""
+    if not study.ties:
+        return None
+    lead = "These data do not tell the following effects apart; the next experiment could."
+    items = []
+    for tie in study.ties:
+        names = " or ".join(name_of(study, slug) for slug in tie["slugs"])
+        items.append((names if len(study.maps) == 1 else f"{names}, in {_rate(tie['equation'])}", str(tie["advice"])))
+    return Section("ties", "What would tell the candidates apart", lead, [Items(items)])
+
+
+def settings(study: StudyResult, config: str | None) -> Section:
+    """Settings, seed, versions, times and the configuration file, folded."""
+    blocks = [Details("Settings, seed, versions and times", [settings_table(study.settings)])]
+    if config:
+        blocks.append(Details("Configuration file", [Code(config)]))
+    return Section("settings", "How this was made", "", blocks)
+
+
+def _maps(study: StudyResult, equation: str) -> list[Picture]:
+    gap = study.maps[equation]
+    over = f"Gap in {_rate(equation)} over {' and '.join(gap.variables)}"
+    if len(gap.variables) == 2:
+        parts = ("before", "after")
+        shown = [picture(figures.gap_map(study, equation, (part,)), f"{over}, {part}") for part in parts]
+    else:
+        shown = [picture(figures.gap_map(study, equation), f"{over}, before and after")]
+    if equation not in study.traces:
+        return shown
+    event = f"|gap| > {number(gap.threshold)} {gap.unit}".strip()
+    along = time_picture(
+        lambda width: figures.gap_over_time(study, equation, width),
+        f"Gap in {_rate(equation)} along the training data, before and after",
+        f"Bands hold 90 %. Black bars at the bottom: P({event}) > 0.9 for the simulation as given.",
+    )
+    return [*shown, along]
+
+
+def _regions(study: StudyResult) -> Table:
+    rows = [
+        (
+            row["description"],
+            _rate(row["equation"]),
+            probability_text(row["probability"]),
+            percent_text(row["gap_share"]),
+            percent_text(row["sample_share"]),
+            concentration(row),
+            row["kind"],
+        )
+        for row in study.where.to_dict("records")
+    ]
+    shares = ("#share of the gap", "#share of the samples", "#concentration")
+    caption = "Regions of the state space and stretches of time that hold the gap"
+    return _table(study, ("where", "equation", "#probability", *shares, "kind"), rows, caption)
+
+
+def _effects(study: StudyResult, effects: pd.DataFrame) -> Table:
+    records = effects.to_dict("records")
+    rows = [
+        (
+            row["name"],
+            _rate(row["equation"]),
+            probability_text(row["probability"]),
+            estimate(row["mean"], row["sd"], row["unit"]),
+            interval(row["lower"], row["upper"]),
+            formula(row["expression"]),
+            ", ".join(name_of(study, slug) for slug in row["tied_with"]) or "–",
+        )
+        for row in records
+    ]
+    marked = [i for i, row in enumerate(records) if row["status"] == "added"]
+    columns = ("effect", "equation", "#probability", "#coefficient", "#90 % interval", "`term", "tied with")
+    caption = "Effects of the catalogue, best first; those added to the model are marked" if marked else ""
+    return _table(study, columns, rows, caption, marked)
+
+
+def _hypotheses(study: StudyResult) -> Table:
+    table = study.hypotheses.sort_values("probability", ascending=False, kind="stable")
+    rows = [
+        (
+            name_of(study, slug),
+            _rate(equation),
+            probability_text(row["probability"]),
+            number(row["log_evidence"], 5),
+            percent_text(row["share_left"]),
+        )
+        for (equation, slug), row in _records(table)
+    ]
+    return _table(study, ("hypothesis", "equation", "#probability", "#log evidence [nat]", "#gap left"), rows)
+
+
+def _gap(study: StudyResult, part: str, caption: str) -> Table:
+    rows = [
+        (
+            f"{metric}, {variable}",
+            metric_value(study, metric, row["before"]),
+            metric_value(study, metric, row["after"]),
+            percent_text(row["closed"]),
+            metric_interval(study, metric, row["lower"], row["upper"]),
+        )
+        for (metric, variable), row in _records(study.gap.xs(part, level=0))
+    ]
+    return Table(("measure", "#before", "#after", "#closed", "#90 % interval of after"), rows, caption)
+
+
+def _table(study: StudyResult, columns: Any, rows: Any, caption: str = "", marked: Any = ()) -> Table:
+    return by_equation(columns, rows, list(study.maps), caption, marked)
+
+
+def _records(table: pd.DataFrame) -> Iterator[tuple[Any, dict[Any, Any]]]:
+    """Index and row of a table, one after the other."""
+    return zip(table.index, table.to_dict("records"), strict=True)
+
+
+def _equations(table: pd.DataFrame) -> list[str]:
+    return list(dict.fromkeys(table.index.get_level_values(0)))
+
+
+def _rate(equation: Any) -> str:
+    return f"d({equation})/dt"

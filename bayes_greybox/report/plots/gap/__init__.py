@@ -1,0 +1,1 @@
+"""Figures of the gap between simulation and measurement, and of what could close it."""

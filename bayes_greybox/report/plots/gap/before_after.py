@@ -1,0 +1,216 @@
+"""Before and after the missing effects were added, along time: the gap, and the free run of the model."""
+
+from collections.abc import Sequence
+
+import matplotlib as mpl
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from bayes_greybox.report.plots.posterior.over_time import N_BIN, name_run, rows_of_runs
+from bayes_greybox.report.plots.style import (
+    BLUE,
+    DARK,
+    GREY,
+    ORANGE,
+    STYLE,
+    figure_of,
+    given_axes,
+    new_figure,
+    place_legend,
+    plain,
+    with_unit,
+)
+from bayes_greybox.report.plots.thinning import extreme_rows, outer_band
+
+from .gap_map import SURE, draw_threshold
+
+# Stretches of time closer than this share of the record are drawn as one.
+_CLOSE = 1 / 400
+# Width in inches below which four labels of a legend do not fit in a row.
+_NARROW = 6.0
+# Rows up to which measurements are drawn as points.
+_MOST_MARKERS = 400
+# Rows of a run whose swings may be too many to be told apart in one panel, and of its end that is then shown again.
+_LONG, _CLOSE_UP = 2000, 200
+
+
+@mpl.rc_context(STYLE)
+def plot_gap_over_time(
+    time: Float[np.ndarray, " n_obs"],
+    before: Float[np.ndarray, "3 n_obs"],
+    after: Float[np.ndarray, "3 n_obs"],
+    *,
+    equation: str,
+    threshold: float | np.floating,
+    probability: Float[np.ndarray, " n_obs"] | None = None,
+    run: Int[np.ndarray, " n_obs"] | None = None,
+    run_names: Sequence[str] | None = None,
+    time_unit: str | None = None,
+    unit: str | None = None,
+    width: float = 9.0,
+    axes: Sequence[Axes] | np.ndarray | None = None,
+) -> Figure:
+    """The gap along the record before and after, with the times at which it surely exceeds the threshold.
+
+    Args:
+        time: time of each row, in `time_unit`.
+        before: mean, lower and upper end of the gap that the simulation leaves, in `unit`.
+        after: the same of the amended model.
+        equation: name of the state whose derivative the equation gives.
+        threshold: what counts as a gap, in `unit`.
+        probability: that |gap| exceeds the threshold, before.
+        run: run of each row; all one run by default. At most six runs are drawn.
+        run_names: name of each run.
+        time_unit: unit of time.
+        unit: unit of the gap.
+        width: width of the figure in inches.
+        axes: axes to draw into, one a drawn run.
+
+    Returns:
+        The figure.
+    """
+    rows, note = rows_of_runs(len(time), run)
+    panels = _panels(rows, width, axes)
+    for index, (ax, chosen) in enumerate(zip(panels, rows, strict=True)):
+        ax.axhline(0.0, color=GREY, linewidth=0.8, zorder=0)
+        draw_threshold(ax, threshold)
+        _draw_band(ax, time[chosen], before[:, chosen], ORANGE, "before")
+        _draw_band(ax, time[chosen], after[:, chosen], BLUE, "after")
+        if probability is not None:
+            sure = probability[chosen] > SURE
+            stretches = _stretches(time[chosen], sure)
+            at = np.full(len(stretches), 0.02)
+            ax.hlines(at, stretches[:, 0], stretches[:, 1], transform=ax.get_xaxis_transform(), color=DARK,
+                      linewidth=5, label=f"P(beyond threshold) > {SURE:g}")  # fmt: skip
+        if len(rows) > 1:
+            name_run(ax, index, run_names)
+        ax.margins(x=0.01, y=0.12)
+    panels[0].set_title(f"Gap in the equation for {plain(equation)}{note}")
+    _label(panels, with_unit("gap", unit), with_unit("time", time_unit), axes is None)
+    return figure_of(panels[0])
+
+
+@mpl.rc_context(STYLE)
+def plot_free_run(
+    time: Float[np.ndarray, " n_obs"],
+    measured: Float[np.ndarray, " n_obs"],
+    before: Float[np.ndarray, "3 n_obs"],
+    after: Float[np.ndarray, "3 n_obs"],
+    *,
+    state: str,
+    run: Int[np.ndarray, " n_obs"] | None = None,
+    run_names: Sequence[str] | None = None,
+    time_unit: str | None = None,
+    unit: str | None = None,
+    width: float = 9.0,
+    axes: Sequence[Axes] | np.ndarray | None = None,
+) -> Figure:
+    """A state as measured and as the model runs it from its start alone, before and after.
+
+    A run that failed ends with a cross where it did. The scale is that of the measurements and of the amended model:
+    a run that leaves it was far off. The end of a single long run, where errors have had most time to grow, is shown
+    again close up.
+
+    Args:
+        time: time of each row, in `time_unit`.
+        measured: the measured state, in `unit`.
+        before: mean, lower and upper end of the free run before; NaN from where it failed.
+        after: the same of the amended model.
+        state: name of the state.
+        run: run of each row; all one run by default. At most six runs are drawn.
+        run_names: name of each run.
+        time_unit: unit of time.
+        unit: unit of the state.
+        width: width of the figure in inches.
+        axes: axes to draw into, one a drawn run.
+
+    Returns:
+        The figure.
+    """
+    rows, note = rows_of_runs(len(time), run)
+    closer = axes is None and len(rows) == 1 and len(rows[0]) > _LONG
+    if closer:
+        rows = [rows[0], rows[0][-_CLOSE_UP:]]
+    panels = _panels(rows, width, axes)
+    low, high = float(measured.min()), float(measured.max())
+    margin = 0.35 * (high - low) or 1.0
+    for index, (ax, chosen) in enumerate(zip(panels, rows, strict=True)):
+        t, seen = time[chosen], measured[chosen]
+        _draw_band(ax, t, before[:, chosen], ORANGE, "before")
+        _draw_band(ax, t, after[:, chosen], BLUE, "after")
+        if len(t) <= _MOST_MARKERS:
+            ax.plot(t, seen, "o", color=DARK, markersize=2.2, markeredgewidth=0, zorder=4, label="measured")
+        else:
+            kept = extreme_rows(seen, N_BIN)
+            ax.plot(t[kept], seen[kept], color=DARK, linewidth=0.9, linestyle=(0, (2, 1.5)), zorder=4, label="measured")
+        ax.set_ylim(low - margin, high + margin)
+        for path, colour in ((before[0, chosen], ORANGE), (after[0, chosen], BLUE)):
+            _mark_failure(ax, t, path, colour)
+        if closer:
+            name_run(ax, index, ["whole run", f"its last {_CLOSE_UP} samples"])
+        elif len(rows) > 1:
+            name_run(ax, index, run_names)
+        ax.margins(x=0.01)
+    panels[0].set_title(f"Free run of {plain(state)}{note}")
+    _label(panels, with_unit(state, unit), with_unit("time", time_unit), axes is None)
+    return figure_of(panels[0])
+
+
+def _panels(rows: list[np.ndarray], width: float, axes: Sequence[Axes] | np.ndarray | None) -> list[Axes]:
+    if axes is not None:
+        return given_axes(axes, len(rows), "one a run")
+    figure = new_figure(width, 1.05 + (2.5 if len(rows) == 1 else 1.6 * len(rows)))
+    return list(np.ravel(figure.subplots(len(rows), 1, sharey=True, squeeze=False)))
+
+
+def _draw_band(
+    ax: Axes, time: Float[np.ndarray, " n_obs"], values: Float[np.ndarray, "3 n_obs"], colour: str, label: str
+) -> None:
+    alive = np.isfinite(values).all(axis=0)
+    if not alive.any():
+        return
+    time, (mean, lower, upper) = time[alive], values[:, alive]
+    band_time, low, high = outer_band(time, lower, upper, N_BIN)
+    ax.fill_between(band_time, low, high, color=colour, alpha=0.25, linewidth=0)
+    kept = extreme_rows(mean, N_BIN)
+    width = 1.4 if len(kept) == len(mean) else 0.9
+    ax.plot(time[kept], mean[kept], color=colour, linewidth=width, zorder=3, label=label)
+
+
+def _mark_failure(ax: Axes, time: np.ndarray, path: np.ndarray, colour: str) -> None:
+    alive = np.flatnonzero(np.isfinite(path))
+    if len(alive) in (0, len(path)):
+        return
+    end, at = float(time[alive[-1]]), float(np.clip(path[alive[-1]], *ax.get_ylim()))
+    ax.plot([end], [at], "X", color=colour, markersize=9, markeredgecolor="white", zorder=5, clip_on=False)
+    ax.annotate("fails",
+        (end, at), xytext=(7, 0), textcoords="offset points", va="center", fontsize=9,
+                color=colour)  # fmt: skip
+
+
+def _stretches(time: Float[np.ndarray, " n_obs"], on: Bool[np.ndarray, " n_obs"]) -> Float[np.ndarray, "n_stretch 2"]:
+    """Start and end of the stretches of rows that are on, near ones joined."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], on, [False]]).astype(int)))
+    pairs = np.stack([time[edges[::2]], time[edges[1::2] - 1]], axis=1)
+    joined: list[np.ndarray] = []
+    for pair in pairs:
+        if joined and pair[0] - joined[-1][1] < _CLOSE * (time[-1] - time[0]):
+            joined[-1][1] = pair[1]
+        else:
+            joined.append(pair)
+    return np.reshape(np.array(joined), (-1, 2))
+
+
+def _label(panels: list[Axes], quantity: str, time: str, own: bool) -> None:
+    panels[-1].set_xlabel(time)
+    if own and len(panels) > 1:
+        figure_of(panels[0]).supylabel(quantity, fontsize=10)
+    else:
+        panels[0].set_ylabel(quantity)
+    handles = {str(h.get_label()): h for ax in reversed(panels) for h in ax.get_legend_handles_labels()[0]}
+    order = [label for label in ("measured", "before", "after", "± threshold") if label in handles]
+    order += [label for label in handles if label not in order]
+    narrow = figure_of(panels[0]).get_figwidth() < _NARROW
+    place_legend(panels[0], own, [handles[label] for label in order], 2 if narrow and len(order) > 3 else None)

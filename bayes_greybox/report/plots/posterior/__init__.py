@@ -1,0 +1,1 @@
+"""Figures of posteriors, their checks, and comparisons of them."""

@@ -1,0 +1,196 @@
+"""Figures of the checks: predictive distributions, LOO-PIT, autocorrelation of the residuals, prior sensitivity."""
+
+from collections.abc import Sequence
+
+import matplotlib as mpl
+import numpy as np
+import pandas as pd
+from jaxtyping import Float, Int
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+from bayes_greybox.report.formatting import number
+from bayes_greybox.report.plots.style import (
+    BLUE,
+    DARK,
+    GREY,
+    LIGHT,
+    ORANGE,
+    SKY,
+    STYLE,
+    figure_of,
+    given_axes,
+    new_figure,
+    place_legend,
+    plain,
+    with_unit,
+)
+
+_MOST_CURVES = 60
+
+
+@mpl.rc_context(STYLE)
+def plot_predictive(
+    measured: Float[np.ndarray, " n_obs"],
+    posterior: Float[np.ndarray, "n_draw n_obs"],
+    prior: Float[np.ndarray, "n_prior_draw n_obs"],
+    *,
+    equation: str,
+    unit: str | None = None,
+    axes: Sequence[Axes] | np.ndarray | None = None,
+) -> Figure:
+    """Distribution function of the measured derivative, and of data sets drawn from the prior and the posterior.
+
+    Args:
+        measured: measured derivative, in `unit`.
+        posterior: posterior predictive data sets.
+        prior: prior predictive data sets.
+        equation: name of the state whose derivative is drawn.
+        unit: unit of the derivative.
+        axes: axes to draw into: prior, posterior.
+
+    Returns:
+        The figure.
+    """
+    panels = new_figure(9.0, 3.6).subplots(1, 2) if axes is None else given_axes(axes, 2, "prior, posterior")
+    steps = (np.arange(len(measured)) + 0.5) / len(measured)
+    for ax, drawn, name in zip(panels, (prior, posterior), ("prior", "posterior"), strict=True):
+        shown = drawn[np.unique(np.linspace(0, len(drawn) - 1, _MOST_CURVES).round().astype(int))]
+        for i, values in enumerate(np.sort(shown, axis=1)):
+            ax.plot(values, steps, color=SKY, linewidth=0.6, alpha=0.5, label="predicted" if i == 0 else None)
+        ax.plot(np.sort(measured), steps, color=DARK, linewidth=1.6, label="measured")
+        ax.set_title(f"Drawn from the {name}")
+        ax.set_xlabel(with_unit(f"d({equation})/dt", unit))
+        ax.xaxis.set_major_locator(MaxNLocator(5))
+    # Priors with heavy tails would leave nothing to see of the data.
+    reach = np.quantile(prior, [0.02, 0.98])
+    panels[0].set_xlim(min(float(reach[0]), float(measured.min())), max(float(reach[1]), float(measured.max())))
+    panels[0].set_ylabel("share of the rows below")
+    place_legend(panels[0], axes is None)
+    return figure_of(panels[0])
+
+
+@mpl.rc_context(STYLE)
+def plot_loo_pit(
+    value: Float[np.ndarray, " n_obs"],
+    *,
+    equation: str,
+    band: float | np.floating,
+    p: float | np.floating,
+    axes: Sequence[Axes] | np.ndarray | None = None,
+) -> Figure:
+    """Distribution function of the LOO-PIT values less that of the uniform distribution, with its band.
+
+    A curve that rises on the left and falls on the right comes from predictions that are too narrow, the opposite from
+    predictions that are too wide.
+
+    Args:
+        value: LOO-PIT values.
+        equation: name of the state whose derivative is predicted.
+        band: half-width of the band that holds the whole curve in 99 % of well-specified data sets.
+        p: p-value of uniformity.
+        axes: axes to draw into, one.
+
+    Returns:
+        The figure.
+    """
+    ax = new_figure(5.6, 3.4).subplots() if axes is None else given_axes(axes, 1, "the curve")[0]
+    # The distribution function jumps at each value, and less uniform it falls between them.
+    u = np.concatenate([[0.0], np.repeat(np.sort(value), 2), [1.0]])
+    share = np.repeat(np.arange(len(value) + 1) / len(value), 2)
+    ax.axhspan(-float(band), float(band), color=LIGHT, alpha=0.6, linewidth=0, label="99 % band")
+    ax.axhline(0.0, color=GREY, linewidth=0.8)
+    ax.plot(u, share - u, color=BLUE, linewidth=1.4, label="LOO-PIT")
+    ax.set_xlim(0.0, 1.0)
+    ax.set_xlabel("LOO-PIT value")
+    ax.set_ylabel("share below, less uniform")
+    ax.set_title(f"Leave-one-out predictions of {plain(equation)} (p = {number(p, 2)})")
+    place_legend(ax, axes is None)
+    return figure_of(ax)
+
+
+@mpl.rc_context(STYLE)
+def plot_autocorrelation(
+    lag: Int[np.ndarray, " n_lag"],
+    autocorrelation: Float[np.ndarray, " n_lag"],
+    bound: Float[np.ndarray, " n_lag"],
+    *,
+    equation: str,
+    p: float | np.floating,
+    standing_out: Sequence[int] = (),
+    by_frequency: bool = False,
+    axes: Sequence[Axes] | np.ndarray | None = None,
+) -> Figure:
+    """Autocorrelation of the whitened residuals with the bound that white noise keeps.
+
+    Args:
+        lag: lags.
+        autocorrelation: at each lag, mean over posterior draws.
+        bound: bound of each.
+        equation: name of the state whose derivative is modelled.
+        p: p-value of whiteness.
+        standing_out: lags to mark.
+        by_frequency: whether the lags are steps of frequency.
+        axes: axes to draw into, one.
+
+    Returns:
+        The figure.
+    """
+    ax = new_figure(5.6, 3.4).subplots() if axes is None else given_axes(axes, 1, "the bars")[0]
+    ax.fill_between(lag, -bound, bound, color=LIGHT, alpha=0.6, linewidth=0, label="white noise, all lags 99 %")
+    ax.axhline(0.0, color=GREY, linewidth=0.8)
+    marked = np.isin(lag, standing_out)
+    for chosen, colour, name in ((~marked, BLUE, "autocorrelation"), (marked, ORANGE, "standing out")):
+        if chosen.any():
+            ax.vlines(lag[chosen], 0.0, autocorrelation[chosen], color=colour, linewidth=2.0)
+            ax.plot(lag[chosen], autocorrelation[chosen], "o", color=colour, markersize=4, label=name)
+    ax.xaxis.set_major_locator(MaxNLocator(integer=True))
+    ax.set_xlabel("lag [frequencies]" if by_frequency else "lag [rows]")
+    ax.set_ylabel("autocorrelation")
+    ax.set_title(f"Whitened residuals of {plain(equation)} (p = {number(p, 2)})")
+    place_legend(ax, axes is None)
+    return figure_of(ax)
+
+
+@mpl.rc_context(STYLE)
+def plot_sensitivity(
+    table: pd.DataFrame, *, threshold: float | np.floating, axes: Sequence[Axes] | np.ndarray | None = None
+) -> Figure:
+    """Sensitivity of each quantity to prior and likelihood, against the threshold.
+
+    Args:
+        table: indexed by (equation, quantity), with columns prior and likelihood.
+        threshold: sensitivities above it are worth a look.
+        axes: axes to draw into, one.
+
+    Returns:
+        The figure.
+    """
+    ax = new_figure(6.4, 1.4 + 0.26 * len(table)).subplots() if axes is None else given_axes(axes, 1, "the dots")[0]
+    rows = np.arange(len(table))
+    several = len(set(table.index.get_level_values(0))) > 1
+    names = [f"{quantity} in d({equation})/dt" if several else str(quantity) for equation, quantity in table.index]
+    ax.hlines(rows, 0, 1, transform=ax.get_yaxis_transform(), color=LIGHT, linewidth=0.6, zorder=0)
+    ax.axvline(float(threshold), color=DARK, linewidth=1.0, linestyle=(0, (4, 3)), label="threshold")
+    likelihood, prior = table["likelihood"].to_numpy(float), table["prior"].to_numpy(float)
+    ax.plot(
+        likelihood,
+        rows,
+        "o",
+        color=GREY,
+        markersize=5,
+        markerfacecolor="none",
+        clip_on=False,
+        label="to the likelihood",
+    )
+    ax.plot(prior, rows, "o", color=BLUE, markersize=5.5, clip_on=False, label="to the prior")
+    ax.set_yticks(rows, [plain(name) for name in names])
+    ax.set_ylim(len(rows) - 0.5, -0.5)
+    ax.set_xlim(left=0.0)
+    ax.tick_params(axis="y", length=0)
+    ax.spines["left"].set_visible(False)
+    ax.set_xlabel("change for each doubling of its weight")
+    ax.set_title("Power-scaling sensitivity")
+    place_legend(ax, axes is None)
+    return figure_of(ax)

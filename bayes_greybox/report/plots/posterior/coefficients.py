@@ -1,0 +1,220 @@
+"""Forest plot of the coefficients, with the probability that each one matters."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Literal
+
+import matplotlib as mpl
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import FixedLocator, MaxNLocator
+
+from bayes_greybox.data.errors import InputError
+from bayes_greybox.report.formatting import PROBABILITIES, figure_estimate, probability_text
+from bayes_greybox.report.plots.style import (
+    BLUE,
+    DARK,
+    GREY,
+    LIGHT,
+    ORANGE,
+    STYLE,
+    figure_of,
+    formula_or_name,
+    given_axes,
+    new_figure,
+    place_legend,
+    plain,
+)
+
+# Beyond this ratio of the largest to the smallest clear coefficient a linear axis hides the small ones.
+_LINEAR_RATIO = 30.0
+# Half width of the linear part of a symmetric-log axis, in decades.
+_LINEAR_DECADES = 1.0
+
+
+@mpl.rc_context(STYLE)
+def plot_coefficients(
+    table: pd.DataFrame,
+    *,
+    equation: str | None = None,
+    truth: Mapping[Any, Any] | None = None,
+    units: Mapping[Any, Any] | None = None,
+    scale: Literal["auto", "linear", "symlog"] = "auto",
+    axes: Sequence[Axes] | np.ndarray | None = None,
+) -> Figure:
+    """Mean and interval of each coefficient, its value in figures, and the probability that it matters.
+
+    One row of panels an equation. The bars show `inclusion` where the table has it, and otherwise
+    `outside_rope` under its own name; without either column there are no bars.
+
+    Args:
+        table: indexed (equation, term) with columns mean, sd, lower, upper and, where known, inclusion or
+            outside_rope (probabilities), unit (text) and latex (text).
+        equation: draw this equation only.
+        truth: true coefficients, `{(equation, term): value}` or `{equation: {term: value}}`; terms without
+            one get no marker.
+        units: units of the coefficients, keyed as `truth`; they go before the table's own column.
+        scale: axis of the coefficients; `auto` is linear unless the clear ones span orders of magnitude.
+        axes: axes to draw into, in reading order: per equation the coefficients and, where there are
+            probabilities, the bars.
+
+    Returns:
+        The figure.
+
+    Raises:
+        InputError: a column is missing, the table is empty, or it does not hold the equation.
+    """
+    names = _equations(table, equation)
+    blocks = [table.xs(name, level=0) for name in names]
+    sources = [_probability_column(block) for block in blocks]
+    with_bars = any(source is not None for source in sources)
+    pairs = _own_axes(blocks, with_bars) if axes is None else _their_axes(axes, len(names), with_bars)
+    for name, block, source, (forest, bars) in zip(names, blocks, sources, pairs, strict=True):
+        true = _for_equation(truth, name)
+        unit = {**_column(block, "unit"), **_for_equation(units, name)}
+        _draw_forest(forest, block, true, unit, scale)
+        forest.set_title(f"Coefficients in the equation for {plain(name)}")
+        if bars is not None:
+            _draw_bars(bars, block, source)
+    marks = [mark for forest, _ in pairs for mark in forest.get_lines() if mark.get_label() == "true value"]
+    if marks:
+        place_legend(pairs[0][0], axes is None, marks[:1])
+    return figure_of(pairs[0][0])
+
+
+def _equations(table: pd.DataFrame, equation: str | None) -> list[str]:
+    missing = [column for column in ("mean", "sd", "lower", "upper") if column not in table.columns]
+    if missing:
+        raise InputError(f"The coefficient table lacks the column {missing[0]!r}; pass inclusion(fit).")
+    known = list(dict.fromkeys(table.index.get_level_values(0)))
+    if equation is not None and equation not in known:
+        raise InputError(f"The coefficient table has no equation {equation!r}; it has {', '.join(known)}.")
+    if not known:
+        raise InputError("The coefficient table has no rows, so there is nothing to draw.")
+    return known if equation is None else [equation]
+
+
+def _probability_column(block: pd.DataFrame) -> str | None:
+    for column in PROBABILITIES:
+        if column in block.columns and not np.isnan(block[column].to_numpy(dtype=float)).any():
+            return column
+    return None
+
+
+def _own_axes(blocks: list[pd.DataFrame], with_bars: bool) -> list[tuple[Axes, Axes | None]]:
+    heights = [0.29 * len(block) + 0.95 for block in blocks]
+    longest = max(len(str(term)) for block in blocks for term in block.index)
+    width = min(8.0 + 0.05 * max(0, longest - 12), 11.0) + (0.0 if with_bars else -1.6)
+    figure = new_figure(width, sum(heights) + 0.35)
+    columns, ratios = (2, [3.0, 1.1]) if with_bars else (1, [1.0])
+    grid = figure.subplots(len(blocks), columns, squeeze=False, height_ratios=heights, width_ratios=ratios)
+    return [(row[0], row[1] if with_bars else None) for row in grid]
+
+
+def _their_axes(axes: Sequence[Axes] | np.ndarray, n_equation: int, with_bars: bool) -> list[tuple[Axes, Axes | None]]:
+    if not with_bars:
+        return [(ax, None) for ax in given_axes(axes, n_equation, "one an equation")]
+    flat = given_axes(axes, 2 * n_equation, "coefficients and bars of each equation")
+    return list(zip(flat[::2], flat[1::2], strict=True))
+
+
+def _for_equation(values: Mapping[Any, Any] | None, equation: str) -> dict[str, Any]:
+    if values is None:
+        return {}
+    if isinstance(values.get(equation), Mapping):
+        return dict(values[equation])
+    return {key[1]: value for key, value in values.items() if isinstance(key, tuple) and key[0] == equation}
+
+
+def _column(block: pd.DataFrame, name: str) -> dict[str, str]:
+    if name not in block.columns:
+        return {}
+    return {str(term): value for term, value in block[name].items() if isinstance(value, str)}
+
+
+def _draw_forest(ax: Axes, block: pd.DataFrame, truth: dict[str, Any], units: dict[str, Any], scale: str) -> None:
+    terms = [str(term) for term in block.index]
+    latex = _column(block, "latex")
+    rows = np.arange(len(terms))
+    lower, upper, mean = (block[name].to_numpy(dtype=float) for name in ("lower", "upper", "mean"))
+    true = np.asarray([float(truth.get(term, np.nan)) for term in terms])
+    threshold = _linear_range(mean, lower, upper, true) if scale != "linear" else None
+    if threshold is None and scale == "symlog":
+        threshold = _power_of_ten(0.01 * float(np.max(np.abs([mean, lower, upper]))) or 1.0)
+    values = np.concatenate([mean, lower, upper, true[np.isfinite(true)], [0.0]])
+    label = _set_scale(ax, float(values.min()), float(values.max()), threshold)
+    ax.axvline(0.0, color=GREY, linewidth=0.8, zorder=0)
+    ax.hlines(rows, 0, 1, transform=ax.get_yaxis_transform(), color=LIGHT, linewidth=0.6, zorder=0)
+    ax.hlines(rows, lower, upper, color=BLUE, linewidth=2.2, zorder=2)
+    ax.plot(mean, rows, "o", color=BLUE, markersize=5.5, zorder=3, label="mean")
+    if np.isfinite(true).any():
+        ax.plot(
+            true,
+            rows,
+            "D",
+            markersize=9,
+            markerfacecolor="none",
+            markeredgecolor=ORANGE,
+            zorder=4,
+            label="true value",
+        )
+    for row, (term, value, sd) in enumerate(zip(terms, mean, block["sd"], strict=True)):
+        text = figure_estimate(value, sd, plain(units.get(term) or ""))
+        ax.text(1.02, row, text, transform=ax.get_yaxis_transform(), va="center", fontsize=9, color=DARK)
+    ax.set_yticks(rows, [formula_or_name(term, latex.get(term)) for term in terms])
+    ax.set_ylim(len(terms) - 0.4, -0.6)
+    ax.tick_params(axis="y", length=0)
+    ax.spines["left"].set_visible(False)
+    ax.set_xlabel(label)
+
+
+def _set_scale(ax: Axes, low: float, high: float, threshold: float | None) -> str:
+    """Scale, limits and ticks of the coefficients' axis, which spans low ≤ 0 ≤ high; returns its label."""
+    label = "coefficient, each in its own unit"
+    if threshold is None:
+        pad = 0.08 * (high - low) or 1.0
+        ax.set_xlim(low - pad, high + pad)
+        ax.xaxis.set_major_locator(MaxNLocator(6, min_n_ticks=3))
+        return label
+    ax.set_xscale("symlog", linthresh=threshold, linscale=_LINEAR_DECADES)
+    ax.set_xlim(min(2.0 * low, -threshold), max(2.0 * high, threshold))
+    first = round(np.log10(threshold))
+    below, above = (max(int(np.ceil(np.log10(max(end, threshold)))) - first, 0) for end in (-low, high))
+    # Labels collide when neighbours are closer than a fifth of the axis; the label of zero is a narrow one.
+    decades = below + above + 2
+    step = -(-decades // 5)
+    nearest = 0 if decades <= 8 else 1
+    ticks = [-(10.0 ** (first + i)) for i in range(nearest, below + 1, step)]
+    ticks += [0.0] + [10.0 ** (first + i) for i in range(nearest, above + 1, step)]
+    ax.xaxis.set_major_locator(FixedLocator(sorted(ticks)))
+    return f"{label}\n(linear between $\\pm 10^{{{first}}}$, logarithmic beyond)"
+
+
+def _power_of_ten(value: float) -> float:
+    return float(10.0 ** np.floor(np.log10(value)))
+
+
+def _linear_range(mean: np.ndarray, lower: np.ndarray, upper: np.ndarray, true: np.ndarray) -> float | None:
+    """Half width of the linear part of a symmetric-log axis; None where a linear axis shows everything."""
+    clear = np.abs(mean[(lower * upper > 0) & (mean != 0)])
+    largest = np.nanmax(np.abs(np.stack([mean, lower, upper, true])))
+    if clear.size == 0 or largest <= _LINEAR_RATIO * clear.min():
+        return None
+    return _power_of_ten(max(clear.min(), 1e-5 * largest))
+
+
+def _draw_bars(ax: Axes, block: pd.DataFrame, source: str | None) -> None:
+    if source is None:
+        ax.set_axis_off()
+        return
+    rows = np.arange(len(block))
+    probability = block[source].to_numpy(dtype=float)
+    ax.barh(rows, probability, height=0.55, color=BLUE)
+    for row, value in enumerate(probability):
+        ax.text(1.04, row, probability_text(value), transform=ax.get_yaxis_transform(), va="center", fontsize=9)
+    ax.set_xlim(0, 1)
+    ax.set_xticks([0, 0.5, 1], ["0", "0.5", "1"])
+    ax.set_ylim(len(block) - 0.4, -0.6)
+    ax.set_yticks([])
+    ax.set_xlabel(PROBABILITIES[source])

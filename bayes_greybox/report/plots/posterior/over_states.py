@@ -1,0 +1,234 @@
+"""The discrepancy over one or two variables of the state space."""
+
+from collections.abc import Sequence
+
+import matplotlib as mpl
+import numpy as np
+from jaxtyping import Bool, Float
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.colors import Colormap, LinearSegmentedColormap
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+
+from bayes_greybox.criticism.discrepancy import DiscrepancyGrid
+from bayes_greybox.data.errors import InputError
+from bayes_greybox.report.formatting import level_text, number
+from bayes_greybox.report.plots.style import (
+    BLUE,
+    DARK,
+    GREY,
+    STYLE,
+    figure_of,
+    given_axes,
+    new_figure,
+    place_legend,
+    plain,
+    with_unit,
+)
+from bayes_greybox.report.plots.thinning import every_nth
+
+_MOST_POINTS = 2000
+
+
+@mpl.rc_context(STYLE)
+def plot_discrepancy_over_states(
+    grid: DiscrepancyGrid,
+    *,
+    data: Float[np.ndarray, "n_obs n_var"] | None = None,
+    axes: Sequence[Axes] | np.ndarray | None = None,
+) -> Figure:
+    """Posterior of the discrepancy f over one variable (curve with band) or two (maps of mean and sd).
+
+    Where the grid lies outside the data's support, f is extrapolated: a curve is dashed and pale there, a map
+    is hatched and pale, and the colour range ignores it.
+
+    Args:
+        grid: the posterior of f on the grid.
+        data: positions of the data rows to mark, one column a variable; the grid's own points by default.
+        axes: axes to draw into: one for one variable; mean and sd for two.
+
+    Returns:
+        The figure.
+
+    Raises:
+        InputError: the grid spans neither one variable nor two.
+    """
+    points = grid.points if data is None else data
+    n_variable = len(grid.variables)
+    if n_variable not in (1, 2):
+        raise InputError(f"A discrepancy is drawn over 1 or 2 variables, but the grid spans {n_variable}.")
+    if axes is None:
+        figure = new_figure(6.6, 3.9) if n_variable == 1 else new_figure(10.0, 4.5)
+        panels = list(np.ravel(figure.subplots(1, n_variable, squeeze=False)))
+    else:
+        panels = given_axes(axes, n_variable, "the curve" if n_variable == 1 else "mean and sd")
+    if n_variable == 1:
+        _draw_curve(panels[0], grid, points, axes is None)
+    else:
+        _draw_maps(panels, grid, points, axes is None)
+    return figure_of(panels[0])
+
+
+def _title(grid: DiscrepancyGrid, what: str) -> str:
+    held = ", ".join(f"{plain(name)} = {number(value)}" for name, value in grid.fixed.items())
+    title = f"{what} in the equation for {plain(grid.equation)}"
+    return f"{title}\nheld: {held}" if held else title
+
+
+def _draw_curve(ax: Axes, grid: DiscrepancyGrid, points: np.ndarray, own: bool) -> None:
+    x = grid.axes[0]
+    ax.axhline(0.0, color=GREY, linewidth=0.8, zorder=0)
+    # The faded copy runs underneath everywhere, so the two parts meet without a gap.
+    ax.fill_between(x, grid.lower, grid.upper, color=BLUE, alpha=0.12, linewidth=0)
+    ax.plot(x, grid.mean, color=BLUE, linewidth=1.2, linestyle=(0, (3, 2)), label="mean, extrapolated")
+    band = ax.fill_between(
+        x,
+        grid.lower,
+        grid.upper,
+        where=grid.inside.tolist(),
+        color=BLUE,
+        alpha=0.28,
+        linewidth=0,
+    )
+    band.set_label(f"{level_text(grid.level)} interval")
+    ax.plot(x, np.where(grid.inside, grid.mean, np.nan), color=BLUE, linewidth=2.0, label="mean")
+    ax.margins(x=0.02)
+    shown = points[every_nth(len(points), _MOST_POINTS), 0]
+    ax.plot(
+        shown,
+        np.full(len(shown), 0.02),
+        "|",
+        transform=ax.get_xaxis_transform(),
+        color=DARK,
+        alpha=0.45,
+        markersize=7,
+        markeredgewidth=0.6,
+        label="data",
+    )
+    ax.set_xlabel(with_unit(grid.variables[0], grid.units[0]))
+    ax.set_ylabel(with_unit("discrepancy f", grid.unit))
+    ax.set_title(_title(grid, "Discrepancy"))
+    wanted = ["mean", band.get_label(), "data"] + ([] if grid.inside.all() else ["mean, extrapolated"])
+    known = {artist.get_label(): artist for artist in ax.get_legend_handles_labels()[0]}
+    place_legend(ax, own, [known[label] for label in wanted])
+
+
+def _draw_maps(panels: list[Axes], grid: DiscrepancyGrid, points: np.ndarray, own: bool) -> None:
+    x, y = grid.axes
+    seen = grid.inside if grid.inside.any() else np.ones_like(grid.inside)
+    limit = _first_positive(np.abs(grid.mean[seen]), np.abs(grid.sd[seen]))
+    _draw_map(panels[0], grid, grid.mean, "RdBu_r", (-limit, limit), with_unit("mean of f", grid.unit))
+    largest = _first_positive(grid.sd[seen])
+    _draw_map(panels[1], grid, grid.sd, _pale_map(), (0.0, largest), with_unit("sd of f", grid.unit))
+    levels = np.linspace(-limit, limit, 9)
+    _lines(panels[0], grid, grid.mean, levels, 0.6)
+    # Positive where the interval lies on one side of zero.
+    beyond = np.maximum(grid.lower, -grid.upper)
+    bold = outline(panels[0], x, y, beyond, 0.0, seen)
+    for ax in panels:
+        shown = points[every_nth(len(points), _MOST_POINTS)]
+        ax.plot(
+            shown[:, 0],
+            shown[:, 1],
+            "o",
+            color=DARK,
+            markersize=1.6,
+            alpha=0.35,
+            markeredgewidth=0,
+            label="data",
+        )
+        ax.set_xlabel(with_unit(grid.variables[0], grid.units[0]))
+        ax.set_ylabel(with_unit(grid.variables[1], grid.units[1]))
+        ax.set_xlim(x[0], x[-1])
+        ax.set_ylim(y[0], y[-1])
+    panels[0].set_title(_title(grid, "Discrepancy f"))
+    panels[1].set_title("Its uncertainty" + ("\n" if grid.fixed else ""))
+    _explain(panels[0], grid, bold, own)
+
+
+def _first_positive(*candidates: np.ndarray) -> float:
+    """Largest value of the first array that is not all zero; 1 where they all are."""
+    return next((float(values.max()) for values in candidates if values.max() > 0), 1.0)
+
+
+def _draw_map(
+    ax: Axes,
+    grid: DiscrepancyGrid,
+    values: np.ndarray,
+    colours: str | Colormap,
+    limits: tuple[float, float],
+    label: str,
+) -> None:
+    x, y = grid.axes
+    mesh = ax.pcolormesh(
+        x, y, values.T, cmap=colours, vmin=limits[0], vmax=limits[1], shading="nearest", rasterized=True
+    )
+    above, below = values.max() > limits[1], values.min() < limits[0]
+    extend = "both" if above and below else "max" if above else "min" if below else "neither"
+    figure_of(ax).colorbar(mesh, ax=ax, label=label, extend=extend)
+    fade_outside(ax, x, y, grid.inside)
+
+
+def outline(
+    ax: Axes,
+    x: Float[np.ndarray, " n_0"],
+    y: Float[np.ndarray, " n_1"],
+    values: Float[np.ndarray, "n_0 n_1"],
+    level: float,
+    seen: Bool[np.ndarray, "n_0 n_1"],
+) -> bool:
+    """A bold closed line around where values exceed a level and there are data; says whether there is such a place."""
+    top = float(values[seen].max())
+    if not top > level:
+        return False
+    # Below the level outside, so that the line closes at the edge of the data and of the map.
+    below = 2 * level - top
+    framed = np.pad(np.where(seen, values, below), 1, constant_values=below)
+    along, across = (np.concatenate([[a[0] - 1e-3 * step], a, [a[-1] + 1e-3 * step]])
+                     for a, step in ((x, x[1] - x[0]), (y, y[1] - y[0])))  # fmt: skip
+    ax.contour(along, across, framed.T, levels=[level], colors=[DARK], linewidths=2.0)
+    return True
+
+
+def fade_outside(
+    ax: Axes,
+    x: Float[np.ndarray, " n_0"],
+    y: Float[np.ndarray, " n_1"],
+    inside: Bool[np.ndarray, "n_0 n_1"],
+) -> None:
+    """Hatch a map and make it pale where there are no data."""
+    if inside.all():
+        return
+    outside = (~inside).T.astype(float)
+    ax.contourf(x, y, outside, levels=[0.5, 1.5], colors=["white"], alpha=0.55)
+    ax.contourf(x, y, outside, levels=[0.5, 1.5], colors="none", hatches=["////"])
+
+
+def _lines(ax: Axes, grid: DiscrepancyGrid, values: np.ndarray, levels: np.ndarray, linewidth: float) -> bool:
+    """Contour lines where there are data; says whether any level was met."""
+    x, y = grid.axes
+    shown = np.ma.array(values, mask=~grid.inside) if grid.inside.any() else np.ma.array(values)
+    inner = levels[(levels > shown.min()) & (levels < shown.max())]
+    if inner.size:
+        # Negative levels are dashed, so that the sign survives in grayscale.
+        ax.contour(x, y, shown.T, levels=inner, colors=[DARK], linewidths=linewidth)
+    return bool(inner.size)
+
+
+def _pale_map() -> Colormap:
+    """White to middle purple: points stay visible on it, and it is ordered in grayscale."""
+    return LinearSegmentedColormap.from_list("uncertainty", ["#FCFBFD", "#BCBDDC", "#807DBA"])
+
+
+def _explain(ax: Axes, grid: DiscrepancyGrid, bold: bool, own: bool) -> None:
+    handles: list[Artist] = [Line2D([], [], marker="o", color=DARK, linestyle="none", markersize=2.5, label="data")]
+    level = level_text(grid.level)
+    if bold:
+        handles.append(
+            Line2D([], [], color=DARK, linewidth=2.0, label=f"edge of where the {level} interval excludes 0")
+        )
+    if not grid.inside.all():
+        handles.append(Patch(facecolor="white", edgecolor=GREY, hatch="////", label="no data: extrapolated"))
+    place_legend(ax, own, handles)

@@ -1,0 +1,169 @@
+"""The posterior of one coefficient beside the part of the discrepancy that imitates its term."""
+
+from collections.abc import Sequence
+
+import matplotlib as mpl
+import numpy as np
+from jaxtyping import Bool, Float
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+from bayes_greybox.report.formatting import number
+from bayes_greybox.report.plots.style import (
+    BLUE,
+    DARK,
+    GREY,
+    ORANGE,
+    STYLE,
+    figure_of,
+    given_axes,
+    new_figure,
+    plain,
+    with_unit,
+)
+from bayes_greybox.report.plots.thinning import every_nth
+
+_MOST_POINTS = 4000
+_N_BIN = 40
+_N_CELL = 30
+
+
+@mpl.rc_context(STYLE)
+def plot_tradeoff(
+    theta: Float[np.ndarray, " n_draw"],
+    projection: Float[np.ndarray, " n_draw"],
+    *,
+    term: str,
+    equation: str,
+    correlation: float | np.floating | None = None,
+    unit: str | None = None,
+    axes: Sequence[Axes] | np.ndarray | None = None,
+) -> Figure:
+    """Posterior pairs of a coefficient θ and of the amount of its term that the discrepancy f imitates.
+
+    Both axes have the same unit and the same width. A discrepancy that steals from the term shows as a cloud
+    along the line θ + f = constant; one that is orthogonal to it as a flat line at zero.
+
+    Args:
+        theta: draws of the coefficient, in `unit`.
+        projection: the same draws of the coefficient f amounts to along the term, in `unit`.
+        term: name of the term.
+        equation: name of the state whose derivative the equation gives.
+        correlation: posterior correlation of the two, to print; NaN where one of them does not vary.
+        unit: unit of the coefficient.
+        axes: axes to draw into: the pairs, the distribution of θ (above), that of f (right).
+
+    Returns:
+        The figure.
+    """
+    if axes is None:
+        figure = new_figure(5.8, 5.8)
+        layout = figure.add_gridspec(2, 2, width_ratios=[4, 1], height_ratios=[1, 4])
+        pairs = figure.add_subplot(layout[1, 0])
+        above = figure.add_subplot(layout[0, 0])
+        right = figure.add_subplot(layout[1, 1])
+    else:
+        pairs, above, right = given_axes(axes, 3, "pairs, θ above, f at the right")
+    width = 1.12 * max(np.ptp(theta), np.ptp(projection)) or 2.0 * max(np.max(np.abs(theta)), 1.0)
+    # Rounding noise around an exact zero is drawn at zero, not magnified by its own range.
+    x_view, y_view = _view(theta, width), _view(projection, width)
+    zero = theta == 0.0
+    _draw_pairs(pairs, theta, projection, zero, width)
+    pairs.set_xlim(*x_view)
+    pairs.set_ylim(*y_view)
+    # Five digits a label, where θ is known that well, leave room for no more.
+    pairs.xaxis.set_major_locator(MaxNLocator(4))
+    pairs.set_xlabel(with_unit(f"θ: coefficient of {term}", unit))
+    pairs.set_ylabel(with_unit(f"amount of {term} that f imitates", unit))
+    _draw_marginal(above, theta, zero, x_view, "vertical")
+    _draw_marginal(right, projection, zero, y_view, "horizontal")
+    above.set_title(f"θ–f trade-off in the equation for {plain(equation)}{_correlation_text(correlation)}")
+    return figure_of(pairs)
+
+
+def _view(draws: Float[np.ndarray, " n_draw"], width: float | np.floating) -> tuple[float, float]:
+    centre = 0.5 * (float(draws.min()) + float(draws.max()))
+    return centre - 0.5 * float(width), centre + 0.5 * float(width)
+
+
+def _correlation_text(correlation: float | np.floating | None) -> str:
+    if correlation is None:
+        return ""
+    if not np.isfinite(correlation):
+        return "\ncorrelation not defined: one of the two does not vary"
+    return f"\ncorrelation {number(correlation, 2)}"
+
+
+def _draw_pairs(
+    ax: Axes,
+    theta: Float[np.ndarray, " n_draw"],
+    projection: Float[np.ndarray, " n_draw"],
+    zero: Bool[np.ndarray, " n_draw"],
+    width: float | np.floating,
+) -> None:
+    ax.axhline(0.0, color=GREY, linewidth=0.8, zorder=0)
+    on_line = (0.0, float(np.median(theta + projection)))
+    ax.axline(on_line, slope=-1.0, color=DARK, linewidth=1.0, linestyle=(0, (4, 3)), label="θ + f = constant")
+    kept = every_nth(len(theta), _MOST_POINTS)
+    for chosen, colour, label in ((~zero, BLUE, "draws"), (zero, ORANGE, "draws with θ exactly 0")):
+        if chosen.any():
+            x, y = theta[kept][chosen[kept]], projection[kept][chosen[kept]]
+            ax.plot(x, y, "o", color=colour, markersize=3, alpha=0.25, markeredgewidth=0, label=label)
+    _draw_contours(ax, theta[~zero], projection[~zero], width)
+    legend = ax.legend(loc="upper right", handletextpad=0.4)
+    for handle in legend.legend_handles:
+        if handle is not None:
+            handle.set_alpha(1.0)
+
+
+def _draw_contours(
+    ax: Axes, x: Float[np.ndarray, " n_draw"], y: Float[np.ndarray, " n_draw"], width: float | np.floating
+) -> None:
+    """Outlines of the densest cells that hold half and nine tenths of the draws."""
+    if len(x) < 200 or min(np.ptp(x), np.ptp(y)) < 0.01 * width:
+        return
+    # Counted along the principal axes of the cloud: cells along x and y would blur a narrow ridge.
+    draws = np.stack([x, y], axis=1)
+    variance, direction = np.linalg.eigh(np.cov(draws.T))
+    if variance[0] <= 1e-10 * variance[1]:
+        return
+    to_draws = direction * np.sqrt(variance)
+    whitened = (draws - draws.mean(axis=0)) @ direction / np.sqrt(variance)
+    reach = 1.1 * float(np.abs(whitened).max())
+    count, edge, _ = np.histogram2d(*whitened.T, bins=_N_CELL, range=[(-reach, reach)] * 2)
+    for axis in (0, 1, 0, 1, 0, 1):
+        padded = np.pad(count, [(1, 1) if i == axis else (0, 0) for i in (0, 1)])
+        before, here, after = (np.take(padded, np.arange(_N_CELL) + i, axis) for i in range(3))
+        count = 0.25 * before + 0.5 * here + 0.25 * after
+    ordered = np.sort(count.ravel())[::-1]
+    share = np.cumsum(ordered) / ordered.sum()
+    levels = [float(ordered[np.searchsorted(share, held)]) for held in (0.9, 0.5)]
+    if levels[0] < levels[1]:
+        centre = 0.5 * (edge[1:] + edge[:-1])
+        cells = np.stack(np.meshgrid(centre, centre, indexing="ij"), axis=-1) @ to_draws.T + draws.mean(axis=0)
+        ax.contour(cells[..., 0], cells[..., 1], count, levels=levels, colors=[DARK], linewidths=[0.9, 1.5])
+
+
+def _draw_marginal(
+    ax: Axes,
+    draws: Float[np.ndarray, " n_draw"],
+    zero: Bool[np.ndarray, " n_draw"],
+    view: tuple[float, float],
+    orientation: str,
+) -> None:
+    ax.hist(
+        [draws[~zero], draws[zero]],
+        bins=np.linspace(*view, _N_BIN + 2).tolist(),
+        color=[BLUE, ORANGE],
+        stacked=True,
+        orientation="vertical" if orientation == "vertical" else "horizontal",
+    )
+    if orientation == "vertical":
+        ax.set_xlim(*view)
+    else:
+        ax.set_ylim(*view)
+    ax.set_xticks([])
+    ax.set_yticks([])
+    for spine in ax.spines.values():
+        spine.set_visible(False)

@@ -1,0 +1,146 @@
+"""Figures of a missing-effect study: they draw the numbers of `discovery`."""
+
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+from matplotlib.figure import Figure
+
+from bayes_greybox.criticism.bands import Band
+from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.discovery.study import StudyResult
+from bayes_greybox.report.formatting import formula
+from bayes_greybox.report.study_numbers import added_draws, normal_band, support
+from bayes_greybox.report.study_words import added, marked, name_of
+
+from .gap.before_after import plot_free_run, plot_gap_over_time
+from .gap.gap_map import plot_gap_curve, plot_gap_map
+from .gap.posteriors import Coefficient, plot_posteriors
+from .gap.ranking import plot_hypotheses, plot_rounds
+
+MOST_HYPOTHESES = 10
+"""Hypotheses in the ranking's figure; a table has them all."""
+
+
+def study_figures(study: StudyResult) -> dict[str, Figure]:
+    """Every figure of a study, by file name: gap maps, gap over time, ranking, rounds, coefficients, free runs.
+
+    Args:
+        study: The study.
+    """
+    figures: dict[str, Figure] = {}
+    several = len(study.maps) > 1
+    for equation in study.maps:
+        suffix = f"_{equation}" if several else ""
+        figures[f"gap_map{suffix}"] = gap_map(study, equation)
+        if equation in study.traces:
+            figures[f"gap_time{suffix}"] = gap_over_time(study, equation)
+        if equation in _equations(study.hypotheses):
+            figures[f"ranking{suffix}"] = ranking(study, equation)
+        if equation in _equations(study.rounds):
+            figures[f"rounds{suffix}"] = rounds(study, equation)
+    if added(study).size:
+        figures["added_coefficients"] = added_coefficients(study)
+    figures |= {f"free_run_{state}": free_run(study, state) for state in study.paths}
+    return figures
+
+
+def gap_map(study: StudyResult, equation: str, parts: tuple[str, ...] = ("before", "after")) -> Figure:
+    """Gap over the state space before and after, on one scale; curves where it is over one variable.
+
+    Args:
+        study: The study.
+        equation: Learned state.
+        parts: Which of "before" and "after"; curves always show both.
+    """
+    gap = study.maps[equation]
+    inside = support(gap)
+    if len(gap.variables) == 1:
+        values = (np.ravel(v) for v in (gap.before, gap.after, gap.probability, gap.after_probability))
+        return plot_gap_curve(
+            np.asarray(gap.axes[0]), *values,
+            variable=gap.variables[0], variable_unit=gap.units[0], title=f"Gap in the equation for {equation}",
+            threshold=gap.threshold, unit=gap.unit, inside=inside, samples=np.ravel(gap.samples),
+        )  # fmt: skip
+    shown = {
+        "before": ("Before: the simulation as given", gap.before, gap.probability),
+        "after": ("After: the amended model", gap.after, gap.after_probability),
+    }
+    seen = inside if inside.any() else np.ones_like(inside)
+    return plot_gap_map(
+        (np.asarray(gap.axes[0]), np.asarray(gap.axes[1])),
+        {shown[part][0]: shown[part][1:] for part in parts},
+        variables=gap.variables, units=gap.units, threshold=gap.threshold, unit=gap.unit,
+        # One scale for both, also where they are drawn as two figures.
+        limit=max(float(np.abs(values[seen]).max()) for values in (gap.before, gap.after)),
+        inside=inside, samples=gap.samples,
+    )  # fmt: skip
+
+
+def gap_over_time(study: StudyResult, equation: str, width: float = 9.0) -> Figure:
+    """Gap along the training data before and after, with its 90 % bands."""
+    trace = study.traces[equation]
+    return plot_gap_over_time(
+        trace.time, normal_band(trace.before, trace.before_sd), normal_band(trace.after, trace.after_sd),
+        equation=equation, threshold=trace.threshold, probability=trace.probability, unit=trace.unit, width=width,
+        **_runs(study.train, trace.run),
+    )  # fmt: skip
+
+
+def ranking(study: StudyResult, equation: str) -> Figure:
+    """Hypotheses about one equation, most probable first."""
+    table = study.hypotheses.xs(equation, level=0).sort_values("probability", ascending=False).head(MOST_HYPOTHESES)
+    chosen, tied = marked(study, equation)
+    return plot_hypotheses(
+        [name_of(study, slug) for slug in table.index],
+        table["probability"].to_numpy(float), table["share_left"].to_numpy(float),
+        chosen=[name_of(study, slug) for slug in chosen], tied=[name_of(study, slug) for slug in tied],
+        title=f"Hypotheses about d({equation})/dt",
+    )  # fmt: skip
+
+
+def rounds(study: StudyResult, equation: str) -> Figure:
+    """What each round added and what it left of the gap."""
+    table = study.rounds.xs(equation, level=0)
+    labels, left = ["the simulation as given"], [1.0, *table["share_left"]]
+    for number, row in zip(table.index, table.to_dict("records"), strict=True):
+        did = f"add {name_of(study, row['added'])}" if row["added"] else f"stop: {name_of(study, row['verdict'])}"
+        labels.append(f"{number}. {did}")
+    return plot_rounds(labels, np.array(left, float), title=f"Rounds about d({equation})/dt")
+
+
+def added_coefficients(study: StudyResult) -> Figure:
+    """Posterior of the coefficient of each effect that was added."""
+    chosen = study.effects.loc[added(study)]
+    return plot_posteriors(
+        [
+            Coefficient(
+                name=row["name"], term=formula(row["expression"]), mean=float(row["mean"]), sd=float(row["sd"]),
+                lower=float(row["lower"]), upper=float(row["upper"]), unit=row["unit"], draws=added_draws(study, place),
+            )
+            for place, row in enumerate(chosen.to_dict("records"))
+        ]
+    )  # fmt: skip
+
+
+def free_run(study: StudyResult, state: str, width: float = 9.0) -> Figure:
+    """A state as measured and as the models run it from its start alone."""
+    path = study.paths[state]
+    data = study.train if study.test is None else study.test
+    return plot_free_run(
+        path.time, path.measured, _rows(path.before), _rows(path.after),
+        state=state, unit=data.unit(state), width=width, **_runs(data, path.run),
+    )  # fmt: skip
+
+
+def _rows(band: Band) -> Float[np.ndarray, "3 n_obs"]:
+    return np.stack([band.mean, band.lower, band.upper])
+
+
+def _runs(data: Trajectories, run: np.ndarray) -> dict[str, Any]:
+    about = {"time_unit": data.unit("t") or ""}
+    return about if len(np.unique(run)) == 1 else {**about, "run": run, "run_names": list(data.run_names)}
+
+
+def _equations(table: Any) -> list[str]:
+    return list(dict.fromkeys(table.index.get_level_values(0))) if len(table) else []

@@ -1,0 +1,73 @@
+"""A fit as short tables for a terminal."""
+
+from collections.abc import Iterator
+
+import pandas as pd
+from rich.console import Group, RenderableType
+from rich.text import Text
+
+from bayes_greybox.criticism.discrepancy import discrepancy_table
+from bayes_greybox.criticism.inclusion import inclusion
+from bayes_greybox.data.columns import derivative_label
+from bayes_greybox.inference.posterior import Posterior
+from bayes_greybox.report.formatting import (
+    PROBABILITIES,
+    level_text,
+    nmse_text,
+    number,
+    percent_text,
+    probability_column,
+    probability_text,
+)
+
+from .tables import plain_table, verdict_text
+
+_LEVEL = 0.9
+
+
+def fit_tables(fit: Posterior, held_out: pd.Series | None) -> Iterator[RenderableType]:
+    """Verdict in words, then coefficients, discrepancy and error on held-out data.
+
+    Args:
+        fit: The fit.
+        held_out: Normalised mean squared error by equation, or None.
+
+    Yields:
+        What to print, in order.
+    """
+    yield verdict_text(fit)
+    table = inclusion(fit, _LEVEL)
+    for equation in fit.model.equations:
+        yield _coefficients(derivative_label(equation, fit.data.time_name), table.loc[equation])
+    yield _discrepancy(discrepancy_table(fit, _LEVEL))
+    if held_out is not None:
+        errors = ", ".join(f"{name} {nmse_text(value)}" for name, value in held_out.items())
+        yield Text(f"\nError on held-out data (NMSE of the derivative): {errors}")
+
+
+def _coefficients(label: str, table: pd.DataFrame) -> RenderableType:
+    rows = plain_table(f"Coefficients of {label}, with {level_text(_LEVEL)} intervals")
+    probability = probability_column(table)
+    rows.add_column("term", overflow="fold")
+    for title in ("mean", "sd", "lower", "upper"):
+        rows.add_column(title, justify="right", no_wrap=True)
+    rows.add_column("unit", overflow="fold")
+    rows.add_column(PROBABILITIES[probability], justify="right", no_wrap=True)
+    for term, entry in table.to_dict("index").items():
+        numbers = [number(entry[column], 4) for column in ("mean", "sd", "lower", "upper")]
+        cells = [term, *numbers, entry["unit"], probability_text(entry[probability])]
+        rows.add_row(*(Text(str(cell)) for cell in cells))
+    return Group("", rows)
+
+
+def _discrepancy(table: pd.DataFrame) -> RenderableType:
+    rows = plain_table(f"Shares of the variance, with the {level_text(_LEVEL)} interval of the discrepancy's")
+    rows.add_column("equation", overflow="fold")
+    parts = ("simulation", "dictionary", "noise", "discrepancy", "discrepancy_lower", "discrepancy_upper")
+    for title in (*parts[:4], "lower", "upper"):
+        rows.add_column(title, justify="right", no_wrap=True)
+    entries = table.to_dict("index")
+    for equation, entry in entries.items():
+        rows.add_row(Text(str(equation)), *(Text(percent_text(entry[part])) for part in parts))
+    trades = ", ".join(f"{number(entry['correlation'], 2)} ({entry['term']})" for entry in entries.values())
+    return Group("", rows, Text(f"Largest correlation of a coefficient with the discrepancy: {trades}"))

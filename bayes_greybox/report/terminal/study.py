@@ -1,0 +1,103 @@
+"""A missing-effect study as a sentence and short tables for a terminal."""
+
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+from rich.console import Group, RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from bayes_greybox.criticism.convergence import convergence
+from bayes_greybox.discovery.study import StudyResult
+from bayes_greybox.report.formatting import estimate, formula, percent_text, probability_text
+from bayes_greybox.report.sentence import sentence
+from bayes_greybox.report.study_words import metric_value, name_of, shown_part
+
+from .tables import plain_table
+
+MOST_EFFECTS = 5
+"""Effects shown; the report and the record have them all."""
+
+STYLES = {"no gap": "bold green", "named": "bold green", "unknown": "bold red"}
+
+
+def study_tables(study: StudyResult) -> Iterator[RenderableType]:
+    """Verdict in one sentence, convergence where it is bad, then where, what, and the gap before and after.
+
+    Args:
+        study: The study.
+
+    Yields:
+        What to print, in order.
+    """
+    yield Text.assemble((study.verdict.upper(), STYLES.get(study.verdict, "bold yellow")), f": {sentence(study)}")
+    if study.fit is not None and not convergence(study.fit).ok:
+        yield Text(str(convergence(study.fit)), style="red")
+    if len(study.where):
+        yield Group("", _where(study))
+    if len(study.effects):
+        yield Group("", _effects(study))
+    yield Group("", _gap(study))
+    for tie in study.ties:
+        names = " or ".join(name_of(study, slug) for slug in tie["slugs"])
+        yield Text(f"\nNot told apart by these data: {names}. {tie['advice']}")
+
+
+def _where(study: StudyResult) -> Table:
+    rows = [
+        (
+            row["description"],
+            row["equation"],
+            probability_text(row["probability"]),
+            percent_text(row["gap_share"]),
+            percent_text(row["sample_share"]),
+        )
+        for row in study.where.to_dict("records")
+    ]
+    return _table(study, "Where the gap is", ("where", "equation", "#P", "#of the gap", "#of the samples"), rows)
+
+
+def _effects(study: StudyResult) -> Table:
+    rows = [
+        (
+            "+" if row["status"] == "added" else "",
+            row["name"],
+            row["equation"],
+            formula(row["expression"]),
+            probability_text(row["probability"]),
+            estimate(row["mean"], row["sd"], row["unit"]),
+        )
+        for row in study.effects.head(MOST_EFFECTS).to_dict("records")
+    ]
+    title = "Effects, best first (+ added to the model)"
+    return _table(study, title, ("", "effect", "equation", "term", "#P", "#coefficient"), rows)
+
+
+def _gap(study: StudyResult) -> Table:
+    part = shown_part(study)
+    table = study.gap.xs(part, level=0)
+    rows = [
+        (
+            metric,
+            variable,
+            metric_value(study, metric, row["before"]),
+            metric_value(study, metric, row["after"]),
+            percent_text(row["closed"]),
+        )
+        for (metric, variable), row in zip(table.index, table.to_dict("records"), strict=True)
+    ]
+    title = f"The gap before and after, on {'held-out' if part == 'test' else 'training'} data"
+    return _table(study, title, ("measure", "variable", "#before", "#after", "#closed"), rows)
+
+
+def _table(study: StudyResult, title: str, columns: Sequence[str], rows: Sequence[Sequence[Any]]) -> Table:
+    """A table; the column that says which equation is left out where there is one equation only."""
+    table = plain_table(title)
+    kept = [i for i, column in enumerate(columns) if column != "equation" or len(study.maps) > 1]
+    for i in kept:
+        number = columns[i].startswith("#")
+        side = "right" if number else "left"
+        table.add_column(columns[i].lstrip("#"), justify=side, no_wrap=number, overflow="fold")
+    for row in rows:
+        table.add_row(*(Text(str(row[i])) for i in kept))
+    return table

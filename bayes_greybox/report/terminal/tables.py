@@ -1,0 +1,34 @@
+"""What the tables for a terminal have in common."""
+
+import pandas as pd
+from rich.table import Table
+from rich.text import Text
+
+from bayes_greybox.criticism.convergence import convergence
+from bayes_greybox.inference.posterior import Posterior
+from bayes_greybox.report.formatting import number
+
+
+def plain_table(title: str) -> Table:
+    """An empty table without lines."""
+    return Table(title=title, title_justify="left", title_style="bold", box=None, pad_edge=False, header_style="dim")
+
+
+def frame_table(title: str, table: pd.DataFrame) -> Table:
+    """Any table with a plain index, which comes first."""
+    rows = plain_table(title)
+    rows.add_column(str(table.index.name or ""), no_wrap=True)
+    for column in table.columns:
+        rows.add_column(str(column), justify="right")
+    for key, entry in zip(table.index, table.to_numpy(dtype=object), strict=True):
+        rows.add_row(Text(str(key)), *(Text(number(value)) for value in entry))
+    return rows
+
+
+def verdict_text(fit: Posterior, label: str = "") -> Text:
+    """What the convergence checks say of a fit; `label` comes before it."""
+    first, *rest = str(convergence(fit)).splitlines()
+    text = Text(f"{label}{first}", style="green" if convergence(fit).ok else "bold red")
+    for line in rest:
+        text.append(f"\n{line}", style="not bold default")
+    return text

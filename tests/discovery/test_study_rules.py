@@ -1,0 +1,283 @@
+"""Rules of a whole study: which equations, whose verdict, what is in the amended model, what is refused."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pandas as pd
+import pytest
+from tiny_equation import CUBE, DEAD_ZONE, SQUARE, tiny_evaluations
+
+import bayes_greybox.discovery.study as module
+from bayes_greybox.data.errors import InputError
+from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.discovery.equation import EquationStudy
+from bayes_greybox.discovery.gap import Amendment, FreePath
+from bayes_greybox.discovery.odds import Odds
+from bayes_greybox.discovery.rounds import NEGLIGIBLE, SUBSTANTIAL, TIED
+from bayes_greybox.discovery.study import ORDER, _check_data, amended_program, investigate, studied_equations
+from bayes_greybox.discovery.where import GapMap, GapTrace
+from bayes_greybox.model.program import Program
+from bayes_greybox.physics.terms import Term
+
+
+def two_states(n=12, rates=("x", "z"), states=("x", "z"), lengths=None, seed=0):
+    """Noise in every column, in runs of these lengths."""
+    rng = np.random.default_rng(seed)
+    lengths = lengths or [n]
+    columns = {name: [rng.uniform(-1, 1, k) for k in lengths] for name in ("x", "z", "dx", "dz")}
+    return Trajectories.from_arrays(
+        [np.arange(float(k)) for k in lengths],
+        states={name: columns[name] for name in states},
+        derivatives={name: columns[f"d{name}"] for name in rates},
+    )
+
+
+BOTH = Program(simulation={"x": "-x + z", "z": "-z*x"})
+
+
+# Which equations
+
+
+def test_the_equations_of_the_dictionary_are_studied_and_no_others():
+    assert studied_equations(Program({"z": ["x"]}, simulation=BOTH.simulation), two_states()) == ("z",)
+
+
+def test_without_a_dictionary_every_equation_with_a_measured_rate_is_studied():
+    assert studied_equations(BOTH, two_states()) == ("x", "z")
+    assert studied_equations(BOTH, two_states(rates=("z",))) == ("z",)
+
+
+def test_an_equation_that_only_names_another_state_is_not_studied():
+    assert studied_equations(Program(simulation={"x": "z", "z": "-x"}), two_states()) == ("z",)
+
+
+def test_an_equation_that_the_simulation_meets_exactly_is_not_studied():
+    plain = two_states()
+    x, z = plain.states["x"], plain.states["z"]
+    rates = {"x": -x + z, "z": plain.derivatives["z"]}
+    data = Trajectories.from_arrays(plain.time, states=dict(plain.states), derivatives=rates)
+    assert studied_equations(BOTH, data) == ("z",)
+
+
+def test_data_that_the_simulation_meets_exactly_leave_nothing_to_study():
+    plain = two_states()
+    x, z = plain.states["x"], plain.states["z"]
+    data = Trajectories.from_arrays(plain.time, states=dict(plain.states), derivatives={"x": -x + z, "z": -z * x})
+    with pytest.raises(InputError, match="equals every measured derivative exactly"):
+        studied_equations(BOTH, data)
+
+
+def test_data_whose_only_rate_is_kinematic_are_refused_with_the_remedy():
+    with pytest.raises(InputError, match=r"no equation to study.*data\.differentiate"):
+        studied_equations(Program(simulation={"x": "z"}), two_states(rates=("x",)))
+
+
+# Whose verdict
+
+
+def blank(kind, equation):
+    """An instance of a dataclass with nothing in it but the name of its equation."""
+    made = object.__new__(kind)
+    made.__dict__["equation"] = equation
+    return made
+
+
+class Told(EquationStudy):
+    """What was found out about one equation, in as few words as tables need."""
+
+    def __init__(self, name, verdict):
+        parts = {"amendment": Amendment, "map": GapMap, "trace": GapTrace}
+        self.__dict__ |= {"name": name, **{part: blank(kind, name) for part, kind in parts.items()}}
+        self.__dict__ |= {
+            "statistics": SimpleNamespace(left_out={"odd": f"odd in {name}"}, columns=[], of_kind=lambda kind: []),
+            "finding": SimpleNamespace(verdict=verdict, base=()),
+            "where": self.frame(),
+        }
+
+    def frame(self, *_):
+        return pd.DataFrame({"equation": [self.name]})
+
+    effects = hypotheses = corrections = ladder = frame
+
+    def ties(self, data):
+        return [{"equation": self.name}]
+
+
+@pytest.fixture
+def told(monkeypatch):
+    """A study whose equations have the verdicts that are given, and the calls that it made."""
+    calls = SimpleNamespace(studied=[], gaps=[])
+
+    def study(*verdicts, **settings):
+        given = dict(zip(("x", "z"), verdicts, strict=True))
+
+        def study_equation(model, train, name, *rest):
+            calls.studied.append((name, *rest))
+            return Told(name, given[name])
+
+        def gap_rows(model, amendments, data, part, *rest):
+            calls.gaps.append(part)
+            return pd.DataFrame({"part": [part]}), {"x": blank(FreePath, part)}
+
+        monkeypatch.setattr(module, "study_equation", study_equation)
+        monkeypatch.setattr(module, "gap_rows", gap_rows)
+        monkeypatch.setattr(module, "sentence", lambda findings, data, verdict, effects, gap: f"It is {verdict}.")
+        return investigate(BOTH, two_states(), catalogue="population", progress=False, **settings)
+
+    study.calls = calls
+    return study
+
+
+@pytest.mark.parametrize("later", range(1, len(ORDER)))
+@pytest.mark.parametrize("swapped", [False, True])
+def test_of_two_equations_the_graver_verdict_speaks_for_the_study(told, later, swapped):
+    pair = (ORDER[later], ORDER[later - 1])
+    assert told(*(pair[::-1] if swapped else pair)).verdict == ORDER[later]
+
+
+def test_verdicts_grow_graver_from_no_gap_to_unknown():
+    assert ORDER == ("no gap", "recalibrate", "named", "partly named", "unknown")
+
+
+def test_tables_maps_and_ties_are_those_of_all_equations(told):
+    found = told("named", "no gap")
+    for table in (found.effects, found.hypotheses, found.corrections, found.where, found.rounds):
+        assert table["equation"].tolist() == ["x", "z"]
+    for part in (found.maps, found.traces, found.amendments):
+        assert {name: made.equation for name, made in part.items()} == {"x": "x", "z": "z"}
+    assert [tie["equation"] for tie in found.ties] == ["x", "z"]
+
+
+def test_what_was_left_out_is_told_by_equation(told):
+    left_out = told("named", "no gap").left_out
+    assert left_out[("x", "odd")] == "odd in x" and left_out[("z", "odd")] == "odd in z"
+
+
+def test_the_sentence_is_that_of_the_verdict_of_the_study(told):
+    assert told("named", "unknown").sentence == "It is unknown."
+
+
+def test_the_gap_is_measured_on_test_data_where_there_are_any(told):
+    assert told("named", "no gap").gap["part"].tolist() == ["train"]
+    assert told("named", "no gap", test=two_states(seed=1)).gap["part"].tolist() == ["train", "test"]
+
+
+def test_free_runs_shown_are_those_of_the_test_data_where_there_are_any(told):
+    assert told("named", "no gap").paths["x"].equation == "train"
+    assert told("named", "no gap", test=two_states(seed=1)).paths["x"].equation == "test"
+
+
+def test_settings_reach_each_equation(told):
+    odds = Odds(effects=0.2)
+    told("named", "no gap", odds=odds, effects_at_most=2, seed=7, settle=False)
+    for name, (studied, _, *rest) in zip(("x", "z"), told.calls.studied, strict=True):
+        assert studied == name and rest[:4] == [odds, 2, 7, False]
+
+
+def test_odds_and_thresholds_are_stated_in_the_result(told):
+    settings = told("named", "no gap", odds=Odds(effects=0.2)).settings
+    assert settings["prior odds"]["effects"] == 0.2
+    assert {TIED, NEGLIGIBLE, SUBSTANTIAL} <= set(settings["thresholds"].values())
+
+
+def test_nothing_is_sampled(told):
+    assert told("named", "no gap").fit is None
+
+
+# The amended model
+
+
+def finding_of(known, base):
+    study = object.__new__(EquationStudy)
+    study.__dict__.update(statistics=known.statistics, evaluations=known, finding=SimpleNamespace(base=base))
+    return study
+
+
+def amended(known, base, model=BOTH):
+    return amended_program(model, {"x": finding_of(known, base)})
+
+
+def test_the_amended_model_has_free_terms_corrections_and_effects():
+    known = tiny_evaluations([CUBE, SQUARE], dictionary={"x": ["sin(3*x)"]})
+    _, square = known.statistics.of_kind("effect")
+    terms = amended(known, (square,)).dictionary["x"]
+    assert [term.name for term in terms] == ["sin(3*x)", "x", "x**2"]
+
+
+def test_effects_that_were_not_added_are_not_in_the_amended_model():
+    known = tiny_evaluations([CUBE, SQUARE])
+    assert [term.name for term in amended(known, ()).dictionary["x"]] == ["x"]
+
+
+def test_an_effect_is_added_at_the_value_of_its_inner_parameter():
+    known = tiny_evaluations([DEAD_ZONE])
+    index = known.statistics.of_kind("effect")[2]
+    assert amended(known, (index,)).dictionary["x"][-1] is known.statistics.columns[index].term
+
+
+def test_where_nothing_is_free_an_offset_is_asked_for():
+    known = tiny_evaluations(simulation=lambda t, x, u: [-x[0]])
+    assert amended(known, ()).dictionary["x"] == [Term("1")]
+
+
+def test_the_amended_model_is_otherwise_the_model_that_was_given():
+    known = tiny_evaluations()
+    model = Program(simulation=BOTH.simulation, noise_floor=3e-4)
+    found = amended(known, (), model)
+    assert found.simulation == model.simulation and found.noise_floor == 3e-4 and model.dictionary == {}
+
+
+# What is refused
+
+
+def check(train, test=None, free_runs=True, equations=("x", "z"), model=BOTH):
+    _check_data(model, equations, train, test, free_runs)
+
+
+def test_data_that_can_be_used_are_not_refused():
+    check(two_states(lengths=[2, 5]), two_states(seed=1))
+
+
+def test_test_data_without_a_column_of_the_training_data_are_refused():
+    with pytest.raises(InputError, match="test data have no 'z'.*add it"):
+        check(two_states(), two_states(rates=("x",), states=("x",)))
+
+
+def test_test_data_may_have_columns_that_the_training_data_have_not():
+    model = Program(simulation={"x": "-x"})
+    check(two_states(rates=("x",), states=("x",)), two_states(), equations=("x",), model=model)
+
+
+def test_test_data_need_no_rates():
+    check(two_states(), two_states(rates=()))
+
+
+@pytest.mark.parametrize("part", ["training", "test"])
+def test_a_run_of_one_row_is_refused_by_name_since_it_cannot_run_freely(part):
+    short, long = two_states(lengths=[5, 1]), two_states(seed=1)
+    with pytest.raises(InputError, match=f"Run '1' of the {part} data has one row.*free_runs=False"):
+        check(*((short, long) if part == "training" else (long, short)))
+
+
+def test_a_run_of_one_row_will_do_without_free_runs():
+    check(two_states(lengths=[5, 1]), free_runs=False)
+
+
+def test_a_run_of_one_row_will_do_where_no_free_run_is_possible():
+    check(two_states(lengths=[5, 1]), equations=("x",), model=Program(simulation={"x": "-x"}))
+
+
+@pytest.mark.parametrize("field", ["no_gap", "recalibrate", "unknown", "effects", "another", "correction", "remainder"])
+@pytest.mark.parametrize("value", [0.0, 1.0, -0.1, float("nan")])
+def test_odds_are_probabilities_that_exclude_nothing(field, value):
+    with pytest.raises(InputError, match=f"{field} = .* must be a probability above 0 and below 1"):
+        Odds(**{field: value})
+
+
+@pytest.mark.parametrize(("another", "fine"), [(0.89, True), (0.91, False)])
+def test_odds_leave_something_to_effects_that_are_enough(another, fine):
+    if fine:
+        assert Odds(another=another).another == another
+    else:
+        with pytest.raises(InputError, match="their sum must be below 1"):
+            Odds(another=another)

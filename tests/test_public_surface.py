@@ -1,0 +1,94 @@
+"""The names that users hold: all of them resolve, old ones too, and results have what they are said to have."""
+
+import ast
+import subprocess
+import sys
+from dataclasses import fields
+from pathlib import Path
+
+import pytest
+
+import bayes_greybox as bg
+
+ROOT = Path(bg.__file__).parent
+STUB = ast.parse((ROOT / "__init__.pyi").read_text(encoding="utf-8"))
+NAMES = [alias.asname for node in STUB.body if isinstance(node, ast.ImportFrom) for alias in node.names]
+
+# What was public before names were moved: it keeps working.
+BEFORE = """
+    Calibration calibrate compare cross_validate dataset_table load_dataset InputError read_table Trajectories Odds Fit
+    GreyBox load Study find_missing_effects OrthogonalGP CustomPrior Laplace Normal RegularisedHorseshoe SpikeAndSlab
+    systems Dictionary Term polynomial PriorComparison compare_priors figures plots study_figures __version__
+""".split()
+RETURNED = [
+    "Verdict",
+    "Prediction",
+    "FreeRun",
+    "Checks",
+    "LooPit",
+    "DiscrepancyGrid",
+    "Loo",
+    "DerivativeRows",
+    "priors",
+]
+
+FIGURES = """
+    calibration autocorrelation coefficients discrepancy_over_states discrepancy_over_time fit_figures loo_pit predicted
+    predictive sensitivity study_figures trade_off
+""".split()
+STUDY_FIGURES = """
+    study_figures gap_map gap_over_time ranking rounds coefficients free_run added name_of marked support
+""".split()
+PLOTS = """
+    Coefficient plot_calibration plot_autocorrelation plot_coefficients plot_comparison plot_confounding
+    plot_discrepancy_over_states plot_discrepancy_over_time plot_free_run plot_gap_curve plot_gap_map plot_gap_over_time
+    plot_hypotheses plot_loo_pit plot_posteriors plot_predicted plot_predictive plot_rounds plot_sensitivity
+    plot_tradeoff save_figures
+""".split()
+
+
+def test_every_name_of_the_stub_resolves_and_is_listed():
+    assert len(NAMES) == len(set(NAMES)) and None not in NAMES
+    for name in NAMES:
+        assert getattr(bg, name) is not None
+    assert set(NAMES) <= set(dir(bg))
+    assert {*BEFORE, *RETURNED, "catalogue"} <= {*NAMES, "__version__"}
+    with pytest.raises(AttributeError, match="no_such_name"):
+        bg.no_such_name  # noqa: B018
+
+
+@pytest.mark.parametrize("name", ["plots", "priors", "study_figures"])
+def test_a_name_can_be_the_first_that_is_used(name):
+    subprocess.run([sys.executable, "-c", f"import bayes_greybox as bg; bg.{name}"], check=True, cwd=ROOT.parent)
+
+
+def test_one_door_has_every_figure_and_the_old_doors_lead_to_it():
+    assert {*PLOTS, *FIGURES, "gap_map", "free_run", "ranking", "added_coefficients"} <= set(bg.plots.__all__)
+    for name in bg.plots.__all__:
+        assert callable(getattr(bg.plots, name))
+    for name in FIGURES:
+        assert getattr(bg.figures, name) is getattr(bg.plots, name)
+    for name in STUDY_FIGURES:
+        new = {"coefficients": "added_coefficients"}.get(name, name)
+        assert getattr(bg.study_figures, name) is getattr(bg.plots, new, getattr(bg.study_figures, name))
+    assert bg.study_figures.coefficients is bg.plots.added_coefficients
+
+
+def test_results_have_what_they_are_said_to_have(study):
+    fit = study.fit
+    for name in ("idata", "verdict", "model", "data", "sampling"):
+        assert hasattr(fit, name)
+    methods = """
+        summary inclusion discrepancy discrepancy_grid trade_off predict simulate checks loo_pit whiteness sensitivity
+        save to_html
+    """.split()
+    assert all(callable(getattr(bg.Fit, name)) for name in methods)
+    assert all(callable(getattr(bg.Study, name)) for name in ("save", "to_html", "record", "free_run"))
+    tables = {"verdict", "sentence", "effects", "hypotheses", "corrections", "where", "gap", "rounds", "ties", "model"}
+    assert tables <= {*(field.name for field in fields(study)), "sentence"}
+    assert study.sentence in repr(study) and study.record()["sentence"] == study.sentence
+    assert list(study.record())[:2] == ["verdict", "sentence"]
+    assert isinstance(fit.verdict, bg.Verdict) and isinstance(fit.predict(study.test), bg.Prediction)
+    assert list(study.effects.columns[:10]) == [
+        "equation", "slug", "name", "expression", "probability", "mean", "sd", "lower", "upper", "unit",
+    ]  # fmt: skip
