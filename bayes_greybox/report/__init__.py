@@ -1,4 +1,4 @@
-"""What results look like: figures, pages, terminal tables, folders and records, made from results and nothing else."""
+"""What a reader sees: figures (`plots/`), HTML files (`pages/`), tables for a terminal, records, and result folders.
 
 It reads results and samples nothing. `formatting` prints every number, `sentence` says a study's verdict.
 """
