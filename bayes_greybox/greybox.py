@@ -26,7 +26,6 @@ from bayes_greybox.model.discrepancy import OrthogonalGP
 from bayes_greybox.model.features import HilbertBasis
 from bayes_greybox.model.program import Program
 from bayes_greybox.physics.simulation import RightHandSide
-from bayes_greybox.report.pages.fit_page import fit_html
 
 MOST_REFITS, MARGIN = 2, 1.15
 """How often a fit is repeated with more features, and by how much these exceed what the last posterior asked for."""
@@ -144,6 +143,9 @@ class Fit(Posterior):
 
     def to_html(self, path: str | os.PathLike) -> None:
         """Write the report as one self-contained page."""
+        # Matplotlib is imported only where a page is wanted.
+        from bayes_greybox.report.pages.fit_page import fit_html
+
         fit_html(self, path)
 
     def __repr__(self) -> str:

@@ -15,7 +15,6 @@ from bayes_greybox.discovery.study import StudyResult, investigate
 from bayes_greybox.greybox import Fit, GreyBox
 from bayes_greybox.inference import netcdf
 from bayes_greybox.physics.effects import CatalogueSpec
-from bayes_greybox.report.pages.study_page import study_html
 from bayes_greybox.report.sentence import sentence
 
 STUDY = "missing_effects"
@@ -66,6 +65,9 @@ class Study(StudyResult):
 
     def to_html(self, path: str | os.PathLike) -> None:
         """Write the report as one self-contained page."""
+        # Matplotlib is imported only where a page is wanted.
+        from bayes_greybox.report.pages.study_page import study_html
+
         study_html(self, path)
 
     def __repr__(self) -> str:

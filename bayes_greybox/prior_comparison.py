@@ -14,7 +14,6 @@ from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.greybox import Fit, GreyBox
 from bayes_greybox.model.priors import Laplace, Normal, Prior, RegularisedHorseshoe, SpikeAndSlab
-from bayes_greybox.report.pages.comparison_page import comparison_html
 
 FOUR_PRIORS: Mapping[str, Prior] = {
     "SpikeAndSlab": SpikeAndSlab(),
@@ -64,6 +63,9 @@ class PriorComparison:
 
     def to_html(self, path: str | os.PathLike) -> None:
         """Write the report as one self-contained page."""
+        # Matplotlib is imported only where a page is wanted.
+        from bayes_greybox.report.pages.comparison_page import comparison_html
+
         comparison_html(self.fits, self.comparison, path)
 
 

@@ -79,11 +79,10 @@ def discrepancy_table(posterior: Posterior, level: float = 0.9) -> pd.DataFrame:
         belongs to), overlap_none, correlation_none.
     """
     rows = {}
-    data = posterior.data
-    index = np.unique(np.linspace(0, data.n_obs - 1, min(data.n_obs, ROWS)).astype(int))
-    columns = {name: column[index] for name, column in data.columns.items()}
     for name, equation in posterior.equations.items():
-        frame = equation.frame
+        frame, n_row = equation.frame, equation.rows.n_row
+        index = np.unique(np.linspace(0, n_row - 1, min(n_row, ROWS)).astype(int))
+        columns = equation.rows.at(index)
         draws = posterior.draws(name, equation.design.worthwhile(PREDICTION_DRAWS))
         y, g = equation.rows.measured[index], equation.rows.simulated[index]
         Phi = np.asarray(frame.dictionary_rows(columns)) * frame.target_scale

@@ -168,7 +168,7 @@ def predictive_group(
         noise = equation.rows.noise.correlated(rng.standard_normal(mean.shape))
         measured = mean + np.asarray(draws.hyper.sigma)[:, None] * noise
         rate = equation.rows.simulated + equation.frame.target_scale * measured
-        groups[posterior.sites[name].rate] = rate.reshape(n_chain, len(kept), data.n_obs)
+        groups[posterior.sites[name].rate] = rate.reshape(n_chain, len(kept), -1)
     return groups, kept
 
 

@@ -12,13 +12,14 @@ from scipy.linalg import block_diag, cholesky_banded, get_lapack_funcs, toeplitz
 
 from .errors import InputError
 from .row_noise import WHITE_SHARE, RowNoise, check_white_share
+from .white_noise import WhiteNoise
 
 
 def noise_from_dict(record: Mapping[str, Any]) -> RowNoise:
     """Rebuild a noise from `RowNoise.to_dict`.
 
     Args:
-        record: mapping with the key "kind" ("banded" or "spectral") and the fields of that kind.
+        record: mapping with the key "kind" ("banded", "spectral" or "white") and the fields of that kind.
 
     Returns:
         The noise.
@@ -27,6 +28,8 @@ def noise_from_dict(record: Mapping[str, Any]) -> RowNoise:
         InputError: if the kind is unknown.
     """
     fields = {key: value for key, value in record.items() if key != "kind"}
+    if record["kind"] == "white":
+        return WhiteNoise(tuple(fields["run_lengths"]))
     if record["kind"] == "banded":
         return BandedNoise(
             autocorrelation=np.asarray(fields["autocorrelation"], dtype=float),
@@ -43,7 +46,9 @@ def noise_from_dict(record: Mapping[str, Any]) -> RowNoise:
             kept=tuple(fields["kept"]),
             white_share=float(fields["white_share"]),
         )
-    raise InputError(f'Row noise of kind "{record["kind"]}" is unknown; the kinds are "banded" and "spectral".')
+    raise InputError(
+        f'Row noise of kind "{record["kind"]}" is unknown; the kinds are "banded", "spectral" and "white".'
+    )
 
 
 def fir_noise(
@@ -109,7 +114,7 @@ class BandedNoise(RowNoise):
         return self.n_obs
 
     @cached_property
-    def log_det(self) -> float:
+    def log_det(self) -> float:  # pyright: ignore[reportIncompatibleMethodOverride]
         """log|R| = Σ 2 log diag L."""
         total = 0.0
         for n, variance in zip(self.run_lengths, self.run_variances, strict=True):
@@ -252,7 +257,7 @@ class SpectralNoise(RowNoise):
         return np.concatenate(powers, axis=1), self.kept, True
 
     @cached_property
-    def log_det(self) -> float:
+    def log_det(self) -> float:  # pyright: ignore[reportIncompatibleMethodOverride]
         """Log of the product of the nonzero eigenvalues of R."""
         return sum(2.0 * float(np.sum(np.log(values))) for values in self._eigenvalues)
 

@@ -86,7 +86,7 @@ def gap_rows(
         data: Measurements to compare with.
         part: "train" or "test".
         free_runs: Whether to integrate free runs.
-        interpolation: Of the inputs between samples in free runs, see `criticism.prediction.integrate_runs`.
+        interpolation: Of the inputs between samples in free runs, see `criticism.free_run.integrate_runs`.
     """
     simulation = model.simulator(data)
     rows = []

@@ -80,17 +80,17 @@ class Posterior:
     sampling: Sampling
     idata: xr.DataTree
     made: "Made | None" = field(default=None, repr=False, compare=False)
-    memory: dict[Any, Any] = field(default_factory=dict, repr=False, compare=False)
+    memory: dict[str, Any] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     @cached_property
     def equations(self) -> Mapping[str, Equation]:
         """Rows, frames and designs by equation; rebuilt from the data if the posterior was read from a file."""
-        return self.model.assemble(self.data) if self.made is None else self.made.equations
+        return self.model.assemble(self.data) if self._own is None else self._own.equations
 
     @cached_property
     def programs(self) -> "Programs":
         """The compiled programs of this fit, for fits to other data of the same shapes."""
-        return Programs(self.model, self.sampling) if self.made is None else self.made.programs
+        return Programs(self.model, self.sampling) if self._own is None else self._own.programs
 
     @property
     def sites(self) -> Sites:
@@ -148,6 +148,12 @@ class Posterior:
             return Scales(jnp.asarray(kept["sd"]), jnp.asarray(kept["log_odds"]))
         return self.model.slab(entry.design, values, values["sigma"] / entry.frame.target_scale)
 
+    @property
+    def _own(self) -> "Made | None":
+        """What the run left, unless `dataclasses.replace` put another model or other data in its place."""
+        made = self.made
+        return made if made is not None and made.model is self.model and made.data is self.data else None
+
     def _flat(self, equation: str, at_most: int | None, group_name: str) -> dict[str, np.ndarray]:
         """Variables of one equation by quantity, chains flattened, evenly thinned."""
         group = self.idata[group_name].dataset
@@ -164,8 +170,10 @@ class Posterior:
 
 @dataclass(frozen=True, eq=False)
 class Made:
-    """What a run leaves beside its draws: the equations that were sampled, and the programs that were compiled."""
+    """What a run of a model on data leaves beside its draws: the sampled equations, and the compiled programs."""
 
+    model: Program
+    data: Trajectories
     equations: Mapping[str, Equation]
     programs: "Programs"
 
@@ -175,12 +183,14 @@ Result = TypeVar("Result")
 
 def remembered(function: Callable[[Posterior], Result]) -> Callable[[Posterior], Result]:
     """Find something out about a posterior once; later calls return the same object."""
+    # A name, not the function: a posterior read from a file can be pickled, whatever it was asked.
+    name = f"{function.__module__}.{function.__qualname__}"
 
     @wraps(function)
     def once(posterior: Posterior) -> Result:
-        if function not in posterior.memory:
-            posterior.memory[function] = function(posterior)
-        return posterior.memory[function]
+        if name not in posterior.memory:
+            posterior.memory[name] = function(posterior)
+        return posterior.memory[name]
 
     return once
 
@@ -239,7 +249,7 @@ def sample_posterior(
         "observed_data": {model.sites[name].rate: equations[name].rows.measured for name in designs},
         "constant_data": data_table(data),
     }
-    return Posterior(model, data, sampling, _tree(groups, equations), Made(equations, programs))
+    return Posterior(model, data, sampling, _tree(groups, equations), Made(model, data, equations, programs))
 
 
 def add_group(

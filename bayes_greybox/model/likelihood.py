@@ -1,6 +1,7 @@
 """The collapsed likelihood: a NumPyro distribution of the target with θ and f integrated out."""
 
 import math
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -30,19 +31,19 @@ class CollapsedNormal(dist.Distribution):
     """
 
     arg_constraints: dict = {}
-    support = constraints.real_vector  # pyright: ignore[reportAssignmentType]
+    support = constraints.real_vector  # pyright: ignore[reportAssignmentType, reportIncompatibleMethodOverride]
     pytree_data_fields = ("design", "hyper", "scales")
 
     def __init__(self, design: Design, hyper: Hyperparameters, scales: Scales, *, validate_args: bool | None = None):
         self.design, self.hyper, self.scales = design, hyper, scales
         super().__init__(event_shape=design.y.shape, validate_args=validate_args)
 
-    def log_prob(self, value: Float[Array, " n_row"]) -> Float[Array, ""]:
-        """Log p(y | η, scales)."""
+    def log_prob(self, value: Any, intermediates: Any = None) -> Float[Array, ""]:
+        """Log p(y | η, scales) of a target [n_row]."""
         regression, _ = self.design.remove_discrepancy(value, self.hyper)
         return log_evidence(regression, self.scales.sd, self.scales.log_odds, self.design.n_obs)
 
-    def sample(self, key: Array, sample_shape: tuple[int, ...] = ()) -> Array:
+    def sample(self, key: Array | None, sample_shape: tuple[int, ...] = ()) -> Array:
         """Draw targets; the last compressed row stands for all directions outside the columns."""
 
         def one(key: Array) -> Array:
@@ -59,6 +60,7 @@ class CollapsedNormal(dist.Distribution):
             f = self.design.sample_discrepancy(key_f, self.hyper)
             return self.design.Phi @ theta + f + self.hyper.sigma * noise
 
+        assert key is not None
         if not sample_shape:
             return one(key)
         draws = jax.lax.map(one, jax.random.split(key, math.prod(sample_shape)))

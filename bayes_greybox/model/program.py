@@ -241,7 +241,7 @@ class Program:
         with seed(rng_seed=0), trace() as sites:
             if program(1.0).log_odds is None:
                 return None
-        drawn = [str(name) for name, site in sites.items() if site["type"] == "sample"]
+        drawn = [str(name) for name, site in sites.items() if site["type"] == "sample" and not site["is_observed"]]
         missing = [name for name in drawn if name not in values]
         if missing:
             raise InputError(

@@ -34,7 +34,7 @@ class _TextPrinter(StrPrinter):
     def _print_Float(self, expr):  # noqa: N802
         return repr(float(expr))
 
-    def _print_Exp1(self, expr):  # noqa: N802
+    def _print_Exp1(self, expr):  # noqa: N802  # pyright: ignore[reportIncompatibleMethodOverride]
         return "exp(1)"
 
 

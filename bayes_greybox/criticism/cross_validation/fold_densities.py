@@ -26,7 +26,7 @@ Members = Sequence[Int[np.ndarray, " _"]]
 class _Fold(NamedTuple):
     """Folds filled up to one size: their rows, which of them count, and (R⁻¹)_FF."""
 
-    index: Int[Array, "n_fold size"]
+    number: Int[Array, "n_fold size"]
     counts: Bool[Array, "n_fold size"]
     precision: Float[Array, "n_fold size size"]
 
@@ -116,7 +116,7 @@ def past_densities(
     if at_once is not None:
         log_det = np.array([entry.rows.log_det_of(order[:count]) for count in counts])
         return at_once - 0.5 * log_det - unit
-    out = [np.setdiff1d(np.arange(posterior.data.n_obs), order[:count]) for count in counts]
+    out = [np.setdiff1d(np.arange(entry.rows.n_row), order[:count]) for count in counts]
     parts = [entry.without(rows.tolist()).design for rows in out]
     return np.stack([subset_density(part, parameters) for part in parts], axis=1) - unit
 
@@ -158,7 +158,7 @@ def _reach(folds: Members) -> int:
 
 @jax.jit
 def _mapped(design: Design, rows: WeightedRows, folds: _Fold, parameters: tuple[Hyperparameters, Scales]) -> Array:
-    n_fold, size = folds.index.shape
+    n_fold, size = folds.number.shape
     n_term = design.Phi.shape[1]
 
     def one(item: tuple[Hyperparameters, Scales]) -> Array:

@@ -56,7 +56,7 @@ def log_likelihood_group(posterior: Posterior) -> dict[str, np.ndarray] | None:
     """
     group = posterior.idata["posterior"].dataset
     n_chain, n_draw = group.sizes["chain"], group.sizes["draw"]
-    if n_chain * n_draw * posterior.data.n_obs * len(posterior.equations) > _GROUP_LIMIT:
+    if n_chain * n_draw * sum(entry.rows.n_row for entry in posterior.equations.values()) > _GROUP_LIMIT:
         return None
     return {
         own.rate: pointwise_loo(posterior, equation).reshape(n_chain, n_draw, -1)

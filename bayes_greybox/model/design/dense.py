@@ -157,7 +157,7 @@ class DenseDesign(Design):
         W = self.whitening
         half = solve_lower(L, jnp.eye(len(L)) if W is None or W.shape[0] != W.shape[1] else W)
         g, J = half.T @ solve_lower(L, self.y), solve_lower(L, Phi).T @ half
-        return Root(half[:, rows.index], g[rows.index], J[:, rows.index])
+        return Root(half[:, rows.number], g[rows.number], J[:, rows.number])
 
     def inverse(
         self, left: Float[Array, "n k"], right: Float[Array, "m k"], precision: Array, hyper: Hyperparameters

@@ -41,7 +41,7 @@ class WeightedRows(NamedTuple):
     A design that keeps C whole needs their numbers only; the other fields are empty then.
     """
 
-    index: Int[Array, " n_row"]
+    number: Int[Array, " n_row"]
     Phi: Float[Array, "n_some n_term"]
     Psi: Float[Array, "n_some n_basis"]
     y: Float[Array, " n_some"]
