@@ -121,8 +121,8 @@ class Posterior:
                 jnp.asarray(flat("amplitude") / frame.target_scale),
                 jnp.asarray(flat("length_scale", len(frame.variables)) / frame.half_width),
             ),
-            flat("theta") / frame.coefficient_scale,
-            flat("prior_sd"),
+            values["theta"] / frame.coefficient_scale,
+            values["prior_sd"],
             flat("weight", 0) / frame.target_scale,
             flat("f", 0) / frame.target_scale,
         )
@@ -145,7 +145,7 @@ class Posterior:
             return None
         if SLAB in self.idata.children:
             kept = self._flat(equation, at_most, SLAB)
-            return Scales(jnp.asarray(kept["sd"]), jnp.asarray(kept["log_odds"]))
+            return Scales(jnp.asarray(kept["theta_sd"]), jnp.asarray(kept["log_odds"]))
         return self.model.slab(entry.design, values, values["sigma"] / entry.frame.target_scale)
 
     @property
@@ -284,7 +284,7 @@ def slab_group(posterior: Posterior) -> xr.Dataset:
     for name, own in posterior.sites.items():
         summed = posterior.summed(name)
         if summed is not None:
-            for variable, value in ((own["sd"], summed.sd), (own.log_odds, summed.log_odds)):
+            for variable, value in ((own.theta_sd, summed.sd), (own.log_odds, summed.log_odds)):
                 variables[variable] = group[own.theta].copy(data=np.asarray(value).reshape(group[own.theta].shape))
     return xr.Dataset(variables)
 

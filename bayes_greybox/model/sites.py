@@ -13,6 +13,12 @@ DRAWN = ("theta", "theta_sd", "prior_sd", "gamma", "inclusion", "weight", "f")
 """What is drawn exactly given the sites of the model; no site of a user's own prior can be called so."""
 
 
+QUANTITIES = frozenset(
+    (*DRAWN, "y", "rate", "noise", "sigma", "amplitude", "length_scale", "pi", "tau", "tau_unit", "log_odds")
+    + ("v", "lambda", "slab")
+)
+"""Quantities that the package itself names."""
+
 VECTOR = "eta"
 """The only site of a `density_model`."""
 
@@ -164,17 +170,23 @@ class Sites(Mapping[str, EquationSites]):
     def __len__(self) -> int:
         return len(self._equations)
 
+    def owner(self, variable: str) -> str | None:
+        """The equation that a variable belongs to.
+
+        Of two equations `y` and `y_dot` the variable `y_dot_tau` belongs to the one with the longer name, unless what
+        follows the shorter one is a quantity of the package: `y_length_scale` is of `y`, also beside `y_length`. A
+        model whose sites would break this rule is refused (see `Program.require_own_sites`).
+        """
+        fitting = sorted((name for name in self if variable.startswith(self[name][""])), key=len, reverse=True)
+        exact = [name for name in fitting if variable.removeprefix(self[name][""]) in QUANTITIES]
+        return next(iter((*exact, *fitting)), None)
+
     def owned(self, equation: str, variables: Iterable[str]) -> dict[str, str]:
         """Those variables that belong to an equation, by quantity: {"tau": "ydot_tau", ...}.
-
-        Of two equations `y` and `y_dot` a variable `y_dot_tau` belongs to the one with the longer name; a model whose
-        sites would break this rule is refused (see `Program.require_own_sites`).
 
         Args:
             equation: One of the equations.
             variables: Names of sites or results.
         """
-        prefix = self[equation][""]
-        longer = tuple(other[""] for other in self.values() if other[""].startswith(prefix) and other[""] != prefix)
-        own = [name for name in variables if name.startswith(prefix) and not name.startswith(longer or "\0")]
-        return {name.removeprefix(prefix): name for name in own}
+        own = [name for name in variables if self.owner(name) == equation]
+        return {name.removeprefix(self[equation][""]): name for name in own}

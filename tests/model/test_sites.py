@@ -38,6 +38,7 @@ def test_a_variable_belongs_to_the_equation_with_the_longest_name():
     names = ["y_tau", "y_dot_tau", "y_dot_2_tau", "z_tau", "y_dot_2_x_y"]
     assert sites.owned("y", names) == {"tau": "y_tau"}
     assert sites.owned("y_dot", names) == {"tau": "y_dot_tau"}
+    assert sites.owner("z_tau") is None
     assert sites.owned("y_dot_2", names) == {"tau": "y_dot_2_tau", "x_y": "y_dot_2_x_y"}
 
 
@@ -47,6 +48,17 @@ def test_a_site_that_would_be_taken_for_another_equations_is_refused(data):
         model.require_own_sites(model.designs(data))
     alone = Program({"y": ["y_dot"]}, prior=model.prior, discrepancy=None)
     assert "dot_width" in alone.require_own_sites(alone.designs(data))["y"]
+
+
+def test_a_quantity_of_the_package_belongs_where_its_whole_name_is_known():
+    sites = Sites(["cable", "cable_length", "cable_prior", "cable_tau"])
+    names = ["cable_length_scale", "cable_prior_sd", "cable_tau_unit", "cable_length_sigma", "cable_length_own"]
+    assert sites.owned("cable", names) == {
+        "length_scale": "cable_length_scale",
+        "prior_sd": "cable_prior_sd",
+        "tau_unit": "cable_tau_unit",
+    }
+    assert sites.owned("cable_length", names) == {"sigma": "cable_length_sigma", "own": "cable_length_own"}
 
 
 def test_a_site_called_like_a_result_is_refused(data):

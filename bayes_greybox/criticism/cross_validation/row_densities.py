@@ -59,8 +59,8 @@ def log_likelihood_group(posterior: Posterior) -> dict[str, np.ndarray] | None:
     if n_chain * n_draw * sum(entry.rows.n_row for entry in posterior.equations.values()) > _GROUP_LIMIT:
         return None
     return {
-        own.rate: pointwise_loo(posterior, equation).reshape(n_chain, n_draw, -1)
-        for equation, own in posterior.sites.items()
+        posterior.sites[equation].rate: pointwise_loo(posterior, equation).reshape(n_chain, n_draw, -1)
+        for equation in posterior.equations
     }
 
 

@@ -38,7 +38,8 @@ class EquationDraws(NamedTuple):
 class WeightedRows(NamedTuple):
     """Observations weighted by the inverse noise correlation, R⁻¹[Φ Ψ̃ y], and diag R⁻¹, in scaled units.
 
-    A design that keeps C whole needs their numbers only; the other fields are empty then.
+    Where W is not square they are W[Φ Ψ̃ y] and ones: whitened coefficients, which are independent. A design that keeps
+    C whole needs their numbers only; the other fields are empty then.
     """
 
     number: Int[Array, " n_row"]
