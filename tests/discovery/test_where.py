@@ -216,8 +216,9 @@ def test_a_window_is_where_the_gap_is():
     assert ends(text) == pytest.approx((50.0, 99.5), abs=0.6) and text.endswith(" s")
 
 
-def test_a_burst_shorter_than_the_shortest_window_is_none():
-    assert windows((100, 100 + WIDTH // 3)).empty
+@pytest.mark.parametrize(("rows", "count"), [(WIDTH // 3, 0), (WIDTH - 2, 0), (WIDTH + 3, 1)])
+def test_a_burst_shorter_than_the_shortest_window_is_none(rows, count):
+    assert len(windows((100, 100 + rows))) == count
 
 
 @pytest.mark.parametrize(("apart", "count"), [(WIDTH - 3, 1), (WIDTH + 3, 2)])
