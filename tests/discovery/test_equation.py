@@ -174,11 +174,11 @@ def test_without_a_tie_no_experiment_is_advised(known):
     assert studied(known, FIRST, (cube,)).ties(tiny_data()) == []
 
 
-@pytest.mark.parametrize(("sigma", "reach"), [(0.05, "1.25"), (1.0, "1.5")])
+@pytest.mark.parametrize(("sigma", "reach"), [(0.05, "1.25"), (0.5, "1.5")])
 def test_tied_effects_that_part_beyond_the_data_come_with_the_nearest_place_where_they_do(sigma, reach):
     found = tie(FIFTH, sigma)
     assert found["slugs"] == ("cube", "fifth")
-    # Fitted on [−1, 1], −x³ and −1.2 x⁵ are 1.8 apart at 1.25 and 5.9 at 1.5; four standard deviations must lie between.
+    # Each at its best, −1.01 x³ and −0.85 x⁵ are 0.63 apart at 1.25 and 3.1 at 1.5; four deviations are 0.2 or 2.
     assert f"measure up to |x| = {reach} (the data reach 1)" in found["advice"]
 
 
