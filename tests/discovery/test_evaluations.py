@@ -5,11 +5,12 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from tiny_equation import CUBE, DEAD_ZONE, SQUARE, integrated, on, tiny_evaluations
+from tiny_equation import CUBE, DEAD_ZONE, SQUARE, integrated, tiny_evaluations
 
 from bayes_greybox.discovery.evaluations import MOST_PATTERNS, _patterns, one_pattern
 from bayes_greybox.discovery.evidence.parametric import Spectrum, marginal
 from bayes_greybox.discovery.odds import Odds
+from bayes_greybox.physics.effects import Effect
 
 TWO_TERMS = {"simulation": {"x": "-x + 0.3*cos(x)"}}
 
@@ -159,13 +160,15 @@ def test_the_features_of_f_are_what_the_columns_leave_of_them(known):
     np.testing.assert_allclose(hypothesis.product, Psi.T @ y, atol=1e-8)
 
 
-def test_an_effect_twice_leaves_of_f_what_it_leaves_once():
-    twin = on(CUBE).effect
-    again = type(twin)(slug="again", name="Again", domain="test", expression="2*r**3")
-    known = tiny_evaluations([CUBE, again])
-    first, second = known.statistics.of_kind("effect")
-    once, twice = known.with_features((first,)), known.with_features((first, second))
-    np.testing.assert_allclose(twice.gram, once.gram, atol=1e-8)
+def test_an_effect_several_times_leaves_of_f_what_it_leaves_once():
+    twins = [
+        Effect(slug=f"again-{factor}", name="Again", domain="test", expression=f"{factor}*r**3") for factor in (3, 5, 7)
+    ]
+    known = tiny_evaluations([CUBE, *twins])
+    first, *others = known.statistics.of_kind("effect")
+    once, again = known.with_features((first,)), known.with_features((first, *others))
+    np.testing.assert_allclose(again.gram, once.gram, atol=1e-8)
+    np.testing.assert_allclose(again.product, once.product, atol=1e-8)
 
 
 def test_f_carries_nearly_all_of_a_gap_that_is_a_smooth_function(smooth):

@@ -79,8 +79,10 @@ def test_a_gap_that_grows_is_closed_by_less_than_nothing():
     assert (table["closed"] < 0).all()
 
 
-def test_where_there_was_no_gap_none_was_closed():
-    row = gap(with_cube([-1.0], sigma=0.5))[0].loc[("test", "unexplained share", "x")]
+@pytest.mark.parametrize(("coefficient", "after"), [(-1.0, False), (5.0, True)])
+def test_where_there_was_no_gap_none_was_closed(coefficient, after):
+    row = gap(with_cube([coefficient], sigma=0.5))[0].loc[("test", "unexplained share", "x")]
+    assert row["before"] == 0 and (row["after"] > 0) == after
     assert np.isnan(row["closed"])
 
 

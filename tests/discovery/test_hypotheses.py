@@ -261,10 +261,12 @@ def test_the_refined_grid_is_densest_at_the_value_of_the_data():
     assert np.sort(values(known))[np.argmin(gaps)] == pytest.approx(0.43, abs=0.03)
 
 
-def test_a_grid_that_the_posterior_spans_already_is_left_as_it_is():
-    known = dead(noise=1.0)
+@pytest.mark.parametrize(("noise", "refined"), [(0.3, True), (0.4, True), (1.0, False)])
+def test_a_grid_is_refined_if_one_value_is_likelier_than_all_others(noise, refined):
+    known = dead(noise)
     effects = known.statistics.of_kind("effect")
-    assert Contest(known).refine((), effects) == tuple(effects)
+    assert (np.max(posterior(known)) > 0.5) == refined
+    assert (Contest(known).refine((), effects) != tuple(effects)) == refined
 
 
 def test_refining_returns_all_values_old_and_new():

@@ -121,7 +121,6 @@ def told(monkeypatch):
 
         monkeypatch.setattr(module, "study_equation", study_equation)
         monkeypatch.setattr(module, "gap_rows", gap_rows)
-        monkeypatch.setattr(module, "sentence", lambda findings, data, verdict, effects, gap: f"It is {verdict}.")
         return investigate(BOTH, two_states(), catalogue="population", progress=False, **settings)
 
     study.calls = calls
@@ -151,10 +150,6 @@ def test_tables_maps_and_ties_are_those_of_all_equations(told):
 def test_what_was_left_out_is_told_by_equation(told):
     left_out = told("named", "no gap").left_out
     assert left_out[("x", "odd")] == "odd in x" and left_out[("z", "odd")] == "odd in z"
-
-
-def test_the_sentence_is_that_of_the_verdict_of_the_study(told):
-    assert told("named", "unknown").sentence == "It is unknown."
 
 
 def test_the_gap_is_measured_on_test_data_where_there_are_any(told):

@@ -100,6 +100,17 @@ def test_columns_in_several_calls_have_the_products_of_columns_in_one(noise):
         np.testing.assert_allclose(getattr(apart, name), getattr(together, name), atol=1e-12 * N)
 
 
+def test_columns_after_one_that_was_left_out_have_their_own_products():
+    through, straight = empty(some_rows()), empty(some_rows())
+    bound = effect("3*r", "left-out").bind({"r": "x"})
+    for found, extra in ((through, [offered(bound)]), (straight, [])):
+        found.add("free", terms("x"))
+        found.add("effect", [*extra, *terms("u**2")])
+        found.add("effect", terms("x*u"))
+    assert "left-out" in through.left_out
+    np.testing.assert_allclose(through.products, straight.products, atol=1e-12 * N)
+
+
 @NOISES
 @pytest.mark.parametrize("kept", [module.KEPT, 0])
 def test_rows_in_chunks_kept_or_not_have_the_products_of_all_rows_at_once(noise, kept, monkeypatch):
