@@ -31,7 +31,7 @@ from .model.priors import RegularisedHorseshoe as RegularisedHorseshoe
 from .model.priors import SpikeAndSlab as SpikeAndSlab
 from .model.rows import DerivativeRows as DerivativeRows
 from .physics import systems as systems
-from .physics.catalogue_table import catalogue as catalogue
+from .physics.catalogue.table import catalogue as catalogue
 from .physics.terms import Dictionary as Dictionary
 from .physics.terms import Term as Term
 from .physics.terms import polynomial as polynomial

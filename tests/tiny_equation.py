@@ -9,7 +9,7 @@ from bayes_greybox.discovery.odds import Odds
 from bayes_greybox.discovery.sufficient_statistics import sufficient_statistics
 from bayes_greybox.model.discrepancy import OrthogonalGP
 from bayes_greybox.model.program import Program
-from bayes_greybox.physics.effects import BoundEffect, Effect, InnerParameter
+from bayes_greybox.physics.catalogue.effects import BoundEffect, Effect, InnerParameter
 
 WIDTH = InnerParameter("gap", "width", of="r", low=0.1, high=0.9, unit_of="r")
 """Inner parameter of the dead zone."""

@@ -55,4 +55,6 @@ def tiny_study() -> Study:
 def judged(fit: Fit, ok: bool) -> Fit:
     """The fit as if its chains had, or had not, passed the convergence checks."""
     reasons = () if ok else ("R̂ is 1.04 for ydot_sigma: sample longer (draws=2000).", "12 divergences; raise tune.")
-    return replace(fit, memory={**fit.memory, convergence.__wrapped__: Verdict(ok, reasons)})
+    again = replace(fit)
+    again.memory[f"{convergence.__module__}.{convergence.__qualname__}"] = Verdict(ok, reasons)
+    return again

@@ -5,11 +5,10 @@ from collections.abc import Iterator
 import pandas as pd
 from rich.console import Group, RenderableType
 
+from bayes_greybox.benchmarks.confounding.score import Confounding
+from bayes_greybox.benchmarks.hidden_effects.case_scores import SOLVERS
+from bayes_greybox.benchmarks.hidden_effects.score import Scores
 from bayes_greybox.report.terminal.tables import frame_table
-
-from .confounding.score import Confounding
-from .hidden_effects.case_scores import SOLVERS
-from .hidden_effects.score import Scores
 
 _SHOWN = ["cases", *SOLVERS, "right or tied", "closed", "seconds"]
 

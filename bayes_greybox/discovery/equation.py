@@ -11,7 +11,7 @@ from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.evidence.with_discrepancy import Evaluator
 from bayes_greybox.model.program import Program
-from bayes_greybox.physics.effects import BoundEffect
+from bayes_greybox.physics.catalogue.effects import BoundEffect
 from bayes_greybox.physics.terms import Term
 from bayes_greybox.physics.units import coefficient_unit, derivative_unit
 

@@ -15,8 +15,8 @@ from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.inference.netcdf import versions
 from bayes_greybox.inference.posterior import Posterior
 from bayes_greybox.model.program import Program
-from bayes_greybox.physics.effects import CatalogueSpec, load_catalogue
-from bayes_greybox.physics.roles import bind_catalogue, roles_of, unbound
+from bayes_greybox.physics.catalogue.effects import CatalogueSpec, load_catalogue
+from bayes_greybox.physics.catalogue.roles import bind_catalogue, roles_of, unbound
 from bayes_greybox.physics.simulation import known_states
 from bayes_greybox.physics.terms import Term
 from bayes_greybox.physics.units import check_units

@@ -15,7 +15,7 @@ from bayes_greybox.model.frame import held_features, scaled_position
 from bayes_greybox.model.hyper import HyperPrior, NoisePrior
 from bayes_greybox.model.program import Program
 from bayes_greybox.model.rows import EquationRows
-from bayes_greybox.physics.effects import BoundEffect
+from bayes_greybox.physics.catalogue.effects import BoundEffect
 from bayes_greybox.physics.terms import Dictionary, Term
 
 CHUNK = 16_384

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from bayes_greybox.discovery.study import StudyResult
+from bayes_greybox.physics.simulation import FUNCTION, simulation_record
 
 from .formatting import nmse_text, number, percent_text
 
@@ -99,8 +100,8 @@ def amended_simulation(study: StudyResult) -> str:
 
     Digits are those that the posterior standard deviation justifies.
     """
-    given = study.base.simulation
-    if callable(given):
+    given = simulation_record(study.base.simulation)
+    if given == FUNCTION:
         return ""
     additions: dict[str, list[str]] = {}
     for row in study.effects.to_dict("records"):

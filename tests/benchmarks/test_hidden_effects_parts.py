@@ -34,7 +34,7 @@ from bayes_greybox.benchmarks.hidden_effects.oracle import (
 from bayes_greybox.benchmarks.hidden_effects.run import RESULTS, run
 from bayes_greybox.benchmarks.hidden_effects.score import score
 from bayes_greybox.data.errors import InputError
-from bayes_greybox.physics.effects import load_catalogue
+from bayes_greybox.physics.catalogue.effects import load_catalogue
 from bayes_greybox.physics.expressions import evaluate, parse_expression
 
 OBVIOUS = Case("catalogue", "forced-oscillator", ("cubic-stiffness",), (10.0,), 0.01, 1)

@@ -11,7 +11,7 @@ from bayes_greybox.discovery.equation import EquationStudy, study_equation
 from bayes_greybox.discovery.hypotheses import Explanation, Round
 from bayes_greybox.discovery.odds import Odds
 from bayes_greybox.discovery.rounds import TIED, Finding, Step
-from bayes_greybox.physics.effects import Effect
+from bayes_greybox.physics.catalogue.effects import Effect
 
 CUBIC = {"hidden": lambda x: -(x**3), "noise": 0.05}
 TWICE = Effect(slug="twice", name="Twice", domain="test", expression="2*r**3")

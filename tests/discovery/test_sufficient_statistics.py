@@ -19,7 +19,7 @@ from bayes_greybox.model.features import HilbertBasis
 from bayes_greybox.model.hyper import HyperPrior, NoisePrior
 from bayes_greybox.model.program import Program
 from bayes_greybox.model.rows import EquationRows
-from bayes_greybox.physics.effects import Effect, InnerParameter
+from bayes_greybox.physics.catalogue.effects import Effect, InnerParameter
 from bayes_greybox.physics.terms import Term
 
 N = 24

@@ -8,10 +8,10 @@ import pytest
 from matplotlib.mathtext import MathTextParser
 
 from bayes_greybox.data.errors import InputError
-from bayes_greybox.physics.effect_tables import keys_of
-from bayes_greybox.physics.effects import DOMAINS, Effect, InnerParameter, load_catalogue
+from bayes_greybox.physics.catalogue.effect_tables import keys_of
+from bayes_greybox.physics.catalogue.effects import DOMAINS, Effect, InnerParameter, load_catalogue
+from bayes_greybox.physics.catalogue.roles import ROLES, bind_catalogue, roles_of, unbound
 from bayes_greybox.physics.expressions import evaluate, parse_expression
-from bayes_greybox.physics.roles import ROLES, bind_catalogue, roles_of, unbound
 from bayes_greybox.physics.terms import Dictionary
 from bayes_greybox.physics.units import coefficient_unit, derivative_unit
 

@@ -136,7 +136,7 @@ def test_what_the_models_differ_in_comes_apart_from_what_they_share(table, html)
 )
 def test_the_headline_says_who_leads_and_how_surely(fits, monkeypatch, differences, errors, headline, badge):
     (fit, *_) = fits.values()
-    monkeypatch.setitem(fit.memory, convergence.__wrapped__, type(fit.verdict)(True))
+    monkeypatch.setitem(fit.memory, f"{convergence.__module__}.{convergence.__qualname__}", type(fit.verdict)(True))
     page = comparison_page(dict.fromkeys("abc", fit), made_up(differences, errors))
     assert headline in page.headline
     assert [(one.text, one.tone) for one in page.badges] == [
@@ -147,7 +147,7 @@ def test_the_headline_says_who_leads_and_how_surely(fits, monkeypatch, differenc
 
 def test_a_large_pareto_k_is_an_alert(fits, monkeypatch):
     (fit, *_) = fits.values()
-    monkeypatch.setitem(fit.memory, convergence.__wrapped__, type(fit.verdict)(True))
+    monkeypatch.setitem(fit.memory, f"{convergence.__module__}.{convergence.__qualname__}", type(fit.verdict)(True))
     page = comparison_page({"a": fit, "b": fit}, made_up([0, -50.0], [0, 10.0], (-np.inf, np.inf)))
     assert [one.text for one in page.badges] == ["Pareto k too large", "Clear lead"]
     assert page.badges[1].tone == "quiet" and "above 0.7 for b," in page.alerts[0]

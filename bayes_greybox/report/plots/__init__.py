@@ -8,8 +8,8 @@ of the cell, and a loop that draws hundreds leaves nothing open. Hand over axes 
 figure of your own.
 """
 
-from .files import save_figures
-from .fits import (
+from bayes_greybox.report.plots.files import save_figures
+from bayes_greybox.report.plots.fits import (
     autocorrelation,
     calibration,
     coefficients,
@@ -22,20 +22,33 @@ from .fits import (
     sensitivity,
     trade_off,
 )
-from .gap.before_after import plot_free_run, plot_gap_over_time
-from .gap.gap_map import plot_gap_curve, plot_gap_map
-from .gap.posteriors import Coefficient, plot_posteriors
-from .gap.ranking import plot_hypotheses, plot_rounds
-from .posterior.calibration import plot_calibration
-from .posterior.checks import plot_autocorrelation, plot_loo_pit, plot_predictive, plot_sensitivity
-from .posterior.coefficients import plot_coefficients
-from .posterior.comparison import plot_comparison
-from .posterior.confounding import plot_confounding
-from .posterior.over_states import plot_discrepancy_over_states
-from .posterior.over_time import plot_discrepancy_over_time
-from .posterior.predicted import plot_predicted
-from .posterior.tradeoff import plot_tradeoff
-from .studies import added_coefficients, free_run, gap_map, gap_over_time, ranking, rounds, study_figures
+from bayes_greybox.report.plots.gap.before_after import plot_free_run, plot_gap_over_time
+from bayes_greybox.report.plots.gap.gap_map import plot_gap_curve, plot_gap_map
+from bayes_greybox.report.plots.gap.posteriors import Coefficient, plot_posteriors
+from bayes_greybox.report.plots.gap.ranking import plot_hypotheses, plot_rounds
+from bayes_greybox.report.plots.posterior.calibration import plot_calibration
+from bayes_greybox.report.plots.posterior.checks import (
+    plot_autocorrelation,
+    plot_loo_pit,
+    plot_predictive,
+    plot_sensitivity,
+)
+from bayes_greybox.report.plots.posterior.coefficients import plot_coefficients
+from bayes_greybox.report.plots.posterior.comparison import plot_comparison
+from bayes_greybox.report.plots.posterior.confounding import plot_confounding
+from bayes_greybox.report.plots.posterior.over_states import plot_discrepancy_over_states
+from bayes_greybox.report.plots.posterior.over_time import plot_discrepancy_over_time
+from bayes_greybox.report.plots.posterior.predicted import plot_predicted
+from bayes_greybox.report.plots.posterior.tradeoff import plot_tradeoff
+from bayes_greybox.report.plots.studies import (
+    added_coefficients,
+    free_run,
+    gap_map,
+    gap_over_time,
+    ranking,
+    rounds,
+    study_figures,
+)
 
 __all__ = [
     "Coefficient",

@@ -16,14 +16,18 @@ from bayes_greybox.criticism.trade_off import strongest_trade_off
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.inference.posterior import Posterior
 from bayes_greybox.physics.units import derivative_unit
-
-from .posterior.calibration import plot_calibration
-from .posterior.checks import plot_autocorrelation, plot_loo_pit, plot_predictive, plot_sensitivity
-from .posterior.coefficients import plot_coefficients
-from .posterior.over_states import plot_discrepancy_over_states
-from .posterior.over_time import plot_discrepancy_over_time
-from .posterior.predicted import plot_predicted
-from .posterior.tradeoff import plot_tradeoff
+from bayes_greybox.report.plots.posterior.calibration import plot_calibration
+from bayes_greybox.report.plots.posterior.checks import (
+    plot_autocorrelation,
+    plot_loo_pit,
+    plot_predictive,
+    plot_sensitivity,
+)
+from bayes_greybox.report.plots.posterior.coefficients import plot_coefficients
+from bayes_greybox.report.plots.posterior.over_states import plot_discrepancy_over_states
+from bayes_greybox.report.plots.posterior.over_time import plot_discrepancy_over_time
+from bayes_greybox.report.plots.posterior.predicted import plot_predicted
+from bayes_greybox.report.plots.posterior.tradeoff import plot_tradeoff
 
 
 def fit_figures(fit: Posterior) -> dict[str, Figure]:

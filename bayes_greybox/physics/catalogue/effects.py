@@ -22,12 +22,12 @@ from jaxtyping import Float
 
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.toml_files import read_toml
+from bayes_greybox.physics.expressions import parse_expression, symbol_names
+from bayes_greybox.physics.grammar import check_name
+from bayes_greybox.physics.printing import to_latex
+from bayes_greybox.physics.terms import Term
 
 from .effect_tables import effect_tables, keys_of, nearest
-from .expressions import parse_expression, symbol_names
-from .grammar import check_name
-from .printing import to_latex
-from .terms import Term
 
 DOMAINS = ("mechanical", "fluid", "population", "electrical")
 """Catalogues that come with the package."""
@@ -279,7 +279,7 @@ def _each(spec: Any) -> Iterator[Effect]:
 
 @cache
 def _packaged(domain: str) -> tuple[Effect, ...]:
-    file = resources.files("bayes_greybox.physics").joinpath("catalogue", f"{domain}.toml")
+    file = resources.files(__package__ or "").joinpath(f"{domain}.toml")
     return _effects(tomllib.loads(file.read_text(encoding="utf-8")), domain)
 
 

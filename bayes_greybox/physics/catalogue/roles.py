@@ -4,12 +4,12 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import product
 
 from bayes_greybox.data.errors import InputError
+from bayes_greybox.physics.expressions import parse_expression
+from bayes_greybox.physics.grammar import check_name, symbol
+from bayes_greybox.physics.units import parse_unit, registry, term_unit
 
 from .effect_tables import nearest
 from .effects import BoundEffect, Effect
-from .expressions import parse_expression
-from .grammar import check_name, symbol
-from .units import parse_unit, registry, term_unit
 
 ROLES: dict[str, str] = {
     "state": "the state whose equation is learned",

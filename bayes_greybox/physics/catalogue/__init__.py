@@ -1,0 +1,1 @@
+"""The catalogue of effects that a simulation may be missing: the entries, their files, and what they act between."""
