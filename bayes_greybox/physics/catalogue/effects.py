@@ -1,7 +1,7 @@
 """Catalogue of physical effects: what a simulation may lack, in roles, and how it becomes a term of the data.
 
-A role, such as position, is a column by its physical meaning. The catalogue's files are in the folder
-`catalogue`, one for each domain; users write their own in the same layout (see `effect_tables`).
+A role, such as position, is a column by its physical meaning. The packaged files stand beside this one, one for each
+domain; users write their own in the same layout (see `effect_tables`).
 """
 
 import math
