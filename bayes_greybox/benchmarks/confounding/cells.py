@@ -20,6 +20,7 @@ from bayes_greybox.model.hyper import Hyperparameters
 from bayes_greybox.model.orthogonal import Measure, Variant
 from bayes_greybox.model.priors import Normal
 from bayes_greybox.model.program import Program
+from bayes_greybox.model.sites import EquationSites
 
 from .situations import SITUATIONS, Records, records
 
@@ -131,7 +132,8 @@ def _compressed(model: Program, data: Records) -> tuple[Equation, np.ndarray]:
 def _judged(equation: Equation, samples: dict[str, np.ndarray], chains: range) -> dict[str, Any]:
     """Intervals, trade-off and chain behaviour of one replicate."""
     stats = array_stats()
-    parts = {name: samples[f"v_{name}"][list(chains)] for name in ("theta", "sigma", "amplitude", "length_scale")}
+    own = EquationSites("v")
+    parts = {name: samples[own[name]][list(chains)] for name in ("theta", "sigma", "amplitude", "length_scale")}
     columns = [parts["sigma"][..., None], parts["amplitude"][..., None], parts["length_scale"], parts["theta"]]
     judged = np.concatenate(columns, axis=-1)
     judged = np.moveaxis((judged - judged.mean(axis=(0, 1))) / judged.std(axis=(0, 1)), -1, 0)
@@ -139,8 +141,8 @@ def _judged(equation: Equation, samples: dict[str, np.ndarray], chains: range) -
     draws = EquationDraws(
         Hyperparameters(*(jnp.asarray(flat[name]) for name in ("sigma", "amplitude", "length_scale"))),
         flat["theta"],
-        samples["v_theta_sd"][list(chains)].reshape(flat["theta"].shape),
-        samples["v_weight"][list(chains)].reshape(len(flat["theta"]), -1),
+        samples[own.theta_sd][list(chains)].reshape(flat["theta"].shape),
+        samples[own.weight][list(chains)].reshape(len(flat["theta"]), -1),
         np.zeros((len(flat["theta"]), 0)),
     )
     theta = flat["theta"] * equation.frame.coefficient_scale
