@@ -149,9 +149,6 @@ def discrepancy_grid(
     draws = posterior.draws(equation, entry.design.worthwhile(PREDICTION_DRAWS))
     band = Band.of(discrepancy_draws(entry, draws, columns), level)
     points = data.matrix(variables)
-    half = np.array([np.ptp(axis) / 2 for axis in axes])
-    nodes = np.stack([values.ravel() for values in mesh], axis=1)
-    inside = KDTree(points / half).query(nodes / half)[0] <= SUPPORT
     shape = mesh[0].shape
     units = dict(data.units)
     return DiscrepancyGrid(
@@ -162,10 +159,25 @@ def discrepancy_grid(
         sd=band.sd.reshape(shape),
         lower=band.lower.reshape(shape),
         upper=band.upper.reshape(shape),
-        inside=inside.reshape(shape),
+        inside=support(points, axes),
         points=points,
         units=tuple(units.get(name, "") for name in variables),
         unit=derivative_unit(equation, units),
         fixed={name: value for name, value in others.items() if name in frame.variables},
         level=level,
     )
+
+
+def support(
+    points: Float[np.ndarray, "n_obs n_var"], axes: tuple[Float[np.ndarray, " _"], ...]
+) -> Bool[np.ndarray, "*grid"]:
+    """Where a grid lies within the data: no farther than SUPPORT half-widths of the grid from a row.
+
+    Args:
+        points: Positions of the rows.
+        axes: Positions of the grid along each variable.
+    """
+    half = np.array([np.ptp(axis) / 2 for axis in axes])
+    mesh = np.meshgrid(*axes, indexing="ij")
+    nodes = np.stack([values.ravel() for values in mesh], axis=1)
+    return (KDTree(points / half).query(nodes / half)[0] <= SUPPORT).reshape(mesh[0].shape)

@@ -2,9 +2,8 @@
 
 import numpy as np
 from jaxtyping import Bool, Float
-from scipy.spatial import KDTree
 
-from bayes_greybox.criticism.discrepancy import SUPPORT
+from bayes_greybox.criticism import discrepancy
 from bayes_greybox.discovery.study import StudyResult
 from bayes_greybox.discovery.where import GapMap
 
@@ -16,11 +15,7 @@ REACH = 1.6449
 
 def support(gap: GapMap) -> Bool[np.ndarray, "*grid"]:
     """Where the grid of a gap map lies within the data, as for the figures of a fit."""
-    samples = np.reshape(gap.samples, (-1, len(gap.variables)))
-    half = np.array([np.ptp(axis) / 2 for axis in gap.axes])
-    mesh = np.meshgrid(*gap.axes, indexing="ij")
-    nodes = np.stack([values.ravel() for values in mesh], axis=1)
-    return (KDTree(samples / half).query(nodes / half)[0] <= SUPPORT).reshape(mesh[0].shape)
+    return discrepancy.support(np.reshape(gap.samples, (-1, len(gap.variables))), gap.axes)
 
 
 def added_draws(study: StudyResult, place: int) -> Float[np.ndarray, " n_draw"] | None:
@@ -30,7 +25,7 @@ def added_draws(study: StudyResult, place: int) -> Float[np.ndarray, " n_draw"] 
     chosen = study.effects.iloc[added(study)]
     equation = chosen["equation"].iloc[place]
     after = int(np.sum(chosen["equation"].iloc[place:] == equation))
-    theta = study.fit.idata["posterior"][f"{equation}_theta"].to_numpy()
+    theta = study.fit.idata["posterior"][study.fit.sites[equation].theta].to_numpy()
     return theta[..., theta.shape[-1] - after].ravel()
 
 

@@ -96,7 +96,7 @@ def discrepancy_over_time(fit: Posterior, equation: str | None = None, level: fl
     """Posterior of f along the training data, against the noise level."""
     equation = equation or fit.model.equations[0]
     band: Band = predict(fit, fit.data, level)[equation].discrepancy
-    sigma = float(np.mean(fit.idata["posterior"][f"{equation}_sigma"].to_numpy()))
+    sigma = float(np.mean(fit.idata["posterior"][fit.sites[equation].sigma].to_numpy()))
     return plot_discrepancy_over_time(
         fit.data.time,
         band.mean,
@@ -133,7 +133,7 @@ def predictive(fit: Posterior, equation: str | None = None) -> Figure:
     if "prior_predictive" not in fit.idata or "posterior_predictive" not in fit.idata:
         raise InputError("The fit holds no predictive draws: its record is too long, or an older version saved it.")
     drawn = {
-        source: fit.idata[f"{source}_predictive"][f"{equation}_rate"].to_numpy().reshape(-1, fit.data.n_obs)
+        source: fit.idata[f"{source}_predictive"][fit.sites[equation].rate].to_numpy().reshape(-1, fit.data.n_obs)
         for source in ("posterior", "prior")
     }
     return plot_predictive(
