@@ -7,6 +7,9 @@ from bayes_greybox.discovery.study import StudyResult
 from .formatting import number, percent_text, probability_text
 from .study_words import LIKELY
 
+MOST_CLOSED = 0.9999
+"""No sentence says that all of a gap is closed."""
+
 
 def sentence(study: StudyResult) -> str:
     """Say the verdict so that someone who never heard of evidence knows what to do.
@@ -55,4 +58,5 @@ def closed_in_words(gap: pd.DataFrame) -> str:
         return f"leaves no gap on {where}"
     if after > before:
         return f"widens the gap on {where} by {percent_text(after / before - 1)}"
-    return f"closes {percent_text(1 - after / before)} of the gap on {where}"
+    # What is left may be less than the noise shows; that is not nothing.
+    return f"closes {percent_text(min(1 - after / before, MOST_CLOSED))} of the gap on {where}"
