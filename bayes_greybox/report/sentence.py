@@ -5,10 +5,7 @@ import pandas as pd
 from bayes_greybox.discovery.study import StudyResult
 
 from .formatting import number, percent_text, probability_text
-from .study_words import LIKELY
-
-MOST_CLOSED = 0.9999
-"""No sentence says that all of a gap is closed."""
+from .study_words import LIKELY, MOST_CLOSED
 
 
 def sentence(study: StudyResult) -> str:
@@ -58,5 +55,4 @@ def closed_in_words(gap: pd.DataFrame) -> str:
         return f"leaves no gap on {where}"
     if after > before:
         return f"widens the gap on {where} by {percent_text(after / before - 1)}"
-    # What is left may be less than the noise shows; that is not nothing.
     return f"closes {percent_text(min(1 - after / before, MOST_CLOSED))} of the gap on {where}"

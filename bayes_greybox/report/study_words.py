@@ -40,6 +40,9 @@ NAMES = {
 LIKELY = 0.5
 """A correction more probable than this is taken over into the amended simulation."""
 
+MOST_CLOSED = 0.9999
+"""Nobody is told that all of a gap is closed: what is left may only be less than the noise shows."""
+
 
 def added(study: StudyResult) -> np.ndarray:
     """Row numbers of the effects that were added to the model."""
@@ -79,7 +82,7 @@ def closed_text(closed: float) -> str:
         return ""
     if closed < -0.005:
         return f"the gap grew by {percent_text(-closed)}"
-    return "unchanged" if closed < 0.005 else f"{percent_text(closed)} of the gap closed"
+    return "unchanged" if closed < 0.005 else f"{percent_text(min(closed, MOST_CLOSED))} of the gap closed"
 
 
 def metric_interval(study: StudyResult, metric: str, lower: float, upper: float) -> str:
