@@ -17,7 +17,6 @@ from bayes_greybox.inference.posterior import Posterior
 from bayes_greybox.model.program import Program
 from bayes_greybox.physics.catalogue.effects import CatalogueSpec, load_catalogue
 from bayes_greybox.physics.catalogue.roles import bind_catalogue, roles_of, unbound
-from bayes_greybox.physics.simulation import known_states
 from bayes_greybox.physics.terms import Term
 from bayes_greybox.physics.units import check_units
 
@@ -239,7 +238,7 @@ def _check_data(
 ) -> None:
     """Refuse before the search what the search or the gap after it could not use."""
     check_units({}, train.units, train.derivative_names, train.time_name)
-    whole = set(train.state_names) <= {*known_states(model.simulation, train.state_names), *equations}
+    whole = set(train.state_names) <= {*model.simulator(train).equations, *equations}
     for part, data in (("training", train), *([("test", test)] if test is not None else [])):
         missing = [name for name in train.columns if name not in data.columns]
         if missing:

@@ -44,11 +44,6 @@ class Simulation(ABC):
     def equations(self) -> tuple[str, ...]:
         """States whose rate the simulation gives; that of the others is zero."""
 
-    @property
-    @abstractmethod
-    def differentiable(self) -> bool:
-        """Whether JAX can trace `rate`; decided without calling it, so True may still turn out to be wrong."""
-
     @abstractmethod
     def rate(self, t: Array, x: Float[Array, " n_state"], u: Float[Array, " n_input"]) -> Float[Array, " n_state"]:
         """Value of g at one point, inside an integrator."""
@@ -84,11 +79,6 @@ class ExpressionSimulation(Simulation):
     def equations(self) -> tuple[str, ...]:
         """States with an expression."""
         return tuple(self.expressions)
-
-    @property
-    def differentiable(self) -> bool:
-        """Expressions always are."""
-        return True
 
     def rate(self, t: Array, x: Float[Array, " n_state"], u: Float[Array, " n_input"]) -> Float[Array, " n_state"]:
         """Value of g at one point, inside an integrator."""
@@ -133,11 +123,6 @@ class CallableSimulation(Simulation):
     def equations(self) -> tuple[str, ...]:
         """All states."""
         return self.states
-
-    @property
-    def differentiable(self) -> bool:
-        """A function may be plain NumPy, which JAX cannot trace; that shows when it is called."""
-        return True
 
     def rate(self, t: Array, x: Float[Array, " n_state"], u: Float[Array, " n_input"]) -> Float[Array, " n_state"]:
         """Value of g at one point, inside an integrator."""
@@ -203,16 +188,6 @@ def simulation_of(
         )
     parsed = {name: parse_expression(str(text), (*states, *inputs)) for name, text in given.items()}
     return ExpressionSimulation(states, inputs, parsed)
-
-
-def known_states(given: Mapping[str, str] | RightHandSide | None, states: tuple[str, ...]) -> tuple[str, ...]:
-    """States whose rate a user's simulation gives, told without reading it.
-
-    Args:
-        given: As for `simulation_of`.
-        states: State names of the data.
-    """
-    return states if callable(given) else tuple(given or {})
 
 
 def simulation_record(given: Mapping[str, str] | RightHandSide | None) -> Any:
