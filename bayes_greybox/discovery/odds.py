@@ -1,6 +1,6 @@
 """Prior probabilities of the explanations of a gap."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.limits import Probability, beyond_limits
@@ -10,17 +10,18 @@ from bayes_greybox.data.limits import Probability, beyond_limits
 class Odds:
     """Prior probabilities of the explanations; stated in every result.
 
-    Each is above 0 and below 1.
+    Each is above 0 and below 1. They are those of the system: of several equations, see `of_each`.
 
     Attributes:
         no_gap: Nothing is missing and every coefficient is right.
         recalibrate: Nothing is missing, but a coefficient of the simulation is off.
         unknown: Something is missing that the catalogue does not have: f alone.
         effects: One of the catalogue's effects is missing; shared equally between their names.
-        another: In later rounds, one more effect is missing; `unknown` as above, and the rest says that the effects
-            already added are all.
+        another: Of two sets of effects, the larger by one over the smaller.
         correction: Beside an effect or f, each coefficient of the simulation is off.
-        remainder: Beside an effect, f remains.
+        remainder: Beside an effect, something else remains: f, or a process in time, half each.
+        suspect: Each suspect about a channel of the measurement (a delay, a gain, an offset).
+        noise: Each suspect about the noise (it is correlated, it depends on the state, it has heavy tails).
 
     Raises:
         InputError: A value that is no such probability; `another` and `unknown` that leave nothing to the rest.
@@ -33,6 +34,8 @@ class Odds:
     another: Probability = 0.3
     correction: Probability = 0.1
     remainder: Probability = 0.2
+    suspect: Probability = 0.02
+    noise: Probability = 0.05
 
     def __post_init__(self) -> None:
         for field, value, _ in beyond_limits(self):
@@ -40,8 +43,23 @@ class Odds:
                 f"odds: {field} = {value!r} must be a probability above 0 and below 1; what is as good as excluded "
                 "gets a small one."
             )
-        if not self.another + self.unknown < 1:
+        total = self.no_gap + self.recalibrate + self.unknown + self.effects
+        if not total < 1 + 1e-9:
             raise InputError(
-                f"odds: another = {self.another:g} and unknown = {self.unknown:g} must leave something to the effects "
-                "already added being all: their sum must be below 1."
+                f"odds: no_gap, recalibrate, unknown and effects add up to {total:g}; they are parts of 1."
             )
+
+    def of_each(self, equations: int) -> "Odds":
+        """Odds of one of several equations, so that all of them are right with the probability of the system.
+
+        P(an equation has no gap) = P(no gap)^(1/n); what is left keeps its proportions.
+
+        Args:
+            equations: How many are studied.
+        """
+        no_gap = self.no_gap ** (1 / equations)
+        rest = (1 - no_gap) / (1 - self.no_gap)
+        return replace(
+            self, no_gap=no_gap, recalibrate=rest * self.recalibrate, unknown=rest * self.unknown,
+            effects=rest * self.effects,
+        )  # fmt: skip

@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from bayes_greybox.data.errors import InputError
+from bayes_greybox.data.row_noise import RowNoise
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.model.assemble import discrepancy_box, features_per_variable, with_rounding
 from bayes_greybox.model.discrepancy import OrthogonalGP
@@ -17,6 +18,8 @@ from bayes_greybox.model.program import Program
 from bayes_greybox.model.rows import EquationRows
 from bayes_greybox.physics.catalogue.effects import BoundEffect
 from bayes_greybox.physics.terms import Dictionary, Term
+
+from .suspects.channels import ChannelSuspect
 
 CHUNK = 16_384
 """Rows evaluated at once."""
@@ -41,29 +44,38 @@ COLLINEAR = 1e-9
 """Share of a column's square outside the span of the model's own terms below which it is no effect of its own."""
 
 
+PARALLEL = 1e-4
+"""Share of a suspect's square outside another column's span below which the two are one."""
+
+
 @dataclass(frozen=True)
 class Column:
     """One column of the table.
 
     Attributes:
-        kind: "free" (a term of the user's dictionary), "correction" (a term of the simulation) or "effect".
-        term: Its formula over the data's columns.
+        kind: "free" (a term of the user's dictionary), "correction" (a term of the simulation), "suspect" (something
+            about the measurement) or "effect".
+        term: Its formula over the data's columns; None for a suspect, which is known at the rows only.
         scale: RMS over the data, user's units.
         sd: Prior standard deviation of its coefficient, scaled units.
         nominal: The simulation's own coefficient, of a correction.
         effect: The catalogue's entry, of an effect.
         inner: Values of its inner parameter.
         log_weight: Log prior weight of these values.
+        suspect: The channel that is suspected, of a suspect.
+        values: At the rows, scaled, of a suspect.
     """
 
     kind: str
-    term: Term
+    term: Term | None
     scale: float
     sd: float
     nominal: float = 0.0
     effect: BoundEffect | None = None
     inner: Mapping[str, float] = field(default_factory=dict)
     log_weight: float = 0.0
+    suspect: ChannelSuspect | None = None
+    values: np.ndarray | None = None
 
 
 @dataclass
@@ -79,6 +91,7 @@ class SufficientStatistics:
         prior: Prior of η.
         columns: Terms; free ones first, then corrections, then effects.
         left_out: Effects that cannot be told from the model's own terms, or cannot be evaluated, with the reason.
+        twins: Suspects left out because another column is the same, with its name.
         square: yᵀR⁻¹y; with `n_obs`, `noise` what the evidence needs beside the products.
         products: XᵀR⁻¹X of the columns; `with_target` XᵀR⁻¹y; `with_features` XᵀR⁻¹ψ.
         features, features_target: ψᵀR⁻¹ψ and ψᵀR⁻¹y.
@@ -93,6 +106,7 @@ class SufficientStatistics:
     prior: HyperPrior
     columns: list[Column] = field(default_factory=list)
     left_out: dict[str, str] = field(default_factory=dict)
+    twins: dict[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         p, m = 0, self.basis.size
@@ -161,9 +175,41 @@ class SufficientStatistics:
             values.append(value / size)
             kept.append(Column(kind, term, size, sd, **about))
         self._leave_out(refused, [*self.columns, *kept])
-        if not kept:
-            return
-        new = self.rows.whiten(np.column_stack(values))
+        if kept:
+            self._extend(kept, np.column_stack(values))
+
+    def suspect(self, suspects: Sequence[tuple[ChannelSuspect, Float[np.ndarray, " n_row"]]]) -> None:
+        """Extend the products by suspects about channels; those that another column stands for already are left out.
+
+        Args:
+            suspects: Each with its column at the rows, user's units of the rate per unit of its size.
+        """
+        for suspect, value in suspects:
+            size = float(np.sqrt(np.mean(value**2)))
+            if not size > 0 or not np.isfinite(size):
+                continue
+            column = Column(
+                "suspect", None, size, suspect.sd * size / self.target_scale, suspect=suspect, values=value / size
+            )
+            before = len(self.columns)
+            self._extend([column], column.values[:, None])
+            twin = self._twin(len(self.columns) - 1) if len(self.columns) > before else None
+            if twin is not None:
+                self._keep(list(range(len(self.columns) - 1)))
+                self.twins[suspect.key] = twin
+
+    def with_noise(self, noise: RowNoise) -> "SufficientStatistics":
+        """The same columns under another noise of the rows."""
+        again = replace(self, rows=replace(self.rows, noise=noise), columns=[], left_out=dict(self.left_out), twins={})
+        if self.columns:
+            values = np.hstack([self.evaluate([i], self.rows.columns) for i in range(len(self.columns))])
+            again._extend(list(self.columns), values)
+        again.twins = dict(self.twins)
+        return again
+
+    def _extend(self, kept: list[Column], values: np.ndarray) -> None:
+        """Add columns by their scaled values at the rows."""
+        new = self.rows.whiten(values)
         old = self._evaluated()
         if self._kept is not None:
             self._known = np.hstack([old, new])
@@ -186,9 +232,15 @@ class SufficientStatistics:
     def evaluate(
         self, indices: Sequence[int], columns: Mapping[str, np.ndarray]
     ) -> Float[np.ndarray, "n_row n_column"]:
-        """Chosen columns at any rows, scaled."""
-        parts = [np.asarray(self.columns[i].term.evaluate(columns)) / self.columns[i].scale for i in indices]
+        """Chosen columns at any rows, scaled; suspects are known at the rows of the equation only."""
+        parts = [self._value(self.columns[i], columns) for i in indices]
         return np.column_stack(parts) if parts else np.zeros((len(next(iter(columns.values()))), 0))
+
+    def _value(self, column: Column, columns: Mapping[str, np.ndarray]) -> np.ndarray:
+        if column.term is None:
+            assert column.values is not None
+            return column.values
+        return np.asarray(column.term.evaluate(columns)) / column.scale
 
     def residual(self, indices: Sequence[int], beta: Float[np.ndarray, " n_column"]) -> np.ndarray | None:
         """Whitened target less columns with these scaled coefficients; None where whitening leaves no order in time."""
@@ -202,11 +254,12 @@ class SufficientStatistics:
 
     def _drop_collinear(self, count: int) -> None:
         """Leave out new columns in the span of the model's own terms: of corrections, those that repeat a free term."""
-        own = [i for i in range(len(self.columns)) if self.columns[i].kind != "effect"]
+        own = [*self.of_kind("free"), *self.of_kind("correction")]
         first = len(self.columns) - count
         keep = list(range(first))
         for i in range(first, len(self.columns)):
-            base = [j for j in own if j != i and j in keep]
+            # A suspect may well be a sum of the simulation's own terms: with one number it says what they say with many.
+            base = [j for j in own if j != i and j in keep and not (self.columns[i].kind == "suspect" and self.columns[j].kind == "correction")]
             norm = self.products[i, i]
             if base:
                 G, g = self.products[np.ix_(base, base)], self.products[base, i]
@@ -218,6 +271,18 @@ class SufficientStatistics:
         why = "the model has this term already: a change of its coefficient is a recalibration"
         refused = {column.effect.slug: why for column in self.columns[first:] if column.effect is not None}
         self._leave_out(refused, [self.columns[i] for i in keep])
+        self._keep(keep)
+
+    def _twin(self, index: int) -> str | None:
+        """Name of a correction or suspect whose column is parallel to this one, if there is one."""
+        for j in [*self.of_kind("correction"), *self.of_kind("suspect")]:
+            norm = self.products[index, index] * self.products[j, j]
+            if j != index and self.products[index, j] ** 2 > (1 - PARALLEL) * norm:
+                other = self.columns[j]
+                return other.suspect.key if other.suspect is not None else f"recalibration of {other.term.name}"
+        return None
+
+    def _keep(self, keep: list[int]) -> None:
         self.columns = [self.columns[i] for i in keep]
         self.products = self.products[np.ix_(keep, keep)]
         self.with_target, self.with_features = self.with_target[keep], self.with_features[keep]

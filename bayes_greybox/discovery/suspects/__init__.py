@@ -1,0 +1,1 @@
+"""What measurement may do to data: suspects that stand beside missing effects."""

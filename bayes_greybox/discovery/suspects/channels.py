@@ -1,0 +1,165 @@
+"""The channels of a measurement as suspects: a delay, a gain or an offset of the rate, of states and of inputs.
+
+A channel that is late by d, has a gain 1 + κ or an offset o is, to first order, a column beside the effects:
+
+    rate late      −d · dG/dt              states late    d · Σ_k ∂G/∂x_k ẋ_k         input late   d · ∂G/∂u u̇
+    rate gain       κ · G                  state, input gain   −κ · ∂G/∂x_k x_k
+    rate offset     o                      state offset        −o · ∂G/∂x_k
+    rate drift      o · (t − t̄) / range
+
+with G the whole modelled rate, what was found missing so far included; it is followed by central differences along the
+measured path, so any simulation serves. A delay that was found is undone in the data and its column taken anew there,
+until it moves no more: what is reported is not first order.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float
+from scipy.interpolate import CubicSpline
+
+from bayes_greybox.data.trajectories import Trajectories
+
+DELAY, GAIN, OFFSET, DRIFT = "delay", "gain", "offset", "drift"
+
+STATES = "states"
+"""Channel that stands for all states together."""
+
+DELAY_STEPS = 2.0
+"""Prior standard deviation of a delay, in sampling steps."""
+
+GAIN_SD = 0.03
+"""Prior standard deviation of a relative gain error."""
+
+OFFSET_SD = 0.03
+"""Prior standard deviation of an offset or drift, over the RMS of its channel."""
+
+Rate = Callable[[Trajectories], Float[np.ndarray, " n_obs"]]
+"""The whole modelled rate G on the rows of some data."""
+
+
+@dataclass(frozen=True)
+class ChannelSuspect:
+    """One suspect about one channel.
+
+    Attributes:
+        kind: `DELAY`, `GAIN`, `OFFSET` or `DRIFT`.
+        channel: Name of the rate ("d(x)/dt"), of a state or an input, or `STATES`.
+        sd: Prior standard deviation of its size, in `unit`'s unit.
+        step: Sampling step, for a delay.
+    """
+
+    kind: str
+    channel: str
+    sd: float
+    step: float = 1.0
+
+    @property
+    def key(self) -> str:
+        """Name for tables."""
+        return f"{self.kind} of {self.channel}"
+
+
+def suspect_columns(
+    data: Trajectories, equation: str, rate: Rate
+) -> list[tuple[ChannelSuspect, Float[np.ndarray, " n_obs"]]]:
+    """Every suspect with its column: what the measured rate gains per unit of its size.
+
+    Args:
+        data: Measurements, as corrected so far.
+        equation: The studied state.
+        rate: The whole modelled rate.
+    """
+    inside = np.diff(data.time)[np.diff(data.run) == 0]
+    step = float(np.median(inside)) if len(inside) else 1.0
+    own, shift = rate_channel(equation), step / 4
+    states, inputs = data.state_names, data.input_names
+
+    def along(names: tuple[str, ...]) -> np.ndarray:
+        """DG/dd for channels taken d later."""
+        ahead, behind = (rate(shifted(data, {name: side * shift for name in names})) for side in (1, -1))
+        return (ahead - behind) / (2 * shift)
+
+    def slope(name: str, direction: np.ndarray) -> np.ndarray:
+        """∂G/∂name along a direction."""
+        size = float(np.sqrt(np.mean(data.column(name) ** 2)))
+        largest = float(np.max(np.abs(direction)))
+        h = 1e-4 * size / largest if size > 0 and largest > 0 else 1e-4
+        up, down = (rate(_moved(data, name, side * h * direction)) for side in (1, -1))
+        return (up - down) / (2 * h)
+
+    G = rate(data)
+    found = [(ChannelSuspect(DELAY, own, DELAY_STEPS * step, step), -along((*states, *inputs)))]
+    if inputs:
+        found.append((ChannelSuspect(DELAY, STATES, DELAY_STEPS * step, step), along(states)))
+        found += [(ChannelSuspect(DELAY, u, DELAY_STEPS * step, step), along((u,))) for u in inputs]
+    if len(states) > 1:
+        found += [(ChannelSuspect(DELAY, x, DELAY_STEPS * step, step), along((x,))) for x in states]
+    found.append((ChannelSuspect(GAIN, own, GAIN_SD), G))
+    ones = np.ones(data.n_obs)
+    size = float(np.sqrt(np.mean(G**2)))
+    found.append((ChannelSuspect(OFFSET, own, OFFSET_SD * size), ones))
+    span = float(np.ptp(data.time))
+    if span > 0:
+        found.append((ChannelSuspect(DRIFT, own, OFFSET_SD * size), (data.time - np.mean(data.time)) / span))
+    for name in (*states, *inputs):
+        values = data.column(name)
+        found.append((ChannelSuspect(GAIN, name, GAIN_SD), -slope(name, values)))
+        scale = float(np.sqrt(np.mean(values**2)))
+        found.append((ChannelSuspect(OFFSET, name, OFFSET_SD * scale), -slope(name, ones)))
+    return [(suspect, column) for suspect, column in found if np.all(np.isfinite(column)) and np.any(column != 0)]
+
+
+def undone(data: Trajectories, equation: str, delays: Mapping[str, float]) -> Trajectories:
+    """The data with delays of channels undone: states and inputs at the times that the measured rate belongs to.
+
+    Args:
+        data: Measurements as they came.
+        equation: The studied state.
+        delays: By channel; positive is late.
+    """
+    if not any(delays.values()):
+        return data
+    own = delays.get(rate_channel(equation), 0.0)
+    later = {}
+    for name in data.state_names:
+        later[name] = delays.get(STATES, 0.0) + delays.get(name, 0.0) - own
+    for name in data.input_names:
+        later[name] = delays.get(name, 0.0) - own
+    return shifted(data, later)
+
+
+def shifted(data: Trajectories, later: Mapping[str, float]) -> Trajectories:
+    """States and inputs as they are so much later, by cubic splines through the samples of each run."""
+    columns: dict[str, np.ndarray] = {}
+    for name, by in later.items():
+        if by == 0.0:
+            continue
+        values = data.column(name)
+        columns[name] = np.concatenate(
+            [_later(data.time[data.run == r], values[data.run == r], by) for r in dict.fromkeys(data.run.tolist())]
+        )
+    return replace(
+        data,
+        states={name: columns.get(name, x) for name, x in data.states.items()},
+        inputs={name: columns.get(name, x) for name, x in data.inputs.items()},
+    )
+
+
+def rate_channel(equation: str) -> str:
+    """Name of the channel that measures a rate."""
+    return f"d({equation})/dt"
+
+
+def _later(time: np.ndarray, values: np.ndarray, by: float) -> np.ndarray:
+    if len(time) < 4:
+        return values
+    return CubicSpline(time, values)(time + by)
+
+
+def _moved(data: Trajectories, name: str, by: np.ndarray) -> Trajectories:
+    def part(columns: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+        return {k: x + by if k == name else x for k, x in columns.items()}
+
+    return replace(data, states=part(data.states), inputs=part(data.inputs))

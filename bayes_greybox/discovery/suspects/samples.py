@@ -1,0 +1,145 @@
+"""What the samples of a state say of themselves: their own noise, and whether the sensor was at its end.
+
+Noise on states that terms are evaluated at is a spurious force, E[e | x measured] = s² ∇log p(x), which more rows make
+surer. Where the samples show white noise of their own, terms are evaluated at smoothed states instead.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Float
+from scipy.interpolate import make_smoothing_spline
+
+from bayes_greybox.data.trajectories import Trajectories
+
+ORDERS = (5, 7)
+"""Differences of these orders leave white noise of known size, and nothing of a smooth path sampled densely."""
+
+AGREE = 0.6
+"""Noise is white if the higher order finds at least this share of what the lower one finds: what is left of a smooth
+path falls much faster."""
+
+SMALLEST = 1e-6
+"""Noise below this share of a state's standard deviation is rounding."""
+
+FEWEST = 30
+"""Samples of a run below which nothing is smoothed."""
+
+RESIDUAL = 0.75
+"""Mean square of a smoothing spline's residuals over the noise's, with about a sample in four for the path."""
+
+CLIPPED = 3
+"""So many samples in a row at the very end of a sensor's range are clipped."""
+
+
+@dataclass(frozen=True)
+class SampleNoise:
+    """White noise found on one state.
+
+    Attributes:
+        sd: Of the samples, user's units.
+        left: Of the smoothed samples.
+    """
+
+    sd: float
+    left: float
+
+
+def sample_noise(values: Float[np.ndarray, " n"], run: np.ndarray) -> float:
+    """Standard deviation of the white noise on samples of a smooth path, 0 where there is none.
+
+    The d-th difference of white noise has variance C(2d, d) s²; medians keep kinks of the path out of it.
+
+    Args:
+        values: Samples at even steps.
+        run: Run of each.
+    """
+    found = []
+    for order in ORDERS:
+        parts = [np.diff(values[run == r], order) for r in np.unique(run)]
+        joined = np.concatenate(parts)
+        if len(joined) < FEWEST:
+            return 0.0
+        found.append(float(np.median(np.abs(joined))) / 0.6744897501960817 / math.sqrt(math.comb(2 * order, order)))
+    low, high = found
+    return high if high > AGREE * low and high > SMALLEST * float(np.std(values)) else 0.0
+
+
+def smoothed(data: Trajectories) -> tuple[Trajectories, dict[str, SampleNoise]]:
+    """The data with states freed of white noise by a cubic smoothing spline (generalised cross-validation).
+
+    Args:
+        data: Measurements.
+
+    Returns:
+        The data, as they are where no state shows noise; and the noise by state.
+    """
+    states, noise = dict(data.states), {}
+    for name, values in data.states.items():
+        if not _even(data):
+            continue
+        s = sample_noise(values, data.run)
+        if s == 0.0:
+            continue
+        parts, left = [], []
+        for r in dict.fromkeys(data.run.tolist()):
+            own = data.run == r
+            time, samples = data.time[own], values[own]
+            if len(samples) < FEWEST:
+                parts.append(samples)
+                left.append(s)
+                continue
+            path = _smooth(time, samples, s)
+            parts.append(path)
+            # var(y − ŷ) = s² (1 − 2 tr H/n + tr HH/n), and tr HH is about 5/7 of tr H for a cubic spline
+            rest = float(np.mean((samples - path) ** 2)) / s**2
+            left.append(s * math.sqrt(min(max((1 - rest) * (5 / 7) / (2 - 5 / 7), 0.0), 1.0)))
+        states[name] = np.concatenate(parts)
+        noise[name] = SampleNoise(s, float(np.sqrt(np.mean(np.square(left)))))
+    return (replace(data, states=states), noise) if noise else (data, {})
+
+
+def clipped(values: Mapping[str, Float[np.ndarray, " n"]], run: np.ndarray) -> dict[str, Bool[np.ndarray, " n"]]:
+    """Rows at which a channel's sensor was at its end, by channel; channels without any are left out.
+
+    Args:
+        values: Samples by channel.
+        run: Run of each row.
+    """
+    found: dict[str, Any] = {}
+    for name, x in values.items():
+        at_end = np.zeros(len(x), bool)
+        for end in (float(np.max(x)), float(np.min(x))):
+            here = x == end
+            start = np.flatnonzero(here & ~np.append(False, here[:-1] & (run[1:] == run[:-1])))
+            for first in start:
+                last = first
+                while last + 1 < len(x) and here[last + 1] and run[last + 1] == run[first]:
+                    last += 1
+                if last - first + 1 >= CLIPPED:
+                    at_end[first : last + 1] = True
+        if 0 < np.mean(at_end) < 0.5 and np.any(np.diff(np.flatnonzero(at_end)) > 1):
+            found[name] = at_end
+    return found
+
+
+def _smooth(time: np.ndarray, samples: np.ndarray, s: float) -> np.ndarray:
+    """The smoothing spline; where cross-validation smooths a path away, the one whose residuals have the noise's size."""
+    path = make_smoothing_spline(time, samples)(time)
+    if np.mean((samples - path) ** 2) < 2 * s**2:
+        return path
+    step = float(np.median(np.diff(time)))
+    low, high = -12.0, 12.0
+    for _ in range(20):
+        middle = 0.5 * (low + high)
+        path = make_smoothing_spline(time, samples, lam=step**3 * 10.0**middle)(time)
+        low, high = (middle, high) if np.mean((samples - path) ** 2) < RESIDUAL * s**2 else (low, middle)
+    return path
+
+
+def _even(data: Trajectories) -> bool:
+    steps = np.diff(data.time)[np.diff(data.run) == 0]
+    return bool(len(steps)) and bool(np.all(np.abs(steps - steps[0]) <= 1e-6 * abs(steps[0])))
