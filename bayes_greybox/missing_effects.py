@@ -133,7 +133,6 @@ def find_missing_effects(
         seed=seed,
         effects_at_most=effects_at_most,
         odds=odds,
-        settle=settle,
         free_runs=free_runs,
         interpolation=interpolation,
         progress=progress,

@@ -20,12 +20,16 @@ class Coefficients(NamedTuple):
         draws: Scaled coefficients [n_draw, n_column], exactly zero for corrections that are out.
         inner: For each draw, the index of the column that stands for each added effect [n_draw, n_effect].
         sigma: Noise SD, scaled [n_draw].
+        suspects: Columns of suspects in the model.
+        suspect_draws: Their scaled coefficients [n_draw, n_suspect].
     """
 
     indices: tuple[int, ...]
     draws: Float[np.ndarray, "n_draw n_column"]
     inner: np.ndarray
     sigma: Float[np.ndarray, " n_draw"]
+    suspects: tuple[int, ...] = ()
+    suspect_draws: np.ndarray = np.zeros((0, 0))
 
 
 def plain(evaluations: Evaluations) -> np.ndarray:
@@ -42,7 +46,10 @@ def alone(evaluations: Evaluations, index: int) -> tuple[float, float]:
     return float(mean[-1]), float(np.sqrt(max(covariance[-1, -1], 0.0)))
 
 
-def draw_coefficients(evaluations: Evaluations, base: Sequence[int], n_draw: int, seed: int) -> Coefficients:
+def draw_coefficients(
+    evaluations: Evaluations, base: Sequence[int], n_draw: int, seed: int, suspects: Sequence[int] = (),
+    remainder: float = 0.0,
+) -> Coefficients:  # fmt: skip
     """Posterior draws of all coefficients given the effects of `base`, inner parameters and corrections averaged.
 
     Args:
@@ -50,22 +57,25 @@ def draw_coefficients(evaluations: Evaluations, base: Sequence[int], n_draw: int
         base: One column for each effect.
         n_draw: Number of draws.
         seed: Their seed.
+        suspects: Suspects that are in the model with them.
+        remainder: Probability that f remains, which makes the noise smaller.
     """
     rng = np.random.default_rng(seed)
-    choices = list(product(*(_likely(evaluations, base, i) for i in base))) if base else [()]
-    evaluated = evaluations.parametric(choices)
+    suspects = tuple(suspects)
+    choices = list(product(*(_likely(evaluations, suspects, base, i) for i in base))) if base else [()]
+    evaluated = evaluations.parametric([(*suspects, *c) for c in choices])
     logs = np.array([[*np.ravel(v.by_pattern)] for v in evaluated])
     n_pattern = logs.shape[1]
     flat = np.exp(logs - np.logaddexp.reduce(logs, axis=None)).ravel()
     picks = rng.choice(len(flat), size=n_draw, p=flat / flat.sum())
     own = [*evaluations.statistics.of_kind("free"), *evaluations.statistics.of_kind("correction")]
     beta, inner, sigma = (
-        np.zeros((n_draw, len(own) + len(base))),
+        np.zeros((n_draw, len(own) + len(suspects) + len(base))),
         np.zeros((n_draw, len(base)), int),
         np.zeros(n_draw),
     )
-    remainder = evaluations.integrated(tuple(base))
-    p_f = _remainder(evaluations, tuple(base))
+    # Where f remains, the noise is smaller; the coefficients' scatter shrinks with it.
+    s_f = evaluations.statistics.noise.sigma(evaluations.integrated((*suspects, *base)).mode[0]) if remainder else 0.0
     for pick in np.unique(picks):
         rows = np.flatnonzero(picks == pick)
         choice, pattern = choices[pick // n_pattern], pick % n_pattern
@@ -76,30 +86,20 @@ def draw_coefficients(evaluations: Evaluations, base: Sequence[int], n_draw: int
         values, vectors = np.linalg.eigh(covariance)
         spread = vectors * np.sqrt(np.maximum(values, 0))
         wide = np.ones(len(rows))
-        # Where f remains, the noise is smaller; the coefficients' scatter shrinks with it.
-        s_f = np.sqrt(evaluations.statistics.noise.floor**2 + np.exp(2 * remainder.mode[0]))
-        with_f = rng.random(len(rows)) < p_f
+        with_f = rng.random(len(rows)) < remainder
         wide[with_f] = s_f / sigma[rows][with_f]
         sigma[rows[with_f]] = s_f
         beta[rows] = mean + wide[:, None] * (rng.standard_normal((len(rows), len(values))) @ spread.T)
         inner[rows] = choice
-    return Coefficients((*own, *base), beta, inner, sigma)
+    first, last = len(own), len(own) + len(suspects)
+    kept = np.hstack([beta[:, :first], beta[:, last:]])
+    return Coefficients((*own, *base), kept, inner, sigma, suspects, beta[:, first:last])
 
 
-def _likely(evaluations: Evaluations, base: Sequence[int], index: int) -> list[int]:
+def _likely(evaluations: Evaluations, suspects: tuple[int, ...], base: Sequence[int], index: int) -> list[int]:
     """Columns of one added effect that carry its posterior over the inner parameter."""
     group = evaluations.group(index)
-    others = [i for i in base if i != index]
-    order = [tuple(i if j == index else j for j in base) for i in group] if others else [(i,) for i in group]
+    order = [(*suspects, *(i if j == index else j for j in base)) for i in group]
     log_z = np.array([v.all for v in evaluations.parametric(order)])
     weight = np.exp(log_z - np.logaddexp.reduce(log_z))
-    kept = [group[k] for k in np.argsort(-weight)[:9] if weight[k] > 1e-3]
-    return kept
-
-
-def _remainder(evaluations: Evaluations, base: tuple[int, ...]) -> float:
-    """Probability that f remains beside these effects."""
-    odds = evaluations.odds
-    without = evaluations.parametric([base])[0].all + np.log1p(-odds.remainder)
-    with_f = evaluations.integrated(base).log_evidence + evaluations.inner_weight(base) + np.log(odds.remainder)
-    return float(np.exp(with_f - np.logaddexp(without, with_f)))
+    return [group[k] for k in np.argsort(-weight)[:9] if weight[k] > 1e-3]

@@ -9,23 +9,30 @@ import pandas as pd
 
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.discovery.evidence.with_discrepancy import Evaluator
 from bayes_greybox.model.program import Program
 from bayes_greybox.physics.catalogue.effects import BoundEffect
 from bayes_greybox.physics.terms import Term
 from bayes_greybox.physics.units import coefficient_unit, derivative_unit
 
+from .adequacy import Check, check_explanation
+from .alignment import Aligned, align
 from .coefficients import Coefficients, alone, draw_coefficients, plain
 from .evaluations import Evaluations
+from .finding import STOPS, TIED, Finding, decide
 from .gap import Amendment
-from .hypotheses import Contest
+from .instrument import instrument_table
 from .odds import Odds
-from .rounds import STOPS, TIED, Finding, search
-from .sufficient_statistics import SufficientStatistics, sufficient_statistics
+from .sets import RECALIBRATED, REST
+from .sufficient_statistics import SufficientStatistics
+from .suspects.noise_models import PROCESS
 from .where import GapField, GapMap, GapTrace, gap_map, gap_trace, where_table
+from .worlds import worlds
 
 DRAWS = 2000
 """Posterior draws of the coefficients behind tables and bands."""
+
+JITTER = "change of the rate"
+"""What noise grows with where the time stamps jitter."""
 
 TAIL = 0.05
 """Probability on either side of the intervals in tables."""
@@ -35,62 +42,92 @@ TAIL = 0.05
 class EquationStudy:
     """Everything found out about one equation."""
 
-    statistics: SufficientStatistics
-    evaluations: Evaluations
+    aligned: Aligned
     finding: Finding
+    checks: tuple[Check, ...]
     coefficients: Coefficients
     amendment: Amendment
     map: GapMap
     trace: GapTrace
     where: pd.DataFrame
 
+    @property
+    def evaluations(self) -> Evaluations:
+        """Evidence in the world of the finding."""
+        return self.finding.world.evaluations
+
+    @property
+    def statistics(self) -> SufficientStatistics:
+        """Products in the world of the finding."""
+        return self.evaluations.statistics
+
     def effects(self, data: Trajectories) -> pd.DataFrame:
-        """Effects that were added, then all others of the first round."""
-        rows, added = [], set()
-        for k, index in enumerate(self.finding.base):
-            place = len(self.coefficients.indices) - len(self.finding.base) + k
-            draws = self._in_units(index) * self.coefficients.draws[:, place]
+        """Effects of the answer, those that could stand in their places, then all others."""
+        rows, done = [], set()
+        places = self.finding.places
+        for k, place in enumerate(places):
+            column = len(self.coefficients.indices) - len(places) + k
             # Each draw has its own inner parameter, and with it its own column.
             inner = self.coefficients.inner[:, k]
             scales = np.array([self._in_units(int(i)) for i in inner])
-            draws = draws / self._in_units(index) * scales
+            draws = self.coefficients.draws[:, column] * scales
             values = [self.statistics.columns[int(i)].inner for i in inner]
-            rows.append(
-                self._row(data, index, self.finding.probability[k], draws, self.finding.ties[k], values, "added")
-            )
-            added.add(self.evaluations.name(index))
-        probabilities = self.finding.first.probabilities()
-        best = max((p for name, p in probabilities.items() if name not in STOPS), default=0.0)
+            rows.append(self._row(data, place.index, place.probability, draws, place.tied, values, "added"))
+            done.add(place.slug)
+        instead = {slug for place in places for slug in place.tied} if self.finding.verdict == "one of" else set()
+        probabilities = self.finding.weighed.by_effect
+        best = max(probabilities.values(), default=0.0)
         for name, p in probabilities.items():
-            if name in STOPS or name in added:
+            if name in done:
                 continue
-            index = self.finding.first.best(name).best
-            if index is not None:
-                mean, sd = alone(self.evaluations, index)
-                draws = self._in_units(index) * (mean + sd * np.array([-1.6448536, 0.0, 1.6448536]))
-                tied = () if p < TIED * best else tuple(
-                    n for n, q in probabilities.items() if n not in (*STOPS, name) and q >= TIED * best
-                )  # fmt: skip
-                inner = [self.statistics.columns[index].inner]
-                row = self._row(data, index, p, draws, tied, inner, "")
-                rows.append({**row, "sd": abs(self._in_units(index)) * sd, "lower": min(draws), "upper": max(draws)})
+            index = self.evaluations.best_of(name)
+            mean, sd = alone(self.evaluations, index)
+            draws = self._in_units(index) * (mean + sd * np.array([-1.6448536, 0.0, 1.6448536]))
+            tied = () if places or p < TIED * best else tuple(
+                n for n, q in probabilities.items() if n != name and q >= TIED * best
+            )  # fmt: skip
+            status = "one of" if name in instead else ""
+            row = self._row(data, index, p, draws, tied, [self.statistics.columns[index].inner], status)
+            rows.append({**row, "sd": abs(self._in_units(index)) * sd, "lower": min(draws), "upper": max(draws)})
         columns = ["equation", "slug", "name", "expression", "probability", "mean", "sd", "lower", "upper", "unit"]
         return pd.DataFrame(rows, columns=[*columns, "tied_with", "inner", "status"])
 
     def hypotheses(self) -> pd.DataFrame:
-        """Explanations of the first round."""
-        first = self.finding.first
+        """No gap, recalibration, instrument, unknown, and each set of effects; probabilities sum to one."""
+        weighed = self.finding.weighed
+        found: dict[str, list[float]] = {name: [p, -np.inf, np.nan] for name, p in weighed.by_kind.items() if name in STOPS}
+        top = weighed.worlds[0].offset
+        for world, e, p, share in weighed.items:
+            name = self._named(world, e) if e.effects else weighed.kind(world, e)
+            entry = found.setdefault(name, [0.0, -np.inf, np.nan])
+            if e.effects:
+                entry[0] += p * (1 - share)
+            value = e.log_evidence + world.offset - top
+            if value > entry[1]:
+                entry[1], entry[2] = value, 0.0 if not np.isfinite(share) else share
         rows = [
             {
-                "equation": self.statistics.equation,
-                "hypothesis": name,
-                "probability": p,
-                "log_evidence": first.best(name).log_evidence,
-                "share_left": first.best(name).share_left,
+                "equation": self.statistics.equation, "hypothesis": name, "probability": p, "log_evidence": z,
+                "share_left": share,
             }
-            for name, p in first.probabilities().items()
-        ]
+            for name, (p, z, share) in sorted(found.items(), key=lambda item: -item[1][0])
+        ]  # fmt: skip
         return pd.DataFrame(rows).set_index(["equation", "hypothesis"])
+
+    def _named(self, world: Any, e: Any) -> str:
+        return " + ".join(sorted(world.evaluations.name(i) for i in e.effects))
+
+    def instrument(self, data: Trajectories) -> pd.DataFrame:
+        """Suspects about the measurement."""
+        return instrument_table(self.aligned, self.finding, self.coefficients, data)
+
+    def check_table(self) -> pd.DataFrame:
+        """Checks of the explanation that the study settled on."""
+        rows = [
+            {"equation": self.statistics.equation, "check": c.name, "p": c.p, "ok": c.ok, "text": c.text}
+            for c in self.checks
+        ]
+        return pd.DataFrame(rows, columns=["equation", "check", "p", "ok", "text"]).set_index(["equation", "check"])
 
     def corrections(self, data: Trajectories) -> pd.DataFrame:
         """Changes of the simulation's own coefficients."""
@@ -114,28 +151,45 @@ class EquationStudy:
         return pd.DataFrame(rows, columns=names).set_index(["equation", "term"])
 
     def ladder(self) -> pd.DataFrame:
-        """The rounds."""
-        rows = []
-        for number, step in enumerate(self.finding.steps, start=1):
-            (top, p), *rest = step.probabilities.items()
+        """The likeliest sets with no effect, with one, with two, and so on."""
+        weighed, rows, before = self.finding.weighed, [], set()
+        most = max((len(e.effects) for _, e, _, _ in weighed.items), default=0)
+        for size in range(most + 1):
+            own = [(w, e, p, s) for w, e, p, s in weighed.items if len(e.effects) == size]
+            if not own or (size > len(self.finding.places) + 1 and sum(p for *_, p, _ in own) < 1e-3):
+                continue
+            names: dict[str, float] = {}
+            for w, e, p, _ in own:
+                name = self._named(w, e) if size else weighed.kind(w, e)
+                names[name] = names.get(name, 0.0) + p
+            (top, p), *rest = sorted(names.items(), key=lambda item: -item[1])
             second, q = rest[0] if rest else ("", np.nan)
+            world, e = own[0][0], next(x for w, x, _, _ in own if w is own[0][0] and x.kind != REST)
+            now = {world.evaluations.name(i) for i in e.effects}
             rows.append(
                 {
-                    "equation": self.statistics.equation, "round": number, "verdict": top, "added": step.added,
-                    "probability": p, "runner_up": second, "runner_up_probability": q, "share_left": step.share_left,
+                    "equation": self.statistics.equation, "round": size + 1, "verdict": top,
+                    "added": " + ".join(sorted(now - before)), "probability": p, "runner_up": second,
+                    "runner_up_probability": q, "share_left": self._unexplained(world, e),
                 }
             )  # fmt: skip
+            before = now
         return pd.DataFrame(rows).set_index(["equation", "round"])
+
+    def _unexplained(self, world: Any, e: Any) -> float:
+        """Share of the gap's square that an explanation's columns leave, less the noise."""
+        noise = float(np.mean(self.coefficients.sigma)) ** 2
+        return float(np.clip((np.mean(world.residual(e) ** 2) - noise) / max(1.0 - noise, 1e-12), 0.0, 1.0))
 
     def ties(self, data: Trajectories) -> list[dict[str, Any]]:
         """Tied effects and the experiment that would tell them apart."""
         found = []
-        for k, index in enumerate(self.finding.base):
-            if self.finding.ties[k]:
-                slugs = (self.evaluations.name(index), *self.finding.ties[k])
-                rivals = [self.evaluations.best_of(slug) for slug in self.finding.ties[k]]
+        for place in self.finding.places:
+            if place.tied:
+                rivals = [self.evaluations.best_of(slug) for slug in place.tied]
+                advice = _advice(self, place.index, rivals, data)
                 found.append(
-                    {"equation": self.statistics.equation, "slugs": slugs, "advice": _advice(self, index, rivals, data)}
+                    {"equation": self.statistics.equation, "slugs": (place.slug, *place.tied), "advice": advice}
                 )
         return found
 
@@ -164,7 +218,7 @@ class EquationStudy:
 
 def study_equation(
     model: Program, train: Trajectories, name: str, effects: Sequence[BoundEffect], odds: Odds, most: int, seed: int,
-    settle: bool, say: Callable[[str], None],
+    say: Callable[[str], None],
 ) -> EquationStudy:  # fmt: skip
     """Study one equation: rounds, then the gap before and after on the training data.
 
@@ -176,32 +230,51 @@ def study_equation(
         odds: Prior probabilities.
         most: Largest number of effects added.
         seed: Seed of the coefficients' draws.
-        settle: Whether finalists are settled by bridge sampling where that is needed.
         say: Told in words what is being done.
     """
-    statistics = sufficient_statistics(model, train, name, effects)
-    evaluator = Evaluator(statistics.prior, statistics.kernel, np.asarray(statistics.basis.frequency))
-    evaluations = Evaluations(statistics, odds, evaluator)
-    finding = search(Contest(evaluations), most, seed if settle else None, say)
+    aligned = align(model, train, name, effects, odds, most, say)
+    data, statistics = aligned.data, aligned.evaluations.statistics
+    simulated = model.simulator(data).on(data, name)
+    quantities = {**data.columns, f"simulated d({name})/dt": simulated, **_changing(data, aligned.rate)}
+    found = worlds(aligned.evaluations, most, quantities, aligned.always, say)
+    finding = decide(found)
+    unit_of_time = train.units.get("t", "")
+    rest = finding.explanation.kind == REST or PROCESS in finding.world.model.names
+    checks = () if rest else tuple(check_explanation(finding.world, finding.explanation, unit_of_time))
+    finding = finding.capped([check.text for check in checks if not check.ok])
     say("mapping the gap")
-    corrected = finding.verdict not in ("no gap", "unknown")
-    coefficients = draw_coefficients(evaluations, finding.base, DRAWS, seed)
-    if not corrected:
+    evaluations = finding.world.evaluations
+    statistics, evaluator = evaluations.statistics, evaluations.evaluator
+    suspects = finding.explanation.suspects
+    remainder = finding.remainder if finding.explanation.kind == REST else 0.0
+    coefficients = draw_coefficients(evaluations, finding.base, DRAWS, seed, suspects, remainder)
+    if not finding.base and finding.explanation.kind != RECALIBRATED:
         # Nothing is missing, or nothing that has a name: the model after is the model before, whatever small weight
         # corrections keep.
         coefficients = coefficients._replace(draws=coefficients.draws * _free_only(statistics, coefficients))
     indices, beta = list(coefficients.indices), coefficients.draws.mean(axis=0)
     changed = [k for k, i in enumerate(indices) if statistics.columns[i].kind != "free"]
+    taken = [indices[k] for k in changed] + list(suspects)
+    sizes = np.concatenate([beta[changed], coefficients.suspect_draws.mean(axis=0)])
     before = GapField.of(statistics, evaluator)
-    after = GapField.of(statistics, evaluator, [indices[k] for k in changed], beta[changed])
+    after = GapField.of(statistics, evaluator, taken, sizes)
     sigma = float(np.mean(coefficients.sigma)) * statistics.target_scale
     threshold = min(before.sigma, sigma)
     unit = derivative_unit(name, train.units)
-    trace = gap_trace(train, before, after, threshold, unit)
-    amendment = Amendment(statistics, plain(evaluations), coefficients, sigma)
-    drawn = gap_map(train, before, after, statistics.variables[:2], threshold, unit)
-    where = where_table(train, statistics.variables, trace)
-    return EquationStudy(statistics, evaluations, finding, coefficients, amendment, drawn, trace, where)
+    trace = gap_trace(data, before, after, threshold, unit)
+    amendment = Amendment(statistics, plain(evaluations), coefficients, sigma, aligned.corrected)
+    drawn = gap_map(data, before, after, statistics.variables[:2], threshold, unit)
+    where = where_table(data, statistics.variables, trace)
+    return EquationStudy(aligned, finding, checks, coefficients, amendment, drawn, trace, where)
+
+
+def _changing(data: Trajectories, rate: Callable) -> dict[str, np.ndarray]:
+    """How fast the modelled rate changes: what jitter of the time stamps turns into noise."""
+    if data.n_obs < 5:
+        return {}
+    values = rate(data)
+    slopes = [np.gradient(values[data.run == r], data.time[data.run == r]) for r in np.unique(data.run) if np.sum(data.run == r) > 1]  # fmt: skip
+    return {JITTER: np.concatenate(slopes)} if sum(map(len, slopes)) == data.n_obs else {}
 
 
 def _free_only(statistics: SufficientStatistics, coefficients: Coefficients) -> np.ndarray:

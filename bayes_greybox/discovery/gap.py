@@ -1,6 +1,6 @@
 """The gap before and after: how far the simulation, and the amended model, are from the measurements."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -34,12 +34,14 @@ class Amendment:
         before: Coefficients of the user's own dictionary alone, scaled [n_free].
         after: Draws of all coefficients, with the effects that were added.
         sigma: Noise standard deviation after, user's units.
+        corrected: Data of the same sensors with what was found of them undone.
     """
 
     statistics: SufficientStatistics
     before: Float[np.ndarray, " n_free"]
     after: Coefficients
     sigma: float
+    corrected: Callable[[Trajectories], Trajectories] = lambda data: data
 
     def rates(self, columns: Mapping[str, np.ndarray], n_draw: int) -> tuple[np.ndarray, np.ndarray]:
         """What is added to the simulation's rate at rows: before [n_row], and draws of after [n_draw, n_row]."""
@@ -93,12 +95,13 @@ def gap_rows(
     for equation, amendment in amendments.items():
         if equation not in data.derivatives:
             continue
-        measured = model.equation_rows(data, equation)
-        target, size = measured.target, float(np.mean(measured.measured**2))
-        before, after = amendment.rates(data.columns, RATE_DRAWS)
+        raw, corrected = model.equation_rows(data, equation), amendment.corrected(data)
+        measured = model.equation_rows(corrected, equation)
+        size = float(np.mean(measured.measured**2))
+        before, after = amendment.rates(corrected.columns, RATE_DRAWS)
         variance, noise = float(np.var(measured.measured)), amendment.sigma**2
 
-        def error(added: np.ndarray, target=target, variance=variance) -> Any:
+        def error(added: np.ndarray, target=measured.target, variance=variance) -> Any:
             return np.mean((target - added) ** 2, axis=-1) / variance
 
         def share(values: Any, variance=variance, size=size, noise=noise) -> Any:
@@ -108,7 +111,8 @@ def gap_rows(
         for metric, f in (("derivative NMSE", lambda v: v), ("unexplained share", share)):
             low, high = np.quantile(f(errors), [(1 - LEVEL) / 2, (1 + LEVEL) / 2])
             mean = f(error(after.mean(axis=0)))
-            rows.append((part, metric, equation, float(f(error(before))), float(mean), low, high))
+            # Before, nothing was known of the sensors either.
+            rows.append((part, metric, equation, float(f(error(before, raw.target))), float(mean), low, high))
     paths: dict[str, FreePath] = {}
     if free_runs and set(data.state_names) <= {*simulation.equations, *amendments}:
         paths, more = _free_runs(simulation, amendments, data, part, interpolation)
@@ -117,6 +121,20 @@ def gap_rows(
     ratio = table["after"] / table["before"].where(table["before"] > 0)
     table["closed"] = (1 - ratio).where(table["metric"] != "time to failure")
     return table.set_index(["data", "metric", "variable"]), paths
+
+
+def worsened(gap: pd.DataFrame) -> tuple[str, ...]:
+    """States whose free run gets worse by what was added, on held-out data where there are any.
+
+    Args:
+        gap: The table of `gap_rows`.
+    """
+    if "free-run NRMSE" not in gap.index.get_level_values("metric"):
+        return ()
+    rows = gap.xs("free-run NRMSE", level="metric")
+    part = "test" if "test" in rows.index.get_level_values("data") else "train"
+    rows = rows.xs(part, level="data")
+    return tuple(str(name) for name, row in rows.iterrows() if row["lower"] > 1.02 * row["before"])
 
 
 def _free_runs(

@@ -93,9 +93,8 @@ class Sets:
     def weigh(self, report: Callable[[str], None] = lambda text: None) -> list[Explanation]:
         """Explanations, likeliest first."""
         report("weighing sets of effects")
-        top = self._search()
-        while self._refine(top[:BEAM]):
-            top = self._search()
+        self.likeliest()
+        top = self._best()
         near = [c for c in top if self._rough_weight(c) > self._rough_weight(top[0]) - WINDOW][:WEIGHED]
         # Explanations without an effect are always in the tables.
         bare = [c for c in top if not self._parted(c)[1]][:BEAM]
@@ -106,6 +105,21 @@ class Sets:
             report("weighing what is left beside them")
             found += self._with_rest(cores, found)
         return sorted(found, key=lambda e: -e.log_weight)
+
+    def likeliest(self) -> tuple[int, ...]:
+        """The likeliest set without a rest."""
+        top = self._search()
+        while self._refine(top[:BEAM]):
+            top = self._search()
+        return top[0]
+
+    def probability(self, index: int) -> float:
+        """Probability of a column among all sets that were looked at, without a rest."""
+        every = np.array([self._rough_weight(c) for c in self._rough])
+        held = np.array([index in c for c in self._rough])
+        top = np.max(every)
+        weight = np.exp(every - top)
+        return float(weight[held].sum() / weight.sum())
 
     def parametric(self, columns: Sequence[int]) -> Parametric:
         """Evidence of a set without a rest, all patterns of corrections."""

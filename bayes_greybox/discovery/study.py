@@ -21,17 +21,15 @@ from bayes_greybox.physics.terms import Term
 from bayes_greybox.physics.units import check_units
 
 from .equation import EquationStudy, study_equation
-from .gap import Amendment, FreePath, gap_rows
+from .finding import Finding
+from .gap import Amendment, FreePath, gap_rows, worsened
 from .odds import Odds
-from .rounds import NEGLIGIBLE, SUBSTANTIAL, TIED
+from .finding import NEGLIGIBLE, SUBSTANTIAL, SURE, TIED, VERDICTS
 from .sufficient_statistics import CORRECTION_SCALE
+from .suspects.channels import DELAY_STEPS, GAIN_SD, OFFSET_SD
 from .where import GapMap, GapTrace
 
 AnyProgram = TypeVar("AnyProgram", bound=Program)
-
-ORDER = ("no gap", "recalibrate", "named", "partly named", "unknown")
-"""Verdicts; of several equations the last one in this order speaks for the study."""
-
 
 @dataclass(frozen=True)
 class StudyResult:
@@ -43,14 +41,19 @@ class StudyResult:
         fit: NUTS posterior of the amended model; None where it was not sampled.
         train: Data the study learned from.
         test: Data it did not.
-        verdict: "no gap", "recalibrate", "named", "partly named" or "unknown".
+        verdict: One of `finding.VERDICTS`.
         effects: All effects that were weighed, best first: equation, slug, name, expression, probability, mean, sd,
-            lower, upper, unit, tied_with, inner, status ("added" or "").
-        hypotheses: Explanations of the first round by (equation, hypothesis).
+            lower, upper, unit, tied_with, inner, status ("added"; "one of" for what could stand in its place; or "").
+        hypotheses: Explanations by (equation, hypothesis): no gap, recalibrate, instrument, unknown, and sets of
+            effects; their probabilities sum to one.
+        instrument: Suspects about the measurement: equation, suspect, channel, probability, mean, sd, lower, upper,
+            unit, samples (of a delay), lower_samples, upper_samples, status ("in the model" or ""), text.
+        checks: Checks of the explanation that was settled on, by (equation, check): p, ok, text.
+        against: What speaks against the verdict, in words.
         corrections: The simulation's own coefficients by (equation, term).
         where: Regions and windows.
         gap: Before and after, by (data, metric, variable).
-        rounds: The ladder, by (equation, round).
+        rounds: The likeliest set with no effect, with one, with two, by (equation, round).
         ties: Effects that the data cannot tell apart, and what would.
         maps: Gap over states, by equation.
         traces: Gap along time, by equation.
@@ -68,6 +71,9 @@ class StudyResult:
     verdict: str
     effects: pd.DataFrame
     hypotheses: pd.DataFrame
+    instrument: pd.DataFrame
+    checks: pd.DataFrame
+    against: tuple[str, ...]
     corrections: pd.DataFrame
     where: pd.DataFrame
     gap: pd.DataFrame
@@ -82,11 +88,11 @@ class StudyResult:
 
     def record(self) -> dict[str, Any]:
         """Verdict, tables and settings as plain values, ready for JSON."""
-        tables = ("effects", "hypotheses", "corrections", "where", "gap", "rounds")
+        tables = ("effects", "hypotheses", "instrument", "checks", "corrections", "where", "gap", "rounds")
         plain = {name: plain_rows(getattr(self, name)) for name in tables}
         left_out = [{"equation": e, "slug": s, "reason": r} for (e, s), r in self.left_out.items()]
         return {
-            "verdict": self.verdict, **plain, "ties": self.ties, "left_out": left_out,
+            "verdict": self.verdict, "against": list(self.against), **plain, "ties": self.ties, "left_out": left_out,
             "settings": dict(self.settings),
         }  # fmt: skip
 
@@ -101,7 +107,6 @@ def investigate(
     seed: int = 0,
     effects_at_most: int = 3,
     odds: Odds | None = None,
-    settle: bool = True,
     free_runs: bool = True,
     interpolation: str | Sequence[str] | None = None,
     progress: bool = True,
@@ -121,7 +126,6 @@ def investigate(
         seed: Seed of everything random.
         effects_at_most: Largest number of effects added to one equation.
         odds: Prior probabilities of the explanations.
-        settle: Whether NUTS and bridge sampling find the evidence of finalists that importance sampling is unsure of.
         free_runs: Whether to integrate simulation and amended model over the data.
         interpolation: Of the inputs between samples in free runs.
         progress: Whether to show progress.
@@ -151,7 +155,8 @@ def investigate(
             columns = roles_of(model.simulation, train.state_names, train.input_names, name, roles, train.units)
             left_out |= {(name, slug): why for slug, why in unbound(loaded, columns, train.units).items()}
             bound = bind_catalogue(loaded, columns, train.units)
-            findings[name] = study_equation(model, train, name, bound, odds, effects_at_most, seed, settle, say)
+            each = odds.of_each(len(equations))
+            findings[name] = study_equation(model, train, name, bound, each, effects_at_most, seed, say)
             left_out |= {(name, slug): why for slug, why in findings[name].statistics.left_out.items()}
         seconds["explain"] = time.perf_counter() - started
         status.update("measuring the gap before and after")
@@ -161,7 +166,8 @@ def investigate(
         measured = [gap_rows(model, amendments, data, part, free_runs, interpolation) for part, data in parts]
         seconds["gap"] = time.perf_counter() - start
     seconds["total"] = time.perf_counter() - started
-    verdict = max((found.finding.verdict for found in findings.values()), key=ORDER.index)
+    gap = pd.concat([table for table, _ in measured])
+    verdict, against = verdict_of([found.finding for found in findings.values()], gap)
     return StudyResult(
         base=model,
         model=amended_program(model, findings),
@@ -171,9 +177,12 @@ def investigate(
         verdict=verdict,
         effects=pd.concat([found.effects(train) for found in findings.values()], ignore_index=True),
         hypotheses=pd.concat([found.hypotheses() for found in findings.values()]),
+        instrument=pd.concat([found.instrument(train) for found in findings.values()], ignore_index=True),
+        checks=pd.concat([found.check_table() for found in findings.values()]),
+        against=against,
         corrections=pd.concat([found.corrections(train) for found in findings.values()]),
         where=pd.concat([found.where for found in findings.values()], ignore_index=True),
-        gap=pd.concat([table for table, _ in measured]),
+        gap=gap,
         rounds=pd.concat([found.ladder() for found in findings.values()]),
         ties=[tie for found in findings.values() for tie in found.ties(train)],
         maps={name: found.map for name, found in findings.items()},
@@ -190,6 +199,10 @@ def investigate(
                 "tie (share of the best probability)": TIED,
                 "named below this share left to f": NEGLIGIBLE,
                 "unknown above this share left to f": SUBSTANTIAL,
+                "named from this probability on": SURE,
+                "delay (prior SD, sampling steps)": DELAY_STEPS,
+                "gain (prior SD)": GAIN_SD,
+                "offset (prior SD over the RMS of its channel)": OFFSET_SD,
                 "correction (prior SD over the coefficient)": CORRECTION_SCALE,
             },
             "versions": versions(),
@@ -219,6 +232,23 @@ def studied_equations(model: Program, data: Trajectories) -> tuple[str, ...]:
             "than another state; give derivatives=..., or compute them with data.differentiate()."
         )
     return left
+
+
+def verdict_of(findings: Sequence[Finding], gap: pd.DataFrame) -> tuple[str, tuple[str, ...]]:
+    """Verdict of a study, and what speaks against it: the free run has a veto over what is called *named*.
+
+    Args:
+        findings: Of each equation.
+        gap: Before and after.
+    """
+    verdict = max((found.verdict for found in findings), key=VERDICTS.index)
+    against = tuple(text for found in findings for text in found.against)
+    claims = any(found.places for found in findings) or verdict == "recalibrate"
+    worse = worsened(gap) if claims else ()
+    if worse:
+        against = (*against, *(f"the free run of {name} gets worse" for name in worse))
+        verdict = "partly named" if verdict == "named" else verdict
+    return verdict, against
 
 
 def amended_program(model: AnyProgram, findings: Mapping[str, EquationStudy]) -> AnyProgram:

@@ -198,6 +198,10 @@ class SufficientStatistics:
                 self._keep(list(range(len(self.columns) - 1)))
                 self.twins[suspect.key] = twin
 
+    def drop(self, kind: str) -> None:
+        """Forget the columns of one kind."""
+        self._keep([i for i, column in enumerate(self.columns) if column.kind != kind])
+
     def with_noise(self, noise: RowNoise) -> "SufficientStatistics":
         """The same columns under another noise of the rows."""
         again = replace(self, rows=replace(self.rows, noise=noise), columns=[], left_out=dict(self.left_out), twins={})

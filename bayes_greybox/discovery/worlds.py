@@ -17,7 +17,6 @@ from jaxtyping import Float
 from bayes_greybox.discovery.evidence.parametric import coefficients
 
 from .evaluations import Evaluations, one_pattern
-from .odds import Odds
 from .sets import REST, Explanation, Sets
 from .suspects.noise_models import PROCESS, NoiseModel, Suspicion, suspicions
 
@@ -205,5 +204,3 @@ def weights(found: Sequence[World]) -> Float[np.ndarray, " n_world"]:
     totals = np.array([w.total for w in found])
     return np.exp(totals - np.logaddexp.reduce(totals))
 
-
-__all__ = ["Odds", "World", "weights", "worlds"]

@@ -1,0 +1,153 @@
+"""The data as the study uses them: freed of noise on their samples, delays undone, suspects taken along the whole rate.
+
+A delay's column is that of the rate as modelled, with what is missing in it. So suspects and effects are found in turns:
+effects with the suspects as they are, the suspects' columns anew with the effects found, delays undone in the data,
+until neither changes.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.discovery.evidence.parametric import coefficients
+from bayes_greybox.discovery.evidence.with_discrepancy import Evaluator
+from bayes_greybox.model.program import Program
+from bayes_greybox.physics.catalogue.effects import BoundEffect
+
+from .evaluations import Evaluations, one_pattern
+from .odds import Odds
+from .sets import Sets
+from .sufficient_statistics import SufficientStatistics, sufficient_statistics
+from .suspects.channels import DELAY, Rate, suspect_columns, undone
+from .suspects.samples import SampleNoise, smoothed
+
+TURNS = 6
+"""How often suspects and effects are found in turns, at most."""
+
+MOVED = 0.02
+"""Change of a delay, in sampling steps, below which it is settled."""
+
+
+@dataclass(frozen=True)
+class Aligned:
+    """Data and statistics that effects are weighed on.
+
+    Attributes:
+        data: Measurements with states smoothed and delays undone.
+        evaluations: Evidence on them, white noise.
+        always: Suspects that are in every set: delays that were undone.
+        delays: What was undone, by channel.
+        probability: Of each of these delays when it was found.
+        sample_noise: Noise on the samples of states.
+        rate: The whole modelled rate.
+    """
+
+    data: Trajectories
+    evaluations: Evaluations
+    always: tuple[int, ...] = ()
+    delays: Mapping[str, float] = field(default_factory=dict)
+    probability: Mapping[str, float] = field(default_factory=dict)
+    sample_noise: Mapping[str, SampleNoise] = field(default_factory=dict)
+    rate: Rate = lambda data: np.zeros(data.n_obs)
+
+    def corrected(self, data: Trajectories) -> Trajectories:
+        """Any data of the same sensors, as the training data were corrected: states smoothed, delays undone."""
+        equation = self.evaluations.statistics.equation
+        return undone(smoothed(data)[0] if self.sample_noise else data, equation, self.delays)
+
+
+def align(
+    model: Program,
+    train: Trajectories,
+    equation: str,
+    effects: Sequence[BoundEffect],
+    odds: Odds,
+    most: int,
+    report: Callable[[str], None] = lambda text: None,
+) -> Aligned:
+    """Find delays and what is missing in turns.
+
+    Args:
+        model: The model before.
+        train: Measurements as they came.
+        equation: The studied state.
+        effects: Effects bound to columns.
+        odds: Prior odds.
+        most: Largest number of effects.
+        report: Told in words what is being done.
+    """
+    measured, noise = smoothed(train)
+    simulation = model.simulator(measured)
+
+    def simulated(data: Trajectories) -> np.ndarray:
+        return simulation.on(data, equation)
+
+    rate, delays, probability = simulated, {}, {}
+    data, statistics = measured, sufficient_statistics(model, measured, equation, effects)
+    evaluator = Evaluator(statistics.prior, statistics.kernel, np.asarray(statistics.basis.frequency))
+    before, moved = None, False
+    for turn in range(TURNS):
+        if turn:
+            report("taking suspects along the rate with what was found")
+        bare = statistics if not turn else _anew(model, data, equation, statistics, moved)
+        bare.suspect(suspect_columns(data, equation, rate))
+        evaluations = Evaluations(bare, odds, evaluator)
+        always = tuple(
+            i for i in bare.of_kind("suspect")
+            if (s := bare.columns[i].suspect) is not None and s.kind == DELAY and s.channel in delays
+        )  # fmt: skip
+        sets = Sets(evaluations, most, always=always)
+        core = sets.likeliest()
+        found = tuple(sorted(_label(evaluations, i) for i in core))
+        fitted = sets.parametric((*always, *core))
+        mean = coefficients(*one_pattern(fitted, int(np.argmax(fitted.by_pattern))))[0]
+        indices = evaluations.indices((*always, *core))
+        moved = False
+        for index, value in zip(indices, mean, strict=True):
+            suspect = bare.columns[index].suspect
+            if suspect is None or suspect.kind != DELAY:
+                continue
+            by = float(value) * bare.target_scale / bare.columns[index].scale
+            delays[suspect.channel] = delays.get(suspect.channel, 0.0) + by
+            probability.setdefault(suspect.channel, sets.probability(index))
+            moved |= abs(by) > MOVED * suspect.step
+        statistics = bare
+        if not moved and found == before:
+            break
+        before = found
+        data = undone(measured, equation, delays)
+        added = [
+            (bare.columns[i].term, float(b) * bare.target_scale / bare.columns[i].scale)
+            for i, b in zip(indices, mean, strict=True)
+            if bare.columns[i].term is not None
+        ]
+
+        def rate(data: Trajectories, added=tuple(added)) -> np.ndarray:
+            return simulated(data) + sum((b * np.asarray(term.evaluate(data.columns)) for term, b in added), 0.0)
+
+    return Aligned(data, evaluations, always, delays, probability, noise, rate)
+
+
+def _anew(
+    model: Program, data: Trajectories, equation: str, before: SufficientStatistics, moved: bool
+) -> SufficientStatistics:
+    """Statistics without suspects, on data whose delays are undone, with the terms and inner parameters known so far."""
+    if not moved:
+        before.drop("suspect")
+        return before
+    fresh = sufficient_statistics(model, data, equation, [])
+    effects = [
+        (c.term, {"effect": c.effect, "inner": c.inner, "log_weight": c.log_weight})
+        for c in before.columns
+        if c.kind == "effect" and c.term is not None
+    ]
+    fresh.add("effect", effects)
+    fresh.left_out = {**before.left_out, **fresh.left_out}
+    return fresh
+
+
+def _label(evaluations: Evaluations, index: int) -> str:
+    suspect = evaluations.statistics.columns[index].suspect
+    return suspect.key if suspect is not None else evaluations.binding(index)
