@@ -2,6 +2,8 @@
 
 import pandas as pd
 
+from bayes_greybox.discovery.gap import worsened
+from bayes_greybox.discovery.instrument import IN_MODEL
 from bayes_greybox.discovery.study import StudyResult
 
 from .formatting import number, percent_text, probability_text
@@ -11,12 +13,33 @@ from .study_words import LIKELY, MOST_CLOSED
 def sentence(study: StudyResult) -> str:
     """Say the verdict so that someone who never heard of evidence knows what to do.
 
+    What was found of the measurement, and what speaks against the verdict, is said with it.
+
     Args:
         study: The study.
     """
+    parts = [_answer(study)]
+    found = measurement_in_words(study)
+    if found and study.verdict != "instrument":
+        parts.append(f"Of the measurement: {'; '.join(found)}.")
+    if study.against:
+        parts.append(f"Against it: {'; '.join(study.against)}.")
+    return " ".join(parts)
+
+
+def measurement_in_words(study: StudyResult) -> list[str]:
+    """What the study takes for true about sensors and noise."""
+    if not len(study.instrument):
+        return []
+    return list(study.instrument.loc[study.instrument["status"] == IN_MODEL, "text"])
+
+
+def _answer(study: StudyResult) -> str:
     closed = closed_in_words(study.gap)
     if study.verdict == "no gap":
         return "Nothing is missing: simulation and measurements agree to within the noise."
+    if study.verdict == "instrument":
+        return f"No effect is missing, it is the measurement: {'; '.join(measurement_in_words(study))}."
     if study.verdict == "recalibrate":
         off = study.corrections[study.corrections["probability"] > LIKELY]
         right = "; ".join(
@@ -33,12 +56,22 @@ def sentence(study: StudyResult) -> str:
         tied = f", not to be told from {', '.join(row['tied_with'])}" if len(row["tied_with"]) else ""
         p = probability_text(row["probability"])
         said.append(f"{row['name'].lower()} in d({row['equation']})/dt (probability {p}{tied})")
+    if study.verdict == "unknown" or not said:
+        return "Something is missing that the catalogue does not have; the maps show its shape."
     lacks = f"The simulation lacks {' and '.join(said)}"
+    it = "it" if len(said) == 1 else "them"
     if study.verdict == "named":
-        return f"{lacks}; adding {'it' if len(said) == 1 else 'them'} {closed}."
-    if study.verdict == "partly named":
-        return f"{lacks}, and something else that the catalogue does not have; adding what has a name {closed}."
-    return "Something is missing that the catalogue does not have; the maps show its shape."
+        return f"{lacks}; adding {it} {closed}."
+    if study.verdict == "one of":
+        others = [
+            f"{row['name'].lower()} ({probability_text(row['probability'])})"
+            for row in study.effects.query("status == 'one of'").to_dict("records")
+        ]
+        instead = f", or in its place {' or '.join(others)}" if others else ""
+        return f"Something is missing, most likely {' and '.join(said)}{instead}; adding the likeliest {closed}."
+    if study.against:
+        return f"{lacks}, but that is not all; adding {it} {closed}."
+    return f"{lacks}, and something else that the catalogue does not have; adding what has a name {closed}."
 
 
 def closed_in_words(gap: pd.DataFrame) -> str:
@@ -53,6 +86,12 @@ def closed_in_words(gap: pd.DataFrame) -> str:
     before, after = shares.loc["test" if held_out else "train", ["before", "after"]].sum()
     if not before > 0:
         return f"leaves no gap on {where}"
+    worse = worsened(gap)
+    if worse:
+        change = "lowers" if after < before else "raises"
+        size = percent_text(min(abs(1 - after / before), MOST_CLOSED))
+        runs = f"the free run of {' and '.join(worse)} gets worse"
+        return f"{change} what is unexplained of the rate on {where} by {size}, but {runs}"
     if after > before:
         return f"widens the gap on {where} by {percent_text(after / before - 1)}"
     return f"closes {percent_text(min(1 - after / before, MOST_CLOSED))} of the gap on {where}"

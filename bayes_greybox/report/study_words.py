@@ -32,8 +32,8 @@ METRICS: dict[str, tuple[str, str]] = {
 NAMES = {
     "no gap": "no gap",
     "recalibrate": "recalibration of the simulation",
-    "unknown": "unknown (f alone)",
-    "enough": "nothing more",
+    "instrument": "the measurement",
+    "unknown": "unknown",
 }
 """Explanations that are not effects, as they are called in figures and tables."""
 
@@ -52,7 +52,9 @@ def added(study: StudyResult) -> np.ndarray:
 def name_of(study: StudyResult, slug: str) -> str:
     """Plain name of an explanation; the slug itself for an effect that the study's table does not have."""
     named = dict(zip(study.effects["slug"], study.effects["name"], strict=True))
-    return NAMES.get(slug) or named.get(slug) or slug
+    if slug in NAMES:
+        return NAMES[slug]
+    return " + ".join(named.get(part, part) for part in slug.split(" + "))
 
 
 def marked(study: StudyResult, equation: str) -> tuple[list[str], list[str]]:
