@@ -12,6 +12,7 @@ from tiny_study import judged
 
 import bayes_greybox as bg
 from bayes_greybox import cli
+from bayes_greybox.benchmarks.hidden_effects.assumptions.cases import assumption_cases
 from bayes_greybox.benchmarks.hidden_effects.cases import all_cases, subset
 from bayes_greybox.benchmarks.hidden_effects.score import Scores
 from bayes_greybox.config import load_config
@@ -232,11 +233,15 @@ def test_a_benchmark_gets_its_options_and_shows_what_must_hold(here, monkeypatch
     words = ["benchmark", "hidden-effects", "--cases", "20", "--workers", "1", "--seed", "3", "-o", "b"]
     assert cli.main([*words, "--no-progress"]) == 0
     assert cli.main(["benchmark", "hidden-effects"]) == 0
+    out = capsys.readouterr().out
     (output, cases, settings), (default, every, _) = calls
     assert (output, settings) == (Path("b"), {"workers": 1, "progress": False})
-    assert cases == subset(all_cases(3), 20, 3)
-    assert (default, every) == (Path("runs/benchmark-hidden-effects"), all_cases(0))
-    out = capsys.readouterr().out
+    assert cases == subset((*all_cases(3), *assumption_cases(3)), 20, 3)
+    assert (default, every) == (Path("runs/benchmark-hidden-effects"), (*all_cases(0), *assumption_cases(0)))
+    assert cli.main(["benchmark", "hidden-effects", "--families", "effects"]) == 0
+    assert cli.main(["benchmark", "hidden-effects", "--families", "assumptions"]) == 0
+    assert [kept for _, kept, _ in calls[2:]] == [all_cases(0), assumption_cases(0)]
+    assert "does not apply" in refuse(capsys, "benchmark", "confounding", "--families", "all")
     assert "0.917" in out and "nulls kept silent" in out and "Results are in b." in out and "nan" not in out
 
 

@@ -10,14 +10,33 @@ from bayes_greybox.benchmarks.hidden_effects.case_scores import SOLVERS
 from bayes_greybox.benchmarks.hidden_effects.score import Scores
 from bayes_greybox.report.terminal.tables import frame_table
 
+_ASSUMPTIONS = {
+    "cases": "cases",
+    "wrong above 0.9": "wrong > 0.9",
+    "wrong": "wrong",
+    "right": "right",
+    "silent": "silent",
+    "unknown": "unknown",
+    "instrument found": "instr.",
+    "claim denied": "denied",
+    "free run before": "before",
+    "free run after": "after",
+    "stlsq wrong": "STLSQ wrong",
+    "stlsq right": "right ",
+}
+
 _SHOWN = ["cases", *SOLVERS, "right or tied", "closed", "seconds"]
 
 
 def benchmark_tables(scores: Scores) -> Iterator[RenderableType]:
     """Right answers of the study and of those it is compared with, then what must hold."""
-    title = "Share of right answers; gap closed, of what the true model closes"
-    yield frame_table(title, scores.families.loc[:, _SHOWN])
-    yield Group("", frame_table("What must hold", scores.bars))
+    if len(scores.families):
+        title = "Share of right answers; gap closed, of what the true model closes"
+        yield Group(frame_table(title, scores.families.loc[:, _SHOWN]), "")
+    if len(scores.assumptions):
+        shown = scores.assumptions.loc[:, list(_ASSUMPTIONS)].rename(columns=_ASSUMPTIONS)
+        yield Group(frame_table("Broken assumptions: shares of cases; error of the held-out free run", shown), "")
+    yield frame_table("What must hold", scores.bars)
 
 
 def calibration_tables(table: pd.DataFrame) -> Iterator[RenderableType]:

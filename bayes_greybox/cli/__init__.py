@@ -53,6 +53,14 @@ class Benchmark(StrEnum):
     confounding = "confounding"
 
 
+class Families(StrEnum):
+    """Families of cases of hidden-effects."""
+
+    all = "all"
+    effects = "effects"
+    assumptions = "assumptions"
+
+
 SchemeOption = Annotated[
     Scheme | None, typer.Option(help="What is left out: single rows (loo), blocks, trajectories, or the future.")
 ]
@@ -278,6 +286,13 @@ def benchmark(
         int | None,
         typer.Option(min=1, help="Replicates of each case (calibration, confounding); the full size by default."),
     ] = None,
+    families: Annotated[
+        Families | None,
+        typer.Option(
+            help="Cases of hidden-effects: those where all assumptions hold (effects), those where one is broken "
+            "(assumptions), or all, the default."
+        ),
+    ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the cases.")] = 0,
     no_progress: NoProgress = False,
 ) -> int:
@@ -292,7 +307,14 @@ def benchmark(
 
     folder = output or Path("runs") / f"benchmark-{name.value}"
     return run_benchmark(
-        name.value, folder, cases=cases, workers=workers, replicates=replicates, seed=seed, progress=not no_progress
+        name.value,
+        folder,
+        cases=cases,
+        workers=workers,
+        replicates=replicates,
+        seed=seed,
+        progress=not no_progress,
+        families=None if families is None else families.value,
     )
 
 

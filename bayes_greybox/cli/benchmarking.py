@@ -20,10 +20,13 @@ def run_benchmark(
     replicates: int | None,
     seed: int,
     progress: bool,
+    families: str | None = None,
 ) -> int:
     """Run a benchmark by its name; options that it does not have are refused."""
     if name != "hidden-effects" and workers is not None:
         raise InputError(f"--workers does not apply to {name}, which uses every core; leave it out.")
+    if name != "hidden-effects" and families is not None:
+        raise InputError(f"--families does not apply to {name}; leave it out.")
     if name == "calibration":
         return _calibrate(folder, cases, replicates or 500, seed, progress)
     if name == "confounding":
@@ -32,11 +35,15 @@ def run_benchmark(
         return _confounding(folder, replicates, seed, progress)
     if replicates is not None:
         raise InputError("--replicates does not apply to hidden-effects; --cases sets how many are run.")
+    from bayes_greybox.benchmarks.hidden_effects.assumptions.cases import assumption_cases
     from bayes_greybox.benchmarks.hidden_effects.cases import all_cases, subset
     from bayes_greybox.benchmarks.hidden_effects.run import run
     from bayes_greybox.benchmarks.tables import benchmark_tables
 
-    chosen = all_cases(seed) if cases is None else subset(all_cases(seed), cases, seed)
+    kept = () if families == "assumptions" else all_cases(seed)
+    broken = () if families == "effects" else assumption_cases(seed)
+    chosen = (*kept, *broken)
+    chosen = chosen if cases is None else subset(chosen, cases, seed)
     scores = run(folder, chosen, workers=workers or 2, progress=progress)
     show(*benchmark_tables(scores), f"\nResults are in {folder}.")
     return DONE

@@ -27,6 +27,9 @@ LARGEST_TIE = 3
 SEPARATED = 0.95
 """Probability of its first name from which on the oracle is said to separate the effects of a case."""
 
+SURE = 0.9
+"""A wrong name with a larger probability is a decision that goes wrong."""
+
 PROBABILITY_BINS = np.linspace(0.0, 1.0, 11)
 """Edges of the bins of a reliability curve."""
 
@@ -111,14 +114,43 @@ def case_scores(row: Mapping[str, Any]) -> dict[str, Any]:
 def stated(rows: Iterable[Mapping[str, Any]]) -> tuple[np.ndarray, np.ndarray]:
     """Probabilities of the first names that the study stated, in any family, and whether they were right.
 
-    A name is right if it is one of the hidden effects; in a family without effects of the catalogue none is.
+    A name is right if it is one of the hidden effects; in a family without effects of the catalogue none is. Where a
+    broken assumption cannot be told from an effect, its name is neither right nor wrong and is left out.
     """
     found = []
     for row in rows:
         first = _first_added(row)
-        if first is not None and first["probability"] is not None:
-            found.append((first["probability"], first["slug"] in row["effects"]))
+        if first is None or first["probability"] is None or first["slug"] in row.get("excused", ()):
+            continue
+        found.append((first["probability"], first["slug"] in right_names(row)))
     return _columns(found)
+
+
+def right_names(row: Mapping[str, Any]) -> set[str]:
+    """Slugs that are right somewhere in a case: its hidden effects, and what counts as them."""
+    return {slug for slugs in row.get("accepted", ()) for slug in slugs}.union(row["effects"])
+
+
+def wrong_names(row: Mapping[str, Any], surely: bool = False) -> set[str]:
+    """Effects that the study added, in any equation, and that were not hidden.
+
+    Args:
+        row: A finished case.
+        surely: Those in which somebody would believe instead: any that is listed with a probability above `SURE`,
+            added or not, and all that belong to a verdict "named".
+    """
+    study = row.get("study") or {}
+    fine = right_names(row).union(row.get("excused", ()))
+    named = study.get("verdict") == "named"
+    found = set()
+    for place in ("effects", "elsewhere"):
+        for effect in study.get(place) or ():
+            added = effect["status"] == "added"
+            believed = (effect["probability"] or 0.0) > SURE or (added and named)
+            # What belongs in one equation is wrong in every other.
+            if (believed if surely else added) and (place == "elsewhere" or effect["slug"] not in fine):
+                found.add(effect["slug"])
+    return found
 
 
 def listed(rows: Iterable[Mapping[str, Any]]) -> tuple[np.ndarray, np.ndarray]:

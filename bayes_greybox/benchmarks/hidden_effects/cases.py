@@ -5,6 +5,7 @@ import json
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from typing import Protocol, TypeVar
 
 import numpy as np
 from jaxtyping import Float
@@ -12,7 +13,7 @@ from jaxtyping import Float
 from bayes_greybox.data.errors import InputError
 
 from .hidden import CATALOGUE, OFF_CATALOGUE
-from .host_systems import HOSTS
+from .host_systems import HOSTS, Host
 
 FAMILIES = ("catalogue", "null", "mis-calibrated", "off-catalogue", "two effects")
 """Kinds of cases."""
@@ -116,6 +117,24 @@ PAIRS = (
 """Pairs of effects hidden at once, each twice."""
 
 
+class InFamily(Protocol):
+    """What `subset` looks at."""
+
+    @property
+    def family(self) -> str:
+        """Name of the family."""
+        ...
+
+    @property
+    def noise(self) -> float:
+        """Noise over the RMS of the rate."""
+        ...
+
+
+Chosen = TypeVar("Chosen", bound=InFamily)
+"""Cases of one kind, or of several."""
+
+
 @dataclass(frozen=True)
 class Case:
     """One case; the same case gives the same data.
@@ -143,6 +162,11 @@ class Case:
             raise InputError(f"There is no host {self.host!r}; there are {', '.join(HOSTS)}.")
         if len(self.effects) != len(self.ratios):
             raise InputError("A case needs one ratio for each of its effects.")
+
+    @property
+    def system(self) -> Host:
+        """The host."""
+        return HOSTS[self.host]
 
     @property
     def key(self) -> str:
@@ -174,7 +198,7 @@ def all_cases(seed: int = 0, crossed: bool = False) -> tuple[Case, ...]:
     return tuple(numbered)
 
 
-def subset(cases: Sequence[Case], count: int = 30, seed: int = 0) -> tuple[Case, ...]:
+def subset(cases: Sequence[Chosen], count: int = 30, seed: int = 0) -> tuple[Chosen, ...]:
     """A few cases with the same mix: every family by its share, at least one of each, spread over its hosts.
 
     Args:

@@ -12,6 +12,7 @@ from jaxtyping import Float
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
 
+from .assumptions.case import AssumptionCase
 from .cases import RATIO_EDGES, Case
 from .hidden import find
 from .host_systems import HOSTS, SPREAD, Host, formula, term_value
@@ -52,7 +53,8 @@ class Truth:
 class CaseData:
     """What a case gives a solver, and what it hides from it.
 
-    States and inputs are measured exactly; every derivative has independent normal noise.
+    States and inputs are measured exactly, and every derivative has independent normal noise, unless the case is one of
+    a broken assumption.
 
     Attributes:
         case: The case.
@@ -67,7 +69,7 @@ class CaseData:
         exact: Exact quantities on the data sets "train" and "test".
     """
 
-    case: Case
+    case: Case | AssumptionCase
     train: Trajectories
     test: Trajectories
     simulation: Mapping[str, str]
@@ -81,31 +83,34 @@ class CaseData:
     @property
     def host(self) -> Host:
         """The host system."""
-        return HOSTS[self.case.host]
+        return self.case.system
 
     @property
     def equation(self) -> str:
         """The studied state."""
         return self.host.equation
 
+    def measured(self, part: str = "train") -> dict[str, Float[np.ndarray, " n_obs"]]:
+        """States and inputs as a solver gets them, and the time as "t"."""
+        data = self.train if part == "train" else self.test
+        return {"t": data.time, **data.columns}
+
     def gap(self, part: str = "train") -> Float[np.ndarray, " n_obs"]:
         """True derivative less the given simulation, without noise, on "train" or "test"."""
-        return self.exact[part].rates[self.equation] - self._simulated(part)
+        exact = self.exact[part]
+        return exact.rates[self.equation] - combine(self.given_rates[self.equation], exact.columns)
 
     def residual(self, part: str = "train", true_coefficients: bool = False) -> Float[np.ndarray, " n_obs"]:
         """Measured derivative less the simulation, as given or with its true coefficients."""
         data = self.train if part == "train" else self.test
-        simulated = self.exact[part].known if true_coefficients else self._simulated(part)
-        return data.derivatives[self.equation] - simulated
+        terms = (self.true_rates if true_coefficients else self.given_rates)[self.equation]
+        return data.derivatives[self.equation] - combine(terms, self.measured(part))
 
     @cached_property
     def closable(self) -> float:
         """Share of the mean squared gap on the test data that the true model closes; what it leaves is noise."""
         noise = self.test.derivatives[self.equation] - self.exact["test"].rates[self.equation]
         return 1.0 - (rms(noise) / rms(self.residual("test"))) ** 2
-
-    def _simulated(self, part: str) -> Float[np.ndarray, " n_obs"]:
-        return combine(self.given_rates[self.equation], self.exact[part].columns)
 
 
 def generate(case: Case) -> CaseData:
@@ -118,7 +123,7 @@ def generate(case: Case) -> CaseData:
     setting, choice, train_noise, test_noise = np.random.default_rng(case.seed).spawn(4)
     for _ in range(SET_UPS):
         # A host may resonate out of its bounds without any effect; then it is set up again.
-        rates = _drawn_rates(host, setting)
+        rates = drawn_rates(host, setting)
         excited = {"train": excite(host, setting, host.runs), "test": excite(host, setting, host.test_runs)}
         with suppress(LostError):
             ode, exact = _followed(case, HostODE(host, rates), excited, choice)
@@ -148,7 +153,7 @@ def generate(case: Case) -> CaseData:
     )
 
 
-def _drawn_rates(host: Host, rng: np.random.Generator) -> dict[str, dict[str, float]]:
+def drawn_rates(host: Host, rng: np.random.Generator) -> dict[str, dict[str, float]]:
     """The simulation with coefficients of its own; those of a plain y' = ydot stay 1."""
     return {
         state: {

@@ -157,7 +157,27 @@ CATALOGUE: dict[str, dict[str, Hidden]] = {
         "electrical": ELECTRICAL,
     }.items()
 }
-"""The catalogue's effects by domain and slug."""
+"""The catalogue's effects by domain and slug, as far as `cases.all_cases` hides them."""
+
+JOINED: dict[str, dict[str, Hidden]] = {
+    "mechanical": {
+        effect.slug: effect
+        for effect in (
+            _inner(
+                "smooth-friction",
+                lambda v, speed: np.tanh(v / speed),
+                "velocity",
+                of="velocity",
+                low=0.01,
+                high=0.5,
+            ),
+        )
+    },
+    "fluid": {},
+    "population": {},
+    "electrical": {},
+}
+"""Effects that joined the catalogue, or are to join it, after the cases of `cases.all_cases` were settled."""
 
 
 def _wave(x: Any, length: Any) -> Any:
@@ -220,4 +240,4 @@ OFF_CATALOGUE: dict[str, dict[str, Hidden]] = {
 
 def find(domain: str, slug: str) -> Hidden:
     """The effect or shape of that name."""
-    return {**OFF_CATALOGUE[domain], **CATALOGUE[domain]}[slug]
+    return {**OFF_CATALOGUE[domain], **CATALOGUE[domain], **JOINED[domain]}[slug]

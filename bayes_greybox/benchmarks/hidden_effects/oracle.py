@@ -19,7 +19,7 @@ from scipy.special import logsumexp
 
 from .cases import NULLS, RATIO_EDGES, ratio_density
 from .generate import CaseData
-from .hidden import CATALOGUE, Hidden
+from .hidden import CATALOGUE, JOINED, Hidden
 from .host_systems import term_value
 from .trajectories import rms
 
@@ -39,11 +39,17 @@ OWN = 1e-9
 """An effect is the simulation's own if less than this share of its mean square lies outside the span of its terms."""
 
 
-def candidates(data: CaseData) -> dict[str, Hidden]:
-    """Effects of the host's domain that it has the roles for and that are not in its simulation already, by slug."""
+def candidates(data: CaseData, joined: bool = False) -> dict[str, Hidden]:
+    """Effects of the host's domain that it has the roles for and that are not in its simulation already, by slug.
+
+    Args:
+        data: The case's data.
+        joined: Whether to take the effects of `hidden.JOINED` too.
+    """
     own = own_terms(data)
     kept = {}
-    for slug, effect in CATALOGUE[data.host.domain].items():
+    domain = data.host.domain
+    for slug, effect in {**CATALOGUE[domain], **(JOINED[domain] if joined else {})}.items():
         if effect.fits(data.host):
             value = effect_values(data, effect, inner_nodes(data, effect, 1))[0]
             if rms(_outside(value, own)) ** 2 > OWN * rms(value) ** 2:
@@ -107,7 +113,7 @@ def nearest(data: CaseData) -> tuple[str, float]:
 
 def own_terms(data: CaseData) -> Float[np.ndarray, "n_obs n_term"]:
     """The simulation's terms in the studied equation, on the training data."""
-    columns = data.exact["train"].columns
+    columns = data.measured()
     n_obs = len(columns["t"])
     return np.column_stack([np.broadcast_to(term_value(t, columns), n_obs) for t in data.true_rates[data.equation]])
 
@@ -117,7 +123,7 @@ def inner_nodes(data: CaseData, effect: Hidden, count: int) -> Float[np.ndarray,
     if effect.inner is None:
         return np.array([np.nan])
     given = effect.inner
-    column = data.exact["train"].columns["t" if given.role == "t" else data.host.roles[given.role]]
+    column = data.measured()["t" if given.role == "t" else data.host.roles[given.role]]
     low, high = np.log(given.low), np.log(given.high)
     fractions = np.linspace(low, high, count) if count > 1 else np.array([(low + high) / 2])
     return np.exp(fractions) * float(np.max(np.abs(column)))
@@ -127,7 +133,7 @@ def effect_values(
     data: CaseData, effect: Hidden, inner: Float[np.ndarray, " n_node"]
 ) -> Float[np.ndarray, "n_node n_obs"]:
     """An effect on the training data, for each value of its inner parameter."""
-    columns = data.exact["train"].columns
+    columns = data.measured()
     roles = {**data.host.in_roles(columns), "t": columns["t"]}
     return np.broadcast_to(effect.value(roles, inner[:, None]), (len(inner), len(columns["t"])))
 

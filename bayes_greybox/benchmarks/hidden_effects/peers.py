@@ -18,6 +18,7 @@ from jaxtyping import Float
 
 from bayes_greybox.data.errors import InputError
 
+from .cases import Case
 from .generate import CaseData
 from .oracle import candidates, effect_values, inner_nodes, own_terms
 from .trajectories import rms
@@ -99,7 +100,8 @@ def sindy(data: CaseData, ensemble: bool = False, seed: int = 0) -> dict[str, ob
 def candidate_terms(data: CaseData) -> Library:
     """The simulation's terms and the candidate effects on the training data."""
     columns, slugs = [own_terms(data)], [""] * own_terms(data).shape[1]
-    for slug, effect in candidates(data).items():
+    # The cases of `all_cases` were settled, and run, with the terms of their time.
+    for slug, effect in candidates(data, joined=not isinstance(data.case, Case)).items():
         # Every second of these nodes is the middle of an equal part.
         nodes = inner_nodes(data, effect, 1 if effect.inner is None else 2 * INNER_COLUMNS + 1)
         values = effect_values(data, effect, nodes if effect.inner is None else nodes[1::2])

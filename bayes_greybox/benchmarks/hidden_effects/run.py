@@ -20,13 +20,19 @@ from bayes_greybox.benchmarks.files import opened, unwritable, write_whole
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.records import plain_rows, plain_values
 
+from .assumptions.case import AssumptionCase
+from .assumptions.cases import assumption_cases
+from .assumptions.generate import AssumptionData
+from .assumptions.generate import generate as generate_assumption
 from .cases import Case, all_cases
-from .generate import generate
-from .host_systems import HOSTS
+from .generate import CaseData, generate
 from .oracle import nearest, posterior
 from .peers import available, require, sindy
 from .score import Scores, score
 from .solve import Solve, study_case
+
+AnyCase = Case | AssumptionCase
+"""A case of either kind."""
 
 RESULTS = "results.jsonl"
 """File of the finished cases."""
@@ -40,7 +46,7 @@ ONE_THREAD = {"XLA_FLAGS": "--xla_cpu_multi_thread_eigen=false", "NPROC": "1"}
 
 def run(
     output: str | os.PathLike[str],
-    cases: Sequence[Case] | None = None,
+    cases: Sequence[AnyCase] | None = None,
     *,
     solve: Solve = study_case,
     workers: int = 2,
@@ -49,14 +55,15 @@ def run(
 ) -> Scores:
     """Run the benchmark, or what is left of it, and write its tables.
 
-    Cases of one's own are `Case` objects with any host of `HOSTS` and any effects of its domain. A solver of one's own
+    Cases of one's own are `Case` objects with any host of `HOSTS` and any effects of its domain, or `AssumptionCase`
+    objects of any family of `assumptions.families` with any of its breaches. A solver of one's own
     is a function of a `CaseData` that returns what `solve.Solve` describes; for several workers it must be defined at
     the top level of a module.
 
     Args:
-        output: Folder for results.jsonl, every table as a CSV file, and summary.json with all but the table of cases.
+        output: Folder for results.jsonl, every table as a CSV file, and summary.json with all but the tables of cases.
             Cases that results.jsonl has are not run again, unless they failed or were run by another version.
-        cases: The cases; those of `all_cases()` by default.
+        cases: The cases; those of `all_cases()` and `assumption_cases()` by default.
         solve: What solves a case; the study by default.
         workers: Processes that work at once, one thread each; 1 works in this process.
         peers: Whether to run PySINDy on the same data; by default if it is installed. An earlier run without it is
@@ -69,7 +76,7 @@ def run(
     Raises:
         InputError: No cases or workers; a folder that cannot be written to; PySINDy is asked for and not installed.
     """
-    chosen = tuple(all_cases() if cases is None else cases)
+    chosen = (*all_cases(), *assumption_cases()) if cases is None else tuple(cases)
     if not chosen or workers < 1:
         raise InputError("The benchmark needs at least one case and one worker.")
     if peers:
@@ -93,7 +100,7 @@ def run(
     return scores
 
 
-def run_case(case: Case, before: Mapping[str, Any], solve: Solve, peers: bool) -> dict[str, Any]:
+def run_case(case: AnyCase, before: Mapping[str, Any], solve: Solve, peers: bool) -> dict[str, Any]:
     """Everything about one case that is not known yet; an error is a result.
 
     Args:
@@ -102,14 +109,21 @@ def run_case(case: Case, before: Mapping[str, Any], solve: Solve, peers: bool) -
         solve: The solver.
         peers: Whether to run PySINDy.
     """
-    row = {"version": version("bayes-greybox"), "key": case.key, "domain": HOSTS[case.host].domain, **asdict(case)}
+    row = {"version": version("bayes-greybox"), "key": case.key, "domain": case.system.domain, **asdict(case)}
     row |= {"truth": [], "off": None, "closable": None, **before}
     row.pop("error", None)
     parts = _lacking(before, peers)
     try:
-        data = generate(case)
-        row |= {"truth": [asdict(item) for item in data.effects], "off": data.off, "closable": data.closable}
-        if "oracle" in parts:
+        data = make_data(case)
+        row |= {"truth": [asdict(item) for item in data.effects], "off": data.off}
+        if isinstance(data, AssumptionData):
+            row |= {"accepted": data.accepted, "excused": data.excused, "silent": data.silent}
+            row["suspects"] = [asdict(suspect) for suspect in data.suspects]
+            # Neither knows of anything but white noise on the rate.
+            row["oracle"] = row["closable"] = None
+        else:
+            row["closable"] = data.closable
+        if "oracle" in parts and not isinstance(data, AssumptionData):
             row["oracle"] = posterior(data)
             row["nearest"] = nearest(data) if case.family == "off-catalogue" else None
         if "study" in parts:
@@ -121,17 +135,25 @@ def run_case(case: Case, before: Mapping[str, Any], solve: Solve, peers: bool) -
     return plain_values(row)
 
 
+def make_data(case: AnyCase) -> CaseData:
+    """The data of a case of either kind."""
+    return generate_assumption(case) if isinstance(case, AssumptionCase) else generate(case)
+
+
 def write_tables(scores: Scores, folder: Path) -> None:
-    """Write every table as CSV, and all but the table of cases to summary.json.
+    """Write every table as CSV, and all but the tables of cases to summary.json.
 
     Raises:
         InputError: The folder cannot be written to.
     """
-    summary = {"version": version("bayes-greybox"), "cases": len(scores.cases)}
+    summary = {
+        "version": version("bayes-greybox"),
+        "cases": len(scores.cases) + len(scores.assumption_cases),
+    }
     try:
         for name, table in scores.tables().items():
             write_whole(folder / f"{name}.csv", table.reset_index().to_csv(index=False))
-            if name != "cases":
+            if name not in ("cases", "assumption_cases"):
                 summary[name] = plain_rows(table)
         write_whole(folder / "summary.json", json.dumps(summary, indent=2) + "\n")
     except OSError as error:
@@ -144,7 +166,7 @@ def _lacking(row: Mapping[str, Any], peers: bool) -> tuple[str, ...]:
 
 
 def _worked(
-    todo: Sequence[Case], rows: Mapping[str, Mapping[str, Any]], solve: Solve, peers: bool, workers: int
+    todo: Sequence[AnyCase], rows: Mapping[str, Mapping[str, Any]], solve: Solve, peers: bool, workers: int
 ) -> Iterator[dict[str, Any]]:
     """Rows as they are finished."""
     tasks = [(case, dict(rows.get(case.key, {})), solve, peers) for case in todo]

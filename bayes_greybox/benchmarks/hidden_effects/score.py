@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Any
 
@@ -11,6 +11,7 @@ import pandas as pd
 
 from bayes_greybox.data.errors import InputError
 
+from .assumptions.score import assumption_bars, assumption_scores, assumption_table, is_assumption
 from .case_scores import PEERS, SOLVERS, case_scores, coverage_table, listed, reliability_curve, stated
 from .cases import FAMILIES
 
@@ -23,10 +24,15 @@ SHARES = (*SOLVERS, "exact", *(f"{peer} exact" for peer in PEERS), "right or tie
 CaseScores = Sequence[Mapping[str, Any]]
 """Cases, as `case_scores` describes them."""
 
+Bar = tuple[str, float, float, float]
+"""What is asked for, what was reached, the least and the most that is enough."""
+
 
 @dataclass(frozen=True)
 class Scores:
     """The benchmark's tables; in all of them the share of right answers has the solver's name.
+
+    Cases of broken assumptions have tables of their own, and are in no other but the reliability and the bars.
 
     Attributes:
         cases: One row for each case: verdict, names, and whether they are right, by solver.
@@ -38,8 +44,13 @@ class Scores:
         verdicts: Shares of the study's verdicts by family.
         coverage: Coverage of the study's intervals of coefficients.
         reliability: Reliability curve of the probabilities of names that the study stated ("stated"), and of the most
-            probable effect of every case of the family "catalogue" ("listed").
+            probable effect of every case of the family "catalogue" ("listed"); and of all names that it stated, with
+            broken assumptions or without ("all stated").
         bars: What must hold, what was reached, and whether that is enough.
+        assumptions: Broken assumptions by family, and for all; see `assumptions.score.assumption_table`.
+        breaches: The same by family and by the way in which the assumption is broken.
+        assumption_cases: One row for each case of a broken assumption.
+        assumption_verdicts: Shares of the study's verdicts on these by family.
     """
 
     cases: pd.DataFrame
@@ -50,6 +61,10 @@ class Scores:
     coverage: pd.DataFrame
     reliability: pd.DataFrame
     bars: pd.DataFrame
+    assumptions: pd.DataFrame = field(default_factory=pd.DataFrame)
+    breaches: pd.DataFrame = field(default_factory=pd.DataFrame)
+    assumption_cases: pd.DataFrame = field(default_factory=pd.DataFrame)
+    assumption_verdicts: pd.DataFrame = field(default_factory=pd.DataFrame)
 
     def tables(self) -> dict[str, pd.DataFrame]:
         """All tables by name."""
@@ -65,14 +80,20 @@ def score(rows: Iterable[Mapping[str, Any]]) -> Scores:
     Raises:
         InputError: No case.
     """
-    records = list(rows)
-    if not records:
+    every = list(rows)
+    if not every:
         raise InputError("There is no finished case to score; run the benchmark first.")
+    records = [row for row in every if not is_assumption(row)]
+    broken = [assumption_scores(row) for row in every if is_assumption(row)]
     scored = [case_scores(row) for row in records]
     single = [case for case in scored if case["family"] == "catalogue"]
     families = _families(scored)
     coverage = coverage_table(records)
-    curves = {"stated": reliability_curve(*stated(records)), "listed": reliability_curve(*listed(records))}
+    curves = {
+        "stated": reliability_curve(*stated(records)),
+        "listed": reliability_curve(*listed(records)),
+        "all stated": reliability_curve(*stated(every)),
+    }
     reliability = pd.concat(curves, names=["names", "bin"])
     groups = {by: _accuracy(single, lambda case, by=by: case[by]) for by in ("domain", "noise", "effects")}
     return Scores(
@@ -85,7 +106,17 @@ def score(rows: Iterable[Mapping[str, Any]]) -> Scores:
         verdicts=_verdicts(scored),
         coverage=coverage,
         reliability=reliability,
-        bars=_bars(single, families, coverage, reliability),
+        bars=_bars(
+            [
+                *_hidden_bars(single, families, coverage, reliability),
+                ("expected calibration error of all stated names", *_calibration(reliability, "all stated")),
+                *assumption_bars(every, broken),
+            ]
+        ),
+        assumptions=assumption_table(broken),
+        breaches=assumption_table(broken, ("family", "breach")),
+        assumption_cases=pd.DataFrame(broken),
+        assumption_verdicts=_verdicts(broken),
     )
 
 
@@ -144,10 +175,22 @@ def _verdicts(scored: CaseScores) -> pd.DataFrame:
     return pd.DataFrame.from_dict(rows, orient="index").fillna(0.0).rename_axis("family")
 
 
-def _bars(
+def _bars(bars: Iterable[Bar]) -> pd.DataFrame:
+    """Bars with whether each holds; no verdict where there were no cases."""
+    rows = [(*bar, bool(bar[2] <= bar[1] <= bar[3]) if np.isfinite(bar[1]) else None) for bar in bars]
+    return pd.DataFrame(rows, columns=["bar", "reached", "least", "most", "holds"]).set_index("bar")
+
+
+def _calibration(reliability: pd.DataFrame, names: str) -> tuple[float, float, float]:
+    """Expected calibration error with its bar; none where no name was stated."""
+    curve = reliability.loc[names]
+    return (float(curve["ece"].sum()) if curve["cases"].sum() else np.nan, 0.0, 0.05)
+
+
+def _hidden_bars(
     single: CaseScores, families: pd.DataFrame, coverage: pd.DataFrame, reliability: pd.DataFrame
-) -> pd.DataFrame:
-    """What the benchmark asks for, with what was reached; no verdict where there were no cases."""
+) -> list[Bar]:
+    """What the benchmark asks for where all assumptions hold."""
     table = families.to_dict("index")
     covered = coverage.to_dict("index")
 
@@ -156,8 +199,7 @@ def _bars(
 
     ahead = [reached(f) - np.fmax(reached(f, "stlsq"), reached(f, "ensemble")) for f in FAMILIES if f in table]
     clear = mean([case for case in single if case["ratio"] >= 3], "right or tied")
-    named = reliability.loc["stated"]
-    rows = [
+    return [
         ("right name first, or excusably tied, ratio >= 3", clear, 0.95, 1.0),
         ("accuracy less the oracle's, all sizes", reached("catalogue") - reached("catalogue", "oracle"), -0.05, 1.0),
         ("lead on PySINDy, family where it is least", float(np.min(ahead)) if ahead else np.nan, 1e-9, 1.0),
@@ -166,13 +208,6 @@ def _bars(
         ("off-catalogue not named", reached("off-catalogue"), 0.9, 1.0),
         ("two effects both found", reached("two effects"), 0.8, 1.0),
         ("coverage of 90 % intervals", covered["all"]["90 %"] if "all" in covered else np.nan, 0.85, 0.95),
-        (
-            "expected calibration error of stated names",
-            float(named["ece"].sum()) if named["cases"].sum() else np.nan,
-            0.0,
-            0.05,
-        ),
+        ("expected calibration error of stated names", *_calibration(reliability, "stated")),
         ("held-out gap closed, of what the true model closes", reached("catalogue", "closed"), 0.95, np.inf),
     ]
-    bars = [(*row, bool(row[2] <= row[1] <= row[3]) if np.isfinite(row[1]) else None) for row in rows]
-    return pd.DataFrame(bars, columns=["bar", "reached", "least", "most", "holds"]).set_index("bar")

@@ -5,8 +5,12 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from jaxtyping import Bool
 
+from bayes_greybox.data.records import plain_rows
+
+from .assumptions.case import AssumptionCase
 from .generate import CaseData
 from .hidden import CATALOGUE
 
@@ -15,19 +19,25 @@ Solve = Callable[[CaseData], dict[str, Any]]
 
 The result has "verdict"; "effects", a list of records, best first, each with slug, probability, mean, sd, lower and
 upper (90 % interval of the coefficient), status ("added" or "") and tied_with (slugs); and, where the solver can tell,
-"closed" (share of the held-out gap closed, by metric), "overlap" and "seconds". All are plain values.
+"closed" (share of the held-out gap closed, by metric), "overlap" and "seconds". Cases of broken assumptions also read
+"elsewhere" (records of effects of other equations, with the equation), "instrument" (rows of `study.instrument`),
+"free_run" ("before" and "after" on the test data by state, None where it blew up) and "sentence". All are plain values.
 """
 
 LISTED = 8
 """Effects that are not added are recorded up to this place."""
 
+CERTAIN = 0.9
+"""Above this probability an effect is as good as named."""
 
-def study_case(data: CaseData, free_runs: bool = False, seed: int = 0) -> dict[str, Any]:
+
+def study_case(data: CaseData, free_runs: bool | None = None, seed: int = 0) -> dict[str, Any]:
     """Run `find_missing_effects` as a user would, without NUTS, and record what came out.
 
     Args:
         data: The case's data.
-        free_runs: Whether the gap is also measured in free runs, which takes most of the time.
+        free_runs: Whether the gap is also measured in free runs, which takes most of the time; by default in cases of
+            broken assumptions only, where derivatives alone cannot be trusted.
         seed: Of the study.
     """
     # Imported here: these bring JAX, which the modules that make the data do without.
@@ -43,7 +53,7 @@ def study_case(data: CaseData, free_runs: bool = False, seed: int = 0) -> dict[s
         roles=all_roles(data),
         seed=seed,
         settle=False,
-        free_runs=free_runs,
+        free_runs=isinstance(data.case, AssumptionCase) if free_runs is None else free_runs,
         progress=False,
     )
     seconds = time.perf_counter() - start
@@ -63,18 +73,15 @@ def record(study: Any, data: CaseData) -> dict[str, Any]:
         study: The finished study.
         data: The case it was made of; its truth is used for the overlap only.
     """
-    effects = study.effects[study.effects["equation"] == data.equation]
-    numbers = ("probability", "mean", "sd", "lower", "upper")
-    entries = [
-        {
-            "slug": row["slug"],
-            **{name: _number(row[name]) for name in numbers},
-            "tied_with": list(row["tied_with"]),
-            "status": row["status"],
-        }
-        for row in effects.to_dict("records")
+    here = study.effects["equation"] == data.equation
+    entries = _entries(study.effects[here])
+    others = [
+        {"equation": equation, **entry}
+        for equation, entry in zip(study.effects["equation"][~here], _entries(study.effects[~here]), strict=True)
+        if entry["status"] or (entry["probability"] or 0.0) > CERTAIN
     ]
-    kept = [entry for i, entry in enumerate(entries) if entry["status"] == "added" or i < LISTED]
+    instrument = getattr(study, "instrument", None)
+    kept = [entry for i, entry in enumerate(entries) if entry["status"] or i < LISTED]
     probabilities = study.hypotheses.loc[data.equation]["probability"]
     return {
         "verdict": study.verdict,
@@ -86,7 +93,11 @@ def record(study: Any, data: CaseData) -> dict[str, Any]:
             if name in probabilities.index
         },
         "closed": _closed(study.gap),
-        "overlap": overlap(study.traces[data.equation].probability > 0.5, np.abs(data.gap()) > data.sigma),
+        "overlap": _overlap(study, data),
+        "elsewhere": others,
+        "instrument": None if instrument is None else plain_rows(instrument.reset_index(drop=True)),
+        "free_run": _free_run(study.gap),
+        "sentence": getattr(study, "sentence", None),
     }
 
 
@@ -105,6 +116,35 @@ def overlap(found: Bool[np.ndarray, " n_obs"], true: Bool[np.ndarray, " n_obs"])
         "iou": float(np.sum(found & true) / union) if union else None,
         "found": float(np.mean(found)),
         "true": float(np.mean(true)),
+    }
+
+
+def _entries(effects: pd.DataFrame) -> list[dict[str, Any]]:
+    numbers = ("probability", "mean", "sd", "lower", "upper")
+    return [
+        {
+            "slug": row["slug"],
+            **{name: _number(row[name]) for name in numbers},
+            "tied_with": list(row["tied_with"]),
+            "status": row["status"],
+        }
+        for row in effects.to_dict("records")
+    ]
+
+
+def _overlap(study: Any, data: CaseData) -> dict[str, float | None]:
+    """Overlap of the study's rows and the true ones; nothing where it looked at other rows than it was given."""
+    found, true = study.traces[data.equation].probability > 0.5, np.abs(data.gap()) > data.sigma
+    return overlap(found, true) if len(found) == len(true) else {"iou": None, "found": None, "true": None}
+
+
+def _free_run(gap: pd.DataFrame) -> dict[str, dict[str, float | None]]:
+    """NRMSE of free runs over the held-out data before and after, by state; None for a run that blew up."""
+    if ("test", "free-run NRMSE") not in gap.index.droplevel("variable"):
+        return {}
+    rows = gap.xs(("test", "free-run NRMSE"), level=("data", "metric"))
+    return {
+        str(state): {"before": _number(row["before"]), "after": _number(row["after"])} for state, row in rows.iterrows()
     }
 
 

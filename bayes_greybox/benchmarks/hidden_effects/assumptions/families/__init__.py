@@ -1,0 +1,36 @@
+"""The families, one module each: what is broken, how the sensors do it, and what would be right to say of it."""
+
+from collections.abc import Mapping
+
+from ..case import Family
+from . import (
+    correlated,
+    delay,
+    filtered,
+    heavy_tails,
+    memory,
+    missing_state,
+    noisy_states,
+    sensor,
+    smooth_friction,
+    state_dependent,
+    together,
+)
+
+FAMILIES: Mapping[str, Family] = {
+    module.FAMILY.name: module.FAMILY
+    for module in (
+        delay,
+        noisy_states,
+        filtered,
+        correlated,
+        state_dependent,
+        heavy_tails,
+        sensor,
+        memory,
+        smooth_friction,
+        together,
+        missing_state,
+    )
+}
+"""All families by name."""
