@@ -19,8 +19,8 @@ WHITE = 0.75
 """White noise leaves normalised differences of all orders alike; a smooth signal loses more than this from one order to
 the next unless it has fewer than about three and a half samples a period."""
 
-EXACT = 1e-9
-"""Noise below this share of the largest value is rounding, of the file or of the solver."""
+EXACT = 1e-6
+"""Noise below this share of the largest value is none: the rounding of a file, or what a solver tolerates."""
 
 FEWEST_DIFFERENCES = 10
 """Differences that a statement about noise needs; with fewer the states are taken as exact."""

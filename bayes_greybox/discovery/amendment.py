@@ -42,7 +42,7 @@ class Remainder:
 
     @classmethod
     def of(cls, statistics: SufficientStatistics, evaluator: Evaluator, coefficients: Coefficients) -> "Remainder":
-        """The f beside the columns that any draw of the coefficients has in; an effect by its likeliest inner parameter.
+        """The f beside the columns that any draw has in, of an effect that of its likeliest inner parameter.
 
         Args:
             statistics: Products of the equation.
@@ -161,7 +161,7 @@ class Amendment:
         scale = np.array([statistics.target_scale / column.scale for column in chosen])
         return Added([column.term for column in chosen], values[:, appear] * scale, weights)
 
-    def features(self, columns: Mapping[str, Array]) -> Array | np.ndarray:
+    def features(self, columns: Mapping[str, Array] | Mapping[str, np.ndarray]) -> Array | np.ndarray:
         """Features of f at rows, inside an integrator; held beyond their domain, as everywhere."""
         known = self.statistics
         position = scaled_position(columns, known.variables, known.centre, known.half_width)
