@@ -1,6 +1,7 @@
 """Before and after the missing effects were added, along time: the gap, and the free run of the model."""
 
 from collections.abc import Sequence
+from textwrap import fill
 
 import matplotlib as mpl
 import numpy as np
@@ -30,6 +31,8 @@ from .gap_map import SURE, draw_threshold
 _CLOSE = 1 / 400
 # Width in inches below which four labels of a legend do not fit in a row.
 _NARROW = 6.0
+# Characters of a label that fit beside another one there.
+_LABEL = 34
 # Rows up to which measurements are drawn as points.
 _MOST_MARKERS = 400
 # Rows of a run whose swings may be too many to be told apart in one panel, and of its end that is then shown again.
@@ -138,6 +141,8 @@ def plot_free_run(
     panels = _panels(rows, width, axes)
     low, high = float(measured.min()), float(measured.max())
     margin = 0.35 * (high - low) or 1.0
+    if figure_of(panels[0]).get_figwidth() < _NARROW:
+        holds = fill(holds, _LABEL)
     shown = [(after, BLUE, "model" if before is None else "after", holds)]
     if before is not None:
         shown.insert(0, (before, ORANGE, "before", ""))
