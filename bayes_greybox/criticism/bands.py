@@ -1,5 +1,6 @@
 """What posterior draws say of a quantity at many rows: mean, standard deviation and interval."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -42,3 +43,14 @@ class Band:
     def join(cls, parts: "list[Band]") -> "Band":
         """Bands of consecutive rows as one."""
         return cls(*(np.concatenate([getattr(p, f) for p in parts]) for f in ("mean", "sd", "lower", "upper")))
+
+
+def band_holds(level: float, sources: Mapping[str, bool]) -> str:
+    """What a band holds, in words, for its legend; "" where nothing varies.
+
+    Args:
+        level: Probability of the band.
+        sources: Sources of uncertainty, in order, and whether each is in it.
+    """
+    named = [name for name, inside in sources.items() if inside]
+    return f"{level * 100:.3g} % band: {', '.join(named)}" if named else ""

@@ -1,4 +1,4 @@
-"""Free runs: the whole model integrated from a measured start and then left alone, with bands."""
+"""Free runs: the whole model integrated from its start and then left alone, with bands that say what they hold."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -11,11 +11,12 @@ import pandas as pd
 from jaxtyping import Array, Float
 
 from bayes_greybox.data.errors import InputError
+from bayes_greybox.data.starts import estimate_starts
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.inference.posterior import Posterior
 from bayes_greybox.physics.integrate import between_samples, integrate
 
-from .bands import Band
+from .bands import Band, band_holds
 from .prediction import require_columns
 
 FREE_RUN_DRAWS = 50
@@ -24,7 +25,7 @@ FREE_RUN_DRAWS = 50
 
 @dataclass(frozen=True)
 class FreeRun:
-    """The amended model integrated from the measured start of each run.
+    """The amended model integrated from the start of each run.
 
     Attributes:
         data: The data whose starts and inputs were used.
@@ -32,6 +33,7 @@ class FreeRun:
         states: Band of each state, rows as in the data; NaN after every draw of a run has failed.
         failed: Share of posterior draws of each run that blew up before its end.
         failed_at: Median time to failure of those draws, NaN where none failed.
+        holds: What the bands hold, in words: "90 % band: coefficients, f, start".
     """
 
     data: Trajectories
@@ -39,6 +41,7 @@ class FreeRun:
     states: Mapping[str, Band]
     failed: Float[np.ndarray, " n_run"]
     failed_at: Float[np.ndarray, " n_run"]
+    holds: str = ""
 
     def nrmse(self) -> pd.Series:
         """RMS of measured less mean free run, over the standard deviation of the measured state."""
@@ -57,14 +60,17 @@ def free_run(
     seed: int = 0,
     interpolation: str | Sequence[str] | None = None,
 ) -> FreeRun:
-    """Integrate simulation + dictionary + f over each run from its measured start, for several posterior draws.
+    """Integrate simulation + dictionary + f over each run, for several posterior draws and starts.
+
+    Each posterior draw has its own draw of every start, x₀ ~ N(x̂₀, s₀²) by `data.starts.estimate_starts`; exact states
+    start where they were measured.
 
     Args:
         posterior: Fitted model; every state needs an equation, in the simulation or in the dictionary.
         data: Runs to follow: their times, starts and inputs are used.
         level: Probability of the bands.
         at_most: Posterior draws integrated.
-        seed: Seed of the choice of draws.
+        seed: Seed of the choice of draws and of the starts.
         interpolation: Of the inputs between samples, see `integrate_runs`.
 
     Raises:
@@ -82,7 +88,9 @@ def free_run(
             f"simulation={{{idle[0]!r}: '...'}}."
         )
     n_draw = posterior.idata["posterior"].sizes["chain"] * posterior.idata["posterior"].sizes["draw"]
-    pick = np.random.default_rng(seed).permutation(n_draw)[: min(at_most, n_draw)]
+    rng = np.random.default_rng(seed)
+    pick = rng.permutation(n_draw)[: min(at_most, n_draw)]
+    starts = estimate_starts(data)
     parameters = {}
     for name in equations:
         draws = posterior.draws(name)
@@ -99,11 +107,21 @@ def free_run(
             rate = rate.at[data.state_names.index(name)].add(added)
         return rate
 
-    states, failed_at = integrate_runs(right_hand_side, data, parameters, interpolation)
+    states, failed_at = integrate_runs(
+        right_hand_side, data, parameters, interpolation, starts=starts.draws(len(pick), rng)
+    )
     bands = {name: Band.surviving(states[:, :, i], level) for i, name in enumerate(data.state_names)}
     lost = [times[np.isfinite(times)] for times in failed_at]
     failed = np.array([len(times) / len(every) for times, every in zip(lost, failed_at, strict=True)])
-    return FreeRun(data, level, bands, failed, np.array([np.median(t) if len(t) else np.nan for t in lost]))
+    sources = {
+        "coefficients": any(len(e.frame.dictionary) for e in equations.values()),
+        "f": any(e.frame.variables for e in equations.values()),
+        "start": not starts.exact,
+    }
+    return FreeRun(
+        data, level, bands, failed, np.array([np.median(t) if len(t) else np.nan for t in lost]),
+        band_holds(level, sources),
+    )  # fmt: skip
 
 
 def integrate_runs(
@@ -111,9 +129,11 @@ def integrate_runs(
     data: Trajectories,
     parameters: Any,
     interpolation: str | Sequence[str] | None = None,
+    *,
+    starts: Float[np.ndarray, "n_draw n_run n_state"] | None = None,
     **options: Any,
 ) -> tuple[Float[np.ndarray, "n_draw n_obs n_state"], Float[np.ndarray, "n_run n_draw"]]:
-    """Integrate every run of the data from its measured start with its measured inputs, for several parameters at once.
+    """Integrate every run of the data from its start with its measured inputs, for several parameters at once.
 
     Args:
         right_hand_side: (t, x, u, one draw of the parameters) -> dx/dt.
@@ -121,6 +141,7 @@ def integrate_runs(
         parameters: Pytree of arrays whose first axis counts draws.
         interpolation: Of the inputs between samples: "linear", "zoh" (held) or "cubic", for all or one for each. By
             default each input's own, linear or cubic, by `physics.integrate.between_samples`.
+        starts: State of each run at its first row, for each draw; by default the measured one for all.
         **options: Of `physics.integrate.integrate`.
 
     Returns:
@@ -129,6 +150,10 @@ def integrate_runs(
     size = np.sqrt(np.mean(data.matrix(data.state_names) ** 2, axis=0))
     size = np.where(size > 0, size, 1.0)
     runs = [data.take(i) for i in range(data.n_run)]
+    if starts is None:
+        n_draw = len(jax.tree.leaves(parameters)[0])
+        measured = np.array([run.matrix(data.state_names)[0] for run in runs])
+        starts = np.tile(measured, (n_draw, 1, 1))
     if interpolation is None:
         interpolation = _most_cautious([between_samples(run.time, run.matrix(data.input_names)) for run in runs])
 
@@ -136,11 +161,11 @@ def integrate_runs(
         return integrate(right_hand_side, t, x0, u, args, scale=size, interpolation=interpolation, **options)
 
     # Compiled once for all runs of one length.
-    follow_all = jax.jit(jax.vmap(follow, in_axes=(0, None, None, None)))
+    follow_all = jax.jit(jax.vmap(follow, in_axes=(0, None, 0, None)))
     states, failed_at = [], []
-    for run in runs:
+    for i, run in enumerate(runs):
         u = jnp.asarray(run.matrix(data.input_names)) if data.input_names else None
-        path = follow_all(parameters, jnp.asarray(run.time), jnp.asarray(run.matrix(data.state_names)[0]), u)
+        path = follow_all(parameters, jnp.asarray(run.time), jnp.asarray(starts[:, i]), u)
         states.append(np.asarray(path.states))
         failed_at.append(np.asarray(path.failed_at))
     return np.concatenate(states, axis=1), np.array(failed_at)

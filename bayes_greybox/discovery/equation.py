@@ -19,7 +19,7 @@ from .alignment import Aligned, align
 from .coefficients import Coefficients, alone, draw_coefficients, plain
 from .evaluations import Evaluations
 from .finding import STOPS, TIED, Finding, decide
-from .gap import Amendment
+from .amendment import Amendment, Remainder
 from .instrument import instrument_table
 from .odds import Odds
 from .sets import RECALIBRATED, REST
@@ -262,7 +262,10 @@ def study_equation(
     threshold = min(before.sigma, sigma)
     unit = derivative_unit(name, train.units)
     trace = gap_trace(data, before, after, threshold, unit)
-    amendment = Amendment(statistics, plain(evaluations), coefficients, sigma, aligned.corrected)
+    # Where not all of it has a name, the model after holds what remains as f.
+    open_end = finding.verdict in ("one of", "partly named", "unknown")
+    rest_of_it = Remainder.of(statistics, evaluator, coefficients) if open_end else None
+    amendment = Amendment(statistics, plain(evaluations), coefficients, sigma, rest_of_it, aligned.corrected)
     drawn = gap_map(data, before, after, statistics.variables[:2], threshold, unit)
     where = where_table(data, statistics.variables, trace)
     return EquationStudy(aligned, finding, checks, coefficients, amendment, drawn, trace, where)

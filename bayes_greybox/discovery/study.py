@@ -246,9 +246,15 @@ def verdict_of(findings: Sequence[Finding], gap: pd.DataFrame) -> tuple[str, tup
     claims = any(found.places for found in findings) or verdict == "recalibrate"
     worse = worsened(gap) if claims else ()
     if worse:
-        against = (*against, *(f"the free run of {name} gets worse" for name in worse))
+        against = (*against, *(worse_in_words(key) for key in worse))
         verdict = "partly named" if verdict == "named" else verdict
     return verdict, against
+
+
+def worse_in_words(key: tuple[str, str, str]) -> str:
+    """What a row of the gap table that got worse means."""
+    _, metric, name = key
+    return f"the free run of {name} gets worse" if metric == "free-run NRMSE" else "the free run fails sooner"
 
 
 def amended_program(model: AnyProgram, findings: Mapping[str, EquationStudy]) -> AnyProgram:

@@ -4,7 +4,7 @@ import pandas as pd
 
 from bayes_greybox.discovery.gap import worsened
 from bayes_greybox.discovery.instrument import IN_MODEL
-from bayes_greybox.discovery.study import StudyResult
+from bayes_greybox.discovery.study import StudyResult, worse_in_words
 
 from .formatting import number, percent_text, probability_text
 from .study_words import LIKELY, MOST_CLOSED
@@ -90,7 +90,7 @@ def closed_in_words(gap: pd.DataFrame) -> str:
     if worse:
         change = "lowers" if after < before else "raises"
         size = percent_text(min(abs(1 - after / before), MOST_CLOSED))
-        runs = f"the free run of {' and '.join(worse)} gets worse"
+        runs = " and ".join(worse_in_words(key) for key in worse)
         return f"{change} what is unexplained of the rate on {where} by {size}, but {runs}"
     if after > before:
         return f"widens the gap on {where} by {percent_text(after / before - 1)}"

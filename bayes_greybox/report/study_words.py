@@ -89,6 +89,10 @@ def closed_text(closed: float) -> str:
 
 def metric_interval(study: StudyResult, metric: str, lower: float, upper: float) -> str:
     """The interval of a measure of the gap as it is read."""
+    if metric == "time to failure":
+        # A model that never fails has no time to failure; beyond its earliest failure it may never fail.
+        ends = [metric_value(study, metric, value) for value in (lower, upper)]
+        return " to ".join(dict.fromkeys(ends))
     if math.isnan(lower) or math.isnan(upper):
         return "–"
     return f"{metric_value(study, metric, lower)} to {metric_value(study, metric, upper)}"

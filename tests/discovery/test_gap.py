@@ -1,12 +1,20 @@
 """The gap table and its free runs, from coefficients that are written down by hand."""
 
+from dataclasses import replace
+from functools import cache
+
 import numpy as np
+import pandas as pd
 import pytest
+from scipy.integrate import solve_ivp
 from tiny_equation import CUBE, DEAD_ZONE, SQUARE, tiny_data, tiny_evaluations, tiny_model
 
+from bayes_greybox.data.records import plain_rows
+from bayes_greybox.data.starts import Starts
 from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.discovery.amendment import Remainder
 from bayes_greybox.discovery.coefficients import Coefficients
-from bayes_greybox.discovery.gap import LEVEL, PATH_DRAWS, RATE_DRAWS, Amendment, gap_rows
+from bayes_greybox.discovery.gap import GREW, LEVEL, PATH_DRAWS, RATE_DRAWS, Amendment, gap_rows, worsened
 
 CUBIC = {"hidden": lambda x: -(x**3), "noise": 0.05}
 TAILS = [(1 - LEVEL) / 2, (1 + LEVEL) / 2]
@@ -34,9 +42,9 @@ def with_cube(coefficients, sigma=0.05):
     return amended(known, draws, np.full(len(coefficients), cube), sigma=sigma)
 
 
-def gap(amendment, data=None, model=None, free_runs=False, part="test"):
+def gap(amendment, data=None, model=None, free_runs=False, part="test", **options):
     data = tiny_data(**CUBIC, seed=5) if data is None else data
-    return gap_rows(model or tiny_model(), {"x": amendment}, data, part, free_runs)
+    return gap_rows(model or tiny_model(), {"x": amendment}, data, part, free_runs, **options)
 
 
 def held_out():
@@ -215,7 +223,12 @@ def test_a_free_run_that_blows_up_has_a_time_to_failure(failing):
 
 def test_a_free_run_that_no_longer_blows_up_has_lasted_for_ever(failing):
     row = failing[1].loc[("test", "time to failure", "all")]
-    assert row["after"] == np.inf and row["lower"] == np.inf
+    assert np.isnan(row[["after", "lower", "upper"]].astype(float)).all()
+
+
+def test_never_is_null_in_a_record(failing):
+    (row,) = (row for row in plain_rows(failing[1]) if row["metric"] == "time to failure")
+    assert row["before"] == pytest.approx(1.0, abs=0.06) and row["after"] is None and row["upper"] is None
 
 
 def test_a_time_to_failure_closes_nothing(failing):
@@ -237,3 +250,214 @@ def test_a_state_without_an_equation_cannot_run_freely():
     data = Trajectories.from_arrays(t, states={"x": np.exp(-t), "z": t**2}, derivatives={"x": -np.exp(-t)})
     table, paths = gap(amended(known, np.zeros((1, 0))), data=data, model=tiny_model(simulation={}), free_runs=True)
     assert paths == {} and "free-run NRMSE" not in table.index.get_level_values("metric")
+
+
+# What the draws of a free run hold
+
+
+def test_exact_states_start_where_they_were_measured(runs):
+    data, _, paths = runs
+    assert paths["x"].after.sd[0] == 0.0 and paths["x"].after.mean[0] == data.states["x"][0]
+    assert paths["x"].holds == "90 % band: coefficients"
+
+
+def test_every_draw_has_its_own_start_and_the_model_before_the_same_ones():
+    known, data = tiny_evaluations(**CUBIC), decay(0.5)
+    starts = Starts(np.array([[1.1]]), np.array([[0.2]]))
+    table, paths = gap(amended(known, [[0.4]]), data=data, free_runs=True, starts=starts, seed=3)
+    drawn = starts.draws(PATH_DRAWS, np.random.default_rng(3))[:, 0]
+    expected = {"before": drawn * np.exp(-data.time), "after": drawn * np.exp(-0.6 * data.time)}
+    for name, path in expected.items():
+        band = getattr(paths["x"], name)
+        np.testing.assert_allclose(band.mean, path.mean(axis=0), atol=1e-5)
+        np.testing.assert_allclose(band.upper, np.quantile(path, TAILS[1], axis=0), atol=1e-5)
+    x, row = data.states["x"], table.loc[("test", "free-run NRMSE", "x")]
+    for name, path in expected.items():
+        assert row[name] == pytest.approx(np.sqrt(np.mean((x - path.mean(axis=0)) ** 2)) / np.std(x), rel=1e-3)
+    assert paths["x"].holds == "90 % band: start"
+
+
+def test_the_start_of_noisy_states_is_estimated():
+    t, rng = np.linspace(0, 2, 401), np.random.default_rng(0)
+    x = np.exp(-0.5 * t) + 0.05 * rng.standard_normal(401)
+    data = Trajectories.from_arrays(t, states={"x": x}, derivatives={"x": -0.5 * x})
+    _, paths = gap(amended(tiny_evaluations(**CUBIC), [[0.5]]), data=data, free_runs=True)
+    spread = paths["x"].after.sd[0]
+    assert 0.005 < spread < 0.06
+    assert abs(paths["x"].after.mean[0] - 1.0) < 4 * spread
+    assert "start" in paths["x"].holds
+
+
+def test_a_model_without_any_column_runs_from_noisy_starts():
+    known = tiny_evaluations(**CUBIC, simulation=lambda t, x, u: [-x[0]])
+    model = tiny_model(simulation=lambda t, x, u: [-x[0]])
+    starts = Starts(np.array([[1.0]]), np.array([[0.2]]))
+    _, paths = gap(amended(known, np.zeros((3, 0))), data=decay(0.0), model=model, free_runs=True, starts=starts)
+    assert paths["x"].after.sd[0] > 0.1
+
+
+def test_a_free_run_has_the_inner_parameter_of_its_draw():
+    known = tiny_evaluations([DEAD_ZONE], **CUBIC)
+    zones = known.statistics.of_kind("effect")
+    pair = [zones[1], zones[-2]]
+    widths = [known.statistics.columns[i].inner["gap"] for i in pair]
+    data = decay(0.5)
+    _, paths = gap(amended(known, [[0.0, -2.0], [0.0, -3.0]], pair), data=data, free_runs=True)
+    pick = np.linspace(0, 1, PATH_DRAWS).astype(int)
+    each = [
+        solve_ivp(
+            lambda t, x, c=c, w=w: -x + c * np.maximum(x - w, 0), (0, 2), [1.0], t_eval=data.time, rtol=1e-9, atol=1e-9
+        ).y[0]
+        for c, w in zip((-2.0, -3.0), widths, strict=True)
+    ]
+    shown = np.array([each[i] for i in pick])
+    assert np.ptp(shown, axis=0).max() > 0.05
+    np.testing.assert_allclose(paths["x"].after.mean, shown.mean(axis=0), atol=1e-4)
+    np.testing.assert_allclose(paths["x"].after.upper, np.quantile(shown, TAILS[1], axis=0), atol=1e-4)
+    assert paths["x"].holds == "90 % band: coefficients, inner parameters"
+
+
+def test_only_columns_that_a_draw_has_are_integrated():
+    known = tiny_evaluations([DEAD_ZONE, SQUARE], **CUBIC)
+    zones = [i for i in known.statistics.of_kind("effect") if known.name(i) == "dead-zone"]
+    added = amended(known, [[0.0, 1.0], [0.0, 2.0]], [zones[2], zones[2]]).added(1, 2)
+    assert len(added.terms) == 1 and added.weights.shape == (3, 0)
+    np.testing.assert_allclose(added.coefficients, [[0.0], [1.0], [2.0]])
+
+
+@cache
+def bumpy(effect=None):
+    """A gap of 0.8 cos 4x, which no effect is."""
+    effects = [] if effect is None else [{"square": SQUARE, "dead-zone": DEAD_ZONE}[effect]]
+    return tiny_evaluations(effects, hidden=lambda x: 0.8 * np.cos(4 * x), noise=0.02, n=200)
+
+
+def with_remainder(known, amendment):
+    return replace(amendment, discrepancy=Remainder.of(known.statistics, known.evaluator, amendment.after))
+
+
+@cache
+def bump():
+    """f alone: no draw has the correction."""
+    return with_remainder(bumpy(), amended(bumpy(), [[0.0], [0.0]]))
+
+
+def test_f_beside_nothing_is_the_gap():
+    amendment = bump()
+    x = np.linspace(-0.9, 0.9, 19)
+    _, after = amendment.rates({"x": x}, RATE_DRAWS)
+    np.testing.assert_allclose(after.mean(axis=0), 0.8 * np.cos(4 * x), atol=0.15)
+    assert 0 < after.std(axis=0).max() < 0.2
+
+
+def test_f_keeps_off_what_was_added_and_its_weights_have_their_covariance():
+    known = bumpy("square")
+    (square,) = known.statistics.of_kind("effect")
+    amendment = amended(known, [[0.3, -1.0], [0.3, -1.1]], [square, square])
+    f = Remainder.of(known.statistics, known.evaluator, amendment.after)
+    assert set(f.indices) == {*amendment.after.indices}
+    columns = known.statistics.rows.columns
+    own = known.statistics.evaluate(f.indices, columns)
+    across = own.T @ f.rates(columns, 7).T
+    np.testing.assert_allclose(across, 0.0, atol=1e-8 * len(own))
+    drawn = np.cov(f.weights(200_000).T)
+    np.testing.assert_allclose(drawn, f.root.T @ f.root, atol=0.02 * np.abs(f.root.T @ f.root).max())
+
+
+def test_a_column_that_no_draw_has_is_free_for_f():
+    assert len(bumpy().statistics.of_kind("correction")) == 1
+    assert bump().discrepancy.indices == ()
+
+
+def test_rates_and_the_integrators_terms_are_the_same_function():
+    known = bumpy("dead-zone")
+    zones = known.statistics.of_kind("effect")
+    amendment = amended(known, [[0.3, -1.0], [0.2, -1.1], [0.0, 0.4]], [zones[2], zones[2], zones[4]])
+    amendment = with_remainder(known, amendment)
+    # Beyond the data too, where the features are held.
+    columns = {"x": np.linspace(-3, 3, 31)}
+    before, after = amendment.rates(columns, 3)
+    added = amendment.added(2, 3)
+    values = np.array([np.asarray(term.evaluate(columns)) for term in added.terms])
+    total = added.coefficients @ values + added.weights @ np.asarray(amendment.features(columns)).T
+    np.testing.assert_allclose(total, [before, before, *after], atol=1e-10)
+
+
+def test_the_features_of_f_are_held_beyond_their_domain():
+    amendment = bump()
+    _, after = amendment.rates({"x": np.array([3.0, 30.0, -3.0, -30.0])}, 5)
+    np.testing.assert_allclose(after[:, [0, 2]], after[:, [1, 3]])
+
+
+def test_a_free_run_with_f_follows_what_has_no_name():
+    amendment = bump()
+    t = np.linspace(0, 2, 41)
+    x = solve_ivp(lambda t, x: -x + 0.8 * np.cos(4 * x), (0, 2), [-0.9], t_eval=t, rtol=1e-9, atol=1e-12).y[0]
+    data = Trajectories.from_arrays(t, states={"x": x}, derivatives={"x": -x + 0.8 * np.cos(4 * x)})
+    table, paths = gap(amendment, data=data, free_runs=True)
+    row = table.loc[("test", "free-run NRMSE", "x")]
+    assert row["after"] < 0.3 * row["before"]
+    assert paths["x"].holds == "90 % band: f"
+    plain = gap(replace(amendment, discrepancy=None), data=data, free_runs=True)[0]
+    assert plain.loc[("test", "free-run NRMSE", "x"), "after"] == pytest.approx(row["before"])
+
+
+# The veto
+
+
+def table(*rows):
+    columns = ["data", "metric", "variable", "before", "after", "lower", "upper"]
+    return pd.DataFrame(rows, columns=columns).set_index(columns[:3])
+
+
+NEVER = np.nan
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "lower", "upper", "worse"),
+    [
+        (0.10, 0.05, 0.04, 0.06, False),
+        (0.10, 0.20, 0.15, 0.25, True),
+        (0.10, 0.20, 0.09, 0.25, False),
+        (0.10, 0.09, 0.12, 0.25, False),
+        (0.10, 0.10 * (1 + 0.9 * GREW), 0.10 * (1 + 0.9 * GREW), 0.2, False),
+        (0.0, 1e-7, 1e-7, 2e-7, False),
+        (0.0, 0.01, 0.01, 0.02, True),
+    ],
+)
+def test_a_free_run_is_worse_beyond_what_its_interval_allows(before, after, lower, upper, worse):
+    key = ("test", "free-run NRMSE", "y")
+    assert worsened(table((*key, before, after, lower, upper))) == ((key,) if worse else ())
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "upper", "worse"),
+    [
+        (5.0, 2.0, 3.0, True),
+        (5.0, 4.0, 6.0, False),
+        (5.0, 4.0, NEVER, False),
+        (5.0, NEVER, NEVER, False),
+        (NEVER, 5.0, 6.0, True),
+        (NEVER, 5.0, NEVER, True),
+        (NEVER, NEVER, NEVER, False),
+    ],
+)
+def test_a_run_that_fails_sooner_is_worse(before, after, upper, worse):
+    key = ("test", "time to failure", "all")
+    assert worsened(table((*key, before, after, 1.0, upper))) == ((key,) if worse else ())
+
+
+def test_held_out_free_runs_decide_and_training_ones_only_where_there_are_none():
+    better, grew = (0.1, 0.05, 0.04, 0.06), (0.1, 0.3, 0.2, 0.4)
+    train = [("train", "free-run NRMSE", "y", *grew), ("train", "free-run NRMSE", "v", *better)]
+    rates = ("test", "derivative NMSE", "v", *grew)
+    assert worsened(table(*train, rates)) == (("train", "free-run NRMSE", "y"),)
+    assert worsened(table(*train, ("test", "free-run NRMSE", "y", *better))) == ()
+    assert worsened(table(rates)) == ()
+    assert worsened(table(*train)[:0]) == ()
+
+
+def test_the_veto_is_asked_of_a_real_table(failing):
+    assert worsened(failing[1]) == ()
+    grown = gap(with_cube([3.0]), data=decay(0.5), free_runs=True)[0]
+    assert ("test", "free-run NRMSE", "x") in worsened(grown) or ("test", "time to failure", "all") in worsened(grown)

@@ -26,7 +26,7 @@ from bayes_greybox.report.pages.tables import settings_rows
 from bayes_greybox.report.plots import study_figures
 from bayes_greybox.report.record import study_record
 from bayes_greybox.report.sentence import sentence
-from bayes_greybox.report.study_words import amended_simulation, closed_text, metric_interval
+from bayes_greybox.report.study_words import amended_simulation, closed_text, metric_interval, metric_value
 from bayes_greybox.report.terminal.study import study_tables
 
 # Most of the time a page takes is that of its figures.
@@ -323,7 +323,10 @@ def test_numbers_and_formulas_read_well(shown, expected):
 
 
 def test_a_run_that_never_fails_is_said_to(study):
-    assert metric_interval(study, "time to failure", 15.0, float("inf")) == "15 s to never"
+    assert metric_interval(study, "time to failure", 15.0, float("nan")) == "15 s to never"
+    assert metric_interval(study, "time to failure", float("nan"), float("nan")) == "never"
+    assert metric_value(study, "time to failure", float("nan")) == "never"
+    assert metric_interval(study, "free-run NRMSE", float("nan"), float("nan")) == "–"
 
 
 def test_columns_of_numbers_and_formulas_are_told_apart():

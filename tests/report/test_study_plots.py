@@ -167,6 +167,31 @@ def healthy_run() -> Figure:
     return plot_free_run(t, np.sin(t), bands(np.cos(t)), bands(np.sin(t)), state="y")
 
 
+HOLDS = "90 % band: coefficients, inner parameters, f, start"
+
+
+@pytest.mark.parametrize("width", [9.0, 6.5, 4.5])
+def test_the_legend_says_what_the_band_holds_and_fits_into_the_figure(width):
+    t = np.linspace(0, 10, 101)
+    figure = plot_free_run(t, np.sin(t), bands(np.cos(t)), bands(np.sin(t)), state="y", holds=HOLDS, width=width)
+    (legend,) = figure.legends
+    labels = [text.get_text().replace("\n", " ") for text in legend.get_texts()]
+    assert labels == ["measured", "before", "after", HOLDS]
+    figure.canvas.draw()
+    assert legend.get_window_extent().x1 <= figure.bbox.x1
+
+
+def test_a_band_that_holds_nothing_has_no_label():
+    assert [text.get_text() for text in healthy_run().legends[0].get_texts()] == ["measured", "before", "after"]
+
+
+def test_the_free_run_of_a_fit_is_one_model():
+    t = np.linspace(0, 10, 101)
+    figure = plot_free_run(t, np.sin(t), None, bands(np.sin(t)), state="y", holds="90 % band: coefficients, f")
+    labels = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert labels == ["measured", "model", "90 % band: coefficients, f"]
+
+
 def test_a_run_that_never_started_leaves_the_other_curves():
     t = np.linspace(0, 10, 101)
     figure = plot_free_run(t, np.sin(t), bands(np.full(101, np.nan)), bands(np.sin(t)), state="y")

@@ -89,10 +89,16 @@ def free_runs(study: StudyResult) -> Section | None:
     ]
     part = "training data" if study.test is None else "held-out data"
     lead = (
-        f"Each model is started from the measured state and then left alone, on the {part}. Bands hold 90 % of the "
-        "posterior draws; a cross marks where a run failed."
+        f"Each model is started where the measurements start and then left alone, on the {part}. Bands hold 90 % of "
+        f"the posterior draws{_varied(study)}; a cross marks where a run failed."
     )
     return Section("free-run", "Does the simulation now follow the measurements?", lead, [Pictures(shown)])
+
+
+def _varied(study: StudyResult) -> str:
+    """What varies between the draws of the free runs, as a clause."""
+    held = {path.holds.partition(": ")[2] for path in study.paths.values()} - {""}
+    return f", which vary in {held.pop()}" if held else ""
 
 
 def gap_numbers(study: StudyResult) -> Section:

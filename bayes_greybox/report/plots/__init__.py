@@ -20,6 +20,7 @@ from bayes_greybox.report.plots.fits import (
     predicted,
     predictive,
     sensitivity,
+    simulated,
     trade_off,
 )
 from bayes_greybox.report.plots.gap.before_after import plot_free_run, plot_gap_over_time
@@ -88,6 +89,7 @@ __all__ = [
     "rounds",
     "save_figures",
     "sensitivity",
+    "simulated",
     "study_figures",
     "trade_off",
 ]

@@ -10,12 +10,14 @@ from bayes_greybox.criticism.calibration.calibrate import Calibration
 from bayes_greybox.criticism.checks.checks import checks
 from bayes_greybox.criticism.checks.sensitivity import THRESHOLD
 from bayes_greybox.criticism.discrepancy import discrepancy_grid
+from bayes_greybox.criticism.free_run import FreeRun
 from bayes_greybox.criticism.inclusion import inclusion
 from bayes_greybox.criticism.prediction import predict
 from bayes_greybox.criticism.trade_off import strongest_trade_off
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.inference.posterior import Posterior
 from bayes_greybox.physics.units import derivative_unit
+from bayes_greybox.report.plots.gap.before_after import plot_free_run
 from bayes_greybox.report.plots.posterior.calibration import plot_calibration
 from bayes_greybox.report.plots.posterior.checks import (
     plot_autocorrelation,
@@ -82,6 +84,22 @@ def predicted(fit: Posterior, equation: str | None = None, level: float = 0.9) -
         **_runs(fit),
         **_units(fit, equation),
     )
+
+
+def simulated(run: FreeRun, state: str, width: float = 9.0) -> Figure:
+    """A state as measured and as the fitted model runs it from its start alone; the legend says what the band holds.
+
+    Args:
+        run: What `fit.simulate(data)` returned.
+        state: Name of the state.
+        width: Width of the figure in inches.
+    """
+    data, band = run.data, run.states[state]
+    several = {"run": data.run, "run_names": list(data.run_names)} if data.n_run > 1 else {}
+    return plot_free_run(
+        data.time, data.states[state], None, np.stack([band.mean, band.lower, band.upper]),
+        state=state, holds=run.holds, unit=data.unit(state), time_unit=data.unit("t"), width=width, **several,
+    )  # fmt: skip
 
 
 def discrepancy_over_states(

@@ -128,7 +128,7 @@ def free_run(study: StudyResult, state: str, width: float = 9.0) -> Figure:
     data = study.train if study.test is None else study.test
     return plot_free_run(
         path.time, path.measured, _rows(path.before), _rows(path.after),
-        state=state, unit=data.unit(state), width=width, **_runs(data, path.run),
+        state=state, holds=path.holds, unit=data.unit(state), width=width, **_runs(data, path.run),
     )  # fmt: skip
 
 

@@ -1,6 +1,7 @@
 """Before and after the missing effects were added, along time: the gap, and the free run of the model."""
 
 from collections.abc import Sequence
+from textwrap import fill
 
 import matplotlib as mpl
 import numpy as np
@@ -30,6 +31,8 @@ from .gap_map import SURE, draw_threshold
 _CLOSE = 1 / 400
 # Width in inches below which four labels of a legend do not fit in a row.
 _NARROW = 6.0
+# Characters of a label that fit beside another one there.
+_LABEL = 34
 # Rows up to which measurements are drawn as points.
 _MOST_MARKERS = 400
 # Rows of a run whose swings may be too many to be told apart in one panel, and of its end that is then shown again.
@@ -96,10 +99,11 @@ def plot_gap_over_time(
 def plot_free_run(
     time: Float[np.ndarray, " n_obs"],
     measured: Float[np.ndarray, " n_obs"],
-    before: Float[np.ndarray, "3 n_obs"],
+    before: Float[np.ndarray, "3 n_obs"] | None,
     after: Float[np.ndarray, "3 n_obs"],
     *,
     state: str,
+    holds: str = "",
     run: Int[np.ndarray, " n_obs"] | None = None,
     run_names: Sequence[str] | None = None,
     time_unit: str | None = None,
@@ -116,9 +120,10 @@ def plot_free_run(
     Args:
         time: time of each row, in `time_unit`.
         measured: the measured state, in `unit`.
-        before: mean, lower and upper end of the free run before; NaN from where it failed.
+        before: mean, lower and upper end of the free run before; NaN from where it failed. None: there is one model.
         after: the same of the amended model.
         state: name of the state.
+        holds: what the band after holds, for the legend.
         run: run of each row; all one run by default. At most six runs are drawn.
         run_names: name of each run.
         time_unit: unit of time.
@@ -136,18 +141,23 @@ def plot_free_run(
     panels = _panels(rows, width, axes)
     low, high = float(measured.min()), float(measured.max())
     margin = 0.35 * (high - low) or 1.0
+    if figure_of(panels[0]).get_figwidth() < _NARROW:
+        holds = fill(holds, _LABEL)
+    shown = [(after, BLUE, "model" if before is None else "after", holds)]
+    if before is not None:
+        shown.insert(0, (before, ORANGE, "before", ""))
     for index, (ax, chosen) in enumerate(zip(panels, rows, strict=True)):
         t, seen = time[chosen], measured[chosen]
-        _draw_band(ax, t, before[:, chosen], ORANGE, "before")
-        _draw_band(ax, t, after[:, chosen], BLUE, "after")
+        for values, colour, label, band in shown:
+            _draw_band(ax, t, values[:, chosen], colour, label, band)
         if len(t) <= _MOST_MARKERS:
             ax.plot(t, seen, "o", color=DARK, markersize=2.2, markeredgewidth=0, zorder=4, label="measured")
         else:
             kept = extreme_rows(seen, N_BIN)
             ax.plot(t[kept], seen[kept], color=DARK, linewidth=0.9, linestyle=(0, (2, 1.5)), zorder=4, label="measured")
         ax.set_ylim(low - margin, high + margin)
-        for path, colour in ((before[0, chosen], ORANGE), (after[0, chosen], BLUE)):
-            _mark_failure(ax, t, path, colour)
+        for values, colour, *_ in shown:
+            _mark_failure(ax, t, values[0, chosen], colour)
         if closer:
             name_run(ax, index, ["whole run", f"its last {_CLOSE_UP} samples"])
         elif len(rows) > 1:
@@ -166,14 +176,19 @@ def _panels(rows: list[np.ndarray], width: float, axes: Sequence[Axes] | np.ndar
 
 
 def _draw_band(
-    ax: Axes, time: Float[np.ndarray, " n_obs"], values: Float[np.ndarray, "3 n_obs"], colour: str, label: str
+    ax: Axes,
+    time: Float[np.ndarray, " n_obs"],
+    values: Float[np.ndarray, "3 n_obs"],
+    colour: str,
+    label: str,
+    band: str = "",
 ) -> None:
     alive = np.isfinite(values).all(axis=0)
     if not alive.any():
         return
     time, (mean, lower, upper) = time[alive], values[:, alive]
     band_time, low, high = outer_band(time, lower, upper, N_BIN)
-    ax.fill_between(band_time, low, high, color=colour, alpha=0.25, linewidth=0)
+    ax.fill_between(band_time, low, high, color=colour, alpha=0.25, linewidth=0, label=band or None)
     kept = extreme_rows(mean, N_BIN)
     width = 1.4 if len(kept) == len(mean) else 0.9
     ax.plot(time[kept], mean[kept], color=colour, linewidth=width, zorder=3, label=label)
@@ -210,7 +225,9 @@ def _label(panels: list[Axes], quantity: str, time: str, own: bool) -> None:
     else:
         panels[0].set_ylabel(quantity)
     handles = {str(h.get_label()): h for ax in reversed(panels) for h in ax.get_legend_handles_labels()[0]}
-    order = [label for label in ("measured", "before", "after", "± threshold") if label in handles]
+    order = [label for label in ("measured", "before", "after", "model", "± threshold") if label in handles]
     order += [label for label in handles if label not in order]
-    narrow = figure_of(panels[0]).get_figwidth() < _NARROW
+    # What a band holds is a long label.
+    widest = _NARROW + 0.06 * max(0, sum(map(len, order)) - 50)
+    narrow = figure_of(panels[0]).get_figwidth() < widest
     place_legend(panels[0], own, [handles[label] for label in order], 2 if narrow and len(order) > 3 else None)

@@ -1,0 +1,91 @@
+"""Free runs of fits whose draws are written down by hand."""
+
+import numpy as np
+import pytest
+from fabricated import fabricate
+
+from bayes_greybox.criticism.bands import band_holds
+from bayes_greybox.criticism.free_run import free_run, integrate_runs
+from bayes_greybox.data.starts import estimate_starts
+from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.model.discrepancy import OrthogonalGP
+from bayes_greybox.model.program import Program
+from bayes_greybox.report.plots.fits import simulated
+
+DRAWS = {"chains": 2, "draws": 30}
+
+
+def swinging(noise=0.0, n=201, runs=1) -> Trajectories:
+    """y'' = −y, each run from another place, with noise on the states."""
+    rng = np.random.default_rng(4)
+    t = np.linspace(0, 4, n)
+    y, v = [np.cos(t + i) for i in range(runs)], [-np.sin(t + i) for i in range(runs)]
+    noisy = [[x + noise * rng.standard_normal(n) for x in column] for column in (y, v)]
+    return Trajectories.from_arrays(
+        [t] * runs, states={"y": noisy[0], "v": noisy[1]}, derivatives={"v": [-x for x in y]}
+    )
+
+
+def fitted(data, spread, features=None):
+    """Draws of the coefficient of y around −1, and weights of f that are white."""
+    gp = None if features is None else OrthogonalGP(features=features)
+    model = Program(simulation={"y": "v"}, dictionary={"v": ["y"]}, discrepancy=gp)
+    frame = model.assemble(data)["v"].frame
+    rng = np.random.default_rng(0)
+    theta = (-1 + spread * rng.standard_normal((2, 30, 1))) / frame.coefficient_scale
+    more = {"theta": theta}
+    if frame.basis is not None:
+        more["weight"] = 0.02 * rng.standard_normal((2, 30, frame.basis.size))
+    return fabricate(model, data, **DRAWS, **more)
+
+
+def test_exact_states_start_where_they_were_measured():
+    data = swinging()
+    run = free_run(fitted(data, 0.01), data)
+    assert run.holds == "90 % band: coefficients"
+    assert run.states["y"].sd[0] == 0 and run.states["y"].mean[0] == data.states["y"][0]
+    assert run.nrmse()["y"] < 0.01
+
+
+def test_each_draw_has_its_own_start_of_each_run():
+    data = swinging(0.05, runs=2)
+    starts = estimate_starts(data)
+    run = free_run(fitted(data, 0.0), data, at_most=60)
+    assert run.holds == "90 % band: coefficients, start"
+    for k, name in enumerate(("y", "v")):
+        first = [0, 201]
+        # 60 draws: the spread is within 40 % at more than four standard errors.
+        np.testing.assert_allclose(run.states[name].sd[first], starts.sd[:, k], rtol=0.4)
+        assert np.all(np.abs(run.states[name].mean[first] - starts.mean[:, k]) < 0.6 * starts.sd[:, k])
+    # y = y₀ cos t + v₀ sin t: the spread of the start lasts.
+    assert run.states["y"].sd[200] > 0.3 * starts.sd[0].min()
+
+
+def test_the_band_of_a_free_run_covers_the_true_path():
+    data = swinging(0.1, runs=12)
+    band = free_run(fitted(data, 0.0), data, at_most=60).states["y"]
+    y = np.cos(data.time + data.run)
+    # A path hangs together, so 12 runs are some thirty independent places: 0.9 ± 0.06.
+    assert np.mean((band.lower <= y) & (y <= band.upper)) > 0.7
+
+
+def test_f_is_in_the_band_and_the_legend_of_its_figure():
+    data = swinging(runs=2)
+    run = free_run(fitted(data, 0.01, features=4), data)
+    assert run.holds == "90 % band: coefficients, f"
+    figure = simulated(run, "y")
+    assert run.holds in [text.get_text() for text in figure.legends[0].get_texts()]
+
+
+def test_what_a_band_holds_is_said_in_order_and_nothing_says_nothing():
+    assert band_holds(0.95, {"coefficients": True, "f": False, "start": True}) == "95 % band: coefficients, start"
+    assert band_holds(0.9, {"start": False}) == ""
+
+
+@pytest.mark.parametrize("runs", [1, 2])
+def test_without_starts_all_draws_begin_at_the_measured_one(runs):
+    data = swinging(runs=runs)
+    states, failed_at = integrate_runs(lambda t, x, u, c: c * x, data, np.array([0.1, 0.2]))
+    first = np.arange(runs) * 201
+    np.testing.assert_array_equal(states[:, first], np.tile(data.matrix(("y", "v"))[first], (2, 1, 1)))
+    assert failed_at.shape == (runs, 2) and np.isnan(failed_at).all()
