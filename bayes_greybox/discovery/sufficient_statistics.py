@@ -163,7 +163,7 @@ class SufficientStatistics:
         self._leave_out(refused, [*self.columns, *kept])
         if not kept:
             return
-        new = self.rows.whiten(np.column_stack(values))
+        new = self.rows.whiten(self.rows.operate(np.column_stack(values)))
         old = self._evaluated()
         if self._kept is not None:
             self._known = np.hstack([old, new])
@@ -192,7 +192,8 @@ class SufficientStatistics:
 
     def residual(self, indices: Sequence[int], beta: Float[np.ndarray, " n_column"]) -> np.ndarray | None:
         """Whitened target less columns with these scaled coefficients; None where whitening leaves no order in time."""
-        rest = self.rows.target / self.target_scale - self.evaluate(indices, self.rows.columns) @ beta
+        added = self.rows.operate(self.evaluate(indices, self.rows.columns))
+        rest = self.rows.target / self.target_scale - added @ beta
         return self.rows.whiten(rest[:, None])[:, 0] if self.rows.noise.square else None
 
     def evaluate_features(self, columns: Mapping[str, np.ndarray]) -> Float[np.ndarray, "n_row n_basis"]:
@@ -234,7 +235,7 @@ class SufficientStatistics:
             return self._known
         if not self.columns:
             return np.zeros((self.rows.n_white, 0))
-        return self.rows.whiten(self.evaluate(range(len(self.columns)), self.rows.columns))
+        return self.rows.whiten(self.rows.operate(self.evaluate(range(len(self.columns)), self.rows.columns)))
 
     def _blocks(self) -> Iterator[np.ndarray]:
         return iter(self._kept) if self._kept is not None else self._fixed()
@@ -243,8 +244,10 @@ class SufficientStatistics:
         """[ψ y] in blocks of whitened rows."""
         y = self.rows.target / self.target_scale
 
+        features = self.rows.table(self.evaluate_features)
+
         def table(index: Int[np.ndarray, " n"]) -> Float[np.ndarray, "n n_column"]:
-            return np.column_stack([self.evaluate_features(self.rows.at(index)), y[index]])
+            return np.column_stack([features(index), y[index]])
 
         white = self.rows.whitened(table)
         for start in range(0, self.rows.n_white, CHUNK):

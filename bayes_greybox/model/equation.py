@@ -33,6 +33,7 @@ class Equation:
 
     def table(self, index: Int[np.ndarray, " n"] | slice = slice(None)) -> Float[np.ndarray, "n n_column"]:
         """[Φ Ψ̃ y] in scaled units at rows, neither whitened nor compressed."""
+        index = np.arange(self.rows.n_row)[index]
         return np.column_stack([self._terms(index), self.target[index]])
 
     def parts(
