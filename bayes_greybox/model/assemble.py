@@ -259,13 +259,15 @@ def _dense_design(frame: Frame, gp: OrthogonalGP, rows: EquationRows, table: Tab
     Phi, y = whole[:, : len(frame.dictionary)], whole[:, -1]
     x = jnp.asarray(frame.position(rows.columns))
     points = (x, jnp.asarray(frame.dictionary_rows(rows.columns) @ frame.orthonormal))
-    nodes: tuple[jax.Array, jax.Array] = (x, points[1] / rows.n_sample)
+    operator = None if rows.operator is None else jnp.asarray(rows.operate(np.eye(rows.n_sample)))
+    # ⟨Φₒ, f⟩ = (VΦₒ)ᵀ V f / n, a sum over samples
+    at_rows = points[1] if operator is None else operator.T @ jnp.asarray(Phi @ frame.orthonormal)
+    nodes: tuple[jax.Array, jax.Array] = (x, at_rows / rows.n_row)
     if gp.measure != "empirical":
         columns, weights = _box_columns(frame, gp, rows)
         at_nodes = frame.dictionary_rows(columns) @ frame.orthonormal
         nodes = (jnp.asarray(frame.position(columns)), jnp.asarray(weights[:, None] * at_nodes))
     whitening = None if rows.noise.local else rows.whiten(np.eye(rows.n_row))
-    operator = None if rows.operator is None else jnp.asarray(rows.operate(np.eye(rows.n_sample)))
     design = DenseDesign(
         Phi=jnp.asarray(Phi if whitening is None else whitening @ Phi),
         y=jnp.asarray(y if whitening is None else whitening @ y),

@@ -140,7 +140,7 @@ def test_steps_into_the_future_have_the_dense_conditional(case):
         return
     chosen = make_folds(case, "future", 3, start=0.05)
     folds, past = chosen.members["v"], chosen.past["v"]
-    time = case.data.time
+    time = case.equations["v"].rows.time
     pasts = [np.flatnonzero(time < time[fold].min()) for fold in folds]
     assert np.array_equal(pasts[0], past)
     assert np.array_equal(np.sort(np.concatenate([past, *folds])), np.arange(len(time)))

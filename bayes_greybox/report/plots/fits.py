@@ -137,9 +137,7 @@ def predictive(fit: Posterior, equation: str | None = None) -> Figure:
         source: fit.idata[f"{source}_predictive"][fit.sites[equation].rate].to_numpy().reshape(-1, len(measured))
         for source in ("posterior", "prior")
     }
-    return plot_predictive(
-        measured, **drawn, equation=equation, unit=derivative_unit(equation, fit.data.units)
-    )
+    return plot_predictive(measured, **drawn, equation=equation, unit=derivative_unit(equation, fit.data.units))
 
 
 def loo_pit(fit: Posterior, equation: str | None = None) -> Figure:
