@@ -1,7 +1,8 @@
 """Differentiators as linear operators: Savitzky–Golay, band-limited and spectral.
 
 Derivatives, states and inputs are filtered alike. What the filter makes of the true rate, and therefore of every term
-of the equation, is `bayes_greybox.data.rate_filter`. Rows at the edges, where a filter would invent samples, are dropped.
+of the equation, is in `bayes_greybox.data.rate_filter`. Rows at the edges, where a filter would invent samples, are
+dropped.
 
 The functions here take plain arrays; `Trajectories.differentiate` is the user's way in.
 """
@@ -23,7 +24,7 @@ from .filters import (
     spectral_derivative,
 )
 from .noise import WHITE_SHARE, RowNoise, SpectralNoise, fir_noise
-from .rate_filter import RateFilter
+from .rate_filter import RateFilter, sample_noise
 
 WRAP_FACTOR = 3.0
 """A record whose last and first sample differ by more than this many largest steps is not periodic."""
@@ -164,6 +165,7 @@ def differentiate(
             rates=tuple(rates.items()),
             orders=tuple(orders.items()),
             steps=tuple(different),
+            sample_noise=tuple((name, float(sample_noise(values, run))) for name, values in states.items()),
         ),
     )
 

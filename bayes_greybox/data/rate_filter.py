@@ -47,6 +47,7 @@ class RateFilter:
         orders: Order of the derivative that was taken of a column, by the state whose equation the row is; 0 where the
             rate was measured and smoothed.
         steps: Different sample spacings of the runs, that of the first run first.
+        sample_noise: Standard deviation of the white noise on each measured state.
     """
 
     method: str
@@ -57,6 +58,7 @@ class RateFilter:
     rates: tuple[tuple[str, str], ...]
     orders: tuple[tuple[str, int], ...]
     steps: tuple[float, ...] = field(compare=False)
+    sample_noise: tuple[tuple[str, float], ...] = field(default=(), compare=False)
 
     @property
     def finite(self) -> bool:
@@ -84,6 +86,25 @@ class RateFilter:
         order = dict(self.orders)[state]
         return smoothing_taps(self._taps(order), order)
 
+    def column_weights(self, name: str) -> Float[np.ndarray, " window"]:
+        """Weights of the mean that a smoothed column is; of an added rate those of a first derivative."""
+        order = int(name in dict(self.rates).values())
+        return smoothing_taps(self._taps(order), order)
+
+    def noise_of_states(self) -> dict[str, float]:
+        """Standard deviation of what the filter leaves of the samples' noise in each state."""
+        left = {name: s * float(np.linalg.norm(self._taps(0))) for name, s in self.sample_noise}
+        size = float(np.linalg.norm(self._taps(1))) / self.steps[0] if self.rates else 0.0
+        return left | {rate: dict(self.sample_noise)[name] * size for name, rate in self.rates if name in left}
+
+    def noise_of_rate(self, state: str) -> float:
+        """Standard deviation of a row of a state's computed rate; of a smoothed one it is not known and infinite."""
+        order, noise = dict(self.orders)[state], dict(self.sample_noise)
+        source = {rate: name for name, rate in self.rates}.get(state, state)
+        if order == 0 or source not in noise:
+            return float("inf")
+        return noise[source] * float(np.linalg.norm(self._taps(order))) / self.steps[0] ** order
+
     def require_steps(self, steps: Mapping[str, float]) -> None:
         """Refuse runs on which the window would last another time.
 
@@ -103,7 +124,11 @@ class RateFilter:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values that `from_dict` reads back."""
-        return asdict(self) | {"rates": dict(self.rates), "orders": dict(self.orders), "steps": list(self.steps)}
+        return (
+            asdict(self)
+            | {"rates": dict(self.rates), "orders": dict(self.orders), "steps": list(self.steps)}
+            | {"sample_noise": dict(self.sample_noise)}
+        )
 
     @classmethod
     def from_dict(cls, record: Mapping[str, Any]) -> "RateFilter":
@@ -117,6 +142,7 @@ class RateFilter:
             rates=tuple(record["rates"].items()),
             orders=tuple((name, int(order)) for name, order in record["orders"].items()),
             steps=tuple(record["steps"]),
+            sample_noise=tuple(record["sample_noise"].items()),
         )
 
     def _taps(self, order: int) -> Float[np.ndarray, " window"]:
@@ -124,8 +150,23 @@ class RateFilter:
         return filter_taps(order, self.method, window=self.window, polyorder=self.polyorder, band=band)
 
 
+def sample_noise(values: Float[np.ndarray, " n"], run: Int[np.ndarray, " n"]) -> float:
+    """Standard deviation of white noise on a smooth signal, from third differences: their variance is 20 s².
+
+    The median serves, so that kinks do not count; a signal with fewer than about ten samples a period counts as noise.
+
+    Args:
+        values: Samples.
+        run: Number of the run of each.
+    """
+    whole = run[3:] == run[:-3]
+    differences = np.abs(np.diff(values, 3)[whole])
+    # The median of |z| is 0.6745 for a standard normal z.
+    return float(np.median(differences)) / 0.6745 / np.sqrt(20) if differences.size else 0.0
+
+
 def smoothing_taps(taps: Float[np.ndarray, " n_tap"], order: int) -> Float[np.ndarray, " n_tap"]:
-    """Weights s with Σ_k c_k x_{n+k} = Σ_k s_k x⁽ᵐ⁾_{n+k} for unit spacing, x⁽ᵐ⁾ a cubic between neighbouring samples.
+    """Weights s with Σ_k c_k x_{n+k} = Σ_k s_k x⁽ᵐ⁾_{n+k} for unit spacing, x⁽ᵐ⁾ locally cubic.
 
     Summation by parts: Σ c_k x_{n+k} = Σ_j C_j (x_{j+1} − x_j) with C the cumulative sums of −c, each difference the
     integral of ẋ between two samples; of the second order twice, x_{j+1} − 2 x_j + x_{j−1} being the integral of ẍ under

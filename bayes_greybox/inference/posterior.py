@@ -271,7 +271,7 @@ def add_group(
         if value.shape[2] == len(number):
             numbers[dimension] = number
         else:
-            # Spectral noise leaves fewer observations than rows: whitened coefficients, which have no time of their own.
+            # Spectral noise leaves fewer observations than rows: whitened coefficients, which belong to no time.
             dimension = f"{key}_coefficient"
         variables[key] = (("chain", "draw", dimension), value)
     coords = {
