@@ -202,7 +202,7 @@ def _scaled_table(frame: Frame, rows: EquationRows) -> Table:
         return namespace(columns.values()).concatenate(parts, axis=1)
 
     if rows.operator is not None:
-        terms = rows.table(evaluate)
+        terms = rows.table(lambda columns: np.asarray(evaluate(columns)))
         return lambda index: np.column_stack([terms(index), y[index]])
     compiled = jax.jit(evaluate)
 

@@ -48,8 +48,8 @@ def row_warnings(kind: RowKind, data: Trajectories, equation: str, simulation: S
     size, gap = _truncation(data, equation, simulation), float(np.sqrt(np.mean(rows.target**2)))
     if size > TRUNCATION_SHARE * gap:
         found.append(
-            f"The filter takes {size:.2g} from the simulation's rate of {equation}, where {gap:.2g} is left to explain: "
-            "coefficients of fast terms are off. Halve its window, and see whether they stay."
+            f"The filter takes {size:.2g} from the simulation's rate of {equation}, where {gap:.2g} is left to "
+            "explain: coefficients of fast terms are off. Halve its window, and see whether they stay."
         )
     return found
 

@@ -228,9 +228,10 @@ class DenseDesign(Design):
 
     def _to_rows(self, values: Float[Array | np.ndarray, "*batch n_sample"]) -> Float[Array, "*batch n_row"]:
         """(W V) of values at the samples."""
+        at_rows = jnp.asarray(values)
         for matrix in (self.operator, self.whitening):
-            values = values if matrix is None else values @ matrix.T
-        return values
+            at_rows = at_rows if matrix is None else at_rows @ matrix.T
+        return at_rows
 
     def _drawn(
         self,
