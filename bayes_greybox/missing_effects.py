@@ -8,7 +8,7 @@ from dataclasses import dataclass, fields, replace
 from typing import Any
 
 from bayes_greybox.data.errors import InputError
-from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.data.trajectories import Trajectories, with_filter_of
 from bayes_greybox.discovery.gap import FreePath, gap_rows
 from bayes_greybox.discovery.odds import Odds
 from bayes_greybox.discovery.study import StudyResult, investigate
@@ -103,7 +103,8 @@ def find_missing_effects(
         model: Simulation, and the terms whose coefficients are to be learned anyway. `model.discrepancy` says what f
             depends on.
         train: Measurements with the rates of the equations in question.
-        test: Measurements that no decision is made on.
+        test: Measurements that no decision is made on. Where the training data were differentiated and these are not,
+            they are, by the same filter.
         catalogue: "mechanical", "fluid", "population", "electrical", "all", a TOML file of your own, or a list of
             these.
         roles: Columns by role where the package should not guess.
@@ -124,6 +125,8 @@ def find_missing_effects(
         InputError: Data, model or catalogue that cannot be used; the message names what and the remedy.
     """
     started = time.perf_counter()
+    if test is not None:
+        test = with_filter_of(test, train)
     found = investigate(
         model,
         train,

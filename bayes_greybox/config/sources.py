@@ -55,9 +55,8 @@ class Source(Section, ABC):
             first, second = first.split(1.0 - self.test_fraction, by=self.split_by)
         if self.differentiate is not None:
             # After the split, because filtered rows share samples with their neighbours.
-            settings = self.differentiate.given()
-            first = first.differentiate(**settings)
-            second = None if second is None else second.differentiate(**settings)
+            first = first.differentiate(**self.differentiate.given())
+            second = None if second is None else second.differentiate(like=first)
         return first, second
 
     @abstractmethod

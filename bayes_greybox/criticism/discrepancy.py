@@ -82,11 +82,10 @@ def discrepancy_table(posterior: Posterior, level: float = 0.9) -> pd.DataFrame:
     for name, equation in posterior.equations.items():
         frame, n_row = equation.frame, equation.rows.n_row
         index = np.unique(np.linspace(0, n_row - 1, min(n_row, ROWS)).astype(int))
-        columns = equation.rows.at(index)
         draws = posterior.draws(name, equation.design.worthwhile(PREDICTION_DRAWS))
         y, g = equation.rows.measured[index], equation.rows.simulated[index]
-        Phi = np.asarray(frame.dictionary_rows(columns)) * frame.target_scale
-        f = discrepancy_draws(equation, draws, columns)
+        Phi = equation.parts(index)[0] * frame.target_scale
+        f = frame.target_scale * equation.discrepancy(draws, index)
         centred = y - y.mean()
 
         def share(part: np.ndarray, centred: np.ndarray = centred) -> np.ndarray:

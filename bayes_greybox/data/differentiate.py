@@ -1,9 +1,8 @@
 """Differentiators as linear operators: Savitzky–Golay, band-limited and spectral.
 
-Derivatives, states and inputs are filtered alike, so that both sides of the equation of motion see the same:
-band-limited and spectral derivatives are the derivatives of the smoothed columns, so linear terms stay exact.
-Savitzky–Golay derivatives are so at low frequencies only; where the signal reaches above about a tenth of the
-sampling rate, use "bandlimited". Rows at the edges, where a filter would invent samples, are dropped.
+Derivatives, states and inputs are filtered alike. What the filter makes of the true rate, and therefore of every term
+of the equation, is in `bayes_greybox.data.rate_filter`. Rows at the edges, where a filter would invent samples, are
+dropped.
 
 The functions here take plain arrays; `Trajectories.differentiate` is the user's way in.
 """
@@ -25,6 +24,7 @@ from .filters import (
     spectral_derivative,
 )
 from .noise import WHITE_SHARE, RowNoise, SpectralNoise, fir_noise
+from .rate_filter import RateFilter, sample_noise
 
 WRAP_FACTOR = 3.0
 """A record whose last and first sample differ by more than this many largest steps is not periodic."""
@@ -40,7 +40,7 @@ class Differentiated:
         inputs: smoothed inputs.
         derivatives: derivative rows by state.
         noise: covariance of these rows.
-        window: window in samples; 0 for spectral differentiation.
+        filter: what the rates were computed by.
     """
 
     rows: Int[np.ndarray, " n_row"]
@@ -48,7 +48,7 @@ class Differentiated:
     inputs: dict[str, Float[np.ndarray, " n_row"]]
     derivatives: dict[str, Float[np.ndarray, " n_row"]]
     noise: dict[str, RowNoise]
-    window: int
+    filter: RateFilter
 
 
 def differentiate(
@@ -94,7 +94,7 @@ def differentiate(
     blocks = [np.flatnonzero(run == i) for i in range(len(run_names))]
     steps = [uniform_step(time[rows], name) for rows, name in zip(blocks, run_names, strict=True)]
     wanted = [name for name in states if name not in derivatives]
-    highest = 2 if rates else 1
+    highest, given_band = (2 if rates else 1), band
 
     if method == "spectral":
         _check_periodic({name: states[name] for name in wanted}, blocks, run_names)
@@ -139,20 +139,34 @@ def differentiate(
 
     new_states = {name: apply(values, 0) for name, values in states.items()}
     new_derivatives = {name: apply(values, 0) for name, values in derivatives.items()}
-    noise = {name: row_noise(0) for name in derivatives}
+    orders = dict.fromkeys(derivatives, 0)
     for name in wanted:
-        new_derivatives[name], noise[name] = apply(states[name], 1), row_noise(1)
+        new_derivatives[name], orders[name] = apply(states[name], 1), 1
         if name in rates:
             rate = rates[name]
             new_states[rate] = new_derivatives[name]
-            new_derivatives[rate], noise[rate] = apply(states[name], 2), row_noise(2)
+            new_derivatives[rate], orders[rate] = apply(states[name], 2), 2
+    different: list[float] = []
+    for step in steps:
+        if not any(abs(step - other) <= STEP_TOLERANCE * other for other in different):
+            different.append(step)
     return Differentiated(
         rows=rows,
         states=new_states,
         inputs={name: apply(values, 0) for name, values in inputs.items()},
         derivatives=new_derivatives,
-        noise=noise,
-        window=window,
+        noise={name: row_noise(order) for name, order in orders.items()},
+        filter=RateFilter(
+            method=method,
+            window=window,
+            polyorder=polyorder,
+            band=given_band,
+            white_share=white_share,
+            rates=tuple(rates.items()),
+            orders=tuple(orders.items()),
+            steps=tuple(different),
+            sample_noise=tuple((name, float(sample_noise(values, run))) for name, values in states.items()),
+        ),
     )
 
 

@@ -172,6 +172,16 @@ class BandedNoise(RowNoise):
             white_share=self.white_share,
         )
 
+    def thin(self, every: int) -> "BandedNoise":
+        """Noise of every so many rows of each run, from its first on."""
+        return BandedNoise(
+            autocorrelation=self.autocorrelation[::every],
+            run_lengths=tuple(-(-n // every) for n in self.run_lengths),
+            run_variances=self.run_variances,
+            scale=self.scale,
+            white_share=self.white_share,
+        )
+
     def to_dict(self) -> dict[str, Any]:
         """Plain numbers and lists that `noise_from_dict` reads back."""
         return {

@@ -22,9 +22,10 @@ from .columns import (
     summary_table,
     usable_rows,
 )
-from .differentiate import differentiate
+from .differentiate import differentiate, uniform_step
 from .errors import InputError
 from .noise import WHITE_SHARE, RowNoise, noise_from_dict
+from .rate_filter import RateFilter
 from .white_noise import WhiteNoise
 
 
@@ -43,6 +44,7 @@ class Trajectories:
         run_names: name of each run.
         dropped: rows left out so far (missing values, edges of filters).
         time_name: name of the time in expressions and tables.
+        filter: what computed the derivatives; None if they were measured, or there are none.
     """
 
     time: Float[np.ndarray, " n_obs"]
@@ -55,6 +57,7 @@ class Trajectories:
     run_names: tuple[str, ...] = ("0",)
     dropped: int = 0
     time_name: str = "t"
+    filter: RateFilter | None = None
 
     @classmethod
     def from_arrays(
@@ -132,6 +135,7 @@ class Trajectories:
         run_names: Sequence[str] = ("0",),
         dropped: int = 0,
         time_name: str = "t",
+        filter: Mapping[str, Any] | None = None,
     ) -> "Trajectories":
         """Inverse of `to_frame`: `Trajectories.from_frame(data.to_frame(), **data.metadata())`.
 
@@ -145,6 +149,7 @@ class Trajectories:
             run_names: name of each run.
             dropped: rows left out before.
             time_name: name of the time column.
+            filter: plain record of the filter of the derivatives.
 
         Returns:
             The data, equal to the last bit.
@@ -171,6 +176,7 @@ class Trajectories:
             run_names=tuple(run_names),
             dropped=dropped,
             time_name=time_name,
+            filter=None if filter is None else RateFilter.from_dict(filter),
         )
 
     @property
@@ -267,22 +273,24 @@ class Trajectories:
 
     def differentiate(
         self,
-        method: Literal["savgol", "bandlimited", "spectral"] = "savgol",
+        method: Literal["savgol", "bandlimited", "spectral"] | None = None,
         *,
         rates: Mapping[str, str] | None = None,
         window: int | None = None,
         polyorder: int | None = None,
         band: float | None = None,
-        white_share: float = WHITE_SHARE,
+        white_share: float | None = None,
+        like: "Trajectories | None" = None,
     ) -> "Trajectories":
         """Add the derivatives that were not measured, with the covariance of their rows.
 
         Every column goes through the same smoothing filter. The window − 1 rows at the edges of each run are
-        dropped and counted in `dropped` (none for "spectral").
+        dropped and counted in `dropped` (none for "spectral"). Held-out data take the filter of the training data:
+        `test.differentiate(like=train)`.
 
         Args:
             method: "savgol" (local polynomial), "bandlimited" (windowed-sinc filter with a stated pass band)
-                or "spectral" (Fourier, exact for records of whole periods, which it needs).
+                or "spectral" (Fourier, exact for records of whole periods, which it needs); "savgol" by default.
             rates: {"y": "ydot"} says that the rate of state y is a state ydot that was not measured: ydot is
                 added, the derivative of y is ydot and that of ydot the second derivative of y. Every other
                 state without a derivative gets its first derivative.
@@ -291,15 +299,24 @@ class Trajectories:
             polyorder: degree of the local polynomial, default 4 with `rates`, else 3.
             band: edge of the pass band in cycles per unit of time.
             white_share: share of the row variance taken as white, see `bayes_greybox.data.noise`.
+            like: differentiated data whose filter is used, with the very window; no other setting can be given then.
 
         Returns:
             Data with all derivatives and their noise.
 
         Raises:
-            InputError: if sampling is uneven, a run is too short, or the settings do not fit.
+            InputError: if sampling is uneven, a run is too short, or the settings do not fit; with `like`, data of
+                another sample spacing.
         """
         if self.noise:
             raise InputError("The data are differentiated already; differentiate the measured data once.")
+        if like is not None:
+            if not all(setting is None for setting in (method, rates, window, polyorder, band, white_share)):
+                raise InputError("like=... brings all settings of the filter with it: leave the others out.")
+            if like.filter is None:
+                raise InputError("The data given as like=... were not differentiated: differentiate them first.")
+            like.filter.require_steps({name: uniform_step(self.take(name).time, name) for name in self.run_names})
+            return self.differentiate(**like.filter.settings)
         result = differentiate(
             self.time,
             self.run,
@@ -307,12 +324,12 @@ class Trajectories:
             states=self.states,
             inputs=self.inputs,
             derivatives=self.derivatives,
-            method=method,
+            method=method or "savgol",
             rates=rates,
             window=window,
             polyorder=polyorder,
             band=band,
-            white_share=white_share,
+            white_share=WHITE_SHARE if white_share is None else white_share,
         )
         units = dict(self.units)
         for name, rate in (rates or {}).items():
@@ -328,6 +345,7 @@ class Trajectories:
             derivatives=result.derivatives,
             units=units,
             noise=result.noise,
+            filter=result.filter,
             dropped=self.dropped + self.n_obs - len(result.rows),
         )
 
@@ -366,6 +384,7 @@ class Trajectories:
             "run_names": list(self.run_names),
             "dropped": self.dropped,
             "time_name": self.time_name,
+            "filter": None if self.filter is None else self.filter.to_dict(),
         }
 
     def to_frame(self) -> pd.DataFrame:
@@ -414,3 +433,25 @@ class Trajectories:
             noise={name: noise.restrict(bounds) for name, noise in self.noise.items()},
             run_names=tuple(self.run_names[i] for i in stay),
         )
+
+
+def with_filter_of(test: Trajectories, train: Trajectories) -> Trajectories:
+    """Held-out data as the training data are: differentiated by the same filter where they are not yet.
+
+    Args:
+        test: Held-out data.
+        train: Training data.
+
+    Raises:
+        InputError: Rates that another filter computed.
+    """
+    if train.filter is None or test.filter == train.filter:
+        return test
+    if test.filter is not None:
+        one, other = (f"{part.method} with a window of {part.window}" for part in (train.filter, test.filter))
+        raise InputError(
+            f"Training data were differentiated by {one}, held-out data by {other}, or with other settings: use one "
+            "filter for both, test.differentiate(like=train)."
+        )
+    unknown = any(name not in test.derivatives for name in train.derivatives)
+    return test.differentiate(like=train) if unknown else test

@@ -74,7 +74,7 @@ def _standardised(world: World, e: Explanation) -> tuple[Float[np.ndarray, " n"]
     statistics = known.statistics
     indices = known.indices(e.columns)
     mean, covariance = world.coefficients(e)
-    X = statistics.rows.whiten(statistics.evaluate(indices, statistics.rows.columns))
+    X = statistics.rows.whiten(statistics.at_rows(indices))
     residual = statistics.rows.whiten(world.residual(e)[:, None])[:, 0]
     # Var(x β) over σ² is the leverage of a Bayesian fit.
     sigma = math.sqrt(float(np.sum(residual**2)) / max(len(residual) - np.linalg.matrix_rank(X), 1))

@@ -107,7 +107,8 @@ def align(
         moved = False
         for index, value in zip(indices, mean, strict=True):
             suspect = bare.columns[index].suspect
-            if suspect is None or suspect.kind != DELAY:
+            # What smoothing leaves of the noise on samples looks like a delay: it stays a suspect among others.
+            if suspect is None or suspect.kind != DELAY or noise:
                 continue
             by = float(value) * bare.target_scale / bare.columns[index].scale
             delays[suspect.channel] = delays.get(suspect.channel, 0.0) + by

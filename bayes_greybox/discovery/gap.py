@@ -90,7 +90,9 @@ def gap_rows(
         raw, corrected = model.equation_rows(data, equation), amendment.corrected(data)
         measured = model.equation_rows(corrected, equation)
         size = float(np.mean(measured.measured**2))
-        before, after = amendment.rates(corrected.columns, RATE_DRAWS)
+        before, after = amendment.rates(measured.columns, RATE_DRAWS)
+        # A filtered rate is compared with the same filter's mean of the rates that were added.
+        before, after = measured.operate(before[:, None])[:, 0], measured.operate(after.T).T
         variance, noise = float(np.var(measured.measured)), amendment.sigma**2
 
         def error(added: np.ndarray, target=measured.target, variance=variance) -> Any:

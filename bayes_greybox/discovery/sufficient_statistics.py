@@ -212,8 +212,8 @@ class SufficientStatistics:
         return again
 
     def _extend(self, kept: list[Column], values: np.ndarray) -> None:
-        """Add columns by their scaled values at the rows."""
-        new = self.rows.whiten(values)
+        """Add columns by their scaled values at the samples."""
+        new = self.rows.whiten(self.rows.operate(values))
         old = self._evaluated()
         if self._kept is not None:
             self._known = np.hstack([old, new])
@@ -236,9 +236,13 @@ class SufficientStatistics:
     def evaluate(
         self, indices: Sequence[int], columns: Mapping[str, np.ndarray]
     ) -> Float[np.ndarray, "n_row n_column"]:
-        """Chosen columns at any rows, scaled; suspects are known at the rows of the equation only."""
+        """Chosen columns at any rows, scaled; suspects are known at the samples of the equation only."""
         parts = [self._value(self.columns[i], columns) for i in indices]
         return np.column_stack(parts) if parts else np.zeros((len(next(iter(columns.values()))), 0))
+
+    def at_rows(self, indices: Sequence[int]) -> Float[np.ndarray, "n_row n_column"]:
+        """Chosen columns at the rows of the equation, scaled."""
+        return self.rows.operate(self.evaluate(indices, self.rows.columns))
 
     def _value(self, column: Column, columns: Mapping[str, np.ndarray]) -> np.ndarray:
         if column.term is None:
@@ -248,7 +252,7 @@ class SufficientStatistics:
 
     def residual(self, indices: Sequence[int], beta: Float[np.ndarray, " n_column"]) -> np.ndarray | None:
         """Whitened target less columns with these scaled coefficients; None where whitening leaves no order in time."""
-        rest = self.rows.target / self.target_scale - self.evaluate(indices, self.rows.columns) @ beta
+        rest = self.rows.target / self.target_scale - self.at_rows(indices) @ beta
         return self.rows.whiten(rest[:, None])[:, 0] if self.rows.noise.square else None
 
     def evaluate_features(self, columns: Mapping[str, np.ndarray]) -> Float[np.ndarray, "n_row n_basis"]:
@@ -303,7 +307,7 @@ class SufficientStatistics:
             return self._known
         if not self.columns:
             return np.zeros((self.rows.n_white, 0))
-        return self.rows.whiten(self.evaluate(range(len(self.columns)), self.rows.columns))
+        return self.rows.whiten(self.rows.operate(self.evaluate(range(len(self.columns)), self.rows.columns)))
 
     def _blocks(self) -> Iterator[np.ndarray]:
         return iter(self._kept) if self._kept is not None else self._fixed()
@@ -312,8 +316,10 @@ class SufficientStatistics:
         """[ψ y] in blocks of whitened rows."""
         y = self.rows.target / self.target_scale
 
+        features = self.rows.table(self.evaluate_features)
+
         def table(index: Int[np.ndarray, " n"]) -> Float[np.ndarray, "n n_column"]:
-            return np.column_stack([self.evaluate_features(self.rows.at(index)), y[index]])
+            return np.column_stack([features(index), y[index]])
 
         white = self.rows.whitened(table)
         for start in range(0, self.rows.n_white, CHUNK):

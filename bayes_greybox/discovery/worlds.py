@@ -85,7 +85,7 @@ class World:
         mean = self.coefficients(e)[0]
         indices = known.indices(e.columns)
         rows = statistics.rows
-        rest = rows.target / statistics.target_scale - statistics.evaluate(indices, rows.columns) @ mean
+        rest = rows.target / statistics.target_scale - statistics.at_rows(indices) @ mean
         if e.kind == REST:
             rest = rest - self.rest(e)
         return rest
@@ -99,7 +99,7 @@ class World:
         G = statistics.products[np.ix_(indices, indices)]
         taken = np.linalg.pinv(G, rcond=1e-12, hermitian=True) @ (statistics.with_features[indices] @ weight)
         psi = statistics.evaluate_features(statistics.rows.columns)
-        return psi @ weight - statistics.evaluate(indices, statistics.rows.columns) @ taken
+        return statistics.rows.operate((psi @ weight)[:, None])[:, 0] - statistics.at_rows(indices) @ taken
 
 
 def worlds(

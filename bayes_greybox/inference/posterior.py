@@ -263,19 +263,28 @@ def add_group(
         values: Variables.
         draw: Numbers of the draws, if not all were kept.
     """
-    n_draw, n_obs = next(iter(values.values())).shape[1], posterior.data.n_obs
-    variables = {
-        # Spectral noise leaves fewer observations than rows: whitened coefficients, which have no time of their own.
-        key: (("chain", "draw", "obs_id" if value.shape[2] == n_obs else f"{key}_coefficient"), value)
-        for key, value in values.items()
-    }
+    n_draw = next(iter(values.values())).shape[1]
+    rows = {posterior.sites[key].rate: _row_dimension(entry) for key, entry in posterior.equations.items()}
+    variables, numbers = {}, {}
+    for key, value in values.items():
+        dimension, number = rows[key]
+        if value.shape[2] == len(number):
+            numbers[dimension] = number
+        else:
+            # Spectral noise leaves fewer observations than rows: whitened coefficients, which belong to no time.
+            dimension = f"{key}_coefficient"
+        variables[key] = (("chain", "draw", dimension), value)
     coords = {
         "chain": np.arange(next(iter(values.values())).shape[0]),
         "draw": np.arange(n_draw) if draw is None else draw,
     }
-    if any("obs_id" in dims for dims, _ in variables.values()):
-        coords["obs_id"] = np.arange(n_obs)
-    posterior.idata[name] = xr.DataTree(xr.Dataset(variables, coords=coords))
+    posterior.idata[name] = xr.DataTree(xr.Dataset(variables, coords=coords | numbers))
+
+
+def _row_dimension(equation: Equation) -> tuple[str, np.ndarray]:
+    """Dimension of the rows of an equation and their samples' numbers; all equations have rows at the same samples."""
+    operator = equation.rows.operator
+    return ("obs_id", np.arange(equation.rows.n_row)) if operator is None else ("row_id", operator.sample)
 
 
 def slab_group(posterior: Posterior) -> xr.Dataset:
@@ -332,12 +341,14 @@ def _tree(groups: dict[str, dict[str, np.ndarray]], equations: Mapping[str, Equa
     """Groups as a DataTree with dimensions named by equation."""
     import arviz_base  # three seconds, so not at the top
 
-    dims: dict[str, list[str]] = {name: ["obs_id"] for name in groups["constant_data"]}
+    dims: dict[str, list[str]] = {}
     coords: dict[str, Any] = {"obs_id": np.arange(len(groups["constant_data"]["t"]))}
     for name, own in Sites(equations).items():
         frame = equations[name].frame
         coords[own["term"]] = list(frame.dictionary.names)
-        dims[own.rate] = ["obs_id"]
+        dimension, numbers = _row_dimension(equations[name])
+        coords[dimension] = numbers
+        dims[own.rate] = [dimension]
         for variable in (own.theta, own.prior_sd, own.gamma, own.inclusion, own["v"], own["lambda"]):
             dims[variable] = [own["term"]]
         if frame.variables:
@@ -351,6 +362,8 @@ def _tree(groups: dict[str, dict[str, np.ndarray]], equations: Mapping[str, Equa
     for group, variables in groups.items():
         # Densities of whole sites have no event dimensions.
         own = {var: dims[var] for var in variables if var in dims and group != "log_prior"}
+        if group == "constant_data":
+            own = dict.fromkeys(variables, ["obs_id"])
         if group in ("posterior", "prior"):
             # A user's own prior may call sites of other shapes as the package's priors do theirs.
             shapes = {var: tuple(len(coords[dim]) for dim in own[var]) for var in own}

@@ -163,7 +163,7 @@ def _scaled_frame(
     if discrepancy is not None and discrepancy.path == "hsgp":
         basis = HilbertBasis(discrepancy.boundary, features_per_variable(discrepancy, len(variables)))
     squares = np.zeros(len(dictionary))
-    for start in range(0, rows.n_row, 16 * CHUNK):
+    for start in range(0, rows.n_sample, 16 * CHUNK):
         part = rows.at(slice(start, start + 16 * CHUNK))
         squares += np.sum(np.asarray(dictionary.evaluate(part)) ** 2, axis=0)
     if not np.all(np.isfinite(squares)):
@@ -178,7 +178,7 @@ def _scaled_frame(
         variables=tuple(variables),
         centre=centre,
         half_width=half_width,
-        term_scale=np.sqrt(squares / rows.n_row),
+        term_scale=np.sqrt(squares / rows.n_sample),
         target_scale=target_scale,
         orthonormal=np.zeros((len(dictionary), 0)),
         basis=basis,
@@ -201,6 +201,9 @@ def _scaled_table(frame: Frame, rows: EquationRows) -> Table:
         parts = [frame.dictionary_rows(columns), frame.plain_features(columns)]
         return namespace(columns.values()).concatenate(parts, axis=1)
 
+    if rows.operator is not None:
+        terms = rows.table(lambda columns: np.asarray(evaluate(columns)))
+        return lambda index: np.column_stack([terms(index), y[index]])
     compiled = jax.jit(evaluate)
 
     def table(index: Int[np.ndarray, " n_chunk"]) -> Float[np.ndarray, "n_chunk n_column"]:
@@ -247,16 +250,19 @@ def _box_columns(frame: Frame, gp: OrthogonalGP, rows: EquationRows) -> tuple[di
 
 
 def _dense_design(frame: Frame, gp: OrthogonalGP, rows: EquationRows, table: Table, common: dict) -> DenseDesign:
-    if rows.n_row > EXACT_LIMIT:
+    if rows.n_sample > EXACT_LIMIT:
         raise InputError(
-            f"OrthogonalGP(path='exact') is dense and takes at most {EXACT_LIMIT} rows, not {rows.n_row}: "
+            f"OrthogonalGP(path='exact') is dense and takes at most {EXACT_LIMIT} rows, not {rows.n_sample}: "
             f"use path='hsgp'."
         )
     whole = table(np.arange(rows.n_row))
     Phi, y = whole[:, : len(frame.dictionary)], whole[:, -1]
     x = jnp.asarray(frame.position(rows.columns))
-    points = (x, jnp.asarray(Phi @ frame.orthonormal))
-    nodes: tuple[jax.Array, jax.Array] = (x, points[1] / rows.n_row)
+    points = (x, jnp.asarray(frame.dictionary_rows(rows.columns) @ frame.orthonormal))
+    operator = None if rows.operator is None else jnp.asarray(rows.operate(np.eye(rows.n_sample)))
+    # ⟨Φₒ, f⟩ = (VΦₒ)ᵀ V f / n, a sum over samples
+    at_rows = points[1] if operator is None else operator.T @ jnp.asarray(Phi @ frame.orthonormal)
+    nodes: tuple[jax.Array, jax.Array] = (x, at_rows / rows.n_row)
     if gp.measure != "empirical":
         columns, weights = _box_columns(frame, gp, rows)
         at_nodes = frame.dictionary_rows(columns) @ frame.orthonormal
@@ -268,6 +274,7 @@ def _dense_design(frame: Frame, gp: OrthogonalGP, rows: EquationRows, table: Tab
         points=points,
         nodes=nodes,
         whitening=None if whitening is None else jnp.asarray(whitening),
+        operator=operator,
         kernel=gp.kernel,
         variant=gp.variant,
         **common,

@@ -2,13 +2,14 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float, Int
 
 from .design import Design, EquationDraws, WeightedRows
 from .frame import Frame
-from .rows import EquationRows
+from .rows import EquationRows, Table
 
 
 @dataclass(frozen=True)
@@ -31,9 +32,9 @@ class Equation:
         return self.rows.target / self.frame.target_scale
 
     def table(self, index: Int[np.ndarray, " n"] | slice = slice(None)) -> Float[np.ndarray, "n n_column"]:
-        """[Φ Ψ̃ y] in scaled units at rows of the data, neither whitened nor compressed."""
-        Phi, Psi = self.frame.rows(self.rows.at(index))
-        return np.column_stack([np.asarray(Phi), np.asarray(Psi), self.target[index]])
+        """[Φ Ψ̃ y] in scaled units at rows, neither whitened nor compressed."""
+        index = np.arange(self.rows.n_row)[index]
+        return np.column_stack([self._terms(index), self.target[index]])
 
     def parts(
         self, index: Int[np.ndarray, " n"] | slice = slice(None)
@@ -51,6 +52,11 @@ class Equation:
     def weighted(self) -> Callable[[Int[np.ndarray, " n"]], WeightedRows]:
         """Observations by number, weighted by the inverse noise correlation; see `Design.weighted`."""
         return self.design.weighted(self.frame, self.rows, self.table)
+
+    @cached_property
+    def _terms(self) -> Table:
+        """[Φ Ψ̃] by index of the rows."""
+        return self.rows.table(lambda columns: np.column_stack([np.asarray(part) for part in self.frame.rows(columns)]))
 
     def without(self, out: Sequence[int] | Int[np.ndarray, " n_out"]) -> "Equation":
         """The equation without the targets of some observations; the frame (scaling, measure, features) stays.

@@ -1,7 +1,8 @@
 """The rows of one equation: what a row says, and what noise is on it.
 
 Everything that needs a target, its projection or its whitening asks `EquationRows`; a kind of rows is a constructor of
-it. Here are the rows of measured or filtered rates: the rate at a time stamp is g + Φθ + f there.
+it. Here are the rows of measured or filtered rates: the rate at a time stamp is g + Φθ + f there, or the filter's mean
+of that around it.
 """
 
 import math
@@ -14,12 +15,16 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from bayes_greybox.data.errors import InputError
+from bayes_greybox.data.rate_filter import RowOperator
 from bayes_greybox.data.row_noise import RowNoise
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.physics.simulation import Simulation
 
 Table = Callable[[Int[np.ndarray, " n_chunk"]], Float[np.ndarray, "n_chunk n_column"]]
 """Rows of a table that need never exist as a whole, by index."""
+
+STRETCH = 16_384
+"""Samples evaluated at once where rows are means over samples."""
 
 
 class Removal(NamedTuple):
@@ -38,25 +43,27 @@ class Removal(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class EquationRows:
-    """The rows of one equation, y = Φθ + f + ε, ε ~ N(0, σ² R), in user's units.
+    """The rows of one equation, y = V(Φθ + f) + ε, ε ~ N(0, σ² R), in user's units.
 
     Attributes:
         equation: The learned state.
-        columns: States and inputs at the rows, which Φ and f are evaluated on.
+        columns: States and inputs at the samples, which Φ and f are evaluated on.
         measured: What was measured [n_row].
-        simulated: What the simulation says of it [n_row].
+        simulated: What the simulation says of it [n_row], V g.
         noise: R, and W with W R Wᵀ = I.
-        time: Time stamps.
+        time: Time stamps of the rows.
         run: Number of the run of each row.
+        operator: V, from values at the samples to values of the rows; None where each sample is a row.
     """
 
     equation: str
-    columns: Mapping[str, Float[np.ndarray, " n_row"]]
+    columns: Mapping[str, Float[np.ndarray, " n_sample"]]
     measured: Float[np.ndarray, " n_row"]
     simulated: Float[np.ndarray, " n_row"]
     noise: RowNoise
     time: Float[np.ndarray, " n_row"]
     run: Int[np.ndarray, " n_row"]
+    operator: RowOperator | None = None
 
     @property
     def n_row(self) -> int:
@@ -92,9 +99,31 @@ class EquationRows:
             )
         return float(np.sqrt(np.mean(self.target**2)))
 
+    @property
+    def n_sample(self) -> int:
+        """Samples that terms are evaluated at."""
+        return len(next(iter(self.columns.values())))
+
     def at(self, index: Int[np.ndarray, " n"] | slice) -> dict[str, Float[np.ndarray, " n"]]:
-        """States and inputs at some rows."""
+        """States and inputs at some samples."""
         return {name: column[index] for name, column in self.columns.items()}
+
+    def operate(self, table: Float[np.ndarray, "n_sample k"]) -> Float[np.ndarray, "n_row k"]:
+        """V table: values of the rows from values at the samples."""
+        return table if self.operator is None else self.operator(table)
+
+    def table(self, evaluate: Callable[[Mapping[str, np.ndarray]], np.ndarray]) -> Table:
+        """V F by index of the rows, F evaluated on columns; where V mixes samples, evaluated here in stretches.
+
+        Args:
+            evaluate: From columns [n] to F [n, k].
+        """
+        if self.operator is None:
+            return lambda index: np.asarray(evaluate(self.at(index)))
+        smooth = self.operator.smooth
+        parts = [smooth(np.asarray(evaluate(self.at(piece)))) for piece in self.operator.pieces(STRETCH)]
+        whole = np.concatenate(parts)
+        return lambda index: whole[index]
 
     def whiten(self, table: Float[np.ndarray, "n_row k"]) -> Float[np.ndarray, "n_white k"]:
         """W table."""
@@ -202,19 +231,49 @@ class RowKind(Protocol):
 
 @dataclass(frozen=True)
 class DerivativeRows:
-    """Rates at the time stamps, measured or filtered, with the noise that filtering gives them."""
+    """Rates at the time stamps, measured or filtered, with the noise that filtering gives them.
+
+    A rate that a finite filter computed is a mean s ∗ ẋ of the true one over the filter's window, so what the equation
+    says of it is s ∗ (g + Φθ + f), evaluated at the smoothed samples first. Such rows are thinned: neighbours whose
+    noise has a correlation above 1/e repeat each other. Samples whose window reaches beyond their run have no row.
+
+    Attributes:
+        filter_terms: Whether terms go through the filter, and rows are thinned; without, each sample is a row that
+            says Φ(h ∗ x), which is not h ∗ Φ(x) where Φ is not linear.
+    """
+
+    filter_terms: bool = True
 
     def rows(self, data: Trajectories, equation: str, simulation: Simulation) -> EquationRows:
         """The rows of one equation; see `RowKind.rows`."""
+        measured, simulated = data.rate(equation), simulation.on(data, equation)
+        noise, time, run = data.row_noise(equation), data.time, data.run
+        operator = self._operator(data, equation)
+        if operator is not None:
+            simulated, noise = operator(simulated[:, None])[:, 0], operator.noise(noise)
+            measured, time, run = (column[operator.sample] for column in (measured, time, run))
         return EquationRows(
             equation=equation,
             columns=data.columns,
-            measured=data.rate(equation),
-            simulated=simulation.on(data, equation),
-            noise=data.row_noise(equation),
-            time=data.time,
-            run=data.run,
+            measured=measured,
+            simulated=simulated,
+            noise=noise,
+            time=time,
+            run=run,
+            operator=operator,
         )
+
+    def _operator(self, data: Trajectories, equation: str) -> RowOperator | None:
+        rate_filter = data.filter
+        if not self.filter_terms or rate_filter is None or not rate_filter.finite:
+            return None
+        operator = RowOperator(rate_filter.smoothing(equation), rate_filter.every, data.run_lengths)
+        if not len(operator.sample):
+            raise InputError(
+                f"No run has {rate_filter.window} filtered rows, the window of its filter, whose terms a row of "
+                f"{equation!r} is made of: use a shorter window, or GreyBox(rows=DerivativeRows(filter_terms=False))."
+            )
+        return operator
 
 
 ROWS: Mapping[str, type] = {"derivative": DerivativeRows}

@@ -31,8 +31,9 @@ SIMULATION = {"v": "-0.2*v"}
 def differentiated(method: str) -> Trajectories:
     """Two runs of a sampled velocity and its derivative by a linear filter: rows with correlated noise."""
     rng = np.random.default_rng(3)
-    t = np.arange(32) * (2 * np.pi / 32)
-    runs = [np.sin(t + phase) + 0.5 * np.cos(2 * t) + 0.01 * rng.standard_normal(32) for phase in (0.0, 1.3)]
+    n = 48 if method == "savgol" else 32  # the filter takes rows away
+    t = np.arange(n) * (2 * np.pi / n)
+    runs = [np.sin(t + phase) + 0.5 * np.cos(2 * t) + 0.01 * rng.standard_normal(n) for phase in (0.0, 1.3)]
     data = Trajectories.from_arrays([t, t], states={"v": runs, "y": [np.cos(3 * t), np.sin(t) ** 2]})
     return data.differentiate(method, **({"window": 7, "polyorder": 3} if method == "savgol" else {}))
 

@@ -59,17 +59,22 @@ def _equation(gp, data, prior_terms=TERMS):
 
 def _dense_rows(equation, data):
     """Φ and scaled target on the rows, and the whitening W of their noise, from first principles."""
+    V = equation.rows.operate(np.eye(data.n_obs))
+    measured = equation.rows.measured
+    y = measured / np.sqrt(np.mean(measured**2))
+    return V @ _terms(data), y, equation.rows.noise.whiten(np.eye(len(y)))
+
+
+def _terms(data):
+    """Φ at the samples."""
     columns = data.columns
     Phi = np.stack([columns["y"], columns["v"], columns["y"] ** 3], axis=1)
-    Phi = Phi / np.sqrt(np.mean(Phi**2, axis=0))
-    y = data.derivatives["v"] / np.sqrt(np.mean(data.derivatives["v"] ** 2))
-    W = data.noise["v"].whiten(np.eye(len(y))) if "v" in data.noise else np.eye(len(y))
-    return Phi, y, W
+    return Phi / np.sqrt(np.mean(Phi**2, axis=0))
 
 
 def _dense_kernel(gp, equation, data, hyper):
-    """k⊥ at the rows under the empirical measure, by explicit projections of explicit Gram matrices."""
-    Phi, _, _ = _dense_rows(equation, data)
+    """k⊥ at the rows under their empirical measure, by explicit projections of explicit Gram matrices."""
+    V, Phi = equation.rows.operate(np.eye(data.n_obs)), _terms(data)
     x = np.stack([data.columns["y"], data.columns["v"]], axis=1)
     x = (x - (x.max(0) + x.min(0)) / 2) / ((x.max(0) - x.min(0)) / 2)
     if gp.path == "exact":
@@ -81,14 +86,13 @@ def _dense_kernel(gp, equation, data, hyper):
             KERNELS[gp.kernel], equation.frame.basis.frequency, hyper.amplitude, hyper.length_scale
         )
         K = (psi * np.exp(np.asarray(log_S))) @ psi.T
-    n = len(x)
     if gp.variant == "projected":
-        residual = np.eye(n) - Phi @ np.linalg.pinv(Phi)
-        return residual @ K @ residual
+        residual = np.eye(len(x)) - Phi @ np.linalg.pinv(V @ Phi) @ V
+        K = residual @ K @ residual.T
     if gp.variant == "conditioned":
-        h = K @ Phi / n
-        return K - h @ np.linalg.solve(Phi.T @ h / n, h.T)
-    return K
+        h = K @ V.T @ V @ Phi
+        K = K - h @ np.linalg.solve(Phi.T @ V.T @ V @ h, h.T)
+    return V @ K @ V.T
 
 
 def _dense_log_prob(Phi, y, K, W, log_det_R, hyper, sd):
@@ -113,7 +117,7 @@ def test_log_prob_is_the_dense_normal(variant, path, noise):
     gp = OrthogonalGP(variant=variant, path=path, features=6)
     equation = _equation(gp, data)
     Phi, y, W = _dense_rows(equation, data)
-    log_det_R = data.noise["v"].log_det if "v" in data.noise else 0.0
+    log_det_R = equation.rows.noise.log_det
     K = _dense_kernel(gp, equation, data, HYPER)
 
     got, mixture = _log_probs(equation.design)
@@ -134,7 +138,7 @@ def test_without_discrepancy_it_is_bayesian_linear_regression(noise):
     data = DATA[noise]
     equation = _equation(None, data)
     Phi, y, W = _dense_rows(equation, data)
-    log_det_R = data.noise["v"].log_det if "v" in data.noise else 0.0
+    log_det_R = equation.rows.noise.log_det
     hyper = Hyperparameters(jnp.asarray(0.3), jnp.ones(()), jnp.ones(0))
     got = CollapsedNormal(equation.design, hyper, Scales(SD)).log_prob(equation.design.y)
     expected = _dense_log_prob(Phi, y, np.zeros((len(y),) * 2), W, log_det_R, hyper, SD)

@@ -167,6 +167,10 @@ def _require_same_data(fits: Mapping[str, Posterior]) -> None:
             raise InputError(f"{pair}: {reference.data.n_obs} rows against {fit.data.n_obs}; {remedy}")
         if fit.data.run_lengths != reference.data.run_lengths:
             raise InputError(f"{pair}: the rows are divided into trajectories differently; {remedy}")
+        for equation in reference.model.equations:
+            one, other = (each.equations[equation].rows.n_row for each in (reference, fit))
+            if one != other:
+                raise InputError(f"{pair}: {one} rows of {equation!r} against {other}; {remedy}")
         columns = {"time": (reference.data.time, fit.data.time)} | {
             f"the derivative of {equation!r}": (
                 reference.equations[equation].rows.measured,

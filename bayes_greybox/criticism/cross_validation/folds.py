@@ -68,8 +68,10 @@ def make_folds(posterior: Posterior, scheme: str, block: int | None = None, star
     if scheme == "trajectory":
         return _trajectories(posterior)
     notes: tuple[str, ...] = ()
+    # All equations have their rows at the same samples.
+    first_rows = next(iter(posterior.equations.values())).rows
     if scheme == "future":
-        stamps, stamp = np.unique(data.time, return_inverse=True)
+        stamps, stamp = np.unique(first_rows.time, return_inverse=True)
         first = min(max(1, math.ceil(start * len(stamps))), len(stamps) - 1)
         left = len(stamps) - first
         if block is None:
@@ -88,10 +90,11 @@ def make_folds(posterior: Posterior, scheme: str, block: int | None = None, star
         if block is None:
             block, reason = chosen_block(posterior)
             notes = (f"Blocks of {_count(block, 'row')} were chosen, {reason}.",)
-        starts = np.cumsum([0, *data.run_lengths])
+        lengths = first_rows.noise.run_lengths
+        starts = np.cumsum([0, *lengths])
         rows = tuple(
             begin + piece
-            for begin, n in zip(starts, data.run_lengths, strict=False)
+            for begin, n in zip(starts, lengths, strict=False)
             for piece in np.array_split(np.arange(n), math.ceil(n / block))
         )
         past = np.zeros(0, int)
@@ -106,7 +109,7 @@ def chosen_block(posterior: Posterior) -> tuple[int, str]:
     """Length of blocks in rows from the longest `correlation_length` of an equation, and the reason in words."""
     lengths = {name: correlation_length(posterior, name) for name in posterior.equations}
     name = max(lengths, key=lambda name: lengths[name])
-    most = max(1, posterior.data.n_obs // LEAST_BLOCKS)
+    most = max(1, posterior.equations[name].rows.n_row // LEAST_BLOCKS)
     if lengths[name] >= most:
         return most, f"a tenth of the rows, because what the dictionary leaves of {name!r} is correlated that far"
     lag = _count(lengths[name], "row")
@@ -119,7 +122,7 @@ def correlation_length(posterior: Posterior, equation: str) -> int:
     f is part of this residual: where it varies slowly, a row's neighbours predict it, and a block must be longer than
     that to tell what the model knows from what it reads off beside. The search ends at a tenth of the rows.
     """
-    residual, run = _residual(posterior, equation), posterior.data.run
+    residual, run = _residual(posterior, equation), posterior.equations[equation].rows.run
     residual = residual - residual.mean()
     n, power = len(residual), float(residual @ residual)
     most = max(1, n // LEAST_BLOCKS)
@@ -177,10 +180,10 @@ def _trajectories(posterior: Posterior) -> Folds:
     return Folds("trajectory", members, empty, None, f"{data.n_run} trajectories", notes)
 
 
-def _residual(posterior: Posterior, equation: str) -> Float[np.ndarray, " n_obs"]:
+def _residual(posterior: Posterior, equation: str) -> Float[np.ndarray, " n_row"]:
     entry = posterior.equations[equation]
-    Phi = np.asarray(entry.frame.dictionary_rows(entry.rows.columns))
-    return entry.target - Phi @ posterior.draws(equation).theta.mean(axis=0)
+    Phi, _, y = entry.parts()
+    return y - Phi @ posterior.draws(equation).theta.mean(axis=0)
 
 
 def _count(number: int, what: str) -> str:

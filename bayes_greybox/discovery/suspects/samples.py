@@ -79,7 +79,8 @@ def smoothed(data: Trajectories) -> tuple[Trajectories, dict[str, SampleNoise]]:
     """
     states, noise = dict(data.states), {}
     for name, values in data.states.items():
-        if not _even(data):
+        # A filter that computed the rates has smoothed the states too, and its rows know what it left.
+        if not _even(data) or data.filter is not None:
             continue
         s = sample_noise(values, data.run)
         if s == 0.0:

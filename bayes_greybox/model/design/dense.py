@@ -31,9 +31,10 @@ class DenseDesign(Design):
     """Rows of one equation on the exact path: f stands in the model by its covariance matrix at the rows.
 
     Attributes:
-        points: Variables of f and Φₒ at the rows of the data, before whitening.
+        points: Variables of f and Φₒ at the samples of the data.
         nodes: Nodes of the measure, and w Φₒ there.
         whitening: W, or None where the rows are independent.
+        operator: V, from values at the samples to values of the rows, or None where each sample is a row.
     """
 
     Phi: Float[Array, "n_row n_term"]
@@ -42,9 +43,10 @@ class DenseDesign(Design):
     n_prior: Float[Array, ""]
     log_det_R: Float[Array, ""]
     noise_floor: Float[Array, ""]
-    points: tuple[Float[Array, "n_obs n_var"], Float[Array, "n_obs n_rank"]]
+    points: tuple[Float[Array, "n_sample n_var"], Float[Array, "n_sample n_rank"]]
     nodes: tuple[Float[Array, "n_node n_var"], Float[Array, "n_node n_rank"]]
     whitening: Float[Array, "n_row n_obs"] | None
+    operator: Float[Array, "n_obs n_sample"] | None
     kernel: str = field(metadata={"static": True})
     variant: Variant = field(metadata={"static": True})
 
@@ -64,13 +66,12 @@ class DenseDesign(Design):
 
     def covariance(self, hyper: Hyperparameters) -> Float[Array, "n_row n_row"]:
         """k⊥ at the (whitened) rows."""
-        K = self.cross_covariance(self.points, hyper)
-        return K if self.whitening is None else self.whitening @ K @ self.whitening.T
+        return self._to_rows(self._to_rows(self.cross_covariance(self.points, hyper)).T)
 
     def cross_covariance(
         self, left: tuple[Float[Array, "n_left n_var"], Float[Array, "n_left n_rank"]], hyper: Hyperparameters
-    ) -> Float[Array, "n_left n_obs"]:
-        """k⊥ between other points and the data, before whitening."""
+    ) -> Float[Array, "n_left n_sample"]:
+        """k⊥ between other points and the samples of the data."""
         return self._gram(left, self.points, hyper)
 
     def covariance_at(
@@ -95,14 +96,14 @@ class DenseDesign(Design):
         raise InputError("uncollapsed_model needs OrthogonalGP(path='hsgp').")
 
     def prior_discrepancy(self, key: Array, hyper: Hyperparameters) -> dict[str, Array]:
-        """Prior draw of f at the rows of the data."""
+        """Prior draw of f at the samples of the data."""
         covariance = self.cross_covariance(self.points, hyper)
         return {"f": singular_root(covariance) @ jax.random.normal(key, covariance.shape[:1])}
 
     def draw_discrepancy(
         self, key: Array, hyper: Hyperparameters, theta: Float[Array, " n_term"], solve: Any
     ) -> dict[str, Array]:
-        """Posterior draw of f at the rows of the data."""
+        """Posterior draw of f at the samples of the data."""
         prior = self.cross_covariance(self.points, hyper)
         return {"f": self._drawn(key, hyper, theta, self.points, prior)}
 
@@ -126,14 +127,14 @@ class DenseDesign(Design):
     def at_data(
         self, Psi: Float[np.ndarray, "n_obs n_basis"], index: Int[np.ndarray, " n_obs"] | slice, draws: EquationDraws
     ) -> Float[np.ndarray, "n_draw n_obs"]:
-        """The values that were drawn there."""
-        return draws.f[:, index]
+        """The values that were drawn there, or their means."""
+        return (draws.f if self.operator is None else draws.f @ np.asarray(self.operator).T)[:, index]
 
     def on_rows(
         self, weight: Float[np.ndarray, "*batch n_basis"], f: Float[np.ndarray, "*batch n_value"]
     ) -> Float[np.ndarray, "*batch n_row"]:
-        """The values that were drawn at the data, whitened."""
-        return f if self.whitening is None else f @ np.asarray(self.whitening).T
+        """The values that were drawn at the data, of the rows, whitened."""
+        return np.asarray(self._to_rows(f))
 
     def with_target(self, y: Float[Array, " n_row"]) -> "DenseDesign":
         """Another target."""
@@ -212,18 +213,25 @@ class DenseDesign(Design):
     def simulate(
         self, hyper: Hyperparameters, Psi: Float[np.ndarray, "n_white n_basis"], generator: np.random.Generator
     ) -> tuple[dict[str, np.ndarray], Float[np.ndarray, "n_replicate n_white"]]:
-        """F ~ N(0, K⊥) at the rows of the data, through eigenvalues."""
+        """F ~ N(0, K⊥) at the samples of the data, through eigenvalues."""
         covariance = jax.jit(lambda hyper: self.cross_covariance(self.points, hyper))
         f = np.empty((len(hyper.sigma), len(self.points[0])))
         for i in range(len(f)):
             one = Hyperparameters(*(jnp.asarray(part[i]) for part in hyper))
             values, vectors = np.linalg.eigh(np.asarray(covariance(one)))
             f[i] = vectors @ (np.sqrt(np.maximum(values, 0.0)) * generator.standard_normal(len(values)))
-        return {"f": f}, f if self.whitening is None else f @ np.asarray(self.whitening).T
+        return {"f": f}, np.asarray(self._to_rows(f))
 
     def _gram(self, left: tuple[Array, Array], right: tuple[Array, Array], hyper: Hyperparameters) -> Array:
         kernel = KERNELS[self.kernel]
         return orthogonal_gram(self.variant, kernel, hyper.amplitude, hyper.length_scale, left, right, self.nodes)
+
+    def _to_rows(self, values: Float[Array | np.ndarray, "*batch n_sample"]) -> Float[Array, "*batch n_row"]:
+        """(W V) of values at the samples."""
+        at_rows = jnp.asarray(values)
+        for matrix in (self.operator, self.whitening):
+            at_rows = at_rows if matrix is None else at_rows @ matrix.T
+        return at_rows
 
     def _drawn(
         self,
@@ -235,9 +243,7 @@ class DenseDesign(Design):
     ) -> Float[Array, " n_left"]:
         """F | θ ~ N(k* C⁻¹ (y − Φθ), k** − k* C⁻¹ k*ᵀ), C = K⊥ + σ² I."""
         _, L = self.remove_discrepancy(self.y, hyper)
-        cross = self.cross_covariance(left, hyper)
-        if self.whitening is not None:
-            cross = cross @ self.whitening.T
+        cross = self._to_rows(self.cross_covariance(left, hyper))
         half = solve_lower(L, cross.T)
         mean = half.T @ solve_lower(L, self.y - self.Phi @ theta)
         covariance = prior - half.T @ half

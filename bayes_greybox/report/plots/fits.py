@@ -150,13 +150,12 @@ def predictive(fit: Posterior, equation: str | None = None) -> Figure:
     equation = equation or fit.model.equations[0]
     if "prior_predictive" not in fit.idata or "posterior_predictive" not in fit.idata:
         raise InputError("The fit holds no predictive draws: its record is too long, or an older version saved it.")
+    measured = fit.equations[equation].rows.measured
     drawn = {
-        source: fit.idata[f"{source}_predictive"][fit.sites[equation].rate].to_numpy().reshape(-1, fit.data.n_obs)
+        source: fit.idata[f"{source}_predictive"][fit.sites[equation].rate].to_numpy().reshape(-1, len(measured))
         for source in ("posterior", "prior")
     }
-    return plot_predictive(
-        fit.data.derivatives[equation], **drawn, equation=equation, unit=derivative_unit(equation, fit.data.units)
-    )
+    return plot_predictive(measured, **drawn, equation=equation, unit=derivative_unit(equation, fit.data.units))
 
 
 def loo_pit(fit: Posterior, equation: str | None = None) -> Figure:
