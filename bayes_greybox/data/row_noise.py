@@ -56,6 +56,11 @@ class RowNoise(ABC):
         return False
 
     @property
+    def independent(self) -> bool:
+        """Whether R is diagonal: rows may differ in their noise, but know nothing of each other."""
+        return self.local
+
+    @property
     def white_lengths(self) -> tuple[int, ...]:
         """Whitened rows of each run."""
         return self.run_lengths

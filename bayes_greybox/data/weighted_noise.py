@@ -30,6 +30,11 @@ class WeightedNoise(RowNoise):
         return self.inner.run_lengths
 
     @property
+    def independent(self) -> bool:
+        """Whether R₀ is diagonal."""
+        return self.inner.independent
+
+    @property
     def n_white(self) -> int:
         """As many as R₀ has."""
         return self.inner.n_white

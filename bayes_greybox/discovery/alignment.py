@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.data.weighted_noise import WeightedNoise
 from bayes_greybox.discovery.evidence.parametric import coefficients
 from bayes_greybox.discovery.evidence.with_discrepancy import Evaluator
 from bayes_greybox.model.program import Program
@@ -20,14 +21,21 @@ from .evaluations import Evaluations, one_pattern
 from .odds import Odds
 from .sets import Sets
 from .sufficient_statistics import SufficientStatistics, sufficient_statistics
-from .suspects.channels import DELAY, Rate, suspect_columns, undone
-from .suspects.samples import SampleNoise, smoothed
+from .suspects.channels import DELAY, Rate, rate_channel, slope_along, suspect_columns, undone
+from .suspects.samples import SampleNoise, clipped, smoothed
 
-TURNS = 6
+TURNS = 8
 """How often suspects and effects are found in turns, at most."""
 
 MOVED = 0.02
 """Change of a delay, in sampling steps, below which it is settled."""
+
+
+FURTHEST = 3.0
+"""Largest size of a suspect, in its prior standard deviations, that is still taken for an error of a sensor."""
+
+CLIPPED_SD = 1e3
+"""Noise of a clipped row over that of others: it says next to nothing."""
 
 
 @dataclass(frozen=True)
@@ -41,6 +49,7 @@ class Aligned:
         delays: What was undone, by channel.
         probability: Of each of these delays when it was found.
         sample_noise: Noise on the samples of states.
+        clipped: Rows at which a channel's sensor was at its end, by channel.
         rate: The whole modelled rate.
     """
 
@@ -50,7 +59,18 @@ class Aligned:
     delays: Mapping[str, float] = field(default_factory=dict)
     probability: Mapping[str, float] = field(default_factory=dict)
     sample_noise: Mapping[str, SampleNoise] = field(default_factory=dict)
+    clipped: Mapping[str, np.ndarray] = field(default_factory=dict)
     rate: Rate = lambda data: np.zeros(data.n_obs)
+
+    @property
+    def spurious(self) -> float:
+        """RMS of what the noise left on smoothed states does to the modelled rate, (Σ s_k² mean(∂G/∂x_k)²)^½."""
+        ones = np.ones(self.data.n_obs)
+        squares = [
+            noise.left**2 * float(np.mean(slope_along(self.data, self.rate, name, ones) ** 2))
+            for name, noise in self.sample_noise.items()
+        ]
+        return float(np.sqrt(sum(squares)))
 
     def corrected(self, data: Trajectories) -> Trajectories:
         """Any data of the same sensors, as the training data were corrected: states smoothed, delays undone."""
@@ -79,20 +99,22 @@ def align(
         report: Told in words what is being done.
     """
     measured, noise = smoothed(train)
+    at_end = clipped({**train.states, **train.inputs, rate_channel(equation): train.rate(equation)}, train.run)
     simulation = model.simulator(measured)
 
     def simulated(data: Trajectories) -> np.ndarray:
         return simulation.on(data, equation)
 
     rate, delays, probability = simulated, {}, {}
-    data, statistics = measured, sufficient_statistics(model, measured, equation, effects)
+    data, statistics = measured, _without(sufficient_statistics(model, measured, equation, effects), at_end)
     evaluator = Evaluator(statistics.prior, statistics.kernel, np.asarray(statistics.basis.frequency))
-    before, moved = None, False
+    before, moved, too_far = None, False, set()
     for turn in range(TURNS):
         if turn:
             report("taking suspects along the rate with what was found")
-        bare = statistics if not turn else _anew(model, data, equation, statistics, moved)
-        bare.suspect(suspect_columns(data, equation, rate))
+        bare = statistics if not turn else _anew(model, data, equation, statistics, moved, at_end)
+        columns = suspect_columns(data, equation, rate)
+        bare.suspect([c for c in columns if c[0].key not in too_far])
         evaluations = Evaluations(bare, odds, evaluator)
         always = tuple(
             i for i in bare.of_kind("suspect")
@@ -107,10 +129,20 @@ def align(
         moved = False
         for index, value in zip(indices, mean, strict=True):
             suspect = bare.columns[index].suspect
-            # What smoothing leaves of the noise on samples looks like a delay: it stays a suspect among others.
-            if suspect is None or suspect.kind != DELAY or noise:
+            if suspect is None:
                 continue
             by = float(value) * bare.target_scale / bare.columns[index].scale
+            late = delays.get(suspect.channel, 0.0) if suspect.kind == DELAY else 0.0
+            if abs(late + by) > FURTHEST * suspect.sd:
+                # No sensor is so far off: it stands in for a gap, which is left to stand.
+                too_far.add(suspect.key)
+                if suspect.kind == DELAY:
+                    delays.pop(suspect.channel, None)
+                moved = True
+                continue
+            # What smoothing leaves of the noise on samples looks like a delay: it stays a suspect among others.
+            if suspect.kind != DELAY or noise:
+                continue
             delays[suspect.channel] = delays.get(suspect.channel, 0.0) + by
             probability.setdefault(suspect.channel, sets.probability(index))
             moved |= abs(by) > MOVED * suspect.step
@@ -128,17 +160,18 @@ def align(
         def rate(data: Trajectories, added=tuple(added)) -> np.ndarray:
             return simulated(data) + sum((b * np.asarray(term.evaluate(data.columns)) for term, b in added), 0.0)
 
-    return Aligned(data, evaluations, always, delays, probability, noise, rate)
+    return Aligned(data, evaluations, always, delays, probability, noise, at_end, rate)
 
 
 def _anew(
-    model: Program, data: Trajectories, equation: str, before: SufficientStatistics, moved: bool
+    model: Program, data: Trajectories, equation: str, before: SufficientStatistics, moved: bool,
+    at_end: Mapping[str, np.ndarray],
 ) -> SufficientStatistics:
     """Statistics without suspects, on data whose delays are undone, with the terms and inner parameters known so far."""
     if not moved:
         before.drop("suspect")
         return before
-    fresh = sufficient_statistics(model, data, equation, [])
+    fresh = _without(sufficient_statistics(model, data, equation, []), at_end)
     effects = [
         (c.term, {"effect": c.effect, "inner": c.inner, "log_weight": c.log_weight})
         for c in before.columns
@@ -147,6 +180,15 @@ def _anew(
     fresh.add("effect", effects)
     fresh.left_out = {**before.left_out, **fresh.left_out}
     return fresh
+
+
+def _without(statistics: SufficientStatistics, at_end: Mapping[str, np.ndarray]) -> SufficientStatistics:
+    """The statistics with hardly any weight on rows at which a sensor was at its end."""
+    noise = statistics.rows.noise
+    if not at_end or not noise.local:
+        return statistics
+    out = np.any(list(at_end.values()), axis=0)
+    return statistics.with_noise(WeightedNoise(noise, np.where(out, CLIPPED_SD, 1.0)))
 
 
 def _label(evaluations: Evaluations, index: int) -> str:

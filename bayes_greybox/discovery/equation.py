@@ -1,7 +1,7 @@
 """The study of one equation: its statistics, what was found, and the tables and maps that show it."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -30,6 +30,10 @@ from .worlds import worlds
 
 DRAWS = 2000
 """Posterior draws of the coefficients behind tables and bands."""
+
+REGRESSORS, AS_LARGE = 0.3, 2.0
+"""What noise on states does to the rate, over the residuals, from which on it is held against a verdict; and the gap
+over it up to which the gap is nothing else."""
 
 JITTER = "change of the rate"
 """What noise grows with where the time stamps jitter."""
@@ -241,6 +245,7 @@ def study_equation(
     unit_of_time = train.units.get("t", "")
     rest = finding.explanation.kind == REST or PROCESS in finding.world.model.names
     checks = () if rest else tuple(check_explanation(finding.world, finding.explanation, unit_of_time))
+    finding = _with_noisy_states(finding, aligned, derivative_unit(name, train.units))
     finding = finding.capped([check.text for check in checks if not check.ok])
     say("mapping the gap")
     evaluations = finding.world.evaluations
@@ -269,6 +274,20 @@ def study_equation(
     drawn = gap_map(data, before, after, statistics.variables[:2], threshold, unit)
     where = where_table(data, statistics.variables, trace)
     return EquationStudy(aligned, finding, checks, coefficients, amendment, drawn, trace, where)
+
+
+def _with_noisy_states(finding: Finding, aligned: Aligned, unit: str) -> Finding:
+    """What the noise left on states says against the finding; a gap no larger than it is the instrument's."""
+    world, scale = finding.world, finding.world.evaluations.statistics.target_scale
+    spurious = aligned.spurious / scale
+    left = float(np.sqrt(np.mean(world.residual(finding.explanation) ** 2)))
+    if not spurious > REGRESSORS * left:
+        return finding
+    gap = np.sqrt(max(float(np.mean(world.residual(world.bare) ** 2)) - left**2, 0.0))
+    if finding.verdict == "unknown" and gap < AS_LARGE * spurious:
+        return replace(finding, verdict="instrument")
+    names = ", ".join(aligned.sample_noise)
+    return finding.capped([f"noise on the samples of {names} acts like a force of {spurious * scale:.2g} {unit}".rstrip()])
 
 
 def _changing(data: Trajectories, rate: Callable) -> dict[str, np.ndarray]:

@@ -33,6 +33,9 @@ SAME = 0.1
 NEGLIGIBLE, SUBSTANTIAL = 0.05, 0.3
 """Share of the gap left over up to which effects name it, and from which on even "partly named" is too much."""
 
+STACKED = 0.5
+"""Probability that three laws of one variable, or two of which one bends, are one law that has no name here."""
+
 FAINT = 1e-4
 """Explanations less likely than this take the likeliest one's share of the gap for their own."""
 
@@ -116,7 +119,7 @@ class Weighed:
                     usual = share if usual is None else usual
                 else:
                     share = e.share_left if e.kind == REST else usual
-                self.items.append((world, e, probability, share))
+                self.items.append((world, e, probability, 1 - (1 - share) * (1 - stacked(world, e))))
         self.items.sort(key=lambda item: -item[2])
 
     def names(self, world: World, e: Explanation) -> tuple[str, ...]:
@@ -186,6 +189,24 @@ class Weighed:
         return dict(sorted(found.items(), key=lambda item: -item[1]))
 
 
+def stacked(world: World, e: Explanation) -> float:
+    """Probability that effects of the same columns are one law that the catalogue does not have, and not several.
+
+    Two plain laws of one variable are common (Coulomb friction and drag, y² and y³); three, or two of which one has an
+    inner parameter to bend, fit whatever one law looks like.
+    """
+    groups: dict[tuple[str, ...], list[int]] = {}
+    for i in e.effects:
+        column = world.evaluations.statistics.columns[i]
+        assert column.effect is not None
+        groups.setdefault(tuple(sorted(column.effect.names.values())), []).append(i)
+    for members in groups.values():
+        bends = any(world.evaluations.statistics.columns[i].inner for i in members)
+        if len(members) > 2 or (len(members) == 2 and bends):
+            return STACKED
+    return 0.0
+
+
 def decide(found: Sequence[World]) -> Finding:
     """The answer, before its checks and its free runs.
 
@@ -227,17 +248,22 @@ def _named(weighed: Weighed, chosen: tuple[str, ...]) -> Finding:
     own = [(w, e, p, s) for w, e, p, s in weighed.items if weighed.names(w, e) == chosen]
     mass = sum(p for _, _, p, _ in own)
     world, e, _, _ = own[0]
-    left = [(p, s) for w, x, p, s in own if x.kind == REST or PROCESS in w.model.names]
+    left = [(p, w.share_left(x)) for w, x, p, _ in own if (x.kind == REST or PROCESS in w.model.names) and p > FAINT * mass]
     remainder = sum(p for p, _ in left) / mass
     share = sum(p * s for p, s in left) / sum(p for p, _ in left) if left else 0.0
+    against = ()
+    if stacked(world, e):
+        against = ("several effects of the same quantity may be one that the catalogue does not have",)
     places = tuple(_place(weighed, world, e, chosen, i) for i in e.effects)
     if remainder >= 0.5 and share >= NEGLIGIBLE:
         verdict = "partly named" if share < SUBSTANTIAL else "unknown"
+    elif against:
+        verdict = "partly named"
     elif all(p.probability >= SURE or (p.together >= SURE and set(p.tied) <= set(p.same)) for p in places):
         verdict = "named"
     else:
         verdict = "one of"
-    return Finding(weighed.worlds, verdict, places, e, world, remainder, remainder * share, (), weighed)
+    return Finding(weighed.worlds, verdict, places, e, world, remainder, remainder * share, against, weighed)
 
 
 def _place(weighed: Weighed, world: World, e: Explanation, chosen: tuple[str, ...], index: int) -> Place:

@@ -17,6 +17,8 @@ from .suspects.noise_models import CORRELATED, HEAVY, PROCESS, VARYING
 NOISY = "noisy state"
 """A state whose samples carry white noise of their own."""
 
+CLIPPED = "clipping"
+
 IN_MODEL = "in the model"
 """Status of what the answer takes for true."""
 
@@ -81,6 +83,9 @@ def instrument_table(
             _blank(statistics.equation, NOISY, name, 1.0, IN_MODEL, f"samples of {name} have noise of {noise.sd:.2g} {unit}".rstrip())
             | {"mean": noise.sd, "unit": unit}
         )
+    for name, rows_at_end in aligned.clipped.items():
+        text = f"{name} is clipped at {int(np.sum(rows_at_end))} samples, which are left out"
+        rows.append(_blank(statistics.equation, CLIPPED, name, 1.0, IN_MODEL, text))
     found = pd.DataFrame(rows, columns=list(COLUMNS))
     return found.sort_values("probability", ascending=False, kind="stable", ignore_index=True)
 

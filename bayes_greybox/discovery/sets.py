@@ -6,7 +6,7 @@ best sets every neighbour (one more, one less, one other), until no better one i
 Raftery 1994, JASA 89:1535). Effects that show only together are found as the pair that they are.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations, product
 from math import comb, log
@@ -19,6 +19,7 @@ from bayes_greybox.discovery.evidence.with_discrepancy import Integrated
 
 from .evaluations import Evaluations, Parametric, one_pattern
 from .sufficient_statistics import nodes
+from .suspects.channels import DELAY
 
 PLAIN, RECALIBRATED, REST = "plain", "recalibrated", "rest"
 """What an explanation is beside its set: nothing, corrections alone, or a rest that is a function of the states."""
@@ -73,6 +74,49 @@ class Explanation:
         return (*self.suspects, *self.effects)
 
 
+@dataclass(frozen=True)
+class _Prior:
+    """Parts of the log prior of a set.
+
+    Attributes:
+        n_column: Columns when it was made.
+        suspects: Columns of suspects that may be in or out.
+        suspected, trusted: Log prior of one that is in, and of one that is out.
+        by_size: Log prior of so many effects, and of each set of as many names.
+        ways: For each column of an effect, the log of the number of ways to bind its name to columns.
+    """
+
+    n_column: int
+    suspects: frozenset[int]
+    suspected: float
+    trusted: float
+    by_size: tuple[float, ...]
+    ways: Mapping[int, float]
+
+    @classmethod
+    def of(cls, evaluations: Evaluations, most: int, always: Sequence[int]) -> "_Prior":
+        statistics, odds = evaluations.statistics, evaluations.odds
+        bindings: dict[str, set[str]] = {}
+        effects = statistics.of_kind("effect")
+        for i in effects:
+            bindings.setdefault(evaluations.name(i), set()).add(evaluations.binding(i))
+        sizes = np.array([odds.another**j for j in range(min(most, max(len(bindings), 1)))])
+        shares = np.log(sizes / sizes.sum()) + log(odds.effects)
+        # The same effect at two places is a set of one name; it takes the prior of the largest set of names.
+        by_size = [0.0]
+        for k in range(1, most + 1):
+            held = min(k, len(sizes))
+            by_size.append(float(shares[held - 1]) - log(comb(max(len(bindings), held), held)))
+        return cls(
+            n_column=len(statistics.columns),
+            suspects=frozenset(i for i in statistics.of_kind("suspect") if i not in always),
+            suspected=log(odds.suspect),
+            trusted=float(np.log1p(-odds.suspect)),
+            by_size=tuple(by_size),
+            ways={i: log(len(bindings[evaluations.name(i)])) for i in effects},
+        )
+
+
 class Sets:
     """The sets under one noise.
 
@@ -89,6 +133,7 @@ class Sets:
         self._rough: dict[tuple[int, ...], float] = {}
         self._full: dict[tuple[int, ...], Parametric] = {}
         self._refined: set[str] = set()
+        self._made: _Prior | None = None
 
     def weigh(self, report: Callable[[str], None] = lambda text: None) -> list[Explanation]:
         """Explanations, likeliest first."""
@@ -170,9 +215,15 @@ class Sets:
             effects = [i for i in key if self.statistics.columns[i].effect is not None]
             if len(key) < len(core) or len(effects) > self.most or len(key) - len(effects) > SUSPECTS_AT_MOST:
                 continue
-            if len({self.evaluations.binding(i) for i in effects}) == len(effects):
+            # Delays of several channels at once are a filter, and imitate whatever has a memory.
+            delays = [i for i in (*self.always, *key) if i not in effects and self._is_delay(i)]
+            if len({self.evaluations.binding(i) for i in effects}) == len(effects) and len(delays) <= 1:
                 kept.add(key)
         return sorted(kept)
+
+    def _is_delay(self, index: int) -> bool:
+        suspect = self.statistics.columns[index].suspect
+        return suspect is not None and suspect.kind == DELAY
 
     def _screen(self, cores: Sequence[tuple[int, ...]]) -> None:
         """Evidence with no correction and with all of them, which stand for the patterns in between."""
@@ -237,23 +288,18 @@ class Sets:
 
     def log_prior(self, core: Sequence[int]) -> float:
         """Log prior of a set: of its suspects, of its number of effects, and of these among all of as many."""
-        columns = self.statistics.columns
-        inside = [i for i in core if columns[i].suspect is not None]
-        every = [i for i in self.statistics.of_kind("suspect") if i not in self.always]
-        q = self.odds.suspect
-        total = len(inside) * log(q) + (len(every) - len(inside)) * np.log1p(-q)
-        effects = [i for i in core if columns[i].effect is not None]
-        if not effects:
-            return float(total)
-        slugs = {self.evaluations.name(i) for i in self.statistics.of_kind("effect")}
-        k, most = len(effects), min(self.most, len(slugs))
-        a = self.odds.another
-        sizes = np.array([a**j for j in range(most)])
-        total += log(self.odds.effects) + float(np.log(sizes[min(k, most) - 1] / sizes.sum()))
-        total -= log(comb(len(slugs), min(k, len(slugs))))
-        for i in effects:
-            total -= log(len({self.evaluations.binding(j) for j in self.statistics.of_kind("effect") if self.evaluations.name(j) == self.evaluations.name(i)}))
-        return float(total)
+        prior = self._prior
+        inside = sum(1 for i in core if i in prior.suspects)
+        effects = [i for i in core if i in prior.ways]
+        total = inside * prior.suspected + (len(prior.suspects) - inside) * prior.trusted
+        return total + prior.by_size[len(effects)] - sum(prior.ways[i] for i in effects)
+
+    @property
+    def _prior(self) -> "_Prior":
+        """What `log_prior` is made of; made again where columns were added."""
+        if self._made is None or self._made.n_column != len(self.statistics.columns):
+            self._made = _Prior.of(self.evaluations, self.most, self.always)
+        return self._made
 
     def _sum_patterns(self, cores: Sequence[tuple[int, ...]]) -> None:
         keys = [(*self.always, *c) for c in cores]

@@ -120,7 +120,7 @@ def worlds(
     """
     base = first.statistics.rows.noise
     found = [_world(first, NoiseModel(base), most, always, report)]
-    if not base.local:
+    if not base.independent:
         # Filtered rows carry a known correlation; what is left of it is judged by the checks.
         return found
     current, tried = found[0], {()}

@@ -82,20 +82,13 @@ def suspect_columns(
         return (ahead - behind) / (2 * shift)
 
     def slope(name: str, direction: np.ndarray) -> np.ndarray:
-        """∂G/∂name along a direction."""
-        size = float(np.sqrt(np.mean(data.column(name) ** 2)))
-        largest = float(np.max(np.abs(direction)))
-        h = 1e-4 * size / largest if size > 0 and largest > 0 else 1e-4
-        up, down = (rate(_moved(data, name, side * h * direction)) for side in (1, -1))
-        return (up - down) / (2 * h)
+        return slope_along(data, rate, name, direction)
 
     G = rate(data)
     found = [(ChannelSuspect(DELAY, own, DELAY_STEPS * step, step), -along((*states, *inputs)))]
     if inputs:
         found.append((ChannelSuspect(DELAY, STATES, DELAY_STEPS * step, step), along(states)))
         found += [(ChannelSuspect(DELAY, u, DELAY_STEPS * step, step), along((u,))) for u in inputs]
-    if len(states) > 1:
-        found += [(ChannelSuspect(DELAY, x, DELAY_STEPS * step, step), along((x,))) for x in states]
     found.append((ChannelSuspect(GAIN, own, GAIN_SD), G))
     ones = np.ones(data.n_obs)
     size = float(np.sqrt(np.mean(G**2)))
@@ -108,7 +101,28 @@ def suspect_columns(
         found.append((ChannelSuspect(GAIN, name, GAIN_SD), -slope(name, values)))
         scale = float(np.sqrt(np.mean(values**2)))
         found.append((ChannelSuspect(OFFSET, name, OFFSET_SD * scale), -slope(name, ones)))
+    if len(states) > 1:
+        # Last: of suspects with one and the same column the first stands, and this is the oddest one.
+        found += [(ChannelSuspect(DELAY, x, DELAY_STEPS * step, step), along((x,))) for x in states]
     return [(suspect, column) for suspect, column in found if np.all(np.isfinite(column)) and np.any(column != 0)]
+
+
+def slope_along(
+    data: Trajectories, rate: Rate, name: str, direction: Float[np.ndarray, " n_obs"]
+) -> Float[np.ndarray, " n_obs"]:
+    """∂G/∂name along a direction, by central differences.
+
+    Args:
+        data: Where.
+        rate: G.
+        name: A state or an input.
+        direction: How far it moves at each row, per unit.
+    """
+    size = float(np.sqrt(np.mean(data.column(name) ** 2)))
+    largest = float(np.max(np.abs(direction)))
+    h = 1e-4 * size / largest if size > 0 and largest > 0 else 1e-4
+    up, down = (rate(_moved(data, name, side * h * direction)) for side in (1, -1))
+    return (up - down) / (2 * h)
 
 
 def undone(data: Trajectories, equation: str, delays: Mapping[str, float]) -> Trajectories:

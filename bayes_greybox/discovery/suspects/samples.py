@@ -48,6 +48,10 @@ class SampleNoise:
     left: float
 
 
+MANY_LEVELS = 0.5
+"""Different values over samples below which a sensor is coarse."""
+
+
 def sample_noise(values: Float[np.ndarray, " n"], run: np.ndarray) -> float:
     """Standard deviation of the white noise on samples of a smooth path, 0 where there is none.
 
@@ -112,6 +116,9 @@ def clipped(values: Mapping[str, Float[np.ndarray, " n"]], run: np.ndarray) -> d
     """
     found: dict[str, Any] = {}
     for name, x in values.items():
+        if len(np.unique(x)) < MANY_LEVELS * len(x):
+            # A coarse sensor stays on its last level at every turn.
+            continue
         at_end = np.zeros(len(x), bool)
         for end in (float(np.max(x)), float(np.min(x))):
             here = x == end
