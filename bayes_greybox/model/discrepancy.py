@@ -37,9 +37,10 @@ class OrthogonalGP:
     Attributes:
         variant: "projected" (default), "conditioned", "none", or "printed" (the seed paper's formula, which
             is no covariance for most hyperparameters; exact path only).
-        measure: What orthogonal is taken with respect to: "empirical" (the training states), "box" (uniform
-            over their bounding box) or "box-monte-carlo" (the same by `monte_carlo` random points, as in the
-            paper).
+        measure: What orthogonal is taken with respect to: "empirical" (the training states, where their rates have
+            correlated noise weighted by its inverse correlation as in the likelihood), "unweighted" (the training
+            states whatever that noise, as in fits of earlier versions), "box" (uniform over their bounding box) or
+            "box-monte-carlo" (the same by `monte_carlo` random points, as in the paper).
         kernel: One of `kernels.KERNELS`: "squared_exponential", "matern32" or "matern52", with one length scale per
             variable.
         path: "hsgp" (Hilbert-space features, cost independent of the number of rows) or "exact" (dense).

@@ -68,8 +68,11 @@ def _dense_rows(equation, data):
 
 
 def _dense_kernel(gp, equation, data, hyper):
-    """k⊥ at the rows under the empirical measure, by explicit projections of explicit Gram matrices."""
-    Phi, _, _ = _dense_rows(equation, data)
+    """k⊥ at the rows under the empirical measure, by explicit projections of explicit Gram matrices.
+
+    On correlated rows its metric is that of the likelihood, R⁻¹ = Wᵀ W.
+    """
+    Phi, _, W = _dense_rows(equation, data)
     x = np.stack([data.columns["y"], data.columns["v"]], axis=1)
     x = (x - (x.max(0) + x.min(0)) / 2) / ((x.max(0) - x.min(0)) / 2)
     if gp.path == "exact":
@@ -83,11 +86,12 @@ def _dense_kernel(gp, equation, data, hyper):
         K = (psi * np.exp(np.asarray(log_S))) @ psi.T
     n = len(x)
     if gp.variant == "projected":
-        residual = np.eye(n) - Phi @ np.linalg.pinv(Phi)
-        return residual @ K @ residual
+        residual = np.eye(n) - Phi @ np.linalg.pinv(W @ Phi) @ W
+        return residual @ K @ residual.T
     if gp.variant == "conditioned":
-        h = K @ Phi / n
-        return K - h @ np.linalg.solve(Phi.T @ h / n, h.T)
+        weighted = W.T @ W @ Phi / n
+        h = K @ weighted
+        return K - h @ np.linalg.solve(weighted.T @ h, h.T)
     return K
 
 
