@@ -4,8 +4,6 @@ from dataclasses import dataclass
 from operator import index
 from typing import Annotated, Any, Literal
 
-from annotated_types import Gt
-
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.limits import Count, OneOf, Positive, Rule, Seed, require_limits
 
@@ -25,6 +23,14 @@ def _counts(features: Any) -> bool:
 
 COUNTS = Rule(_counts, "should be a positive whole number, or a list with one for each variable")
 """What numbers of features are."""
+
+
+def _contains_data(boundary: Any) -> bool:
+    return isinstance(boundary, int | float) and boundary > 1
+
+
+OUTSIDE = Rule(_contains_data, "must exceed 1, the edge of the data")
+"""Where the features' domain may end, in half-widths of the data's box."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +67,7 @@ class OrthogonalGP:
     path: Path = "hsgp"
     variables: tuple[str, ...] | None = None
     features: Annotated[int | tuple[int, ...] | None, COUNTS] = None
-    boundary: Annotated[float, Gt(1)] = 2.0
+    boundary: Annotated[float, OUTSIDE] = 2.0
     length_scale: Positive = 1.0
     length_scale_spread: Positive = 0.5
     amplitude: Positive = 1.0
