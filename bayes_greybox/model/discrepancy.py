@@ -53,7 +53,8 @@ class OrthogonalGP:
         variables: What f depends on; None: every state and input.
         features: Features per variable on the hsgp path; None: 20, 10², 8 by total order for 1, 2, 3
             variables.
-        boundary: Half-width of the features' domain over that of the data.
+        boundary: Half-width of the features' domain over that of the data; where `features` are left to the package,
+            a fit is repeated on a wider one if the posterior is sure of length scales that this cannot hold.
         length_scale: Prior median of the length scales.
         length_scale_spread: Prior standard deviation of their logarithm.
         amplitude: Prior scale of the standard deviation of f.
