@@ -11,7 +11,7 @@ from threadpoolctl import threadpool_limits
 from bayes_greybox.criticism.checks.checks import Checks, checks
 from bayes_greybox.criticism.checks.loo_pit import LooPit
 from bayes_greybox.criticism.checks.whiteness import Whiteness
-from bayes_greybox.criticism.convergence import LARGEST_BASIS, Verdict, convergence, features_needed
+from bayes_greybox.criticism.convergence import LARGEST_BASIS, Verdict, boundary_needed, convergence, features_needed
 from bayes_greybox.criticism.cross_validation.row_densities import log_likelihood_group
 from bayes_greybox.criticism.discrepancy import DiscrepancyGrid, discrepancy_grid, discrepancy_table
 from bayes_greybox.criticism.free_run import FreeRun, free_run
@@ -184,13 +184,20 @@ def load(path: str | os.PathLike, simulation: RightHandSide | None = None) -> Fi
 
 
 def _refined(model: Program, given: OrthogonalGP | None, posterior: Posterior) -> Program | None:
-    """The model with as many features as the posterior asks for, if the package is free to choose and can."""
+    """The model with the domain and the features that the posterior asks for, if the package may choose and can."""
     gp = model.discrepancy
-    needed = features_needed(posterior)
-    if gp is None or given is None or given.features is not None or not needed:
+    if gp is None or given is None or given.features is not None:
         return None
-    # A finer basis finds somewhat shorter length scales again, hence the margin.
-    per_variable = tuple(int(np.ceil(MARGIN * m)) for m in np.max(list(needed.values()), axis=0))
-    if HilbertBasis(gp.boundary, per_variable).size > LARGEST_BASIS:
-        return None
-    return replace(model, discrepancy=replace(gp, features=per_variable))
+    wanted = max([gp.boundary, *boundary_needed(posterior).values()])
+    # Features that a wider domain needs may be too many; then the one there is gets its own.
+    for boundary in dict.fromkeys((wanted, gp.boundary)):
+        refined = replace(gp, boundary=boundary)
+        needed = features_needed(posterior, boundary)
+        if needed:
+            # A finer basis finds somewhat shorter length scales again, hence the margin.
+            per_variable = tuple(int(np.ceil(MARGIN * m)) for m in np.max(list(needed.values()), axis=0))
+            if HilbertBasis(boundary, per_variable).size > LARGEST_BASIS:
+                continue
+            refined = replace(refined, features=per_variable)
+        return None if refined == gp else replace(model, discrepancy=refined)
+    return None

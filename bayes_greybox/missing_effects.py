@@ -23,7 +23,11 @@ STUDY = "missing_effects"
 
 @dataclass(frozen=True, repr=False)
 class Study(StudyResult):
-    """What is missing from a simulation, with the evidence; see `StudyResult` for its tables."""
+    """What is missing from a simulation, with the evidence; see `StudyResult` for its tables.
+
+    `fit` is None under settle=False: nothing was sampled, and the numbers in the tables are those of the Laplace
+    approximation. `study.model.fit(study.train)` samples the amended model.
+    """
 
     base: GreyBox
     model: GreyBox
@@ -60,7 +64,10 @@ class Study(StudyResult):
             InputError: The study has no posterior (settle=False); the destination cannot be written.
         """
         if self.fit is None:
-            raise InputError("This study has no posterior to save: run find_missing_effects with settle=True.")
+            raise InputError(
+                "This study has no posterior to save: with settle=False nothing is sampled and study.fit is None. Run "
+                "find_missing_effects with settle=True, or sample the amended model: study.model.fit(study.train)."
+            )
         netcdf.save(self.fit, path, {STUDY: json.dumps(self.record(), default=float)})
 
     def to_html(self, path: str | os.PathLike) -> None:
@@ -112,7 +119,8 @@ def find_missing_effects(
         effects_at_most: Largest number of effects added to one equation.
         odds: Prior probabilities of the explanations.
         settle: Whether to sample the amended model by NUTS, and, where importance sampling is unsure of a finalist's
-            evidence, to find that by NUTS and bridge sampling.
+            evidence, to find that by NUTS and bridge sampling. With False `study.fit` is None and the study cannot be
+            saved: tables, figures and page show the Laplace approximation.
         free_runs: Whether to integrate simulation and amended model over the data.
         interpolation: Of the inputs between samples in free runs: "linear", "cubic" or "zoh" (held), for all or one
             for each. By default each input's own, linear or cubic, whichever predicts its samples better.

@@ -84,7 +84,7 @@ def table(folder: Path, n: int = 40, name: str = "run.csv") -> pd.DataFrame:
         (BASE + "[discrepancy]\nkernel = 3", "[discrepancy] kernel = 3 is not available; known: squared_exponential, "),
         ("discrepancy = 3\n" + BASE, "discrepancy = 3 cannot be used; it must be a table of keys and values."),
         (BASE + "[study]\nodds = 3", "[study] odds = 3 cannot be used; it must be a table of keys and values."),
-        (BASE + "[discrepancy]\nboundary = 1.0", "[discrepancy] boundary = 1.0 cannot be used; it must be greater"),
+        (BASE + "[discrepancy]\nboundary = 1.0", "[discrepancy] boundary = 1.0 must exceed 1, the edge of"),
         (BASE + "[discrepancy]\nvariables = 'y'", "[discrepancy] variables = 'y' cannot be used; it must be a list."),
         (BASE + "[prior]\nscale = 1.0", "[prior] needs the key 'kind'; known: spike_and_slab, laplace, "),
         ('prior = "laplace"\n' + BASE, "prior = 'laplace' should be a table with the key kind"),

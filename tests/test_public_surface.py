@@ -3,7 +3,7 @@
 import ast
 import subprocess
 import sys
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 
 import pytest
@@ -72,6 +72,12 @@ def test_one_door_has_every_figure_and_the_old_doors_lead_to_it():
         new = {"coefficients": "added_coefficients"}.get(name, name)
         assert getattr(bg.study_figures, name) is getattr(bg.plots, new, getattr(bg.study_figures, name))
     assert bg.study_figures.coefficients is bg.plots.added_coefficients
+
+
+def test_a_study_that_was_not_sampled_says_that_it_has_no_fit_and_how_to_get_one(study, tmp_path):
+    with pytest.raises(bg.InputError, match=r"settle=False nothing is sampled.*study\.model\.fit"):
+        replace(study, fit=None).save(tmp_path / "study.nc")
+    assert "settle=False" in bg.Study.__doc__ and "`study.fit` is None" in bg.find_missing_effects.__doc__
 
 
 def test_results_have_what_they_are_said_to_have(study):

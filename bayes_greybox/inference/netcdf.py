@@ -29,8 +29,11 @@ from .posterior import SLAB, Posterior, Sampling, rate_name, slab_group
 RECORD = "bayes_greybox"
 """Root attribute that holds everything but arrays, as JSON text (netCDF attributes know no bool, None or dict)."""
 
-FORMAT = 1
-"""Version of the file's layout."""
+FORMAT = 2
+"""Version of the file's layout.
+
+In files of version 1 `measure="empirical"` is what is called "unweighted" since, also on rows with correlated noise.
+"""
 
 
 def versions() -> dict[str, str]:
@@ -108,6 +111,10 @@ def load(path: str | os.PathLike, simulation: RightHandSide | None = None) -> Po
             "one: upgrade with pip install --upgrade bayes-greybox."
         )
     data = _read_data(tree["constant_data"].dataset, record["data"])
+    gp = record["model"]["discrepancy"]
+    correlated = any(not data.row_noise(name).local for name in record["model"]["dictionary"])
+    if record["format"] < 2 and correlated and gp is not None and gp["measure"] == "empirical":
+        gp["measure"] = "unweighted"
     return Posterior(rebuild(record["model"], simulation), data, Sampling(**record["sampling"]), tree)
 
 

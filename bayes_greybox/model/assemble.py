@@ -52,17 +52,17 @@ def assemble(
     frame = _scaled_frame(rows, dictionary, target_scale, discrepancy)
     table = _scaled_table(frame, rows)
 
-    factor = triangular_factor(table, rows.n_row)
-    require_independent(factor[:, :n_term], dictionary.names, equation)
-    if discrepancy is not None:
-        frame = _with_measure(frame, discrepancy, rows, factor)
+    factor = plain = triangular_factor(table, rows.n_row)
+    require_independent(plain[:, :n_term], dictionary.names, equation)
 
     white = rows.whitened(table)
     if white is not table:
         whitened = white(np.arange(rows.n_white))
-        _require_traces(whitened[:, :n_term], factor, dictionary.names, equation)
+        _require_traces(whitened[:, :n_term], plain, dictionary.names, equation)
         factor = triangular_factor(white, rows.n_white)
         require_independent(factor[:, :n_term], dictionary.names, equation)
+    if discrepancy is not None:
+        frame = _with_measure(frame, discrepancy, rows, plain if discrepancy.measure == "unweighted" else factor)
 
     n_obs = jnp.asarray(float(rows.n_white))
     common = {
@@ -220,11 +220,12 @@ def _scaled_table(frame: Frame, rows: EquationRows) -> Table:
 
 
 def _with_measure(frame: Frame, gp: OrthogonalGP, rows: EquationRows, factor: np.ndarray) -> Frame:
-    """Orthonormal dictionary and ⟨Φₒ, ψᵀ⟩ under the chosen measure."""
-    if gp.measure == "empirical":
-        # The triangular factor has the Gram matrix of the data's rows, so it serves as their nodes.
+    """Orthonormal dictionary and ⟨Φₒ, ψᵀ⟩ under the chosen measure; `factor` is that of the rows it is taken on."""
+    if gp.measure in ("empirical", "unweighted"):
+        # The triangular factor has the Gram matrix of its rows, so it serves as their nodes. With whitened rows
+        # ⟨a, b⟩ = aᵀ R⁻¹ b / n, in which least squares with and without f mean the same θ.
         Phi, psi = factor[:, : len(frame.dictionary)], factor[:, len(frame.dictionary) : -1]
-        weights = np.full(len(factor), 1.0 / rows.n_row)
+        weights = np.full(len(factor), 1.0 / (rows.n_white if gp.measure == "empirical" else rows.n_row))
     else:
         columns, weights = _box_columns(frame, gp, rows)
         Phi, psi = np.asarray(frame.dictionary_rows(columns)), np.asarray(frame.plain_features(columns))
@@ -258,11 +259,15 @@ def _dense_design(frame: Frame, gp: OrthogonalGP, rows: EquationRows, table: Tab
     whole = table(np.arange(rows.n_row))
     Phi, y = whole[:, : len(frame.dictionary)], whole[:, -1]
     x = jnp.asarray(frame.position(rows.columns))
+    orthonormal = Phi @ frame.orthonormal
     points = (x, jnp.asarray(frame.dictionary_rows(rows.columns) @ frame.orthonormal))
     operator = None if rows.operator is None else jnp.asarray(rows.operate(np.eye(rows.n_sample)))
-    # ⟨Φₒ, f⟩ = (VΦₒ)ᵀ V f / n, a sum over samples
-    at_rows = points[1] if operator is None else operator.T @ jnp.asarray(Phi @ frame.orthonormal)
-    nodes: tuple[jax.Array, jax.Array] = (x, at_rows / rows.n_row)
+    # ⟨Φₒ, f⟩ = (VΦₒ)ᵀ R⁻¹ V f / n, a sum over samples
+    weighted = orthonormal / rows.n_row
+    if not rows.noise.local:
+        weighted = rows.noise.whiten_transpose(rows.whiten(orthonormal)) / rows.n_white
+    at_samples = jnp.asarray(weighted) if operator is None else operator.T @ jnp.asarray(weighted)
+    nodes: tuple[jax.Array, jax.Array] = (x, at_samples)
     if gp.measure != "empirical":
         columns, weights = _box_columns(frame, gp, rows)
         at_nodes = frame.dictionary_rows(columns) @ frame.orthonormal

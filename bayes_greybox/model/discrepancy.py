@@ -4,8 +4,6 @@ from dataclasses import dataclass
 from operator import index
 from typing import Annotated, Any, Literal
 
-from annotated_types import Gt
-
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.limits import Count, OneOf, Positive, Rule, Seed, require_limits
 
@@ -27,6 +25,14 @@ COUNTS = Rule(_counts, "should be a positive whole number, or a list with one fo
 """What numbers of features are."""
 
 
+def _contains_data(boundary: Any) -> bool:
+    return isinstance(boundary, int | float) and boundary > 1
+
+
+OUTSIDE = Rule(_contains_data, "must exceed 1, the edge of the data")
+"""Where the features' domain may end, in half-widths of the data's box."""
+
+
 @dataclass(frozen=True)
 class OrthogonalGP:
     """f ~ GP(0, k⊥): a discrepancy that cannot steal what the dictionary explains.
@@ -37,16 +43,18 @@ class OrthogonalGP:
     Attributes:
         variant: "projected" (default), "conditioned", "none", or "printed" (the seed paper's formula, which
             is no covariance for most hyperparameters; exact path only).
-        measure: What orthogonal is taken with respect to: "empirical" (the training states), "box" (uniform
-            over their bounding box) or "box-monte-carlo" (the same by `monte_carlo` random points, as in the
-            paper).
+        measure: What orthogonal is taken with respect to: "empirical" (the training states, where their rates have
+            correlated noise weighted by its inverse correlation as in the likelihood), "unweighted" (the training
+            states whatever that noise, as in fits of earlier versions), "box" (uniform over their bounding box) or
+            "box-monte-carlo" (the same by `monte_carlo` random points, as in the paper).
         kernel: One of `kernels.KERNELS`: "squared_exponential", "matern32" or "matern52", with one length scale per
             variable.
         path: "hsgp" (Hilbert-space features, cost independent of the number of rows) or "exact" (dense).
         variables: What f depends on; None: every state and input.
         features: Features per variable on the hsgp path; None: 20, 10², 8 by total order for 1, 2, 3
             variables.
-        boundary: Half-width of the features' domain over that of the data.
+        boundary: Half-width of the features' domain over that of the data; where `features` are left to the package,
+            a fit is repeated on a wider one if the posterior is sure of length scales that this cannot hold.
         length_scale: Prior median of the length scales.
         length_scale_spread: Prior standard deviation of their logarithm.
         amplitude: Prior scale of the standard deviation of f.
@@ -60,7 +68,7 @@ class OrthogonalGP:
     path: Path = "hsgp"
     variables: tuple[str, ...] | None = None
     features: Annotated[int | tuple[int, ...] | None, COUNTS] = None
-    boundary: Annotated[float, Gt(1)] = 2.0
+    boundary: Annotated[float, OUTSIDE] = 2.0
     length_scale: Positive = 1.0
     length_scale_spread: Positive = 0.5
     amplitude: Positive = 1.0

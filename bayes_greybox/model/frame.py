@@ -29,7 +29,7 @@ class Frame:
         half_width: Half-width of the box, user's units.
         term_scale: RMS of each term over the data, user's units.
         target_scale: RMS of the target over the data, user's units.
-        orthonormal: T, Φₒ = Φ T orthonormal under μ.
+        orthonormal: T, Φₒ = Φ T orthonormal under μ, which for "empirical" is ⟨a, b⟩ = aᵀ R⁻¹ b / n.
         basis: Hilbert-space features, or None on the exact path or without a discrepancy.
         moments: ⟨Φₒ, ψᵀ⟩ under μ.
         projected: Whether the features have their projection on the dictionary subtracted.

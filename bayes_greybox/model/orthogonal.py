@@ -20,7 +20,7 @@ from .kernels import Kernel, gram
 
 Variant = Literal["projected", "conditioned", "printed", "none"]
 
-Measure = Literal["empirical", "box", "box-monte-carlo"]
+Measure = Literal["empirical", "unweighted", "box", "box-monte-carlo"]
 
 QUADRATURE_NODES = {1: 64, 2: 32, 3: 16}
 """Gauss–Legendre nodes per variable; exact for polynomials of degree 2n − 1."""

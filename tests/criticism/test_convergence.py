@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from fabricated import fabricate, oscillator
 
-from bayes_greybox.criticism.convergence import convergence, convergence_table
+from bayes_greybox import greybox
+from bayes_greybox.criticism.convergence import boundary_needed, convergence, convergence_table, features_needed
 from bayes_greybox.model.discrepancy import OrthogonalGP
 from bayes_greybox.model.program import Program
 
@@ -123,3 +124,49 @@ def test_length_scales_too_short_for_the_basis_ask_for_features(model, data):
         0.1 * np.random.default_rng(4).standard_normal((CHAINS, DRAWS))
     )
     assert verdict_of(model, data, length_scale=short, amplitude=negligible).ok
+
+
+def scattered(centres, seed=3, **more):
+    values = np.exp(0.05 * np.random.default_rng(seed).standard_normal((CHAINS, DRAWS, len(centres)))) * centres
+    return {"chains": CHAINS, "draws": DRAWS, "length_scale": values, **more}
+
+
+def test_length_scales_too_long_for_the_domain_ask_for_a_wider_one(model, data):
+    # 2/3.2 = 0.62 half-widths is the longest that a squared exponential may have with boundary factor 2.
+    posterior = fabricate(model, data, **scattered([1.5, 0.5]))
+    assert boundary_needed(posterior) == {"v": pytest.approx(3.2 * 1.5, rel=0.02)}
+    assert boundary_needed(fabricate(model, data, **scattered([0.55, 0.5]))) == {}
+    # Where it is not sure of it, or f is nothing, the domain stays.
+    vague = np.exp(np.random.default_rng(3).standard_normal((CHAINS, DRAWS, 2)))
+    assert boundary_needed(fabricate(model, data, chains=CHAINS, draws=DRAWS, length_scale=vague)) == {}
+    negligible = np.full((CHAINS, DRAWS), 1e-3)
+    assert boundary_needed(fabricate(model, data, **scattered([1.5, 0.5], amplitude=negligible))) == {}
+    # The number of features goes with the width of the domain: 1.75 · 4.8/0.5 = 17.
+    assert features_needed(posterior, 4.8)["v"] == (8, pytest.approx(18, abs=1)) and not features_needed(posterior)
+
+
+def test_the_verdict_rings_where_the_images_behind_the_wall_are_half_of_the_variance(model, data):
+    # exp(−2 (2 − 1)²/ℓ²) is a half at ℓ = 1.7.
+    (reason,) = verdict_of(model, data, **scattered([2.2, 1.0])).reasons
+    assert "longer length scales in 'y' than its domain holds" in reason and "boundary=...) to at least 7" in reason
+    assert verdict_of(model, data, **scattered([1.4, 1.0])).ok
+
+
+def test_a_refit_gets_the_wider_domain_with_the_features_it_needs_as_far_as_they_are_affordable(data):
+    def refined(centres, **given):
+        gp = OrthogonalGP(variables=("y", "v"), **given)
+        model = Program({"v": ["y", "v", "y**3"]}, discrepancy=gp)
+        found = greybox._refined(model, gp, fabricate(model, data, **scattered(centres)))
+        return None if found is None else found.discrepancy
+
+    wide = refined([1.5, 0.5])
+    assert wide.boundary == pytest.approx(4.8, rel=0.02)
+    # 1.75 · 4.8/0.46, and 15 % more.
+    assert wide.features[0] == pytest.approx(12, abs=1) and wide.features[1] == pytest.approx(21, abs=2)
+    assert refined([1.5, 1.5]).features is None
+    assert refined([0.5, 0.5]) is None
+    # The wider domain would need more than 400 features; that of the data's box is refined alone.
+    assert refined([4.0, 0.3]).boundary == 2.0 and refined([4.0, 0.3]).features[1] > 10
+    # What users say stays.
+    assert refined([1.5, 0.5], features=10) is None
+    assert refined([1.5, 0.5], boundary=6.0).boundary == 6.0

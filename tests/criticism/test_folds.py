@@ -236,6 +236,16 @@ def test_the_horseshoe_is_told_the_number_of_rows_of_the_whole_data():
     assert float(tau[0]) == pytest.approx(float(tau[1]), rel=1e-12)
 
 
+def smoothed(weights, n=2000):
+    """One run whose rate is a moving average of white noise, which no term explains."""
+    rng = np.random.default_rng(1)
+    states = dict(zip("yv", rng.uniform(-1, 1, (2, n)), strict=True))
+    rate = np.convolve(rng.standard_normal(n + len(weights) - 1), weights, mode="valid")
+    model = Program(dictionary={"v": ["y"]}, discrepancy=None)
+    data = Trajectories.from_arrays(np.arange(n) * 0.1, states=states, derivatives={"v": rate})
+    return fabricate(model, data, draws=2, theta=np.zeros((2, 2, 1)))
+
+
 def wave(n=400, period=40, noise=0.0):
     """One run whose rate is a wave along the rows, which no term explains."""
     rng = np.random.default_rng(0)
@@ -247,20 +257,38 @@ def wave(n=400, period=40, noise=0.0):
 
 
 def test_blocks_are_as_long_as_the_residuals_are_correlated():
-    # cos(2π k/40) falls below 1.96/√400 between the lags 9 and 10.
-    assert correlation_length(wave(), "v") == 10
-    folds = make_folds(wave(), "block")
-    assert folds.block == 10 and len(folds.members["v"]) == 40
+    # The autocorrelation of four neighbours' mean is 1 − k/4 up to lag 4.
+    short = smoothed(np.full(4, 0.25))
+    assert correlation_length(short, "v") == 4
+    folds = make_folds(short, "block")
+    assert folds.block == 4 and len(folds.members["v"]) == 500
     assert folds.notes == (
-        "Blocks of 10 rows were chosen, because what the dictionary leaves of 'v' is uncorrelated 10 rows apart.",
+        "Blocks of 4 rows were chosen, because what the dictionary leaves of 'v' is uncorrelated 4 rows apart.",
     )
     # White noise ends at the first lag, in all but one of forty data sets (this seed is none).
     assert correlation_length(wave(noise=1e3), "v") == 1
     slow = make_folds(wave(period=4000), "block")
     assert slow.block == 40 and "a tenth of the rows" in slow.notes[0]
     future = make_folds(wave(), "future")
-    assert (future.block, len(future.members["v"])) == (10, 20)
+    assert (future.block, len(future.members["v"])) == (40, 5)
     assert len(future.past["v"]) == 200
+
+
+def test_a_wave_is_correlated_beyond_its_quarter_period():
+    """cos(2π k/40) is zero at lag 10 and −1 at lag 20: the rows half a period away say all about a row."""
+    assert correlation_length(wave(), "v") == 40
+    assert correlation_length(wave(noise=0.3), "v") == 40
+    # A wave that dies out, e^{−k/30} cos(2π k/40), is correlated for some of its decay, not for a quarter period.
+    k = np.arange(600)
+    dying = smoothed(np.exp(-k / 30) * np.cos(2 * np.pi * k / 40), n=20_000)
+    assert 60 <= correlation_length(dying, "v") <= 250
+
+
+def test_residuals_of_a_long_record_do_not_look_correlated_by_chance():
+    """Correlated residuals' autocorrelation scatters more than white noise's, by Bartlett's formula."""
+    slow = smoothed(0.9 ** np.arange(300), n=20_000)
+    # 0.9^k falls below 1.96/√20000 at lag 41.
+    assert 25 <= correlation_length(slow, "v") <= 120
 
 
 def test_several_runs_advance_together_on_one_clock_and_in_turn_on_several():

@@ -66,7 +66,9 @@ def test_the_tables_say_what_they_said(name, fit):
 def test_the_parts_of_the_model_are_there(name, fit):
     assert fit.model.rows == DerivativeRows()
     assert fit.model.prior == bg.SpikeAndSlab()
-    assert fit.model.discrepancy == bg.OrthogonalGP(variables=("y",) if name == "fit" else None, features=4)
+    # Rows with correlated noise had no weights.
+    differs = {"variables": ("y",), "measure": "unweighted"} if name == "fit" else {}
+    assert fit.model.discrepancy == bg.OrthogonalGP(features=4, **differs)
     assert fit.model.simulation["y"] == "ydot"
     assert fit.data.units["y"] == "m"
     # Filtered rates have the noise of their rows.

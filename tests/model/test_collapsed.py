@@ -73,8 +73,12 @@ def _terms(data):
 
 
 def _dense_kernel(gp, equation, data, hyper):
-    """k⊥ at the rows under their empirical measure, by explicit projections of explicit Gram matrices."""
+    """k⊥ at the rows under the empirical measure, by explicit projections of explicit Gram matrices.
+
+    On correlated rows its metric is that of the likelihood, R⁻¹ = Wᵀ W.
+    """
     V, Phi = equation.rows.operate(np.eye(data.n_obs)), _terms(data)
+    W = equation.rows.whiten(np.eye(len(V)))
     x = np.stack([data.columns["y"], data.columns["v"]], axis=1)
     x = (x - (x.max(0) + x.min(0)) / 2) / ((x.max(0) - x.min(0)) / 2)
     if gp.path == "exact":
@@ -87,11 +91,12 @@ def _dense_kernel(gp, equation, data, hyper):
         )
         K = (psi * np.exp(np.asarray(log_S))) @ psi.T
     if gp.variant == "projected":
-        residual = np.eye(len(x)) - Phi @ np.linalg.pinv(V @ Phi) @ V
+        residual = np.eye(len(x)) - Phi @ np.linalg.pinv(W @ V @ Phi) @ W @ V
         K = residual @ K @ residual.T
     if gp.variant == "conditioned":
-        h = K @ V.T @ V @ Phi
-        K = K - h @ np.linalg.solve(Phi.T @ V.T @ V @ h, h.T)
+        weighted = V.T @ W.T @ W @ V @ Phi
+        h = K @ weighted
+        K = K - h @ np.linalg.solve(weighted.T @ h, h.T)
     return V @ K @ V.T
 
 

@@ -38,6 +38,17 @@ def test_expansion_converges_geometrically_in_the_boundary():
     assert errors[-1] < 1e-6
 
 
+@pytest.mark.parametrize("name", list(KERNELS))
+@pytest.mark.parametrize("length", [0.7, 1.5, 4.0])
+def test_the_boundary_and_the_features_that_a_kernel_asks_for_hold_it(name, length):
+    """With L = b ℓ and m = a L/ℓ the error is a few percent; at L = 2 and ℓ = 4 it is beyond half."""
+    kernel = KERNELS[name]
+    boundary = kernel.boundary_per_length * length
+    size = int(np.ceil(kernel.features_per_unit * boundary / length))
+    assert _error(name, length, boundary, size) < 0.05
+    assert _error(name, 4.0, 2.0, 60) > 0.5
+
+
 @pytest.mark.parametrize(("name", "nu"), [("matern32", 1.5), ("matern52", 2.5)])
 def test_matern_converges_algebraically(name, nu):
     """The tail of S ~ ω^(−2ν−1) leaves an error ~ M^(−2ν)."""

@@ -97,6 +97,53 @@ def test_invariants(few, variant, measure, path, kernel):
     assert np.trace(K) > 1e-3 * len(K) * float(hyper.amplitude) ** 2
 
 
+def _filtered(method):
+    """A sampled velocity whose rate is a linear filter of it: rows with correlated noise."""
+    t = np.arange(60) * (2 * np.pi / 60)
+    v = np.sin(t) + 0.5 * np.cos(2 * t) + 0.01 * np.random.default_rng(3).standard_normal(60)
+    data = Trajectories.from_arrays(t, states={"v": v, "y": np.cos(3 * t)})
+    return data.differentiate(method, **({"window": 9, "polyorder": 3} if method == "savgol" else {}))
+
+
+@pytest.mark.parametrize("method", ["savgol", "spectral"])
+@pytest.mark.parametrize("path", ["hsgp", "exact"])
+@pytest.mark.parametrize("variant", ["projected", "conditioned"])
+def test_on_correlated_rows_empirical_is_the_metric_that_the_likelihood_has(variant, path, method):
+    """Φᵀ R⁻¹ k⊥ = 0: what the rows say of θ is then the weighted least squares that they say without f."""
+    data = _filtered(method)
+    gp = OrthogonalGP(variant=variant, path=path, features=6)
+    equation = Program({"v": ["y", "v", "y**3"]}, discrepancy=gp).assemble(data)["v"]
+    hyper = Hyperparameters(jnp.asarray(0.1), jnp.asarray(0.8), jnp.asarray([1.0, 0.7]))
+    W = equation.rows.whiten
+    Phi = W(np.asarray(equation.frame.dictionary_rows(data.columns)))
+    K = W(W(_kernel_between(equation, data.columns, data.columns, hyper)).T)
+    assert np.linalg.norm(Phi.T @ K) <= 1e-8 * np.linalg.norm(Phi) * np.linalg.norm(K)
+    # Generalised least squares, with f as noise or without it.
+    y = W(equation.target[:, None])[:, 0]
+    C = K + 0.1**2 * np.eye(len(K))
+    with_f = np.linalg.solve(Phi.T @ np.linalg.solve(C, Phi), Phi.T @ np.linalg.solve(C, y))
+    np.testing.assert_allclose(with_f, np.linalg.lstsq(Phi, y, rcond=None)[0], rtol=1e-6, atol=1e-8)
+
+
+@pytest.mark.parametrize("path", ["hsgp", "exact"])
+def test_unweighted_is_the_plain_mean_over_the_training_states_on_correlated_rows_too(path):
+    data = _filtered("savgol")
+    gp = OrthogonalGP(measure="unweighted", path=path, features=6)
+    equation = Program({"v": ["y", "v", "y**3"]}, discrepancy=gp).assemble(data)["v"]
+    hyper = Hyperparameters(jnp.asarray(0.1), jnp.asarray(0.8), jnp.asarray([1.0, 0.7]))
+    Phi = np.asarray(equation.frame.dictionary_rows(data.columns))
+    K = _kernel_between(equation, data.columns, data.columns, hyper)
+    assert np.linalg.norm(Phi.T @ K) <= 1e-8 * np.linalg.norm(Phi) * np.linalg.norm(K)
+
+
+def test_on_white_rows_the_metric_is_the_plain_mean_over_the_training_states(few):
+    equation = Program({"ydot": SIX_TERMS}, discrepancy=OrthogonalGP(features=8)).assemble(few)["ydot"]
+    Phi, psi = equation.frame.dictionary_rows(few.columns), equation.frame.plain_features(few.columns)
+    Phi_o = np.asarray(Phi @ equation.frame.orthonormal)
+    np.testing.assert_allclose(Phi_o.T @ Phi_o / len(Phi_o), np.eye(6), atol=1e-12)
+    np.testing.assert_allclose(equation.frame.moments, Phi_o.T @ np.asarray(psi) / len(Phi_o), atol=1e-12)
+
+
 @pytest.mark.parametrize("length_scale", [0.3, 3.0, 10.0])
 def test_conditioned_kernel_stays_orthogonal_where_its_constraints_degenerate(few, length_scale):
     """⟨Φ, k, Φ⟩ loses rank to rounding as the length scale grows."""

@@ -12,6 +12,8 @@ def test_every_effect_has_a_row():
     assert set(bg.catalogue("mechanical")["domain"]) == {"mechanical"}
     row = table.set_index("slug").loc["dead-zone"]
     assert row["roles"] == ("position",) and len(row["inner"]) == 1 and row["meaning"] and "max" in row["expression"]
+    assert row["sign"] == -1 and "from rest" in row["reverse"]
+    assert set(table["sign"]) == {-1, 0, 1}
 
 
 def test_effects_are_found_by_words_of_any_column_and_case():

@@ -19,7 +19,7 @@ SLUGS = {
     "mechanical": """linear-stiffness quadratic-stiffness cubic-stiffness quintic-stiffness signed-quadratic-stiffness
         pendulum-restoring dead-zone bilinear-stiffness viscous-damping coulomb-friction stribeck-friction
         quadratic-drag cubic-damping van-der-pol-damping velocity-squared position-velocity-coupling constant-force
-        input-gain cubic-input""",
+        input-gain cubic-input smooth-friction direction-dependent-friction backlash""",
     "fluid": "linear-outflow torricelli-outflow overflow",
     "population": "logistic-crowding bilinear-interaction holling-ii allee constant-harvest",
     "electrical": "diode saturating-inductor",
@@ -61,6 +61,12 @@ def test_all_has_every_effect_once():
     assert {e.slug for d in DOMAINS for e in load_catalogue(d)} == {effect.slug for effect in ALL}
     assert load_catalogue(["mechanical", "mechanical"]) == load_catalogue("mechanical")
     assert load_catalogue(ALL) == ALL and load_catalogue(ALL[0]) == ALL[:1]
+
+
+def test_an_effect_of_several_domains_has_the_look_alikes_of_all():
+    for order in (["fluid", "mechanical"], ["mechanical", "fluid"]):
+        gain = {effect.slug: effect for effect in load_catalogue(order)}["input-gain"]
+        assert set(gain.confusions) == {"cubic-input", "backlash"} and gain.domain == order[0]
 
 
 @pytest.mark.parametrize("effect", ALL, ids=lambda effect: effect.slug)
@@ -105,6 +111,9 @@ def test_effects_of_a_domain_are_different_terms(domain):
         ("bilinear-stiffness", {}, {"position": [-1.0, 0.0, 2.0]}, [0.0, 0.0, 2.0]),
         ("coulomb-friction", {}, {"velocity": [-0.1, 0.0, 3.0]}, [-1.0, 0.0, 1.0]),
         ("stribeck-friction", {"stribeck_speed": 0.2}, {"velocity": [-0.2, 1e-9, 4.0]}, [-np.exp(-1.0), 1.0, 0.0]),
+        ("smooth-friction", {"creep_speed": 0.1}, {"velocity": [-9.0, 0.0, 0.1]}, [-1.0, 0.0, np.tanh(1.0)]),
+        ("direction-dependent-friction", {}, {"velocity": [-2.0, 0.0, 3.0]}, [2.0, 0.0, 3.0]),
+        ("backlash", {"play": 0.5}, {"input": [-2.0, -0.4, 0.0, 0.7]}, [-0.5, -0.4, 0.0, 0.5]),
         ("quadratic-drag", {}, {"velocity": [-2.0, 3.0]}, [-4.0, 9.0]),
         ("torricelli-outflow", {}, {"level": [-1.0, 0.0, 4.0]}, [0.0, 0.0, 2.0]),
         ("overflow", {"brim": 3.0}, {"level": [2.0, 4.0]}, [0.0, 1.0]),
@@ -122,6 +131,68 @@ def test_effects_have_the_physics_that_their_names_promise(slug, inner, columns,
     term = BY_SLUG[slug].bind({role: role for role in columns}).term(inner)
     columns = {name: np.array(column) for name, column in columns.items()}
     np.testing.assert_allclose(term.evaluate(columns), values, atol=1e-8)
+
+
+@pytest.mark.parametrize("effect", ALL, ids=lambda effect: effect.slug)
+def test_entries_say_what_the_other_sign_means(effect):
+    assert effect.sign in (-1, 0, 1) and bool(effect.reverse) == bool(effect.sign)
+    assert not effect.reverse.endswith(".")
+
+
+@pytest.mark.parametrize("effect", ALL, ids=lambda effect: effect.slug)
+def test_forces_that_resist_or_restore_have_the_sign_that_they_state(effect):
+    """Along a motion, sign × expression takes power from it; of a pull to rest, sign × expression points back."""
+    if effect.domain != "mechanical" or not effect.sign or "input" in effect.roles:
+        return
+    rng = np.random.default_rng(0)
+    columns = {role: rng.uniform(-1.5, 1.5, 200) for role in effect.roles}
+    term = effect.bind({role: role for role in effect.roles}).term(middle(effect, 1.5))
+    role = "velocity" if "velocity" in effect.roles else "position"
+    against = columns[role] - columns.get(f"other_{role}", 0.0)
+    force = effect.sign * np.asarray(term.evaluate(columns))
+    assert np.all(force * against <= 0) and np.any(force * against < 0)
+
+
+def test_signs_of_flows_populations_and_circuits():
+    """A sign for the rate of this tank, population or circuit; none where either is as ordinary."""
+    signs = {slug: effect.sign for slug, effect in BY_SLUG.items()}
+    losses = """linear-outflow torricelli-outflow overflow weir-overflow logistic-crowding cubic-crowding holling-ii
+        holling-iii allee ohmic-loss cubic-resistor diode diode-pair brush-drop saturating-inductor cubic-storage
+        backlash"""
+    gains = """linear-inflow torricelli-inflow overflow-inflow connecting-pipe holling-ii-gain holling-iii-gain
+        inductance-drop"""
+    either = """quadratic-stiffness bilinear-stiffness velocity-squared position-velocity-coupling constant-force
+        direction-dependent-friction input-gain cubic-input constant-inflow linear-growth bilinear-interaction migration
+        constant-harvest driven-growth constant-source"""
+    for sign, slugs in ((-1, losses), (1, gains), (0, either)):
+        assert {slug: signs[slug] for slug in slugs.split()} == dict.fromkeys(slugs.split(), sign)
+    assert sum(sign == 0 for sign in signs.values()) == len(either.split())
+
+
+def test_an_input_with_play_is_the_input_less_what_backlash_takes():
+    """The dead zone of the drive is reached by adding to the simulation's input what the play costs."""
+    play = BY_SLUG["backlash"].bind({"input": "F"}).term({"play": 0.4})
+    zone = BY_SLUG["dead-zone"].bind({"position": "F"}).term({"gap": 0.4})
+    F = {"F": np.linspace(-2.0, 2.0, 41)}
+    felt = F["F"] + BY_SLUG["backlash"].sign * np.asarray(play.evaluate(F))
+    np.testing.assert_allclose(felt, zone.evaluate(F), atol=1e-12)
+
+
+def test_direction_dependent_friction_is_no_other_two_effects_together():
+    """It must differ from dry friction whose level depends on the direction, and from a lift."""
+    v = np.linspace(-1.0, 1.5, 400)
+    columns = {"velocity": v}
+    own = BY_SLUG["direction-dependent-friction"].bind({"velocity": "velocity"}).term().evaluate(columns)
+    others = [np.ones_like(v), np.sign(v), v, v**2, v * np.abs(v)]
+    rest = own - np.column_stack(others) @ np.linalg.lstsq(np.column_stack(others), own, rcond=None)[0]
+    assert np.sqrt(np.mean(rest**2)) > 0.02 * np.sqrt(np.mean(own**2))
+
+
+def test_smooth_friction_lies_between_dry_and_viscous():
+    bound = BY_SLUG["smooth-friction"].bind({"velocity": "v"})
+    v = {"v": np.array([-2.0, -0.5, 0.5, 2.0])}
+    np.testing.assert_allclose(bound.term({"creep_speed": 1e-3}).evaluate(v), np.sign(v["v"]))
+    np.testing.assert_allclose(1e3 * bound.term({"creep_speed": 1e3}).evaluate(v), v["v"], rtol=1e-5)
 
 
 def test_allee_effect_makes_a_small_population_shrink():
@@ -202,7 +273,7 @@ def test_one_degree_of_freedom():
     assert roles["other_position"] == roles["other_velocity"] == ()
     found = texts("mechanical", roles)
     assert {("cubic-stiffness", "y**3"), ("coulomb-friction", "sign(ydot)"), ("input-gain", "F")} <= found
-    assert len(found) == 19 and not any(slug.startswith("coupling") for slug, _ in found)
+    assert len(found) == 22 and not any(slug.startswith("coupling") for slug, _ in found)
     assert not any(
         slug.endswith("-input") or slug == "input-gain" for slug, _ in texts("mechanical", {**roles, "input": ()})
     )
@@ -314,6 +385,9 @@ def test_units_leave_out_effects_that_cannot_be_and_say_why():
         ("cubic-stiffness", "ydot", "1/m²/s²"),
         ("dead-zone", "ydot", "1/s²"),
         ("coulomb-friction", "ydot", "m/s²"),
+        ("smooth-friction", "ydot", "m/s²"),
+        ("direction-dependent-friction", "ydot", "1/s"),
+        ("backlash", "ydot", "1/kg"),
         ("stribeck-friction", "ydot", "m/s²"),
         ("overflow", "h", "1/s"),
         ("torricelli-outflow", "h", "cm⁰⋅⁵/s"),
@@ -326,9 +400,10 @@ def test_units_leave_out_effects_that_cannot_be_and_say_why():
 )
 def test_coefficients_get_the_unit_that_the_physics_has(slug, equation, unit):
     names = {
-        "position": "y", "velocity": "ydot", "level": "h", "population": "n", "other": "m", "voltage": "v", "flux": "p"
+        "position": "y", "velocity": "ydot", "level": "h", "population": "n", "other": "m", "voltage": "v", "flux": "p",
+        "input": "F",
     }  # fmt: skip
-    units = {"t": "s", "y": "m", "ydot": "m/s", "h": "cm", "n": "kg", "m": "kg", "v": "V", "p": "Wb"}
+    units = {"t": "s", "y": "m", "ydot": "m/s", "h": "cm", "n": "kg", "m": "kg", "v": "V", "p": "Wb", "F": "N"}
     units["t"] = "d" if equation == "n" else "s"
     term = BY_SLUG[slug].bind(names).term(middle(BY_SLUG[slug], 2.0))
     found = coefficient_unit(derivative_unit(equation, units), term, units)
@@ -351,6 +426,8 @@ expression = "max(velocity-onset,0)"
 meaning = "Drag sets in beyond a speed."
 latex = '\\max(v-v_0, 0)'
 confusions = ["quadratic-drag", "radiation"]
+sign = -1
+reverse = "pushes along beyond the speed"
 
 [effect.inner.onset]
 meaning = "speed at which it sets in"
@@ -368,6 +445,8 @@ def test_a_users_own_file(tmp_path):
         r"- \mathrm{ambient}^{4} + \mathrm{temperature}^{4}",
     )
     assert drag.inner == (InnerParameter("onset", "speed at which it sets in", "velocity", 0.2, 1.0, "velocity"),)
+    assert (radiation.sign, radiation.reverse) == (0, "")
+    assert (drag.sign, drag.reverse) == (-1, "pushes along beyond the speed")
     both = load_catalogue(["mechanical", str(path)])
     assert both[-2:] == (radiation, drag) and both[:-2] == load_catalogue("mechanical")
     roles = roles_of(None, ("T", "v"), ("T_0",), "T", given={"temperature": "T", "ambient": "T_0"})
@@ -402,6 +481,13 @@ def test_a_role_that_nobody_knows_is_refused_when_it_is_bound(tmp_path):
         ('name = "Radiation"', "name = 3", "name = 3 cannot be used; it must be text in quotes"),
         ('name = "Radiation"', 'name = " "', "name is empty"),
         ('"radiation"]', "4]", "must be a list of slugs"),
+        ("sign = -1", "sign = 2", "effect 'late-drag': .*sign = 2; it is -1, 1 or"),
+        ("sign = -1", "sign = -1.0", "sign = -1.0 cannot be used; it must be a whole number"),
+        ("sign = -1", "sign = true", "sign = True cannot be used; it must be a whole number"),
+        ("sign = -1", 'sign = "-1"', "must be a whole number"),
+        ("sign = -1", "sign = 0", "effect 'late-drag': .*not which sign is the usual one"),
+        ("sign = -1\n", "", "not which sign is the usual one"),
+        ('reverse = "pushes along beyond the speed"', 'reverse = ""', "reverse is empty"),
         ('"radiation"]', '"radation"]', "unknown 'radation'.*did you mean 'radiation'"),
         ("temperature**4", "temperature^4", r"effect 'radiation': .*'\*\*'"),
         ("temperature**4", "import(4)", "effect 'radiation': "),
@@ -438,6 +524,7 @@ def test_a_file_has_the_fields_of_the_classes_as_keys():
     assert set(keys.types) | {"domain"} == {field.name for field in dataclasses.fields(Effect) if field.init}
     assert keys.needed == ("slug", "name", "expression", "meaning")
     assert (keys.types["confusions"], keys.types["inner"], keys.types["latex"]) == (list, dict, str)
+    assert keys.types["sign"] is int
     keys = keys_of(InnerParameter, "name")
     assert keys.types == {"meaning": str, "of": str, "low": float, "high": float, "unit_of": str}
     assert keys.needed == ("meaning", "of", "low", "high")

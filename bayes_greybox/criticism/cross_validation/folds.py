@@ -20,6 +20,9 @@ LEAST_BLOCKS = 10
 MOST_FUTURES = 20
 """Steps into the future that the package chooses are long enough to be at most so many."""
 
+WHITE = 1.96
+"""Standard deviations of an autocorrelation within which it passes for that of white noise."""
+
 START = 0.5
 """Share of the time stamps that leave-future-out only learns from."""
 
@@ -117,18 +120,25 @@ def chosen_block(posterior: Posterior) -> tuple[int, str]:
 
 
 def correlation_length(posterior: Posterior, equation: str) -> int:
-    """Least lag at which the autocorrelation of y − g − Φᵀθ̄ is within that of white noise, ρ < 1.96/√n.
+    """Least lag k from which on the autocorrelation of y − g − Φᵀθ̄ is within that of white noise.
+
+    At k itself |ρ_k| < 1.96/√n, and over the lags k … 2k − 1 the mean of n_j ρ_j², of n_j pairs, is below
+    1.96² (1 + 2 Σ_{j<k} ρ_j²), of which the bracket is n_j times the variance of ρ_j (Bartlett 1946): an oscillating
+    residual has no correlation a quarter period apart and is the same again after a half.
 
     f is part of this residual: where it varies slowly, a row's neighbours predict it, and a block must be longer than
     that to tell what the model knows from what it reads off beside. The search ends at a tenth of the rows.
     """
-    residual, run = _residual(posterior, equation), posterior.equations[equation].rows.run
-    residual = residual - residual.mean()
-    n, power = len(residual), float(residual @ residual)
+    residual = _residual(posterior, equation)
+    n = len(residual)
     most = max(1, n // LEAST_BLOCKS)
+    rho, pairs = _autocorrelation(residual - residual.mean(), posterior.equations[equation].rows.noise.run_lengths, 2 * most)
+    # n_j ρ_j² with ρ_j per pair; lags longer than every run have no pairs, and nothing to hang together.
+    scaled = np.cumsum(np.where(pairs > 0, (n * rho) ** 2 / np.maximum(pairs, 1), 0.0))
+    scatter = np.cumsum(rho**2)
     for lag in range(1, most):
-        same = run[lag:] == run[:-lag]
-        if float(np.sum(residual[lag:] * residual[:-lag] * same)) < 1.96 / math.sqrt(n) * power:
+        bound = WHITE**2 * (1 + 2 * (scatter[lag - 1] - scatter[0]))
+        if abs(rho[lag]) < WHITE / math.sqrt(n) and scaled[2 * lag - 1] - scaled[lag - 1] < lag * bound:
             return lag
     return most
 
@@ -184,6 +194,20 @@ def _residual(posterior: Posterior, equation: str) -> Float[np.ndarray, " n_row"
     entry = posterior.equations[equation]
     Phi, _, y = entry.parts()
     return y - Phi @ posterior.draws(equation).theta.mean(axis=0)
+
+
+def _autocorrelation(
+    residual: Float[np.ndarray, " n_obs"], lengths: Sequence[int], n_lag: int
+) -> tuple[Float[np.ndarray, " n_lag"], Int[np.ndarray, " n_lag"]]:
+    """Σ r_i r_{i+k}/Σ r² of the lags k = 0, 1, … over pairs of one run, and the numbers of these pairs."""
+    products, pairs = np.zeros(n_lag), np.zeros(n_lag, int)
+    for part in np.split(residual, np.cumsum(lengths)[:-1]):
+        kept = min(n_lag, len(part))
+        # As long again in zeros, so that the end does not meet the start.
+        power = np.abs(np.fft.rfft(part, 2 * len(part))) ** 2
+        products[:kept] += np.fft.irfft(power, 2 * len(part))[:kept]
+        pairs[:kept] += len(part) - np.arange(kept)
+    return products / max(products[0], np.finfo(float).tiny), pairs
 
 
 def _count(number: int, what: str) -> str:

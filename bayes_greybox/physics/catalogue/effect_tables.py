@@ -13,7 +13,7 @@ from typing import Any, NamedTuple, get_args, get_origin, get_type_hints
 
 from bayes_greybox.data.errors import InputError
 
-_WANTED = {str: "text in quotes", list: "a list", dict: "a table", float: "a number"}
+_WANTED = {str: "text in quotes", list: "a list", dict: "a table", float: "a number", int: "a whole number"}
 
 
 class Keys(NamedTuple):
@@ -118,8 +118,9 @@ def _check_keys(table: Mapping[str, Any], keys: Keys, where: str) -> None:
         if key not in keys.types:
             raise InputError(f"{where}unknown key {key!r}; {nearest(key, list(keys.types))}")
         kind = keys.types[key]
-        number = isinstance(value, int | float) and not isinstance(value, bool)
-        if not (number if kind is float else isinstance(value, kind)):
+        # To Python, true and false are numbers.
+        right = isinstance(value, int | float if kind is float else kind) and not isinstance(value, bool)
+        if not right:
             raise InputError(f"{where}{key} = {value!r} cannot be used; it must be {_WANTED[kind]}.")
         if isinstance(value, str) and not value.strip() and key != "unit_of":
             raise InputError(f"{where}{key} is empty; write it or leave it out.")

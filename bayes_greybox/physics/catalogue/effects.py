@@ -106,6 +106,9 @@ class Effect:
         meaning: What happens physically, in one sentence.
         latex: The formula in LaTeX, in customary symbols; by default in the names of the roles.
         confusions: Slugs of effects that look alike on many data.
+        sign: Sign of its coefficient in the equation of the rate when it dissipates, restores or does what its
+            meaning says; 0 if either is as ordinary.
+        reverse: What the other sign would mean physically, in a few words; "" where `sign` is 0.
         roles: Roles that the formula uses, sorted.
         expr: The formula over real symbols.
     """
@@ -118,6 +121,8 @@ class Effect:
     meaning: str = ""
     latex: str = ""
     confusions: tuple[str, ...] = ()
+    sign: int = 0
+    reverse: str = ""
     roles: tuple[str, ...] = field(init=False)
     expr: sympy.Expr = field(init=False, repr=False, compare=False)
 
@@ -125,6 +130,7 @@ class Effect:
         """Read the formula, find its roles and check what belongs to it."""
         if not _SLUG.fullmatch(self.slug):
             raise InputError(f"The slug {self.slug!r} must be small letters, digits and '-', such as 'dead-zone'.")
+        _check_sign(self)
         # Names are replaced in the text later, so it must be spelled as its parts were read.
         object.__setattr__(self, "expression", unicodedata.normalize("NFC", self.expression))
         expr = parse_expression(self.expression)
@@ -247,12 +253,15 @@ def load_catalogue(spec: CatalogueSpec) -> tuple[Effect, ...]:
     effects: dict[str, Effect] = {}
     for effect in _each(spec):
         known = effects.setdefault(effect.slug, effect)
-        # Some effects, such as a gain of the input, belong to several domains.
-        if known is not effect and replace(known, domain=effect.domain) != effect:
+        # Some effects, such as a gain of the input, belong to several domains, each with look-alikes of its own.
+        if known is not effect and replace(known, domain=effect.domain, confusions=effect.confusions) != effect:
             raise InputError(
                 f"Two different effects have the slug {effect.slug!r} (in {known.domain} and {effect.domain}); "
                 "rename one of them."
             )
+        if known.confusions != effect.confusions:
+            both = dict.fromkeys((*known.confusions, *effect.confusions))
+            effects[effect.slug] = replace(known, confusions=tuple(both))
     if not effects:
         raise InputError(f"The catalogue is empty; give one of {', '.join(DOMAINS)}, 'all' or a TOML file.")
     _check_confusions(effects)
@@ -308,6 +317,19 @@ def _effect(table: dict[str, Any], domain: str) -> Effect:
         return Effect(**{**table, "domain": domain, "inner": inner, "confusions": tuple(table["confusions"])})
     except InputError as error:
         raise InputError(f"effect {table['slug']!r}: {error}") from None
+
+
+def _check_sign(effect: Effect) -> None:
+    if isinstance(effect.sign, bool) or effect.sign not in (-1, 0, 1):
+        raise InputError(
+            f"The effect {effect.slug!r} has sign = {effect.sign!r}; it is -1, 1 or, if the coefficient may as well be "
+            "of either sign, 0."
+        )
+    if effect.reverse and not effect.sign:
+        raise InputError(
+            f"The effect {effect.slug!r} says what the reverse sign would mean, but not which sign is the usual one: "
+            "write sign = -1 or sign = 1."
+        )
 
 
 def _check_confusions(effects: Mapping[str, Effect]) -> None:
