@@ -228,7 +228,7 @@ def test_what_is_not_measured_is_not_handed_out(host):
 
 
 def test_hysteresis_is_missing_and_has_no_name():
-    data = made(one("memory", "Bouc-Wen strong"))
+    data = made(one("memory", "Bouc-Wen strong", host="swept-oscillator"))
     assert data.effects == () and data.silent == ()
     rate = data.exact["train"].rates[data.equation]
     assert rms(data.gap()) / rms(rate) == pytest.approx(0.4, rel=0.1)

@@ -19,7 +19,7 @@ from scipy.special import logsumexp
 
 from .cases import NULLS, RATIO_EDGES, ratio_density
 from .generate import CaseData
-from .hidden import CATALOGUE, JOINED, Hidden
+from .hidden import CATALOGUE, ADDED, Hidden
 from .host_systems import term_value
 from .trajectories import rms
 
@@ -44,12 +44,12 @@ def candidates(data: CaseData, joined: bool = False) -> dict[str, Hidden]:
 
     Args:
         data: The case's data.
-        joined: Whether to take the effects of `hidden.JOINED` too.
+        joined: Whether to take the effects of `hidden.ADDED` too.
     """
     own = own_terms(data)
     kept = {}
     domain = data.host.domain
-    for slug, effect in {**CATALOGUE[domain], **(JOINED[domain] if joined else {})}.items():
+    for slug, effect in {**CATALOGUE[domain], **(ADDED[domain] if joined else {})}.items():
         if effect.fits(data.host):
             value = effect_values(data, effect, inner_nodes(data, effect, 1))[0]
             if rms(_outside(value, own)) ** 2 > OWN * rms(value) ** 2:

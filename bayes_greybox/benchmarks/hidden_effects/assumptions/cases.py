@@ -26,8 +26,8 @@ EDGY_SHARE, EDGY_LEVEL = 0.12, 0.03
 PAIR_LOWEST, PAIR_SHARE = 8.0, 0.35
 """The same for two effects at once, of which much may cancel."""
 
-UNUSUAL = 4
-"""Every so many hidden effects one has the sign that feeds energy in, or pushes away."""
+UNUSUAL = 3
+"""Every so many hidden effects one has the sign that feeds energy in, or pushes away, if little of it can be seen."""
 
 
 def assumption_cases(seed: int = 0) -> tuple[AssumptionCase, ...]:
@@ -65,7 +65,7 @@ def _hidden(setting: Setting, turn: int, level: float) -> tuple[tuple[str, ...],
     """Effects and signs: those that the setting says, or the host's next one."""
     pool = [slug for slug in EFFECTS[setting.host] if level <= EDGY_LEVEL or slug not in EDGY]
     effects = setting.effects or (pool[turn % len(pool)],)
-    usual = 1.0 if turn % UNUSUAL == UNUSUAL - 1 else -1.0
+    usual = 1.0 if turn % UNUSUAL == UNUSUAL - 1 and level <= EDGY_LEVEL else -1.0
     return effects, setting.signs or (usual,) * len(effects)
 
 

@@ -19,9 +19,10 @@ from ..search import Wanted, coefficients
 from ..trajectories import Excited, Runs, excite, rms
 from .case import AssumptionCase, Family, Measured, Scene, Suspect
 from .families import FAMILIES
+from .hosts import PLACES
 from .path import Path, followed
 
-SMALLER = (1.0, 0.75, 0.5)
+SMALLER = (1.0, 0.75, 0.5, 0.3)
 """Shares of the wanted ratio that are tried in turn; below them an effect could not be seen any more."""
 
 PARTS = ("train", "test")
@@ -126,14 +127,18 @@ def _followed(
         rates={s: {text: bare.rates[s][text] for text in terms} for s, terms in seen.rates.items()},
     )
     level = family.level(case)
-    for side, smaller in product((1.0, -1.0) if turned else (1.0,), SMALLER):
+    # Sizes are searched on runs of the usual length: long ones would cost much and tell little more.
+    usual = PLACES[case.host].whole
+    short = replace(bare, host=usual) if case.rows > usual.samples * usual.runs else bare
+    sides, sizes = ((1.0, -1.0), SMALLER) if turned else ((1.0,), SMALLER[:-1])
+    for side, smaller in product(sides, sizes):
         wanted = [
             Wanted(effect, smaller * ratio * level, side * sign, fraction)
             for effect, ratio, sign, fraction in zip(effects, case.ratios, case.signs, fractions, strict=True)
         ]
         wanted = [*beside, *wanted]
         try:
-            acting = coefficients(bare, excited["train"], wanted) if wanted else ()
+            acting = coefficients(short, excited["train"], wanted) if wanted else ()
             ode = HostODE(bare.host, bare.rates, acting)
             return ode, {part: followed(ode, visible, runs) for part, runs in excited.items()}
         except LostError:
