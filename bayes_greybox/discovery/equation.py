@@ -189,8 +189,9 @@ class EquationStudy:
         """Tied effects and the experiment that would tell them apart."""
         found = []
         for place in self.finding.places:
-            if place.tied:
-                rivals = [self.evaluations.best_of(slug) for slug in place.tied]
+            known = self.finding.weighed.by_effect
+            rivals = [self.evaluations.best_of(slug) for slug in place.tied if slug in known]
+            if rivals:
                 advice = _advice(self, place.index, rivals, data)
                 found.append(
                     {"equation": self.statistics.equation, "slugs": (place.slug, *place.tied), "advice": advice}

@@ -119,7 +119,7 @@ class Weighed:
                     usual = share if usual is None else usual
                 else:
                     share = e.share_left if e.kind == REST else usual
-                self.items.append((world, e, probability, 1 - (1 - share) * (1 - stacked(world, e))))
+                self.items.append((world, e, probability, share))
         self.items.sort(key=lambda item: -item[2])
 
     def names(self, world: World, e: Explanation) -> tuple[str, ...]:
@@ -140,8 +140,9 @@ class Weighed:
         found = dict.fromkeys((*STOPS, "effects"), 0.0)
         for world, e, p, share in self.items:
             if e.effects:
-                found["effects"] += p * (1 - share)
-                found["unknown"] += p * share
+                real = p * (1 - share) * (1 - STACKED if set(stacked(world, e)) == set(e.effects) else 1.0)
+                found["effects"] += real
+                found["unknown"] += p - real
             else:
                 found[self.kind(world, e)] += p
         return found
@@ -151,8 +152,9 @@ class Weighed:
         """Probability that an effect is missing, by slug, largest first."""
         found: dict[str, float] = {}
         for world, e, p, share in self.items:
+            doubtful = {world.evaluations.name(i) for i in stacked(world, e)}
             for slug in {world.evaluations.name(i) for i in e.effects}:
-                found[slug] = found.get(slug, 0.0) + p * (1 - share)
+                found[slug] = found.get(slug, 0.0) + p * (1 - share) * (1 - STACKED if slug in doubtful else 1.0)
         for world in self.worlds:
             for i in world.evaluations.statistics.of_kind("effect"):
                 found.setdefault(world.evaluations.name(i), 0.0)
@@ -189,22 +191,20 @@ class Weighed:
         return dict(sorted(found.items(), key=lambda item: -item[1]))
 
 
-def stacked(world: World, e: Explanation) -> float:
-    """Probability that effects of the same columns are one law that the catalogue does not have, and not several.
+def stacked(world: World, e: Explanation) -> tuple[int, ...]:
+    """Effects of the same columns that may well be one law that the catalogue does not have, and not several.
 
     Two plain laws of one variable are common (Coulomb friction and drag, y² and y³); three, or two of which one has an
     inner parameter to bend, fit whatever one law looks like.
     """
+    columns = world.evaluations.statistics.columns
     groups: dict[tuple[str, ...], list[int]] = {}
     for i in e.effects:
-        column = world.evaluations.statistics.columns[i]
-        assert column.effect is not None
-        groups.setdefault(tuple(sorted(column.effect.names.values())), []).append(i)
-    for members in groups.values():
-        bends = any(world.evaluations.statistics.columns[i].inner for i in members)
-        if len(members) > 2 or (len(members) == 2 and bends):
-            return STACKED
-    return 0.0
+        effect = columns[i].effect
+        assert effect is not None
+        groups.setdefault(tuple(sorted(effect.names.values())), []).append(i)
+    many = [g for g in groups.values() if len(g) > 2 or (len(g) == 2 and any(columns[i].inner for i in g))]
+    return tuple(i for group in many for i in group)
 
 
 def decide(found: Sequence[World]) -> Finding:
@@ -275,10 +275,16 @@ def _place(weighed: Weighed, world: World, e: Explanation, chosen: tuple[str, ..
     evidence: dict[str, float] = {}
     for w, x, p, share in weighed.items:
         names = weighed.names(w, x)
-        if len(names) != len(chosen) or not set(others) <= set(names):
+        if len(names) == len(chosen) and set(others) <= set(names):
+            (instead,) = set(names) - set(others) or {own}
+            name = instead.split("(")[0]
+        elif names == others and x.suspects and x.kind != REST:
+            # A sensor's error may stand in an effect's place too: an offset in that of a constant force.
+            suspect = w.evaluations.statistics.columns[x.suspects[-1]].suspect
+            assert suspect is not None
+            name = suspect.key
+        else:
             continue
-        (instead,) = set(names) - set(others) or {own}
-        name = instead.split("(")[0]
         rivals[name] = rivals.get(name, 0.0) + p * (1 - share)
         evidence[name] = float(np.logaddexp(evidence.get(name, -np.inf), x.log_evidence + w.offset))
     tied = tuple(

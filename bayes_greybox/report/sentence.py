@@ -67,6 +67,9 @@ def _answer(study: StudyResult) -> str:
             f"{row['name'].lower()} ({probability_text(row['probability'])})"
             for row in study.effects.query("status == 'one of'").to_dict("records")
         ]
+        effects = set(study.effects["slug"])
+        tied = [name for names in study.effects.query("status == 'added'")["tied_with"] for name in names]
+        others += [f"an error of the sensor ({name})" for name in dict.fromkeys(tied) if name not in effects]
         instead = f", or in its place {' or '.join(others)}" if others else ""
         return f"Something is missing, most likely {' and '.join(said)}{instead}; adding the likeliest {closed}."
     if study.against:
