@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -11,7 +11,7 @@ from jaxtyping import Float
 from scipy.linalg import block_diag, cholesky_banded, get_lapack_funcs, toeplitz
 
 from .errors import InputError
-from .row_noise import WHITE_SHARE, RowNoise, check_white_share
+from .row_noise import WHITE_SHARE, WHITE_SHARES, RowNoise, check_white_share
 from .white_noise import WhiteNoise
 
 
@@ -181,6 +181,10 @@ class BandedNoise(RowNoise):
             scale=self.scale,
             white_share=self.white_share,
         )
+
+    def alternatives(self) -> tuple[RowNoise, ...]:
+        """The same filter's noise with other white shares."""
+        return tuple(replace(self, white_share=share) for share in WHITE_SHARES if share != self.white_share)
 
     def to_dict(self) -> dict[str, Any]:
         """Plain numbers and lists that `noise_from_dict` reads back."""

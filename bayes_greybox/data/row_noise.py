@@ -24,6 +24,9 @@ from .errors import InputError
 WHITE_SHARE = 0.05
 """Default δ: the share of the row variance that is white."""
 
+WHITE_SHARES = (0.0001, 0.0005, 0.002, 0.01, 0.05, 0.15, 0.4)
+"""White shares among which the rows themselves choose, where something weighs them."""
+
 COLUMNS = 20
 """Columns of R⁻¹ computed at once: each is as long as the record."""
 
@@ -123,6 +126,10 @@ class RowNoise(ABC):
             The values, the length of each stretch of neighbours, and whether they go along frequency and not time.
         """
         return white, self.white_lengths, False
+
+    def alternatives(self) -> "tuple[RowNoise, ...]":
+        """Noise that these rows may have as well, by a share that was assumed and not known; none by default."""
+        return ()
 
     @abstractmethod
     def restrict(self, bounds: Sequence[tuple[int, int]]) -> "RowNoise":

@@ -144,7 +144,9 @@ def align(
             if suspect.kind != DELAY or noise:
                 continue
             delays[suspect.channel] = delays.get(suspect.channel, 0.0) + by
-            probability.setdefault(suspect.channel, sets.probability(index))
+            if index not in always:
+                # Later it is in every set, so its probability is that of the turns before.
+                probability[suspect.channel] = max(probability.get(suspect.channel, 0.0), sets.probability(index))
             moved |= abs(by) > MOVED * suspect.step
         statistics = bare
         if not moved and found == before:

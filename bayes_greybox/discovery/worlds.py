@@ -14,11 +14,12 @@ from math import log
 import numpy as np
 from jaxtyping import Float
 
+from bayes_greybox.data.row_noise import RowNoise
 from bayes_greybox.discovery.evidence.parametric import coefficients
 
 from .evaluations import Evaluations, one_pattern
 from .sets import REST, Explanation, Sets
-from .suspects.noise_models import PROCESS, NoiseModel, Suspicion, suspicions
+from .suspects.noise_models import PROCESS, NoiseModel, Suspicion, log_white, suspicions
 
 TRIED = -3.0
 """Log odds over the best explanation of all below which a noise is not looked at further."""
@@ -120,6 +121,11 @@ def worlds(
     """
     base = first.statistics.rows.noise
     found = [_world(first, NoiseModel(base), most, always, report)]
+    for _ in range(2):
+        other = _likelier(found[0])
+        if other is None:
+            break
+        found = [_world(_under(first, NoiseModel(other)), NoiseModel(other), most, always, report)]
     if not base.independent:
         # Filtered rows carry a known correlation; what is left of it is judged by the checks.
         return found
@@ -142,6 +148,19 @@ def worlds(
             break
         current = best
     return sorted(found, key=lambda w: -w.total)
+
+
+def _likelier(world: World) -> RowNoise | None:
+    """The likeliest alternative of the noise of rows on a world's best residual, if it is likelier than what they have."""
+    statistics = world.evaluations.statistics
+    noise, residual = statistics.rows.noise, world.residual(world.best)[:, None]
+    choices = (noise, *noise.alternatives())
+    logs = [
+        log_white(float(np.sum(n.whiten(residual) ** 2)), n.n_white, statistics.noise) - 0.5 * n.log_det
+        for n in choices
+    ]
+    best = int(np.argmax(logs))
+    return choices[best] if logs[best] > logs[0] + 1.0 else None
 
 
 def _world(

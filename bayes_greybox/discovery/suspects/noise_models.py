@@ -142,6 +142,11 @@ def _log_white(square: Float[np.ndarray, " n_grid"] | float, n: int, prior: Nois
     return marginal(spectrum, prior).log_evidence
 
 
+def log_white(square: float, n: int, prior: NoisePrior) -> float:
+    """Log p of n white numbers with this sum of squares, σ integrated out."""
+    return float(_log_white(square, n, prior)[0])
+
+
 def _suspicion(
     name: str, logs: np.ndarray, log_prior: np.ndarray, before: float, noise: RowNoise, known: NoiseModel, about: dict
 ) -> Suspicion:
