@@ -188,15 +188,16 @@ def _refined(model: Program, given: OrthogonalGP | None, posterior: Posterior) -
     gp = model.discrepancy
     if gp is None or given is None or given.features is not None:
         return None
-    wanted = max([gp.boundary, *boundary_needed(posterior).values()])
+    wider = boundary_needed(posterior)
+    wanted = tuple(np.max(list(wider.values()), axis=0).tolist()) if wider else None
     # Features that a wider domain needs may be too many; then the one there is gets its own.
-    for boundary in dict.fromkeys((wanted, gp.boundary)):
-        refined = replace(gp, boundary=boundary)
+    for boundary in dict.fromkeys((wanted, None)):
+        refined = gp if boundary is None else replace(gp, boundary=boundary)
         needed = features_needed(posterior, boundary)
         if needed:
             # A finer basis finds somewhat shorter length scales again, hence the margin.
             per_variable = tuple(int(np.ceil(MARGIN * m)) for m in np.max(list(needed.values()), axis=0))
-            if HilbertBasis(boundary, per_variable).size > LARGEST_BASIS:
+            if HilbertBasis(refined.boundary, per_variable).size > LARGEST_BASIS:
                 continue
             refined = replace(refined, features=per_variable)
         return None if refined == gp else replace(model, discrepancy=refined)

@@ -5,7 +5,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
-import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 from jaxtyping import Float
@@ -26,9 +25,10 @@ NEGLIGIBLE_AMPLITUDE = 0.1
 QUANTILE = 0.05
 """The basis must resolve all but the shortest five percent of each length scale's posterior."""
 
-IMAGE = 0.5
-"""Most correlation of f at the edge of the data with its image behind the wall of the features' domain: what its prior
-variance is too large by there."""
+WIDEST = 4.0
+"""Widest domain that is called for. With it images behind the walls multiply the prior variance of f by nearly the same
+everywhere on the data, to within 9 % whatever the length scale, and the amplitude takes that up; at boundary 2 it is up
+to 34 %. Of a variable that f does not depend on the length scale has no upper end, but the features' cost grows."""
 
 LARGEST_BASIS = 400
 """Automatic refits stop at this many features."""
@@ -61,8 +61,8 @@ def convergence(posterior: Posterior) -> Verdict:
     Rank-normalised R̂ ≤ 1.01, bulk and tail ESS ≥ 400 (sampled hyperparameters, θ and γ), no divergences,
     E-BFMI ≥ 0.3 in every chain, and a tree depth that is used up in at most 1 % of the draws. On the feature
     path the basis must also resolve the 5 % quantile of each posterior length scale (Riutort-Mayol et al.
-    2023, section 4.3), and its domain must be wide enough for that quantile that the prior variance of f at the edge
-    of the data is not half as large again, unless the discrepancy is negligible beside the noise.
+    2023, section 4.3), unless the discrepancy is negligible beside the noise. That its domain is narrow for long ones
+    (see `boundary_needed`) is no reason: the prior variance of f is uneven by no more than a third for that.
 
     The weights or values of f are not judged: given the hyperparameters they are drawn exactly and
     independently, and the largest of hundreds of R̂ would exceed 1.01 by chance alone. A quantity that never
@@ -77,7 +77,6 @@ def convergence(posterior: Posterior) -> Verdict:
         *_energy(stats["energy"].to_numpy()),
         *_tree_depth(stats["n_steps"].to_numpy()),
         *_resolution(posterior),
-        *_domain(posterior),
     ]
     return Verdict(not reasons, tuple(reasons))
 
@@ -113,7 +112,7 @@ def convergence_table(posterior: Posterior) -> pd.DataFrame:
     return table
 
 
-def features_needed(posterior: Posterior, boundary: float | None = None) -> dict[str, tuple[int, ...]]:
+def features_needed(posterior: Posterior, boundary: tuple[float, ...] | None = None) -> dict[str, tuple[int, ...]]:
     """Features per variable that the posterior length scales call for, for equations whose basis has too few.
 
     m ≥ a L/ℓ resolves the length scale ℓ, with a from Riutort-Mayol et al. 2023, Sec. 4.2, and ℓ the 5 % quantile of
@@ -121,7 +120,7 @@ def features_needed(posterior: Posterior, boundary: float | None = None) -> dict
 
     Args:
         posterior: Fitted model.
-        boundary: L of a domain that the features would have; None: that of the fit.
+        boundary: L in each direction of a domain that the features would have; None: that of the fit.
 
     Returns:
         Features per variable by equation; empty if all is resolved.
@@ -137,21 +136,22 @@ def features_needed(posterior: Posterior, boundary: float | None = None) -> dict
             continue
         shortest = np.quantile(posterior.draws(name).hyper.length_scale, QUANTILE, axis=0)
         per_variable = np.array(basis.per_variable)
-        required = np.ceil(per_unit * (boundary or basis.boundary) / shortest).astype(int)
+        half_widths = basis.half_widths if boundary is None else np.array(boundary)
+        required = np.ceil(per_unit * half_widths / shortest).astype(int)
         if np.any(required > per_variable):
             needed[name] = tuple(int(m) for m in np.maximum(required, per_variable))
     return needed
 
 
-def boundary_needed(posterior: Posterior) -> dict[str, float]:
-    """Boundary factor that the posterior length scales call for, for equations whose domain is surely too narrow.
+def boundary_needed(posterior: Posterior) -> dict[str, tuple[float, ...]]:
+    """Boundary factors that the posterior length scales call for, for equations whose domain is surely too narrow.
 
     L ≥ b ℓ keeps f from its images behind the walls, with b from Riutort-Mayol et al. 2023, Sec. 4.2. It is surely
-    too small if it is so for the 5 % quantile of ℓ; called for is what holds its median. Where the discrepancy is
-    negligible its length scales are those of the prior, and nothing is.
+    too small if it is so for the 5 % quantile of ℓ; called for is what holds its median, `WIDEST` at most. Where the
+    discrepancy is negligible its length scales are those of the prior, and nothing is.
 
     Returns:
-        L by equation; empty if all domains are wide enough.
+        L in each direction by equation; empty if all domains are wide enough.
     """
     gp = posterior.model.discrepancy
     if gp is None or gp.path != "hsgp":
@@ -163,9 +163,10 @@ def boundary_needed(posterior: Posterior) -> dict[str, float]:
         if basis is None or _negligible(posterior, name):
             continue
         lengths = posterior.draws(name).hyper.length_scale
-        sure = per_length * np.quantile(lengths, QUANTILE, axis=0) > basis.boundary
-        if np.any(sure):
-            needed[name] = float(per_length * np.median(lengths, axis=0)[sure].max())
+        sure = per_length * np.quantile(lengths, QUANTILE, axis=0) > basis.half_widths
+        held = np.minimum(per_length * np.median(lengths, axis=0), WIDEST)
+        if np.any(sure & (held > basis.half_widths)):
+            needed[name] = tuple(np.where(sure, np.maximum(held, basis.half_widths), basis.half_widths).tolist())
     return needed
 
 
@@ -266,28 +267,10 @@ def _resolution(posterior: Posterior) -> Iterator[str]:
         frame = posterior.equations[name].frame
         assert frame.basis is not None
         short = [v for v, m, had in zip(frame.variables, needed, frame.basis.per_variable, strict=True) if m > had]
+        text = str(needed[0]) if len(set(needed)) == 1 else f"({', '.join(map(str, needed))})"
         yield (
             f"The discrepancy of {name!r} wants shorter length scales in {', '.join(map(repr, short))} than "
-            f"its {frame.basis.size} features resolve: raise OrthogonalGP(features=...) to at least {_counts(needed)}."
-        )
-
-
-def _domain(posterior: Posterior) -> Iterator[str]:
-    for name, boundary in boundary_needed(posterior).items():
-        gp, frame = posterior.model.discrepancy, posterior.equations[name].frame
-        assert gp is not None and frame.basis is not None
-        shortest = np.quantile(posterior.draws(name).hyper.length_scale, QUANTILE, axis=0)
-        # A point at the edge of the data and its image are 2 (L − 1) apart.
-        image = KERNELS[gp.kernel].correlation(jnp.asarray((2 * (frame.basis.boundary - 1) / shortest) ** 2))
-        long = [variable for variable, rho in zip(frame.variables, np.asarray(image), strict=True) if rho > IMAGE]
-        if not long:
-            continue
-        wide = math.ceil(10 * boundary) / 10
-        needed = features_needed(posterior, wide).get(name)
-        yield (
-            f"The discrepancy of {name!r} wants longer length scales in {', '.join(map(repr, long))} than its domain "
-            f"holds: raise OrthogonalGP(boundary=...) to at least {wide:g}"
-            + ("." if needed is None else f" and features=... to at least {_counts(needed)}.")
+            f"its {frame.basis.size} features resolve: raise OrthogonalGP(features=...) to at least {text}."
         )
 
 
@@ -295,7 +278,3 @@ def _negligible(posterior: Posterior, equation: str) -> bool:
     """Whether f is too small to matter, so that its length scales are left to their prior."""
     hyper = posterior.draws(equation).hyper
     return bool(np.median(hyper.amplitude) < NEGLIGIBLE_AMPLITUDE * np.median(hyper.sigma))
-
-
-def _counts(features: tuple[int, ...]) -> str:
-    return str(features[0]) if len(set(features)) == 1 else f"({', '.join(map(str, features))})"

@@ -26,7 +26,8 @@ COUNTS = Rule(_counts, "should be a positive whole number, or a list with one fo
 
 
 def _contains_data(boundary: Any) -> bool:
-    return isinstance(boundary, int | float) and boundary > 1
+    each = boundary if isinstance(boundary, list | tuple) else [boundary]
+    return all(isinstance(one, int | float) and one > 1 for one in each)
 
 
 OUTSIDE = Rule(_contains_data, "must exceed 1, the edge of the data")
@@ -53,8 +54,9 @@ class OrthogonalGP:
         variables: What f depends on; None: every state and input.
         features: Features per variable on the hsgp path; None: 20, 10², 8 by total order for 1, 2, 3
             variables.
-        boundary: Half-width of the features' domain over that of the data; where `features` are left to the package,
-            a fit is repeated on a wider one if the posterior is sure of length scales that this cannot hold.
+        boundary: Half-width of the features' domain over that of the data, or one for each variable; where `features`
+            are left to the package, a fit is repeated on a wider one if the posterior is sure of length scales that
+            this cannot hold.
         length_scale: Prior median of the length scales.
         length_scale_spread: Prior standard deviation of their logarithm.
         amplitude: Prior scale of the standard deviation of f.
@@ -68,7 +70,7 @@ class OrthogonalGP:
     path: Path = "hsgp"
     variables: tuple[str, ...] | None = None
     features: Annotated[int | tuple[int, ...] | None, COUNTS] = None
-    boundary: Annotated[float, OUTSIDE] = 2.0
+    boundary: Annotated[float | tuple[float, ...], OUTSIDE] = 2.0
     length_scale: Positive = 1.0
     length_scale_spread: Positive = 0.5
     amplitude: Positive = 1.0
@@ -83,6 +85,8 @@ class OrthogonalGP:
             )
         if isinstance(self.variables, list):
             object.__setattr__(self, "variables", tuple(self.variables))
+        if isinstance(self.boundary, list):
+            object.__setattr__(self, "boundary", tuple(self.boundary))
         if self.features is not None:
             object.__setattr__(self, "features", _whole(self.features))
         require_limits(self)

@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from bayes_greybox.data.errors import InputError
 from bayes_greybox.physics.expressions import namespace
 
 DEFAULT_FEATURES = {1: 20, 2: 10, 3: 8}
@@ -18,21 +19,34 @@ class HilbertBasis:
     """ψ_j(x) = Π_d c_{j_d} cos(√λ_{j_d} (x_d + L)), √λ_j = π j/(2L), c_0² = 1/(2L), c_j² = 1/L, on [−L, L]^d.
 
     With it k(x, x') ≈ Σ_j S(√λ_j) ψ_j(x) ψ_j(x'), S the spectral density (Solin & Särkkä 2020, Eq. 20;
-    Riutort-Mayol et al. 2023, Eq. 9 to 11). Data live in [−1, 1]^d, so L is the boundary factor.
+    Riutort-Mayol et al. 2023, Eq. 9 to 11), on [−L_d, L_d] in each direction. Data live in [−1, 1]^d, so L is the
+    boundary factor.
 
     The eigenfunctions are those with Neumann conditions (zero slope at the boundary), not the Dirichlet sines
     of `numpyro.contrib.hsgp`: sines vanish at the boundary, so they cannot hold a discrepancy that does not
     depend on one of the variables, and with L = 1.5 that turned one posterior mode into four.
 
     Attributes:
-        boundary: L, the same in every direction.
+        boundary: L, the same in every direction, or one for each.
         per_variable: Features m_d in each direction, j_d = 0 … m_d − 1. In more than two directions the
             tensor product is cut at total order: Σ_d j_d (m/m_d) < m with m = max m_d, since the product
             grows as m^d.
     """
 
-    boundary: float
+    boundary: float | tuple[float, ...]
     per_variable: tuple[int, ...]
+
+    def __post_init__(self) -> None:
+        if isinstance(self.boundary, tuple) and len(self.boundary) != len(self.per_variable):
+            raise InputError(
+                f"OrthogonalGP(boundary={self.boundary!r}) must be one number, or one for each of the "
+                f"{len(self.per_variable)} variables."
+            )
+
+    @property
+    def half_widths(self) -> Float[np.ndarray, " n_var"]:
+        """L in every direction."""
+        return np.broadcast_to(np.asarray(self.boundary, float), (len(self.per_variable),))
 
     @property
     def indices(self) -> np.ndarray:
@@ -47,15 +61,16 @@ class HilbertBasis:
     @property
     def frequency(self) -> Float[Array, "n_basis n_var"]:
         """√λ_j in every direction."""
-        return jnp.asarray(self.indices * np.pi / (2 * self.boundary))
+        return jnp.asarray(self.indices * np.pi / (2 * self.half_widths))
 
     def __call__(self, x: Float[Array | np.ndarray, "n_row n_var"]) -> Float[Array | np.ndarray, "n_row n_basis"]:
         """ψ(x) for points in scaled units."""
         xp = namespace([x])
         values = xp.ones((x.shape[0], 1))
-        for d, (m, kept) in enumerate(zip(self.per_variable, self._growth[1], strict=True)):
-            along = xp.cos(np.arange(m) * np.pi / (2 * self.boundary) * (x[:, d : d + 1] + self.boundary))
-            along *= np.sqrt(np.where(np.arange(m) == 0, 0.5, 1.0) / self.boundary)
+        directions = zip(self.per_variable, self.half_widths, self._growth[1], strict=True)
+        for d, (m, L, kept) in enumerate(directions):
+            along = xp.cos(np.arange(m) * np.pi / (2 * L) * (x[:, d : d + 1] + L))
+            along *= np.sqrt(np.where(np.arange(m) == 0, 0.5, 1.0) / L)
             values = (values[:, :, None] * along[:, None, :]).reshape(x.shape[0], -1)
             values = values if len(kept) == values.shape[1] else values[:, kept]
         return values

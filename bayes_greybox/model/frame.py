@@ -101,4 +101,4 @@ def held_features(
     basis: HilbertBasis, x: Float[Array | np.ndarray, "n_row n_var"]
 ) -> Float[Array | np.ndarray, "n_row n_basis"]:
     """ψ; outside the features' domain the expansion would repeat itself, so there f is held at its edge value."""
-    return basis(namespace([x]).clip(x, -basis.boundary, basis.boundary))
+    return basis(namespace([x]).clip(x, -basis.half_widths, basis.half_widths))

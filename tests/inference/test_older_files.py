@@ -1,5 +1,6 @@
 """Files of an older version open, say what they said there, and can be saved again; see tests/data/files/README.md."""
 
+import dataclasses
 import gzip
 import json
 from pathlib import Path
@@ -9,6 +10,7 @@ import pytest
 import xarray as xr
 
 import bayes_greybox as bg
+from bayes_greybox.inference.netcdf import describe, rebuild
 from bayes_greybox.model.rows import DerivativeRows
 
 FILES = Path(__file__).parents[1] / "data" / "files"
@@ -74,6 +76,12 @@ def test_the_parts_of_the_model_are_there(name, fit):
     # Filtered rates have the noise of their rows.
     assert ("ydot" in fit.data.noise) == (name == "fit")
     assert fit.sampling.draws == 25
+
+
+def test_a_boundary_for_each_variable_survives_a_file(fit):
+    gp = bg.OrthogonalGP(variables=("y", "ydot"), boundary=(2.0, 4.8), features=4)
+    model = dataclasses.replace(fit.model, discrepancy=gp)
+    assert rebuild(json.loads(json.dumps(describe(model, fit.data)))).discrepancy == gp
 
 
 def test_saved_again_it_is_the_same(name, fit, tmp_path):

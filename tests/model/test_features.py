@@ -6,6 +6,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from bayes_greybox.criticism.convergence import WIDEST
+from bayes_greybox.data.errors import InputError
 from bayes_greybox.model.features import HilbertBasis, default_features
 from bayes_greybox.model.kernels import KERNELS, gram, log_spectral_density
 
@@ -38,6 +40,19 @@ def test_expansion_converges_geometrically_in_the_boundary():
     assert errors[-1] < 1e-6
 
 
+@pytest.mark.parametrize(("boundary", "uneven"), [(2.0, 1.34), (WIDEST, 1.09)])
+def test_images_behind_the_walls_make_the_variance_hardly_uneven(boundary, uneven):
+    """Sum of ρ over all images is larger at the edge of the data than in its middle, most at some length scale."""
+    basis, ratios = HilbertBasis(boundary, (200,)), []
+    psi = np.asarray(basis(X))
+    for name in KERNELS:
+        for length in np.arange(0.5, 8.0, 0.25):
+            S = np.exp(np.asarray(log_spectral_density(KERNELS[name], basis.frequency, 1.0, jnp.asarray([length]))))
+            variance = psi**2 @ S
+            ratios.append(variance.max() / variance.min())
+    assert max(ratios) == pytest.approx(uneven, abs=0.006)
+
+
 @pytest.mark.parametrize("name", list(KERNELS))
 @pytest.mark.parametrize("length", [0.7, 1.5, 4.0])
 def test_the_boundary_and_the_features_that_a_kernel_asks_for_hold_it(name, length):
@@ -65,6 +80,17 @@ def test_basis_is_orthonormal_on_its_domain():
     x = -L + 2 * L * (np.arange(n) + 0.5) / n
     psi = np.asarray(HilbertBasis(L, (12,))(jnp.asarray(x[:, None])))
     np.testing.assert_allclose(psi.T @ psi * (2 * L / n), np.eye(12), atol=1e-12)
+
+
+def test_every_direction_may_have_a_boundary_of_its_own():
+    x = jnp.asarray(np.random.default_rng(0).uniform(-1, 1, (20, 2)))
+    both = HilbertBasis((1.5, 3.0), (4, 5))
+    alone = [np.asarray(HilbertBasis(L, (m,))(x[:, [d]])) for d, (L, m) in enumerate(((1.5, 4), (3.0, 5)))]
+    np.testing.assert_allclose(both(x), np.einsum("ni,nj->nij", *alone).reshape(20, -1), atol=1e-12)
+    np.testing.assert_allclose(both.frequency[-1], [3 * np.pi / 3.0, 4 * np.pi / 6.0])
+    np.testing.assert_array_equal(HilbertBasis((2.0, 2.0), (4, 5))(x), HilbertBasis(2.0, (4, 5))(x))
+    with pytest.raises(InputError, match="one for each of the 2 variables"):
+        HilbertBasis((2.0,), (4, 5))
 
 
 def test_basis_has_zero_slope_at_the_boundary_and_a_constant():

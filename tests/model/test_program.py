@@ -89,6 +89,7 @@ def test_a_model_without_a_dictionary_has_nothing_to_fit_and_says_where_to_look(
         (lambda: Program({"v": ["y"]}, noise=-1.0), "noise=-1"),
         (lambda: OrthogonalGP(kernel="periodic"), "kernel='periodic'"),
         (lambda: OrthogonalGP(boundary=1.0), r"boundary=1.0\) must exceed 1, the edge of the data\."),
+        (lambda: OrthogonalGP(boundary=(2.0, 0.5)), r"boundary=\(2.0, 0.5\)\) must exceed 1, the edge of the data\."),
         (lambda: OrthogonalGP(boundary=float("nan")), r"boundary=nan\) must exceed 1, the edge of the data\."),
         (lambda: OrthogonalGP(seed=-1), r"seed=-1\) must be at least 0"),
         (lambda: OrthogonalGP(features=(4, 0)), r"features=\(4, 0\)\) should be a positive whole number, or a list"),
