@@ -24,6 +24,7 @@ from .missing_effects import Study as Study
 from .missing_effects import find_missing_effects as find_missing_effects
 from .model import priors as priors
 from .model.discrepancy import OrthogonalGP as OrthogonalGP
+from .model.noise import Noise as Noise
 from .model.priors import CustomPrior as CustomPrior
 from .model.priors import Laplace as Laplace
 from .model.priors import Normal as Normal

@@ -67,7 +67,8 @@ class GreyBox(Program):
         """
         sampling = Sampling(draws, tune, chains, seed, target_accept)
         with threadpool_limits(1):  # as in `sample_posterior`, here also for what completes the fit
-            posterior = sample_posterior(self, data, sampling, progress=progress)
+            model, data = self.with_noise_found(data)
+            posterior = sample_posterior(model, data, sampling, progress=progress)
             for _ in range(MOST_REFITS):
                 refined = _refined(posterior.model, self.discrepancy, posterior)
                 if refined is None:
@@ -89,6 +90,13 @@ class Fit(Posterior):
     def summary(self, level: float = 0.9) -> pd.DataFrame:
         """Coefficients, noise and kernel of every equation with intervals, R̂ and effective sample sizes."""
         return summary(self, level)
+
+    @property
+    def noise(self) -> pd.DataFrame:
+        """What `bg.Noise` found in each equation; no columns for white noise of one size, or where none was asked for."""
+        found = getattr(self.model.noise, "found", None) or {}
+        equations = pd.Index(self.model.equations, name="equation")
+        return pd.DataFrame([dict(found.get(name, {})) for name in equations], index=equations)
 
     def inclusion(self, level: float = 0.9, rope: float = ROPE) -> pd.DataFrame:
         """Coefficients by (equation, term), with P(γ_j = 1) under a spike-and-slab prior."""

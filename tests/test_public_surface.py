@@ -29,6 +29,7 @@ RETURNED = [
     "DiscrepancyGrid",
     "Loo",
     "DerivativeRows",
+    "Noise",
     "priors",
 ]
 

@@ -22,15 +22,23 @@ if TYPE_CHECKING:
 
 
 class Noise(Section):
-    """[noise]: the measurement noise of the derivatives, over the RMS of the target (see `GreyBox`)."""
+    """[noise]: the measurement noise of the derivatives, over the RMS of the target (see `GreyBox` and `Noise`)."""
 
     floor: Positive | None = None
     scale: Positive | None = None
+    correlation: Literal["fit"] | Positive | None = None
+    depends_on: str | None = None
+    tails: Literal["fit"] | Positive | None = None
 
     def arguments(self) -> dict[str, Any]:
         """Arguments of `GreyBox`, for the keys that the file has."""
-        names = {"floor": "noise_floor", "scale": "noise"}
-        return {names[key]: value for key, value in self.given().items()}
+        given = self.given()
+        arguments = {"noise_floor": given.pop("floor")} if "floor" in given else {}
+        if set(given) - {"scale"}:
+            from bayes_greybox.model import noise
+
+            return {**arguments, "noise": noise.Noise(**given)}
+        return {**arguments, **({"noise": given["scale"]} if given else {})}
 
 
 class Sampling(Section):

@@ -12,14 +12,19 @@ from scipy.linalg import block_diag, cholesky_banded, get_lapack_funcs, toeplitz
 
 from .errors import InputError
 from .row_noise import WHITE_SHARE, WHITE_SHARES, RowNoise, check_white_share
+from .state_space_noise import StateSpaceNoise
+from .weighted_noise import WeightedNoise
 from .white_noise import WhiteNoise
+
+KINDS = ("white", "banded", "spectral", "state space", "weighted")
+"""Row noises that files of data and fits can hold, as `RowNoise.to_dict` calls them."""
 
 
 def noise_from_dict(record: Mapping[str, Any]) -> RowNoise:
     """Rebuild a noise from `RowNoise.to_dict`.
 
     Args:
-        record: mapping with the key "kind" ("banded", "spectral" or "white") and the fields of that kind.
+        record: mapping with the key "kind" (one of `KINDS`) and the fields of that kind.
 
     Returns:
         The noise.
@@ -46,9 +51,22 @@ def noise_from_dict(record: Mapping[str, Any]) -> RowNoise:
             kept=tuple(fields["kept"]),
             white_share=float(fields["white_share"]),
         )
-    raise InputError(
-        f'Row noise of kind "{record["kind"]}" is unknown; the kinds are "banded", "spectral" and "white".'
-    )
+    if record["kind"] == "state space":
+        return StateSpaceNoise(
+            times=tuple(np.asarray(t, dtype=float) for t in fields["times"]),
+            process=fields["process"],
+            time_scale=float(fields["time_scale"]),
+            white=float(fields["white"]),
+            scale=float(fields["scale"]),
+        )
+    if record["kind"] == "weighted":
+        return WeightedNoise(
+            inner=noise_from_dict(fields["inner"]),
+            sd=np.asarray(fields["sd"], dtype=float),
+            scale=float(fields["scale"]),
+        )
+    known = ", ".join(f'"{kind}"' for kind in KINDS)
+    raise InputError(f'Row noise of kind "{record["kind"]}" is unknown; the kinds are {known}.')
 
 
 def fir_noise(

@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.linalg import block_diag
 from scipy.signal import lfilter
+from scipy.special import gammainc
 
 from .errors import InputError
 from .row_noise import RowNoise
@@ -47,7 +48,7 @@ class StateSpaceNoise(RowNoise):
         white: w, the share of the variance that is white, from 0 to 1.
     """
 
-    times: tuple[Float[np.ndarray, " n"], ...]
+    times: tuple[Float[np.ndarray, " _"], ...]
     process: str
     time_scale: float
     white: float
@@ -63,7 +64,7 @@ class StateSpaceNoise(RowNoise):
             )
 
     @property
-    def run_lengths(self) -> tuple[int, ...]:  # type: ignore[override]
+    def run_lengths(self) -> tuple[int, ...]:  # pyright: ignore[reportIncompatibleVariableOverride]
         """Rows of each run."""
         return tuple(len(t) for t in self.times)
 
@@ -73,7 +74,7 @@ class StateSpaceNoise(RowNoise):
         return self.n_obs
 
     @cached_property
-    def log_det(self) -> float:
+    def log_det(self) -> float:  # pyright: ignore[reportIncompatibleMethodOverride]
         """log|R| = Σ log S_t, S_t the variance of the innovations."""
         return float(np.sum(np.log(self._gains.variance)))
 
@@ -138,7 +139,20 @@ class StateSpaceNoise(RowNoise):
             x = np.abs(t[:, None] - t) / self.time_scale
             k = np.exp(-x) if self.process == "exponential" else (1 + np.sqrt(3) * x) * np.exp(-np.sqrt(3) * x)
             blocks.append((1 - self.white) * k + self.white * np.eye(len(t)))
-        return block_diag(*blocks)
+        return np.asarray(block_diag(*blocks))
+
+    def correlated(self, white: Float[np.ndarray, "n_draw n_obs"]) -> Float[np.ndarray, "n_draw n_obs"]:
+        """Draws by the filter run forwards: each row is what the rows before it foretell, and an innovation."""
+        g = self._gains
+        innovations = white.T * np.sqrt(g.variance)[:, None]
+        drawn = np.empty(innovations.shape)
+        m = np.zeros((g.gain.shape[1], len(white)))
+        for t in range(len(drawn)):
+            if g.fresh[t]:
+                m = np.zeros_like(m)
+            drawn[t] = m[0] + innovations[t]
+            m = g.advance[t] @ (m + g.gain[t][:, None] * innovations[t])
+        return drawn.T
 
     def restrict(self, bounds: Sequence[tuple[int, int]]) -> "StateSpaceNoise":
         """Noise of contiguous rows of each run."""
@@ -150,7 +164,7 @@ class StateSpaceNoise(RowNoise):
         """Plain values."""
         return {
             "kind": "state space", "times": [t.tolist() for t in self.times], "process": self.process,
-            "time_scale": self.time_scale, "white": self.white,
+            "time_scale": self.time_scale, "white": self.white, "scale": self.scale,
         }  # fmt: skip
 
     @cached_property
@@ -167,7 +181,10 @@ class StateSpaceNoise(RowNoise):
                 P = stationary * (1 - self.white)
             variance[t] = P[0, 0] + self.white
             gain[t] = P[:, 0] / variance[t]
-            P = advance[t] @ (P - np.outer(gain[t], P[0])) @ advance[t].T + (1 - self.white) * noise[t]
+            # P₀₀ − P₀₀²/S = P₀₀ w/S, which is no difference of nearly equal numbers
+            updated = P - np.outer(gain[t], P[0])
+            updated[0] = updated[:, 0] = P[0] * self.white / variance[t]
+            P = advance[t] @ updated @ advance[t].T + (1 - self.white) * noise[t]
         return _Gains(advance, gain, variance, fresh)
 
     def _settled(self, start: int, length: int) -> int:
@@ -192,12 +209,15 @@ def transition(
     """
     if process == "exponential":
         phi = np.exp(-step)
-        return phi[:, None, None], (1 - phi**2)[:, None, None], np.eye(1)
+        return phi[:, None, None], -np.expm1(-2 * step)[:, None, None], np.eye(1)
     x = np.sqrt(3) * step
     fade = np.exp(-x)
     # In units of τ/√3, so that both components have unit variance
     advance = np.stack([np.stack([1 + x, x], -1), np.stack([-x, 1 - x], -1)], -2) * fade[:, None, None]
-    return advance, np.eye(2) - advance @ advance.swapaxes(-1, -2), np.eye(2)
+    # Q = I − A Aᵀ without cancellation, which rows much closer than τ would suffer: Q₀₀ ~ 4x³/3
+    first, cross = gammainc(3.0, 2 * x), 2 * x**2 * fade**2
+    noise = np.stack([np.stack([first, cross], -1), np.stack([cross, first + 4 * x * fade**2], -1)], -2)
+    return advance, noise, np.eye(2)
 
 
 def _innovations(y: np.ndarray, advance: np.ndarray, gain: np.ndarray, settled: int) -> np.ndarray:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from .errors import InputError
 from .row_noise import RowNoise
 
 
@@ -24,8 +25,12 @@ class WeightedNoise(RowNoise):
     sd: Float[np.ndarray, " n_obs"]
     scale: float = 1.0
 
+    def __post_init__(self) -> None:
+        if self.sd.shape != (self.inner.n_obs,) or not np.all((self.sd > 0) & np.isfinite(self.sd)):
+            raise InputError("Weighted noise needs one finite standard deviation above 0 for each row.")
+
     @property
-    def run_lengths(self) -> tuple[int, ...]:  # type: ignore[override]
+    def run_lengths(self) -> tuple[int, ...]:  # pyright: ignore[reportIncompatibleVariableOverride]
         """Rows of each run."""
         return self.inner.run_lengths
 
@@ -39,8 +44,13 @@ class WeightedNoise(RowNoise):
         """As many as R₀ has."""
         return self.inner.n_white
 
+    @property
+    def white_lengths(self) -> tuple[int, ...]:
+        """Those of R₀."""
+        return self.inner.white_lengths
+
     @cached_property
-    def log_det(self) -> float:
+    def log_det(self) -> float:  # pyright: ignore[reportIncompatibleMethodOverride]
         """log|R₀| + 2 Σ log sd."""
         return self.inner.log_det + 2 * float(np.sum(np.log(self.sd)))
 
@@ -67,12 +77,23 @@ class WeightedNoise(RowNoise):
         """R as a dense matrix."""
         return self.sd[:, None] * self.inner.covariance() * self.sd
 
+    def correlated(self, white: Float[np.ndarray, "n_draw n_obs"]) -> Float[np.ndarray, "n_draw n_obs"]:
+        """Draws from N(0, R₀) times the roots of D."""
+        return self.inner.correlated(white) * self.sd
+
+    def sequences(
+        self, white: Float[np.ndarray, "n_draw n_white"]
+    ) -> tuple[Float[np.ndarray, "n_draw n_value"], tuple[int, ...], bool]:
+        """Those of R₀."""
+        return self.inner.sequences(white)
+
     def restrict(self, bounds: Sequence[tuple[int, int]]) -> "WeightedNoise":
-        """Noise of contiguous rows of each run."""
-        starts = np.concatenate([[0], np.cumsum(self.run_lengths)])[:-1]
+        """Noise of contiguous rows of each run; their standard deviations stay what they were, over the same σ."""
+        starts = np.concatenate([[0], np.cumsum(self.run_lengths)])[:-1].astype(int)
         kept = [self.sd[s + a : s + b] for s, (a, b) in zip(starts, bounds, strict=True)]
-        return WeightedNoise(self.inner.restrict(bounds), np.concatenate(kept), self.scale)
+        inner = self.inner.restrict(bounds)
+        return WeightedNoise(inner, np.concatenate([np.zeros(0), *kept]), self.scale * inner.scale / self.inner.scale)
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values."""
-        return {"kind": "weighted", "inner": self.inner.to_dict(), "sd": self.sd.tolist()}
+        return {"kind": "weighted", "inner": self.inner.to_dict(), "sd": self.sd.tolist(), "scale": self.scale}

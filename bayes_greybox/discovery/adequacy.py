@@ -15,9 +15,9 @@ from scipy.special import ndtr, ndtri
 from scipy.stats import chi2, t
 
 from bayes_greybox.criticism.checks.loo_pit import anderson_darling
+from bayes_greybox.model.noise_models import HEAVY
 
 from .sets import Explanation
-from .suspects.noise_models import HEAVY
 from .worlds import World
 
 LEVEL = 1e-3
@@ -81,10 +81,9 @@ def _standardised(world: World, e: Explanation) -> tuple[Float[np.ndarray, " n"]
     leverage = np.clip(np.einsum("ij,jk,ik->i", X, covariance, X) / sigma**2, 0.0, 0.99)
     z = residual / (sigma * np.sqrt(1 - leverage))
     if HEAVY in world.model.names:
-        # Weights made the tails light; the claim is Student's t of the residual itself.
+        # Weights made the tails light; the claim is Student's t of what is whitened without them.
         about = world.model.about[HEAVY]
-        weight = (statistics.rows.noise.sd) ** -2 if hasattr(statistics.rows.noise, "sd") else 1.0  # noqa: B009
-        raw = residual / np.sqrt(weight)
+        raw = world.model.body.whiten(world.residual(e)[:, None])[:, 0]
         z = ndtri(np.clip(t.cdf(raw / about["scale"], about["degrees"]), 1e-15, 1 - 1e-15))
     return z, statistics.rows.noise.white_lengths
 

@@ -12,8 +12,8 @@ import numpy as np
 
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.data.weighted_noise import WeightedNoise
-from bayes_greybox.discovery.evidence.parametric import coefficients
 from bayes_greybox.discovery.evidence.with_discrepancy import Evaluator
+from bayes_greybox.model.evidence import coefficients
 from bayes_greybox.model.program import Program
 from bayes_greybox.physics.catalogue.effects import BoundEffect
 

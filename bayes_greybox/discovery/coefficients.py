@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from bayes_greybox.discovery.evidence.parametric import coefficients
+from bayes_greybox.model.evidence import coefficients
 
 from .evaluations import Evaluations, one_pattern
 

@@ -9,6 +9,7 @@ import pandas as pd
 
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.model.noise_models import PROCESS
 from bayes_greybox.model.program import Program
 from bayes_greybox.physics.catalogue.effects import BoundEffect
 from bayes_greybox.physics.terms import Term
@@ -24,7 +25,6 @@ from .instrument import instrument_table
 from .odds import Odds
 from .sets import RECALIBRATED, REST
 from .sufficient_statistics import SufficientStatistics
-from .suspects.noise_models import PROCESS
 from .where import GapField, GapMap, GapTrace, gap_map, gap_trace, where_table
 from .worlds import worlds
 

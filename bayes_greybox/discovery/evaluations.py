@@ -9,8 +9,8 @@ from typing import NamedTuple
 import numpy as np
 
 from bayes_greybox.discovery.evidence.correlated_residuals import correlation_evidence
-from bayes_greybox.discovery.evidence.parametric import Marginal, Spectrum, coefficients, marginal
 from bayes_greybox.discovery.evidence.with_discrepancy import IMPORTANCE_DRAWS, Evaluator, Integrated, WithDiscrepancy
+from bayes_greybox.model.evidence import Marginal, Spectrum, coefficients, marginal
 
 from .odds import Odds
 from .sufficient_statistics import SufficientStatistics

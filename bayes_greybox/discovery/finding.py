@@ -5,14 +5,15 @@ that the effect merely imitates: an effect beside a rest that carries the share 
 goes to *unknown*. That is a judgement, not a theorem; it keeps a dominant effect and distrusts a stand-in.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 
+from bayes_greybox.model.noise_models import PROCESS
+
 from .sets import PLAIN, RECALIBRATED, REST, Explanation
-from .suspects.noise_models import PROCESS
 from .worlds import World, weights
 
 VERDICTS = ("no gap", "instrument", "recalibrate", "named", "one of", "partly named", "unknown")

@@ -7,12 +7,12 @@ import numpy as np
 import pandas as pd
 
 from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.model.noise_models import CORRELATED, HEAVY, PROCESS, VARYING
 
 from .alignment import Aligned
 from .coefficients import Coefficients
 from .finding import Finding
 from .suspects.channels import DELAY, GAIN, STATES, ChannelSuspect
-from .suspects.noise_models import CORRELATED, HEAVY, PROCESS, VARYING
 
 NOISY = "noisy state"
 """A state whose samples carry white noise of their own."""

@@ -14,8 +14,8 @@ from math import comb, log
 import numpy as np
 from scipy.special import log_ndtr
 
-from bayes_greybox.discovery.evidence.parametric import Spectrum, coefficients, marginal
 from bayes_greybox.discovery.evidence.with_discrepancy import Integrated
+from bayes_greybox.model.evidence import Spectrum, coefficients, marginal
 
 from .evaluations import Evaluations, Parametric, one_pattern
 from .sufficient_statistics import nodes

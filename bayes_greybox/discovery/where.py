@@ -9,8 +9,8 @@ from jaxtyping import Float, Int
 from scipy.special import ndtr
 
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.discovery.evidence.parametric import Spectrum
 from bayes_greybox.discovery.evidence.with_discrepancy import Evaluator, WithDiscrepancy
+from bayes_greybox.model.evidence import Spectrum
 
 from .sufficient_statistics import SufficientStatistics
 

@@ -2,7 +2,7 @@
 
     P(explanation | y) ∝ Σ_R P(R) P(explanation) p(y | explanation, R) |R|^-½
 
-The noise of a world was found on the residuals of an explanation (see `suspects.noise_models`), and its explanations
+The noise of a world was found on the residuals of an explanation (see `model.noise_models`), and its explanations
 are then weighed anew. Effects that white noise makes sure of may be nothing under the noise that the data have.
 """
 
@@ -15,11 +15,11 @@ import numpy as np
 from jaxtyping import Float
 
 from bayes_greybox.data.row_noise import RowNoise
-from bayes_greybox.discovery.evidence.parametric import coefficients
+from bayes_greybox.model.evidence import coefficients
+from bayes_greybox.model.noise_models import PROCESS, NoiseModel, Suspicion, log_white, suspicions
 
 from .evaluations import Evaluations, one_pattern
 from .sets import REST, Explanation, Sets
-from .suspects.noise_models import PROCESS, NoiseModel, Suspicion, log_white, suspicions
 
 TRIED = -3.0
 """Log odds over the best explanation of all below which a noise is not looked at further."""

@@ -17,6 +17,7 @@ from bayes_greybox.data.columns import derivative_label
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.model.discrepancy import OrthogonalGP
+from bayes_greybox.model.noise import Noise
 from bayes_greybox.model.priors import PRIORS, CustomPrior
 from bayes_greybox.model.program import Program
 from bayes_greybox.model.rows import ROWS, EquationRows
@@ -136,7 +137,7 @@ def describe(model: Program, data: Trajectories) -> dict[str, Any]:
         "discrepancy": None if model.discrepancy is None else dataclasses.asdict(model.discrepancy),
         "rows": _describe_part(model.rows, ROWS),
         "noise_floor": model.noise_floor,
-        "noise": model.noise,
+        "noise": dataclasses.asdict(model.noise) if isinstance(model.noise, Noise) else model.noise,
     }
 
 
@@ -146,7 +147,7 @@ def rebuild(record: Mapping[str, Any], simulation: RightHandSide | None = None) 
     Raises:
         InputError: If the simulation was a function and none is given.
     """
-    gp = record["discrepancy"]
+    gp, noise = record["discrepancy"], record["noise"]
     return Program(
         dictionary={name: tuple(Term(**term) for term in terms) for name, terms in record["dictionary"].items()},
         simulation=simulation_from(record["simulation"], simulation),
@@ -155,7 +156,7 @@ def rebuild(record: Mapping[str, Any], simulation: RightHandSide | None = None) 
         # Files from before there were kinds of rows have none.
         rows=_rebuild_part(record.get("rows", {"kind": "derivative"}), ROWS, _LostRows()),
         noise_floor=record["noise_floor"],
-        noise=record["noise"],
+        noise=Noise(**noise) if isinstance(noise, Mapping) else noise,
     )
 
 

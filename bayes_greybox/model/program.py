@@ -2,8 +2,8 @@
 
 import difflib
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass, field, replace
+from typing import Any, Self
 
 import jax
 import jax.numpy as jnp
@@ -25,6 +25,8 @@ from .discrepancy import OrthogonalGP
 from .equation import Equation
 from .hyper import Hyperparameters, HyperPrior, NoisePrior
 from .likelihood import CollapsedNormal
+from .noise import Noise, find_noise, with_found
+from .noise_models import NoiseModel
 from .priors import Prior, Scales, SpikeAndSlab
 from .rows import DerivativeRows, EquationRows, RowKind
 from .sites import DRAWN, Sites
@@ -41,7 +43,8 @@ class Program:
         discrepancy: The Gaussian process f, or None to leave it out.
         noise_floor: Least σ over the RMS of the target. The data's own rounding is added to it in quadrature;
             it keeps the likelihood of noise-free data finite.
-        noise: Prior scale of σ over the RMS of the target: σ² = floor² + s², s ~ HalfNormal(`noise`).
+        noise: Prior scale of σ over the RMS of the target: σ² = floor² + s², s ~ HalfNormal(`noise`); or a `Noise`,
+            which may also be correlated, depend on the state or have heavy tails.
         rows: What the rows of an equation say; rates at time stamps by default.
     """
 
@@ -50,7 +53,7 @@ class Program:
     prior: Prior = field(default_factory=SpikeAndSlab)
     discrepancy: OrthogonalGP | None = field(default_factory=OrthogonalGP)
     noise_floor: float = 1e-4
-    noise: float = 1.0
+    noise: float | Noise = 1.0
     rows: RowKind = field(default_factory=DerivativeRows)
 
     def __post_init__(self) -> None:
@@ -71,7 +74,7 @@ class Program:
             raise InputError(
                 f"GreyBox(noise_floor={self.noise_floor:g}) must lie between 1e-7, where rounding takes over, and 1."
             )
-        if not self.noise > 0:
+        if not isinstance(self.noise, Noise) and not self.noise > 0:
             raise InputError(f"GreyBox(noise={self.noise:g}) must be positive.")
 
     @property
@@ -132,9 +135,40 @@ class Program:
             InputError: See `dictionaries`, `equation_rows` and `assemble.assemble`.
         """
         dictionaries = self.dictionaries(data)
+        rows = {equation: self.equation_rows(data, equation) for equation in dictionaries}
+        found = self._find_noise(rows, dictionaries)
+        rows = {equation: replace(r, noise=found[equation].noise) if found else r for equation, r in rows.items()}
         return {
-            equation: assemble(self.equation_rows(data, equation), dictionary, self.discrepancy, self.noise_floor)
+            equation: assemble(rows[equation], dictionary, self.discrepancy, self.noise_floor)
             for equation, dictionary in dictionaries.items()
+        }
+
+    def with_noise_found(self, data: Trajectories) -> tuple[Self, Trajectories]:
+        """The model and the data with the parameters of the noise held, as a fit and its folds use them.
+
+        Args:
+            data: Training data; they carry R, so that a part of them carries its part.
+
+        Raises:
+            InputError: See `dictionaries`, `equation_rows` and `noise.find_noise`.
+        """
+        if not isinstance(self.noise, Noise) or self.noise.white:
+            return self, data
+        fresh = replace(self, noise=replace(self.noise, found=None))
+        dictionaries = fresh.dictionaries(data)
+        models = fresh._find_noise({name: fresh.equation_rows(data, name) for name in dictionaries}, dictionaries)
+        noise = {**data.noise, **{name: model.noise for name, model in models.items()}}
+        return replace(fresh, noise=with_found(self.noise, models)), replace(data, noise=noise)
+
+    def _find_noise(
+        self, rows: Mapping[str, EquationRows], dictionaries: Mapping[str, Dictionary]
+    ) -> dict[str, NoiseModel]:
+        """Noise by equation; empty where the rows have the noise that they are to have."""
+        if not isinstance(self.noise, Noise) or self.noise.white or self.noise.found is not None:
+            return {}
+        return {
+            name: find_noise(self.noise, rows[name], dictionary, self.discrepancy, self.noise_floor)
+            for name, dictionary in dictionaries.items()
         }
 
     def designs(self, data: Trajectories) -> dict[str, Design]:
@@ -217,7 +251,8 @@ class Program:
             floor: Least σ, scaled units.
             n_var: Number of variables that f depends on.
         """
-        noise, gp = NoisePrior(floor, self.noise), self.discrepancy
+        scale = self.noise.scale if isinstance(self.noise, Noise) else self.noise
+        noise, gp = NoisePrior(floor, scale), self.discrepancy
         if gp is None:
             return HyperPrior(noise)
         return HyperPrior(noise, gp.amplitude, gp.length_scale, gp.length_scale_spread, n_var)

@@ -4,13 +4,13 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from bayes_greybox.discovery.hypotheses import Explanation, Round
+from bayes_greybox.discovery.rounds import TIED, Finding, Step
 from tiny_equation import CUBE, DEAD_ZONE, SQUARE, tiny_data, tiny_evaluations, tiny_model
 
 from bayes_greybox.discovery.coefficients import Coefficients, alone
 from bayes_greybox.discovery.equation import EquationStudy, study_equation
-from bayes_greybox.discovery.hypotheses import Explanation, Round
 from bayes_greybox.discovery.odds import Odds
-from bayes_greybox.discovery.rounds import TIED, Finding, Step
 from bayes_greybox.physics.catalogue.effects import Effect
 
 CUBIC = {"hidden": lambda x: -(x**3), "noise": 0.05}

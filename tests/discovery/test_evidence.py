@@ -7,8 +7,8 @@ from scipy.integrate import quad
 from scipy.stats import halfnorm, lognorm, multivariate_normal
 
 from bayes_greybox.discovery.evidence.correlated_residuals import correlation_evidence
-from bayes_greybox.discovery.evidence.parametric import Spectrum, coefficients, marginal
 from bayes_greybox.discovery.evidence.with_discrepancy import Evaluator, WithDiscrepancy
+from bayes_greybox.model.evidence import Spectrum, coefficients, marginal
 from bayes_greybox.model.hyper import HyperPrior, NoisePrior
 from bayes_greybox.model.kernels import KERNELS, log_spectral_density
 

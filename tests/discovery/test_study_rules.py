@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pandas as pd
 import pytest
+from bayes_greybox.discovery.rounds import NEGLIGIBLE, SUBSTANTIAL, TIED
 from tiny_equation import CUBE, DEAD_ZONE, SQUARE, tiny_evaluations
 
 import bayes_greybox.discovery.study as module
@@ -13,7 +14,6 @@ from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.equation import EquationStudy
 from bayes_greybox.discovery.gap import Amendment, FreePath
 from bayes_greybox.discovery.odds import Odds
-from bayes_greybox.discovery.rounds import NEGLIGIBLE, SUBSTANTIAL, TIED
 from bayes_greybox.discovery.study import ORDER, _check_data, amended_program, investigate, studied_equations
 from bayes_greybox.discovery.where import GapMap, GapTrace
 from bayes_greybox.model.program import Program

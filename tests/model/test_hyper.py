@@ -7,9 +7,9 @@ from numpyro.handlers import seed, substitute, trace
 from numpyro.infer.util import log_density
 
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.discovery.evidence.parametric import Spectrum
 from bayes_greybox.discovery.evidence.with_discrepancy import Evaluator, WithDiscrepancy
 from bayes_greybox.model.discrepancy import OrthogonalGP
+from bayes_greybox.model.evidence import Spectrum
 from bayes_greybox.model.hyper import HyperPrior, NoisePrior
 from bayes_greybox.model.priors import CustomPrior
 from bayes_greybox.model.program import Program

@@ -19,7 +19,7 @@ from jaxtyping import Array, Float
 
 from bayes_greybox.model.hyper import NoisePrior, log_half_normal
 
-from .parametric import Spectrum, marginal
+from bayes_greybox.model.evidence import Spectrum, marginal
 
 STRETCH, STRETCHES = 512, 8
 """Records are cut into stretches of so many rows, filtered side by side, each as a run of its own; of longer records

@@ -11,8 +11,8 @@ systems move, and is something that the model lacks.
 """
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -22,7 +22,7 @@ from scipy.special import gammaln
 from bayes_greybox.data.row_noise import RowNoise
 from bayes_greybox.data.state_space_noise import StateSpaceNoise
 from bayes_greybox.data.weighted_noise import WeightedNoise
-from bayes_greybox.discovery.evidence.parametric import Spectrum, marginal
+from bayes_greybox.model.evidence import Spectrum, marginal
 from bayes_greybox.model.hyper import NoisePrior
 
 CORRELATED, PROCESS = "correlated noise", "process in time"
@@ -39,7 +39,10 @@ STRETCH = 2048
 TIME_STEPS, TIME_SPREAD = 10.0, 1.5
 """τ ~ LogNormal: its median in sampling steps, and the standard deviation of its logarithm."""
 
-WHITE_SHARES = {CORRELATED: (0.0, 0.05, 0.15, 0.3, 0.5, 0.7, 0.85, 0.95), PROCESS: (0.003, 0.01, 0.03, 0.1, 0.2, 0.35, 0.5, 0.65, 0.8, 0.9, 0.95, 0.98)}  # fmt: skip
+WHITE_SHARES = {
+    CORRELATED: (0.0, 0.05, 0.15, 0.3, 0.5, 0.7, 0.85, 0.95),
+    PROCESS: (0.003, 0.01, 0.03, 0.1, 0.2, 0.35, 0.5, 0.65, 0.8, 0.9, 0.95, 0.98),
+}
 """Grid of the white share of the variance, even prior weights. A process of a system needs some white noise beside it:
 samples are never exact."""
 
@@ -65,12 +68,22 @@ class NoiseModel:
         noise: R.
         constant: See the module's equation; sums over suspects.
         about: What is known of each suspect, by name.
+        tail_weights: What heavy tails multiply each row's 1/σ² with, found on the residuals; None without heavy tails.
     """
 
     noise: RowNoise
     names: tuple[str, ...] = ()
     constant: float = 0.0
     about: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    tail_weights: Float[np.ndarray, " n_obs"] | None = None
+
+    @property
+    def body(self) -> RowNoise:
+        """R without the weights of heavy tails: what is whitened by it has Student's t, where R makes it light."""
+        if self.tail_weights is None:
+            return self.noise
+        inner, sd = _parts(self.noise)
+        return _joined(inner, sd * np.sqrt(self.tail_weights))
 
     @property
     def process_share(self) -> float:
@@ -105,7 +118,7 @@ def suspicions(
 
     Args:
         residual: Measured less explained rate, scaled units.
-        known: Noise as it is; its R must be of independent rows, or of suspects.
+        known: Noise as it is; a process in time is weighed on independent rows only.
         time: Times, increasing within a run.
         run: Run of each row.
         quantities: What the noise may grow with, by name.
@@ -114,14 +127,12 @@ def suspicions(
     if len(residual) < LEAST_ROWS:
         return []
     found = []
-    inner, sd = _parts(known.noise)
     if not {CORRELATED, PROCESS} & set(known.names):
-        found += [_in_time(residual / sd, sd, known, time, run, prior, name) for name in (CORRELATED, PROCESS)]
-    white = inner.whiten((residual / sd)[:, None])[:, 0]
+        found += [in_time(residual, known, time, run, prior, name) for name in (CORRELATED, PROCESS)]
     if VARYING not in known.names:
-        found.append(_varying(white, inner, sd, known, quantities, prior))
+        found.append(varying(residual, known, quantities, prior))
     if HEAVY not in known.names:
-        found.append(_heavy(white, inner, sd, known, prior))
+        found.append(heavy(residual, known, prior))
     return [s for s in found if s is not None and np.isfinite(s.log_bayes_factor)]
 
 
@@ -138,7 +149,7 @@ def _log_white(square: Float[np.ndarray, " n_grid"] | float, n: int, prior: Nois
     """Log p of n white numbers with sums of squares, σ integrated out."""
     squares = np.atleast_1d(np.asarray(square, float))
     zeros = np.zeros((len(squares), 1))
-    spectrum = Spectrum(zeros, zeros, np.zeros((len(squares), 1, 1)), squares[:, None], float(n))  # type: ignore[arg-type]
+    spectrum = Spectrum(zeros, zeros, np.zeros((len(squares), 1, 1)), squares[:, None], n)
     return marginal(spectrum, prior).log_evidence
 
 
@@ -152,14 +163,38 @@ def _suspicion(
 ) -> Suspicion:
     total = float(np.logaddexp.reduce((logs + log_prior).ravel()))
     constant = known.constant + total - float(np.max(logs))
-    model = NoiseModel(noise, (*known.names, name), constant, {**known.about, name: about})
+    model = replace(
+        known, noise=noise, names=(*known.names, name), constant=constant, about={**known.about, name: about}
+    )
     return Suspicion(name, total - before, model)
 
 
-def _in_time(
-    e: np.ndarray, sd: np.ndarray, known: NoiseModel, time: np.ndarray, run: np.ndarray, prior: NoisePrior, name: str
+def in_time(
+    residual: Float[np.ndarray, " n_obs"],
+    known: NoiseModel,
+    time: Float[np.ndarray, " n_obs"],
+    run: Int[np.ndarray, " n_obs"],
+    prior: NoisePrior,
+    name: str,
+    time_scale: float | None = None,
 ) -> Suspicion | None:
+    """Weigh a process in time, σ² [(1 − w) k(·/τ) + w δ], τ and w on a grid.
+
+    Args:
+        residual: Measured less explained rate, scaled units.
+        known: Noise as it is, without a process in time.
+        time: Times, increasing within a run.
+        run: Run of each row.
+        prior: Prior of σ.
+        name: `CORRELATED` or `PROCESS`.
+        time_scale: τ in units of time, if it is known.
+
+    Returns:
+        The suspicion; None where each run has one row.
+    """
     process = "exponential" if name == CORRELATED else "matern32"
+    sd = _parts(known.noise)[1]
+    e = residual / sd
     values, step, used = _stretches(e, time, run)
     within = step[np.isfinite(step) & used]
     if not len(within):
@@ -167,11 +202,13 @@ def _in_time(
     typical, n = float(np.median(within)), len(e)
     longest = max(math.log(max(np.bincount(run - run.min()))), 1.0)
     taus = np.exp(np.arange(math.log(SHORTEST[name]), max(longest, 1.8) + 0.3, 0.55))
+    if time_scale is not None:
+        taus = np.array([time_scale / typical])
     shares = np.array(WHITE_SHARES[name])
     logs = _filtered(values, step / typical, used, process, taus, shares, n, prior)
     # Once finer around the best, so that what is held is the mode.
     i, j = np.unravel_index(int(np.argmax(logs)), logs.shape)
-    fine_tau = taus[i] * np.exp(np.linspace(-0.45, 0.45, 7))
+    fine_tau = taus[i] * np.exp(np.linspace(-0.45, 0.45, 7)) if time_scale is None else taus
     low, high = shares[max(j - 1, 0)], shares[min(j + 1, len(shares) - 1)]
     fine_share = np.linspace(low, high, 7)
     fine = _filtered(values, step / typical, used, process, fine_tau, fine_share, n, prior)
@@ -183,17 +220,35 @@ def _in_time(
     runs = tuple(time[run == r] for r in dict.fromkeys(run.tolist()))
     noise = _joined(StateSpaceNoise(runs, process, tau, white), sd)
     before = float(_log_white(float(np.sum(e**2)), n, prior)[0])
-    about = {"time_scale": tau, "white": white, "share": 1 - white, "correlation": math.exp(-typical / tau)}
+    neighbours = 1.0 if process == "exponential" else 1 + math.sqrt(3) * typical / tau
+    neighbours *= math.exp(-typical / tau * (1.0 if process == "exponential" else math.sqrt(3)))
+    about = {"time_scale": tau, "white": white, "share": 1 - white, "correlation": (1 - white) * neighbours}
     found = _suspicion(name, logs, log_prior, before, noise, known, about)
     lift = float(np.max(logs)) - float(np.max(fine))
-    model = NoiseModel(found.model.noise, found.model.names, found.model.constant + lift, found.model.about)
-    return Suspicion(name, found.log_bayes_factor, model)
+    return replace(found, model=replace(found.model, constant=found.model.constant + lift))
 
 
-def _varying(
-    e: np.ndarray, inner: RowNoise, sd: np.ndarray, known: NoiseModel, quantities: Mapping[str, np.ndarray],
+def varying(
+    residual: Float[np.ndarray, " n_obs"],
+    known: NoiseModel,
+    quantities: Mapping[str, Float[np.ndarray, " n_obs"]],
     prior: NoisePrior,
-) -> Suspicion | None:  # fmt: skip
+) -> Suspicion | None:
+    """Weigh noise that depends on the state, sd ∝ (δ² + (x/RMS)²)^(a/2); x, δ and a on a grid.
+
+    Args:
+        residual: Measured less explained rate, scaled units.
+        known: Noise as it is.
+        quantities: What x may be, by name.
+        prior: Prior of σ.
+
+    Returns:
+        The suspicion; None where nothing varies.
+    """
+    inner, sd = _parts(known.noise)
+    e = inner.whiten((residual / sd)[:, None])[:, 0]
+    if not inner.square:
+        return None
     n, choices, logs = len(e), [], []
     for name, x in quantities.items():
         size = float(np.sqrt(np.mean(x**2)))
@@ -205,39 +260,63 @@ def _varying(
             squares = np.array([np.sum(e**2 * np.exp(-2 * a * z)) for a in EXPONENTS])
             # Σ log sd = a Σ z = 0, as z has no mean
             logs.append(_log_white(squares, n, prior))
-            choices += [(name, z, a) for a in EXPONENTS]
+            choices += [(name, level, z, a) for a in EXPONENTS]
     if not choices:
         return None
     every = np.concatenate(logs)
-    name, z, a = choices[int(np.argmax(every))]
+    name, level, z, a = choices[int(np.argmax(every))]
     noise = _joined(inner, sd * np.exp(a * z))
     before = float(_log_white(float(np.sum(e**2)), n, prior)[0])
-    about = {"variable": name, "exponent": float(a)}
+    about = {"variable": name, "exponent": float(a), "level": level}
     return _suspicion(VARYING, every, np.full(len(every), -math.log(len(every))), before, noise, known, about)
 
 
-def _heavy(
-    e: np.ndarray, inner: RowNoise, sd: np.ndarray, known: NoiseModel, prior: NoisePrior
-) -> Suspicion:
-    n = len(e)
+def heavy(
+    residual: Float[np.ndarray, " n_obs"],
+    known: NoiseModel,
+    prior: NoisePrior,
+    degrees: Sequence[float] = DEGREES,
+) -> Suspicion | None:
+    """Weigh Student's t of the whitened rows, degrees of freedom ν on a grid, the scale s integrated out.
+
+    Held are the weights of the mode's scale mixture, (ν + 1)/(ν + (e/s)²), which make the rows normal.
+
+    Args:
+        residual: Measured less explained rate, scaled units.
+        known: Noise as it is.
+        prior: Prior of σ, here of s.
+        degrees: Grid of ν.
+
+    Returns:
+        The suspicion; None for whitened coefficients that are no rows.
+    """
+    inner, sd = _parts(known.noise)
+    if not inner.square:
+        return None
+    e, n = inner.whiten((residual / sd)[:, None])[:, 0], len(residual)
     size = 1.4826 * float(np.median(np.abs(e))) or float(np.std(e))
     log_s = math.log(max(size, 1e-12)) + np.linspace(-0.9, 0.6, 46)
     s = np.exp(log_s)
     logs = []
-    for nu in DEGREES:
+    for nu in degrees:
         constant = gammaln((nu + 1) / 2) - gammaln(nu / 2) - 0.5 * math.log(nu * math.pi)
         logs.append(n * (constant - log_s) - 0.5 * (nu + 1) * np.sum(np.log1p((e / s[:, None]) ** 2 / nu), axis=1))
     density = np.array(logs) + prior.log_density(log_s) + math.log(log_s[1] - log_s[0])
     by_degree = np.logaddexp.reduce(density, axis=1)
-    total = float(np.logaddexp.reduce(by_degree) - math.log(len(DEGREES)))
+    total = float(np.logaddexp.reduce(by_degree) - math.log(len(degrees)))
     k, j = np.unravel_index(int(np.argmax(density)), density.shape)
-    nu = DEGREES[k]
+    nu = degrees[k]
     weight = (nu + 1) / (nu + (e / s[j]) ** 2)
     held = WeightedNoise(inner, sd / np.sqrt(weight))
-    at_mode = float(_log_white(float(np.sum(weight * e**2)), n, prior)[0]) + 0.5 * float(np.sum(np.log(weight)))
+    # Where rows hang together, weighted rows are not weighted innovations: both are measured on the rows themselves.
+    square = float(np.sum(held.whiten(residual[:, None]) ** 2))
+    at_mode = float(_log_white(square, n, prior)[0]) - 0.5 * (held.log_det - known.noise.log_det)
     before = float(_log_white(float(np.sum(e**2)), n, prior)[0])
     about = {"degrees": nu, "scale": float(s[j])}
-    model = NoiseModel(held, (*known.names, HEAVY), known.constant + total - at_mode, {**known.about, HEAVY: about})
+    model = replace(
+        known, noise=held, names=(*known.names, HEAVY), constant=known.constant + total - at_mode,
+        about={**known.about, HEAVY: about}, tail_weights=weight,
+    )  # fmt: skip
     return Suspicion(HEAVY, total - before, model)
 
 
