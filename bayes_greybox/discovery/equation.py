@@ -98,7 +98,7 @@ class EquationStudy:
         found: dict[str, list[float]] = {name: [p, -np.inf, np.nan] for name, p in weighed.by_kind.items() if name in STOPS}
         top = weighed.worlds[0].offset
         for world, e, p, share in weighed.items:
-            name = self._named(world, e) if e.effects else weighed.kind(world, e)
+            name = self._called(world, e)
             entry = found.setdefault(name, [0.0, -np.inf, np.nan])
             if e.effects:
                 entry[0] += p * (1 - share)
@@ -160,26 +160,34 @@ class EquationStudy:
                 continue
             names: dict[str, float] = {}
             for w, e, p, _ in own:
-                name = self._named(w, e) if size else weighed.kind(w, e)
+                name = self._called(w, e)
                 names[name] = names.get(name, 0.0) + p
             (top, p), *rest = sorted(names.items(), key=lambda item: -item[1])
             second, q = rest[0] if rest else ("", np.nan)
-            world, e = own[0][0], next(x for w, x, _, _ in own if w is own[0][0] and x.kind != REST)
+            # The likeliest of those that are called so: what stands in a row is of one explanation.
+            world, e, _, share = next((w, x, r, s) for w, x, r, s in own if self._called(w, x) == top)
             now = {world.evaluations.name(i) for i in e.effects}
             rows.append(
                 {
                     "equation": self.statistics.equation, "round": size + 1, "verdict": top,
                     "added": " + ".join(sorted(now - before)), "probability": p, "runner_up": second,
-                    "runner_up_probability": q, "share_left": self._unexplained(world, e),
+                    "runner_up_probability": q,
+                    "share_left": share if e.kind == REST else self._unexplained(world, e),
                 }
             )  # fmt: skip
             before = now
         return pd.DataFrame(rows).set_index(["equation", "round"])
 
+    def _called(self, world: Any, e: Any) -> str:
+        return self._named(world, e) if e.effects else self.finding.weighed.kind(world, e)
+
     def _unexplained(self, world: Any, e: Any) -> float:
-        """Share of the gap's square that an explanation's columns leave, less the noise."""
+        """Share of the gap's square that an explanation's columns leave, less the noise; NaN where there is no gap."""
         noise = float(np.mean(self.coefficients.sigma)) ** 2
-        return float(np.clip((np.mean(world.residual(e) ** 2) - noise) / max(1.0 - noise, 1e-12), 0.0, 1.0))
+        residual = world.residual(e)
+        if 1.0 - noise < 2 * np.sqrt(2 / len(residual)):
+            return np.nan
+        return float(np.clip((np.mean(residual**2) - noise) / (1.0 - noise), 0.0, 1.0))
 
     def ties(self, data: Trajectories) -> list[dict[str, Any]]:
         """Tied effects and the experiment that would tell them apart."""
