@@ -6,8 +6,8 @@ from bayes_greybox.discovery.gap import worsened
 from bayes_greybox.discovery.instrument import IN_MODEL
 from bayes_greybox.discovery.study import StudyResult
 
-from .formatting import number, percent_text, probability_text
-from .study_words import LIKELY, MOST_CLOSED
+from .formatting import listed, number, percent_text, probability_text
+from .study_words import LIKELY, MOST_CLOSED, not_helped
 
 
 def sentence(study: StudyResult) -> str:
@@ -39,7 +39,8 @@ def _answer(study: StudyResult) -> str:
     if study.verdict == "no gap":
         return "Nothing is missing: simulation and measurements agree to within the noise."
     if study.verdict == "instrument":
-        return f"No effect is missing, it is the measurement: {'; '.join(measurement_in_words(study))}."
+        found = "; ".join(measurement_in_words(study)) or "what of it the data cannot say"
+        return f"No effect is missing, it is the measurement: {found}."
     if study.verdict == "recalibrate":
         off = study.corrections[study.corrections["probability"] > LIKELY]
         right = "; ".join(
@@ -86,11 +87,12 @@ def closed_in_words(gap: pd.DataFrame) -> str:
     before, after = shares.loc["test" if held_out else "train", ["before", "after"]].sum()
     if not before > 0:
         return f"leaves no gap on {where}"
-    worse = worsened(gap)
-    if worse:
+    worse, idle = worsened(gap), not_helped(gap)
+    if worse or idle:
+        # What is claimed closed is closed in the free run too.
         change = "lowers" if after < before else "raises"
         size = percent_text(min(abs(1 - after / before), MOST_CLOSED))
-        runs = f"the free run of {' and '.join(worse)} gets worse"
+        runs = f"the free run of {listed(worse or idle)} {'gets worse' if worse else 'does not get better'}"
         return f"{change} what is unexplained of the rate on {where} by {size}, but {runs}"
     if after > before:
         return f"widens the gap on {where} by {percent_text(after / before - 1)}"

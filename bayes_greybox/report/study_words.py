@@ -2,15 +2,19 @@
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
+from bayes_greybox.discovery.finding import STOPS
+from bayes_greybox.discovery.gap import worsened
 from bayes_greybox.discovery.study import StudyResult
+from bayes_greybox.discovery.suspects.channels import DELAY_STEPS, GAIN, GAIN_SD, OFFSET_SD
 from bayes_greybox.physics.simulation import FUNCTION, simulation_record
 
-from .formatting import nmse_text, number, percent_text
+from .formatting import estimate, interval, nmse_text, number, percent_text, probability_text, unit_text
 
 METRICS: dict[str, tuple[str, str]] = {
     "unexplained share": (
@@ -57,6 +61,54 @@ def name_of(study: StudyResult, slug: str) -> str:
     return " + ".join(named.get(part, part) for part in slug.split(" + "))
 
 
+def answer(study: StudyResult, equation: str) -> str:
+    """Which row of the hypotheses of an equation the study settled on: a set of effects, or what needs none."""
+    chosen, _ = marked(study, equation)
+    if chosen:
+        return together(chosen)
+    if len(study.maps) <= 1 and study.verdict in STOPS:
+        return study.verdict
+    # Of several equations the verdict is that of one; an equation without an effect has its likeliest row without one.
+    rows = study.hypotheses[study.hypotheses.index.get_level_values(0) == equation].droplevel(0)
+    rows = rows[rows.index.isin(STOPS)]
+    return str(rows["probability"].idxmax()) if len(rows) else study.verdict
+
+
+def together(slugs: Iterable[str]) -> str:
+    """The name of a set of effects in the tables of a study."""
+    return " + ".join(sorted(slugs))
+
+
+def set_label(study: StudyResult, name: str) -> str:
+    """A set of effects with its size; what needs none says so."""
+    return f"no effect: {name_of(study, name)}" if name in STOPS else name_of(study, name)
+
+
+def tied_sets(study: StudyResult, equation: str) -> list[str]:
+    """Sets that these data do not tell from an equation's answer: another effect in the place of one of it."""
+    chosen = study.effects.iloc[added(study)]
+    chosen = chosen[chosen["equation"] == equation]
+    slugs = list(chosen["slug"])
+    return [
+        together([*(slug for slug in slugs if slug != own), other])
+        for own, others in zip(chosen["slug"], chosen["tied_with"], strict=True)
+        for other in others
+    ]
+
+
+def free_run_errors(gap: pd.DataFrame) -> pd.DataFrame:
+    """Errors of the free runs by state, on held-out data where there are any; empty where none were integrated."""
+    rows = gap[gap.index.get_level_values("metric") == "free-run NRMSE"]
+    parts = rows.index.get_level_values("data")
+    return rows[parts == ("test" if "test" in parts else "train")].droplevel(["data", "metric"])
+
+
+def not_helped(gap: pd.DataFrame) -> tuple[str, ...]:
+    """States whose free run, on the mean, is no better after than before, though not surely worse."""
+    errors = free_run_errors(gap)
+    return tuple(str(name) for name in errors.index[~(errors["after"] < errors["before"])] if name not in worsened(gap))
+
+
 def marked(study: StudyResult, equation: str) -> tuple[list[str], list[str]]:
     """Slugs that were added to an equation, and those tied with them."""
     chosen = study.effects.iloc[added(study)]
@@ -92,6 +144,39 @@ def metric_interval(study: StudyResult, metric: str, lower: float, upper: float)
     if math.isnan(lower) or math.isnan(upper):
         return "–"
     return f"{metric_value(study, metric, lower)} to {metric_value(study, metric, upper)}"
+
+
+def suspect_size(row: Mapping[str, Any]) -> tuple[str, str, str]:
+    """Size of a suspect about the measurement, its 90 % interval in the same unit, and both in samples for a delay."""
+    if row["suspect"] == GAIN:
+        span = f"{percent_text(row['lower'])} to {percent_text(row['upper'])}"
+        return f"{percent_text(row['mean'])} ± {percent_text(row['sd'])}", span, "–"
+    if math.isnan(row["sd"]):
+        return (f"{number(row['mean'], 2)} {unit_text(row['unit'])}" if row["unit"] else "–"), "–", "–"
+    span, samples = interval(row["lower"], row["upper"]), "–"
+    if math.isfinite(row["samples"]):
+        samples = f"{number(row['samples'], 2)} ({interval(row['lower_samples'], row['upper_samples'])})"
+    return estimate(row["mean"], row["sd"], row["unit"]), span, samples
+
+
+def suspects_weighed(study: StudyResult) -> list[tuple[str, str]]:
+    """Every suspect about the measurement, and how likely and how large it was taken to be beforehand."""
+    odds = study.settings.get("prior odds")
+    if not odds:
+        return []
+    states, inputs = study.train.state_names, study.train.input_names
+    rates = [f"d({name})/dt" for name in study.maps]
+    delays = [*rates, *(["all states together"] if inputs else []), *(states if len(states) > 1 else ()), *inputs]
+    channels = [*rates, *states, *inputs]
+    each, noise = (probability_text(odds[key]) for key in ("suspect", "noise"))
+    of_rms = f"size ± {percent_text(OFFSET_SD, 0)} of the channel's RMS"
+    return [
+        (f"Delay of {', '.join(delays)}", f"{each} each; size ± {DELAY_STEPS:g} samples"),
+        (f"Gain of {', '.join(channels)}", f"{each} each; size ± {percent_text(GAIN_SD, 0)}"),
+        (f"Offset of {', '.join(channels)}", f"{each} each; {of_rms}"),
+        (f"Drift of {', '.join(rates)}", f"{each} each; {of_rms}"),
+        ("Noise that is correlated, that depends on the state, that has outliers", f"{noise} each"),
+    ]
 
 
 def concentration(row: Mapping[str, Any]) -> str:
