@@ -105,7 +105,7 @@ def _measurement(study: StudyResult, equation: str) -> Iterator[Doubt]:
     rows = study.instrument[study.instrument["equation"] == equation].to_dict("records")
     odd = [row for row in rows if row["status"] == IN_MODEL and abs(row["samples"]) > FAR * DELAY_STEPS]
     for row in odd:
-        text = f"{row['text']}: more than {FAR * DELAY_STEPS:g} samples, so hardly a delay"
+        text = f"more than {FAR * DELAY_STEPS:g} samples are hardly a delay: {row['text']}"
         yield Doubt("Measurement", text, True)
     likely = [row for row in rows if row["status"] != IN_MODEL and row["probability"] >= NOTABLE]
     if likely:
@@ -158,7 +158,8 @@ def _fails_sooner(study: StudyResult) -> str:
     for row in rows:
         if row["after"] < row["before"]:
             after, before = (metric_value(study, "time to failure", row[key]) for key in ("after", "before"))
-            return f"the amended model's free run fails after {after}, the simulation's after {before},"
+            before = f"after {before}" if math.isfinite(row["before"]) else before
+            return f"the amended model's free run fails after {after}, the simulation's {before},"
     return ""
 
 
