@@ -13,7 +13,7 @@ from bayes_greybox.discovery.study import StudyResult
 from bayes_greybox.discovery.suspects.channels import DELAY_STEPS
 
 from .formatting import listed, number, percent_text, probability_text
-from .study_words import added, answer, free_run_errors, metric_value, name_of, not_helped, shown_part
+from .study_words import added, answer, free_run_errors, metric_value, name_of, not_helped, share_text, shown_part
 
 NOTABLE = 1 - SURE
 """Another explanation speaks against the verdict from this probability on."""
@@ -22,10 +22,10 @@ FAR = 3.0
 """A delay of more than so many of its prior standard deviations is hardly one."""
 
 FINE = {
-    "whiteness": "residuals are white",
-    "LOO-PIT": "the noise has the shape that the model gives it",
+    "whiteness": "residuals are white ({})",
+    "LOO-PIT": "the noise has the shape that the model gives it (LOO-PIT, {})",
 }
-"""What a check that is passed says, by its name."""
+"""What a check that is passed says, by its name, with its p-value."""
 
 
 @dataclass(frozen=True)
@@ -64,8 +64,8 @@ def _said(doubt: Doubt) -> Doubt:
 def _checks(study: StudyResult, equation: str) -> Iterator[Doubt]:
     table = study.checks[study.checks.index.get_level_values("equation") == equation]
     for (_, name), row in zip(table.index, table.to_dict("records"), strict=True):
-        text = FINE[name] if row["ok"] else row["text"]
-        yield Doubt("Residuals", f"{text} ({name}, {p_text(row['p'])})", not row["ok"])
+        p = p_text(row["p"])
+        yield Doubt("Residuals", FINE[name].format(p) if row["ok"] else f"{row['text']} ({name}, {p})", not row["ok"])
     if not len(table):
         why = (
             "there is a rest of any shape beside what has a name, which takes up what the tests would find"
@@ -104,9 +104,9 @@ def _measurement(study: StudyResult, equation: str) -> Iterator[Doubt]:
     """Suspects that are not in the model, but likely; and delays that are too large for delays."""
     rows = study.instrument[study.instrument["equation"] == equation].to_dict("records")
     odd = [row for row in rows if row["status"] == IN_MODEL and abs(row["samples"]) > FAR * DELAY_STEPS]
-    for row in odd:
-        text = f"more than {FAR * DELAY_STEPS:g} samples are hardly a delay: {row['text']}"
-        yield Doubt("Measurement", text, True)
+    if odd:
+        texts = "; ".join(row["text"] for row in odd)
+        yield Doubt("Measurement", f"more than {FAR * DELAY_STEPS:g} samples are hardly a delay: {texts}", True)
     likely = [row for row in rows if row["status"] != IN_MODEL and row["probability"] >= NOTABLE]
     if likely:
         texts = "; ".join(f"{row['text']} (probability {probability_text(row['probability'])})" for row in likely)
@@ -176,8 +176,3 @@ def p_text(p: float) -> str:
     """A p-value as it is said: p = 0.337, p < 0.001."""
     text = probability_text(p)
     return f"p {text}" if text[0] in "<>" else f"p = {number(float(p), 2)}"
-
-
-def share_text(share: float) -> str:
-    """A share of the gap that is left; what does not show is not said to be nothing."""
-    return percent_text(max(share, 1e-9))

@@ -7,7 +7,7 @@ from bayes_greybox.discovery.instrument import IN_MODEL
 from bayes_greybox.discovery.study import StudyResult
 
 from .formatting import listed, number, percent_text, probability_text
-from .study_words import LIKELY, MOST_CLOSED, not_helped
+from .study_words import LIKELY, MOST_CLOSED, name_of, not_helped
 
 
 def sentence(study: StudyResult) -> str:
@@ -54,7 +54,8 @@ def _answer(study: StudyResult) -> str:
         )
     said = []
     for row in study.effects.query("status == 'added'").to_dict("records"):
-        tied = f", not to be told from {', '.join(row['tied_with'])}" if len(row["tied_with"]) else ""
+        tied = [name_of(study, slug).lower() for slug in row["tied_with"]]
+        tied = f", not to be told from {' or '.join(tied)}" if tied else ""
         p = probability_text(row["probability"])
         said.append(f"{row['name'].lower()} in d({row['equation']})/dt (probability {p}{tied})")
     if study.verdict == "unknown" or not said:

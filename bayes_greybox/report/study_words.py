@@ -48,6 +48,10 @@ MOST_CLOSED = 0.9999
 """Nobody is told that all of a gap is closed: what is left may only be less than the noise shows."""
 
 
+LEAST_LEFT = 1e-9
+"""So little of a gap is left at least, wherever it is printed."""
+
+
 def added(study: StudyResult) -> np.ndarray:
     """Row numbers of the effects that were added to the model."""
     return np.flatnonzero((study.effects["status"] == "added").to_numpy()) if len(study.effects) else np.zeros(0, int)
@@ -128,6 +132,11 @@ def metric_value(study: StudyResult, metric: str, value: float) -> str:
         unit = study.train.unit("t") or ""
         return "never" if not math.isfinite(value) else f"{number(value)} {unit}".strip()
     return nmse_text(value) if metric == "derivative NMSE" else percent_text(value)
+
+
+def share_text(share: float) -> str:
+    """A share of the gap that is left; what does not show is not said to be nothing."""
+    return percent_text(share if math.isnan(share) else max(share, LEAST_LEFT))
 
 
 def closed_text(closed: float) -> str:

@@ -45,7 +45,7 @@ def test_nothing_speaks_against_a_study_that_passed_all_its_checks(study):
     ]  # fmt: skip
     assert not any(each.against for each in found) and not study.against
     white, shape = found[:2]
-    assert white.text == f"Residuals are white (whiteness, {p_text(study.checks.loc[('ydot', 'whiteness'), 'p'])})"
+    assert white.text == f"Residuals are white ({p_text(study.checks.loc[('ydot', 'whiteness'), 'p'])})"
     assert p_text(study.checks.loc[("ydot", "LOO-PIT"), "p"]) in shape.text
 
 

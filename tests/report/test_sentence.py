@@ -28,7 +28,8 @@ def effects(*rows):
     """(name, probability, tied with, status if not added) of each effect, and one that was not added."""
     table = [("x", name, p, tied, *(status or ["added"])) for name, p, tied, *status in rows]
     table.append(("x", "Diode", 0.3, (), ""))
-    return pd.DataFrame(table, columns=["equation", "name", "probability", "tied_with", "status"])
+    made = pd.DataFrame(table, columns=["equation", "name", "probability", "tied_with", "status"])
+    return made.assign(slug=made["name"].str.lower().str.replace(" ", "-"))
 
 
 def instrument(*texts):
@@ -90,8 +91,8 @@ def test_a_probability_is_never_rounded_to_certainty(p, words):
 
 
 def test_effects_that_cannot_be_told_apart_are_said():
-    text = said("named", [("Cubic spring", 0.6, ("pendulum", "dead-zone"))])
-    assert "not to be told from pendulum, dead-zone" in text
+    text = said("one of", [("Cubic spring", 0.6, ("pendulum", "dead-zone")), ("Dead zone", 0.3, (), "one of")])
+    assert "not to be told from pendulum or dead zone" in text
 
 
 def test_partly_named_says_that_something_else_is_missing_too():

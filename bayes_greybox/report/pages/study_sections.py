@@ -1,6 +1,6 @@
 """The ladder of evidence of a missing-effect study, rung by rung, each a section of its page."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -9,6 +9,7 @@ import pandas as pd
 from bayes_greybox.discovery.instrument import IN_MODEL, LISTED
 from bayes_greybox.discovery.study import StudyResult
 from bayes_greybox.report import plots as figures
+from bayes_greybox.report.doubts import NOTABLE
 from bayes_greybox.report.formatting import estimate, formula, interval, number, percent_text, probability_text
 from bayes_greybox.report.study_words import (
     LIKELY,
@@ -19,6 +20,7 @@ from bayes_greybox.report.study_words import (
     metric_value,
     name_of,
     set_label,
+    share_text,
     suspect_size,
     suspects_weighed,
 )
@@ -28,6 +30,9 @@ from .tables import by_equation, settings_table, verdict_blocks
 
 MOST_EFFECTS = 8
 """Effects that are shown unfolded."""
+
+MOST_TIED = 3
+"""Effects that another is tied with, as the table names them."""
 
 STATUS = {"added": "in the model", "one of": "could stand in its place", "": "–"}
 """What a status of an effect is called."""
@@ -124,7 +129,7 @@ def sets(study: StudyResult) -> Section | None:
             str(k - 1),
             set_label(study, row["verdict"]),
             probability_text(row["probability"]),
-            percent_text(row["share_left"]),
+            share_text(row["share_left"]),
             name_of(study, row["runner_up"]) or "–",
             probability_text(row["runner_up_probability"]),
         )
@@ -275,7 +280,8 @@ def _effects(study: StudyResult, effects: pd.DataFrame) -> Table:
             estimate(row["mean"], row["sd"], row["unit"]),
             interval(row["lower"], row["upper"]),
             formula(row["expression"]),
-            ", ".join(name_of(study, slug) for slug in row["tied_with"]) or "–",
+            # What an improbable effect is tied with helps nobody.
+            _tied(study, row["tied_with"]) if row["status"] or row["probability"] >= NOTABLE else "–",
             *([STATUS[row["status"]]] if several else []),
         )
         for row in records
@@ -288,6 +294,12 @@ def _effects(study: StudyResult, effects: pd.DataFrame) -> Table:
     return _table(study, columns, rows, caption, marked)
 
 
+def _tied(study: StudyResult, slugs: Sequence[str]) -> str:
+    names = [name_of(study, slug) for slug in slugs]
+    more = [f"{len(names) - MOST_TIED} more"] if len(names) > MOST_TIED else []
+    return ", ".join([*names[:MOST_TIED], *more]) or "–"
+
+
 def _hypotheses(study: StudyResult) -> Table:
     table = study.hypotheses.sort_values("probability", ascending=False, kind="stable")
     rows = [
@@ -296,7 +308,7 @@ def _hypotheses(study: StudyResult) -> Table:
             _rate(equation),
             probability_text(row["probability"]),
             number(row["log_evidence"], 5),
-            percent_text(row["share_left"]),
+            share_text(row["share_left"]),
         )
         for (equation, slug), row in _records(table)
     ]

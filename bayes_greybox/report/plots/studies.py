@@ -15,7 +15,7 @@ from bayes_greybox.report.plots.gap.gap_map import plot_gap_curve, plot_gap_map
 from bayes_greybox.report.plots.gap.posteriors import Coefficient, plot_posteriors
 from bayes_greybox.report.plots.gap.ranking import plot_hypotheses, plot_rounds
 from bayes_greybox.report.study_numbers import added_draws, normal_band, support
-from bayes_greybox.report.study_words import added, answer, name_of, set_label, tied_sets
+from bayes_greybox.report.study_words import LEAST_LEFT, added, answer, name_of, set_label, tied_sets
 
 MOST_HYPOTHESES = 10
 """Hypotheses in the ranking's figure; a table has them all."""
@@ -92,7 +92,7 @@ def ranking(study: StudyResult, equation: str) -> Figure:
     tied = tied_sets(study, equation)
     return plot_hypotheses(
         [name_of(study, slug) for slug in table.index],
-        table["probability"].to_numpy(float), table["share_left"].to_numpy(float),
+        table["probability"].to_numpy(float), table["share_left"].clip(LEAST_LEFT).to_numpy(float),
         chosen=[name_of(study, answer(study, equation))], tied=[name_of(study, slug) for slug in tied],
         title=f"Hypotheses about d({equation})/dt",
     )  # fmt: skip
@@ -105,7 +105,7 @@ def rounds(study: StudyResult, equation: str) -> Figure:
     for row in table.to_dict("records"):
         if row["verdict"] != "no gap":
             labels.append(set_label(study, row["verdict"]))
-            left.append(row["share_left"])
+            left.append(np.maximum(row["share_left"], LEAST_LEFT))
     return plot_rounds(labels, np.array(left, float), title=f"Likeliest sets of each size, d({equation})/dt")
 
 
