@@ -13,7 +13,17 @@ from bayes_greybox.discovery.study import StudyResult
 from bayes_greybox.discovery.suspects.channels import DELAY_STEPS
 
 from .formatting import listed, number, percent_text, probability_text
-from .study_words import added, answer, free_run_errors, metric_value, name_of, not_helped, share_text, shown_part
+from .study_words import (
+    added,
+    answer,
+    free_run_errors,
+    metric_value,
+    name_of,
+    not_helped,
+    rows_of,
+    share_text,
+    shown_part,
+)
 
 NOTABLE = 1 - SURE
 """Another explanation speaks against the verdict from this probability on."""
@@ -62,8 +72,8 @@ def _said(doubt: Doubt) -> Doubt:
 
 
 def _checks(study: StudyResult, equation: str) -> Iterator[Doubt]:
-    table = study.checks[study.checks.index.get_level_values("equation") == equation]
-    for (_, name), row in zip(table.index, table.to_dict("records"), strict=True):
+    table = rows_of(study.checks, equation)
+    for name, row in zip(table.index, table.to_dict("records"), strict=True):
         p = p_text(row["p"])
         yield Doubt("Residuals", FINE[name].format(p) if row["ok"] else f"{row['text']} ({name}, {p})", not row["ok"])
     if not len(table):
@@ -77,23 +87,20 @@ def _checks(study: StudyResult, equation: str) -> Iterator[Doubt]:
 
 def _explanations(study: StudyResult, equation: str) -> Iterator[Doubt]:
     """What remains beside the answer, and the likeliest other explanation."""
-    if equation not in study.hypotheses.index.get_level_values(0):
-        return
-    table = study.hypotheses.xs(equation, level=0).sort_values("probability", ascending=False, kind="stable")
-    own = answer(study, equation)
-    if "unknown" in table.index:
-        p = float(table.loc["unknown", "probability"])
+    table = rows_of(study.hypotheses, equation).sort_values("probability", ascending=False, kind="stable")
+    own, records = answer(study, equation), table.to_dict("index")
+    if "unknown" in records:
+        p = float(records["unknown"]["probability"])
         text = f"the probability that something unknown is missing is {probability_text(p)}"
         if own == "unknown":
             yield Doubt("What remains", text, p < 0.5)
         else:
-            share = float(table.loc[own, "share_left"]) if own in table.index else math.nan
+            share = float(records[own]["share_left"]) if own in records else math.nan
             left = "" if math.isnan(share) else f"; beside the answer a rest carries {share_text(share)} of the gap"
             yield Doubt("What remains", f"{text}{left}", p >= NOTABLE or share >= NEGLIGIBLE)
-    others = table.drop(index=[own], errors="ignore")
-    if len(others):
-        name, row = str(others.index[0]), others.iloc[0]
-        p, q = (float(table["probability"].get(key, math.nan)) for key in (own, name))
+    name, row = next(((str(name), row) for name, row in records.items() if name != own), ("", {}))
+    if name:
+        p, q = (float(records[key]["probability"]) if key in records else math.nan for key in (own, name))
         text = f"{name_of(study, name)} with probability {probability_text(q)}, the answer {probability_text(p)}"
         if q > p and own in STOPS and name not in STOPS:
             text += f"; but it leaves {share_text(row['share_left'])} of the gap to something else"
@@ -102,7 +109,7 @@ def _explanations(study: StudyResult, equation: str) -> Iterator[Doubt]:
 
 def _measurement(study: StudyResult, equation: str) -> Iterator[Doubt]:
     """Suspects that are not in the model, but likely; and delays that are too large for delays."""
-    rows = study.instrument[study.instrument["equation"] == equation].to_dict("records")
+    rows = [row for row in study.instrument.to_dict("records") if row["equation"] == equation]
     odd = [row for row in rows if row["status"] == IN_MODEL and abs(row["samples"]) > FAR * DELAY_STEPS]
     if odd:
         texts = "; ".join(row["text"] for row in odd)
@@ -153,9 +160,8 @@ def _free_run(study: StudyResult) -> Doubt:
 
 
 def _fails_sooner(study: StudyResult) -> str:
-    table = study.gap[study.gap.index.get_level_values("metric") == "time to failure"]
-    rows = table[table.index.get_level_values("data") == shown_part(study)].to_dict("records")
-    for row in rows:
+    table = rows_of(rows_of(study.gap, "time to failure", "metric"), shown_part(study), "data")
+    for row in table.to_dict("records"):
         if row["after"] < row["before"]:
             after, before = (metric_value(study, "time to failure", row[key]) for key in ("after", "before"))
             before = f"after {before}" if math.isfinite(row["before"]) else before

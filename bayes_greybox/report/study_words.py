@@ -73,9 +73,14 @@ def answer(study: StudyResult, equation: str) -> str:
     if len(study.maps) <= 1 and study.verdict in STOPS:
         return study.verdict
     # Of several equations the verdict is that of one; an equation without an effect has its likeliest row without one.
-    rows = study.hypotheses[study.hypotheses.index.get_level_values(0) == equation].droplevel(0)
-    rows = rows[rows.index.isin(STOPS)]
-    return str(rows["probability"].idxmax()) if len(rows) else study.verdict
+    rows = rows_of(study.hypotheses, equation)
+    alone = {name: p for name, p in zip(rows.index, rows["probability"], strict=True) if name in STOPS}
+    return max(alone, key=lambda name: alone[name], default=study.verdict)
+
+
+def rows_of(table: pd.DataFrame, key: str, level: int | str = 0) -> pd.DataFrame:
+    """Rows of a table whose index has a value at a level, without that level; none where it has none."""
+    return table.xs(key, level=level) if key in table.index.get_level_values(level) else table.iloc[:0].droplevel(level)
 
 
 def together(slugs: Iterable[str]) -> str:
@@ -102,15 +107,15 @@ def tied_sets(study: StudyResult, equation: str) -> list[str]:
 
 def free_run_errors(gap: pd.DataFrame) -> pd.DataFrame:
     """Errors of the free runs by state, on held-out data where there are any; empty where none were integrated."""
-    rows = gap[gap.index.get_level_values("metric") == "free-run NRMSE"]
-    parts = rows.index.get_level_values("data")
-    return rows[parts == ("test" if "test" in parts else "train")].droplevel(["data", "metric"])
+    rows = rows_of(gap, "free-run NRMSE", "metric")
+    return rows_of(rows, "test" if "test" in rows.index.get_level_values("data") else "train", "data")
 
 
 def not_helped(gap: pd.DataFrame) -> tuple[str, ...]:
     """States whose free run, on the mean, is no better after than before, though not surely worse."""
     errors = free_run_errors(gap)
-    return tuple(str(name) for name in errors.index[~(errors["after"] < errors["before"])] if name not in worsened(gap))
+    better = dict(zip(errors.index, errors["after"] < errors["before"], strict=True))
+    return tuple(str(name) for name, good in better.items() if not good and name not in worsened(gap))
 
 
 def marked(study: StudyResult, equation: str) -> tuple[list[str], list[str]]:

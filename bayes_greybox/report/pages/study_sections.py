@@ -271,7 +271,7 @@ def _regions(study: StudyResult) -> Table:
 
 def _effects(study: StudyResult, effects: pd.DataFrame) -> Table:
     records = effects.to_dict("records")
-    several = (study.effects["status"] == "one of").any()
+    several = "one of" in set(study.effects["status"])
     rows = [
         (
             row["name"],

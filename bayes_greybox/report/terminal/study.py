@@ -42,7 +42,7 @@ def study_tables(study: StudyResult) -> Iterator[RenderableType]:
     if study.fit is not None and not convergence(study.fit).ok:
         yield Text(str(convergence(study.fit)), style="red")
     yield Group("", _against(study))
-    if (study.instrument["status"] == IN_MODEL).any():
+    if IN_MODEL in set(study.instrument["status"]):
         yield Group("", _measurement(study))
     if len(study.where):
         yield Group("", _where(study))
@@ -107,7 +107,7 @@ def _effects(study: StudyResult) -> Table:
         )
         for row in study.effects.head(MOST_EFFECTS).to_dict("records")
     ]
-    several = "; ~ could stand in its place" if (study.effects["status"] == "one of").any() else ""
+    several = "; ~ could stand in its place" if "one of" in set(study.effects["status"]) else ""
     title = f"Effects, best first (+ added to the model{several})"
     return _table(study, title, ("", "effect", "equation", "term", "#P", "#coefficient"), rows)
 
