@@ -165,14 +165,15 @@ class EquationStudy:
             (top, p), *rest = sorted(names.items(), key=lambda item: -item[1])
             second, q = rest[0] if rest else ("", np.nan)
             # The likeliest of those that are called so: what stands in a row is of one explanation.
-            world, e, _, share = next((w, x, r, s) for w, x, r, s in own if self._called(w, x) == top)
+            world, e = next((w, x) for w, x, _, _ in own if self._called(w, x) == top)
+            rest = e.kind == REST or PROCESS in world.model.names
             now = {world.evaluations.name(i) for i in e.effects}
             rows.append(
                 {
                     "equation": self.statistics.equation, "round": size + 1, "verdict": top,
                     "added": " + ".join(sorted(now - before)), "probability": p, "runner_up": second,
                     "runner_up_probability": q,
-                    "share_left": share if e.kind == REST else self._unexplained(world, e),
+                    "share_left": world.share_left(e) if rest else self._unexplained(world, e),
                 }
             )  # fmt: skip
             before = now
