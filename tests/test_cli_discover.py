@@ -36,7 +36,7 @@ ydot = "-y"
 catalogue = ["mechanical", "own.toml"]
 roles = { position = "y" }
 effects_at_most = 2
-odds = { no_gap = 0.5 }
+odds = { no_gap = 0.5, effects = 0.2 }
 
 [output]
 folder = "out"
@@ -78,6 +78,7 @@ def test_the_folder_has_the_report_the_record_the_study_the_figures_and_the_conf
     assert {"gap_map.png", "ranking.png", "free_run_y.png"} <= set(os.listdir("out/figures"))
     out = capsys.readouterr().out
     assert out.startswith("NAMED: ") and "cubic stiffness" in out and "out/gap.html" in out
+    assert "What speaks against it" in out and "Residuals are white" in out
 
 
 def test_the_record_is_plain_json(here, study, found):
@@ -91,8 +92,11 @@ def test_the_record_is_plain_json(here, study, found):
     best = record["effects"][0]
     assert (best["slug"], best["status"], best["tied_with"]) == ("cubic-stiffness", "added", [])
     assert {row["metric"] for row in record["gap"]} >= {"derivative NMSE", "free-run NRMSE"}
+    assert [(row["check"], row["ok"]) for row in record["checks"]] == [("whiteness", True), ("LOO-PIT", True)]
+    assert (record["against"], [each["against"] for each in record["doubts"] if each["against"]]) == ([], [])
+    assert [row["text"] for row in record["instrument"]] == list(study.instrument["text"])
     # Infinite and missing numbers, which JSON lacks.
-    assert record["rounds"][-1]["added"] == "" and "NaN" not in Path("out/summary.json").read_text()
+    assert record["rounds"][0]["added"] == "" and "NaN" not in Path("out/summary.json").read_text()
 
 
 def test_the_study_gets_what_the_file_and_the_options_say(here, found):
@@ -100,7 +104,7 @@ def test_the_study_gets_what_the_file_and_the_options_say(here, found):
     cli.main(["discover", "case.toml", "--quiet", "--draws", "30", "--seed", "5"])
     assert found["catalogue"] == ["mechanical", str(Path("own.toml"))]
     assert found["roles"] == {"position": "y"}
-    assert found["odds"] == bg.Odds(no_gap=0.5)
+    assert found["odds"] == bg.Odds(no_gap=0.5, effects=0.2)
     settings = ("effects_at_most", "draws", "tune", "chains", "seed", "progress")
     assert [found[name] for name in settings] == [2, 30, 1000, 4, 5, False]
     assert not {"settle", "free_runs", "target_accept"} & set(found)
@@ -241,6 +245,8 @@ def test_a_benchmark_gets_its_options_and_shows_what_must_hold(here, monkeypatch
     assert cli.main(["benchmark", "hidden-effects", "--families", "effects"]) == 0
     assert cli.main(["benchmark", "hidden-effects", "--families", "assumptions"]) == 0
     assert [kept for _, kept, _ in calls[2:]] == [all_cases(0), assumption_cases(0)]
+    capsys.readouterr()
+    assert "does not apply" in refuse(capsys, "benchmark", "confounding", "--families", "all")
     assert "0.917" in out and "nulls kept silent" in out and "Results are in b." in out and "nan" not in out
 
 

@@ -1,9 +1,12 @@
 """A real study, as small as it can be: a forced oscillator whose cubic spring was not in the simulation."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import cache
+from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from bayes_greybox.criticism.convergence import Verdict, convergence
 from bayes_greybox.data.trajectories import Trajectories
@@ -58,3 +61,36 @@ def judged(fit: Fit, ok: bool) -> Fit:
     again = replace(fit)
     again.memory[f"{convergence.__module__}.{convergence.__qualname__}"] = Verdict(ok, reasons)
     return again
+
+
+DELAYED: dict[str, Any] = {
+    "equation": "ydot", "suspect": "delay", "channel": "d(ydot)/dt", "probability": 0.99, "mean": 0.1, "sd": 0.01,
+    "lower": 0.084, "upper": 0.116, "unit": "s", "samples": 0.5, "lower_samples": 0.42, "upper_samples": 0.58,
+    "status": "in the model", "text": "d(ydot)/dt is 0.1 s late (0.5 samples)",
+}  # fmt: skip
+"""A row of `study.instrument`: the measured rate is half a sample late."""
+
+
+def varied(
+    study: Study,
+    instrument: Mapping[str, Any] | None = None,
+    checks: Mapping[str, tuple[float, str]] | None = None,
+    **changes: Any,
+) -> Study:
+    """The study as if a delay had been found, or checks had failed.
+
+    Args:
+        study: The study.
+        instrument: What the delay has beyond `DELAYED`; None for no delay.
+        checks: p-value and text of each failed check, which the verdict heeds.
+        changes: Further attributes.
+    """
+    if instrument is not None:
+        changes["instrument"] = pd.DataFrame([{**DELAYED, **instrument}])
+    if checks:
+        table = study.checks.copy()
+        for name, (p, text) in checks.items():
+            table.loc[("ydot", name), ["p", "ok", "text"]] = (p, False, text)
+        changes = {"verdict": "partly named", "against": tuple(text for _, text in checks.values()), **changes}
+        changes["checks"] = table
+    return replace(study, **changes)

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from bayes_greybox.data.row_noise import RowNoise
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.data.weighted_noise import WeightedNoise
 from bayes_greybox.discovery.evidence.with_discrepancy import Evaluator
@@ -86,6 +87,7 @@ def align(
     odds: Odds,
     most: int,
     report: Callable[[str], None] = lambda text: None,
+    under: RowNoise | None = None,
 ) -> Aligned:
     """Find delays and what is missing in turns.
 
@@ -97,6 +99,7 @@ def align(
         odds: Prior odds.
         most: Largest number of effects.
         report: Told in words what is being done.
+        under: Noise of the rows that delays are found under; that of the rows as they come by default.
     """
     measured, noise = smoothed(train)
     at_end = clipped({**train.states, **train.inputs, rate_channel(equation): train.rate(equation)}, train.run)
@@ -108,17 +111,18 @@ def align(
     rate, delays, probability = simulated, {}, {}
     data, statistics = measured, _without(sufficient_statistics(model, measured, equation, effects), at_end)
     evaluator = Evaluator(statistics.prior, statistics.kernel, np.asarray(statistics.basis.frequency))
-    before, moved, too_far = None, False, set()
+    before, moved, too_far, own_noise = None, False, set(), statistics.rows.noise
     for turn in range(TURNS):
         if turn:
             report("taking suspects along the rate with what was found")
         bare = statistics if not turn else _anew(model, data, equation, statistics, moved, at_end)
         columns = suspect_columns(data, equation, rate)
         bare.suspect([c for c in columns if c[0].key not in too_far])
-        evaluations = Evaluations(bare, odds, evaluator)
+        given = bare if under is None else bare.with_noise(under)
+        evaluations = Evaluations(given, odds, evaluator)
         always = tuple(
-            i for i in bare.of_kind("suspect")
-            if (s := bare.columns[i].suspect) is not None and s.kind == DELAY and s.channel in delays
+            i for i in given.of_kind("suspect")
+            if (s := given.columns[i].suspect) is not None and s.kind == DELAY and s.channel in delays
         )  # fmt: skip
         sets = Sets(evaluations, most, always=always)
         core = sets.likeliest()
@@ -128,10 +132,10 @@ def align(
         indices = evaluations.indices((*always, *core))
         moved = False
         for index, value in zip(indices, mean, strict=True):
-            suspect = bare.columns[index].suspect
+            suspect = given.columns[index].suspect
             if suspect is None:
                 continue
-            by = float(value) * bare.target_scale / bare.columns[index].scale
+            by = float(value) * given.target_scale / given.columns[index].scale
             late = delays.get(suspect.channel, 0.0) if suspect.kind == DELAY else 0.0
             if abs(late + by) > FURTHEST * suspect.sd:
                 # No sensor is so far off: it stands in for a gap, which is left to stand.
@@ -148,25 +152,36 @@ def align(
                 # Later it is in every set, so its probability is that of the turns before.
                 probability[suspect.channel] = max(probability.get(suspect.channel, 0.0), sets.probability(index))
             moved |= abs(by) > MOVED * suspect.step
-        statistics = bare
+        statistics = given
         if not moved and found == before:
             break
         before = found
         data = undone(measured, equation, delays)
         added = [
-            (bare.columns[i].term, float(b) * bare.target_scale / bare.columns[i].scale)
+            (given.columns[i].term, float(b) * given.target_scale / given.columns[i].scale)
             for i, b in zip(indices, mean, strict=True)
-            if bare.columns[i].term is not None
+            if given.columns[i].term is not None
         ]
 
         def rate(data: Trajectories, added=tuple(added)) -> np.ndarray:
             return simulated(data) + sum((b * np.asarray(term.evaluate(data.columns)) for term, b in added), 0.0)
 
+    if under is not None:
+        # Found under one noise, weighed under all.
+        back = given.with_noise(own_noise)
+        evaluations = Evaluations(back, odds, evaluator)
+        always = tuple(
+            i for i in back.of_kind("suspect") if _label(evaluations, i) in {_label_of(given, j) for j in always}
+        )
     return Aligned(data, evaluations, always, delays, probability, noise, at_end, rate)
 
 
 def _anew(
-    model: Program, data: Trajectories, equation: str, before: SufficientStatistics, moved: bool,
+    model: Program,
+    data: Trajectories,
+    equation: str,
+    before: SufficientStatistics,
+    moved: bool,
     at_end: Mapping[str, np.ndarray],
 ) -> SufficientStatistics:
     """Statistics without suspects, on data whose delays are undone, with the terms and inner parameters known so far."""
@@ -191,6 +206,12 @@ def _without(statistics: SufficientStatistics, at_end: Mapping[str, np.ndarray])
         return statistics
     out = np.any(list(at_end.values()), axis=0)
     return statistics.with_noise(WeightedNoise(noise, np.where(out, CLIPPED_SD, 1.0)))
+
+
+def _label_of(statistics: SufficientStatistics, index: int) -> str:
+    suspect = statistics.columns[index].suspect
+    assert suspect is not None
+    return suspect.key
 
 
 def _label(evaluations: Evaluations, index: int) -> str:

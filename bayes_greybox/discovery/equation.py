@@ -99,10 +99,12 @@ class EquationStudy:
     def hypotheses(self) -> pd.DataFrame:
         """No gap, recalibration, instrument, unknown, and each set of effects; probabilities sum to one."""
         weighed = self.finding.weighed
-        found: dict[str, list[float]] = {name: [p, -np.inf, np.nan] for name, p in weighed.by_kind.items() if name in STOPS}
+        found: dict[str, list[float]] = {
+            name: [p, -np.inf, np.nan] for name, p in weighed.by_kind.items() if name in STOPS
+        }
         top = weighed.worlds[0].offset
         for world, e, p, share in weighed.items:
-            name = self._named(world, e) if e.effects else weighed.kind(world, e)
+            name = self._called(world, e)
             entry = found.setdefault(name, [0.0, -np.inf, np.nan])
             if e.effects:
                 entry[0] += p * (1 - share)
@@ -164,26 +166,35 @@ class EquationStudy:
                 continue
             names: dict[str, float] = {}
             for w, e, p, _ in own:
-                name = self._named(w, e) if size else weighed.kind(w, e)
+                name = self._called(w, e)
                 names[name] = names.get(name, 0.0) + p
             (top, p), *rest = sorted(names.items(), key=lambda item: -item[1])
             second, q = rest[0] if rest else ("", np.nan)
-            world, e = own[0][0], next(x for w, x, _, _ in own if w is own[0][0] and x.kind != REST)
+            # The likeliest of those that are called so: what stands in a row is of one explanation.
+            world, e = next((w, x) for w, x, _, _ in own if self._called(w, x) == top)
+            rest = e.kind == REST or PROCESS in world.model.names
             now = {world.evaluations.name(i) for i in e.effects}
             rows.append(
                 {
                     "equation": self.statistics.equation, "round": size + 1, "verdict": top,
                     "added": " + ".join(sorted(now - before)), "probability": p, "runner_up": second,
-                    "runner_up_probability": q, "share_left": self._unexplained(world, e),
+                    "runner_up_probability": q,
+                    "share_left": world.share_left(e) if rest else self._unexplained(world, e),
                 }
             )  # fmt: skip
             before = now
         return pd.DataFrame(rows).set_index(["equation", "round"])
 
+    def _called(self, world: Any, e: Any) -> str:
+        return self._named(world, e) if e.effects else self.finding.weighed.kind(world, e)
+
     def _unexplained(self, world: Any, e: Any) -> float:
-        """Share of the gap's square that an explanation's columns leave, less the noise."""
+        """Share of the gap's square that an explanation's columns leave, less the noise; NaN where there is no gap."""
         noise = float(np.mean(self.coefficients.sigma)) ** 2
-        return float(np.clip((np.mean(world.residual(e) ** 2) - noise) / max(1.0 - noise, 1e-12), 0.0, 1.0))
+        residual = world.residual(e)
+        if 1.0 - noise < 2 * np.sqrt(2 / len(residual)):
+            return np.nan
+        return float(np.clip((np.mean(residual**2) - noise) / (1.0 - noise), 0.0, 1.0))
 
     def ties(self, data: Trajectories) -> list[dict[str, Any]]:
         """Tied effects and the experiment that would tell them apart."""
@@ -242,6 +253,12 @@ def study_equation(
     simulated = model.simulator(data).on(data, name)
     quantities = {**data.columns, f"simulated d({name})/dt": simulated, **_changing(data, aligned.rate)}
     found = worlds(aligned.evaluations, most, quantities, aligned.always, say)
+    if aligned.always and found[0].model.names:
+        # Under the wrong noise a delay may have been found that the right one knows nothing of.
+        again = align(model, train, name, effects, odds, most, say, found[0].model.noise)
+        if again.delays != aligned.delays:
+            aligned, data = again, again.data
+            found = worlds(aligned.evaluations, most, quantities, aligned.always, say)
     finding = decide(found)
     unit_of_time = train.units.get("t", "")
     rest = finding.explanation.kind == REST or PROCESS in finding.world.model.names
@@ -288,7 +305,9 @@ def _with_noisy_states(finding: Finding, aligned: Aligned, unit: str) -> Finding
     if finding.verdict == "unknown" and gap < AS_LARGE * spurious:
         return replace(finding, verdict="instrument")
     names = ", ".join(aligned.sample_noise)
-    return finding.capped([f"noise on the samples of {names} acts like a force of {spurious * scale:.2g} {unit}".rstrip()])
+    return finding.capped(
+        [f"noise on the samples of {names} acts like a force of {spurious * scale:.2g} {unit}".rstrip()]
+    )
 
 
 def _changing(data: Trajectories, rate: Callable) -> dict[str, np.ndarray]:

@@ -236,9 +236,7 @@ def decide(found: Sequence[World]) -> Finding:
         if finding.verdict != "unknown":
             return finding
         top = "unknown"
-    world, e, share = next(
-        (w, e, s) for w, e, _, s in weighed.items if not e.effects and weighed.kind(w, e) == top
-    )
+    world, e, share = next((w, e, s) for w, e, _, s in weighed.items if not e.effects and weighed.kind(w, e) == top)
     # What only imitates the unknown is not added to anybody's model; the tables show that it was weighed.
     remainder = weighed.by_kind["unknown"]
     return Finding(found, top, (), e, world, remainder, 1.0 if top == "unknown" else share, (), weighed)
@@ -249,7 +247,9 @@ def _named(weighed: Weighed, chosen: tuple[str, ...]) -> Finding:
     own = [(w, e, p, s) for w, e, p, s in weighed.items if weighed.names(w, e) == chosen]
     mass = sum(p for _, _, p, _ in own)
     world, e, _, _ = own[0]
-    left = [(p, w.share_left(x)) for w, x, p, _ in own if (x.kind == REST or PROCESS in w.model.names) and p > FAINT * mass]
+    left = [
+        (p, w.share_left(x)) for w, x, p, _ in own if (x.kind == REST or PROCESS in w.model.names) and p > FAINT * mass
+    ]
     remainder = sum(p for p, _ in left) / mass
     share = sum(p * s for p, s in left) / sum(p for p, _ in left) if left else 0.0
     against = ()

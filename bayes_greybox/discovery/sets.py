@@ -371,9 +371,18 @@ class Sets:
         found = []
         for c in best:
             value, share = at_mode[c], np.nan
-            if c in finalists and weight.get(c, -np.inf) > top - WINDOW or c == () or at_mode[c] + prior[c] > top - WINDOW and c in finalists:
+            if (
+                c in finalists
+                and weight.get(c, -np.inf) > top - WINDOW
+                or c == ()
+                or at_mode[c] + prior[c] > top - WINDOW
+                and c in finalists
+            ):
                 integrated = known.integrated((*self.always, *c))
-                value, share = integrated.log_evidence + known.inner_weight(c), self.share((*self.always, *c), integrated)
+                value, share = (
+                    integrated.log_evidence + known.inner_weight(c),
+                    self.share((*self.always, *c), integrated),
+                )
             suspects, effects = self._parted(c)
             signs = self._signs(c) if effects else 0.0
             found.append(Explanation(suspects, effects, REST, value + signs + prior[c], value + signs, share))

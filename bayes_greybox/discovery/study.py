@@ -31,6 +31,7 @@ from .where import GapMap, GapTrace
 
 AnyProgram = TypeVar("AnyProgram", bound=Program)
 
+
 @dataclass(frozen=True)
 class StudyResult:
     """What is missing from a simulation, with the evidence.

@@ -267,7 +267,13 @@ class SufficientStatistics:
         keep = list(range(first))
         for i in range(first, len(self.columns)):
             # A suspect may well be a sum of the simulation's own terms: with one number it says what they say with many.
-            base = [j for j in own if j != i and j in keep and not (self.columns[i].kind == "suspect" and self.columns[j].kind == "correction")]
+            base = [
+                j
+                for j in own
+                if j != i
+                and j in keep
+                and not (self.columns[i].kind == "suspect" and self.columns[j].kind == "correction")
+            ]
             norm = self.products[i, i]
             if base:
                 G, g = self.products[np.ix_(base, base)], self.products[base, i]

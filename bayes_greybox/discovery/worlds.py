@@ -222,4 +222,3 @@ def weights(found: Sequence[World]) -> Float[np.ndarray, " n_world"]:
     """Posterior probability of each world."""
     totals = np.array([w.total for w in found])
     return np.exp(totals - np.logaddexp.reduce(totals))
-

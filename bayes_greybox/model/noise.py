@@ -119,7 +119,10 @@ def find_noise(
     psi, choices = _features(rows, discrepancy)
     model = known
     for _ in range(TURNS):
-        before, model = model, _found(noise, _residual(X, psi, choices, y, model, prior), known, rows, quantities, prior)
+        before, model = (
+            model,
+            _found(noise, _residual(X, psi, choices, y, model, prior), known, rows, quantities, prior),
+        )
         if _settled(before, model):
             break
     return model
@@ -164,7 +167,11 @@ def _residual(
     """Target less the ridge fit under some noise, with the prior of f that has the highest evidence."""
     both = np.column_stack([X, psi])
     white = model.noise.whiten(np.column_stack([both, y]))
-    gram, product, square = white[:, :-1].T @ white[:, :-1], white[:, :-1].T @ white[:, -1], float(np.sum(white[:, -1] ** 2))
+    gram, product, square = (
+        white[:, :-1].T @ white[:, :-1],
+        white[:, :-1].T @ white[:, -1],
+        float(np.sum(white[:, -1] ** 2)),
+    )
     best, mean = -math.inf, np.zeros(both.shape[1])
     for spread in choices:
         sd = np.concatenate([np.full(X.shape[1], RIDGE), spread])

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Mapping
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ from bayes_greybox.discovery.study import StudyResult
 from bayes_greybox.inference.netcdf import versions
 from bayes_greybox.inference.posterior import Posterior
 
+from .doubts import doubts
 from .sentence import sentence
 
 
@@ -78,7 +80,8 @@ def study_record(study: StudyResult, sampling: Mapping[str, Any]) -> dict[str, A
         sampling: Settings of the sampler.
 
     Returns:
-        Verdict, its sentence, convergence of the amended model's fit, every table, data and settings.
+        Verdict, its sentence, what speaks against it, convergence of the amended model's fit, every table, data and
+        settings.
     """
     fit, test = study.fit, study.test
     return plain_values(
@@ -86,6 +89,7 @@ def study_record(study: StudyResult, sampling: Mapping[str, Any]) -> dict[str, A
             "verdict": study.verdict,
             "sentence": sentence(study),
             **study.record(),
+            "doubts": [asdict(each) for each in doubts(study)],
             "convergence": None if fit is None else _verdict(convergence(fit)),
             "data": {"train": study.train.n_obs, "test": None if test is None else test.n_obs},
             "sampling": dict(sampling),

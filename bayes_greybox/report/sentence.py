@@ -6,8 +6,8 @@ from bayes_greybox.discovery.gap import worsened
 from bayes_greybox.discovery.instrument import IN_MODEL
 from bayes_greybox.discovery.study import StudyResult, worse_in_words
 
-from .formatting import number, percent_text, probability_text
-from .study_words import LIKELY, MOST_CLOSED
+from .formatting import listed, number, percent_text, probability_text
+from .study_words import LIKELY, MOST_CLOSED, name_of, not_helped
 
 
 def sentence(study: StudyResult) -> str:
@@ -39,7 +39,8 @@ def _answer(study: StudyResult) -> str:
     if study.verdict == "no gap":
         return "Nothing is missing: simulation and measurements agree to within the noise."
     if study.verdict == "instrument":
-        return f"No effect is missing, it is the measurement: {'; '.join(measurement_in_words(study))}."
+        found = "; ".join(measurement_in_words(study)) or "what of it the data cannot say"
+        return f"No effect is missing, it is the measurement: {found}."
     if study.verdict == "recalibrate":
         off = study.corrections[study.corrections["probability"] > LIKELY]
         right = "; ".join(
@@ -53,7 +54,8 @@ def _answer(study: StudyResult) -> str:
         )
     said = []
     for row in study.effects.query("status == 'added'").to_dict("records"):
-        tied = f", not to be told from {', '.join(row['tied_with'])}" if len(row["tied_with"]) else ""
+        tied = [name_of(study, slug).lower() for slug in row["tied_with"]]
+        tied = f", not to be told from {' or '.join(tied)}" if tied else ""
         p = probability_text(row["probability"])
         said.append(f"{row['name'].lower()} in d({row['equation']})/dt (probability {p}{tied})")
     if study.verdict == "unknown" or not said:
@@ -89,11 +91,13 @@ def closed_in_words(gap: pd.DataFrame) -> str:
     before, after = shares.loc["test" if held_out else "train", ["before", "after"]].sum()
     if not before > 0:
         return f"leaves no gap on {where}"
-    worse = worsened(gap)
-    if worse:
+    worse, idle = worsened(gap), not_helped(gap)
+    if worse or idle:
+        # What is claimed closed is closed in the free run too.
         change = "lowers" if after < before else "raises"
         size = percent_text(min(abs(1 - after / before), MOST_CLOSED))
         runs = " and ".join(worse_in_words(key) for key in worse)
+        runs = runs or f"the free run of {listed(idle)} does not get better"
         return f"{change} what is unexplained of the rate on {where} by {size}, but {runs}"
     if after > before:
         return f"widens the gap on {where} by {percent_text(after / before - 1)}"

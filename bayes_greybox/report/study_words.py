@@ -2,15 +2,19 @@
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
+from bayes_greybox.discovery.finding import STOPS
+from bayes_greybox.discovery.gap import worsened
 from bayes_greybox.discovery.study import StudyResult
+from bayes_greybox.discovery.suspects.channels import DELAY_STEPS, GAIN, GAIN_SD, OFFSET_SD
 from bayes_greybox.physics.simulation import FUNCTION, simulation_record
 
-from .formatting import nmse_text, number, percent_text
+from .formatting import estimate, interval, nmse_text, number, percent_text, probability_text, unit_text
 
 METRICS: dict[str, tuple[str, str]] = {
     "unexplained share": (
@@ -44,6 +48,10 @@ MOST_CLOSED = 0.9999
 """Nobody is told that all of a gap is closed: what is left may only be less than the noise shows."""
 
 
+LEAST_LEFT = 1e-9
+"""So little of a gap is left at least, wherever it is printed."""
+
+
 def added(study: StudyResult) -> np.ndarray:
     """Row numbers of the effects that were added to the model."""
     return np.flatnonzero((study.effects["status"] == "added").to_numpy()) if len(study.effects) else np.zeros(0, int)
@@ -55,6 +63,59 @@ def name_of(study: StudyResult, slug: str) -> str:
     if slug in NAMES:
         return NAMES[slug]
     return " + ".join(named.get(part, part) for part in slug.split(" + "))
+
+
+def answer(study: StudyResult, equation: str) -> str:
+    """Which row of the hypotheses of an equation the study settled on: a set of effects, or what needs none."""
+    chosen, _ = marked(study, equation)
+    if chosen:
+        return together(chosen)
+    if len(study.maps) <= 1 and study.verdict in STOPS:
+        return study.verdict
+    # Of several equations the verdict is that of one; an equation without an effect has its likeliest row without one.
+    rows = rows_of(study.hypotheses, equation)
+    alone = {name: p for name, p in zip(rows.index, rows["probability"], strict=True) if name in STOPS}
+    return max(alone, key=lambda name: alone[name], default=study.verdict)
+
+
+def rows_of(table: pd.DataFrame, key: str, level: int | str = 0) -> pd.DataFrame:
+    """Rows of a table whose index has a value at a level, without that level; none where it has none."""
+    return table.xs(key, level=level) if key in table.index.get_level_values(level) else table.iloc[:0].droplevel(level)
+
+
+def together(slugs: Iterable[str]) -> str:
+    """The name of a set of effects in the tables of a study."""
+    return " + ".join(sorted(slugs))
+
+
+def set_label(study: StudyResult, name: str) -> str:
+    """A set of effects with its size; what needs none says so."""
+    return f"no effect: {name_of(study, name)}" if name in STOPS else name_of(study, name)
+
+
+def tied_sets(study: StudyResult, equation: str) -> list[str]:
+    """Sets that these data do not tell from an equation's answer: another effect in the place of one of it."""
+    chosen = study.effects.iloc[added(study)]
+    chosen = chosen[chosen["equation"] == equation]
+    slugs = list(chosen["slug"])
+    return [
+        together([*(slug for slug in slugs if slug != own), other])
+        for own, others in zip(chosen["slug"], chosen["tied_with"], strict=True)
+        for other in others
+    ]
+
+
+def free_run_errors(gap: pd.DataFrame) -> pd.DataFrame:
+    """Errors of the free runs by state, on held-out data where there are any; empty where none were integrated."""
+    rows = rows_of(gap, "free-run NRMSE", "metric")
+    return rows_of(rows, "test" if "test" in rows.index.get_level_values("data") else "train", "data")
+
+
+def not_helped(gap: pd.DataFrame) -> tuple[str, ...]:
+    """States whose free run, on the mean, is no better after than before, though not surely worse."""
+    errors = free_run_errors(gap)
+    better = dict(zip(errors.index, errors["after"] < errors["before"], strict=True))
+    return tuple(str(name) for name, good in better.items() if not good and name not in worsened(gap))
 
 
 def marked(study: StudyResult, equation: str) -> tuple[list[str], list[str]]:
@@ -78,6 +139,11 @@ def metric_value(study: StudyResult, metric: str, value: float) -> str:
     return nmse_text(value) if metric == "derivative NMSE" else percent_text(value)
 
 
+def share_text(share: float) -> str:
+    """A share of the gap that is left; what does not show is not said to be nothing."""
+    return percent_text(share if math.isnan(share) else max(share, LEAST_LEFT))
+
+
 def closed_text(closed: float) -> str:
     """What became of the gap, in words."""
     if not math.isfinite(closed):
@@ -96,6 +162,39 @@ def metric_interval(study: StudyResult, metric: str, lower: float, upper: float)
     if math.isnan(lower) or math.isnan(upper):
         return "–"
     return f"{metric_value(study, metric, lower)} to {metric_value(study, metric, upper)}"
+
+
+def suspect_size(row: Mapping[str, Any]) -> tuple[str, str, str]:
+    """Size of a suspect about the measurement, its 90 % interval in the same unit, and both in samples for a delay."""
+    if row["suspect"] == GAIN:
+        span = f"{percent_text(row['lower'])} to {percent_text(row['upper'])}"
+        return f"{percent_text(row['mean'])} ± {percent_text(row['sd'])}", span, "–"
+    if math.isnan(row["sd"]):
+        return (f"{number(row['mean'], 2)} {unit_text(row['unit'])}" if row["unit"] else "–"), "–", "–"
+    span, samples = interval(row["lower"], row["upper"]), "–"
+    if math.isfinite(row["samples"]):
+        samples = f"{number(row['samples'], 2)} ({interval(row['lower_samples'], row['upper_samples'])})"
+    return estimate(row["mean"], row["sd"], row["unit"]), span, samples
+
+
+def suspects_weighed(study: StudyResult) -> list[tuple[str, str]]:
+    """Every suspect about the measurement, and how likely and how large it was taken to be beforehand."""
+    odds = study.settings.get("prior odds")
+    if not odds:
+        return []
+    states, inputs = study.train.state_names, study.train.input_names
+    rates = [f"d({name})/dt" for name in study.maps]
+    delays = [*rates, *(["all states together"] if inputs else []), *(states if len(states) > 1 else ()), *inputs]
+    channels = [*rates, *states, *inputs]
+    each, noise = (probability_text(odds[key]) for key in ("suspect", "noise"))
+    of_rms = f"size ± {percent_text(OFFSET_SD, 0)} of the channel's RMS"
+    return [
+        (f"Delay of {', '.join(delays)}", f"{each} each; size ± {DELAY_STEPS:g} samples"),
+        (f"Gain of {', '.join(channels)}", f"{each} each; size ± {percent_text(GAIN_SD, 0)}"),
+        (f"Offset of {', '.join(channels)}", f"{each} each; {of_rms}"),
+        (f"Drift of {', '.join(rates)}", f"{each} each; {of_rms}"),
+        ("Noise that is correlated, that depends on the state, that has outliers", f"{noise} each"),
+    ]
 
 
 def concentration(row: Mapping[str, Any]) -> str:

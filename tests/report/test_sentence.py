@@ -3,19 +3,20 @@
 import pandas as pd
 import pytest
 
+from bayes_greybox.discovery.instrument import IN_MODEL
 from bayes_greybox.discovery.study import StudyResult
 from bayes_greybox.report.sentence import sentence
 
 INDEX = ["data", "metric", "variable"]
 
 
-def gap_table(**parts):
-    """Unexplained shares before and after, by part and beside a metric that is not spoken of."""
+def gap_table(run=(9.0, 0.1, 0.1), **parts):
+    """Unexplained shares before and after by part, beside a free run's error before, after, and its lower end."""
     rows = {}
     for part, (before, after) in parts.items():
-        rows[(part, "unexplained share", "x")] = (before, after)
-        rows[(part, "free-run NRMSE", "x")] = (9.0, 0.1)
-    table = pd.DataFrame.from_dict(rows, orient="index", columns=["before", "after"])
+        rows[(part, "unexplained share", "x")] = (before, after, after)
+        rows[(part, "free-run NRMSE", "x")] = run
+    table = pd.DataFrame.from_dict(rows, orient="index", columns=["before", "after", "lower"])
     table.index = pd.MultiIndex.from_tuples(table.index, names=INDEX)
     return table
 
@@ -24,9 +25,17 @@ CLOSED = gap_table(test=(0.4, 0.1))
 
 
 def effects(*rows):
-    """(name, probability, tied with) of each effect that was added, and one that was not."""
-    table = [("x", name, p, tied, "added") for name, p, tied in rows] + [("x", "Diode", 0.3, (), "")]
-    return pd.DataFrame(table, columns=["equation", "name", "probability", "tied_with", "status"])
+    """(name, probability, tied with, status if not added) of each effect, and one that was not added."""
+    table = [("x", name, p, tied, *(status or ["added"])) for name, p, tied, *status in rows]
+    table.append(("x", "Diode", 0.3, (), ""))
+    made = pd.DataFrame(table, columns=["equation", "name", "probability", "tied_with", "status"])
+    return made.assign(slug=made["name"].str.lower().str.replace(" ", "-"))
+
+
+def instrument(*texts):
+    """What is in the model of the measurement, and a suspect that is not."""
+    table = [*((text, IN_MODEL) for text in texts), ("u is 9 s late", "")]
+    return pd.DataFrame(table, columns=["text", "status"])
 
 
 def corrections(**given):
@@ -36,9 +45,12 @@ def corrections(**given):
     return table
 
 
-def said(verdict, added=(), gap=CLOSED, **off):
+def said(verdict, added=(), gap=CLOSED, measured=(), against=(), **off):
     study = object.__new__(StudyResult)
-    study.__dict__.update(verdict=verdict, effects=effects(*added), gap=gap, corrections=corrections(**off))
+    study.__dict__.update(
+        verdict=verdict, effects=effects(*added), gap=gap, corrections=corrections(**off),
+        instrument=instrument(*measured), against=tuple(against),
+    )  # fmt: skip
     return sentence(study).replace("\u00a0", " ")
 
 
@@ -79,8 +91,8 @@ def test_a_probability_is_never_rounded_to_certainty(p, words):
 
 
 def test_effects_that_cannot_be_told_apart_are_said():
-    text = said("named", [("Cubic spring", 0.6, ("pendulum", "dead-zone"))])
-    assert "not to be told from pendulum, dead-zone" in text
+    text = said("one of", [("Cubic spring", 0.6, ("pendulum", "dead-zone")), ("Dead zone", 0.3, (), "one of")])
+    assert "not to be told from pendulum or dead zone" in text
 
 
 def test_partly_named_says_that_something_else_is_missing_too():
@@ -136,7 +148,38 @@ def test_without_held_out_data_the_gap_is_that_on_the_training_data():
 
 
 def test_the_gaps_of_several_equations_are_added_up():
-    gap = pd.concat([CLOSED, CLOSED.rename(index={"x": "z"}) * [1.0, 4.0]])
+    gap = pd.concat([CLOSED, CLOSED.rename(index={"x": "z"}) * [1.0, 4.0, 4.0]])
     # 0.4 and 0.4 before, 0.1 and 0.4 after.
     assert "widens" not in said("named", [("Cubic spring", 0.87, ())], gap)
     assert "closes 37.5 % of the gap" in said("named", [("Cubic spring", 0.87, ())], gap)
+
+
+def test_partly_named_with_failed_checks_says_what_failed():
+    text = said("partly named", [("Cubic spring", 0.87, ())], against=["residuals hang together over 0.4 s"])
+    assert "cubic spring in d(x)/dt (probability 0.870), but that is not all; adding it closes 75.0 %" in text
+    assert text.endswith("Against it: residuals hang together over 0.4 s.")
+
+
+def test_one_of_lists_what_could_stand_in_the_place_of_the_likeliest():
+    rows = [("Cubic spring", 0.6, ("sine",)), ("Pendulum", 0.3, (), "one of"), ("Dead zone", 0.08, (), "one of")]
+    text = said("one of", rows)
+    assert text.startswith("Something is missing, most likely cubic spring in d(x)/dt (probability 0.600")
+    assert "or in its place pendulum (0.300) or dead zone (0.080); adding the likeliest closes 75.0 %" in text
+
+
+def test_the_instrument_is_said_alone_or_beside_what_is_missing():
+    assert said("instrument", measured=["a is 9 ms late"]) == (
+        "No effect is missing, it is the measurement: a is 9 ms late."
+    )
+    text = said("named", [("Cubic spring", 0.97, ())], measured=["a is 9 ms late", "its noise grows with |y|"])
+    assert text.endswith("Of the measurement: a is 9 ms late; its noise grows with |y|.")
+    assert "u is 9 s late" not in text
+    assert "of it the data cannot say" in said("instrument")
+
+
+@pytest.mark.parametrize("lower", [0.5, 0.1])
+def test_no_gap_is_called_closed_that_the_free_run_denies(lower):
+    text = said("partly named", [("Cubic spring", 0.97, ())], gap_table((0.2, 0.5, lower), test=(0.4, 0.1)))
+    assert "closes" not in text
+    how = "gets worse" if lower > 0.2 else "does not get better"
+    assert f"lowers what is unexplained of the rate on held-out data by 75.0 %, but the free run of x {how}" in text

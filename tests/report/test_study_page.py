@@ -9,6 +9,7 @@ import pytest
 from tiny_study import judged
 
 from bayes_greybox.data.errors import InputError
+from bayes_greybox.discovery.finding import VERDICTS
 from bayes_greybox.report.formatting import (
     estimate,
     formula,
@@ -91,6 +92,7 @@ def test_the_verdict_comes_first_then_the_numbers_then_the_evidence(study, html)
     order = [
         "Named",
         " ".join(study.sentence.split()),
+        "What speaks against it",
         "The gap before and after, on held-out data",
         "Where simulation and measurement",
     ]
@@ -98,10 +100,10 @@ def test_the_verdict_comes_first_then_the_numbers_then_the_evidence(study, html)
     assert places == sorted(places)
     anchors = [attributes["id"] for attributes in page.of("section")]
     assert anchors == [
-        "numbers", "where", "what", "how-much", "free-run", "gap", "rounds", "convergence", "corrections", "ties",
-        "settings",
+        "against", "numbers", "where", "what", "measurement", "how-much", "free-run", "gap", "sets", "convergence",
+        "corrections", "ties", "settings",
     ]  # fmt: skip
-    assert [a["href"] for a in page.of("a")] == [f"#{anchor}" for anchor in anchors[1:]]
+    assert [a["href"] for a in page.of("a")] == [f"#{anchor}" for anchor in anchors[2:]]
 
 
 def test_the_page_is_one_file_that_fetches_nothing(html):
@@ -150,12 +152,13 @@ def test_the_same_study_makes_the_same_file(study, html, tmp_path):
     assert (tmp_path / "again.html").read_text(encoding="utf-8") == html
 
 
-@pytest.mark.parametrize("verdict", ["no gap", "recalibrate", "named", "partly named", "unknown"])
+@pytest.mark.parametrize("verdict", VERDICTS)
 def test_every_verdict_has_its_own_badge(study, verdict):
     page = outline(study, verdict=verdict, **PLAIN)
     said = " ".join(sentence(replace(study, verdict=verdict)).split())
     assert BADGES[verdict].text in page.text.split(said)[0]
-    assert len({(badge.text, badge.symbol) for badge in BADGES.values()}) == 5
+    assert list(BADGES) == list(VERDICTS)
+    assert len({(badge.text, badge.symbol) for badge in BADGES.values()}) == len(VERDICTS)
 
 
 def test_a_fit_that_did_not_converge_says_so_before_anything_else(study):
@@ -185,13 +188,18 @@ def test_what_a_study_lacks_is_left_out_without_a_gap(study):
         "corrections": study.corrections.iloc[:0],
         "where": study.where.iloc[:0],
         "rounds": study.rounds.iloc[:0],
+        "instrument": study.instrument.iloc[:0],
+        "checks": study.checks.iloc[:0],
         "ties": [],
         "paths": {},
         "left_out": {},
     }
     page = outline(study, verdict="no gap", **nothing)
     anchors = [attributes["id"] for attributes in page.of("section")]
-    assert anchors == ["numbers", "where", "what", "how-much", "gap", "convergence", "settings"]
+    assert anchors == [
+        "against", "numbers", "where", "what", "measurement", "how-much", "gap", "convergence", "settings",
+    ]  # fmt: skip
+    assert "found unlikely: each has a probability below 1.0 %" in page.text
     assert "No effect was added" in page.text and "No region and no stretch" in page.text
     assert "[simulation]" not in page.text
     assert "nan" not in page.text.lower().split()
@@ -289,6 +297,7 @@ def test_the_terminal_has_the_sentence_first_and_fits_80_columns(study):
         console.print(part)
     text = console.export_text().replace("\u00a0", " ")
     assert text.startswith("NAMED: The simulation lacks cubic stiffness")
+    assert text.index("What speaks against it") < text.index("Where the gap is") and "✗  Sampler" in text
     closed = percent_text(study.gap.loc[("test", "free-run NRMSE", "y"), "closed"]).replace("\u00a0", " ")
     assert "Not converged" in text and "+  Cubic stiffness" in text and closed in text and "train" not in text
     assert "…" not in text

@@ -132,7 +132,9 @@ def correlation_length(posterior: Posterior, equation: str) -> int:
     residual = _residual(posterior, equation)
     n = len(residual)
     most = max(1, n // LEAST_BLOCKS)
-    rho, pairs = _autocorrelation(residual - residual.mean(), posterior.equations[equation].rows.noise.run_lengths, 2 * most)
+    rho, pairs = _autocorrelation(
+        residual - residual.mean(), posterior.equations[equation].rows.noise.run_lengths, 2 * most
+    )
     # n_j ρ_j² with ρ_j per pair; lags longer than every run have no pairs, and nothing to hang together.
     scaled = np.cumsum(np.where(pairs > 0, (n * rho) ** 2 / np.maximum(pairs, 1), 0.0))
     scatter = np.cumsum(rho**2)

@@ -44,6 +44,15 @@ class Card:
 
 
 @dataclass(frozen=True)
+class Finding:
+    """Something that was looked at; tone is "bad" where it speaks against the verdict, "good" or "quiet"."""
+
+    topic: str
+    text: str
+    tone: str
+
+
+@dataclass(frozen=True)
 class Words:
     """A paragraph; "plain", or an "alert" that must not be overlooked."""
 
@@ -142,6 +151,8 @@ class Page:
         badges: The verdict in a word, and what qualifies it.
         facts: What was analysed, in a few words each.
         alerts: What must be known before anything is believed.
+        findings: What speaks against the verdict and what does not, within the first screen.
+        findings_title: What it is headed with.
         cards: Numbers that matter, before and after.
         cards_title: What they are measured on.
         sections: The rest.
@@ -154,6 +165,8 @@ class Page:
     badges: Sequence[Badge] = ()
     facts: Sequence[str] = ()
     alerts: Sequence[str] = ()
+    findings: Sequence[Finding] = ()
+    findings_title: str = ""
     cards: Sequence[Card] = ()
     cards_title: str = ""
     sections: Sequence[Section] = field(default_factory=tuple)

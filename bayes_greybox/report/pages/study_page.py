@@ -7,17 +7,20 @@ import numpy as np
 from bayes_greybox.criticism.convergence import convergence
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.study import StudyResult
+from bayes_greybox.report.doubts import doubts
 from bayes_greybox.report.sentence import sentence
 from bayes_greybox.report.study_words import METRICS, closed_text, metric_value, shown_part
 
 from . import study_sections as rungs
-from .page import Badge, Card, Page, write_page
+from .page import Badge, Card, Finding, Page, write_page
 from .tables import footer
 
 BADGES = {
     "no gap": Badge("No gap", "good", "✓"),
+    "instrument": Badge("The measurement", "warn", "∿"),
     "recalibrate": Badge("Recalibrate", "warn", "⟳"),
     "named": Badge("Named", "good", "✓"),
+    "one of": Badge("One of several", "warn", "≈"),
     "partly named": Badge("Partly named", "warn", "◐"),
     "unknown": Badge("Unknown", "bad", "?"),
 }
@@ -48,10 +51,11 @@ def study_page(study: StudyResult, config: str | None = None) -> Page:
     sections = [
         rungs.where(study),
         rungs.what(study),
+        rungs.measurement(study),
         rungs.how_much(study),
         rungs.free_runs(study),
         rungs.gap_numbers(study),
-        rungs.rounds(study),
+        rungs.sets(study),
         rungs.convergence(study),
         rungs.corrections(study),
         rungs.ties(study),
@@ -65,6 +69,8 @@ def study_page(study: StudyResult, config: str | None = None) -> Page:
         badges=_badges(study),
         facts=_facts(study),
         alerts=_alerts(study),
+        findings=_findings(study),
+        findings_title="What speaks against it",
         cards=_cards(study),
         cards_title=f"The gap before and after, on {measured_on}",
         sections=[section for section in sections if section is not None],
@@ -74,11 +80,20 @@ def study_page(study: StudyResult, config: str | None = None) -> Page:
 
 def _badges(study: StudyResult) -> list[Badge]:
     badges = [BADGES.get(study.verdict, Badge(study.verdict.capitalize(), "quiet"))]
+    if study.against:
+        badges.append(Badge("its own checks speak against it", "bad", "!"))
     if study.fit is None:
         badges.append(Badge("screened only, not sampled", "quiet"))
     elif not convergence(study.fit).ok:
         badges.append(Badge("sampler did not converge", "bad", "!"))
     return badges
+
+
+def _findings(study: StudyResult) -> list[Finding]:
+    """What speaks against the verdict first."""
+    tones = {True: "bad", None: "quiet", False: "good"}
+    found = [Finding(each.topic, each.text, tones[each.against]) for each in doubts(study)]
+    return sorted(found, key=lambda finding: finding.tone != "bad")
 
 
 def _facts(study: StudyResult) -> list[str]:

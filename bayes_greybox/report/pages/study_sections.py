@@ -1,13 +1,15 @@
 """The ladder of evidence of a missing-effect study, rung by rung, each a section of its page."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
+from bayes_greybox.discovery.instrument import IN_MODEL, LISTED
 from bayes_greybox.discovery.study import StudyResult
 from bayes_greybox.report import plots as figures
+from bayes_greybox.report.doubts import NOTABLE
 from bayes_greybox.report.formatting import estimate, formula, interval, number, percent_text, probability_text
 from bayes_greybox.report.study_words import (
     LIKELY,
@@ -17,6 +19,10 @@ from bayes_greybox.report.study_words import (
     metric_interval,
     metric_value,
     name_of,
+    set_label,
+    share_text,
+    suspect_size,
+    suspects_weighed,
 )
 
 from .page import Code, Details, Items, Picture, Pictures, Section, Table, Words, picture, time_picture
@@ -24,6 +30,12 @@ from .tables import by_equation, settings_table, verdict_blocks
 
 MOST_EFFECTS = 8
 """Effects that are shown unfolded."""
+
+MOST_TIED = 3
+"""Effects that another is tied with, as the table names them."""
+
+STATUS = {"added": "in the model", "one of": "could stand in its place", "": "–"}
+"""What a status of an effect is called."""
 
 
 def where(study: StudyResult) -> Section:
@@ -57,8 +69,10 @@ def what(study: StudyResult) -> Section:
         left_out = _table(study, ("effect", "equation", "reason"), rows)
         blocks.append(Details(f"{len(rows)} effects that were not weighed, and why", [left_out]))
     lead = (
-        "One model for each hypothesis, every one with the free-form discrepancy in it, so a wrong effect pays for "
-        "what it leaves open. “Gap left” is the share of the gap that no named physics explains under the hypothesis."
+        "Hypotheses are sets of effects, and what needs none; their probabilities sum to one. The probability of an "
+        "effect is the sum over all sets that hold it; beside a rest that carries the share s of the gap a set counts "
+        "with 1 − s, since it may imitate what is unknown, and s counts for “unknown”. “Gap left” is the share that no "
+        "named physics explains under the hypothesis."
     )
     return Section("what", "What could be missing", lead, blocks)
 
@@ -109,30 +123,65 @@ def gap_numbers(study: StudyResult) -> Section:
     return Section("gap", "The gap in numbers", "", blocks)
 
 
-def rounds(study: StudyResult) -> Section | None:
-    """The rounds as bars and as a table."""
+def sets(study: StudyResult) -> Section | None:
+    """The likeliest set of each size, as bars and as a table."""
     if not len(study.rounds):
         return None
-    shown = [
-        picture(figures.rounds(study, name), f"Share of the gap left after each round, d({name})/dt")
-        for name in _equations(study.rounds)
-    ]
+    alt = "Share of the gap that the likeliest set of each size leaves"
+    shown = [picture(figures.rounds(study, name), f"{alt}, d({name})/dt") for name in _equations(study.rounds)]
     rows = [
         (
             _rate(equation),
-            str(k),
-            name_of(study, row["added"]) or "–",
+            str(k - 1),
+            set_label(study, row["verdict"]),
             probability_text(row["probability"]),
-            percent_text(row["share_left"]),
-            name_of(study, row["verdict"]),
+            share_text(row["share_left"]),
             name_of(study, row["runner_up"]) or "–",
             probability_text(row["runner_up_probability"]),
         )
         for (equation, k), row in _records(study.rounds)
     ]
-    columns = ("equation", "#round", "added", "#probability", "#gap left", "likeliest", "runner-up", "#its probability")
-    lead = "Effects are added one at a time, until what is left needs none, or no name fits it."
-    return Section("rounds", "The rounds that led there", lead, [Pictures(shown), _table(study, columns, rows)])
+    columns = ("equation", "#effects", "likeliest", "#probability", "#gap left", "runner-up", "#its probability")
+    lead = (
+        "Effects are weighed as sets: the likeliest one with no effect, with one, with two, and what the columns of "
+        "each leave of the gap. Effects that show only together are found together."
+    )
+    return Section("sets", "The likeliest sets of effects", lead, [Pictures(shown), _table(study, columns, rows)])
+
+
+def measurement(study: StudyResult) -> Section:
+    """Suspects about sensors and noise, and the odds that they were weighed with."""
+    blocks: list[Any] = []
+    if len(study.instrument):
+        records = study.instrument.to_dict("records")
+        rows = [
+            (
+                row["text"],
+                _rate(row["equation"]),
+                probability_text(row["probability"]),
+                row["suspect"],
+                *suspect_size(row),
+            )
+            for row in records
+        ]
+        inside = [i for i, row in enumerate(records) if row["status"] == IN_MODEL]
+        if not inside:
+            blocks.append(Words("Nothing about the measurement was taken for true."))
+        columns = ("what", "equation", "#probability", "kind", "#size", "#90 % interval", "#in samples")
+        caption = f"Suspects with a probability of {percent_text(LISTED)} or more"
+        caption += "; those in the model are marked" if inside else "; none is in the model"
+        blocks.append(_table(study, columns, rows, caption, inside))
+    else:
+        text = f"Every suspect was weighed and found unlikely: each has a probability below {percent_text(LISTED)}."
+        blocks.append(Words(text))
+    odds = suspects_weighed(study)
+    if odds:
+        blocks.append(Details("What was weighed, and with which prior odds", [Table(("suspect", "prior"), odds)]))
+    lead = (
+        "Sensors and noise are suspects like the effects: channels that are late, scaled or offset, and noise that is "
+        "correlated, depends on the state or has outliers. What is in the model is true beside the effects."
+    )
+    return Section("measurement", "The measurement", lead, blocks)
 
 
 def convergence(study: StudyResult) -> Section:
@@ -228,6 +277,7 @@ def _regions(study: StudyResult) -> Table:
 
 def _effects(study: StudyResult, effects: pd.DataFrame) -> Table:
     records = effects.to_dict("records")
+    several = "one of" in set(study.effects["status"])
     rows = [
         (
             row["name"],
@@ -236,14 +286,24 @@ def _effects(study: StudyResult, effects: pd.DataFrame) -> Table:
             estimate(row["mean"], row["sd"], row["unit"]),
             interval(row["lower"], row["upper"]),
             formula(row["expression"]),
-            ", ".join(name_of(study, slug) for slug in row["tied_with"]) or "–",
+            # What an improbable effect is tied with helps nobody.
+            _tied(study, row["tied_with"]) if row["status"] or row["probability"] >= NOTABLE else "–",
+            *([STATUS[row["status"]]] if several else []),
         )
         for row in records
     ]
     marked = [i for i, row in enumerate(records) if row["status"] == "added"]
-    columns = ("effect", "equation", "#probability", "#coefficient", "#90 % interval", "`term", "tied with")
-    caption = "Effects of the catalogue, best first; those added to the model are marked" if marked else ""
+    columns = ["effect", "equation", "#probability", "#coefficient", "#90 % interval", "`term", "tied with"]
+    columns += ["status"] if several else []
+    alone = "coefficients of the others are those that each would have alone"
+    caption = f"Effects of the catalogue, best first; those added to the model are marked, {alone}" if marked else ""
     return _table(study, columns, rows, caption, marked)
+
+
+def _tied(study: StudyResult, slugs: Sequence[str]) -> str:
+    names = [name_of(study, slug) for slug in slugs]
+    more = [f"{len(names) - MOST_TIED} more"] if len(names) > MOST_TIED else []
+    return ", ".join([*names[:MOST_TIED], *more]) or "–"
 
 
 def _hypotheses(study: StudyResult) -> Table:
@@ -254,7 +314,7 @@ def _hypotheses(study: StudyResult) -> Table:
             _rate(equation),
             probability_text(row["probability"]),
             number(row["log_evidence"], 5),
-            percent_text(row["share_left"]),
+            share_text(row["share_left"]),
         )
         for (equation, slug), row in _records(table)
     ]

@@ -15,14 +15,14 @@ from bayes_greybox.report.plots.gap.gap_map import plot_gap_curve, plot_gap_map
 from bayes_greybox.report.plots.gap.posteriors import Coefficient, plot_posteriors
 from bayes_greybox.report.plots.gap.ranking import plot_hypotheses, plot_rounds
 from bayes_greybox.report.study_numbers import added_draws, normal_band, support
-from bayes_greybox.report.study_words import added, marked, name_of
+from bayes_greybox.report.study_words import LEAST_LEFT, added, answer, name_of, set_label, tied_sets
 
 MOST_HYPOTHESES = 10
 """Hypotheses in the ranking's figure; a table has them all."""
 
 
 def study_figures(study: StudyResult) -> dict[str, Figure]:
-    """Every figure of a study, by file name: gap maps, gap over time, ranking, rounds, coefficients, free runs.
+    """Every figure of a study, by file name: gap maps, gap over time, ranking, sets, coefficients, free runs.
 
     Args:
         study: The study.
@@ -89,23 +89,24 @@ def gap_over_time(study: StudyResult, equation: str, width: float = 9.0) -> Figu
 def ranking(study: StudyResult, equation: str) -> Figure:
     """Hypotheses about one equation, most probable first."""
     table = study.hypotheses.xs(equation, level=0).sort_values("probability", ascending=False).head(MOST_HYPOTHESES)
-    chosen, tied = marked(study, equation)
+    tied = tied_sets(study, equation)
     return plot_hypotheses(
         [name_of(study, slug) for slug in table.index],
-        table["probability"].to_numpy(float), table["share_left"].to_numpy(float),
-        chosen=[name_of(study, slug) for slug in chosen], tied=[name_of(study, slug) for slug in tied],
+        table["probability"].to_numpy(float), table["share_left"].clip(LEAST_LEFT).to_numpy(float),
+        chosen=[name_of(study, answer(study, equation))], tied=[name_of(study, slug) for slug in tied],
         title=f"Hypotheses about d({equation})/dt",
     )  # fmt: skip
 
 
 def rounds(study: StudyResult, equation: str) -> Figure:
-    """What each round added and what it left of the gap."""
+    """The likeliest set with no effect, with one, with two, and what each leaves of the gap."""
     table = study.rounds.xs(equation, level=0)
-    labels, left = ["the simulation as given"], [1.0, *table["share_left"]]
-    for number, row in zip(table.index, table.to_dict("records"), strict=True):
-        did = f"add {name_of(study, row['added'])}" if row["added"] else f"stop: {name_of(study, row['verdict'])}"
-        labels.append(f"{number}. {did}")
-    return plot_rounds(labels, np.array(left, float), title=f"Rounds about d({equation})/dt")
+    labels, left = ["the simulation as given"], [1.0]
+    for row in table.to_dict("records"):
+        if row["verdict"] != "no gap":
+            labels.append(set_label(study, row["verdict"]))
+            left.append(np.maximum(row["share_left"], LEAST_LEFT))
+    return plot_rounds(labels, np.array(left, float), title=f"Likeliest sets of each size, d({equation})/dt")
 
 
 def added_coefficients(study: StudyResult) -> Figure:

@@ -8,10 +8,12 @@ from rich.table import Table
 from rich.text import Text
 
 from bayes_greybox.criticism.convergence import convergence
+from bayes_greybox.discovery.instrument import IN_MODEL
 from bayes_greybox.discovery.study import StudyResult
+from bayes_greybox.report.doubts import NOTABLE, doubts
 from bayes_greybox.report.formatting import estimate, formula, percent_text, probability_text
 from bayes_greybox.report.sentence import sentence
-from bayes_greybox.report.study_words import metric_value, name_of, shown_part
+from bayes_greybox.report.study_words import metric_value, name_of, shown_part, suspect_size
 
 from .tables import plain_table
 
@@ -20,9 +22,15 @@ MOST_EFFECTS = 5
 
 STYLES = {"no gap": "bold green", "named": "bold green", "unknown": "bold red"}
 
+SHORT = {"added": "+", "one of": "~", "": ""}
+"""Marks of effects by their status."""
+
+SIGNS = {True: ("✗", "bold red"), False: ("✓", "green"), None: ("–", "dim")}
+"""Marks of what speaks against a verdict, of what does not, and of what was not looked at."""
+
 
 def study_tables(study: StudyResult) -> Iterator[RenderableType]:
-    """Verdict in one sentence, convergence where it is bad, then where, what, and the gap before and after.
+    """Verdict in words, what speaks against it, then the measurement, where, what, and the gap before and after.
 
     Args:
         study: The study.
@@ -33,6 +41,9 @@ def study_tables(study: StudyResult) -> Iterator[RenderableType]:
     yield Text.assemble((study.verdict.upper(), STYLES.get(study.verdict, "bold yellow")), f": {sentence(study)}")
     if study.fit is not None and not convergence(study.fit).ok:
         yield Text(str(convergence(study.fit)), style="red")
+    yield Group("", _against(study))
+    if IN_MODEL in set(study.instrument["status"]):
+        yield Group("", _measurement(study))
     if len(study.where):
         yield Group("", _where(study))
     if len(study.effects):
@@ -41,6 +52,33 @@ def study_tables(study: StudyResult) -> Iterator[RenderableType]:
     for tie in study.ties:
         names = " or ".join(name_of(study, slug) for slug in tie["slugs"])
         yield Text(f"\nNot told apart by these data: {names}. {tie['advice']}")
+
+
+def _against(study: StudyResult) -> Table:
+    table = plain_table("What speaks against it")
+    table.show_header = False
+    for _ in range(3):
+        table.add_column(overflow="fold")
+    for each in sorted(doubts(study), key=lambda each: each.against is not True):
+        sign, style = SIGNS[each.against]
+        table.add_row(Text(sign, style=style), Text(each.topic), Text(each.text))
+    return table
+
+
+def _measurement(study: StudyResult) -> Table:
+    rows = [
+        (
+            "+" if row["status"] == IN_MODEL else "",
+            row["text"],
+            row["equation"],
+            probability_text(row["probability"]),
+            *suspect_size(row)[:2],
+        )
+        for row in study.instrument.to_dict("records")
+        if row["status"] == IN_MODEL or row["probability"] >= NOTABLE
+    ]
+    title = "The measurement (+ in the model)"
+    return _table(study, title, ("", "what", "equation", "#P", "#size", "#90 % interval"), rows)
 
 
 def _where(study: StudyResult) -> Table:
@@ -60,7 +98,7 @@ def _where(study: StudyResult) -> Table:
 def _effects(study: StudyResult) -> Table:
     rows = [
         (
-            "+" if row["status"] == "added" else "",
+            SHORT[row["status"]],
             row["name"],
             row["equation"],
             formula(row["expression"]),
@@ -69,7 +107,8 @@ def _effects(study: StudyResult) -> Table:
         )
         for row in study.effects.head(MOST_EFFECTS).to_dict("records")
     ]
-    title = "Effects, best first (+ added to the model)"
+    several = "; ~ could stand in its place" if "one of" in set(study.effects["status"]) else ""
+    title = f"Effects, best first (+ added to the model{several})"
     return _table(study, title, ("", "effect", "equation", "term", "#P", "#coefficient"), rows)
 
 

@@ -1,4 +1,4 @@
-"""Bars with their labels above them: the ranking of hypotheses, and the rounds of a study."""
+"""Bars with their labels above them: the ranking of hypotheses, and the likeliest sets of each size."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -44,7 +44,7 @@ def plot_hypotheses(
         names: the hypotheses, best first.
         probability: of each; they sum to one over all hypotheses.
         share_left: share of the gap that f has to carry under each.
-        chosen: names that were added to the model: drawn dark.
+        chosen: names that the study settled on: drawn dark.
         tied: names that these data do not tell from a chosen one: drawn pale and marked.
         title: what the bars show.
         axes: one axes to draw into.
@@ -66,14 +66,14 @@ def plot_rounds(
     labels: Sequence[str],
     share_left: Float[np.ndarray, " n_round"],
     *,
-    title: str = "Rounds of the study",
+    title: str = "Likeliest sets of each size",
     axes: Sequence[Axes] | np.ndarray | None = None,
 ) -> Figure:
-    """Share of the gap left after each round.
+    """Share of the gap that the likeliest set with no effect, with one, with two leaves.
 
     Args:
-        labels: what each round did, in order.
-        share_left: share of the gap left after it.
+        labels: what each set holds, in order.
+        share_left: share of the gap that it leaves.
         title: what the bars show.
         axes: one axes to draw into.
 

@@ -1,0 +1,184 @@
+"""What speaks against a study's verdict, and what was looked at and does not: for pages, terminal and record alike."""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Any
+
+from bayes_greybox.criticism.convergence import convergence
+from bayes_greybox.discovery.finding import NEGLIGIBLE, STOPS, SURE
+from bayes_greybox.discovery.gap import worsened
+from bayes_greybox.discovery.instrument import IN_MODEL
+from bayes_greybox.discovery.study import StudyResult
+from bayes_greybox.discovery.suspects.channels import DELAY_STEPS
+
+from .formatting import listed, number, percent_text, probability_text
+from .study_words import (
+    added,
+    answer,
+    free_run_errors,
+    metric_value,
+    name_of,
+    not_helped,
+    rows_of,
+    share_text,
+    shown_part,
+)
+
+NOTABLE = 1 - SURE
+"""Another explanation speaks against the verdict from this probability on."""
+
+FAR = 3.0
+"""A delay of more than so many of its prior standard deviations is hardly one."""
+
+FINE = {
+    "whiteness": "residuals are white ({})",
+    "LOO-PIT": "the noise has the shape that the model gives it (LOO-PIT, {})",
+}
+"""What a check that is passed says, by its name, with its p-value."""
+
+
+@dataclass(frozen=True)
+class Doubt:
+    """One thing that could speak against a verdict.
+
+    Attributes:
+        topic: What was looked at, in a word or two.
+        text: What was found, in words with its numbers.
+        against: Whether it speaks against the verdict; None where it could not be looked at.
+    """
+
+    topic: str
+    text: str
+    against: bool | None
+
+
+def doubts(study: StudyResult) -> list[Doubt]:
+    """Checks, the free run's veto, what remains, the runner-up, ties, the measurement and the sampler.
+
+    Args:
+        study: The study.
+    """
+    found: list[Doubt] = []
+    for equation in study.maps or study.hypotheses.index.unique(0):
+        about = f" of d({equation})/dt" if len(study.maps) > 1 else ""
+        parts = (*_checks(study, equation), *_explanations(study, equation), *_measurement(study, equation))
+        found += [replace(each, topic=f"{each.topic}{about}") for each in parts]
+    return [_said(each) for each in (*found, *_ties(study), _free_run(study), _sampler(study))]
+
+
+def _said(doubt: Doubt) -> Doubt:
+    return replace(doubt, text=doubt.text[:1].upper() + doubt.text[1:])
+
+
+def _checks(study: StudyResult, equation: str) -> Iterator[Doubt]:
+    table = rows_of(study.checks, equation)
+    for name, row in zip(table.index, table.to_dict("records"), strict=True):
+        p = p_text(row["p"])
+        yield Doubt("Residuals", FINE[name].format(p) if row["ok"] else f"{row['text']} ({name}, {p})", not row["ok"])
+    if not len(table):
+        why = (
+            "there is a rest of any shape beside what has a name, which takes up what the tests would find"
+            if study.verdict in ("unknown", "partly named")
+            else "the rows are too few"
+        )
+        yield Doubt("Residuals", f"not tested: {why}", None)
+
+
+def _explanations(study: StudyResult, equation: str) -> Iterator[Doubt]:
+    """What remains beside the answer, and the likeliest other explanation."""
+    table = rows_of(study.hypotheses, equation).sort_values("probability", ascending=False, kind="stable")
+    own, records = answer(study, equation), table.to_dict("index")
+    if "unknown" in records:
+        p = float(records["unknown"]["probability"])
+        text = f"the probability that something unknown is missing is {probability_text(p)}"
+        if own == "unknown":
+            yield Doubt("What remains", text, p < 0.5)
+        else:
+            share = float(records[own]["share_left"]) if own in records else math.nan
+            left = "" if math.isnan(share) else f"; beside the answer a rest carries {share_text(share)} of the gap"
+            yield Doubt("What remains", f"{text}{left}", p >= NOTABLE or share >= NEGLIGIBLE)
+    name, row = next(((str(name), row) for name, row in records.items() if name != own), ("", {}))
+    if name:
+        p, q = (float(records[key]["probability"]) if key in records else math.nan for key in (own, name))
+        text = f"{name_of(study, name)} with probability {probability_text(q)}, the answer {probability_text(p)}"
+        if q > p and own in STOPS and name not in STOPS:
+            text += f"; but it leaves {share_text(row['share_left'])} of the gap to something else"
+        yield Doubt("Runner-up", text, q >= NOTABLE)
+
+
+def _measurement(study: StudyResult, equation: str) -> Iterator[Doubt]:
+    """Suspects that are not in the model, but likely; and delays that are too large for delays."""
+    rows = [row for row in study.instrument.to_dict("records") if row["equation"] == equation]
+    odd = [row for row in rows if row["status"] == IN_MODEL and abs(row["samples"]) > FAR * DELAY_STEPS]
+    if odd:
+        texts = "; ".join(row["text"] for row in odd)
+        yield Doubt("Measurement", f"more than {FAR * DELAY_STEPS:g} samples are hardly a delay: {texts}", True)
+    likely = [row for row in rows if row["status"] != IN_MODEL and row["probability"] >= NOTABLE]
+    if likely:
+        texts = "; ".join(f"{row['text']} (probability {probability_text(row['probability'])})" for row in likely)
+        yield Doubt("Measurement", f"not taken for true, but possible: {texts}", True)
+    elif not odd:
+        yield Doubt("Measurement", f"no further suspect is as likely as {probability_text(NOTABLE)}", False)
+
+
+def _ties(study: StudyResult) -> Iterator[Doubt]:
+    for tie in study.ties:
+        own, *others = (name_of(study, slug) for slug in tie["slugs"])
+        yield Doubt("Ties", f"these data do not tell {own} from {' or '.join(others)}", True)
+    if not study.ties and added(study).size:
+        yield Doubt("Ties", "no other effect could stand in the place of what was named", False)
+
+
+def _free_run(study: StudyResult) -> Doubt:
+    errors = free_run_errors(study.gap)
+    where = "on held-out data" if shown_part(study) == "test" else "on the training data"
+    if not len(errors):
+        return Doubt("Free run", "not integrated, so it has no veto", None)
+
+    def change(names: Any) -> str:
+        parts = [
+            f"{name} {percent_text(errors.loc[name, 'before'])} → {percent_text(errors.loc[name, 'after'])}"
+            for name in names
+        ]
+        return f"{where}: {', '.join(parts)}"
+
+    worse = worsened(study.gap)
+    if worse:
+        return Doubt(
+            "Free run", f"{'; '.join(f'the free run of {name} gets worse' for name in worse)} {change(worse)}", True
+        )
+    failing = _fails_sooner(study)
+    if failing:
+        return Doubt("Free run", f"{failing} {where}", True)
+    idle = not_helped(study.gap)
+    if not added(study).size and study.verdict in ("no gap", "instrument", "unknown"):
+        return Doubt("Free run", f"nothing was added, so it stays as it is {change(errors.index)}", False)
+    if idle:
+        return Doubt("Free run", f"the free run of {listed(idle)} does not get better {change(idle)}", True)
+    return Doubt("Free run", f"its error shrinks {change(errors.index)}", False)
+
+
+def _fails_sooner(study: StudyResult) -> str:
+    table = rows_of(rows_of(study.gap, "time to failure", "metric"), shown_part(study), "data")
+    for row in table.to_dict("records"):
+        if row["after"] < row["before"]:
+            after, before = (metric_value(study, "time to failure", row[key]) for key in ("after", "before"))
+            before = f"after {before}" if math.isfinite(row["before"]) else before
+            return f"the amended model's free run fails after {after}, the simulation's {before},"
+    return ""
+
+
+def _sampler(study: StudyResult) -> Doubt:
+    if study.fit is None:
+        return Doubt("Sampler", "not sampled: coefficients are those of the closed form", None)
+    verdict = convergence(study.fit)
+    if verdict.ok:
+        return Doubt("Sampler", "every convergence check of the amended model's fit passed", False)
+    return Doubt("Sampler", f"the amended model's fit did not converge: {' '.join(verdict.reasons)}", True)
+
+
+def p_text(p: float) -> str:
+    """A p-value as it is said: p = 0.337, p < 0.001."""
+    text = probability_text(p)
+    return f"p {text}" if text[0] in "<>" else f"p = {number(float(p), 2)}"

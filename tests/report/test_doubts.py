@@ -1,0 +1,193 @@
+"""What speaks against a verdict: one list for page, terminal and record, from the tables that the sentence is from."""
+
+import io
+import json
+from dataclasses import replace
+from html import unescape
+
+import numpy as np
+import pandas as pd
+import pytest
+from tiny_study import DELAYED, judged, varied
+
+from bayes_greybox.report.doubts import doubts, p_text
+from bayes_greybox.report.formatting import percent_text, probability_text
+from bayes_greybox.report.pages.page import render
+from bayes_greybox.report.pages.study_page import study_page
+from bayes_greybox.report.record import study_record
+from bayes_greybox.report.sentence import sentence
+from bayes_greybox.report.study_words import answer, suspect_size, suspects_weighed, tied_sets
+from bayes_greybox.report.terminal.study import study_tables
+
+PLAIN = {"maps": {}, "traces": {}, "paths": {}}
+
+
+def spaced(text: str) -> str:
+    """One line, with spaces that break."""
+    return " ".join(text.replace("\u00a0", " ").split())
+
+
+def by_topic(study, topic: str) -> list:
+    return [each for each in doubts(study) if each.topic == topic]
+
+
+def worse(study):
+    """The study with a free run of y that gets worse, and the veto that this brings."""
+    gap = study.gap.copy()
+    gap.loc[("test", "free-run NRMSE", "y"), ["before", "after", "lower", "upper"]] = (0.1, 0.3, 0.2, 0.4)
+    return replace(study, gap=gap, verdict="partly named", against=("the free run of y gets worse",))
+
+
+def test_nothing_speaks_against_a_study_that_passed_all_its_checks(study):
+    found = doubts(study)
+    assert [each.topic for each in found] == [
+        "Residuals", "Residuals", "What remains", "Runner-up", "Measurement", "Ties", "Free run", "Sampler",
+    ]  # fmt: skip
+    assert not any(each.against for each in found) and not study.against
+    white, shape = found[:2]
+    assert white.text == f"Residuals are white ({p_text(study.checks.loc[('ydot', 'whiteness'), 'p'])})"
+    assert p_text(study.checks.loc[("ydot", "LOO-PIT"), "p"]) in shape.text
+
+
+def test_a_failed_check_is_said_in_its_own_words_with_its_p_value(study):
+    failed = varied(study, checks={"whiteness": (1e-9, "residuals hang together over 0.4 s")})
+    first = doubts(failed)[0]
+    assert first.against and spaced(first.text) == "Residuals hang together over 0.4 s (whiteness, p < 0.001)"
+    assert failed.against == ("residuals hang together over 0.4 s",) and failed.verdict == "partly named"
+
+
+@pytest.mark.parametrize(("verdict", "words"), [("unknown", "a rest of any shape"), ("named", "too few")])
+def test_what_was_not_tested_is_not_called_passed(study, verdict, words):
+    (only,) = by_topic(replace(study, checks=study.checks.iloc[:0], verdict=verdict), "Residuals")
+    assert only.against is None and words in only.text
+
+
+def test_the_veto_of_the_free_run_is_said_with_its_numbers(study):
+    (run,) = by_topic(worse(study), "Free run")
+    assert run.against and spaced(run.text) == ("The free run of y gets worse on held-out data: y 10.0 % → 30.0 %")
+    gap = study.gap.copy()
+    gap.loc[("test", "free-run NRMSE", "y"), ["before", "after", "lower", "upper"]] = (0.1, 0.3, 0.05, 0.4)
+    (run,) = by_topic(replace(study, gap=gap), "Free run")
+    assert run.against and run.text.startswith("The free run of y does not get better")
+    gap.loc[("test", "time to failure", "all"), ["before", "after"]] = (np.inf, 3.0)
+    (run,) = by_topic(replace(study, gap=gap), "Free run")
+    assert run.against and "free run fails after 3 s, the simulation's never, on held-out" in spaced(run.text)
+    none = study.gap[study.gap.index.get_level_values("metric") != "free-run NRMSE"]
+    assert by_topic(replace(study, gap=none), "Free run")[0].against is None
+
+
+def test_another_explanation_speaks_against_the_answer_where_it_is_likely(study):
+    table = study.hypotheses.copy()
+    table["probability"] = 0.0
+    table.loc[("ydot", "cubic-stiffness"), ["probability", "share_left"]] = (0.55, 0.02)
+    table.loc[("ydot", "unknown"), "probability"] = 0.25
+    table.loc[("ydot", "no gap"), "probability"] = 0.2
+    changed = replace(study, hypotheses=table)
+    (remains,), (second,) = by_topic(changed, "What remains"), by_topic(changed, "Runner-up")
+    assert remains.against and "missing is 0.250" in remains.text and "2.0 % of the gap" in spaced(remains.text)
+    assert second.against and second.text == "Unknown with probability 0.250, the answer 0.550"
+    # What is likelier than the answer, and yet is not it, is said with the reason.
+    empty = {"verdict": "unknown", "effects": study.effects.assign(status="")}
+    second = by_topic(replace(changed, **empty), "Runner-up")[0]
+    assert second.text.startswith("Cubic stiffness with probability 0.550, the answer 0.250; but it leaves 2.0")
+
+
+def test_ties_the_sampler_and_likely_suspects_speak_against(study):
+    tied = [{"equation": "ydot", "slugs": ("cubic-stiffness", "quintic-stiffness"), "advice": "measure further"}]
+    instrument = pd.DataFrame([{**DELAYED, "probability": 0.3, "status": ""}])
+    changed = replace(study, ties=tied, instrument=instrument, fit=judged(study.fit, False))
+    assert by_topic(changed, "Ties")[0].text == "These data do not tell Cubic stiffness from Quintic stiffness"
+    assert (
+        "possible: d(ydot)/dt is 0.1 s late (0.5 samples) (probability 0.300)"
+        in by_topic(changed, "Measurement")[0].text
+    )
+    assert "did not converge: R̂ is 1.04" in by_topic(changed, "Sampler")[0].text
+    assert all(by_topic(changed, topic)[0].against for topic in ("Ties", "Measurement", "Sampler"))
+    assert by_topic(replace(study, fit=None), "Sampler")[0].against is None
+
+
+def test_a_delay_of_many_samples_is_hardly_one(study):
+    far = varied(study, instrument={"mean": 2.0, "samples": 10.0, "text": "d(ydot)/dt is 2 s late (10 samples)"})
+    (only,) = by_topic(far, "Measurement")
+    assert only.against and only.text == "More than 6 samples are hardly a delay: d(ydot)/dt is 2 s late (10 samples)"
+
+
+def test_the_record_is_json_and_has_what_speaks_against_the_verdict(study):
+    changed = worse(varied(study, instrument={"upper_samples": np.nan}))
+    record = json.loads(json.dumps(study_record(changed, {}), allow_nan=False))
+    assert record["against"] == ["the free run of y gets worse"]
+    assert [row["check"] for row in record["checks"]] == ["whiteness", "LOO-PIT"] and record["checks"][0]["ok"] is True
+    assert record["instrument"][0]["status"] == "in the model" and record["instrument"][0]["upper_samples"] is None
+    assert [(each["topic"], each["against"]) for each in record["doubts"]] == [
+        (each.topic, each.against) for each in doubts(changed)
+    ]
+
+
+def terminal(study) -> str:
+    from rich.console import Console
+
+    console = Console(width=300, record=True, file=io.StringIO())
+    for part in study_tables(study):
+        console.print(part)
+    return spaced(console.export_text())
+
+
+@pytest.mark.parametrize("kind", ["named", "late", "checks", "free run", "one of", "instrument"])
+def test_sentence_tables_page_terminal_and_record_say_the_same(study, kind):
+    tied = ("quintic-stiffness",)
+    effects = study.effects.assign(
+        status=["added", *("one of" if slug in tied else "" for slug in study.effects["slug"][1:])],
+        tied_with=[tied, *study.effects["tied_with"][1:]],
+    )
+    one = {
+        "named": study,
+        "late": varied(study, instrument={}),
+        "checks": varied(study, checks={"LOO-PIT": (1e-4, "the noise has heavier tails than the model's")}),
+        "free run": worse(study),
+        "one of": replace(study, verdict="one of", effects=effects),
+        "instrument": varied(study, verdict="instrument", effects=study.effects.assign(status=""), instrument={}),
+    }[kind]
+    said = spaced(sentence(one))
+    page = spaced(unescape(render(study_page(replace(one, **PLAIN)))))
+    shown, record = terminal(one), study_record(one, {})
+    assert said in page and said in shown and said == spaced(record["sentence"])
+    for row in record["effects"]:
+        if row["status"]:
+            p = spaced(probability_text(row["probability"]))
+            assert row["name"].lower() in said and p in said and p in page
+    closed = record["gap"] and one.gap.loc[("test", "unexplained share", "ydot"), "closed"]
+    if "closes" in said:
+        assert f"closes {spaced(percent_text(min(closed, 0.9999)))}" in said
+    for row in record["instrument"]:
+        assert (row["text"] in said) == (row["status"] == "in the model")
+        assert row["text"] in page and (row["text"] in shown or not row["status"])
+    for text in record["against"]:
+        assert text in said
+        assert any(text.lower() in each["text"].lower() and each["against"] for each in record["doubts"])
+    for each in record["doubts"]:
+        assert spaced(each["text"]) in page and spaced(each["text"]) in shown
+    assert ("speak against it" in page.split("<h1")[0].split("</style>")[1]) == bool(record["against"])
+
+
+def test_the_answer_is_a_row_of_the_hypotheses(study):
+    assert answer(study, "ydot") == "cubic-stiffness" and ("ydot", "cubic-stiffness") in study.hypotheses.index
+    bare = replace(study, effects=study.effects.assign(status=""))
+    assert answer(replace(bare, verdict="no gap"), "ydot") == "no gap"
+    several = replace(bare, verdict="named", maps={**study.maps, "y": study.maps["ydot"]})
+    assert answer(several, "ydot") == "unknown"
+    two = study.effects.head(3).assign(status=["added", "added", ""], tied_with=[("a",), (), ()])
+    chosen = replace(study, effects=two)
+    first, second = two["slug"][:2]
+    assert answer(chosen, "ydot") == " + ".join(sorted((first, second)))
+    assert tied_sets(chosen, "ydot") == [" + ".join(sorted((second, "a")))]
+
+
+def test_suspects_have_a_size_in_their_unit_and_in_samples(study):
+    assert suspect_size(DELAYED) == ("0.100 ± 0.010 s", "0.084 to 0.116", "0.5 (0.42 to 0.58)")
+    gain = {**DELAYED, "suspect": "gain", "mean": 0.02, "sd": 0.005, "lower": 0.012, "upper": 0.028}
+    assert [spaced(text) for text in suspect_size(gain)] == ["2.0 % ± 0.50 %", "1.2 % to 2.8 %", "–"]
+    noise = {**DELAYED, "suspect": "heavy tails", "mean": 3.0, "sd": np.nan, "unit": "", "samples": np.nan}
+    assert suspect_size(noise) == ("–", "–", "–")
+    weighed = dict(suspects_weighed(study))
+    assert spaced(weighed["Delay of d(ydot)/dt, all states together, y, ydot, F"]) == "0.020 each; size ± 2 samples"
+    assert suspects_weighed(replace(study, settings={})) == []
