@@ -144,14 +144,16 @@ def find_missing_effects(
         seed=seed,
         effects_at_most=effects_at_most,
         odds=odds,
+        settle=settle,
         free_runs=free_runs,
         interpolation=interpolation,
         progress=progress,
     )
-    amended, fit, seconds = replace(model, dictionary=found.model.dictionary), None, dict(found.settings["seconds"])
+    amended = replace(model, dictionary=found.model.dictionary, noise=found.model.noise)
+    fit, seconds = None, dict(found.settings["seconds"])
     if settle:
         start = time.perf_counter()
-        fit = amended.fit(train, draws=draws, tune=tune, chains=chains, seed=seed, progress=progress)
+        fit = amended.fit(found.corrected, draws=draws, tune=tune, chains=chains, seed=seed, progress=progress)
         # The fit's own model: it may have been given more features.
         amended, seconds["sample"] = replace(amended, discrepancy=fit.model.discrepancy), time.perf_counter() - start
     seconds["total"] = time.perf_counter() - started

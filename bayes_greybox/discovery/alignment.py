@@ -102,7 +102,8 @@ def align(
         under: Noise of the rows that delays are found under; that of the rows as they come by default.
     """
     measured, noise = smoothed(train)
-    at_end = clipped({**train.states, **train.inputs, rate_channel(equation): train.rate(equation)}, train.run)
+    # A state may rest, and an input may be held; a rate that stays to the last bit where it is largest is clipped.
+    at_end = clipped({rate_channel(equation): train.rate(equation)}, train.run)
     simulation = model.simulator(measured)
 
     def simulated(data: Trajectories) -> np.ndarray:

@@ -17,10 +17,10 @@ from bayes_greybox.physics.units import coefficient_unit, derivative_unit
 
 from .adequacy import Check, check_explanation
 from .alignment import Aligned, align
+from .amendment import Amendment, Remainder
 from .coefficients import Coefficients, alone, draw_coefficients, plain
 from .evaluations import Evaluations
 from .finding import STOPS, TIED, Finding, decide
-from .amendment import Amendment, Remainder
 from .instrument import instrument_table
 from .odds import Odds
 from .sets import RECALIBRATED, REST
@@ -234,9 +234,9 @@ class EquationStudy:
 
 def study_equation(
     model: Program, train: Trajectories, name: str, effects: Sequence[BoundEffect], odds: Odds, most: int, seed: int,
-    say: Callable[[str], None],
+    settle: bool, say: Callable[[str], None],
 ) -> EquationStudy:  # fmt: skip
-    """Study one equation: rounds, then the gap before and after on the training data.
+    """Study one equation: what explains it, then the gap before and after on the training data.
 
     Args:
         model: The model before.
@@ -246,9 +246,11 @@ def study_equation(
         odds: Prior probabilities.
         most: Largest number of effects added.
         seed: Seed of the coefficients' draws.
+        settle: Whether finalists are settled by bridge sampling where that is needed.
         say: Told in words what is being done.
     """
     aligned = align(model, train, name, effects, odds, most, say)
+    aligned.evaluations.seed = seed if settle else None
     data, statistics = aligned.data, aligned.evaluations.statistics
     simulated = model.simulator(data).on(data, name)
     quantities = {**data.columns, f"simulated d({name})/dt": simulated, **_changing(data, aligned.rate)}
@@ -258,6 +260,7 @@ def study_equation(
         again = align(model, train, name, effects, odds, most, say, found[0].model.noise)
         if again.delays != aligned.delays:
             aligned, data = again, again.data
+            aligned.evaluations.seed = seed if settle else None
             found = worlds(aligned.evaluations, most, quantities, aligned.always, say)
     finding = decide(found)
     unit_of_time = train.units.get("t", "")

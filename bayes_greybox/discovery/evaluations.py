@@ -48,12 +48,14 @@ class Evaluations:
         odds: Prior odds.
         evaluator: Evidence with f.
         importance_draws: Draws behind it.
+        seed: Of the chains that settle what importance sampling is unsure of; None: no chains.
     """
 
     statistics: SufficientStatistics
     odds: Odds
     evaluator: Evaluator
     importance_draws: int = IMPORTANCE_DRAWS
+    seed: int | None = None
 
     def __post_init__(self) -> None:
         self._with_f: dict[tuple[int, ...], Integrated] = {}
@@ -166,13 +168,14 @@ class Evaluations:
             statistics.features_target - P.T @ (root.T @ g),
         )
 
-    def bridged(self, effects: tuple[int, ...], sure: float, seed: int) -> None:
-        """Find the evidence with f by bridge sampling too, if its standard error exceeds `sure`; keep the surer."""
+    def settled(self, effects: tuple[int, ...], sure: float) -> Integrated:
+        """Evidence with f, by bridge sampling where its standard error exceeds `sure` and chains may run."""
         found = self.integrated(effects)
-        if found.se > sure:
-            again = self.evaluator.bridged(self.with_features(effects), seed)
+        if found.se > sure and self.seed is not None:
+            again = self.evaluator.bridged(self.with_features(effects), self.seed)
             if again.se < found.se:
                 self._with_f[effects] = found._replace(log_evidence=again.log_evidence, se=again.se)
+        return self._with_f[effects]
 
     def inner_weight(self, effects: Sequence[int]) -> float:
         """Log prior weight of the inner parameters of these columns."""

@@ -14,7 +14,6 @@ from math import comb, log
 import numpy as np
 from scipy.special import log_ndtr
 
-from bayes_greybox.discovery.evidence.with_discrepancy import Integrated
 from bayes_greybox.model.evidence import Spectrum, coefficients, marginal
 
 from .evaluations import Evaluations, Parametric, one_pattern
@@ -40,6 +39,12 @@ SUSPECTS_AT_MOST = 3
 
 WITH_REST, FINALISTS = 24, 4
 """Sets whose evidence with a rest is taken at a common mode, and those whose is integrated, at most."""
+
+SURE = 0.15
+"""Standard error of a log evidence above which chains settle it, where chains may run."""
+
+BENT = 3
+"""Effects with an inner parameter whose grid is refined as if they were alone: the best of them."""
 
 ZOOMS, ZOOM_NODES = 4, 9
 """How often the grid over an inner parameter is refined around its best value, and by how many values."""
@@ -132,7 +137,7 @@ class Sets:
         self.most, self.in_time, self.always = most, in_time, tuple(always)
         self._rough: dict[tuple[int, ...], float] = {}
         self._full: dict[tuple[int, ...], Parametric] = {}
-        self._refined: set[str] = set()
+        self._refined: set[tuple[str, tuple[str, ...]]] = set()
         self._made: _Prior | None = None
 
     def weigh(self, report: Callable[[str], None] = lambda text: None) -> list[Explanation]:
@@ -180,10 +185,10 @@ class Sets:
         pool = [*suspects, *effects]
         self._screen([(), *((i,) for i in pool)])
         seeds = [*suspects, *self._seeds(effects)]
+        # A sensor's error may hide which value of an inner parameter fits, so here all of them take part.
+        self._screen(self._allowed(product(suspects, effects)))
         if self.most > 1:
             self._screen(self._allowed(combinations(seeds, 2)))
-        else:
-            self._screen(self._allowed((s, e) for s, e in product(suspects, seeds)))
         before: tuple = ()
         while True:
             top = self._best()
@@ -256,23 +261,30 @@ class Sets:
         return sorted(self._rough, key=lambda c: -self._rough_weight(c))
 
     def _refine(self, cores: Sequence[tuple[int, ...]]) -> bool:
-        """Refine the grids over inner parameters that matter, each once; whether any was."""
-        done, changed = self._refined, False
-        best = self._rough_weight(cores[0])
-        for core in cores:
-            if self._rough_weight(core) < best - 6.0:
-                continue
+        """Refine the grids over inner parameters that matter, each once beside the same others; whether any was."""
+        best, columns = self._rough_weight(cores[0]), self.statistics.columns
+        # On a coarse grid an effect may need others to be bent right, so the best ones are tried alone too.
+        bent = [i for i in self._candidates()[0] if columns[i].inner]
+        alone = sorted(bent, key=lambda i: -self._rough.get((i,), -np.inf))[:BENT]
+        pairs = [c for c in self._rough if len(c) == 2 and c[0] not in bent and c[1] in bent]
+        beside = sorted(pairs, key=lambda c: -self._rough_weight(c))[:BENT]
+        wanted = [(i,) for i in alone] + beside + [core for core in cores if self._rough_weight(core) > best - 6.0]
+        before = len(columns)
+        for core in wanted:
             for i in core:
-                if self.statistics.columns[i].inner and self.evaluations.binding(i) not in done:
-                    done.add(self.evaluations.binding(i))
-                    before = len(self.statistics.columns)
+                others = tuple(sorted(self._label(j) for j in core if j != i))
+                if columns[i].inner and (self._label(i), others) not in self._refined:
+                    self._refined.add((self._label(i), others))
                     refine(self.evaluations, (*self.always, *(j for j in core if j != i)), self.evaluations.group(i))
-                    changed |= len(self.statistics.columns) > before
-        if changed:
+        if len(columns) > before:
             # Weights of old values changed with the new ones.
             self._rough.clear()
             self._full.clear()
-        return changed
+        return len(self.statistics.columns) > before
+
+    def _label(self, index: int) -> str:
+        suspect = self.statistics.columns[index].suspect
+        return suspect.key if suspect is not None else self.evaluations.binding(index)
 
     def _siblings(self, cores: Sequence[tuple[int, ...]]) -> list[tuple[int, ...]]:
         """These sets, and those with other values of their inner parameters, which P(effect) is summed over."""
@@ -371,27 +383,16 @@ class Sets:
         found = []
         for c in best:
             value, share = at_mode[c], np.nan
-            if (
-                c in finalists
-                and weight.get(c, -np.inf) > top - WINDOW
-                or c == ()
-                or at_mode[c] + prior[c] > top - WINDOW
-                and c in finalists
-            ):
-                integrated = known.integrated((*self.always, *c))
-                value, share = (
-                    integrated.log_evidence + known.inner_weight(c),
-                    self.share((*self.always, *c), integrated),
-                )
+            close = max(weight.get(c, -np.inf), at_mode[c] + prior[c]) > top - WINDOW
+            if c == () or (c in finalists and close):
+                integrated = known.settled((*self.always, *c), SURE) if close else known.integrated((*self.always, *c))
+                value = integrated.log_evidence + known.inner_weight(c)
+                share = known.share((*self.always, *c), integrated)
             suspects, effects = self._parted(c)
             signs = self._signs(c) if effects else 0.0
             found.append(Explanation(suspects, effects, REST, value + signs + prior[c], value + signs, share))
         known_share = [e.share_left for e in found if np.isfinite(e.share_left)]
         return [e if np.isfinite(e.share_left) else replace(e, share_left=max(known_share)) for e in found]
-
-    def share(self, columns: tuple[int, ...], f: Integrated) -> float:
-        """Share of the gap's square that f carries beside these columns."""
-        return self.evaluations.share(columns, f)
 
 
 def refine(evaluations: Evaluations, base: Sequence[int], group: Sequence[int]) -> tuple[int, ...]:

@@ -14,6 +14,8 @@ from bayes_greybox.data.records import plain_rows
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.inference.netcdf import versions
 from bayes_greybox.inference.posterior import Posterior
+from bayes_greybox.model.noise import FIT, Noise
+from bayes_greybox.model.noise_models import CORRELATED, HEAVY, VARYING
 from bayes_greybox.model.program import Program
 from bayes_greybox.physics.catalogue.effects import CatalogueSpec, load_catalogue
 from bayes_greybox.physics.catalogue.roles import bind_catalogue, roles_of, unbound
@@ -21,10 +23,9 @@ from bayes_greybox.physics.terms import Term
 from bayes_greybox.physics.units import check_units
 
 from .equation import EquationStudy, study_equation
-from .finding import Finding
+from .finding import NEGLIGIBLE, SUBSTANTIAL, SURE, TIED, VERDICTS, Finding
 from .gap import Amendment, FreePath, gap_rows, worsened
 from .odds import Odds
-from .finding import NEGLIGIBLE, SUBSTANTIAL, SURE, TIED, VERDICTS
 from .sufficient_statistics import CORRECTION_SCALE
 from .suspects.channels import DELAY_STEPS, GAIN_SD, OFFSET_SD
 from .where import GapMap, GapTrace
@@ -42,6 +43,7 @@ class StudyResult:
         fit: NUTS posterior of the amended model; None where it was not sampled.
         train: Data the study learned from.
         test: Data it did not.
+        corrected: The training data with what was found of the sensors undone, which the amended model is fitted to.
         verdict: One of `finding.VERDICTS`.
         effects: All effects that were weighed, best first: equation, slug, name, expression, probability, mean, sd,
             lower, upper, unit, tied_with, inner, status ("added"; "one of" for what could stand in its place; or "").
@@ -69,6 +71,7 @@ class StudyResult:
     fit: Posterior | None
     train: Trajectories
     test: Trajectories | None
+    corrected: Trajectories
     verdict: str
     effects: pd.DataFrame
     hypotheses: pd.DataFrame
@@ -108,6 +111,7 @@ def investigate(
     seed: int = 0,
     effects_at_most: int = 3,
     odds: Odds | None = None,
+    settle: bool = True,
     free_runs: bool = True,
     interpolation: str | Sequence[str] | None = None,
     progress: bool = True,
@@ -127,6 +131,7 @@ def investigate(
         seed: Seed of everything random.
         effects_at_most: Largest number of effects added to one equation.
         odds: Prior probabilities of the explanations.
+        settle: Whether NUTS and bridge sampling find the evidence of finalists that importance sampling is unsure of.
         free_runs: Whether to integrate simulation and amended model over the data.
         interpolation: Of the inputs between samples in free runs.
         progress: Whether to show progress.
@@ -157,7 +162,7 @@ def investigate(
             left_out |= {(name, slug): why for slug, why in unbound(loaded, columns, train.units).items()}
             bound = bind_catalogue(loaded, columns, train.units)
             each = odds.of_each(len(equations))
-            findings[name] = study_equation(model, train, name, bound, each, effects_at_most, seed, say)
+            findings[name] = study_equation(model, train, name, bound, each, effects_at_most, seed, settle, say)
             left_out |= {(name, slug): why for slug, why in findings[name].statistics.left_out.items()}
         seconds["explain"] = time.perf_counter() - started
         status.update("measuring the gap before and after")
@@ -175,6 +180,7 @@ def investigate(
         fit=None,
         train=train,
         test=test,
+        corrected=_corrected(train, findings),
         verdict=verdict,
         effects=pd.concat([found.effects(train) for found in findings.values()], ignore_index=True),
         hypotheses=pd.concat([found.hypotheses() for found in findings.values()]),
@@ -267,7 +273,26 @@ def amended_program(model: AnyProgram, findings: Mapping[str, EquationStudy]) ->
         added = [known.columns[i].term for i in found.finding.base]
         # A dictionary needs a term; an offset is the least that can be asked for.
         dictionary[name] = [*own, *added] or [Term("1")]
-    return replace(model, dictionary=dictionary)
+    named = {name for found in findings.values() for name in found.finding.world.model.names}
+    if not named & {CORRELATED, VARYING, HEAVY}:
+        return replace(model, dictionary=dictionary)
+    noise = model.noise if isinstance(model.noise, Noise) else Noise(scale=model.noise)
+    # What was found is found again beside all coefficients; what the user asked for stays.
+    noise = replace(
+        noise,
+        correlation=noise.correlation or (FIT if CORRELATED in named else None),
+        depends_on=noise.depends_on or (FIT if VARYING in named else None),
+        tails=noise.tails or (FIT if HEAVY in named else None),
+    )
+    return replace(model, dictionary=dictionary, noise=noise)
+
+
+def _corrected(train: Trajectories, findings: Mapping[str, EquationStudy]) -> Trajectories:
+    """Data for the amended model: one equation's corrections; of several that differ, only what all of them agree on."""
+    delayed = {name: found for name, found in findings.items() if found.aligned.delays}
+    if len(findings) == 1 or not delayed:
+        return next(iter(findings.values())).aligned.data
+    return train
 
 
 def _check_data(

@@ -206,7 +206,7 @@ def _refitted(
 def _under(evaluations: Evaluations, model: NoiseModel) -> Evaluations:
     return Evaluations(
         evaluations.statistics.with_noise(model.noise), evaluations.odds, evaluations.evaluator,
-        evaluations.importance_draws,
+        evaluations.importance_draws, evaluations.seed,
     )  # fmt: skip
 
 

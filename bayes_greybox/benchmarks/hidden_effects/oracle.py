@@ -19,7 +19,7 @@ from scipy.special import logsumexp
 
 from .cases import NULLS, RATIO_EDGES, ratio_density
 from .generate import CaseData
-from .hidden import CATALOGUE, ADDED, Hidden
+from .hidden import ADDED, CATALOGUE, Hidden
 from .host_systems import term_value
 from .trajectories import rms
 

@@ -17,9 +17,8 @@ import numpy as np
 import scipy.optimize
 from jaxtyping import Array, Float
 
-from bayes_greybox.model.hyper import NoisePrior, log_half_normal
-
 from bayes_greybox.model.evidence import Spectrum, marginal
+from bayes_greybox.model.hyper import NoisePrior, log_half_normal
 
 STRETCH, STRETCHES = 512, 8
 """Records are cut into stretches of so many rows, filtered side by side, each as a run of its own; of longer records

@@ -48,6 +48,9 @@ class SampleNoise:
     left: float
 
 
+MOST_CLIPPED = 0.5
+"""Share of the samples from which on a channel rests and is not clipped."""
+
 MANY_LEVELS = 0.5
 """Different values over samples below which a sensor is coarse."""
 
@@ -129,7 +132,7 @@ def clipped(values: Mapping[str, Float[np.ndarray, " n"]], run: np.ndarray) -> d
                     last += 1
                 if last - first + 1 >= CLIPPED:
                     at_end[first : last + 1] = True
-        if 0 < np.mean(at_end) < 0.5 and np.any(np.diff(np.flatnonzero(at_end)) > 1):
+        if 0 < np.mean(at_end) < MOST_CLIPPED:
             found[name] = at_end
     return found
 
