@@ -112,7 +112,7 @@ def find_noise(
     if not rows.noise.square or (noise.correlation is not None and not rows.noise.local):
         raise InputError(
             f"The rates of {rows.equation!r} were computed by differentiation, which gives their noise a known "
-            "correlation: leave Noise(correlation=...) out, and for the rest differentiate by 'savgol' or 'bandlimited'."
+            "correlation: leave Noise(correlation=...) out, and for the rest differentiate by 'savgol'."
         )
     prior = NoisePrior(floor, noise.scale)
     X, y = _dictionary_columns(rows, dictionary), rows.target / rows.scale
