@@ -93,7 +93,7 @@ class Fit(Posterior):
 
     @property
     def noise(self) -> pd.DataFrame:
-        """What `bg.Noise` found in each equation; no columns for white noise of one size, or where none was asked for."""
+        """What `bg.Noise` found in each equation; no columns where it is white or none was asked for."""
         found = getattr(self.model.noise, "found", None) or {}
         equations = pd.Index(self.model.equations, name="equation")
         return pd.DataFrame([dict(found.get(name, {})) for name in equations], index=equations)

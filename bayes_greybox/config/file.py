@@ -1,11 +1,12 @@
 """The whole file: sections, and what is built from them."""
 
+import math
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from pydantic import PrivateAttr, ValidationError, field_validator, model_validator
+from pydantic import PlainValidator, PrivateAttr, ValidationError, field_validator, model_validator
 
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.limits import Count, Positive, Probability, Seed, Whole
@@ -21,14 +22,23 @@ if TYPE_CHECKING:
     from bayes_greybox.greybox import GreyBox
 
 
+def _fit_or_positive(value: Any) -> Any:
+    if value == "fit" or (isinstance(value, int | float) and not isinstance(value, bool) and 0 < value < math.inf):
+        return value
+    raise wrong('cannot be used; it must be "fit" or a number above 0')
+
+
+FitOrPositive = Annotated[Any, PlainValidator(_fit_or_positive)]
+
+
 class Noise(Section):
     """[noise]: the measurement noise of the derivatives, over the RMS of the target (see `GreyBox` and `Noise`)."""
 
     floor: Positive | None = None
     scale: Positive | None = None
-    correlation: Literal["fit"] | Positive | None = None
+    correlation: FitOrPositive = None
     depends_on: str | None = None
-    tails: Literal["fit"] | Positive | None = None
+    tails: FitOrPositive = None
 
     def arguments(self) -> dict[str, Any]:
         """Arguments of `GreyBox`, for the keys that the file has."""

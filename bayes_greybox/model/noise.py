@@ -10,7 +10,7 @@ discrepancy, few features of it, and is repeated under the noise that it found:
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -58,14 +58,14 @@ class Noise:
             the noise as it is where the data speak against a correlation.
         depends_on: "fit" or a column x, for noise with standard deviation ∝ (δ² + (x/RMS)²)^(a/2); δ and a are always
             found, and under "fit" x is one of the states, inputs and the simulated rate. None: none.
-        tails: "fit" or degrees of freedom, for Student's t; each row is weighted by the mode of its scale. None: normal.
+        tails: "fit" or degrees of freedom, for Student's t; each row is weighted by its likeliest scale. None: normal.
         found: What was found, by equation; filled in by a fit.
     """
 
     scale: float = 1.0
-    correlation: Literal["fit"] | float | None = None
+    correlation: str | float | None = None
     depends_on: str | None = None
-    tails: Literal["fit"] | float | None = None
+    tails: str | float | None = None
     found: Mapping[str, Mapping[str, Any]] | None = None
 
     def __post_init__(self) -> None:
@@ -100,19 +100,19 @@ def find_noise(
         InputError: Too few rows; a column that the data do not have or that says nothing; noise whose correlation is
             known already.
     """
-    quantities = _quantities(noise, rows)
     known = NoiseModel(rows.noise)
     if noise.white:
         return known
+    quantities = _quantities(noise, rows)
     if rows.n_row < LEAST_ROWS:
         raise InputError(
-            f"The noise of {rows.equation!r} cannot be found on {rows.n_row} rows: give at least {LEAST_ROWS}, or leave "
-            "GreyBox(noise=...) a number."
+            f"The noise of {rows.equation!r} cannot be found on {rows.n_row} rows: give at least {LEAST_ROWS}, or "
+            "leave GreyBox(noise=...) a number."
         )
     if not rows.noise.square or (noise.correlation is not None and not rows.noise.local):
         raise InputError(
             f"The rates of {rows.equation!r} were computed by differentiation, which gives their noise a known "
-            "correlation: leave Noise(correlation=...) out, and differentiate by 'savgol' or 'bandlimited' for the rest."
+            "correlation: leave Noise(correlation=...) out, and for the rest differentiate by 'savgol'."
         )
     prior = NoisePrior(floor, noise.scale)
     X, y = _dictionary_columns(rows, dictionary), rows.target / rows.scale

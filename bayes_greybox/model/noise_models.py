@@ -305,7 +305,7 @@ def heavy(
     by_degree = np.logaddexp.reduce(density, axis=1)
     total = float(np.logaddexp.reduce(by_degree) - math.log(len(degrees)))
     k, j = np.unravel_index(int(np.argmax(density)), density.shape)
-    nu = degrees[k]
+    nu = degrees[int(k)]
     weight = (nu + 1) / (nu + (e / s[j]) ** 2)
     held = WeightedNoise(inner, sd / np.sqrt(weight))
     # Where rows hang together, weighted rows are not weighted innovations: both are measured on the rows themselves.

@@ -3,7 +3,7 @@
 import difflib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, Self
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -143,7 +143,7 @@ class Program:
             for equation, dictionary in dictionaries.items()
         }
 
-    def with_noise_found(self, data: Trajectories) -> tuple[Self, Trajectories]:
+    def with_noise_found(self, data: Trajectories) -> "tuple[Program, Trajectories]":
         """The model and the data with the parameters of the noise held, as a fit and its folds use them.
 
         Args:

@@ -10,6 +10,7 @@ from bayes_greybox.criticism.convergence import convergence
 from bayes_greybox.inference.posterior import Posterior, remembered
 
 from .loo_pit import LooPit, loo_pit
+from .other_noise import suggestion
 from .p_values import LEVEL
 from .sensitivity import CONFLICT, DOMINANT, THRESHOLD, sensitivity
 from .whiteness import Whiteness, whiteness
@@ -21,7 +22,8 @@ class Checks:
 
     Attributes:
         ok: Whether every check passed.
-        reasons: What failed, one sentence each with what to try; empty if `ok`.
+        reasons: What failed, one sentence each with what to try, and last the noise that the residuals speak for, where
+            LOO-PIT or whiteness failed; empty if `ok`.
         table: Indexed by (equation, check): ok, value (a p-value, or the largest sensitivity to the prior), limit
             (the level, or the threshold) and reason.
         loo_pit: LOO-PIT by equation.
@@ -75,6 +77,8 @@ def checks(posterior: Posterior) -> Checks:
     index = pd.MultiIndex.from_tuples(list(rows), names=["equation", "check"])
     table = pd.DataFrame(list(rows.values()), index=index)
     reasons = [reason for reason in table["reason"] if reason]
+    failed = [name for name in names if not all(rows[(name, check)]["ok"] for check in ("LOO-PIT", "whiteness"))]
+    reasons += [words for name in failed if (words := suggestion(posterior, name))]
     if not convergence(posterior).ok:
         reasons.insert(0, "The sampler has not converged, so the other checks say little: see fit.verdict.")
     return Checks(not reasons, tuple(reasons), table, pits, white, scaled)

@@ -1,0 +1,55 @@
+"""Which noise the residuals speak for, where a check says that they are not what the model's noise leaves."""
+
+from dataclasses import asdict
+
+import numpy as np
+
+from bayes_greybox.inference.posterior import Posterior
+from bayes_greybox.model.hyper import NoisePrior
+from bayes_greybox.model.noise import FIT, Noise
+from bayes_greybox.model.noise_models import CORRELATED, HEAVY, PROCESS, VARYING, NoiseModel, suspicions
+
+CLEAR = 3.0
+"""Log Bayes factor from which a noise is worth a try."""
+
+OPTIONS = {CORRELATED: "correlation", VARYING: "depends_on", HEAVY: "tails"}
+"""Arguments of `Noise` by what they let the noise be."""
+
+DRAWS = 100
+"""Posterior draws that the mean residual is taken over."""
+
+
+def suggestion(posterior: Posterior, equation: str) -> str:
+    """A sentence with the noise to try next; "" where the residuals speak for none.
+
+    A rest that is smooth in time is something that the model lacks and no noise, so nothing is suggested for it.
+
+    Args:
+        posterior: Fitted model.
+        equation: Learned state.
+    """
+    entry = posterior.equations[equation]
+    rows = entry.rows
+    if not rows.noise.square:
+        return ""
+    draws = posterior.draws(equation, DRAWS)
+    Phi, Psi, y = entry.parts()
+    residual = np.mean(y - draws.theta @ Phi.T - entry.design.at_data(Psi, slice(None), draws), axis=0)
+    given = posterior.model.noise
+    noise = given if isinstance(given, Noise) else Noise(scale=given)
+    taken = tuple(name for name, option in OPTIONS.items() if getattr(noise, option) is not None)
+    # The correlation that differentiation gives is known.
+    known = NoiseModel(rows.noise, taken if rows.noise.local or noise.correlation is not None else (*taken, CORRELATED))
+    quantities = {**rows.columns, f"simulated d({equation})/dt": rows.simulated}
+    prior = NoisePrior(float(entry.design.noise_floor), noise.scale)
+    factors = {s.name: s.log_bayes_factor for s in suspicions(residual, known, rows.time, rows.run, quantities, prior)}
+    best = max(factors, key=factors.__getitem__, default=PROCESS)
+    if best == PROCESS or factors[best] < CLEAR:
+        return ""
+    options = {key: value for key, value in asdict(noise).items() if key != "found" and value is not None}
+    options = {key: value for key, value in options.items() if (key, value) != ("scale", 1.0)} | {OPTIONS[best]: FIT}
+    written = ", ".join(f"{key}={value!r}" for key, value in options.items())
+    return (
+        f"The residuals of {equation!r} speak for {best} (log Bayes factor {factors[best]:.0f}): "
+        f"try GreyBox(noise=bg.Noise({written}))."
+    )

@@ -1,0 +1,169 @@
+"""Columns of channels that are late, scaled or offset: against a rate that is known in closed form."""
+
+import numpy as np
+import pytest
+
+from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.discovery.suspects.channels import (
+    DELAY,
+    DELAY_STEPS,
+    DRIFT,
+    GAIN,
+    OFFSET,
+    STATES,
+    shifted,
+    suspect_columns,
+    undone,
+)
+from bayes_greybox.model.program import Program
+
+STEP, N = 0.02, 400
+
+
+def signals(t):
+    """Two states and an input, and their rates of change."""
+    values = {"x": np.sin(t) + 0.3 * np.cos(2 * t), "v": np.cos(1.3 * t), "u": np.sin(0.7 * t + 1)}
+    slopes = {"x": np.cos(t) - 0.6 * np.sin(2 * t), "v": -1.3 * np.sin(1.3 * t), "u": 0.7 * np.cos(0.7 * t + 1)}
+    return values, slopes
+
+
+def G(x, v, u):
+    return -(x**3) - 0.4 * v + 2 * u * x
+
+
+def partial(x, v, u):
+    return {"x": -3 * x**2 + 2 * u, "v": -0.4 + 0 * v, "u": 2 * x}
+
+
+def rate(data):
+    return G(data.states["x"], data.states["v"], data.inputs["u"])
+
+
+def data_of(late=None, own=0.0, starts=(0.0, 3.0)):
+    """Channels that show what was so much earlier; the rate of v is exact but for its own lateness."""
+    late = late or {}
+    times = [start + np.arange(N) * STEP for start in starts]
+
+    def column(name):
+        return [signals(t - late.get(name, 0.0))[0][name] for t in times]
+
+    measured = [G(**signals(t - own)[0]) for t in times]
+    return Trajectories.from_arrays(
+        times, states={"x": column("x"), "v": column("v")}, inputs={"u": column("u")}, derivatives={"v": measured}
+    )
+
+
+def columns_of(data, of=rate):
+    return {(s.kind, s.channel): (s, c) for s, c in suspect_columns(data, "v", of)}
+
+
+@pytest.fixture(scope="module")
+def columns():
+    return columns_of(data_of())
+
+
+def inner(column):
+    """Away from the ends of runs, where splines are worse."""
+    return np.concatenate([run[5:-5] for run in np.split(column, 2)])
+
+
+def test_every_channel_has_its_suspects(columns):
+    assert {key for key in columns if key[0] == DELAY} == {(DELAY, c) for c in ("d(v)/dt", STATES, "x", "v", "u")}
+    for kind in (GAIN, OFFSET):
+        assert {key for key in columns if key[0] == kind} == {(kind, c) for c in ("d(v)/dt", "x", "v", "u")}
+    assert (DRIFT, "d(v)/dt") in columns
+    suspect, _ = columns[(DELAY, "u")]
+    assert suspect.sd == pytest.approx(DELAY_STEPS * STEP) and suspect.step == pytest.approx(STEP)
+    assert suspect.key == "delay of u"
+
+
+def test_columns_are_the_derivatives_of_the_rate(columns):
+    data = data_of()
+    values, slopes = (dict(zip(("x", "v", "u"), part, strict=True)) for part in zip(*[
+        (np.concatenate([signals(t)[0][k] for t in np.split(data.time, 2)]),
+         np.concatenate([signals(t)[1][k] for t in np.split(data.time, 2)])) for k in ("x", "v", "u")
+    ], strict=True))  # fmt: skip
+    d = partial(**values)
+    expected = {
+        (DELAY, "d(v)/dt"): -sum(d[k] * slopes[k] for k in d),
+        (DELAY, STATES): d["x"] * slopes["x"] + d["v"] * slopes["v"],
+        (GAIN, "d(v)/dt"): G(**values),
+        (OFFSET, "d(v)/dt"): np.ones(2 * N),
+    }
+    for k in ("x", "v", "u"):
+        expected |= {(DELAY, k): d[k] * slopes[k], (GAIN, k): -d[k] * values[k], (OFFSET, k): -d[k]}
+    for key, column in expected.items():
+        size = np.max(np.abs(column))
+        np.testing.assert_allclose(inner(columns[key][1]), inner(column), atol=1e-3 * size, err_msg=str(key))
+
+
+@pytest.mark.parametrize("channel", ["d(v)/dt", STATES, "x", "v", "u"])
+def test_what_is_late_has_a_positive_delay(channel):
+    by = 0.3 * STEP
+    names = {"x", "v"} if channel == STATES else {channel}
+    data = data_of(dict.fromkeys(names & {"x", "v", "u"}, by), by if channel == "d(v)/dt" else 0.0)
+    _, column = columns_of(data)[(DELAY, channel)]
+    gap = data.derivatives["v"] - rate(data)
+    found = inner(column) @ inner(gap) / (inner(column) @ inner(column))
+    assert found == pytest.approx(by, rel=0.05)
+
+
+@pytest.mark.parametrize("kind", [GAIN, OFFSET])
+@pytest.mark.parametrize("channel", ["d(v)/dt", "x", "u"])
+def test_what_reads_too_large_has_a_positive_size(kind, channel):
+    exact, size = data_of(), 1e-3
+
+    def wrong(values):
+        return values * (1 + size) if kind == GAIN else values + size
+
+    measured = wrong(exact.derivatives["v"]) if channel == "d(v)/dt" else exact.derivatives["v"]
+    data = Trajectories.from_arrays(
+        np.split(exact.time, 2),
+        states={k: np.split(wrong(v) if k == channel else v, 2) for k, v in exact.states.items()},
+        inputs={k: np.split(wrong(v) if k == channel else v, 2) for k, v in exact.inputs.items()},
+        derivatives={"v": np.split(measured, 2)},
+    )
+    _, column = columns_of(data)[(kind, channel)]
+    gap = data.derivatives["v"] - rate(data)
+    assert column @ gap / (column @ column) == pytest.approx(size, rel=0.02)
+
+
+def test_undoing_a_delay_of_exact_data_leaves_the_error_of_a_spline():
+    delays = {"x": 0.7 * STEP, "u": -0.4 * STEP, "d(v)/dt": 0.9 * STEP}
+    data = data_of({"x": delays["x"], "u": delays["u"]}, delays["d(v)/dt"])
+    # The rate that was measured belongs to times that are earlier; so do states and inputs now.
+    gap = inner(data.derivatives["v"] - rate(undone(data, "v", delays)))
+    assert np.max(np.abs(gap)) < 1e-5 < np.max(np.abs(data.derivatives["v"] - rate(data)))
+    together = data_of({"x": 0.5 * STEP, "v": 0.5 * STEP})
+    gap = inner(together.derivatives["v"] - rate(undone(together, "v", {STATES: 0.5 * STEP})))
+    assert np.max(np.abs(gap)) < 1e-5
+
+
+def test_nothing_is_done_for_no_delay_and_runs_are_shifted_apart():
+    data = data_of()
+    assert undone(data, "v", {}) is data and undone(data, "v", {"x": 0.0}) is data
+    moved = shifted(data, {"x": STEP})
+    assert moved.states["v"] is data.states["v"]
+    for own in (slice(0, N), slice(N, 2 * N)):
+        np.testing.assert_allclose(moved.states["x"][own][:-1], data.states["x"][own][1:], atol=1e-10)
+    few = Trajectories.from_arrays(np.arange(3) * STEP, states={"x": np.array([0.0, 1.0, 0.5])})
+    np.testing.assert_array_equal(shifted(few, {"x": STEP}).states["x"], few.states["x"])
+
+
+@pytest.mark.parametrize(
+    "simulation",
+    [{"v": "-x**3 - 0.4*v + 2*u*x"}, lambda t, x, u: [0.0 * x[0], G(x[0], x[1], u[0])]],
+)
+def test_any_simulation_serves(simulation, columns):
+    data = data_of()
+    known = Program(simulation=simulation).simulator(data)
+    found = columns_of(data, lambda d: known.on(d, "v"))
+    assert set(found) == set(columns)
+    for key, (_, column) in found.items():
+        np.testing.assert_allclose(column, columns[key][1], atol=1e-6 * np.max(np.abs(column)), err_msg=str(key))
+
+
+def test_a_channel_that_the_rate_does_not_see_is_no_suspect():
+    data = data_of()
+    found = columns_of(data, lambda d: -d.states["v"])
+    assert (DELAY, "x") not in found and (GAIN, "u") not in found and (GAIN, "v") in found

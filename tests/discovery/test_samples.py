@@ -1,0 +1,93 @@
+"""Noise on samples of states: found where it is, never where it is not; sensors at their ends."""
+
+import numpy as np
+import pytest
+
+from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.discovery.suspects.samples import clipped, sample_noise, smoothed
+
+STEP = 0.05
+
+
+def paths(n=800):
+    t = np.arange(n) * STEP
+    forced = np.sin(t) + 0.5 * np.cos(2.3 * t)
+    decaying = np.exp(-0.1 * t) * np.cos(3 * t)
+    bouncing = np.abs(np.sin(1.1 * t))  # kinks
+    square = np.tanh(20 * np.sin(0.7 * t))
+    ramp = 0.3 * t
+    return {"forced": forced, "decaying": decaying, "bouncing": bouncing, "square": square, "ramp": ramp}
+
+
+@pytest.mark.parametrize("name", paths())
+@pytest.mark.parametrize("rounded", [None, 1e-9])
+def test_exact_states_are_never_noisy(name, rounded):
+    x = paths()[name]
+    x = x if rounded is None else np.round(x / rounded) * rounded
+    assert sample_noise(x, np.zeros(len(x), int)) == 0.0
+
+
+@pytest.mark.parametrize("share", [0.005, 0.01, 0.03, 0.1])
+@pytest.mark.parametrize("name", ["forced", "decaying", "bouncing"])
+@pytest.mark.parametrize("seed", range(3))
+def test_noise_is_found_and_smoothing_takes_it_away(name, share, seed):
+    x = paths()[name]
+    sd = share * np.std(x)
+    measured = x + sd * np.random.default_rng(seed).standard_normal(len(x))
+    data = Trajectories.from_arrays(np.arange(len(x)) * STEP, states={"x": measured})
+    better, noise = smoothed(data)
+    assert noise["x"].sd == pytest.approx(sd, rel=0.25)
+    before, after = np.sqrt(np.mean((measured - x) ** 2)), np.sqrt(np.mean((better.states["x"] - x) ** 2))
+    # A spline is no better than the samples at kinks that these show.
+    assert after < (1.1 if name == "bouncing" and share < 0.01 else 0.9) * before
+    # What is said to be left is about what is left.
+    assert 0.3 * after < noise["x"].left < 2 * after + 0.2 * sd
+
+
+def test_only_the_noisy_state_is_smoothed_and_each_run_by_itself():
+    rng, n = np.random.default_rng(0), 400
+    t = np.arange(n) * STEP
+    exact = [np.sin(t), np.cos(2 * t)]
+    noisy = [x + 0.02 * rng.standard_normal(n) for x in ([5 + np.cos(t), np.sin(t) - 5])]
+    data = Trajectories.from_arrays([t, t], states={"x": exact, "y": noisy})
+    better, noise = smoothed(data)
+    assert set(noise) == {"y"} and better.states["x"] is data.states["x"]
+    one, _ = smoothed(data.take(1))
+    np.testing.assert_allclose(better.states["y"][n:], one.states["y"], atol=0.02)
+    clean = Trajectories.from_arrays([t, t], states={"x": exact})
+    same, none = smoothed(clean)
+    assert same is clean and none == {}
+
+
+def test_uneven_and_short_records_are_left_alone():
+    rng = np.random.default_rng(0)
+    t = np.cumsum(rng.uniform(0.01, 0.1, 300))
+    uneven = Trajectories.from_arrays(t, states={"x": np.sin(t) + 0.1 * rng.standard_normal(300)})
+    assert smoothed(uneven)[0] is uneven
+    assert sample_noise(rng.standard_normal(20), np.zeros(20, int)) == 0.0
+
+
+def test_clipped_rows_are_those_at_the_sensors_ends():
+    t = np.arange(400) * STEP
+    x, run = np.sin(t) + 0.3 * np.sin(2.7 * t), np.zeros(400, int)
+    at_end = clipped({"x": np.clip(x, -0.8, 0.9)}, run)
+    np.testing.assert_array_equal(at_end["x"], (x > 0.9) | (x < -0.8))
+    unclipped = {"x": x, "constant": np.ones(400), "step": np.where(t > 10, 1.0, 0.0), "ramp": np.clip(t - 5, 0, 1)}
+    assert set(clipped(unclipped, run)) <= {"ramp"}
+
+
+def test_a_quantised_sensor_is_not_clipped():
+    t = np.arange(2000) * 0.01
+    rng = np.random.default_rng(0)
+    for step in (0.02, 0.05):
+        smooth = np.sin(t)
+        # At a turning point a slow quantised path stays on its last level.
+        noisy = smooth + 0.5 * step * rng.standard_normal(len(t))
+        found = clipped({"x": np.round(noisy / step) * step}, np.zeros(len(t), int))
+        assert found == {}
+
+
+def test_ends_of_runs_do_not_join():
+    x = np.array([0.0, 0.5, 1.0, 1.0, 1.0, 0.2, 0.1, 0.0])
+    run = np.array([0, 0, 0, 0, 1, 1, 1, 1])
+    assert clipped({"x": x}, run) == {}
