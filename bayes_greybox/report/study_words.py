@@ -144,13 +144,21 @@ def share_text(share: float) -> str:
     return percent_text(share if math.isnan(share) else max(share, LEAST_LEFT))
 
 
-def closed_text(closed: float) -> str:
-    """What became of the gap, in words."""
+def closed_text(closed: float, denied: bool = False) -> str:
+    """What became of the gap, in words.
+
+    Args:
+        closed: Share that is closed.
+        denied: Whether the free run does not see it closed: then nothing is called so.
+    """
     if not math.isfinite(closed):
         return ""
     if closed < -0.005:
         return f"the gap grew by {percent_text(-closed)}"
-    return "unchanged" if closed < 0.005 else f"{percent_text(min(closed, MOST_CLOSED))} of the gap closed"
+    if closed < 0.005:
+        return "unchanged"
+    size = percent_text(min(closed, MOST_CLOSED))
+    return f"lower by {size}" if denied else f"{size} of the gap closed"
 
 
 def metric_interval(study: StudyResult, metric: str, lower: float, upper: float) -> str:

@@ -156,6 +156,8 @@ def test_sentence_tables_page_terminal_and_record_say_the_same(study, kind):
             p = spaced(probability_text(row["probability"]))
             assert row["name"].lower() in said and p in said and p in page
     closed = record["gap"] and one.gap.loc[("test", "unexplained share", "ydot"), "closed"]
+    assert (kind == "free run") == ("lower by" in page) and not (kind == "free run" and "of the gap closed" in page)
+    assert ("Delays that are in the model are undone" in page) == (kind in ("late", "instrument"))
     if "closes" in said:
         assert f"closes {spaced(percent_text(min(closed, 0.9999)))}" in said
     for row in record["instrument"]:

@@ -6,10 +6,11 @@ import numpy as np
 
 from bayes_greybox.criticism.convergence import convergence
 from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.discovery.gap import worsened
 from bayes_greybox.discovery.study import StudyResult
 from bayes_greybox.report.doubts import doubts
 from bayes_greybox.report.sentence import sentence
-from bayes_greybox.report.study_words import METRICS, closed_text, metric_value, shown_part
+from bayes_greybox.report.study_words import METRICS, added, closed_text, metric_value, not_helped, shown_part
 
 from . import study_sections as rungs
 from .page import Badge, Card, Finding, Page, write_page
@@ -115,7 +116,7 @@ def _alerts(study: StudyResult) -> list[str]:
 
 def _cards(study: StudyResult) -> list[Card]:
     table = study.gap.xs(shown_part(study), level=0)
-    cards = []
+    cards, denied = [], bool(added(study).size and (worsened(study.gap) or not_helped(study.gap)))
     for metric, (title, about) in METRICS.items():
         if metric not in table.index.get_level_values(0):
             continue
@@ -129,7 +130,7 @@ def _cards(study: StudyResult) -> list[Card]:
                     about=about,
                     before=metric_value(study, metric, before),
                     after=metric_value(study, metric, after),
-                    note=closed_text(float(row["closed"])),
+                    note=closed_text(float(row["closed"]), denied),
                     left=None if left is None else min(left, 1.0),
                 )
             )

@@ -8,6 +8,7 @@ import pandas as pd
 
 from bayes_greybox.discovery.instrument import IN_MODEL, LISTED
 from bayes_greybox.discovery.study import StudyResult
+from bayes_greybox.discovery.suspects.channels import DELAY
 from bayes_greybox.report import plots as figures
 from bayes_greybox.report.doubts import NOTABLE
 from bayes_greybox.report.formatting import estimate, formula, interval, number, percent_text, probability_text
@@ -46,6 +47,8 @@ def where(study: StudyResult) -> Section:
         "The gap is what the measured rate has beyond the model: its posterior mean by colour, with a bold outline "
         "where it exceeds the threshold with probability 0.9. Both maps share one scale."
     )
+    if any(row["suspect"] == DELAY and row["status"] == IN_MODEL for row in study.instrument.to_dict("records")):
+        lead += " Delays that are in the model are undone here, before and after."
     return Section("where", "Where simulation and measurement disagree", lead, blocks)
 
 
@@ -179,7 +182,7 @@ def measurement(study: StudyResult) -> Section:
         blocks.append(Details("What was weighed, and with which prior odds", [Table(("suspect", "prior"), odds)]))
     lead = (
         "Sensors and noise are suspects like the effects: channels that are late, scaled or offset, and noise that is "
-        "correlated, depends on the state or has outliers. What is in the model is true beside the effects."
+        "correlated, depends on the state or has outliers. What is in the model is taken for true beside the effects."
     )
     return Section("measurement", "The measurement", lead, blocks)
 
