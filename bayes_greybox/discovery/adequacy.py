@@ -1,8 +1,8 @@
 """Checks of the explanation that a study settles on, in closed form, before its verdict.
 
-With X the whitened columns of the explanation and h the diagonal of X (XᵀX + σ² D⁻¹)⁻¹ Xᵀ, the leave-one-out residual of
-row i over its predictive standard deviation is z_i = e_i / (σ √(1 − h_i)), e the whitened residual: standard normal and
-independent from row to row, up to what few coefficients take away, if the explanation and its noise are right.
+With X the whitened columns of the explanation and h the diagonal of X (XᵀX + σ² D⁻¹)⁻¹ Xᵀ, the leave-one-out residual
+of row i over its predictive standard deviation is z_i = e_i / (σ √(1 − h_i)), e the whitened residual: standard normal
+and independent from row to row, up to what few coefficients take away, if the explanation and its noise are right.
 """
 
 import math

@@ -1,8 +1,8 @@
-"""The data as the study uses them: freed of noise on their samples, delays undone, suspects taken along the whole rate.
+"""The data as the study uses them: free of noise on their samples, delays undone, suspects taken along the whole rate.
 
-A delay's column is that of the rate as modelled, with what is missing in it. So suspects and effects are found in turns:
-effects with the suspects as they are, the suspects' columns anew with the effects found, delays undone in the data,
-until neither changes.
+A delay's column is that of the rate as modelled, with what is missing in it. So suspects and effects are found in
+turns: effects with the suspects as they are, the suspects' columns anew with the effects found, delays undone in the
+data, until neither changes.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -17,6 +17,7 @@ from bayes_greybox.discovery.evidence.with_discrepancy import Evaluator
 from bayes_greybox.model.evidence import coefficients
 from bayes_greybox.model.program import Program
 from bayes_greybox.physics.catalogue.effects import BoundEffect
+from bayes_greybox.physics.terms import Term
 
 from .evaluations import Evaluations, one_pattern
 from .odds import Odds
@@ -104,21 +105,20 @@ def align(
     measured, noise = smoothed(train)
     # A state may rest, and an input may be held; a rate that stays to the last bit where it is largest is clipped.
     at_end = clipped({rate_channel(equation): train.rate(equation)}, train.run)
-    simulation = model.simulator(measured)
-
-    def simulated(data: Trajectories) -> np.ndarray:
-        return simulation.on(data, equation)
-
-    rate, delays, probability = simulated, {}, {}
+    delays: dict[str, float] = {}
+    probability: dict[str, float] = {}
+    added: tuple[tuple[Term, float], ...] = ()
     data, statistics = measured, _without(sufficient_statistics(model, measured, equation, effects), at_end)
     evaluator = Evaluator(statistics.prior, statistics.kernel, np.asarray(statistics.basis.frequency))
     before, moved, too_far, own_noise = None, False, set(), statistics.rows.noise
-    for turn in range(TURNS):
+    rate, turn = _rate(model, measured, equation, added), 0
+    while True:
         if turn:
             report("taking suspects along the rate with what was found")
         bare = statistics if not turn else _anew(model, data, equation, statistics, moved, at_end)
         columns = suspect_columns(data, equation, rate)
-        bare.suspect([c for c in columns if c[0].key not in too_far])
+        known = {c[0].key for c in columns if c[0].kind == DELAY and c[0].channel in delays}
+        bare.suspect([c for c in columns if c[0].key not in too_far], known)
         given = bare if under is None else bare.with_noise(under)
         evaluations = Evaluations(given, odds, evaluator)
         always = tuple(
@@ -154,19 +154,17 @@ def align(
                 probability[suspect.channel] = max(probability.get(suspect.channel, 0.0), sets.probability(index))
             moved |= abs(by) > MOVED * suspect.step
         statistics = given
-        if not moved and found == before:
+        turn += 1
+        if (not moved and found == before) or turn == TURNS:
             break
         before = found
         data = undone(measured, equation, delays)
-        added = [
-            (given.columns[i].term, float(b) * given.target_scale / given.columns[i].scale)
+        added = tuple(
+            (term, float(b) * given.target_scale / given.columns[i].scale)
             for i, b in zip(indices, mean, strict=True)
-            if given.columns[i].term is not None
-        ]
-
-        def rate(data: Trajectories, added=tuple(added)) -> np.ndarray:
-            return simulated(data) + sum((b * np.asarray(term.evaluate(data.columns)) for term, b in added), 0.0)
-
+            if (term := given.columns[i].term) is not None
+        )
+        rate = _rate(model, measured, equation, added)
     if under is not None:
         # Found under one noise, weighed under all.
         back = given.with_noise(own_noise)
@@ -177,6 +175,19 @@ def align(
     return Aligned(data, evaluations, always, delays, probability, noise, at_end, rate)
 
 
+def _rate(model: Program, data: Trajectories, equation: str, added: Sequence[tuple[Term, float]]) -> Rate:
+    """Simulation and what was found, on any data of the same columns."""
+    simulation = model.simulator(data)
+
+    def rate(data: Trajectories) -> np.ndarray:
+        total = simulation.on(data, equation)
+        for term, coefficient in added:
+            total = total + coefficient * np.asarray(term.evaluate(data.columns))
+        return total
+
+    return rate
+
+
 def _anew(
     model: Program,
     data: Trajectories,
@@ -185,7 +196,7 @@ def _anew(
     moved: bool,
     at_end: Mapping[str, np.ndarray],
 ) -> SufficientStatistics:
-    """Statistics without suspects, on data whose delays are undone, with the terms and inner parameters known so far."""
+    """Statistics without suspects, on data whose delays are undone, with the terms and inner parameters so far."""
     if not moved:
         before.drop("suspect")
         return before

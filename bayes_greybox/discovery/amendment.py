@@ -162,7 +162,7 @@ class Amendment:
         appear = np.flatnonzero(values.any(axis=0))
         chosen = [statistics.columns[indices[k]] for k in appear]
         scale = np.array([statistics.target_scale / column.scale for column in chosen])
-        return Added([column.term for column in chosen], values[:, appear] * scale, weights)
+        return Added([column.formula for column in chosen], values[:, appear] * scale, weights)
 
     def features(self, columns: Mapping[str, Array] | Mapping[str, np.ndarray]) -> Array | np.ndarray:
         """Features of f at rows, inside an integrator; held beyond their domain, as everywhere."""

@@ -146,11 +146,11 @@ class EquationStudy:
             rows.append(
                 {
                     "equation": self.statistics.equation,
-                    "term": column.term.name,
+                    "term": column.formula.name,
                     "nominal": column.nominal,
                     "probability": float(np.mean(draws != 0)),
                     **_moments(draws),
-                    "unit": self._unit(data, column.term),
+                    "unit": self._unit(data, column.formula),
                 }
             )
         names = ["equation", "term", "nominal", "probability", "mean", "sd", "lower", "upper", "unit"]
@@ -227,7 +227,7 @@ class EquationStudy:
         return {
             "equation": self.statistics.equation, "slug": column.effect.slug, "name": column.effect.name,
             "expression": column.effect.text(values) if values else column.effect.text(), "probability": p,
-            **_moments(draws), "unit": self._unit(data, column.term), "tied_with": tied, "inner": values,
+            **_moments(draws), "unit": self._unit(data, column.formula), "tied_with": tied, "inner": values,
             "status": status,
         }  # fmt: skip
 
@@ -313,13 +313,12 @@ def _with_noisy_states(finding: Finding, aligned: Aligned, unit: str) -> Finding
     )
 
 
-def _changing(data: Trajectories, rate: Callable) -> dict[str, np.ndarray]:
+def _changing(data: Trajectories, rate: Callable[[Trajectories], np.ndarray]) -> dict[str, np.ndarray]:
     """How fast the modelled rate changes: what jitter of the time stamps turns into noise."""
-    if data.n_obs < 5:
+    values, runs = rate(data), [data.run == r for r in dict.fromkeys(data.run.tolist())]
+    if any(np.sum(own) < 2 for own in runs):
         return {}
-    values = rate(data)
-    slopes = [np.gradient(values[data.run == r], data.time[data.run == r]) for r in np.unique(data.run) if np.sum(data.run == r) > 1]  # fmt: skip
-    return {JITTER: np.concatenate(slopes)} if sum(map(len, slopes)) == data.n_obs else {}
+    return {JITTER: np.concatenate([np.gradient(values[own], data.time[own]) for own in runs])}
 
 
 def _free_only(statistics: SufficientStatistics, coefficients: Coefficients) -> np.ndarray:
@@ -336,7 +335,7 @@ def _advice(found: EquationStudy, index: int, rivals: Sequence[int], data: Traje
     statistics = found.statistics
     effect = statistics.columns[index].effect
     assert effect is not None
-    variables = sorted({c for i in (index, *rivals) for c in statistics.columns[i].term.symbols} & set(data.columns))
+    variables = sorted({c for i in (index, *rivals) for c in statistics.columns[i].formula.symbols} & set(data.columns))
     parted = []
     for v in variables:
         low, top = float(np.min(data.column(v))), float(np.max(np.abs(data.column(v))))

@@ -31,7 +31,7 @@ TIED = 0.05
 SAME = 0.1
 """Effects whose log evidences in each other's place differ by less are one curve on these data."""
 
-NEGLIGIBLE, SUBSTANTIAL = 0.05, 0.3
+NEGLIGIBLE, SUBSTANTIAL = 0.05, 0.5
 """Share of the gap left over up to which effects name it, and from which on even "partly named" is too much."""
 
 STACKED = 0.5
@@ -138,7 +138,7 @@ class Weighed:
     @cached_property
     def by_kind(self) -> dict[str, float]:
         """Probabilities of no gap, recalibration, instrument, unknown, and effects; they sum to one."""
-        found = dict.fromkeys((*STOPS, "effects"), 0.0)
+        found: dict[str, float] = {name: 0.0 for name in (*STOPS, "effects")}
         for world, e, p, share in self.items:
             if e.effects:
                 real = p * (1 - share) * (1 - STACKED if set(stacked(world, e)) == set(e.effects) else 1.0)
@@ -220,19 +220,17 @@ def decide(found: Sequence[World]) -> Finding:
         found: Worlds, likeliest first.
     """
     weighed = Weighed(found)
-    raw = dict.fromkeys((*STOPS, "effects"), 0.0)
+    raw: dict[str, float] = {name: 0.0 for name in (*STOPS, "effects")}
     for world, e, p, _ in weighed.items:
         raw["effects" if e.effects else weighed.kind(world, e)] += p
     top = max(raw, key=lambda kind: raw[kind])
     if top == "effects":
-        for chosen in weighed.by_set:
-            finding = _named(weighed, chosen)
+        chosen = next(iter(weighed.by_set))
+        finding = _named(weighed, chosen)
+        if finding.verdict == "unknown" and len(chosen) > 1:
             # Stacked stand-ins make way for the one effect that carries the gap, if one does.
-            if finding.verdict != "unknown" or len(chosen) == 1:
-                break
-            alone = [key for key in weighed.by_set if len(key) == 1 and key[0] in chosen]
-            finding = max((_named(weighed, key) for key in alone), key=lambda f: -f.share_left, default=finding)
-            break
+            alone = [_named(weighed, key) for key in weighed.by_set if len(key) == 1 and key[0] in chosen]
+            finding = max(alone, key=lambda f: -f.share_left, default=finding)
         if finding.verdict != "unknown":
             return finding
         top = "unknown"

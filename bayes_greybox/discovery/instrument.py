@@ -165,15 +165,15 @@ def _noise_row(
     if name == CORRELATED:
         row |= {
             "mean": about["correlation"],
-            "text": f"its noise is correlated over {about['time_scale']:.2g} {time}".rstrip()
+            "text": f"the noise of {channel} is correlated over {about['time_scale']:.2g} {time}".rstrip()
             + f" ({about['correlation']:.2f} from one sample to the next)",
         }
     elif name == VARYING:
         verb = "grows" if about["exponent"] > 0 else "shrinks"
-        row |= {"mean": about["exponent"], "text": f"its noise {verb} with |{about['variable']}|"}
+        row |= {"mean": about["exponent"], "text": f"the noise of {channel} {verb} with |{about['variable']}|"}
     elif name == HEAVY:
         row |= {
             "mean": about["degrees"],
-            "text": f"its noise has outliers (Student t, {about['degrees']:g} degrees of freedom)",
+            "text": f"the noise of {channel} has outliers (Student t, {about['degrees']:g} degrees of freedom)",
         }
     return row

@@ -46,7 +46,8 @@ class Odds:
         total = self.no_gap + self.recalibrate + self.unknown + self.effects
         if not total < 1 + 1e-9:
             raise InputError(
-                f"odds: no_gap, recalibrate, unknown and effects add up to {total:g}; they are parts of 1."
+                f"odds: no_gap, recalibrate, unknown and effects add up to {total:g}; they are "
+                "parts of 1: raise one and lower another."
             )
 
     def of_each(self, equations: int) -> "Odds":

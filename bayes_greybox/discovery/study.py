@@ -269,8 +269,8 @@ def amended_program(model: AnyProgram, findings: Mapping[str, EquationStudy]) ->
     dictionary: dict[str, list[Term]] = {}
     for name, found in findings.items():
         known = found.statistics
-        own = [known.columns[i].term for i in (*known.of_kind("free"), *known.of_kind("correction"))]
-        added = [known.columns[i].term for i in found.finding.base]
+        own = [known.columns[i].formula for i in (*known.of_kind("free"), *known.of_kind("correction"))]
+        added = [known.columns[i].formula for i in found.finding.base]
         # A dictionary needs a term; an offset is the least that can be asked for.
         dictionary[name] = [*own, *added] or [Term("1")]
     named = {name for found in findings.values() for name in found.finding.world.model.names}
@@ -288,7 +288,7 @@ def amended_program(model: AnyProgram, findings: Mapping[str, EquationStudy]) ->
 
 
 def _corrected(train: Trajectories, findings: Mapping[str, EquationStudy]) -> Trajectories:
-    """Data for the amended model: one equation's corrections; of several that differ, only what all of them agree on."""
+    """Data for the amended model, as one equation corrects them; as they came where several do so differently."""
     delayed = {name: found for name, found in findings.items() if found.aligned.delays}
     if len(findings) == 1 or not delayed:
         return next(iter(findings.values())).aligned.data

@@ -1,6 +1,6 @@
 """The sufficient statistics that every hypothesis about one equation is judged on; effects add columns to them."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -76,6 +76,12 @@ class Column:
     log_weight: float = 0.0
     suspect: ChannelSuspect | None = None
     values: np.ndarray | None = None
+
+    @property
+    def formula(self) -> Term:
+        """The term of a column that has one: every kind but a suspect."""
+        assert self.term is not None
+        return self.term
 
 
 @dataclass
@@ -178,22 +184,27 @@ class SufficientStatistics:
         if kept:
             self._extend(kept, np.column_stack(values))
 
-    def suspect(self, suspects: Sequence[tuple[ChannelSuspect, Float[np.ndarray, " n_row"]]]) -> None:
+    def suspect(
+        self, suspects: Sequence[tuple[ChannelSuspect, Float[np.ndarray, " n_row"]]], found: Collection[str] = ()
+    ) -> None:
         """Extend the products by suspects about channels; those that another column stands for already are left out.
 
         Args:
-            suspects: Each with its column at the rows, user's units of the rate per unit of its size.
+            suspects: Each with its column at the samples, user's units of the rate per unit of its size.
+            found: Keys of suspects that were found already, which stay whatever else has the same column now.
         """
         for suspect, value in suspects:
             size = float(np.sqrt(np.mean(value**2)))
             if not size > 0 or not np.isfinite(size):
                 continue
+            scaled = value / size
             column = Column(
-                "suspect", None, size, suspect.sd * size / self.target_scale, suspect=suspect, values=value / size
+                "suspect", None, size, suspect.sd * size / self.target_scale, suspect=suspect, values=scaled
             )
             before = len(self.columns)
-            self._extend([column], column.values[:, None])
-            twin = self._twin(len(self.columns) - 1) if len(self.columns) > before else None
+            self._extend([column], scaled[:, None])
+            new = len(self.columns) > before and suspect.key not in found
+            twin = self._twin(len(self.columns) - 1) if new else None
             if twin is not None:
                 self._keep(list(range(len(self.columns) - 1)))
                 self.twins[suspect.key] = twin
@@ -266,7 +277,7 @@ class SufficientStatistics:
         first = len(self.columns) - count
         keep = list(range(first))
         for i in range(first, len(self.columns)):
-            # A suspect may well be a sum of the simulation's own terms: with one number it says what they say with many.
+            # A suspect may well be a sum of the simulation's terms: with one number it says what they say with many.
             base = [
                 j
                 for j in own
@@ -293,7 +304,7 @@ class SufficientStatistics:
             norm = self.products[index, index] * self.products[j, j]
             if j != index and self.products[index, j] ** 2 > (1 - PARALLEL) * norm:
                 other = self.columns[j]
-                return other.suspect.key if other.suspect is not None else f"recalibration of {other.term.name}"
+                return other.suspect.key if other.suspect is not None else f"recalibration of {other.formula.name}"
         return None
 
     def _keep(self, keep: list[int]) -> None:

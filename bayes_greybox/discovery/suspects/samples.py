@@ -138,7 +138,7 @@ def clipped(values: Mapping[str, Float[np.ndarray, " n"]], run: np.ndarray) -> d
 
 
 def _smooth(time: np.ndarray, samples: np.ndarray, s: float) -> np.ndarray:
-    """The smoothing spline; where cross-validation smooths a path away, the one whose residuals have the noise's size."""
+    """The smoothing spline; where cross-validation smooths a path away, that whose residuals have the noise's size."""
     path = make_smoothing_spline(time, samples)(time)
     if np.mean((samples - path) ** 2) < 2 * s**2:
         return path
