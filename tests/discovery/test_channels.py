@@ -79,10 +79,8 @@ def test_every_channel_has_its_suspects(columns):
 
 def test_columns_are_the_derivatives_of_the_rate(columns):
     data = data_of()
-    values, slopes = (dict(zip(("x", "v", "u"), part, strict=True)) for part in zip(*[
-        (np.concatenate([signals(t)[0][k] for t in np.split(data.time, 2)]),
-         np.concatenate([signals(t)[1][k] for t in np.split(data.time, 2)])) for k in ("x", "v", "u")
-    ], strict=True))  # fmt: skip
+    parts = [signals(t) for t in np.split(data.time, 2)]
+    values, slopes = ({k: np.concatenate([part[i][k] for part in parts]) for k in ("x", "v", "u")} for i in (0, 1))
     d = partial(**values)
     expected = {
         (DELAY, "d(v)/dt"): -sum(d[k] * slopes[k] for k in d),
@@ -91,7 +89,7 @@ def test_columns_are_the_derivatives_of_the_rate(columns):
         (OFFSET, "d(v)/dt"): np.ones(2 * N),
     }
     for k in ("x", "v", "u"):
-        expected |= {(DELAY, k): d[k] * slopes[k], (GAIN, k): -d[k] * values[k], (OFFSET, k): -d[k]}
+        expected[(DELAY, k)], expected[(GAIN, k)], expected[(OFFSET, k)] = d[k] * slopes[k], -d[k] * values[k], -d[k]
     for key, column in expected.items():
         size = np.max(np.abs(column))
         np.testing.assert_allclose(inner(columns[key][1]), inner(column), atol=1e-3 * size, err_msg=str(key))
