@@ -1,8 +1,11 @@
 """One equation on a few rows, with what it lacks known, for tests of the study's parts."""
 
+from functools import cache
+
 import numpy as np
 
 from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.discovery.equation import EquationStudy, study_equation
 from bayes_greybox.discovery.evaluations import Evaluations
 from bayes_greybox.discovery.evidence.with_discrepancy import Evaluator, Integrated
 from bayes_greybox.discovery.odds import Odds
@@ -95,3 +98,21 @@ def forced(
 
 def forced_model(**changes) -> Program:
     return Program(**(MOTION | {"discrepancy": OrthogonalGP(variables=("y", "v"), features=5)} | changes))
+
+
+def soft(y, v):
+    """A spring that the simulation lacks."""
+    return -0.3 * y**3
+
+
+@cache
+def forced_study(missing: bool, late: str = "", steps: float = 0.5) -> EquationStudy:
+    """The study of the motion above, with the cubic spring missing or nothing, and one channel late; made once."""
+    data = forced(soft, late={late: steps}) if missing else forced(late={late: steps})
+    return studied_motion(data)
+
+
+def studied_motion(data: Trajectories, effects=(CUBE, SQUARE), most=2, **model) -> EquationStudy:
+    """The study of such data; effects are bound to y."""
+    bound = [on(effect, "y") for effect in effects]
+    return study_equation(forced_model(**model), data, "v", bound, Odds(), most, 0, lambda text: None)

@@ -152,8 +152,10 @@ def align(
         if (not moved and found == before) or turn == TURNS - 1:
             # What is left of a delay is in its column, on the data as they are.
             break
-        before, delays = found, later
-        data = undone(measured, equation, delays)
+        before = found
+        if moved:
+            # Else the statistics stay those of the data as they are.
+            delays, data = later, undone(measured, equation, later)
         added = [
             (bare.columns[i].term, float(b) * bare.target_scale / bare.columns[i].scale)
             for i, b in zip(indices, mean, strict=True)

@@ -24,14 +24,14 @@ class Spectrum:
         eigenvalues: λ [..., n_column].
         loading: b = Uᵀ D^½ XᵀR⁻¹y [..., n_column].
         back: D^½ U, which maps eigen-coefficients to β [..., n_column, n_column].
-        square: yᵀR⁻¹y.
+        square: yᵀR⁻¹y, of each hypothesis where their targets differ.
         n_obs: Number of observations.
     """
 
     eigenvalues: Float[np.ndarray, "*batch n_column"]
     loading: Float[np.ndarray, "*batch n_column"]
     back: Float[np.ndarray, "*batch n_column n_column"]
-    square: float
+    square: float | Float[np.ndarray, "*batch 1"]
     n_obs: float | int
 
     @classmethod
