@@ -1,8 +1,11 @@
 """One equation on a few rows, with what it lacks known, for tests of the study's parts."""
 
+from functools import cache
+
 import numpy as np
 
 from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.discovery.equation import EquationStudy, study_equation
 from bayes_greybox.discovery.evaluations import Evaluations
 from bayes_greybox.discovery.evidence.with_discrepancy import Evaluator, Integrated
 from bayes_greybox.discovery.odds import Odds
@@ -49,3 +52,67 @@ def tiny_evaluations(effects=(), hidden=np.zeros_like, noise=0.05, n=60, seed=1,
 def integrated(log_evidence=0.0, sigma=1.0, se=0.0) -> Integrated:
     """Evidence with f, written down by hand; the mode's noise is `sigma`."""
     return Integrated(log_evidence, se, log_evidence, np.array([np.log(sigma), 0.0, 0.0]), np.eye(3))
+
+
+MOTION = {"simulation": {"y": "v", "v": "F - 2*y - 0.15*v"}}
+"""Simulation of the motion below."""
+
+
+def forced(
+    hidden=lambda y, v: 0.0 * y, n=200, step=0.1, noise=0.02, late=None, jump=None, seed=0, n_run=1
+) -> Trajectories:
+    """v̇ = F − 2 y − 0.15 v + hidden(y, v) along a motion that is known at all times; the force is what it takes.
+
+    Args:
+        hidden: What the simulation lacks.
+        n: Rows of each run.
+        step: Between samples.
+        noise: SD of the measured rate's.
+        late: Delay of "d(v)/dt", of "states" or of "F", in steps.
+        jump: SD of the noise on samples of y, of v.
+        seed: Of the noise.
+        n_run: Runs, one after the other along the motion.
+    """
+    late, rng = late or {}, np.random.default_rng(seed)
+    waves = np.array([[0.9, 1.1, 0.3], [0.5, 2.3, 1.0], [0.4, 0.47, 2.0]])
+
+    def motion(t):
+        size, w, p = (part[:, None] for part in waves.T)
+        y, v = np.sum(size * np.sin(w * t + p), axis=0), np.sum(size * w * np.cos(w * t + p), axis=0)
+        a = np.sum(-size * w**2 * np.sin(w * t + p), axis=0)
+        return y, v, a, a + 2 * y + 0.15 * v - hidden(y, v)
+
+    times = [step * (np.arange(n) + k * n) for k in range(n_run)]
+
+    def at(channel, which):
+        return [motion(t - late.get(channel, 0.0) * step)[which] for t in times]
+
+    states = {"y": at("states", 0), "v": at("states", 1)}
+    for name, sd in zip(states, jump or (), strict=False):
+        states[name] = [x + sd * rng.standard_normal(n) for x in states[name]]
+    rates = [a + noise * rng.standard_normal(n) for a in at("d(v)/dt", 2)]
+    units = {"t": "s", "y": "m", "v": "m/s", "F": "m/s**2"}
+    given = {"states": states, "inputs": {"F": at("F", 3)}, "derivatives": {"v": rates}}
+    return Trajectories.from_arrays(times, **given, units=units)
+
+
+def forced_model(**changes) -> Program:
+    return Program(**(MOTION | {"discrepancy": OrthogonalGP(variables=("y", "v"), features=5)} | changes))
+
+
+def soft(y, v):
+    """A spring that the simulation lacks."""
+    return -0.3 * y**3
+
+
+@cache
+def forced_study(missing: bool, late: str = "", steps: float = 0.5) -> EquationStudy:
+    """The study of the motion above, with the cubic spring missing or nothing, and one channel late; made once."""
+    data = forced(soft, late={late: steps}) if missing else forced(late={late: steps})
+    return studied_motion(data)
+
+
+def studied_motion(data: Trajectories, effects=(CUBE, SQUARE), most=2, **model) -> EquationStudy:
+    """The study of such data; effects are bound to y."""
+    bound = [on(effect, "y") for effect in effects]
+    return study_equation(forced_model(**model), data, "v", bound, Odds(), most, 0, lambda text: None)

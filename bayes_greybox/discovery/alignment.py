@@ -131,24 +131,24 @@ def align(
         fitted = sets.parametric((*always, *core))
         mean = coefficients(*one_pattern(fitted, int(np.argmax(fitted.by_pattern))))[0]
         indices = evaluations.indices((*always, *core))
-        moved = False
+        moved, later = False, dict(delays)
         for index, value in zip(indices, mean, strict=True):
             suspect = given.columns[index].suspect
             if suspect is None:
                 continue
             by = float(value) * given.target_scale / given.columns[index].scale
-            late = delays.get(suspect.channel, 0.0) if suspect.kind == DELAY else 0.0
+            late = later.get(suspect.channel, 0.0) if suspect.kind == DELAY else 0.0
             if abs(late + by) > FURTHEST * suspect.sd:
                 # No sensor is so far off: it stands in for a gap, which is left to stand.
                 too_far.add(suspect.key)
                 if suspect.kind == DELAY:
-                    delays.pop(suspect.channel, None)
+                    later.pop(suspect.channel, None)
                 moved = True
                 continue
             # What smoothing leaves of the noise on samples looks like a delay: it stays a suspect among others.
             if suspect.kind != DELAY or noise:
                 continue
-            delays[suspect.channel] = delays.get(suspect.channel, 0.0) + by
+            later[suspect.channel] = late + by
             if index not in always:
                 # Later it is in every set, so its probability is that of the turns before.
                 probability[suspect.channel] = max(probability.get(suspect.channel, 0.0), sets.probability(index))
@@ -156,9 +156,12 @@ def align(
         statistics = given
         turn += 1
         if (not moved and found == before) or turn == TURNS:
+            # What is left of a delay is in its column, on the data as they are.
             break
         before = found
-        data = undone(measured, equation, delays)
+        if moved:
+            # Else the statistics stay those of the data as they are.
+            delays, data = later, undone(measured, equation, later)
         added = tuple(
             (term, float(b) * given.target_scale / given.columns[i].scale)
             for i, b in zip(indices, mean, strict=True)

@@ -1,5 +1,6 @@
 """The study of one equation: its statistics, what was found, and the tables and maps that show it."""
 
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -107,7 +108,7 @@ class EquationStudy:
             name = self._called(world, e)
             entry = found.setdefault(name, [0.0, -np.inf, np.nan])
             if e.effects:
-                entry[0] += p * (1 - share)
+                entry[0] += weighed.counted(world, e, p, share)
             value = e.log_evidence + world.offset - top
             if value > entry[1]:
                 entry[1], entry[2] = value, 0.0 if not np.isfinite(share) else share
@@ -158,7 +159,7 @@ class EquationStudy:
 
     def ladder(self) -> pd.DataFrame:
         """The likeliest sets with no effect, with one, with two, and so on."""
-        weighed, rows, before = self.finding.weighed, [], set()
+        weighed, rows, before = self.finding.weighed, [], Counter()
         most = max((len(e.effects) for _, e, _, _ in weighed.items), default=0)
         for size in range(most + 1):
             own = [(w, e, p, s) for w, e, p, s in weighed.items if len(e.effects) == size]
@@ -173,11 +174,11 @@ class EquationStudy:
             # The likeliest of those that are called so: what stands in a row is of one explanation.
             world, e = next((w, x) for w, x, _, _ in own if self._called(w, x) == top)
             rest = e.kind == REST or PROCESS in world.model.names
-            now = {world.evaluations.name(i) for i in e.effects}
+            now = Counter(world.evaluations.name(i) for i in e.effects)
             rows.append(
                 {
                     "equation": self.statistics.equation, "round": size + 1, "verdict": top,
-                    "added": " + ".join(sorted(now - before)), "probability": p, "runner_up": second,
+                    "added": " + ".join(sorted((now - before).elements())), "probability": p, "runner_up": second,
                     "runner_up_probability": q,
                     "share_left": world.share_left(e) if rest else self._unexplained(world, e),
                 }

@@ -129,11 +129,15 @@ class Weighed:
 
     def kind(self, world: World, e: Explanation) -> str:
         """What an explanation without effects says."""
-        if e.kind == REST or PROCESS in world.model.names:
+        if _leaves_rest(world, e):
             return "unknown"
         if e.suspects:
             return "instrument"
         return {PLAIN: "no gap", RECALIBRATED: "recalibrate"}[e.kind]
+
+    def counted(self, world: World, e: Explanation, p: float, share: float) -> float:
+        """Probability p of an explanation with effects, less what of it counts as unknown."""
+        return p * (1 - share) * (1 - STACKED if set(stacked(world, e)) == set(e.effects) else 1.0)
 
     @cached_property
     def by_kind(self) -> dict[str, float]:
@@ -141,7 +145,7 @@ class Weighed:
         found: dict[str, float] = {name: 0.0 for name in (*STOPS, "effects")}
         for world, e, p, share in self.items:
             if e.effects:
-                real = p * (1 - share) * (1 - STACKED if set(stacked(world, e)) == set(e.effects) else 1.0)
+                real = self.counted(world, e, p, share)
                 found["effects"] += real
                 found["unknown"] += p - real
             else:
@@ -229,8 +233,10 @@ def decide(found: Sequence[World]) -> Finding:
         finding = _named(weighed, chosen)
         if finding.verdict == "unknown" and len(chosen) > 1:
             # Stacked stand-ins make way for the one effect that carries the gap, if one does.
-            alone = [_named(weighed, key) for key in weighed.by_set if len(key) == 1 and key[0] in chosen]
-            finding = max(alone, key=lambda f: -f.share_left, default=finding)
+            # Of one that was not weighed with a rest it is not known what it leaves.
+            with_rest = {weighed.names(w, e) for w, e, *_ in weighed.items if _leaves_rest(w, e)}
+            singles = [key for key in weighed.by_set if len(key) == 1 and key[0] in chosen and key in with_rest]
+            finding = max((_named(weighed, key) for key in singles), key=lambda f: -f.share_left, default=finding)
         if finding.verdict != "unknown":
             return finding
         top = "unknown"
@@ -240,14 +246,17 @@ def decide(found: Sequence[World]) -> Finding:
     return Finding(found, top, (), e, world, remainder, 1.0 if top == "unknown" else share, (), weighed)
 
 
+def _leaves_rest(world: World, e: Explanation) -> bool:
+    """Whether something remains beside an explanation's columns: f, or a process in time."""
+    return e.kind == REST or PROCESS in world.model.names
+
+
 def _named(weighed: Weighed, chosen: tuple[str, ...]) -> Finding:
     """The answer with a set of effects."""
     own = [(w, e, p, s) for w, e, p, s in weighed.items if weighed.names(w, e) == chosen]
     mass = sum(p for _, _, p, _ in own)
     world, e, _, _ = own[0]
-    left = [
-        (p, w.share_left(x)) for w, x, p, _ in own if (x.kind == REST or PROCESS in w.model.names) and p > FAINT * mass
-    ]
+    left = [(p, w.share_left(x)) for w, x, p, _ in own if _leaves_rest(w, x) and p > FAINT * mass]
     remainder = sum(p for p, _ in left) / mass
     share = sum(p * s for p, s in left) / sum(p for p, _ in left) if left else 0.0
     against = ()
@@ -270,6 +279,7 @@ def _place(weighed: Weighed, world: World, e: Explanation, chosen: tuple[str, ..
     known = world.evaluations
     own, slug = known.binding(index), known.name(index)
     others = tuple(sorted(b for b in chosen if b != own))
+    beside = _suspected(world, e)
     rivals: dict[str, float] = {}
     evidence: dict[str, float] = {}
     for w, x, p, share in weighed.items:
@@ -277,11 +287,9 @@ def _place(weighed: Weighed, world: World, e: Explanation, chosen: tuple[str, ..
         if len(names) == len(chosen) and set(others) <= set(names):
             (instead,) = set(names) - set(others) or {own}
             name = instead.split("(")[0]
-        elif names == others and x.suspects and x.kind != REST:
+        elif names == others and not _leaves_rest(w, x) and len(_suspected(w, x) - beside) == 1:
             # A sensor's error may stand in an effect's place too: an offset in that of a constant force.
-            suspect = w.evaluations.statistics.columns[x.suspects[-1]].suspect
-            assert suspect is not None
-            name = suspect.key
+            (name,) = _suspected(w, x) - beside
         else:
             continue
         rivals[name] = rivals.get(name, 0.0) + p * (1 - share)
@@ -294,3 +302,9 @@ def _place(weighed: Weighed, world: World, e: Explanation, chosen: tuple[str, ..
     probability = weighed.by_effect[slug]
     together = min(1.0, probability + sum(rivals[name] for name in tied))
     return Place(index, slug, probability, tied, together, same)
+
+
+def _suspected(world: World, e: Explanation) -> frozenset[str]:
+    """Keys of the suspects of an explanation."""
+    columns = world.evaluations.statistics.columns
+    return frozenset(s.key for i in e.suspects if (s := columns[i].suspect) is not None)

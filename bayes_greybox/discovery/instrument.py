@@ -8,6 +8,7 @@ import pandas as pd
 
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.model.noise_models import CORRELATED, HEAVY, PROCESS, VARYING
+from bayes_greybox.physics.units import derivative_unit
 
 from .alignment import Aligned
 from .coefficients import Coefficients
@@ -145,7 +146,8 @@ def _row(
     elif suspect.kind == GAIN:
         row |= {"text": f"{channel} reads {abs(mean):.2%} too {'large' if mean >= 0 else 'small'}"}
     else:
-        unit = data.unit(suspect.channel) if suspect.channel in data.columns else data.derivative_unit(equation)
+        rate = suspect.channel not in data.columns
+        unit = derivative_unit(equation, data.units) if rate else data.unit(suspect.channel)
         row |= {
             "unit": unit or "",
             "text": f"{channel} has {_article(suspect.kind)} of {mean:.3g} {unit or ''}".rstrip(),

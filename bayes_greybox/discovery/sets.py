@@ -9,7 +9,7 @@ Raftery 1994, JASA 89:1535). Effects that show only together are found as the pa
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations, product
-from math import comb, log
+from math import log
 
 import numpy as np
 from scipy.special import log_ndtr
@@ -87,7 +87,7 @@ class _Prior:
         n_column: Columns when it was made.
         suspects: Columns of suspects that may be in or out.
         suspected, trusted: Log prior of one that is in, and of one that is out.
-        by_size: Log prior of so many effects, and of each set of as many names.
+        by_size: Log prior of so many effects, over the sum of what sets of as many weigh by `ways`.
         ways: For each column of an effect, the log of the number of ways to bind its name to columns.
     """
 
@@ -105,13 +105,14 @@ class _Prior:
         effects = statistics.of_kind("effect")
         for i in effects:
             bindings.setdefault(evaluations.name(i), set()).add(evaluations.binding(i))
-        sizes = np.array([odds.another**j for j in range(min(most, max(len(bindings), 1)))])
+        ways = [len(places) for places in bindings.values() for _ in places]
+        sizes = np.array([odds.another**j for j in range(max(min(most, len(ways)), 1))])
         shares = np.log(sizes / sizes.sum()) + log(odds.effects)
-        # The same effect at two places is a set of one name; it takes the prior of the largest set of names.
-        by_size = [0.0]
-        for k in range(1, most + 1):
-            held = min(k, len(sizes))
-            by_size.append(float(shares[held - 1]) - log(comb(max(len(bindings), held), held)))
+        # Names share a size equally, and bindings their name: a set weighs Π 1/ways, and these add up to e_k, the k-th
+        # elementary symmetric polynomial of 1/ways; without second places that is the number of sets.
+        polynomial = np.polynomial.polynomial.polyfromroots([-n for n in ways]) if ways else np.ones(1)
+        polynomial = polynomial / polynomial[0]
+        by_size = [0.0, *(float(shares[k - 1]) - log(polynomial[k]) for k in range(1, min(most, len(ways)) + 1))]
         return cls(
             n_column=len(statistics.columns),
             suspects=frozenset(i for i in statistics.of_kind("suspect") if i not in always),

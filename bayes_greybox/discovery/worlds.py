@@ -19,7 +19,7 @@ from bayes_greybox.model.evidence import coefficients
 from bayes_greybox.model.noise_models import PROCESS, NoiseModel, Suspicion, log_white, suspicions
 
 from .evaluations import Evaluations, one_pattern
-from .sets import REST, Explanation, Sets
+from .sets import RECALIBRATED, REST, Explanation, Sets
 
 TRIED = -3.0
 """Log odds over the best explanation of all below which a noise is not looked at further."""
@@ -68,17 +68,21 @@ class World:
             return e.share_left
         if not self.model.process_share:
             return 0.0
-        known = self.evaluations
         spread = float(np.mean(self.residual(e) ** 2))
         white = spread * (1 - self.model.process_share)
         gap = max(1.0 - white, 1e-12)
-        return float(np.clip(spread * self.model.process_share / gap, 0.0, 1.0)) if known else 0.0
+        return float(np.clip(spread * self.model.process_share / gap, 0.0, 1.0))
 
     def coefficients(self, e: Explanation) -> tuple[np.ndarray, np.ndarray]:
         """Posterior mean and covariance of an explanation's coefficients in its likeliest pattern, scaled."""
         fitted = self.evaluations.parametric([e.columns])[0]
-        corrected = e.effects or e.kind != "plain"
-        return coefficients(*one_pattern(fitted, int(np.argmax(fitted.by_pattern)) if corrected else 0))
+        if e.kind == RECALIBRATED:
+            pattern = 1 + int(np.argmax(fitted.by_pattern[1:]))
+        elif e.effects or e.kind == REST or PROCESS in self.model.names:
+            pattern = int(np.argmax(fitted.by_pattern))
+        else:
+            pattern = 0
+        return coefficients(*one_pattern(fitted, pattern))
 
     def residual(self, e: Explanation) -> Float[np.ndarray, " n_row"]:
         """Target less everything that an explanation explains, f's mean included; scaled, not whitened."""

@@ -11,11 +11,11 @@ from bayes_greybox.model.evidence import coefficients
 N_DRAW = 4000
 
 
-def cubic(remains=-1e3, sigma=1.0, **changes):
-    """Evaluations of rows with a hidden cube; log evidence `remains` of f beside anything, by hand."""
+def cubic(sigma=1.0, **changes):
+    """Evaluations of rows with a hidden cube; beside f the noise is `sigma`, by hand."""
     given = {"effects": [CUBE, SQUARE], "hidden": lambda x: -(x**3), "noise": 0.1}
     known = tiny_evaluations(**(given | changes))
-    known.integrated = lambda effects: integrated(remains, sigma)
+    known.integrated = lambda effects: integrated(sigma=sigma)
     return known
 
 
@@ -93,9 +93,9 @@ def test_the_coefficient_of_a_draw_goes_with_its_own_inner_parameter():
 
 
 def test_where_f_remains_noise_and_scatter_are_those_beside_f():
-    known = no_corrections(remains=1e3, sigma=0.01)
+    known = no_corrections(sigma=0.01)
     cube = known.statistics.of_kind("effect")[0]
-    found = draw_coefficients(known, (cube,), N_DRAW, seed=0)
+    found = draw_coefficients(known, (cube,), N_DRAW, seed=0, remainder=1.0)
     s_f = np.hypot(0.01, known.statistics.noise.floor)
     np.testing.assert_allclose(found.sigma, s_f)
     fitted = known.parametric([(cube,)])[0].marginal
