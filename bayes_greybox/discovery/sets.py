@@ -204,7 +204,9 @@ class Sets:
             self._screen(self._allowed(fresh))
 
     def _candidates(self) -> tuple[list[int], list[int]]:
-        suspects = [i for i in self.statistics.of_kind("suspect") if i not in self.always]
+        late = any(self._is_delay(i) for i in self.always)
+        every = [i for i in self.statistics.of_kind("suspect") if i not in self.always]
+        suspects = [i for i in every if not (late and self._is_delay(i))]
         return self.statistics.of_kind("effect"), suspects
 
     def _seeds(self, effects: Sequence[int]) -> list[int]:

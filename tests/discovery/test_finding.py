@@ -4,7 +4,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from bayes_greybox.discovery.suspects.noise_models import PROCESS, NoiseModel
 
 from bayes_greybox.data.row_noise import RowNoise
 from bayes_greybox.discovery.evaluations import Evaluations
@@ -21,6 +20,7 @@ from bayes_greybox.discovery.finding import (
 )
 from bayes_greybox.discovery.sets import PLAIN, RECALIBRATED, REST, Explanation
 from bayes_greybox.discovery.worlds import World
+from bayes_greybox.model.noise_models import PROCESS, NoiseModel
 
 SUSPECTS = ("offset", "delay")
 KINDS = {"no gap": PLAIN, "recalibrate": RECALIBRATED, "unknown": REST}

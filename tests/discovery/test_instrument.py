@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
-from bayes_greybox.discovery.suspects.noise_models import CORRELATED, HEAVY, VARYING
 from tiny_equation import forced, forced_study, soft, studied_motion
 
 from bayes_greybox.discovery.instrument import CLIPPED, COLUMNS, IN_MODEL, LISTED, NOISY, _noise_row
+from bayes_greybox.model.noise_models import CORRELATED, HEAVY, VARYING
 
 
 def table(study, data=None):
@@ -94,8 +94,8 @@ def test_noisy_and_clipped_samples_are_told():
             {"correlation": 0.9, "time_scale": 1.2},
             "correlated over 1.2 s (0.90 from one sample to the next)",
         ),
-        (VARYING, {"variable": "y", "exponent": 1.0}, "its noise grows with |y|"),
-        (VARYING, {"variable": "y", "exponent": -0.5}, "its noise shrinks with |y|"),
+        (VARYING, {"variable": "y", "exponent": 1.0}, "grows with |y|"),
+        (VARYING, {"variable": "y", "exponent": -0.5}, "shrinks with |y|"),
         (HEAVY, {"degrees": 2.0, "scale": 0.1}, "its noise has outliers (Student t, 2 degrees of freedom)"),
     ],
 )
