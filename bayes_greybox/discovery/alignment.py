@@ -1,7 +1,7 @@
 """The data as the study uses them: freed of noise on their samples, delays undone, suspects taken along the whole rate.
 
-A delay's column is that of the rate as modelled, with what is missing in it. So suspects and effects are found in turns:
-effects with the suspects as they are, the suspects' columns anew with the effects found, delays undone in the data,
+A delay's column is that of the rate as modelled, with what is missing in it. So suspects and effects are found in
+turns: effects with the suspects as they are, the suspects' columns anew with the effects found, delays undone in the data,
 until neither changes.
 """
 
@@ -169,10 +169,14 @@ def align(
 
 
 def _anew(
-    model: Program, data: Trajectories, equation: str, before: SufficientStatistics, moved: bool,
+    model: Program,
+    data: Trajectories,
+    equation: str,
+    before: SufficientStatistics,
+    moved: bool,
     at_end: Mapping[str, np.ndarray],
 ) -> SufficientStatistics:
-    """Statistics without suspects, on data whose delays are undone, with the terms and inner parameters known so far."""
+    """Statistics without suspects, on data whose delays are undone, with terms and inner parameters known so far."""
     if not moved:
         before.drop("suspect")
         return before

@@ -17,10 +17,10 @@ from bayes_greybox.physics.units import coefficient_unit, derivative_unit
 
 from .adequacy import Check, check_explanation
 from .alignment import Aligned, align
+from .amendment import Amendment, Remainder
 from .coefficients import Coefficients, alone, draw_coefficients, plain
 from .evaluations import Evaluations
 from .finding import STOPS, TIED, Finding, decide
-from .amendment import Amendment, Remainder
 from .instrument import instrument_table
 from .odds import Odds
 from .sets import RECALIBRATED, REST
@@ -100,7 +100,9 @@ class EquationStudy:
     def hypotheses(self) -> pd.DataFrame:
         """No gap, recalibration, instrument, unknown, and each set of effects; probabilities sum to one."""
         weighed = self.finding.weighed
-        found: dict[str, list[float]] = {name: [p, -np.inf, np.nan] for name, p in weighed.by_kind.items() if name in STOPS}
+        found: dict[str, list[float]] = {
+            name: [p, -np.inf, np.nan] for name, p in weighed.by_kind.items() if name in STOPS
+        }
         top = weighed.worlds[0].offset
         for world, e, p, share in weighed.items:
             name = self._named(world, e) if e.effects else weighed.kind(world, e)
@@ -289,7 +291,9 @@ def _with_noisy_states(finding: Finding, aligned: Aligned, unit: str) -> Finding
     if finding.verdict == "unknown" and gap < AS_LARGE * spurious:
         return replace(finding, verdict="instrument")
     names = ", ".join(aligned.sample_noise)
-    return finding.capped([f"noise on the samples of {names} acts like a force of {spurious * scale:.2g} {unit}".rstrip()])
+    return finding.capped(
+        [f"noise on the samples of {names} acts like a force of {spurious * scale:.2g} {unit}".rstrip()]
+    )
 
 
 def _changing(data: Trajectories, rate: Callable) -> dict[str, np.ndarray]:
@@ -297,7 +301,8 @@ def _changing(data: Trajectories, rate: Callable) -> dict[str, np.ndarray]:
     if data.n_obs < 5:
         return {}
     values = rate(data)
-    slopes = [np.gradient(values[data.run == r], data.time[data.run == r]) for r in np.unique(data.run) if np.sum(data.run == r) > 1]  # fmt: skip
+    runs = [data.run == r for r in np.unique(data.run)]
+    slopes = [np.gradient(values[own], data.time[own]) for own in runs if np.sum(own) > 1]
     return {JITTER: np.concatenate(slopes)} if sum(map(len, slopes)) == data.n_obs else {}
 
 

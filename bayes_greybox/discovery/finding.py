@@ -5,7 +5,7 @@ that the effect merely imitates: an effect beside a rest that carries the share 
 goes to *unknown*. That is a judgement, not a theorem; it keeps a dominant effect and distrusts a stand-in.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -141,7 +141,7 @@ class Weighed:
     @cached_property
     def by_kind(self) -> dict[str, float]:
         """Probabilities of no gap, recalibration, instrument, unknown, and effects; they sum to one."""
-        found = dict.fromkeys((*STOPS, "effects"), 0.0)
+        found: dict[str, float] = dict.fromkeys((*STOPS, "effects"), 0.0)
         for world, e, p, share in self.items:
             if e.effects:
                 real = self.counted(world, e, p, share)
@@ -223,27 +223,23 @@ def decide(found: Sequence[World]) -> Finding:
         found: Worlds, likeliest first.
     """
     weighed = Weighed(found)
-    raw = dict.fromkeys((*STOPS, "effects"), 0.0)
+    raw: dict[str, float] = dict.fromkeys((*STOPS, "effects"), 0.0)
     for world, e, p, _ in weighed.items:
         raw["effects" if e.effects else weighed.kind(world, e)] += p
     top = max(raw, key=lambda kind: raw[kind])
     if top == "effects":
-        for chosen in weighed.by_set:
-            finding = _named(weighed, chosen)
-            # Stacked stand-ins make way for the one effect that carries the gap, if one does.
-            if finding.verdict != "unknown" or len(chosen) == 1:
-                break
-            # Of one that was not weighed with a rest it is not known what it leaves.
+        chosen = next(iter(weighed.by_set))
+        finding = _named(weighed, chosen)
+        if finding.verdict == "unknown" and len(chosen) > 1:
+            # Stacked stand-ins make way for the one effect that carries the gap, if one does. Of one that was not
+            # weighed with a rest it is not known what it leaves.
             with_rest = {weighed.names(w, e) for w, e, *_ in weighed.items if _leaves_rest(w, e)}
             alone = [key for key in weighed.by_set if len(key) == 1 and key[0] in chosen and key in with_rest]
-            finding = max((_named(weighed, key) for key in alone), key=lambda f: -f.share_left, default=finding)
-            break
+            finding = min((_named(weighed, key) for key in alone), key=lambda f: f.share_left, default=finding)
         if finding.verdict != "unknown":
             return finding
         top = "unknown"
-    world, e, share = next(
-        (w, e, s) for w, e, _, s in weighed.items if not e.effects and weighed.kind(w, e) == top
-    )
+    world, e, share = next((w, e, s) for w, e, _, s in weighed.items if not e.effects and weighed.kind(w, e) == top)
     # What only imitates the unknown is not added to anybody's model; the tables show that it was weighed.
     remainder = weighed.by_kind["unknown"]
     return Finding(found, top, (), e, world, remainder, 1.0 if top == "unknown" else share, (), weighed)

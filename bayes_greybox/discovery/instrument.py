@@ -53,12 +53,18 @@ def instrument_table(
     places = {statistics.columns[i].suspect.key: k for k, i in enumerate(coefficients.suspects)}  # type: ignore[union-attr]
     for key, p in weighed.by_suspect.items():
         index = next(
-            i for i in statistics.of_kind("suspect") if statistics.columns[i].suspect.key == key  # type: ignore[union-attr]
+            i
+            for i in statistics.of_kind("suspect")
+            if statistics.columns[i].suspect.key == key  # type: ignore[union-attr]
         )
         column = statistics.columns[index]
         suspect = column.suspect
         assert suspect is not None
-        p = aligned.probability.get(suspect.channel, p) if suspect.channel in aligned.delays and suspect.kind == DELAY else p
+        p = (
+            aligned.probability.get(suspect.channel, p)
+            if suspect.channel in aligned.delays and suspect.kind == DELAY
+            else p
+        )
         if p < LISTED:
             continue
         in_model = key in places
@@ -81,7 +87,14 @@ def instrument_table(
     for name, noise in aligned.sample_noise.items():
         unit = data.unit(name) or ""
         rows.append(
-            _blank(statistics.equation, NOISY, name, 1.0, IN_MODEL, f"samples of {name} have noise of {noise.sd:.2g} {unit}".rstrip())
+            _blank(
+                statistics.equation,
+                NOISY,
+                name,
+                1.0,
+                IN_MODEL,
+                f"samples of {name} have noise of {noise.sd:.2g} {unit}".rstrip(),
+            )
             | {"mean": noise.sd, "unit": unit}
         )
     for name, rows_at_end in aligned.clipped.items():
@@ -135,7 +148,10 @@ def _row(
     else:
         rate = suspect.channel not in data.columns
         unit = derivative_unit(equation, data.units) if rate else data.unit(suspect.channel)
-        row |= {"unit": unit or "", "text": f"{channel} has {_article(suspect.kind)} of {mean:.3g} {unit or ''}".rstrip()}
+        row |= {
+            "unit": unit or "",
+            "text": f"{channel} has {_article(suspect.kind)} of {mean:.3g} {unit or ''}".rstrip(),
+        }
     return row
 
 

@@ -200,7 +200,7 @@ class Sets:
 
     def _candidates(self) -> tuple[list[int], list[int]]:
         suspects = [i for i in self.statistics.of_kind("suspect") if i not in self.always]
-        return self.statistics.of_kind("effect"), suspects
+        return self.statistics.of_kind("effect") if self.most else [], suspects
 
     def _seeds(self, effects: Sequence[int]) -> list[int]:
         groups: dict[str, list[int]] = {}
@@ -372,9 +372,18 @@ class Sets:
         found = []
         for c in best:
             value, share = at_mode[c], np.nan
-            if c in finalists and weight.get(c, -np.inf) > top - WINDOW or c == () or at_mode[c] + prior[c] > top - WINDOW and c in finalists:
+            if (
+                c in finalists
+                and weight.get(c, -np.inf) > top - WINDOW
+                or c == ()
+                or at_mode[c] + prior[c] > top - WINDOW
+                and c in finalists
+            ):
                 integrated = known.integrated((*self.always, *c))
-                value, share = integrated.log_evidence + known.inner_weight(c), self.share((*self.always, *c), integrated)
+                value, share = (
+                    integrated.log_evidence + known.inner_weight(c),
+                    self.share((*self.always, *c), integrated),
+                )
             suspects, effects = self._parted(c)
             signs = self._signs(c) if effects else 0.0
             found.append(Explanation(suspects, effects, REST, value + signs + prior[c], value + signs, share))

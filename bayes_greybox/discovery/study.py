@@ -21,10 +21,9 @@ from bayes_greybox.physics.terms import Term
 from bayes_greybox.physics.units import check_units
 
 from .equation import EquationStudy, study_equation
-from .finding import Finding
+from .finding import NEGLIGIBLE, SUBSTANTIAL, SURE, TIED, VERDICTS, Finding
 from .gap import Amendment, FreePath, gap_rows, worsened
 from .odds import Odds
-from .finding import NEGLIGIBLE, SUBSTANTIAL, SURE, TIED, VERDICTS
 from .sufficient_statistics import CORRECTION_SCALE
 from .suspects.channels import DELAY_STEPS, GAIN_SD, OFFSET_SD
 from .where import GapMap, GapTrace

@@ -133,7 +133,8 @@ def worlds(
     if not base.independent:
         # Filtered rows carry a known correlation; what is left of it is judged by the checks.
         return found
-    current, tried = found[0], {()}
+    current = found[0]
+    tried: set[tuple[str, ...]] = {()}
     for _ in range(DEEPEST):
         fresh = []
         for suspicion, score in _suspected(current, quantities):
@@ -155,7 +156,7 @@ def worlds(
 
 
 def _likelier(world: World) -> RowNoise | None:
-    """The likeliest alternative of the noise of rows on a world's best residual, if it is likelier than what they have."""
+    """The likeliest alternative of the noise of rows on a world's best residual, if likelier than what they have."""
     statistics = world.evaluations.statistics
     noise, residual = statistics.rows.noise, world.residual(world.best)[:, None]
     choices = (noise, *noise.alternatives())
@@ -195,7 +196,7 @@ def _suspected(world: World, quantities: Mapping[str, np.ndarray]) -> list[tuple
 def _refitted(
     before: World, suspicion: Suspicion, most: int, always: Sequence[int], quantities: Mapping[str, np.ndarray]
 ) -> World:
-    """The world of a suspect; its parameters found again on the residuals of its own best explanation, if that is new."""
+    """The world of a suspect; its parameters found again on its own best explanation's residuals, if that is new."""
     world = _world(_under(before.evaluations, suspicion.model), suspicion.model, most, always)
     statistics = world.evaluations.statistics
     rows = statistics.rows
@@ -226,4 +227,3 @@ def weights(found: Sequence[World]) -> Float[np.ndarray, " n_world"]:
     """Posterior probability of each world."""
     totals = np.array([w.total for w in found])
     return np.exp(totals - np.logaddexp.reduce(totals))
-

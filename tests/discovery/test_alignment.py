@@ -154,9 +154,7 @@ def test_rows_at_the_end_of_a_sensor_count_for_nothing():
     blind = replace(data, states={**data.states, "y": np.minimum(data.states["y"], top)})
     found = aligned(blind)
     np.testing.assert_array_equal(found.clipped["y"], blind.states["y"] == top)
-    np.testing.assert_array_equal(
-        found.evaluations.statistics.rows.noise.sd == CLIPPED_SD, blind.states["y"] == top
-    )
+    np.testing.assert_array_equal(found.evaluations.statistics.rows.noise.sd == CLIPPED_SD, blind.states["y"] == top)
     spoilt = np.where(found.clipped["y"], 50.0, blind.derivatives["v"])
     again = aligned(replace(blind, derivatives={"v": spoilt}))
     rates = [part.rate(data) for part in (found, again)]

@@ -4,8 +4,18 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from tiny_equation import CUBE, DEAD_ZONE, SQUARE, forced, forced_study, soft, studied_motion, tiny_data, tiny_evaluations
-from tiny_equation import tiny_model
+from tiny_equation import (
+    CUBE,
+    DEAD_ZONE,
+    SQUARE,
+    forced,
+    forced_study,
+    soft,
+    studied_motion,
+    tiny_data,
+    tiny_evaluations,
+    tiny_model,
+)
 
 from bayes_greybox.discovery.adequacy import Check
 from bayes_greybox.discovery.alignment import Aligned
@@ -299,8 +309,13 @@ def test_checks_of_what_is_right_do_not_speak_against_it():
     assert [check.ok for check in study.checks] == [True, True]
 
 
-def test_where_something_remains_the_model_after_holds_f_and_nothing_is_checked():
-    study = studied_motion(forced(lambda y, v: 0.6 * np.exp(-(((y - 0.5) / 0.3) ** 2))), effects=(SQUARE,))
+@pytest.fixture(scope="module")
+def bump():
+    return studied_motion(forced(lambda y, v: 0.6 * np.exp(-(((y - 0.5) / 0.3) ** 2))), effects=(SQUARE,))
+
+
+def test_where_something_remains_the_model_after_holds_f_and_nothing_is_checked(bump):
+    study = bump
     assert study.finding.verdict == "unknown" and study.finding.base == () and study.checks == ()
     assert study.amendment.discrepancy is not None
 
@@ -360,9 +375,7 @@ def test_noise_left_on_states_speaks_against_a_name_where_it_is_as_large_as_the_
     assert noisy(study, 0.002) is study.finding
 
 
-def test_a_gap_that_noise_left_on_states_explains_is_the_instruments():
-    world = forced_study(True).finding.world
-    finding = Finding([world], "unknown", (), world.bare, world, 1.0, 1.0, (), forced_study(True).finding.weighed)
-    study = SimpleNamespace(finding=finding)
-    scale = world.evaluations.statistics.target_scale
-    assert noisy(study, 2 * scale).verdict == "instrument" and noisy(study, 0.02 * scale).verdict == "unknown"
+def test_a_gap_that_noise_left_on_states_explains_is_the_instruments(bump):
+    assert noisy(bump, 2.0).verdict == "instrument"
+    less = noisy(bump, 0.015)
+    assert less.verdict == "unknown" and less.against

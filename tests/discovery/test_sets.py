@@ -42,7 +42,9 @@ def two_places(hidden=lambda x, u: 0 * x, effects=(SQUARE,), noise=0.05, n=60):
     data = Trajectories.from_arrays(np.arange(n) * 0.1, states={"x": x}, inputs={"u": u}, derivatives={"x": rate})
     bound = [on(effect, place) for effect in effects for place in ("x", "u")]
     statistics = sufficient_statistics(tiny_model(), data, "x", bound)
-    return Evaluations(statistics, ODDS, Evaluator(statistics.prior, statistics.kernel, np.asarray(statistics.basis.frequency)))
+    return Evaluations(
+        statistics, ODDS, Evaluator(statistics.prior, statistics.kernel, np.asarray(statistics.basis.frequency))
+    )
 
 
 def suspicious(known, *suspects):
@@ -148,6 +150,11 @@ def test_a_set_has_at_most_so_many_effects(most):
     found = Sets(known, most).weigh()
     assert max(len(e.effects) for e in found) == most
     assert len(found[0].effects) == most
+
+
+def test_where_no_effect_is_allowed_there_is_none():
+    found = Sets(tiny_evaluations([CUBE], cubic), 0).weigh()
+    assert {e.kind for e in found} == {PLAIN, RECALIBRATED, REST} and not any(e.effects for e in found)
 
 
 def test_more_effects_are_allowed_than_there_are():

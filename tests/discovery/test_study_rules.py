@@ -11,9 +11,9 @@ import bayes_greybox.discovery.study as module
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.equation import EquationStudy
+from bayes_greybox.discovery.finding import NEGLIGIBLE, SUBSTANTIAL, SURE, TIED, VERDICTS, Finding
 from bayes_greybox.discovery.gap import Amendment, FreePath
 from bayes_greybox.discovery.odds import Odds
-from bayes_greybox.discovery.finding import NEGLIGIBLE, SUBSTANTIAL, SURE, TIED, VERDICTS, Finding
 from bayes_greybox.discovery.study import (
     _check_data,
     amended_program,
@@ -104,7 +104,8 @@ class Told(EquationStudy):
         self.__dict__ |= {"name": name, **{part: blank(kind, name) for part, kind in parts.items()}}
         self.__dict__ |= {
             "finding": finding(verdict, 0, (f"{name} is odd",)),
-            "where": self.frame(), "known": known,
+            "where": self.frame(),
+            "known": known,
         }
 
     @property
@@ -331,7 +332,17 @@ def test_a_run_of_one_row_will_do_where_no_free_run_is_possible():
 # Odds
 
 
-PROBABILITIES = ("no_gap", "recalibrate", "unknown", "effects", "another", "correction", "remainder", "suspect", "noise")
+PROBABILITIES = (
+    "no_gap",
+    "recalibrate",
+    "unknown",
+    "effects",
+    "another",
+    "correction",
+    "remainder",
+    "suspect",
+    "noise",
+)
 
 
 @pytest.mark.parametrize("field", PROBABILITIES)

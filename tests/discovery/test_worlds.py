@@ -32,7 +32,9 @@ def along(noise, hidden=np.zeros_like, n=160, effects=(CUBE, SQUARE), n_run=1, *
     )
     bound = [on(effect) for effect in effects]
     statistics = sufficient_statistics(tiny_model(**model), data, "x", bound)
-    return Evaluations(statistics, ODDS, Evaluator(statistics.prior, statistics.kernel, np.asarray(statistics.basis.frequency)))
+    return Evaluations(
+        statistics, ODDS, Evaluator(statistics.prior, statistics.kernel, np.asarray(statistics.basis.frequency))
+    )
 
 
 def white(rng, x):
