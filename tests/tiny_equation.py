@@ -115,4 +115,4 @@ def forced_study(missing: bool, late: str = "", steps: float = 0.5) -> EquationS
 def studied_motion(data: Trajectories, effects=(CUBE, SQUARE), most=2, **model) -> EquationStudy:
     """The study of such data; effects are bound to y."""
     bound = [on(effect, "y") for effect in effects]
-    return study_equation(forced_model(**model), data, "v", bound, Odds(), most, 0, lambda text: None)
+    return study_equation(forced_model(**model), data, "v", bound, Odds(), most, 0, False, lambda text: None)

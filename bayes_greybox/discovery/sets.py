@@ -207,7 +207,7 @@ class Sets:
         late = any(self._is_delay(i) for i in self.always)
         every = [i for i in self.statistics.of_kind("suspect") if i not in self.always]
         suspects = [i for i in every if not (late and self._is_delay(i))]
-        return self.statistics.of_kind("effect"), suspects
+        return self.statistics.of_kind("effect") if self.most else [], suspects
 
     def _seeds(self, effects: Sequence[int]) -> list[int]:
         groups: dict[str, list[int]] = {}

@@ -4,32 +4,51 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from bayes_greybox.discovery.hypotheses import Explanation, Round
-from bayes_greybox.discovery.rounds import TIED, Finding, Step
-from tiny_equation import CUBE, DEAD_ZONE, SQUARE, tiny_data, tiny_evaluations, tiny_model
+from tiny_equation import (
+    CUBE,
+    DEAD_ZONE,
+    SQUARE,
+    forced,
+    forced_study,
+    soft,
+    studied_motion,
+    tiny_data,
+    tiny_evaluations,
+    tiny_model,
+)
 
+from bayes_greybox.discovery.adequacy import Check
+from bayes_greybox.discovery.alignment import Aligned
 from bayes_greybox.discovery.coefficients import Coefficients, alone
-from bayes_greybox.discovery.equation import EquationStudy, study_equation
+from bayes_greybox.discovery.equation import EquationStudy, _with_noisy_states, study_equation
+from bayes_greybox.discovery.finding import STACKED, TIED, Finding, Place, Weighed
 from bayes_greybox.discovery.odds import Odds
+from bayes_greybox.discovery.sets import PLAIN, RECALIBRATED, REST, Explanation
+from bayes_greybox.discovery.worlds import World
+from bayes_greybox.model.noise_models import NoiseModel
 from bayes_greybox.physics.catalogue.effects import Effect
 
 CUBIC = {"hidden": lambda x: -(x**3), "noise": 0.05}
 TWICE = Effect(slug="twice", name="Twice", domain="test", expression="2*r**3")
 FIFTH = Effect(slug="fifth", name="Fifth", domain="test", expression="r**5")
+STOPS = {"no gap": PLAIN, "recalibrate": RECALIBRATED, "unknown": REST}
 
 
-def first_round(known, probabilities):
-    """A first round with these probabilities; an effect's best column is its first."""
+def world_of(known, probabilities):
+    """Explanations by name, "cube + square" or "cube & rest"; log evidences are 100 plus log probabilities."""
     columns = known.statistics.of_kind("effect")
-    explanations = []
+    found = []
     for name, p in probabilities.items():
-        own = [i for i in columns if known.name(i) == name]
-        best = own[0] if own else None
-        explanations.append(Explanation(name, tuple(own), float(np.log(p)), 100 + float(np.log(p)), best, 0.0, p / 2))
-    return Round((), tuple(explanations))
+        body, kind = name.removesuffix(" & rest"), STOPS.get(name, REST if name.endswith(" & rest") else PLAIN)
+        slugs = [] if name in STOPS else body.split(" + ")
+        own = tuple(next(i for i in columns if known.name(i) == slug) for slug in slugs)
+        share = 0.0 if kind != REST else 0.25 if own else 1.0
+        found.append(Explanation((), own, kind, float(np.log(p)), 100 + float(np.log(p)), share))
+    found.sort(key=lambda e: -e.log_weight)
+    return World(NoiseModel(known.statistics.rows.noise), known, tuple(found), 0.0)
 
 
-def studied(known, probabilities, base=(), draws=None, inner=None, ties=None, steps=()):
+def studied(known, probabilities, base=(), draws=None, inner=None, ties=None, verdict="named", checks=()):
     """Draws in user's units of the columns: free, corrections, then the effects of `base`."""
     statistics = known.statistics
     own = [*statistics.of_kind("free"), *statistics.of_kind("correction")]
@@ -37,13 +56,15 @@ def studied(known, probabilities, base=(), draws=None, inner=None, ties=None, st
     inner = np.tile(base, (len(draws), 1)) if inner is None else np.asarray(inner)
     inner = inner.reshape(len(draws), len(base)).astype(int)
     scale = np.array([[statistics.columns[i].scale for i in (*own, *row)] for row in inner])
-    first = first_round(known, probabilities)
-    finding = Finding(
-        "named", tuple(base), (0.7,) * len(base), ties or ((),) * len(base), first, first, tuple(steps), 0.0, 0.0
-    )
+    world = world_of(known, probabilities)
+    places = tuple(
+        Place(i, known.name(i), 0.7, tied, 0.9, ())
+        for i, tied in zip(base, ties or ((),) * len(base), strict=True)
+    )  # fmt: skip
+    finding = Finding([world], verdict, places, world.best, world, 0.0, 0.0, (), Weighed([world]))
     study = object.__new__(EquationStudy)
     study.__dict__.update(
-        statistics=statistics, evaluations=known, finding=finding, amendment=SimpleNamespace(sigma=0.05),
+        finding=finding, amendment=SimpleNamespace(sigma=0.05), checks=tuple(checks),
         coefficients=Coefficients(
             (*own, *base), draws * scale / statistics.target_scale, inner, np.full(len(draws), 0.1)
         ),
@@ -102,11 +123,24 @@ def test_an_inner_parameter_is_averaged_over_draws(zones):
     assert f"{row['inner']['gap']:.4g}" in row["expression"]
 
 
-def test_an_added_effect_has_its_probability_given_the_others_and_the_rest_that_of_the_first_round(known):
+def test_an_added_effect_has_the_probability_of_its_place_and_the_others_theirs(known):
     cube, _ = known.statistics.of_kind("effect")
     table = studied(known, FIRST, (cube,)).effects(tiny_data()).set_index("slug")
     assert table.loc["cube", "probability"] == 0.7
     assert table.loc["square", "probability"] == pytest.approx(0.3)
+
+
+@pytest.mark.parametrize(("verdict", "status"), [("one of", "one of"), ("named", "")])
+def test_what_could_stand_in_an_effects_place_is_marked_where_it_is_one_of_them(known, verdict, status):
+    cube, _ = known.statistics.of_kind("effect")
+    table = studied(known, FIRST, (cube,), ties=(("square",),), verdict=verdict).effects(tiny_data()).set_index("slug")
+    assert table.loc["square", "status"] == status and table.loc["cube", "tied_with"] == ("square",)
+
+
+def test_an_effect_of_the_table_has_the_probability_that_a_rest_leaves_it(known):
+    given = {"no gap": 0.1, "cube": 0.4, "cube & rest": 0.5}
+    table = studied(known, given).effects(tiny_data()).set_index("slug")
+    assert table.loc["cube", "probability"] == pytest.approx(0.4 + 0.5 * 0.75)
 
 
 def test_an_effect_that_was_not_added_has_the_coefficient_that_it_would_have_alone(known):
@@ -130,11 +164,35 @@ def test_an_effect_that_was_not_added_is_tied_from_a_share_of_the_best_ones_prob
 # Other tables
 
 
-def test_hypotheses_are_those_of_the_first_round_by_name(known):
+def test_hypotheses_are_stops_and_sets_of_effects_by_name(known):
     table = studied(known, FIRST).hypotheses()
     assert table.loc[("x", "square"), "probability"] == pytest.approx(0.3)
     assert table.loc[("x", "square"), "log_evidence"] == pytest.approx(100 + np.log(0.3))
-    assert table.loc[("x", "square"), "share_left"] == pytest.approx(0.15)
+    assert table.loc[("x", "square"), "share_left"] == 0.0
+    assert {"no gap", "recalibrate", "instrument", "unknown"} <= set(table.index.get_level_values("hypothesis"))
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        {"no gap": 0.2, "recalibrate": 0.1, "unknown": 0.1, "cube": 0.2, "square & rest": 0.4},
+        {"no gap": 0.1, "cube + square": 0.5, "cube + square + fifth": 0.4},
+    ],
+)
+def test_probabilities_of_hypotheses_add_up_to_one(given):
+    known = tiny_evaluations([CUBE, SQUARE, FIFTH], **CUBIC)
+    table = studied(known, given).hypotheses()
+    assert table["probability"].sum() == pytest.approx(1.0)
+    if "cube + square + fifth" in given:
+        assert table.loc[("x", "cube + fifth + square"), "probability"] == pytest.approx(0.4 * (1 - STACKED))
+
+
+def test_checks_are_listed_with_what_they_say(known):
+    checks = [Check("whiteness", 1e-5, "residuals hang together over 0.4 s"), Check("LOO-PIT", 0.3, "")]
+    table = studied(known, FIRST, checks=checks).check_table()
+    assert table.loc[("x", "whiteness")].tolist() == [1e-5, False, "residuals hang together over 0.4 s"]
+    assert table.loc[("x", "LOO-PIT"), "ok"]
+    assert studied(known, FIRST).check_table().empty
 
 
 def test_a_correction_is_as_likely_as_draws_of_it_are_not_zero(known):
@@ -149,12 +207,24 @@ def test_free_terms_and_effects_are_no_corrections():
     assert study.corrections(tiny_data()).index.tolist() == [("x", "x")]
 
 
-def test_a_rung_of_the_ladder_has_the_likeliest_explanation_and_its_runner_up(known):
-    steps = [Step({"cube": 0.6, "no gap": 0.4}, "cube", 0.1), Step({"enough": 1.0}, "", 0.05)]
-    table = studied(known, FIRST, steps=steps).ladder()
-    assert table.loc[("x", 1), ["verdict", "added", "runner_up"]].tolist() == ["cube", "cube", "no gap"]
-    assert table.loc[("x", 1), ["probability", "runner_up_probability", "share_left"]].tolist() == [0.6, 0.4, 0.1]
-    assert table.loc[("x", 2), "runner_up"] == "" and np.isnan(table.loc[("x", 2), "runner_up_probability"])
+def test_a_rung_of_the_ladder_has_the_likeliest_set_of_its_size_and_its_runner_up(known):
+    given = {"no gap": 0.05, "recalibrate": 0.02, "cube": 0.5, "square": 0.03, "cube + square": 0.4}
+    table = studied(known, given).ladder()
+    assert table["verdict"].tolist() == ["no gap", "cube", "cube + square"]
+    assert table["added"].tolist() == ["", "cube", "square"]
+    assert table["runner_up"].tolist() == ["recalibrate", "square", ""]
+    assert table["probability"].tolist() == pytest.approx([0.05, 0.5, 0.4])
+    assert np.isnan(table.loc[("x", 3), "runner_up_probability"])
+    # The cube is the gap: without it all is left, with it but noise.
+    assert table.loc[("x", 1), "share_left"] > 0.9 > 0.1 > table.loc[("x", 2), "share_left"]
+
+
+def test_larger_sets_that_are_next_to_impossible_are_no_rung(known):
+    cube, _ = known.statistics.of_kind("effect")
+    given = {"no gap": 0.1, "cube": 0.9, "cube + square": 1e-5}
+    assert len(studied(known, given, ()).ladder()) == 2
+    # One beyond the answer is always shown
+    assert len(studied(known, given, (cube,)).ladder()) == 3
 
 
 # Ties
@@ -172,6 +242,8 @@ def tie(rival, sigma=0.05):
 def test_without_a_tie_no_experiment_is_advised(known):
     cube, _ = known.statistics.of_kind("effect")
     assert studied(known, FIRST, (cube,)).ties(tiny_data()) == []
+    # A sensor's error has no curve to measure elsewhere
+    assert studied(known, FIRST, (cube,), ties=(("offset of d(x)/dt",),)).ties(tiny_data()) == []
 
 
 @pytest.mark.parametrize(("sigma", "reach"), [(0.05, "1.25"), (0.5, "1.5")])
@@ -189,10 +261,18 @@ def test_tied_effects_that_never_part_need_more_data_or_less_noise():
 # The study
 
 
+def drifting():
+    """The rows in the order of x, so that x goes along a path."""
+    data = tiny_data(seed=1)
+    order = np.argsort(data.states["x"])
+    states, rates = {"x": data.states["x"][order]}, {"x": data.derivatives["x"][order]}
+    return type(data).from_arrays(data.time, states=states, derivatives=rates)
+
+
 @pytest.fixture(scope="module")
 def nothing_missing():
     told = []
-    model, data = tiny_model(dictionary={"x": ["cos(x)"]}), tiny_data(seed=1)
+    model, data = tiny_model(dictionary={"x": ["cos(x)"]}), drifting()
     return study_equation(model, data, "x", [], Odds(), 3, 0, False, told.append), told
 
 
@@ -213,4 +293,89 @@ def test_the_threshold_of_a_gap_is_the_smaller_noise_of_before_and_after(nothing
 
 
 def test_a_study_tells_what_it_is_doing(nothing_missing):
-    assert nothing_missing[1] == ["weighing explanations", "mapping the gap"]
+    told = nothing_missing[1]
+    assert told[-1] == "mapping the gap" and "weighing sets of effects" in told
+
+
+def test_a_delay_that_explains_the_gap_leaves_the_model_as_it_is():
+    study = forced_study(False, "F")
+    assert study.finding.verdict == "instrument" and not study.coefficients.draws.any()
+    assert study.amendment.discrepancy is None and study.coefficients.suspect_draws.any()
+
+
+def test_checks_of_what_is_right_do_not_speak_against_it():
+    study = forced_study(True, "F")
+    assert study.finding.verdict == "named" and study.finding.against == ()
+    assert [check.ok for check in study.checks] == [True, True]
+
+
+@pytest.fixture(scope="module")
+def bump():
+    return studied_motion(forced(lambda y, v: 0.6 * np.exp(-(((y - 0.5) / 0.3) ** 2))), effects=(SQUARE,))
+
+
+def test_where_something_remains_the_model_after_holds_f_and_nothing_is_checked(bump):
+    study = bump
+    assert study.finding.verdict == "unknown" and study.finding.base == () and study.checks == ()
+    assert study.amendment.discrepancy is not None
+
+
+@pytest.mark.parametrize("n_run", [1, 2])
+def test_too_few_rows_to_say_anything_of_their_noise_still_name_a_plain_effect(n_run):
+    study = studied_motion(forced(soft, n=16 // n_run, step=0.4, n_run=n_run))
+    assert [place.slug for place in study.finding.places] == ["cube"] and study.checks == ()
+
+
+def test_a_rate_that_never_changes_breaks_nothing():
+    data = forced(n=40)
+    flat = type(data).from_arrays(
+        data.time, states=dict(data.states), inputs=dict(data.inputs), derivatives={"v": np.full(40, 0.3)}
+    )
+    assert studied_motion(flat).finding.verdict in ("unknown", "one of", "partly named")
+
+
+@pytest.mark.parametrize("most", [1, 3])
+def test_no_more_effects_than_asked_for(most):
+    assert len(studied_motion(forced(soft), most=most).finding.places) == 1
+
+
+def test_a_users_own_term_is_learned_beside_what_is_missing():
+    data = forced(lambda y, v: soft(y, v) + 0.4 * np.cos(3 * y))
+    study = studied_motion(data, dictionary={"v": ["cos(3*y)"]})
+    assert [place.slug for place in study.finding.places] == ["cube"]
+    (free,) = study.statistics.of_kind("free")
+    unit = study.statistics.target_scale / study.statistics.columns[free].scale
+    draws = study.coefficients.draws[:, study.coefficients.indices.index(free)] * unit
+    assert abs(draws.mean() - 0.4) < 4 * draws.std()
+
+
+# Noise left on states
+
+
+class Noisy(Aligned):
+    """Data on which the noise left on y acts like a force of this size."""
+
+    def __init__(self, size):
+        self.__dict__.update(size=size, sample_noise={"y": None})
+
+    @property
+    def spurious(self):
+        return self.size
+
+
+def noisy(study, spurious):
+    return _with_noisy_states(study.finding, Noisy(spurious), "m/s²")
+
+
+def test_noise_left_on_states_speaks_against_a_name_where_it_is_as_large_as_the_residuals():
+    study = forced_study(True)
+    capped = noisy(study, 0.015)
+    assert capped.verdict == "partly named"
+    assert capped.against == ("noise on the samples of y acts like a force of 0.015 m/s²",)
+    assert noisy(study, 0.002) is study.finding
+
+
+def test_a_gap_that_noise_left_on_states_explains_is_the_instruments(bump):
+    assert noisy(bump, 2.0).verdict == "instrument"
+    less = noisy(bump, 0.015)
+    assert less.verdict == "unknown" and less.against

@@ -94,8 +94,8 @@ def test_noisy_and_clipped_samples_are_told():
             {"correlation": 0.9, "time_scale": 1.2},
             "correlated over 1.2 s (0.90 from one sample to the next)",
         ),
-        (VARYING, {"variable": "y", "exponent": 1.0}, "grows with |y|"),
-        (VARYING, {"variable": "y", "exponent": -0.5}, "shrinks with |y|"),
+        (VARYING, {"variable": "y", "exponent": 1.0}, "its noise grows with |y|"),
+        (VARYING, {"variable": "y", "exponent": -0.5}, "its noise shrinks with |y|"),
         (HEAVY, {"degrees": 2.0, "scale": 0.1}, "its noise has outliers (Student t, 2 degrees of freedom)"),
     ],
 )

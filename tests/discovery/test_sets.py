@@ -152,6 +152,11 @@ def test_a_set_has_at_most_so_many_effects(most):
     assert len(found[0].effects) == most
 
 
+def test_where_no_effect_is_allowed_there_is_none():
+    found = Sets(tiny_evaluations([CUBE], cubic), 0).weigh()
+    assert {e.kind for e in found} == {PLAIN, RECALIBRATED, REST} and not any(e.effects for e in found)
+
+
 def test_more_effects_are_allowed_than_there_are():
     known = tiny_evaluations([CUBE], cubic)
     assert bindings(known, Sets(known, 3).weigh()[0]) == ("cube(r=x)",)

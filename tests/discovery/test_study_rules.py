@@ -12,9 +12,17 @@ import bayes_greybox.discovery.study as module
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.equation import EquationStudy
+from bayes_greybox.discovery.finding import NEGLIGIBLE, SUBSTANTIAL, SURE, TIED, VERDICTS, Finding
 from bayes_greybox.discovery.gap import Amendment, FreePath
 from bayes_greybox.discovery.odds import Odds
-from bayes_greybox.discovery.study import ORDER, _check_data, amended_program, investigate, studied_equations
+from bayes_greybox.discovery.study import (
+    _check_data,
+    amended_program,
+    investigate,
+    studied_equations,
+    verdict_of,
+    worse_in_words,
+)
 from bayes_greybox.discovery.where import GapMap, GapTrace
 from bayes_greybox.model.program import Program
 from bayes_greybox.physics.terms import Term
@@ -75,6 +83,12 @@ def test_data_whose_only_rate_is_kinematic_are_refused_with_the_remedy():
 # Whose verdict
 
 
+def finding(verdict, n_place=0, against=()):
+    made = object.__new__(Finding)
+    made.__dict__.update(verdict=verdict, places=("effect",) * n_place, against=against)
+    return made
+
+
 def blank(kind, equation):
     """An instance of a dataclass with nothing in it but the name of its equation."""
     made = object.__new__(kind)
@@ -86,18 +100,23 @@ class Told(EquationStudy):
     """What was found out about one equation, in as few words as tables need."""
 
     def __init__(self, name, verdict):
+        known = SimpleNamespace(left_out={"odd": f"odd in {name}"}, columns=[], of_kind=lambda kind: [])
         parts = {"amendment": Amendment, "map": GapMap, "trace": GapTrace}
         self.__dict__ |= {"name": name, **{part: blank(kind, name) for part, kind in parts.items()}}
         self.__dict__ |= {
-            "statistics": SimpleNamespace(left_out={"odd": f"odd in {name}"}, columns=[], of_kind=lambda kind: []),
-            "finding": SimpleNamespace(verdict=verdict, base=()),
+            "finding": finding(verdict, 0, (f"{name} is odd",)),
             "where": self.frame(),
+            "known": known,
         }
+
+    @property
+    def statistics(self):
+        return self.__dict__["known"]
 
     def frame(self, *_):
         return pd.DataFrame({"equation": [self.name]})
 
-    effects = hypotheses = corrections = ladder = frame
+    effects = hypotheses = instrument = check_table = corrections = ladder = frame
 
     def ties(self, data):
         return [{"equation": self.name}]
@@ -117,7 +136,8 @@ def told(monkeypatch):
 
         def gap_rows(model, amendments, data, part, *rest):
             calls.gaps.append(part)
-            return pd.DataFrame({"part": [part]}), {"x": blank(FreePath, part)}
+            index = pd.MultiIndex.from_tuples([(part, "derivative NMSE", "x")], names=["data", "metric", "variable"])
+            return pd.DataFrame({"part": [part]}, index=index), {"x": blank(FreePath, part)}
 
         monkeypatch.setattr(module, "study_equation", study_equation)
         monkeypatch.setattr(module, "gap_rows", gap_rows)
@@ -127,20 +147,68 @@ def told(monkeypatch):
     return study
 
 
-@pytest.mark.parametrize("later", range(1, len(ORDER)))
+@pytest.mark.parametrize("later", range(1, len(VERDICTS)))
 @pytest.mark.parametrize("swapped", [False, True])
 def test_of_two_equations_the_graver_verdict_speaks_for_the_study(told, later, swapped):
-    pair = (ORDER[later], ORDER[later - 1])
-    assert told(*(pair[::-1] if swapped else pair)).verdict == ORDER[later]
+    pair = (VERDICTS[later], VERDICTS[later - 1])
+    assert told(*(pair[::-1] if swapped else pair)).verdict == VERDICTS[later]
 
 
-def test_verdicts_grow_graver_from_no_gap_to_unknown():
-    assert ORDER == ("no gap", "recalibrate", "named", "partly named", "unknown")
+def test_what_speaks_against_any_equations_verdict_is_told(told):
+    assert told("named", "no gap").against == ("x is odd", "z is odd")
+
+
+def gap(*rows):
+    """Free runs before and after: (data, metric, variable, before, after), whose interval is narrow."""
+    index = pd.MultiIndex.from_tuples([row[:3] for row in rows], names=["data", "metric", "variable"])
+    values = [(before, after, 0.99 * after, 1.01 * after) for *_, before, after in rows]
+    return pd.DataFrame(values, columns=["before", "after", "lower", "upper"], index=index)
+
+
+WORSE = gap(("test", "free-run NRMSE", "x", 0.1, 0.3), ("test", "derivative NMSE", "x", 0.5, 0.1))
+BETTER = gap(("test", "free-run NRMSE", "x", 0.3, 0.1))
+
+
+@pytest.mark.parametrize(
+    ("verdict", "expected"), [("named", "partly named"), ("one of", "one of"), ("partly named", "partly named")]
+)
+def test_a_free_run_that_gets_worse_has_a_veto(verdict, expected):
+    assert verdict_of([finding(verdict, 1)], WORSE) == (expected, ("the free run of x gets worse",))
+    assert verdict_of([finding(verdict, 1)], BETTER) == (verdict, ())
+
+
+def test_what_the_checks_say_comes_before_the_free_run():
+    _, against = verdict_of([finding("named", 1, ("residuals hang together",)), finding("no gap")], WORSE)
+    assert against == ("residuals hang together", "the free run of x gets worse")
+
+
+@pytest.mark.parametrize("verdict", ["no gap", "instrument", "unknown"])
+def test_where_no_effect_is_claimed_the_free_run_vetoes_nothing(verdict):
+    assert verdict_of([finding(verdict)], WORSE) == (verdict, ())
+
+
+def test_a_recalibration_that_makes_free_runs_worse_is_told():
+    assert verdict_of([finding("recalibrate")], WORSE) == ("recalibrate", ("the free run of x gets worse",))
+
+
+def test_held_out_free_runs_have_the_say_where_there_are_any():
+    mixed = pd.concat([gap(("train", "free-run NRMSE", "x", 0.1, 0.3)), BETTER])
+    assert verdict_of([finding("named", 1)], mixed)[0] == "named"
+    assert verdict_of([finding("named", 1)], mixed.loc[["train"]])[0] == "partly named"
+
+
+def test_a_run_that_fails_sooner_vetoes_too():
+    sooner = gap(("test", "time to failure", "all", 9.0, 3.0))
+    assert verdict_of([finding("named", 1)], sooner) == ("partly named", ("the free run fails sooner",))
+    assert worse_in_words(("test", "time to failure", "all")) == "the free run fails sooner"
 
 
 def test_tables_maps_and_ties_are_those_of_all_equations(told):
     found = told("named", "no gap")
-    for table in (found.effects, found.hypotheses, found.corrections, found.where, found.rounds):
+    tables = (
+        found.effects, found.hypotheses, found.instrument, found.checks, found.corrections, found.where, found.rounds
+    )  # fmt: skip
+    for table in tables:
         assert table["equation"].tolist() == ["x", "z"]
     for part in (found.maps, found.traces, found.amendments):
         assert {name: made.equation for name, made in part.items()} == {"x": "x", "z": "z"}
@@ -162,17 +230,17 @@ def test_free_runs_shown_are_those_of_the_test_data_where_there_are_any(told):
     assert told("named", "no gap", test=two_states(seed=1)).paths["x"].equation == "test"
 
 
-def test_settings_reach_each_equation(told):
+def test_settings_reach_each_equation_with_odds_of_the_system(told):
     odds = Odds(effects=0.2)
-    told("named", "no gap", odds=odds, effects_at_most=2, seed=7, settle=False)
+    told("named", "no gap", odds=odds, effects_at_most=2, seed=7)
     for name, (studied, _, *rest) in zip(("x", "z"), told.calls.studied, strict=True):
-        assert studied == name and rest[:4] == [odds, 2, 7, False]
+        assert studied == name and rest[:3] == [odds.of_each(2), 2, 7]
 
 
 def test_odds_and_thresholds_are_stated_in_the_result(told):
     settings = told("named", "no gap", odds=Odds(effects=0.2)).settings
     assert settings["prior odds"]["effects"] == 0.2
-    assert {TIED, NEGLIGIBLE, SUBSTANTIAL} <= set(settings["thresholds"].values())
+    assert {TIED, NEGLIGIBLE, SUBSTANTIAL, SURE} <= set(settings["thresholds"].values())
 
 
 def test_nothing_is_sampled(told):
@@ -184,7 +252,7 @@ def test_nothing_is_sampled(told):
 
 def finding_of(known, base):
     study = object.__new__(EquationStudy)
-    study.__dict__.update(statistics=known.statistics, evaluations=known, finding=SimpleNamespace(base=base))
+    study.__dict__.update(finding=SimpleNamespace(base=base, world=SimpleNamespace(evaluations=known)))
     return study
 
 
@@ -262,17 +330,44 @@ def test_a_run_of_one_row_will_do_where_no_free_run_is_possible():
     check(two_states(lengths=[5, 1]), equations=("x",), model=Program(simulation={"x": "-x"}))
 
 
-@pytest.mark.parametrize("field", ["no_gap", "recalibrate", "unknown", "effects", "another", "correction", "remainder"])
+# Odds
+
+
+PROBABILITIES = (
+    "no_gap",
+    "recalibrate",
+    "unknown",
+    "effects",
+    "another",
+    "correction",
+    "remainder",
+    "suspect",
+    "noise",
+)
+
+
+@pytest.mark.parametrize("field", PROBABILITIES)
 @pytest.mark.parametrize("value", [0.0, 1.0, -0.1, float("nan")])
 def test_odds_are_probabilities_that_exclude_nothing(field, value):
     with pytest.raises(InputError, match=f"{field} = .* must be a probability above 0 and below 1"):
         Odds(**{field: value})
 
 
-@pytest.mark.parametrize(("another", "fine"), [(0.89, True), (0.91, False)])
-def test_odds_leave_something_to_effects_that_are_enough(another, fine):
+@pytest.mark.parametrize(("effects", "fine"), [(0.4, True), (0.3, True), (0.41, False)])
+def test_explanations_are_parts_of_one(effects, fine):
     if fine:
-        assert Odds(another=another).another == another
+        assert Odds(effects=effects).effects == effects
     else:
-        with pytest.raises(InputError, match="their sum must be below 1"):
-            Odds(another=another)
+        with pytest.raises(InputError, match="they are parts of 1"):
+            Odds(effects=effects)
+
+
+@pytest.mark.parametrize("n", [1, 2, 4])
+def test_several_equations_have_no_gap_as_often_as_the_system(n):
+    system = Odds()
+    each = system.of_each(n)
+    assert each.no_gap**n == pytest.approx(system.no_gap)
+    parts = np.array([[o.recalibrate, o.unknown, o.effects] for o in (system, each)])
+    assert parts[1] / parts[1].sum() == pytest.approx(parts[0] / parts[0].sum())
+    assert each.no_gap + parts[1].sum() == pytest.approx(1.0)
+    assert (each.another, each.correction, each.remainder) == (system.another, system.correction, system.remainder)
