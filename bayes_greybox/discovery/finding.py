@@ -224,10 +224,8 @@ def decide(found: Sequence[World]) -> Finding:
         found: Worlds, likeliest first.
     """
     weighed = Weighed(found)
-    raw: dict[str, float] = {name: 0.0 for name in (*STOPS, "effects")}
-    for world, e, p, _ in weighed.items:
-        raw["effects" if e.effects else weighed.kind(world, e)] += p
-    top = max(raw, key=lambda kind: raw[kind])
+    # As the tables have it, so that verdict and tables cannot contradict each other; unknown comes before effects.
+    top = max(weighed.by_kind, key=lambda kind: weighed.by_kind[kind])
     if top == "effects":
         chosen = next(iter(weighed.by_set))
         finding = _named(weighed, chosen)

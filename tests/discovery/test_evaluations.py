@@ -250,14 +250,16 @@ def test_the_search_for_a_mode_begins_at_the_first_one():
 
 def test_evidence_that_is_sure_enough_needs_no_chains():
     known, (cube, _) = counted()
-    known.bridged((cube,), sure=0.6, seed=0)
+    known.seed = 0
+    known.settled((cube,), sure=0.6)
     assert known.evaluator.chains == 0
 
 
 @pytest.mark.parametrize(("se", "expected"), [(0.4, 7.0), (0.6, 1.0)])
 def test_of_two_estimates_the_surer_one_is_kept(se, expected):
     known, (cube, _) = counted(bridged=SimpleNamespace(log_evidence=7.0, se=se))
-    known.bridged((cube,), sure=0.1, seed=0)
+    known.seed = 0
+    known.settled((cube,), sure=0.1)
     assert known.evaluator.chains == 1
     assert known.integrated((cube,)).log_evidence == expected
 

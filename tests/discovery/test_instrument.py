@@ -77,13 +77,13 @@ def test_suspects_come_by_probability_and_those_that_are_next_to_impossible_not_
 
 def test_noisy_and_clipped_samples_are_told():
     data = forced(soft, n=300, jump=(0.0, 0.03))
-    top = np.quantile(data.states["y"], 0.93)
-    data = replace(data, states={**data.states, "y": np.minimum(data.states["y"], top)})
+    top = np.quantile(data.derivatives["v"], 0.93)
+    data = replace(data, derivatives={"v": np.minimum(data.derivatives["v"], top)})
     found = table(studied_motion(data), data).set_index(["suspect", "channel"])
-    noisy, clipped = found.loc[(NOISY, "v")], found.loc[(CLIPPED, "y")]
+    noisy, clipped = found.loc[(NOISY, "v")], found.loc[(CLIPPED, "d(v)/dt")]
     assert noisy["unit"] == "m/s" and noisy["text"].startswith("samples of v have noise of 0.0")
-    count = int(np.sum(data.states["y"] == top))
-    assert clipped["text"] == f"y is clipped at {count} samples, which are left out"
+    count = int(np.sum(data.derivatives["v"] == top))
+    assert clipped["text"] == f"d(v)/dt is clipped at {count} samples, which are left out"
 
 
 @pytest.mark.parametrize(
@@ -94,9 +94,9 @@ def test_noisy_and_clipped_samples_are_told():
             {"correlation": 0.9, "time_scale": 1.2},
             "correlated over 1.2 s (0.90 from one sample to the next)",
         ),
-        (VARYING, {"variable": "y", "exponent": 1.0}, "its noise grows with |y|"),
-        (VARYING, {"variable": "y", "exponent": -0.5}, "its noise shrinks with |y|"),
-        (HEAVY, {"degrees": 2.0, "scale": 0.1}, "its noise has outliers (Student t, 2 degrees of freedom)"),
+        (VARYING, {"variable": "y", "exponent": 1.0}, "grows with |y|"),
+        (VARYING, {"variable": "y", "exponent": -0.5}, "shrinks with |y|"),
+        (HEAVY, {"degrees": 2.0, "scale": 0.1}, "has outliers (Student t, 2 degrees of freedom)"),
     ],
 )
 @pytest.mark.parametrize("inside", [False, True])

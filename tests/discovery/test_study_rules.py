@@ -5,7 +5,6 @@ from types import SimpleNamespace
 import numpy as np
 import pandas as pd
 import pytest
-from bayes_greybox.discovery.rounds import NEGLIGIBLE, SUBSTANTIAL, TIED
 from tiny_equation import CUBE, DEAD_ZONE, SQUARE, tiny_evaluations
 
 import bayes_greybox.discovery.study as module

@@ -25,6 +25,9 @@ path falls much faster."""
 SMALLEST = 1e-6
 """Noise below this share of a state's standard deviation is rounding."""
 
+LARGEST = 0.3
+"""Noise above this share of a state's standard deviation is none: rows in no order in time look like nothing else."""
+
 FEWEST = 30
 """Samples of a run below which nothing is smoothed."""
 
@@ -72,7 +75,8 @@ def sample_noise(values: Float[np.ndarray, " n"], run: np.ndarray) -> float:
             return 0.0
         found.append(float(np.median(np.abs(joined))) / 0.6744897501960817 / math.sqrt(math.comb(2 * order, order)))
     low, high = found
-    return high if high > AGREE * low and high > SMALLEST * float(np.std(values)) else 0.0
+    size = float(np.std(values))
+    return high if high > AGREE * low and SMALLEST * size < high < LARGEST * size else 0.0
 
 
 def smoothed(data: Trajectories) -> tuple[Trajectories, dict[str, SampleNoise]]:
