@@ -1,8 +1,8 @@
 """The data as the study uses them: freed of noise on their samples, delays undone, suspects taken along the whole rate.
 
 A delay's column is that of the rate as modelled, with what is missing in it. So suspects and effects are found in
-turns: effects with the suspects as they are, the suspects' columns anew with the effects found, delays undone in the data,
-until neither changes.
+turns: effects with the suspects as they are, the suspects' columns anew with the effects found, delays undone in the
+data, until neither changes.
 """
 
 from collections.abc import Callable, Mapping, Sequence
