@@ -302,7 +302,8 @@ def _with_noisy_states(finding: Finding, aligned: Aligned, unit: str) -> Finding
     """What the noise left on states says against the finding; a gap no larger than it is the instrument's."""
     world, scale = finding.world, finding.world.evaluations.statistics.target_scale
     spurious = aligned.spurious / scale
-    left = float(np.sqrt(np.mean(world.residual(finding.explanation) ** 2)))
+    # A process in time is in the residual, but no noise.
+    left = float(np.sqrt(np.mean(world.residual(finding.explanation) ** 2) * (1 - world.model.process_share)))
     if not spurious > REGRESSORS * left:
         return finding
     gap = np.sqrt(max(float(np.mean(world.residual(world.bare) ** 2)) - left**2, 0.0))
