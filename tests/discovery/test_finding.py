@@ -294,12 +294,16 @@ def test_a_world_counts_by_its_offset():
 
 
 @pytest.mark.parametrize(
-    ("effects", "inner", "expected"), [("ab", "", "named"), ("ab", "b", "partly named"), ("abc", "", "partly named")]
+    ("effects", "inner", "expected"), [("ab", "", "named"), ("ab", "b", "unknown"), ("abc", "", "unknown")]
 )
 def test_stacked_laws_of_one_variable_are_never_named(effects, inner, expected):
     finding = decided({effects: 1.0}, on=dict.fromkeys("abc", "x"), inner=inner)
     assert finding.verdict == expected
-    assert bool(finding.against) == (expected != "named")
+
+
+def test_laws_of_one_variable_beside_another_cap_the_verdict():
+    finding = decided({"abc": 1.0}, on={"a": "x", "b": "x", "c": "y"}, inner="b")
+    assert finding.verdict == "partly named" and finding.against
 
 
 def test_laws_of_different_variables_are_not_stacked():

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pandas as pd
 import pytest
-from tiny_equation import CUBE, DEAD_ZONE, SQUARE, tiny_evaluations
+from tiny_equation import CUBE, DEAD_ZONE, SQUARE, tiny_data, tiny_evaluations
 
 import bayes_greybox.discovery.study as module
 from bayes_greybox.data.errors import InputError
@@ -84,7 +84,8 @@ def test_data_whose_only_rate_is_kinematic_are_refused_with_the_remedy():
 
 def finding(verdict, n_place=0, against=()):
     made = object.__new__(Finding)
-    made.__dict__.update(verdict=verdict, places=("effect",) * n_place, against=against)
+    quiet = SimpleNamespace(model=SimpleNamespace(names=()))
+    made.__dict__.update(verdict=verdict, places=("effect",) * n_place, against=against, world=quiet)
     return made
 
 
@@ -106,6 +107,7 @@ class Told(EquationStudy):
             "finding": finding(verdict, 0, (f"{name} is odd",)),
             "where": self.frame(),
             "known": known,
+            "aligned": SimpleNamespace(delays={}, data=tiny_data()),
         }
 
     @property
@@ -251,7 +253,7 @@ def test_nothing_is_sampled(told):
 
 def finding_of(known, base):
     study = object.__new__(EquationStudy)
-    study.__dict__.update(finding=SimpleNamespace(base=base, world=SimpleNamespace(evaluations=known)))
+    study.__dict__.update(finding=SimpleNamespace(base=base, world=SimpleNamespace(evaluations=known, model=SimpleNamespace(names=()))))
     return study
 
 

@@ -129,13 +129,11 @@ def clipped(values: Mapping[str, Float[np.ndarray, " n"]], run: np.ndarray) -> d
         at_end = np.zeros(len(x), bool)
         for end in (float(np.max(x)), float(np.min(x))):
             here = x == end
-            start = np.flatnonzero(here & ~np.append(False, here[:-1] & (run[1:] == run[:-1])))
-            for first in start:
-                last = first
-                while last + 1 < len(x) and here[last + 1] and run[last + 1] == run[first]:
-                    last += 1
-                if last - first + 1 >= CLIPPED:
-                    at_end[first : last + 1] = True
+            for r in np.unique(run):
+                own = here[run == r]
+                # Where it stays there once, every sample there is clipped.
+                if np.any(np.convolve(own, np.ones(CLIPPED), "valid") >= CLIPPED):
+                    at_end |= here
         if 0 < np.mean(at_end) < MOST_CLIPPED:
             found[name] = at_end
     return found
