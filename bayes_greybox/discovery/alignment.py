@@ -33,8 +33,8 @@ MOVED = 0.02
 """Change of a delay, in sampling steps, below which it is settled."""
 
 
-FURTHEST = 3.0
-"""Largest size of a suspect, in its prior standard deviations, that is still taken for an error of a sensor."""
+FURTHEST, FURTHEST_DELAY = 3.0, 2.0
+"""Largest size of a suspect, and of a delay, in prior standard deviations, that is still an error of a sensor."""
 
 CLIPPED_SD = 1e3
 """Noise of a clipped row over that of others: it says next to nothing."""
@@ -138,7 +138,7 @@ def align(
                 continue
             by = float(value) * given.target_scale / given.columns[index].scale
             late = later.get(suspect.channel, 0.0) if suspect.kind == DELAY else 0.0
-            if abs(late + by) > FURTHEST * suspect.sd:
+            if abs(late + by) > (FURTHEST_DELAY if suspect.kind == DELAY else FURTHEST) * suspect.sd:
                 # No sensor is so far off: it stands in for a gap, which is left to stand.
                 too_far.add(suspect.key)
                 if suspect.kind == DELAY:

@@ -1,8 +1,9 @@
 """What the weighed explanations come to for one equation: one object that sentence, tables and page are made of.
 
 Probabilities are sums over explanations in all worlds. A rest that stays beside an effect may be an unknown mechanism
-that the effect merely imitates: an effect beside a rest that carries the share s of the gap counts with 1 − s, and s
-goes to *unknown*. That is a judgement, not a theorem; it keeps a dominant effect and distrusts a stand-in.
+that the effect merely imitates: beside a rest that carries the share s of the gap's square, an effect counts with
+1 − √s, √s being the rest's RMS over the gap's, and √s goes to *unknown*. That is a judgement, not a theorem; it keeps a
+dominant effect and distrusts a stand-in.
 """
 
 from collections.abc import Sequence
@@ -31,7 +32,7 @@ TIED = 0.05
 SAME = 0.1
 """Effects whose log evidences in each other's place differ by less are one curve on these data."""
 
-NEGLIGIBLE, SUBSTANTIAL = 0.05, 0.5
+NEGLIGIBLE, SUBSTANTIAL = 0.01, 0.25
 """Share of the gap left over up to which effects name it, and from which on even "partly named" is too much."""
 
 STACKED = 0.5
@@ -137,7 +138,7 @@ class Weighed:
 
     def counted(self, world: World, e: Explanation, p: float, share: float) -> float:
         """Probability p of an explanation with effects, less what of it counts as unknown."""
-        return p * (1 - share) * (1 - STACKED if set(stacked(world, e)) == set(e.effects) else 1.0)
+        return p * (1 - imitated(share)) * (1 - STACKED if set(stacked(world, e)) == set(e.effects) else 1.0)
 
     @cached_property
     def by_kind(self) -> dict[str, float]:
@@ -159,7 +160,9 @@ class Weighed:
         for world, e, p, share in self.items:
             doubtful = {world.evaluations.name(i) for i in stacked(world, e)}
             for slug in {world.evaluations.name(i) for i in e.effects}:
-                found[slug] = found.get(slug, 0.0) + p * (1 - share) * (1 - STACKED if slug in doubtful else 1.0)
+                found[slug] = found.get(slug, 0.0) + p * (1 - imitated(share)) * (
+                    1 - STACKED if slug in doubtful else 1.0
+                )
         for world in self.worlds:
             for i in world.evaluations.statistics.of_kind("effect"):
                 found.setdefault(world.evaluations.name(i), 0.0)
@@ -194,6 +197,15 @@ class Weighed:
                 key = self.names(world, e)
                 found[key] = found.get(key, 0.0) + p
         return dict(sorted(found.items(), key=lambda item: -item[1]))
+
+
+def imitated(share: float) -> float:
+    """Probability that effects beside a rest are only its imitation: √s, the rest's RMS over that of the gap.
+
+    Args:
+        share: s, the share of the gap's square that the rest carries.
+    """
+    return float(np.sqrt(share))
 
 
 def stacked(world: World, e: Explanation) -> tuple[int, ...]:
@@ -268,7 +280,8 @@ def _named(weighed: Weighed, chosen: tuple[str, ...]) -> Finding:
     elif all(p.probability >= SURE or (p.together >= SURE and set(p.tied) <= set(p.same)) for p in places):
         verdict = "named"
     else:
-        verdict = "one of"
+        # Unsure of a name for the rest's sake alone, with no other that could stand in its place
+        verdict = "one of" if any(p.tied for p in places) else "partly named"
     return Finding(weighed.worlds, verdict, places, e, world, remainder, remainder * share, against, weighed)
 
 
@@ -290,7 +303,7 @@ def _place(weighed: Weighed, world: World, e: Explanation, chosen: tuple[str, ..
             (name,) = _suspected(w, x) - beside
         else:
             continue
-        rivals[name] = rivals.get(name, 0.0) + p * (1 - share)
+        rivals[name] = rivals.get(name, 0.0) + p * (1 - imitated(share))
         evidence[name] = float(np.logaddexp(evidence.get(name, -np.inf), x.log_evidence + w.offset))
     tied = tuple(
         name for name, p in sorted(rivals.items(), key=lambda item: -item[1])

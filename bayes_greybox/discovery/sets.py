@@ -35,7 +35,8 @@ WEIGHED = 160
 SEEDS = 2
 """Values of an inner parameter that take part in pairs: the best ones alone."""
 
-SUSPECTS_AT_MOST = 3
+SUSPECTS_AT_MOST = 2
+"""More errors of the sensors at once are a story, not an explanation; those that are in every set count too."""
 
 WITH_REST, FINALISTS = 24, 4
 """Sets whose evidence with a rest is taken at a common mode, and those whose is integrated, at most."""
@@ -221,7 +222,11 @@ class Sets:
         for core in cores:
             key = tuple(sorted(set(core)))
             effects = [i for i in key if self.statistics.columns[i].effect is not None]
-            if len(key) < len(core) or len(effects) > self.most or len(key) - len(effects) > SUSPECTS_AT_MOST:
+            if (
+                len(key) < len(core)
+                or len(effects) > self.most
+                or len(self.always) + len(key) - len(effects) > SUSPECTS_AT_MOST
+            ):
                 continue
             # Delays of several channels at once are a filter, and imitate whatever has a memory.
             delays = [i for i in (*self.always, *key) if i not in effects and self._is_delay(i)]

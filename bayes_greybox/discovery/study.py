@@ -17,6 +17,7 @@ from bayes_greybox.inference.posterior import Posterior
 from bayes_greybox.model.noise import FIT, Noise
 from bayes_greybox.model.noise_models import CORRELATED, HEAVY, VARYING
 from bayes_greybox.model.program import Program
+from bayes_greybox.model.row_warnings import row_warnings
 from bayes_greybox.physics.catalogue.effects import CatalogueSpec, load_catalogue
 from bayes_greybox.physics.catalogue.roles import bind_catalogue, roles_of, unbound
 from bayes_greybox.physics.terms import Term
@@ -53,6 +54,7 @@ class StudyResult:
             unit, samples (of a delay), lower_samples, upper_samples, status ("in the model" or ""), text.
         checks: Checks of the explanation that was settled on, by (equation, check): p, ok, text.
         against: What speaks against the verdict, in words.
+        warnings: What the filter that computed the rates makes of them, with figures.
         corrections: The simulation's own coefficients by (equation, term).
         where: Regions and windows.
         gap: Before and after, by (data, metric, variable).
@@ -78,6 +80,7 @@ class StudyResult:
     instrument: pd.DataFrame
     checks: pd.DataFrame
     against: tuple[str, ...]
+    warnings: tuple[str, ...]
     corrections: pd.DataFrame
     where: pd.DataFrame
     gap: pd.DataFrame
@@ -96,7 +99,8 @@ class StudyResult:
         plain = {name: plain_rows(getattr(self, name)) for name in tables}
         left_out = [{"equation": e, "slug": s, "reason": r} for (e, s), r in self.left_out.items()]
         return {
-            "verdict": self.verdict, "against": list(self.against), **plain, "ties": self.ties, "left_out": left_out,
+            "verdict": self.verdict, "against": list(self.against), "warnings": list(self.warnings),
+            **plain, "ties": self.ties, "left_out": left_out,
             "settings": dict(self.settings),
         }  # fmt: skip
 
@@ -173,6 +177,10 @@ def investigate(
         seconds["gap"] = time.perf_counter() - start
     seconds["total"] = time.perf_counter() - started
     gap = pd.concat([table for table, _ in measured])
+    filtered = equations if train.filter is not None else ()
+    warnings = tuple(
+        text for name in filtered for text in row_warnings(model.rows, train, name, model.simulator(train))
+    )
     verdict, against = verdict_of([found.finding for found in findings.values()], gap)
     return StudyResult(
         base=model,
@@ -187,6 +195,7 @@ def investigate(
         instrument=pd.concat([found.instrument(train) for found in findings.values()], ignore_index=True),
         checks=pd.concat([found.check_table() for found in findings.values()]),
         against=against,
+        warnings=warnings,
         corrections=pd.concat([found.corrections(train) for found in findings.values()]),
         where=pd.concat([found.where for found in findings.values()], ignore_index=True),
         gap=gap,

@@ -64,7 +64,8 @@ def doubts(study: StudyResult) -> list[Doubt]:
         about = f" of d({equation})/dt" if len(study.maps) > 1 else ""
         parts = (*_checks(study, equation), *_explanations(study, equation), *_measurement(study, equation))
         found += [replace(each, topic=f"{each.topic}{about}") for each in parts]
-    return [_said(each) for each in (*found, *_ties(study), _free_run(study), _sampler(study))]
+    rows = [Doubt("Rows", text, True) for text in study.warnings]
+    return [_said(each) for each in (*found, *rows, *_ties(study), _free_run(study), _sampler(study))]
 
 
 def _said(doubt: Doubt) -> Doubt:

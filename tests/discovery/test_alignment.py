@@ -7,7 +7,7 @@ import pytest
 from tiny_equation import CUBE, SQUARE, forced, forced_model, forced_study, on, soft
 
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.discovery.alignment import CLIPPED_SD, FURTHEST, MOVED, align
+from bayes_greybox.discovery.alignment import CLIPPED_SD, FURTHEST_DELAY, MOVED, align
 from bayes_greybox.discovery.odds import Odds
 from bayes_greybox.discovery.suspects.channels import DELAY_STEPS
 
@@ -81,7 +81,7 @@ def test_without_delays_nothing_is_touched():
 
 
 def test_a_delay_beyond_what_sensors_have_is_not_undone():
-    steps = FURTHEST * DELAY_STEPS + 2
+    steps = FURTHEST_DELAY * DELAY_STEPS + 2
     found = aligned(forced(late={"d(v)/dt": steps}))
     assert "d(v)/dt" not in found.delays
     keys = [c.suspect.key for c in found.evaluations.statistics.columns if c.suspect is not None]

@@ -140,7 +140,7 @@ def test_what_could_stand_in_an_effects_place_is_marked_where_it_is_one_of_them(
 def test_an_effect_of_the_table_has_the_probability_that_a_rest_leaves_it(known):
     given = {"no gap": 0.1, "cube": 0.4, "cube & rest": 0.5}
     table = studied(known, given).effects(tiny_data()).set_index("slug")
-    assert table.loc["cube", "probability"] == pytest.approx(0.4 + 0.5 * 0.75)
+    assert table.loc["cube", "probability"] == pytest.approx(0.4 + 0.5 * (1 - 0.25**0.5))
 
 
 def test_an_effect_that_was_not_added_has_the_coefficient_that_it_would_have_alone(known):

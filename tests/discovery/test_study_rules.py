@@ -253,7 +253,9 @@ def test_nothing_is_sampled(told):
 
 def finding_of(known, base):
     study = object.__new__(EquationStudy)
-    study.__dict__.update(finding=SimpleNamespace(base=base, world=SimpleNamespace(evaluations=known, model=SimpleNamespace(names=()))))
+    study.__dict__.update(
+        finding=SimpleNamespace(base=base, world=SimpleNamespace(evaluations=known, model=SimpleNamespace(names=())))
+    )
     return study
 
 

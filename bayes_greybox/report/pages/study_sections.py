@@ -74,7 +74,7 @@ def what(study: StudyResult) -> Section:
     lead = (
         "Hypotheses are sets of effects, and what needs none; their probabilities sum to one. The probability of an "
         "effect is the sum over all sets that hold it; beside a rest that carries the share s of the gap a set counts "
-        "with 1 − s, since it may imitate what is unknown, and s counts for “unknown”. “Gap left” is the share that no "
+        "with 1 − √s, as it may imitate what is unknown, and √s counts for “unknown”. “Gap left” is the share that no "
         "named physics explains under the hypothesis."
     )
     return Section("what", "What could be missing", lead, blocks)
