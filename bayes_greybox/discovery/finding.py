@@ -281,7 +281,8 @@ def _named(weighed: Weighed, chosen: tuple[str, ...]) -> Finding:
         verdict = "named"
     else:
         # Unsure of a name for the rest's sake alone, with no other that could stand in its place
-        verdict = "one of" if any(p.tied for p in places) else "partly named"
+        alone = remainder > 1 - SURE and not any(p.tied for p in places)
+        verdict = "partly named" if alone else "one of"
     return Finding(weighed.worlds, verdict, places, e, world, remainder, remainder * share, against, weighed)
 
 

@@ -268,7 +268,7 @@ def test_kinds_of_explanations_add_up_to_one():
     assert every.by_kind["effects"] == pytest.approx(0.2 + 0.3 * (1 - 0.2**0.5) + 0.1 * STACKED)
 
 
-@pytest.mark.parametrize(("share", "expected"), [(0.2, "partly named"), (0.5, "unknown")])
+@pytest.mark.parametrize(("share", "expected"), [(0.1, "partly named"), (0.5, "unknown")])
 def test_a_process_in_time_is_a_rest_too(share, expected):
     quiet = world({"unknown": 1e-9, "a": 1e-3})
     moving = world({"a": 0.9, "no gap": 0.1}, names=(PROCESS,), shares={"a": share})
