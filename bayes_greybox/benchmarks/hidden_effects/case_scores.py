@@ -15,7 +15,7 @@ PEERS = ("stlsq", "ensemble")
 SOLVERS = ("study", "oracle", *PEERS)
 """The study, the Bayes-optimal classifier, and PySINDy."""
 
-NAMED = ("named", "partly named")
+NAMED = ("named", "one of", "partly named")
 """Verdicts that come with a name."""
 
 FAILED = "failed"
