@@ -264,11 +264,11 @@ def _dense_design(frame: Frame, gp: OrthogonalGP, rows: EquationRows, table: Tab
     operator = None if rows.operator is None else jnp.asarray(rows.operate(np.eye(rows.n_sample)))
     # ⟨Φₒ, f⟩ = (VΦₒ)ᵀ R⁻¹ V f / n, a sum over samples
     weighted = orthonormal / rows.n_row
-    if not rows.noise.local:
+    if gp.measure == "empirical" and not rows.noise.local:
         weighted = rows.noise.whiten_transpose(rows.whiten(orthonormal)) / rows.n_white
     at_samples = jnp.asarray(weighted) if operator is None else operator.T @ jnp.asarray(weighted)
     nodes: tuple[jax.Array, jax.Array] = (x, at_samples)
-    if gp.measure != "empirical":
+    if gp.measure in ("box", "box-monte-carlo"):
         columns, weights = _box_columns(frame, gp, rows)
         at_nodes = frame.dictionary_rows(columns) @ frame.orthonormal
         nodes = (jnp.asarray(frame.position(columns)), jnp.asarray(weights[:, None] * at_nodes))

@@ -7,7 +7,6 @@ from typing import Any
 
 from bayes_greybox.criticism.convergence import convergence
 from bayes_greybox.discovery.finding import NEGLIGIBLE, STOPS, SURE
-from bayes_greybox.discovery.gap import worsened
 from bayes_greybox.discovery.instrument import IN_MODEL
 from bayes_greybox.discovery.study import StudyResult
 from bayes_greybox.discovery.suspects.channels import DELAY_STEPS
@@ -23,6 +22,7 @@ from .study_words import (
     rows_of,
     share_text,
     shown_part,
+    worse_runs,
 )
 
 NOTABLE = 1 - SURE
@@ -144,7 +144,7 @@ def _free_run(study: StudyResult) -> Doubt:
         ]
         return f"{where}: {', '.join(parts)}"
 
-    worse = worsened(study.gap)
+    worse = worse_runs(study.gap)
     if worse:
         return Doubt(
             "Free run", f"{'; '.join(f'the free run of {name} gets worse' for name in worse)} {change(worse)}", True

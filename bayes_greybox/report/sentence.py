@@ -5,6 +5,7 @@ import pandas as pd
 from bayes_greybox.discovery.gap import worsened
 from bayes_greybox.discovery.instrument import IN_MODEL
 from bayes_greybox.discovery.study import StudyResult, worse_in_words
+from bayes_greybox.discovery.suspects.channels import KINDS
 
 from .formatting import listed, number, percent_text, probability_text
 from .study_words import LIKELY, MOST_CLOSED, name_of, not_helped
@@ -69,9 +70,8 @@ def _answer(study: StudyResult) -> str:
             f"{row['name'].lower()} ({probability_text(row['probability'])})"
             for row in study.effects.query("status == 'one of'").to_dict("records")
         ]
-        effects = set(study.effects["slug"])
         tied = [name for names in study.effects.query("status == 'added'")["tied_with"] for name in names]
-        others += [f"an error of the sensor ({name})" for name in dict.fromkeys(tied) if name not in effects]
+        others += [f"an error of the sensor ({name})" for name in dict.fromkeys(tied) if name.split(" of ")[0] in KINDS]
         instead = f", or in its place {' or '.join(others)}" if others else ""
         return f"Something is missing, most likely {' and '.join(said)}{instead}; adding the likeliest {closed}."
     if study.against:

@@ -115,7 +115,12 @@ def not_helped(gap: pd.DataFrame) -> tuple[str, ...]:
     """States whose free run, on the mean, is no better after than before, though not surely worse."""
     errors = free_run_errors(gap)
     better = dict(zip(errors.index, errors["after"] < errors["before"], strict=True))
-    return tuple(str(name) for name, good in better.items() if not good and name not in worsened(gap))
+    return tuple(str(name) for name, good in better.items() if not good and name not in worse_runs(gap))
+
+
+def worse_runs(gap: pd.DataFrame) -> tuple[str, ...]:
+    """States whose free run gets worse."""
+    return tuple(name for _, metric, name in worsened(gap) if metric == "free-run NRMSE")
 
 
 def marked(study: StudyResult, equation: str) -> tuple[list[str], list[str]]:

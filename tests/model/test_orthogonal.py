@@ -114,12 +114,16 @@ def test_on_correlated_rows_empirical_is_the_metric_that_the_likelihood_has(vari
     gp = OrthogonalGP(variant=variant, path=path, features=6)
     equation = Program({"v": ["y", "v", "y**3"]}, discrepancy=gp).assemble(data)["v"]
     hyper = Hyperparameters(jnp.asarray(0.1), jnp.asarray(0.8), jnp.asarray([1.0, 0.7]))
-    W = equation.rows.whiten
-    Phi = W(np.asarray(equation.frame.dictionary_rows(data.columns)))
-    K = W(W(_kernel_between(equation, data.columns, data.columns, hyper)).T)
+    columns = equation.rows.columns
+
+    def W(table):
+        return equation.rows.whiten(equation.rows.operate(np.asarray(table)))
+
+    Phi = W(equation.frame.dictionary_rows(columns))
+    K = W(W(_kernel_between(equation, columns, columns, hyper)).T)
     assert np.linalg.norm(Phi.T @ K) <= 1e-8 * np.linalg.norm(Phi) * np.linalg.norm(K)
     # Generalised least squares, with f as noise or without it.
-    y = W(equation.target[:, None])[:, 0]
+    y = equation.rows.whiten(equation.target[:, None])[:, 0]
     C = K + 0.1**2 * np.eye(len(K))
     with_f = np.linalg.solve(Phi.T @ np.linalg.solve(C, Phi), Phi.T @ np.linalg.solve(C, y))
     np.testing.assert_allclose(with_f, np.linalg.lstsq(Phi, y, rcond=None)[0], rtol=1e-6, atol=1e-8)
@@ -131,8 +135,9 @@ def test_unweighted_is_the_plain_mean_over_the_training_states_on_correlated_row
     gp = OrthogonalGP(measure="unweighted", path=path, features=6)
     equation = Program({"v": ["y", "v", "y**3"]}, discrepancy=gp).assemble(data)["v"]
     hyper = Hyperparameters(jnp.asarray(0.1), jnp.asarray(0.8), jnp.asarray([1.0, 0.7]))
-    Phi = np.asarray(equation.frame.dictionary_rows(data.columns))
-    K = _kernel_between(equation, data.columns, data.columns, hyper)
+    columns, V = equation.rows.columns, equation.rows.operate
+    Phi = V(np.asarray(equation.frame.dictionary_rows(columns)))
+    K = V(V(_kernel_between(equation, columns, columns, hyper)).T)
     assert np.linalg.norm(Phi.T @ K) <= 1e-8 * np.linalg.norm(Phi) * np.linalg.norm(K)
 
 

@@ -21,7 +21,7 @@ from scipy.interpolate import CubicSpline
 
 from bayes_greybox.data.trajectories import Trajectories
 
-DELAY, GAIN, OFFSET, DRIFT = "delay", "gain", "offset", "drift"
+DELAY, GAIN, OFFSET, DRIFT = KINDS = ("delay", "gain", "offset", "drift")
 
 STATES = "states"
 """Channel that stands for all states together."""
