@@ -74,7 +74,7 @@ def _where(figure, gap, inside) -> None:
 def _what(figure, study) -> None:
     table = study.hypotheses.xs("ydot", level=0).sort_values("probability", ascending=False).head(SHOWN)
     names = dict(zip(study.effects["slug"], study.effects["name"], strict=True)) | {"unknown": "Unknown"}
-    shown = [names[slug] for slug in table.index]
+    shown = [" + ".join(names.get(part, part.capitalize()) for part in name.split(" + ")) for name in table.index]
     probability, left = (table[column].to_numpy(float) for column in ("probability", "share_left"))
     bg.plots.plot_hypotheses(shown, probability, left, chosen=shown[:1], title="", axes=figure.subplots())
 
