@@ -61,15 +61,21 @@ def check_explanation(world: World, e: Explanation, unit: str = "") -> list[Chec
         unit: Of time, for the words.
     """
     rows = world.evaluations.statistics.rows
-    z, lengths = _standardised(world, e)
+    z = _standardised(world, e)
     if len(z) < 2 * LAGS:
         return []
-    typical = float(np.median(np.diff(rows.time)[np.diff(rows.run) == 0])) if len(rows.time) > 1 else 1.0
-    return [_whiteness(z, lengths, typical, unit), _loo_pit(z)]
+    (values,), lengths, by_frequency = rows.noise.sequences(z[None])
+    steps = np.diff(rows.time)[np.diff(rows.run) == 0]
+    over = "neighbouring frequencies"
+    white, lasting = _whiteness(values, lengths)
+    if not by_frequency:
+        over = f"{lasting * float(np.median(steps)) if len(steps) else 0.0:.2g} {unit}".rstrip()
+    said = "" if white >= LEVEL else f"residuals hang together over {over}"
+    return [Check(WHITENESS, white, said), _loo_pit(z)]
 
 
-def _standardised(world: World, e: Explanation) -> tuple[Float[np.ndarray, " n"], tuple[int, ...]]:
-    """Leave-one-out z, in time order, and the rows of each run."""
+def _standardised(world: World, e: Explanation) -> Float[np.ndarray, " n"]:
+    """Leave-one-out z of the whitened rows."""
     known = world.evaluations
     statistics = known.statistics
     indices = known.indices(e.columns)
@@ -85,11 +91,11 @@ def _standardised(world: World, e: Explanation) -> tuple[Float[np.ndarray, " n"]
         about = world.model.about[HEAVY]
         raw = world.model.body.whiten(world.residual(e)[:, None])[:, 0]
         z = ndtri(np.clip(t.cdf(raw / about["scale"], about["degrees"]), 1e-15, 1 - 1e-15))
-    return z, statistics.rows.noise.white_lengths
+    return z
 
 
-def _whiteness(z: np.ndarray, lengths: tuple[int, ...], step: float, unit: str) -> Check:
-    """Ljung & Box (1978), pairs within runs only."""
+def _whiteness(z: np.ndarray, lengths: tuple[int, ...]) -> tuple[float, float]:
+    """p-value of Ljung & Box (1978), pairs within runs only; and over how many rows the values hang together."""
     n = len(z)
     lags = np.arange(1, max(1, min(LAGS, n // 5)) + 1)
     run = np.repeat(np.arange(len(lengths)), lengths)
@@ -101,15 +107,11 @@ def _whiteness(z: np.ndarray, lengths: tuple[int, ...], step: float, unit: str) 
         pairs.append(max(int(within.sum()), 1))
     r, pairs = np.array(r), np.array(pairs)
     q = float(np.sum(r**2 * n * (n + 2) / pairs))
-    p = float(chi2.sf(q, len(lags)))
-    if p >= LEVEL:
-        return Check(WHITENESS, p, "")
     # How long: the integral of |ρ| up to where it is lost in chance
     chance = 2 / np.sqrt(pairs)
     lost = np.flatnonzero(np.abs(r) < chance)
     until = int(lost[0]) if len(lost) else len(lags)
-    lasting = step * (0.5 + float(np.sum(np.abs(r[:until]))))
-    return Check(WHITENESS, p, f"residuals hang together over {lasting:.2g} {unit}".rstrip())
+    return float(chi2.sf(q, len(lags))), 0.5 + float(np.sum(np.abs(r[:until])))
 
 
 def _loo_pit(z: np.ndarray) -> Check:

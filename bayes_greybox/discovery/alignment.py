@@ -46,8 +46,7 @@ class Aligned:
 
     Attributes:
         data: Measurements with states smoothed and delays undone.
-        evaluations: Evidence on them, white noise.
-        always: Suspects that are in every set: delays that were undone.
+        sets: Sets under the noise that the rows come with, delays that were undone in each of them.
         delays: What was undone, by channel.
         probability: Of each of these delays when it was found.
         sample_noise: Noise on the samples of states.
@@ -56,13 +55,17 @@ class Aligned:
     """
 
     data: Trajectories
-    evaluations: Evaluations
-    always: tuple[int, ...] = ()
+    sets: Sets
     delays: Mapping[str, float] = field(default_factory=dict)
     probability: Mapping[str, float] = field(default_factory=dict)
     sample_noise: Mapping[str, SampleNoise] = field(default_factory=dict)
     clipped: Mapping[str, np.ndarray] = field(default_factory=dict)
     rate: Rate = lambda data: np.zeros(data.n_obs)
+
+    @property
+    def evaluations(self) -> Evaluations:
+        """Evidence under the noise that the rows come with."""
+        return self.sets.evaluations
 
     @property
     def spurious(self) -> float:
@@ -169,13 +172,10 @@ def align(
         )
         rate = _rate(model, measured, equation, added)
     if under is not None:
-        # Found under one noise, weighed under all.
-        back = given.with_noise(own_noise)
-        evaluations = Evaluations(back, odds, evaluator)
-        always = tuple(
-            i for i in back.of_kind("suspect") if _label(evaluations, i) in {_label_of(given, j) for j in always}
-        )
-    return Aligned(data, evaluations, always, delays, probability, noise, at_end, rate)
+        # Found under one noise, weighed under all; columns keep their places.
+        evaluations = Evaluations(given.with_noise(own_noise), odds, evaluator)
+        sets = Sets(evaluations, most, always=always)
+    return Aligned(data, sets, delays, probability, noise, at_end, rate)
 
 
 def _rate(model: Program, data: Trajectories, equation: str, added: Sequence[tuple[Term, float]]) -> Rate:
@@ -221,12 +221,6 @@ def _without(statistics: SufficientStatistics, at_end: Mapping[str, np.ndarray])
         return statistics
     out = np.any(list(at_end.values()), axis=0)
     return statistics.with_noise(WeightedNoise(noise, np.where(out, CLIPPED_SD, 1.0)))
-
-
-def _label_of(statistics: SufficientStatistics, index: int) -> str:
-    suspect = statistics.columns[index].suspect
-    assert suspect is not None
-    return suspect.key
 
 
 def _label(evaluations: Evaluations, index: int) -> str:

@@ -255,14 +255,14 @@ def study_equation(
     data, statistics = aligned.data, aligned.evaluations.statistics
     simulated = model.simulator(data).on(data, name)
     quantities = {**data.columns, f"simulated d({name})/dt": simulated, **_changing(data, aligned.rate)}
-    found = worlds(aligned.evaluations, most, quantities, aligned.always, say)
-    if aligned.always and found[0].model.names:
+    found = worlds(aligned.sets, quantities, say)
+    if aligned.delays and found[0].model.names:
         # Under the wrong noise a delay may have been found that the right one knows nothing of.
         again = align(model, train, name, effects, odds, most, say, found[0].model.noise)
         if again.delays != aligned.delays:
             aligned, data = again, again.data
             aligned.evaluations.seed = seed if settle else None
-            found = worlds(aligned.evaluations, most, quantities, aligned.always, say)
+            found = worlds(aligned.sets, quantities, say)
     finding = decide(found)
     unit_of_time = train.units.get("t", "")
     rest = finding.explanation.kind == REST or PROCESS in finding.world.model.names

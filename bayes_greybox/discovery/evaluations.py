@@ -8,9 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bayes_greybox.discovery.evidence.correlated_residuals import correlation_evidence
 from bayes_greybox.discovery.evidence.with_discrepancy import IMPORTANCE_DRAWS, Evaluator, Integrated, WithDiscrepancy
-from bayes_greybox.model.evidence import Marginal, Spectrum, coefficients, marginal
+from bayes_greybox.model.evidence import Marginal, Spectrum, marginal
 
 from .odds import Odds
 from .sufficient_statistics import SufficientStatistics
@@ -59,7 +58,6 @@ class Evaluations:
 
     def __post_init__(self) -> None:
         self._with_f: dict[tuple[int, ...], Integrated] = {}
-        self._correlations: dict[tuple[int, ...], float] = {}
         self._start: np.ndarray | None = None
 
     def share(self, indices: tuple[int, ...], f: Integrated) -> float:
@@ -81,21 +79,6 @@ class Evaluations:
             if self._start is None:
                 self._start = found.mode
         return self._with_f[effects]
-
-    def correlation(self, effects: tuple[int, ...]) -> float:
-        """Log Bayes factor of residuals that hang together in time, with these effects added."""
-        if effects not in self._correlations:
-            statistics = self.statistics
-            fitted = self.parametric([effects])[0]
-            pattern = int(np.argmax(fitted.by_pattern))
-            mean = coefficients(*one_pattern(fitted, pattern))[0]
-            residual = statistics.residual(self.indices(effects), mean)
-            found = -np.inf
-            if residual is not None:
-                rows, prior = statistics.rows, statistics.prior
-                found = correlation_evidence(residual, rows.time, rows.run, prior.noise, float(prior.amplitude))
-            self._correlations[effects] = found
-        return self._correlations[effects]
 
     def patterns(self) -> tuple[np.ndarray, np.ndarray]:
         """Inclusion patterns of the corrections, all zeros first, and their log prior beside an effect."""

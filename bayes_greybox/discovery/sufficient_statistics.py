@@ -218,12 +218,18 @@ class SufficientStatistics:
         again = replace(self, rows=replace(self.rows, noise=noise), columns=[], left_out=dict(self.left_out), twins={})
         if self.columns:
             values = np.hstack([self.evaluate([i], self.rows.columns) for i in range(len(self.columns))])
-            again._extend(list(self.columns), values)
+            # What can be told apart was settled under the first noise, so that columns keep their places.
+            again._multiply(list(self.columns), values)
         again.twins = dict(self.twins)
         return again
 
     def _extend(self, kept: list[Column], values: np.ndarray) -> None:
-        """Add columns by their scaled values at the samples."""
+        """Add columns by their scaled values at the samples, but for those in the span of the model's own terms."""
+        self._multiply(kept, values)
+        self._drop_collinear(len(kept))
+
+    def _multiply(self, kept: list[Column], values: np.ndarray) -> None:
+        """Extend the products by columns."""
         new = self.rows.whiten(self.rows.operate(values))
         old = self._evaluated()
         if self._kept is not None:
@@ -242,7 +248,6 @@ class SufficientStatistics:
         self.with_target = np.concatenate([self.with_target, sum(cross_y)])
         self.with_features = np.vstack([self.with_features, sum(cross_psi)])
         self.columns += kept
-        self._drop_collinear(len(kept))
 
     def evaluate(
         self, indices: Sequence[int], columns: Mapping[str, np.ndarray]
@@ -260,11 +265,6 @@ class SufficientStatistics:
             assert column.values is not None
             return column.values
         return np.asarray(column.term.evaluate(columns)) / column.scale
-
-    def residual(self, indices: Sequence[int], beta: Float[np.ndarray, " n_column"]) -> np.ndarray | None:
-        """Whitened target less columns with these scaled coefficients; None where whitening leaves no order in time."""
-        rest = self.rows.target / self.target_scale - self.at_rows(indices) @ beta
-        return self.rows.whiten(rest[:, None])[:, 0] if self.rows.noise.square else None
 
     def evaluate_features(self, columns: Mapping[str, np.ndarray]) -> Float[np.ndarray, "n_row n_basis"]:
         """Features of f at any rows."""

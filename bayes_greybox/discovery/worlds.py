@@ -108,28 +108,24 @@ class World:
 
 
 def worlds(
-    first: Evaluations,
-    most: int,
+    first: Sets,
     quantities: Mapping[str, Float[np.ndarray, " n_row"]],
-    always: Sequence[int] = (),
     report: Callable[[str], None] = lambda text: None,
 ) -> list[World]:
     """Worlds that matter, likeliest first.
 
     Args:
-        first: Evidence under the noise that the rows come with.
-        most: Largest number of effects in a set.
+        first: Sets under the noise that the rows come with.
         quantities: What the noise may grow with.
-        always: Suspects about channels that are in every set.
         report: Told in words what is being done.
     """
     base = first.statistics.rows.noise
-    found = [_world(first, NoiseModel(base), most, always, report)]
+    found = [_world(first, NoiseModel(base), report)]
     for _ in range(2):
         other = _likelier(found[0])
         if other is None:
             break
-        found = [_world(_under(first, NoiseModel(other)), NoiseModel(other), most, always, report)]
+        found = [_world(_under(first, NoiseModel(other)), NoiseModel(other), report)]
     if not base.independent:
         # Filtered rows carry a known correlation; what is left of it is judged by the checks.
         return found
@@ -144,7 +140,7 @@ def worlds(
                 continue
             tried.add(names)
             report(f"weighing again with {suspicion.name}")
-            fresh.append(_refitted(current, suspicion, most, always, quantities))
+            fresh.append(_refitted(current, suspicion, first, quantities))
         if not fresh:
             break
         found += fresh
@@ -168,15 +164,11 @@ def _likelier(world: World) -> RowNoise | None:
     return choices[best] if logs[best] > logs[0] + 1.0 else None
 
 
-def _world(
-    evaluations: Evaluations, model: NoiseModel, most: int, always: Sequence[int], report: Callable = lambda text: None
-) -> World:
-    sets = Sets(evaluations, most, PROCESS in model.names, always)
-    explanations = tuple(sets.weigh(report))
-    odds = evaluations.odds
+def _world(sets: Sets, model: NoiseModel, report: Callable[[str], None] = lambda text: None) -> World:
+    explanations, odds = tuple(sets.weigh(report)), sets.odds
     suspects = [name for name in model.names if name != PROCESS]
     prior = len(suspects) * log(odds.noise) + (3 - len(suspects)) * float(np.log1p(-odds.noise))
-    return World(model, evaluations, explanations, prior + model.constant - 0.5 * model.noise.log_det)
+    return World(model, sets.evaluations, explanations, prior + model.constant - 0.5 * model.noise.log_det)
 
 
 def _suspected(world: World, quantities: Mapping[str, np.ndarray]) -> list[tuple[Suspicion, float]]:
@@ -193,26 +185,26 @@ def _suspected(world: World, quantities: Mapping[str, np.ndarray]) -> list[tuple
     return sorted(found.values(), key=lambda item: -item[1])
 
 
-def _refitted(
-    before: World, suspicion: Suspicion, most: int, always: Sequence[int], quantities: Mapping[str, np.ndarray]
-) -> World:
+def _refitted(before: World, suspicion: Suspicion, first: Sets, quantities: Mapping[str, np.ndarray]) -> World:
     """The world of a suspect, its parameters found again on the residuals of its own best explanation."""
-    world = _world(_under(before.evaluations, suspicion.model), suspicion.model, most, always)
+    world = _world(_under(first, suspicion.model, before.evaluations), suspicion.model)
     statistics = world.evaluations.statistics
     rows = statistics.rows
     again = suspicions(world.residual(world.best), before.model, rows.time, rows.run, quantities, statistics.noise)
     for s in again:
         if s.name == suspicion.name and _differ(s.model.about[s.name], suspicion.model.about[s.name]):
-            other = _world(_under(before.evaluations, s.model), s.model, most, always)
+            other = _world(_under(first, s.model, before.evaluations), s.model)
             return max(world, other, key=lambda w: w.total)
     return world
 
 
-def _under(evaluations: Evaluations, model: NoiseModel) -> Evaluations:
-    return Evaluations(
-        evaluations.statistics.with_noise(model.noise), evaluations.odds, evaluations.evaluator,
-        evaluations.importance_draws, evaluations.seed,
-    )  # fmt: skip
+def _under(sets: Sets, model: NoiseModel, evaluations: Evaluations | None = None) -> Sets:
+    """Sets of the columns known so far, by default those of the first sets, under another noise."""
+    known = evaluations or sets.evaluations
+    again = Evaluations(
+        known.statistics.with_noise(model.noise), known.odds, known.evaluator, known.importance_draws, known.seed
+    )
+    return Sets(again, sets.most, PROCESS in model.names, sets.always)
 
 
 def _differ(a: Mapping, b: Mapping) -> bool:

@@ -10,6 +10,7 @@ from bayes_greybox.discovery.adequacy import LEVEL, LOO_PIT, WHITENESS, _loo_pit
 from bayes_greybox.discovery.evaluations import Evaluations
 from bayes_greybox.discovery.evidence.with_discrepancy import Evaluator
 from bayes_greybox.discovery.odds import Odds
+from bayes_greybox.discovery.sets import Sets
 from bayes_greybox.discovery.sufficient_statistics import sufficient_statistics
 from bayes_greybox.discovery.worlds import worlds
 from bayes_greybox.model.noise_models import HEAVY
@@ -24,7 +25,7 @@ def world_of(noise, names=None):
     data = Trajectories.from_arrays(t, states={"x": x}, derivatives={"x": -x + noise})
     statistics = sufficient_statistics(tiny_model(), data, "x", [])
     evaluator = Evaluator(statistics.prior, statistics.kernel, np.asarray(statistics.basis.frequency))
-    found = worlds(Evaluations(statistics, Odds(), evaluator), 1, {"x": x})
+    found = worlds(Sets(Evaluations(statistics, Odds(), evaluator), 1), {"x": x})
     return next(w for w in found if w.model.names == tuple(names or ()))
 
 
@@ -37,7 +38,7 @@ def test_the_statistics_keep_their_level():
     white, pit = [], []
     for _ in range(200):
         z = rng.standard_normal(N)
-        white.append(_whiteness(z, (120, 80), 0.1, "s").p)
+        white.append(_whiteness(z, (120, 80))[0])
         pit.append(_loo_pit(z).p)
     for p in (white, pit):
         assert kstest(p, "uniform").pvalue > 1e-3

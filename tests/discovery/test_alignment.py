@@ -61,8 +61,8 @@ def test_states_and_inputs_stand_at_the_times_of_the_rate_once_a_delay_is_undone
 def test_a_delay_that_was_undone_is_in_every_set_and_a_step_of_it_is_hardly_left():
     found = aligned(forced(late={"d(v)/dt": 1.0}))
     statistics = found.evaluations.statistics
-    assert [statistics.columns[i].suspect.key for i in found.always] == ["delay of d(v)/dt"]
-    (index,) = found.always
+    assert [statistics.columns[i].suspect.key for i in found.sets.always] == ["delay of d(v)/dt"]
+    (index,) = found.sets.always
     left = statistics.with_target[index] / statistics.products[index, index]
     left *= statistics.target_scale / statistics.columns[index].scale
     assert abs(left) < 2 * MOVED * STEP
@@ -76,7 +76,7 @@ def test_the_same_correction_puts_other_data_of_the_same_sensors_right():
 def test_without_delays_nothing_is_touched():
     data = forced(soft)
     found = aligned(data)
-    assert found.delays == {} and found.always == () and found.data is data and found.corrected(data) is data
+    assert found.delays == {} and found.sets.always == () and found.data is data and found.corrected(data) is data
     assert found.sample_noise == {} and found.clipped == {} and found.spurious == 0.0
 
 
@@ -134,7 +134,7 @@ def test_terms_are_evaluated_at_smoothed_states_where_samples_are_noisy():
 
 def test_a_delay_that_smoothing_may_imitate_stays_a_suspect_among_others():
     found = aligned(forced(n=300, jump=(0.03, 0.03), late={"F": 0.5}))
-    assert found.delays == {} and found.always == ()
+    assert found.delays == {} and found.sets.always == ()
     keys = [c.suspect.key for c in found.evaluations.statistics.columns if c.suspect is not None]
     assert "delay of F" in keys
 

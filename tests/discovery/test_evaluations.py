@@ -264,33 +264,6 @@ def test_of_two_estimates_the_surer_one_is_kept(se, expected):
     assert known.integrated((cube,)).log_evidence == expected
 
 
-def test_correlation_in_time_is_weighed_once(monkeypatch):
-    known, (cube, _) = counted()
-    calls = []
-    monkeypatch.setattr(
-        "bayes_greybox.discovery.evaluations.correlation_evidence", lambda *given: calls.append(given) or 3.0
-    )
-    assert [known.correlation((cube,)), known.correlation((cube,))] == [3.0, 3.0] and len(calls) == 1
-
-
-def test_correlation_is_that_of_the_residuals_of_the_likeliest_pattern(monkeypatch):
-    known = tiny_evaluations([CUBE], lambda x: -(x**3), noise=0.05, seed=2)
-    given = []
-    monkeypatch.setattr(
-        "bayes_greybox.discovery.evaluations.correlation_evidence", lambda *parts: given.append(parts) or 0.0
-    )
-    (cube,) = known.statistics.of_kind("effect")
-    known.correlation((cube,))
-    # Nothing is left but noise of 0.05; its RMS over 60 rows is within 40 % but once in 30,000 times.
-    assert np.std(given[0][0]) * known.statistics.target_scale == pytest.approx(0.05, rel=0.4)
-
-
-def test_without_order_in_time_there_is_no_evidence_of_correlation():
-    known, _ = counted()
-    known.statistics.residual = lambda indices, beta: None
-    assert known.correlation(()) == -np.inf
-
-
 # Names
 
 

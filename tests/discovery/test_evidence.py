@@ -6,7 +6,6 @@ import pytest
 from scipy.integrate import quad
 from scipy.stats import halfnorm, lognorm, multivariate_normal
 
-from bayes_greybox.discovery.evidence.correlated_residuals import correlation_evidence
 from bayes_greybox.discovery.evidence.with_discrepancy import Evaluator, WithDiscrepancy
 from bayes_greybox.model.evidence import Spectrum, coefficients, marginal
 from bayes_greybox.model.hyper import HyperPrior, NoisePrior
@@ -115,41 +114,3 @@ def test_importance_sampling_agrees_with_bridge_sampling():
     assert bridged.se < 0.1
     # Chains of NUTS are not quite independent draws, so twice the stated error; false failure below 1e-4.
     assert abs(found.log_evidence - bridged.log_evidence) < 4 * math.hypot(found.se, 2 * bridged.se)
-
-
-def residuals(correlated: float, seed: int, n: int = 300):
-    rng = np.random.default_rng(seed)
-    t = 0.1 * np.arange(n)
-    g = np.zeros(n)
-    for i in range(1, n):
-        g[i] = math.exp(-0.1) * g[i - 1] + math.sqrt(1 - math.exp(-0.2)) * rng.standard_normal()
-    return correlated * g + rng.standard_normal(n), t
-
-
-@pytest.mark.parametrize("seed", range(5))
-def test_the_evidence_rings_on_correlated_residuals_and_stays_quiet_on_white_ones(seed):
-    run = np.zeros(300, int)
-    loud, t = residuals(1.0, seed)
-    quiet, _ = residuals(0.0, seed)
-    assert correlation_evidence(loud, t, run, NOISE, 1.0) > 5
-    # White residuals: the Occam factor alone makes it negative; 2 nats by chance less than one in twenty.
-    assert correlation_evidence(quiet, t, run, NOISE, 1.0) < 2
-
-
-def test_runs_are_not_joined():
-    """One value a run is no correlation in time, however far apart the runs are."""
-    rng = np.random.default_rng(0)
-    run = np.repeat(np.arange(150), 2)
-    residual = rng.standard_normal(300)
-    t = np.tile([0.0, 0.1], 150)
-    assert correlation_evidence(residual, t, run, NOISE, 1.0) < 2
-
-
-def test_rows_none_of_which_follows_another_have_no_correlation():
-    residual, run = np.random.default_rng(0).standard_normal(40), np.arange(40)
-    assert correlation_evidence(residual, np.zeros(40), run, NOISE, 1.0) == -math.inf
-
-
-def test_the_correlation_of_a_long_record_uses_stretches_of_it():
-    residual, t = residuals(1.0, 0, n=6000)
-    assert correlation_evidence(residual, t, np.zeros(6000, int), NOISE, 1.0) > 100

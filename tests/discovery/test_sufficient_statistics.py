@@ -157,25 +157,18 @@ def test_the_products_do_not_depend_on_the_units():
     np.testing.assert_allclose(scaled(1e-3).with_target, scaled(1.0).with_target)
 
 
-# Residuals
+# Under another noise
 
 
-@pytest.mark.parametrize("noise", [WHITE, FILTERED], ids=["white", "filtered"])
-def test_the_residual_is_whitened(noise):
-    found = empty(some_rows(noise))
+def test_under_another_noise_every_column_keeps_its_place():
+    found = empty(some_rows(WHITE))
     found.add("free", terms("x", "u"))
-    residual = found.residual([0, 1], np.array([0.3, -0.2]))
-    y = found.rows.target / found.target_scale
-    rest = y - found.evaluate([0, 1], found.rows.columns) @ np.array([0.3, -0.2])
-    # W is triangular, so whitened rows are in the order of time.
-    expected = np.linalg.solve(np.linalg.cholesky(noise.covariance()), rest)
-    np.testing.assert_allclose(residual, expected, atol=1e-10)
-
-
-def test_without_order_in_time_there_is_no_residual():
-    found = empty(some_rows(PERIODIC))
-    found.add("free", terms("x"))
-    assert found.residual([0], np.array([0.3])) is None
+    again = found.with_noise(FILTERED)
+    fresh = empty(some_rows(FILTERED))
+    fresh.add("free", terms("x", "u"))
+    assert again.columns == found.columns
+    np.testing.assert_allclose(again.products, fresh.products, rtol=1e-10)
+    np.testing.assert_allclose(again.with_target * again.target_scale, fresh.with_target * fresh.target_scale)
 
 
 # Columns that are left out

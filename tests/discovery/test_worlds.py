@@ -13,7 +13,7 @@ from bayes_greybox.discovery.evaluations import Evaluations
 from bayes_greybox.discovery.evidence.with_discrepancy import Evaluator
 from bayes_greybox.discovery.finding import decide
 from bayes_greybox.discovery.odds import Odds
-from bayes_greybox.discovery.sets import PLAIN, RECALIBRATED, REST
+from bayes_greybox.discovery.sets import PLAIN, RECALIBRATED, REST, Sets
 from bayes_greybox.discovery.sufficient_statistics import sufficient_statistics
 from bayes_greybox.discovery.worlds import World, _world, weights, worlds
 from bayes_greybox.model.noise_models import CORRELATED, HEAVY, PROCESS, VARYING, NoiseModel
@@ -63,7 +63,7 @@ def cubic(x):
 
 def weighed(known, most=2, **quantities):
     x = known.statistics.rows.columns["x"]
-    return worlds(known, most, {"x": x} | quantities)
+    return worlds(Sets(known, most), {"x": x} | quantities)
 
 
 def dense(known, columns, R):
@@ -93,7 +93,7 @@ def test_a_worlds_total_is_its_evidence_under_a_dense_covariance(names):
     if names:
         noise = StateSpaceNoise((time,), "exponential" if names == (CORRELATED,) else "matern32", 0.5, 0.2)
     under = Evaluations(known.statistics.with_noise(noise), ODDS, known.evaluator)
-    world = _world(under, NoiseModel(noise, names, 0.7, {}), 1, ())
+    world = _world(Sets(under, 1, PROCESS in names), NoiseModel(noise, names, 0.7, {}))
     R = noise.covariance()
     (cube,), (correction,) = known.statistics.of_kind("effect"), known.statistics.of_kind("correction")
     bare, changed = dense(known, (), R), dense(known, (correction,), R)
@@ -147,7 +147,7 @@ def test_noise_that_is_not_white_is_found_with_and_without_a_gap(noise, name, hi
 def test_nothing_missing_under_correlated_noise_would_be_a_gap_if_it_were_white():
     known = along(sluggish, n=300)
     (first, *_) = weighed(known)
-    alone = _world(known, NoiseModel(known.statistics.rows.noise), 2, ())
+    alone = _world(Sets(known, 2), NoiseModel(known.statistics.rows.noise))
     assert first.total > alone.total + 20
     assert decide([first]).verdict == "no gap"
 
@@ -179,12 +179,12 @@ def test_what_noise_may_grow_with_is_what_is_given():
     found = weighed(known, other=other)
     about = next(w.model.about[VARYING] for w in found if VARYING in w.model.names)
     assert about["variable"] == "x" and about["exponent"] > 0
-    assert not any(VARYING in w.model.names for w in worlds(known, 1, {}))
+    assert not any(VARYING in w.model.names for w in worlds(Sets(known, 1), {}))
 
 
 def test_it_tells_what_it_weighs_again():
     known, told = along(sluggish), []
-    worlds(known, 1, {}, report=told.append)
+    worlds(Sets(known, 1), {}, report=told.append)
     assert f"weighing again with {CORRELATED}" in told
 
 
@@ -194,7 +194,7 @@ def test_it_tells_what_it_weighs_again():
 def a_world(known, names=(), noise=None, share=0.0):
     noise = noise or known.statistics.rows.noise
     about = {PROCESS: {"share": share}} if PROCESS in names else {}
-    return _world(known, NoiseModel(noise, names, 0.0, about), 1, ())
+    return _world(Sets(known, 1, PROCESS in names), NoiseModel(noise, names, 0.0, about))
 
 
 def test_the_residual_of_the_right_explanation_is_the_noise():
