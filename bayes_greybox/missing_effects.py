@@ -9,7 +9,7 @@ from typing import Any
 
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories, with_filter_of
-from bayes_greybox.discovery.gap import FreePath, gap_rows
+from bayes_greybox.discovery.gap import FreePath, FreeRuns
 from bayes_greybox.discovery.odds import Odds
 from bayes_greybox.discovery.study import StudyResult, investigate
 from bayes_greybox.greybox import Fit, GreyBox
@@ -52,7 +52,7 @@ class Study(StudyResult):
         Raises:
             InputError: A state has no equation to integrate.
         """
-        paths = gap_rows(self.base, self.amendments, data, "", True, interpolation)[1]
+        paths = FreeRuns(self.base, self.amendments, interpolation)(data, "")[0]
         if not paths:
             raise InputError("A state of the data has no equation to integrate: add it to the simulation.")
         return paths

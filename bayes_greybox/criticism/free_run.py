@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import jax
@@ -14,7 +15,7 @@ from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.starts import estimate_starts
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.inference.posterior import Posterior
-from bayes_greybox.physics.integrate import between_samples, integrate
+from bayes_greybox.physics.integrate import Limits, Samples, between_samples, cut, follow_piece, joined, limits_of
 
 from .bands import Band, band_holds
 from .prediction import require_columns
@@ -71,7 +72,7 @@ def free_run(
         level: Probability of the bands.
         at_most: Posterior draws integrated.
         seed: Seed of the choice of draws and of the starts.
-        interpolation: Of the inputs between samples, see `integrate_runs`.
+        interpolation: Of the inputs between samples, see `FreeRunner`.
 
     Raises:
         InputError: States without an equation; a model on the exact path, whose f has no finite expansion.
@@ -107,9 +108,7 @@ def free_run(
             rate = rate.at[data.state_names.index(name)].add(added)
         return rate
 
-    states, failed_at = integrate_runs(
-        right_hand_side, data, parameters, interpolation, starts=starts.draws(len(pick), rng)
-    )
+    states, failed_at = FreeRunner(right_hand_side, interpolation)(data, parameters, starts.draws(len(pick), rng))
     bands = {name: Band.surviving(states[:, :, i], level) for i, name in enumerate(data.state_names)}
     lost = [times[np.isfinite(times)] for times in failed_at]
     failed = np.array([len(times) / len(every) for times, every in zip(lost, failed_at, strict=True)])
@@ -124,51 +123,77 @@ def free_run(
     )  # fmt: skip
 
 
-def integrate_runs(
-    right_hand_side: Callable[[Array, Array, Array, Any], Array],
-    data: Trajectories,
-    parameters: Any,
-    interpolation: str | Sequence[str] | None = None,
-    *,
-    starts: Float[np.ndarray, "n_draw n_run n_state"] | None = None,
-    **options: Any,
-) -> tuple[Float[np.ndarray, "n_draw n_obs n_state"], Float[np.ndarray, "n_run n_draw"]]:
-    """Integrate every run of the data from its start with its measured inputs, for several parameters at once.
+class FreeRunner:
+    """Integrates runs of any length, for several parameters at once; compiled once.
 
     Args:
         right_hand_side: (t, x, u, one draw of the parameters) -> dx/dt.
-        data: Runs to follow.
-        parameters: Pytree of arrays whose first axis counts draws.
         interpolation: Of the inputs between samples: "linear", "zoh" (held) or "cubic", for all or one for each. By
             default each input's own, linear or cubic, by `physics.integrate.between_samples`.
-        starts: State of each run at its first row, for each draw; by default the measured one for all.
-        **options: Of `physics.integrate.integrate`.
-
-    Returns:
-        States at the rows of the data, NaN from where a run failed; and the time of each failure, NaN where none.
+        **options: Tolerances of `physics.integrate.integrate`.
     """
-    size = np.sqrt(np.mean(data.matrix(data.state_names) ** 2, axis=0))
-    size = np.where(size > 0, size, 1.0)
-    runs = [data.take(i) for i in range(data.n_run)]
-    if starts is None:
-        n_draw = len(jax.tree.leaves(parameters)[0])
-        measured = np.array([run.matrix(data.state_names)[0] for run in runs])
-        starts = np.tile(measured, (n_draw, 1, 1))
-    if interpolation is None:
-        interpolation = _most_cautious([between_samples(run.time, run.matrix(data.input_names)) for run in runs])
 
-    def follow(args: Any, t: Array, x0: Array, u: Array | None) -> Any:
-        return integrate(right_hand_side, t, x0, u, args, scale=size, interpolation=interpolation, **options)
+    def __init__(
+        self,
+        right_hand_side: Callable[[Array, Array, Array, Any], Array],
+        interpolation: str | Sequence[str] | None = None,
+        **options: Any,
+    ) -> None:
+        self.interpolation = interpolation
 
-    # Compiled once for all runs of one length.
-    follow_all = jax.jit(jax.vmap(follow, in_axes=(0, None, 0, None)))
-    states, failed_at = [], []
-    for i, run in enumerate(runs):
-        u = jnp.asarray(run.matrix(data.input_names)) if data.input_names else None
-        path = follow_all(parameters, jnp.asarray(run.time), jnp.asarray(starts[:, i]), u)
-        states.append(np.asarray(path.states))
-        failed_at.append(np.asarray(path.failed_at))
-    return np.concatenate(states, axis=1), np.array(failed_at)
+        @partial(jax.jit, static_argnames="kinds")
+        def follow(start: Any, samples: Samples, limits: Limits, parameters: Any, kinds: tuple[str, ...]) -> Any:
+            def one(start: Any, x0: Array, args: Any) -> Any:
+                return follow_piece(right_hand_side, start, samples, limits._replace(x0=x0), args, kinds, **options)
+
+            return jax.vmap(one)(start, limits.x0, parameters)
+
+        self._follow = follow
+
+    def __call__(
+        self,
+        data: Trajectories,
+        parameters: Any,
+        starts: Float[np.ndarray, "n_draw n_run n_state"] | None = None,
+    ) -> tuple[Float[np.ndarray, "n_draw n_obs n_state"], Float[np.ndarray, "n_run n_draw"]]:
+        """Integrate every run of the data from its start with its measured inputs.
+
+        Args:
+            data: Runs to follow.
+            parameters: Pytree of arrays whose first axis counts draws.
+            starts: State of each run at its first row, for each draw; by default the measured one for all.
+
+        Returns:
+            States at the rows of the data, NaN from where a run failed; and the time of each failure, NaN where none.
+        """
+        size = np.sqrt(np.mean(data.matrix(data.state_names) ** 2, axis=0))
+        size = np.where(size > 0, size, 1.0)
+        runs = [data.take(i) for i in range(data.n_run)]
+        if starts is None:
+            n_draw = len(jax.tree.leaves(parameters)[0])
+            measured = np.array([run.matrix(data.state_names)[0] for run in runs])
+            starts = np.tile(measured, (n_draw, 1, 1))
+        kinds = self.interpolation
+        if kinds is None:
+            kinds = _most_cautious([between_samples(run.time, run.matrix(data.input_names)) for run in runs])
+        states, failed_at = [], []
+        for i, run in enumerate(runs):
+            u = run.matrix(data.input_names) if data.input_names else None
+            found, failed = self._run(jnp.asarray(run.time), u, kinds, jnp.asarray(starts[:, i]), size, parameters)
+            states.append(np.asarray(found))
+            failed_at.append(np.asarray(failed))
+        return np.concatenate(states, axis=1), np.array(failed_at)
+
+    def _run(
+        self, t: Array, u: np.ndarray | None, kinds: str | Sequence[str], x0: Array, size: np.ndarray, parameters: Any
+    ) -> tuple[Array, Array]:
+        samples, kinds = cut(t, u, kinds)
+        limits, start, pieces = limits_of(t, x0, size), (x0, jnp.ones(len(x0), bool)), []
+        for i in range(len(samples.times)):
+            start, piece = self._follow(start, Samples(*(part[i] for part in samples)), limits, parameters, kinds=kinds)
+            pieces.append(piece)
+        states, failed_at = (jnp.stack(parts, axis=1) for parts in zip(*pieces, strict=True))
+        return jax.vmap(joined, in_axes=(0, None, 0, 0))(x0, t, states, failed_at)
 
 
 def _most_cautious(kinds: list[tuple[str, ...]]) -> tuple[str, ...]:

@@ -1,22 +1,21 @@
 """The gap before and after: how far the simulation, and the amended model, are from the measurements."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
 import pandas as pd
-from jaxtyping import Array
+from jaxtyping import Array, Float
 
 from bayes_greybox.criticism.bands import Band, band_holds
-from bayes_greybox.criticism.free_run import integrate_runs
+from bayes_greybox.criticism.free_run import FreeRunner
 from bayes_greybox.data.starts import Starts, estimate_starts
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.model.program import Program
-from bayes_greybox.physics.simulation import Simulation
 
-from .amendment import Amendment
+from .amendment import Added, Amendment
 
 LEVEL = 0.9
 """Probability of the intervals."""
@@ -60,8 +59,7 @@ def gap_rows(
     amendments: Mapping[str, Amendment],
     data: Trajectories,
     part: str,
-    free_runs: bool,
-    interpolation: str | Sequence[str] | None = None,
+    free_runs: "FreeRuns | None" = None,
     *,
     starts: Starts | None = None,
     seed: int = 0,
@@ -82,7 +80,6 @@ def gap_rows(
         starts: State of each run at its first row, of which each draw has its own; estimated from the data by default.
         seed: Seed of these draws.
     """
-    simulation = model.simulator(data)
     rows = []
     for equation, amendment in amendments.items():
         if equation not in data.derivatives:
@@ -108,14 +105,83 @@ def gap_rows(
             # Before, nothing was known of the sensors either.
             rows.append((part, metric, equation, float(f(error(before, raw.target))), float(mean), low, high))
     paths: dict[str, FreePath] = {}
-    if free_runs and set(data.state_names) <= {*simulation.equations, *amendments}:
-        starts = estimate_starts(data) if starts is None else starts
-        paths, more = _free_runs(simulation, amendments, data, part, interpolation, starts, seed)
+    if free_runs is not None:
+        paths, more = free_runs(data, part, starts, seed)
         rows += more
     table = pd.DataFrame(rows, columns=["data", "metric", "variable", "before", "after", "lower", "upper"])
     ratio = table["after"] / table["before"].where(table["before"] > 0)
     table["closed"] = (1 - ratio).where(table["metric"] != "time to failure")
     return table.set_index(["data", "metric", "variable"]), paths
+
+
+class FreeRuns:
+    """Free runs of the model before and after, compiled once for all data with the same columns.
+
+    Args:
+        model: The model before.
+        amendments: By equation.
+        interpolation: Of the inputs between samples, see `criticism.free_run.FreeRunner`.
+    """
+
+    def __init__(
+        self,
+        model: Program,
+        amendments: Mapping[str, Amendment],
+        interpolation: str | Sequence[str] | None = None,
+    ) -> None:
+        self.model, self.amendments, self.interpolation = model, amendments, interpolation
+        self._runners: dict[tuple, tuple[FreeRunner, Mapping[str, Added]]] = {}
+
+    def __call__(
+        self, data: Trajectories, part: str, starts: Starts | None = None, seed: int = 0
+    ) -> tuple[dict[str, FreePath], list[tuple]]:
+        """Paths by state, and rows of the gap table; none where a state has no equation to integrate.
+
+        Args:
+            data: Measurements to compare with.
+            part: "train" or "test".
+            starts: State of each run at its first row; estimated from the data by default.
+            seed: Seed of their draws.
+        """
+        amendments = self.amendments
+        if not set(data.state_names) <= {*self.model.simulator(data).equations, *amendments}:
+            return {}, []
+        starts = estimate_starts(data) if starts is None else starts
+        varies = any(len(a.after.indices) or a.discrepancy is not None for a in amendments.values())
+        n_draw = PATH_DRAWS if varies or not starts.exact else 1
+        # The model before runs from the very starts of the draws after; from exact ones once.
+        n_before = 1 if starts.exact else n_draw
+        begin = starts.draws(n_draw, np.random.default_rng(seed))
+        runner, added = self._runner(data, n_before, n_draw)
+        parameters = {name: (jnp.asarray(a.coefficients), jnp.asarray(a.weights)) for name, a in added.items()}
+        states, failed_at = runner(data, parameters, np.concatenate([begin[:n_before], begin]))
+        return _compared(data, part, states, failed_at, n_before, band_holds(LEVEL, _sources(amendments, starts)))
+
+    def _runner(self, data: Trajectories, n_before: int, n_draw: int) -> tuple[FreeRunner, Mapping[str, Added]]:
+        key = (data.state_names, data.input_names, n_before, n_draw)
+        if key not in self._runners:
+            added = {name: a.added(n_before, n_draw) for name, a in self.amendments.items()}
+            self._runners[key] = (FreeRunner(self._rate(data, added), self.interpolation, rtol=1e-6, atol=1e-7), added)
+        return self._runners[key]
+
+    def _rate(self, data: Trajectories, added: Mapping[str, Added]) -> Callable[[Array, Array, Array, dict], Array]:
+        simulation, names = self.model.simulator(data), (*data.state_names, *data.input_names)
+        places = {name: data.state_names.index(name) for name in self.amendments}
+
+        def right_hand_side(t: Array, x: Array, u: Array, args: dict) -> Array:
+            rate = simulation.rate(t, x, u)
+            columns = dict(zip(names, (*x, *u), strict=True))
+            for name, (coefficient, weight) in args.items():
+                # Sums and a mask, which compile into the step; products and scatters would be calls at each stage.
+                terms = added[name].terms
+                gain = sum((coefficient[i] * term.evaluate(columns) for i, term in enumerate(terms)), jnp.zeros(()))
+                if weight.shape[0]:
+                    at = {name: value[None] for name, value in columns.items()}
+                    gain = gain + jnp.sum(weight * self.amendments[name].features(at)[0])
+                rate = rate + jnp.where(jnp.arange(len(rate)) == places[name], gain, 0.0)
+            return rate
+
+        return right_hand_side
 
 
 def worsened(gap: pd.DataFrame) -> tuple[tuple[str, str, str], ...]:
@@ -150,57 +216,24 @@ def worsened(gap: pd.DataFrame) -> tuple[tuple[str, str, str], ...]:
     return tuple(found)
 
 
-def _free_runs(
-    simulation: Simulation,
-    amendments: Mapping[str, Amendment],
+def _compared(
     data: Trajectories,
     part: str,
-    interpolation: str | Sequence[str] | None,
-    starts: Starts,
-    seed: int,
+    states: Float[np.ndarray, "n_draw n_obs n_state"],
+    failed_at: Float[np.ndarray, "n_run n_draw"],
+    n_before: int,
+    holds: str,
 ) -> tuple[dict[str, FreePath], list[tuple]]:
-    varies = any(len(a.after.indices) or a.discrepancy is not None for a in amendments.values())
-    n_draw = PATH_DRAWS if varies or not starts.exact else 1
-    # The model before runs from the very starts of the draws after; from exact ones once.
-    n_before = 1 if starts.exact else n_draw
-    begin = starts.draws(n_draw, np.random.default_rng(seed))
-    names = (*data.state_names, *data.input_names)
-    added = {name: a.added(n_before, n_draw) for name, a in amendments.items()}
-    parameters = {name: (jnp.asarray(a.coefficients), jnp.asarray(a.weights)) for name, a in added.items()}
-    places = {name: data.state_names.index(name) for name in amendments}
-
-    def right_hand_side(t: Array, x: Array, u: Array, args: dict) -> Array:
-        rate = simulation.rate(t, x, u)
-        columns = dict(zip(names, (*x, *u), strict=True))
-        for name, (coefficient, weight) in args.items():
-            # Sums and a mask, which compile into the step; products and scatters would be calls at each stage.
-            terms = added[name].terms
-            gain = sum((coefficient[i] * term.evaluate(columns) for i, term in enumerate(terms)), jnp.zeros(()))
-            if weight.shape[0]:
-                at = {name: value[None] for name, value in columns.items()}
-                gain = gain + jnp.sum(weight * amendments[name].features(at)[0])
-            rate = rate + jnp.where(jnp.arange(len(rate)) == places[name], gain, 0.0)
-        return rate
-
-    joined, failed_at = integrate_runs(
-        right_hand_side,
-        data,
-        parameters,
-        interpolation,
-        starts=np.concatenate([begin[:n_before], begin]),
-        rtol=1e-6,
-        atol=1e-7,
-    )
+    """Paths and rows of the table, from integrated states: `n_before` of the model before, then those after."""
     paths, rows = {}, []
-    holds = band_holds(LEVEL, _sources(amendments, starts))
     for i, name in enumerate(data.state_names):
         measured = data.states[name]
-        before, after = joined[:n_before, :, i], joined[n_before:, :, i]
+        before, after = states[:n_before, :, i], states[n_before:, :, i]
         paths[name] = FreePath(
             data.time, data.run, measured, Band.surviving(before, LEVEL), Band.surviving(after, LEVEL), holds
         )
         spread = float(np.std(measured))
-        alive = np.isfinite(joined[:, :, i]).all(axis=0)
+        alive = np.isfinite(states[:, :, i]).all(axis=0)
 
         def error(values: np.ndarray, measured=measured, alive=alive, spread=spread) -> Any:
             return np.sqrt(np.mean((measured[alive] - values[..., alive]) ** 2, axis=-1)) / spread

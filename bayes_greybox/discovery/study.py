@@ -25,7 +25,7 @@ from bayes_greybox.physics.units import check_units
 
 from .equation import EquationStudy, study_equation
 from .finding import NEGLIGIBLE, SUBSTANTIAL, SURE, TIED, VERDICTS, Finding
-from .gap import Amendment, FreePath, gap_rows, worsened
+from .gap import Amendment, FreePath, FreeRuns, gap_rows, worsened
 from .odds import Odds
 from .sufficient_statistics import CORRECTION_SCALE
 from .suspects.channels import DELAY_STEPS, GAIN_SD, OFFSET_SD
@@ -173,7 +173,8 @@ def investigate(
         start = time.perf_counter()
         amendments = {name: found.amendment for name, found in findings.items()}
         parts = [("train", train), *([("test", test)] if test is not None else [])]
-        measured = [gap_rows(model, amendments, data, part, free_runs, interpolation) for part, data in parts]
+        runs = FreeRuns(model, amendments, interpolation) if free_runs else None
+        measured = [gap_rows(model, amendments, data, part, runs) for part, data in parts]
         seconds["gap"] = time.perf_counter() - start
     seconds["total"] = time.perf_counter() - started
     gap = pd.concat([table for table, _ in measured])

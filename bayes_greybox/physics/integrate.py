@@ -34,6 +34,24 @@ class Path(NamedTuple):
     failed_at: Float[Array, ""]
 
 
+class Samples(NamedTuple):
+    """Samples of a run or of its pieces: times, inputs at them, and second derivatives of the inputs' splines."""
+
+    times: Float[Array, "*piece n"]
+    values: Float[Array, "*piece n p"]
+    curvature: Float[Array, "*piece n p"]
+
+
+class Limits(NamedTuple):
+    """Where a run starts and ends, how long it lasts, sizes of its states, and beyond which of them it has failed."""
+
+    x0: Float[Array, "*draw d"]
+    end: Float[Array, ""]
+    span: Float[Array, ""]
+    sizes: Float[Array, " d"]
+    limit: Float[Array, ""]
+
+
 def integrate(
     rhs: Callable[[Any, Any, Any, Any], Any],
     t: Float[Array | np.ndarray, " n"],
@@ -77,67 +95,137 @@ def integrate(
         InputError: Shapes do not fit, or fewer than two times.
     """
     t, x0 = jnp.asarray(t, dtype=float), jnp.asarray(x0, dtype=float)
+    samples, kinds = cut(t, inputs, interpolation)
+    limits = limits_of(t, x0, scale, blow_up)
+
+    def follow(start, piece):
+        return follow_piece(rhs, start, piece, limits, args, kinds, rtol=rtol, atol=atol, max_steps=max_steps)
+
+    _, found = jax.lax.scan(follow, (x0, jnp.asarray(True)), samples)
+    return Path(*joined(x0, t, *found))
+
+
+def cut(
+    t: Float[Array, " n"], inputs: Float[Array | np.ndarray, "n p"] | None, interpolation: str | Sequence[str]
+) -> tuple[Samples, tuple[str, ...]]:
+    """Cut a run into pieces of one size: a loop of many lanes copies all rows that it reads or saves at every step.
+
+    Args:
+        t: Increasing times.
+        inputs: At these times.
+        interpolation: See `integrate`.
+
+    Returns:
+        Pieces along a first axis, and the interpolation of each input.
+
+    Raises:
+        InputError: See `integrate`.
+    """
     if t.shape[0] < 2:
         raise InputError(f"Integration needs at least two times, not {t.shape[0]}; give a longer window.")
     if inputs is not None and inputs.shape[0] != t.shape[0]:
         raise InputError(f"The inputs have {inputs.shape[0]} rows for {t.shape[0]} times; give one row for each time.")
-    sizes = _start_scale(x0) if scale is None else jnp.asarray(scale, dtype=float)
     values = jnp.zeros((t.shape[0], 0)) if inputs is None else jnp.asarray(inputs, dtype=float)
     kinds, curvature = _pieces(t, values, interpolation)
-    held = "zoh" in kinds
-    limit = blow_up * jnp.max(sizes)
-
-    def field(time, x, given):
-        alive, (times, values, curvature), params = given
-        u = _at(jnp.minimum(time, t[-1]), times, values, curvature, kinds)
-        return jnp.where(alive, jnp.asarray(rhs(time, x, u, params), dtype=float), 0.0)
-
-    def exploded(time, x, given, **_):
-        return ~jnp.all(jnp.abs(x) < limit)
-
-    def follow(start, samples):
-        (x, alive), (times, *_) = start, samples
-        control = diffrax.PIDController(rtol=rtol, atol=atol * sizes, dtmin=_SMALLEST_STEP * (t[-1] - t[0]))
-        if inputs is not None:
-            # Inputs are not smooth at their samples; a step across one would waste many rejected attempts.
-            inner = times[1:-1]
-            control = diffrax.ClipStepSizeController(
-                control, step_ts=None if held else inner, jump_ts=inner if held else None
-            )
-        solution = diffrax.diffeqsolve(
-            diffrax.ODETerm(field),
-            diffrax.Dopri8(),
-            t0=times[0],
-            t1=times[-1],
-            dt0=None,
-            y0=x,
-            args=(alive, samples, args),
-            saveat=diffrax.SaveAt(subs=(diffrax.SubSaveAt(ts=times), diffrax.SubSaveAt(t1=True))),
-            stepsize_controller=control,
-            event=diffrax.Event(exploded),
-            max_steps=max_steps,
-            throw=False,
-        )
-        (states, _), (_, (stopped_at,)) = cast(Any, solution.ys), cast(Any, solution.ts)
-        reached = solution.result == diffrax.RESULTS.successful
-        good = alive & (reached | (times <= stopped_at)) & jnp.all(jnp.isfinite(states), axis=-1)
-        # Once a row is lost, all later ones are; a lost run stands still at its start.
-        good = jnp.cumprod(good.astype(int)).astype(bool)
-        end = (jnp.where(good[-1], states[-1], x0), good[-1])
-        failed_at = jnp.where(reached | ~alive, jnp.nan, stopped_at)
-        return end, (jnp.where(good[1:, None], states[1:], jnp.nan), failed_at)
-
-    # In pieces: a loop of many lanes copies all rows that it reads or will save at every step.
     piece = min(PIECE, t.shape[0] - 1)
     n_piece = -(-(t.shape[0] - 1) // piece)
     beyond = t[-1] + (t[-1] - t[-2]) * jnp.arange(1, n_piece * piece + 2 - t.shape[0])
     rows = jnp.arange(n_piece)[:, None] * piece + jnp.arange(piece + 1)
     known = jnp.minimum(rows, t.shape[0] - 1)
-    samples = (jnp.concatenate([t, beyond])[rows], values[known], curvature[known])
-    _, (states, failed_at) = jax.lax.scan(follow, (x0, jnp.asarray(True)), samples)
-    states = jnp.concatenate([x0[None], states.reshape(-1, x0.shape[0])])[: t.shape[0]]
+    return Samples(jnp.concatenate([t, beyond])[rows], values[known], curvature[known]), kinds
+
+
+def limits_of(
+    t: Float[Array, " n"],
+    x0: Float[Array, "*draw d"],
+    scale: Float[Array | np.ndarray, " d"] | None,
+    blow_up: float = 1e12,
+) -> Limits:
+    """Limits of a run; see `integrate` for the arguments."""
+    sizes = _start_scale(x0) if scale is None else jnp.asarray(scale, dtype=float)
+    return Limits(x0, t[-1], t[-1] - t[0], sizes, blow_up * jnp.max(sizes))
+
+
+def follow_piece(
+    rhs: Callable[[Any, Any, Any, Any], Any],
+    start: tuple[Float[Array, " d"], Array],
+    samples: Samples,
+    limits: Limits,
+    args: Any,
+    kinds: tuple[str, ...],
+    *,
+    rtol: float = 1e-8,
+    atol: float = 1e-8,
+    max_steps: int = 100_000,
+) -> tuple[tuple[Float[Array, " d"], Array], tuple[Float[Array, "rows d"], Float[Array, ""]]]:
+    """Integrate over one piece: what is compiled, for runs of any length.
+
+    Args:
+        rhs: See `integrate`.
+        start: States at the start of the piece, and whether the run has come so far.
+        samples: One piece.
+        limits: Of the run.
+        args: See `integrate`.
+        kinds: Interpolation of each input.
+        rtol: See `integrate`.
+        atol: See `integrate`.
+        max_steps: See `integrate`.
+
+    Returns:
+        The start of the next piece; states at all but the first of the times, and the time of a failure or NaN.
+    """
+    x0, end, span, sizes, limit = limits
+    (x, alive), (times, values, _) = start, samples
+
+    def field(time, x, given):
+        alive, samples, params = given
+        u = _at(jnp.minimum(time, end), samples.times, samples.values, samples.curvature, kinds)
+        return jnp.where(alive, jnp.asarray(rhs(time, x, u, params), dtype=float), 0.0)
+
+    def exploded(time, x, given, **_):
+        return ~jnp.all(jnp.abs(x) < limit)
+
+    control = diffrax.PIDController(rtol=rtol, atol=atol * sizes, dtmin=_SMALLEST_STEP * span)
+    if values.shape[1]:
+        # Inputs are not smooth at their samples; a step across one would waste many rejected attempts.
+        inner, held = times[1:-1], "zoh" in kinds
+        control = diffrax.ClipStepSizeController(
+            control, step_ts=None if held else inner, jump_ts=inner if held else None
+        )
+    solution = diffrax.diffeqsolve(
+        diffrax.ODETerm(field),
+        diffrax.Dopri8(),
+        t0=times[0],
+        t1=times[-1],
+        dt0=None,
+        y0=x,
+        args=(alive, samples, args),
+        saveat=diffrax.SaveAt(subs=(diffrax.SubSaveAt(ts=times), diffrax.SubSaveAt(t1=True))),
+        stepsize_controller=control,
+        event=diffrax.Event(exploded),
+        max_steps=max_steps,
+        throw=False,
+    )
+    (states, _), (_, (stopped_at,)) = cast(Any, solution.ys), cast(Any, solution.ts)
+    reached = solution.result == diffrax.RESULTS.successful
+    good = alive & (reached | (times <= stopped_at)) & jnp.all(jnp.isfinite(states), axis=-1)
+    # Once a row is lost, all later ones are; a lost run stands still at its start.
+    good = jnp.cumprod(good.astype(int)).astype(bool)
+    last = (jnp.where(good[-1], states[-1], x0), good[-1])
+    failed_at = jnp.where(reached | ~alive, jnp.nan, stopped_at)
+    return last, (jnp.where(good[1:, None], states[1:], jnp.nan), failed_at)
+
+
+def joined(
+    x0: Float[Array, " d"],
+    t: Float[Array, " n"],
+    states: Float[Array, "piece rows d"],
+    failed_at: Float[Array, " piece"],
+) -> tuple[Float[Array, "n d"], Float[Array, ""]]:
+    """One run from its pieces: states at the times t, and the time of its first failure or NaN."""
+    whole = jnp.concatenate([x0[None], states.reshape(-1, x0.shape[0])])[: t.shape[0]]
     first = jnp.nanmin(failed_at)
-    return Path(states=states, failed_at=jnp.where(first <= t[-1], first, jnp.nan))
+    return whole, jnp.where(first <= t[-1], first, jnp.nan)
 
 
 def between_samples(t: Float[np.ndarray, " n"], values: Float[np.ndarray, "n p"]) -> tuple[str, ...]:
@@ -173,9 +261,9 @@ def between_samples(t: Float[np.ndarray, " n"], values: Float[np.ndarray, "n p"]
 
 def _pieces(
     t: Float[Array, " n"], values: Float[Array, "n p"], kind: str | Sequence[str]
-) -> tuple[np.ndarray, Float[Array, "n p"]]:
+) -> tuple[tuple[str, ...], Float[Array, "n p"]]:
     """Interpolation of each column, and second derivatives at the samples: zero but for splines."""
-    kinds = np.array([kind] * values.shape[1] if isinstance(kind, str) else kind, dtype=str)
+    kinds = (kind,) * values.shape[1] if isinstance(kind, str) else tuple(str(each) for each in kind)
     for unknown in {*kinds, *([kind] if isinstance(kind, str) else [])} - set(INTERPOLATIONS):
         raise InputError(f"Unknown interpolation {str(unknown)!r}; use 'linear', 'zoh' or 'cubic'.")
     if len(kinds) != values.shape[1]:
@@ -184,11 +272,15 @@ def _pieces(
         )
     if "cubic" not in kinds:
         return kinds, jnp.zeros_like(values)
-    return kinds, jnp.where(kinds == "cubic", _spline_curvature(t, values), 0.0)
+    return kinds, jnp.where(np.array(kinds) == "cubic", _spline_curvature(t, values), 0.0)
 
 
 def _at(
-    time: Any, t: Float[Array, " n"], values: Float[Array, "n p"], curvature: Float[Array, "n p"], kinds: np.ndarray
+    time: Any,
+    t: Float[Array, " n"],
+    values: Float[Array, "n p"],
+    curvature: Float[Array, "n p"],
+    kinds: tuple[str, ...],
 ) -> Float[Array, " p"]:
     last = t.shape[0] - 1
     i = jnp.searchsorted(t, time, side="right") - 1
@@ -199,7 +291,7 @@ def _at(
     a = 1.0 - b
     line = a * values[i] + b * values[i + 1]
     smooth = line + (a * (a**2 - 1) * curvature[i] + b * (b**2 - 1) * curvature[i + 1]) * h**2 / 6.0
-    return jnp.where(kinds == "zoh", held, smooth)
+    return jnp.where(np.array(kinds, dtype=str) == "zoh", held, smooth)
 
 
 def _start_scale(x0: Float[Array, " d"]) -> Float[Array, " d"]:

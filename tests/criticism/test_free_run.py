@@ -5,7 +5,7 @@ import pytest
 from fabricated import fabricate
 
 from bayes_greybox.criticism.bands import band_holds
-from bayes_greybox.criticism.free_run import free_run, integrate_runs
+from bayes_greybox.criticism.free_run import FreeRunner, free_run
 from bayes_greybox.data.starts import estimate_starts
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.model.discrepancy import OrthogonalGP
@@ -85,7 +85,7 @@ def test_what_a_band_holds_is_said_in_order_and_nothing_says_nothing():
 @pytest.mark.parametrize("runs", [1, 2])
 def test_without_starts_all_draws_begin_at_the_measured_one(runs):
     data = swinging(runs=runs)
-    states, failed_at = integrate_runs(lambda t, x, u, c: c * x, data, np.array([0.1, 0.2]))
+    states, failed_at = FreeRunner(lambda t, x, u, c: c * x)(data, np.array([0.1, 0.2]))
     first = np.arange(runs) * 201
     np.testing.assert_array_equal(states[:, first], np.tile(data.matrix(("y", "v"))[first], (2, 1, 1)))
     assert failed_at.shape == (runs, 2) and np.isnan(failed_at).all()

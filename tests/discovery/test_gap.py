@@ -14,7 +14,7 @@ from bayes_greybox.data.starts import Starts
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.amendment import Remainder
 from bayes_greybox.discovery.coefficients import Coefficients
-from bayes_greybox.discovery.gap import GREW, LEVEL, PATH_DRAWS, RATE_DRAWS, Amendment, gap_rows, worsened
+from bayes_greybox.discovery.gap import GREW, LEVEL, PATH_DRAWS, RATE_DRAWS, Amendment, FreeRuns, gap_rows, worsened
 
 CUBIC = {"hidden": lambda x: -(x**3), "noise": 0.05}
 TAILS = [(1 - LEVEL) / 2, (1 + LEVEL) / 2]
@@ -44,7 +44,9 @@ def with_cube(coefficients, sigma=0.05):
 
 def gap(amendment, data=None, model=None, free_runs=False, part="test", **options):
     data = tiny_data(**CUBIC, seed=5) if data is None else data
-    return gap_rows(model or tiny_model(), {"x": amendment}, data, part, free_runs, **options)
+    model, amendments = model or tiny_model(), {"x": amendment}
+    runs = FreeRuns(model, amendments) if free_runs else None
+    return gap_rows(model, amendments, data, part, runs, **options)
 
 
 def held_out():
