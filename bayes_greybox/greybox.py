@@ -22,8 +22,8 @@ from bayes_greybox.criticism.trade_off import TradeOff, strongest_trade_off
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.inference import netcdf
 from bayes_greybox.inference.posterior import Posterior, Sampling, add_group, sample_posterior
-from bayes_greybox.model.discrepancy import OrthogonalGP
-from bayes_greybox.model.features import HilbertBasis
+from bayes_greybox.model.gp.discrepancy import OrthogonalGP
+from bayes_greybox.model.gp.features import HilbertBasis
 from bayes_greybox.model.program import Program
 from bayes_greybox.physics.simulation import RightHandSide
 

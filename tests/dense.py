@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from bayes_greybox.model.kernels import KERNELS, log_spectral_density
+from bayes_greybox.model.gp.kernels import KERNELS, log_spectral_density
 
 
 def dense(posterior, hyper, sd):

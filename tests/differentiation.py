@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from bayes_greybox.data.filters import band_per_sample, check_settings, filter_taps, kept_frequencies
+from bayes_greybox.data.rates.filters import band_per_sample, check_settings, filter_taps, kept_frequencies
 
 
 def differentiation_matrix(

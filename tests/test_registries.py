@@ -12,9 +12,9 @@ import bayes_greybox as bg
 from bayes_greybox.config import load_config
 from bayes_greybox.data.limits import Count, Positive, require_limits
 from bayes_greybox.inference import netcdf
-from bayes_greybox.model.kernels import KERNELS, Kernel
+from bayes_greybox.model.gp.kernels import KERNELS, Kernel
 from bayes_greybox.model.priors import PRIORS, Scales
-from bayes_greybox.model.rows import ROWS, DerivativeRows, RowKind
+from bayes_greybox.model.rows.equation_rows import ROWS, DerivativeRows, RowKind
 
 SMALL = {"draws": 10, "tune": 10, "chains": 1, "progress": False}
 

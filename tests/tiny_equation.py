@@ -6,11 +6,11 @@ import numpy as np
 
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.equation import EquationStudy, study_equation
-from bayes_greybox.discovery.evaluations import Evaluations
-from bayes_greybox.discovery.evidence.with_discrepancy import Evaluator, Integrated
-from bayes_greybox.discovery.odds import Odds
-from bayes_greybox.discovery.sufficient_statistics import sufficient_statistics
-from bayes_greybox.model.discrepancy import OrthogonalGP
+from bayes_greybox.discovery.weighing.evaluations import Evaluations
+from bayes_greybox.discovery.weighing.odds import Odds
+from bayes_greybox.discovery.weighing.sufficient_statistics import sufficient_statistics
+from bayes_greybox.discovery.weighing.with_discrepancy import Evaluator, Integrated
+from bayes_greybox.model.gp.discrepancy import OrthogonalGP
 from bayes_greybox.model.program import Program
 from bayes_greybox.physics.catalogue.effects import BoundEffect, Effect, InnerParameter
 

@@ -12,7 +12,7 @@ from bayes_greybox.criticism.convergence import Verdict, convergence
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.greybox import Fit, GreyBox
 from bayes_greybox.missing_effects import Study, find_missing_effects
-from bayes_greybox.model.discrepancy import OrthogonalGP
+from bayes_greybox.model.gp.discrepancy import OrthogonalGP
 
 SIMULATION = {"y": "ydot", "ydot": "F - y - 0.1*ydot"}
 

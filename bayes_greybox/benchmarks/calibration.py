@@ -18,7 +18,7 @@ from bayes_greybox.criticism.calibration.calibrate import FEWEST_REPLICATES, Cal
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.records import plain_rows, plain_values
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.model.discrepancy import OrthogonalGP
+from bayes_greybox.model.gp.discrepancy import OrthogonalGP
 from bayes_greybox.model.priors import Laplace, Normal, RegularisedHorseshoe, SpikeAndSlab
 from bayes_greybox.model.program import Program
 

@@ -45,7 +45,7 @@ class Noise(Section):
         given = self.given()
         arguments = {"noise_floor": given.pop("floor")} if "floor" in given else {}
         if set(given) - {"scale"}:
-            from bayes_greybox.model import noise
+            from bayes_greybox.model.noise import asked as noise
 
             return {**arguments, "noise": noise.Noise(**given)}
         return {**arguments, **({"noise": given["scale"]} if given else {})}

@@ -59,13 +59,13 @@ def _priors() -> Mapping[str, type]:
 
 
 def _rows() -> Mapping[str, type]:
-    from bayes_greybox.model.rows import ROWS
+    from bayes_greybox.model.rows.equation_rows import ROWS
 
     return ROWS
 
 
 def _discrepancy(given: Any) -> type[Section]:
-    from bayes_greybox.model.discrepancy import OrthogonalGP
+    from bayes_greybox.model.gp.discrepancy import OrthogonalGP
 
     return section_of(OrthogonalGP, Switch)
 

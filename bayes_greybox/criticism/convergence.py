@@ -10,7 +10,7 @@ import pandas as pd
 from jaxtyping import Float
 
 from bayes_greybox.inference.posterior import Posterior, remembered
-from bayes_greybox.model.kernels import KERNELS
+from bayes_greybox.model.gp.kernels import KERNELS
 
 MAX_R_HAT = 1.01
 MIN_ESS = 400

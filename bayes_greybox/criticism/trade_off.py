@@ -12,7 +12,7 @@ from bayes_greybox.inference.draws import draw_given
 from bayes_greybox.inference.posterior import Posterior
 from bayes_greybox.model.design import Design, EquationDraws
 from bayes_greybox.model.equation import Equation
-from bayes_greybox.model.hyper import Hyperparameters
+from bayes_greybox.model.gp.hyper import Hyperparameters
 from bayes_greybox.model.likelihood import CollapsedNormal
 from bayes_greybox.model.priors import Scales
 from bayes_greybox.physics.units import coefficient_unit, derivative_unit

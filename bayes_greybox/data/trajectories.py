@@ -22,11 +22,12 @@ from .columns import (
     summary_table,
     usable_rows,
 )
-from .differentiate import differentiate, uniform_step
 from .errors import InputError
-from .noise import WHITE_SHARE, RowNoise, noise_from_dict
-from .rate_filter import RateFilter
-from .white_noise import WhiteNoise
+from .noise.files import noise_from_dict
+from .noise.protocol import WHITE_SHARE, RowNoise
+from .noise.white import WhiteNoise
+from .rates.differentiate import differentiate, uniform_step
+from .rates.rate_filter import RateFilter
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -295,10 +296,10 @@ class Trajectories:
                 added, the derivative of y is ydot and that of ydot the second derivative of y. Every other
                 state without a derivative gets its first derivative.
             window: odd number of samples; "savgol" chooses it by generalised cross-validation (see
-                `bayes_greybox.data.filters.savgol_window`), "bandlimited" from the band.
+                `data.rates.filters.savgol_window`), "bandlimited" from the band.
             polyorder: degree of the local polynomial, default 4 with `rates`, else 3.
             band: edge of the pass band in cycles per unit of time.
-            white_share: share of the row variance taken as white, see `bayes_greybox.data.noise`.
+            white_share: share of the row variance taken as white, see `bayes_greybox.data.noise.banded`.
             like: differentiated data whose filter is used, with the very window; no other setting can be given then.
 
         Returns:

@@ -10,24 +10,24 @@ import pandas as pd
 
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.model.noise_models import PROCESS
+from bayes_greybox.model.noise.suspicions import PROCESS
 from bayes_greybox.model.program import Program
 from bayes_greybox.physics.catalogue.effects import BoundEffect
 from bayes_greybox.physics.terms import Term
 from bayes_greybox.physics.units import coefficient_unit, derivative_unit
 
-from .adequacy import Check, check_explanation
-from .alignment import Aligned, align
-from .amendment import Amendment, Remainder
-from .coefficients import Coefficients, alone, draw_coefficients, plain
-from .evaluations import Evaluations
-from .finding import STOPS, TIED, Finding, decide
-from .instrument import instrument_table
-from .odds import Odds
-from .sets import RECALIBRATED, REST
-from .sufficient_statistics import SufficientStatistics
-from .where import GapField, GapMap, GapTrace, gap_map, gap_trace, where_table
-from .worlds import worlds
+from .answer.adequacy import Check, check_explanation
+from .answer.amendment import Amendment, Remainder
+from .answer.coefficients import Coefficients, alone, draw_coefficients, plain
+from .answer.finding import STOPS, TIED, Finding, decide
+from .answer.instrument import instrument_table
+from .answer.where import GapField, GapMap, GapTrace, gap_map, gap_trace, where_table
+from .weighing.alignment import Aligned, align
+from .weighing.evaluations import Evaluations
+from .weighing.odds import Odds
+from .weighing.sets import RECALIBRATED, REST
+from .weighing.sufficient_statistics import SufficientStatistics
+from .weighing.worlds import worlds
 
 DRAWS = 2000
 """Posterior draws of the coefficients behind tables and bands."""

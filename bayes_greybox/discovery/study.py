@@ -14,22 +14,22 @@ from bayes_greybox.data.records import plain_rows
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.inference.netcdf import versions
 from bayes_greybox.inference.posterior import Posterior
-from bayes_greybox.model.noise import FIT, Noise
-from bayes_greybox.model.noise_models import CORRELATED, HEAVY, VARYING
+from bayes_greybox.model.noise.asked import FIT, Noise
+from bayes_greybox.model.noise.suspicions import CORRELATED, HEAVY, VARYING
 from bayes_greybox.model.program import Program
-from bayes_greybox.model.row_warnings import row_warnings
+from bayes_greybox.model.rows.row_warnings import row_warnings
 from bayes_greybox.physics.catalogue.effects import CatalogueSpec, load_catalogue
 from bayes_greybox.physics.catalogue.roles import bind_catalogue, roles_of, unbound
 from bayes_greybox.physics.terms import Term
 from bayes_greybox.physics.units import check_units
 
+from .answer.finding import NEGLIGIBLE, SUBSTANTIAL, SURE, TIED, VERDICTS, Finding
+from .answer.gap import Amendment, FreePath, FreeRuns, gap_rows, worsened
+from .answer.where import GapMap, GapTrace
 from .equation import EquationStudy, study_equation
-from .finding import NEGLIGIBLE, SUBSTANTIAL, SURE, TIED, VERDICTS, Finding
-from .gap import Amendment, FreePath, FreeRuns, gap_rows, worsened
-from .odds import Odds
-from .sufficient_statistics import CORRECTION_SCALE
 from .suspects.channels import DELAY_STEPS, GAIN_SD, OFFSET_SD
-from .where import GapMap, GapTrace
+from .weighing.odds import Odds
+from .weighing.sufficient_statistics import CORRECTION_SCALE
 
 AnyProgram = TypeVar("AnyProgram", bound=Program)
 

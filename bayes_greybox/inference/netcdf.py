@@ -16,11 +16,11 @@ import xarray as xr
 from bayes_greybox.data.columns import derivative_label
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.model.discrepancy import OrthogonalGP
-from bayes_greybox.model.noise import Noise
+from bayes_greybox.model.gp.discrepancy import OrthogonalGP
+from bayes_greybox.model.noise.asked import Noise
 from bayes_greybox.model.priors import PRIORS, CustomPrior
 from bayes_greybox.model.program import Program
-from bayes_greybox.model.rows import ROWS, EquationRows
+from bayes_greybox.model.rows.equation_rows import ROWS, EquationRows
 from bayes_greybox.physics.printing import to_text
 from bayes_greybox.physics.simulation import RightHandSide, Simulation, simulation_from, simulation_record
 from bayes_greybox.physics.terms import Term

@@ -17,7 +17,7 @@ from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.model.design import EquationDraws
 from bayes_greybox.model.equation import Equation
-from bayes_greybox.model.hyper import Hyperparameters
+from bayes_greybox.model.gp.hyper import Hyperparameters
 from bayes_greybox.model.priors import Scales
 from bayes_greybox.model.program import Program
 from bayes_greybox.model.sites import Sites

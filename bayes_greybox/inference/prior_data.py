@@ -15,7 +15,7 @@ from numpyro.handlers import seed, trace
 
 from bayes_greybox.model.design import Compress, Design
 from bayes_greybox.model.equation import Equation
-from bayes_greybox.model.hyper import Hyperparameters
+from bayes_greybox.model.gp.hyper import Hyperparameters
 from bayes_greybox.model.program import Program
 
 

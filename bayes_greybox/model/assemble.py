@@ -9,19 +9,19 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from bayes_greybox.data.errors import InputError
-from bayes_greybox.model.algebra.compression import CHUNK, triangular_factor
-from bayes_greybox.model.algebra.linalg import require_independent
 from bayes_greybox.physics.expressions import namespace
 from bayes_greybox.physics.terms import Dictionary
 
+from .algebra.compression import CHUNK, triangular_factor
+from .algebra.linalg import require_independent
 from .design import DenseDesign, FeatureDesign
-from .discrepancy import EXACT_LIMIT, OrthogonalGP
 from .equation import Equation
-from .features import HilbertBasis, default_features
 from .frame import Frame
-from .hyper import Hyperparameters
-from .orthogonal import box_nodes, orthonormalise
-from .rows import EquationRows, Table
+from .gp.discrepancy import EXACT_LIMIT, OrthogonalGP
+from .gp.features import HilbertBasis, default_features
+from .gp.hyper import Hyperparameters
+from .gp.orthogonal import box_nodes, orthonormalise
+from .rows.equation_rows import EquationRows, Table
 
 FEWEST_STEPS = 8
 """Values on so many steps of a lattice, or more, count as rounded to it."""

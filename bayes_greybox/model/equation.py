@@ -9,7 +9,7 @@ from jaxtyping import Float, Int
 
 from .design import Design, EquationDraws, WeightedRows
 from .frame import Frame
-from .rows import EquationRows, Table
+from .rows.equation_rows import EquationRows, Table
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from bayes_greybox.model.hyper import NoisePrior
+from bayes_greybox.model.gp.hyper import NoisePrior
 
 SIGMA_NODES = 33
 """Nodes of the grid over log σ; the integrand is within 1e-6 of its integral from about 20 on."""

@@ -14,7 +14,7 @@ from jaxtyping import Array, Float
 from bayes_greybox.physics.expressions import namespace
 from bayes_greybox.physics.terms import Dictionary
 
-from .features import HilbertBasis
+from .gp.features import HilbertBasis
 
 
 @dataclass(frozen=True)

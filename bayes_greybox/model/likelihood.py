@@ -9,10 +9,9 @@ import numpyro.distributions as dist
 from jaxtyping import Array, Float
 from numpyro.distributions import constraints
 
-from bayes_greybox.model.algebra.collapsed import log_evidence
-
+from .algebra.collapsed import log_evidence
 from .design import Design
-from .hyper import Hyperparameters
+from .gp.hyper import Hyperparameters
 from .priors import Scales
 
 

@@ -21,14 +21,14 @@ from bayes_greybox.physics.units import check_units
 
 from .assemble import assemble
 from .design import Design
-from .discrepancy import OrthogonalGP
 from .equation import Equation
-from .hyper import Hyperparameters, HyperPrior, NoisePrior
+from .gp.discrepancy import OrthogonalGP
+from .gp.hyper import Hyperparameters, HyperPrior, NoisePrior
 from .likelihood import CollapsedNormal
-from .noise import Noise, find_noise, with_found
-from .noise_models import NoiseModel
+from .noise.asked import Noise, find_noise, with_found
+from .noise.suspicions import NoiseModel
 from .priors import Prior, Scales, SpikeAndSlab
-from .rows import DerivativeRows, EquationRows, RowKind
+from .rows.equation_rows import DerivativeRows, EquationRows, RowKind
 from .sites import DRAWN, Sites
 
 

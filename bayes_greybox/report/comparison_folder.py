@@ -13,9 +13,9 @@ import pandas as pd
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.inference.netcdf import load
 from bayes_greybox.inference.posterior import Posterior
-from bayes_greybox.report.pages.comparison_page import comparison_html
 
 from .folder import staged
+from .pages.comparison_page import comparison_html
 from .plots import plot_comparison, save_figures
 from .record import comparison_record, write_json
 

@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from bayes_greybox.criticism.convergence import convergence
-from bayes_greybox.discovery.finding import NEGLIGIBLE, STOPS, SURE
-from bayes_greybox.discovery.instrument import IN_MODEL
+from bayes_greybox.discovery.answer.finding import NEGLIGIBLE, STOPS, SURE
+from bayes_greybox.discovery.answer.instrument import IN_MODEL
 from bayes_greybox.discovery.study import StudyResult
 from bayes_greybox.discovery.suspects.channels import DELAY_STEPS
 

@@ -7,11 +7,11 @@ from typing import Any
 from bayes_greybox.criticism.cross_validation.compare import compare
 from bayes_greybox.inference.netcdf import load
 from bayes_greybox.inference.posterior import Posterior
-from bayes_greybox.report.pages.comparison_page import comparison_html
-from bayes_greybox.report.pages.fit_page import fit_html
-from bayes_greybox.report.pages.page import require_place
 
 from .comparison_folder import PAGE, load_comparison
+from .pages.comparison_page import comparison_html
+from .pages.fit_page import fit_html
+from .pages.page import require_place
 
 
 def saved_html(

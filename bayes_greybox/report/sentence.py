@@ -2,8 +2,8 @@
 
 import pandas as pd
 
-from bayes_greybox.discovery.gap import worsened
-from bayes_greybox.discovery.instrument import IN_MODEL
+from bayes_greybox.discovery.answer.gap import worsened
+from bayes_greybox.discovery.answer.instrument import IN_MODEL
 from bayes_greybox.discovery.study import StudyResult, worse_in_words
 from bayes_greybox.discovery.suspects.channels import KINDS
 

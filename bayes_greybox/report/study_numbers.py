@@ -4,8 +4,8 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from bayes_greybox.criticism import discrepancy
+from bayes_greybox.discovery.answer.where import GapMap
 from bayes_greybox.discovery.study import StudyResult
-from bayes_greybox.discovery.where import GapMap
 
 from .study_words import added
 

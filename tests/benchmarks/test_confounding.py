@@ -10,7 +10,7 @@ from bayes_greybox.benchmarks.confounding.run import all_cells, run
 from bayes_greybox.benchmarks.confounding.score import score
 from bayes_greybox.benchmarks.confounding.situations import NOISE, SITUATIONS, records
 from bayes_greybox.data.errors import InputError
-from bayes_greybox.model.discrepancy import OrthogonalGP
+from bayes_greybox.model.gp.discrepancy import OrthogonalGP
 from bayes_greybox.model.program import Program
 from bayes_greybox.report.plots import plot_confounding
 

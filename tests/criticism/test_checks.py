@@ -13,7 +13,7 @@ from bayes_greybox.criticism.checks.sensitivity import CONFLICT, DOMINANT, FINE,
 from bayes_greybox.criticism.checks.whiteness import _autocorrelation, whiteness
 from bayes_greybox.criticism.cross_validation.row_densities import pointwise_loo
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.model.discrepancy import OrthogonalGP
+from bayes_greybox.model.gp.discrepancy import OrthogonalGP
 from bayes_greybox.model.priors import CustomPrior, Normal, SpikeAndSlab
 from bayes_greybox.model.program import Program
 

@@ -10,7 +10,7 @@ from bayes_greybox.criticism.cross_validation.loo import Loo
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.inference.posterior import Sampling, sample_posterior
-from bayes_greybox.model.discrepancy import OrthogonalGP
+from bayes_greybox.model.gp.discrepancy import OrthogonalGP
 from bayes_greybox.model.priors import Normal
 from bayes_greybox.model.program import Program
 

@@ -6,7 +6,7 @@ from fabricated import fabricate, oscillator
 
 from bayes_greybox import greybox
 from bayes_greybox.criticism.convergence import boundary_needed, convergence, convergence_table, features_needed
-from bayes_greybox.model.discrepancy import OrthogonalGP
+from bayes_greybox.model.gp.discrepancy import OrthogonalGP
 from bayes_greybox.model.program import Program
 
 CHAINS, DRAWS = 4, 1000

@@ -24,7 +24,7 @@ from bayes_greybox.criticism.cross_validation.row_densities import pointwise_loo
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.model.design import FeatureDesign
-from bayes_greybox.model.discrepancy import OrthogonalGP
+from bayes_greybox.model.gp.discrepancy import OrthogonalGP
 from bayes_greybox.model.priors import RegularisedHorseshoe
 from bayes_greybox.model.program import Program
 

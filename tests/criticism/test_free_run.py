@@ -8,7 +8,7 @@ from bayes_greybox.criticism.bands import band_holds
 from bayes_greybox.criticism.free_run import FreeRunner, free_run
 from bayes_greybox.data.starts import estimate_starts
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.model.discrepancy import OrthogonalGP
+from bayes_greybox.model.gp.discrepancy import OrthogonalGP
 from bayes_greybox.model.program import Program
 from bayes_greybox.report.plots.fits import simulated
 

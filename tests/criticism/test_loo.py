@@ -18,8 +18,8 @@ from bayes_greybox.criticism.cross_validation.refits import refit_without
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.inference.posterior import Sampling, sample_posterior
-from bayes_greybox.model.discrepancy import OrthogonalGP
-from bayes_greybox.model.kernels import KERNELS, log_spectral_density
+from bayes_greybox.model.gp.discrepancy import OrthogonalGP
+from bayes_greybox.model.gp.kernels import KERNELS, log_spectral_density
 from bayes_greybox.model.likelihood import CollapsedNormal
 from bayes_greybox.model.priors import Normal, Scales, SpikeAndSlab
 from bayes_greybox.model.program import Program

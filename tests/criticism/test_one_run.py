@@ -16,8 +16,8 @@ from bayes_greybox.criticism.cross_validation.cross_validate import cross_valida
 from bayes_greybox.criticism.cross_validation.folds import make_folds
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.inference.posterior import Sampling, sample_posterior
-from bayes_greybox.model.discrepancy import OrthogonalGP
-from bayes_greybox.model.kernels import KERNELS, log_spectral_density
+from bayes_greybox.model.gp.discrepancy import OrthogonalGP
+from bayes_greybox.model.gp.kernels import KERNELS, log_spectral_density
 from bayes_greybox.model.priors import SpikeAndSlab
 from bayes_greybox.model.program import Program
 

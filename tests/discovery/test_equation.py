@@ -17,15 +17,15 @@ from tiny_equation import (
     tiny_model,
 )
 
-from bayes_greybox.discovery.adequacy import Check
-from bayes_greybox.discovery.alignment import Aligned
-from bayes_greybox.discovery.coefficients import Coefficients, alone
+from bayes_greybox.discovery.answer.adequacy import Check
+from bayes_greybox.discovery.answer.coefficients import Coefficients, alone
+from bayes_greybox.discovery.answer.finding import STACKED, TIED, Finding, Place, Weighed
 from bayes_greybox.discovery.equation import EquationStudy, _with_noisy_states, study_equation
-from bayes_greybox.discovery.finding import STACKED, TIED, Finding, Place, Weighed
-from bayes_greybox.discovery.odds import Odds
-from bayes_greybox.discovery.sets import PLAIN, RECALIBRATED, REST, Explanation
-from bayes_greybox.discovery.worlds import World
-from bayes_greybox.model.noise_models import NoiseModel
+from bayes_greybox.discovery.weighing.alignment import Aligned
+from bayes_greybox.discovery.weighing.odds import Odds
+from bayes_greybox.discovery.weighing.sets import PLAIN, RECALIBRATED, REST, Explanation
+from bayes_greybox.discovery.weighing.worlds import World
+from bayes_greybox.model.noise.suspicions import NoiseModel
 from bayes_greybox.physics.catalogue.effects import Effect
 
 CUBIC = {"hidden": lambda x: -(x**3), "noise": 0.05}

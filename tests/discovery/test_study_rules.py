@@ -10,10 +10,10 @@ from tiny_equation import CUBE, DEAD_ZONE, SQUARE, tiny_data, tiny_evaluations
 import bayes_greybox.discovery.study as module
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.discovery.answer.finding import NEGLIGIBLE, SUBSTANTIAL, SURE, TIED, VERDICTS, Finding
+from bayes_greybox.discovery.answer.gap import Amendment, FreePath
+from bayes_greybox.discovery.answer.where import GapMap, GapTrace
 from bayes_greybox.discovery.equation import EquationStudy
-from bayes_greybox.discovery.finding import NEGLIGIBLE, SUBSTANTIAL, SURE, TIED, VERDICTS, Finding
-from bayes_greybox.discovery.gap import Amendment, FreePath
-from bayes_greybox.discovery.odds import Odds
 from bayes_greybox.discovery.study import (
     _check_data,
     amended_program,
@@ -22,7 +22,7 @@ from bayes_greybox.discovery.study import (
     verdict_of,
     worse_in_words,
 )
-from bayes_greybox.discovery.where import GapMap, GapTrace
+from bayes_greybox.discovery.weighing.odds import Odds
 from bayes_greybox.model.program import Program
 from bayes_greybox.physics.terms import Term
 

@@ -7,7 +7,7 @@ from numpyro.handlers import seed, substitute, trace
 
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.inference.prior_data import draw_truths, open_equation
-from bayes_greybox.model.discrepancy import OrthogonalGP
+from bayes_greybox.model.gp.discrepancy import OrthogonalGP
 from bayes_greybox.model.priors import Laplace, Normal, SpikeAndSlab
 from bayes_greybox.model.program import Program
 

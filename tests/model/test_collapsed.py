@@ -12,9 +12,9 @@ from jax.scipy.special import logsumexp
 
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.model.algebra.collapsed import constraint_directions, scaled_solve, symmetric_solve
-from bayes_greybox.model.discrepancy import OrthogonalGP
-from bayes_greybox.model.hyper import Hyperparameters
-from bayes_greybox.model.kernels import KERNELS, gram, log_spectral_density
+from bayes_greybox.model.gp.discrepancy import OrthogonalGP
+from bayes_greybox.model.gp.hyper import Hyperparameters
+from bayes_greybox.model.gp.kernels import KERNELS, gram, log_spectral_density
 from bayes_greybox.model.likelihood import CollapsedNormal
 from bayes_greybox.model.priors import Scales
 from bayes_greybox.model.program import Program

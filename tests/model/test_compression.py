@@ -10,8 +10,8 @@ from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.model import assemble as assemble_module
 from bayes_greybox.model.algebra.collapsed import remove_features, ridge
 from bayes_greybox.model.algebra.compression import triangular_factor
-from bayes_greybox.model.discrepancy import OrthogonalGP
-from bayes_greybox.model.hyper import Hyperparameters
+from bayes_greybox.model.gp.discrepancy import OrthogonalGP
+from bayes_greybox.model.gp.hyper import Hyperparameters
 from bayes_greybox.model.likelihood import CollapsedNormal
 from bayes_greybox.model.priors import Scales
 from bayes_greybox.model.program import Program

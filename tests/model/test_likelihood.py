@@ -11,8 +11,8 @@ from numpyro.infer.autoguide import AutoNormal
 from numpyro.infer.util import log_density
 
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.model.discrepancy import OrthogonalGP
-from bayes_greybox.model.hyper import Hyperparameters
+from bayes_greybox.model.gp.discrepancy import OrthogonalGP
+from bayes_greybox.model.gp.hyper import Hyperparameters
 from bayes_greybox.model.likelihood import CollapsedNormal
 from bayes_greybox.model.priors import Normal, Scales, SpikeAndSlab
 from bayes_greybox.model.program import Program

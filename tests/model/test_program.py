@@ -11,7 +11,7 @@ from numpyro.handlers import seed, trace
 
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.model.discrepancy import EXACT_LIMIT, OrthogonalGP
+from bayes_greybox.model.gp.discrepancy import EXACT_LIMIT, OrthogonalGP
 from bayes_greybox.model.priors import CustomPrior, Laplace
 from bayes_greybox.model.program import Program
 

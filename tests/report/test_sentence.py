@@ -3,7 +3,7 @@
 import pandas as pd
 import pytest
 
-from bayes_greybox.discovery.instrument import IN_MODEL
+from bayes_greybox.discovery.answer.instrument import IN_MODEL
 from bayes_greybox.discovery.study import StudyResult
 from bayes_greybox.report.sentence import sentence
 

@@ -9,7 +9,7 @@ import pytest
 from tiny_study import judged
 
 from bayes_greybox.data.errors import InputError
-from bayes_greybox.discovery.finding import VERDICTS
+from bayes_greybox.discovery.answer.finding import VERDICTS
 from bayes_greybox.report.formatting import (
     estimate,
     formula,

@@ -14,10 +14,10 @@ from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.inference.prior_data import open_equation
 from bayes_greybox.inference.replicates import sample_replicates
 from bayes_greybox.model.design import EquationDraws
-from bayes_greybox.model.discrepancy import OrthogonalGP
 from bayes_greybox.model.equation import Equation
-from bayes_greybox.model.hyper import Hyperparameters
-from bayes_greybox.model.orthogonal import Measure, Variant
+from bayes_greybox.model.gp.discrepancy import OrthogonalGP
+from bayes_greybox.model.gp.hyper import Hyperparameters
+from bayes_greybox.model.gp.orthogonal import Measure, Variant
 from bayes_greybox.model.priors import Normal
 from bayes_greybox.model.program import Program
 from bayes_greybox.model.sites import EquationSites

@@ -12,7 +12,7 @@ from bayes_greybox.criticism.convergence import array_stats
 from bayes_greybox.inference.posterior import Posterior
 from bayes_greybox.model.design import Design, EquationDraws, WeightedRows
 from bayes_greybox.model.equation import Equation
-from bayes_greybox.model.hyper import Hyperparameters
+from bayes_greybox.model.gp.hyper import Hyperparameters
 
 from .p_values import combined_p
 

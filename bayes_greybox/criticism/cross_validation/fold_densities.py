@@ -15,7 +15,7 @@ from bayes_greybox.model.algebra.collapsed import log_evidence, ridge
 from bayes_greybox.model.algebra.linalg import solve_lower
 from bayes_greybox.model.algebra.subsets import log_pattern_weights
 from bayes_greybox.model.design import Design, WeightedRows
-from bayes_greybox.model.hyper import Hyperparameters
+from bayes_greybox.model.gp.hyper import Hyperparameters
 from bayes_greybox.model.priors import Scales
 
 from .row_densities import ROW_BLOCK

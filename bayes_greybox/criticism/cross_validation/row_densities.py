@@ -10,7 +10,7 @@ from jaxtyping import Array, Float, Int
 
 from bayes_greybox.inference.posterior import Posterior
 from bayes_greybox.model.design import Design, EquationDraws, WeightedRows
-from bayes_greybox.model.hyper import Hyperparameters
+from bayes_greybox.model.gp.hyper import Hyperparameters
 
 ROW_BLOCK = 4096
 """Rows handled at once; memory is bounded by draws × one block."""

@@ -13,11 +13,11 @@ from bayes_greybox.data.errors import InputError
 from bayes_greybox.model.algebra.collapsed import Regression, log_evidence, remove_dense
 from bayes_greybox.model.algebra.linalg import singular_root, solve_lower
 from bayes_greybox.model.frame import Frame
-from bayes_greybox.model.hyper import Hyperparameters
-from bayes_greybox.model.kernels import KERNELS
-from bayes_greybox.model.orthogonal import Variant, orthogonal_gram
+from bayes_greybox.model.gp.hyper import Hyperparameters
+from bayes_greybox.model.gp.kernels import KERNELS
+from bayes_greybox.model.gp.orthogonal import Variant, orthogonal_gram
 from bayes_greybox.model.priors import Scales
-from bayes_greybox.model.rows import EquationRows, Removal, Table
+from bayes_greybox.model.rows.equation_rows import EquationRows, Removal, Table
 
 from .protocol import Compress, Design, EquationDraws, Root, WeightedRows
 

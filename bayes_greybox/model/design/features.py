@@ -16,10 +16,10 @@ from bayes_greybox.model.algebra.collapsed import FeatureSolve, Regression, cons
 from bayes_greybox.model.algebra.compression import triangular_factor
 from bayes_greybox.model.algebra.linalg import solve_lower_transposed
 from bayes_greybox.model.frame import Frame
-from bayes_greybox.model.hyper import Hyperparameters
-from bayes_greybox.model.kernels import KERNELS, log_spectral_density
+from bayes_greybox.model.gp.hyper import Hyperparameters
+from bayes_greybox.model.gp.kernels import KERNELS, log_spectral_density
 from bayes_greybox.model.priors import Scales
-from bayes_greybox.model.rows import EquationRows, Removal, Table
+from bayes_greybox.model.rows.equation_rows import EquationRows, Removal, Table
 from bayes_greybox.model.sites import site
 
 from .protocol import Compress, Design, EquationDraws, Root, WeightedRows

@@ -9,9 +9,9 @@ from jaxtyping import Array, Float, Int
 
 from bayes_greybox.model.algebra.collapsed import Regression
 from bayes_greybox.model.frame import Frame
-from bayes_greybox.model.hyper import Hyperparameters
+from bayes_greybox.model.gp.hyper import Hyperparameters
 from bayes_greybox.model.priors import Scales
-from bayes_greybox.model.rows import EquationRows, Removal, Table
+from bayes_greybox.model.rows.equation_rows import EquationRows, Removal, Table
 
 Compress = Callable[[Float[np.ndarray, "n_replicate n_white"]], Float[np.ndarray, "n_replicate n_row"]]
 """From whitened targets to those of a design."""

@@ -6,7 +6,7 @@ import numpy as np
 
 from bayes_greybox.criticism.convergence import convergence
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.discovery.gap import worsened
+from bayes_greybox.discovery.answer.gap import worsened
 from bayes_greybox.discovery.study import StudyResult
 from bayes_greybox.report.doubts import doubts
 from bayes_greybox.report.sentence import sentence

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from bayes_greybox.discovery.instrument import IN_MODEL, LISTED
+from bayes_greybox.discovery.answer.instrument import IN_MODEL, LISTED
 from bayes_greybox.discovery.study import StudyResult
 from bayes_greybox.discovery.suspects.channels import DELAY
 from bayes_greybox.report import plots as figures

@@ -8,7 +8,7 @@ from rich.table import Table
 from rich.text import Text
 
 from bayes_greybox.criticism.convergence import convergence
-from bayes_greybox.discovery.instrument import IN_MODEL
+from bayes_greybox.discovery.answer.instrument import IN_MODEL
 from bayes_greybox.discovery.study import StudyResult
 from bayes_greybox.report.doubts import NOTABLE, doubts
 from bayes_greybox.report.formatting import estimate, formula, percent_text, probability_text

@@ -8,11 +8,11 @@ from dataclasses import asdict, dataclass, field
 import numpy as np
 from jaxtyping import Float
 
+from bayes_greybox.benchmarks.hidden_effects.host_systems import Host
+from bayes_greybox.benchmarks.hidden_effects.search import Wanted
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
 
-from ..host_systems import Host
-from ..search import Wanted
 from .hosts import PLACES, Place, placed
 from .path import Path
 

@@ -8,15 +8,15 @@ from itertools import product
 import numpy as np
 from jaxtyping import Float
 
+from bayes_greybox.benchmarks.hidden_effects.generate import SET_UPS, CaseData, Truth, drawn_rates
+from bayes_greybox.benchmarks.hidden_effects.hidden import find
+from bayes_greybox.benchmarks.hidden_effects.host_systems import Host, formula
+from bayes_greybox.benchmarks.hidden_effects.ode import HostODE, LostError
+from bayes_greybox.benchmarks.hidden_effects.search import Wanted, coefficients
+from bayes_greybox.benchmarks.hidden_effects.trajectories import Excited, Runs, excite, rms
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
 
-from ..generate import SET_UPS, CaseData, Truth, drawn_rates
-from ..hidden import find
-from ..host_systems import Host, formula
-from ..ode import HostODE, LostError
-from ..search import Wanted, coefficients
-from ..trajectories import Excited, Runs, excite, rms
 from .case import AssumptionCase, Family, Measured, Scene, Suspect
 from .families import FAMILIES
 from .hosts import PLACES

@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from ..case_scores import FAILED, PEERS, right_names, wrong_names
+from bayes_greybox.benchmarks.hidden_effects.case_scores import FAILED, PEERS, right_names, wrong_names
+
 from .families import FAMILIES
 
 FOUND = 0.5

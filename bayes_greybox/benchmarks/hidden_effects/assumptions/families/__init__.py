@@ -2,7 +2,8 @@
 
 from collections.abc import Mapping
 
-from ..case import Family
+from bayes_greybox.benchmarks.hidden_effects.assumptions.case import Family
+
 from . import (
     correlated,
     delay,

@@ -6,7 +6,15 @@ import numpy as np
 from jaxtyping import Float
 from scipy.signal import lfilter
 
-from ..case import AssumptionCase, Family, Measured, Scene, Setting, Suspect, seen
+from bayes_greybox.benchmarks.hidden_effects.assumptions.case import (
+    AssumptionCase,
+    Family,
+    Measured,
+    Scene,
+    Setting,
+    Suspect,
+    seen,
+)
 
 CORRELATIONS = (0.5, 0.9, 0.97)
 """Correlation of neighbouring rows."""

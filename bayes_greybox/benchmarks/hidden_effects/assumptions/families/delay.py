@@ -4,7 +4,16 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from ..case import AssumptionCase, Family, Measured, Scene, Setting, Suspect, rate_channel, seen
+from bayes_greybox.benchmarks.hidden_effects.assumptions.case import (
+    AssumptionCase,
+    Family,
+    Measured,
+    Scene,
+    Setting,
+    Suspect,
+    rate_channel,
+    seen,
+)
 
 STEPS = (0.1, 0.25, 0.5, 1.0, 2.0)
 """Delays, in sampling steps."""

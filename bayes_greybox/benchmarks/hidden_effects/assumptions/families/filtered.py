@@ -7,9 +7,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from bayes_greybox.benchmarks.hidden_effects.assumptions.case import Family, Measured, Scene, Setting, seen
 from bayes_greybox.data.trajectories import Trajectories
-
-from ..case import Family, Measured, Scene, Setting, seen
 
 LEVELS = (0.001, 0.002, 0.005, 0.01)
 """Noise of the displacement over its standard deviation."""

@@ -4,7 +4,16 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from ..case import AssumptionCase, Family, Measured, Scene, Setting, Suspect, seen, white
+from bayes_greybox.benchmarks.hidden_effects.assumptions.case import (
+    AssumptionCase,
+    Family,
+    Measured,
+    Scene,
+    Setting,
+    Suspect,
+    seen,
+    white,
+)
 
 NOISE = (0.02, 0.05)
 """Noise over the RMS of the rate; of Student's t its scale."""

@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from ...hidden import Hidden, Inner
-from ...host_systems import Columns
-from ...search import Wanted
-from ..case import AssumptionCase, Family, Setting, white
-from ..hosts import SMOOTH_EFFECTS
+from bayes_greybox.benchmarks.hidden_effects.assumptions.case import AssumptionCase, Family, Setting, white
+from bayes_greybox.benchmarks.hidden_effects.assumptions.hosts import SMOOTH_EFFECTS
+from bayes_greybox.benchmarks.hidden_effects.hidden import Hidden, Inner
+from bayes_greybox.benchmarks.hidden_effects.host_systems import Columns
+from bayes_greybox.benchmarks.hidden_effects.search import Wanted
 
 NOISE = (0.01, 0.02, 0.05)
 """Noise over the RMS of the rate."""

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 
-from ..case import Family, Setting, white
+from bayes_greybox.benchmarks.hidden_effects.assumptions.case import Family, Setting, white
 
 NOISE = (0.01, 0.02, 0.05, 0.1)
 """Noise over the RMS of the rate."""

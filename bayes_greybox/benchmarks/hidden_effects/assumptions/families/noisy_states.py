@@ -4,7 +4,15 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from ..case import AssumptionCase, Family, Measured, Scene, Setting, Suspect, white
+from bayes_greybox.benchmarks.hidden_effects.assumptions.case import (
+    AssumptionCase,
+    Family,
+    Measured,
+    Scene,
+    Setting,
+    Suspect,
+    white,
+)
 
 LEVELS = (0.01, 0.02, 0.05, 0.1)
 """Noise of each state over its standard deviation."""

@@ -4,7 +4,18 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from ..case import SILENT, AssumptionCase, Family, Measured, Scene, Setting, Suspect, rate_channel, seen, white
+from bayes_greybox.benchmarks.hidden_effects.assumptions.case import (
+    SILENT,
+    AssumptionCase,
+    Family,
+    Measured,
+    Scene,
+    Setting,
+    Suspect,
+    rate_channel,
+    seen,
+    white,
+)
 
 CONSTANTS = ("constant-force", "constant-inflow", "constant-source")
 """Effects that no data could tell from an offset."""

@@ -6,7 +6,7 @@ largest speed, where fewer than about one row in twenty lies between.
 
 from collections.abc import Iterator
 
-from ..case import AssumptionCase, Family, Setting, white
+from bayes_greybox.benchmarks.hidden_effects.assumptions.case import AssumptionCase, Family, Setting, white
 
 SHARP = 0.03
 """Largest share of the largest speed at which the friction is held to be Coulomb's."""

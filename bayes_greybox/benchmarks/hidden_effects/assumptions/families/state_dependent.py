@@ -4,7 +4,15 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from ..case import AssumptionCase, Family, Measured, Scene, Setting, Suspect, seen
+from bayes_greybox.benchmarks.hidden_effects.assumptions.case import (
+    AssumptionCase,
+    Family,
+    Measured,
+    Scene,
+    Setting,
+    Suspect,
+    seen,
+)
 
 NOISE = (0.02, 0.05, 0.1)
 """Noise over the RMS of the rate, in root mean square over the training data."""

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 
-from ..case import Family, Setting, white
+from bayes_greybox.benchmarks.hidden_effects.assumptions.case import Family, Setting, white
 
 PAIRS = (
     ("biased-machine", ("quadratic-stiffness", "cubic-stiffness"), (1.0, -1.0)),

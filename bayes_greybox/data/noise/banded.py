@@ -1,0 +1,197 @@
+"""Row noise of finite filters: banded, the same along each run."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+from scipy.linalg import block_diag, cholesky_banded, get_lapack_funcs, toeplitz
+
+from .protocol import WHITE_SHARE, WHITE_SHARES, RowNoise, check_white_share
+
+
+def fir_noise(
+    taps: Float[np.ndarray, " n_tap"],
+    order: int,
+    run_lengths: Sequence[int],
+    steps: Sequence[float],
+    white_share: float = WHITE_SHARE,
+) -> "BandedNoise":
+    """Noise of rows computed by a finite impulse response filter, edges dropped.
+
+    With G the filter's rows, G Gᵀ is banded Toeplitz with entries Σ_i c_i c_{i+k}.
+
+    Args:
+        taps: taps for unit sample spacing; a run with step h uses taps / h^order.
+        order: order of the derivative.
+        run_lengths: filtered rows of each run.
+        steps: sample spacing of each run.
+        white_share: δ.
+
+    Returns:
+        The noise of the stacked rows.
+    """
+    autocovariance = np.correlate(taps, taps, mode="full")[len(taps) - 1 :]
+    lengths = np.asarray(run_lengths, dtype=float)
+    variances = autocovariance[0] / np.asarray(steps, dtype=float) ** (2 * order)
+    mean = float(np.sum(lengths * variances) / np.sum(lengths))
+    return BandedNoise(
+        autocorrelation=autocovariance / autocovariance[0],
+        run_lengths=tuple(int(n) for n in run_lengths),
+        run_variances=variances / mean,
+        scale=math.sqrt(mean),
+        white_share=white_share,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class BandedNoise(RowNoise):
+    """Rows of a finite impulse response filter: R is banded Toeplitz in each run, W = L⁻¹ with R = L Lᵀ.
+
+    Every operation costs O(n · bandwidth²) at most.
+
+    Attributes:
+        autocorrelation: correlation of rows 0, 1, 2, … apart, before the white share; zero beyond.
+        run_lengths: rows of each run.
+        run_variances: diagonal of R in each run (differs only if the sample spacing does); row mean 1.
+        scale: see `RowNoise`.
+        white_share: δ.
+    """
+
+    autocorrelation: Float[np.ndarray, " n_lag"]
+    run_lengths: tuple[int, ...]
+    run_variances: Float[np.ndarray, " n_run"]
+    scale: float
+    white_share: float = WHITE_SHARE
+
+    def __post_init__(self) -> None:
+        check_white_share(self.white_share)
+
+    @property
+    def n_white(self) -> int:
+        """Number of whitened rows, one for each row."""
+        return self.n_obs
+
+    @cached_property
+    def log_det(self) -> float:  # pyright: ignore[reportIncompatibleMethodOverride]
+        """log|R| = Σ 2 log diag L."""
+        total = 0.0
+        for n, variance in zip(self.run_lengths, self.run_variances, strict=True):
+            total += 2.0 * float(np.sum(np.log(self._factors[n][0]))) + n * math.log(variance)
+        return total
+
+    def whiten(self, rows: Float[np.ndarray, "n_obs k"]) -> Float[np.ndarray, "n_white k"]:
+        """L⁻¹ rows."""
+        return self._solve(rows, trans="N")
+
+    def whiten_transpose(self, rows: Float[np.ndarray, "n_white k"]) -> Float[np.ndarray, "n_obs k"]:
+        """L⁻ᵀ rows."""
+        return self._solve(rows, trans="T")
+
+    def precision_diagonal(self) -> Float[np.ndarray, " n_obs"]:
+        """Diagonal of R⁻¹."""
+        return self.precision_band(1)[:, 0]
+
+    def precision_band(self, width: int) -> Float[np.ndarray, "n_obs width"]:
+        """Diagonals of R⁻¹ by the displacement structure of an inverse Toeplitz matrix.
+
+        With x the first column of T⁻¹: (T⁻¹)_{i+1,j+1} = (T⁻¹)_{i,j} + (x_{i+1} x_{j+1} − x_{n−1−i} x_{n−1−j}) / x_0
+        (Gohberg & Semencul 1972).
+        """
+        band, start = np.zeros((self.n_obs, width)), 0
+        for n, variance in zip(self.run_lengths, self.run_variances, strict=True):
+            unit = np.zeros((n, 1))
+            unit[0] = 1.0
+            x = _triangular_solve(self._factors[n], _triangular_solve(self._factors[n], unit, "N"), "T")[:, 0]
+            for k in range(min(width, n)):
+                steps = (x[1 : n - k] * x[1 + k :] - x[:k:-1] * x[::-1][k : n - 1]) / x[0]
+                band[start : start + n - k, k] = np.cumsum(np.concatenate([x[k : k + 1], steps])) / variance
+            start += n
+        return band
+
+    def covariance(self) -> Float[np.ndarray, "n_obs n_obs"]:
+        """R as a dense matrix."""
+        blocks = [
+            variance * toeplitz(_pad(self._column, n))
+            for n, variance in zip(self.run_lengths, self.run_variances, strict=True)
+        ]
+        return np.asarray(block_diag(*blocks))
+
+    def restrict(self, bounds: Sequence[tuple[int, int]]) -> "BandedNoise":
+        """Noise of contiguous rows of each run; see `RowNoise.restrict`."""
+        lengths = np.array([stop - start for start, stop in bounds])
+        stay = lengths > 0
+        variances = self.run_variances[stay]
+        mean = float(np.sum(lengths[stay] * variances) / np.sum(lengths[stay]))
+        return BandedNoise(
+            autocorrelation=self.autocorrelation,
+            run_lengths=tuple(int(n) for n in lengths[stay]),
+            run_variances=variances / mean,
+            scale=self.scale * math.sqrt(mean),
+            white_share=self.white_share,
+        )
+
+    def thin(self, every: int) -> "BandedNoise":
+        """Noise of every so many rows of each run, from its first on."""
+        return BandedNoise(
+            autocorrelation=self.autocorrelation[::every],
+            run_lengths=tuple(-(-n // every) for n in self.run_lengths),
+            run_variances=self.run_variances,
+            scale=self.scale,
+            white_share=self.white_share,
+        )
+
+    def alternatives(self) -> tuple[RowNoise, ...]:
+        """The same filter's noise with other white shares."""
+        return tuple(replace(self, white_share=share) for share in WHITE_SHARES if share != self.white_share)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain numbers and lists that `noise_from_dict` reads back."""
+        return {
+            "kind": "banded",
+            "autocorrelation": self.autocorrelation.tolist(),
+            "run_lengths": list(self.run_lengths),
+            "run_variances": self.run_variances.tolist(),
+            "scale": self.scale,
+            "white_share": self.white_share,
+        }
+
+    @property
+    def _column(self) -> Float[np.ndarray, " n_lag"]:
+        column = (1.0 - self.white_share) * self.autocorrelation
+        column[0] += self.white_share
+        return column
+
+    @cached_property
+    def _factors(self) -> dict[int, np.ndarray]:
+        """Lower banded Cholesky factor of the unit-variance block, for each length of run."""
+        return {n: _toeplitz_cholesky(self._column, n) for n in set(self.run_lengths)}
+
+    def _solve(self, rows: np.ndarray, trans: str) -> np.ndarray:
+        out, start = [], 0
+        for n, variance in zip(self.run_lengths, self.run_variances, strict=True):
+            block = rows[start : start + n]
+            out.append(_triangular_solve(self._factors[n], block, trans) / math.sqrt(variance))
+            start += n
+        return np.concatenate(out)
+
+
+def _pad(column: np.ndarray, n: int) -> np.ndarray:
+    return np.concatenate([column, np.zeros(max(0, n - len(column)))])[:n]
+
+
+def _toeplitz_cholesky(column: np.ndarray, n: int) -> np.ndarray:
+    """Banded Cholesky factor, lower form: row k holds the k-th subdiagonal."""
+    band = column[: min(len(column), n)]
+    return cholesky_banded(np.repeat(band[:, None], n, axis=1), lower=True)
+
+
+def _triangular_solve(factor: np.ndarray, rows: np.ndarray, trans: str) -> np.ndarray:
+    (tbtrs,) = get_lapack_funcs(("tbtrs",), (factor,))
+    solution, info = tbtrs(factor, rows, uplo="L", trans=trans, diag="N")
+    if info != 0:
+        raise np.linalg.LinAlgError(f"banded triangular solve failed (LAPACK info {info})")
+    return solution

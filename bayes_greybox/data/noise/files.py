@@ -1,0 +1,67 @@
+"""Row noise from files."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from bayes_greybox.data.errors import InputError
+
+from .banded import BandedNoise
+from .protocol import RowNoise
+from .spectral import SpectralNoise
+from .state_space import StateSpaceNoise
+from .weighted import WeightedNoise
+from .white import WhiteNoise
+
+KINDS = ("white", "banded", "spectral", "state space", "weighted")
+"""Row noises that files of data and fits can hold, as `RowNoise.to_dict` calls them."""
+
+
+def noise_from_dict(record: Mapping[str, Any]) -> RowNoise:
+    """Rebuild a noise from `RowNoise.to_dict`.
+
+    Args:
+        record: mapping with the key "kind" (one of `KINDS`) and the fields of that kind.
+
+    Returns:
+        The noise.
+
+    Raises:
+        InputError: if the kind is unknown.
+    """
+    fields = {key: value for key, value in record.items() if key != "kind"}
+    if record["kind"] == "white":
+        return WhiteNoise(tuple(fields["run_lengths"]))
+    if record["kind"] == "banded":
+        return BandedNoise(
+            autocorrelation=np.asarray(fields["autocorrelation"], dtype=float),
+            run_lengths=tuple(fields["run_lengths"]),
+            run_variances=np.asarray(fields["run_variances"], dtype=float),
+            scale=float(fields["scale"]),
+            white_share=float(fields["white_share"]),
+        )
+    if record["kind"] == "spectral":
+        return SpectralNoise(
+            order=int(fields["order"]),
+            run_lengths=tuple(fields["run_lengths"]),
+            steps=tuple(fields["steps"]),
+            kept=tuple(fields["kept"]),
+            white_share=float(fields["white_share"]),
+        )
+    if record["kind"] == "state space":
+        return StateSpaceNoise(
+            times=tuple(np.asarray(t, dtype=float) for t in fields["times"]),
+            process=fields["process"],
+            time_scale=float(fields["time_scale"]),
+            white=float(fields["white"]),
+            scale=float(fields["scale"]),
+        )
+    if record["kind"] == "weighted":
+        return WeightedNoise(
+            inner=noise_from_dict(fields["inner"]),
+            sd=np.asarray(fields["sd"], dtype=float),
+            scale=float(fields["scale"]),
+        )
+    known = ", ".join(f'"{kind}"' for kind in KINDS)
+    raise InputError(f'Row noise of kind "{record["kind"]}" is unknown; the kinds are {known}.')

@@ -1,0 +1,100 @@
+"""Rows of unequal noise: R = D^½ R₀ D^½, with D known row by row and R₀ the noise of rows of equal variance."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from bayes_greybox.data.errors import InputError
+
+from .protocol import RowNoise
+
+
+@dataclass(frozen=True, eq=False)
+class WeightedNoise(RowNoise):
+    """Noise whose standard deviation differs from row to row.
+
+    Attributes:
+        inner: R₀.
+        sd: Roots of the diagonal of D, over the σ of the model [n_obs].
+    """
+
+    inner: RowNoise
+    sd: Float[np.ndarray, " n_obs"]
+    scale: float = 1.0
+
+    def __post_init__(self) -> None:
+        if self.sd.shape != (self.inner.n_obs,) or not np.all((self.sd > 0) & np.isfinite(self.sd)):
+            raise InputError("Weighted noise needs one finite standard deviation above 0 for each row.")
+
+    @property
+    def run_lengths(self) -> tuple[int, ...]:  # pyright: ignore[reportIncompatibleVariableOverride]
+        """Rows of each run."""
+        return self.inner.run_lengths
+
+    @property
+    def independent(self) -> bool:
+        """Whether R₀ is diagonal."""
+        return self.inner.independent
+
+    @property
+    def n_white(self) -> int:
+        """As many as R₀ has."""
+        return self.inner.n_white
+
+    @property
+    def white_lengths(self) -> tuple[int, ...]:
+        """Those of R₀."""
+        return self.inner.white_lengths
+
+    @cached_property
+    def log_det(self) -> float:  # pyright: ignore[reportIncompatibleMethodOverride]
+        """log|R₀| + 2 Σ log sd."""
+        return self.inner.log_det + 2 * float(np.sum(np.log(self.sd)))
+
+    def whiten(self, rows: Float[np.ndarray, "n_obs k"]) -> Float[np.ndarray, "n_white k"]:
+        """W₀ D^-½ rows."""
+        return self.inner.whiten(rows / self.sd[:, None])
+
+    def whiten_transpose(self, rows: Float[np.ndarray, "n_white k"]) -> Float[np.ndarray, "n_obs k"]:
+        """D^-½ W₀ᵀ rows."""
+        return self.inner.whiten_transpose(rows) / self.sd[:, None]
+
+    def precision_diagonal(self) -> Float[np.ndarray, " n_obs"]:
+        """Diagonal of R₀⁻¹ over that of D."""
+        return self.inner.precision_diagonal() / self.sd**2
+
+    def precision_band(self, width: int) -> Float[np.ndarray, "n_obs width"]:
+        """Entries of R₀⁻¹ over the roots of D."""
+        band, n = self.inner.precision_band(width), len(self.sd)
+        for lag in range(min(width, n)):
+            band[: n - lag, lag] /= self.sd[: n - lag] * self.sd[lag:]
+        return band
+
+    def covariance(self) -> Float[np.ndarray, "n_obs n_obs"]:
+        """R as a dense matrix."""
+        return self.sd[:, None] * self.inner.covariance() * self.sd
+
+    def correlated(self, white: Float[np.ndarray, "n_draw n_obs"]) -> Float[np.ndarray, "n_draw n_obs"]:
+        """Draws from N(0, R₀) times the roots of D."""
+        return self.inner.correlated(white) * self.sd
+
+    def sequences(
+        self, white: Float[np.ndarray, "n_draw n_white"]
+    ) -> tuple[Float[np.ndarray, "n_draw n_value"], tuple[int, ...], bool]:
+        """Those of R₀."""
+        return self.inner.sequences(white)
+
+    def restrict(self, bounds: Sequence[tuple[int, int]]) -> "WeightedNoise":
+        """Noise of contiguous rows of each run; their standard deviations stay what they were, over the same σ."""
+        starts = np.concatenate([[0], np.cumsum(self.run_lengths)])[:-1].astype(int)
+        kept = [self.sd[s + a : s + b] for s, (a, b) in zip(starts, bounds, strict=True)]
+        inner = self.inner.restrict(bounds)
+        return WeightedNoise(inner, np.concatenate([np.zeros(0), *kept]), self.scale * inner.scale / self.inner.scale)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values."""
+        return {"kind": "weighted", "inner": self.inner.to_dict(), "sd": self.sd.tolist(), "scale": self.scale}

@@ -1,0 +1,1 @@
+"""Rates from samples: differentiators, what their filters do to terms and noise."""

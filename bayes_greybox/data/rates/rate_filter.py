@@ -1,0 +1,253 @@
+"""The filter behind rates that were computed from samples, and what it makes of the terms of an equation.
+
+A finite differentiator of order m annihilates polynomials below degree m, so its output is a weighted mean of the m-th
+derivative over its window (Peano's kernel theorem): Σ_k c_k x_{n+k} = h^m Σ_k s_k x⁽ᵐ⁾_{n+k}. A filtered rate is
+therefore s ∗ ẋ, and the equation that holds for it is s ∗ (g + Φθ + f) with the terms evaluated at the samples first
+and smoothed then: h ∗ Φ(x) is not Φ(h ∗ x).
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.signal import upfirdn
+
+from bayes_greybox.data.errors import InputError
+from bayes_greybox.data.noise.banded import BandedNoise
+from bayes_greybox.data.noise.protocol import RowNoise
+
+from .filters import STEP_TOLERANCE, filter_taps
+
+CORRELATED = float(np.exp(-1))
+"""Rows are so far apart that the noise of neighbours has at most this correlation."""
+
+BETWEEN = np.array([-1.0, 13.0, 13.0, -1.0]) / 24
+"""Weights of the mean of a function between the two inner ones of four samples, exact for cubics."""
+
+AT_END = np.array([5.0, 8.0, -1.0]) / 12
+"""The same between the first two of three samples, exact for quadratics."""
+
+HAT = np.array([1.0, 10.0, 1.0]) / 12
+"""Weights of the mean of a function under a hat of one sample on either side, exact for cubics (Numerov)."""
+
+
+@dataclass(frozen=True)
+class RateFilter:
+    """How the rates of data were computed; equal where two data sets went through the same filter.
+
+    Attributes:
+        method: "savgol", "bandlimited" or "spectral".
+        window: Taps; 0 for spectral.
+        polyorder: Degree of the local polynomial (savgol).
+        band: Edge of the pass band, cycles per unit of time (bandlimited, spectral).
+        white_share: δ of the rows' noise.
+        rates: As in `Trajectories.differentiate`.
+        orders: Order of the derivative that was taken of a column, by the state whose equation the row is; 0 where the
+            rate was measured and smoothed.
+        steps: Different sample spacings of the runs, that of the first run first.
+        sample_noise: Standard deviation of the white noise on each measured state.
+    """
+
+    method: str
+    window: int
+    polyorder: int | None
+    band: float | None
+    white_share: float
+    rates: tuple[tuple[str, str], ...]
+    orders: tuple[tuple[str, int], ...]
+    steps: tuple[float, ...] = field(compare=False)
+    sample_noise: tuple[tuple[str, float], ...] = field(default=(), compare=False)
+
+    @property
+    def finite(self) -> bool:
+        """Whether it has a window; a spectral derivative is band-limited by the whitening of its rows."""
+        return self.method != "spectral"
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """Arguments of `Trajectories.differentiate` that give this filter on other data."""
+        given = {"method": self.method, "band": self.band, "white_share": self.white_share, "rates": dict(self.rates)}
+        return given | ({"window": self.window, "polyorder": self.polyorder} if self.finite else {})
+
+    @cached_property
+    def every(self) -> int:
+        """Distance of rows in samples: the first lag at which the noise's correlation is at most 1/e.
+
+        That of the highest derivative that was taken, so that all equations have their rows at the same samples.
+        """
+        taps = self._taps(max(order for _, order in self.orders))
+        correlation = np.correlate(taps, taps, mode="full")[len(taps) - 1 :]
+        return int(np.argmax(np.append(correlation, 0.0) <= CORRELATED * correlation[0]))
+
+    def smoothing(self, state: str) -> Float[np.ndarray, " window"]:
+        """Weights s of the true rate's mean that the rate of a state is; they add up to one."""
+        order = dict(self.orders)[state]
+        return smoothing_taps(self._taps(order), order)
+
+    def column_weights(self, name: str) -> Float[np.ndarray, " window"]:
+        """Weights of the mean that a smoothed column is; of an added rate those of a first derivative."""
+        order = int(name in dict(self.rates).values())
+        return smoothing_taps(self._taps(order), order)
+
+    def noise_of_states(self) -> dict[str, float]:
+        """Standard deviation of what the filter leaves of the samples' noise in each state."""
+        left = {name: s * float(np.linalg.norm(self._taps(0))) for name, s in self.sample_noise}
+        size = float(np.linalg.norm(self._taps(1))) / self.steps[0] if self.rates else 0.0
+        return left | {rate: dict(self.sample_noise)[name] * size for name, rate in self.rates if name in left}
+
+    def noise_of_rate(self, state: str) -> float:
+        """Standard deviation of a row of a state's computed rate; of a smoothed one it is not known and infinite."""
+        order, noise = dict(self.orders)[state], dict(self.sample_noise)
+        source = {rate: name for name, rate in self.rates}.get(state, state)
+        if order == 0 or source not in noise:
+            return float("inf")
+        return noise[source] * float(np.linalg.norm(self._taps(order))) / self.steps[0] ** order
+
+    def require_steps(self, steps: Mapping[str, float]) -> None:
+        """Refuse runs on which the window would last another time.
+
+        Args:
+            steps: Sample spacing by name of the run.
+
+        Raises:
+            InputError: A spacing that none of the filter's runs has.
+        """
+        for name, step in steps.items():
+            if self.finite and not any(abs(step - own) <= STEP_TOLERANCE * own for own in self.steps):
+                raise InputError(
+                    f'Run "{name}" has the step {step:.6g}, but the filter was made for '
+                    f"{', '.join(f'{own:.6g}' for own in self.steps)}: resample it, or give the settings instead of "
+                    "like=..."
+                )
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values that `from_dict` reads back."""
+        return (
+            asdict(self)
+            | {"rates": dict(self.rates), "orders": dict(self.orders), "steps": list(self.steps)}
+            | {"sample_noise": dict(self.sample_noise)}
+        )
+
+    @classmethod
+    def from_dict(cls, record: Mapping[str, Any]) -> "RateFilter":
+        """Rebuild from `to_dict`."""
+        return cls(
+            method=record["method"],
+            window=int(record["window"]),
+            polyorder=record["polyorder"],
+            band=record["band"],
+            white_share=float(record["white_share"]),
+            rates=tuple(record["rates"].items()),
+            orders=tuple((name, int(order)) for name, order in record["orders"].items()),
+            steps=tuple(record["steps"]),
+            sample_noise=tuple(record["sample_noise"].items()),
+        )
+
+    def _taps(self, order: int) -> Float[np.ndarray, " window"]:
+        band = None if self.band is None else self.band * self.steps[0]
+        return filter_taps(order, self.method, window=self.window, polyorder=self.polyorder, band=band)
+
+
+def sample_noise(values: Float[np.ndarray, " n"], run: Int[np.ndarray, " n"]) -> float:
+    """Standard deviation of white noise on a smooth signal, from third differences: their variance is 20 s².
+
+    The median serves, so that kinks do not count; a signal with fewer than about ten samples a period counts as noise.
+
+    Args:
+        values: Samples.
+        run: Number of the run of each.
+    """
+    whole = run[3:] == run[:-3]
+    differences = np.abs(np.diff(values, 3)[whole])
+    # The median of |z| is 0.6745 for a standard normal z.
+    return float(np.median(differences)) / 0.6745 / np.sqrt(20) if differences.size else 0.0
+
+
+def smoothing_taps(taps: Float[np.ndarray, " n_tap"], order: int) -> Float[np.ndarray, " n_tap"]:
+    """Weights s, Σ_k c_k x_{n+k} = Σ_k s_k x⁽ᵐ⁾_{n+k} for unit spacing, x⁽ᵐ⁾ locally cubic.
+
+    Summation by parts: Σ c_k x_{n+k} = Σ_j C_j (x_{j+1} − x_j) with C the cumulative sums of −c, each difference the
+    integral of ẋ between two samples; of the second order twice, x_{j+1} − 2 x_j + x_{j−1} being the integral of ẍ
+    under a hat (Numerov).
+
+    Args:
+        taps: Taps c of the differentiator.
+        order: m, 0, 1 or 2.
+    """
+    if order == 0:
+        return taps
+    if order == 2:
+        # Σ_k c_k x_k = Σ_j K_j (x_{j+1} − 2 x_j + x_{j−1})
+        return np.convolve(np.cumsum(np.cumsum(taps))[:-2], HAT)
+    between = -np.cumsum(taps)[:-1]
+    weights = np.convolve(between[1:-1], BETWEEN)
+    weights[:3] += between[0] * AT_END
+    weights[-3:] += between[-1] * AT_END[::-1]
+    return weights
+
+
+@dataclass(frozen=True, eq=False)
+class RowOperator:
+    """V: from values at the samples to values of the rows, smoothed by s and taken every so many samples.
+
+    Samples whose window reaches beyond their run have no row; a run shorter than the window has none.
+
+    Attributes:
+        weights: s.
+        every: Distance of rows in samples.
+        run_lengths: Samples of each run.
+    """
+
+    weights: Float[np.ndarray, " window"]
+    every: int
+    run_lengths: tuple[int, ...]
+
+    @property
+    def row_lengths(self) -> tuple[int, ...]:
+        """Rows of each run."""
+        return tuple(-(-max(0, n - len(self.weights) + 1) // self.every) for n in self.run_lengths)
+
+    @cached_property
+    def sample(self) -> Int[np.ndarray, " n_row"]:
+        """Number of the sample at the centre of each row."""
+        starts = np.cumsum([0, *self.run_lengths[:-1]]) + len(self.weights) // 2
+        parts = [a + self.every * np.arange(n) for a, n in zip(starts, self.row_lengths, strict=True)]
+        return np.concatenate(parts).astype(np.int64)
+
+    def pieces(self, most: int) -> Iterator[slice]:
+        """Stretches of samples, each with whole windows, whose rows follow each other.
+
+        Args:
+            most: Samples of a stretch, or the window if that is longer.
+        """
+        window, start = len(self.weights), 0
+        count = max(1, (most - window) // self.every + 1)
+        for n, n_row in zip(self.run_lengths, self.row_lengths, strict=True):
+            for row in range(0, n_row, count):
+                first, last = row * self.every, (min(row + count, n_row) - 1) * self.every
+                yield slice(start + first, start + last + window)
+            start += n
+
+    def smooth(self, stretch: Float[np.ndarray, "n k"]) -> Float[np.ndarray, "n_some k"]:
+        """Rows of one stretch of samples."""
+        window = len(self.weights)
+        # Leading zeros shift the full convolution, so that its first whole window is among those that are kept.
+        lead = -(window - 1) % self.every
+        taps = np.concatenate([np.zeros(lead), self.weights[::-1]])
+        first = (window - 1 + lead) // self.every
+        n_row = (len(stretch) - window) // self.every + 1
+        return upfirdn(taps, stretch, down=self.every, axis=0)[first : first + n_row]
+
+    def __call__(self, table: Float[np.ndarray, "n_sample k"]) -> Float[np.ndarray, "n_row k"]:
+        """V table."""
+        return np.concatenate([self.smooth(table[part]) for part in self.pieces(max(self.run_lengths))])
+
+    def noise(self, noise: RowNoise) -> RowNoise:
+        """Noise of the rows, of the noise of a rate at every sample."""
+        if not isinstance(noise, BandedNoise):
+            raise TypeError(f"rates of a finite filter have banded noise, not {type(noise).__name__}")
+        half, window = len(self.weights) // 2, len(self.weights)
+        return noise.restrict([(half, half + max(0, n - window + 1)) for n in self.run_lengths]).thin(self.every)

@@ -1,0 +1,1 @@
+"""What a study says once everything is weighed: finding, checks, amended model, instrument, gap."""

@@ -1,0 +1,176 @@
+"""What a study adds to one equation, as rates at rows and as terms and weights that an integrator can evaluate."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Array, Float
+
+from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.discovery.weighing.sufficient_statistics import SufficientStatistics
+from bayes_greybox.discovery.weighing.with_discrepancy import Evaluator, WithDiscrepancy
+from bayes_greybox.model.evidence import Spectrum
+from bayes_greybox.model.frame import held_features, scaled_position
+from bayes_greybox.physics.terms import Term
+
+from .coefficients import Coefficients
+
+CHUNK = 4096
+"""Rows on which the features of f are evaluated at once."""
+
+
+@dataclass(frozen=True)
+class Remainder:
+    """Posterior of the f that remains beside what was added, orthogonal to it in the metric of R⁻¹.
+
+    f(x) = (ψ(x) − φ(x) P) w, P the projection of the features ψ on the columns φ over the training rows. Being
+    orthogonal, w and the columns' coefficients are independent a posteriori, given η.
+
+    Attributes:
+        statistics: Of the equation.
+        indices: Columns φ that f keeps off.
+        projection: P.
+        mean: Posterior mean of w at the mode of η, scaled.
+        root: Factor of its covariance, W with WᵀW = cov.
+    """
+
+    statistics: SufficientStatistics
+    indices: tuple[int, ...]
+    projection: Float[np.ndarray, "n_column n_basis"]
+    mean: Float[np.ndarray, " n_basis"]
+    root: Float[np.ndarray, "n_basis n_basis"]
+
+    @classmethod
+    def of(cls, statistics: SufficientStatistics, evaluator: Evaluator, coefficients: Coefficients) -> "Remainder":
+        """The f beside the columns that any draw has in, of an effect that of its likeliest inner parameter.
+
+        Args:
+            statistics: Products of the equation.
+            evaluator: Its evidence with f, whose mode sets η.
+            coefficients: Draws of what was added.
+        """
+        n_own = len(coefficients.indices) - coefficients.inner.shape[1]
+        inside = np.flatnonzero(coefficients.draws.any(axis=0))
+        likeliest = [int(np.bincount(column).argmax()) for column in coefficients.inner.T]
+        every = (*coefficients.indices[:n_own], *likeliest)
+        indices = [every[k] for k in inside]
+        G, g = statistics.products[np.ix_(indices, indices)], statistics.with_target[indices]
+        C = statistics.with_features[indices]
+        projection = np.linalg.pinv(G, rcond=1e-12, hermitian=True) @ C if indices else C
+        sd = np.array([[statistics.columns[i].sd for i in indices]])
+        spectrum = Spectrum.of(G, g, statistics.square, statistics.n_obs, sd)
+        hypothesis = WithDiscrepancy(
+            spectrum.eigenvalues, spectrum.loading, np.zeros(1), statistics.square, statistics.n_obs,
+            statistics.features - C.T @ projection, statistics.features_target - projection.T @ g,
+        )  # fmt: skip
+        mode = evaluator.integrate(hypothesis, draws=0).mode
+        return cls(statistics, tuple(indices), projection, *evaluator.weights(hypothesis, mode))
+
+    def weights(self, n_draw: int, seed: int = 0) -> Float[np.ndarray, "n_draw n_basis"]:
+        """Posterior draws of w, scaled."""
+        return self.mean + np.random.default_rng(seed).standard_normal((n_draw, len(self.mean))) @ self.root
+
+    def rates(self, columns: Mapping[str, np.ndarray], n_draw: int) -> Float[np.ndarray, "n_draw n_row"]:
+        """Posterior draws of f at any rows, scaled."""
+        weights, known = self.weights(n_draw), self.statistics
+        parts = []
+        for start in range(0, len(next(iter(columns.values()))), CHUNK):
+            part = {name: np.asarray(column)[start : start + CHUNK] for name, column in columns.items()}
+            psi = known.evaluate_features(part) - known.evaluate(self.indices, part) @ self.projection
+            parts.append(weights @ psi.T)
+        return np.concatenate(parts, axis=1)
+
+
+class Added(NamedTuple):
+    """What one equation's right-hand side gains, each row of coefficients a draw.
+
+    Attributes:
+        terms: Columns.
+        coefficients: Theirs, user's units.
+        weights: Of the features of f, user's units of the rate; no columns without f.
+    """
+
+    terms: list[Term]
+    coefficients: Float[np.ndarray, "n_draw n_term"]
+    weights: Float[np.ndarray, "n_draw n_basis"]
+
+
+@dataclass(frozen=True)
+class Amendment:
+    """What was added to one equation: columns of its statistics and posterior draws of their coefficients.
+
+    Attributes:
+        statistics: Of the equation.
+        before: Coefficients of the user's own dictionary alone, scaled [n_free].
+        after: Draws of all coefficients, with the effects that were added.
+        sigma: Noise standard deviation after, user's units.
+        discrepancy: What remains beside them; None where nothing does, or nothing that is to be shown.
+        corrected: Data of the same sensors with what was found of them undone.
+    """
+
+    statistics: SufficientStatistics
+    before: Float[np.ndarray, " n_free"]
+    after: Coefficients
+    sigma: float
+    discrepancy: Remainder | None = None
+    corrected: Callable[[Trajectories], Trajectories] = lambda data: data
+
+    @property
+    def n_own(self) -> int:
+        """Columns that are no effects."""
+        return len(self.after.indices) - self.after.inner.shape[1]
+
+    def rates(self, columns: Mapping[str, np.ndarray], n_draw: int) -> tuple[np.ndarray, np.ndarray]:
+        """What is added to the simulation's rate at rows: before [n_row], and draws of after [n_draw, n_row].
+
+        The draws hold f too, where there is one.
+        """
+        statistics, scale, n_own = self.statistics, self.statistics.target_scale, self.n_own
+        before = scale * statistics.evaluate(statistics.of_kind("free"), columns) @ self.before
+        beta, inner = self._draws(n_draw)
+        after = beta[:, :n_own] @ statistics.evaluate(self.after.indices[:n_own], columns).T
+        for k in range(inner.shape[1]):
+            for index in np.unique(inner[:, k]):
+                rows = inner[:, k] == index
+                after[rows] += np.outer(beta[rows, n_own + k], statistics.evaluate([int(index)], columns)[:, 0])
+        if self.discrepancy is not None:
+            after += self.discrepancy.rates(columns, n_draw)
+        return before, scale * after
+
+    def added(self, n_before: int, n_draw: int) -> Added:
+        """Terms and features with their coefficients: `n_before` rows of the model before, then draws of after.
+
+        An effect has one column for each value of its inner parameter that a draw has; zeros stand in the other draws.
+        f's projection on the columns, −φ P w, is in the columns' coefficients.
+        """
+        statistics, f, n_own = self.statistics, self.discrepancy, self.n_own
+        beta, inner = self._draws(n_draw)
+        indices = list(dict.fromkeys([*self.after.indices[:n_own], *np.unique(inner), *(f.indices if f else ())]))
+        place = {index: k for k, index in enumerate(indices)}
+        values = np.zeros((n_before + n_draw, len(indices)))
+        values[:n_before, : len(self.before)] = self.before
+        after = values[n_before:]
+        after[:, :n_own] = beta[:, :n_own]
+        for k in range(inner.shape[1]):
+            after[np.arange(n_draw), [place[index] for index in inner[:, k]]] += beta[:, n_own + k]
+        weights = np.zeros((n_before + n_draw, 0))
+        if f is not None:
+            w = f.weights(n_draw)
+            after[:, [place[index] for index in f.indices]] -= w @ f.projection.T
+            weights = statistics.target_scale * np.vstack([np.zeros((n_before, w.shape[1])), w])
+        appear = np.flatnonzero(values.any(axis=0))
+        chosen = [statistics.columns[indices[k]] for k in appear]
+        scale = np.array([statistics.target_scale / column.scale for column in chosen])
+        return Added([column.formula for column in chosen], values[:, appear] * scale, weights)
+
+    def features(self, columns: Mapping[str, Array] | Mapping[str, np.ndarray]) -> Array | np.ndarray:
+        """Features of f at rows, inside an integrator; held beyond their domain, as everywhere."""
+        known = self.statistics
+        position = scaled_position(columns, known.variables, known.centre, known.half_width)
+        return held_features(known.basis, position)
+
+    def _draws(self, n_draw: int) -> tuple[np.ndarray, np.ndarray]:
+        """Scaled coefficients and inner columns of draws, evenly thinned or repeated to `n_draw`."""
+        pick = np.linspace(0, len(self.after.draws) - 1, n_draw).astype(int)
+        return self.after.draws[pick], self.after.inner[pick]

@@ -1,0 +1,104 @@
+"""Posterior of the coefficients of an equation, with the effects that were added to it."""
+
+from collections.abc import Sequence
+from itertools import product
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from bayes_greybox.discovery.weighing.evaluations import Evaluations, one_pattern
+from bayes_greybox.model.evidence import coefficients
+
+
+class Coefficients(NamedTuple):
+    """Posterior draws for a set of columns.
+
+    Attributes:
+        indices: Columns: free, corrections, effects.
+        draws: Scaled coefficients [n_draw, n_column], exactly zero for corrections that are out.
+        inner: For each draw, the index of the column that stands for each added effect [n_draw, n_effect].
+        sigma: Noise SD, scaled [n_draw].
+        suspects: Columns of suspects in the model.
+        suspect_draws: Their scaled coefficients [n_draw, n_suspect].
+    """
+
+    indices: tuple[int, ...]
+    draws: Float[np.ndarray, "n_draw n_column"]
+    inner: np.ndarray
+    sigma: Float[np.ndarray, " n_draw"]
+    suspects: tuple[int, ...] = ()
+    suspect_draws: np.ndarray = np.zeros((0, 0))
+
+
+def plain(evaluations: Evaluations) -> np.ndarray:
+    """Coefficients of the free columns with nothing else in the model, scaled."""
+    fitted = evaluations.parametric([()])[0]
+    return coefficients(*one_pattern(fitted, 0))[0][: len(evaluations.statistics.of_kind("free"))]
+
+
+def alone(evaluations: Evaluations, index: int) -> tuple[float, float]:
+    """Mean and standard deviation of one effect's scaled coefficient when it is the only one added."""
+    fitted = evaluations.parametric([(index,)])[0]
+    pattern = int(np.argmax(fitted.by_pattern))
+    mean, covariance = coefficients(*one_pattern(fitted, pattern))
+    return float(mean[-1]), float(np.sqrt(max(covariance[-1, -1], 0.0)))
+
+
+def draw_coefficients(
+    evaluations: Evaluations, base: Sequence[int], n_draw: int, seed: int, suspects: Sequence[int] = (),
+    remainder: float = 0.0,
+) -> Coefficients:  # fmt: skip
+    """Posterior draws of all coefficients given the effects of `base`, inner parameters and corrections averaged.
+
+    Args:
+        evaluations: Evidence of the equation.
+        base: One column for each effect.
+        n_draw: Number of draws.
+        seed: Their seed.
+        suspects: Suspects that are in the model with them.
+        remainder: Probability that f remains, which makes the noise smaller.
+    """
+    rng = np.random.default_rng(seed)
+    suspects = tuple(suspects)
+    choices = list(product(*(_likely(evaluations, suspects, base, i) for i in base))) if base else [()]
+    evaluated = evaluations.parametric([(*suspects, *c) for c in choices])
+    logs = np.array([[*np.ravel(v.by_pattern)] for v in evaluated])
+    n_pattern = logs.shape[1]
+    flat = np.exp(logs - np.logaddexp.reduce(logs, axis=None)).ravel()
+    picks = rng.choice(len(flat), size=n_draw, p=flat / flat.sum())
+    own = [*evaluations.statistics.of_kind("free"), *evaluations.statistics.of_kind("correction")]
+    beta, inner, sigma = (
+        np.zeros((n_draw, len(own) + len(suspects) + len(base))),
+        np.zeros((n_draw, len(base)), int),
+        np.zeros(n_draw),
+    )
+    # Where f remains, the noise is smaller; the coefficients' scatter shrinks with it.
+    s_f = evaluations.statistics.noise.sigma(evaluations.integrated((*suspects, *base)).mode[0]) if remainder else 0.0
+    for pick in np.unique(picks):
+        rows = np.flatnonzero(picks == pick)
+        choice, pattern = choices[pick // n_pattern], pick % n_pattern
+        one, single = one_pattern(evaluated[pick // n_pattern], int(pattern))
+        mean, covariance = coefficients(one, single)
+        node = rng.choice(len(single.sigma), size=len(rows), p=single.weight / single.weight.sum())
+        sigma[rows] = single.sigma[node]
+        values, vectors = np.linalg.eigh(covariance)
+        spread = vectors * np.sqrt(np.maximum(values, 0))
+        wide = np.ones(len(rows))
+        with_f = rng.random(len(rows)) < remainder
+        wide[with_f] = s_f / sigma[rows][with_f]
+        sigma[rows[with_f]] = s_f
+        beta[rows] = mean + wide[:, None] * (rng.standard_normal((len(rows), len(values))) @ spread.T)
+        inner[rows] = choice
+    first, last = len(own), len(own) + len(suspects)
+    kept = np.hstack([beta[:, :first], beta[:, last:]])
+    return Coefficients((*own, *base), kept, inner, sigma, suspects, beta[:, first:last])
+
+
+def _likely(evaluations: Evaluations, suspects: tuple[int, ...], base: Sequence[int], index: int) -> list[int]:
+    """Columns of one added effect that carry its posterior over the inner parameter."""
+    group = evaluations.group(index)
+    order = [(*suspects, *(i if j == index else j for j in base)) for i in group]
+    log_z = np.array([v.all for v in evaluations.parametric(order)])
+    weight = np.exp(log_z - np.logaddexp.reduce(log_z))
+    return [group[k] for k in np.argsort(-weight)[:9] if weight[k] > 1e-3]

@@ -1,0 +1,228 @@
+"""The data as the study uses them: free of noise on their samples, delays undone, suspects taken along the whole rate.
+
+A delay's column is that of the rate as modelled, with what is missing in it. So suspects and effects are found in
+turns: effects with the suspects as they are, the suspects' columns anew with the effects found, delays undone in the
+data, until neither changes.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from bayes_greybox.data.noise.protocol import RowNoise
+from bayes_greybox.data.noise.weighted import WeightedNoise
+from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.discovery.suspects.channels import DELAY, Rate, rate_channel, slope_along, suspect_columns, undone
+from bayes_greybox.discovery.suspects.samples import SampleNoise, clipped, smoothed
+from bayes_greybox.model.evidence import coefficients
+from bayes_greybox.model.program import Program
+from bayes_greybox.physics.catalogue.effects import BoundEffect
+from bayes_greybox.physics.terms import Term
+
+from .evaluations import Evaluations, one_pattern
+from .odds import Odds
+from .sets import Sets
+from .sufficient_statistics import SufficientStatistics, sufficient_statistics
+from .with_discrepancy import Evaluator
+
+TURNS = 8
+"""How often suspects and effects are found in turns, at most."""
+
+MOVED = 0.02
+"""Change of a delay, in sampling steps, below which it is settled."""
+
+
+FURTHEST, FURTHEST_DELAY = 3.0, 2.0
+"""Largest size of a suspect, and of a delay, in prior standard deviations, that is still an error of a sensor."""
+
+CLIPPED_SD = 1e3
+"""Noise of a clipped row over that of others: it says next to nothing."""
+
+
+@dataclass(frozen=True)
+class Aligned:
+    """Data and statistics that effects are weighed on.
+
+    Attributes:
+        data: Measurements with states smoothed and delays undone.
+        sets: Sets under the noise that the rows come with, delays that were undone in each of them.
+        delays: What was undone, by channel.
+        probability: Of each of these delays when it was found.
+        sample_noise: Noise on the samples of states.
+        clipped: Rows at which a channel's sensor was at its end, by channel.
+        rate: The whole modelled rate.
+    """
+
+    data: Trajectories
+    sets: Sets
+    delays: Mapping[str, float] = field(default_factory=dict)
+    probability: Mapping[str, float] = field(default_factory=dict)
+    sample_noise: Mapping[str, SampleNoise] = field(default_factory=dict)
+    clipped: Mapping[str, np.ndarray] = field(default_factory=dict)
+    rate: Rate = lambda data: np.zeros(data.n_obs)
+
+    @property
+    def evaluations(self) -> Evaluations:
+        """Evidence under the noise that the rows come with."""
+        return self.sets.evaluations
+
+    @property
+    def spurious(self) -> float:
+        """RMS of what the noise left on smoothed states does to the modelled rate, (Σ s_k² mean(∂G/∂x_k)²)^½."""
+        ones = np.ones(self.data.n_obs)
+        squares = [
+            noise.left**2 * float(np.mean(slope_along(self.data, self.rate, name, ones) ** 2))
+            for name, noise in self.sample_noise.items()
+        ]
+        return float(np.sqrt(sum(squares)))
+
+    def corrected(self, data: Trajectories) -> Trajectories:
+        """Any data of the same sensors, as the training data were corrected: states smoothed, delays undone."""
+        equation = self.evaluations.statistics.equation
+        return undone(smoothed(data)[0] if self.sample_noise else data, equation, self.delays)
+
+
+def align(
+    model: Program,
+    train: Trajectories,
+    equation: str,
+    effects: Sequence[BoundEffect],
+    odds: Odds,
+    most: int,
+    report: Callable[[str], None] = lambda text: None,
+    under: RowNoise | None = None,
+) -> Aligned:
+    """Find delays and what is missing in turns.
+
+    Args:
+        model: The model before.
+        train: Measurements as they came.
+        equation: The studied state.
+        effects: Effects bound to columns.
+        odds: Prior odds.
+        most: Largest number of effects.
+        report: Told in words what is being done.
+        under: Noise of the rows that delays are found under; that of the rows as they come by default.
+    """
+    measured, noise = smoothed(train)
+    # A state may rest, and an input may be held; a rate that stays to the last bit where it is largest is clipped.
+    at_end = clipped({rate_channel(equation): train.rate(equation)}, train.run)
+    delays: dict[str, float] = {}
+    probability: dict[str, float] = {}
+    added: tuple[tuple[Term, float], ...] = ()
+    data, statistics = measured, _without(sufficient_statistics(model, measured, equation, effects), at_end)
+    evaluator = Evaluator(statistics.prior, statistics.kernel, np.asarray(statistics.basis.frequency))
+    before, moved, too_far, own_noise = None, False, set(), statistics.rows.noise
+    rate, turn = _rate(model, measured, equation, added), 0
+    while True:
+        if turn:
+            report("taking suspects along the rate with what was found")
+        bare = statistics if not turn else _anew(model, data, equation, statistics, moved, at_end)
+        columns = suspect_columns(data, equation, rate)
+        known = {c[0].key for c in columns if c[0].kind == DELAY and c[0].channel in delays}
+        bare.suspect([c for c in columns if c[0].key not in too_far], known)
+        given = bare if under is None else bare.with_noise(under)
+        evaluations = Evaluations(given, odds, evaluator)
+        always = tuple(
+            i for i in given.of_kind("suspect")
+            if (s := given.columns[i].suspect) is not None and s.kind == DELAY and s.channel in delays
+        )  # fmt: skip
+        sets = Sets(evaluations, most, always=always)
+        core = sets.likeliest()
+        found = tuple(sorted(_label(evaluations, i) for i in core))
+        fitted = sets.parametric((*always, *core))
+        mean = coefficients(*one_pattern(fitted, int(np.argmax(fitted.by_pattern))))[0]
+        indices = evaluations.indices((*always, *core))
+        moved, later = False, dict(delays)
+        for index, value in zip(indices, mean, strict=True):
+            suspect = given.columns[index].suspect
+            if suspect is None:
+                continue
+            by = float(value) * given.target_scale / given.columns[index].scale
+            late = later.get(suspect.channel, 0.0) if suspect.kind == DELAY else 0.0
+            if abs(late + by) > (FURTHEST_DELAY if suspect.kind == DELAY else FURTHEST) * suspect.sd:
+                # No sensor is so far off: it stands in for a gap, which is left to stand.
+                too_far.add(suspect.key)
+                if suspect.kind == DELAY:
+                    later.pop(suspect.channel, None)
+                moved = True
+                continue
+            # What smoothing leaves of the noise on samples looks like a delay: it stays a suspect among others.
+            if suspect.kind != DELAY or noise:
+                continue
+            later[suspect.channel] = late + by
+            if index not in always:
+                # Later it is in every set, so its probability is that of the turns before.
+                probability[suspect.channel] = max(probability.get(suspect.channel, 0.0), sets.probability(index))
+            moved |= abs(by) > MOVED * suspect.step
+        statistics = given
+        turn += 1
+        if (not moved and found == before) or turn == TURNS:
+            # What is left of a delay is in its column, on the data as they are.
+            break
+        before = found
+        if moved:
+            # Else the statistics stay those of the data as they are.
+            delays, data = later, undone(measured, equation, later)
+        added = tuple(
+            (term, float(b) * given.target_scale / given.columns[i].scale)
+            for i, b in zip(indices, mean, strict=True)
+            if (term := given.columns[i].term) is not None
+        )
+        rate = _rate(model, measured, equation, added)
+    if under is not None:
+        # Found under one noise, weighed under all; columns keep their places.
+        evaluations = Evaluations(given.with_noise(own_noise), odds, evaluator)
+        sets = Sets(evaluations, most, always=always)
+    return Aligned(data, sets, delays, probability, noise, at_end, rate)
+
+
+def _rate(model: Program, data: Trajectories, equation: str, added: Sequence[tuple[Term, float]]) -> Rate:
+    """Simulation and what was found, on any data of the same columns."""
+    simulation = model.simulator(data)
+
+    def rate(data: Trajectories) -> np.ndarray:
+        total = simulation.on(data, equation)
+        for term, coefficient in added:
+            total = total + coefficient * np.asarray(term.evaluate(data.columns))
+        return total
+
+    return rate
+
+
+def _anew(
+    model: Program,
+    data: Trajectories,
+    equation: str,
+    before: SufficientStatistics,
+    moved: bool,
+    at_end: Mapping[str, np.ndarray],
+) -> SufficientStatistics:
+    """Statistics without suspects, on data whose delays are undone, with the terms and inner parameters so far."""
+    if not moved:
+        before.drop("suspect")
+        return before
+    fresh = _without(sufficient_statistics(model, data, equation, []), at_end)
+    effects = [
+        (c.term, {"effect": c.effect, "inner": c.inner, "log_weight": c.log_weight})
+        for c in before.columns
+        if c.kind == "effect" and c.term is not None
+    ]
+    fresh.add("effect", effects)
+    fresh.left_out = {**before.left_out, **fresh.left_out}
+    return fresh
+
+
+def _without(statistics: SufficientStatistics, at_end: Mapping[str, np.ndarray]) -> SufficientStatistics:
+    """The statistics with hardly any weight on rows at which a sensor was at its end."""
+    noise = statistics.rows.noise
+    if not at_end or not noise.local:
+        return statistics
+    out = np.any(list(at_end.values()), axis=0)
+    return statistics.with_noise(WeightedNoise(noise, np.where(out, CLIPPED_SD, 1.0)))
+
+
+def _label(evaluations: Evaluations, index: int) -> str:
+    suspect = evaluations.statistics.columns[index].suspect
+    return suspect.key if suspect is not None else evaluations.binding(index)

@@ -1,0 +1,75 @@
+"""Columns that a hypothesis may hold: the user's terms, corrections, suspects, and effects by inner parameter."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from bayes_greybox.discovery.suspects.channels import ChannelSuspect
+from bayes_greybox.physics.catalogue.effects import BoundEffect
+from bayes_greybox.physics.terms import Term
+
+
+@dataclass(frozen=True)
+class Column:
+    """One column of the table.
+
+    Attributes:
+        kind: "free" (a term of the user's dictionary), "correction" (a term of the simulation), "suspect" (something
+            about the measurement) or "effect".
+        term: Its formula over the data's columns; None for a suspect, which is known at the rows only.
+        scale: RMS over the data, user's units.
+        sd: Prior standard deviation of its coefficient, scaled units.
+        nominal: The simulation's own coefficient, of a correction.
+        effect: The catalogue's entry, of an effect.
+        inner: Values of its inner parameter.
+        log_weight: Log prior weight of these values.
+        suspect: The channel that is suspected, of a suspect.
+        values: At the rows, scaled, of a suspect.
+    """
+
+    kind: str
+    term: Term | None
+    scale: float
+    sd: float
+    nominal: float = 0.0
+    effect: BoundEffect | None = None
+    inner: Mapping[str, float] = field(default_factory=dict)
+    log_weight: float = 0.0
+    suspect: ChannelSuspect | None = None
+    values: np.ndarray | None = None
+
+    @property
+    def formula(self) -> Term:
+        """The term of a column that has one: every kind but a suspect."""
+        assert self.term is not None
+        return self.term
+
+
+def nodes(
+    effect: BoundEffect, columns: Mapping[str, np.ndarray], values: np.ndarray | None = None
+) -> list[tuple[Term, dict]]:
+    """The columns of one effect: one, or one for each value of its inner parameter with that value's prior weight.
+
+    Args:
+        effect: Effect bound to columns.
+        columns: States and inputs, whose range scales the inner parameter's prior.
+        values: Increasing values of the inner parameter; its own grid by default.
+    """
+    if not effect.effect.inner:
+        return [(effect.term(), {"effect": effect})]
+    (inner,) = effect.effect.inner
+    size = float(np.max(np.abs(columns[effect.names[inner.of]])))
+    if values is None:
+        values = inner.nodes(size)[0]
+    # Trapezoidal weights of the log-uniform prior, so that grids of any spacing can be mixed.
+    position = np.log(np.asarray(values) / (inner.low * size)) / np.log(inner.high / inner.low)
+    edges = np.clip(np.concatenate([[0.0], (position[1:] + position[:-1]) / 2, [1.0]]), 0.0, 1.0)
+    weight = np.maximum(np.diff(edges), 1e-12)
+    return [
+        (
+            effect.term({inner.name: float(v)}),
+            {"effect": effect, "inner": {inner.name: float(v)}, "log_weight": float(w)},
+        )
+        for v, w in zip(values, np.log(weight), strict=True)
+    ]

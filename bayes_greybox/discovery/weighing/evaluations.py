@@ -1,0 +1,205 @@
+"""Evidence of sets of effects, with and without what they leave over; each is found once."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+from itertools import combinations
+from typing import NamedTuple
+
+import numpy as np
+
+from bayes_greybox.model.evidence import Marginal, Spectrum, marginal
+
+from .odds import Odds
+from .sufficient_statistics import SufficientStatistics
+from .with_discrepancy import IMPORTANCE_DRAWS, Evaluator, Integrated, WithDiscrepancy
+
+MOST_PATTERNS = 64
+"""Up to so many inclusion patterns of the simulation's own terms are summed; beyond, those with at most two terms."""
+
+
+class Parametric(NamedTuple):
+    """A set of effects without f, σ integrated out; log evidences carry the prior weight of inner parameters.
+
+    Attributes:
+        all: Summed over the patterns of corrections.
+        none: Without corrections.
+        some: With at least one, given that there is one.
+        by_pattern: Of each pattern, its prior included.
+        spectrum: All patterns.
+        marginal: All patterns.
+    """
+
+    all: float
+    none: float
+    some: float
+    by_pattern: np.ndarray
+    spectrum: Spectrum
+    marginal: Marginal
+
+
+@dataclass
+class Evaluations:
+    """Evidence on the statistics of one equation.
+
+    Attributes:
+        statistics: Products of the equation.
+        odds: Prior odds.
+        evaluator: Evidence with f.
+        importance_draws: Draws behind it.
+        seed: Of the chains that settle what importance sampling is unsure of; None: no chains.
+    """
+
+    statistics: SufficientStatistics
+    odds: Odds
+    evaluator: Evaluator
+    importance_draws: int = IMPORTANCE_DRAWS
+    seed: int | None = None
+
+    def __post_init__(self) -> None:
+        self._with_f: dict[tuple[int, ...], Integrated] = {}
+        self._start: np.ndarray | None = None
+
+    def share(self, indices: tuple[int, ...], f: Integrated) -> float:
+        """Share of the gap's square that f carries at its mode; what the free columns explain is no gap."""
+        s2 = self.statistics.noise.floor**2 + np.exp(2 * f.mode[0])
+        free = self.statistics.of_kind("free")
+        own, g = self.statistics.products[np.ix_(free, free)], self.statistics.with_target[free]
+        square = self.statistics.square - float(g @ np.linalg.lstsq(own, g, rcond=1e-12)[0])
+        gap = max(square - self.statistics.n_obs * s2, 1e-12 * self.statistics.square)
+        return float(np.clip(self.evaluator.explained(self.with_features(indices), f.mode) / gap, 0.0, 1.0))
+
+    def integrated(self, effects: tuple[int, ...]) -> Integrated:
+        """Evidence with f; it carries no prior weight of inner parameters."""
+        if effects not in self._with_f:
+            found = self.evaluator.integrate(
+                self.with_features(effects), start=self._start, draws=self.importance_draws
+            )
+            self._with_f[effects] = found
+            if self._start is None:
+                self._start = found.mode
+        return self._with_f[effects]
+
+    def patterns(self) -> tuple[np.ndarray, np.ndarray]:
+        """Inclusion patterns of the corrections, all zeros first, and their log prior beside an effect."""
+        return _patterns(len(self.statistics.of_kind("correction")), self.odds.correction)
+
+    def indices(self, effects: Sequence[int]) -> list[int]:
+        """Columns of a hypothesis: free ones, corrections, effects."""
+        return [*self.statistics.of_kind("free"), *self.statistics.of_kind("correction"), *effects]
+
+    def scales(self, effects: Sequence[int]) -> np.ndarray:
+        """Prior standard deviations by pattern [n_pattern, n_column]."""
+        patterns, _ = self.patterns()
+        sd = np.array([self.statistics.columns[i].sd for i in self.indices(effects)])
+        n_free = len(self.statistics.of_kind("free"))
+        scales = np.tile(sd, (len(patterns), 1))
+        scales[:, n_free : n_free + patterns.shape[1]] *= patterns
+        return scales
+
+    def parametric(self, choices: Sequence[Sequence[int]]) -> list[Parametric]:
+        """Evidence without f of several sets of effects of one size, all inclusion patterns at once."""
+        if not choices:
+            return []
+        _, log_prior = self.patterns()
+        indices = np.array([self.indices(c) for c in choices], dtype=int)
+        scales = np.stack([self.scales(c) for c in choices])
+        gram = self.statistics.products[indices[:, :, None], indices[:, None, :]][:, None]
+        product_y = self.statistics.with_target[indices][:, None]
+        spectrum = Spectrum.of(gram, product_y, self.statistics.square, self.statistics.n_obs, scales)
+        posterior = marginal(spectrum, self.statistics.noise)
+        found = []
+        for k, choice in enumerate(choices):
+            inner = self.inner_weight(choice)
+            logs = posterior.log_evidence[k]
+            by_pattern = logs + log_prior + inner
+            # "Recalibrate" is told apart from "no gap" by the patterns, so their prior is that given some are in.
+            some = np.logaddexp.reduce(log_prior[1:]) if len(log_prior) > 1 else 0.0
+            found.append(
+                Parametric(
+                    all=float(np.logaddexp.reduce(by_pattern)),
+                    none=float(logs[0]),
+                    some=float(np.logaddexp.reduce(by_pattern[1:]) - some) if len(logs) > 1 else -np.inf,
+                    by_pattern=by_pattern,
+                    spectrum=Spectrum(
+                        spectrum.eigenvalues[k], spectrum.loading[k], spectrum.back[k], spectrum.square, spectrum.n_obs
+                    ),
+                    marginal=Marginal(logs, posterior.sigma[k], posterior.weight[k]),
+                )
+            )
+        return found
+
+    def with_features(self, effects: tuple[int, ...]) -> WithDiscrepancy:
+        """The hypothesis with f, its features orthogonal to its columns in the metric of R⁻¹."""
+        statistics, indices = self.statistics, self.indices(effects)
+        scales = self.scales(effects)
+        G, g = statistics.products[np.ix_(indices, indices)], statistics.with_target[indices]
+        spectrum = Spectrum.of(G, g, statistics.square, statistics.n_obs, scales)
+        C = statistics.with_features[indices]
+        # Projection on the columns through the eigenvectors of their Gram matrix that carry any weight
+        values, vectors = np.linalg.eigh(G)
+        kept = values > 1e-12 * max(values[-1], 1e-300) if len(values) else np.zeros(0, bool)
+        root = vectors[:, kept] / np.sqrt(values[kept])
+        P = root.T @ C
+        return WithDiscrepancy(
+            spectrum.eigenvalues,
+            spectrum.loading,
+            self.patterns()[1],
+            statistics.square,
+            statistics.n_obs,
+            statistics.features - P.T @ P,
+            statistics.features_target - P.T @ (root.T @ g),
+        )
+
+    def settled(self, effects: tuple[int, ...], sure: float) -> Integrated:
+        """Evidence with f, by bridge sampling where its standard error exceeds `sure` and chains may run."""
+        found = self.integrated(effects)
+        if found.se > sure and self.seed is not None:
+            again = self.evaluator.bridged(self.with_features(effects), self.seed)
+            if again.se < found.se:
+                self._with_f[effects] = found._replace(log_evidence=again.log_evidence, se=again.se)
+        return self._with_f[effects]
+
+    def inner_weight(self, effects: Sequence[int]) -> float:
+        """Log prior weight of the inner parameters of these columns."""
+        return float(sum(self.statistics.columns[i].log_weight for i in effects))
+
+    def name(self, index: int) -> str:
+        """Slug of the effect that a column stands for."""
+        effect = self.statistics.columns[index].effect
+        assert effect is not None
+        return effect.slug
+
+    def binding(self, index: int) -> str:
+        """Effect and the columns it is bound to."""
+        effect = self.statistics.columns[index].effect
+        assert effect is not None
+        return f"{effect.slug}({', '.join(f'{r}={c}' for r, c in sorted(effect.names.items()))})"
+
+    def group(self, index: int) -> tuple[int, ...]:
+        """All columns of the effect that a column belongs to, one for each value of its inner parameter."""
+        return tuple(i for i in self.statistics.of_kind("effect") if self.binding(i) == self.binding(index))
+
+    def best_of(self, slug: str) -> int:
+        """The column of an effect that fits best alone."""
+        columns = [i for i in self.statistics.of_kind("effect") if self.name(i) == slug]
+        return max(columns, key=lambda i: self.parametric([(i,)])[0].all)
+
+
+def one_pattern(fitted: Parametric, pattern: int) -> tuple[Spectrum, Marginal]:
+    """One inclusion pattern of a batch."""
+    spectrum, posterior = fitted.spectrum, fitted.marginal
+    single = replace(spectrum, **{f: getattr(spectrum, f)[pattern] for f in ("eigenvalues", "loading", "back")})
+    return single, Marginal(*(value[pattern] for value in posterior))
+
+
+@cache
+def _patterns(count: int, probability: float) -> tuple[np.ndarray, np.ndarray]:
+    most = count if 2**count <= MOST_PATTERNS else 2
+    chosen = [ones for size in range(most + 1) for ones in combinations(range(count), size)]
+    patterns = np.zeros((len(chosen), count), int)
+    for row, ones in zip(patterns, chosen, strict=True):
+        row[list(ones)] = 1
+    included = patterns.sum(axis=1)
+    log_prior = included * np.log(probability) + (count - included) * np.log1p(-probability)
+    return patterns, log_prior - np.logaddexp.reduce(log_prior)

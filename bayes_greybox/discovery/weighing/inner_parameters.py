@@ -1,0 +1,60 @@
+"""Refinement of the grid over an inner parameter of an effect, such as the width of a dead zone."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from .columns import nodes
+from .evaluations import Evaluations
+
+ZOOMS, ZOOM_NODES = 4, 9
+"""How often the grid over an inner parameter is refined around its best value, and by how many values."""
+
+
+def refine(evaluations: Evaluations, base: Sequence[int], group: Sequence[int]) -> tuple[int, ...]:
+    """Refine the grid over an effect's inner parameter until its posterior spans several values.
+
+    Args:
+        evaluations: Evidence; new columns are added to its statistics.
+        base: Columns beside the effect.
+        group: Columns of the effect.
+
+    Returns:
+        All columns of the effect, old and new.
+    """
+    statistics, found = evaluations.statistics, list(group)
+    column = statistics.columns[found[0]]
+    if not column.inner or column.effect is None:
+        return tuple(found)
+    (key,) = column.inner
+    for _ in range(ZOOMS):
+        values = np.array([statistics.columns[i].inner[key] for i in found])
+        log_z = np.array([v.all for v in evaluations.parametric([(*base, i) for i in found])])
+        posterior = np.exp(log_z - np.logaddexp.reduce(log_z))
+        if np.max(posterior) < 0.5:
+            break
+        order = np.argsort(values)
+        at = int(np.flatnonzero(order == int(np.argmax(posterior)))[0])
+        low = values[order[max(at - 1, 0)]]
+        high = values[order[min(at + 1, len(order) - 1)]]
+        fresh = np.setdiff1d(np.geomspace(low, high, ZOOM_NODES + 2), values)
+        if not len(fresh):
+            # One value only: what the others do on these data, other columns do as well.
+            break
+        # New weights for old and new values together: each is the width of its cell under the prior.
+        merged = np.sort(np.concatenate([values, fresh]))
+        weights = {
+            about["inner"][key]: about["log_weight"]
+            for _, about in nodes(column.effect, statistics.rows.columns, merged)
+        }
+        for i in found:
+            statistics.columns[i] = replace(statistics.columns[i], log_weight=weights[statistics.columns[i].inner[key]])
+        new = [
+            (t, {**about, "log_weight": weights[about["inner"][key]]})
+            for t, about in nodes(column.effect, statistics.rows.columns, fresh)
+        ]
+        before = len(statistics.columns)
+        statistics.add("effect", new)
+        found += range(before, len(statistics.columns))
+    return tuple(found)

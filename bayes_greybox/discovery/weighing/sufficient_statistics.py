@@ -1,0 +1,349 @@
+"""The sufficient statistics that every hypothesis about one equation is judged on; effects add columns to them."""
+
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from bayes_greybox.data.errors import InputError
+from bayes_greybox.data.noise.protocol import RowNoise
+from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.discovery.suspects.channels import ChannelSuspect
+from bayes_greybox.model.assemble import discrepancy_box, features_per_variable, with_rounding
+from bayes_greybox.model.frame import held_features, scaled_position
+from bayes_greybox.model.gp.discrepancy import OrthogonalGP
+from bayes_greybox.model.gp.features import HilbertBasis
+from bayes_greybox.model.gp.hyper import HyperPrior, NoisePrior
+from bayes_greybox.model.program import Program
+from bayes_greybox.model.rows.equation_rows import EquationRows
+from bayes_greybox.physics.catalogue.effects import BoundEffect
+from bayes_greybox.physics.terms import Dictionary, Term
+
+from .columns import Column, nodes
+
+CHUNK = 16_384
+"""Rows evaluated at once."""
+
+KEPT = 3e7
+"""Numbers up to which the evaluated rows stay in memory; beyond, new columns cost another pass over the data."""
+
+FREE_SCALE = 10.0
+"""Prior standard deviation of the coefficients of the user's own dictionary, scaled units: hardly a prior at all."""
+
+CORRECTION_SCALE = 0.3
+"""Prior standard deviation of a correction over the simulation's own coefficient."""
+
+EFFECT_SCALE = 1.0
+"""Prior standard deviation of an effect's coefficient, scaled units: its RMS in units of the gap's RMS."""
+
+FEATURES = {1: 40, 2: 16, 3: 10}
+"""Features per variable when the user names none: finer than in a fit, since what is missing may be finer than what is
+left after it was added, and no chain has to pay for them."""
+
+COLLINEAR = 1e-9
+"""Share of a column's square outside the span of the model's own terms below which it is no effect of its own."""
+
+
+PARALLEL = 1e-4
+"""Share of a suspect's square outside another column's span below which the two are one."""
+
+
+@dataclass
+class SufficientStatistics:
+    """Products FᵀR⁻¹F of F = [columns, features of f, target] for one equation, scaled to unit RMS.
+
+    Attributes:
+        rows: Rows of the equation.
+        variables: What f depends on.
+        centre, half_width: Their box in the data, user's units.
+        basis: Features of f.
+        kernel: Name of its base kernel.
+        prior: Prior of η.
+        columns: Terms; free ones first, then corrections, then effects.
+        left_out: Effects that cannot be told from the model's own terms, or cannot be evaluated, with the reason.
+        twins: Suspects left out because another column is the same, with its name.
+        square: yᵀR⁻¹y; with `n_obs`, `noise` what the evidence needs beside the products.
+        products: XᵀR⁻¹X of the columns; `with_target` XᵀR⁻¹y; `with_features` XᵀR⁻¹ψ.
+        features, features_target: ψᵀR⁻¹ψ and ψᵀR⁻¹y.
+    """
+
+    rows: EquationRows
+    variables: tuple[str, ...]
+    centre: Float[np.ndarray, " n_var"]
+    half_width: Float[np.ndarray, " n_var"]
+    basis: HilbertBasis
+    kernel: str
+    prior: HyperPrior
+    columns: list[Column] = field(default_factory=list)
+    left_out: dict[str, str] = field(default_factory=dict)
+    twins: dict[str, str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        p, m = 0, self.basis.size
+        self.products, self.with_target, self.with_features = np.zeros((p, p)), np.zeros(p), np.zeros((p, m))
+        self.features, self.features_target, self.square = np.zeros((m, m)), np.zeros(m), 0.0
+        self._kept: list[np.ndarray] | None = None
+        self._known: np.ndarray | None = None
+        blocks = [] if self.rows.n_row * (m + 1) <= KEPT or not self.rows.noise.local else None
+        for block in self._fixed():
+            psi, y = block[:, :-1], block[:, -1]
+            self.features += psi.T @ psi
+            self.features_target += psi.T @ y
+            self.square += float(y @ y)
+            if blocks is not None:
+                blocks.append(block)
+        self._kept = blocks
+
+    @property
+    def equation(self) -> str:
+        """The learned state."""
+        return self.rows.equation
+
+    @property
+    def target_scale(self) -> float:
+        """RMS of the measured rate less the simulation, user's units."""
+        return self.rows.scale
+
+    @property
+    def n_obs(self) -> float:
+        """Number of observations."""
+        return float(self.rows.n_white)
+
+    @property
+    def noise(self) -> NoisePrior:
+        """Prior of σ."""
+        return self.prior.noise
+
+    def of_kind(self, kind: str) -> list[int]:
+        """Indices of the columns of one kind."""
+        return [i for i, column in enumerate(self.columns) if column.kind == kind]
+
+    def add(self, kind: str, items: Sequence[tuple[Term, dict]]) -> None:
+        """Evaluate terms and extend the products by their columns; a term that cannot serve is left out, with a reason.
+
+        Args:
+            kind: Kind of the columns.
+            items: Terms, with what their columns are to carry beside (nominal, effect, inner, log_weight).
+
+        Raises:
+            InputError: A free term that is zero or not finite on the data.
+        """
+        values, kept, refused = [], [], {}
+        for term, about in items:
+            value = np.asarray(term.evaluate(self.rows.columns), float)
+            size = float(np.sqrt(np.mean(value**2))) if np.all(np.isfinite(value)) else np.nan
+            if not size > 0 or not np.isfinite(size):
+                why = "zero on all the data" if size == 0 else "not finite on all the data"
+                if kind == "free":
+                    raise InputError(f"Term {term.name!r} of equation {self.equation!r} is {why}: remove it.")
+                if about.get("effect") is not None:
+                    refused[about["effect"].slug] = why
+                continue
+            sd = {"free": FREE_SCALE, "effect": EFFECT_SCALE}.get(kind, 0.0)
+            if kind == "correction":
+                sd = CORRECTION_SCALE * abs(about["nominal"]) * size / self.target_scale
+            values.append(value / size)
+            kept.append(Column(kind, term, size, sd, **about))
+        self._leave_out(refused, [*self.columns, *kept])
+        if kept:
+            self._extend(kept, np.column_stack(values))
+
+    def suspect(
+        self, suspects: Sequence[tuple[ChannelSuspect, Float[np.ndarray, " n_row"]]], found: Collection[str] = ()
+    ) -> None:
+        """Extend the products by suspects about channels; those that another column stands for already are left out.
+
+        Args:
+            suspects: Each with its column at the samples, user's units of the rate per unit of its size.
+            found: Keys of suspects that were found already, which stay whatever else has the same column now.
+        """
+        for suspect, value in suspects:
+            size = float(np.sqrt(np.mean(value**2)))
+            if not size > 0 or not np.isfinite(size):
+                continue
+            scaled = value / size
+            column = Column(
+                "suspect", None, size, suspect.sd * size / self.target_scale, suspect=suspect, values=scaled
+            )
+            before = len(self.columns)
+            self._extend([column], scaled[:, None])
+            new = len(self.columns) > before and suspect.key not in found
+            twin = self._twin(len(self.columns) - 1) if new else None
+            if twin is not None:
+                self._keep(list(range(len(self.columns) - 1)))
+                self.twins[suspect.key] = twin
+
+    def drop(self, kind: str) -> None:
+        """Forget the columns of one kind."""
+        self._keep([i for i, column in enumerate(self.columns) if column.kind != kind])
+
+    def with_noise(self, noise: RowNoise) -> "SufficientStatistics":
+        """The same columns under another noise of the rows."""
+        again = replace(self, rows=replace(self.rows, noise=noise), columns=[], left_out=dict(self.left_out), twins={})
+        if self.columns:
+            values = np.hstack([self.evaluate([i], self.rows.columns) for i in range(len(self.columns))])
+            # What can be told apart was settled under the first noise, so that columns keep their places.
+            again._multiply(list(self.columns), values)
+        again.twins = dict(self.twins)
+        return again
+
+    def _extend(self, kept: list[Column], values: np.ndarray) -> None:
+        """Add columns by their scaled values at the samples, but for those in the span of the model's own terms."""
+        self._multiply(kept, values)
+        self._drop_collinear(len(kept))
+
+    def _multiply(self, kept: list[Column], values: np.ndarray) -> None:
+        """Extend the products by columns."""
+        new = self.rows.whiten(self.rows.operate(values))
+        old = self._evaluated()
+        if self._kept is not None:
+            self._known = np.hstack([old, new])
+        cross_y, cross_psi, cross_old = [], [], []
+        start = 0
+        for fixed in self._blocks():
+            part = new[start : start + len(fixed)]
+            cross_psi.append(part.T @ fixed[:, :-1])
+            cross_y.append(part.T @ fixed[:, -1])
+            cross_old.append(part.T @ old[start : start + len(fixed)])
+            start += len(fixed)
+        with_old = sum(cross_old)
+        corner = new.T @ new
+        self.products = np.block([[self.products, np.transpose(with_old)], [with_old, corner]])
+        self.with_target = np.concatenate([self.with_target, sum(cross_y)])
+        self.with_features = np.vstack([self.with_features, sum(cross_psi)])
+        self.columns += kept
+
+    def evaluate(
+        self, indices: Sequence[int], columns: Mapping[str, np.ndarray]
+    ) -> Float[np.ndarray, "n_row n_column"]:
+        """Chosen columns at any rows, scaled; suspects are known at the samples of the equation only."""
+        parts = [self._value(self.columns[i], columns) for i in indices]
+        return np.column_stack(parts) if parts else np.zeros((len(next(iter(columns.values()))), 0))
+
+    def at_rows(self, indices: Sequence[int]) -> Float[np.ndarray, "n_row n_column"]:
+        """Chosen columns at the rows of the equation, scaled."""
+        return self.rows.operate(self.evaluate(indices, self.rows.columns))
+
+    def _value(self, column: Column, columns: Mapping[str, np.ndarray]) -> np.ndarray:
+        if column.term is None:
+            assert column.values is not None
+            return column.values
+        return np.asarray(column.term.evaluate(columns)) / column.scale
+
+    def evaluate_features(self, columns: Mapping[str, np.ndarray]) -> Float[np.ndarray, "n_row n_basis"]:
+        """Features of f at any rows."""
+        x = scaled_position(columns, self.variables, self.centre, self.half_width)
+        return np.asarray(held_features(self.basis, x))
+
+    def _drop_collinear(self, count: int) -> None:
+        """Leave out new columns in the span of the model's own terms: of corrections, those that repeat a free term."""
+        own = [*self.of_kind("free"), *self.of_kind("correction")]
+        first = len(self.columns) - count
+        keep = list(range(first))
+        for i in range(first, len(self.columns)):
+            # A suspect may well be a sum of the simulation's terms: with one number it says what they say with many.
+            base = [
+                j
+                for j in own
+                if j != i
+                and j in keep
+                and not (self.columns[i].kind == "suspect" and self.columns[j].kind == "correction")
+            ]
+            norm = self.products[i, i]
+            if base:
+                G, g = self.products[np.ix_(base, base)], self.products[base, i]
+                outside = norm - g @ np.linalg.lstsq(G, g, rcond=1e-12)[0]
+            else:
+                outside = norm
+            if not outside < COLLINEAR * norm:
+                keep.append(i)
+        why = "the model has this term already: a change of its coefficient is a recalibration"
+        refused = {column.effect.slug: why for column in self.columns[first:] if column.effect is not None}
+        self._leave_out(refused, [self.columns[i] for i in keep])
+        self._keep(keep)
+
+    def _twin(self, index: int) -> str | None:
+        """Name of a correction or suspect whose column is parallel to this one, if there is one."""
+        for j in [*self.of_kind("correction"), *self.of_kind("suspect")]:
+            norm = self.products[index, index] * self.products[j, j]
+            if j != index and self.products[index, j] ** 2 > (1 - PARALLEL) * norm:
+                other = self.columns[j]
+                return other.suspect.key if other.suspect is not None else f"recalibration of {other.formula.name}"
+        return None
+
+    def _keep(self, keep: list[int]) -> None:
+        self.columns = [self.columns[i] for i in keep]
+        self.products = self.products[np.ix_(keep, keep)]
+        self.with_target, self.with_features = self.with_target[keep], self.with_features[keep]
+        if self._known is not None:
+            self._known = self._known[:, keep]
+
+    def _leave_out(self, refused: Mapping[str, str], left: Sequence[Column]) -> None:
+        """Note effects that no column is left of, by another binding or another value of their inner parameter."""
+        serving = {column.effect.slug for column in left if column.effect is not None}
+        self.left_out |= {slug: why for slug, why in refused.items() if slug not in serving}
+
+    def _evaluated(self) -> np.ndarray:
+        if self._known is not None:
+            return self._known
+        if not self.columns:
+            return np.zeros((self.rows.n_white, 0))
+        return self.rows.whiten(self.rows.operate(self.evaluate(range(len(self.columns)), self.rows.columns)))
+
+    def _blocks(self) -> Iterator[np.ndarray]:
+        return iter(self._kept) if self._kept is not None else self._fixed()
+
+    def _fixed(self) -> Iterator[np.ndarray]:
+        """[ψ y] in blocks of whitened rows."""
+        y = self.rows.target / self.target_scale
+
+        features = self.rows.table(self.evaluate_features)
+
+        def table(index: Int[np.ndarray, " n"]) -> Float[np.ndarray, "n n_column"]:
+            return np.column_stack([features(index), y[index]])
+
+        white = self.rows.whitened(table)
+        for start in range(0, self.rows.n_white, CHUNK):
+            yield white(np.arange(start, min(start + CHUNK, self.rows.n_white)))
+
+
+def sufficient_statistics(
+    model: Program, data: Trajectories, equation: str, effects: Sequence[BoundEffect]
+) -> SufficientStatistics:
+    """Free terms, corrections and effects of one equation, evaluated and multiplied out.
+
+    Args:
+        model: Simulation, free terms, and the discrepancy whose features are used.
+        data: Training data.
+        equation: The learned state.
+        effects: Effects bound to columns.
+
+    Raises:
+        InputError: The simulation equals the measurement exactly; a variable of f that is constant or unknown.
+    """
+    rows = model.equation_rows(data, equation)
+    target_scale = rows.scale
+    gp = model.discrepancy or OrthogonalGP()
+    variables, centre, half_width = discrepancy_box(gp, rows.columns)
+    finer = FEATURES.get(len(variables))
+    default = None if finer is None else (finer,) * len(variables)
+    basis = HilbertBasis(gp.boundary, features_per_variable(gp, len(variables), default))
+    floor = with_rounding(rows.measured / target_scale, model.noise_floor)
+    statistics = SufficientStatistics(
+        rows=rows,
+        variables=variables,
+        centre=centre,
+        half_width=half_width,
+        basis=basis,
+        kernel=gp.kernel,
+        prior=replace(model, discrepancy=gp).hyper_prior(floor, len(variables)),
+    )
+    own = model.dictionary.get(equation, ())
+    if own:
+        names = (*data.state_names, *data.input_names)
+        statistics.add("free", [(term, {}) for term in Dictionary.of(own, names).terms])
+    parts = model.simulator(data).additive_terms(equation)
+    statistics.add("correction", [(term, {"nominal": value}) for term, value in parts])
+    statistics.add("effect", [item for effect in effects for item in nodes(effect, rows.columns)])
+    return statistics

@@ -1,0 +1,221 @@
+"""Explanations under every noise that the residuals speak for: one world for each noise, weighed against each other.
+
+    P(explanation | y) ∝ Σ_R P(R) P(explanation) p(y | explanation, R) |R|^-½
+
+The noise of a world was found on the residuals of an explanation (see `model.noise.suspicions`), and its explanations
+are then weighed anew. Effects that white noise makes sure of may be nothing under the noise that the data have.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from math import log
+
+import numpy as np
+from jaxtyping import Float
+
+from bayes_greybox.data.noise.protocol import RowNoise
+from bayes_greybox.model.evidence import coefficients
+from bayes_greybox.model.noise.suspicions import PROCESS, NoiseModel, Suspicion, log_white, suspicions
+
+from .evaluations import Evaluations, one_pattern
+from .sets import RECALIBRATED, REST, Explanation, Sets
+
+TRIED = -3.0
+"""Log odds over the best explanation of all below which a noise is not looked at further."""
+
+DEEPEST = 3
+"""Suspects about the noise that a world has at most."""
+
+GAINED = 1.0
+"""Nats that another suspect must gain before a third is looked for."""
+
+
+@dataclass(frozen=True, eq=False)
+class World:
+    """Explanations under one noise.
+
+    Attributes:
+        model: The noise.
+        evaluations: Evidence under it.
+        explanations: Likeliest first.
+        offset: What the noise adds to every log weight: its prior, its constant and −½ log|R|.
+    """
+
+    model: NoiseModel
+    evaluations: Evaluations
+    explanations: tuple[Explanation, ...]
+    offset: float
+
+    @cached_property
+    def total(self) -> float:
+        """Log evidence of the world, prior included."""
+        return float(np.logaddexp.reduce([e.log_weight for e in self.explanations])) + self.offset
+
+    @property
+    def best(self) -> Explanation:
+        """The likeliest explanation."""
+        return self.explanations[0]
+
+    @property
+    def bare(self) -> Explanation:
+        """The likeliest explanation with neither effects nor a rest."""
+        return next(e for e in self.explanations if not e.effects and e.kind != REST)
+
+    def share_left(self, e: Explanation) -> float:
+        """Share of the gap that no column of an explanation carries: f, or a process in time."""
+        if e.kind == REST:
+            return e.share_left
+        if not self.model.process_share:
+            return 0.0
+        spread = float(np.mean(self.residual(e) ** 2))
+        white = spread * (1 - self.model.process_share)
+        gap = max(1.0 - white, 1e-12)
+        return float(np.clip(spread * self.model.process_share / gap, 0.0, 1.0))
+
+    def coefficients(self, e: Explanation) -> tuple[np.ndarray, np.ndarray]:
+        """Posterior mean and covariance of an explanation's coefficients in its likeliest pattern, scaled."""
+        fitted = self.evaluations.parametric([e.columns])[0]
+        if e.kind == RECALIBRATED:
+            pattern = 1 + int(np.argmax(fitted.by_pattern[1:]))
+        elif e.effects or e.kind == REST or PROCESS in self.model.names:
+            pattern = int(np.argmax(fitted.by_pattern))
+        else:
+            pattern = 0
+        return coefficients(*one_pattern(fitted, pattern))
+
+    def residual(self, e: Explanation) -> Float[np.ndarray, " n_row"]:
+        """Target less everything that an explanation explains, f's mean included; scaled, not whitened."""
+        known, statistics = self.evaluations, self.evaluations.statistics
+        mean = self.coefficients(e)[0]
+        indices = known.indices(e.columns)
+        rows = statistics.rows
+        rest = rows.target / statistics.target_scale - statistics.at_rows(indices) @ mean
+        if e.kind == REST:
+            rest = rest - self.rest(e)
+        return rest
+
+    def rest(self, e: Explanation) -> Float[np.ndarray, " n_row"]:
+        """Posterior mean of f beside an explanation's columns at the rows, scaled."""
+        known, statistics = self.evaluations, self.evaluations.statistics
+        indices = known.indices(e.columns)
+        hypothesis = known.with_features(e.columns)
+        weight = known.evaluator.weights(hypothesis, known.integrated(e.columns).mode)[0]
+        G = statistics.products[np.ix_(indices, indices)]
+        taken = np.linalg.pinv(G, rcond=1e-12, hermitian=True) @ (statistics.with_features[indices] @ weight)
+        psi = statistics.evaluate_features(statistics.rows.columns)
+        return statistics.rows.operate((psi @ weight)[:, None])[:, 0] - statistics.at_rows(indices) @ taken
+
+
+def worlds(
+    first: Sets,
+    quantities: Mapping[str, Float[np.ndarray, " n_row"]],
+    report: Callable[[str], None] = lambda text: None,
+) -> list[World]:
+    """Worlds that matter, likeliest first.
+
+    Args:
+        first: Sets under the noise that the rows come with.
+        quantities: What the noise may grow with.
+        report: Told in words what is being done.
+    """
+    base = first.statistics.rows.noise
+    found = [_world(first, NoiseModel(base), report)]
+    for _ in range(2):
+        other = _likelier(found[0])
+        if other is None:
+            break
+        found = [_world(_under(first, NoiseModel(other)), NoiseModel(other), report)]
+    if not base.independent:
+        # Filtered rows carry a known correlation; what is left of it is judged by the checks.
+        return found
+    current = found[0]
+    tried: set[tuple[str, ...]] = {()}
+    for _ in range(DEEPEST):
+        fresh = []
+        for suspicion, score in _suspected(current, quantities):
+            names = tuple(sorted(suspicion.model.names))
+            top = max(w.total for w in found)
+            if score + current.total < top + TRIED or (names in tried):
+                continue
+            tried.add(names)
+            report(f"weighing again with {suspicion.name}")
+            fresh.append(_refitted(current, suspicion, first, quantities))
+        if not fresh:
+            break
+        found += fresh
+        best = max(fresh, key=lambda w: w.total)
+        if best.total < current.total + GAINED:
+            break
+        current = best
+    return sorted(found, key=lambda w: -w.total)
+
+
+def _likelier(world: World) -> RowNoise | None:
+    """The likeliest alternative of the rows' noise on a world's best residual, if it is likelier than theirs."""
+    statistics = world.evaluations.statistics
+    noise, residual = statistics.rows.noise, world.residual(world.best)[:, None]
+    choices = (noise, *noise.alternatives())
+    logs = [
+        log_white(float(np.sum(n.whiten(residual) ** 2)), n.n_white, statistics.noise) - 0.5 * n.log_det
+        for n in choices
+    ]
+    best = int(np.argmax(logs))
+    return choices[best] if logs[best] > logs[0] + 1.0 else None
+
+
+def _world(sets: Sets, model: NoiseModel, report: Callable[[str], None] = lambda text: None) -> World:
+    explanations, odds = tuple(sets.weigh(report)), sets.odds
+    suspects = [name for name in model.names if name != PROCESS]
+    prior = len(suspects) * log(odds.noise) + (3 - len(suspects)) * float(np.log1p(-odds.noise))
+    return World(model, sets.evaluations, explanations, prior + model.constant - 0.5 * model.noise.log_det)
+
+
+def _suspected(world: World, quantities: Mapping[str, np.ndarray]) -> list[tuple[Suspicion, float]]:
+    """Suspects with the log odds that each would have over the world's total, from two explanations' residuals."""
+    statistics, odds = world.evaluations.statistics, world.evaluations.odds
+    rows, found = statistics.rows, {}
+    for e in dict.fromkeys((world.best, world.bare)):
+        weight = e.log_weight + world.offset - world.total
+        for s in suspicions(world.residual(e), world.model, rows.time, rows.run, quantities, statistics.noise):
+            prior = log(odds.remainder / 2) if s.name == PROCESS else log(odds.noise)
+            score = weight + prior + s.log_bayes_factor
+            if s.name not in found or score > found[s.name][1]:
+                found[s.name] = (s, score)
+    return sorted(found.values(), key=lambda item: -item[1])
+
+
+def _refitted(before: World, suspicion: Suspicion, first: Sets, quantities: Mapping[str, np.ndarray]) -> World:
+    """The world of a suspect, its parameters found again on the residuals of its own best explanation."""
+    world = _world(_under(first, suspicion.model, before.evaluations), suspicion.model)
+    statistics = world.evaluations.statistics
+    rows = statistics.rows
+    again = suspicions(world.residual(world.best), before.model, rows.time, rows.run, quantities, statistics.noise)
+    for s in again:
+        if s.name == suspicion.name and _differ(s.model.about[s.name], suspicion.model.about[s.name]):
+            other = _world(_under(first, s.model, before.evaluations), s.model)
+            return max(world, other, key=lambda w: w.total)
+    return world
+
+
+def _under(sets: Sets, model: NoiseModel, evaluations: Evaluations | None = None) -> Sets:
+    """Sets of the columns known so far, by default those of the first sets, under another noise."""
+    known = evaluations or sets.evaluations
+    again = Evaluations(
+        known.statistics.with_noise(model.noise), known.odds, known.evaluator, known.importance_draws, known.seed
+    )
+    return Sets(again, sets.most, PROCESS in model.names, sets.always)
+
+
+def _differ(a: Mapping, b: Mapping) -> bool:
+    """Whether two modes are apart by more than a grid's step."""
+    for key in ("variable", "degrees", "exponent"):
+        if a.get(key) != b.get(key):
+            return True
+    return any(abs(a.get(key, 0.0) - b.get(key, 0.0)) > 0.1 * abs(b.get(key, 1.0)) for key in ("time_scale", "white"))
+
+
+def weights(found: Sequence[World]) -> Float[np.ndarray, " n_world"]:
+    """Posterior probability of each world."""
+    totals = np.array([w.total for w in found])
+    return np.exp(totals - np.logaddexp.reduce(totals))

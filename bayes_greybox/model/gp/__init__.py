@@ -1,0 +1,1 @@
+"""The Gaussian process of the discrepancy: kernels, features, orthogonality, hyperparameters."""

@@ -1,0 +1,101 @@
+"""η, the hyperparameters of one equation: their sites, their prior density and their packing, stated once.
+
+    σ² = floor² + s²,  s ~ HalfNormal(scale),   amplitude ~ HalfNormal(a),   ℓ_d ~ LogNormal(log ℓ₀, spread),
+
+all in scaled units. The NumPyro program samples them as sites; the evidence of a hypothesis and its bridge integrate
+over the packed vector (log s, log amplitude, log ℓ).
+"""
+
+import math
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import numpyro
+import numpyro.distributions as dist
+from jaxtyping import Array, Float
+
+from bayes_greybox.model.sites import site
+from bayes_greybox.physics.expressions import namespace
+
+
+class Hyperparameters(NamedTuple):
+    """η: noise standard deviation, amplitude and length scales of f, in scaled units."""
+
+    sigma: Float[Array, ""]
+    amplitude: Float[Array, ""]
+    length_scale: Float[Array, " n_var"]
+
+
+class NoisePrior(NamedTuple):
+    """σ² = floor² + s², s ~ HalfNormal(scale), in scaled units."""
+
+    floor: Float[Array, ""] | float
+    scale: Float[Array, ""] | float
+
+    def sigma(self, log_s: Array | np.ndarray | float) -> Any:
+        """σ of log s."""
+        xp = namespace([log_s, self.floor])
+        return xp.sqrt(self.floor**2 + xp.exp(2 * log_s))
+
+    def log_density(self, log_s: Array | np.ndarray) -> Any:
+        """Log prior density of log s."""
+        return log_half_normal(log_s, self.scale)
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class HyperPrior:
+    """Prior of η.
+
+    Attributes:
+        noise: Prior of σ.
+        amplitude: Scale of the half-normal prior of the amplitude.
+        length_scale: Median of the length scales.
+        spread: Standard deviation of their logarithm.
+        n_var: How many variables f depends on; None where there is no f.
+    """
+
+    noise: NoisePrior
+    amplitude: Float[Array, ""] | float = 1.0
+    length_scale: Float[Array, ""] | float = 1.0
+    spread: Float[Array, ""] | float = 1.0
+    n_var: int | None = field(default=None, metadata={"static": True})
+
+    def sample(self) -> Hyperparameters:
+        """Sample η inside a NumPyro model: sites `noise` (s), `amplitude` and `length_scale`, and `sigma` from s.
+
+        Without f there is neither amplitude nor length scale; the placeholders multiply no features.
+        """
+        noise = site("noise", dist.HalfNormal(self.noise.scale))
+        # σ² = floor² + s²
+        sigma = jnp.asarray(numpyro.deterministic("sigma", jnp.sqrt(self.noise.floor**2 + noise**2)))
+        if self.n_var is None:
+            return Hyperparameters(sigma, jnp.ones(()), jnp.ones(0))
+        amplitude = site("amplitude", dist.HalfNormal(self.amplitude))
+        length = dist.LogNormal(jnp.log(self.length_scale), self.spread).expand([self.n_var]).to_event(1)
+        return Hyperparameters(sigma, amplitude, site("length_scale", length))
+
+    @property
+    def start(self) -> Float[np.ndarray, " n_eta"]:
+        """Where a search for the mode of the packed η begins."""
+        lengths = np.full(self.n_var or 0, math.log(self.length_scale))
+        return np.concatenate([[math.log(0.5), math.log(0.5)], lengths])
+
+    def unpack(self, eta: Float[Array, " n_eta"]) -> Hyperparameters:
+        """η of the packed vector (log s, log amplitude, log ℓ)."""
+        return Hyperparameters(jnp.asarray(self.noise.sigma(eta[0])), jnp.exp(eta[1]), jnp.exp(eta[2:]))
+
+    def log_density(self, eta: Float[Array, " n_eta"]) -> Array:
+        """Log prior density of the packed vector."""
+        z = (eta[2:] - jnp.log(self.length_scale)) / self.spread
+        lengths = jnp.sum(-0.5 * z**2 - jnp.log(self.spread * math.sqrt(2 * math.pi)))
+        return self.noise.log_density(eta[0]) + log_half_normal(eta[1], self.amplitude) + lengths
+
+
+def log_half_normal(log_x: Array | np.ndarray, scale: Array | float) -> Any:
+    """Density of log x for x ~ HalfNormal(scale)."""
+    xp = namespace([log_x, scale])
+    return 0.5 * math.log(2 / math.pi) - xp.log(scale) - 0.5 * (xp.exp(log_x) / scale) ** 2 + log_x

@@ -1,0 +1,263 @@
+"""`GreyBox(noise=bg.Noise(...))`: noise of the rows that hangs together, depends on the state, or has heavy tails.
+
+The parameters of R are found at their mode on the residuals of a ridge fit of the equation, before the sampler runs,
+and held in the fit (empirical Bayes). The ridge fit has the terms of the dictionary and, where the model has a
+discrepancy, few features of it, and is repeated under the noise that it found:
+
+    β | R = argmin (y − Xβ)ᵀR⁻¹(y − Xβ)/σ² + βᵀD⁻¹β,   R = mode of p(y − Xβ | R),   in turns.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from bayes_greybox.data.errors import InputError
+from bayes_greybox.model.evidence import Spectrum, coefficients, marginal
+from bayes_greybox.model.frame import held_features, scaled_position
+from bayes_greybox.model.gp.discrepancy import OrthogonalGP
+from bayes_greybox.model.gp.features import HilbertBasis
+from bayes_greybox.model.gp.hyper import NoisePrior
+from bayes_greybox.model.gp.kernels import KERNELS, log_spectral_density
+from bayes_greybox.model.rows.equation_rows import EquationRows
+from bayes_greybox.physics.terms import Dictionary
+
+from .suspicions import CORRELATED, HEAVY, LEAST_ROWS, VARYING, NoiseModel, Suspicion, heavy, in_time, varying
+
+FIT = "fit"
+"""Value of an option whose parameter the data say."""
+
+TURNS = 4
+"""How often residuals and noise are found in turns, at most."""
+
+SETTLED = 0.02
+"""Relative change of every standard deviation and of the time scale below which they are found."""
+
+RIDGE = 10.0
+"""Prior standard deviation of the dictionary's coefficients, scaled units: hardly a prior at all."""
+
+FEATURES = {1: 20, 2: 8, 3: 4}
+"""Features of f per variable, by the number of variables; f of more variables is left out of the ridge fit."""
+
+AMPLITUDES, LENGTHS = (0.03, 0.1, 0.3, 1.0), (0.4, 0.8, 1.6)
+"""Amplitudes and length scales of f that the ridge fit chooses from, scaled units."""
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Noise ε ~ N(0, σ² R) of the rows of each equation, beyond white noise of one size.
+
+    Attributes:
+        scale: Prior scale of σ over the RMS of the target: σ² = floor² + s², s ~ HalfNormal(scale).
+        correlation: "fit" or the correlation time τ in units of time, for noise with correlation
+            (1 − w) exp(−|t − t'|/τ) between rows of a run; the white share w is always found. None: none. "fit" leaves
+            the noise as it is where the data speak against a correlation.
+        depends_on: "fit" or a column x, for noise with standard deviation ∝ (δ² + (x/RMS)²)^(a/2); δ and a are always
+            found, and under "fit" x is one of the states, inputs and the simulated rate. None: none.
+        tails: "fit" or degrees of freedom, for Student's t; each row is weighted by its likeliest scale. None: normal.
+        found: What was found, by equation; filled in by a fit.
+    """
+
+    scale: float = 1.0
+    correlation: str | float | None = None
+    depends_on: str | None = None
+    tails: str | float | None = None
+    found: Mapping[str, Mapping[str, Any]] | None = None
+
+    def __post_init__(self) -> None:
+        if not (_is_number(self.scale) and 0 < self.scale < math.inf):
+            raise InputError(f"Noise(scale={self.scale!r}) must be a positive number.")
+        for name in ("correlation", "tails"):
+            value = getattr(self, name)
+            if not (value is None or value == FIT or (_is_number(value) and 0 < value < math.inf)):
+                raise InputError(f"Noise({name}={value!r}) must be None, 'fit' or a positive number.")
+        if not (self.depends_on is None or (isinstance(self.depends_on, str) and self.depends_on)):
+            raise InputError(f"Noise(depends_on={self.depends_on!r}) must be None, 'fit' or the name of a column.")
+
+    @property
+    def white(self) -> bool:
+        """Whether R is that of the rows as they come."""
+        return self.correlation is None and self.depends_on is None and self.tails is None
+
+
+def find_noise(
+    noise: Noise, rows: EquationRows, dictionary: Dictionary, discrepancy: OrthogonalGP | None, floor: float
+) -> NoiseModel:
+    """R at the mode on the residuals of a ridge fit.
+
+    Args:
+        noise: What is asked for.
+        rows: Rows of the equation with the noise that they come with.
+        dictionary: Terms of its equation.
+        discrepancy: f of the model.
+        floor: Least σ over the RMS of the target.
+
+    Raises:
+        InputError: Too few rows; a column that the data do not have or that says nothing; noise whose correlation is
+            known already.
+    """
+    known = NoiseModel(rows.noise)
+    if noise.white:
+        return known
+    quantities = _quantities(noise, rows)
+    if rows.n_row < LEAST_ROWS:
+        raise InputError(
+            f"The noise of {rows.equation!r} cannot be found on {rows.n_row} rows: give at least {LEAST_ROWS}, or "
+            "leave GreyBox(noise=...) a number."
+        )
+    if not rows.noise.square or (noise.correlation is not None and not rows.noise.local):
+        raise InputError(
+            f"The rates of {rows.equation!r} were computed by differentiation, which gives their noise a known "
+            "correlation: leave Noise(correlation=...) out, and for the rest differentiate by 'savgol'."
+        )
+    prior = NoisePrior(floor, noise.scale)
+    X, y = _dictionary_columns(rows, dictionary), rows.target / rows.scale
+    psi, choices = _features(rows, discrepancy)
+    model = known
+    for _ in range(TURNS):
+        before, model = (
+            model,
+            _found(noise, _residual(X, psi, choices, y, model, prior), known, rows, quantities, prior),
+        )
+        if _settled(before, model):
+            break
+    return model
+
+
+def _found(
+    noise: Noise,
+    residual: Float[np.ndarray, " n_row"],
+    known: NoiseModel,
+    rows: EquationRows,
+    quantities: Mapping[str, Float[np.ndarray, " n_row"]],
+    prior: NoisePrior,
+) -> NoiseModel:
+    """Every option in turn: size along the path, correlation of what is left, tails of the innovations."""
+    model = known
+    if noise.depends_on is not None:
+        model = _taken(model, varying(residual, model, quantities, prior), noise.depends_on)
+    if noise.correlation is not None:
+        tau = None if noise.correlation == FIT else float(noise.correlation)
+        model = _taken(model, in_time(residual, model, rows.time, rows.run, prior, CORRELATED, tau), noise.correlation)
+    if noise.tails is not None:
+        asked = {} if noise.tails == FIT else {"degrees": (float(noise.tails),)}
+        model = _taken(model, heavy(residual, model, prior, **asked), noise.tails)
+    return model
+
+
+def _taken(model: NoiseModel, suspicion: Suspicion | None, asked: Any) -> NoiseModel:
+    """The noise with what was asked for; where it is to be fitted, only if it explains the residuals better."""
+    if suspicion is None or not np.isfinite(suspicion.log_bayes_factor):
+        return model
+    return suspicion.model if asked != FIT or suspicion.log_bayes_factor > 0 else model
+
+
+def _residual(
+    X: Float[np.ndarray, "n_row n_term"],
+    psi: Float[np.ndarray, "n_row n_basis"],
+    choices: list[Float[np.ndarray, " n_basis"]],
+    y: Float[np.ndarray, " n_row"],
+    model: NoiseModel,
+    prior: NoisePrior,
+) -> Float[np.ndarray, " n_row"]:
+    """Target less the ridge fit under some noise, with the prior of f that has the highest evidence."""
+    both = np.column_stack([X, psi])
+    white = model.noise.whiten(np.column_stack([both, y]))
+    gram, product, square = (
+        white[:, :-1].T @ white[:, :-1],
+        white[:, :-1].T @ white[:, -1],
+        float(np.sum(white[:, -1] ** 2)),
+    )
+    best, mean = -math.inf, np.zeros(both.shape[1])
+    for spread in choices:
+        sd = np.concatenate([np.full(X.shape[1], RIDGE), spread])
+        spectrum = Spectrum.of(gram, product, square, len(white), sd)
+        posterior = marginal(spectrum, prior)
+        if float(posterior.log_evidence) > best:
+            best, mean = float(posterior.log_evidence), coefficients(spectrum, posterior)[0]
+    return y - both @ mean
+
+
+def _settled(before: NoiseModel, after: NoiseModel) -> bool:
+    if before.names != after.names:
+        return False
+    pairs = [
+        (before.about[name][key], value)
+        for name in after.names
+        for key, value in after.about[name].items()
+        if isinstance(value, float)
+    ]
+    return all(abs(a - b) <= SETTLED * max(abs(a), abs(b)) for a, b in pairs)
+
+
+def _dictionary_columns(rows: EquationRows, dictionary: Dictionary) -> Float[np.ndarray, "n_row n_term"]:
+    values = np.asarray(dictionary.evaluate(rows.columns), float)
+    scale = np.sqrt(np.mean(values**2, axis=0))
+    # What cannot be evaluated, or is zero, is refused with its name where the equation is assembled.
+    usable = np.isfinite(scale) & (scale > 0)
+    return values[:, usable] / scale[usable]
+
+
+def _features(
+    rows: EquationRows, discrepancy: OrthogonalGP | None
+) -> tuple[Float[np.ndarray, "n_row n_basis"], list[Float[np.ndarray, " n_basis"]]]:
+    """ψ at the rows, and the prior standard deviations of its weights that are tried; the first is no f at all."""
+    none = np.zeros((rows.n_row, 0))
+    if discrepancy is None:
+        return none, [np.zeros(0)]
+    variables = tuple(discrepancy.variables or rows.columns)
+    if len(variables) not in FEATURES or any(name not in rows.columns for name in variables):
+        return none, [np.zeros(0)]
+    low, high = (np.array([edge(rows.columns[name]) for name in variables]) for edge in (np.min, np.max))
+    if np.any(high <= low):
+        return none, [np.zeros(0)]
+    basis = HilbertBasis(discrepancy.boundary, (FEATURES[len(variables)],) * len(variables))
+    psi = np.asarray(held_features(basis, scaled_position(rows.columns, variables, (low + high) / 2, (high - low) / 2)))
+    kernel = KERNELS[discrepancy.kernel]
+    spreads = [
+        np.exp(0.5 * np.asarray(log_spectral_density(kernel, basis.frequency, a, jnp.full(len(variables), length))))
+        for a in AMPLITUDES
+        for length in LENGTHS
+    ]
+    return psi, [np.zeros(basis.size), *spreads]
+
+
+def _quantities(noise: Noise, rows: EquationRows) -> dict[str, Float[np.ndarray, " n_row"]]:
+    """What the noise may depend on, by name."""
+    if noise.depends_on is None:
+        return {}
+    if noise.depends_on == FIT:
+        return {**rows.columns, f"simulated d({rows.equation})/dt": rows.simulated}
+    if noise.depends_on not in rows.columns:
+        raise InputError(
+            f"Noise(depends_on={noise.depends_on!r}) is neither a state nor an input; known: {', '.join(rows.columns)}."
+        )
+    return {noise.depends_on: rows.columns[noise.depends_on]}
+
+
+def noise_record(model: NoiseModel) -> dict[str, Any]:
+    """What was found, as plain values: what the columns of `Fit.noise` hold."""
+    about, record = model.about, {}
+    if CORRELATED in about:
+        record |= {"correlation_time": about[CORRELATED]["time_scale"], "white_share": about[CORRELATED]["white"]}
+    if VARYING in about:
+        record |= {
+            "depends_on": about[VARYING]["variable"], "exponent": about[VARYING]["exponent"],
+            "level": about[VARYING]["level"],
+        }  # fmt: skip
+    if HEAVY in about:
+        record |= {"degrees": float(about[HEAVY]["degrees"])}
+    return record
+
+
+def with_found(noise: Noise, found: Mapping[str, NoiseModel]) -> Noise:
+    """The noise with what was found for each equation."""
+    return replace(noise, found={name: noise_record(model) for name, model in found.items()})
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)

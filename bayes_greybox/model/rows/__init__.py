@@ -1,0 +1,1 @@
+"""Kinds of rows: measurements as a linear equation in the coefficients."""

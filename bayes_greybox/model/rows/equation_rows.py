@@ -1,0 +1,283 @@
+"""The rows of one equation: what a row says, and what noise is on it.
+
+Everything that needs a target, its projection or its whitening asks `EquationRows`; a kind of rows is a constructor of
+it. Here are the rows of measured or filtered rates: the rate at a time stamp is g + Φθ + f there, or the filter's mean
+of that around it.
+"""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple, Protocol, runtime_checkable
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from bayes_greybox.data.errors import InputError
+from bayes_greybox.data.noise.protocol import RowNoise
+from bayes_greybox.data.rates.rate_filter import RowOperator
+from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.physics.simulation import Simulation
+
+Table = Callable[[Int[np.ndarray, " n_chunk"]], Float[np.ndarray, "n_chunk n_column"]]
+"""Rows of a table that need never exist as a whole, by index."""
+
+STRETCH = 16_384
+"""Samples evaluated at once where rows are means over samples."""
+
+
+class Removal(NamedTuple):
+    """What is left of the whitened rows without the targets of some observations.
+
+    Attributes:
+        kept: Observations that stay.
+        directions: Orthonormal directions that leave the whitened rows, or None where rows leave.
+        log_det: What log|R| changes by.
+    """
+
+    kept: Int[np.ndarray, " n_kept"]
+    directions: Float[np.ndarray, "n_white n_out"] | None
+    log_det: float
+
+
+@dataclass(frozen=True, eq=False)
+class EquationRows:
+    """The rows of one equation, y = V(Φθ + f) + ε, ε ~ N(0, σ² R), in user's units.
+
+    Attributes:
+        equation: The learned state.
+        columns: States and inputs at the samples, which Φ and f are evaluated on.
+        measured: What was measured [n_row].
+        simulated: What the simulation says of it [n_row], V g.
+        noise: R, and W with W R Wᵀ = I.
+        time: Time stamps of the rows.
+        run: Number of the run of each row.
+        operator: V, from values at the samples to values of the rows; None where each sample is a row.
+    """
+
+    equation: str
+    columns: Mapping[str, Float[np.ndarray, " n_sample"]]
+    measured: Float[np.ndarray, " n_row"]
+    simulated: Float[np.ndarray, " n_row"]
+    noise: RowNoise
+    time: Float[np.ndarray, " n_row"]
+    run: Int[np.ndarray, " n_row"]
+    operator: RowOperator | None = None
+
+    @property
+    def n_row(self) -> int:
+        """Rows."""
+        return len(self.measured)
+
+    @property
+    def n_white(self) -> int:
+        """White numbers that the rows carry: the observations that count."""
+        return self.noise.n_white
+
+    @cached_property
+    def target(self) -> Float[np.ndarray, " n_row"]:
+        """y: what was measured less what is simulated."""
+        return self.measured - self.simulated
+
+    @property
+    def nothing_left(self) -> bool:
+        """Whether the simulation equals the measurement but for rounding errors."""
+        return bool(np.linalg.norm(self.target) <= 1e-13 * np.linalg.norm(self.measured))
+
+    @cached_property
+    def scale(self) -> float:
+        """RMS of the target, which the equation is scaled by.
+
+        Raises:
+            InputError: Nothing but rounding errors.
+        """
+        if self.nothing_left:
+            raise InputError(
+                f"The simulation equals the measured derivative of {self.equation!r} exactly: there is nothing to "
+                "learn."
+            )
+        return float(np.sqrt(np.mean(self.target**2)))
+
+    @property
+    def n_sample(self) -> int:
+        """Samples that terms are evaluated at."""
+        return len(next(iter(self.columns.values())))
+
+    def at(self, index: Int[np.ndarray, " n"] | slice) -> dict[str, Float[np.ndarray, " n"]]:
+        """States and inputs at some samples."""
+        return {name: column[index] for name, column in self.columns.items()}
+
+    def operate(self, table: Float[np.ndarray, "n_sample k"]) -> Float[np.ndarray, "n_row k"]:
+        """V table: values of the rows from values at the samples."""
+        return table if self.operator is None else self.operator(table)
+
+    def table(self, evaluate: Callable[[Mapping[str, np.ndarray]], np.ndarray]) -> Table:
+        """V F by index of the rows, F evaluated on columns; where V mixes samples, evaluated here in stretches.
+
+        Args:
+            evaluate: From columns [n] to F [n, k].
+        """
+        if self.operator is None:
+            return lambda index: np.asarray(evaluate(self.at(index)))
+        smooth = self.operator.smooth
+        parts = [smooth(np.asarray(evaluate(self.at(piece)))) for piece in self.operator.pieces(STRETCH)]
+        whole = np.concatenate(parts)
+        return lambda index: whole[index]
+
+    def whiten(self, table: Float[np.ndarray, "n_row k"]) -> Float[np.ndarray, "n_white k"]:
+        """W table."""
+        return self.noise.whiten(table)
+
+    def whitened(self, table: Table) -> Table:
+        """W table, by index of the whitened rows; the very table where every row is whitened by itself."""
+        if self.noise.local:
+            return table
+        white = self.noise.whiten(table(np.arange(self.n_row)))
+        return lambda index: white[index]
+
+    def weighted(self, table: Table) -> tuple[Table, Table]:
+        """R⁻¹ table and diag R⁻¹ [n, 1] by index of the observations; W table and ones where W is not square."""
+        if self.noise.local:
+            return table, lambda index: np.ones((len(index), 1))
+        weighted = self.noise.whiten(table(np.arange(self.n_row)))
+        precision = np.ones(len(weighted))
+        if self.noise.square:
+            weighted, precision = self.noise.whiten_transpose(weighted), self.noise.precision_diagonal()
+        return (lambda index: weighted[index]), (lambda index: precision[index, None])
+
+    def precision_blocks(
+        self, reach: int
+    ) -> Callable[[Int[np.ndarray, "n_fold size"]], Float[np.ndarray, "n_fold size size"]]:
+        """(R⁻¹)_FF of folds of observations.
+
+        Args:
+            reach: Largest distance within a fold, plus one.
+        """
+        if self.noise.local or not self.noise.square:
+            return lambda index: np.broadcast_to(np.eye(index.shape[1]), (*index.shape, index.shape[1]))
+        band = self.noise.precision_band(reach)
+
+        def blocks(index: np.ndarray) -> np.ndarray:
+            low, high = np.minimum(index[:, :, None], index[:, None]), np.maximum(index[:, :, None], index[:, None])
+            return band[low, high - low]
+
+        return blocks
+
+    def without(self, out: Int[np.ndarray, " n_out"]) -> Removal:
+        """Leave observations out: rows, or whitened coefficients where R is singular.
+
+        Where the noise is correlated, y₋ᵢ has noise covariance σ² R₋ᵢ₋ᵢ. Its whitening is that of all rows followed by
+        the removal of the directions a = W eᵢ, with log|R₋ᵢ₋ᵢ| = log|R| + log aᵀa, so R₋ᵢ₋ᵢ is never formed. Where the
+        start of each run stays (whole runs, or the past), W is triangular, so it is enough to leave rows of W out.
+
+        Args:
+            out: Observations, in increasing order.
+        """
+        kept = np.delete(np.arange(self.n_white), out)
+        if self.noise.local or not self.noise.square:
+            return Removal(kept, None, 0.0)
+        starts = self._starts(kept)
+        if starts is not None:
+            return Removal(kept, None, self._log_det_of_starts(starts) - self.noise.log_det)
+        unit = np.zeros((self.n_row, len(out)))
+        unit[out, np.arange(len(out))] = 1.0
+        directions, triangle = np.linalg.qr(self.whiten(unit))
+        return Removal(kept, directions, 2 * float(np.sum(np.log(np.abs(np.diag(triangle))))))
+
+    def log_det_of(self, kept: Int[np.ndarray, " n_kept"]) -> float:
+        """log|R_AA| of the first rows A of each run."""
+        starts = self._starts(np.sort(kept))
+        if starts is None:
+            raise ValueError("these rows are not the first ones of each run")
+        return self._log_det_of_starts(starts)
+
+    def _starts(self, kept: Int[np.ndarray, " n_kept"]) -> list[int] | None:
+        """How many rows of each run these are, if they are the first ones of each run; else None."""
+        counts, start = [], 0
+        for n in self.noise.run_lengths:
+            own = kept[(kept >= start) & (kept < start + n)]
+            if not np.array_equal(own, start + np.arange(len(own))):
+                return None
+            counts.append(len(own))
+            start += n
+        return counts
+
+    def _log_det_of_starts(self, counts: Sequence[int]) -> float:
+        if not sum(counts):
+            return 0.0
+        part = self.noise.restrict([(0, count) for count in counts])
+        # Its R is rescaled to a mean diagonal of one.
+        return part.log_det + 2 * sum(counts) * math.log(part.scale / self.noise.scale)
+
+
+@runtime_checkable
+class RowKind(Protocol):
+    """A kind of rows: how the rows of an equation are built from data."""
+
+    def rows(self, data: Trajectories, equation: str, simulation: Simulation) -> EquationRows:
+        """The rows of one equation.
+
+        Args:
+            data: Measurements.
+            equation: The learned state.
+            simulation: The known rates.
+
+        Raises:
+            InputError: The data cannot give such rows.
+        """
+        ...
+
+
+@dataclass(frozen=True)
+class DerivativeRows:
+    """Rates at the time stamps, measured or filtered, with the noise that filtering gives them.
+
+    A rate that a finite filter computed is a mean s ∗ ẋ of the true one over the filter's window, so what the equation
+    says of it is s ∗ (g + Φθ + f), evaluated at the smoothed samples first. Such rows are thinned: neighbours whose
+    noise has a correlation above 1/e repeat each other. Samples whose window reaches beyond their run have no row.
+
+    Attributes:
+        filter_terms: Whether terms go through the filter, and rows are thinned; without, each sample is a row that
+            says Φ(h ∗ x), which is not h ∗ Φ(x) where Φ is not linear.
+    """
+
+    filter_terms: bool = True
+
+    def rows(self, data: Trajectories, equation: str, simulation: Simulation) -> EquationRows:
+        """The rows of one equation; see `RowKind.rows`."""
+        measured, simulated = data.rate(equation), simulation.on(data, equation)
+        noise, time, run = data.row_noise(equation), data.time, data.run
+        operator = self._operator(data, equation)
+        if operator is not None:
+            simulated, noise = operator(simulated[:, None])[:, 0], operator.noise(noise)
+            measured, time, run = (column[operator.sample] for column in (measured, time, run))
+        return EquationRows(
+            equation=equation,
+            columns=data.columns,
+            measured=measured,
+            simulated=simulated,
+            noise=noise,
+            time=time,
+            run=run,
+            operator=operator,
+        )
+
+    def _operator(self, data: Trajectories, equation: str) -> RowOperator | None:
+        rate_filter = data.filter
+        if not self.filter_terms or rate_filter is None or not rate_filter.finite:
+            return None
+        operator = RowOperator(rate_filter.smoothing(equation), rate_filter.every, data.run_lengths)
+        if not len(operator.sample):
+            raise InputError(
+                f"No run has {rate_filter.window} filtered rows, the window of its filter, whose terms a row of "
+                f"{equation!r} is made of: use a shorter window, or GreyBox(rows=DerivativeRows(filter_terms=False))."
+            )
+        return operator
+
+
+ROWS: Mapping[str, type] = {"derivative": DerivativeRows}
+"""Kinds of rows by the name that files of fits and configurations have for them.
+
+A kind that is listed here can be configured, saved and loaded. Its fields state their limits in their types.
+"""

@@ -1,0 +1,346 @@
+"""The rules of the verdict, one by one, on explanations whose probabilities are written down by hand."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from bayes_greybox.data.noise.protocol import RowNoise
+from bayes_greybox.discovery.answer.finding import (
+    NEGLIGIBLE,
+    SAME,
+    STACKED,
+    SUBSTANTIAL,
+    SURE,
+    TIED,
+    VERDICTS,
+    Weighed,
+    decide,
+)
+from bayes_greybox.discovery.weighing.evaluations import Evaluations
+from bayes_greybox.discovery.weighing.sets import PLAIN, RECALIBRATED, REST, Explanation
+from bayes_greybox.discovery.weighing.worlds import World
+from bayes_greybox.model.noise.suspicions import PROCESS, NoiseModel
+
+SUSPECTS = ("offset", "delay")
+KINDS = {"no gap": PLAIN, "recalibrate": RECALIBRATED, "unknown": REST}
+
+
+class Written(Evaluations):
+    """Columns alone: the suspects, then effects by letters; a letter that occurs twice is bound in two ways."""
+
+    def __init__(self, letters, on, inner):
+        columns = [SimpleNamespace(effect=None, suspect=SimpleNamespace(key=key), inner={}) for key in SUSPECTS]
+        for k, letter in enumerate(letters):
+            effect = SimpleNamespace(slug=letter, names={"r": on.get(letter, f"x{k}")})
+            columns.append(SimpleNamespace(effect=effect, suspect=None, inner={"v": 1.0} if letter in inner else {}))
+        effects = list(range(len(SUSPECTS), len(columns)))
+        self.statistics = SimpleNamespace(columns=columns, of_kind={"effect": effects}.get)
+
+
+class Told(World):
+    """A world whose explanations carry the share that is left themselves."""
+
+    def share_left(self, e):
+        return e.share_left
+
+
+def world(table, letters="abcd", on=None, inner="", names=(), shares=None, evidence=None, share=0.2, offset=0.0):
+    """Explanations with these probabilities, by name: "a", "ab", "a & rest", "a ! offset", "! offset", or a stop."""
+    found = []
+    for name, p in table.items():
+        body, kind = name, KINDS.get(name, PLAIN)
+        if name in KINDS:
+            body = ""
+        if body.endswith(" & rest"):
+            body, kind = body.removesuffix(" & rest"), REST
+        body, _, suspects = body.partition("!")
+        places = tuple(len(SUSPECTS) + letters.index(letter) for letter in body.strip())
+        left = share if (kind == REST and places) or (PROCESS in names and places) else float(kind == REST)
+        log_evidence = (evidence or {}).get(name, np.log(p))
+        found.append(
+            Explanation(
+                tuple(SUSPECTS.index(s) for s in suspects.split()),
+                places,
+                kind,
+                float(np.log(p)),
+                float(log_evidence),
+                (shares or {}).get(name, left),
+            )
+        )
+    found.sort(key=lambda e: -e.log_weight)
+    noise = object.__new__(SimpleNoise)
+    about = {name: {"share": 0.5} for name in names}
+    return Told(NoiseModel(noise, names, 0.0, about), Written(letters, on or {}, inner), tuple(found), offset)
+
+
+class SimpleNoise(RowNoise):
+    """Noise that nobody asks anything."""
+
+    n_white = log_det = whiten = whiten_transpose = precision_diagonal = precision_band = covariance = None  # type: ignore[assignment]
+    restrict = to_dict = None  # type: ignore[assignment]
+
+
+def decided(table, **given):
+    return decide([world({"unknown": 1e-9} | table, **given)])
+
+
+def slugs(finding):
+    return tuple(place.slug for place in finding.places)
+
+
+# First whether, then what
+
+
+@pytest.mark.parametrize(("p", "expected"), [(0.51, "no gap"), (0.49, "one of")])
+def test_no_gap_is_likelier_than_all_effects_together_or_it_is_not_said(p, expected):
+    assert decided({"no gap": p, "a": 0.6 * (1 - p), "b": 0.4 * (1 - p)}).verdict == expected
+
+
+def test_effects_together_beat_a_stop_that_each_of_them_alone_loses_to():
+    finding = decided({"no gap": 0.4, "a": 0.35, "b": 0.25})
+    assert slugs(finding) == ("a",) and finding.places[0].tied == ("b",)
+
+
+def test_stops_are_not_added_up_against_effects():
+    assert slugs(decided({"no gap": 0.3, "recalibrate": 0.25, "a": 0.45})) == ("a",)
+
+
+@pytest.mark.parametrize("stop", ["no gap", "recalibrate", "unknown", "! offset"])
+def test_the_likeliest_stop_is_the_verdict_and_names_no_effect(stop):
+    finding = decided({"no gap": 0.1, "recalibrate": 0.1, "unknown": 0.1, "a": 0.3} | {stop: 0.4})
+    assert finding.verdict == {"! offset": "instrument"}.get(stop, stop)
+    assert finding.places == () and finding.base == ()
+
+
+def test_what_an_instrument_explains_is_no_unknown():
+    finding = decided({"! offset": 0.8, "no gap": 0.2})
+    assert finding.verdict == "instrument" and finding.remainder < 1e-6
+    assert [SUSPECTS[i] for i in finding.explanation.suspects] == ["offset"]
+
+
+def test_a_recalibration_beside_a_suspect_is_the_instruments():
+    found = world({"no gap": 0.2, "! delay": 0.8})
+    (delay,) = (e for e in found.explanations if e.suspects)
+    assert Weighed([found]).kind(found, Explanation(delay.suspects, (), RECALIBRATED, 0.0, 0.0)) == "instrument"
+
+
+def test_without_effects_the_share_left_of_the_unknown_is_all_and_of_others_none():
+    assert decided({"unknown": 0.9, "no gap": 0.1}).share_left == 1.0
+    assert decided({"unknown": 0.1, "no gap": 0.9}).share_left == 0.0
+
+
+# A name needs a probability
+
+
+@pytest.mark.parametrize(("p", "expected"), [(SURE + 0.01, "named"), (SURE - 0.01, "one of")])
+def test_a_name_needs_a_probability(p, expected):
+    finding = decided({"a": p, "no gap": 1 - p})
+    assert finding.verdict == expected and finding.places[0].probability == pytest.approx(p)
+
+
+def test_one_of_comes_with_what_could_stand_in_its_place():
+    (place,) = decided({"a": 0.5, "b": 0.3, "c": 0.15, "d": 0.1 * TIED, "no gap": 0.045}).places
+    assert place.tied == ("b", "c") and place.together == pytest.approx(0.95, abs=0.01)
+
+
+@pytest.mark.parametrize(("factor", "expected"), [(1.01, ("b",)), (0.99, ())])
+def test_an_effect_is_tied_from_a_share_of_the_likeliest_ones_probability(factor, expected):
+    assert decided({"a": 0.8, "b": factor * TIED * 0.8, "no gap": 0.1}).places[0].tied == expected
+
+
+@pytest.mark.parametrize(("apart", "expected"), [(0.9 * SAME, "named"), (1.1 * SAME, "one of")])
+def test_equal_curves_are_named_together(apart, expected):
+    finding = decided({"a": 0.5, "b": 0.45, "no gap": 0.05}, evidence={"a": 5.0, "b": 5.0 - apart})
+    assert finding.verdict == expected
+    assert finding.places[0].same == (("b",) if expected == "named" else ())
+
+
+def test_equal_curves_that_are_not_sure_together_are_not_named():
+    finding = decided({"a": 0.45, "b": 0.4, "no gap": 0.15}, evidence={"a": 5.0, "b": 5.0})
+    assert finding.verdict == "one of"
+
+
+def test_an_equal_curve_does_not_name_a_tie_that_holds_another_curve_too():
+    given = {"a": 5.0, "b": 5.0, "c": 3.0}
+    assert decided({"a": 0.45, "b": 0.44, "c": 0.11}, evidence=given).verdict == "one of"
+
+
+def test_the_probability_of_an_effect_is_summed_over_sets():
+    finding = decided({"ab": 0.6, "ac": 0.35, "a": 0.05})
+    first, second = finding.places
+    assert (first.slug, first.probability) == ("a", pytest.approx(1.0))
+    assert (second.slug, second.probability, second.tied) == ("b", pytest.approx(0.6), ("c",))
+    assert finding.verdict == "one of"
+
+
+def test_an_effect_at_two_places_is_counted_once():
+    found = Weighed([world({"ab": 0.7, "no gap": 0.3}, letters="aab"), world({"no gap": 1.0}, offset=-50.0)])
+    assert found.by_effect["a"] == pytest.approx(0.7)
+    both = world({"ab": 0.7, "no gap": 0.3})
+    again = Explanation((), (2, 3), PLAIN, np.log(0.7), 0.0)
+    twice = Told(both.model, Written("aa", {}, ""), (again, both.explanations[1]), 0.0)
+    assert Weighed([twice]).by_effect == {"a": pytest.approx(0.7)}
+
+
+def test_an_effect_that_no_set_holds_is_listed_with_nothing():
+    assert Weighed([world({"a": 0.9, "no gap": 0.1}, letters="ab")]).by_effect["b"] == 0.0
+
+
+# The instrument in an effect's place
+
+
+def test_an_offset_of_the_sensor_ties_with_a_constant_force():
+    finding = decided({"a": 0.6, "! offset": 0.35, "no gap": 0.05})
+    assert finding.verdict == "one of" and finding.places[0].tied == ("offset",)
+    same = decided({"a": 0.6, "! offset": 0.35, "no gap": 0.05}, evidence={"a": 5.0, "! offset": 5.0})
+    assert same.verdict == "named" and same.places[0].same == ("offset",)
+
+
+def test_a_suspect_stands_in_the_place_of_one_effect_beside_the_others():
+    first, second = decided({"ab": 0.6, "a ! offset": 0.35, "no gap": 0.05}).places
+    assert first.tied == () and second.tied == ("offset",)
+
+
+def test_a_suspect_that_is_beside_the_effect_stands_in_nobodys_place():
+    (place,) = decided({"a ! delay": 0.85, "! delay": 0.1, "no gap": 0.05}).places
+    assert place.tied == ()
+
+
+def test_of_two_suspects_the_one_that_is_not_beside_the_effect_stands_in_its_place():
+    (place,) = decided({"a ! delay": 0.7, "! offset delay": 0.3}).places
+    assert place.tied == ("offset",)
+
+
+def test_probabilities_of_suspects_are_summed_over_sets():
+    found = Weighed([world({"a ! delay": 0.5, "! delay offset": 0.2, "a": 0.3})])
+    assert found.by_suspect == {"delay": pytest.approx(0.7), "offset": pytest.approx(0.2)}
+
+
+# What remains
+
+
+@pytest.mark.parametrize(("p", "expected"), [(0.2, "named"), (0.3, "partly named"), (0.51, "partly named")])
+def test_an_effect_is_partly_named_where_what_may_remain_leaves_its_name_unsure(p, expected):
+    # A rest with a fifth of the gap's square has 45 % of its RMS: P(a) = 1 - 0.45 p
+    finding = decided({"a": 1 - p, "a & rest": p})
+    assert finding.verdict == expected and finding.remainder == pytest.approx(p)
+    assert finding.share_left == pytest.approx(0.2 * p)
+
+
+@pytest.mark.parametrize(
+    ("share", "expected"),
+    [
+        (0.9 * NEGLIGIBLE, "named"),
+        (1.1 * NEGLIGIBLE, "partly named"),
+        (0.95 * SUBSTANTIAL, "partly named"),
+        (1.01 * SUBSTANTIAL, "unknown"),
+    ],
+)
+def test_the_share_that_remains_decides_how_far_an_effect_is_named(share, expected):
+    finding = decided({"a & rest": 0.99, "a": 0.01}, share=share)
+    assert finding.verdict == expected
+    assert slugs(finding) == (() if expected == "unknown" else ("a",))
+
+
+def test_a_rest_takes_its_share_from_the_probability_of_the_effect():
+    found = decided({"a & rest": 0.99, "a": 0.01}, share=0.25).weighed
+    assert found.by_effect["a"] == pytest.approx(0.01 + 0.99 * 0.5, abs=1e-6)
+    assert found.by_kind["unknown"] == pytest.approx(0.99 * 0.5, abs=1e-6)
+
+
+def test_two_effects_with_a_rest_that_one_carries_alone_make_way_for_it():
+    table = {"ab & rest": 0.5, "a & rest": 0.4, "b & rest": 0.1}
+    finding = decided(table, shares={"ab & rest": 0.26, "a & rest": 0.1, "b & rest": 0.9})
+    assert slugs(finding) == ("a",) and finding.verdict == "partly named"
+
+
+def test_an_effect_that_was_not_weighed_with_a_rest_takes_nobodys_place():
+    finding = decided({"ab & rest": 0.99, "a": 0.01}, share=0.6)
+    assert finding.verdict == "unknown"
+
+
+def test_kinds_of_explanations_add_up_to_one():
+    table = {"no gap": 0.1, "recalibrate": 0.1, "unknown": 0.1, "! offset": 0.1, "a": 0.2, "ab & rest": 0.3, "abc": 0.1}
+    every = Weighed([world(table, on=dict.fromkeys("abc", "x"))])
+    assert sum(every.by_kind.values()) == pytest.approx(1.0)
+    # abc is one variable's: half of it is a law that has no name
+    assert every.by_kind["effects"] == pytest.approx(0.2 + 0.3 * (1 - 0.2**0.5) + 0.1 * STACKED)
+
+
+@pytest.mark.parametrize(("share", "expected"), [(0.1, "partly named"), (0.5, "unknown")])
+def test_a_process_in_time_is_a_rest_too(share, expected):
+    quiet = world({"unknown": 1e-9, "a": 1e-3})
+    moving = world({"a": 0.9, "no gap": 0.1}, names=(PROCESS,), shares={"a": share})
+    finding = decide([moving, quiet])
+    assert finding.verdict == expected
+    if expected == "unknown":
+        assert finding.places == () and PROCESS in finding.world.model.names
+
+
+def test_nothing_but_a_process_in_time_is_unknown():
+    moving = world({"no gap": 0.9, "a": 0.1}, names=(PROCESS,))
+    assert decide([moving, world({"unknown": 1e-9, "no gap": 1e-3})]).verdict == "unknown"
+
+
+def test_a_world_counts_by_its_offset():
+    white = world({"unknown": 1e-9, "a": 1.0})
+    other = world({"unknown": 1e-9, "no gap": 1.0}, names=("correlated noise",), offset=np.log(3))
+    finding = decide([other, white])
+    assert finding.verdict == "no gap" and finding.world is other
+    assert finding.weighed.by_noise == {"correlated noise": pytest.approx(0.75)}
+
+
+# Several laws of one variable
+
+
+@pytest.mark.parametrize(
+    ("effects", "inner", "expected"), [("ab", "", "named"), ("ab", "b", "unknown"), ("abc", "", "unknown")]
+)
+def test_stacked_laws_of_one_variable_are_never_named(effects, inner, expected):
+    finding = decided({effects: 1.0}, on=dict.fromkeys("abc", "x"), inner=inner)
+    assert finding.verdict == expected
+
+
+def test_laws_of_one_variable_beside_another_cap_the_verdict():
+    finding = decided({"abc": 1.0}, on={"a": "x", "b": "x", "c": "y"}, inner="b")
+    assert finding.verdict == "partly named" and finding.against
+
+
+def test_laws_of_different_variables_are_not_stacked():
+    finding = decided({"abc": 1.0}, on={"a": "x", "b": "x", "c": "y"}, inner="c")
+    assert finding.verdict == "named"
+
+
+def test_an_effect_among_stacked_ones_is_half_as_probable():
+    found = decided({"abcd": 1.0}, on={"a": "x", "b": "x", "c": "x", "d": "y"}).weighed
+    assert found.by_effect["a"] == pytest.approx(1 - STACKED) and found.by_effect["d"] == pytest.approx(1.0)
+
+
+# What speaks against it
+
+
+@pytest.mark.parametrize("stop", ["no gap", "recalibrate", "unknown", "! offset"])
+def test_what_speaks_against_a_stop_is_told_and_changes_nothing(stop):
+    finding = decided({stop: 1.0})
+    assert finding.capped(["hangs together"]).verdict == finding.verdict
+    assert finding.capped(["hangs together"]).against == ("hangs together",)
+
+
+@pytest.mark.parametrize(
+    ("table", "before", "after"),
+    [
+        ({"a": 1.0}, "named", "partly named"),
+        ({"a": 0.6, "b": 0.4}, "one of", "one of"),
+        ({"a & rest": 1.0}, "partly named", "partly named"),
+    ],
+)
+def test_checks_cap_a_name_and_never_raise_it(table, before, after):
+    finding = decided(table)
+    assert (finding.verdict, finding.capped(["once"]).verdict) == (before, after)
+    assert finding.capped([]) is finding
+    assert finding.capped(["once"]).capped(["twice"]).against == ("once", "twice")
+
+
+def test_verdicts_are_in_the_order_of_what_they_ask_of_the_users_physics():
+    assert VERDICTS == ("no gap", "instrument", "recalibrate", "named", "one of", "partly named", "unknown")

@@ -1,0 +1,106 @@
+"""The table of suspects about the measurement."""
+
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+from tiny_equation import forced, forced_study, soft, studied_motion
+
+from bayes_greybox.discovery.answer.instrument import CLIPPED, COLUMNS, IN_MODEL, LISTED, NOISY, _noise_row
+from bayes_greybox.model.noise.suspicions import CORRELATED, HEAVY, VARYING
+
+
+def table(study, data=None):
+    return study.instrument(forced() if data is None else data)
+
+
+def test_a_measurement_without_errors_has_no_suspect_that_matters():
+    found = table(forced_study(True))
+    assert tuple(found.columns) == COLUMNS
+    assert not (found["status"] == IN_MODEL).any() and (found["probability"] < 0.2).all()
+
+
+@pytest.mark.parametrize(("channel", "are"), [("d(v)/dt", "is"), ("states", "are"), ("F", "is")])
+@pytest.mark.parametrize("missing", [False, True])
+def test_a_delay_is_told_in_time_and_in_samples(channel, are, missing):
+    row = table(forced_study(missing, channel)).iloc[0]
+    assert (row["suspect"], row["channel"], row["status"], row["unit"]) == ("delay", channel, IN_MODEL, "s")
+    assert row["mean"] == pytest.approx(0.1 * row["samples"])
+    # The interval at 90 % is 1.645 standard deviations wide on either side; four of them.
+    wide = 4 / 1.645 * (row["upper_samples"] - row["lower_samples"]) / 2
+    assert row["lower_samples"] < row["samples"] < row["upper_samples"] and abs(row["samples"] - 0.5) < wide
+    assert f"{are} {row['mean']:.3g} s late ({row['samples']:.2g} samples)" in row["text"]
+    assert row["text"].startswith("all states" if channel == "states" else channel)
+
+
+def test_what_is_early_is_told_as_early():
+    row = table(forced_study(False, "d(v)/dt", -1.0)).iloc[0]
+    assert row["mean"] < 0 and "0.1 s early (1 samples)" in row["text"]
+
+
+def test_a_delay_is_as_probable_as_when_it_was_found():
+    study = forced_study(False, "states")
+    row = table(study).iloc[0]
+    assert row["probability"] == pytest.approx(study.aligned.probability["states"]) and row["probability"] < 1.0
+
+
+@pytest.mark.parametrize(
+    ("channel", "factor", "said"), [("F", 1.04, "F reads 4.*% too large"), ("F", 0.96, "F reads [34].*% too small")]
+)
+def test_a_gain_is_told_in_per_cent(channel, factor, said):
+    data = forced(n=100)
+    data = replace(data, inputs={"F": factor * data.inputs["F"]})
+    study = studied_motion(data, effects=())
+    found = table(study, data).set_index(["suspect", "channel"])
+    # The simulation's own coefficient of F may as well be off: no other suspect says the same.
+    assert study.finding.verdict in ("instrument", "recalibrate")
+    if ("gain", channel) in found.index:
+        assert pd.Series([found.loc[("gain", channel), "text"]]).str.contains(said).all()
+    else:
+        assert study.statistics.twins[f"gain of {channel}"] == f"recalibration of {channel}"
+
+
+def test_an_offset_has_the_unit_of_its_channel():
+    data = forced(n=100)
+    data = replace(data, derivatives={"v": data.derivatives["v"] + 0.06})
+    row = table(studied_motion(data, effects=()), data).set_index(["suspect", "channel"]).loc[("offset", "d(v)/dt")]
+    assert row["unit"] == "m/s²" and row["probability"] > 0.5
+    assert row["mean"] == pytest.approx(0.06, abs=0.015)
+    assert row["text"] == f"d(v)/dt has an offset of {row['mean']:.3g} m/s²"
+
+
+def test_suspects_come_by_probability_and_those_that_are_next_to_impossible_not_at_all():
+    found = table(studied_motion(forced(n=20)))
+    assert found["probability"].is_monotonic_decreasing and (found["probability"] >= LISTED).all()
+
+
+def test_noisy_and_clipped_samples_are_told():
+    data = forced(soft, n=300, jump=(0.0, 0.03))
+    top = np.quantile(data.derivatives["v"], 0.93)
+    data = replace(data, derivatives={"v": np.minimum(data.derivatives["v"], top)})
+    found = table(studied_motion(data), data).set_index(["suspect", "channel"])
+    noisy, clipped = found.loc[(NOISY, "v")], found.loc[(CLIPPED, "d(v)/dt")]
+    assert noisy["unit"] == "m/s" and noisy["text"].startswith("samples of v have noise of 0.0")
+    count = int(np.sum(data.derivatives["v"] == top))
+    assert clipped["text"] == f"d(v)/dt is clipped at {count} samples, which are left out"
+
+
+@pytest.mark.parametrize(
+    ("name", "about", "said"),
+    [
+        (
+            CORRELATED,
+            {"correlation": 0.9, "time_scale": 1.2},
+            "correlated over 1.2 s (0.90 from one sample to the next)",
+        ),
+        (VARYING, {"variable": "y", "exponent": 1.0}, "grows with |y|"),
+        (VARYING, {"variable": "y", "exponent": -0.5}, "shrinks with |y|"),
+        (HEAVY, {"degrees": 2.0, "scale": 0.1}, "has outliers (Student t, 2 degrees of freedom)"),
+    ],
+)
+@pytest.mark.parametrize("inside", [False, True])
+def test_noise_is_told_in_words(name, about, said, inside):
+    row = _noise_row("v", name, 0.9, about, inside, forced(n=20))
+    assert said in row["text"] and row["channel"] == "d(v)/dt"
+    assert (row["status"] == IN_MODEL) == inside

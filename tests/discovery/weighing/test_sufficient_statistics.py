@@ -1,0 +1,313 @@
+"""Products of the columns, against dense algebra, and which columns there are."""
+
+import numpy as np
+import pytest
+
+import bayes_greybox.discovery.weighing.sufficient_statistics as module
+from bayes_greybox.data.errors import InputError
+from bayes_greybox.data.noise.banded import BandedNoise
+from bayes_greybox.data.noise.spectral import SpectralNoise
+from bayes_greybox.data.noise.white import WhiteNoise
+from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.discovery.weighing.sufficient_statistics import (
+    COLLINEAR,
+    CORRECTION_SCALE,
+    SufficientStatistics,
+    sufficient_statistics,
+)
+from bayes_greybox.model.gp.discrepancy import OrthogonalGP
+from bayes_greybox.model.gp.features import HilbertBasis
+from bayes_greybox.model.gp.hyper import HyperPrior, NoisePrior
+from bayes_greybox.model.program import Program
+from bayes_greybox.model.rows.equation_rows import EquationRows
+from bayes_greybox.physics.catalogue.effects import Effect, InnerParameter
+from bayes_greybox.physics.terms import Term
+
+N = 24
+WHITE = WhiteNoise((N,))
+FILTERED = BandedNoise(
+    autocorrelation=np.array([1.0, 0.5, 0.1]), run_lengths=(10, 14), run_variances=np.array([0.8, 8 / 7]), scale=1.0
+)
+PERIODIC = SpectralNoise(order=1, run_lengths=(10, 14), steps=(0.1, 0.1), kept=(4, 5))
+NOISES = pytest.mark.parametrize("noise", [WHITE, FILTERED, PERIODIC], ids=["white", "filtered", "periodic"])
+
+
+def some_rows(noise=WHITE, seed=0):
+    rng = np.random.default_rng(seed)
+    columns = {"x": rng.uniform(-1, 1, N), "u": rng.uniform(-1, 1, N)}
+    run = np.repeat(np.arange(len(noise.run_lengths)), noise.run_lengths)
+    return EquationRows("x", columns, rng.standard_normal(N), np.zeros(N), noise, 0.1 * np.arange(N), run)
+
+
+def empty(rows):
+    """Statistics on some rows, two features along each of x and u and no columns yet."""
+    prior = HyperPrior(NoisePrior(1e-4, 1.0), 1.0, 1.0, 0.5, 2)
+    basis = HilbertBasis(2.0, (2, 2))
+    return SufficientStatistics(rows, ("x", "u"), np.zeros(2), np.ones(2), basis, "squared_exponential", prior)
+
+
+def terms(*formulas):
+    return [(Term(formula), {}) for formula in formulas]
+
+
+def effect(formula, slug="some-effect", inner=()):
+    return Effect(slug=slug, name="Some effect", domain="test", expression=formula, inner=inner)
+
+
+def offered(bound, **inner):
+    return bound.term(inner), {"effect": bound, "inner": inner}
+
+
+def statistics_of(hidden, effects, n=50, simulation=None, **model):
+    """Statistics of ẋ = −x + u + hidden with 5 % noise."""
+    rng = np.random.default_rng(3)
+    x, u = rng.uniform(-1, 1, n), rng.uniform(-1, 1, n)
+    rate = -x + u + hidden(x) + 0.05 * rng.standard_normal(n)
+    data = Trajectories.from_arrays(np.arange(n) * 0.1, states={"x": x}, inputs={"u": u}, derivatives={"x": rate})
+    simulation = {"x": "-x + u"} if simulation is None else simulation
+    program = Program(simulation=simulation, discrepancy=OrthogonalGP(features=3), **model)
+    return sufficient_statistics(program, data, "x", effects)
+
+
+# Products
+
+
+@NOISES
+def test_products_are_those_of_dense_algebra(noise):
+    rows = some_rows(noise)
+    found = empty(rows)
+    found.add("free", terms("x", "u**2", "1 + x*u"))
+    x, u = rows.columns["x"], rows.columns["u"]
+    X = np.column_stack([x, u**2, 1 + x * u])
+    X /= np.sqrt(np.mean(X**2, axis=0))
+    y = rows.target / np.sqrt(np.mean(rows.target**2))
+    psi = np.asarray(found.basis(np.column_stack([x, u])))
+    # Of rows that a filter made periodic R is singular.
+    precision = np.linalg.pinv(noise.covariance(), rcond=1e-10, hermitian=True)
+    for product, left, right in (
+        (found.products, X, X), (found.with_target, X, y), (found.with_features, X, psi),
+        (found.features, psi, psi), (found.features_target, psi, y), (np.array(found.square), y, y),
+    ):  # fmt: skip
+        np.testing.assert_allclose(product, left.T @ precision @ right, atol=1e-9 * N)
+
+
+@NOISES
+def test_columns_in_several_calls_have_the_products_of_columns_in_one(noise):
+    together, apart = empty(some_rows(noise)), empty(some_rows(noise))
+    together.add("effect", terms("x", "u**2", "x*u"))
+    for formula in ("x", "u**2", "x*u"):
+        apart.add("effect", terms(formula))
+    for name in ("products", "with_target", "with_features"):
+        np.testing.assert_allclose(getattr(apart, name), getattr(together, name), atol=1e-12 * N)
+
+
+def test_columns_after_one_that_was_left_out_have_their_own_products():
+    through, straight = empty(some_rows()), empty(some_rows())
+    bound = effect("3*r", "left-out").bind({"r": "x"})
+    for found, extra in ((through, [offered(bound)]), (straight, [])):
+        found.add("free", terms("x"))
+        found.add("effect", [*extra, *terms("u**2")])
+        found.add("effect", terms("x*u"))
+    assert "left-out" in through.left_out
+    np.testing.assert_allclose(through.products, straight.products, atol=1e-12 * N)
+
+
+@NOISES
+@pytest.mark.parametrize("kept", [module.KEPT, 0])
+def test_rows_in_chunks_kept_or_not_have_the_products_of_all_rows_at_once(noise, kept, monkeypatch):
+    whole = empty(some_rows(noise))
+    monkeypatch.setattr(module, "CHUNK", 7)
+    monkeypatch.setattr(module, "KEPT", kept)
+    chunked = empty(some_rows(noise))
+    for found in (whole, chunked):
+        found.add("free", terms("x", "u**2"))
+        found.add("effect", terms("x*u"))
+    for name in ("products", "with_target", "with_features", "features", "features_target", "square"):
+        np.testing.assert_allclose(getattr(chunked, name), getattr(whole, name), atol=1e-12 * N)
+
+
+def test_rows_beyond_the_memory_are_not_kept(monkeypatch):
+    monkeypatch.setattr(module, "KEPT", 0)
+    found = empty(some_rows())
+    found.add("free", terms("x"))
+    assert found._kept is None and found._known is None
+
+
+def test_products_are_as_large_as_the_rows_are_many():
+    found = empty(some_rows())
+    found.add("free", terms("x", "u**2"))
+    # All columns and the target are scaled to unit RMS.
+    np.testing.assert_allclose(np.diag(found.products), N)
+    assert found.square == pytest.approx(N) and found.n_obs == N
+
+
+def test_observations_are_the_white_numbers_that_rows_carry():
+    assert empty(some_rows(PERIODIC)).n_obs == 18
+
+
+def test_the_products_do_not_depend_on_the_units():
+    def scaled(unit):
+        rows = some_rows()
+        columns = {name: unit * column for name, column in rows.columns.items()}
+        found = empty(EquationRows("x", columns, 7 * rows.measured, rows.simulated, WHITE, rows.time, rows.run))
+        found.add("free", terms("x", "x*u"))
+        return found
+
+    assert scaled(1.0).target_scale == pytest.approx(7 * some_rows().scale)
+    np.testing.assert_allclose(scaled(1e-3).products, scaled(1.0).products)
+    np.testing.assert_allclose(scaled(1e-3).with_target, scaled(1.0).with_target)
+
+
+# Under another noise
+
+
+def test_under_another_noise_every_column_keeps_its_place():
+    found = empty(some_rows(WHITE))
+    found.add("free", terms("x", "u"))
+    again = found.with_noise(FILTERED)
+    fresh = empty(some_rows(FILTERED))
+    fresh.add("free", terms("x", "u"))
+    assert again.columns == found.columns
+    np.testing.assert_allclose(again.products, fresh.products, rtol=1e-10)
+    np.testing.assert_allclose(again.with_target * again.target_scale, fresh.with_target * fresh.target_scale)
+
+
+# Columns that are left out
+
+
+def test_an_effect_that_the_simulation_has_is_left_out_as_a_recalibration():
+    found = statistics_of(np.square, [effect("r + r", "linear").bind({"r": "x"})])
+    assert found.of_kind("effect") == []
+    assert "recalibration" in found.left_out["linear"]
+
+
+def test_an_effect_in_the_span_of_several_own_terms_is_left_out():
+    found = statistics_of(np.square, [effect("a - 3*b", "mix").bind({"a": "x", "b": "u"})])
+    assert "recalibration" in found.left_out["mix"]
+
+
+@pytest.mark.parametrize(("share", "count"), [(5 * COLLINEAR, 1), (0.2 * COLLINEAR, 0)])
+def test_an_effect_of_its_own_has_more_than_a_trace_outside_the_span(share, count):
+    # Of the cube's square 4/175 is outside the span of r, whose square is 1/3, on states spread evenly over [−1, 1].
+    formula = f"r + {np.sqrt(share / (4 / 175 * 3)):.3g}*r**3"
+    x, u = np.linspace(-1, 1, 999), np.linspace(-1, 1, 999) ** 2
+    data = Trajectories.from_arrays(np.arange(999.0), states={"x": x}, inputs={"u": u}, derivatives={"x": np.cos(x)})
+    model = Program(simulation={"x": "-x"}, discrepancy=OrthogonalGP(features=3))
+    found = sufficient_statistics(model, data, "x", [effect(formula, "near").bind({"r": "x"})])
+    assert len(found.of_kind("effect")) == count
+
+
+def test_an_effect_of_which_another_binding_serves_is_not_left_out():
+    both = effect("r**2", "two")
+    rng = np.random.default_rng(0)
+    x, u = rng.uniform(-1, 1, 40), rng.uniform(-1, 1, 40)
+    data = Trajectories.from_arrays(
+        np.arange(40.0), states={"x": x}, inputs={"u": u}, derivatives={"x": x**2 + rng.standard_normal(40)}
+    )
+    model = Program(simulation={"x": "u**2"}, discrepancy=OrthogonalGP(features=3))
+    found = sufficient_statistics(model, data, "x", [both.bind({"r": "u"}), both.bind({"r": "x"})])
+    assert [found.columns[i].term.name for i in found.of_kind("effect")] == ["x**2"]
+    assert found.left_out == {}
+
+
+def test_a_correction_that_repeats_a_free_term_is_none():
+    found = statistics_of(np.square, [], dictionary={"x": ["x"]})
+    assert [found.columns[i].term.name for i in found.of_kind("free")] == ["x"]
+    assert [found.columns[i].term.name for i in found.of_kind("correction")] == ["u"]
+
+
+def test_effects_may_be_collinear_with_each_other():
+    found = statistics_of(
+        np.square, [effect("r**3", "one").bind({"r": "x"}), effect("2*r**3", "other").bind({"r": "x"})]
+    )
+    assert len(found.of_kind("effect")) == 2 and found.left_out == {}
+
+
+@pytest.mark.parametrize(
+    ("formula", "why"), [("max(r - 5, 0)", "zero on all the data"), ("log(r)", "not finite on all the data")]
+)
+def test_an_effect_without_a_value_on_the_data_is_left_out_with_the_reason(formula, why):
+    found = statistics_of(np.square, [effect(formula, "odd").bind({"r": "x"})])
+    assert found.left_out == {"odd": why} and found.of_kind("effect") == []
+
+
+@pytest.mark.parametrize(
+    ("formula", "why"), [("max(x - 5, 0)", "zero on all the data"), ("log(x)", "not finite on all the data")]
+)
+def test_a_free_term_without_a_value_on_the_data_is_refused(formula, why):
+    with pytest.raises(InputError, match=f"{why}: remove it"):
+        empty(some_rows()).add("free", terms(formula))
+
+
+def test_a_correction_without_a_value_on_the_data_is_passed_over():
+    found = statistics_of(np.square, [], simulation={"x": "-x + u + max(x - 5, 0)"})
+    assert {found.columns[i].term.name for i in found.of_kind("correction")} == {"x", "u"}
+    assert found.left_out == {}
+
+
+def test_an_effect_is_not_left_out_while_a_value_of_its_inner_parameter_serves():
+    inner = (InnerParameter("c", "edge", of="r", low=0.5, high=2.0, unit_of="r"),)
+    found = statistics_of(np.square, [effect("max(r - c, 0)", "edge", inner).bind({"r": "x"})])
+    # Eight values up to twice the largest |x|; those beyond it are zero everywhere.
+    assert 0 < len(found.of_kind("effect")) < 8 and found.left_out == {}
+
+
+def test_an_effect_that_serves_is_not_left_out_for_a_later_value_that_does_not():
+    inner = (InnerParameter("c", "edge", of="r", low=0.1, high=2.0, unit_of="r"),)
+    bound = effect("max(r - c, 0)", "edge", inner).bind({"r": "x"})
+    found = empty(some_rows())
+    found.add("effect", [offered(bound, c=0.1)])
+    found.add("effect", [offered(bound, c=1.5)])
+    assert found.left_out == {} and len(found.columns) == 1
+
+
+# Columns and their priors
+
+
+def test_columns_are_free_terms_then_corrections_then_effects():
+    found = statistics_of(np.square, [effect("r**2").bind({"r": "x"})], dictionary={"x": ["x**3"]})
+    assert [column.kind for column in found.columns] == ["free", "correction", "correction", "effect"]
+
+
+def test_corrections_are_the_terms_of_the_simulation_with_their_coefficients():
+    found = statistics_of(np.square, [], simulation={"x": "3*u - 0.5*x"})
+    nominal = {found.columns[i].term.name: found.columns[i].nominal for i in found.of_kind("correction")}
+    assert nominal == {"u": 3.0, "x": -0.5}
+
+
+def test_a_simulation_that_is_code_has_no_corrections():
+    found = statistics_of(np.square, [], simulation=lambda t, x, u: [u[0] - x[0]])
+    assert found.of_kind("correction") == []
+
+
+def test_the_prior_of_a_correction_is_a_share_of_its_coefficient():
+    found = statistics_of(np.square, [], simulation={"x": "3*u - 0.5*x"})
+    for i in found.of_kind("correction"):
+        column = found.columns[i]
+        in_units = column.sd * found.target_scale / column.scale
+        assert in_units == pytest.approx(CORRECTION_SCALE * abs(column.nominal))
+
+
+def test_each_value_of_an_inner_parameter_is_a_column_with_its_prior_weight():
+    inner = (InnerParameter("c", "edge", of="r", low=0.1, high=0.5, unit_of="r"),)
+    found = statistics_of(np.square, [effect("max(r - c, 0)", "edge", inner).bind({"r": "x"})])
+    effects = [found.columns[i] for i in found.of_kind("effect")]
+    assert len(effects) == 8
+    np.testing.assert_allclose(np.exp([column.log_weight for column in effects]), 1 / 8)
+
+
+def test_f_has_the_features_that_the_user_names_and_finer_ones_otherwise():
+    assert statistics_of(np.square, []).basis.per_variable == (3, 3)
+    rng = np.random.default_rng(0)
+    x = rng.uniform(-1, 1, 30)
+    data = Trajectories.from_arrays(np.arange(30.0), states={"x": x}, derivatives={"x": x**2})
+    assert sufficient_statistics(Program(), data, "x", []).basis.per_variable == (module.FEATURES[1],)
+
+
+def test_columns_are_evaluated_anywhere_in_the_scale_of_the_data():
+    found = empty(some_rows())
+    found.add("free", terms("x", "u"))
+    elsewhere = {"x": np.array([2.0, 3.0]), "u": np.array([5.0, 7.0])}
+    scale = np.sqrt(np.mean(found.rows.columns["u"] ** 2))
+    np.testing.assert_allclose(found.evaluate([1], elsewhere)[:, 0], np.array([5.0, 7.0]) / scale)
+    assert found.evaluate([], elsewhere).shape == (2, 0)
