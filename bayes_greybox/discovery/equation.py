@@ -1,7 +1,7 @@
 """The study of one equation: its statistics, what was found, and the tables and maps that show it."""
 
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -22,6 +22,7 @@ from .answer.coefficients import Coefficients, alone, draw_coefficients, plain
 from .answer.finding import STOPS, TIED, Finding, decide
 from .answer.instrument import instrument_table
 from .answer.where import GapField, GapMap, GapTrace, gap_map, gap_trace, where_table
+from .suspects.channels import calibrated
 from .weighing.alignment import Aligned, align
 from .weighing.evaluations import Evaluations
 from .weighing.odds import Odds
@@ -282,7 +283,8 @@ def study_equation(
     indices, beta = list(coefficients.indices), coefficients.draws.mean(axis=0)
     changed = [k for k, i in enumerate(indices) if statistics.columns[i].kind != "free"]
     taken = [indices[k] for k in changed] + list(suspects)
-    sizes = np.concatenate([beta[changed], coefficients.suspect_draws.mean(axis=0)])
+    errors = coefficients.suspect_draws.mean(axis=0)
+    sizes = np.concatenate([beta[changed], errors])
     before = GapField.of(statistics, evaluator)
     after = GapField.of(statistics, evaluator, taken, sizes)
     sigma = float(np.mean(coefficients.sigma)) * statistics.target_scale
@@ -292,7 +294,8 @@ def study_equation(
     # Where not all of it has a name, the model after holds what remains as f.
     open_end = finding.verdict in ("one of", "partly named", "unknown")
     rest_of_it = Remainder.of(statistics, evaluator, coefficients) if open_end else None
-    amendment = Amendment(statistics, plain(evaluations), coefficients, sigma, rest_of_it, aligned.corrected)
+    put_right = _corrected(aligned, statistics, dict(zip(suspects, errors, strict=True)), train)
+    amendment = Amendment(statistics, plain(evaluations), coefficients, sigma, rest_of_it, put_right)
     drawn = gap_map(data, before, after, statistics.variables[:2], threshold, unit)
     where = where_table(data, statistics.variables, trace)
     return EquationStudy(aligned, finding, checks, coefficients, amendment, drawn, trace, where)
@@ -313,6 +316,19 @@ def _with_noisy_states(finding: Finding, aligned: Aligned, unit: str) -> Finding
     return finding.capped(
         [f"noise on the samples of {names} acts like a force of {spurious * scale:.2g} {unit}".rstrip()]
     )
+
+
+def _corrected(
+    aligned: Aligned, statistics: SufficientStatistics, errors: Mapping[int, float], clock: Trajectories
+) -> Callable[[Trajectories], Trajectories]:
+    """What puts data of the same sensors right: delays, gains, offsets and drifts as they were found."""
+    columns = statistics.columns
+    sizes = {
+        suspect: size * statistics.target_scale / columns[i].scale
+        for i, size in errors.items()
+        if (suspect := columns[i].suspect) is not None
+    }
+    return lambda data: calibrated(aligned.corrected(data), statistics.equation, sizes, clock)
 
 
 def _changing(data: Trajectories, rate: Callable[[Trajectories], np.ndarray]) -> dict[str, np.ndarray]:

@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any, TypeVar
 
+import numpy as np
 import pandas as pd
 from rich.console import Console
 from threadpoolctl import threadpool_limits
@@ -298,11 +299,12 @@ def amended_program(model: AnyProgram, findings: Mapping[str, EquationStudy]) ->
 
 
 def _corrected(train: Trajectories, findings: Mapping[str, EquationStudy]) -> Trajectories:
-    """Data for the amended model, as one equation corrects them; as they came where several do so differently."""
-    delayed = {name: found for name, found in findings.items() if found.aligned.delays}
-    if len(findings) == 1 or not delayed:
-        return next(iter(findings.values())).aligned.data
-    return train
+    """Data for the amended model; as they came where two equations correct states or inputs differently."""
+    each = {name: found.amendment.corrected(train) for name, found in findings.items()}
+    first = next(iter(each.values()))
+    if any(not np.array_equal(first.column(c), other.column(c)) for other in each.values() for c in first.columns):
+        return train
+    return replace(first, derivatives={**first.derivatives, **{n: data.derivatives[n] for n, data in each.items()}})
 
 
 def _check_data(

@@ -144,6 +144,40 @@ def undone(data: Trajectories, equation: str, delays: Mapping[str, float]) -> Tr
     return shifted(data, later)
 
 
+def calibrated(
+    data: Trajectories, equation: str, sizes: Mapping[ChannelSuspect, float], clock: Trajectories
+) -> Trajectories:
+    """The data with gains, offsets and drifts of channels taken out: x = (measured − o)/(1 + κ), and rates alike.
+
+    Args:
+        data: Measurements with delays undone.
+        equation: The studied state.
+        sizes: By suspect, as found; delays are left alone.
+        clock: Data that drifts were found on: their centre and span of time.
+    """
+    gains, offsets = {}, {}
+    for suspect, size in sizes.items():
+        if suspect.kind == GAIN:
+            gains[suspect.channel] = size
+        elif suspect.kind == OFFSET:
+            offsets[suspect.channel] = offsets.get(suspect.channel, 0.0) + size
+        elif suspect.kind == DRIFT:
+            slope = size * (data.time - np.mean(clock.time)) / np.ptp(clock.time)
+            offsets[suspect.channel] = offsets.get(suspect.channel, 0.0) + slope
+
+    def part(columns: Mapping[str, np.ndarray], channel: Callable[[str], str]) -> dict[str, np.ndarray]:
+        return {
+            name: (x - offsets.get(channel(name), 0.0)) / (1.0 + gains.get(channel(name), 0.0))
+            for name, x in columns.items()
+        }
+
+    if not gains and not offsets:
+        return data
+    own = rate_channel(equation)
+    rates = part(data.derivatives, lambda name: own if name == equation else "")
+    return replace(data, states=part(data.states, str), inputs=part(data.inputs, str), derivatives=rates)
+
+
 def shifted(data: Trajectories, later: Mapping[str, float]) -> Trajectories:
     """States and inputs as they are so much later, by cubic splines through the samples of each run."""
     columns: dict[str, np.ndarray] = {}

@@ -1,5 +1,7 @@
 """Columns of channels that are late, scaled or offset: against a rate that is known in closed form."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -11,6 +13,8 @@ from bayes_greybox.discovery.suspects.channels import (
     GAIN,
     OFFSET,
     STATES,
+    ChannelSuspect,
+    calibrated,
     shifted,
     suspect_columns,
     undone,
@@ -165,3 +169,32 @@ def test_a_channel_that_the_rate_does_not_see_is_no_suspect():
     data = data_of()
     found = columns_of(data, lambda d: -d.states["v"])
     assert (DELAY, "x") not in found and (GAIN, "u") not in found and (GAIN, "v") in found
+
+
+def test_gains_offsets_and_drifts_are_taken_out_as_they_were_put_in():
+    true = data_of()
+    clock = true.time
+    drift = 0.2 * (clock - clock.mean()) / np.ptp(clock)
+    measured = replace(
+        true,
+        states={**true.states, "x": 1.02 * true.states["x"] + 0.1},
+        inputs={"u": 0.9 * true.inputs["u"]},
+        derivatives={"v": 1.05 * true.derivatives["v"] - 0.3 + drift},
+    )
+    sizes = {
+        ChannelSuspect(GAIN, "x", 1.0): 0.02,
+        ChannelSuspect(OFFSET, "x", 1.0): 0.1,
+        ChannelSuspect(GAIN, "u", 1.0): -0.1,
+        ChannelSuspect(GAIN, "d(v)/dt", 1.0): 0.05,
+        ChannelSuspect(OFFSET, "d(v)/dt", 1.0): -0.3,
+        ChannelSuspect(DRIFT, "d(v)/dt", 1.0): 0.2,
+        ChannelSuspect(DELAY, "d(v)/dt", 1.0): 0.01,
+    }
+    found = calibrated(measured, "v", sizes, true)
+    for name in ("x", "v", "u"):
+        np.testing.assert_allclose(found.column(name), true.column(name), atol=1e-12)
+    np.testing.assert_allclose(found.derivatives["v"], true.derivatives["v"], atol=1e-12)
+    # Data of the same sensor at another time go on drifting.
+    later = measured.take(1)
+    np.testing.assert_allclose(calibrated(later, "v", sizes, true).derivatives["v"], true.take(1).derivatives["v"])
+    assert calibrated(measured, "v", {ChannelSuspect(DELAY, "v", 1.0): 0.1}, true) is measured
