@@ -1,8 +1,7 @@
-"""Starts of runs from noisy samples: how noisy each state is, where each run started, and how surely.
+"""Starts of runs from noisy samples: where each run started, and how surely.
 
-A free run that starts from one noisy sample carries that sample's error along its whole path. The noise is read off the
-samples themselves: differences of high order remove what is smooth and keep what is white. The start is then the value
-of a cubic through the first samples, as many as the curve of the path allows.
+A free run that starts from one noisy sample carries that sample's error along its whole path. The start is the value of
+a cubic through the first samples, as many as the curve of the path allows.
 """
 
 from dataclasses import dataclass
@@ -10,26 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from .sample_noise import sample_noise, windows
 from .trajectories import Trajectories
-
-ORDERS = (4, 6, 8, 10, 12)
-"""Orders of the differences; those of order k remove polynomials below degree k."""
-
-WHITE = 0.75
-"""White noise leaves normalised differences of all orders alike; a smooth signal loses more than this from one order to
-the next unless it has fewer than about three and a half samples a period."""
-
-EXACT = 1e-6
-"""Noise below this share of the largest value is none: the rounding of a file, or what a solver tolerates."""
-
-FEWEST_DIFFERENCES = 10
-"""Differences that a statement about noise needs; with fewer the states are taken as exact."""
-
-MOST_DIFFERENCES = 20_000
-"""Differences, evenly thinned, that the noise is estimated from."""
-
-OUTLYING = 5.0
-"""Differences beyond this many robust standard deviations are kinks or gross errors, and left out."""
 
 WINDOWS = (5, 6, 8, 10, 13, 16, 20, 25, 32, 40, 50, 64, 80, 100)
 """Samples that a cubic is tried on; on four or fewer it passes through the first sample."""
@@ -39,9 +20,6 @@ TRUNCATION = 0.2
 
 PLACES = 200
 """Windows along the record, evenly spread, on which that is measured."""
-
-_NORMAL_MEDIAN = 0.4549364231195725
-"""Median of the square of a standard normal number."""
 
 
 @dataclass(frozen=True)
@@ -74,15 +52,12 @@ def estimate_starts(data: Trajectories) -> Starts:
     the RMS along the whole record of the quartic's share less its noise. m is the largest of `WINDOWS` up to which b is
     below `TRUNCATION` of the error from noise and the first window's own residual is what the noise explains.
 
-    Noise that is not white, such as what a smoothing filter has left, is not seen; a state that is kicked at random
-    from sample to sample looks noisy.
-
     Args:
         data: Runs of any length, also of one row.
     """
     names = data.state_names
     values = data.matrix(names)
-    noise = sample_noise(data)
+    noise = sample_noise(data.time, values, data.run_lengths)
     edges = np.concatenate([[0], np.cumsum(data.run_lengths)])
     mean, sd = values[edges[:-1]].copy(), np.tile(noise, (data.n_run, 1))
     noisy = np.flatnonzero(noise)
@@ -94,29 +69,6 @@ def estimate_starts(data: Trajectories) -> Starts:
                     data.time[start:end], values[start:end, state], noise[state], bent[k]
                 )
     return Starts(mean, sd)
-
-
-def sample_noise(data: Trajectories) -> Float[np.ndarray, " n_state"]:
-    """Standard deviation of the white noise of each state's samples, user's units; 0 where differences show none.
-
-    Divided differences over k + 1 neighbours of one run, their weights scaled to unit norm, have the variance of the
-    noise whatever the steps. Orders are gone through until one shows `WHITE` of the order before: that is the noise.
-    """
-    values = data.matrix(data.state_names)
-    size = np.max(np.abs(values), axis=0, initial=0.0)
-    found, before = np.zeros(values.shape[1]), np.full(values.shape[1], np.nan)
-    open_ = size > 0
-    for order in ORDERS:
-        rows = _windows(data, order + 1, MOST_DIFFERENCES)
-        if len(rows) < FEWEST_DIFFERENCES or not open_.any():
-            break
-        weights = _difference_weights(data.time[rows])
-        left = np.array([_typical(np.sum(weights * column[rows], axis=1)) for column in values.T])
-        open_ = open_ & (left > EXACT * size)
-        white = open_ & (left > WHITE * before)
-        found[white], open_ = left[white], open_ & ~white
-        before = left
-    return found
 
 
 def _first_value(
@@ -143,7 +95,7 @@ def _truncation(
     found: list[dict[int, float]] = [{} for _ in noise]
     open_ = np.ones(len(noise), bool)
     for m in WINDOWS:
-        rows = _windows(data, m, PLACES)
+        rows = windows(data.run_lengths, m, PLACES)
         if not len(rows) or not open_.any():
             break
         Q = _orthonormal(data.time[rows])
@@ -162,28 +114,3 @@ def _orthonormal(time: Float[np.ndarray, "n_window m"]) -> Float[np.ndarray, "n_
     """Orthonormal polynomials of degree 0 to 4 over the samples of each window."""
     inside = (time - time[:, :1]) / (time[:, -1:] - time[:, :1])
     return np.linalg.qr((2 * inside - 1)[:, :, None] ** np.arange(5))[0]
-
-
-def _difference_weights(time: Float[np.ndarray, "n_window m"]) -> Float[np.ndarray, "n_window m"]:
-    """Weights of the divided difference over each window, w_j ∝ 1/∏_{l≠j}(t_j − t_l), of unit norm."""
-    inside = (time - time[:, :1]) / (time[:, -1:] - time[:, :1])
-    apart = inside[:, :, None] - inside[:, None, :] + np.eye(time.shape[1])
-    weights = 1.0 / np.prod(apart, axis=2)
-    return weights / np.linalg.norm(weights, axis=1, keepdims=True)
-
-
-def _windows(data: Trajectories, m: int, most: int) -> np.ndarray:
-    """Rows of windows of m neighbours within one run, [n_window, m], evenly thinned to `most`."""
-    lengths = np.asarray(data.run_lengths)
-    starts = np.concatenate([[0], np.cumsum(lengths)[:-1]])
-    first = np.concatenate([start + np.arange(max(n - m + 1, 0)) for start, n in zip(starts, lengths, strict=True)])
-    if len(first) > most:
-        first = first[np.linspace(0, len(first) - 1, most).astype(int)]
-    return first.astype(int)[:, None] + np.arange(m)
-
-
-def _typical(differences: Float[np.ndarray, " n"]) -> float:
-    """RMS of the differences that are no outliers; 0 where more than half of them vanish."""
-    square = differences**2
-    kept = square[square <= OUTLYING**2 * np.median(square) / _NORMAL_MEDIAN]
-    return float(np.sqrt(np.mean(kept)))

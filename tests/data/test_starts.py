@@ -3,8 +3,13 @@
 import numpy as np
 import pytest
 
-from bayes_greybox.data.starts import EXACT, FEWEST_DIFFERENCES, Starts, estimate_starts, sample_noise
+from bayes_greybox.data.sample_noise import sample_noise
+from bayes_greybox.data.starts import Starts, estimate_starts
 from bayes_greybox.data.trajectories import Trajectories
+
+
+def noise_of(data):
+    return sample_noise(data.time, data.matrix(data.state_names), data.run_lengths)
 
 
 def path(t, phase=0.0):
@@ -33,58 +38,6 @@ def errors(dt, noise, count=150, n=600, uneven=False):
         z.append((found.mean[0, 0] - path(t, phase)[0]) / found.sd[0, 0])
         widths.append(found.sd[0, 0] / noise)
     return np.array(z), float(np.mean(widths))
-
-
-# Noise
-
-
-@pytest.mark.parametrize("uneven", [False, True])
-@pytest.mark.parametrize(("dt", "noise"), [(0.02, 1e-4), (0.1, 0.01), (0.3, 0.1)])
-def test_the_noise_of_samples_is_found_without_bias(dt, noise, uneven):
-    found = []
-    for seed in range(40):
-        t = steps(600, dt, np.random.default_rng(seed) if uneven else None)
-        found.append(sample_noise(runs([t], noise, seed))[0])
-    # One estimate is 5 % off at most; false failure of the mean of 40 beyond 3 %: 1e-4.
-    assert np.mean(found) == pytest.approx(noise, rel=0.03)
-
-
-@pytest.mark.parametrize("dt", [0.01, 0.1, 0.3])
-@pytest.mark.parametrize("n", [30, 600])
-def test_exact_states_have_no_noise(dt, n):
-    assert sample_noise(runs([steps(n, dt)]))[0] == 0.0
-
-
-def test_rounding_is_no_noise_and_sizes_do_not_matter():
-    t = steps(600, 0.05)
-    for size in (1e-12, 1.0, 1e12):
-        assert sample_noise(runs([t], 0.1 * EXACT, size=size))[0] == 0.0
-        assert sample_noise(runs([t], 0.01, size=size))[0] == pytest.approx(0.01 * size, rel=0.15)
-
-
-def test_noise_is_that_of_all_runs_together_and_no_difference_spans_two():
-    times = [steps(12, 0.1), 5 + steps(12, 0.1), 11 + steps(40, 0.1)]
-    assert sample_noise(runs(times))[0] == 0.0
-    found = [sample_noise(runs(times, 0.05, seed))[0] for seed in range(60)]
-    assert np.mean(found) == pytest.approx(0.05, rel=0.06)
-
-
-def test_each_state_has_its_own_noise():
-    t = steps(600, 0.05)
-    rng = np.random.default_rng(3)
-    data = Trajectories.from_arrays(t, states={"x": path(t), "v": np.cos(t) + 0.02 * rng.standard_normal(600)})
-    assert sample_noise(data)[0] == 0.0
-    assert sample_noise(data)[1] == pytest.approx(0.02, rel=0.15)
-
-
-def test_a_kink_of_an_exact_path_is_no_noise():
-    t = steps(600, 0.05)
-    x = np.sin(t) + 0.2 * np.abs(np.sin(0.3 * t))
-    assert sample_noise(Trajectories.from_arrays(t, states={"x": x}))[0] == 0.0
-
-
-def test_too_few_samples_tell_no_noise():
-    assert sample_noise(runs([steps(FEWEST_DIFFERENCES, 0.1)], 0.1))[0] == 0.0
 
 
 # Starts
@@ -117,7 +70,7 @@ def test_a_run_too_short_for_a_fit_starts_at_its_sample_with_the_noise_of_the_ot
     data = runs([steps(600, 0.05), 7 + steps(n, 0.05)], 0.05)
     found = estimate_starts(data)
     assert found.mean[1, 0] == data.states["x"][600]
-    assert found.sd[1, 0] == sample_noise(data)[0] > 0
+    assert found.sd[1, 0] == noise_of(data)[0] > 0
 
 
 @pytest.mark.parametrize("n", [1, 2, 3, 4, 5, 9])
@@ -132,7 +85,7 @@ def test_five_rows_are_enough_for_a_fit():
     found = estimate_starts(data)
     assert found.mean[1, 0] != data.states["x"][600]
     # The leverage of the first of five samples under a cubic is 69/70.
-    assert found.sd[1, 0] == pytest.approx(np.sqrt(69 / 70) * sample_noise(data)[0], rel=0.01)
+    assert found.sd[1, 0] == pytest.approx(np.sqrt(69 / 70) * noise_of(data)[0], rel=0.01)
 
 
 def test_a_jolt_at_the_start_keeps_the_window_short():

@@ -16,6 +16,7 @@ from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.noise.banded import fir_noise
 from bayes_greybox.data.noise.protocol import WHITE_SHARE, RowNoise
 from bayes_greybox.data.noise.spectral import SpectralNoise
+from bayes_greybox.data.sample_noise import sample_noise
 
 from .filters import (
     STEP_TOLERANCE,
@@ -26,7 +27,7 @@ from .filters import (
     savgol_window,
     spectral_derivative,
 )
-from .rate_filter import RateFilter, sample_noise
+from .rate_filter import RateFilter
 
 WRAP_FACTOR = 3.0
 """A record whose last and first sample differ by more than this many largest steps is not periodic."""
@@ -148,6 +149,9 @@ def differentiate(
             rate = rates[name]
             new_states[rate] = new_derivatives[name]
             new_derivatives[rate], orders[rate] = apply(states[name], 2), 2
+    runs = np.concatenate(blocks)
+    table = np.column_stack([values[runs] for values in states.values()]) if states else np.zeros((len(runs), 0))
+    noisy = sample_noise(time[runs], table, [len(b) for b in blocks])
     different: list[float] = []
     for step in steps:
         if not any(abs(step - other) <= STEP_TOLERANCE * other for other in different):
@@ -167,7 +171,7 @@ def differentiate(
             rates=tuple(rates.items()),
             orders=tuple(orders.items()),
             steps=tuple(different),
-            sample_noise=tuple((name, float(sample_noise(values, run))) for name, values in states.items()),
+            sample_noise=tuple(zip(states, map(float, noisy), strict=True)),
         ),
     )
 

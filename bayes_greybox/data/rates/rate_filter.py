@@ -151,21 +151,6 @@ class RateFilter:
         return filter_taps(order, self.method, window=self.window, polyorder=self.polyorder, band=band)
 
 
-def sample_noise(values: Float[np.ndarray, " n"], run: Int[np.ndarray, " n"]) -> float:
-    """Standard deviation of white noise on a smooth signal, from third differences: their variance is 20 s².
-
-    The median serves, so that kinks do not count; a signal with fewer than about ten samples a period counts as noise.
-
-    Args:
-        values: Samples.
-        run: Number of the run of each.
-    """
-    whole = run[3:] == run[:-3]
-    differences = np.abs(np.diff(values, 3)[whole])
-    # The median of |z| is 0.6745 for a standard normal z.
-    return float(np.median(differences)) / 0.6745 / np.sqrt(20) if differences.size else 0.0
-
-
 def smoothing_taps(taps: Float[np.ndarray, " n_tap"], order: int) -> Float[np.ndarray, " n_tap"]:
     """Weights s, Σ_k c_k x_{n+k} = Σ_k s_k x⁽ᵐ⁾_{n+k} for unit spacing, x⁽ᵐ⁾ locally cubic.
 

@@ -13,17 +13,8 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.interpolate import make_smoothing_spline
 
+from bayes_greybox.data.sample_noise import sample_noise
 from bayes_greybox.data.trajectories import Trajectories
-
-ORDERS = (5, 7)
-"""Differences of these orders leave white noise of known size, and nothing of a smooth path sampled densely."""
-
-AGREE = 0.6
-"""Noise is white if the higher order finds at least this share of what the lower one finds: what is left of a smooth
-path falls much faster."""
-
-SMALLEST = 1e-6
-"""Noise below this share of a state's standard deviation is rounding."""
 
 LARGEST = 0.3
 """Noise above this share of a state's standard deviation is none: rows in no order in time look like nothing else."""
@@ -58,27 +49,6 @@ MANY_LEVELS = 0.5
 """Different values over samples below which a sensor is coarse."""
 
 
-def sample_noise(values: Float[np.ndarray, " n"], run: np.ndarray) -> float:
-    """Standard deviation of the white noise on samples of a smooth path, 0 where there is none.
-
-    The d-th difference of white noise has variance C(2d, d) s²; medians keep kinks of the path out of it.
-
-    Args:
-        values: Samples at even steps.
-        run: Run of each.
-    """
-    found = []
-    for order in ORDERS:
-        parts = [np.diff(values[run == r], order) for r in np.unique(run)]
-        joined = np.concatenate(parts)
-        if len(joined) < FEWEST:
-            return 0.0
-        found.append(float(np.median(np.abs(joined))) / 0.6744897501960817 / math.sqrt(math.comb(2 * order, order)))
-    low, high = found
-    size = float(np.std(values))
-    return high if high > AGREE * low and SMALLEST * size < high < LARGEST * size else 0.0
-
-
 def smoothed(data: Trajectories) -> tuple[Trajectories, dict[str, SampleNoise]]:
     """The data with states freed of white noise by a cubic smoothing spline (generalised cross-validation).
 
@@ -88,13 +58,13 @@ def smoothed(data: Trajectories) -> tuple[Trajectories, dict[str, SampleNoise]]:
     Returns:
         The data, as they are where no state shows noise; and the noise by state.
     """
+    # A filter that computed the rates has smoothed the states too, and its rows know what it left.
+    if not _even(data) or data.filter is not None or data.n_obs < FEWEST:
+        return data, {}
     states, noise = dict(data.states), {}
-    for name, values in data.states.items():
-        # A filter that computed the rates has smoothed the states too, and its rows know what it left.
-        if not _even(data) or data.filter is not None:
-            continue
-        s = sample_noise(values, data.run)
-        if s == 0.0:
+    found = sample_noise(data.time, data.matrix(data.state_names), data.run_lengths)
+    for (name, values), s in zip(data.states.items(), map(float, found), strict=True):
+        if not 0 < s < LARGEST * np.std(values):
             continue
         parts, left = [], []
         for r in dict.fromkeys(data.run.tolist()):

@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
-from bayes_greybox.data.rates.rate_filter import RowOperator, sample_noise
+from bayes_greybox.data.rates.rate_filter import RowOperator
+from bayes_greybox.data.sample_noise import sample_noise
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.physics.simulation import Simulation
 
@@ -58,8 +59,9 @@ def _noisy(data: Trajectories, equation: str, simulation: Simulation) -> list[st
     filtered, found = data.filter, []
     if filtered is not None and not filtered.finite:
         return []
-    noise = {name: sample_noise(data.states[name], data.run) for name in data.states}
-    sigma = sample_noise(data.rate(equation), data.run)
+    columns = np.column_stack([data.matrix(data.state_names), data.rate(equation)])
+    *of_states, sigma = sample_noise(data.time, columns, data.run_lengths)
+    noise = dict(zip(data.state_names, of_states, strict=True))
     if filtered is not None:
         noise, sigma = filtered.noise_of_states(), filtered.noise_of_rate(equation)
     here = simulation.on(data, equation)
