@@ -6,7 +6,7 @@ from typing import Any, Literal
 
 import numpy as np
 import pandas as pd
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from .columns import (
     check_names,
@@ -271,6 +271,40 @@ class Trajectories:
         else:
             raise InputError(f"There is no run {run!r}; there are {', '.join(self.run_names)}.")
         return self._restrict([(0, n if i == index else 0) for i, n in enumerate(self.run_lengths)])
+
+    def keep(self, rows: Bool[np.ndarray, " n_obs"]) -> "Trajectories":
+        """Some rows; a run that has none of them is left out.
+
+        Args:
+            rows: Whether each row stays.
+
+        Raises:
+            InputError: None stays; rows of a filter, whose noise knows of their neighbours.
+        """
+        if np.all(rows):
+            return self
+        if not np.any(rows):
+            raise InputError("No row is left: keep at least one.")
+        if any(not noise.local for noise in self.noise.values()):
+            raise InputError("Rows of filtered rates hang together: leave rows out before data.differentiate().")
+        runs = dict.fromkeys(self.run[rows].tolist())
+
+        def part(columns: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+            return {name: values[rows] for name, values in columns.items()}
+
+        number = {run: k for k, run in enumerate(runs)}
+        kept = replace(
+            self,
+            time=self.time[rows],
+            run=np.array([number[run] for run in self.run[rows].tolist()]),
+            states=part(self.states),
+            inputs=part(self.inputs),
+            derivatives=part(self.derivatives),
+            noise={},
+            run_names=tuple(self.run_names[run] for run in runs),
+            dropped=self.dropped + int(np.sum(~rows)),
+        )
+        return replace(kept, noise={name: WhiteNoise(kept.run_lengths) for name in self.noise})
 
     def differentiate(
         self,

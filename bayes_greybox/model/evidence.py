@@ -90,7 +90,9 @@ def marginal(spectrum: Spectrum, noise: NoisePrior) -> Marginal:
         return spectrum.log_density(noise.sigma(t)) + noise.log_density(t)
 
     # The mode of log s: a coarse grid, then shrinking grids around the best node.
-    low, high = math.log(max(noise.floor, 1e-6)) - 2.0, math.log(4.0 * noise.scale)
+    # Where nothing is left but what is below the floor, the mode lies near floor/√n.
+    low = math.log(max(noise.floor, 1e-6)) - 0.5 * math.log(spectrum.n_obs) - 2.0
+    high = math.log(4.0 * noise.scale)
     width, centre = 0.5 * (high - low), np.full(spectrum.eigenvalues.shape[:-1], 0.5 * (high + low))
     while width > 0.3 / math.sqrt(2 * spectrum.n_obs):
         nodes = centre[..., None] + np.linspace(-width, width, 17)

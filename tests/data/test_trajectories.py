@@ -200,3 +200,22 @@ def test_requests_that_cannot_be_met():
 def test_columns_that_are_no_numbers_are_named(values):
     with pytest.raises(InputError, match='state "y" of run .* is not numeric; convert it to numbers'):
         stack('state "y"', [values], ("0",), [3])
+
+
+def test_rows_that_are_kept_are_the_same_rows_of_the_same_runs():
+    t = np.arange(6.0)
+    data = Trajectories.from_arrays(
+        [t, t, t], states={"x": [t, t + 10, t + 20]}, derivatives={"x": [t, t, t]}, run_names=["a", "b", "c"]
+    )
+    rows = np.tile([True, False, True, True, False, True], 3)
+    rows[6:12] = False
+    kept = data.keep(rows)
+    assert kept.run_names == ("a", "c") and kept.run_lengths == (4, 4) and kept.dropped == 10
+    np.testing.assert_array_equal(kept.states["x"], [0, 2, 3, 5, 20, 22, 23, 25])
+    assert data.keep(np.ones(18, bool)) is data
+    with pytest.raises(InputError, match="No row is left"):
+        data.keep(np.zeros(18, bool))
+    x = np.sin(np.arange(60) * 0.1)
+    filtered = Trajectories.from_arrays(np.arange(60) * 0.1, states={"x": x}).differentiate(window=7)
+    with pytest.raises(InputError, match="before data.differentiate"):
+        filtered.keep(np.arange(filtered.n_obs) > 3)

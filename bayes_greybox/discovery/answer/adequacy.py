@@ -83,6 +83,7 @@ def _standardised(world: World, e: Explanation) -> Float[np.ndarray, " n"]:
     residual = statistics.rows.whiten(world.residual(e)[:, None])[:, 0]
     # Var(x β) over σ² is the leverage of a Bayesian fit.
     sigma = math.sqrt(float(np.sum(residual**2)) / max(len(residual) - np.linalg.matrix_rank(X), 1))
+    sigma = max(sigma, float(statistics.noise.floor))
     leverage = np.clip(np.einsum("ij,jk,ik->i", X, covariance, X) / sigma**2, 0.0, 0.99)
     z = residual / (sigma * np.sqrt(1 - leverage))
     if HEAVY in world.model.names:

@@ -57,12 +57,19 @@ class Remainder:
         indices = [every[k] for k in inside]
         G, g = statistics.products[np.ix_(indices, indices)], statistics.with_target[indices]
         C = statistics.with_features[indices]
+        # What the sensors do is no physics: f is found on the target less it.
+        errors = list(coefficients.suspects)
+        size = coefficients.suspect_draws.mean(axis=0) if errors else np.zeros(0)
+        g = g - statistics.products[np.ix_(indices, errors)] @ size
+        target = statistics.features_target - statistics.with_features[errors].T @ size
+        removed = 2 * statistics.with_target[errors] - statistics.products[np.ix_(errors, errors)] @ size
+        square = float(statistics.square - size @ removed)
         projection = np.linalg.pinv(G, rcond=1e-12, hermitian=True) @ C if indices else C
         sd = np.array([[statistics.columns[i].sd for i in indices]])
-        spectrum = Spectrum.of(G, g, statistics.square, statistics.n_obs, sd)
+        spectrum = Spectrum.of(G, g, square, statistics.n_obs, sd)
         hypothesis = WithDiscrepancy(
-            spectrum.eigenvalues, spectrum.loading, np.zeros(1), statistics.square, statistics.n_obs,
-            statistics.features - C.T @ projection, statistics.features_target - projection.T @ g,
+            spectrum.eigenvalues, spectrum.loading, np.zeros(1), square, statistics.n_obs,
+            statistics.features - C.T @ projection, target - projection.T @ g,
         )  # fmt: skip
         mode = evaluator.integrate(hypothesis, draws=0).mode
         return cls(statistics, tuple(indices), projection, *evaluator.weights(hypothesis, mode))

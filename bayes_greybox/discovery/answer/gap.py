@@ -87,9 +87,10 @@ def gap_rows(
         raw, corrected = model.equation_rows(data, equation), amendment.corrected(data)
         measured = model.equation_rows(corrected, equation)
         size = float(np.mean(measured.measured**2))
-        before, after = amendment.rates(measured.columns, RATE_DRAWS)
-        # A filtered rate is compared with the same filter's mean of the rates that were added.
-        before, after = measured.operate(before[:, None])[:, 0], measured.operate(after.T).T
+        # Before, nothing was known of the sensors either. A filtered rate is compared with the filter's mean of what
+        # was added.
+        before = raw.operate(amendment.rates(raw.columns, 1)[0][:, None])[:, 0]
+        after = measured.operate(amendment.rates(measured.columns, RATE_DRAWS)[1].T).T
         variance, noise = float(np.var(measured.measured)), amendment.sigma**2
 
         def error(added: np.ndarray, target=measured.target, variance=variance) -> Any:
@@ -102,7 +103,6 @@ def gap_rows(
         for metric, f in (("derivative NMSE", lambda v: v), ("unexplained share", share)):
             low, high = np.quantile(f(errors), [(1 - LEVEL) / 2, (1 + LEVEL) / 2])
             mean = f(error(after.mean(axis=0)))
-            # Before, nothing was known of the sensors either.
             rows.append((part, metric, equation, float(f(error(before, raw.target))), float(mean), low, high))
     paths: dict[str, FreePath] = {}
     if free_runs is not None:

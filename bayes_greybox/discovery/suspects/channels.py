@@ -16,7 +16,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from scipy.interpolate import CubicSpline
 
 from bayes_greybox.data.trajectories import Trajectories
@@ -76,16 +76,19 @@ def suspect_columns(
     own, shift = rate_channel(equation), step / 4
     states, inputs = data.state_names, data.input_names
 
-    def along(names: tuple[str, ...]) -> np.ndarray:
-        """DG/dd for channels taken d later."""
-        ahead, behind = (rate(shifted(data, {name: side * shift for name in names})) for side in (1, -1))
+    def along(names: tuple[str, ...], clock: bool = False) -> np.ndarray:
+        """DG/dd for channels taken d later, and the clock where time itself is in G."""
+        ahead, behind = (
+            rate(shifted(data, {name: side * shift for name in names}, side * shift if clock else 0.0))
+            for side in (1, -1)
+        )
         return (ahead - behind) / (2 * shift)
 
     def slope(name: str, direction: np.ndarray) -> np.ndarray:
         return slope_along(data, rate, name, direction)
 
     G = rate(data)
-    found = [(ChannelSuspect(DELAY, own, DELAY_STEPS * step, step), -along((*states, *inputs)))]
+    found = [(ChannelSuspect(DELAY, own, DELAY_STEPS * step, step), -along((*states, *inputs), clock=True))]
     if inputs:
         found.append((ChannelSuspect(DELAY, STATES, DELAY_STEPS * step, step), along(states)))
         found += [(ChannelSuspect(DELAY, u, DELAY_STEPS * step, step), along((u,))) for u in inputs]
@@ -135,13 +138,24 @@ def undone(data: Trajectories, equation: str, delays: Mapping[str, float]) -> Tr
     """
     if not any(delays.values()):
         return data
-    own = delays.get(rate_channel(equation), 0.0)
-    later = {}
-    for name in data.state_names:
-        later[name] = delays.get(STATES, 0.0) + delays.get(name, 0.0) - own
-    for name in data.input_names:
-        later[name] = delays.get(name, 0.0) - own
-    return shifted(data, later)
+    return shifted(data, _later_by(data, equation, delays), -delays.get(rate_channel(equation), 0.0))
+
+
+def within(data: Trajectories, equation: str, delays: Mapping[str, float]) -> Bool[np.ndarray, " n_obs"]:
+    """Rows whose states and inputs are inside their run once delays are undone: beyond it nothing was measured.
+
+    Args:
+        data: Measurements as they came.
+        equation: The studied state.
+        delays: By channel.
+    """
+    inside = np.ones(data.n_obs, bool)
+    for by in set(_later_by(data, equation, delays).values()) - {0.0}:
+        for r in dict.fromkeys(data.run.tolist()):
+            own = data.run == r
+            time = data.time[own]
+            inside[own] &= (time + by >= time[0]) & (time + by <= time[-1])
+    return inside
 
 
 def calibrated(
@@ -178,8 +192,14 @@ def calibrated(
     return replace(data, states=part(data.states, str), inputs=part(data.inputs, str), derivatives=rates)
 
 
-def shifted(data: Trajectories, later: Mapping[str, float]) -> Trajectories:
-    """States and inputs as they are so much later, by cubic splines through the samples of each run."""
+def shifted(data: Trajectories, later: Mapping[str, float], clock: float = 0.0) -> Trajectories:
+    """States and inputs as they are so much later, by cubic splines through the samples of each run.
+
+    Args:
+        data: Measurements.
+        later: By state or input.
+        clock: How much later it is then, for rates that depend on time.
+    """
     columns: dict[str, np.ndarray] = {}
     for name, by in later.items():
         if by == 0.0:
@@ -190,6 +210,7 @@ def shifted(data: Trajectories, later: Mapping[str, float]) -> Trajectories:
         )
     return replace(
         data,
+        time=data.time + clock,
         states={name: columns.get(name, x) for name, x in data.states.items()},
         inputs={name: columns.get(name, x) for name, x in data.inputs.items()},
     )
@@ -198,6 +219,13 @@ def shifted(data: Trajectories, later: Mapping[str, float]) -> Trajectories:
 def rate_channel(equation: str) -> str:
     """Name of the channel that measures a rate."""
     return f"d({equation})/dt"
+
+
+def _later_by(data: Trajectories, equation: str, delays: Mapping[str, float]) -> dict[str, float]:
+    """How much later each state and input has to be taken."""
+    own, states = delays.get(rate_channel(equation), 0.0), delays.get(STATES, 0.0)
+    later = {name: states + delays.get(name, 0.0) - own for name in data.state_names}
+    return later | {name: delays.get(name, 0.0) - own for name in data.input_names}
 
 
 def _later(time: np.ndarray, values: np.ndarray, by: float) -> np.ndarray:

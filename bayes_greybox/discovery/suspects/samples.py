@@ -76,9 +76,9 @@ def smoothed(data: Trajectories) -> tuple[Trajectories, dict[str, SampleNoise]]:
                 continue
             path = _smooth(time, samples, s)
             parts.append(path)
-            # var(y − ŷ) = s² (1 − 2 tr H/n + tr HH/n), and tr HH is about 5/7 of tr H for a cubic spline
+            # var(y − ŷ) = s² (1 − 2 tr H/n + tr HH/n), and tr HH is about 3/4 of tr H for a cubic spline
             rest = float(np.mean((samples - path) ** 2)) / s**2
-            left.append(s * math.sqrt(min(max((1 - rest) * (5 / 7) / (2 - 5 / 7), 0.0), 1.0)))
+            left.append(s * math.sqrt(min(max((1 - rest) * 0.75 / 1.25, 0.0), 1.0)))
         states[name] = np.concatenate(parts)
         noise[name] = SampleNoise(s, float(np.sqrt(np.mean(np.square(left)))))
     return (replace(data, states=states), noise) if noise else (data, {})

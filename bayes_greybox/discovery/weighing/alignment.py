@@ -9,11 +9,19 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from jaxtyping import Bool
 
 from bayes_greybox.data.noise.protocol import RowNoise
-from bayes_greybox.data.noise.weighted import WeightedNoise
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.discovery.suspects.channels import DELAY, Rate, rate_channel, slope_along, suspect_columns, undone
+from bayes_greybox.discovery.suspects.channels import (
+    DELAY,
+    Rate,
+    rate_channel,
+    slope_along,
+    suspect_columns,
+    undone,
+    within,
+)
 from bayes_greybox.discovery.suspects.samples import SampleNoise, clipped, smoothed
 from bayes_greybox.model.evidence import coefficients
 from bayes_greybox.model.program import Program
@@ -36,8 +44,9 @@ MOVED = 0.02
 FURTHEST, FURTHEST_DELAY = 3.0, 2.0
 """Largest size of a suspect, and of a delay, in prior standard deviations, that is still an error of a sensor."""
 
-CLIPPED_SD = 1e3
-"""Noise of a clipped row over that of others: it says next to nothing."""
+LATE = 0.9
+"""Probability that some channel is late from which on its delay is undone, and in every set: till then it is a suspect
+among others, since a wrong coefficient may look like it."""
 
 
 @dataclass(frozen=True)
@@ -80,7 +89,9 @@ class Aligned:
     def corrected(self, data: Trajectories) -> Trajectories:
         """Any data of the same sensors, as the training data were corrected: states smoothed, delays undone."""
         equation = self.evaluations.statistics.equation
-        return undone(smoothed(data)[0] if self.sample_noise else data, equation, self.delays)
+        used = _usable(data, equation, self.delays, _clipped(data, equation)) if equation in data.derivatives else None
+        better = undone(smoothed(data)[0] if self.sample_noise else data, equation, self.delays)
+        return better if used is None else better.keep(used)
 
 
 def align(
@@ -106,28 +117,27 @@ def align(
         under: Noise of the rows that delays are found under; that of the rows as they come by default.
     """
     measured, noise = smoothed(train)
-    # A state may rest, and an input may be held; a rate that stays to the last bit where it is largest is clipped.
-    at_end = clipped({rate_channel(equation): train.rate(equation)}, train.run)
+    at_end = _clipped(train, equation)
     delays: dict[str, float] = {}
     probability: dict[str, float] = {}
     added: tuple[tuple[Term, float], ...] = ()
-    data, statistics = measured, _without(sufficient_statistics(model, measured, equation, effects), at_end)
+    # All rows, for what needs neighbours, and those that are weighed.
+    whole, used = measured, _usable(measured, equation, delays, at_end)
+    data = whole.keep(used)
+    statistics = sufficient_statistics(model, data, equation, effects)
     evaluator = Evaluator(statistics.prior, statistics.kernel, np.asarray(statistics.basis.frequency))
     before, moved, too_far, own_noise = None, False, set(), statistics.rows.noise
-    rate, turn = _rate(model, measured, equation, added), 0
+    rate, turn = _rate(model, whole, equation, added), 0
     while True:
         if turn:
             report("taking suspects along the rate with what was found")
-        bare = statistics if not turn else _anew(model, data, equation, statistics, moved, at_end)
-        columns = suspect_columns(data, equation, rate)
+        bare = statistics if not turn else _anew(model, data, equation, statistics, moved)
+        columns = [(suspect, column[used]) for suspect, column in suspect_columns(whole, equation, rate)]
         known = {c[0].key for c in columns if c[0].kind == DELAY and c[0].channel in delays}
         bare.suspect([c for c in columns if c[0].key not in too_far], known)
         given = bare if under is None else bare.with_noise(under)
         evaluations = Evaluations(given, odds, evaluator)
-        always = tuple(
-            i for i in given.of_kind("suspect")
-            if (s := given.columns[i].suspect) is not None and s.kind == DELAY and s.channel in delays
-        )  # fmt: skip
+        always = tuple(i for i in _delays(given) if (s := given.columns[i].suspect) is not None and s.channel in delays)
         sets = Sets(evaluations, most, always=always)
         core = sets.likeliest()
         found = tuple(sorted(_label(evaluations, i) for i in core))
@@ -135,6 +145,8 @@ def align(
         mean = coefficients(*one_pattern(fitted, int(np.argmax(fitted.by_pattern))))[0]
         indices = evaluations.indices((*always, *core))
         moved, later = False, dict(delays)
+        # At most one delay is in a set, so this is the probability that some channel is late.
+        p_late = sum(sets.probability(i) for i in _delays(given) if i not in always)
         for index, value in zip(indices, mean, strict=True):
             suspect = given.columns[index].suspect
             if suspect is None:
@@ -143,18 +155,18 @@ def align(
             late = later.get(suspect.channel, 0.0) if suspect.kind == DELAY else 0.0
             if abs(late + by) > (FURTHEST_DELAY if suspect.kind == DELAY else FURTHEST) * suspect.sd:
                 # No sensor is so far off: it stands in for a gap, which is left to stand.
-                too_far.add(suspect.key)
+                too_far |= {suspect.key, *(key for key, stays in given.twins.items() if stays == suspect.key)}
                 if suspect.kind == DELAY:
                     later.pop(suspect.channel, None)
                 moved = True
                 continue
             # What smoothing leaves of the noise on samples looks like a delay: it stays a suspect among others.
-            if suspect.kind != DELAY or noise:
+            if suspect.kind != DELAY or noise or (index not in always and p_late < LATE):
                 continue
             later[suspect.channel] = late + by
             if index not in always:
                 # Later it is in every set, so its probability is that of the turns before.
-                probability[suspect.channel] = max(probability.get(suspect.channel, 0.0), sets.probability(index))
+                probability[suspect.channel] = max(probability.get(suspect.channel, 0.0), p_late)
             moved |= abs(by) > MOVED * suspect.step
         statistics = given
         turn += 1
@@ -164,13 +176,15 @@ def align(
         before = found
         if moved:
             # Else the statistics stay those of the data as they are.
-            delays, data = later, undone(measured, equation, later)
+            delays, whole = later, undone(measured, equation, later)
+            used = _usable(measured, equation, delays, at_end)
+            data = whole.keep(used)
         added = tuple(
             (term, float(b) * given.target_scale / given.columns[i].scale)
             for i, b in zip(indices, mean, strict=True)
             if (term := given.columns[i].term) is not None
         )
-        rate = _rate(model, measured, equation, added)
+        rate = _rate(model, whole, equation, added)
     if under is not None:
         # Found under one noise, weighed under all; columns keep their places.
         evaluations = Evaluations(given.with_noise(own_noise), odds, evaluator)
@@ -197,13 +211,12 @@ def _anew(
     equation: str,
     before: SufficientStatistics,
     moved: bool,
-    at_end: Mapping[str, np.ndarray],
 ) -> SufficientStatistics:
     """Statistics without suspects, on data whose delays are undone, with the terms and inner parameters so far."""
     if not moved:
         before.drop("suspect")
         return before
-    fresh = _without(sufficient_statistics(model, data, equation, []), at_end)
+    fresh = sufficient_statistics(model, data, equation, [])
     effects = [
         (c.term, {"effect": c.effect, "inner": c.inner, "log_weight": c.log_weight})
         for c in before.columns
@@ -214,13 +227,34 @@ def _anew(
     return fresh
 
 
-def _without(statistics: SufficientStatistics, at_end: Mapping[str, np.ndarray]) -> SufficientStatistics:
-    """The statistics with hardly any weight on rows at which a sensor was at its end."""
-    noise = statistics.rows.noise
-    if not at_end or not noise.local:
-        return statistics
-    out = np.any(list(at_end.values()), axis=0)
-    return statistics.with_noise(WeightedNoise(noise, np.where(out, CLIPPED_SD, 1.0)))
+def _delays(statistics: SufficientStatistics) -> list[int]:
+    """Columns of delays."""
+    every = [(i, statistics.columns[i].suspect) for i in statistics.of_kind("suspect")]
+    return [i for i, suspect in every if suspect is not None and suspect.kind == DELAY]
+
+
+def _separable(data: Trajectories) -> bool:
+    """Whether a row can be left out: rows of a filter hang together."""
+    return all(noise.local for noise in data.noise.values())
+
+
+def _clipped(data: Trajectories, equation: str) -> dict[str, Bool[np.ndarray, " n_obs"]]:
+    # A state may rest, and an input may be held; a rate that stays to the last bit where it is largest is clipped.
+    if not _separable(data):
+        return {}
+    return clipped({rate_channel(equation): data.rate(equation)}, data.run)
+
+
+def _usable(
+    data: Trajectories, equation: str, delays: Mapping[str, float], at_end: Mapping[str, np.ndarray]
+) -> Bool[np.ndarray, " n_obs"]:
+    """Rows whose rate is not clipped, and whose states and inputs were measured where delays take them."""
+    used = np.ones(data.n_obs, bool)
+    if _separable(data):
+        used = within(data, equation, delays)
+    for out in at_end.values():
+        used = used & ~out
+    return used
 
 
 def _label(evaluations: Evaluations, index: int) -> str:

@@ -100,12 +100,7 @@ class Sets:
         """Explanations, likeliest first."""
         report("weighing sets of effects")
         self.likeliest()
-        top = self._best()
-        near = [c for c in top if self._rough_weight(c) > self._rough_weight(top[0]) - WINDOW][:WEIGHED]
-        # Explanations without an effect are always in the tables.
-        bare = [c for c in top if not self._parted(c)[1]][:BEAM]
-        cores = self._siblings(list(dict.fromkeys([*near, (), *bare])))
-        self._sum_patterns(cores)
+        cores = self._siblings(self._near())
         found = self._plain(cores)
         if not self.in_time:
             report("weighing what is left beside them")
@@ -120,12 +115,10 @@ class Sets:
         return top[0]
 
     def probability(self, index: int) -> float:
-        """Probability of a column among all sets that were looked at, without a rest."""
-        every = np.array([self._rough_weight(c) for c in self._rough])
-        held = np.array([index in c for c in self._rough])
-        top = np.max(every)
-        weight = np.exp(every - top)
-        return float(weight[held].sum() / weight.sum())
+        """Probability of a column among the sets that matter, corrections summed in full, without a rest."""
+        explanations = self._plain(self._near())
+        weight = np.exp(np.array([e.log_weight for e in explanations]) - max(e.log_weight for e in explanations))
+        return float(weight[[index in e.columns for e in explanations]].sum() / weight.sum())
 
     def parametric(self, columns: Sequence[int]) -> Parametric:
         """Evidence of a set without a rest, all patterns of corrections."""
@@ -135,6 +128,13 @@ class Sets:
         return self._full[key]
 
     # Which sets
+
+    def _near(self) -> list[tuple[int, ...]]:
+        """Sets within the window around the best one; those without an effect are always in the tables."""
+        top = self._best()
+        near = [c for c in top if self._rough_weight(c) > self._rough_weight(top[0]) - WINDOW][:WEIGHED]
+        bare = [c for c in top if not self._parted(c)[1]][:BEAM]
+        return list(dict.fromkeys([*near, (), *bare]))
 
     def _search(self) -> list[tuple[int, ...]]:
         effects, suspects = self._candidates()
@@ -279,6 +279,8 @@ class Sets:
                 self._full[key] = found
 
     def _plain(self, cores: Sequence[tuple[int, ...]]) -> list[Explanation]:
+        """Explanations without a rest, corrections summed in full."""
+        self._sum_patterns(cores)
         found = []
         odds = self.odds
         for core in cores:

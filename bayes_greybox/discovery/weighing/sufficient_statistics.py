@@ -170,9 +170,15 @@ class SufficientStatistics:
             self._extend([column], scaled[:, None])
             new = len(self.columns) > before and suspect.key not in found
             twin = self._twin(len(self.columns) - 1) if new else None
-            if twin is not None:
-                self._keep(list(range(len(self.columns) - 1)))
-                self.twins[suspect.key] = twin
+            if twin is None:
+                continue
+            other, last = self.columns[twin], len(self.columns) - 1
+            out, stays = last, _called(other)
+            if other.suspect is not None and other.suspect.key not in found and other.sd < column.sd:
+                # The likelier of two sensors' errors that look alike is the one that may be as large.
+                out, stays = twin, suspect.key
+            self.twins[_called(self.columns[out])] = stays
+            self._keep([i for i in range(last + 1) if i != out])
 
     def drop(self, kind: str) -> None:
         """Forget the columns of one kind."""
@@ -263,13 +269,12 @@ class SufficientStatistics:
         self._leave_out(refused, [self.columns[i] for i in keep])
         self._keep(keep)
 
-    def _twin(self, index: int) -> str | None:
-        """Name of a correction or suspect whose column is parallel to this one, if there is one."""
+    def _twin(self, index: int) -> int | None:
+        """A correction or suspect whose column is parallel to this one, if there is one."""
         for j in [*self.of_kind("correction"), *self.of_kind("suspect")]:
             norm = self.products[index, index] * self.products[j, j]
             if j != index and self.products[index, j] ** 2 > (1 - PARALLEL) * norm:
-                other = self.columns[j]
-                return other.suspect.key if other.suspect is not None else f"recalibration of {other.formula.name}"
+                return j
         return None
 
     def _keep(self, keep: list[int]) -> None:
@@ -306,6 +311,10 @@ class SufficientStatistics:
         white = self.rows.whitened(table)
         for start in range(0, self.rows.n_white, CHUNK):
             yield white(np.arange(start, min(start + CHUNK, self.rows.n_white)))
+
+
+def _called(column: Column) -> str:
+    return column.suspect.key if column.suspect is not None else f"recalibration of {column.formula.name}"
 
 
 def sufficient_statistics(

@@ -26,10 +26,24 @@ from bayes_greybox.model.gp.kernels import KERNELS, log_spectral_density
 from bayes_greybox.model.rows.equation_rows import EquationRows
 from bayes_greybox.physics.terms import Dictionary
 
-from .suspicions import CORRELATED, HEAVY, LEAST_ROWS, VARYING, NoiseModel, Suspicion, heavy, in_time, varying
+from .suspicions import (
+    CORRELATED,
+    HEAVY,
+    LEAST_ROWS,
+    VARYING,
+    NoiseModel,
+    Suspicion,
+    below_floor,
+    heavy,
+    in_time,
+    varying,
+)
 
 FIT = "fit"
 """Value of an option whose parameter the data say."""
+
+OPTIONS = ("correlation", "depends_on", "tails")
+"""What may be fitted or given."""
 
 TURNS = 4
 """How often residuals and noise are found in turns, at most."""
@@ -138,6 +152,9 @@ def _found(
 ) -> NoiseModel:
     """Every option in turn: size along the path, correlation of what is left, tails of the innovations."""
     model = known
+    if below_floor(residual, known, prior):
+        # There is nothing that could be found; what is given is given.
+        noise = replace(noise, **{name: None for name in OPTIONS if getattr(noise, name) == FIT})
     if noise.depends_on is not None:
         model = _taken(model, varying(residual, model, quantities, prior), noise.depends_on)
     if noise.correlation is not None:

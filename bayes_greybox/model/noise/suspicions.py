@@ -124,7 +124,7 @@ def suspicions(
         quantities: What the noise may grow with, by name.
         prior: Prior of σ.
     """
-    if len(residual) < LEAST_ROWS:
+    if len(residual) < LEAST_ROWS or below_floor(residual, known, prior):
         return []
     found = []
     if not {CORRELATED, PROCESS} & set(known.names):
@@ -134,6 +134,17 @@ def suspicions(
     if HEAVY not in known.names:
         found.append(heavy(residual, known, prior))
     return [s for s in found if s is not None and np.isfinite(s.log_bayes_factor)]
+
+
+def below_floor(residual: Float[np.ndarray, " n_obs"], known: NoiseModel, prior: NoisePrior) -> bool:
+    """Whether residuals are less than what rows are known to at best: nothing can be said of their noise.
+
+    Args:
+        residual: Measured less explained rate, scaled units.
+        known: Noise as it is.
+        prior: Prior of σ, with its floor.
+    """
+    return bool(np.mean(known.noise.whiten(residual[:, None]) ** 2) < prior.floor**2)
 
 
 def _parts(noise: RowNoise) -> tuple[RowNoise, np.ndarray]:
@@ -296,23 +307,33 @@ def heavy(
     e, n = inner.whiten((residual / sd)[:, None])[:, 0], len(residual)
     size = 1.4826 * float(np.median(np.abs(e))) or float(np.std(e))
     log_s = math.log(max(size, 1e-12)) + np.linspace(-0.9, 0.6, 46)
-    s = np.exp(log_s)
-    logs = []
-    for nu in degrees:
+
+    def log_density(nu: float, log_s: np.ndarray) -> np.ndarray:
         constant = gammaln((nu + 1) / 2) - gammaln(nu / 2) - 0.5 * math.log(nu * math.pi)
-        logs.append(n * (constant - log_s) - 0.5 * (nu + 1) * np.sum(np.log1p((e / s[:, None]) ** 2 / nu), axis=1))
-    density = np.array(logs) + prior.log_density(log_s) + math.log(log_s[1] - log_s[0])
+        tails = np.sum(np.log1p((e / np.exp(log_s)[:, None]) ** 2 / nu), axis=1)
+        cell = math.log(log_s[1] - log_s[0])
+        return n * (constant - log_s) - 0.5 * (nu + 1) * tails + prior.log_density(log_s) + cell
+
+    grids = [log_s + 0.0 for _ in degrees]
+    density = np.array([log_density(nu, grid) for nu, grid in zip(degrees, grids, strict=True)])
+    coarse = log_s[1] - log_s[0]
+    if 1 / math.sqrt(2 * n) < coarse:
+        # The scale is known to better than the grid's step: once more, finer, around each best node.
+        fine = 2 * coarse * np.linspace(-1, 1, len(log_s))
+        grids = [log_s[int(np.argmax(row))] + fine for row in density]
+        density = np.array([log_density(nu, grid) for nu, grid in zip(degrees, grids, strict=True)])
     by_degree = np.logaddexp.reduce(density, axis=1)
     total = float(np.logaddexp.reduce(by_degree) - math.log(len(degrees)))
     k, j = np.unravel_index(int(np.argmax(density)), density.shape)
     nu = degrees[int(k)]
-    weight = (nu + 1) / (nu + (e / s[j]) ** 2)
+    scale = float(np.exp(grids[int(k)][j]))
+    weight = (nu + 1) / (nu + (e / scale) ** 2)
     held = WeightedNoise(inner, sd / np.sqrt(weight))
     # Where rows hang together, weighted rows are not weighted innovations: both are measured on the rows themselves.
     square = float(np.sum(held.whiten(residual[:, None]) ** 2))
     at_mode = float(_log_white(square, n, prior)[0]) - 0.5 * (held.log_det - known.noise.log_det)
     before = float(_log_white(float(np.sum(e**2)), n, prior)[0])
-    about = {"degrees": nu, "scale": float(s[j])}
+    about = {"degrees": nu, "scale": scale}
     model = replace(
         known, noise=held, names=(*known.names, HEAVY), constant=known.constant + total - at_mode,
         about={**known.about, HEAVY: about}, tail_weights=weight,

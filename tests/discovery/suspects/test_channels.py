@@ -18,6 +18,7 @@ from bayes_greybox.discovery.suspects.channels import (
     shifted,
     suspect_columns,
     undone,
+    within,
 )
 from bayes_greybox.model.program import Program
 
@@ -198,3 +199,23 @@ def test_gains_offsets_and_drifts_are_taken_out_as_they_were_put_in():
     later = measured.take(1)
     np.testing.assert_allclose(calibrated(later, "v", sizes, true).derivatives["v"], true.take(1).derivatives["v"])
     assert calibrated(measured, "v", {ChannelSuspect(DELAY, "v", 1.0): 0.1}, true) is measured
+
+
+def test_a_rate_with_a_clock_of_its_own_is_late_with_it():
+    def swept(data):
+        return np.sin(0.3 * data.time**2) - data.states["x"]
+
+    data, d = data_of(), 0.3 * STEP
+    late = {(s.kind, s.channel): c for s, c in suspect_columns(data, "v", swept)}[DELAY, "d(v)/dt"]
+    slope = 0.6 * data.time * np.cos(0.3 * data.time**2) - signals(data.time)[1]["x"]
+    inner = np.arange(2 * N) % N
+    inner = (inner > 2) & (inner < N - 3)
+    np.testing.assert_allclose(late[inner], -slope[inner], atol=2e-3 * np.abs(slope).max())
+    assert undone(data, "v", {"d(v)/dt": d}).time == pytest.approx(data.time - d)
+
+
+def test_rows_without_a_measurement_where_a_delay_takes_them_are_told():
+    data = data_of()
+    inside = within(data, "v", {"u": 2.5 * STEP})
+    np.testing.assert_array_equal(np.flatnonzero(~inside), [N - 3, N - 2, N - 1, 2 * N - 3, 2 * N - 2, 2 * N - 1])
+    assert within(data, "v", {}).all()

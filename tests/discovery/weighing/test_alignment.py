@@ -4,11 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tiny_equation import CUBE, SQUARE, forced, forced_model, forced_study, on, soft
+from tiny_equation import CUBE, SQUARE, forced, forced_model, forced_study, on, soft, studied_motion
 
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.suspects.channels import DELAY_STEPS
-from bayes_greybox.discovery.weighing.alignment import CLIPPED_SD, FURTHEST_DELAY, MOVED, align
+from bayes_greybox.discovery.weighing.alignment import FURTHEST_DELAY, MOVED, align
 from bayes_greybox.discovery.weighing.odds import Odds
 
 CHANNELS = ("d(v)/dt", "states", "F")
@@ -54,8 +54,9 @@ def test_states_and_inputs_stand_at_the_times_of_the_rate_once_a_delay_is_undone
     found = aligned(late)
     inside = slice(2, -2)
     # A cubic spline between samples, and the delay's own error.
-    np.testing.assert_allclose(found.data.inputs["F"][inside], exact.inputs["F"][inside], atol=0.01)
-    np.testing.assert_array_equal(found.data.states["y"], exact.states["y"])
+    assert found.data.n_obs == exact.n_obs - 1
+    np.testing.assert_allclose(found.data.inputs["F"][inside], exact.inputs["F"][:-1][inside], atol=0.01)
+    np.testing.assert_array_equal(found.data.states["y"], exact.states["y"][:-1])
 
 
 def test_a_delay_that_was_undone_is_in_every_set_and_a_step_of_it_is_hardly_left():
@@ -88,14 +89,23 @@ def test_a_delay_beyond_what_sensors_have_is_not_undone():
     assert "delay of d(v)/dt" not in keys
 
 
+@pytest.mark.parametrize(("wrong", "seed"), [(0.05, 0), (0.05, 2), (0.03, 0)])
+def test_a_wrong_coefficient_is_no_late_sensor(wrong, seed):
+    # ∂/∂v of the rate is small, and moves it as a delay of the whole rate nearly does.
+    study = studied_motion(forced(lambda y, v: -wrong * v, noise=0.12, seed=seed))
+    assert study.aligned.delays == {} and study.finding.verdict == "recalibrate"
+
+
 def test_each_run_is_shifted_by_itself():
     data = forced(soft, n=100, n_run=2, late={"F": 0.5})
     found = aligned(data)
     assert found.delays["F"] / STEP == pytest.approx(0.5, abs=0.03)
     exact = forced(soft, n=100, n_run=2)
-    off = np.abs(found.data.inputs["F"] - exact.inputs["F"])
-    # At ends of runs a spline runs on beyond its samples.
-    assert off[[0, 99, 100, 199]].max() < 0.05 and np.median(off) < 0.01
+    # The last rows of each run have no force yet.
+    stay = np.ones(200, bool)
+    stay[[99, 199]] = False
+    off = np.abs(found.data.inputs["F"] - exact.inputs["F"][stay])
+    assert found.data.run_lengths == (99, 99) and off.max() < 0.05 and np.median(off) < 0.01
 
 
 def test_uneven_samples_have_delays_too():
@@ -154,9 +164,10 @@ def test_rows_at_the_end_of_a_sensor_count_for_nothing():
     blind = replace(data, derivatives={"v": np.minimum(data.derivatives["v"], top)})
     found = aligned(blind)
     np.testing.assert_array_equal(found.clipped["d(v)/dt"], blind.derivatives["v"] == top)
-    np.testing.assert_array_equal(
-        found.evaluations.statistics.rows.noise.sd == CLIPPED_SD, blind.derivatives["v"] == top
-    )
+    rows = found.evaluations.statistics.rows
+    assert rows.n_row == np.sum(blind.derivatives["v"] != top) and rows.measured.max() < top
+    # Other data of that sensor lose their own clipped rows.
+    assert found.corrected(forced(n=50)).n_obs == 50
     np.testing.assert_allclose(found.rate(data), aligned(data).rate(data), atol=0.05)
 
 

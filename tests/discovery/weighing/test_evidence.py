@@ -48,6 +48,16 @@ def test_marginal_is_the_integral_over_sigma(seed):
     assert marginal(spectrum, NOISE).log_evidence == pytest.approx(expected, abs=1e-4)
 
 
+@pytest.mark.parametrize("n", [1000, 100_000])
+@pytest.mark.parametrize("share", [0.0, 0.5])
+def test_residuals_below_the_floor_are_integrated_right(n, share):
+    spectrum = Spectrum.of(np.zeros((0, 0)), np.zeros(0), share * n * NOISE.floor**2, n, np.zeros(0))
+    log_s = np.linspace(np.log(NOISE.floor) - 25.0, np.log(5.0), 400_001)
+    density = spectrum.log_density(np.hypot(np.exp(log_s), NOISE.floor)) + NOISE.log_density(log_s)
+    expected = np.logaddexp.reduce(density) + np.log(log_s[1] - log_s[0])
+    assert marginal(spectrum, NOISE).log_evidence == pytest.approx(expected, abs=0.02)
+
+
 def test_a_batch_gives_what_its_members_give():
     X, y, sd = small_problem()
     G, g, square = X.T @ X, X.T @ y, float(y @ y)

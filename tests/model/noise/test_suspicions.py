@@ -229,3 +229,25 @@ def test_suspects_join():
     white = both.model.noise.whiten(e[:, None])[:, 0]
     found = -0.5 * (white @ white / 0.01 + n * np.log(2 * np.pi * 0.01) + both.model.noise.log_det)
     assert found == pytest.approx(expected, rel=1e-6)
+
+
+@pytest.mark.parametrize("share", [0.01, 0.3])
+def test_residuals_below_the_floor_say_nothing_of_their_noise(share):
+    assert weighed(share * PRIOR.floor * np.random.default_rng(0).standard_normal(300)) == {}
+
+
+def test_many_rows_are_weighed_with_a_grid_that_is_fine_enough():
+    n, rng = 40_000, np.random.default_rng(0)
+    e = 0.1 * rng.standard_t(5, n)
+    found = heavy(e, NoiseModel(WhiteNoise((n,))), PRIOR)
+    # ∫ p(e | ν, s) p(s) d log s by a fine grid, mean over the degrees.
+    log_s = np.log(0.1) + np.linspace(-0.05, 0.05, 401)
+    logs = []
+    for nu in DEGREES:
+        centre = log_s + np.log(t.fit(e, f0=nu, floc=0.0)[2] / 0.1)
+        density = [t.logpdf(e, nu, scale=s).sum() for s in np.exp(centre)] + PRIOR.log_density(centre)
+        logs.append(np.logaddexp.reduce(density) + np.log(log_s[1] - log_s[0]))
+    white = found.log_bayes_factor - np.logaddexp.reduce(logs) + np.log(len(DEGREES))
+    sigma = np.std(e) * np.exp(np.linspace(-0.05, 0.05, 401))
+    normal = -0.5 * np.sum(e**2) / sigma**2 - n * np.log(sigma * np.sqrt(2 * np.pi)) + PRIOR.log_density(np.log(sigma))
+    assert -white == pytest.approx(np.logaddexp.reduce(normal) + np.log(0.1 / 400), abs=0.05)
