@@ -1,8 +1,9 @@
 """The study of one equation: its statistics, what was found, and the tables and maps that show it."""
 
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -20,9 +21,11 @@ from .answer.adequacy import Check, check_explanation
 from .answer.amendment import Amendment, Remainder
 from .answer.coefficients import Coefficients, alone, draw_coefficients, plain
 from .answer.finding import STOPS, TIED, Finding, decide
+from .answer.gap import RATE_DRAWS
 from .answer.instrument import instrument_table
+from .answer.motion import ModelledRate, check_motion
 from .answer.where import GapField, GapMap, GapTrace, gap_map, gap_trace, where_table
-from .suspects.channels import calibrated
+from .suspects.channels import calibrated, slope_along
 from .weighing.alignment import Aligned, align
 from .weighing.evaluations import Evaluations
 from .weighing.odds import Odds
@@ -259,7 +262,7 @@ def study_equation(
     found = worlds(aligned.sets, quantities, say)
     if aligned.delays and found[0].model.names:
         # Under the wrong noise a delay may have been found that the right one knows nothing of.
-        again = align(model, train, name, effects, odds, most, say, found[0].model.noise)
+        again = align(model, train, name, effects, odds, most, say, (found[0].model.noise, aligned.used))
         if again.delays != aligned.delays:
             aligned, data = again, again.data
             aligned.evaluations.seed = seed if settle else None
@@ -292,10 +295,22 @@ def study_equation(
     unit = derivative_unit(name, train.units)
     trace = gap_trace(data, before, after, threshold, unit)
     # Where not all of it has a name, the model after holds what remains as f.
-    open_end = finding.verdict in ("one of", "partly named", "unknown")
-    rest_of_it = Remainder.of(statistics, evaluator, coefficients) if open_end else None
-    put_right = _corrected(aligned, statistics, dict(zip(suspects, errors, strict=True)), train)
+    rest_of_it = Remainder.of(statistics, evaluator, coefficients) if finding.open_ended else None
+    sensors = {
+        suspect: float(size) * statistics.target_scale / statistics.columns[i].scale
+        for i, size in zip(suspects, errors, strict=True)
+        if (suspect := statistics.columns[i].suspect) is not None
+    }
+
+    def put_right(data: Trajectories) -> Trajectories:
+        return calibrated(aligned.corrected(data), name, sensors, train)
+
     amendment = Amendment(statistics, plain(evaluations), coefficients, sigma, rest_of_it, put_right)
+    moved = calibrated(aligned.moved(train), name, sensors, train)
+    others, own = _motion(model, moved, aligned, amendment, finding, unit_of_time)
+    checks = (*checks, *others, *own)
+    finding = finding.capped([check.text for check in others if not check.ok])
+    finding = finding.denied([check.text for check in own if not check.ok])
     drawn = gap_map(data, before, after, statistics.variables[:2], threshold, unit)
     where = where_table(data, statistics.variables, trace)
     return EquationStudy(aligned, finding, checks, coefficients, amendment, drawn, trace, where)
@@ -307,28 +322,58 @@ def _with_noisy_states(finding: Finding, aligned: Aligned, unit: str) -> Finding
     spurious = aligned.spurious / scale
     # A process in time is in the residual, but no noise.
     left = float(np.sqrt(np.mean(world.residual(finding.explanation) ** 2) * (1 - world.model.process_share)))
+    if finding.verdict == "unknown":
+        gap = np.sqrt(max(float(np.mean(world.residual(world.bare) ** 2)) - left**2, 0.0))
+        if spurious > REGRESSORS * left and gap < AS_LARGE * spurious:
+            return replace(finding, verdict="instrument")
+    if finding.places and _size(finding) < spurious:
+        # What noise on states does may well be what the names explain.
+        return replace(finding, verdict="instrument", places=())
     if not spurious > REGRESSORS * left:
         return finding
-    gap = np.sqrt(max(float(np.mean(world.residual(world.bare) ** 2)) - left**2, 0.0))
-    if finding.verdict == "unknown" and gap < AS_LARGE * spurious:
-        return replace(finding, verdict="instrument")
     names = ", ".join(aligned.sample_noise)
     return finding.capped(
         [f"noise on the samples of {names} acts like a force of {spurious * scale:.2g} {unit}".rstrip()]
     )
 
 
-def _corrected(
-    aligned: Aligned, statistics: SufficientStatistics, errors: Mapping[int, float], clock: Trajectories
-) -> Callable[[Trajectories], Trajectories]:
-    """What puts data of the same sensors right: delays, gains, offsets and drifts as they were found."""
-    columns = statistics.columns
-    sizes = {
-        suspect: size * statistics.target_scale / columns[i].scale
-        for i, size in errors.items()
-        if (suspect := columns[i].suspect) is not None
-    }
-    return lambda data: calibrated(aligned.corrected(data), statistics.equation, sizes, clock)
+def _size(finding: Finding) -> float:
+    """RMS of the effects of the answer, scaled units."""
+    world, e = finding.world, finding.explanation
+    known = world.evaluations
+    inside = [k for k, i in enumerate(known.indices(e.columns)) if i in e.effects]
+    effects = known.statistics.at_rows([known.indices(e.columns)[k] for k in inside])
+    return float(np.sqrt(np.mean((effects @ world.coefficients(e)[0][inside]) ** 2)))
+
+
+def _motion(
+    model: Program, data: Trajectories, aligned: Aligned, amendment: Amendment, finding: Finding, unit: str
+) -> tuple[list[Check], list[Check]]:
+    """Whether states move as the states that are their rates say, and the studied one as the amended model says."""
+    name = amendment.statistics.equation
+    if data.filter is not None:
+        # What a filter computed from the samples agrees with them.
+        return [], []
+    simulation, left = model.simulator(data), {k: noise.left for k, noise in aligned.sample_noise.items()}
+    ones = np.ones(data.n_obs)
+
+    def by_noise(rate: Callable[[Trajectories], np.ndarray]) -> float:
+        square = sum(s**2 * np.mean(slope_along(data, rate, x, ones) ** 2) for x, s in left.items())
+        return float(np.sqrt(square))
+
+    others = {}
+    for state in data.state_names:
+        if state != name and simulation.kinematic(state):
+            rate = partial(simulation.on, state=state)
+            (term, _), *_ = simulation.additive_terms(state)
+            others[state] = ModelledRate(rate(data), by_noise(rate), term.name)
+    kinematic = check_motion(data, others, left, unit)
+    if finding.open_ended:
+        return kinematic, []
+    draws = amendment.rates(data.columns, RATE_DRAWS)[1]
+    sd = float(np.hypot(np.sqrt(np.mean(np.var(draws, axis=0))), by_noise(aligned.rate)))
+    own = ModelledRate(simulation.on(data, name) + draws.mean(axis=0), sd, "the model with what was found")
+    return kinematic, check_motion(data, {name: own}, left, unit)
 
 
 def _changing(data: Trajectories, rate: Callable[[Trajectories], np.ndarray]) -> dict[str, np.ndarray]:

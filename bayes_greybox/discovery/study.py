@@ -28,7 +28,7 @@ from .answer.finding import NEGLIGIBLE, SUBSTANTIAL, SURE, TIED, VERDICTS, Findi
 from .answer.gap import Amendment, FreePath, FreeRuns, gap_rows, worsened
 from .answer.where import GapMap, GapTrace
 from .equation import EquationStudy, study_equation
-from .suspects.channels import DELAY_STEPS, GAIN_SD, OFFSET_SD
+from .suspects.channels import DELAY_STEPS, GAIN_SD, OFFSET_SD, ZERO_SD
 from .weighing.odds import Odds
 from .weighing.sufficient_statistics import CORRECTION_SCALE
 
@@ -220,7 +220,8 @@ def investigate(
                 "named from this probability on": SURE,
                 "delay (prior SD, sampling steps)": DELAY_STEPS,
                 "gain (prior SD)": GAIN_SD,
-                "offset (prior SD over the RMS of its channel)": OFFSET_SD,
+                "offset of a rate (prior SD over its RMS)": OFFSET_SD,
+                "offset of a state or an input (prior SD over its RMS)": ZERO_SD,
                 "correction (prior SD over the coefficient)": CORRECTION_SCALE,
             },
             "versions": versions(),

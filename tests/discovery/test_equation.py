@@ -17,7 +17,7 @@ from tiny_equation import (
     tiny_model,
 )
 
-from bayes_greybox.discovery.answer.adequacy import Check
+from bayes_greybox.discovery.answer.adequacy import LOO_PIT, WHITENESS, Check
 from bayes_greybox.discovery.answer.coefficients import Coefficients, alone
 from bayes_greybox.discovery.answer.finding import STACKED, TIED, Finding, Place, Weighed
 from bayes_greybox.discovery.equation import EquationStudy, _with_noisy_states, study_equation
@@ -306,7 +306,8 @@ def test_a_delay_that_explains_the_gap_leaves_the_model_as_it_is():
 def test_checks_of_what_is_right_do_not_speak_against_it():
     study = forced_study(True, "F")
     assert study.finding.verdict == "named" and study.finding.against == ()
-    assert [check.ok for check in study.checks] == [True, True]
+    assert [check.name for check in study.checks] == [WHITENESS, LOO_PIT, "motion of y", "motion of v"]
+    assert all(check.ok for check in study.checks)
 
 
 @pytest.fixture(scope="module")
@@ -314,9 +315,10 @@ def bump():
     return studied_motion(forced(lambda y, v: 0.6 * np.exp(-(((y - 0.5) / 0.3) ** 2))), effects=(SQUARE,))
 
 
-def test_where_something_remains_the_model_after_holds_f_and_nothing_is_checked(bump):
+def test_where_something_remains_the_model_after_holds_f_and_only_sensors_are_checked(bump):
     study = bump
-    assert study.finding.verdict == "unknown" and study.finding.base == () and study.checks == ()
+    assert study.finding.verdict == "unknown" and study.finding.base == ()
+    assert [check.name for check in study.checks] == ["motion of y"]
     assert study.amendment.discrepancy is not None
 
 

@@ -206,10 +206,12 @@ def test_a_simulation_without_any_term_is_studied():
 
 def test_a_second_place_of_the_same_effect_is_found():
     rng, t = np.random.default_rng(4), 0.05 * np.arange(300)
-    prey, first, second = (1 + 0.5 * np.sin(w * t + p) for w, p in ((1.0, 0.0), (1.7, 1.0), (0.6, 2.0)))
-    rate = 0.8 * prey - 0.5 * prey * first - 0.4 * prey * second + 0.02 * rng.standard_normal(300)
+    first, second = (1 + 0.5 * np.sin(w * t + p) for w, p in ((1.7, 1.0), (0.6, 2.0)))
+    # log(prey)' = 0.9 − 0.5 first − 0.4 second
+    prey = np.exp(0.25 * (np.cos(1.7 * t + 1) - np.cos(1)) / 1.7 + 0.2 * (np.cos(0.6 * t + 2) - np.cos(2)) / 0.6)
+    rate = 0.9 * prey - 0.5 * prey * first - 0.4 * prey * second + 0.02 * rng.standard_normal(300)
     data = bg.Trajectories.from_arrays(t, states={"prey": prey, "a": first, "b": second}, derivatives={"prey": rate})
-    model = bg.GreyBox(simulation={"prey": "0.8*prey"}, discrepancy=bg.OrthogonalGP(features=6))
+    model = bg.GreyBox(simulation={"prey": "0.9*prey"}, discrepancy=bg.OrthogonalGP(features=6))
     found = bg.find_missing_effects(model, data, catalogue="population", settle=False, free_runs=False, progress=False)
     both = found.effects.query("status == 'added' and slug == 'bilinear-interaction'")
     assert sorted(both["expression"]) == ["prey*a", "prey*b"] and found.verdict == "named"
@@ -278,12 +280,13 @@ def test_what_became_of_the_gap_is_said_as_it_is(before, after, said):
 
 def test_several_equations_are_studied_with_the_odds_of_the_system():
     rng, t = np.random.default_rng(4), 0.05 * np.arange(150)
-    prey, hunter = 1 + 0.5 * np.sin(t), 1 + 0.4 * np.sin(1.7 * t + 1)
+    hunter = 1.5 * np.exp(-0.3 * t)
+    prey = np.exp(0.3 * t - 2.5 * (1 - np.exp(-0.3 * t)))
     noise = 0.02 * rng.standard_normal((2, 150))
-    rates = {"prey": 0.8 * prey - 0.5 * prey * hunter + noise[0], "hunter": -0.3 * hunter + noise[1]}
+    rates = {"prey": 0.3 * prey - 0.5 * prey * hunter + noise[0], "hunter": -0.3 * hunter + noise[1]}
     data = bg.Trajectories.from_arrays(t, states={"prey": prey, "hunter": hunter}, derivatives=rates)
     model = bg.GreyBox(
-        simulation={"prey": "0.8*prey", "hunter": "-0.3*hunter"}, discrepancy=bg.OrthogonalGP(features=5)
+        simulation={"prey": "0.3*prey", "hunter": "-0.3*hunter"}, discrepancy=bg.OrthogonalGP(features=5)
     )
     given = {"catalogue": "population", "settle": False, "free_runs": False, "progress": False}
     found = bg.find_missing_effects(model, data, **given)

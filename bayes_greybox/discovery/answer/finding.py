@@ -99,6 +99,18 @@ class Finding:
         verdict = "partly named" if self.verdict == "named" else self.verdict
         return replace(self, verdict=verdict, against=(*self.against, *against))
 
+    @property
+    def open_ended(self) -> bool:
+        """Whether something is left that has no name."""
+        return self.verdict in ("one of", "partly named", "unknown")
+
+    def denied(self, against: Sequence[str]) -> "Finding":
+        """The finding where the samples of its own state deny it: a gap that no rate shows is one all the same."""
+        if not against:
+            return self
+        verdict = "unknown" if self.verdict in ("no gap", "recalibrate", "instrument") else self.verdict
+        return replace(self, verdict=verdict).capped(against)
+
 
 class Weighed:
     """All explanations of all worlds, with their probabilities.

@@ -33,7 +33,10 @@ GAIN_SD = 0.03
 """Prior standard deviation of a relative gain error."""
 
 OFFSET_SD = 0.03
-"""Prior standard deviation of an offset or drift, over the RMS of its channel."""
+"""Prior standard deviation of an offset or drift of a rate, over its RMS."""
+
+ZERO_SD = 0.1
+"""Prior standard deviation of the zero of a state's or an input's sensor, over the RMS of its channel."""
 
 Rate = Callable[[Trajectories], Float[np.ndarray, " n_obs"]]
 """The whole modelled rate G on the rows of some data."""
@@ -103,7 +106,7 @@ def suspect_columns(
         values = data.column(name)
         found.append((ChannelSuspect(GAIN, name, GAIN_SD), -slope(name, values)))
         scale = float(np.sqrt(np.mean(values**2)))
-        found.append((ChannelSuspect(OFFSET, name, OFFSET_SD * scale), -slope(name, ones)))
+        found.append((ChannelSuspect(OFFSET, name, ZERO_SD * scale), -slope(name, ones)))
     if len(states) > 1:
         # Last: of suspects with one and the same column the first stands, and this is the oddest one.
         found += [(ChannelSuspect(DELAY, x, DELAY_STEPS * step, step), along((x,))) for x in states]

@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.interpolate import make_smoothing_spline
 
+from bayes_greybox.data.rates.filters import STEP_TOLERANCE
 from bayes_greybox.data.sample_noise import sample_noise
 from bayes_greybox.data.trajectories import Trajectories
 
@@ -22,8 +23,11 @@ LARGEST = 0.3
 FEWEST = 30
 """Samples of a run below which nothing is smoothed."""
 
-RESIDUAL = 0.75
-"""Mean square of a smoothing spline's residuals over the noise's, with about a sample in four for the path."""
+CUTOFFS, SLOWEST = 24, 2.0
+"""Cut-off frequencies that a smoother chooses from, and the lowest of them in periods of a run."""
+
+TRACE, SQUARE = 0.441942, 0.345275
+"""tr(H) and tr(HHᵀ) of a smoother over its number of samples, per ω₀h: ∫(2g − g²)dω/π and ∫(2g − g²)²dω/π at ω₀ = 1."""
 
 CLIPPED = 3
 """So many samples in a row at the very end of a sensor's range are clipped."""
@@ -50,7 +54,7 @@ MANY_LEVELS = 0.5
 
 
 def smoothed(data: Trajectories) -> tuple[Trajectories, dict[str, SampleNoise]]:
-    """The data with states freed of white noise by a cubic smoothing spline (generalised cross-validation).
+    """The data with states freed of white noise by a cubic smoothing spline, applied twice.
 
     Args:
         data: Measurements.
@@ -74,11 +78,9 @@ def smoothed(data: Trajectories) -> tuple[Trajectories, dict[str, SampleNoise]]:
                 parts.append(samples)
                 left.append(s)
                 continue
-            path = _smooth(time, samples, s)
+            path, share = _smooth(time, samples, s)
             parts.append(path)
-            # var(y − ŷ) = s² (1 − 2 tr H/n + tr HH/n), and tr HH is about 3/4 of tr H for a cubic spline
-            rest = float(np.mean((samples - path) ** 2)) / s**2
-            left.append(s * math.sqrt(min(max((1 - rest) * 0.75 / 1.25, 0.0), 1.0)))
+            left.append(s * math.sqrt(share))
         states[name] = np.concatenate(parts)
         noise[name] = SampleNoise(s, float(np.sqrt(np.mean(np.square(left)))))
     return (replace(data, states=states), noise) if noise else (data, {})
@@ -109,20 +111,32 @@ def clipped(values: Mapping[str, Float[np.ndarray, " n"]], run: np.ndarray) -> d
     return found
 
 
-def _smooth(time: np.ndarray, samples: np.ndarray, s: float) -> np.ndarray:
-    """The smoothing spline; where cross-validation smooths a path away, that whose residuals have the noise's size."""
-    path = make_smoothing_spline(time, samples)(time)
-    if np.mean((samples - path) ** 2) < 2 * s**2:
-        return path
-    step = float(np.median(np.diff(time)))
-    low, high = -12.0, 12.0
-    for _ in range(20):
-        middle = 0.5 * (low + high)
-        path = make_smoothing_spline(time, samples, lam=step**3 * 10.0**middle)(time)
-        low, high = (middle, high) if np.mean((samples - path) ** 2) < RESIDUAL * s**2 else (low, middle)
-    return path
+def _smooth(time: np.ndarray, samples: np.ndarray, s: float) -> tuple[np.ndarray, float]:
+    """Smoothed samples, and the share of the noise's variance that is left on them.
+
+    A cubic smoothing spline of penalty λ is the filter g = 1/(1 + (ω/ω₀)⁴), ω₀ = (λh)^(−1/4) with h the step. It is
+    applied to its own residuals once more (twicing, Tukey 1977), 1 − (1 − g)²: a spline alone flattens the turns of a
+    path, which looks like a stiffening spring. ω₀ minimises the risk that is estimated without bias (Stein 1981),
+    RSS/n + 2 s² tr(H)/n.
+    """
+    n, step = len(samples), float(np.mean(np.diff(time)))
+    best, found = math.inf, (samples, 1.0)
+    for cutoff in np.geomspace(SLOWEST * 2 * math.pi / (n * step), math.pi / step, CUTOFFS):
+        penalty = 1.0 / (step * cutoff**4)
+        once = make_smoothing_spline(time, samples, lam=penalty)(time)
+        path = once + make_smoothing_spline(time, samples - once, lam=penalty)(time)
+        risk = float(np.mean((samples - path) ** 2)) + 2 * s**2 * min(TRACE * step * cutoff, 1.0)
+        if risk < best:
+            best, found = risk, (path, min(SQUARE * step * cutoff, 1.0))
+    return found
 
 
 def _even(data: Trajectories) -> bool:
-    steps = np.diff(data.time)[np.diff(data.run) == 0]
-    return bool(len(steps)) and bool(np.all(np.abs(steps - steps[0]) <= 1e-6 * abs(steps[0])))
+    """Whether each run has a step of its own, up to the rounding of time stamps."""
+    steps, run = np.diff(data.time), data.run
+    within = np.diff(run) == 0
+    typical = {r: np.median(steps[within & (run[1:] == r)]) for r in set(run[1:][within].tolist())}
+    return bool(typical) and all(
+        bool(np.all(np.abs(steps[within & (run[1:] == r)] - step) <= STEP_TOLERANCE * step))
+        for r, step in typical.items()
+    )

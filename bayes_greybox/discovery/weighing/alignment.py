@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from jaxtyping import Bool
+from jaxtyping import Bool, Int
 
 from bayes_greybox.data.noise.protocol import RowNoise
 from bayes_greybox.data.trajectories import Trajectories
@@ -61,6 +61,7 @@ class Aligned:
         sample_noise: Noise on the samples of states.
         clipped: Rows at which a channel's sensor was at its end, by channel.
         rate: The whole modelled rate.
+        used: Rows of the data as they came that are weighed.
     """
 
     data: Trajectories
@@ -70,6 +71,7 @@ class Aligned:
     sample_noise: Mapping[str, SampleNoise] = field(default_factory=dict)
     clipped: Mapping[str, np.ndarray] = field(default_factory=dict)
     rate: Rate = lambda data: np.zeros(data.n_obs)
+    used: Bool[np.ndarray, " n_obs"] = field(default_factory=lambda: np.ones(0, bool))
 
     @property
     def evaluations(self) -> Evaluations:
@@ -88,10 +90,19 @@ class Aligned:
 
     def corrected(self, data: Trajectories) -> Trajectories:
         """Any data of the same sensors, as the training data were corrected: states smoothed, delays undone."""
-        equation = self.evaluations.statistics.equation
-        used = _usable(data, equation, self.delays, _clipped(data, equation)) if equation in data.derivatives else None
-        better = undone(smoothed(data)[0] if self.sample_noise else data, equation, self.delays)
-        return better if used is None else better.keep(used)
+        return self._moved(data, _clipped(data, self._equation) if self._equation in data.derivatives else {})
+
+    def moved(self, data: Trajectories) -> Trajectories:
+        """Such data with the rows too at which the rate was clipped."""
+        return self._moved(data, {})
+
+    @property
+    def _equation(self) -> str:
+        return self.evaluations.statistics.equation
+
+    def _moved(self, data: Trajectories, at_end: Mapping[str, np.ndarray]) -> Trajectories:
+        moved = undone(smoothed(data)[0] if self.sample_noise else data, self._equation, self.delays)
+        return moved.keep(_usable(data, self._equation, self.delays, at_end))
 
 
 def align(
@@ -102,7 +113,7 @@ def align(
     odds: Odds,
     most: int,
     report: Callable[[str], None] = lambda text: None,
-    under: RowNoise | None = None,
+    under: tuple[RowNoise, Bool[np.ndarray, " n_obs"]] | None = None,
 ) -> Aligned:
     """Find delays and what is missing in turns.
 
@@ -114,7 +125,8 @@ def align(
         odds: Prior odds.
         most: Largest number of effects.
         report: Told in words what is being done.
-        under: Noise of the rows that delays are found under; that of the rows as they come by default.
+        under: Noise of the rows that delays are found under, and the rows that it is of; that of the rows as they come
+            by default.
     """
     measured, noise = smoothed(train)
     at_end = _clipped(train, equation)
@@ -122,11 +134,12 @@ def align(
     probability: dict[str, float] = {}
     added: tuple[tuple[Term, float], ...] = ()
     # All rows, for what needs neighbours, and those that are weighed.
-    whole, used = measured, _usable(measured, equation, delays, at_end)
+    seen = np.ones(train.n_obs, bool) if under is None else under[1]
+    whole, used = measured, seen & _usable(measured, equation, delays, at_end)
     data = whole.keep(used)
     statistics = sufficient_statistics(model, data, equation, effects)
     evaluator = Evaluator(statistics.prior, statistics.kernel, np.asarray(statistics.basis.frequency))
-    before, moved, too_far, own_noise = None, False, set(), statistics.rows.noise
+    before, moved, too_far = None, False, set()
     rate, turn = _rate(model, whole, equation, added), 0
     while True:
         if turn:
@@ -135,7 +148,7 @@ def align(
         columns = [(suspect, column[used]) for suspect, column in suspect_columns(whole, equation, rate)]
         known = {c[0].key for c in columns if c[0].kind == DELAY and c[0].channel in delays}
         bare.suspect([c for c in columns if c[0].key not in too_far], known)
-        given = bare if under is None else bare.with_noise(under)
+        given = bare if under is None else bare.with_noise(_at(under[0], measured.run, seen, used))
         evaluations = Evaluations(given, odds, evaluator)
         always = tuple(i for i in _delays(given) if (s := given.columns[i].suspect) is not None and s.channel in delays)
         sets = Sets(evaluations, most, always=always)
@@ -177,7 +190,7 @@ def align(
         if moved:
             # Else the statistics stay those of the data as they are.
             delays, whole = later, undone(measured, equation, later)
-            used = _usable(measured, equation, delays, at_end)
+            used = seen & _usable(measured, equation, delays, at_end)
             data = whole.keep(used)
         added = tuple(
             (term, float(b) * given.target_scale / given.columns[i].scale)
@@ -187,9 +200,9 @@ def align(
         rate = _rate(model, whole, equation, added)
     if under is not None:
         # Found under one noise, weighed under all; columns keep their places.
-        evaluations = Evaluations(given.with_noise(own_noise), odds, evaluator)
+        evaluations = Evaluations(given.with_noise(bare.rows.noise), odds, evaluator)
         sets = Sets(evaluations, most, always=always)
-    return Aligned(data, sets, delays, probability, noise, at_end, rate)
+    return Aligned(data, sets, delays, probability, noise, at_end, rate, used)
 
 
 def _rate(model: Program, data: Trajectories, equation: str, added: Sequence[tuple[Term, float]]) -> Rate:
@@ -225,6 +238,19 @@ def _anew(
     fresh.add("effect", effects)
     fresh.left_out = {**before.left_out, **fresh.left_out}
     return fresh
+
+
+def _at(
+    noise: RowNoise, run: Int[np.ndarray, " n_obs"], seen: Bool[np.ndarray, " n_obs"], used: Bool[np.ndarray, " n_obs"]
+) -> RowNoise:
+    """Noise of the rows in use, of that of the rows that were seen: what is missing is missing at ends of runs."""
+    if np.array_equal(seen, used):
+        return noise
+    bounds = []
+    for r in dict.fromkeys(run[seen].tolist()):
+        inside = np.flatnonzero(used[seen & (run == r)])
+        bounds.append((int(inside[0]), int(inside[-1]) + 1) if len(inside) else (0, 0))
+    return noise.restrict(bounds)
 
 
 def _delays(statistics: SufficientStatistics) -> list[int]:

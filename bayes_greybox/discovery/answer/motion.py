@@ -1,0 +1,105 @@
+"""Whether the samples of the states move as their rates say: what no noise of a measured rate can hide.
+
+Over a window of a few samples a state changes by the integral of its rate, x(t + T) − x(t) = ∫ G dt, whatever noise is
+on the measured rate. So the samples of a position and of a speed judge each other, and the samples of a speed judge the
+rate of the amended model: a sensor that is bent, sticks or forgets, or a force that acts for a moment, shows here.
+
+The sum of squares of the departures D, each over its variance, is χ² with one degree of freedom for each window that
+does not overlap, if samples have the noise that they show, integrals their error of truncation, coefficients their
+uncertainty, and sensors agree to within `AGREE`.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from scipy.interpolate import CubicSpline
+from scipy.stats import chi2
+
+from bayes_greybox.data.trajectories import Trajectories
+
+from .adequacy import LEVEL, Check
+
+MOTION = "motion"
+
+SAMPLES = 10
+"""Steps of a window: noise on samples counts twice in it, whatever its length, and the rate counts for all of it."""
+
+AGREE = 0.01
+"""Sensors that are right agree to within this share of the RMS of a state's changes."""
+
+ROUGH = 0.5
+"""Steps from sample to sample, over the spread of a state, from which on its samples tell no path."""
+
+FEWEST = 5
+"""Windows that the check needs."""
+
+
+@dataclass(frozen=True)
+class ModelledRate:
+    """The rate of a state as modelled.
+
+    Attributes:
+        values: At the samples.
+        sd: Of its coefficients and of the noise on the states that it is evaluated at, taken as one error throughout.
+        of: What it is, in words.
+    """
+
+    values: Float[np.ndarray, " n_obs"]
+    sd: float
+    of: str
+
+
+def check_motion(
+    data: Trajectories, rates: Mapping[str, ModelledRate], noise: Mapping[str, float], unit: str = ""
+) -> list[Check]:
+    """One check for each rate.
+
+    Args:
+        data: Samples with delays undone.
+        rates: By state.
+        noise: Standard deviation of the noise on the samples of states that have any.
+        unit: Of time, for the words.
+
+    Returns:
+        Checks by the name "motion of x", of those states whose runs have windows enough.
+    """
+    found = []
+    for name, rate in rates.items():
+        departures, changes, variances, spans = [], [], [], []
+        for r in dict.fromkeys(data.run.tolist()):
+            own = data.run == r
+            time, x, g = data.time[own], data.column(name)[own], rate.values[own]
+            dense = np.sqrt(np.mean(np.diff(x) ** 2)) < ROUGH * np.std(x) if len(time) >= 2 * SAMPLES else False
+            if not dense or not np.all(np.isfinite(g)):
+                continue
+            start = np.arange(0, len(time) - SAMPLES, SAMPLES)
+            end = start + SAMPLES
+            integral, error = _integral(time, g)
+            changes.append(x[end] - x[start])
+            departures.append(changes[-1] - (integral[end] - integral[start]))
+            span = time[end] - time[start]
+            truncation = np.hypot(error[end], error[start])
+            variances.append(2 * noise.get(name, 0.0) ** 2 + truncation**2 + (span * rate.sd) ** 2)
+            spans.append(span)
+        if sum(map(len, departures)) < FEWEST:
+            continue
+        D, change, variance = (np.concatenate(parts) for parts in (departures, changes, variances))
+        size = float(np.sqrt(np.mean(change**2)))
+        square = float(np.sum(D**2 / (variance + (AGREE * size) ** 2 + np.finfo(float).tiny)))
+        p = float(chi2.sf(square, len(D)))
+        text = ""
+        if p < LEVEL:
+            over = f"{float(np.median(np.concatenate(spans))):.2g} {unit}".rstrip()
+            off = float(np.sqrt(np.mean(D**2))) / size
+            text = f"the samples of {name} do not move as {rate.of} says: over {over} they are {off:.1%} off"
+        found.append(Check(f"{MOTION} of {name}", p, text))
+    return found
+
+
+def _integral(time: np.ndarray, g: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """∫ g dt up to each sample, by cubic splines; and its error, from splines through every other sample."""
+    fine = CubicSpline(time, g).antiderivative()(time)
+    coarse = CubicSpline(time[::2], g[::2]).antiderivative()(time)
+    return fine, np.abs(fine - coarse) / 4
