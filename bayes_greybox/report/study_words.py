@@ -107,8 +107,18 @@ def tied_sets(study: StudyResult, equation: str) -> list[str]:
 
 def free_run_errors(gap: pd.DataFrame) -> pd.DataFrame:
     """Errors of the free runs by state, on held-out data where there are any; empty where none were integrated."""
+    return rows_of(_free_runs(gap), free_run_part(gap), "data")
+
+
+def free_run_part(gap: pd.DataFrame) -> str:
+    """Which part of the data the free runs are judged on: held-out data, unless there are none or they are at rest."""
+    return "test" if "test" in _free_runs(gap).index.get_level_values("data") else "train"
+
+
+def _free_runs(gap: pd.DataFrame) -> pd.DataFrame:
     rows = rows_of(gap, "free-run NRMSE", "metric")
-    return rows_of(rows, "test" if "test" in rows.index.get_level_values("data") else "train", "data")
+    # A state at rest has no error to speak of.
+    return rows[rows["before"].notna()]
 
 
 def not_helped(gap: pd.DataFrame) -> tuple[str, ...]:
