@@ -10,6 +10,9 @@ from bayes_greybox.discovery.suspects.channels import KINDS
 from .formatting import listed, number, percent_text, probability_text
 from .study_words import LIKELY, MOST_CLOSED, name_of, not_helped
 
+TWICE = 2.0
+"""From this ratio on a rise is said as a multiple: hundreds of per cent are hard to read."""
+
 
 def sentence(study: StudyResult) -> str:
     """Say the verdict so that someone who never heard of evidence knows what to do.
@@ -85,20 +88,35 @@ def closed_in_words(gap: pd.DataFrame) -> str:
     Args:
         gap: The gap before and after, as a study has it.
     """
-    shares = gap.xs("unexplained share", level="metric")
-    held_out = "test" in shares.index.get_level_values("data")
+    shares = gap.xs("unexplained share", level="metric")[["before", "after"]]
+    # What is at rest has no rate to explain a share of.
+    shares = shares[shares.notna().all(axis=1)]
+    parts = shares.index.get_level_values("data")
+    held_out = "test" in parts
     where = "held-out data" if held_out else "the training data"
-    before, after = shares.loc["test" if held_out else "train", ["before", "after"]].sum()
+    before, after = shares[parts == ("test" if held_out else "train")].sum()
     if not before > 0:
-        return f"leaves no gap on {where}"
+        if after > 0:
+            return f"leaves {percent_text(after)} of the rate on {where} unexplained, where nothing was before"
+        return f"closes no gap on {where}, which show none"
     worse, idle = worsened(gap), not_helped(gap)
     if worse or idle:
         # What is claimed closed is closed in the free run too.
-        change = "lowers" if after < before else "raises"
-        size = percent_text(min(abs(1 - after / before), MOST_CLOSED))
         runs = " and ".join(worse_in_words(key) for key in worse)
         runs = runs or f"the free run of {listed(idle)} does not get better"
-        return f"{change} what is unexplained of the rate on {where} by {size}, but {runs}"
+        if after > before:
+            return f"raises what is unexplained of the rate on {where} {risen(after / before)}, and {runs}"
+        size = percent_text(min(1 - after / before, MOST_CLOSED))
+        return f"lowers what is unexplained of the rate on {where} by {size}, but {runs}"
     if after > before:
-        return f"widens the gap on {where} by {percent_text(after / before - 1)}"
+        return f"widens the gap on {where} {risen(after / before)}"
     return f"closes {percent_text(min(1 - after / before, MOST_CLOSED))} of the gap on {where}"
+
+
+def risen(ratio: float) -> str:
+    """By how much something rose: in per cent up to twice what it was, beyond that as a multiple.
+
+    Args:
+        ratio: After over before, above one.
+    """
+    return f"by {percent_text(ratio - 1)}" if ratio < TWICE else f"to {number(ratio, 2)} times what it was"

@@ -132,9 +132,15 @@ def test_a_gap_that_is_closed_all_but_wholly_is_not_rounded_to_wholly():
     assert "closes > 99.9 % of the gap" in text
 
 
-def test_without_a_gap_on_held_out_data_none_is_left():
+def test_where_held_out_data_show_no_gap_none_is_called_closed():
     text = said("named", [("Cubic spring", 0.87, ())], gap_table(test=(0.0, 0.0)))
-    assert "leaves no gap on held-out data" in text
+    assert text.endswith("adding it closes no gap on held-out data, which show none.")
+
+
+def test_held_out_data_at_rest_leave_the_word_to_the_training_data():
+    nan = float("nan")
+    gap = gap_table((nan, nan, nan), train=(1.0, 0.25), test=(nan, nan))
+    assert said("named", [("Cubic spring", 0.87, ())], gap).endswith("closes 75.0 % of the gap on the training data.")
 
 
 def test_the_gap_on_held_out_data_counts_where_there_are_any():
@@ -182,3 +188,12 @@ def test_no_gap_is_called_closed_that_the_free_run_denies(after, how):
     text = said("partly named", [("Cubic spring", 0.97, ())], gap_table((0.2, after, 0.1), test=(0.4, 0.1)))
     assert "closes" not in text
     assert f"lowers what is unexplained of the rate on held-out data by 75.0 %, but the free run of x {how}" in text
+
+
+@pytest.mark.parametrize(
+    ("after", "how"), [(0.6, "by 50.0 %"), (0.8, "to 2 times what it was"), (4e3, "to 10000 times what it was")]
+)
+def test_what_rises_is_said_with_its_size_and_without_a_but(after, how):
+    text = said("partly named", [("Cubic spring", 0.97, ())], gap_table((0.2, 0.5, 0.1), test=(0.4, after)))
+    assert f"raises what is unexplained of the rate on held-out data {how}, and the free run of x gets worse" in text
+    assert f"widens the gap on held-out data {how}." in said("named", [("Drag", 0.9, ())], gap_table(test=(0.4, after)))
