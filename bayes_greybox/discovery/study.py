@@ -183,7 +183,7 @@ def investigate(
     warnings = tuple(
         text for name in filtered for text in row_warnings(model.rows, train, name, model.simulator(train))
     )
-    verdict, against = verdict_of([found.finding for found in findings.values()], gap)
+    verdict, against = verdict_of({name: found.finding for name, found in findings.items()}, gap)
     return StudyResult(
         base=model,
         model=amended_program(model, findings),
@@ -252,16 +252,17 @@ def studied_equations(model: Program, data: Trajectories) -> tuple[str, ...]:
     return left
 
 
-def verdict_of(findings: Sequence[Finding], gap: pd.DataFrame) -> tuple[str, tuple[str, ...]]:
+def verdict_of(findings: Mapping[str, Finding], gap: pd.DataFrame) -> tuple[str, tuple[str, ...]]:
     """Verdict of a study, and what speaks against it: the free run has a veto over what is called *named*.
 
     Args:
-        findings: Of each equation.
+        findings: By equation; of several, each says in which equation it doubts.
         gap: Before and after.
     """
-    verdict = max((found.verdict for found in findings), key=VERDICTS.index)
-    against = tuple(text for found in findings for text in found.against)
-    claims = any(found.places for found in findings) or verdict == "recalibrate"
+    verdict = max((found.verdict for found in findings.values()), key=VERDICTS.index)
+    about = {name: f"in d({name})/dt: " if len(findings) > 1 else "" for name in findings}
+    against = tuple(about[name] + text for name, found in findings.items() for text in found.against)
+    claims = any(found.places for found in findings.values()) or verdict == "recalibrate"
     worse = worsened(gap) if claims else ()
     if worse:
         against = (*against, *(worse_in_words(key) for key in worse))

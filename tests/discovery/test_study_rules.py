@@ -92,7 +92,8 @@ def finding(verdict, n_place=0, against=()):
 def blank(kind, equation):
     """An instance of a dataclass with nothing in it but the name of its equation."""
     made = object.__new__(kind)
-    made.__dict__["equation"] = equation
+    # A default that is a function would be a method of what has no attribute of its own.
+    made.__dict__.update(equation=equation, corrected=lambda data: data)
     return made
 
 
@@ -156,7 +157,7 @@ def test_of_two_equations_the_graver_verdict_speaks_for_the_study(told, later, s
 
 
 def test_what_speaks_against_any_equations_verdict_is_told(told):
-    assert told("named", "no gap").against == ("x is odd", "z is odd")
+    assert told("named", "no gap").against == ("in d(x)/dt: x is odd", "in d(z)/dt: z is odd")
 
 
 def gap(*rows):
@@ -174,33 +175,33 @@ BETTER = gap(("test", "free-run NRMSE", "x", 0.3, 0.1))
     ("verdict", "expected"), [("named", "partly named"), ("one of", "one of"), ("partly named", "partly named")]
 )
 def test_a_free_run_that_gets_worse_has_a_veto(verdict, expected):
-    assert verdict_of([finding(verdict, 1)], WORSE) == (expected, ("the free run of x gets worse",))
-    assert verdict_of([finding(verdict, 1)], BETTER) == (verdict, ())
+    assert verdict_of({"x": finding(verdict, 1)}, WORSE) == (expected, ("the free run of x gets worse",))
+    assert verdict_of({"x": finding(verdict, 1)}, BETTER) == (verdict, ())
 
 
 def test_what_the_checks_say_comes_before_the_free_run():
-    _, against = verdict_of([finding("named", 1, ("residuals hang together",)), finding("no gap")], WORSE)
+    _, against = verdict_of({"x": finding("named", 1, ("residuals hang together",))}, WORSE)
     assert against == ("residuals hang together", "the free run of x gets worse")
 
 
 @pytest.mark.parametrize("verdict", ["no gap", "instrument", "unknown"])
 def test_where_no_effect_is_claimed_the_free_run_vetoes_nothing(verdict):
-    assert verdict_of([finding(verdict)], WORSE) == (verdict, ())
+    assert verdict_of({"x": finding(verdict)}, WORSE) == (verdict, ())
 
 
 def test_a_recalibration_that_makes_free_runs_worse_is_told():
-    assert verdict_of([finding("recalibrate")], WORSE) == ("recalibrate", ("the free run of x gets worse",))
+    assert verdict_of({"x": finding("recalibrate")}, WORSE) == ("recalibrate", ("the free run of x gets worse",))
 
 
 def test_held_out_free_runs_have_the_say_where_there_are_any():
     mixed = pd.concat([gap(("train", "free-run NRMSE", "x", 0.1, 0.3)), BETTER])
-    assert verdict_of([finding("named", 1)], mixed)[0] == "named"
-    assert verdict_of([finding("named", 1)], mixed.loc[["train"]])[0] == "partly named"
+    assert verdict_of({"x": finding("named", 1)}, mixed)[0] == "named"
+    assert verdict_of({"x": finding("named", 1)}, mixed.loc[["train"]])[0] == "partly named"
 
 
 def test_a_run_that_fails_sooner_vetoes_too():
     sooner = gap(("test", "time to failure", "all", 9.0, 3.0))
-    assert verdict_of([finding("named", 1)], sooner) == ("partly named", ("the free run fails sooner",))
+    assert verdict_of({"x": finding("named", 1)}, sooner) == ("partly named", ("the free run fails sooner",))
     assert worse_in_words(("test", "time to failure", "all")) == "the free run fails sooner"
 
 

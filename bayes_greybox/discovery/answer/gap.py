@@ -68,7 +68,8 @@ def gap_rows(
 
     Metrics: derivative NMSE, mean((ẋ − x̂̇)²)/var(ẋ); unexplained share, (mean((ẋ − x̂̇)²) − σ²)/mean(ẋ²), not below
     zero; free-run NRMSE, RMS(x − x̂)/SD(x) up to the first failure of either; time to failure of runs that blow up, NaN
-    where a model never does. Errors over a measurement that is at rest are NaN. The figures are those of the mean over draws, the intervals those of the draws.
+    where a model never does. What is over a measurement at rest is NaN. The figures are those of the mean over draws,
+    the intervals those of the draws.
 
     Args:
         model: The model before.
