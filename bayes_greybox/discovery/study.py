@@ -21,6 +21,7 @@ from bayes_greybox.model.noise.suspicions import CORRELATED, HEAVY, LEAST_ROWS, 
 from bayes_greybox.model.program import Program
 from bayes_greybox.model.rows.row_warnings import row_warnings
 from bayes_greybox.physics.catalogue.effects import CatalogueSpec, load_catalogue
+from bayes_greybox.physics.catalogue.pairs import pairs_in_data
 from bayes_greybox.physics.catalogue.roles import bind_catalogue, roles_of, unbound
 from bayes_greybox.physics.simulation import Simulation
 from bayes_greybox.physics.terms import Term
@@ -158,6 +159,7 @@ def investigate(
     seconds: dict[str, float] = {}
     findings: dict[str, EquationStudy] = {}
     console = Console(stderr=True, quiet=not progress)
+    pairs = pairs_in_data(model.simulator(train), train) if callable(model.simulation) else None
     with threadpool_limits(1), console.status("Missing effects") as status:
         left_out: dict[tuple[str, str], str] = {}
         for name in equations:
@@ -166,7 +168,7 @@ def investigate(
                 status.update(f"{name}: {text}")
 
             say("reading the data")
-            columns = roles_of(model.simulation, train.state_names, train.input_names, name, roles, train.units)
+            columns = roles_of(model.simulation, train.state_names, train.input_names, name, roles, train.units, pairs)
             left_out |= {(name, slug): why for slug, why in unbound(loaded, columns, train.units).items()}
             bound = bind_catalogue(loaded, columns, train.units)
             each = odds.of_each(len(equations))

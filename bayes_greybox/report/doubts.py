@@ -21,6 +21,7 @@ from .study_words import (
     metric_value,
     name_of,
     not_helped,
+    not_weighed,
     rows_of,
     share_text,
     worse_runs,
@@ -55,7 +56,7 @@ class Doubt:
 
 
 def doubts(study: StudyResult) -> list[Doubt]:
-    """Checks, the free run's veto, what remains, the runner-up, ties, the measurement and the sampler.
+    """Checks, the free run, what remains, runner-up, ties, the measurement, what was not weighed, and the sampler.
 
     Args:
         study: The study.
@@ -66,6 +67,7 @@ def doubts(study: StudyResult) -> list[Doubt]:
         parts = (*_checks(study, equation), *_explanations(study, equation), *_measurement(study, equation))
         found += [replace(each, topic=f"{each.topic}{about}") for each in parts]
     rows = [Doubt("Rows", text, True) for text in study.warnings]
+    rows += [Doubt("Not weighed", text, None) for text in not_weighed(study)]
     return [_said(each) for each in (*found, *rows, *_ties(study), _free_run(study), _sampler(study))]
 
 

@@ -12,7 +12,7 @@ from bayes_greybox.discovery.study import StudyResult, worse_in_words
 from bayes_greybox.discovery.suspects.channels import KINDS
 
 from .formatting import listed, number, percent_text, probability_text
-from .study_words import LIKELY, MOST_CLOSED, answer, name_of, not_helped
+from .study_words import LIKELY, MOST_CLOSED, answer, name_of, not_helped, not_weighed
 
 TWICE = 2.0
 """From this ratio on a rise is said as a multiple: hundreds of per cent are hard to read."""
@@ -30,6 +30,9 @@ def sentence(study: StudyResult) -> str:
     found = measurement_in_words(study)
     if found and study.verdict != "instrument":
         parts.append(f"Of the measurement: {'; '.join(found)}.")
+    if study.verdict == "unknown":
+        # What is missing may be among them.
+        parts += [f"{text}." for text in not_weighed(study)]
     if study.against:
         parts.append(f"Against it: {'; '.join(study.against)}.")
     return " ".join(parts)

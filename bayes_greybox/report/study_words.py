@@ -44,6 +44,9 @@ NAMES = {
 LIKELY = 0.5
 """A correction more probable than this is taken over into the amended simulation."""
 
+GIVEN = ("position", "stored")
+"""Roles whose column may well be in the data where none was recognised; another body's need not be there."""
+
 MOST_CLOSED = 0.9999
 """Nobody is told that all of a gap is closed: what is left may only be less than the noise shows."""
 
@@ -144,6 +147,18 @@ def marked(study: StudyResult, equation: str) -> tuple[list[str], list[str]]:
 def shown_part(study: StudyResult) -> str:
     """Which part of the data the gap is summed up on: held-out data where there are any."""
     return "test" if "test" in study.gap.index.get_level_values(0) else "train"
+
+
+def not_weighed(study: StudyResult) -> list[str]:
+    """How many effects were not weighed for want of a role that can be given, by role; whole sentences but the dot."""
+    found = []
+    for role in GIVEN:
+        start = f"no column plays the role {role!r}"
+        slugs = {slug for (_, slug), why in study.left_out.items() if why.startswith(start)}
+        if slugs:
+            many = f"{len(slugs)} effects were" if len(slugs) > 1 else "1 effect was"
+            found.append(f"{many} not weighed: {start}; give roles={{{role!r}: ...}}")
+    return found
 
 
 def metric_value(study: StudyResult, metric: str, value: float) -> str:

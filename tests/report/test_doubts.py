@@ -119,6 +119,16 @@ def test_another_explanation_speaks_against_the_answer_where_it_is_likely(study)
     assert second.text.startswith("Cubic stiffness with probability 0.550, the answer 0.250; but it leaves 2.0")
 
 
+def test_effects_that_were_not_weighed_for_want_of_a_role_are_said(study):
+    changed = replace(
+        study, left_out={**study.left_out, ("ydot", "sine"): "no column plays the role 'position' (that)"}
+    )
+    (only,) = by_topic(changed, "Not weighed")
+    assert only.against is None
+    said = "1 effect was not weighed: no column plays the role 'position'; give roles={'position': ...}"
+    assert only.text == said and by_topic(study, "Not weighed") == []
+
+
 def test_ties_the_sampler_and_likely_suspects_speak_against(study):
     tied = [{"equation": "ydot", "slugs": ("cubic-stiffness", "quintic-stiffness"), "advice": "measure further"}]
     instrument = pd.DataFrame([{**DELAYED, "probability": 0.3, "status": ""}])

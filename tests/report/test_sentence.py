@@ -228,3 +228,12 @@ def test_of_two_equations_a_coefficient_that_is_off_is_said_beside_an_effect(ver
     # Beside something unknown coefficients take up what they can of it.
     assert "besides" not in said("unknown", equations={"x": "unknown", "z": "no gap"}, y=(1.0, 0.97, 0.25))
     assert "besides" not in said(verdict, [("Drag", 0.97, ())], y=(1.0, 0.97, 0.25))
+
+
+def test_effects_that_were_not_weighed_for_want_of_a_role_are_said_where_none_was_found():
+    why = "no column plays the role 'position' (the state whose rate is the velocity)"
+    left_out = {("x", "cubic"): why, ("z", "cubic"): why, ("x", "sine"): why, ("x", "gain"): "zero on all the data"}
+    assert said("unknown", left_out=left_out).endswith(
+        "2 effects were not weighed: no column plays the role 'position'; give roles={'position': ...}."
+    )
+    assert "not weighed" not in said("named", [("Drag", 0.97, ())], left_out=left_out)
