@@ -126,7 +126,7 @@ def closed_in_words(gap: pd.DataFrame) -> str:
     """
     shares = gap.xs("unexplained share", level="metric")[["before", "after"]]
     # What is at rest has no rate to explain a share of.
-    shares = shares[shares.notna().all(axis=1)]
+    shares = shares.dropna()
     parts = shares.index.get_level_values("data")
     held_out = "test" in parts
     where = "held-out data" if held_out else "the training data"

@@ -121,7 +121,7 @@ def free_run_part(gap: pd.DataFrame) -> str:
 def _free_runs(gap: pd.DataFrame) -> pd.DataFrame:
     rows = rows_of(gap, "free-run NRMSE", "metric")
     # A state at rest has no error to speak of.
-    return rows[rows["before"].notna()]
+    return rows.dropna(subset=["before"])
 
 
 def not_helped(gap: pd.DataFrame) -> tuple[str, ...]:
