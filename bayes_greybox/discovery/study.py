@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any, TypeVar
 
+import jax
 import numpy as np
 import pandas as pd
 from rich.console import Console
@@ -15,15 +16,18 @@ from bayes_greybox.data.records import plain_rows
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.inference.netcdf import versions
 from bayes_greybox.inference.posterior import Posterior
-from bayes_greybox.model.noise.asked import FIT, Noise
-from bayes_greybox.model.noise.suspicions import CORRELATED, HEAVY, VARYING
+from bayes_greybox.model.noise.asked import FIT, Noise, check_asked
+from bayes_greybox.model.noise.suspicions import CORRELATED, HEAVY, LEAST_ROWS, VARYING
 from bayes_greybox.model.program import Program
 from bayes_greybox.model.rows.row_warnings import row_warnings
 from bayes_greybox.physics.catalogue.effects import CatalogueSpec, load_catalogue
+from bayes_greybox.physics.catalogue.pairs import pairs_in_data
 from bayes_greybox.physics.catalogue.roles import bind_catalogue, roles_of, unbound
+from bayes_greybox.physics.simulation import Simulation
 from bayes_greybox.physics.terms import Term
-from bayes_greybox.physics.units import check_units
+from bayes_greybox.physics.units import check_units, same_unit
 
+from .answer.adequacy import LAGS
 from .answer.finding import NEGLIGIBLE, SUBSTANTIAL, SURE, TIED, VERDICTS, Finding
 from .answer.gap import Amendment, FreePath, FreeRuns, gap_rows, worsened
 from .answer.where import GapMap, GapTrace
@@ -155,6 +159,7 @@ def investigate(
     seconds: dict[str, float] = {}
     findings: dict[str, EquationStudy] = {}
     console = Console(stderr=True, quiet=not progress)
+    pairs = pairs_in_data(model.simulator(train), train) if callable(model.simulation) else None
     with threadpool_limits(1), console.status("Missing effects") as status:
         left_out: dict[tuple[str, str], str] = {}
         for name in equations:
@@ -163,7 +168,7 @@ def investigate(
                 status.update(f"{name}: {text}")
 
             say("reading the data")
-            columns = roles_of(model.simulation, train.state_names, train.input_names, name, roles, train.units)
+            columns = roles_of(model.simulation, train.state_names, train.input_names, name, roles, train.units, pairs)
             left_out |= {(name, slug): why for slug, why in unbound(loaded, columns, train.units).items()}
             bound = bind_catalogue(loaded, columns, train.units)
             each = odds.of_each(len(equations))
@@ -183,7 +188,8 @@ def investigate(
     warnings = tuple(
         text for name in filtered for text in row_warnings(model.rows, train, name, model.simulator(train))
     )
-    verdict, against = verdict_of([found.finding for found in findings.values()], gap)
+    warnings = (*_said_of(model, train, settle), *warnings)
+    verdict, against = verdict_of({name: found.finding for name, found in findings.items()}, gap)
     return StudyResult(
         base=model,
         model=amended_program(model, findings),
@@ -253,16 +259,17 @@ def studied_equations(model: Program, data: Trajectories) -> tuple[str, ...]:
     return left
 
 
-def verdict_of(findings: Sequence[Finding], gap: pd.DataFrame) -> tuple[str, tuple[str, ...]]:
+def verdict_of(findings: Mapping[str, Finding], gap: pd.DataFrame) -> tuple[str, tuple[str, ...]]:
     """Verdict of a study, and what speaks against it: the free run has a veto over what is called *named*.
 
     Args:
-        findings: Of each equation.
+        findings: By equation; of several, each says in which equation it doubts.
         gap: Before and after.
     """
-    verdict = max((found.verdict for found in findings), key=VERDICTS.index)
-    against = tuple(text for found in findings for text in found.against)
-    claims = any(found.places for found in findings) or verdict == "recalibrate"
+    verdict = max((found.verdict for found in findings.values()), key=VERDICTS.index)
+    about = {name: f"in d({name})/dt: " if len(findings) > 1 else "" for name in findings}
+    against = tuple(about[name] + text for name, found in findings.items() for text in found.against)
+    claims = any(found.places for found in findings.values()) or verdict == "recalibrate"
     worse = worsened(gap) if claims else ()
     if worse:
         against = (*against, *(worse_in_words(key) for key in worse))
@@ -308,12 +315,35 @@ def _corrected(train: Trajectories, findings: Mapping[str, EquationStudy]) -> Tr
     return replace(first, derivatives={**first.derivatives, **{n: data.derivatives[n] for n, data in each.items()}})
 
 
+def _said_of(model: Program, train: Trajectories, settle: bool) -> list[str]:
+    """What a study does not do with what it was given, in words."""
+    said = []
+    if train.n_obs < 2 * LAGS:
+        said.append(
+            f"{train.n_obs} rows are too few to check residuals on: below {2 * LAGS} neither their whiteness nor the "
+            "shape of the noise was tested."
+        )
+    if isinstance(model.noise, Noise) and not model.noise.white:
+        where = "" if settle else ", and nothing was sampled (settle=False)"
+        said.append(
+            "The noise that GreyBox(noise=bg.Noise(...)) asks for concerns the posterior of the amended model "
+            f"only{where}: the study weighs noise of its own accord."
+        )
+    return said
+
+
 def _check_data(
     model: Program, equations: Sequence[str], train: Trajectories, test: Trajectories | None, free_runs: bool
 ) -> None:
-    """Refuse before the search what the search or the gap after it could not use."""
+    """Refuse before the search what the search, or the gap and the fit after it, could not use."""
     check_units({}, train.units, train.derivative_names, train.time_name)
-    whole = set(train.state_names) <= {*model.simulator(train).equations, *equations}
+    if train.n_obs < LEAST_ROWS:
+        raise InputError(
+            f"The training data have {train.n_obs} rows, on which nothing can be told from noise: give at least "
+            f"{LEAST_ROWS}."
+        )
+    simulation = model.simulator(train)
+    whole = set(train.state_names) <= {*simulation.equations, *equations}
     for part, data in (("training", train), *([("test", test)] if test is not None else [])):
         missing = [name for name in train.columns if name not in data.columns]
         if missing:
@@ -324,3 +354,25 @@ def _check_data(
                 f"Run {short[0]!r} of the {part} data has one row, and a free run needs two: leave that run out, or "
                 "the free runs with free_runs=False."
             )
+    for name, unit in train.units.items():
+        other = test.units.get(name) if test is not None else None
+        if unit and other and not same_unit(unit, other, f"column {name!r}"):
+            raise InputError(f"The test data have {name} in {other}, the training data in {unit}: convert them.")
+    if isinstance(model.noise, Noise):
+        for name in equations:
+            check_asked(model.noise, model.equation_rows(train, name))
+    if free_runs and whole:
+        _check_traceable(simulation)
+
+
+def _check_traceable(simulation: Simulation) -> None:
+    """Refuse a simulation that the integrator could not follow; rates of rows do with plain NumPy, free runs do not."""
+    x, u = (jax.ShapeDtypeStruct((len(names),), float) for names in (simulation.states, simulation.inputs))
+    try:
+        jax.eval_shape(simulation.rate, jax.ShapeDtypeStruct((), float), x, u)
+    except Exception as error:
+        # Plain NumPy, in-place assignment and Python branches fail under JAX with errors of many kinds.
+        raise InputError(
+            f"The simulation cannot be integrated, {type(error).__name__}: write it with jax.numpy, without in-place "
+            "assignment and without branches on its values, or leave the free runs out with free_runs=False."
+        ) from error

@@ -186,8 +186,9 @@ def follow_piece(
         return ~jnp.all(jnp.abs(x) < limit)
 
     control = diffrax.PIDController(rtol=rtol, atol=atol * sizes, dtmin=_SMALLEST_STEP * span)
-    if values.shape[1]:
-        # Inputs are not smooth at their samples; a step across one would waste many rejected attempts.
+    if values.shape[1] and times.shape[0] > 2:
+        # Inputs are not smooth at their samples; a step across one would waste many rejected attempts. A piece of two
+        # rows has no inner sample, and the controller refuses an empty list.
         inner, held = times[1:-1], "zoh" in kinds
         control = diffrax.ClipStepSizeController(
             control, step_ts=None if held else inner, jump_ts=inner if held else None

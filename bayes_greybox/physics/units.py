@@ -55,6 +55,20 @@ def parse_unit(text: str, what: str) -> Any:
     raise InputError(f"The unit {text[:100]!r} of {what} is not known; write it as in 'm/s^2', or '1' for none.{hint}")
 
 
+def same_unit(first: str, second: str, what: str) -> bool:
+    """Whether two units are one, however they are written.
+
+    Args:
+        first: A unit, as in "m/s".
+        second: Another.
+        what: What has them, for the message.
+
+    Raises:
+        InputError: One of them is not a known unit.
+    """
+    return first == second or _same(parse_unit(first, what), parse_unit(second, what))
+
+
 def derivative_unit(state: str, units: Mapping[str, str]) -> str:
     """Unit of d(state)/dt: as declared under "d(state)/dt", else the state's unit over the time's.
 

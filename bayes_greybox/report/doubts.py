@@ -7,8 +7,9 @@ from typing import Any
 
 from bayes_greybox.criticism.convergence import convergence
 from bayes_greybox.discovery.answer.finding import NEGLIGIBLE, STOPS, SURE
+from bayes_greybox.discovery.answer.gap import worsened
 from bayes_greybox.discovery.answer.instrument import IN_MODEL
-from bayes_greybox.discovery.study import StudyResult
+from bayes_greybox.discovery.study import StudyResult, worse_in_words
 from bayes_greybox.discovery.suspects.channels import DELAY_STEPS
 
 from .formatting import listed, number, percent_text, probability_text
@@ -16,12 +17,13 @@ from .study_words import (
     added,
     answer,
     free_run_errors,
+    free_run_part,
     metric_value,
     name_of,
     not_helped,
+    not_weighed,
     rows_of,
     share_text,
-    shown_part,
     worse_runs,
 )
 
@@ -54,7 +56,7 @@ class Doubt:
 
 
 def doubts(study: StudyResult) -> list[Doubt]:
-    """Checks, the free run's veto, what remains, the runner-up, ties, the measurement and the sampler.
+    """Checks, the free run, what remains, runner-up, ties, the measurement, what was not weighed, and the sampler.
 
     Args:
         study: The study.
@@ -65,6 +67,7 @@ def doubts(study: StudyResult) -> list[Doubt]:
         parts = (*_checks(study, equation), *_explanations(study, equation), *_measurement(study, equation))
         found += [replace(each, topic=f"{each.topic}{about}") for each in parts]
     rows = [Doubt("Rows", text, True) for text in study.warnings]
+    rows += [Doubt("Not weighed", text, None) for text in not_weighed(study)]
     return [_said(each) for each in (*found, *rows, *_ties(study), _free_run(study), _sampler(study))]
 
 
@@ -133,7 +136,7 @@ def _ties(study: StudyResult) -> Iterator[Doubt]:
 
 def _free_run(study: StudyResult) -> Doubt:
     errors = free_run_errors(study.gap)
-    where = "on held-out data" if shown_part(study) == "test" else "on the training data"
+    where = "on held-out data" if free_run_part(study.gap) == "test" else "on the training data"
     if not len(errors):
         return Doubt("Free run", "not integrated, so it has no veto", None)
 
@@ -144,14 +147,11 @@ def _free_run(study: StudyResult) -> Doubt:
         ]
         return f"{where}: {', '.join(parts)}"
 
-    worse = worse_runs(study.gap)
-    if worse:
-        return Doubt(
-            "Free run", f"{'; '.join(f'the free run of {name} gets worse' for name in worse)} {change(worse)}", True
-        )
-    failing = _fails_sooner(study)
-    if failing:
-        return Doubt("Free run", f"{failing} {where}", True)
+    worse, failing = worse_runs(study.gap), _fails_sooner(study)
+    if worse or failing:
+        states = [f"the free run of {name} gets worse" for name in worse]
+        texts = [f"{'; '.join(states)} {change(worse)}"] if worse else []
+        return Doubt("Free run", "; ".join([*texts, *([f"{failing} {where}"] if failing else [])]), True)
     idle = not_helped(study.gap)
     if not added(study).size and study.verdict in ("no gap", "instrument", "unknown"):
         return Doubt("Free run", f"nothing was added, so it stays as it is {change(errors.index)}", False)
@@ -161,12 +161,13 @@ def _free_run(study: StudyResult) -> Doubt:
 
 
 def _fails_sooner(study: StudyResult) -> str:
-    table = rows_of(rows_of(study.gap, "time to failure", "metric"), shown_part(study), "data")
-    for row in table.to_dict("records"):
-        if row["after"] < row["before"]:
-            after, before = (metric_value(study, "time to failure", row[key]) for key in ("after", "before"))
-            before = f"after {before}" if math.isfinite(row["before"]) else before
-            return f"the amended model's free run fails after {after}, the simulation's {before},"
+    """What the free run's time to failure says; the veto decides, so that no page denies what the sentence says."""
+    for key in worsened(study.gap):
+        if key[1] == "time to failure":
+            after, before = (float(study.gap.loc[[key], name].iloc[0]) for name in ("after", "before"))
+            said = {name: metric_value(study, key[1], value) for name, value in (("after", after), ("before", before))}
+            earlier = f"after {said['before']}" if math.isfinite(before) else said["before"]
+            return f"{worse_in_words(key)}: the amended model's after {said['after']}, the simulation's {earlier},"
     return ""
 
 

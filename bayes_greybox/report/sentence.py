@@ -1,14 +1,21 @@
 """The verdict of a study in one sentence."""
 
+from collections.abc import Mapping, Sequence
+from typing import Any
+
 import pandas as pd
 
+from bayes_greybox.discovery.answer.finding import SURE
 from bayes_greybox.discovery.answer.gap import worsened
 from bayes_greybox.discovery.answer.instrument import IN_MODEL
 from bayes_greybox.discovery.study import StudyResult, worse_in_words
 from bayes_greybox.discovery.suspects.channels import KINDS
 
 from .formatting import listed, number, percent_text, probability_text
-from .study_words import LIKELY, MOST_CLOSED, name_of, not_helped
+from .study_words import LIKELY, MOST_CLOSED, answer, name_of, not_helped, not_weighed
+
+TWICE = 2.0
+"""From this ratio on a rise is said as a multiple: hundreds of per cent are hard to read."""
 
 
 def sentence(study: StudyResult) -> str:
@@ -23,6 +30,9 @@ def sentence(study: StudyResult) -> str:
     found = measurement_in_words(study)
     if found and study.verdict != "instrument":
         parts.append(f"Of the measurement: {'; '.join(found)}.")
+    if study.verdict == "unknown":
+        # What is missing may be among them.
+        parts += [f"{text}." for text in not_weighed(study)]
     if study.against:
         parts.append(f"Against it: {'; '.join(study.against)}.")
     return " ".join(parts)
@@ -43,24 +53,43 @@ def _answer(study: StudyResult) -> str:
         found = "; ".join(measurement_in_words(study)) or "what of it the data cannot say"
         return f"No effect is missing, it is the measurement: {found}."
     if study.verdict == "recalibrate":
-        off = study.corrections[study.corrections["probability"] > LIKELY]
-        right = "; ".join(
-            f"{row['term']} in d({row['equation']})/dt should have {number(row['nominal'] + row['mean'], 4)}, not "
-            f"{number(row['nominal'], 4)}"
-            for row in off.reset_index().to_dict("records")
-        )
-        return (
-            f"No effect is missing; coefficients of the simulation are off "
-            f"({right or 'which one the data cannot say'}), and setting them right {closed}."
-        )
+        off = _corrections(study, LIKELY)
+        right = "; ".join(_should_be(row) for row in off) or "which one the data cannot say"
+        what, it = "coefficients of the simulation are", "them"
+        if len(off) == 1:
+            what, it = "the coefficient of the simulation is", "it"
+        return f"No effect is missing; {what} off ({right}), and setting {it} right {closed}."
     said = []
     for row in study.effects.query("status == 'added'").to_dict("records"):
         tied = [name_of(study, slug).lower() for slug in row["tied_with"]]
         tied = f", not to be told from {' or '.join(tied)}" if tied else ""
         p = probability_text(row["probability"])
         said.append(f"{row['name'].lower()} in d({row['equation']})/dt (probability {p}{tied})")
+    # Of several equations the gravest speaks; what was found in the others is said with it.
+    off = [row for row in _corrections(study, SURE) if answer(study, row["equation"]) != "unknown"]
+    besides = ""
+    if off and len(study.maps) > 1:
+        what = "A coefficient of the simulation is" if len(off) == 1 else "Coefficients of the simulation are"
+        besides = f" {what} off besides: {'; '.join(_should_be(row) for row in off)}."
+    return f"{_missing(study, said, closed)}{besides}"
+
+
+def _missing(study: StudyResult, said: Sequence[str], closed: str) -> str:
+    """What is missing, under a verdict that something is.
+
+    Args:
+        study: The study.
+        said: Effects that were added, in words.
+        closed: What became of the gap.
+    """
     if study.verdict == "unknown" or not said:
-        return "Something is missing that the catalogue does not have; the maps show its shape."
+        shapeless = [name for name in study.maps if answer(study, name) == "unknown"] if len(study.maps) > 1 else []
+        where = f" in {' and '.join(f'd({name})/dt' for name in shapeless)}" if shapeless else ""
+        unnamed = f"Something is missing{where} that the catalogue does not have; the maps show its shape"
+        if not said:
+            return f"{unnamed}."
+        it = "it" if len(said) == 1 else "them"
+        return f"{unnamed}. The simulation lacks {' and '.join(said)} too; adding {it} {closed}."
     lacks = f"The simulation lacks {' and '.join(said)}"
     it = "it" if len(said) == 1 else "them"
     if study.verdict == "named":
@@ -79,26 +108,51 @@ def _answer(study: StudyResult) -> str:
     return f"{lacks}, and something else that the catalogue does not have; adding what has a name {closed}."
 
 
+def _corrections(study: StudyResult, least: float) -> list[dict[str, Any]]:
+    """Corrections of the simulation's coefficients that are more probable than this."""
+    return study.corrections[study.corrections["probability"] > least].reset_index().to_dict("records")
+
+
+def _should_be(row: Mapping[str, Any]) -> str:
+    right, wrong = number(row["nominal"] + row["mean"], 4), number(row["nominal"], 4)
+    return f"{row['term']} in d({row['equation']})/dt should have {right}, not {wrong}"
+
+
 def closed_in_words(gap: pd.DataFrame) -> str:
     """What became of the gap, on held-out data where the rates were measured there.
 
     Args:
         gap: The gap before and after, as a study has it.
     """
-    shares = gap.xs("unexplained share", level="metric")
-    held_out = "test" in shares.index.get_level_values("data")
+    shares = gap.xs("unexplained share", level="metric")[["before", "after"]]
+    # What is at rest has no rate to explain a share of.
+    shares = shares.dropna()
+    parts = shares.index.get_level_values("data")
+    held_out = "test" in parts
     where = "held-out data" if held_out else "the training data"
-    before, after = shares.loc["test" if held_out else "train", ["before", "after"]].sum()
+    before, after = shares[parts == ("test" if held_out else "train")].sum()
     if not before > 0:
-        return f"leaves no gap on {where}"
+        if after > 0:
+            return f"leaves {percent_text(after)} of the rate on {where} unexplained, where nothing was before"
+        return f"closes no gap on {where}, which show none"
     worse, idle = worsened(gap), not_helped(gap)
     if worse or idle:
         # What is claimed closed is closed in the free run too.
-        change = "lowers" if after < before else "raises"
-        size = percent_text(min(abs(1 - after / before), MOST_CLOSED))
         runs = " and ".join(worse_in_words(key) for key in worse)
         runs = runs or f"the free run of {listed(idle)} does not get better"
-        return f"{change} what is unexplained of the rate on {where} by {size}, but {runs}"
+        if after > before:
+            return f"raises what is unexplained of the rate on {where} {risen(after / before)}, and {runs}"
+        size = percent_text(min(1 - after / before, MOST_CLOSED))
+        return f"lowers what is unexplained of the rate on {where} by {size}, but {runs}"
     if after > before:
-        return f"widens the gap on {where} by {percent_text(after / before - 1)}"
+        return f"widens the gap on {where} {risen(after / before)}"
     return f"closes {percent_text(min(1 - after / before, MOST_CLOSED))} of the gap on {where}"
+
+
+def risen(ratio: float) -> str:
+    """By how much something rose: in per cent up to twice what it was, beyond that as a multiple.
+
+    Args:
+        ratio: After over before, above one.
+    """
+    return f"by {percent_text(ratio - 1)}" if ratio < TWICE else f"to {number(ratio, 2)} times what it was"

@@ -44,6 +44,9 @@ NAMES = {
 LIKELY = 0.5
 """A correction more probable than this is taken over into the amended simulation."""
 
+GIVEN = ("position", "stored")
+"""Roles whose column may well be in the data where none was recognised; another body's need not be there."""
+
 MOST_CLOSED = 0.9999
 """Nobody is told that all of a gap is closed: what is left may only be less than the noise shows."""
 
@@ -107,8 +110,18 @@ def tied_sets(study: StudyResult, equation: str) -> list[str]:
 
 def free_run_errors(gap: pd.DataFrame) -> pd.DataFrame:
     """Errors of the free runs by state, on held-out data where there are any; empty where none were integrated."""
+    return rows_of(_free_runs(gap), free_run_part(gap), "data")
+
+
+def free_run_part(gap: pd.DataFrame) -> str:
+    """Which part of the data the free runs are judged on: held-out data, unless there are none or they are at rest."""
+    return "test" if "test" in _free_runs(gap).index.get_level_values("data") else "train"
+
+
+def _free_runs(gap: pd.DataFrame) -> pd.DataFrame:
     rows = rows_of(gap, "free-run NRMSE", "metric")
-    return rows_of(rows, "test" if "test" in rows.index.get_level_values("data") else "train", "data")
+    # A state at rest has no error to speak of.
+    return rows.dropna(subset=["before"])
 
 
 def not_helped(gap: pd.DataFrame) -> tuple[str, ...]:
@@ -134,6 +147,18 @@ def marked(study: StudyResult, equation: str) -> tuple[list[str], list[str]]:
 def shown_part(study: StudyResult) -> str:
     """Which part of the data the gap is summed up on: held-out data where there are any."""
     return "test" if "test" in study.gap.index.get_level_values(0) else "train"
+
+
+def not_weighed(study: StudyResult) -> list[str]:
+    """How many effects were not weighed for want of a role that can be given, by role; whole sentences but the dot."""
+    found = []
+    for role in GIVEN:
+        start = f"no column plays the role {role!r}"
+        slugs = {slug for (_, slug), why in study.left_out.items() if why.startswith(start)}
+        if slugs:
+            many = f"{len(slugs)} effects were" if len(slugs) > 1 else "1 effect was"
+            found.append(f"{many} not weighed: {start}; give roles={{{role!r}: ...}}")
+    return found
 
 
 def metric_value(study: StudyResult, metric: str, value: float) -> str:

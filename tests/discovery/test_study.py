@@ -265,7 +265,9 @@ def test_patterns_of_many_corrections_have_at_most_two_terms_in():
     [
         (0.4, 0.1, "closes 75.0 % of the gap on held-out data"),
         (0.4, 0.5, "widens the gap on held-out data by 25.0 %"),
-        (0.0, 0.0, "leaves no gap on held-out data"),
+        (0.0, 0.0, "closes no gap on held-out data, which show none"),
+        (0.0, 0.1, "leaves 10.0 % of the rate on held-out data unexplained, where nothing was before"),
+        (np.nan, np.nan, "closes 88.9 % of the gap on the training data"),
     ],
 )
 def test_what_became_of_the_gap_is_said_as_it_is(before, after, said):

@@ -23,11 +23,13 @@ from bayes_greybox.discovery.study import (
     worse_in_words,
 )
 from bayes_greybox.discovery.weighing.odds import Odds
+from bayes_greybox.model.noise.asked import Noise
+from bayes_greybox.model.noise.suspicions import LEAST_ROWS
 from bayes_greybox.model.program import Program
 from bayes_greybox.physics.terms import Term
 
 
-def two_states(n=12, rates=("x", "z"), states=("x", "z"), lengths=None, seed=0):
+def two_states(n=24, rates=("x", "z"), states=("x", "z"), lengths=None, seed=0, units=None):
     """Noise in every column, in runs of these lengths."""
     rng = np.random.default_rng(seed)
     lengths = lengths or [n]
@@ -36,6 +38,7 @@ def two_states(n=12, rates=("x", "z"), states=("x", "z"), lengths=None, seed=0):
         [np.arange(float(k)) for k in lengths],
         states={name: columns[name] for name in states},
         derivatives={name: columns[f"d{name}"] for name in rates},
+        units=units,
     )
 
 
@@ -92,7 +95,8 @@ def finding(verdict, n_place=0, against=()):
 def blank(kind, equation):
     """An instance of a dataclass with nothing in it but the name of its equation."""
     made = object.__new__(kind)
-    made.__dict__["equation"] = equation
+    # A default that is a function would be a method of what has no attribute of its own.
+    made.__dict__.update(equation=equation, corrected=lambda data: data)
     return made
 
 
@@ -156,7 +160,7 @@ def test_of_two_equations_the_graver_verdict_speaks_for_the_study(told, later, s
 
 
 def test_what_speaks_against_any_equations_verdict_is_told(told):
-    assert told("named", "no gap").against == ("x is odd", "z is odd")
+    assert told("named", "no gap").against == ("in d(x)/dt: x is odd", "in d(z)/dt: z is odd")
 
 
 def gap(*rows):
@@ -174,33 +178,33 @@ BETTER = gap(("test", "free-run NRMSE", "x", 0.3, 0.1))
     ("verdict", "expected"), [("named", "partly named"), ("one of", "one of"), ("partly named", "partly named")]
 )
 def test_a_free_run_that_gets_worse_has_a_veto(verdict, expected):
-    assert verdict_of([finding(verdict, 1)], WORSE) == (expected, ("the free run of x gets worse",))
-    assert verdict_of([finding(verdict, 1)], BETTER) == (verdict, ())
+    assert verdict_of({"x": finding(verdict, 1)}, WORSE) == (expected, ("the free run of x gets worse",))
+    assert verdict_of({"x": finding(verdict, 1)}, BETTER) == (verdict, ())
 
 
 def test_what_the_checks_say_comes_before_the_free_run():
-    _, against = verdict_of([finding("named", 1, ("residuals hang together",)), finding("no gap")], WORSE)
+    _, against = verdict_of({"x": finding("named", 1, ("residuals hang together",))}, WORSE)
     assert against == ("residuals hang together", "the free run of x gets worse")
 
 
 @pytest.mark.parametrize("verdict", ["no gap", "instrument", "unknown"])
 def test_where_no_effect_is_claimed_the_free_run_vetoes_nothing(verdict):
-    assert verdict_of([finding(verdict)], WORSE) == (verdict, ())
+    assert verdict_of({"x": finding(verdict)}, WORSE) == (verdict, ())
 
 
 def test_a_recalibration_that_makes_free_runs_worse_is_told():
-    assert verdict_of([finding("recalibrate")], WORSE) == ("recalibrate", ("the free run of x gets worse",))
+    assert verdict_of({"x": finding("recalibrate")}, WORSE) == ("recalibrate", ("the free run of x gets worse",))
 
 
 def test_held_out_free_runs_have_the_say_where_there_are_any():
     mixed = pd.concat([gap(("train", "free-run NRMSE", "x", 0.1, 0.3)), BETTER])
-    assert verdict_of([finding("named", 1)], mixed)[0] == "named"
-    assert verdict_of([finding("named", 1)], mixed.loc[["train"]])[0] == "partly named"
+    assert verdict_of({"x": finding("named", 1)}, mixed)[0] == "named"
+    assert verdict_of({"x": finding("named", 1)}, mixed.loc[["train"]])[0] == "partly named"
 
 
 def test_a_run_that_fails_sooner_vetoes_too():
     sooner = gap(("test", "time to failure", "all", 9.0, 3.0))
-    assert verdict_of([finding("named", 1)], sooner) == ("partly named", ("the free run fails sooner",))
+    assert verdict_of({"x": finding("named", 1)}, sooner) == ("partly named", ("the free run fails sooner",))
     assert worse_in_words(("test", "time to failure", "all")) == "the free run fails sooner"
 
 
@@ -301,7 +305,7 @@ def check(train, test=None, free_runs=True, equations=("x", "z"), model=BOTH):
 
 
 def test_data_that_can_be_used_are_not_refused():
-    check(two_states(lengths=[2, 5]), two_states(seed=1))
+    check(two_states(lengths=[2, 25]), two_states(seed=1))
 
 
 def test_test_data_without_a_column_of_the_training_data_are_refused():
@@ -320,17 +324,57 @@ def test_test_data_need_no_rates():
 
 @pytest.mark.parametrize("part", ["training", "test"])
 def test_a_run_of_one_row_is_refused_by_name_since_it_cannot_run_freely(part):
-    short, long = two_states(lengths=[5, 1]), two_states(seed=1)
+    short, long = two_states(lengths=[25, 1]), two_states(seed=1)
     with pytest.raises(InputError, match=f"Run '1' of the {part} data has one row.*free_runs=False"):
         check(*((short, long) if part == "training" else (long, short)))
 
 
 def test_a_run_of_one_row_will_do_without_free_runs():
-    check(two_states(lengths=[5, 1]), free_runs=False)
+    check(two_states(lengths=[25, 1]), free_runs=False)
 
 
 def test_a_run_of_one_row_will_do_where_no_free_run_is_possible():
-    check(two_states(lengths=[5, 1]), equations=("x",), model=Program(simulation={"x": "-x"}))
+    check(two_states(lengths=[25, 1]), equations=("x",), model=Program(simulation={"x": "-x"}))
+
+
+def test_too_few_rows_are_refused_and_few_are_told_to_go_unchecked(told):
+    check(two_states(n=LEAST_ROWS))
+    with pytest.raises(InputError, match=f"training data have 19 rows.*give at least {LEAST_ROWS}"):
+        check(two_states(n=LEAST_ROWS - 1))
+    (warning,) = told("named", "no gap").warnings
+    assert "24 rows are too few to check residuals on: below 40" in warning
+
+
+def test_test_data_in_another_unit_are_refused():
+    metres = two_states(units={"x": "m", "t": "s", "z": "m/s"})
+    with pytest.raises(InputError, match="test data have x in mm, the training data in m: convert them"):
+        check(metres, two_states(units={"x": "mm", "t": "s"}))
+    check(metres, two_states(units={"z": "m*s^-1"}))
+
+
+def test_a_simulation_that_no_integrator_can_follow_is_refused_before_the_search():
+    def plain(t, x, u):
+        rates = np.zeros(2)
+        rates[0], rates[1] = -x[0] + x[1], -x[0] * x[1]
+        return rates
+
+    model = Program(simulation=plain)
+    with pytest.raises(InputError, match=r"jax\.numpy, without in-place assignment.*free_runs=False"):
+        check(two_states(), model=model)
+    check(two_states(), model=model, free_runs=False)
+    check(two_states(), model=Program(simulation=lambda t, x, u: [-x[0] + x[1], -x[0] * x[1]]))
+
+
+def test_noise_that_cannot_be_had_on_the_data_is_refused_before_the_search():
+    with pytest.raises(InputError, match="depends_on='w'.* is neither a state nor an input"):
+        check(two_states(), model=Program(simulation=BOTH.simulation, noise=Noise(depends_on="w")))
+    check(two_states(), model=Program(simulation=BOTH.simulation, noise=Noise(depends_on="x")))
+
+
+def test_noise_that_was_asked_for_is_said_to_concern_the_posterior_only(told, monkeypatch):
+    monkeypatch.setattr("test_study_rules.BOTH", Program(simulation=BOTH.simulation, noise=Noise(tails=4.0)))
+    (_, warning) = told("named", "no gap", settle=False).warnings
+    assert "concerns the posterior of the amended model only, and nothing was sampled" in warning
 
 
 # Odds

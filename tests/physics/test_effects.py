@@ -8,8 +8,11 @@ import pytest
 from matplotlib.mathtext import MathTextParser
 
 from bayes_greybox.data.errors import InputError
+from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.model.program import Program
 from bayes_greybox.physics.catalogue.effect_tables import keys_of
 from bayes_greybox.physics.catalogue.effects import DOMAINS, Effect, InnerParameter, load_catalogue
+from bayes_greybox.physics.catalogue.pairs import pairs_in_data
 from bayes_greybox.physics.catalogue.roles import ROLES, bind_catalogue, roles_of, unbound
 from bayes_greybox.physics.expressions import evaluate, parse_expression
 from bayes_greybox.physics.terms import Dictionary
@@ -556,3 +559,39 @@ def test_effects_made_in_python_are_checked():
         Effect("a", "A", "own", "velocity*onset*pace", (onset, dataclasses.replace(onset, name="pace")))
     plain = dataclasses.replace(onset, unit_of="")
     assert Effect("a", "A", "own", "velocity**onset", (plain,)).roles == ("velocity",)
+
+
+def swing(noise=0.0, n_run=2):
+    """Runs of y = sin t in noisy samples, whose rate ydot was measured, beside an unrelated z."""
+    rng = np.random.default_rng(0)
+    t = [0.1 * np.arange(60) + 0.3 * run for run in range(n_run)]
+    return Trajectories.from_arrays(
+        t,
+        states={
+            "z": [rng.standard_normal(60) for _ in t],
+            "y": [np.sin(each) + noise * rng.standard_normal(60) for each in t],
+            "ydot": [np.cos(each) for each in t],
+        },
+        derivatives={"ydot": [-np.sin(each) for each in t]},
+    )
+
+
+@pytest.mark.parametrize(
+    ("rate_of_y", "noise", "found"),
+    [("velocity", 0.1, {"y": "ydot"}), ("none", 0.0, {"y": "ydot"}), ("none", 0.1, {})],
+)
+def test_a_position_of_a_simulation_that_is_code_is_found_in_its_values_or_the_samples(rate_of_y, noise, found):
+    def simulation(t, x, u):
+        return [-x[0], x[2] if rate_of_y == "velocity" else 0 * x[2], -x[1]]
+
+    data = swing(noise)
+    pairs = pairs_in_data(Program(simulation=simulation).simulator(data), data)
+    assert pairs == found
+    roles = roles_of(simulation, data.state_names, (), "ydot", pairs=pairs)
+    assert roles["position"] == (("y",) if found else ()) and roles["velocity"] == ("ydot",)
+
+
+def test_a_position_is_found_in_its_measured_rate():
+    data = swing(0.1)
+    data = dataclasses.replace(data, derivatives={**data.derivatives, "y": data.states["ydot"].copy()})
+    assert pairs_in_data(Program(simulation=lambda t, x, u: 0 * x).simulator(data), data) == {"y": "ydot"}

@@ -156,3 +156,11 @@ def test_a_blow_up_in_a_later_piece_ends_the_run_there():
     path = integrate(lambda t, x, u, args: x**2, t, np.array([0.25]))
     assert path.failed_at == pytest.approx(4.0, abs=0.02)
     assert np.array_equal(np.isfinite(path.states[:, 0]), t <= float(path.failed_at))
+
+
+@pytest.mark.parametrize("kind", ["linear", "zoh"])
+def test_a_run_of_two_rows_has_no_inner_sample_to_step_on(kind):
+    # x' = u; held, u is 1 all the way, and on a line it averages 2.
+    path = integrate(lambda t, x, u, args: u, np.array([0.0, 0.5]), np.zeros(1), np.array([[1.0], [3.0]]), None,
+                     interpolation=kind)  # fmt: skip
+    assert float(path.states[1, 0]) == pytest.approx(0.5 if kind == "zoh" else 1.0) and np.isnan(path.failed_at)

@@ -71,9 +71,36 @@ def test_the_veto_of_the_free_run_is_said_with_its_numbers(study):
     assert run.against and run.text.startswith("The free run of y does not get better")
     gap.loc[("test", "time to failure", "all"), ["before", "after"]] = (np.inf, 3.0)
     (run,) = by_topic(replace(study, gap=gap), "Free run")
-    assert run.against and "free run fails after 3 s, the simulation's never, on held-out" in spaced(run.text)
+    said = "The free run fails sooner: the amended model's after 3 s, the simulation's never, on held-out data"
+    assert run.against and spaced(run.text) == said
     none = study.gap[study.gap.index.get_level_values("metric") != "free-run NRMSE"]
     assert by_topic(replace(study, gap=none), "Free run")[0].against is None
+
+
+def failing(study, before, after, upper, **parts):
+    """The study with free runs that blow up at these times."""
+    gap = study.gap.copy()
+    gap.loc[("test", "time to failure", "all"), ["before", "after", "lower", "upper"]] = (before, after, after, upper)
+    for name, row in parts.items():
+        gap.loc[("test", "free-run NRMSE", name), ["before", "after", "lower", "upper"]] = row
+    return replace(study, gap=gap)
+
+
+def test_never_is_later_than_any_time_to_failure(study):
+    # NaN is never: the table has no infinities.
+    (run,) = by_topic(failing(study, np.nan, 3.0, 4.0), "Free run")
+    assert run.against and "the amended model's after 3 s, the simulation's never" in spaced(run.text)
+    (run,) = by_topic(failing(study, 3.0, np.nan, np.nan), "Free run")
+    assert not run.against and "fails" not in run.text
+
+
+def test_the_page_and_the_veto_agree_on_when_a_run_fails_sooner(study):
+    # Within two per cent, and where the interval reaches beyond the time before, it does not fail sooner.
+    for after, upper in ((2.97, 2.99), (2.0, 5.0)):
+        assert not by_topic(failing(study, 3.0, after, upper), "Free run")[0].against
+    both = failing(study, 3.0, 1.0, 1.5, y=(0.1, 0.3, 0.2, 0.4))
+    (run,) = by_topic(both, "Free run")
+    assert "free run of y gets worse" in run.text and "the free run fails sooner" in run.text
 
 
 def test_another_explanation_speaks_against_the_answer_where_it_is_likely(study):
@@ -90,6 +117,16 @@ def test_another_explanation_speaks_against_the_answer_where_it_is_likely(study)
     empty = {"verdict": "unknown", "effects": study.effects.assign(status="")}
     second = by_topic(replace(changed, **empty), "Runner-up")[0]
     assert second.text.startswith("Cubic stiffness with probability 0.550, the answer 0.250; but it leaves 2.0")
+
+
+def test_effects_that_were_not_weighed_for_want_of_a_role_are_said(study):
+    changed = replace(
+        study, left_out={**study.left_out, ("ydot", "sine"): "no column plays the role 'position' (that)"}
+    )
+    (only,) = by_topic(changed, "Not weighed")
+    assert only.against is None
+    said = "1 effect was not weighed: no column plays the role 'position'; give roles={'position': ...}"
+    assert only.text == said and by_topic(study, "Not weighed") == []
 
 
 def test_ties_the_sampler_and_likely_suspects_speak_against(study):

@@ -24,9 +24,9 @@ def gap_table(run=(9.0, 0.1, 0.1), **parts):
 CLOSED = gap_table(test=(0.4, 0.1))
 
 
-def effects(*rows):
+def effects(*rows, equation="x"):
     """(name, probability, tied with, status if not added) of each effect, and one that was not added."""
-    table = [("x", name, p, tied, *(status or ["added"])) for name, p, tied, *status in rows]
+    table = [(equation, name, p, tied, *(status or ["added"])) for name, p, tied, *status in rows]
     table.append(("x", "Diode", 0.3, (), ""))
     made = pd.DataFrame(table, columns=["equation", "name", "probability", "tied_with", "status"])
     return made.assign(slug=made["name"].str.lower().str.replace(" ", "-"))
@@ -45,11 +45,19 @@ def corrections(**given):
     return table
 
 
-def said(verdict, added=(), gap=CLOSED, measured=(), against=(), **off):
+def likeliest(**rows):
+    """The likeliest explanation of each equation."""
+    index = pd.MultiIndex.from_tuples(list(rows.items()), names=["equation", "hypothesis"])
+    return pd.DataFrame({"probability": [0.99] * len(rows)}, index=index)
+
+
+def said(verdict, added=(), gap=CLOSED, measured=(), against=(), where="x", equations=None, left_out=(), **off):
     study = object.__new__(StudyResult)
+    equations = equations or {"x": verdict}
     study.__dict__.update(
-        verdict=verdict, effects=effects(*added), gap=gap, corrections=corrections(**off),
-        instrument=instrument(*measured), against=tuple(against),
+        verdict=verdict, effects=effects(*added, equation=where), gap=gap, corrections=corrections(**off),
+        instrument=instrument(*measured), against=tuple(against), maps=dict.fromkeys(equations),
+        hypotheses=likeliest(**equations), left_out=dict(left_out),
     )  # fmt: skip
     return sentence(study).replace("\u00a0", " ")
 
@@ -105,7 +113,8 @@ def test_recalibration_says_the_right_coefficient_and_the_wrong_one():
     text = said("recalibrate", y=(1.0, 0.97, 0.25))
     assert "No effect is missing" in text
     assert "y in d(x)/dt should have 1.25, not 1" in text
-    assert "setting them right closes 75.0 % of the gap" in text
+    assert text.startswith("No effect is missing; the coefficient of the simulation is off (")
+    assert "setting it right closes 75.0 % of the gap" in text
 
 
 def test_recalibration_passes_over_coefficients_that_are_rather_right():
@@ -115,6 +124,7 @@ def test_recalibration_passes_over_coefficients_that_are_rather_right():
 
 def test_recalibration_lists_all_coefficients_that_are_rather_wrong():
     text = said("recalibrate", y=(1.0, 0.97, 0.25), u=(2.0, 0.51, 0.1))
+    assert "coefficients of the simulation are off (" in text and "setting them right closes" in text
     assert "should have 1.25, not 1; u in d(x)/dt should have 2.1, not 2" in text
 
 
@@ -132,9 +142,15 @@ def test_a_gap_that_is_closed_all_but_wholly_is_not_rounded_to_wholly():
     assert "closes > 99.9 % of the gap" in text
 
 
-def test_without_a_gap_on_held_out_data_none_is_left():
+def test_where_held_out_data_show_no_gap_none_is_called_closed():
     text = said("named", [("Cubic spring", 0.87, ())], gap_table(test=(0.0, 0.0)))
-    assert "leaves no gap on held-out data" in text
+    assert text.endswith("adding it closes no gap on held-out data, which show none.")
+
+
+def test_held_out_data_at_rest_leave_the_word_to_the_training_data():
+    nan = float("nan")
+    gap = gap_table((nan, nan, nan), train=(1.0, 0.25), test=(nan, nan))
+    assert said("named", [("Cubic spring", 0.87, ())], gap).endswith("closes 75.0 % of the gap on the training data.")
 
 
 def test_the_gap_on_held_out_data_counts_where_there_are_any():
@@ -182,3 +198,42 @@ def test_no_gap_is_called_closed_that_the_free_run_denies(after, how):
     text = said("partly named", [("Cubic spring", 0.97, ())], gap_table((0.2, after, 0.1), test=(0.4, 0.1)))
     assert "closes" not in text
     assert f"lowers what is unexplained of the rate on held-out data by 75.0 %, but the free run of x {how}" in text
+
+
+@pytest.mark.parametrize(
+    ("after", "how"), [(0.6, "by 50.0 %"), (0.8, "to 2 times what it was"), (4e3, "to 10000 times what it was")]
+)
+def test_what_rises_is_said_with_its_size_and_without_a_but(after, how):
+    text = said("partly named", [("Cubic spring", 0.97, ())], gap_table((0.2, 0.5, 0.1), test=(0.4, after)))
+    assert f"raises what is unexplained of the rate on held-out data {how}, and the free run of x gets worse" in text
+    assert f"widens the gap on held-out data {how}." in said("named", [("Drag", 0.9, ())], gap_table(test=(0.4, after)))
+
+
+def test_of_two_equations_what_has_a_name_is_said_beside_what_has_none():
+    text = said("unknown", [("Drag", 0.97, ())], where="z", equations={"x": "unknown", "z": "drag"})
+    assert text == (
+        "Something is missing in d(x)/dt that the catalogue does not have; the maps show its shape. The simulation "
+        "lacks drag in d(z)/dt (probability 0.970) too; adding it closes 75.0 % of the gap on held-out data."
+    )
+    text = said("unknown", equations={"x": "unknown", "z": "no gap"})
+    assert text == "Something is missing in d(x)/dt that the catalogue does not have; the maps show its shape."
+
+
+@pytest.mark.parametrize("verdict", ["named", "one of", "partly named"])
+def test_of_two_equations_a_coefficient_that_is_off_is_said_beside_an_effect(verdict):
+    two = {"x": "recalibrate", "z": "drag"}
+    text = said(verdict, [("Drag", 0.97, ())], where="z", equations=two, y=(1.0, 0.97, 0.25), u=(2.0, 0.8, 0.1))
+    assert "drag in d(z)/dt" in text
+    assert text.endswith("A coefficient of the simulation is off besides: y in d(x)/dt should have 1.25, not 1.")
+    # Beside something unknown coefficients take up what they can of it.
+    assert "besides" not in said("unknown", equations={"x": "unknown", "z": "no gap"}, y=(1.0, 0.97, 0.25))
+    assert "besides" not in said(verdict, [("Drag", 0.97, ())], y=(1.0, 0.97, 0.25))
+
+
+def test_effects_that_were_not_weighed_for_want_of_a_role_are_said_where_none_was_found():
+    why = "no column plays the role 'position' (the state whose rate is the velocity)"
+    left_out = {("x", "cubic"): why, ("z", "cubic"): why, ("x", "sine"): why, ("x", "gain"): "zero on all the data"}
+    assert said("unknown", left_out=left_out).endswith(
+        "2 effects were not weighed: no column plays the role 'position'; give roles={'position': ...}."
+    )
+    assert "not weighed" not in said("named", [("Drag", 0.97, ())], left_out=left_out)

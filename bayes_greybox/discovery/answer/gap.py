@@ -68,7 +68,8 @@ def gap_rows(
 
     Metrics: derivative NMSE, mean((ẋ − x̂̇)²)/var(ẋ); unexplained share, (mean((ẋ − x̂̇)²) − σ²)/mean(ẋ²), not below
     zero; free-run NRMSE, RMS(x − x̂)/SD(x) up to the first failure of either; time to failure of runs that blow up, NaN
-    where a model never does. The figures are those of the mean over draws, the intervals those of the draws.
+    where a model never does. What is over a measurement at rest is NaN. The figures are those of the mean over draws,
+    the intervals those of the draws.
 
     Args:
         model: The model before.
@@ -93,14 +94,17 @@ def gap_rows(
         after = measured.operate(amendment.rates(measured.columns, RATE_DRAWS)[1].T).T
         variance, noise = float(np.var(measured.measured)), amendment.sigma**2
 
-        def error(added: np.ndarray, target=measured.target, variance=variance) -> Any:
-            return np.mean((target - added) ** 2, axis=-1) / variance
+        def error(added: np.ndarray, target=measured.target) -> Any:
+            return np.mean((target - added) ** 2, axis=-1)
 
-        def share(values: Any, variance=variance, size=size, noise=noise) -> Any:
-            return np.maximum(values * variance - noise, 0.0) / size
+        def nmse(values: Any, variance=variance) -> Any:
+            return _over(values, variance)
+
+        def share(values: Any, size=size, noise=noise) -> Any:
+            return _over(np.maximum(values - noise, 0.0), size)
 
         errors = error(after)
-        for metric, f in (("derivative NMSE", lambda v: v), ("unexplained share", share)):
+        for metric, f in (("derivative NMSE", nmse), ("unexplained share", share)):
             low, high = np.quantile(f(errors), [(1 - LEVEL) / 2, (1 + LEVEL) / 2])
             mean = f(error(after.mean(axis=0)))
             rows.append((part, metric, equation, float(f(error(before, raw.target))), float(mean), low, high))
@@ -199,7 +203,11 @@ def worsened(gap: pd.DataFrame) -> tuple[tuple[str, str, str], ...]:
     """
     metrics = ("free-run NRMSE", "time to failure")
     records = zip(gap.index, gap.to_dict("records"), strict=True)
-    rows = [(key, row) for key, row in records if key[1] in metrics]
+    # A state at rest has no error to speak of.
+    rows = [
+        (key, row) for key, row in records
+        if key[1] in metrics and (key[1] == "time to failure" or not np.isnan(row["before"]))
+    ]  # fmt: skip
     held_out = [(key, row) for key, row in rows if key[0] == "test"]
     found = []
     for key, row in held_out or rows:
@@ -236,7 +244,7 @@ def _compared(
         alive = np.isfinite(states[:, :, i]).all(axis=0)
 
         def error(values: np.ndarray, measured=measured, alive=alive, spread=spread) -> Any:
-            return np.sqrt(np.mean((measured[alive] - values[..., alive]) ** 2, axis=-1)) / spread
+            return _over(np.sqrt(np.mean((measured[alive] - values[..., alive]) ** 2, axis=-1)), spread)
 
         low, high = np.quantile(error(after), [(1 - LEVEL) / 2, (1 + LEVEL) / 2])
         means = (float(error(values.mean(axis=0))) for values in (before, after))
@@ -250,6 +258,11 @@ def _compared(
         # Never is no number: records have null for it, and tables the word.
         rows.append((part, "time to failure", "all", *np.where(np.isfinite(times), times, np.nan)))
     return paths, rows
+
+
+def _over(values: Any, size: float) -> Any:
+    """A share of what was measured; NaN where the data are at rest, and nothing is a share of nothing."""
+    return values / size if size > 0 else np.full(np.shape(values), np.nan)
 
 
 def _sources(amendments: Mapping[str, Amendment], starts: Starts) -> dict[str, bool]:

@@ -55,11 +55,16 @@ def nodes(
         effect: Effect bound to columns.
         columns: States and inputs, whose range scales the inner parameter's prior.
         values: Increasing values of the inner parameter; its own grid by default.
+
+    Returns:
+        Terms, each with what its column carries beside; none where the inner parameter is a share of nothing.
     """
     if not effect.effect.inner:
         return [(effect.term(), {"effect": effect})]
     (inner,) = effect.effect.inner
     size = float(np.max(np.abs(columns[effect.names[inner.of]])))
+    if size == 0:
+        return []
     if values is None:
         values = inner.nodes(size)[0]
     # Trapezoidal weights of the log-uniform prior, so that grids of any spacing can be mixed.

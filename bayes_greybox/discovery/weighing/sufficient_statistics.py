@@ -45,6 +45,9 @@ COLLINEAR = 1e-9
 """Share of a column's square outside the span of the model's own terms below which it is no effect of its own."""
 
 
+ZERO = "zero on all the data"
+"""Why a term cannot serve whose columns are zero."""
+
 PARALLEL = 1e-4
 """Share of a suspect's square outside another column's span below which the two are one."""
 
@@ -134,7 +137,7 @@ class SufficientStatistics:
             value = np.asarray(term.evaluate(self.rows.columns), float)
             size = float(np.sqrt(np.mean(value**2))) if np.all(np.isfinite(value)) else np.nan
             if not size > 0 or not np.isfinite(size):
-                why = "zero on all the data" if size == 0 else "not finite on all the data"
+                why = ZERO if size == 0 else "not finite on all the data"
                 if kind == "free":
                     raise InputError(f"Term {term.name!r} of equation {self.equation!r} is {why}: remove it.")
                 if about.get("effect") is not None:
@@ -145,7 +148,7 @@ class SufficientStatistics:
                 sd = CORRECTION_SCALE * abs(about["nominal"]) * size / self.target_scale
             values.append(value / size)
             kept.append(Column(kind, term, size, sd, **about))
-        self._leave_out(refused, [*self.columns, *kept])
+        self.leave_out(refused, kept)
         if kept:
             self._extend(kept, np.column_stack(values))
 
@@ -266,8 +269,8 @@ class SufficientStatistics:
                 keep.append(i)
         why = "the model has this term already: a change of its coefficient is a recalibration"
         refused = {column.effect.slug: why for column in self.columns[first:] if column.effect is not None}
-        self._leave_out(refused, [self.columns[i] for i in keep])
         self._keep(keep)
+        self.leave_out(refused)
 
     def _twin(self, index: int) -> int | None:
         """A correction or suspect whose column is parallel to this one, if there is one."""
@@ -284,9 +287,14 @@ class SufficientStatistics:
         if self._known is not None:
             self._known = self._known[:, keep]
 
-    def _leave_out(self, refused: Mapping[str, str], left: Sequence[Column]) -> None:
-        """Note effects that no column is left of, by another binding or another value of their inner parameter."""
-        serving = {column.effect.slug for column in left if column.effect is not None}
+    def leave_out(self, refused: Mapping[str, str], new: Sequence[Column] = ()) -> None:
+        """Note effects that no column is left of, by another binding or another value of their inner parameter.
+
+        Args:
+            refused: Reasons by slug.
+            new: Columns that are about to be added.
+        """
+        serving = {column.effect.slug for column in (*self.columns, *new) if column.effect is not None}
         self.left_out |= {slug: why for slug, why in refused.items() if slug not in serving}
 
     def _evaluated(self) -> np.ndarray:
@@ -354,5 +362,7 @@ def sufficient_statistics(
         statistics.add("free", [(term, {}) for term in Dictionary.of(own, names).terms])
     parts = model.simulator(data).additive_terms(equation)
     statistics.add("correction", [(term, {"nominal": value}) for term, value in parts])
-    statistics.add("effect", [item for effect in effects for item in nodes(effect, rows.columns)])
+    items = {effect: nodes(effect, rows.columns) for effect in effects}
+    statistics.add("effect", [item for found in items.values() for item in found])
+    statistics.leave_out({effect.slug: ZERO for effect, found in items.items() if not found})
     return statistics

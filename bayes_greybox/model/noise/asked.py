@@ -117,17 +117,8 @@ def find_noise(
     known = NoiseModel(rows.noise)
     if noise.white:
         return known
+    check_asked(noise, rows)
     quantities = _quantities(noise, rows)
-    if rows.n_row < LEAST_ROWS:
-        raise InputError(
-            f"The noise of {rows.equation!r} cannot be found on {rows.n_row} rows: give at least {LEAST_ROWS}, or "
-            "leave GreyBox(noise=...) a number."
-        )
-    if not rows.noise.square or (noise.correlation is not None and not rows.noise.local):
-        raise InputError(
-            f"The rates of {rows.equation!r} were computed by differentiation, which gives their noise a known "
-            "correlation: leave Noise(correlation=...) out, and for the rest differentiate by 'savgol'."
-        )
     prior = NoisePrior(floor, noise.scale)
     X, y = _dictionary_columns(rows, dictionary), rows.target / rows.scale
     psi, choices = _features(rows, discrepancy)
@@ -140,6 +131,31 @@ def find_noise(
         if _settled(before, model):
             break
     return model
+
+
+def check_asked(noise: Noise, rows: EquationRows) -> None:
+    """Refuse noise that cannot be found on these rows, before there is any work to lose.
+
+    Args:
+        noise: What is asked for.
+        rows: Rows of the equation with the noise that they come with.
+
+    Raises:
+        InputError: As for `find_noise`.
+    """
+    if noise.white:
+        return
+    _quantities(noise, rows)
+    if rows.n_row < LEAST_ROWS:
+        raise InputError(
+            f"The noise of {rows.equation!r} cannot be found on {rows.n_row} rows: give at least {LEAST_ROWS}, or "
+            "leave GreyBox(noise=...) a number."
+        )
+    if not rows.noise.square or (noise.correlation is not None and not rows.noise.local):
+        raise InputError(
+            f"The rates of {rows.equation!r} were computed by differentiation, which gives their noise a known "
+            "correlation: leave Noise(correlation=...) out, and for the rest differentiate by 'savgol'."
+        )
 
 
 def _found(

@@ -39,11 +39,12 @@ def roles_of(
     equation: str,
     given: Mapping[str, str | Sequence[str]] | None = None,
     units: Mapping[str, str] | None = None,
+    pairs: Mapping[str, str] | None = None,
 ) -> dict[str, tuple[str, ...]]:
     """Columns that may play each role in the equation of one state.
 
     A position is recognised by its equation in the simulation, which says no more than that its rate is
-    another state, `{"y": "ydot"}`; a function as the simulation shows none.
+    another state, `{"y": "ydot"}`; of a function `pairs` has to say it.
 
     Args:
         simulation: The user's simulation, formulas by state.
@@ -53,6 +54,8 @@ def roles_of(
         given: Column or columns by role, which win over what is found here; further roles are welcome, and an
             empty sequence switches a role off.
         units: Units by column; a voltage, current or flux that is in another unit is none.
+        pairs: States whose rate is another state, with that state, as `pairs.pairs_in_data` finds them; by default
+            those that can be read off the simulation.
 
     Returns:
         Columns by role, of all `ROLES` and those given; empty where there is none.
@@ -64,7 +67,7 @@ def roles_of(
         raise InputError(
             f"There is no state {equation!r} whose equation could be learned; {nearest(equation, [*states])}"
         )
-    pairs = _positions(simulation, states)
+    pairs = _positions(simulation, states) if pairs is None else pairs
     others = tuple(name for name in states if name != equation)
     # In the equation of a position, its rate is the velocity.
     own = (equation,) if equation in pairs else tuple(x for x in states if pairs.get(x) == equation)

@@ -421,6 +421,17 @@ def table(*rows):
     return pd.DataFrame(rows, columns=columns).set_index(columns[:3])
 
 
+def test_data_at_rest_have_no_shares_and_no_say():
+    t = np.linspace(0, 2, 41)
+    still = Trajectories.from_arrays(
+        t, states={"x": np.zeros(41)}, derivatives={"x": np.zeros(41)}, constant="keep"
+    )  # fmt: skip
+    table, _ = gap(with_cube([-1.0]), data=still, free_runs=True)
+    assert table[["before", "after", "lower", "upper"]].isna().all(axis=None)
+    trained = gap(with_cube([3.0]), data=decay(0.5), free_runs=True, part="train")[0]
+    assert worsened(pd.concat([trained, table])) == worsened(trained) != ()
+
+
 NEVER = np.nan
 
 

@@ -252,6 +252,23 @@ def test_an_effect_is_not_left_out_while_a_value_of_its_inner_parameter_serves()
     assert 0 < len(found.of_kind("effect")) < 8 and found.left_out == {}
 
 
+@pytest.mark.parametrize("also_bound_to_x", [False, True])
+def test_an_inner_parameter_that_is_a_share_of_nothing_leaves_its_binding_out(also_bound_to_x):
+    inner = (InnerParameter("c", "edge", of="r", low=0.1, high=0.9, unit_of="r"),)
+    rng = np.random.default_rng(3)
+    x = rng.uniform(-1, 1, 50)
+    data = Trajectories.from_arrays(
+        0.1 * np.arange(50.0), states={"x": x}, inputs={"u": np.zeros(50)},
+        derivatives={"x": rng.standard_normal(50)}, constant="keep",
+    )  # fmt: skip
+    edge = effect("max(r - c, 0)", "edge", inner)
+    bound = [edge.bind({"r": name}) for name in (("u", "x") if also_bound_to_x else ("u",))]
+    model = Program(simulation={"x": "-x"}, discrepancy=OrthogonalGP(variables=("x",), features=3))
+    found = sufficient_statistics(model, data, "x", bound)
+    assert found.left_out == ({} if also_bound_to_x else {"edge": "zero on all the data"})
+    assert bool(found.of_kind("effect")) == also_bound_to_x
+
+
 def test_an_effect_that_serves_is_not_left_out_for_a_later_value_that_does_not():
     inner = (InnerParameter("c", "edge", of="r", low=0.1, high=2.0, unit_of="r"),)
     bound = effect("max(r - c, 0)", "edge", inner).bind({"r": "x"})
