@@ -17,6 +17,7 @@ from tiny_equation import (
     tiny_model,
 )
 
+from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.answer.adequacy import LOO_PIT, WHITENESS, Check
 from bayes_greybox.discovery.answer.coefficients import Coefficients, alone
 from bayes_greybox.discovery.answer.finding import STACKED, TIED, Finding, Place, Weighed
@@ -262,11 +263,10 @@ def test_tied_effects_that_never_part_need_more_data_or_less_noise():
 
 
 def drifting():
-    """The rows in the order of x, so that x goes along a path."""
-    data = tiny_data(seed=1)
-    order = np.argsort(data.states["x"])
-    states, rates = {"x": data.states["x"][order]}, {"x": data.derivatives["x"][order]}
-    return type(data).from_arrays(data.time, states=states, derivatives=rates)
+    """ẋ = −x along its own path."""
+    t, rng = 0.05 * np.arange(60), np.random.default_rng(1)
+    x = np.exp(-t)
+    return Trajectories.from_arrays(t, states={"x": x}, derivatives={"x": -x + 0.05 * rng.standard_normal(60)})
 
 
 @pytest.fixture(scope="module")

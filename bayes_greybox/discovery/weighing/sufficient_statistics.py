@@ -175,13 +175,13 @@ class SufficientStatistics:
             twin = self._twin(len(self.columns) - 1) if new else None
             if twin is None:
                 continue
-            other, last = self.columns[twin], len(self.columns) - 1
-            out, stays = last, _called(other)
-            if other.suspect is not None and other.suspect.key not in found and other.sd < column.sd:
-                # The likelier of two sensors' errors that look alike is the one that may be as large.
-                out, stays = twin, suspect.key
-            self.twins[_called(self.columns[out])] = stays
-            self._keep([i for i in range(last + 1) if i != out])
+            other = self.columns[twin]
+            if other.suspect is not None and other.sd < column.sd:
+                # Two errors that look alike have one name; it may be as large as the larger of them.
+                wider = replace(other.suspect, sd=other.suspect.sd * column.sd / other.sd)
+                self.columns[twin] = replace(other, sd=column.sd, suspect=wider)
+            self.twins[suspect.key] = _called(other)
+            self._keep(list(range(len(self.columns) - 1)))
 
     def drop(self, kind: str) -> None:
         """Forget the columns of one kind."""
