@@ -355,6 +355,8 @@ def _motion(
         # What a filter computed from the samples agrees with them.
         return [], []
     simulation, left = model.simulator(data), {k: noise.left for k, noise in aligned.sample_noise.items()}
+    # What smoothing leaves is less than the noise, but known only roughly: no sensor is blamed for that.
+    noise = {k: found.sd for k, found in aligned.sample_noise.items()}
     ones = np.ones(data.n_obs)
 
     def by_noise(rate: Callable[[Trajectories], np.ndarray]) -> float:
@@ -367,13 +369,13 @@ def _motion(
             rate = partial(simulation.on, state=state)
             (term, _), *_ = simulation.additive_terms(state)
             others[state] = ModelledRate(rate(data), by_noise(rate), term.name)
-    kinematic = check_motion(data, others, left, unit)
+    kinematic = check_motion(data, others, noise, unit)
     if finding.open_ended:
         return kinematic, []
     draws = amendment.rates(data.columns, RATE_DRAWS)[1]
     sd = float(np.hypot(np.sqrt(np.mean(np.var(draws, axis=0))), by_noise(aligned.rate)))
     own = ModelledRate(simulation.on(data, name) + draws.mean(axis=0), sd, "the model with what was found")
-    return kinematic, check_motion(data, {name: own}, left, unit)
+    return kinematic, check_motion(data, {name: own}, noise, unit)
 
 
 def _changing(data: Trajectories, rate: Callable[[Trajectories], np.ndarray]) -> dict[str, np.ndarray]:

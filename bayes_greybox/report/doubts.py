@@ -36,8 +36,12 @@ FAR = 3.0
 FINE = {
     "whiteness": "residuals are white ({})",
     "LOO-PIT": "the noise has the shape that the model gives it (LOO-PIT, {})",
+    "motion": "the samples move as is said of their rate ({})",
 }
-"""What a check that is passed says, by its name, with its p-value."""
+"""What a check that is passed says, by the first word of its name, with its p-value."""
+
+TOPICS = {"motion": "Motion"}
+"""What a check looks at, by the first word of its name, where that is not the residuals."""
 
 
 @dataclass(frozen=True)
@@ -79,8 +83,10 @@ def _checks(study: StudyResult, equation: str) -> Iterator[Doubt]:
     table = rows_of(study.checks, equation)
     for name, row in zip(table.index, table.to_dict("records"), strict=True):
         p = p_text(row["p"])
-        yield Doubt("Residuals", FINE[name].format(p) if row["ok"] else f"{row['text']} ({name}, {p})", not row["ok"])
-    if not len(table):
+        kind, _, state = name.partition(" of ")
+        topic = f"{TOPICS[kind]} of {state}" if kind in TOPICS else "Residuals"
+        yield Doubt(topic, FINE[kind].format(p) if row["ok"] else f"{row['text']} ({name}, {p})", not row["ok"])
+    if not any(name in FINE for name in table.index):
         why = (
             "there is a rest of any shape beside what has a name, which takes up what the tests would find"
             if study.verdict in ("unknown", "partly named")
