@@ -160,7 +160,10 @@ def _free_run(study: StudyResult) -> Doubt:
         return Doubt("Free run", "; ".join([*texts, *([f"{failing} {where}"] if failing else [])]), True)
     idle = not_helped(study.gap)
     if not added(study).size and study.verdict in ("no gap", "instrument", "unknown"):
-        return Doubt("Free run", f"nothing was added, so it stays as it is {change(errors.index)}", False)
+        if set(idle) == set(errors.index):
+            return Doubt("Free run", f"nothing was added, so it stays as it is {change(errors.index)}", False)
+        # Where nothing has a name the model after holds f.
+        return Doubt("Free run", f"no name was added, and f of any shape does this {change(errors.index)}", False)
     if idle:
         return Doubt("Free run", f"the free run of {listed(idle)} does not get better {change(idle)}", True)
     return Doubt("Free run", f"its error shrinks {change(errors.index)}", False)

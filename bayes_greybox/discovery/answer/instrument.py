@@ -144,7 +144,7 @@ def _row(
             + f" {way} ({abs(mean / suspect.step):.2g} samples)",
         }  # fmt: skip
     elif suspect.kind == GAIN:
-        row |= {"text": f"{channel} reads {abs(mean):.2%} too {'large' if mean >= 0 else 'small'}"}
+        row |= {"text": f"{channel} reads {100 * abs(mean):.3g}\u00a0% too {'large' if mean >= 0 else 'small'}"}
     else:
         rate = suspect.channel not in data.columns
         unit = derivative_unit(equation, data.units) if rate else data.unit(suspect.channel)

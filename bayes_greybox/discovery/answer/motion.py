@@ -93,7 +93,9 @@ def check_motion(
         if p < LEVEL:
             over = f"{float(np.median(np.concatenate(spans))):.2g} {unit}".rstrip()
             off = float(np.sqrt(np.mean(D**2))) / size
-            text = f"the samples of {name} do not move as {rate.of} says: over {over} they are {off:.1%} off"
+            text = (
+                f"the samples of {name} do not move as {rate.of} says: over {over} they are {100 * off:.2g}\u00a0% off"
+            )
         found.append(Check(f"{MOTION} of {name}", p, text))
     return found
 

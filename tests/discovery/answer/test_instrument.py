@@ -46,7 +46,8 @@ def test_a_delay_is_as_probable_as_when_it_was_found():
 
 
 @pytest.mark.parametrize(
-    ("channel", "factor", "said"), [("F", 1.04, "F reads 4.*% too large"), ("F", 0.96, "F reads [34].*% too small")]
+    ("channel", "factor", "said"),
+    [("F", 1.04, "F reads 4.*\u00a0% too large"), ("F", 0.96, "F reads [34].*\u00a0% too small")],
 )
 def test_a_gain_is_told_in_per_cent(channel, factor, said):
     data = forced(n=100)
