@@ -36,6 +36,7 @@ class Hidden:
         inner: Its inner parameter.
         jump: Role at whose zero it jumps; the integrator stops there.
         memory: Rate of a state of its own, which starts at zero and which `value` reads as the role "memory".
+        steps: Least number of steps in which the integrator follows a run; more where it could step across the effect.
     """
 
     slug: str
@@ -44,6 +45,7 @@ class Hidden:
     inner: Inner | None = None
     jump: str | None = None
     memory: Value | None = None
+    steps: int = 40
 
     def fits(self, host: Host) -> bool:
         """Whether the host has the roles."""

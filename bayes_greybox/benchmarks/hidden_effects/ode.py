@@ -51,6 +51,11 @@ class HostODE:
         """Effects with a state of their own, which follows the host's."""
         return tuple(act for act in self.acting if act.effect.memory is not None)
 
+    @property
+    def steps(self) -> int:
+        """Least number of steps in which the integrator follows a run."""
+        return max((act.effect.steps for act in self.acting), default=Hidden.steps)
+
     def known(self, columns: Mapping[str, Any]) -> dict[str, Any]:
         """What the host's own terms give, by state."""
         return {
@@ -156,7 +161,7 @@ def _smooth(ode: HostODE, full: np.ndarray, signal: Any, tolerance: float) -> np
         return ode.rate(_columns(ode, t, x, u), memory).ravel()
 
     result = _solve(
-        slope, (times[0], times[-1]), full.T.ravel(), t_eval=times, max_step=times[-1] / 40, tolerance=tolerance
+        slope, (times[0], times[-1]), full.T.ravel(), t_eval=times, max_step=times[-1] / ode.steps, tolerance=tolerance
     )
     return result.y.reshape(n_all, n_run, len(times)).swapaxes(0, 1)
 
@@ -190,7 +195,7 @@ def _jumping(ode: HostODE, full: np.ndarray, signal: Any, tolerance: float, run:
             x,
             t_eval=times[times > now],
             events=crossing,
-            max_step=times[-1] / 40,
+            max_step=times[-1] / ode.steps,
             tolerance=tolerance,
         )
         pieces.append(np.asarray(result.y).reshape(len(x), -1))

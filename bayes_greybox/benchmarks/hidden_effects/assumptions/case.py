@@ -9,7 +9,9 @@ import numpy as np
 from jaxtyping import Float
 
 from bayes_greybox.benchmarks.hidden_effects.host_systems import Host
+from bayes_greybox.benchmarks.hidden_effects.ode import Acting, HostODE
 from bayes_greybox.benchmarks.hidden_effects.search import Wanted
+from bayes_greybox.benchmarks.hidden_effects.trajectories import Excited
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
 
@@ -160,6 +162,8 @@ class Family:
         level: Noise that ratios are relative to, over the RMS of the rate; the case's by default.
         sigma: Standard deviation of the noise on the studied equation; the nominal one by default.
         beside: Further effects that act and are in no catalogue, with their sizes.
+        momentary: What else acts and is in no catalogue, sized by the family itself: (case, system with all other
+            effects, starts and input of the training data, generator) -> what acts.
         inner: Inner parameters of hidden effects, as fractions, where the case says them.
         accepted: Slugs that count as the right name of a hidden effect.
         excused: Slugs that no data could tell from the breach: neither right nor wrong.
@@ -174,6 +178,9 @@ class Family:
     level: Callable[[AssumptionCase], float] = field(default=lambda case: case.noise)
     sigma: Callable[[Scene], float] = field(default=lambda scene: scene.sigma)
     beside: Callable[[AssumptionCase, np.random.Generator], tuple[Wanted, ...]] = field(default=lambda case, rng: ())
+    momentary: Callable[[AssumptionCase, HostODE, Excited, np.random.Generator], tuple[Acting, ...]] = field(
+        default=lambda case, system, excited, rng: ()
+    )
     inner: Callable[[AssumptionCase], Mapping[str, float]] = field(default=lambda case: {})
     accepted: Callable[[AssumptionCase, str], tuple[str, ...]] = field(default=lambda case, slug: (slug,))
     excused: Callable[[AssumptionCase], tuple[str, ...]] = field(default=lambda case: ())

@@ -139,6 +139,8 @@ def _followed(
         wanted = [*beside, *wanted]
         try:
             acting = coefficients(short, excited["train"], wanted) if wanted else ()
+            rest = HostODE(short.host, bare.rates, acting)
+            acting = (*family.momentary(case, rest, excited["train"], rng), *acting)
             ode = HostODE(bare.host, bare.rates, acting)
             return ode, {part: followed(ode, visible, runs) for part, runs in excited.items()}
         except LostError:

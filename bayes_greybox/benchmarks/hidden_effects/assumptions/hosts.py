@@ -120,6 +120,16 @@ def _absorbed(ratio: float) -> Host:
     )
 
 
+def _with_terms(place: Place, name: str, **terms: float) -> Place:
+    """A host with other coefficients in its equation, or further terms."""
+    host = place.whole
+    rates = {**host.rates, host.equation: {**host.rates[host.equation], **terms}}
+    changed = replace(host, name=name, rates=rates)
+    return Place(changed, changed)
+
+
+_DRIVEN = _finer(HOSTS["forced-oscillator"])
+
 _SEEN = ("y1", "v1")
 
 PLACES: Mapping[str, Place] = {
@@ -142,6 +152,11 @@ PLACES: Mapping[str, Place] = {
     "fast-swept-oscillator": _finer(
         HOSTS["swept-oscillator"], samples=4 * (ROWS - 1) + 1, name="fast-swept-oscillator"
     ),
+    # For sensors that are bent: springs that harden, and damping of which much is known.
+    "hardening-machine": _with_terms(Place(MACHINE, MACHINE), "hardening-machine", **{"y**3": -2.0}),
+    "hardening-oscillator": _with_terms(_DRIVEN, "hardening-oscillator", **{"y**3": -0.8}),
+    "damped-machine": _with_terms(Place(MACHINE, MACHINE), "damped-machine", ydot=-3.0),
+    "damped-oscillator": _with_terms(_DRIVEN, "damped-oscillator", ydot=-2.0),
 }
 """Hosts by name."""
 
@@ -154,6 +169,11 @@ EFFECTS: Mapping[str, tuple[str, ...]] = {
     **dict.fromkeys(PLACES, ("coulomb-friction", *_SMOOTH)),
     "rotor": ("coulomb-friction", "quadratic-drag", "cubic-damping"),
     "tank": ("linear-outflow", "overflow"),
+    # Without what is in the simulation already, or can hardly be told from a zero that is off.
+    **dict.fromkeys(
+        ("hardening-machine", "hardening-oscillator"),
+        ("coulomb-friction", "quadratic-drag", "cubic-damping", "van-der-pol-damping"),
+    ),
     "series-rlc": ("cubic-resistor", "brush-drop", "cubic-storage"),
 }
 """Effects that a host can hide, in turn."""

@@ -61,7 +61,9 @@ class Path:
             columns[host.inputs[0]] = self._input(times).ravel()
         memory = found[:, len(self.ode.rates)].ravel() if self.ode.memories else 0.0
         rates = {state: np.broadcast_to(value, columns["t"].shape) for state, value in self.ode.known(columns).items()}
-        values = tuple(np.broadcast_to(value, columns["t"].shape) for value in self.ode.values(columns, memory))
+        # What acts at certain times only does so in the system's own time.
+        own = {**columns, "t": times.ravel()}
+        values = tuple(np.broadcast_to(value, own["t"].shape) for value in self.ode.values(own, memory))
         for act, value in zip(self.ode.acting, values, strict=True):
             rates[host.equation] = rates[host.equation] + act.coefficient * value
         known = combine(host.rates[host.equation], columns)

@@ -5,9 +5,11 @@ from collections.abc import Mapping
 from bayes_greybox.benchmarks.hidden_effects.assumptions.case import Family
 
 from . import (
+    bent_sensors,
     correlated,
     delay,
     filtered,
+    for_a_moment,
     heavy_tails,
     memory,
     missing_state,
@@ -32,6 +34,8 @@ FAMILIES: Mapping[str, Family] = {
         smooth_friction,
         together,
         missing_state,
+        bent_sensors,
+        for_a_moment,
     )
 }
 """All families by name."""

@@ -31,6 +31,11 @@ def _settings() -> Iterator[Setting]:
             yield Setting("tanh", speed, host, noise, effects=(SMOOTH, other), signs=(-1.0, -1.0), bare=False)
 
 
+def either_friction(case: AssumptionCase, slug: str) -> tuple[str, ...]:
+    """Slugs that name a hidden effect, for families with another breach: a jump may be taken for a steep turn."""
+    return (slug, SMOOTH) if slug == "coulomb-friction" else (slug,)
+
+
 def _accepted(case: AssumptionCase, slug: str) -> tuple[str, ...]:
     return (slug, "coulomb-friction") if slug == SMOOTH and case.size <= SHARP else (slug,)
 
