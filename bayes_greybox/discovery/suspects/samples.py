@@ -5,13 +5,13 @@ surer. Where the samples show white noise of their own, terms are evaluated at s
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float
-from scipy.interpolate import make_smoothing_spline
+from scipy.interpolate import CubicSpline, make_smoothing_spline
 
 from bayes_greybox.data.rates.filters import STEP_TOLERANCE
 from bayes_greybox.data.sample_noise import sample_noise
@@ -19,6 +19,9 @@ from bayes_greybox.data.trajectories import Trajectories
 
 LARGEST = 0.3
 """Noise above this share of a state's standard deviation is none: rows in no order in time look like nothing else."""
+
+BORNE_OUT, NORMAL_MEDIAN = 0.65, 0.6745
+"""Least share of √2 s that steps depart from their rate by, and the median of |z| of a standard normal number."""
 
 FEWEST = 30
 """Samples of a run below which nothing is smoothed."""
@@ -53,11 +56,35 @@ MANY_LEVELS = 0.5
 """Different values over samples below which a sensor is coarse."""
 
 
-def smoothed(data: Trajectories) -> tuple[Trajectories, dict[str, SampleNoise]]:
+def borne_out(data: Trajectories, rates: Mapping[str, Float[np.ndarray, " n_obs"]]) -> tuple[str, ...]:
+    """States whose noise their rates bear out, and those without a rate.
+
+    What looks like white noise may be a fast motion sampled coarsely. Noise of standard deviation s makes a step from
+    sample to sample depart from the integral of the rate by √2 s, and a motion does not.
+
+    Args:
+        data: Measurements.
+        rates: Rates of states at the samples, measured or known.
+    """
+    found = sample_noise(data.time, data.matrix(data.state_names), data.run_lengths)
+    runs = [data.run == r for r in dict.fromkeys(data.run.tolist()) if np.sum(data.run == r) > 3]
+    kept = []
+    for (name, x), s in zip(data.states.items(), found, strict=True):
+        if name in rates and runs:
+            steps = [np.diff(x[own] - _integral(data.time[own], rates[name][own])) for own in runs]
+            typical = float(np.median(np.abs(np.concatenate(steps)))) / NORMAL_MEDIAN
+            if typical < BORNE_OUT * math.sqrt(2) * s:
+                continue
+        kept.append(name)
+    return tuple(kept)
+
+
+def smoothed(data: Trajectories, names: Collection[str]) -> tuple[Trajectories, dict[str, SampleNoise]]:
     """The data with states freed of white noise by a cubic smoothing spline, applied twice.
 
     Args:
         data: Measurements.
+        names: States that may be smoothed.
 
     Returns:
         The data, as they are where no state shows noise; and the noise by state.
@@ -68,7 +95,7 @@ def smoothed(data: Trajectories) -> tuple[Trajectories, dict[str, SampleNoise]]:
     states, noise = dict(data.states), {}
     found = sample_noise(data.time, data.matrix(data.state_names), data.run_lengths)
     for (name, values), s in zip(data.states.items(), map(float, found), strict=True):
-        if not 0 < s < LARGEST * np.std(values):
+        if name not in names or not 0 < s < LARGEST * np.std(values):
             continue
         parts, left = [], []
         for r in dict.fromkeys(data.run.tolist()):
@@ -129,6 +156,10 @@ def _smooth(time: np.ndarray, samples: np.ndarray, s: float) -> tuple[np.ndarray
         if risk < best:
             best, found = risk, (path, min(SQUARE * step * cutoff, 1.0))
     return found
+
+
+def _integral(time: np.ndarray, rate: np.ndarray) -> np.ndarray:
+    return CubicSpline(time, rate).antiderivative()(time)
 
 
 def _even(data: Trajectories) -> bool:

@@ -22,7 +22,7 @@ from bayes_greybox.discovery.suspects.channels import (
     undone,
     within,
 )
-from bayes_greybox.discovery.suspects.samples import SampleNoise, clipped, smoothed
+from bayes_greybox.discovery.suspects.samples import SampleNoise, borne_out, clipped, smoothed
 from bayes_greybox.model.evidence import coefficients
 from bayes_greybox.model.program import Program
 from bayes_greybox.physics.catalogue.effects import BoundEffect
@@ -101,7 +101,7 @@ class Aligned:
         return self.evaluations.statistics.equation
 
     def _moved(self, data: Trajectories, at_end: Mapping[str, np.ndarray]) -> Trajectories:
-        moved = undone(smoothed(data)[0] if self.sample_noise else data, self._equation, self.delays)
+        moved = undone(smoothed(data, self.sample_noise)[0], self._equation, self.delays)
         return moved.keep(_usable(data, self._equation, self.delays, at_end))
 
 
@@ -128,7 +128,7 @@ def align(
         under: Noise of the rows that delays are found under, and the rows that it is of; that of the rows as they come
             by default.
     """
-    measured, noise = smoothed(train)
+    measured, noise = smoothed(train, borne_out(train, _known_rates(model, train)))
     at_end = _clipped(train, equation)
     delays: dict[str, float] = {}
     probability: dict[str, float] = {}
@@ -203,6 +203,13 @@ def align(
         evaluations = Evaluations(given.with_noise(bare.rows.noise), odds, evaluator)
         sets = Sets(evaluations, most, always=always)
     return Aligned(data, sets, delays, probability, noise, at_end, rate, used)
+
+
+def _known_rates(model: Program, data: Trajectories) -> dict[str, np.ndarray]:
+    """Rates of states that are measured, or that another state is."""
+    simulation = model.simulator(data)
+    kinematic = {name: simulation.on(data, name) for name in data.state_names if simulation.kinematic(name)}
+    return {**kinematic, **data.derivatives}
 
 
 def _rate(model: Program, data: Trajectories, equation: str, added: Sequence[tuple[Term, float]]) -> Rate:
