@@ -256,18 +256,15 @@ def study_equation(
     """
     aligned = align(model, train, name, effects, odds, most, say)
     aligned.evaluations.seed = seed if settle else None
-    data, statistics = aligned.data, aligned.evaluations.statistics
-    simulated = model.simulator(data).on(data, name)
-    quantities = {**data.columns, f"simulated d({name})/dt": simulated, **_changing(data, aligned.rate)}
-    found = worlds(aligned.sets, quantities, say)
+    found = worlds(aligned.sets, _quantities(model, aligned, name), say)
     if aligned.delays and found[0].model.names:
         # Under the wrong noise a delay may have been found that the right one knows nothing of.
         again = align(model, train, name, effects, odds, most, say, (found[0].model.noise, aligned.used))
         if again.delays != aligned.delays:
-            aligned, data = again, again.data
+            aligned = again
             aligned.evaluations.seed = seed if settle else None
-            found = worlds(aligned.sets, quantities, say)
-    finding = decide(found)
+            found = worlds(aligned.sets, _quantities(model, aligned, name), say)
+    data, finding = aligned.data, decide(found)
     unit_of_time = train.units.get("t", "")
     rest = finding.explanation.kind == REST or PROCESS in finding.world.model.names
     checks = () if rest else tuple(check_explanation(finding.world, finding.explanation, unit_of_time))
@@ -376,6 +373,13 @@ def _motion(
     sd = float(np.hypot(np.sqrt(np.mean(np.var(draws, axis=0))), by_noise(aligned.rate)))
     own = ModelledRate(simulation.on(data, name) + draws.mean(axis=0), sd, "the model with what was found")
     return kinematic, check_motion(data, {name: own}, noise, unit)
+
+
+def _quantities(model: Program, aligned: Aligned, name: str) -> dict[str, np.ndarray]:
+    """What the noise of the rows may grow with."""
+    data = aligned.data
+    simulated = model.simulator(data).on(data, name)
+    return {**data.columns, f"simulated d({name})/dt": simulated, **_changing(data, aligned.rate)}
 
 
 def _changing(data: Trajectories, rate: Callable[[Trajectories], np.ndarray]) -> dict[str, np.ndarray]:
