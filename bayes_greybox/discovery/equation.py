@@ -26,6 +26,7 @@ from .answer.instrument import instrument_table
 from .answer.motion import ModelledRate, check_motion
 from .answer.where import GapField, GapMap, GapTrace, gap_map, gap_trace, where_table
 from .suspects.channels import calibrated, slope_along
+from .suspects.samples import Smoother, known_rates
 from .weighing.alignment import Aligned, align
 from .weighing.evaluations import Evaluations
 from .weighing.odds import Odds
@@ -254,12 +255,13 @@ def study_equation(
         settle: Whether finalists are settled by bridge sampling where that is needed.
         say: Told in words what is being done.
     """
-    aligned = align(model, train, name, effects, odds, most, say)
+    smooth = Smoother(train, known_rates(model.simulator(train), train))
+    aligned = align(model, train, name, effects, odds, most, say, smooth=smooth)
     aligned.evaluations.seed = seed if settle else None
     found = worlds(aligned.sets, _quantities(model, aligned, name), say)
     if aligned.delays and found[0].model.names:
         # Under the wrong noise a delay may have been found that the right one knows nothing of.
-        again = align(model, train, name, effects, odds, most, say, (found[0].model.noise, aligned.used))
+        again = align(model, train, name, effects, odds, most, say, (found[0].model.noise, aligned.used), smooth)
         if again.delays != aligned.delays:
             aligned = again
             aligned.evaluations.seed = seed if settle else None
@@ -291,8 +293,6 @@ def study_equation(
     threshold = min(before.sigma, sigma)
     unit = derivative_unit(name, train.units)
     trace = gap_trace(data, before, after, threshold, unit)
-    # Where not all of it has a name, the model after holds what remains as f.
-    rest_of_it = Remainder.of(statistics, evaluator, coefficients) if finding.open_ended else None
     sensors = {
         suspect: float(size) * statistics.target_scale / statistics.columns[i].scale
         for i, size in zip(suspects, errors, strict=True)
@@ -302,12 +302,15 @@ def study_equation(
     def put_right(data: Trajectories) -> Trajectories:
         return calibrated(aligned.corrected(data), name, sensors, train)
 
-    amendment = Amendment(statistics, plain(evaluations), coefficients, sigma, rest_of_it, put_right)
+    amendment = Amendment(statistics, plain(evaluations), coefficients, sigma, None, put_right)
     moved = calibrated(aligned.moved(train), name, sensors, train)
     others, own = _motion(model, moved, aligned, amendment, finding, unit_of_time)
     checks = (*checks, *others, *own)
     finding = finding.capped([check.text for check in others if not check.ok])
     finding = finding.denied([check.text for check in own if not check.ok])
+    if finding.open_ended:
+        # Where not all of it has a name, the model after holds what remains as f.
+        amendment = replace(amendment, discrepancy=Remainder.of(statistics, evaluator, coefficients))
     drawn = gap_map(data, before, after, statistics.variables[:2], threshold, unit)
     where = where_table(data, statistics.variables, trace)
     return EquationStudy(aligned, finding, checks, coefficients, amendment, drawn, trace, where)

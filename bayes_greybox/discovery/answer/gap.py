@@ -76,8 +76,7 @@ def gap_rows(
         amendments: By equation.
         data: Measurements to compare with.
         part: "train" or "test".
-        free_runs: Whether to integrate free runs.
-        interpolation: Of the inputs between samples in free runs, see `criticism.free_run.integrate_runs`.
+        free_runs: Integrates free runs; without it there are none.
         starts: State of each run at its first row, of which each draw has its own; estimated from the data by default.
         seed: Seed of these draws.
     """

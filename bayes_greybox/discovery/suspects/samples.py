@@ -5,7 +5,7 @@ surer. Where the samples show white noise of their own, terms are evaluated at s
 """
 
 import math
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -16,6 +16,7 @@ from scipy.interpolate import CubicSpline, make_smoothing_spline
 from bayes_greybox.data.rates.filters import STEP_TOLERANCE
 from bayes_greybox.data.sample_noise import sample_noise
 from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.physics.simulation import Simulation
 
 LARGEST = 0.3
 """Noise above this share of a state's standard deviation is none: rows in no order in time look like nothing else."""
@@ -56,61 +57,55 @@ MANY_LEVELS = 0.5
 """Different values over samples below which a sensor is coarse."""
 
 
-def borne_out(data: Trajectories, rates: Mapping[str, Float[np.ndarray, " n_obs"]]) -> tuple[str, ...]:
-    """States whose noise their rates bear out, and those without a rate.
+class Smoother:
+    """Frees states of white noise on their samples, in the training data and in other data of the same sensors.
 
-    What looks like white noise may be a fast motion sampled coarsely. Noise of standard deviation s makes a step from
-    sample to sample depart from the integral of the rate by √2 s, and a motion does not.
-
-    Args:
-        data: Measurements.
-        rates: Rates of states at the samples, measured or known.
-    """
-    found = sample_noise(data.time, data.matrix(data.state_names), data.run_lengths)
-    runs = [data.run == r for r in dict.fromkeys(data.run.tolist()) if np.sum(data.run == r) > 3]
-    kept = []
-    for (name, x), s in zip(data.states.items(), found, strict=True):
-        if name in rates and runs:
-            steps = [np.diff(x[own] - _integral(data.time[own], rates[name][own])) for own in runs]
-            typical = float(np.median(np.abs(np.concatenate(steps)))) / NORMAL_MEDIAN
-            if typical < BORNE_OUT * math.sqrt(2) * s:
-                continue
-        kept.append(name)
-    return tuple(kept)
-
-
-def smoothed(data: Trajectories, names: Collection[str]) -> tuple[Trajectories, dict[str, SampleNoise]]:
-    """The data with states freed of white noise by a cubic smoothing spline, applied twice.
+    A cubic smoothing spline, applied twice, in runs with a step of their own. What looks like white noise may be a fast
+    motion sampled coarsely: noise of standard deviation s makes a step from sample to sample depart from the integral
+    of the rate by √2 s, and a motion does not. States whose rate does not bear the noise out stay as they are.
 
     Args:
-        data: Measurements.
-        names: States that may be smoothed.
+        train: Training data.
+        rates: Rates of states at the samples, measured or known; states without one are believed.
 
-    Returns:
-        The data, as they are where no state shows noise; and the noise by state.
+    Attributes:
+        noise: By state; empty where no state shows any, or where nothing can be smoothed.
     """
-    # A filter that computed the rates has smoothed the states too, and its rows know what it left.
-    if not _even(data) or data.filter is not None or data.n_obs < FEWEST:
-        return data, {}
-    states, noise = dict(data.states), {}
-    found = sample_noise(data.time, data.matrix(data.state_names), data.run_lengths)
-    for (name, values), s in zip(data.states.items(), map(float, found), strict=True):
-        if name not in names or not 0 < s < LARGEST * np.std(values):
-            continue
-        parts, left = [], []
-        for r in dict.fromkeys(data.run.tolist()):
-            own = data.run == r
-            time, samples = data.time[own], values[own]
-            if len(samples) < FEWEST:
-                parts.append(samples)
-                left.append(s)
-                continue
-            path, share = _smooth(time, samples, s)
-            parts.append(path)
-            left.append(s * math.sqrt(share))
-        states[name] = np.concatenate(parts)
-        noise[name] = SampleNoise(s, float(np.sqrt(np.mean(np.square(left)))))
-    return (replace(data, states=states), noise) if noise else (data, {})
+
+    def __init__(self, train: Trajectories, rates: Mapping[str, Float[np.ndarray, " n_obs"]]) -> None:
+        self._train = train
+        self._sd = _noise_of(train, rates)
+        self._smooth, self.noise = self._smoothed(train)
+
+    def __call__(self, data: Trajectories) -> Trajectories:
+        """The data with smoothed states; the very data where no state showed noise.
+
+        Args:
+            data: Data of the same sensors.
+        """
+        return self._smooth if data is self._train else self._smoothed(data)[0]
+
+    def _smoothed(self, data: Trajectories) -> tuple[Trajectories, dict[str, SampleNoise]]:
+        if not self._sd or not _even(data):
+            return data, {}
+        states, noise = dict(data.states), {}
+        runs = [data.run == r for r in dict.fromkeys(data.run.tolist())]
+        for name, s in self._sd.items():
+            parts = [_smooth(data.time[own], data.states[name][own], s) for own in runs]
+            states[name] = np.concatenate([path for path, _ in parts])
+            noise[name] = SampleNoise(s, s * math.sqrt(float(np.mean([share for _, share in parts]))))
+        return replace(data, states=states), noise
+
+
+def known_rates(simulation: Simulation, data: Trajectories) -> dict[str, Float[np.ndarray, " n_obs"]]:
+    """Rates of states that are measured, or that another state is.
+
+    Args:
+        simulation: What is known of the rates.
+        data: Measurements.
+    """
+    kinematic = {name: simulation.on(data, name) for name in data.state_names if simulation.kinematic(name)}
+    return {**kinematic, **data.derivatives}
 
 
 def clipped(values: Mapping[str, Float[np.ndarray, " n"]], run: np.ndarray) -> dict[str, Bool[np.ndarray, " n"]]:
@@ -138,6 +133,25 @@ def clipped(values: Mapping[str, Float[np.ndarray, " n"]], run: np.ndarray) -> d
     return found
 
 
+def _noise_of(data: Trajectories, rates: Mapping[str, np.ndarray]) -> dict[str, float]:
+    """Standard deviation of the noise on the samples of each state that has some, and whose rate bears it out."""
+    # A filter that computed the rates has smoothed the states too, and its rows know what it left.
+    if data.filter is not None or data.n_obs < FEWEST:
+        return {}
+    found = sample_noise(data.time, data.matrix(data.state_names), data.run_lengths)
+    runs = [data.run == r for r in dict.fromkeys(data.run.tolist()) if np.sum(data.run == r) > 3]
+    believed = {}
+    for (name, x), s in zip(data.states.items(), map(float, found), strict=True):
+        if not 0 < s < LARGEST * np.std(x):
+            continue
+        if name in rates and runs:
+            steps = [np.diff(x[own] - _integral(data.time[own], rates[name][own])) for own in runs]
+            if float(np.median(np.abs(np.concatenate(steps)))) / NORMAL_MEDIAN < BORNE_OUT * math.sqrt(2) * s:
+                continue
+        believed[name] = s
+    return believed
+
+
 def _smooth(time: np.ndarray, samples: np.ndarray, s: float) -> tuple[np.ndarray, float]:
     """Smoothed samples, and the share of the noise's variance that is left on them.
 
@@ -146,7 +160,10 @@ def _smooth(time: np.ndarray, samples: np.ndarray, s: float) -> tuple[np.ndarray
     path, which looks like a stiffening spring. ω₀ minimises the risk that is estimated without bias (Stein 1981),
     RSS/n + 2 s² tr(H)/n.
     """
-    n, step = len(samples), float(np.mean(np.diff(time)))
+    n = len(samples)
+    if n < FEWEST:
+        return samples, 1.0
+    step = float(np.mean(np.diff(time)))
     best, found = math.inf, (samples, 1.0)
     for cutoff in np.geomspace(SLOWEST * 2 * math.pi / (n * step), math.pi / step, CUTOFFS):
         penalty = 1.0 / (step * cutoff**4)

@@ -22,7 +22,7 @@ from bayes_greybox.discovery.suspects.channels import (
     undone,
     within,
 )
-from bayes_greybox.discovery.suspects.samples import SampleNoise, borne_out, clipped, smoothed
+from bayes_greybox.discovery.suspects.samples import SampleNoise, Smoother, clipped, known_rates
 from bayes_greybox.model.evidence import coefficients
 from bayes_greybox.model.program import Program
 from bayes_greybox.physics.catalogue.effects import BoundEffect
@@ -62,6 +62,7 @@ class Aligned:
         clipped: Rows at which a channel's sensor was at its end, by channel.
         rate: The whole modelled rate.
         used: Rows of the data as they came that are weighed.
+        smooth: Frees states of such data of the noise on their samples.
     """
 
     data: Trajectories
@@ -72,6 +73,7 @@ class Aligned:
     clipped: Mapping[str, np.ndarray] = field(default_factory=dict)
     rate: Rate = lambda data: np.zeros(data.n_obs)
     used: Bool[np.ndarray, " n_obs"] = field(default_factory=lambda: np.ones(0, bool))
+    smooth: Callable[[Trajectories], Trajectories] = lambda data: data
 
     @property
     def evaluations(self) -> Evaluations:
@@ -101,7 +103,7 @@ class Aligned:
         return self.evaluations.statistics.equation
 
     def _moved(self, data: Trajectories, at_end: Mapping[str, np.ndarray]) -> Trajectories:
-        moved = undone(smoothed(data, self.sample_noise)[0], self._equation, self.delays)
+        moved = undone(self.smooth(data), self._equation, self.delays)
         return moved.keep(_usable(data, self._equation, self.delays, at_end))
 
 
@@ -114,6 +116,7 @@ def align(
     most: int,
     report: Callable[[str], None] = lambda text: None,
     under: tuple[RowNoise, Bool[np.ndarray, " n_obs"]] | None = None,
+    smooth: Smoother | None = None,
 ) -> Aligned:
     """Find delays and what is missing in turns.
 
@@ -127,8 +130,10 @@ def align(
         report: Told in words what is being done.
         under: Noise of the rows that delays are found under, and the rows that it is of; that of the rows as they come
             by default.
+        smooth: Frees states of the noise on their samples; found from the data by default.
     """
-    measured, noise = smoothed(train, borne_out(train, _known_rates(model, train)))
+    smooth = smooth or Smoother(train, known_rates(model.simulator(train), train))
+    measured = smooth(train)
     at_end = _clipped(train, equation)
     delays: dict[str, float] = {}
     probability: dict[str, float] = {}
@@ -158,8 +163,8 @@ def align(
         mean = coefficients(*one_pattern(fitted, int(np.argmax(fitted.by_pattern))))[0]
         indices = evaluations.indices((*always, *core))
         moved, later = False, dict(delays)
-        # At most one delay is in a set, so this is the probability that some channel is late.
-        p_late = sum(sets.probability(i) for i in _delays(given) if i not in always)
+        late_ones = [i for i in _delays(given) if i not in always]
+        p_late = sets.probability(late_ones) if set(core) & set(late_ones) else 0.0
         for index, value in zip(indices, mean, strict=True):
             suspect = given.columns[index].suspect
             if suspect is None:
@@ -174,7 +179,7 @@ def align(
                 moved = True
                 continue
             # What smoothing leaves of the noise on samples looks like a delay: it stays a suspect among others.
-            if suspect.kind != DELAY or noise or (index not in always and p_late < LATE):
+            if suspect.kind != DELAY or smooth.noise or (index not in always and p_late < LATE):
                 continue
             later[suspect.channel] = late + by
             if index not in always:
@@ -202,14 +207,7 @@ def align(
         # Found under one noise, weighed under all; columns keep their places.
         evaluations = Evaluations(given.with_noise(bare.rows.noise), odds, evaluator)
         sets = Sets(evaluations, most, always=always)
-    return Aligned(data, sets, delays, probability, noise, at_end, rate, used)
-
-
-def _known_rates(model: Program, data: Trajectories) -> dict[str, np.ndarray]:
-    """Rates of states that are measured, or that another state is."""
-    simulation = model.simulator(data)
-    kinematic = {name: simulation.on(data, name) for name in data.state_names if simulation.kinematic(name)}
-    return {**kinematic, **data.derivatives}
+    return Aligned(data, sets, delays, probability, smooth.noise, at_end, rate, used, smooth)
 
 
 def _rate(model: Program, data: Trajectories, equation: str, added: Sequence[tuple[Term, float]]) -> Rate:

@@ -6,7 +6,7 @@ best sets every neighbour (one more, one less, one other), until no better one i
 Raftery 1994, JASA 89:1535). Effects that show only together are found as the pair that they are.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations, product
 from math import log
@@ -114,11 +114,11 @@ class Sets:
             top = self._search()
         return top[0]
 
-    def probability(self, index: int) -> float:
-        """Probability of a column among the sets that matter, corrections summed in full, without a rest."""
+    def probability(self, columns: Collection[int]) -> float:
+        """Probability that one of these columns is in, among the sets that matter, corrections summed in full."""
         explanations = self._plain(self._near())
         weight = np.exp(np.array([e.log_weight for e in explanations]) - max(e.log_weight for e in explanations))
-        return float(weight[[index in e.columns for e in explanations]].sum() / weight.sum())
+        return float(weight[[bool(set(columns) & set(e.columns)) for e in explanations]].sum() / weight.sum())
 
     def parametric(self, columns: Sequence[int]) -> Parametric:
         """Evidence of a set without a rest, all patterns of corrections."""

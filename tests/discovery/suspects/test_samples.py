@@ -2,22 +2,17 @@
 
 import numpy as np
 import pytest
+from sampled_paths import STEP, paths
 
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.discovery.suspects.samples import borne_out, clipped, smoothed
+from bayes_greybox.discovery.suspects.samples import Smoother, clipped
 from bayes_greybox.physics.systems import duffing
 
-STEP = 0.05
 
-
-def paths(n=800):
-    t = np.arange(n) * STEP
-    forced = np.sin(t) + 0.5 * np.cos(2.3 * t)
-    decaying = np.exp(-0.1 * t) * np.cos(3 * t)
-    bouncing = np.abs(np.sin(1.1 * t))  # kinks
-    square = np.tanh(20 * np.sin(0.7 * t))
-    ramp = 0.3 * t
-    return {"forced": forced, "decaying": decaying, "bouncing": bouncing, "square": square, "ramp": ramp}
+def smoothed(data, rates=None):
+    """The data as a study smooths them, and the noise that it found."""
+    smooth = Smoother(data, rates or {})
+    return smooth(data), smooth.noise
 
 
 @pytest.mark.parametrize("share", [0.005, 0.01, 0.03, 0.1])
@@ -28,7 +23,7 @@ def test_noise_is_found_and_smoothing_takes_it_away(name, share, seed):
     sd = share * np.std(x)
     measured = x + sd * np.random.default_rng(seed).standard_normal(len(x))
     data = Trajectories.from_arrays(np.arange(len(x)) * STEP, states={"x": measured})
-    better, noise = smoothed(data, data.state_names)
+    better, noise = smoothed(data)
     assert noise["x"].sd == pytest.approx(sd, rel=0.25)
     before, after = np.sqrt(np.mean((measured - x) ** 2)), np.sqrt(np.mean((better.states["x"] - x) ** 2))
     # A spline is no better than the samples at kinks that these show.
@@ -43,12 +38,12 @@ def test_only_the_noisy_state_is_smoothed_and_each_run_by_itself():
     exact = [np.sin(t), np.cos(2 * t)]
     noisy = [x + 0.02 * rng.standard_normal(n) for x in ([5 + np.cos(t), np.sin(t) - 5])]
     data = Trajectories.from_arrays([t, t], states={"x": exact, "y": noisy})
-    better, noise = smoothed(data, data.state_names)
+    better, noise = smoothed(data)
     assert set(noise) == {"y"} and better.states["x"] is data.states["x"]
-    one, _ = smoothed(data.take(1), data.state_names)
+    one, _ = smoothed(data.take(1))
     np.testing.assert_allclose(better.states["y"][n:], one.states["y"], atol=0.02)
     clean = Trajectories.from_arrays([t, t], states={"x": exact})
-    same, none = smoothed(clean, clean.state_names)
+    same, none = smoothed(clean)
     assert same is clean and none == {}
 
 
@@ -56,14 +51,14 @@ def test_uneven_and_short_records_are_left_alone():
     rng = np.random.default_rng(0)
     t = np.cumsum(rng.uniform(0.01, 0.1, 300))
     uneven = Trajectories.from_arrays(t, states={"x": np.sin(t) + 0.1 * rng.standard_normal(300)})
-    assert smoothed(uneven, uneven.state_names)[0] is uneven
+    assert smoothed(uneven)[0] is uneven
     t = np.arange(20) * STEP
     short = Trajectories.from_arrays(t, states={"x": np.sin(t) + 0.1 * rng.standard_normal(20)})
-    assert smoothed(short, short.state_names)[0] is short
+    assert smoothed(short)[0] is short
     # In no order in time: nothing that smoothing could find.
     t = np.arange(300) * STEP
     mixed = Trajectories.from_arrays(t, states={"x": rng.standard_normal(300)})
-    assert smoothed(mixed, mixed.state_names)[0] is mixed
+    assert smoothed(mixed)[0] is mixed
 
 
 def test_clipped_rows_are_those_at_the_sensors_ends():
@@ -95,10 +90,9 @@ def test_ends_of_runs_do_not_join():
 def test_a_fast_motion_sampled_coarsely_is_no_noise_where_its_rate_is_known():
     # Six samples a period, and harmonics that fold: exact, and as rough as noise.
     data = duffing(k3=40.0).simulate(np.linspace(0, 60, 201), noise=0.05, seed=1)
-    assert set(smoothed(data, data.state_names)[1]) == {"y", "ydot"}
-    rates = {"y": data.states["ydot"], **data.derivatives}
-    assert borne_out(data, rates) == () and borne_out(data, {}) == ("y", "ydot")
-    assert smoothed(data, ())[0] is data
+    assert set(smoothed(data)[1]) == {"y", "ydot"}
+    better, noise = smoothed(data, {"y": data.states["ydot"], **data.derivatives})
+    assert better is data and noise == {}
 
 
 def test_noise_is_borne_out_by_the_rate():
@@ -106,4 +100,15 @@ def test_noise_is_borne_out_by_the_rate():
     for seed in range(5):
         noisy = np.sin(t) + 0.02 * np.random.default_rng(seed).standard_normal(600)
         data = Trajectories.from_arrays(t, states={"x": noisy})
-        assert borne_out(data, {"x": np.cos(t)}) == ("x",)
+        assert set(smoothed(data, {"x": np.cos(t)})[1]) == {"x"}
+
+
+def test_other_data_of_a_noisy_sensor_are_smoothed_as_its_training_data_were():
+    t, rng = STEP * np.arange(400), np.random.default_rng(0)
+    x = np.sin(t) + 0.3 * np.cos(2.1 * t)
+    data = Trajectories.from_arrays(t, states={"x": x + 0.05 * rng.standard_normal(400), "v": np.cos(t)})
+    smooth = Smoother(data, {})
+    assert smooth(data) is smooth(data) and set(smooth.noise) == {"x"}
+    other = Trajectories.from_arrays(t, states={"x": x + 0.05 * rng.standard_normal(400), "v": np.cos(t)})
+    after = np.sqrt(np.mean((smooth(other).states["x"] - x) ** 2))
+    assert after < 0.6 * 0.05 and smooth(other).states["v"] is other.states["v"]

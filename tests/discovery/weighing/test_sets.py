@@ -304,7 +304,8 @@ def test_the_probability_of_a_column_is_its_share_of_all_sets():
     sets = Sets(known, 2)
     sets.likeliest()
     cube, square = known.statistics.of_kind("effect")
-    assert sets.probability(cube) > 0.99 and sets.probability(square) < 0.2
+    assert sets.probability([cube]) > 0.99 and sets.probability([square]) < 0.2
+    assert sets.probability([cube, square]) >= sets.probability([cube])
 
 
 def test_a_process_in_time_leaves_no_explanation_without_it():
