@@ -5,7 +5,8 @@ from functools import cache
 import numpy as np
 
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.discovery.equation import EquationStudy, study_equation
+from bayes_greybox.discovery.answer.equation_study import EquationStudy
+from bayes_greybox.discovery.equation import study_equation
 from bayes_greybox.discovery.weighing.evaluations import Evaluations
 from bayes_greybox.discovery.weighing.odds import Odds
 from bayes_greybox.discovery.weighing.sufficient_statistics import sufficient_statistics

@@ -1,34 +1,29 @@
-"""The study of one equation: its statistics, what was found, and the tables and maps that show it."""
+"""The study of one equation: what explains its gap, and what speaks against that."""
 
-from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
-from typing import Any
 
 import numpy as np
-import pandas as pd
 
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.model.noise.suspicions import PROCESS
 from bayes_greybox.model.program import Program
 from bayes_greybox.physics.catalogue.effects import BoundEffect
-from bayes_greybox.physics.terms import Term
-from bayes_greybox.physics.units import coefficient_unit, derivative_unit
+from bayes_greybox.physics.units import derivative_unit
 
 from .answer.adequacy import Check, check_explanation
 from .answer.amendment import Amendment, Remainder
-from .answer.coefficients import Coefficients, alone, draw_coefficients, plain
-from .answer.finding import STOPS, TIED, Finding, decide
+from .answer.coefficients import Coefficients, draw_coefficients, plain
+from .answer.doubt import Doubt, contradicted
+from .answer.equation_study import EquationStudy
+from .answer.finding import Finding, decide
 from .answer.gap import RATE_DRAWS
-from .answer.instrument import instrument_table
-from .answer.motion import ModelledRate, check_motion
-from .answer.where import GapField, GapMap, GapTrace, gap_map, gap_trace, where_table
-from .suspects.channels import calibrated, slope_along
+from .answer.motion import ModelledRate, MotionCheck, check_motion
+from .answer.where import GapField, gap_map, gap_trace, where_table
+from .suspects.channels import ChannelSuspect, calibrated, slope_along
 from .suspects.samples import Smoother, known_rates
 from .weighing.alignment import Aligned, align
-from .weighing.evaluations import Evaluations
 from .weighing.odds import Odds
 from .weighing.sets import RECALIBRATED, REST
 from .weighing.sufficient_statistics import SufficientStatistics
@@ -43,199 +38,6 @@ over it up to which the gap is nothing else."""
 
 JITTER = "change of the rate"
 """What noise grows with where the time stamps jitter."""
-
-TAIL = 0.05
-"""Probability on either side of the intervals in tables."""
-
-
-@dataclass(frozen=True)
-class EquationStudy:
-    """Everything found out about one equation."""
-
-    aligned: Aligned
-    finding: Finding
-    checks: tuple[Check, ...]
-    coefficients: Coefficients
-    amendment: Amendment
-    map: GapMap
-    trace: GapTrace
-    where: pd.DataFrame
-
-    @property
-    def evaluations(self) -> Evaluations:
-        """Evidence in the world of the finding."""
-        return self.finding.world.evaluations
-
-    @property
-    def statistics(self) -> SufficientStatistics:
-        """Products in the world of the finding."""
-        return self.evaluations.statistics
-
-    def effects(self, data: Trajectories) -> pd.DataFrame:
-        """Effects of the answer, those that could stand in their places, then all others."""
-        rows, done = [], set()
-        places = self.finding.places
-        for k, place in enumerate(places):
-            column = len(self.coefficients.indices) - len(places) + k
-            # Each draw has its own inner parameter, and with it its own column.
-            inner = self.coefficients.inner[:, k]
-            scales = np.array([self._in_units(int(i)) for i in inner])
-            draws = self.coefficients.draws[:, column] * scales
-            values = [self.statistics.columns[int(i)].inner for i in inner]
-            rows.append(self._row(data, place.index, place.probability, draws, place.tied, values, "added"))
-            done.add(place.slug)
-        instead = {slug for place in places for slug in place.tied} if self.finding.verdict == "one of" else set()
-        probabilities = self.finding.weighed.by_effect
-        best = max(probabilities.values(), default=0.0)
-        for name, p in probabilities.items():
-            if name in done:
-                continue
-            index = self.evaluations.best_of(name)
-            mean, sd = alone(self.evaluations, index)
-            draws = self._in_units(index) * (mean + sd * np.array([-1.6448536, 0.0, 1.6448536]))
-            tied = () if places or p < TIED * best else tuple(
-                n for n, q in probabilities.items() if n != name and q >= TIED * best
-            )  # fmt: skip
-            status = "one of" if name in instead else ""
-            row = self._row(data, index, p, draws, tied, [self.statistics.columns[index].inner], status)
-            rows.append({**row, "sd": abs(self._in_units(index)) * sd, "lower": min(draws), "upper": max(draws)})
-        columns = ["equation", "slug", "name", "expression", "probability", "mean", "sd", "lower", "upper", "unit"]
-        return pd.DataFrame(rows, columns=[*columns, "tied_with", "inner", "status"])
-
-    def hypotheses(self) -> pd.DataFrame:
-        """No gap, recalibration, instrument, unknown, and each set of effects; probabilities sum to one."""
-        weighed = self.finding.weighed
-        found: dict[str, list[float]] = {
-            name: [p, -np.inf, np.nan] for name, p in weighed.by_kind.items() if name in STOPS
-        }
-        top = weighed.worlds[0].offset
-        for world, e, p, share in weighed.items:
-            name = self._called(world, e)
-            entry = found.setdefault(name, [0.0, -np.inf, np.nan])
-            if e.effects:
-                entry[0] += weighed.counted(world, e, p, share)
-            value = e.log_evidence + world.offset - top
-            if value > entry[1]:
-                entry[1], entry[2] = value, 0.0 if not np.isfinite(share) else share
-        rows = [
-            {
-                "equation": self.statistics.equation, "hypothesis": name, "probability": p, "log_evidence": z,
-                "share_left": share,
-            }
-            for name, (p, z, share) in sorted(found.items(), key=lambda item: -item[1][0])
-        ]  # fmt: skip
-        return pd.DataFrame(rows).set_index(["equation", "hypothesis"])
-
-    def _named(self, world: Any, e: Any) -> str:
-        return " + ".join(sorted(world.evaluations.name(i) for i in e.effects))
-
-    def instrument(self, data: Trajectories) -> pd.DataFrame:
-        """Suspects about the measurement."""
-        return instrument_table(self.aligned, self.finding, self.coefficients, data)
-
-    def check_table(self) -> pd.DataFrame:
-        """Checks of the explanation that the study settled on."""
-        rows = [
-            {"equation": self.statistics.equation, "check": c.name, "p": c.p, "ok": c.ok, "text": c.text}
-            for c in self.checks
-        ]
-        return pd.DataFrame(rows, columns=["equation", "check", "p", "ok", "text"]).set_index(["equation", "check"])
-
-    def corrections(self, data: Trajectories) -> pd.DataFrame:
-        """Changes of the simulation's own coefficients."""
-        rows = []
-        for place, index in enumerate(self.coefficients.indices):
-            column = self.statistics.columns[index]
-            if column.kind != "correction":
-                continue
-            draws = self.coefficients.draws[:, place] * self._in_units(index)
-            rows.append(
-                {
-                    "equation": self.statistics.equation,
-                    "term": column.formula.name,
-                    "nominal": column.nominal,
-                    "probability": float(np.mean(draws != 0)),
-                    **_moments(draws),
-                    "unit": self._unit(data, column.formula),
-                }
-            )
-        names = ["equation", "term", "nominal", "probability", "mean", "sd", "lower", "upper", "unit"]
-        return pd.DataFrame(rows, columns=names).set_index(["equation", "term"])
-
-    def ladder(self) -> pd.DataFrame:
-        """The likeliest sets with no effect, with one, with two, and so on."""
-        weighed, rows, before = self.finding.weighed, [], Counter()
-        most = max((len(e.effects) for _, e, _, _ in weighed.items), default=0)
-        for size in range(most + 1):
-            own = [(w, e, p, s) for w, e, p, s in weighed.items if len(e.effects) == size]
-            if not own or (size > len(self.finding.places) + 1 and sum(p for *_, p, _ in own) < 1e-3):
-                continue
-            names: dict[str, float] = {}
-            for w, e, p, _ in own:
-                name = self._called(w, e)
-                names[name] = names.get(name, 0.0) + p
-            (top, p), *rest = sorted(names.items(), key=lambda item: -item[1])
-            second, q = rest[0] if rest else ("", np.nan)
-            # The likeliest of those that are called so: what stands in a row is of one explanation.
-            world, e = next((w, x) for w, x, _, _ in own if self._called(w, x) == top)
-            rest = e.kind == REST or PROCESS in world.model.names
-            now = Counter(world.evaluations.name(i) for i in e.effects)
-            rows.append(
-                {
-                    "equation": self.statistics.equation, "round": size + 1, "verdict": top,
-                    "added": " + ".join(sorted((now - before).elements())), "probability": p, "runner_up": second,
-                    "runner_up_probability": q,
-                    "share_left": world.share_left(e) if rest else self._unexplained(world, e),
-                }
-            )  # fmt: skip
-            before = now
-        return pd.DataFrame(rows).set_index(["equation", "round"])
-
-    def _called(self, world: Any, e: Any) -> str:
-        return self._named(world, e) if e.effects else self.finding.weighed.kind(world, e)
-
-    def _unexplained(self, world: Any, e: Any) -> float:
-        """Share of the gap's square that an explanation's columns leave, less the noise; NaN where there is no gap."""
-        noise = float(np.mean(self.coefficients.sigma)) ** 2
-        residual = world.residual(e)
-        if 1.0 - noise < 2 * np.sqrt(2 / len(residual)):
-            return np.nan
-        return float(np.clip((np.mean(residual**2) - noise) / (1.0 - noise), 0.0, 1.0))
-
-    def ties(self, data: Trajectories) -> list[dict[str, Any]]:
-        """Tied effects and the experiment that would tell them apart."""
-        found = []
-        for place in self.finding.places:
-            known = self.finding.weighed.by_effect
-            rivals = [self.evaluations.best_of(slug) for slug in place.tied if slug in known]
-            if rivals:
-                advice = _advice(self, place.index, rivals, data)
-                found.append(
-                    {"equation": self.statistics.equation, "slugs": (place.slug, *place.tied), "advice": advice}
-                )
-        return found
-
-    def _in_units(self, index: int) -> float:
-        return self.statistics.target_scale / self.statistics.columns[index].scale
-
-    def _unit(self, data: Trajectories, term: Term) -> str:
-        try:
-            return coefficient_unit(derivative_unit(self.statistics.equation, data.units), term, data.units)
-        except InputError:
-            # The numbers of a simulation's expression carry units that nobody wrote.
-            return ""
-
-    def _row(self, data: Trajectories, index: int, p: float, draws: np.ndarray, tied, inner: list, status: str) -> dict:
-        column = self.statistics.columns[index]
-        assert column.effect is not None
-        names = list(column.inner)
-        values = {n: float(np.mean([v[n] for v in inner])) for n in names}
-        return {
-            "equation": self.statistics.equation, "slug": column.effect.slug, "name": column.effect.name,
-            "expression": column.effect.text(values) if values else column.effect.text(), "probability": p,
-            **_moments(draws), "unit": self._unit(data, column.formula), "tied_with": tied, "inner": values,
-            "status": status,
-        }  # fmt: skip
 
 
 def study_equation(
@@ -266,15 +68,42 @@ def study_equation(
             aligned = again
             aligned.evaluations.seed = seed if settle else None
             found = worlds(aligned.sets, _quantities(model, aligned, name), say)
-    data, finding = aligned.data, decide(found)
-    unit_of_time = train.units.get("t", "")
-    rest = finding.explanation.kind == REST or PROCESS in finding.world.model.names
-    checks = () if rest else tuple(check_explanation(finding.world, finding.explanation, unit_of_time))
-    finding = _with_noisy_states(finding, aligned, derivative_unit(name, train.units))
-    finding = finding.capped([check.text for check in checks if not check.ok])
+    unit, unit_of_time = derivative_unit(name, train.units), train.units.get("t", "")
+
+    def decided(doubts: Sequence[Doubt]) -> tuple[Finding, list[Check]]:
+        finding = decide(found, doubts)
+        rest = finding.explanation.kind == REST or PROCESS in finding.world.model.names
+        checks = [] if rest else check_explanation(finding.world, finding.explanation, unit_of_time)
+        finding = _with_noisy_states(finding, aligned, unit)
+        return finding.capped([check.text for check in checks if not check.ok]), checks
+
+    finding, checks = decided(())
     say("mapping the gap")
-    evaluations = finding.world.evaluations
-    statistics, evaluator = evaluations.statistics, evaluations.evaluator
+    amendment = _amendment(finding, aligned, train, seed)
+    motion, doubts = _motion(model, train, aligned, amendment, finding, odds)
+    if doubts:
+        finding, checks = decided(doubts)
+        finding = finding.capped([check.text for check in motion if not check.ok])
+        amendment = _amendment(finding, aligned, train, seed)
+    statistics, evaluator = finding.world.evaluations.statistics, finding.world.evaluations.evaluator
+    coefficients = amendment.after
+    if finding.open_ended:
+        # Where not all of it has a name, the model after holds what remains as f.
+        amendment = replace(amendment, discrepancy=Remainder.of(statistics, evaluator, coefficients))
+    changed = [k for k, i in enumerate(coefficients.indices) if statistics.columns[i].kind != "free"]
+    taken = [*(coefficients.indices[k] for k in changed), *coefficients.suspects]
+    sizes = np.concatenate([coefficients.draws.mean(axis=0)[changed], coefficients.suspect_draws.mean(axis=0)])
+    before, after = GapField.of(statistics, evaluator), GapField.of(statistics, evaluator, taken, sizes)
+    threshold = min(before.sigma, amendment.sigma)
+    trace = gap_trace(aligned.data, before, after, threshold, unit)
+    drawn = gap_map(aligned.data, before, after, statistics.variables[:2], threshold, unit)
+    where = where_table(aligned.data, statistics.variables, trace)
+    return EquationStudy(aligned, finding, (*checks, *motion), coefficients, amendment, drawn, trace, where)
+
+
+def _amendment(finding: Finding, aligned: Aligned, train: Trajectories, seed: int) -> Amendment:
+    """The model after, without what remains: coefficients of a finding, and sensors put right."""
+    evaluations, statistics = finding.world.evaluations, finding.world.evaluations.statistics
     suspects = finding.explanation.suspects
     remainder = finding.remainder if finding.explanation.kind == REST else 0.0
     coefficients = draw_coefficients(evaluations, finding.base, DRAWS, seed, suspects, remainder)
@@ -282,38 +111,22 @@ def study_equation(
         # Nothing is missing, or nothing that has a name: the model after is the model before, whatever small weight
         # corrections keep.
         coefficients = coefficients._replace(draws=coefficients.draws * _free_only(statistics, coefficients))
-    indices, beta = list(coefficients.indices), coefficients.draws.mean(axis=0)
-    changed = [k for k, i in enumerate(indices) if statistics.columns[i].kind != "free"]
-    taken = [indices[k] for k in changed] + list(suspects)
-    errors = coefficients.suspect_draws.mean(axis=0)
-    sizes = np.concatenate([beta[changed], errors])
-    before = GapField.of(statistics, evaluator)
-    after = GapField.of(statistics, evaluator, taken, sizes)
-    sigma = float(np.mean(coefficients.sigma)) * statistics.target_scale
-    threshold = min(before.sigma, sigma)
-    unit = derivative_unit(name, train.units)
-    trace = gap_trace(data, before, after, threshold, unit)
-    sensors = {
-        suspect: float(size) * statistics.target_scale / statistics.columns[i].scale
-        for i, size in zip(suspects, errors, strict=True)
-        if (suspect := statistics.columns[i].suspect) is not None
-    }
+    sensors = _sensors(statistics, coefficients)
 
     def put_right(data: Trajectories) -> Trajectories:
-        return calibrated(aligned.corrected(data), name, sensors, train)
+        return calibrated(aligned.corrected(data), statistics.equation, sensors, train)
 
-    amendment = Amendment(statistics, plain(evaluations), coefficients, sigma, None, put_right)
-    moved = calibrated(aligned.moved(train), name, sensors, train)
-    others, own = _motion(model, moved, aligned, amendment, finding, unit_of_time)
-    checks = (*checks, *others, *own)
-    finding = finding.capped([check.text for check in others if not check.ok])
-    finding = finding.denied([check.text for check in own if not check.ok])
-    if finding.open_ended:
-        # Where not all of it has a name, the model after holds what remains as f.
-        amendment = replace(amendment, discrepancy=Remainder.of(statistics, evaluator, coefficients))
-    drawn = gap_map(data, before, after, statistics.variables[:2], threshold, unit)
-    where = where_table(data, statistics.variables, trace)
-    return EquationStudy(aligned, finding, checks, coefficients, amendment, drawn, trace, where)
+    sigma = float(np.mean(coefficients.sigma)) * statistics.target_scale
+    return Amendment(statistics, plain(evaluations), coefficients, sigma, None, put_right)
+
+
+def _sensors(statistics: SufficientStatistics, coefficients: Coefficients) -> dict[ChannelSuspect, float]:
+    """Mean sizes of the suspects in the model, in their units."""
+    return {
+        suspect: float(size) * statistics.target_scale / statistics.columns[i].scale
+        for i, size in zip(coefficients.suspects, coefficients.suspect_draws.mean(axis=0), strict=True)
+        if (suspect := statistics.columns[i].suspect) is not None
+    }
 
 
 def _with_noisy_states(finding: Finding, aligned: Aligned, unit: str) -> Finding:
@@ -347,35 +160,57 @@ def _size(finding: Finding) -> float:
 
 
 def _motion(
-    model: Program, data: Trajectories, aligned: Aligned, amendment: Amendment, finding: Finding, unit: str
-) -> tuple[list[Check], list[Check]]:
-    """Whether states move as the states that are their rates say, and the studied one as the amended model says."""
-    name = amendment.statistics.equation
+    model: Program, train: Trajectories, aligned: Aligned, amendment: Amendment, finding: Finding, odds: Odds
+) -> tuple[list[MotionCheck], list[Doubt]]:
+    """Whether states move as the states that are their rates say, and the studied one as the amended model says.
+
+    And of those that do not, how likely that is no chance, and what it does to the studied rate.
+    """
+    name, scale = amendment.statistics.equation, amendment.statistics.target_scale
+    sensors = _sensors(amendment.statistics, amendment.after)
+    data = calibrated(aligned.moved(train), name, sensors, train)
     if data.filter is not None:
         # What a filter computed from the samples agrees with them.
         return [], []
     simulation, left = model.simulator(data), {k: noise.left for k, noise in aligned.sample_noise.items()}
     # What smoothing leaves is less than the noise, but known only roughly: no sensor is blamed for that.
     noise = {k: found.sd for k, found in aligned.sample_noise.items()}
-    ones = np.ones(data.n_obs)
+    unit, ones = train.units.get("t", ""), np.ones(data.n_obs)
+
+    def force(state: str) -> float:
+        """RMS of the change of the studied rate by a unit of a state."""
+        return float(np.sqrt(np.mean(slope_along(data, aligned.rate, state, ones) ** 2)))
 
     def by_noise(rate: Callable[[Trajectories], np.ndarray]) -> float:
         square = sum(s**2 * np.mean(slope_along(data, rate, x, ones) ** 2) for x, s in left.items())
         return float(np.sqrt(square))
 
-    others = {}
+    others, measured_by = {}, {}
     for state in data.state_names:
         if state != name and simulation.kinematic(state):
             rate = partial(simulation.on, state=state)
             (term, _), *_ = simulation.additive_terms(state)
-            others[state] = ModelledRate(rate(data), by_noise(rate), term.name)
-    kinematic = check_motion(data, others, noise, unit)
-    if finding.open_ended:
-        return kinematic, []
-    draws = amendment.rates(data.columns, RATE_DRAWS)[1]
-    sd = float(np.hypot(np.sqrt(np.mean(np.var(draws, axis=0))), by_noise(aligned.rate)))
-    own = ModelledRate(simulation.on(data, name) + draws.mean(axis=0), sd, "the model with what was found")
-    return kinematic, check_motion(data, {name: own}, noise, unit)
+            others[state], measured_by[state] = ModelledRate(rate(data), by_noise(rate), term.name), term.name
+    checks = check_motion(data, others, noise, unit)
+    doubts = [
+        # Which of the two sensors is wrong is not known: the worse for the answer.
+        Doubt(
+            contradicted(check.p, odds.suspect),
+            max(force(x) * check.departure, force(measured_by[x]) * check.departure / check.span) / scale,
+            own=False,
+        )
+        for check in checks
+        if not check.ok and (x := check.state)
+    ]
+    if not finding.open_ended:
+        draws = amendment.rates(data.columns, RATE_DRAWS)[1]
+        sd = float(np.hypot(np.sqrt(np.mean(np.var(draws, axis=0))), by_noise(aligned.rate)))
+        own = ModelledRate(simulation.on(data, name) + draws.mean(axis=0), sd, "the model with what was found")
+        for check in check_motion(data, {name: own}, noise, unit):
+            checks.append(check)
+            if not check.ok:
+                doubts.append(Doubt(contradicted(check.p, odds.suspect), check.departure / check.span / scale, True))
+    return checks, doubts
 
 
 def _quantities(model: Program, aligned: Aligned, name: str) -> dict[str, np.ndarray]:
@@ -395,35 +230,3 @@ def _changing(data: Trajectories, rate: Callable[[Trajectories], np.ndarray]) ->
 
 def _free_only(statistics: SufficientStatistics, coefficients: Coefficients) -> np.ndarray:
     return np.array([float(statistics.columns[i].kind == "free") for i in coefficients.indices])
-
-
-def _moments(draws: np.ndarray) -> dict[str, float]:
-    low, high = np.quantile(draws, [TAIL, 1 - TAIL])
-    return {"mean": float(np.mean(draws)), "sd": float(np.std(draws)), "lower": float(low), "upper": float(high)}
-
-
-def _advice(found: EquationStudy, index: int, rivals: Sequence[int], data: Trajectories) -> str:
-    """Where beyond the data two tied effects part, each with its own best coefficient."""
-    statistics = found.statistics
-    effect = statistics.columns[index].effect
-    assert effect is not None
-    variables = sorted({c for i in (index, *rivals) for c in statistics.columns[i].formula.symbols} & set(data.columns))
-    parted = []
-    for v in variables:
-        low, top = float(np.min(data.column(v))), float(np.max(np.abs(data.column(v))))
-        for reach in (1.25, 1.5, 2.0, 3.0, 5.0):
-            columns = {n: np.full(41, np.median(c)) for n, c in data.columns.items()}
-            columns[v] = np.linspace(-reach * top if low < 0 else low, reach * top, 41)
-            curves = [
-                alone(found.evaluations, i)[0] * statistics.evaluate([i], columns)[:, 0] for i in (index, *rivals)
-            ]
-            apart = max(float(np.max(np.abs(curves[0] - other))) for other in curves[1:])
-            if np.isfinite(apart) and apart * statistics.target_scale > 4 * found.amendment.sigma:
-                unit = f" {data.unit(v)}" if data.unit(v) and data.unit(v) != "1" else ""
-                parted.append((reach, f"measure up to |{v}| = {reach * top:.3g}{unit} (the data reach {top:.3g})"))
-                break
-    if not parted:
-        return (
-            "More data of the same kind, or less noise: within five times the data's range the effects hardly differ."
-        )
-    return f"To tell them apart, {min(parted)[1]}: there they differ by more than four noise standard deviations."

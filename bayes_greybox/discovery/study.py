@@ -28,10 +28,11 @@ from bayes_greybox.physics.terms import Term
 from bayes_greybox.physics.units import check_units, same_unit
 
 from .answer.adequacy import LAGS
+from .answer.equation_study import EquationStudy
 from .answer.finding import NEGLIGIBLE, SUBSTANTIAL, SURE, TIED, VERDICTS, Finding
 from .answer.gap import Amendment, FreePath, FreeRuns, gap_rows, worsened
 from .answer.where import GapMap, GapTrace
-from .equation import EquationStudy, study_equation
+from .equation import study_equation
 from .suspects.channels import DELAY_STEPS, GAIN_SD, OFFSET_SD, ZERO_SD
 from .weighing.odds import Odds
 from .weighing.sufficient_statistics import CORRECTION_SCALE

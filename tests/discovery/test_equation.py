@@ -20,8 +20,9 @@ from tiny_equation import (
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.answer.adequacy import LOO_PIT, WHITENESS, Check
 from bayes_greybox.discovery.answer.coefficients import Coefficients, alone
+from bayes_greybox.discovery.answer.equation_study import EquationStudy
 from bayes_greybox.discovery.answer.finding import STACKED, TIED, Finding, Place, Weighed
-from bayes_greybox.discovery.equation import EquationStudy, _with_noisy_states, study_equation
+from bayes_greybox.discovery.equation import _with_noisy_states, study_equation
 from bayes_greybox.discovery.weighing.alignment import Aligned
 from bayes_greybox.discovery.weighing.odds import Odds
 from bayes_greybox.discovery.weighing.sets import PLAIN, RECALIBRATED, REST, Explanation

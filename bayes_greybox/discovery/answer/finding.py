@@ -3,7 +3,8 @@
 Probabilities are sums over explanations in all worlds. A rest that stays beside an effect may be an unknown mechanism
 that the effect merely imitates: beside a rest that carries the share s of the gap's square, an effect counts with
 1 − √s, √s being the rest's RMS over the gap's, and √s goes to *unknown*. That is a judgement, not a theorem; it keeps a
-dominant effect and distrusts a stand-in.
+dominant effect and distrusts a stand-in. Where the samples contradict each other, an effect no larger than what that
+does to the rate goes to *unknown* in the same way (see `doubt`).
 """
 
 from collections.abc import Sequence
@@ -15,6 +16,8 @@ import numpy as np
 from bayes_greybox.discovery.weighing.sets import PLAIN, RECALIBRATED, REST, Explanation
 from bayes_greybox.discovery.weighing.worlds import World, weights
 from bayes_greybox.model.noise.suspicions import PROCESS
+
+from .doubt import Doubt, artefact, unexplained
 
 VERDICTS = ("no gap", "instrument", "recalibrate", "named", "one of", "partly named", "unknown")
 """From what asks least of the user's physics to what asks most; of several equations the last one speaks."""
@@ -104,23 +107,17 @@ class Finding:
         """Whether something is left that has no name."""
         return self.verdict in ("one of", "partly named", "unknown")
 
-    def denied(self, against: Sequence[str]) -> "Finding":
-        """The finding where the samples of its own state deny it: a gap that no rate shows is one all the same."""
-        if not against:
-            return self
-        verdict = "unknown" if self.verdict in ("no gap", "recalibrate", "instrument") else self.verdict
-        return replace(self, verdict=verdict).capped(against)
-
 
 class Weighed:
     """All explanations of all worlds, with their probabilities.
 
     Args:
         worlds: Likeliest first.
+        doubts: Contradictions among the samples.
     """
 
-    def __init__(self, worlds: Sequence[World]) -> None:
-        self.worlds = worlds
+    def __init__(self, worlds: Sequence[World], doubts: Sequence[Doubt] = ()) -> None:
+        self.worlds, self.doubts = worlds, doubts
         self.items: list[tuple[World, Explanation, float, float]] = []
         for world, p in zip(worlds, weights(worlds), strict=True):
             total = world.total - world.offset
@@ -134,6 +131,12 @@ class Weighed:
                     share = e.share_left if e.kind == REST else usual
                 self.items.append((world, e, probability, share))
         self.items.sort(key=lambda item: -item[2])
+        # Probability of each effect of an explanation to be what an error of the measurement does.
+        self._artefacts: dict[tuple[int, Explanation], dict[int, float]] = {}
+        for world, e, p, _ in self.items if doubts else ():
+            if e.effects and p > FAINT:
+                sizes = world.sizes(e)
+                self._artefacts[id(world), e] = {i: artefact(doubts, sizes[i]) for i in e.effects}
 
     def names(self, world: World, e: Explanation) -> tuple[str, ...]:
         """Bindings of an explanation's effects, sorted."""
@@ -149,7 +152,12 @@ class Weighed:
 
     def counted(self, world: World, e: Explanation, p: float, share: float) -> float:
         """Probability p of an explanation with effects, less what of it counts as unknown."""
-        return p * (1 - imitated(share)) * (1 - STACKED if set(stacked(world, e)) == set(e.effects) else 1.0)
+        real = p * (1 - imitated(share)) * (1 - STACKED if set(stacked(world, e)) == set(e.effects) else 1.0)
+        return real * (1 - min(self.artefacts(world, e).values()))
+
+    def artefacts(self, world: World, e: Explanation) -> dict[int, float]:
+        """Probability that each effect of an explanation is what an error of the measurement does."""
+        return self._artefacts.get((id(world), e), dict.fromkeys(e.effects, artefact(self.doubts, 0.0)))
 
     @cached_property
     def by_kind(self) -> dict[str, float]:
@@ -161,7 +169,9 @@ class Weighed:
                 found["effects"] += real
                 found["unknown"] += p - real
             else:
-                found[self.kind(world, e)] += p
+                wrong = p * unexplained(self.doubts)
+                found[self.kind(world, e)] += p - wrong
+                found["unknown"] += wrong
         return found
 
     @cached_property
@@ -169,11 +179,14 @@ class Weighed:
         """Probability that an effect is missing, by slug, largest first."""
         found: dict[str, float] = {}
         for world, e, p, share in self.items:
-            doubtful = {world.evaluations.name(i) for i in stacked(world, e)}
-            for slug in {world.evaluations.name(i) for i in e.effects}:
-                found[slug] = found.get(slug, 0.0) + p * (1 - imitated(share)) * (
-                    1 - STACKED if slug in doubtful else 1.0
-                )
+            doubtful, artefacts = {world.evaluations.name(i) for i in stacked(world, e)}, self.artefacts(world, e)
+            own: dict[str, float] = {}
+            for i in e.effects:
+                slug = world.evaluations.name(i)
+                own[slug] = min(own.get(slug, 1.0), artefacts[i])
+            for slug, wrong in own.items():
+                real = p * (1 - imitated(share)) * (1 - STACKED if slug in doubtful else 1.0)
+                found[slug] = found.get(slug, 0.0) + real * (1 - wrong)
         for world in self.worlds:
             for i in world.evaluations.statistics.of_kind("effect"):
                 found.setdefault(world.evaluations.name(i), 0.0)
@@ -235,7 +248,7 @@ def stacked(world: World, e: Explanation) -> tuple[int, ...]:
     return tuple(i for group in many for i in group)
 
 
-def decide(found: Sequence[World]) -> Finding:
+def decide(found: Sequence[World], doubts: Sequence[Doubt] = ()) -> Finding:
     """The answer, before its checks and its free runs.
 
     1. What is likeliest of: no gap, recalibration, the instrument, unknown, effects together.
@@ -243,10 +256,13 @@ def decide(found: Sequence[World]) -> Finding:
        and nothing substantial left over, as f or as a process in time; below that it is *one of*.
     3. What remains beside a dominant set makes it *partly named*; effects that leave more are stand-ins: *unknown*.
 
+    4. Effects that are as likely as not an error of the measurement are no part of the answer.
+
     Args:
         found: Worlds, likeliest first.
+        doubts: Contradictions among the samples.
     """
-    weighed = Weighed(found)
+    weighed = Weighed(found, doubts)
     # As the tables have it, so that verdict and tables cannot contradict each other; unknown comes before effects.
     top = max(weighed.by_kind, key=lambda kind: weighed.by_kind[kind])
     if top == "effects":
@@ -258,6 +274,7 @@ def decide(found: Sequence[World]) -> Finding:
             with_rest = {weighed.names(w, e) for w, e, *_ in weighed.items if _leaves_rest(w, e)}
             singles = [key for key in weighed.by_set if len(key) == 1 and key[0] in chosen and key in with_rest]
             finding = max((_named(weighed, key) for key in singles), key=lambda f: -f.share_left, default=finding)
+        finding = _without_artefacts(finding)
         if finding.verdict != "unknown":
             return finding
         top = "unknown"
@@ -265,6 +282,15 @@ def decide(found: Sequence[World]) -> Finding:
     # What only imitates the unknown is not added to anybody's model; the tables show that it was weighed.
     remainder = weighed.by_kind["unknown"]
     return Finding(found, top, (), e, world, remainder, 1.0 if top == "unknown" else share, (), weighed)
+
+
+def _without_artefacts(finding: Finding) -> Finding:
+    """The answer without the effects that are as likely as not an error of the measurement."""
+    artefacts = finding.weighed.artefacts(finding.world, finding.explanation)
+    places = tuple(place for place in finding.places if artefacts[place.index] < 0.5)
+    if len(places) == len(finding.places):
+        return finding
+    return replace(finding, verdict="partly named" if places else "unknown", places=places)
 
 
 def _leaves_rest(world: World, e: Explanation) -> bool:
@@ -291,8 +317,8 @@ def _named(weighed: Weighed, chosen: tuple[str, ...]) -> Finding:
     elif all(p.probability >= SURE or (p.together >= SURE and set(p.tied) <= set(p.same)) for p in places):
         verdict = "named"
     else:
-        # Unsure of a name for the rest's sake alone, with no other that could stand in its place
-        alone = remainder > 1 - SURE and not any(p.tied for p in places)
+        # Unsure of a name for the rest's or a doubt's sake alone, with no other that could stand in its place
+        alone = (remainder > 1 - SURE or bool(weighed.doubts)) and not any(p.tied for p in places)
         verdict = "partly named" if alone else "one of"
     return Finding(weighed.worlds, verdict, places, e, world, remainder, remainder * share, against, weighed)
 
@@ -315,7 +341,8 @@ def _place(weighed: Weighed, world: World, e: Explanation, chosen: tuple[str, ..
             (name,) = _suspected(w, x) - beside
         else:
             continue
-        rivals[name] = rivals.get(name, 0.0) + p * (1 - imitated(share))
+        wrong = max((q for i, q in weighed.artefacts(w, x).items() if w.evaluations.name(i) == name), default=0.0)
+        rivals[name] = rivals.get(name, 0.0) + p * (1 - imitated(share)) * (1 - wrong)
         evidence[name] = float(np.logaddexp(evidence.get(name, -np.inf), x.log_evidence + w.offset))
     tied = tuple(
         name for name, p in sorted(rivals.items(), key=lambda item: -item[1])

@@ -20,6 +20,8 @@ NOISY = "noisy state"
 
 CLIPPED = "clipping"
 
+MISREAD = "misreadings"
+
 IN_MODEL = "in the model"
 """Status of what the answer takes for true."""
 
@@ -100,6 +102,9 @@ def instrument_table(
     for name, rows_at_end in aligned.clipped.items():
         text = f"{name} is clipped at {int(np.sum(rows_at_end))} samples, which are left out"
         rows.append(_blank(statistics.equation, CLIPPED, name, 1.0, IN_MODEL, text))
+    for name, rows_misread in aligned.misread.items():
+        text = f"{name} is misread at {int(np.sum(rows_misread))} samples, which are left out"
+        rows.append(_blank(statistics.equation, MISREAD, name, 1.0, IN_MODEL, text))
     found = pd.DataFrame(rows, columns=list(COLUMNS))
     return found.sort_values("probability", ascending=False, kind="stable", ignore_index=True)
 

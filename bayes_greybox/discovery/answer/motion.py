@@ -37,6 +37,21 @@ FEWEST = 5
 
 
 @dataclass(frozen=True)
+class MotionCheck(Check):
+    """Check of one state.
+
+    Attributes:
+        state: Its name.
+        departure: RMS of the departures D.
+        span: Time of a window: an error of the rate of D over this would do it too.
+    """
+
+    state: str
+    departure: float
+    span: float
+
+
+@dataclass(frozen=True)
 class ModelledRate:
     """The rate of a state as modelled.
 
@@ -53,7 +68,7 @@ class ModelledRate:
 
 def check_motion(
     data: Trajectories, rates: Mapping[str, ModelledRate], noise: Mapping[str, float], unit: str = ""
-) -> list[Check]:
+) -> list[MotionCheck]:
     """One check for each rate.
 
     Args:
@@ -86,17 +101,15 @@ def check_motion(
         if sum(map(len, departures)) < FEWEST:
             continue
         D, change, variance = (np.concatenate(parts) for parts in (departures, changes, variances))
-        size = float(np.sqrt(np.mean(change**2)))
+        size, off = float(np.sqrt(np.mean(change**2))), float(np.sqrt(np.mean(D**2)))
+        typical = float(np.median(np.concatenate(spans)))
         square = float(np.sum(D**2 / (variance + (AGREE * size) ** 2 + np.finfo(float).tiny)))
         p = float(chi2.sf(square, len(D)))
         text = ""
         if p < LEVEL:
-            over = f"{float(np.median(np.concatenate(spans))):.2g} {unit}".rstrip()
-            off = float(np.sqrt(np.mean(D**2))) / size
-            text = (
-                f"the samples of {name} do not move as {rate.of} says: over {over} they are {100 * off:.2g}\u00a0% off"
-            )
-        found.append(Check(f"{MOTION} of {name}", p, text))
+            over, share = f"{typical:.2g} {unit}".rstrip(), 100 * off / size
+            text = f"the samples of {name} do not move as {rate.of} says: over {over} they are {share:.2g}\u00a0% off"
+        found.append(MotionCheck(f"{MOTION} of {name}", p, text, name, off, typical))
     return found
 
 

@@ -53,6 +53,16 @@ class SampleNoise:
 MOST_CLIPPED = 0.5
 """Share of the samples from which on a channel rests and is not clipped."""
 
+LEAP, FOLLOWED = 6.0, 0.3
+"""Leaps that the rate lacks are none of the signal's beyond so many of their usual size; and the share of what a leap
+should do to the rate below which it was only the sensor's."""
+
+WIDTHS = (1, 2)
+"""A slip is of so many samples."""
+
+TURNS = 10
+"""How often slips are looked for again once the largest are mended."""
+
 MANY_LEVELS = 0.5
 """Different values over samples below which a sensor is coarse."""
 
@@ -131,6 +141,67 @@ def clipped(values: Mapping[str, Float[np.ndarray, " n"]], run: np.ndarray) -> d
         if 0 < np.mean(at_end) < MOST_CLIPPED:
             found[name] = at_end
     return found
+
+
+def misread(
+    values: Float[np.ndarray, " n"], run: np.ndarray, rate: Float[np.ndarray, " n"], slope: Float[np.ndarray, " n"]
+) -> tuple[Bool[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+    """Samples of a channel that leap away and back, and that the measured rate knows nothing of.
+
+    A blow leaps too, and moves the machine: the rate leaps with it, by ∂G/∂x times as much. A slip of the sensor does
+    not.
+
+    Args:
+        values: Samples of a state or an input.
+        run: Run of each.
+        rate: Measured rate at the samples.
+        slope: ∂G/∂x there.
+
+    Returns:
+        Which they are, and the samples with those on the cubic through their neighbours.
+    """
+    values, out = values.copy(), np.zeros(len(values), bool)
+    for _ in range(TURNS):
+        # Of slips side by side the larger one comes first, and shows the other.
+        fresh = False
+        for width in WIDTHS:
+            rows = np.arange(max(len(values) - width - 3, 0))[:, None] + np.arange(width + 4)
+            rows = rows[run[rows[:, 0]] == run[rows[:, -1]]]
+            if not len(rows):
+                continue
+            leap, follows = _leaps(values[rows]), _leaps(rate[rows])
+            expected = slope[rows[:, 2:-2]] * leap
+            lacking = follows - expected
+            large = np.abs(lacking) > LEAP * float(np.median(np.abs(lacking))) / NORMAL_MEDIAN
+            unseen = np.abs(follows) < FOLLOWED * np.abs(expected)
+            slip = np.all(large & unseen, axis=1) & _away(values[rows], leap)
+            size = np.where(slip, np.min(np.abs(leap), axis=1), 0.0)
+            # The largest of those that share samples with it.
+            for k in np.flatnonzero(slip):
+                inside = rows[k, 2:-2]
+                if size[k] >= np.max(size[max(k - width - 1, 0) : k + width + 2]) and not np.any(out[inside]):
+                    values[inside] -= leap[k]
+                    out[inside] = fresh = True
+        if not fresh:
+            break
+    return out, values
+
+
+def _leaps(x: np.ndarray) -> np.ndarray:
+    """Departure of samples from the cubic through two on either side of them, windows [n, width + 4]."""
+    width = x.shape[1] - 4
+    at, nodes = np.arange(width), np.array([-2, -1, width, width + 1])
+    weights = [[np.prod([(t - m) / (n - m) for m in nodes if m != n]) for t in at] for n in nodes]
+    return x[:, 2:-2] - x[:, [0, 1, -2, -1]] @ np.array(weights)
+
+
+def _away(x: np.ndarray, leap: np.ndarray) -> np.ndarray:
+    """Whether samples are away from both their neighbours to the same side: those of an edge are not."""
+    before, after = x[:, 2] - x[:, 1], x[:, -3] - x[:, -2]
+    side = np.sign(leap[:, 0])
+    return (np.minimum(side * before, side * after) > 0.5 * np.max(np.abs(leap), axis=1)) & (
+        np.min(side[:, None] * leap, axis=1) > 0
+    )
 
 
 def _noise_of(data: Trajectories, rates: Mapping[str, np.ndarray]) -> dict[str, float]:

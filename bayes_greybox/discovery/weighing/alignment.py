@@ -6,7 +6,7 @@ data, until neither changes.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from jaxtyping import Bool, Int
@@ -22,7 +22,7 @@ from bayes_greybox.discovery.suspects.channels import (
     undone,
     within,
 )
-from bayes_greybox.discovery.suspects.samples import SampleNoise, Smoother, clipped, known_rates
+from bayes_greybox.discovery.suspects.samples import SampleNoise, Smoother, clipped, known_rates, misread
 from bayes_greybox.model.evidence import coefficients
 from bayes_greybox.model.program import Program
 from bayes_greybox.physics.catalogue.effects import BoundEffect
@@ -60,7 +60,9 @@ class Aligned:
         probability: Of each of these delays when it was found.
         sample_noise: Noise on the samples of states.
         clipped: Rows at which a channel's sensor was at its end, by channel.
+        misread: Rows at which a state's or an input's sensor slipped, by channel.
         rate: The whole modelled rate.
+        bare: That of the simulation, before anything was found.
         used: Rows of the data as they came that are weighed.
         smooth: Frees states of such data of the noise on their samples.
     """
@@ -71,7 +73,9 @@ class Aligned:
     probability: Mapping[str, float] = field(default_factory=dict)
     sample_noise: Mapping[str, SampleNoise] = field(default_factory=dict)
     clipped: Mapping[str, np.ndarray] = field(default_factory=dict)
+    misread: Mapping[str, np.ndarray] = field(default_factory=dict)
     rate: Rate = lambda data: np.zeros(data.n_obs)
+    bare: Rate = lambda data: np.zeros(data.n_obs)
     used: Bool[np.ndarray, " n_obs"] = field(default_factory=lambda: np.ones(0, bool))
     smooth: Callable[[Trajectories], Trajectories] = lambda data: data
 
@@ -92,19 +96,22 @@ class Aligned:
 
     def corrected(self, data: Trajectories) -> Trajectories:
         """Any data of the same sensors, as the training data were corrected: states smoothed, delays undone."""
-        return self._moved(data, _clipped(data, self._equation) if self._equation in data.derivatives else {})
+        if self._equation not in data.derivatives:
+            return self._moved(data)
+        better, slips = _mended(data, self._equation, self.bare) if self.misread else (data, {})
+        return self._moved(better, *_clipped(data, self._equation).values(), *slips.values())
 
     def moved(self, data: Trajectories) -> Trajectories:
-        """Such data with the rows too at which the rate was clipped."""
-        return self._moved(data, {})
+        """Such data with the rows too at which a sensor was at its end or slipped."""
+        return self._moved(_mended(data, self._equation, self.bare)[0] if self.misread else data)
 
     @property
     def _equation(self) -> str:
         return self.evaluations.statistics.equation
 
-    def _moved(self, data: Trajectories, at_end: Mapping[str, np.ndarray]) -> Trajectories:
+    def _moved(self, data: Trajectories, *out: np.ndarray) -> Trajectories:
         moved = undone(self.smooth(data), self._equation, self.delays)
-        return moved.keep(_usable(data, self._equation, self.delays, at_end))
+        return moved.keep(_usable(data, self._equation, self.delays, out))
 
 
 def align(
@@ -133,14 +140,16 @@ def align(
         smooth: Frees states of the noise on their samples; found from the data by default.
     """
     smooth = smooth or Smoother(train, known_rates(model.simulator(train), train))
-    measured = smooth(train)
-    at_end = _clipped(train, equation)
+    bare_rate = _rate(model, train, equation, ())
+    at_end, (mended, slips) = _clipped(train, equation), _mended(train, equation, bare_rate)
+    out = (*at_end.values(), *slips.values())
+    measured = smooth(mended)
     delays: dict[str, float] = {}
     probability: dict[str, float] = {}
     added: tuple[tuple[Term, float], ...] = ()
     # All rows, for what needs neighbours, and those that are weighed.
     seen = np.ones(train.n_obs, bool) if under is None else under[1]
-    whole, used = measured, seen & _usable(measured, equation, delays, at_end)
+    whole, used = measured, seen & _usable(measured, equation, delays, out)
     data = whole.keep(used)
     statistics = sufficient_statistics(model, data, equation, effects)
     evaluator = Evaluator(statistics.prior, statistics.kernel, np.asarray(statistics.basis.frequency))
@@ -195,7 +204,7 @@ def align(
         if moved:
             # Else the statistics stay those of the data as they are.
             delays, whole = later, undone(measured, equation, later)
-            used = seen & _usable(measured, equation, delays, at_end)
+            used = seen & _usable(measured, equation, delays, out)
             data = whole.keep(used)
         added = tuple(
             (term, float(b) * given.target_scale / given.columns[i].scale)
@@ -207,7 +216,7 @@ def align(
         # Found under one noise, weighed under all; columns keep their places.
         evaluations = Evaluations(given.with_noise(bare.rows.noise), odds, evaluator)
         sets = Sets(evaluations, most, always=always)
-    return Aligned(data, sets, delays, probability, smooth.noise, at_end, rate, used, smooth)
+    return Aligned(data, sets, delays, probability, smooth.noise, at_end, slips, rate, bare_rate, used, smooth)
 
 
 def _rate(model: Program, data: Trajectories, equation: str, added: Sequence[tuple[Term, float]]) -> Rate:
@@ -276,15 +285,32 @@ def _clipped(data: Trajectories, equation: str) -> dict[str, Bool[np.ndarray, " 
     return clipped({rate_channel(equation): data.rate(equation)}, data.run)
 
 
+def _mended(
+    data: Trajectories, equation: str, rate: Rate
+) -> tuple[Trajectories, dict[str, Bool[np.ndarray, " n_obs"]]]:
+    """The data without slips of sensors, and where these were."""
+    if not _separable(data) or equation not in data.derivatives:
+        return data, {}
+    found, columns, ones = {}, {}, np.ones(data.n_obs)
+    for name in (*data.state_names, *data.input_names):
+        slope = slope_along(data, rate, name, ones)
+        out, better = misread(data.column(name), data.run, data.rate(equation), slope)
+        if np.any(out):
+            found[name], columns[name] = out, better
+    states = {name: columns.get(name, x) for name, x in data.states.items()}
+    inputs = {name: columns.get(name, x) for name, x in data.inputs.items()}
+    return (replace(data, states=states, inputs=inputs) if found else data), found
+
+
 def _usable(
-    data: Trajectories, equation: str, delays: Mapping[str, float], at_end: Mapping[str, np.ndarray]
+    data: Trajectories, equation: str, delays: Mapping[str, float], out: Sequence[np.ndarray]
 ) -> Bool[np.ndarray, " n_obs"]:
-    """Rows whose rate is not clipped, and whose states and inputs were measured where delays take them."""
+    """Rows that are not out, and whose states and inputs were measured where delays take them."""
     used = np.ones(data.n_obs, bool)
     if _separable(data):
         used = within(data, equation, delays)
-    for out in at_end.values():
-        used = used & ~out
+    for rows in out:
+        used = used & ~rows
     return used
 
 

@@ -84,6 +84,13 @@ class World:
             pattern = 0
         return coefficients(*one_pattern(fitted, pattern))
 
+    def sizes(self, e: Explanation) -> dict[int, float]:
+        """RMS over the rows of what each column of an explanation contributes, by column, scaled."""
+        indices = self.evaluations.indices(e.columns)
+        parts = self.evaluations.statistics.at_rows(indices) * self.coefficients(e)[0]
+        rms = np.sqrt(np.mean(parts**2, axis=0))
+        return {i: float(size) for i, size in zip(indices, rms, strict=True) if i in e.columns}
+
     def residual(self, e: Explanation) -> Float[np.ndarray, " n_row"]:
         """Target less everything that an explanation explains, f's mean included; scaled, not whitened."""
         known, statistics = self.evaluations, self.evaluations.statistics

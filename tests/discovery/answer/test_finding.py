@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from bayes_greybox.data.noise.protocol import RowNoise
+from bayes_greybox.discovery.answer.doubt import Doubt
 from bayes_greybox.discovery.answer.finding import (
     NEGLIGIBLE,
     SAME,
@@ -41,8 +42,14 @@ class Written(Evaluations):
 class Told(World):
     """A world whose explanations carry the share that is left themselves."""
 
+    rms = {}
+
     def share_left(self, e):
         return e.share_left
+
+    def sizes(self, e):
+        letters = {i: self.evaluations.name(i) for i in e.effects}
+        return {i: self.rms.get(letter, 1.0) for i, letter in letters.items()}
 
 
 def world(table, letters="abcd", on=None, inner="", names=(), shares=None, evidence=None, share=0.2, offset=0.0):
@@ -344,3 +351,46 @@ def test_checks_cap_a_name_and_never_raise_it(table, before, after):
 
 def test_verdicts_are_in_the_order_of_what_they_ask_of_the_users_physics():
     assert VERDICTS == ("no gap", "instrument", "recalibrate", "named", "one of", "partly named", "unknown")
+
+
+# Samples that contradict each other
+
+
+BENT = Doubt(0.95, 0.1, own=False)
+
+
+def doubted(table, doubt, **rms):
+    found = world({"unknown": 1e-9} | table)
+    found.__dict__["rms"] = rms
+    return decide([found], [doubt])
+
+
+def test_a_large_effect_stands_beside_a_small_contradiction():
+    finding = doubted({"a": 0.999}, BENT, a=10.0)
+    assert slugs(finding) == ("a",) and finding.weighed.by_effect["a"] == pytest.approx(0.999 * (1 - 0.0095), abs=1e-3)
+
+
+def test_an_effect_no_larger_than_what_the_contradiction_does_is_unknown():
+    finding = doubted({"a": 0.999, "no gap": 0.001}, BENT, a=0.08)
+    assert finding.verdict == "unknown" and finding.places == ()
+    assert finding.weighed.by_effect["a"] == pytest.approx(0.05, abs=1e-3)
+    assert finding.weighed.by_kind["unknown"] == pytest.approx(0.95, abs=1e-2)
+
+
+def test_of_two_effects_the_small_one_goes():
+    finding = doubted({"ab": 0.99, "a": 0.01}, BENT, a=10.0, b=0.1)
+    assert finding.verdict == "partly named" and slugs(finding) == ("a",)
+    assert finding.weighed.by_effect["b"] < 0.1 < SURE < finding.weighed.by_effect["a"]
+
+
+def test_kinds_add_up_to_one_whatever_is_doubted():
+    for own in (True, False):
+        finding = doubted({"ab": 0.4, "no gap": 0.3, "recalibrate": 0.2, "b & rest": 0.1}, Doubt(0.7, 0.3, own), b=0.5)
+        assert sum(finding.weighed.by_kind.values()) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("stop", ["no gap", "recalibrate", "! offset"])
+def test_an_answer_without_effects_that_its_own_state_denies_is_unknown_in_the_tables_too(stop):
+    finding = doubted({stop: 1.0}, Doubt(0.9, 1e-6, own=True))
+    assert finding.verdict == "unknown" and finding.weighed.by_kind["unknown"] == pytest.approx(0.9)
+    assert doubted({stop: 1.0}, Doubt(0.9, 1e-6, own=False)).verdict != "unknown"

@@ -5,7 +5,7 @@ import pytest
 from sampled_paths import STEP, paths
 
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.discovery.suspects.samples import Smoother, clipped
+from bayes_greybox.discovery.suspects.samples import Smoother, clipped, misread
 from bayes_greybox.physics.systems import duffing
 
 
@@ -112,3 +112,45 @@ def test_other_data_of_a_noisy_sensor_are_smoothed_as_its_training_data_were():
     other = Trajectories.from_arrays(t, states={"x": x + 0.05 * rng.standard_normal(400), "v": np.cos(t)})
     after = np.sqrt(np.mean((smooth(other).states["x"] - x) ** 2))
     assert after < 0.6 * 0.05 and smooth(other).states["v"] is other.states["v"]
+
+
+def pushed(n=400, seed=0, noise=0.02):
+    """A force, and the rate that it makes; twice as large, with noise."""
+    t = STEP * np.arange(n)
+    force = np.sin(t) + 0.4 * np.sign(np.sin(0.31 * t)) + 0.3 * np.cos(2.3 * t)
+    return force, 2 * force + noise * np.random.default_rng(seed).standard_normal(n), np.zeros(n, int)
+
+
+def test_slips_of_a_sensor_are_found_and_mended():
+    force, rate, run = pushed()
+    shown = force.copy()
+    for k, by in [(50, 2.0), (120, -1.0), (121, -1.1), (200, 1.0), (205, -1.5), (399, 3.0)]:
+        shown[k] += by
+    out, better = misread(shown, run, rate, np.full(400, 2.0))
+    # Those near the end of a run have no neighbours to tell.
+    assert np.flatnonzero(out).tolist() == [50, 120, 121, 200, 205]
+    np.testing.assert_allclose(better[out], force[out], atol=0.02)
+    np.testing.assert_array_equal(better[~out], shown[~out])
+
+
+def test_what_the_rate_follows_is_no_slip():
+    force, _, run = pushed()
+    force[[60, 180, 300]] += 5.0  # blows
+    rate = 2 * force + 0.02 * np.random.default_rng(1).standard_normal(400)
+    assert not misread(force, run, rate, np.full(400, 2.0))[0].any()
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_noise_and_edges_are_no_slips(seed):
+    force, rate, run = pushed(seed=seed)
+    noisy = force + 0.05 * np.random.default_rng(10 + seed).standard_normal(400)
+    assert misread(noisy, run, rate, np.full(400, 2.0))[0].sum() <= 1
+    edges = np.sign(np.sin(STEP * np.arange(400)))
+    assert not misread(edges, run, np.zeros(400), np.full(400, 2.0))[0].any()
+
+
+def test_slips_are_looked_for_within_runs():
+    force, rate, _ = pushed()
+    run = np.arange(400) // 4
+    shown = force + np.where(np.arange(400) == 50, 3.0, 0.0)
+    assert not misread(shown, run, rate, np.full(400, 2.0))[0].any()
