@@ -30,7 +30,8 @@ from .model.priors import Laplace as Laplace
 from .model.priors import Normal as Normal
 from .model.priors import RegularisedHorseshoe as RegularisedHorseshoe
 from .model.priors import SpikeAndSlab as SpikeAndSlab
-from .model.rows.equation_rows import DerivativeRows as DerivativeRows
+from .model.rows.derivative_rows import DerivativeRows as DerivativeRows
+from .model.rows.trajectory_rows import TrajectoryRows as TrajectoryRows
 from .physics import systems as systems
 from .physics.catalogue.table import catalogue as catalogue
 from .physics.terms import Dictionary as Dictionary

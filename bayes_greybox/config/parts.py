@@ -59,7 +59,7 @@ def _priors() -> Mapping[str, type]:
 
 
 def _rows() -> Mapping[str, type]:
-    from bayes_greybox.model.rows.equation_rows import ROWS
+    from bayes_greybox.model.rows.kinds import ROWS
 
     return ROWS
 

@@ -46,6 +46,8 @@ class Trajectories:
         dropped: rows left out so far (missing values, edges of filters).
         time_name: name of the time in expressions and tables.
         filter: what computed the derivatives; None if they were measured, or there are none.
+        samples: what the sensors showed, where states are a path through it and rates are that path's; None where the
+            states are the samples.
     """
 
     time: Float[np.ndarray, " n_obs"]
@@ -59,6 +61,7 @@ class Trajectories:
     dropped: int = 0
     time_name: str = "t"
     filter: RateFilter | None = None
+    samples: "Trajectories | None" = None
 
     @classmethod
     def from_arrays(
@@ -287,24 +290,9 @@ class Trajectories:
             raise InputError("No row is left: keep at least one.")
         if any(not noise.local for noise in self.noise.values()):
             raise InputError("Rows of filtered rates hang together: leave rows out before data.differentiate().")
-        runs = dict.fromkeys(self.run[rows].tolist())
-
-        def part(columns: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-            return {name: values[rows] for name, values in columns.items()}
-
-        number = {run: k for k, run in enumerate(runs)}
-        kept = replace(
-            self,
-            time=self.time[rows],
-            run=np.array([number[run] for run in self.run[rows].tolist()]),
-            states=part(self.states),
-            inputs=part(self.inputs),
-            derivatives=part(self.derivatives),
-            noise={},
-            run_names=tuple(self.run_names[run] for run in runs),
-            dropped=self.dropped + int(np.sum(~rows)),
-        )
-        return replace(kept, noise={name: WhiteNoise(kept.run_lengths) for name in self.noise})
+        kept = self._at(np.flatnonzero(rows), {})
+        white = {name: WhiteNoise(kept.run_lengths) for name in self.noise}
+        return replace(kept, noise=white, dropped=self.dropped + int(np.sum(~rows)))
 
     def differentiate(
         self,
@@ -453,7 +441,11 @@ class Trajectories:
         """Contiguous rows of each run, as half-open ranges; a run with an empty range is left out."""
         starts = np.concatenate([[0], np.cumsum(self.run_lengths)])
         rows = np.concatenate([np.arange(starts[i] + a, starts[i] + b) for i, (a, b) in enumerate(bounds)])
-        stay = [i for i, (a, b) in enumerate(bounds) if b > a]
+        return self._at(rows, {name: noise.restrict(bounds) for name, noise in self.noise.items()})
+
+    def _at(self, rows: Int[np.ndarray, " n_row"], noise: Mapping[str, RowNoise]) -> "Trajectories":
+        """Some rows, in order, with the noise of their rates; a run that has none of them is left out."""
+        run, number = np.unique(self.run[rows], return_inverse=True)
 
         def part(columns: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
             return {name: values[rows] for name, values in columns.items()}
@@ -461,12 +453,13 @@ class Trajectories:
         return replace(
             self,
             time=self.time[rows],
-            run=np.repeat(np.arange(len(stay)), [bounds[i][1] - bounds[i][0] for i in stay]),
+            run=number,
             states=part(self.states),
             inputs=part(self.inputs),
             derivatives=part(self.derivatives),
-            noise={name: noise.restrict(bounds) for name, noise in self.noise.items()},
-            run_names=tuple(self.run_names[i] for i in stay),
+            noise=noise,
+            run_names=tuple(self.run_names[i] for i in run),
+            samples=None if self.samples is None else self.samples._at(rows, {}),
         )
 
 

@@ -24,10 +24,11 @@ from .answer.where import GapField, gap_map, gap_trace, where_table
 from .suspects.channels import ChannelSuspect, calibrated, slope_along
 from .suspects.samples import Smoother, known_rates
 from .weighing.alignment import Aligned, align
+from .weighing.along_path import follow
 from .weighing.odds import Odds
 from .weighing.sets import RECALIBRATED, REST
 from .weighing.sufficient_statistics import SufficientStatistics
-from .weighing.worlds import worlds
+from .weighing.worlds import World, worlds
 
 DRAWS = 2000
 """Posterior draws of the coefficients behind tables and bands."""
@@ -57,17 +58,7 @@ def study_equation(
         settle: Whether finalists are settled by bridge sampling where that is needed.
         say: Told in words what is being done.
     """
-    smooth = Smoother(train, known_rates(model.simulator(train), train))
-    aligned = align(model, train, name, effects, odds, most, say, smooth=smooth)
-    aligned.evaluations.seed = seed if settle else None
-    found = worlds(aligned.sets, _quantities(model, aligned, name), say)
-    if aligned.delays and found[0].model.names:
-        # Under the wrong noise a delay may have been found that the right one knows nothing of.
-        again = align(model, train, name, effects, odds, most, say, (found[0].model.noise, aligned.used), smooth)
-        if again.delays != aligned.delays:
-            aligned = again
-            aligned.evaluations.seed = seed if settle else None
-            found = worlds(aligned.sets, _quantities(model, aligned, name), say)
+    aligned, found = _weighed(model, train, name, effects, odds, most, seed if settle else None, say)
     unit, unit_of_time = derivative_unit(name, train.units), train.units.get("t", "")
 
     def decided(doubts: Sequence[Doubt]) -> tuple[Finding, list[Check]]:
@@ -101,6 +92,30 @@ def study_equation(
     return EquationStudy(aligned, finding, (*checks, *motion), coefficients, amendment, drawn, trace, where)
 
 
+def _weighed(
+    model: Program, train: Trajectories, name: str, effects: Sequence[BoundEffect], odds: Odds, most: int,
+    seed: int | None, say: Callable[[str], None],
+) -> tuple[Aligned, list[World]]:  # fmt: skip
+    """Explanations under every noise that matters, on data freed of what their sensors were found to do."""
+
+    def under_every_noise(aligned: Aligned) -> list[World]:
+        aligned.evaluations.seed = seed
+        return worlds(aligned.sets, _quantities(model, aligned, name), say)
+
+    if not model.rows.rates_measured:
+        aligned = follow(model, train, name, effects, odds, most, say)
+        return aligned, under_every_noise(aligned)
+    smooth = Smoother(train, known_rates(model.simulator(train), train))
+    aligned = align(model, train, name, effects, odds, most, say, smooth=smooth)
+    found = under_every_noise(aligned)
+    if aligned.delays and found[0].model.names:
+        # Under the wrong noise a delay may have been found that the right one knows nothing of.
+        again = align(model, train, name, effects, odds, most, say, (found[0].model.noise, aligned.used), smooth)
+        if again.delays != aligned.delays:
+            aligned, found = again, under_every_noise(again)
+    return aligned, found
+
+
 def _amendment(finding: Finding, aligned: Aligned, train: Trajectories, seed: int) -> Amendment:
     """The model after, without what remains: coefficients of a finding, and sensors put right."""
     evaluations, statistics = finding.world.evaluations, finding.world.evaluations.statistics
@@ -117,7 +132,7 @@ def _amendment(finding: Finding, aligned: Aligned, train: Trajectories, seed: in
         return calibrated(aligned.corrected(data), statistics.equation, sensors, train)
 
     sigma = float(np.mean(coefficients.sigma)) * statistics.target_scale
-    return Amendment(statistics, plain(evaluations), coefficients, sigma, None, put_right)
+    return Amendment(statistics, plain(evaluations), coefficients, sigma, None, put_right, aligned.rows)
 
 
 def _sensors(statistics: SufficientStatistics, coefficients: Coefficients) -> dict[ChannelSuspect, float]:
@@ -167,11 +182,11 @@ def _motion(
     And of those that do not, how likely that is no chance, and what it does to the studied rate.
     """
     name, scale = amendment.statistics.equation, amendment.statistics.target_scale
+    if not aligned.rates_measured:
+        # What was computed from the samples agrees with them.
+        return [], []
     sensors = _sensors(amendment.statistics, amendment.after)
     data = calibrated(aligned.moved(train), name, sensors, train)
-    if data.filter is not None:
-        # What a filter computed from the samples agrees with them.
-        return [], []
     simulation, left = model.simulator(data), {k: noise.left for k, noise in aligned.sample_noise.items()}
     # What smoothing leaves is less than the noise, but known only roughly: no sensor is blamed for that.
     noise = {k: found.sd for k, found in aligned.sample_noise.items()}

@@ -156,6 +156,7 @@ def investigate(
     odds = odds or Odds()
     equations = studied_equations(model, train)
     _check_data(model, equations, train, test, free_runs)
+    train, test = _completed(model, equations, train), None if test is None else _completed(model, equations, test)
     loaded = load_catalogue(catalogue)
     seconds: dict[str, float] = {}
     findings: dict[str, EquationStudy] = {}
@@ -238,6 +239,13 @@ def investigate(
     )
 
 
+def _completed(model: Program, equations: Sequence[str], data: Trajectories) -> Trajectories:
+    """Data with the states and rates that terms are evaluated on."""
+    for name in equations:
+        data = model.rows.complete(data, name, model.simulator(data))
+    return data
+
+
 def studied_equations(model: Program, data: Trajectories) -> tuple[str, ...]:
     """Equations a study looks at: those of the model's dictionary, or all whose measured rate the simulation misses.
 
@@ -247,6 +255,14 @@ def studied_equations(model: Program, data: Trajectories) -> tuple[str, ...]:
     if model.dictionary:
         return model.equations
     simulation = model.simulator(data)
+    if not model.rows.rates_measured:
+        found = tuple(name for name in simulation.equations if not simulation.kinematic(name))
+        if len(found) != 1:
+            raise InputError(
+                f"Rows of samples are for one equation, and the simulation has {len(found)} that may lack something: "
+                "name the one in question with an empty list of terms, GreyBox(dictionary={'ydot': []}, ...)."
+            )
+        return found
     found = tuple(name for name in data.derivative_names if not simulation.kinematic(name))
     # Which equations of a function are kinematic cannot be read off it; but the data meet them exactly.
     left = tuple(name for name in found if not model.equation_rows(data, name).nothing_left)
@@ -293,6 +309,7 @@ def amended_program(model: AnyProgram, findings: Mapping[str, EquationStudy]) ->
         added = [known.columns[i].formula for i in found.finding.base]
         # A dictionary needs a term; an offset is the least that can be asked for.
         dictionary[name] = [*own, *added] or [Term("1")]
+        model = model if found.aligned.rows is None else replace(model, rows=found.aligned.rows)
     named = {name for found in findings.values() for name in found.finding.world.model.names}
     if not named & {CORRELATED, VARYING, HEAVY}:
         return replace(model, dictionary=dictionary)

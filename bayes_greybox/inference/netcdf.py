@@ -20,7 +20,9 @@ from bayes_greybox.model.gp.discrepancy import OrthogonalGP
 from bayes_greybox.model.noise.asked import Noise
 from bayes_greybox.model.priors import PRIORS, CustomPrior
 from bayes_greybox.model.program import Program
-from bayes_greybox.model.rows.equation_rows import ROWS, EquationRows
+from bayes_greybox.model.rows.equation_rows import EquationRows
+from bayes_greybox.model.rows.kinds import ROWS
+from bayes_greybox.model.rows.row_kind import RowKind
 from bayes_greybox.physics.printing import to_text
 from bayes_greybox.physics.simulation import RightHandSide, Simulation, simulation_from, simulation_record
 from bayes_greybox.physics.terms import Term
@@ -216,7 +218,7 @@ def _lost_program(n_term: int) -> Any:
 
 
 @dataclasses.dataclass(frozen=True)
-class _LostRows:
+class _LostRows(RowKind):
     """Stands for rows of the user's own kind."""
 
     def rows(self, data: Trajectories, equation: str, simulation: Simulation) -> EquationRows:

@@ -28,7 +28,9 @@ from .likelihood import CollapsedNormal
 from .noise.asked import Noise, find_noise, with_found
 from .noise.suspicions import NoiseModel
 from .priors import Prior, Scales, SpikeAndSlab
-from .rows.equation_rows import DerivativeRows, EquationRows, RowKind
+from .rows.derivative_rows import DerivativeRows
+from .rows.equation_rows import EquationRows
+from .rows.row_kind import RowKind
 from .sites import DRAWN, Sites
 
 
@@ -94,14 +96,15 @@ class Program:
                 "or look for what the simulation misses with bg.find_missing_effects(model, data)."
             )
         for equation in self.equations:
-            if equation not in data.state_names:
-                near = difflib.get_close_matches(equation, data.state_names, n=1)
+            states = self.states(data)
+            if equation not in states:
+                near = difflib.get_close_matches(equation, states, n=1)
                 hint = f" (did you mean {near[0]!r}?)" if near else ""
                 raise InputError(
                     f"The dictionary has an equation for {equation!r}, which is not a state of the "
-                    f"data{hint}; states: {', '.join(data.state_names)}."
+                    f"data{hint}; states: {', '.join(states)}."
                 )
-        names = (*data.state_names, *data.input_names)
+        names = (*self.states(data), *data.input_names)
         parsed = {equation: Dictionary.of(terms, names) for equation, terms in self.dictionary.items()}
         terms = {equation: dictionary.terms for equation, dictionary in parsed.items()}
         check_units(terms, data.units, data.derivative_names, data.time_name)
@@ -118,7 +121,21 @@ class Program:
         Raises:
             InputError: An expression for an unknown state, or one that cannot be read.
         """
-        return simulation_of(self.simulation, data.state_names, data.input_names)
+        return simulation_of(self.simulation, self.states(data), data.input_names)
+
+    def states(self, data: Trajectories) -> tuple[str, ...]:
+        """Measured states, then those that the rows allow to be hidden."""
+        return (*data.state_names, *self.rows.hidden(self.simulation, data))
+
+    def complete(self, data: Trajectories) -> Trajectories:
+        """Data with every state and the learned rates at every sample, as the kind of rows completes them.
+
+        Raises:
+            InputError: See `RowKind.complete`.
+        """
+        for equation in self.equations:
+            data = self.rows.complete(data, equation, self.simulator(data))
+        return data
 
     def equation_rows(self, data: Trajectories, equation: str) -> EquationRows:
         """The rows of one equation: what was measured, less what is simulated, and its noise.

@@ -4,7 +4,7 @@
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Hashable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -60,9 +60,18 @@ class Simulation(ABC):
     def additive_terms(self, state: str) -> list[tuple[Term, float]]:
         """The terms of a state's rate with their coefficients; none where the simulation cannot be read."""
 
-    @abstractmethod
     def kinematic(self, state: str) -> bool:
         """Whether the rate of a state is known to be another state, as position and velocity are."""
+        return self.rate_name(state) is not None
+
+    @abstractmethod
+    def rate_name(self, state: str) -> str | None:
+        """The state that is the rate of a state; None where its rate is anything else, or cannot be read."""
+
+    @property
+    @abstractmethod
+    def key(self) -> Hashable:
+        """What two simulations that do the same have in common: programs are compiled once for it."""
 
 
 @dataclass(frozen=True)
@@ -103,10 +112,16 @@ class ExpressionSimulation(Simulation):
             found[form] = found.get(form, 0.0) + float(value)
         return [(Term(form), value) for form, value in found.items() if value != 0]
 
-    def kinematic(self, state: str) -> bool:
-        """Whether the expression is the name of a state."""
+    def rate_name(self, state: str) -> str | None:
+        """The state that the expression is the name of."""
         expression = self.expressions.get(state)
-        return expression is not None and bool(expression.is_Symbol) and str(expression) in self.states
+        alone = expression is not None and bool(expression.is_Symbol) and str(expression) in self.states
+        return str(expression) if alone else None
+
+    @property
+    def key(self) -> Hashable:
+        """Names and formulas."""
+        return self.states, self.inputs, tuple((name, str(e)) for name, e in self.expressions.items())
 
 
 @dataclass(frozen=True)
@@ -136,9 +151,14 @@ class CallableSimulation(Simulation):
         """None: code cannot be read."""
         return []
 
-    def kinematic(self, state: str) -> bool:
+    def rate_name(self, state: str) -> str | None:
         """Never known; data that meet the rate exactly tell it."""
-        return False
+        return None
+
+    @property
+    def key(self) -> Hashable:
+        """Names, and the very function."""
+        return self.states, self.inputs, self.function
 
     def _call(self, data: Trajectories) -> np.ndarray:
         x, u = data.matrix(self.states), data.matrix(self.inputs)

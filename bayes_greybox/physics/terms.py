@@ -58,6 +58,11 @@ class Term:
         return symbol_names(self.expr)
 
     @property
+    def text(self) -> str:
+        """The formula as text that reads back as the same formula, to the last digit."""
+        return str(self.expr)
+
+    @property
     def latex(self) -> str:
         """The formula in LaTeX, without dollar signs."""
         return to_latex(self.expr)

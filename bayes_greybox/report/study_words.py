@@ -29,6 +29,10 @@ METRICS: dict[str, tuple[str, str]] = {
         "Error of the predicted rate d({variable})/dt",
         "Mean square error over the variance of the measured rate.",
     ),
+    "sample NMSE": (
+        "Error of the predicted samples, as forces on d({variable})/dt",
+        "Mean square error over the variance of the samples, whatever the path started from.",
+    ),
     "time to failure": ("Time until a free run fails", "How long the model can be run before it blows up."),
 }
 """Title and explanation of each measure of the gap, the plainest first."""
@@ -166,7 +170,7 @@ def metric_value(study: StudyResult, metric: str, value: float) -> str:
     if metric == "time to failure":
         unit = study.train.unit("t") or ""
         return "never" if not math.isfinite(value) else f"{number(value)} {unit}".strip()
-    return nmse_text(value) if metric == "derivative NMSE" else percent_text(value)
+    return nmse_text(value) if metric in ("derivative NMSE", "sample NMSE") else percent_text(value)
 
 
 def share_text(share: float) -> str:

@@ -111,7 +111,7 @@ class Told(EquationStudy):
             "finding": finding(verdict, 0, (f"{name} is odd",)),
             "where": self.frame(),
             "known": known,
-            "aligned": SimpleNamespace(delays={}, data=tiny_data()),
+            "aligned": SimpleNamespace(delays={}, data=tiny_data(), rows=None),
         }
 
     @property
@@ -258,7 +258,8 @@ def test_nothing_is_sampled(told):
 def finding_of(known, base):
     study = object.__new__(EquationStudy)
     study.__dict__.update(
-        finding=SimpleNamespace(base=base, world=SimpleNamespace(evaluations=known, model=SimpleNamespace(names=())))
+        finding=SimpleNamespace(base=base, world=SimpleNamespace(evaluations=known, model=SimpleNamespace(names=()))),
+        aligned=SimpleNamespace(rows=None),
     )
     return study
 

@@ -10,11 +10,12 @@ from bayes_greybox.data.errors import InputError
 from .banded import BandedNoise
 from .protocol import RowNoise
 from .spectral import SpectralNoise
+from .starts_noise import StartsNoise
 from .state_space import StateSpaceNoise
 from .weighted import WeightedNoise
 from .white import WhiteNoise
 
-KINDS = ("white", "banded", "spectral", "state space", "weighted")
+KINDS = ("white", "banded", "spectral", "state space", "weighted", "starts")
 """Row noises that files of data and fits can hold, as `RowNoise.to_dict` calls them."""
 
 
@@ -63,5 +64,8 @@ def noise_from_dict(record: Mapping[str, Any]) -> RowNoise:
             sd=np.asarray(fields["sd"], dtype=float),
             scale=float(fields["scale"]),
         )
+    if record["kind"] == "starts":
+        inner, starts = noise_from_dict(fields["inner"]), np.asarray(fields["starts"], dtype=float)
+        return StartsNoise(inner, starts, float(fields["scale"]))
     known = ", ".join(f'"{kind}"' for kind in KINDS)
     raise InputError(f'Row noise of kind "{record["kind"]}" is unknown; the kinds are {known}.')

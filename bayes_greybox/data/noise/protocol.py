@@ -114,6 +114,10 @@ class RowNoise(ABC):
         values, vectors = np.linalg.eigh(self.covariance())
         return white @ (vectors * np.sqrt(np.maximum(values, 0))).T
 
+    def without_starts(self, rows: Float[np.ndarray, "n_obs k"]) -> Float[np.ndarray, "n_obs k"]:
+        """Residuals less what unknown starts of the runs explain of them; rows of rates have no starts."""
+        return rows
+
     def sequences(
         self, white: Float[np.ndarray, "n_draw n_white"]
     ) -> tuple[Float[np.ndarray, "n_draw n_value"], tuple[int, ...], bool]:

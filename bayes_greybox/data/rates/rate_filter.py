@@ -6,7 +6,7 @@ therefore s ∗ ẋ, and the equation that holds for it is s ∗ (g + Φθ + f) 
 and smoothed then: h ∗ Φ(x) is not Φ(h ∗ x).
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from typing import Any
@@ -23,6 +23,9 @@ from .filters import STEP_TOLERANCE, filter_taps
 
 CORRELATED = float(np.exp(-1))
 """Rows are so far apart that the noise of neighbours has at most this correlation."""
+
+STRETCH = 16_384
+"""Samples at which a table is evaluated at once."""
 
 BETWEEN = np.array([-1.0, 13.0, 13.0, -1.0]) / 24
 """Weights of the mean of a function between the two inner ones of four samples, exact for cubics."""
@@ -195,7 +198,7 @@ class RowOperator:
         """Rows of each run."""
         return tuple(-(-max(0, n - len(self.weights) + 1) // self.every) for n in self.run_lengths)
 
-    @cached_property
+    @property
     def sample(self) -> Int[np.ndarray, " n_row"]:
         """Number of the sample at the centre of each row."""
         starts = np.cumsum([0, *self.run_lengths[:-1]]) + len(self.weights) // 2
@@ -215,6 +218,20 @@ class RowOperator:
                 first, last = row * self.every, (min(row + count, n_row) - 1) * self.every
                 yield slice(start + first, start + last + window)
             start += n
+
+    def of(
+        self,
+        evaluate: Callable[[Mapping[str, np.ndarray]], Float[np.ndarray, "n k"]],
+        columns: Mapping[str, Float[np.ndarray, " n_sample"]],
+    ) -> Float[np.ndarray, "n_row k"]:
+        """Rows of a table that need never exist as a whole.
+
+        Args:
+            evaluate: From columns [n] to the table [n, k].
+            columns: At all samples.
+        """
+        at = ({name: column[piece] for name, column in columns.items()} for piece in self.pieces(STRETCH))
+        return np.concatenate([self.smooth(evaluate(part)) for part in at])
 
     def smooth(self, stretch: Float[np.ndarray, "n k"]) -> Float[np.ndarray, "n_some k"]:
         """Rows of one stretch of samples."""

@@ -12,6 +12,7 @@ from bayes_greybox.discovery.weighing.sufficient_statistics import SufficientSta
 from bayes_greybox.discovery.weighing.with_discrepancy import Evaluator, WithDiscrepancy
 from bayes_greybox.model.evidence import Spectrum
 from bayes_greybox.model.frame import held_features, scaled_position
+from bayes_greybox.model.rows.row_kind import RowKind
 from bayes_greybox.physics.terms import Term
 
 from .coefficients import Coefficients
@@ -114,6 +115,7 @@ class Amendment:
         sigma: Noise standard deviation after, user's units.
         discrepancy: What remains beside them; None where nothing does, or nothing that is to be shown.
         corrected: Data of the same sensors with what was found of them undone.
+        rows: Rows near the model after, where rows are linear only near one; None: those of the model before.
     """
 
     statistics: SufficientStatistics
@@ -122,6 +124,7 @@ class Amendment:
     sigma: float
     discrepancy: Remainder | None = None
     corrected: Callable[[Trajectories], Trajectories] = lambda data: data
+    rows: RowKind | None = None
 
     @property
     def n_own(self) -> int:

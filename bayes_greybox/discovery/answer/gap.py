@@ -1,7 +1,7 @@
 """The gap before and after: how far the simulation, and the amended model, are from the measurements."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import jax.numpy as jnp
@@ -66,10 +66,10 @@ def gap_rows(
 ) -> tuple[pd.DataFrame, dict[str, FreePath]]:
     """The gap table's rows for one data set, and its free runs.
 
-    Metrics: derivative NMSE, mean((ẋ − x̂̇)²)/var(ẋ); unexplained share, (mean((ẋ − x̂̇)²) − σ²)/mean(ẋ²), not below
-    zero; free-run NRMSE, RMS(x − x̂)/SD(x) up to the first failure of either; time to failure of runs that blow up, NaN
-    where a model never does. What is over a measurement at rest is NaN. The figures are those of the mean over draws,
-    the intervals those of the draws.
+    Metrics: derivative NMSE, mean((ẋ − x̂̇)²)/var(ẋ), or sample NMSE, the same of the samples that rows are of;
+    unexplained share, (mean((ẋ − x̂̇)²) − σ²)/mean(ẋ²), not below zero; free-run NRMSE, RMS(x − x̂)/SD(x) up to the
+    first failure of either; time to failure of runs that blow up, NaN where a model never does. What is over a
+    measurement at rest is NaN. The figures are those of the mean over draws, the intervals those of the draws.
 
     Args:
         model: The model before.
@@ -85,7 +85,8 @@ def gap_rows(
         if equation not in data.derivatives:
             continue
         raw, corrected = model.equation_rows(data, equation), amendment.corrected(data)
-        measured = model.equation_rows(corrected, equation)
+        near = model if amendment.rows is None else replace(model, rows=amendment.rows)
+        measured = near.equation_rows(corrected, equation)
         size = float(np.mean(measured.measured**2))
         # Before, nothing was known of the sensors either. A filtered rate is compared with the filter's mean of what
         # was added.
@@ -93,8 +94,10 @@ def gap_rows(
         after = measured.operate(amendment.rates(measured.columns, RATE_DRAWS)[1].T).T
         variance, noise = float(np.var(measured.measured)), amendment.sigma**2
 
-        def error(added: np.ndarray, target=measured.target) -> Any:
-            return np.mean((target - added) ** 2, axis=-1)
+        def error(added: np.ndarray, rows=measured) -> Any:
+            # [n_row] or [n_draw, n_row]; where a path started is nobody's error.
+            left = rows.noise.without_starts(np.atleast_2d(rows.target - added).T).T
+            return np.mean(left**2, axis=-1).reshape(np.shape(added)[:-1])
 
         def nmse(values: Any, variance=variance) -> Any:
             return _over(values, variance)
@@ -103,10 +106,11 @@ def gap_rows(
             return _over(np.maximum(values - noise, 0.0), size)
 
         errors = error(after)
-        for metric, f in (("derivative NMSE", nmse), ("unexplained share", share)):
+        compared = "derivative NMSE" if model.rows.rates_measured else "sample NMSE"
+        for metric, f in ((compared, nmse), ("unexplained share", share)):
             low, high = np.quantile(f(errors), [(1 - LEVEL) / 2, (1 + LEVEL) / 2])
             mean = f(error(after.mean(axis=0)))
-            rows.append((part, metric, equation, float(f(error(before, raw.target))), float(mean), low, high))
+            rows.append((part, metric, equation, float(f(error(before, raw))), float(mean), low, high))
     paths: dict[str, FreePath] = {}
     if free_runs is not None:
         paths, more = free_runs(data, part, starts, seed)

@@ -25,6 +25,7 @@ from bayes_greybox.discovery.suspects.channels import (
 from bayes_greybox.discovery.suspects.samples import SampleNoise, Smoother, clipped, known_rates, misread
 from bayes_greybox.model.evidence import coefficients
 from bayes_greybox.model.program import Program
+from bayes_greybox.model.rows.row_kind import RowKind
 from bayes_greybox.physics.catalogue.effects import BoundEffect
 from bayes_greybox.physics.terms import Term
 
@@ -65,6 +66,7 @@ class Aligned:
         bare: That of the simulation, before anything was found.
         used: Rows of the data as they came that are weighed.
         smooth: Frees states of such data of the noise on their samples.
+        rows: Rows near what was found, where rows are linear only near a model.
     """
 
     data: Trajectories
@@ -78,11 +80,17 @@ class Aligned:
     bare: Rate = lambda data: np.zeros(data.n_obs)
     used: Bool[np.ndarray, " n_obs"] = field(default_factory=lambda: np.ones(0, bool))
     smooth: Callable[[Trajectories], Trajectories] = lambda data: data
+    rows: RowKind | None = None
 
     @property
     def evaluations(self) -> Evaluations:
         """Evidence under the noise that the rows come with."""
         return self.sets.evaluations
+
+    @property
+    def rates_measured(self) -> bool:
+        """Whether rates have a sensor of their own, which the samples of the states may contradict."""
+        return self.data.filter is None
 
     @property
     def spurious(self) -> float:
@@ -140,7 +148,7 @@ def align(
         smooth: Frees states of the noise on their samples; found from the data by default.
     """
     smooth = smooth or Smoother(train, known_rates(model.simulator(train), train))
-    bare_rate = _rate(model, train, equation, ())
+    bare_rate = modelled_rate(model, train, equation, ())
     at_end, (mended, slips) = _clipped(train, equation), _mended(train, equation, bare_rate)
     out = (*at_end.values(), *slips.values())
     measured = smooth(mended)
@@ -154,7 +162,7 @@ def align(
     statistics = sufficient_statistics(model, data, equation, effects)
     evaluator = Evaluator(statistics.prior, statistics.kernel, np.asarray(statistics.basis.frequency))
     before, moved, too_far = None, False, set()
-    rate, turn = _rate(model, whole, equation, added), 0
+    rate, turn = modelled_rate(model, whole, equation, added), 0
     while True:
         if turn:
             report("taking suspects along the rate with what was found")
@@ -211,7 +219,7 @@ def align(
             for i, b in zip(indices, mean, strict=True)
             if (term := given.columns[i].term) is not None
         )
-        rate = _rate(model, whole, equation, added)
+        rate = modelled_rate(model, whole, equation, added)
     if under is not None:
         # Found under one noise, weighed under all; columns keep their places.
         evaluations = Evaluations(given.with_noise(bare.rows.noise), odds, evaluator)
@@ -219,8 +227,15 @@ def align(
     return Aligned(data, sets, delays, probability, smooth.noise, at_end, slips, rate, bare_rate, used, smooth)
 
 
-def _rate(model: Program, data: Trajectories, equation: str, added: Sequence[tuple[Term, float]]) -> Rate:
-    """Simulation and what was found, on any data of the same columns."""
+def modelled_rate(model: Program, data: Trajectories, equation: str, added: Sequence[tuple[Term, float]]) -> Rate:
+    """Simulation and what was found, on any data of the same columns.
+
+    Args:
+        model: The model before.
+        data: Data with these columns.
+        equation: The studied state.
+        added: Terms and their coefficients.
+    """
     simulation = model.simulator(data)
 
     def rate(data: Trajectories) -> np.ndarray:

@@ -150,22 +150,26 @@ class SufficientStatistics:
             kept.append(Column(kind, term, size, sd, **about))
         self.leave_out(refused, kept)
         if kept:
-            self._extend(kept, np.column_stack(values))
+            self._extend(kept, self.rows.operate(np.column_stack(values)))
 
     def suspect(
-        self, suspects: Sequence[tuple[ChannelSuspect, Float[np.ndarray, " n_row"]]], found: Collection[str] = ()
+        self,
+        suspects: Sequence[tuple[ChannelSuspect, Float[np.ndarray, " n"]]],
+        found: Collection[str] = (),
+        at_rows: bool = False,
     ) -> None:
         """Extend the products by suspects about channels; those that another column stands for already are left out.
 
         Args:
             suspects: Each with its column at the samples, user's units of the rate per unit of its size.
             found: Keys of suspects that were found already, which stay whatever else has the same column now.
+            at_rows: Whether the columns are those of the rows: what a sensor does to what it shows, and to no force.
         """
         for suspect, value in suspects:
             size = float(np.sqrt(np.mean(value**2)))
             if not size > 0 or not np.isfinite(size):
                 continue
-            scaled = value / size
+            scaled = value / size if at_rows else self.rows.operate((value / size)[:, None])[:, 0]
             column = Column(
                 "suspect", None, size, suspect.sd * size / self.target_scale, suspect=suspect, values=scaled
             )
@@ -191,20 +195,20 @@ class SufficientStatistics:
         """The same columns under another noise of the rows."""
         again = replace(self, rows=replace(self.rows, noise=noise), columns=[], left_out=dict(self.left_out), twins={})
         if self.columns:
-            values = np.hstack([self.evaluate([i], self.rows.columns) for i in range(len(self.columns))])
+            values = self.at_rows(range(len(self.columns)))
             # What can be told apart was settled under the first noise, so that columns keep their places.
             again._multiply(list(self.columns), values)
         again.twins = dict(self.twins)
         return again
 
     def _extend(self, kept: list[Column], values: np.ndarray) -> None:
-        """Add columns by their scaled values at the samples, but for those in the span of the model's own terms."""
+        """Add columns by their scaled values at the rows, but for those in the span of the model's own terms."""
         self._multiply(kept, values)
         self._drop_collinear(len(kept))
 
     def _multiply(self, kept: list[Column], values: np.ndarray) -> None:
         """Extend the products by columns."""
-        new = self.rows.whiten(self.rows.operate(values))
+        new = self.rows.whiten(values)
         old = self._evaluated()
         if self._kept is not None:
             self._known = np.hstack([old, new])
@@ -226,19 +230,23 @@ class SufficientStatistics:
     def evaluate(
         self, indices: Sequence[int], columns: Mapping[str, np.ndarray]
     ) -> Float[np.ndarray, "n_row n_column"]:
-        """Chosen columns at any rows, scaled; suspects are known at the samples of the equation only."""
-        parts = [self._value(self.columns[i], columns) for i in indices]
+        """Chosen columns at any samples, scaled; suspects are known at the rows of the equation only."""
+        parts = [np.asarray(self.columns[i].formula.evaluate(columns)) / self.columns[i].scale for i in indices]
         return np.column_stack(parts) if parts else np.zeros((len(next(iter(columns.values()))), 0))
 
     def at_rows(self, indices: Sequence[int]) -> Float[np.ndarray, "n_row n_column"]:
         """Chosen columns at the rows of the equation, scaled."""
-        return self.rows.operate(self.evaluate(indices, self.rows.columns))
-
-    def _value(self, column: Column, columns: Mapping[str, np.ndarray]) -> np.ndarray:
-        if column.term is None:
-            assert column.values is not None
-            return column.values
-        return np.asarray(column.term.evaluate(columns)) / column.scale
+        found = np.zeros((self.rows.n_row, len(indices)))
+        formulas = [k for k, i in enumerate(indices) if self.columns[i].values is None]
+        if formulas:
+            chosen = [indices[k] for k in formulas]
+            found[:, formulas] = self.rows.table(lambda columns: self.evaluate(chosen, columns))(
+                np.arange(self.rows.n_row)
+            )
+        for k, i in enumerate(indices):
+            if (values := self.columns[i].values) is not None:
+                found[:, k] = values
+        return found
 
     def evaluate_features(self, columns: Mapping[str, np.ndarray]) -> Float[np.ndarray, "n_row n_basis"]:
         """Features of f at any rows."""
@@ -302,7 +310,7 @@ class SufficientStatistics:
             return self._known
         if not self.columns:
             return np.zeros((self.rows.n_white, 0))
-        return self.rows.whiten(self.rows.operate(self.evaluate(range(len(self.columns)), self.rows.columns)))
+        return self.rows.whiten(self.at_rows(range(len(self.columns))))
 
     def _blocks(self) -> Iterator[np.ndarray]:
         return iter(self._kept) if self._kept is not None else self._fixed()
@@ -358,7 +366,7 @@ def sufficient_statistics(
     )
     own = model.dictionary.get(equation, ())
     if own:
-        names = (*data.state_names, *data.input_names)
+        names = (*model.states(data), *data.input_names)
         statistics.add("free", [(term, {}) for term in Dictionary.of(own, names).terms])
     parts = model.simulator(data).additive_terms(equation)
     statistics.add("correction", [(term, {"nominal": value}) for term, value in parts])

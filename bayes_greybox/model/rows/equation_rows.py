@@ -1,8 +1,7 @@
 """The rows of one equation: what a row says, and what noise is on it.
 
 Everything that needs a target, its projection or its whitening asks `EquationRows`; a kind of rows is a constructor of
-it. Here are the rows of measured or filtered rates: the rate at a time stamp is g + Φθ + f there, or the filter's mean
-of that around it.
+it.
 """
 
 import math
@@ -16,15 +15,37 @@ from jaxtyping import Float, Int
 
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.noise.protocol import RowNoise
-from bayes_greybox.data.rates.rate_filter import RowOperator
-from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.physics.simulation import Simulation
 
 Table = Callable[[Int[np.ndarray, " n_chunk"]], Float[np.ndarray, "n_chunk n_column"]]
 """Rows of a table that need never exist as a whole, by index."""
 
-STRETCH = 16_384
-"""Samples evaluated at once where rows are means over samples."""
+Columns = Mapping[str, Float[np.ndarray, " n"]]
+"""States and inputs at some samples, by name."""
+
+
+@runtime_checkable
+class Operator(Protocol):
+    """V: from values at the samples to values of the rows, linear."""
+
+    @property
+    def sample(self) -> Int[np.ndarray, " n_row"]:
+        """The sample of the data that each row is at."""
+        ...
+
+    def __call__(self, table: Float[np.ndarray, "n_sample k"]) -> Float[np.ndarray, "n_row k"]:
+        """V table."""
+        ...
+
+    def of(
+        self, evaluate: Callable[[Columns], Float[np.ndarray, "n k"]], columns: Columns
+    ) -> Float[np.ndarray, "n_row k"]:
+        """V F, F evaluated a stretch of samples at a time.
+
+        Args:
+            evaluate: From columns [n] to F [n, k].
+            columns: At all samples.
+        """
+        ...
 
 
 class Removal(NamedTuple):
@@ -54,6 +75,7 @@ class EquationRows:
         time: Time stamps of the rows.
         run: Number of the run of each row.
         operator: V, from values at the samples to values of the rows; None where each sample is a row.
+        gain: What a sensor's unit was divided by to have the rows in the unit of the rate; 1 where they are rates.
     """
 
     equation: str
@@ -63,7 +85,8 @@ class EquationRows:
     noise: RowNoise
     time: Float[np.ndarray, " n_row"]
     run: Int[np.ndarray, " n_row"]
-    operator: RowOperator | None = None
+    operator: Operator | None = None
+    gain: float = 1.0
 
     @property
     def n_row(self) -> int:
@@ -120,9 +143,7 @@ class EquationRows:
         """
         if self.operator is None:
             return lambda index: np.asarray(evaluate(self.at(index)))
-        smooth = self.operator.smooth
-        parts = [smooth(np.asarray(evaluate(self.at(piece)))) for piece in self.operator.pieces(STRETCH)]
-        whole = np.concatenate(parts)
+        whole = self.operator.of(lambda columns: np.asarray(evaluate(columns)), self.columns)
         return lambda index: whole[index]
 
     def whiten(self, table: Float[np.ndarray, "n_row k"]) -> Float[np.ndarray, "n_white k"]:
@@ -209,75 +230,3 @@ class EquationRows:
         part = self.noise.restrict([(0, count) for count in counts])
         # Its R is rescaled to a mean diagonal of one.
         return part.log_det + 2 * sum(counts) * math.log(part.scale / self.noise.scale)
-
-
-@runtime_checkable
-class RowKind(Protocol):
-    """A kind of rows: how the rows of an equation are built from data."""
-
-    def rows(self, data: Trajectories, equation: str, simulation: Simulation) -> EquationRows:
-        """The rows of one equation.
-
-        Args:
-            data: Measurements.
-            equation: The learned state.
-            simulation: The known rates.
-
-        Raises:
-            InputError: The data cannot give such rows.
-        """
-        ...
-
-
-@dataclass(frozen=True)
-class DerivativeRows:
-    """Rates at the time stamps, measured or filtered, with the noise that filtering gives them.
-
-    A rate that a finite filter computed is a mean s ∗ ẋ of the true one over the filter's window, so what the equation
-    says of it is s ∗ (g + Φθ + f), evaluated at the smoothed samples first. Such rows are thinned: neighbours whose
-    noise has a correlation above 1/e repeat each other. Samples whose window reaches beyond their run have no row.
-
-    Attributes:
-        filter_terms: Whether terms go through the filter, and rows are thinned; without, each sample is a row that
-            says Φ(h ∗ x), which is not h ∗ Φ(x) where Φ is not linear.
-    """
-
-    filter_terms: bool = True
-
-    def rows(self, data: Trajectories, equation: str, simulation: Simulation) -> EquationRows:
-        """The rows of one equation; see `RowKind.rows`."""
-        measured, simulated = data.rate(equation), simulation.on(data, equation)
-        noise, time, run = data.row_noise(equation), data.time, data.run
-        operator = self._operator(data, equation)
-        if operator is not None:
-            simulated, noise = operator(simulated[:, None])[:, 0], operator.noise(noise)
-            measured, time, run = (column[operator.sample] for column in (measured, time, run))
-        return EquationRows(
-            equation=equation,
-            columns=data.columns,
-            measured=measured,
-            simulated=simulated,
-            noise=noise,
-            time=time,
-            run=run,
-            operator=operator,
-        )
-
-    def _operator(self, data: Trajectories, equation: str) -> RowOperator | None:
-        rate_filter = data.filter
-        if not self.filter_terms or rate_filter is None or not rate_filter.finite:
-            return None
-        operator = RowOperator(rate_filter.smoothing(equation), rate_filter.every, data.run_lengths)
-        if not len(operator.sample):
-            raise InputError(
-                f"No run has {rate_filter.window} filtered rows, the window of its filter, whose terms a row of "
-                f"{equation!r} is made of: use a shorter window, or GreyBox(rows=DerivativeRows(filter_terms=False))."
-            )
-        return operator
-
-
-ROWS: Mapping[str, type] = {"derivative": DerivativeRows}
-"""Kinds of rows by the name that files of fits and configurations have for them.
-
-A kind that is listed here can be configured, saved and loaded. Its fields state their limits in their types.
-"""

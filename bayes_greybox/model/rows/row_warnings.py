@@ -12,7 +12,7 @@ from bayes_greybox.data.sample_noise import sample_noise
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.physics.simulation import Simulation
 
-from .equation_rows import RowKind
+from .row_kind import RowKind
 
 NOISE_SHARE = 0.1
 """Variance that the states' noise brings into the simulation, over that of the rate's own noise, worth saying."""

@@ -12,7 +12,9 @@ from bayes_greybox.inference.posterior import Sampling, sample_posterior
 from bayes_greybox.model.gp.discrepancy import OrthogonalGP
 from bayes_greybox.model.priors import Normal
 from bayes_greybox.model.program import Program
-from bayes_greybox.model.rows.equation_rows import DerivativeRows, EquationRows, RowKind
+from bayes_greybox.model.rows.derivative_rows import DerivativeRows
+from bayes_greybox.model.rows.equation_rows import EquationRows
+from bayes_greybox.model.rows.row_kind import RowKind
 
 
 def measured(n=24):
@@ -93,7 +95,7 @@ def test_white_rows_are_independent():
 
 
 @dataclass(frozen=True)
-class StaticRows:
+class StaticRows(RowKind):
     """A force that is measured at each row, with no rate in it: what the smallest kind of rows looks like."""
 
     column: str
@@ -128,5 +130,7 @@ def test_a_kind_of_rows_of_ones_own_is_fitted():
 
 
 def test_a_class_in_place_of_a_kind_of_rows_is_refused():
+    model = Program({"y": ["y"]})
+    object.__setattr__(model, "rows", DerivativeRows)
     with pytest.raises(InputError, match="is no kind of rows"):
-        Program({"y": ["y"]}, rows=DerivativeRows)
+        model.__post_init__()

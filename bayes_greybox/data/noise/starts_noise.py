@@ -1,0 +1,106 @@
+"""Rows whose path starts anywhere: noise of the sensor, and whatever a wide prior on the starts allows.
+
+    R = R₀ + B Bᵀ
+
+with R₀ the sensor's noise, whitened row by row, and B the rows' responses to the starts of their segments, scaled by
+the starts' prior. With the singular vectors U and values s of W₀ B,
+
+    W = (I + U ((1 + s²)^-½ − 1) Uᵀ) W₀,    log|R| = log|R₀| + Σ log(1 + s²).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from .protocol import RowNoise
+
+
+@dataclass(frozen=True, eq=False)
+class StartsNoise(RowNoise):
+    """Noise of rows with unknown starts.
+
+    Attributes:
+        inner: R₀, of independent rows.
+        starts: B [n_obs, n_start].
+        scale: As of any noise.
+    """
+
+    inner: RowNoise
+    starts: Float[np.ndarray, "n_obs n_start"]
+    scale: float = 1.0
+
+    @property
+    def run_lengths(self) -> tuple[int, ...]:  # pyright: ignore[reportIncompatibleVariableOverride]
+        """Rows of each run."""
+        return self.inner.run_lengths
+
+    @property
+    def n_white(self) -> int:
+        """As many as there are rows."""
+        return self.inner.n_white
+
+    @cached_property
+    def log_det(self) -> float:  # pyright: ignore[reportIncompatibleMethodOverride]
+        """log|R₀| + Σ log(1 + s²)."""
+        return self.inner.log_det + float(np.sum(np.log1p(self._known[1] ** 2)))
+
+    def whiten(self, rows: Float[np.ndarray, "n_obs k"]) -> Float[np.ndarray, "n_white k"]:
+        """W rows."""
+        return self._shrunk(self.inner.whiten(rows))
+
+    def whiten_transpose(self, rows: Float[np.ndarray, "n_white k"]) -> Float[np.ndarray, "n_obs k"]:
+        """Wᵀ rows."""
+        return self.inner.whiten_transpose(self._shrunk(rows))
+
+    def precision_diagonal(self) -> Float[np.ndarray, " n_obs"]:
+        """Diagonal of R⁻¹ = W₀ᵀ (I − U s²/(1 + s²) Uᵀ) W₀."""
+        return self.precision_band(1)[:, 0]
+
+    def precision_band(self, width: int) -> Float[np.ndarray, "n_obs width"]:
+        """Entries (i, i + k) of R⁻¹ for k < width."""
+        U, s = self._known
+        V = np.sqrt(self.inner.precision_diagonal())[:, None] * U
+        band = self.inner.precision_band(width)
+        run = np.repeat(np.arange(len(self.run_lengths)), self.run_lengths)
+        for k in range(min(width, len(V))):
+            n = len(V) - k
+            band[:n, k] -= np.where(run[:n] == run[k:], (V[:n] * (s**2 / (1 + s**2)) * V[k:]).sum(axis=1), 0.0)
+        return band
+
+    def covariance(self) -> Float[np.ndarray, "n_obs n_obs"]:
+        """R as a dense matrix."""
+        return self.inner.covariance() + self.starts @ self.starts.T
+
+    def correlated(self, white: Float[np.ndarray, "n_draw n_obs"]) -> Float[np.ndarray, "n_draw n_obs"]:
+        """Draws of the sensor's noise alone: starts are part of what is predicted."""
+        return self.inner.correlated(white)
+
+    def without_starts(self, rows: Float[np.ndarray, "n_obs k"]) -> Float[np.ndarray, "n_obs k"]:
+        """Residuals less B b, b the posterior mean of the starts."""
+        U, s = self._known
+        root = 1 / np.sqrt(self.inner.precision_diagonal())[:, None]
+        return rows - root * (U @ ((s**2 / (1 + s**2))[:, None] * (U.T @ self.inner.whiten(rows))))
+
+    def restrict(self, bounds: Sequence[tuple[int, int]]) -> "StartsNoise":
+        """Noise of contiguous rows of each run."""
+        first = np.cumsum([0, *self.run_lengths])
+        rows = np.concatenate([np.arange(first[i] + a, first[i] + b) for i, (a, b) in enumerate(bounds)])
+        return StartsNoise(self.inner.restrict(bounds), self.starts[rows], self.scale)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values."""
+        inner, starts = self.inner.to_dict(), self.starts.tolist()
+        return {"kind": "starts", "inner": inner, "starts": starts, "scale": self.scale}
+
+    @cached_property
+    def _known(self) -> tuple[np.ndarray, np.ndarray]:
+        U, s, _ = np.linalg.svd(self.inner.whiten(self.starts), full_matrices=False)
+        return U, s
+
+    def _shrunk(self, rows: np.ndarray) -> np.ndarray:
+        U, s = self._known
+        return rows + U @ ((1 / np.sqrt(1 + s**2) - 1)[:, None] * (U.T @ rows))

@@ -1,0 +1,136 @@
+"""What is missing along the path of a system: its rows are linear near a model, and that model is what was found.
+
+Every explanation is weighed on the rows near one model, the likeliest explanation of the turn before, until it stays
+the same. An explanation far from that model fits badly in any case; one that fits as well is near it, since both follow
+the same samples.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.discovery.suspects.channels import Rate
+from bayes_greybox.discovery.suspects.sensors import input_columns, sensor_columns
+from bayes_greybox.model.evidence import coefficients
+from bayes_greybox.model.program import Program
+from bayes_greybox.physics.catalogue.effects import BoundEffect
+from bayes_greybox.physics.terms import Term
+
+from .alignment import Aligned, modelled_rate
+from .evaluations import Evaluations, one_pattern
+from .odds import Odds
+from .sets import Sets
+from .sufficient_statistics import SufficientStatistics, sufficient_statistics
+from .with_discrepancy import Evaluator
+
+TURNS = 5
+"""How often rows are taken anew near what was found."""
+
+STAYS = 0.3
+"""Coefficients that move by less than this share of their posterior standard deviation stay."""
+
+
+@dataclass(frozen=True)
+class Followed(Aligned):
+    """Data along the path, and the sets weighed on them.
+
+    Attributes:
+        model: The model with rows near what was found.
+    """
+
+    model: Program = field(kw_only=True)
+
+    @property
+    def spurious(self) -> float:
+        """Nothing: the noise of samples is the rows' own."""
+        return 0.0
+
+    @property
+    def rates_measured(self) -> bool:
+        """No: rates are those of the path."""
+        return False
+
+    def corrected(self, data: Trajectories) -> Trajectories:
+        """Any samples of the same sensors with the path through them."""
+        return self.model.rows.complete(data, self._equation, self.model.simulator(data))
+
+    def moved(self, data: Trajectories) -> Trajectories:
+        """Such data."""
+        return self.corrected(data)
+
+
+def follow(
+    model: Program, train: Trajectories, equation: str, effects: Sequence[BoundEffect], odds: Odds, most: int,
+    report: Callable[[str], None] = lambda text: None,
+) -> Followed:  # fmt: skip
+    """Find what is missing, the rows taken near it in turns.
+
+    Args:
+        model: The model before.
+        train: Samples.
+        equation: The learned state.
+        effects: Effects bound to columns.
+        odds: Prior odds.
+        most: Largest number of effects.
+        report: Told in words what is being done.
+    """
+    report("following the path of the samples")
+    near = _near(model, train, equation, effects, odds, most, ())
+    for _ in range(TURNS):
+        before = near
+        report("following it with what was found")
+        near = _near(model, train, equation, effects, odds, most, before.added)
+        if near.names == before.names and np.all(np.abs(near.values - before.values) <= STAYS * near.sd):
+            break
+    used = np.ones(near.data.n_obs, bool)
+    bare = modelled_rate(near.model, near.data, equation, ())
+    return Followed(near.data, near.sets, rate=near.rate, bare=bare, used=used, rows=near.model.rows, model=near.model)
+
+
+class Near(NamedTuple):
+    """Explanations on rows near one model, and the likeliest one's coefficients in user's units."""
+
+    model: Program
+    data: Trajectories
+    sets: Sets
+    rate: Rate
+    names: tuple[str, ...]
+    values: Float[np.ndarray, " n_column"]
+    sd: Float[np.ndarray, " n_column"]
+    added: tuple[tuple[Term, float], ...]
+
+
+def _near(
+    model: Program, train: Trajectories, equation: str, effects: Sequence[BoundEffect], odds: Odds, most: int,
+    added: Sequence[tuple[Term, float]],
+) -> Near:  # fmt: skip
+    near = replace(model, rows=model.rows.around(added))
+    simulation = near.simulator(train)
+    data = near.rows.complete(train, equation, simulation)
+    statistics = sufficient_statistics(near, data, equation, effects)
+    rate = modelled_rate(near, data, equation, added)
+    _suspects(statistics, data, near.rows.nodes(data, equation, simulation), rate)
+    evaluator = Evaluator(statistics.prior, statistics.kernel, np.asarray(statistics.basis.frequency))
+    evaluations = Evaluations(statistics, odds, evaluator)
+    sets = Sets(evaluations, most)
+    core = sets.likeliest()
+    fitted = sets.parametric(core)
+    mean, covariance = coefficients(*one_pattern(fitted, int(np.argmax(fitted.by_pattern))))
+    columns = [statistics.columns[i] for i in evaluations.indices(core)]
+    unit = np.array([statistics.target_scale / column.scale for column in columns])
+    values, sd = unit * mean, unit * np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    names = tuple(c.formula.text if c.suspect is None else c.suspect.key for c in columns)
+    found = tuple((c.term, float(v)) for c, v in zip(columns, values, strict=True) if c.term is not None and v != 0)
+    return Near(near, data, sets, rate, names, values, sd, found)
+
+
+def _suspects(statistics: SufficientStatistics, data: Trajectories, nodes: Trajectories, rate: Rate) -> None:
+    samples, gain = data.samples, statistics.rows.gain
+    assert samples is not None
+    statistics.suspect([(s, column / gain) for s, column in sensor_columns(samples, data)], at_rows=True)
+    step = float(np.median(np.diff(samples.time)[np.diff(samples.run) == 0]))
+    statistics.suspect(input_columns(nodes, rate, step))

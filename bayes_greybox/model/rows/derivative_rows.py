@@ -1,0 +1,58 @@
+"""Rows of measured or filtered rates: the rate at a time stamp is g + Φθ + f there, or the filter's mean around it."""
+
+from dataclasses import dataclass
+
+from bayes_greybox.data.errors import InputError
+from bayes_greybox.data.rates.rate_filter import RowOperator
+from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.physics.simulation import Simulation
+
+from .equation_rows import EquationRows
+from .row_kind import RowKind
+
+
+@dataclass(frozen=True)
+class DerivativeRows(RowKind):
+    """Rates at the time stamps, measured or filtered, with the noise that filtering gives them.
+
+    A rate that a finite filter computed is a mean s ∗ ẋ of the true one over the filter's window, so what the equation
+    says of it is s ∗ (g + Φθ + f), evaluated at the smoothed samples first. Such rows are thinned: neighbours whose
+    noise has a correlation above 1/e repeat each other. Samples whose window reaches beyond their run have no row.
+
+    Attributes:
+        filter_terms: Whether terms go through the filter, and rows are thinned; without, each sample is a row that
+            says Φ(h ∗ x), which is not h ∗ Φ(x) where Φ is not linear.
+    """
+
+    filter_terms: bool = True
+
+    def rows(self, data: Trajectories, equation: str, simulation: Simulation) -> EquationRows:
+        """The rows of one equation; see `RowKind.rows`."""
+        measured, simulated = data.rate(equation), simulation.on(data, equation)
+        noise, time, run = data.row_noise(equation), data.time, data.run
+        operator = self._operator(data, equation)
+        if operator is not None:
+            simulated, noise = operator(simulated[:, None])[:, 0], operator.noise(noise)
+            measured, time, run = (column[operator.sample] for column in (measured, time, run))
+        return EquationRows(
+            equation=equation,
+            columns=data.columns,
+            measured=measured,
+            simulated=simulated,
+            noise=noise,
+            time=time,
+            run=run,
+            operator=operator,
+        )
+
+    def _operator(self, data: Trajectories, equation: str) -> RowOperator | None:
+        rate_filter = data.filter
+        if not self.filter_terms or rate_filter is None or not rate_filter.finite:
+            return None
+        operator = RowOperator(rate_filter.smoothing(equation), rate_filter.every, data.run_lengths)
+        if not len(operator.sample):
+            raise InputError(
+                f"No run has {rate_filter.window} filtered rows, the window of its filter, whose terms a row of "
+                f"{equation!r} is made of: use a shorter window, or GreyBox(rows=DerivativeRows(filter_terms=False))."
+            )
+        return operator

@@ -1,0 +1,132 @@
+"""Rows of a sensor's samples: what is modelled is the path that they are samples of.
+
+A sample is y_i = h(x(t_i)) + e_i, with ẋ = g + e_k (Φθ + f) for the learned state k and x(t₀) unknown. Along a
+reference path x̄ that follows g + Φθ̄ but for small defects, x = x̄ + δ and δ̇ = A δ + e_k (Φθ + f − Φθ̄) is linear, so
+
+    y_i = h(x̄_i + response to the defects − response to Φθ̄) + V (Φθ + f) + S₀ δ₀ + e_i,
+
+V the response to a force. These are rows as any others: Φ and f are evaluated along x̄, V is their operator, and the
+starts δ₀ of the segments, with a wide prior, belong to the noise. The reference is the smoothed path of a model in
+which an unknown force may act (see `physics.smoothing`), so that it follows the data whatever is missing; where nothing
+is missing it is a path that the model allows. States that no sensor measures are part of x all the same.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+from weakref import WeakKeyDictionary
+
+import numpy as np
+
+from bayes_greybox.data.errors import InputError
+from bayes_greybox.data.noise.starts_noise import StartsNoise
+from bayes_greybox.data.noise.weighted import WeightedNoise
+from bayes_greybox.data.noise.white import WhiteNoise
+from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.physics.simulation import Simulation
+from bayes_greybox.physics.terms import Term
+
+from .equation_rows import EquationRows
+from .reference_path import ReferencePath, follow_samples
+from .row_kind import RowKind
+
+_KNOWN: WeakKeyDictionary[Trajectories, dict[Any, ReferencePath]] = WeakKeyDictionary()
+"""Reference paths by the samples that they were found from."""
+
+
+@dataclass(frozen=True)
+class TrajectoryRows(RowKind):
+    """Samples of sensors as rows, for data without measured rates; states of the simulation may have no sensor at all.
+
+    Attributes:
+        substeps: Steps of the path between two samples; enough for the equations by default.
+        interpolation: Of the inputs between samples: "linear", "zoh" (held) or "cubic"; by default each input's own.
+        added: Terms and coefficients of the model that the rows are linear near: what a fit or a study has found.
+    """
+
+    substeps: int | None = None
+    interpolation: str | None = None
+    added: tuple[tuple[str, float], ...] = ()
+
+    def __post_init__(self) -> None:
+        if self.substeps is not None and not 1 <= self.substeps <= 1000:
+            raise InputError(f"TrajectoryRows(substeps={self.substeps}) must be between 1 and 1000.")
+
+    @property
+    def rates_measured(self) -> bool:
+        """No: rates are those of the path."""
+        return False
+
+    def nodes(self, data: Trajectories, equation: str, simulation: Simulation) -> Trajectories:
+        """States and inputs at the ends and middles of the path's steps; a segment is a run."""
+        path = self.path(data, equation, simulation)
+        n_segment, n_node = path.segments.grid.time.shape
+        return replace(
+            data,
+            time=np.asarray(path.segments.grid.time).ravel(),
+            run=np.repeat(np.arange(n_segment), n_node),
+            states={name: path.columns[name] for name in simulation.states},
+            inputs={name: path.columns[name] for name in simulation.inputs},
+            derivatives={},
+            noise={},
+            run_names=tuple(str(k) for k in range(n_segment)),
+            samples=None,
+        )
+
+    def hidden(self, simulation: Any, data: Trajectories) -> tuple[str, ...]:
+        """States of the simulation's expressions that the data lack."""
+        if callable(simulation) or simulation is None:
+            return ()
+        return tuple(name for name in simulation if name not in data.columns)
+
+    def around(self, added: Sequence[tuple[Term, float]]) -> "TrajectoryRows":
+        """Rows linear near the model with these terms."""
+        return replace(self, added=tuple((term.text, float(value)) for term, value in added))
+
+    def complete(self, data: Trajectories, equation: str, simulation: Simulation) -> Trajectories:
+        """Data with the reference path for states and its rate for the learned state's; samples go along."""
+        path = self.path(data, equation, simulation)
+        samples = data.samples or data
+        states = dict(zip(simulation.states, path.at_samples.T, strict=True))
+        return replace(data, states=states, derivatives={equation: path.rate}, noise={}, samples=samples)
+
+    def rows(self, data: Trajectories, equation: str, simulation: Simulation) -> EquationRows:
+        """The rows of one equation; see `RowKind.rows`."""
+        path = self.path(data, equation, simulation)
+        samples = data.samples or data
+        measured = samples.matrix(samples.state_names)
+        n_output = measured.shape[1]
+        lengths = samples.run_lengths * n_output
+        # R is over σ², σ the noise of a typical sensor.
+        typical = float(np.sqrt(np.mean(path.sensor_sd**2)))
+        sensor = WeightedNoise(WhiteNoise(lengths), np.repeat(path.sensor_sd / typical, samples.n_obs))
+        return EquationRows(
+            equation=equation,
+            columns=path.columns,
+            measured=measured.T.ravel() / path.gain,
+            simulated=path.simulated / path.gain,
+            noise=StartsNoise(sensor, path.starts / typical),
+            time=np.tile(samples.time, n_output),
+            run=np.concatenate([samples.run + k * samples.n_run for k in range(n_output)]),
+            operator=path,
+            gain=path.gain,
+        )
+
+    def path(self, data: Trajectories, equation: str, simulation: Simulation) -> ReferencePath:
+        """The reference path.
+
+        Args:
+            data: Samples, or completed data.
+            equation: The learned state.
+            simulation: The known rates of all states.
+
+        Raises:
+            InputError: A state without an equation; too few samples.
+        """
+        samples = data.samples or data
+        key = (self, equation, simulation.key)
+        known = _KNOWN.setdefault(samples, {})
+        if key not in known:
+            terms = [(Term(text), value) for text, value in self.added]
+            known[key] = follow_samples(samples, equation, simulation, terms, self.substeps, self.interpolation)
+        return known[key]
