@@ -67,7 +67,8 @@ class GreyBox(Program):
         """
         sampling = Sampling(draws, tune, chains, seed, target_accept)
         with threadpool_limits(1):  # as in `sample_posterior`, here also for what completes the fit
-            model, data = self.with_noise_found(data)
+            model, data = self.near(data)
+            model, data = model.with_noise_found(data)
             posterior = sample_posterior(model, data, sampling, progress=progress)
             for _ in range(MOST_REFITS):
                 refined = _refined(posterior.model, self.discrepancy, posterior)
@@ -118,7 +119,7 @@ class Fit(Posterior):
 
     def predict(self, data: Trajectories, level: float = 0.9) -> Prediction:
         """Posterior bands of the rates at the rows of any data, with `nmse()`."""
-        return predict(self, data, level)
+        return predict(self, self.model.complete(data), level)
 
     def simulate(
         self, data: Trajectories, level: float = 0.9, draws: int = 50, interpolation: str | Sequence[str] | None = None
@@ -127,7 +128,7 @@ class Fit(Posterior):
 
         The inputs between samples follow lines or splines, as their samples suggest, or `interpolation` ("zoh": held).
         """
-        return free_run(self, data, level, draws, interpolation=interpolation)
+        return free_run(self, self.model.complete(data), level, draws, interpolation=interpolation)
 
     def checks(self) -> Checks:
         """LOO-PIT, whiteness of the residuals and sensitivity to the prior: one table, with what to try."""

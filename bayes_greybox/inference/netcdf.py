@@ -27,7 +27,10 @@ from bayes_greybox.physics.printing import to_text
 from bayes_greybox.physics.simulation import RightHandSide, Simulation, simulation_from, simulation_record
 from bayes_greybox.physics.terms import Term
 
-from .posterior import SLAB, Posterior, Sampling, rate_name, slab_group
+from .posterior import SLAB, Posterior, Sampling, data_table, rate_name, slab_group
+
+SAMPLES, SAMPLE = "sensor_samples", "sample_id"
+"""Group of what the sensors showed, where the data are a path through it, and its dimension."""
 
 RECORD = "bayes_greybox"
 """Root attribute that holds everything but arrays, as JSON text (netCDF attributes know no bool, None or dict)."""
@@ -69,6 +72,10 @@ def save(posterior: Posterior, path: str | os.PathLike, attributes: Mapping[str,
     tree = posterior.idata.copy()
     if type(posterior.model.prior) not in PRIORS.values() and (kept := slab_group(posterior)):
         tree[SLAB] = xr.DataTree(kept)
+    if (samples := posterior.data.samples) is not None:
+        record["samples"] = samples.metadata()
+        columns = {name: (SAMPLE, values) for name, values in data_table(samples).items()}
+        tree[SAMPLES] = xr.DataTree(xr.Dataset(columns))
     tree.attrs = {**posterior.idata.attrs, **(attributes or {}), RECORD: json.dumps(record)}
     try:
         handle, temporary = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
@@ -114,6 +121,9 @@ def load(path: str | os.PathLike, simulation: RightHandSide | None = None) -> Po
             "one: upgrade with pip install --upgrade bayes-greybox."
         )
     data = _read_data(tree["constant_data"].dataset, record["data"])
+    if SAMPLES in tree.children:
+        data = dataclasses.replace(data, samples=_read_data(tree[SAMPLES].dataset, record["samples"]))
+        del tree[SAMPLES]
     gp = record["model"]["discrepancy"]
     correlated = any(not data.row_noise(name).local for name in record["model"]["dictionary"])
     if record["format"] < 2 and correlated and gp is not None and gp["measure"] == "empirical":

@@ -7,9 +7,14 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float, Int
 
+from bayes_greybox.physics.terms import Term
+
 from .design import Design, EquationDraws, WeightedRows
 from .frame import Frame
 from .rows.equation_rows import EquationRows, Table
+
+RIDGE = 1e-6
+"""Shrinkage of the estimate that rows are taken near, over the mean square of a column."""
 
 
 @dataclass(frozen=True)
@@ -57,6 +62,12 @@ class Equation:
     def _terms(self) -> Table:
         """[Φ Ψ̃] by index of the rows."""
         return self.rows.table(lambda columns: np.column_stack([np.asarray(part) for part in self.frame.rows(columns)]))
+
+    def ridge(self) -> list[tuple[Term, float]]:
+        """Its terms with coefficients by least squares on the whitened rows, hardly shrunk; user's units."""
+        Phi, y = np.asarray(self.design.Phi), np.asarray(self.design.y)
+        theta = np.linalg.solve(Phi.T @ Phi + RIDGE * len(y) * np.eye(Phi.shape[1]), Phi.T @ y)
+        return list(zip(self.frame.dictionary.terms, (theta * self.frame.coefficient_scale).tolist(), strict=True))
 
     def without(self, out: Sequence[int] | Int[np.ndarray, " n_out"]) -> "Equation":
         """The equation without the targets of some observations; the frame (scaling, measure, features) stays.

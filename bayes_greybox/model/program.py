@@ -33,6 +33,9 @@ from .rows.equation_rows import EquationRows
 from .rows.row_kind import RowKind
 from .sites import DRAWN, Sites
 
+TURNS = 3
+"""How often rows that are linear near a model only are taken anew near its estimate."""
+
 
 @dataclass(frozen=True)
 class Program:
@@ -76,6 +79,16 @@ class Program:
             raise InputError(
                 f"GreyBox(noise_floor={self.noise_floor:g}) must lie between 1e-7, where rounding takes over, and 1."
             )
+        if not self.rows.rates_measured:
+            if len(self.dictionary) > 1:
+                raise InputError(
+                    f"Rows of samples learn one equation, not {len(self.dictionary)}: what another lacks would be "
+                    "taken for its own. Leave one in GreyBox(dictionary=...)."
+                )
+            if isinstance(self.noise, Noise) and not self.noise.white:
+                raise InputError(
+                    "GreyBox(noise=bg.Noise(...)) is for rows of rates: on rows of samples the noise is white."
+                )
         if not isinstance(self.noise, Noise) and not self.noise > 0:
             raise InputError(f"GreyBox(noise={self.noise:g}) must be positive.")
 
@@ -159,6 +172,25 @@ class Program:
             equation: assemble(rows[equation], dictionary, self.discrepancy, self.noise_floor)
             for equation, dictionary in dictionaries.items()
         }
+
+    def near(self, data: Trajectories) -> "tuple[Program, Trajectories]":
+        """The model with rows near what the data say of it, and completed data; both as they are where rows are rates.
+
+        Near the ridge estimate of its own terms: what matters is the path, which any estimate follows that fits.
+
+        Args:
+            data: Training data.
+
+        Raises:
+            InputError: See `assemble`.
+        """
+        if self.rows.rates_measured:
+            return self, data
+        model = self
+        for _ in range(TURNS):
+            added = [pair for equation in model.assemble(data).values() for pair in equation.ridge()]
+            model = replace(model, rows=model.rows.around(added))
+        return model, model.complete(data)
 
     def with_noise_found(self, data: Trajectories) -> "tuple[Program, Trajectories]":
         """The model and the data with the parameters of the noise held, as a fit and its folds use them.

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from .sensitivity import Grid, runge_kutta, triples
 
@@ -57,7 +57,8 @@ def smooth(
     outputs: tuple[int, ...],
     driven: int,
     ratio: Float[Array, ""],
-    around: Float[Array, "n_segment n_end n_state"] | None,
+    around: Float[Array, "n_segment n_end n_state"],
+    known: Bool[Array, ""],
     args: object,
 ) -> Smoothed:
     """One pass of the smoother.
@@ -69,12 +70,13 @@ def smooth(
         outputs: Indices of the states that are sampled.
         driven: Index of the state whose rate the unknown force acts on.
         ratio: λ.
-        around: Path to linearise along; the filtered states themselves by default.
+        around: Path to linearise along.
+        known: Whether there is one yet; else the filtered states themselves are.
         args: What else the rate needs.
     """
     H = jnp.eye(observed.mean.shape[-1])[jnp.array(outputs)]
     e = jnp.zeros(H.shape[1]).at[driven].set(1.0)
-    results = jax.vmap(partial(_pass, rate, H, e, observed.variances, observed.sd, ratio, args))(
+    results = jax.vmap(partial(_pass, rate, H, e, observed.variances, observed.sd, ratio, known, args))(
         grid.time, grid.inputs, observed.values, observed.mean, around
     )
     ends, squares, log_dets, counts = results
@@ -83,7 +85,7 @@ def smooth(
     return Smoothed(ends, -0.5 * (n * jnp.log(sigma2) + jnp.sum(log_dets)), jnp.sqrt(sigma2))
 
 
-def _pass(rate, H, e, r, sd, ratio, args, time, inputs, values, mean, around):  # noqa: ANN001, ANN202, PLR0913, PLR0917
+def _pass(rate, H, e, r, sd, ratio, known, args, time, inputs, values, mean, around):  # noqa: ANN001, ANN202, PLR0913, PLR0917
     """Filter and smoother of one segment (de Jong 1989): smoothed ends, Σ v²/S, Σ log S, number of samples."""
 
     def update(x, P, y):  # noqa: ANN001, ANN202
@@ -103,7 +105,7 @@ def _pass(rate, H, e, r, sd, ratio, args, time, inputs, values, mean, around):  
     def step(carry, piece):  # noqa: ANN001, ANN202
         x, P, at = carry
         t, u, y, after = piece
-        base = x if around is None else at
+        base = jnp.where(known, at, x)
         move = partial(runge_kutta, rate, t, u)
         M = jax.jacfwd(lambda x: move(x, 0 * x, args))(base)
         b = jax.jacfwd(lambda c: move(base, c * e, args))(0.0)
@@ -114,11 +116,8 @@ def _pass(rate, H, e, r, sd, ratio, args, time, inputs, values, mean, around):  
         return (x, P, after), (terms, M, square, log_det, count)
 
     x, P, first, square, log_det, count = update(mean, jnp.diag(sd**2), values[0])
-    reference = jnp.zeros((values.shape[0], mean.shape[0])) if around is None else around
     pieces = (triples(time[None])[0], triples(inputs[None])[0])
-    _, (terms, M, squares, log_dets, counts) = jax.lax.scan(
-        step, (x, P, reference[0]), (*pieces, values[1:], reference[1:])
-    )
+    _, (terms, M, squares, log_dets, counts) = jax.lax.scan(step, (x, P, around[0]), (*pieces, values[1:], around[1:]))
 
     def back(terms, adjoint):  # noqa: ANN001, ANN202
         """Smoothed state before the updates of one sample, and the adjoint there."""

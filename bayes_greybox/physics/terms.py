@@ -60,7 +60,7 @@ class Term:
     @property
     def text(self) -> str:
         """The formula as text that reads back as the same formula, to the last digit."""
-        return str(self.expr)
+        return to_text(self.expr)
 
     @property
     def latex(self) -> str:

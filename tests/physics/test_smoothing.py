@@ -24,6 +24,11 @@ def problem(n_step=40, every=2, missing=(), sd=(3.0, 2.0), seed=0, segments=1):
     return grid, Observed(jnp.asarray(values), jnp.array([0.4]), jnp.asarray(mean), jnp.array(sd))
 
 
+def nowhere(observed):
+    """No path yet."""
+    return jnp.zeros((*observed.values.shape[:2], 2)), jnp.asarray(False)
+
+
 def dense(grid, observed, ratio):
     """Posterior mean of the ends of steps, and log likelihood with σ² profiled out, from the joint covariance."""
     zero = np.zeros((1, grid.time.shape[1], 2))
@@ -55,7 +60,7 @@ def dense(grid, observed, ratio):
 @pytest.mark.parametrize("missing", [(), (0, 4, 10, 12)])
 def test_the_smoothed_path_is_the_posterior_mean(ratio, missing):
     grid, observed = problem(missing=missing)
-    found = smooth(linear, grid, observed, (0,), 1, jnp.asarray(ratio), None, None)
+    found = smooth(linear, grid, observed, (0,), 1, jnp.asarray(ratio), *nowhere(observed), None)
     path, log, sigma = dense(grid, observed, ratio)
     np.testing.assert_allclose(np.asarray(found.ends)[0], path, atol=1e-9)
     assert float(found.log_likelihood) == pytest.approx(log, abs=1e-8) and float(found.sigma) == pytest.approx(sigma)
@@ -63,18 +68,18 @@ def test_the_smoothed_path_is_the_posterior_mean(ratio, missing):
 
 def test_of_a_linear_system_one_pass_is_enough():
     grid, observed = problem()
-    once = smooth(linear, grid, observed, (0,), 1, jnp.asarray(0.1), None, None)
-    again = smooth(linear, grid, observed, (0,), 1, jnp.asarray(0.1), 5 + once.ends, None)
+    once = smooth(linear, grid, observed, (0,), 1, jnp.asarray(0.1), *nowhere(observed), None)
+    again = smooth(linear, grid, observed, (0,), 1, jnp.asarray(0.1), 5 + once.ends, jnp.asarray(True), None)
     np.testing.assert_allclose(np.asarray(again.ends), np.asarray(once.ends), atol=1e-9)
 
 
 def test_segments_are_smoothed_by_themselves():
     grid, observed = problem(segments=2)
-    found = np.asarray(smooth(linear, grid, observed, (0,), 1, jnp.asarray(0.1), None, None).ends)
+    found = np.asarray(smooth(linear, grid, observed, (0,), 1, jnp.asarray(0.1), *nowhere(observed), None).ends)
     for k in range(2):
         part = Grid(*(x[k : k + 1] for x in grid))
         own = observed._replace(values=observed.values[k : k + 1], mean=observed.mean[k : k + 1])
-        alone = np.asarray(smooth(linear, part, own, (0,), 1, jnp.asarray(0.1), None, None).ends)
+        alone = np.asarray(smooth(linear, part, own, (0,), 1, jnp.asarray(0.1), *nowhere(own), None).ends)
         np.testing.assert_allclose(found[k], alone[0], atol=1e-10)
 
 
@@ -82,8 +87,8 @@ def test_two_sensors_count_by_their_noise():
     grid, observed = problem()
     values = np.concatenate([np.asarray(observed.values), np.asarray(observed.values)], axis=-1)
     both = observed._replace(values=jnp.asarray(values), variances=jnp.array([0.8, 0.8]))
-    one = smooth(linear, grid, observed, (0,), 1, jnp.asarray(0.1), None, None)
-    two = smooth(linear, grid, both, (0, 0), 1, jnp.asarray(0.1), None, None)
+    one = smooth(linear, grid, observed, (0,), 1, jnp.asarray(0.1), *nowhere(observed), None)
+    two = smooth(linear, grid, both, (0, 0), 1, jnp.asarray(0.1), *nowhere(observed), None)
     np.testing.assert_allclose(np.asarray(two.ends), np.asarray(one.ends), atol=1e-9)
 
 
@@ -92,7 +97,8 @@ def test_the_likeliest_intensity_is_taken():
     ratios = np.array([1e-4, 1e-1, 1e2])
 
     def pass_at(ratio, around):
-        return smooth(linear, grid, observed, (0,), 1, jnp.asarray(ratio), around, None)
+        at = nowhere(observed) if around is None else (around, jnp.asarray(True))
+        return smooth(linear, grid, observed, (0,), 1, jnp.asarray(ratio), *at, None)
 
     found, best = smoothest(pass_at, ratios, 1)
     logs = [dense(grid, observed, ratio)[1] for ratio in ratios]

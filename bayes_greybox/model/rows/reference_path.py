@@ -349,10 +349,13 @@ def _smoothest(
     rate: ForcedRate, grid: Grid, observed: Observed, outputs: tuple[int, ...], driven: int, args: Array,
     sizes: np.ndarray, slow: float,
 ) -> tuple[Smoothed, float]:  # fmt: skip
-    own = sizes[driven] ** 2 / slow
+    own, nowhere = sizes[driven] ** 2 / slow, jnp.zeros((*observed.values.shape[:2], len(sizes)))
 
     def pass_at(ratio: float, around: Any) -> Smoothed:
-        return smooth(rate, grid, observed, outputs, driven, jnp.asarray(ratio), around, args)
+        path = nowhere if around is None else around
+        return smooth(
+            rate, grid, observed, outputs, driven, jnp.asarray(ratio), path, jnp.asarray(around is not None), args
+        )
 
     found, ratio = smoothest(pass_at, own * RATIOS, PASSES)
     if not np.all(np.isfinite(np.asarray(found.ends))):

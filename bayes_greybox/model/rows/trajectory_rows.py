@@ -49,6 +49,8 @@ class TrajectoryRows(RowKind):
     added: tuple[tuple[str, float], ...] = ()
 
     def __post_init__(self) -> None:
+        # Files have lists for tuples.
+        object.__setattr__(self, "added", tuple((str(text), float(value)) for text, value in self.added))
         if self.substeps is not None and not 1 <= self.substeps <= 1000:
             raise InputError(f"TrajectoryRows(substeps={self.substeps}) must be between 1 and 1000.")
 
