@@ -201,7 +201,11 @@ def _rebuild_part(record: Mapping[str, Any], kinds: Mapping[str, type], lost: An
 
 def _fields(record: Mapping[str, Any]) -> dict[str, Any]:
     """Fields of a class, which has tuples where JSON has lists."""
-    return {key: tuple(value) if isinstance(value, list) else value for key, value in record.items()}
+
+    def plain(value: Any) -> Any:
+        return tuple(plain(each) for each in value) if isinstance(value, list) else value
+
+    return {key: plain(value) for key, value in record.items()}
 
 
 def _read_data(table: xr.Dataset, metadata: Mapping[str, Any]) -> Trajectories:

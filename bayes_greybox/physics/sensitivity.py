@@ -66,22 +66,36 @@ def runge_kutta(
 
 
 @partial(jax.jit, static_argnums=0)
-def stepped(
-    rate: Callable[..., Array], grid: Grid, starts: Float[Array, "n_segment n_step n_state"], args: object
-) -> Float[Array, "n_segment n_step n_state"]:
-    """Where a step from each of these states leads.
+def rates_at(
+    rate: Callable[..., Array], grid: Grid, ends: Float[Array, "n_segment n_end n_state"], args: object
+) -> Float[Array, "n_segment n_end n_state"]:
+    """Rates at the ends of steps.
 
     Args:
         rate: `rate(t, x, u, args)`.
         grid: Nodes.
-        starts: States at the start of each step.
+        ends: States there.
         args: What else the rate needs.
     """
+    each = jax.vmap(jax.vmap(rate, (0, 0, 0, None)), (0, 0, 0, None))
+    return each(grid.time[:, ::2], ends, grid.inputs[:, ::2], args)
 
-    def one(time: Array, inputs: Array, x: Array) -> Array:
-        return runge_kutta(rate, time, inputs, x, jnp.zeros_like(x), args)
 
-    return jax.vmap(jax.vmap(one))(triples(grid.time), triples(grid.inputs), starts)
+@partial(jax.jit, static_argnums=0)
+def jacobians(
+    rate: Callable[..., Array], time: Float[Array, " n"], x: Float[Array, "n n_state"], u: Float[Array, "n n_input"],
+    args: object,
+) -> Float[Array, "n n_state n_state"]:  # fmt: skip
+    """∂rhs/∂x at some points.
+
+    Args:
+        rate: `rate(t, x, u, args)`.
+        time: Times.
+        x: States.
+        u: Inputs.
+        args: What else the rate needs.
+    """
+    return jax.vmap(jax.jacfwd(rate, 1), (0, 0, 0, None))(time, x, u, args)
 
 
 @partial(jax.jit, static_argnums=0)
@@ -96,8 +110,7 @@ def middles(
         ends: States at the ends of steps.
         args: What else the rate needs.
     """
-    each = jax.vmap(jax.vmap(rate, (0, 0, 0, None)), (0, 0, 0, None))
-    rates = each(grid.time[:, ::2], ends, grid.inputs[:, ::2], args)
+    rates = rates_at(rate, grid, ends, args)
     h = jnp.diff(grid.time[:, ::2], axis=1)[..., None]
     return (ends[:, 1:] + ends[:, :-1]) / 2 + h / 8 * (rates[:, :-1] - rates[:, 1:])
 

@@ -13,8 +13,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Float
 
 from .sensitivity import Grid, runge_kutta, triples
 
@@ -35,6 +34,22 @@ class Observed(NamedTuple):
     sd: Float[Array, " n_state"]
 
 
+class Steps(NamedTuple):
+    """Linear steps x₊ = M x + c + b w, w white with the variance λ σ² over the length of the step.
+
+    Attributes:
+        M: Transition matrices.
+        c: Constants.
+        b: Response to a unit force held over the step.
+        length: Of each step; those of no length do nothing.
+    """
+
+    M: Float[Array, "n_segment n_step n_state n_state"]
+    c: Float[Array, "n_segment n_step n_state"]
+    b: Float[Array, "n_segment n_step n_state"]
+    length: Float[Array, "n_segment n_step"]
+
+
 class Smoothed(NamedTuple):
     """A path, and what it says of the noise.
 
@@ -49,19 +64,75 @@ class Smoothed(NamedTuple):
     sigma: Float[Array, ""]
 
 
+@partial(jax.jit, static_argnums=(0, 3))
+def linearised(
+    rate: Callable[..., Array], grid: Grid, ends: Float[Array, "n_segment n_end n_state"], driven: int, args: object
+) -> Steps:
+    """Steps along a path.
+
+    Args:
+        rate: `rate(t, x, u, args)`.
+        grid: Nodes.
+        ends: The path at the ends of steps.
+        driven: Index of the state whose rate the unknown force acts on.
+        args: What else the rate needs.
+    """
+    e = jnp.zeros(ends.shape[-1]).at[driven].set(1.0)
+
+    def one(time: Array, inputs: Array, x: Array) -> tuple[Array, Array, Array]:
+        after, M, b = _step(rate, time, inputs, x, e, args)
+        return M, after - M @ x, b
+
+    M, c, b = jax.vmap(jax.vmap(one))(triples(grid.time), triples(grid.inputs), ends[:, :-1])
+    return Steps(M, c, b, grid.time[:, 2::2] - grid.time[:, :-2:2])
+
+
+@partial(jax.jit, static_argnums=2)
+def smooth(steps: Steps, observed: Observed, outputs: tuple[int, ...], ratio: Float[Array, ""]) -> Smoothed:
+    """Posterior mean of the path of linear steps, and the likelihood of λ.
+
+    Args:
+        steps: Of the path.
+        observed: Samples.
+        outputs: Indices of the states that are sampled.
+        ratio: λ.
+    """
+    H = jnp.eye(observed.mean.shape[-1])[jnp.array(outputs)]
+    update = partial(_update, H, observed.variances)
+
+    def one(steps: Steps, values: Array, mean: Array) -> tuple[Array, Array, Array, Array]:
+        x, P, first, *start = update(mean, jnp.diag(observed.sd**2), values[0])
+
+        def forward(carry: tuple[Array, Array], piece: tuple[Steps, Array]) -> tuple[tuple[Array, Array], tuple]:
+            (x, P), ((M, c, b, h), y) = carry, piece
+            intensity = jnp.where(h > 0, ratio / jnp.where(h > 0, h, 1.0), 0.0)
+            x, P, terms, *found = update(M @ x + c, M @ P @ M.T + intensity * jnp.outer(b, b), y)
+            return (x, P), (terms, *found)
+
+        _, (terms, *found) = jax.lax.scan(forward, (x, P), (steps, values[1:]))
+
+        def backward(adjoint: Array, piece: tuple) -> tuple[Array, Array]:
+            terms, M = piece
+            smoothed, adjoint = _smoothed(terms, adjoint)
+            return M.T @ adjoint, smoothed
+
+        adjoint, ends = jax.lax.scan(backward, jnp.zeros_like(mean), (terms, steps.M), reverse=True)
+        whole = jnp.concatenate([_smoothed(first, adjoint)[0][None], ends])
+        square, log_det, count = (a + jnp.sum(each) for a, each in zip(start, found, strict=True))
+        return whole, square, log_det, count
+
+    ends, squares, log_dets, counts = jax.vmap(one)(steps, observed.values, observed.mean)
+    n = jnp.sum(counts)
+    sigma2 = jnp.sum(squares) / n
+    return Smoothed(ends, -0.5 * (n * jnp.log(sigma2) + jnp.sum(log_dets)), jnp.sqrt(sigma2))
+
+
 @partial(jax.jit, static_argnums=(0, 3, 4))
-def smooth(
-    rate: Callable[..., Array],
-    grid: Grid,
-    observed: Observed,
-    outputs: tuple[int, ...],
-    driven: int,
-    ratio: Float[Array, ""],
-    around: Float[Array, "n_segment n_end n_state"],
-    known: Bool[Array, ""],
-    args: object,
-) -> Smoothed:
-    """One pass of the smoother.
+def filtered(
+    rate: Callable[..., Array], grid: Grid, observed: Observed, outputs: tuple[int, ...], driven: int,
+    ratio: Float[Array, ""], args: object,
+) -> Float[Array, "n_segment n_end n_state"]:  # fmt: skip
+    """Path of the extended Kalman filter, linearised where it is: a first path that needs none before it.
 
     Args:
         rate: `rate(t, x, u, args)`.
@@ -70,86 +141,61 @@ def smooth(
         outputs: Indices of the states that are sampled.
         driven: Index of the state whose rate the unknown force acts on.
         ratio: λ.
-        around: Path to linearise along.
-        known: Whether there is one yet; else the filtered states themselves are.
         args: What else the rate needs.
     """
     H = jnp.eye(observed.mean.shape[-1])[jnp.array(outputs)]
-    e = jnp.zeros(H.shape[1]).at[driven].set(1.0)
-    results = jax.vmap(partial(_pass, rate, H, e, observed.variances, observed.sd, ratio, known, args))(
-        grid.time, grid.inputs, observed.values, observed.mean, around
-    )
-    ends, squares, log_dets, counts = results
-    n = jnp.sum(counts)
-    sigma2 = jnp.sum(squares) / n
-    return Smoothed(ends, -0.5 * (n * jnp.log(sigma2) + jnp.sum(log_dets)), jnp.sqrt(sigma2))
+    e, update = jnp.zeros(H.shape[1]).at[driven].set(1.0), partial(_update, H, observed.variances)
+
+    def one(time: Array, inputs: Array, values: Array, mean: Array) -> Array:
+        x, P, *_ = update(mean, jnp.diag(observed.sd**2), values[0])
+
+        def forward(carry: tuple[Array, Array], piece: tuple[Array, Array, Array]) -> tuple[tuple, Array]:
+            (x, P), (t, u, y) = carry, piece
+            after, M, b = _step(rate, t, u, x, e, args)
+            h = t[2] - t[0]
+            intensity = jnp.where(h > 0, ratio / jnp.where(h > 0, h, 1.0), 0.0)
+            x, P, *_ = update(after, M @ P @ M.T + intensity * jnp.outer(b, b), y)
+            return (x, P), x
+
+        _, ends = jax.lax.scan(forward, (x, P), (triples(time[None])[0], triples(inputs[None])[0], values[1:]))
+        return jnp.concatenate([x[None], ends])
+
+    return jax.vmap(one)(grid.time, grid.inputs, observed.values, observed.mean)
 
 
-def _pass(rate, H, e, r, sd, ratio, known, args, time, inputs, values, mean, around):  # noqa: ANN001, ANN202, PLR0913, PLR0917
-    """Filter and smoother of one segment (de Jong 1989): smoothed ends, Σ v²/S, Σ log S, number of samples."""
+def _step(
+    rate: Callable[..., Array], time: Array, inputs: Array, x: Array, e: Array, args: object
+) -> tuple[Array, Array, Array]:
+    """Where a step leads, and its derivatives by the state and by a force on the driven state's rate."""
 
-    def update(x, P, y):  # noqa: ANN001, ANN202
-        # One output after the other, so that a missing one is passed over.
-        terms, square, log_det, count = [], 0.0, 0.0, 0
-        for k in range(H.shape[0]):
-            h, there = H[k], jnp.isfinite(y[k])
-            S = h @ P @ h + r[k]
-            v = jnp.where(there, y[k] - h @ x, 0.0)
-            K = jnp.where(there, P @ h / S, 0.0)
-            L = jnp.eye(len(x)) - jnp.outer(K, h)
-            terms.append((x, P, jnp.where(there, h / S, 0.0) * v, L))
-            x, P = x + K * v, L @ P @ L.T + r[k] * jnp.outer(K, K)
-            square, log_det, count = square + v**2 / S, log_det + jnp.where(there, jnp.log(S), 0.0), count + there
-        return x, P, terms, square, log_det, count
+    def move(x: Array, force: Array) -> Array:
+        return runge_kutta(rate, time, inputs, x, force * e, args)
 
-    def step(carry, piece):  # noqa: ANN001, ANN202
-        x, P, at = carry
-        t, u, y, after = piece
-        base = jnp.where(known, at, x)
-        move = partial(runge_kutta, rate, t, u)
-        M = jax.jacfwd(lambda x: move(x, 0 * x, args))(base)
-        b = jax.jacfwd(lambda c: move(base, c * e, args))(0.0)
-        h = t[2] - t[0]
-        x_next = move(base, 0 * x, args) + M @ (x - base)
-        P_next = M @ P @ M.T + jnp.where(h > 0, ratio / jnp.where(h > 0, h, 1.0), 0.0) * jnp.outer(b, b)
-        x, P, terms, square, log_det, count = update(x_next, P_next, y)
-        return (x, P, after), (terms, M, square, log_det, count)
-
-    x, P, first, square, log_det, count = update(mean, jnp.diag(sd**2), values[0])
-    pieces = (triples(time[None])[0], triples(inputs[None])[0])
-    _, (terms, M, squares, log_dets, counts) = jax.lax.scan(step, (x, P, around[0]), (*pieces, values[1:], around[1:]))
-
-    def back(terms, adjoint):  # noqa: ANN001, ANN202
-        """Smoothed state before the updates of one sample, and the adjoint there."""
-        for _, _, gained, L in reversed(terms):
-            adjoint = gained + L.T @ adjoint
-        x, P, _, _ = terms[0]
-        return x + P @ adjoint, adjoint
-
-    def backwards(adjoint, piece):  # noqa: ANN001, ANN202
-        terms, M = piece
-        smoothed, adjoint = back(terms, adjoint)
-        return M.T @ adjoint, smoothed
-
-    adjoint, ends = jax.lax.scan(backwards, jnp.zeros_like(mean), (terms, M), reverse=True)
-    start, _ = back(first, adjoint)
-    total = (square + jnp.sum(squares), log_det + jnp.sum(log_dets), count + jnp.sum(counts))
-    return jnp.concatenate([start[None], ends]), *total
+    M, b = jax.jacfwd(move, argnums=(0, 1))(x, jnp.zeros(()))
+    return move(x, jnp.zeros(())), M, b
 
 
-def smoothest(
-    pass_at: Callable[[float, Array | None], Smoothed], ratios: Float[np.ndarray, " n"], passes: int
-) -> tuple[Smoothed, float]:
-    """The path at the likeliest λ, and that λ.
+def _update(H: Array, variances: Array, x: Array, P: Array, y: Array) -> tuple:
+    """Filtered state and covariance, what the smoother needs of it, Σ v²/S, Σ log S and the number of samples.
 
-    Args:
-        pass_at: One pass of the smoother at some λ around some path.
-        ratios: Values of λ.
-        passes: Passes at the λ that was chosen.
+    One output after the other, so that a missing one is passed over.
     """
-    logs = np.array([float(pass_at(ratio, None).log_likelihood) for ratio in ratios])
-    best = float(ratios[int(np.nanargmax(logs))])
-    found = pass_at(best, None)
-    for _ in range(passes):
-        found = pass_at(best, found.ends)
-    return found, best
+    terms, square, log_det, count = [], jnp.zeros(()), jnp.zeros(()), jnp.zeros(())
+    for h, r, sample in zip(H, variances, y, strict=True):
+        there = jnp.isfinite(sample)
+        S = h @ P @ h + r
+        v = jnp.where(there, sample - h @ x, 0.0)
+        K = jnp.where(there, P @ h / S, 0.0)
+        L = jnp.eye(len(x)) - jnp.outer(K, h)
+        terms.append((x, P, jnp.where(there, h / S, 0.0) * v, L))
+        x, P = x + K * v, L @ P @ L.T + r * jnp.outer(K, K)
+        square, log_det, count = square + v**2 / S, log_det + jnp.where(there, jnp.log(S), 0.0), count + there
+    return x, P, terms, square, log_det, count
+
+
+def _smoothed(terms: list, adjoint: Array) -> tuple[Array, Array]:
+    """Smoothed state before the updates of one sample, and the adjoint there (de Jong 1989, JASA 84:1085)."""
+    for _, _, gained, L in reversed(terms):
+        adjoint = gained + L.T @ adjoint
+    x, P, _, _ = terms[0]
+    return x + P @ adjoint, adjoint

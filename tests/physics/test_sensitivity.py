@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from bayes_greybox.physics.sensitivity import Grid, carried, middles, respond, runge_kutta, stepped, triples
+from bayes_greybox.physics.sensitivity import Grid, carried, middles, respond, runge_kutta, triples
 
 
 def rate(t, x, u, args):
@@ -69,10 +69,9 @@ def test_the_error_falls_with_the_fourth_power_of_the_step():
     assert errors[0] > 10 * errors[1] > 100 * errors[2]
 
 
-def test_steps_lead_where_the_path_goes_and_middles_lie_on_it():
+def test_middles_lie_on_the_path():
     grid, path, _, args = along(100)
     ends = jnp.asarray(path[None, ::2])
-    np.testing.assert_allclose(np.asarray(stepped(rate, grid, ends[:, :-1], args))[0], path[2::2], atol=1e-6)
     np.testing.assert_allclose(np.asarray(middles(rate, grid, ends, args))[0], path[1::2], atol=5e-6)
 
 

@@ -3,9 +3,10 @@
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 from bayes_greybox.physics.sensitivity import Grid, respond
-from bayes_greybox.physics.smoothing import Observed, smooth, smoothest
+from bayes_greybox.physics.smoothing import Observed, filtered, linearised, smooth
 
 
 def linear(t, x, u, args):
@@ -24,9 +25,9 @@ def problem(n_step=40, every=2, missing=(), sd=(3.0, 2.0), seed=0, segments=1):
     return grid, Observed(jnp.asarray(values), jnp.array([0.4]), jnp.asarray(mean), jnp.array(sd))
 
 
-def nowhere(observed):
-    """No path yet."""
-    return jnp.zeros((*observed.values.shape[:2], 2)), jnp.asarray(False)
+def path_of(grid, observed, ratio, outputs=(0,), around=None):
+    ends = jnp.zeros((*observed.values.shape[:2], 2)) if around is None else around
+    return smooth(linearised(linear, grid, ends, 1, None), observed, outputs, jnp.asarray(ratio))
 
 
 def dense(grid, observed, ratio):
@@ -60,7 +61,7 @@ def dense(grid, observed, ratio):
 @pytest.mark.parametrize("missing", [(), (0, 4, 10, 12)])
 def test_the_smoothed_path_is_the_posterior_mean(ratio, missing):
     grid, observed = problem(missing=missing)
-    found = smooth(linear, grid, observed, (0,), 1, jnp.asarray(ratio), *nowhere(observed), None)
+    found = path_of(grid, observed, ratio)
     path, log, sigma = dense(grid, observed, ratio)
     np.testing.assert_allclose(np.asarray(found.ends)[0], path, atol=1e-9)
     assert float(found.log_likelihood) == pytest.approx(log, abs=1e-8) and float(found.sigma) == pytest.approx(sigma)
@@ -68,39 +69,55 @@ def test_the_smoothed_path_is_the_posterior_mean(ratio, missing):
 
 def test_of_a_linear_system_one_pass_is_enough():
     grid, observed = problem()
-    once = smooth(linear, grid, observed, (0,), 1, jnp.asarray(0.1), *nowhere(observed), None)
-    again = smooth(linear, grid, observed, (0,), 1, jnp.asarray(0.1), 5 + once.ends, jnp.asarray(True), None)
+    once = path_of(grid, observed, 0.1)
+    again = path_of(grid, observed, 0.1, around=5 + once.ends)
     np.testing.assert_allclose(np.asarray(again.ends), np.asarray(once.ends), atol=1e-9)
 
 
 def test_segments_are_smoothed_by_themselves():
     grid, observed = problem(segments=2)
-    found = np.asarray(smooth(linear, grid, observed, (0,), 1, jnp.asarray(0.1), *nowhere(observed), None).ends)
+    found = np.asarray(path_of(grid, observed, 0.1).ends)
     for k in range(2):
         part = Grid(*(x[k : k + 1] for x in grid))
         own = observed._replace(values=observed.values[k : k + 1], mean=observed.mean[k : k + 1])
-        alone = np.asarray(smooth(linear, part, own, (0,), 1, jnp.asarray(0.1), *nowhere(own), None).ends)
-        np.testing.assert_allclose(found[k], alone[0], atol=1e-10)
+        np.testing.assert_allclose(found[k], np.asarray(path_of(part, own, 0.1).ends)[0], atol=1e-10)
 
 
 def test_two_sensors_count_by_their_noise():
     grid, observed = problem()
     values = np.concatenate([np.asarray(observed.values), np.asarray(observed.values)], axis=-1)
     both = observed._replace(values=jnp.asarray(values), variances=jnp.array([0.8, 0.8]))
-    one = smooth(linear, grid, observed, (0,), 1, jnp.asarray(0.1), *nowhere(observed), None)
-    two = smooth(linear, grid, both, (0, 0), 1, jnp.asarray(0.1), *nowhere(observed), None)
+    one, two = path_of(grid, observed, 0.1), path_of(grid, both, 0.1, outputs=(0, 0))
     np.testing.assert_allclose(np.asarray(two.ends), np.asarray(one.ends), atol=1e-9)
 
 
-def test_the_likeliest_intensity_is_taken():
+def test_the_filter_ends_where_the_smoother_does():
     grid, observed = problem()
-    ratios = np.array([1e-4, 1e-1, 1e2])
+    found = np.asarray(filtered(linear, grid, observed, (0,), 1, jnp.asarray(0.1), None))
+    np.testing.assert_allclose(found[0, -1], np.asarray(path_of(grid, observed, 0.1).ends)[0, -1], atol=1e-9)
 
-    def pass_at(ratio, around):
-        at = nowhere(observed) if around is None else (around, jnp.asarray(True))
-        return smooth(linear, grid, observed, (0,), 1, jnp.asarray(ratio), *at, None)
 
-    found, best = smoothest(pass_at, ratios, 1)
-    logs = [dense(grid, observed, ratio)[1] for ratio in ratios]
-    assert best == ratios[int(np.argmax(logs))]
-    assert float(found.log_likelihood) == pytest.approx(max(logs), abs=1e-6)
+def test_steps_of_no_length_keep_the_state():
+    grid, observed = problem()
+    time = jnp.concatenate([grid.time, jnp.repeat(grid.time[:, -1:], 4, axis=1)], axis=1)
+    inputs = jnp.concatenate([grid.inputs, jnp.repeat(grid.inputs[:, -1:], 4, axis=1)], axis=1)
+    values = jnp.concatenate([observed.values, jnp.full((1, 2, 1), jnp.nan)], axis=1)
+    longer = np.asarray(path_of(Grid(time, inputs), observed._replace(values=values), 0.1).ends)
+    shorter = np.asarray(path_of(grid, observed, 0.1).ends)
+    np.testing.assert_allclose(longer[:, :-2], shorter, atol=1e-10)
+    np.testing.assert_allclose(longer[:, -2:], np.repeat(shorter[:, -1:], 2, axis=1), atol=1e-10)
+
+
+def cubic(t, x, u, args):
+    return jnp.stack([x[1], u[0] - 2 * x[0] - 0.3 * x[1] - x[0] ** 3])
+
+
+def test_steps_lead_where_the_equation_leads():
+    nodes = np.linspace(0, 4, 161)
+    path = solve_ivp(
+        lambda t, x: [x[1], np.sin(t) - 2 * x[0] - 0.3 * x[1] - x[0] ** 3], (0, 4), [0.7, -0.2], t_eval=nodes[::2],
+        rtol=1e-11, atol=1e-11,
+    ).y.T  # fmt: skip
+    steps = linearised(cubic, Grid(jnp.asarray(nodes[None]), jnp.sin(nodes)[None, :, None]), path[None], 1, None)
+    after = np.einsum("nij,nj->ni", np.asarray(steps.M)[0], path[:-1]) + np.asarray(steps.c)[0]
+    np.testing.assert_allclose(after, path[1:], atol=1e-6)

@@ -3,21 +3,21 @@
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
-import jax
 import jax.numpy as jnp
 import numpy as np
+import sympy
 from jaxtyping import Array, Float, Int
-from scipy.interpolate import CubicSpline
+from scipy.interpolate import CubicSpline, make_smoothing_spline
 
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.sample_noise import sample_noise
 from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.physics.expressions import evaluate
 from bayes_greybox.physics.integrate import between_samples
-from bayes_greybox.physics.sensitivity import Grid, Response, carried, middles, respond, stepped
+from bayes_greybox.physics.sensitivity import Grid, Response, carried, jacobians, middles, rates_at, respond
 from bayes_greybox.physics.simulation import Simulation
-from bayes_greybox.physics.smoothing import Observed, Smoothed, smooth, smoothest
+from bayes_greybox.physics.smoothing import Observed, Smoothed, filtered, linearised, smooth
 from bayes_greybox.physics.terms import Term
 
 STEP = 0.1
@@ -29,8 +29,14 @@ MOST_STEPS = 50
 RATIOS = 10.0 ** np.arange(-10.0, 1.1)
 """Intensities of the unknown force that are tried, q² over that of a force as large as the path's own."""
 
+MIDDLING = 1e-2
+"""Intensity that a first path is smoothed at, before it is chosen."""
+
 PASSES = 3
 """Passes of the smoother at the intensity that was chosen."""
+
+MOST_TRIED = 500
+"""Samples, evenly thinned, at which the time scales of the equations are looked at."""
 
 FINEST = 1e-5
 """Noise of a sensor over the spread of its samples, at least: rounding, and what an integrator leaves."""
@@ -45,18 +51,32 @@ CHUNK = 4096
 """Steps whose forces are evaluated at once."""
 
 
+Args = tuple[Array, ...]
+"""Coefficient and numbers of each term."""
+
+
 class ForcedRate:
     """Rate of all states with terms added to one: equal to any other with the same formulas, so compiled once.
+
+    Numbers within a formula, such as the width of a dead zone, are arguments of the rate and none of the formula's.
 
     Args:
         simulation: Known rates.
         driven: Index of the learned state.
-        terms: Added to its rate; their coefficients are the last argument of a call.
+        added: Terms added to its rate, with their coefficients.
     """
 
-    def __init__(self, simulation: Simulation, driven: int, terms: Sequence[Term]) -> None:
-        self.simulation, self.driven, self.terms = simulation, driven, tuple(terms)
-        self._key = (simulation.key, driven, tuple(term.text for term in terms))
+    def __init__(self, simulation: Simulation, driven: int, added: Sequence[tuple[Term, float]]) -> None:
+        self.simulation, self.driven, self.terms = simulation, driven, tuple(term for term, _ in added)
+        formulas, numbers = [], []
+        for term, coefficient in added:
+            within = sorted(term.expr.atoms(sympy.Float))
+            names = {number: sympy.Symbol(f"number_{k}", real=True) for k, number in enumerate(within)}
+            formulas.append(term.expr.xreplace(names))
+            numbers.append([coefficient, *(float(number) for number in within)])
+        self.formulas = tuple(formulas)
+        self.args = tuple(jnp.array(each) for each in numbers)
+        self._key = (simulation.key, driven, tuple(map(str, formulas)))
 
     def __hash__(self) -> int:
         return hash(self._key)
@@ -64,11 +84,14 @@ class ForcedRate:
     def __eq__(self, other: object) -> bool:
         return isinstance(other, ForcedRate) and self._key == other._key
 
-    def __call__(self, t: Array, x: Array, u: Array, coefficients: Array) -> Array:
-        """Rates at one point; see `physics.sensitivity.Rate`."""
+    def __call__(self, t: Array, x: Array, u: Array, args: tuple[Array, ...]) -> Array:
+        """Rates at one point; `args` has the coefficient and the numbers of each term."""
         rate = jnp.asarray(self.simulation.rate(t, x, u), float)
         columns = dict(zip((*self.simulation.states, *self.simulation.inputs), (*x, *u), strict=True))
-        force = sum((c * term.evaluate(columns) for c, term in zip(coefficients, self.terms, strict=True)), 0.0 * t)
+        force = 0.0 * t
+        for formula, (coefficient, *numbers) in zip(self.formulas, args, strict=True):
+            known = {f"number_{k}": number for k, number in enumerate(numbers)}
+            force = force + coefficient * evaluate(formula, {**columns, **known})
         return rate.at[self.driven].add(force)
 
 
@@ -110,7 +133,7 @@ class ReferencePath:
 
     def __call__(self, table: Float[np.ndarray, "n_node k"]) -> Float[np.ndarray, "n_row k"]:
         """Response of the rows to forces."""
-        return self.of(lambda columns: table[columns["node"].astype(int)], {"node": np.arange(len(table))})
+        return self.segments.respond(lambda node: table[node]) / self.gain
 
     def of(
         self,
@@ -118,7 +141,7 @@ class ReferencePath:
         columns: Mapping[str, Float[np.ndarray, " n_node"]],
     ) -> Float[np.ndarray, "n_row k"]:
         """Response to forces that are evaluated a stretch of the path at a time."""
-        return self.segments.respond(evaluate, columns) / self.gain
+        return self.segments.respond(_at_nodes(evaluate, columns)) / self.gain
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,9 +166,13 @@ class Segments:
         return np.concatenate([at[:, k] for k in self.outputs])
 
     def respond(
-        self, evaluate: Callable[[Mapping[str, np.ndarray]], np.ndarray], columns: Mapping[str, np.ndarray]
+        self, force: Callable[[Int[np.ndarray, " n"]], Float[np.ndarray, "n k"]]
     ) -> Float[np.ndarray, "n_row k"]:
-        """Response to forces by nodes, a stretch of all segments at a time; memory is bounded by a stretch."""
+        """Response to forces by node, a stretch of all segments at a time; memory is bounded by a stretch.
+
+        Args:
+            force: Forces at some nodes.
+        """
         n_segment, n_node = self.grid.time.shape
         node = np.arange(n_segment * n_node).reshape(n_segment, n_node)
         n_step, span = (n_node - 1) // 2, max(1, CHUNK // n_segment)
@@ -153,21 +180,20 @@ class Segments:
         for first in range(0, n_step, span):
             last = min(first + span, n_step)
             index = node[:, 2 * first : 2 * last + 1]
-            force = np.asarray(evaluate({name: column[index.ravel()] for name, column in columns.items()}))
-            force = force.reshape(*index.shape, -1)
+            values = np.asarray(force(index.ravel())).reshape(*index.shape, -1)
             if delta is None:
-                delta = jnp.zeros((n_segment, self.response.M.shape[-1], force.shape[-1]))
+                delta = jnp.zeros((n_segment, self.response.M.shape[-1], values.shape[-1]))
             part = Response(*(steps[:, first:last] for steps in self.response))
-            ends = np.asarray(carried(part, delta, jnp.asarray(force)))
+            ends = np.asarray(carried(part, delta, jnp.asarray(values)))
             delta = jnp.asarray(ends[:, -1])
             # Only what is measured, where it is measured, is kept.
             inside = (self.end[:, 1] >= first + (first > 0)) & (self.end[:, 1] <= last)
             at = ends[self.end[inside, 0], self.end[inside, 1] - first][:, list(self.outputs)]
             found.append((np.flatnonzero(inside), at))
-        values = np.empty((len(self.end), len(self.outputs), found[0][1].shape[-1]))
+        whole = np.empty((len(self.end), len(self.outputs), found[0][1].shape[-1]))
         for rows, at in found:
-            values[rows] = at
-        return np.concatenate([values[:, k] for k in range(len(self.outputs))])
+            whole[rows] = at
+        return np.concatenate([whole[:, k] for k in range(len(self.outputs))])
 
 
 def follow_samples(
@@ -190,24 +216,27 @@ def follow_samples(
     _check(samples, equation, simulation)
     outputs = tuple(simulation.states.index(name) for name in samples.state_names)
     driven = simulation.states.index(equation)
-    rate = ForcedRate(simulation, driven, [term for term, _ in added])
-    args = jnp.array([value for _, value in added])
+    rate = ForcedRate(simulation, driven, added)
+    args = rate.args
     sizes, slow = _sizes(samples, simulation)
     s = np.maximum(
         sample_noise(samples.time, samples.matrix(samples.state_names), samples.run_lengths),
         FINEST * np.std(samples.matrix(samples.state_names), axis=0),
     )
-    runs, steps = _runs(samples), substeps or 1
-    while True:
-        grid, end = _grid(samples, runs, steps, interpolation)
-        observed = _observed(samples, simulation, grid, end, outputs, s, sizes)
-        found, ratio = _smoothest(rate, grid, observed, outputs, driven, args, sizes, slow)
-        if substeps is not None:
-            break
-        wanted = _steps_needed(rate, grid, found.ends, args, steps)
-        if wanted <= steps:
-            break
-        steps = wanted
+    runs = _runs(samples)
+    first = _first_path(samples, simulation, s, slow)
+    steps = substeps or _steps_needed(rate, samples, simulation, first, args)
+    grid, end = _grid(samples, runs, steps, interpolation)
+    observed = _observed(samples, simulation, grid, end, outputs, s, sizes)
+    found, ratio = _smoothest(
+        rate,
+        grid,
+        observed,
+        outputs,
+        args,
+        own=sizes[driven] ** 2 / slow,
+        first=_at_ends(samples, runs, grid, end, first),
+    )
     # How noisy each sensor is against the others, the smoother knows better than differences do.
     residual = samples.matrix(samples.state_names) - np.asarray(found.ends)[end[:, 0], end[:, 1]][:, list(outputs)]
     s = np.maximum(np.sqrt(np.mean(residual**2, axis=0)), FINEST * np.std(samples.matrix(samples.state_names), axis=0))
@@ -220,7 +249,7 @@ def follow_samples(
 
 
 def _assembled(
-    samples: Trajectories, simulation: Simulation, rate: ForcedRate, args: Array, segments: Segments,
+    samples: Trajectories, simulation: Simulation, rate: ForcedRate, args: Args, segments: Segments,
     ends: np.ndarray, sizes: np.ndarray, s: np.ndarray, ratio: float, driven: int,
 ) -> ReferencePath:  # fmt: skip
     grid, end = segments.grid, segments.end
@@ -228,7 +257,8 @@ def _assembled(
     flat = path.reshape(-1, path.shape[-1])
     inputs = np.asarray(grid.inputs).reshape(len(flat), -1)
     columns = dict(zip((*simulation.states, *simulation.inputs), np.hstack([flat, inputs]).T, strict=True))
-    defects = np.asarray(stepped(rate, grid, jnp.asarray(ends[:, :-1]), args)) - ends[:, 1:]
+    steps = linearised(rate, grid, jnp.asarray(ends), driven, args)
+    defects = np.einsum("snij,snj->sni", np.asarray(steps.M), ends[:, :-1]) + np.asarray(steps.c) - ends[:, 1:]
     response = segments.response
     response_to_defects = _moved_by(np.asarray(response.M), defects)
     at = ends[end[:, 0], end[:, 1]]
@@ -236,16 +266,16 @@ def _assembled(
     simulated = simulated + segments.rows(response_to_defects[..., None])[:, 0]
     terms = rate.terms
     if terms:
-        coefficients = np.asarray(args)
+        coefficients = [float(each[0]) for each in args]
 
         def added(columns: Mapping[str, np.ndarray]) -> np.ndarray:
             values = [c * np.asarray(term.evaluate(columns)) for c, term in zip(coefficients, terms, strict=True)]
             return np.sum(np.broadcast_arrays(*values), axis=0)[:, None]
 
-        simulated = simulated - segments.respond(added, columns)[:, 0]
+        simulated = simulated - segments.respond(_at_nodes(added, columns))[:, 0]
     starts = _starts(segments, sizes)
     gain = _gain(segments, columns, starts, np.repeat(s, len(end)))
-    rates = np.asarray(_rates(rate, grid, ends, args))[..., driven]
+    rates = np.asarray(rates_at(rate, grid, jnp.asarray(ends), args))[..., driven]
     # The unknown force is what the path departs by, over the step.
     h = np.diff(np.asarray(grid.time)[:, ::2], axis=1)
     force = np.divide(-defects[..., driven], h, out=np.zeros_like(h), where=h > 0)
@@ -345,20 +375,61 @@ def _observed(
     return Observed(jnp.asarray(values), jnp.asarray(s**2), jnp.asarray(mean), jnp.asarray(WIDE * sizes))
 
 
+def _first_path(
+    samples: Trajectories, simulation: Simulation, s: np.ndarray, slow: float
+) -> Float[np.ndarray, "n_sample n_state"]:
+    """States at the samples to begin with; NaN for hidden states that are no sampled one's rate."""
+    path = np.full((samples.n_obs, len(simulation.states)), np.nan)
+    for k, name in enumerate(samples.state_names):
+        for own in _runs(samples):
+            t, x = samples.time[own], samples.states[name][own]
+            width = slow * min(1.0, 10 * s[k] / max(float(np.std(x)), 1e-300))
+            # Shrunk as far as the noise asks for: a spline on a mean over neighbours.
+            spline = make_smoothing_spline(t, x, lam=width**4 * 0.1) if len(t) > 4 else CubicSpline(t, x)
+            path[own, simulation.states.index(name)] = spline(t)
+            rate = simulation.rate_name(name)
+            if rate is not None and rate not in samples.state_names:
+                path[own, simulation.states.index(rate)] = spline.derivative()(t)
+    return path
+
+
+def _at_ends(
+    samples: Trajectories, runs: list[np.ndarray], grid: Grid, end: np.ndarray, path: np.ndarray
+) -> Float[np.ndarray, "n_segment n_end n_state"]:
+    """A path at the samples, at the ends of all steps."""
+    time = np.asarray(grid.time)[:, ::2]
+    return np.array(
+        [[np.interp(time[r], samples.time[own], x) for x in path[own].T] for r, own in enumerate(runs)]
+    ).transpose(0, 2, 1)
+
+
 def _smoothest(
-    rate: ForcedRate, grid: Grid, observed: Observed, outputs: tuple[int, ...], driven: int, args: Array,
-    sizes: np.ndarray, slow: float,
+    rate: ForcedRate, grid: Grid, observed: Observed, outputs: tuple[int, ...], args: Args, own: float,
+    first: np.ndarray,
 ) -> tuple[Smoothed, float]:  # fmt: skip
-    own, nowhere = sizes[driven] ** 2 / slow, jnp.zeros((*observed.values.shape[:2], len(sizes)))
+    """The smoothed path at the likeliest intensity of the unknown force, and that.
 
-    def pass_at(ratio: float, around: Any) -> Smoothed:
-        path = nowhere if around is None else around
-        return smooth(
-            rate, grid, observed, outputs, driven, jnp.asarray(ratio), path, jnp.asarray(around is not None), args
-        )
-
-    found, ratio = smoothest(pass_at, own * RATIOS, PASSES)
-    if not np.all(np.isfinite(np.asarray(found.ends))):
+    Args:
+        rate: Of all states.
+        grid: Nodes.
+        observed: Samples.
+        outputs: Indices of the measured states.
+        args: Coefficients of the rate.
+        own: Intensity of a force as large as the path's own.
+        first: A path to begin with, NaN where there is none.
+    """
+    ends = jnp.asarray(first)
+    if not np.all(np.isfinite(first)):
+        ends = filtered(rate, grid, observed, outputs, rate.driven, jnp.asarray(own * MIDDLING), args)
+    ratio, found = own * MIDDLING, None
+    for turn in range(PASSES + 1):
+        steps = linearised(rate, grid, ends, rate.driven, args)
+        if turn == 1:
+            logs = [float(smooth(steps, observed, outputs, jnp.asarray(own * r)).log_likelihood) for r in RATIOS]
+            ratio = own * float(RATIOS[int(np.nanargmax(logs))]) if np.any(np.isfinite(logs)) else ratio
+        found = smooth(steps, observed, outputs, jnp.asarray(ratio))
+        ends = found.ends
+    if found is None or not np.all(np.isfinite(np.asarray(found.ends))):
         raise InputError(
             "No path through the samples was found: the equations leave their domain near them. Check the simulation "
             "and the units, or give hidden states as data."
@@ -366,18 +437,21 @@ def _smoothest(
     return found, ratio
 
 
-def _steps_needed(rate: ForcedRate, grid: Grid, ends: Array, args: Array, steps: int) -> int:
-    """Steps between samples that resolve the equations along the path."""
-    response = respond(rate, grid, jnp.asarray(_nodes(rate, grid, np.asarray(ends), args)), rate.driven, args)
-    h = np.diff(np.asarray(grid.time)[:, ::2], axis=1)
-    M = np.asarray(response.M) - np.eye(response.M.shape[-1])
-    with np.errstate(divide="ignore", invalid="ignore"):
-        fastest = np.abs(np.linalg.eigvals(M)).max(axis=-1)
-    typical = float(np.quantile(fastest[h > 0], 0.99))
-    return int(np.clip(math.ceil(steps * typical / STEP), steps, MOST_STEPS))
+def _steps_needed(rate: ForcedRate, samples: Trajectories, simulation: Simulation, path: np.ndarray, args: Args) -> int:
+    """Steps between samples that resolve the equations along a path; hidden states that it lacks are as the others."""
+    filled = np.where(np.isfinite(path), path, path[:, [simulation.states.index(samples.state_names[0])]])
+    some = np.unique(np.linspace(0, samples.n_obs - 1, MOST_TRIED).astype(int))
+    u = samples.matrix(samples.input_names)[some]
+    A = np.asarray(jacobians(rate, jnp.asarray(samples.time[some]), jnp.asarray(filled[some]), jnp.asarray(u), args))
+    A = A[np.all(np.isfinite(A), axis=(1, 2))]
+    if not len(A):
+        return 1
+    fastest = float(np.quantile(np.abs(np.linalg.eigvals(A)).max(axis=-1), 0.99))
+    step = float(np.median(np.diff(samples.time)[np.diff(samples.run) == 0]))
+    return int(np.clip(math.ceil(fastest * step / STEP), 1, MOST_STEPS))
 
 
-def _nodes(rate: ForcedRate, grid: Grid, ends: np.ndarray, args: Array) -> np.ndarray:
+def _nodes(rate: ForcedRate, grid: Grid, ends: np.ndarray, args: Args) -> np.ndarray:
     """States on ends and middles of steps."""
     n_segment, n_end, n_state = ends.shape
     path = np.empty((n_segment, 2 * n_end - 1, n_state))
@@ -385,13 +459,8 @@ def _nodes(rate: ForcedRate, grid: Grid, ends: np.ndarray, args: Array) -> np.nd
     return path
 
 
-def _rates(rate: ForcedRate, grid: Grid, ends: np.ndarray, args: Array) -> Array:
-    each = jax.vmap(jax.vmap(rate, (0, 0, 0, None)), (0, 0, 0, None))
-    return each(grid.time[:, ::2], jnp.asarray(ends), grid.inputs[:, ::2], args)
-
-
 def _segments(
-    rate: ForcedRate, grid: Grid, ends: np.ndarray, outputs: tuple[int, ...], end: np.ndarray, driven: int, args: Array
+    rate: ForcedRate, grid: Grid, ends: np.ndarray, outputs: tuple[int, ...], end: np.ndarray, driven: int, args: Args
 ) -> Segments:
     path = jnp.asarray(_nodes(rate, grid, ends, args))
     return Segments(grid, respond(rate, grid, path, driven, args), outputs, end)
@@ -447,10 +516,16 @@ def _gain(segments: Segments, columns: Mapping[str, np.ndarray], starts: np.ndar
     """RMS response, in what starts cannot take, of rows to forces that are powers of the path's columns."""
     forces = np.column_stack([x**k for x in columns.values() for k in (1, 2, 3)])
     forces = forces / np.sqrt(np.mean(forces**2, axis=0)).clip(1e-300)
-    rows = segments.respond(lambda part: forces[part["node"].astype(int)], {"node": np.arange(len(forces))})
+    rows = segments.respond(lambda node: forces[node])
     Q, _ = np.linalg.qr(starts / sd[:, None])
     rows = rows - sd[:, None] * (Q @ (Q.T @ (rows / sd[:, None])))
     return float(np.sqrt(np.mean(rows**2)))
+
+
+def _at_nodes(
+    evaluate: Callable[[Mapping[str, np.ndarray]], np.ndarray], columns: Mapping[str, np.ndarray]
+) -> Callable[[np.ndarray], np.ndarray]:
+    return lambda node: evaluate({name: column[node] for name, column in columns.items()})
 
 
 def _moved_by(M: np.ndarray, defects: np.ndarray) -> np.ndarray:

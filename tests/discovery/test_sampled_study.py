@@ -1,0 +1,85 @@
+"""Studies of a displacement alone: what is missing, what is not, and what is the sensor's."""
+
+import numpy as np
+import pytest
+from sampled_oscillator import SIMULATION, sampled
+
+import bayes_greybox as bg
+
+CUBIC = {"hidden": lambda y, v: -0.5 * y**3}
+
+
+def study(data, test=None, **given):
+    model = bg.GreyBox(simulation=SIMULATION, rows=bg.TrajectoryRows())
+    given = {"free_runs": False, "settle": False, "progress": False} | given
+    return bg.find_missing_effects(model, data, test, **given)
+
+
+@pytest.fixture(scope="module")
+def cubic():
+    return study(sampled(**CUBIC, noise=0.03), sampled(**CUBIC, noise=0.03, seed=1), free_runs=True)
+
+
+def test_a_missing_effect_is_named_with_its_coefficient(cubic):
+    assert cubic.verdict == "named" and cubic.against == ()
+    row = cubic.effects.iloc[0]
+    assert row["slug"] == "cubic-stiffness" and row["probability"] > 0.95
+    assert abs(row["mean"] + 0.5) < 3 * row["sd"] < 0.1
+
+
+def test_the_gap_is_shown_closed_on_held_out_samples(cubic):
+    gap = cubic.gap.loc[("test", "sample NMSE", "v")]
+    assert gap["after"] < 0.1 * gap["before"]
+    free = cubic.gap.loc[("test", "free-run NRMSE", "y")]
+    assert free["after"] < 0.3 * free["before"]
+    assert "closed" not in cubic.sentence or cubic.verdict == "named"
+
+
+def test_the_amended_model_is_fitted_to_the_samples(cubic):
+    assert cubic.corrected.samples is not None and cubic.corrected.state_names == ("y", "v")
+    terms = [term.name for term in cubic.model.dictionary["v"]]
+    assert "y**3" in terms and not cubic.model.rows.rates_measured
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_nothing_missing_is_no_gap(seed):
+    assert study(sampled(noise=0.05, seed=seed)).verdict == "no gap"
+
+
+@pytest.mark.parametrize(
+    ("bend", "kind"),
+    [(lambda t, y: y + 0.15, "offset"), (lambda t, y: np.interp(t - 0.07, t, y), "delay")],
+    ids=["offset", "delay"],
+)
+def test_what_the_sensor_does_is_no_missing_effect(bend, kind):
+    found = study(sampled(noise=0.01, bend=bend, n=600))
+    assert (
+        found.verdict in ("instrument", "recalibrate", "no gap", "unknown")
+        and not (found.effects.status == "added").any()
+    )
+    if found.verdict == "instrument":
+        assert kind in found.instrument["suspect"][found.instrument["status"] != ""].tolist()
+
+
+def test_of_several_equations_the_one_in_question_is_asked_for():
+    simulation = {"y": "v + 0.1*y", "v": "F - 2*y - 0.15*v"}
+    model = bg.GreyBox(simulation=simulation, rows=bg.TrajectoryRows())
+    with pytest.raises(bg.InputError, match="name the one in question"):
+        bg.find_missing_effects(model, sampled(n=60), settle=False, progress=False)
+
+
+def test_a_fit_to_samples_survives_a_file(tmp_path):
+    data = sampled(**CUBIC, n=200)
+    terms = {"v": ["y", "y**3"]}
+    model = bg.GreyBox(terms, simulation=SIMULATION, rows=bg.TrajectoryRows(), discrepancy=None)
+    fit = model.fit(data, draws=100, tune=100, chains=1, progress=False)
+    table = fit.summary()
+    assert abs(table.loc[("v", "y**3"), "mean"] + 0.5) < 5 * table.loc[("v", "y**3"), "sd"]
+    fit.save(tmp_path / "fit.nc")
+    again = bg.load(tmp_path / "fit.nc")
+    np.testing.assert_array_equal(again.data.samples.states["y"], data.states["y"])
+    assert again.model.rows == fit.model.rows
+    np.testing.assert_allclose(again.equations["v"].rows.target, fit.equations["v"].rows.target, rtol=1e-10)
+    other = sampled(**CUBIC, n=200, seed=4)
+    assert float(again.predict(other).nmse()["v"]) < 0.1
+    assert float(again.simulate(other).nrmse()["y"]) < 0.2

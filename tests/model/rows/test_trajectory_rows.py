@@ -1,0 +1,182 @@
+"""Samples of a sensor as rows: what they say of a model, against integration of the whole equation."""
+
+import numpy as np
+import pytest
+from sampled_oscillator import SIMULATION, force, sampled
+from scipy.integrate import solve_ivp
+from scipy.optimize import least_squares
+
+from bayes_greybox.data.errors import InputError
+from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.model.gp.discrepancy import OrthogonalGP
+from bayes_greybox.model.noise.asked import Noise
+from bayes_greybox.model.program import Program
+from bayes_greybox.model.rows.trajectory_rows import TrajectoryRows
+from bayes_greybox.physics.terms import Term
+
+CUBIC = {"hidden": lambda y, v: -0.3 * y**3}
+
+
+def program(terms=("y**3",), rows=None, **changes):
+    return Program(
+        {"v": list(terms)}, simulation=SIMULATION, rows=rows or TrajectoryRows(), **{"discrepancy": None} | changes
+    )
+
+
+def estimate(model, data):
+    """Least squares on the whitened rows, with standard deviations."""
+    equation = model.assemble(data)["v"]
+    Phi, y = np.asarray(equation.design.Phi), np.asarray(equation.design.y)
+    theta, unit = np.linalg.lstsq(Phi, y, rcond=None)[0], equation.frame.coefficient_scale
+    sigma = np.sqrt(np.sum((y - Phi @ theta) ** 2) / (equation.rows.n_white - len(theta)))
+    return theta * unit, sigma * np.sqrt(np.diag(np.linalg.inv(Phi.T @ Phi))) * unit
+
+
+def by_integration(data):
+    """Least squares of the whole equation: coefficient of y³ and its standard deviation."""
+    t, y = data.time, data.states["y"]
+
+    def residual(p):
+        def rate(time, x):
+            return [x[1], force(time) - 2 * x[0] - 0.15 * x[1] + p[0] * x[0] ** 3]
+
+        return solve_ivp(rate, (0, t[-1]), p[1:], t_eval=t, rtol=1e-9, atol=1e-9).y[0] - y
+
+    found = least_squares(residual, [-0.2, y[0], 0.0], x_scale=[0.1, 0.1, 0.1])
+    sigma = np.sqrt(np.sum(found.fun**2) / (len(t) - 3))
+    return found.x[0], sigma * np.sqrt(np.linalg.inv(found.jac.T @ found.jac)[0, 0])
+
+
+def test_near_its_estimate_the_rows_have_the_estimate_of_the_whole_equation():
+    data = sampled(**CUBIC)
+    model, _ = program().near(data)
+    (theta,), (sd,) = estimate(model, data)
+    truth, truth_sd = by_integration(data)
+    assert theta == pytest.approx(truth, abs=0.02 * truth_sd) and sd == pytest.approx(truth_sd, rel=0.02)
+    assert abs(theta + 0.3) < 4 * sd
+
+
+def test_far_from_it_they_are_near_already():
+    data = sampled(**CUBIC)
+    (theta,), (sd,) = estimate(program(), data)
+    assert abs(theta + 0.3) < 5 * sd
+
+
+def test_states_without_a_sensor_are_followed():
+    model, data = program(), sampled(**CUBIC, noise=0.003)
+    assert model.states(data) == ("y", "v")
+    whole = model.complete(data)
+    truth = sampled(**CUBIC, noise=0.0)
+    assert np.std(whole.states["y"] - truth.states["y"]) < 0.003 * np.std(truth.states["y"])
+    v = np.gradient(truth.states["y"], truth.time)
+    assert np.std((whole.states["v"] - v)[5:-5]) < 0.05 * np.std(v)
+    assert whole.samples is data and model.complete(whole).samples is data
+    # The missing force is in the rate of the path.
+    known = force(data.time) - 2 * whole.states["y"] - 0.15 * whole.states["v"]
+    lacking = whole.derivatives["v"] - known
+    assert np.corrcoef(lacking, -0.3 * truth.states["y"] ** 3)[0, 1] > 0.5
+
+
+def test_rows_are_forces_and_their_gain_leads_back_to_the_sensor():
+    data = sampled()
+    rows = program().equation_rows(data, "v")
+    np.testing.assert_allclose(rows.measured * rows.gain, data.states["y"])
+    assert rows.n_row == 400 and rows.n_sample > 400 and rows.operator.n_segment == 1
+    assert np.std(rows.noise.without_starts(rows.target[:, None])) * rows.gain == pytest.approx(
+        0.02 * np.std(data.states["y"]), rel=0.15
+    )
+
+
+def test_runs_of_unequal_length_uneven_steps_and_missing_samples():
+    rng = np.random.default_rng(0)
+    whole = sampled(**CUBIC, n=500)
+    kept = np.sort(rng.choice(500, 380, replace=False))
+    thin = sampled(**CUBIC, n=500, keep=kept)
+    (theta,), (sd,) = estimate(program().near(thin)[0], thin)
+    assert abs(theta + 0.3) < 4 * sd and sd < 1.6 * estimate(program().near(whole)[0], whole)[1][0]
+    both = sampled(**CUBIC, n=250, runs=2)
+    rows = np.ones(500, bool)
+    rows[150:250] = False
+    unequal = both.keep(rows)
+    (theta,), (sd,) = estimate(program().near(unequal)[0], unequal)
+    assert unequal.run_lengths == (150, 250) and abs(theta + 0.3) < 4 * sd
+
+
+def test_two_sensors_share_the_coefficient_and_each_has_its_own_noise():
+    one = sampled(**CUBIC, noise=0.05)
+    whole = program().complete(sampled(**CUBIC, noise=0.0))
+    v = whole.states["v"] + 0.1 * np.std(whole.states["v"]) * np.random.default_rng(3).standard_normal(400)
+    two = Trajectories.from_arrays(
+        one.time, states={"y": one.states["y"], "v": v}, inputs={"F": one.inputs["F"]}, units=dict(one.units)
+    )
+    model = program().near(two)[0]
+    rows = model.equation_rows(two, "v")
+    s = rows.operator.sensor_sd
+    assert rows.n_row == 800
+    assert s == pytest.approx([0.05 * np.std(one.states["y"]), 0.1 * np.std(v)], rel=0.15)
+    (theta,), (sd,) = estimate(model, two)
+    assert abs(theta + 0.3) < 4 * sd < 4 * estimate(program().near(one)[0], one)[1][0]
+
+
+def test_rows_of_a_part_are_those_of_its_samples():
+    data = sampled(**CUBIC, runs=2)
+    whole = program().complete(data)
+    part = whole.take(1)
+    np.testing.assert_array_equal(part.samples.states["y"], data.take(1).states["y"])
+    assert program().equation_rows(part, "v").n_row == 400
+
+
+def test_the_model_that_rows_are_near_survives_as_text():
+    rows = TrajectoryRows().around([(Term("max(0, y)*abs(v)"), 0.1 + 0.2)])
+    assert rows.added == (("abs(v)*max(0,y)", 0.1 + 0.2),)
+    assert TrajectoryRows(added=(("abs(v)*max(0,y)", 0.1 + 0.2),)) == rows
+
+
+def test_an_unstable_system_is_cut_into_segments():
+    t = 0.05 * np.arange(400)
+
+    def rate(time, x):
+        return [10 * (x[1] - x[0]), x[0] * (28 - x[2]) - x[1], x[0] * x[1] - 8 / 3 * x[2]]
+
+    x = solve_ivp(rate, (0, 20), [1.0, 2.0, 20.0], t_eval=t, rtol=1e-10, atol=1e-10).y
+    noisy = x + 0.1 * np.random.default_rng(0).standard_normal(x.shape)
+    data = Trajectories.from_arrays(t, states=dict(zip("abc", noisy, strict=True)))
+    simulation = {"a": "10*(b - a)", "b": "a*(28 - c) - b", "c": "a*b"}
+    model = Program({"c": ["c"]}, simulation=simulation, rows=TrajectoryRows(), discrepancy=None).near(data)[0]
+    rows = model.equation_rows(data, "c")
+    assert rows.operator.n_segment >= 3
+    equation = model.assemble(data)["c"]
+    Phi, y = np.asarray(equation.design.Phi), np.asarray(equation.design.y)
+    theta = float(np.linalg.lstsq(Phi, y, rcond=None)[0][0] * equation.frame.coefficient_scale[0])
+    assert theta == pytest.approx(-8 / 3, rel=0.01)
+
+
+@pytest.mark.parametrize(
+    ("build", "message"),
+    [
+        (lambda: TrajectoryRows(substeps=0), "must be between 1 and 1000"),
+        (lambda: Program({"y": ["y"], "v": ["y"]}, rows=TrajectoryRows()), "learn one equation, not 2"),
+        (lambda: program(noise=Noise(correlation=0.5)), "the noise is white"),
+        (
+            lambda: Program({"v": ["y"]}, simulation={"v": "-y"}, rows=TrajectoryRows()).complete(sampled(n=50)),
+            "path of 'y' cannot be followed",
+        ),
+        (lambda: program().complete(sampled(n=5)), "has 5 samples, too few for a path of 2 states"),
+    ],
+)
+def test_what_cannot_be_used_is_refused(build, message):
+    with pytest.raises(InputError, match=message):
+        build()
+
+
+def test_the_discrepancy_takes_what_no_term_does():
+    data = sampled(hidden=lambda y, v: 0.5 * np.exp(-((y - 0.4) ** 2) / 0.05), noise=0.01)
+    gp = OrthogonalGP(variables=("y",), features=20)
+    model = program(terms=("v",), discrepancy=gp)
+    equation = model.assemble(data)["v"]
+    Psi, y = np.asarray(equation.design.Psi), np.asarray(equation.design.y)
+    weight = np.linalg.solve(Psi.T @ Psi + 1e-4 * len(y) * np.eye(Psi.shape[1]), Psi.T @ y)
+    at = np.linspace(-0.6, 0.9, 40)
+    psi = equation.frame.rows({"y": at, "v": 0 * at, "F": 0 * at})[1]
+    found = equation.frame.target_scale * np.asarray(psi) @ weight
+    assert np.corrcoef(found, 0.5 * np.exp(-((at - 0.4) ** 2) / 0.05))[0, 1] > 0.95
