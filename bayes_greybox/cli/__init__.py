@@ -293,6 +293,13 @@ def benchmark(
             "(assumptions), or all, the default."
         ),
     ] = None,
+    displacement: Annotated[
+        float | None,
+        typer.Option(
+            min=0.0,
+            help="Cases of hidden-effects seen by one sensor of the position alone, with this noise over its spread.",
+        ),
+    ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the cases.")] = 0,
     no_progress: NoProgress = False,
 ) -> int:
@@ -315,6 +322,7 @@ def benchmark(
         seed=seed,
         progress=not no_progress,
         families=None if families is None else families.value,
+        displacement=displacement,
     )
 
 

@@ -1,5 +1,6 @@
 """The command benchmark."""
 
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -21,12 +22,15 @@ def run_benchmark(
     seed: int,
     progress: bool,
     families: str | None = None,
+    displacement: float | None = None,
 ) -> int:
     """Run a benchmark by its name; options that it does not have are refused."""
     if name != "hidden-effects" and workers is not None:
         raise InputError(f"--workers does not apply to {name}, which uses every core; leave it out.")
     if name != "hidden-effects" and families is not None:
         raise InputError(f"--families does not apply to {name}; leave it out.")
+    if displacement is not None and (name != "hidden-effects" or families is not None):
+        raise InputError("--displacement has cases of its own, of hidden-effects: leave --families out.")
     if name == "calibration":
         return _calibrate(folder, cases, replicates or 500, seed, progress)
     if name == "confounding":
@@ -40,11 +44,27 @@ def run_benchmark(
     from bayes_greybox.benchmarks.hidden_effects.run import run
     from bayes_greybox.benchmarks.tables import benchmark_tables
 
+    if displacement is not None:
+        return _displacement(folder, displacement, cases, workers, seed, progress)
     kept = () if families == "assumptions" else all_cases(seed)
     broken = () if families == "effects" else assumption_cases(seed)
     chosen = (*kept, *broken)
     chosen = chosen if cases is None else subset(chosen, cases, seed)
     scores = run(folder, chosen, workers=workers or 2, progress=progress)
+    show(*benchmark_tables(scores), f"\nResults are in {folder}.")
+    return DONE
+
+
+def _displacement(folder: Path, noise: float, cases: int | None, workers: int | None, seed: int, progress: bool) -> int:
+    from bayes_greybox.benchmarks.hidden_effects.cases import subset
+    from bayes_greybox.benchmarks.hidden_effects.run import run
+    from bayes_greybox.benchmarks.hidden_effects.sampled import displacement_cases, study_displacement
+    from bayes_greybox.benchmarks.tables import benchmark_tables
+
+    every = displacement_cases(seed)
+    chosen = every if cases is None else subset(every, cases, seed)
+    solve = partial(study_displacement, noise=noise)
+    scores = run(folder, chosen, solve=solve, workers=workers or 2, peers=False, progress=progress)
     show(*benchmark_tables(scores), f"\nResults are in {folder}.")
     return DONE
 

@@ -1,0 +1,61 @@
+"""Hidden effects from a displacement alone, and friction of 0.3 % in a free decay."""
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+import bayes_greybox as bg
+from bayes_greybox.benchmarks.hidden_effects.generate import generate
+from bayes_greybox.benchmarks.hidden_effects.sampled import displacement, displacement_cases, study_displacement
+
+COULOMB, QUADRATIC = -0.052, -0.0045
+SQUARED = 4 * np.pi**2
+
+
+def test_cases_have_one_position_and_the_sensor_shows_nothing_else():
+    cases = displacement_cases(1)
+    assert len(cases) > 50 and {case.family for case in cases} == {"catalogue", "null"}
+    data = generate(cases[0])
+    train, test = displacement(data, 0.1)
+    place = data.host.roles["position"]
+    assert train.state_names == test.state_names == (place,) and not train.derivatives
+    error = train.states[place] - data.train.states[place]
+    assert np.std(error) == pytest.approx(0.1 * np.std(data.train.states[place]), rel=0.1)
+    again, _ = displacement(data, 0.1)
+    np.testing.assert_array_equal(again.states[place], train.states[place])
+    other, _ = displacement(data, 0.05)
+    assert not np.array_equal(other.states[place], train.states[place])
+
+
+def test_a_case_is_solved_without_its_truth():
+    case = next(c for c in displacement_cases(0) if c.effects == ("cubic-stiffness",) and c.host == "free-oscillator")
+    found = study_displacement(generate(case), 0.02)
+    added = [effect["slug"] for effect in found["effects"] if effect["status"] == "added"]
+    assert "cubic-stiffness" in added and found["seconds"] > 0
+
+
+def decay(noise, seed, rate=50, periods=100):
+    """A pendulum of one second whose friction is 0.3 % of its acceleration, let go at 0.6 rad."""
+    t = np.arange(periods * rate) / rate
+
+    def motion(time, x):
+        return [x[1], -SQUARED * np.sin(x[0]) + COULOMB * np.tanh(x[1] / 1e-4) + QUADRATIC * x[1] * abs(x[1])]
+
+    y = solve_ivp(motion, (0, t[-1]), [0.6, 0.0], t_eval=t, rtol=1e-10, atol=1e-12, method="DOP853").y[0]
+    shown = y + noise * np.std(y) * np.random.default_rng(seed).standard_normal(len(t))
+    return bg.Trajectories.from_arrays(t, states={"y": shown}, units={"t": "s", "y": "rad"})
+
+
+@pytest.mark.slow
+def test_both_laws_of_a_faint_friction_are_named_from_the_angle_alone():
+    named, inside, runs = 0, {"coulomb-friction": 0, "quadratic-drag": 0}, 10
+    for seed in range(100, 100 + runs):
+        model = bg.GreyBox(simulation={"y": "v", "v": f"-{SQUARED!r}*sin(y)"}, rows=bg.TrajectoryRows())
+        study = bg.find_missing_effects(model, decay(1e-3, seed), settle=False, free_runs=False, progress=False)
+        added = study.effects[study.effects["status"] == "added"].set_index("slug")
+        named += study.verdict == "named" and set(added.index) == set(inside)
+        for slug, truth in (("coulomb-friction", COULOMB), ("quadratic-drag", QUADRATIC)):
+            if slug in added.index:
+                inside[slug] += added.loc[slug, "lower"] <= truth <= added.loc[slug, "upper"]
+        print(seed, study.verdict, added[["mean", "lower", "upper"]].to_dict("index"))
+    assert named >= 0.8 * runs and min(inside.values()) >= 0.7 * runs
