@@ -20,7 +20,7 @@ from bayes_greybox.model.gp.discrepancy import Path as PathKind
 from bayes_greybox.model.gp.kernels import KERNELS
 from bayes_greybox.model.gp.orthogonal import Measure, Variant
 from bayes_greybox.model.priors import PRIORS
-from bayes_greybox.model.rows.equation_rows import ROWS
+from bayes_greybox.model.rows.kinds import ROWS
 
 CONFIGS = Path(__file__).parents[1] / "configs"
 
@@ -242,7 +242,9 @@ def _section(settings):
 
 def _written(table, fields):
     def value(given):
-        return f"{given!r}".lower() if not isinstance(given, str) else f'"{given}"'
+        # TOML has lists where classes have tuples.
+        plain = list(given) if isinstance(given, tuple) else given
+        return f"{plain!r}".lower() if not isinstance(given, str) else f'"{given}"'
 
     pairs = [f"{name} = {value(given)}" for name, given in fields.items()]
     return f"{table} {', '.join(pairs)} }}" if table.endswith("{") else "\n".join([table, *pairs])

@@ -14,7 +14,9 @@ from bayes_greybox.data.limits import Count, Positive, require_limits
 from bayes_greybox.inference import netcdf
 from bayes_greybox.model.gp.kernels import KERNELS, Kernel
 from bayes_greybox.model.priors import PRIORS, Scales
-from bayes_greybox.model.rows.equation_rows import ROWS, DerivativeRows, RowKind
+from bayes_greybox.model.rows.derivative_rows import DerivativeRows
+from bayes_greybox.model.rows.kinds import ROWS
+from bayes_greybox.model.rows.row_kind import RowKind
 
 SMALL = {"draws": 10, "tune": 10, "chains": 1, "progress": False}
 
@@ -45,7 +47,7 @@ class Cauchy:
 
 
 @dataclass(frozen=True)
-class EverySecond:
+class EverySecond(RowKind):
     """Rows that the package does not have."""
 
     step: Count = 2
@@ -108,7 +110,10 @@ def test_new_kinds_are_configured(lists, tmp_path):
         (ALL.replace("step = 3", "step = 0"), r"\[rows\] step = 0 cannot be used"),
         (ALL.replace("every_second", "every_secnd"), r"\[rows\] kind = 'every_secnd' is not .* 'every_second'\?"),
         (ALL.replace("rational", "rationale"), r"\[discrepancy\] kernel = 'rationale' is not .* 'rational'\?"),
-        (ALL.replace('kind = "every_second"', ""), r"\[rows\] needs the key 'kind'; known: derivative, every_second"),
+        (
+            ALL.replace('kind = "every_second"', ""),
+            r"\[rows\] needs the key 'kind'; known: derivative, trajectory, every_second",
+        ),
     ],
 )
 def test_mistakes_in_new_kinds_are_named(lists, tmp_path, text, words):

@@ -11,7 +11,7 @@ import xarray as xr
 
 import bayes_greybox as bg
 from bayes_greybox.inference.netcdf import describe, rebuild
-from bayes_greybox.model.rows.equation_rows import DerivativeRows
+from bayes_greybox.model.rows.derivative_rows import DerivativeRows
 
 FILES = Path(__file__).parents[1] / "data" / "files"
 
