@@ -1,0 +1,54 @@
+"""Rates of all states with what was added to one of them, for compiled programs."""
+
+from collections.abc import Sequence
+
+import jax.numpy as jnp
+import sympy
+from jaxtyping import Array
+
+from bayes_greybox.physics.expressions import evaluate
+from bayes_greybox.physics.simulation import Simulation
+from bayes_greybox.physics.terms import Term
+
+Args = tuple[Array, ...]
+"""Coefficient and numbers of each term."""
+
+
+class ForcedRate:
+    """Rate of all states with terms added to one: equal to any other with the same formulas, so compiled once.
+
+    Numbers within a formula, such as the width of a dead zone, are arguments of the rate and none of the formula's.
+
+    Args:
+        simulation: Known rates.
+        driven: Index of the learned state.
+        added: Terms added to its rate, with their coefficients.
+    """
+
+    def __init__(self, simulation: Simulation, driven: int, added: Sequence[tuple[Term, float]]) -> None:
+        self.simulation, self.driven, self.terms = simulation, driven, tuple(term for term, _ in added)
+        formulas, numbers = [], []
+        for term, coefficient in added:
+            within = sorted(term.expr.atoms(sympy.Float))
+            names = {number: sympy.Symbol(f"number_{k}", real=True) for k, number in enumerate(within)}
+            formulas.append(term.expr.xreplace(names))
+            numbers.append([coefficient, *(float(number) for number in within)])
+        self.formulas = tuple(formulas)
+        self.args = tuple(jnp.array(each) for each in numbers)
+        self._key = (simulation.key, driven, tuple(map(str, formulas)))
+
+    def __hash__(self) -> int:
+        return hash(self._key)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, ForcedRate) and self._key == other._key
+
+    def __call__(self, t: Array, x: Array, u: Array, args: tuple[Array, ...]) -> Array:
+        """Rates at one point; `args` has the coefficient and the numbers of each term."""
+        rate = jnp.asarray(self.simulation.rate(t, x, u), float)
+        columns = dict(zip((*self.simulation.states, *self.simulation.inputs), (*x, *u), strict=True))
+        force = 0.0 * t
+        for formula, (coefficient, *numbers) in zip(self.formulas, args, strict=True):
+            known = {f"number_{k}": number for k, number in enumerate(numbers)}
+            force = force + coefficient * evaluate(formula, {**columns, **known})
+        return rate.at[self.driven].add(force)

@@ -1,0 +1,70 @@
+"""The grid of steps between the samples of runs."""
+
+import jax.numpy as jnp
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.physics.integrate import between_samples
+from bayes_greybox.physics.sensitivity import Grid
+
+
+def runs_of(samples: Trajectories) -> list[np.ndarray]:
+    """Rows of each run."""
+    return [np.flatnonzero(samples.run == r) for r in range(samples.n_run)]
+
+
+def grid_of(
+    samples: Trajectories, runs: list[np.ndarray], steps: int, interpolation: str | None
+) -> tuple[Grid, np.ndarray]:
+    """Nodes of all runs, and the run and the step's end of each sample. Longer gaps have more steps."""
+    times, inputs, end = [], [], np.zeros((samples.n_obs, 2), int)
+    typical = float(np.median(np.diff(samples.time)[np.diff(samples.run) == 0]))
+    for r, own in enumerate(runs):
+        t = samples.time[own]
+        count = np.maximum(np.ceil(steps * np.diff(t) / typical - 1e-6), steps).astype(int)
+        place = np.concatenate([[0], np.cumsum(count)])
+        ends = np.interp(np.arange(place[-1] + 1), place, t)
+        nodes = np.empty(2 * len(ends) - 1)
+        nodes[::2], nodes[1::2] = ends, (ends[1:] + ends[:-1]) / 2
+        times.append(nodes)
+        u = samples.matrix(samples.input_names)[own]
+        kinds = (interpolation,) * u.shape[1] if interpolation else between_samples(t, u)
+        inputs.append(np.column_stack([_between(t, u[:, k], nodes, kind) for k, kind in enumerate(kinds)] or [nodes]))
+        end[own, 0], end[own, 1] = r, place
+    longest = max(map(len, times))
+    time = np.array([np.pad(t, (0, longest - len(t)), mode="edge") for t in times])
+    u = np.array([np.pad(v, ((0, longest - len(v)), (0, 0)), mode="edge") for v in inputs])
+    u = u if samples.input_names else u[..., :0]
+    return Grid(jnp.asarray(time), jnp.asarray(u)), end
+
+
+def split(grid: Grid, end: np.ndarray, ends: np.ndarray, pieces: int) -> tuple[Grid, np.ndarray, np.ndarray]:
+    """Every run cut into pieces at samples; the steps from one piece to the next belong to none."""
+    if pieces == 1:
+        return grid, end, ends
+    time, inputs = np.asarray(grid.time), np.asarray(grid.inputs)
+    times, us, xs, fresh = [], [], [], np.zeros_like(end)
+    for r in range(len(time)):
+        own = np.flatnonzero(end[:, 0] == r)
+        for part in np.array_split(own, pieces):
+            if not len(part):
+                continue
+            first, last = end[part[0], 1], end[part[-1], 1]
+            times.append(time[r, 2 * first : 2 * last + 1])
+            us.append(inputs[r, 2 * first : 2 * last + 1])
+            xs.append(ends[r, first : last + 1])
+            fresh[part, 0], fresh[part, 1] = len(times) - 1, end[part, 1] - first
+    longest = max(map(len, times))
+    time = np.array([np.pad(t, (0, longest - len(t)), mode="edge") for t in times])
+    u = np.array([np.pad(v, ((0, longest - len(v)), (0, 0)), mode="edge") for v in us])
+    x = np.array([np.pad(v, ((0, longest // 2 + 1 - len(v)), (0, 0)), mode="edge") for v in xs])
+    return Grid(jnp.asarray(time), jnp.asarray(u)), fresh, x
+
+
+def _between(t: np.ndarray, values: np.ndarray, at: np.ndarray, kind: str) -> np.ndarray:
+    if kind == "cubic":
+        return CubicSpline(t, values)(at)
+    if kind == "zoh":
+        return values[np.clip(np.searchsorted(t, at, side="right") - 1, 0, len(t) - 1)]
+    return np.interp(at, t, values)
