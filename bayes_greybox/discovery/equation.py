@@ -12,7 +12,7 @@ from bayes_greybox.model.program import Program
 from bayes_greybox.physics.catalogue.effects import BoundEffect
 from bayes_greybox.physics.units import derivative_unit
 
-from .answer.adequacy import Check, check_explanation
+from .answer.adequacy import LEVEL, Check, check_explanation
 from .answer.amendment import Amendment, Remainder
 from .answer.coefficients import Coefficients, draw_coefficients, plain
 from .answer.doubt import Doubt, contradicted
@@ -66,7 +66,10 @@ def study_equation(
         rest = finding.explanation.kind == REST or PROCESS in finding.world.model.names
         checks = [] if rest else check_explanation(finding.world, finding.explanation, unit_of_time)
         finding = _with_noisy_states(finding, aligned, unit)
-        return finding.capped([check.text for check in checks if not check.ok]), checks
+        said = [check.text for check in checks if not check.ok]
+        if finding.world.evaluations.statistics.rows.unfollowed > -np.log(LEVEL):
+            said.append("the path of the samples departs from that of the model: an unknown force acts")
+        return finding.capped(said), checks
 
     finding, checks = decided(())
     say("mapping the gap")

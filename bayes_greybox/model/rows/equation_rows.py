@@ -76,6 +76,7 @@ class EquationRows:
         run: Number of the run of each row.
         operator: V, from values at the samples to values of the rows; None where each sample is a row.
         gain: What a sensor's unit was divided by to have the rows in the unit of the rate; 1 where they are rates.
+        unfollowed: Nats that an unknown force gains over none along the path that the rows are taken at.
     """
 
     equation: str
@@ -87,6 +88,7 @@ class EquationRows:
     run: Int[np.ndarray, " n_row"]
     operator: Operator | None = None
     gain: float = 1.0
+    unfollowed: float = 0.0
 
     @property
     def n_row(self) -> int:

@@ -71,6 +71,7 @@ class ReferencePath:
         gain: RMS response of an output to a force of unit RMS: rows are over it, in the unit of the force.
         sample: Sample of each row.
         ratio: Chosen intensity of the unknown force, λ = q²/σ².
+        gained: Nats that it gains over the faintest one that was tried: what the model does not follow.
         n_segment: Segments.
     """
 
@@ -83,6 +84,7 @@ class ReferencePath:
     gain: float
     sample: Int[np.ndarray, " n_row"]
     ratio: float
+    gained: float
     segments: "Segments" = field(repr=False)
 
     @property
@@ -135,7 +137,7 @@ def follow_samples(
     steps = substeps or _steps_needed(rate, samples, simulation, first, args)
     grid, end = grid_of(samples, runs, steps, interpolation)
     observed = _observed(samples, simulation, grid, end, outputs, s, sizes)
-    found, ratio = _smoothest(
+    found, ratio, gained = _smoothest(
         rate,
         grid,
         observed,
@@ -152,12 +154,12 @@ def follow_samples(
     grown = np.asarray(carried(whole.response, *unit_starts(whole, sizes)))
     grid, end, ends = split(grid, end, ends, pieces_of(grown, sizes))
     segments = segments_of(rate, grid, ends, outputs, end, driven, args)
-    return _assembled(samples, simulation, rate, args, segments, ends, sizes, s, ratio, driven)
+    return _assembled(samples, simulation, rate, args, segments, ends, sizes, s, (ratio, gained), driven)
 
 
 def _assembled(
     samples: Trajectories, simulation: Simulation, rate: ForcedRate, args: Args, segments: Segments,
-    ends: np.ndarray, sizes: np.ndarray, s: np.ndarray, ratio: float, driven: int,
+    ends: np.ndarray, sizes: np.ndarray, s: np.ndarray, unknown: tuple[float, float], driven: int,
 ) -> ReferencePath:  # fmt: skip
     grid, end = segments.grid, segments.end
     path = nodes_of(rate, grid, ends, args)
@@ -189,7 +191,7 @@ def _assembled(
     force = np.concatenate([force[:, :1], (force[:, 1:] + force[:, :-1]) / 2, force[:, -1:]], axis=1)
     sample = np.tile(np.arange(len(end)), len(segments.outputs))
     return ReferencePath(
-        columns, at, (rates + force)[end[:, 0], end[:, 1]], s, simulated, starts, gain, sample, ratio, segments
+        columns, at, (rates + force)[end[:, 0], end[:, 1]], s, simulated, starts, gain, sample, *unknown, segments
     )
 
 
@@ -276,8 +278,8 @@ def _at_ends(
 def _smoothest(
     rate: ForcedRate, grid: Grid, observed: Observed, outputs: tuple[int, ...], args: Args, own: float,
     first: np.ndarray,
-) -> tuple[Smoothed, float]:  # fmt: skip
-    """The smoothed path at the likeliest intensity of the unknown force, and that.
+) -> tuple[Smoothed, float, float]:  # fmt: skip
+    """The smoothed path at the likeliest intensity of the unknown force, that, and what it gains.
 
     Args:
         rate: Of all states.
@@ -291,12 +293,14 @@ def _smoothest(
     ends = jnp.asarray(first)
     if not np.all(np.isfinite(first)):
         ends = filtered(rate, grid, observed, outputs, rate.driven, jnp.asarray(own * MIDDLING), args)
-    ratio, found = own * MIDDLING, None
+    ratio, gained, found = own * MIDDLING, 0.0, None
     for turn in range(PASSES + 1):
         steps = linearised(rate, grid, ends, rate.driven, args)
         if turn == 1:
             logs = [float(smooth(steps, observed, outputs, jnp.asarray(own * r)).log_likelihood) for r in RATIOS]
-            ratio = own * float(RATIOS[int(np.nanargmax(logs))]) if np.any(np.isfinite(logs)) else ratio
+            if np.any(np.isfinite(logs)):
+                ratio = own * float(RATIOS[int(np.nanargmax(logs))])
+                gained = float(np.nanmax(logs) - (logs[0] if np.isfinite(logs[0]) else -np.inf))
         found = smooth(steps, observed, outputs, jnp.asarray(ratio))
         ends = found.ends
     if found is None or not np.all(np.isfinite(np.asarray(found.ends))):
@@ -304,7 +308,7 @@ def _smoothest(
             "No path through the samples was found: the equations leave their domain near them. Check the simulation "
             "and the units, or give hidden states as data."
         )
-    return found, ratio
+    return found, ratio, gained
 
 
 def _steps_needed(rate: ForcedRate, samples: Trajectories, simulation: Simulation, path: np.ndarray, args: Args) -> int:

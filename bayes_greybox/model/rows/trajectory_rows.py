@@ -112,6 +112,7 @@ class TrajectoryRows(RowKind):
             run=np.concatenate([samples.run + k * samples.n_run for k in range(n_output)]),
             operator=path,
             gain=path.gain,
+            unfollowed=path.gained,
         )
 
     def path(self, data: Trajectories, equation: str, simulation: Simulation) -> ReferencePath:
