@@ -34,7 +34,7 @@ def test_a_case_is_solved_without_its_truth():
     assert "cubic-stiffness" in added and found["seconds"] > 0
 
 
-def decay(noise, seed, rate=50, periods=100, start):
+def decay(noise, seed, start, rate=50, periods=100):
     """A pendulum of one second whose friction is some 0.3 % of its acceleration, let go at a start [rad]."""
     t = np.arange(periods * rate) / rate
 
