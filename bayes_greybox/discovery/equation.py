@@ -12,10 +12,10 @@ from bayes_greybox.model.program import Program
 from bayes_greybox.physics.catalogue.effects import BoundEffect
 from bayes_greybox.physics.units import derivative_unit
 
-from .answer.adequacy import LEVEL, Check, check_explanation
+from .answer.adequacy import Check, check_explanation
 from .answer.amendment import Amendment, Remainder
 from .answer.coefficients import Coefficients, draw_coefficients, plain
-from .answer.doubt import Doubt, contradicted
+from .answer.doubt import Doubt, contradicted, unfollowed
 from .answer.equation_study import EquationStudy
 from .answer.finding import Finding, decide
 from .answer.gap import RATE_DRAWS
@@ -61,13 +61,16 @@ def study_equation(
     aligned, found = _weighed(model, train, name, effects, odds, most, seed if settle else None, say)
     unit, unit_of_time = derivative_unit(name, train.units), train.units.get("t", "")
 
+    known = aligned.evaluations.statistics
+    path = unfollowed(known.rows.unfollowed, known.target_scale, odds.remainder / 2)
+
     def decided(doubts: Sequence[Doubt]) -> tuple[Finding, list[Check]]:
-        finding = decide(found, doubts)
+        finding = decide(found, (*path, *doubts))
         rest = finding.explanation.kind == REST or PROCESS in finding.world.model.names
         checks = [] if rest else check_explanation(finding.world, finding.explanation, unit_of_time)
         finding = _with_noisy_states(finding, aligned, unit)
         said = [check.text for check in checks if not check.ok]
-        if finding.world.evaluations.statistics.rows.unfollowed > -np.log(LEVEL):
+        if path and path[0].probability > 0.5:
             said.append("the path of the samples departs from that of the model: an unknown force acts")
         return finding.capped(said), checks
 

@@ -62,6 +62,18 @@ class Removal(NamedTuple):
     log_det: float
 
 
+class Unfollowed(NamedTuple):
+    """An unknown force along a path that its model does not follow.
+
+    Attributes:
+        nats: That it gains over no such force.
+        force: Its RMS, user's units of the rate.
+    """
+
+    nats: float
+    force: float
+
+
 @dataclass(frozen=True, eq=False)
 class EquationRows:
     """The rows of one equation, y = V(Φθ + f) + ε, ε ~ N(0, σ² R), in user's units.
@@ -76,7 +88,7 @@ class EquationRows:
         run: Number of the run of each row.
         operator: V, from values at the samples to values of the rows; None where each sample is a row.
         gain: What a sensor's unit was divided by to have the rows in the unit of the rate; 1 where they are rates.
-        unfollowed: Nats that an unknown force gains over none along the path that the rows are taken at.
+        unfollowed: What the model does not follow of the path that the rows are taken at.
     """
 
     equation: str
@@ -88,7 +100,7 @@ class EquationRows:
     run: Int[np.ndarray, " n_row"]
     operator: Operator | None = None
     gain: float = 1.0
-    unfollowed: float = 0.0
+    unfollowed: Unfollowed | None = None
 
     @property
     def n_row(self) -> int:

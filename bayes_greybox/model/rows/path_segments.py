@@ -75,7 +75,7 @@ class Segments:
 
 
 def segments_of(
-    rate: ForcedRate, grid: Grid, ends: np.ndarray, outputs: tuple[int, ...], end: np.ndarray, driven: int, args: Args
+    rate: ForcedRate, grid: Grid, ends: np.ndarray, outputs: tuple[int, ...], end: np.ndarray, args: Args
 ) -> Segments:
     """The linear equation along a path.
 
@@ -85,11 +85,10 @@ def segments_of(
         ends: The path at the ends of steps.
         outputs: Indices of the measured states.
         end: Segment and end of the step of each sample.
-        driven: Index of the learned state.
         args: Coefficients of the rate.
     """
     path = jnp.asarray(nodes_of(rate, grid, ends, args))
-    return Segments(grid, respond(rate, grid, path, driven, args), outputs, end)
+    return Segments(grid, respond(rate, grid, path, rate.driven, args), outputs, end)
 
 
 def nodes_of(rate: ForcedRate, grid: Grid, ends: np.ndarray, args: Args) -> np.ndarray:
@@ -125,9 +124,9 @@ def responses_to_starts(segments: Segments, sizes: np.ndarray) -> np.ndarray:
 
 def gain_of(segments: Segments, columns: Mapping[str, np.ndarray], starts: np.ndarray, sd: np.ndarray) -> float:
     """RMS response, in what starts cannot take, of rows to forces that are powers of the path's columns."""
-    forces = np.column_stack([x**k for x in columns.values() for k in (1, 2, 3)])
-    forces = forces / np.sqrt(np.mean(forces**2, axis=0)).clip(1e-300)
-    rows = segments.respond(lambda node: forces[node])
+    powers = [(x, k, float(np.sqrt(np.mean(x ** (2 * k))))) for x in columns.values() for k in (1, 2, 3)]
+    scaled = [(x, k, size) for x, k, size in powers if size > 0]
+    rows = segments.respond(lambda node: np.column_stack([x[node] ** k / size for x, k, size in scaled]))
     Q, _ = np.linalg.qr(starts / sd[:, None])
     rows = rows - sd[:, None] * (Q @ (Q.T @ (rows / sd[:, None])))
     return float(np.sqrt(np.mean(rows**2)))

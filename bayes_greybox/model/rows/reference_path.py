@@ -17,6 +17,7 @@ from bayes_greybox.physics.simulation import Simulation
 from bayes_greybox.physics.smoothing import Observed, Smoothed, filtered, linearised, smooth
 from bayes_greybox.physics.terms import Term
 
+from .equation_rows import Unfollowed
 from .forced_rate import Args, ForcedRate
 from .path_grid import grid_of, runs_of, split
 from .path_segments import (
@@ -71,8 +72,8 @@ class ReferencePath:
         gain: RMS response of an output to a force of unit RMS: rows are over it, in the unit of the force.
         sample: Sample of each row.
         ratio: Chosen intensity of the unknown force, λ = q²/σ².
-        gained: Nats that it gains over the faintest one that was tried: what the model does not follow.
-        n_segment: Segments.
+        unfollowed: What the model does not follow.
+        segments: With the linear equation along them.
     """
 
     columns: Mapping[str, Float[np.ndarray, " n_node"]]
@@ -84,8 +85,8 @@ class ReferencePath:
     gain: float
     sample: Int[np.ndarray, " n_row"]
     ratio: float
-    gained: float
-    segments: "Segments" = field(repr=False)
+    unfollowed: Unfollowed
+    segments: Segments = field(repr=False)
 
     @property
     def n_segment(self) -> int:
@@ -144,24 +145,25 @@ def follow_samples(
         outputs,
         args,
         own=sizes[driven] ** 2 / slow,
-        first=_at_ends(samples, runs, grid, end, first),
+        first=_at_ends(samples, runs, grid, first),
     )
     # How noisy each sensor is against the others, the smoother knows better than differences do.
     residual = samples.matrix(samples.state_names) - np.asarray(found.ends)[end[:, 0], end[:, 1]][:, list(outputs)]
     s = np.maximum(np.sqrt(np.mean(residual**2, axis=0)), FINEST * np.std(samples.matrix(samples.state_names), axis=0))
     ends = np.asarray(found.ends)
-    whole = segments_of(rate, grid, ends, outputs, end, driven, args)
-    grown = np.asarray(carried(whole.response, *unit_starts(whole, sizes)))
-    grid, end, ends = split(grid, end, ends, pieces_of(grown, sizes))
-    segments = segments_of(rate, grid, ends, outputs, end, driven, args)
-    return _assembled(samples, simulation, rate, args, segments, ends, sizes, s, (ratio, gained), driven)
+    segments = segments_of(rate, grid, ends, outputs, end, args)
+    pieces = pieces_of(np.asarray(carried(segments.response, *unit_starts(segments, sizes))), sizes)
+    if pieces > 1:
+        grid, end, ends = split(grid, end, ends, pieces)
+        segments = segments_of(rate, grid, ends, outputs, end, args)
+    return _assembled(simulation, rate, args, segments, ends, sizes, s, ratio, gained)
 
 
 def _assembled(
-    samples: Trajectories, simulation: Simulation, rate: ForcedRate, args: Args, segments: Segments,
-    ends: np.ndarray, sizes: np.ndarray, s: np.ndarray, unknown: tuple[float, float], driven: int,
+    simulation: Simulation, rate: ForcedRate, args: Args, segments: Segments, ends: np.ndarray, sizes: np.ndarray,
+    s: np.ndarray, ratio: float, gained: float,
 ) -> ReferencePath:  # fmt: skip
-    grid, end = segments.grid, segments.end
+    grid, end, driven = segments.grid, segments.end, rate.driven
     path = nodes_of(rate, grid, ends, args)
     flat = path.reshape(-1, path.shape[-1])
     inputs = np.asarray(grid.inputs).reshape(len(flat), -1)
@@ -189,10 +191,12 @@ def _assembled(
     h = np.diff(np.asarray(grid.time)[:, ::2], axis=1)
     force = np.divide(-defects[..., driven], h, out=np.zeros_like(h), where=h > 0)
     force = np.concatenate([force[:, :1], (force[:, 1:] + force[:, :-1]) / 2, force[:, -1:]], axis=1)
+    unfollowed = Unfollowed(gained, float(np.sqrt(np.mean(force[end[:, 0], end[:, 1]] ** 2))))
     sample = np.tile(np.arange(len(end)), len(segments.outputs))
     return ReferencePath(
-        columns, at, (rates + force)[end[:, 0], end[:, 1]], s, simulated, starts, gain, sample, *unknown, segments
-    )
+        columns, at, (rates + force)[end[:, 0], end[:, 1]], s, simulated, starts, gain, sample, ratio, unfollowed,
+        segments,
+    )  # fmt: skip
 
 
 def _check(samples: Trajectories, equation: str, simulation: Simulation) -> None:
@@ -255,9 +259,9 @@ def _first_path(
     for k, name in enumerate(samples.state_names):
         for own in runs_of(samples):
             t, x = samples.time[own], samples.states[name][own]
+            # As stiff as the noise asks for, up to a tenth of the spread; what it misses the smoother finds.
             width = slow * min(1.0, 10 * s[k] / max(float(np.std(x)), 1e-300))
-            # Shrunk as far as the noise asks for: a spline on a mean over neighbours.
-            spline = make_smoothing_spline(t, x, lam=width**4 * 0.1) if len(t) > 4 else CubicSpline(t, x)
+            spline = make_smoothing_spline(t, x, lam=0.1 * width**4) if len(t) > 4 else CubicSpline(t, x)
             path[own, simulation.states.index(name)] = spline(t)
             rate = simulation.rate_name(name)
             if rate is not None and rate not in samples.state_names:
@@ -266,7 +270,7 @@ def _first_path(
 
 
 def _at_ends(
-    samples: Trajectories, runs: list[np.ndarray], grid: Grid, end: np.ndarray, path: np.ndarray
+    samples: Trajectories, runs: list[np.ndarray], grid: Grid, path: np.ndarray
 ) -> Float[np.ndarray, "n_segment n_end n_state"]:
     """A path at the samples, at the ends of all steps."""
     time = np.asarray(grid.time)[:, ::2]
@@ -300,7 +304,8 @@ def _smoothest(
             logs = [float(smooth(steps, observed, outputs, jnp.asarray(own * r)).log_likelihood) for r in RATIOS]
             if np.any(np.isfinite(logs)):
                 ratio = own * float(RATIOS[int(np.nanargmax(logs))])
-                gained = float(np.nanmax(logs) - (logs[0] if np.isfinite(logs[0]) else -np.inf))
+                # It was looked for at so many intensities.
+                gained = float(np.nanmax(logs) - np.nan_to_num(logs[0], nan=-np.inf)) - math.log(len(RATIOS))
         found = smooth(steps, observed, outputs, jnp.asarray(ratio))
         ends = found.ends
     if found is None or not np.all(np.isfinite(np.asarray(found.ends))):

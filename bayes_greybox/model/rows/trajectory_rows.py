@@ -23,6 +23,7 @@ from bayes_greybox.data.noise.starts_noise import StartsNoise
 from bayes_greybox.data.noise.weighted import WeightedNoise
 from bayes_greybox.data.noise.white import WhiteNoise
 from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.physics.integrate import INTERPOLATIONS
 from bayes_greybox.physics.simulation import Simulation
 from bayes_greybox.physics.terms import Term
 
@@ -31,7 +32,10 @@ from .reference_path import ReferencePath, follow_samples
 from .row_kind import RowKind
 
 _KNOWN: WeakKeyDictionary[Trajectories, dict[Any, ReferencePath]] = WeakKeyDictionary()
-"""Reference paths by the samples that they were found from."""
+"""Reference paths by the samples that they were found from, the latest `REMEMBERED`."""
+
+REMEMBERED = 4
+"""Paths of some samples that are kept: a study asks for the same one several times in a row."""
 
 
 @dataclass(frozen=True)
@@ -53,6 +57,10 @@ class TrajectoryRows(RowKind):
         object.__setattr__(self, "added", tuple((str(text), float(value)) for text, value in self.added))
         if self.substeps is not None and not 1 <= self.substeps <= 1000:
             raise InputError(f"TrajectoryRows(substeps={self.substeps}) must be between 1 and 1000.")
+        if self.interpolation not in (None, *INTERPOLATIONS):
+            raise InputError(
+                f"TrajectoryRows(interpolation={self.interpolation!r}) must be one of {', '.join(INTERPOLATIONS)}."
+            )
 
     @property
     def rates_measured(self) -> bool:
@@ -112,7 +120,7 @@ class TrajectoryRows(RowKind):
             run=np.concatenate([samples.run + k * samples.n_run for k in range(n_output)]),
             operator=path,
             gain=path.gain,
-            unfollowed=path.gained,
+            unfollowed=path.unfollowed,
         )
 
     def path(self, data: Trajectories, equation: str, simulation: Simulation) -> ReferencePath:
@@ -131,5 +139,7 @@ class TrajectoryRows(RowKind):
         known = _KNOWN.setdefault(samples, {})
         if key not in known:
             terms = [(Term(text), value) for text, value in self.added]
+            while len(known) >= REMEMBERED:
+                del known[next(iter(known))]
             known[key] = follow_samples(samples, equation, simulation, terms, self.substeps, self.interpolation)
         return known[key]
