@@ -1,23 +1,30 @@
-"""A path of dx/dt = rhs(t, x, u) on a grid, and how it answers a small force: the linear equation along it.
+"""How a path of dx/dt = rhs(t, x, u) answers a small force: the linear equation along it, on a grid of steps.
 
-Along a path x̄ with the Jacobian A(t) = ∂rhs/∂x, a force φ(t) on one state's rate moves the path by δ,
+Along a path x̄ with the Jacobian A(t) = ∂rhs/∂x, forces φ(t) on the states' rates move the path by δ,
 
-    dδ/dt = A(t) δ + e φ(t),
+    dδ/dt = A(t) δ + φ(t),
 
-linear in φ and in δ(t₀). Both are integrated by the classical method of Runge and Kutta of order four, whose stages sit
-on the ends and the middles of steps: the grid that φ has to be known on.
+linear in φ and in δ(t₀). It is integrated by the classical method of Runge and Kutta of order four, whose stages sit on
+the ends and the middles of steps. What a force is within a step counts by its integral, so one with a kink or a jump is
+replaced by the parabola nearest to it.
 """
 
 from collections.abc import Callable
-from functools import partial
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
-Rate = Callable[[Array, Array, Array], Array]
-"""(t, x [n_state], u [n_input]) -> dx/dt [n_state]."""
+ROUGH = 0.1
+"""A force that departs this much from a straight line within a step, over its own size, is looked at closely."""
+
+WITHIN = 64
+"""Points within a step at which it is."""
+
+LEAST = 8
+"""Columns and steps that are carried at once, at least: programs are compiled for their powers of two."""
 
 
 class Grid(NamedTuple):
@@ -28,148 +35,133 @@ class Grid(NamedTuple):
         inputs: At these.
     """
 
-    time: Float[Array, "n_segment n_node"]
-    inputs: Float[Array, "n_segment n_node n_input"]
+    time: Float[np.ndarray, "n_segment n_node"]
+    inputs: Float[np.ndarray, "n_segment n_node n_input"]
 
 
 class Response(NamedTuple):
-    """Steps of the linear equation: δ₊ = M δ + b₀ φ₀ + b₁ φ₁ + b₂ φ₂, φ at the start, the middle and the end of a step.
+    """Steps of the linear equation: δ₊ = M δ + Σ b φ over the start, the middle and the end of a step.
 
     Attributes:
         M: Transition matrices.
-        b: Columns b₀, b₁, b₂.
+        b: Response to forces at these three, each on the rate of each state.
     """
 
-    M: Float[Array, "n_segment n_step n_state n_state"]
-    b: Float[Array, "n_segment n_step n_state 3"]
+    M: Float[np.ndarray, "n_segment n_step n_state n_state"]
+    b: Float[np.ndarray, "n_segment n_step n_state 3 n_state"]
+
+    def jumps(
+        self, force: Float[np.ndarray, "n_segment n_step 3 n_state"]
+    ) -> Float[np.ndarray, "n_segment n_step n_state"]:
+        """What forces on all states add to δ after each step."""
+        return np.einsum("snitj,sntj->sni", self.b, force, optimize=True)
 
 
-def runge_kutta(
-    rate: Callable[..., Array], time: Array, inputs: Array, x: Array, force: Array, args: object
-) -> Float[Array, " n_state"]:
-    """One step with a constant force on every state's rate.
-
-    Args:
-        rate: `rate(t, x, u, args)`.
-        time: Start, middle and end [3].
-        inputs: At these [3, n_input].
-        x: State at the start.
-        force: Added to the rates.
-        args: What else the rate needs.
-    """
-    h = time[2] - time[0]
-    k1 = rate(time[0], x, inputs[0], args) + force
-    k2 = rate(time[1], x + h / 2 * k1, inputs[1], args) + force
-    k3 = rate(time[1], x + h / 2 * k2, inputs[1], args) + force
-    k4 = rate(time[2], x + h * k3, inputs[2], args) + force
-    return x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
-
-
-@partial(jax.jit, static_argnums=0)
-def rates_at(
-    rate: Callable[..., Array], grid: Grid, ends: Float[Array, "n_segment n_end n_state"], args: object
-) -> Float[Array, "n_segment n_end n_state"]:
-    """Rates at the ends of steps.
-
-    Args:
-        rate: `rate(t, x, u, args)`.
-        grid: Nodes.
-        ends: States there.
-        args: What else the rate needs.
-    """
-    each = jax.vmap(jax.vmap(rate, (0, 0, 0, None)), (0, 0, 0, None))
-    return each(grid.time[:, ::2], ends, grid.inputs[:, ::2], args)
-
-
-@partial(jax.jit, static_argnums=0)
-def jacobians(
-    rate: Callable[..., Array], time: Float[Array, " n"], x: Float[Array, "n n_state"], u: Float[Array, "n n_input"],
-    args: object,
-) -> Float[Array, "n n_state n_state"]:  # fmt: skip
-    """∂rhs/∂x at some points.
-
-    Args:
-        rate: `rate(t, x, u, args)`.
-        time: Times.
-        x: States.
-        u: Inputs.
-        args: What else the rate needs.
-    """
-    return jax.vmap(jax.jacfwd(rate, 1), (0, 0, 0, None))(time, x, u, args)
-
-
-@partial(jax.jit, static_argnums=0)
-def middles(
-    rate: Callable[..., Array], grid: Grid, ends: Float[Array, "n_segment n_end n_state"], args: object
-) -> Float[Array, "n_segment n_step n_state"]:
-    """States in the middle of steps, on the cubic through their ends and the rates there.
-
-    Args:
-        rate: `rate(t, x, u, args)`.
-        grid: Nodes.
-        ends: States at the ends of steps.
-        args: What else the rate needs.
-    """
-    rates = rates_at(rate, grid, ends, args)
-    h = jnp.diff(grid.time[:, ::2], axis=1)[..., None]
-    return (ends[:, 1:] + ends[:, :-1]) / 2 + h / 8 * (rates[:, :-1] - rates[:, 1:])
-
-
-@partial(jax.jit, static_argnums=(0, 3))
 def respond(
-    rate: Callable[..., Array], grid: Grid, path: Float[Array, "n_segment n_node n_state"], driven: int, args: object
+    time: Float[np.ndarray, "n_segment n_node"], A: Float[np.ndarray, "n_segment n_node n_state n_state"]
 ) -> Response:
     """Steps of the linear equation along a path.
 
     Args:
-        rate: As in `follow`.
-        grid: Nodes.
-        path: At these.
-        driven: Index of the state whose rate the force acts on.
-        args: What else the rate needs.
+        time: Ends and middles of steps.
+        A: Jacobian at these.
     """
-    jacobian = jax.vmap(jax.vmap(jax.jacfwd(rate, 1), (0, 0, 0, None)), (0, 0, 0, None))
-    A = jacobian(grid.time, path, grid.inputs, args)
-    h = (grid.time[:, 2::2] - grid.time[:, :-2:2])[..., None, None]
+    h = (time[:, 2::2] - time[:, :-2:2])[..., None, None]
     A0, A1, A2 = A[:, :-2:2], A[:, 1::2], A[:, 2::2]
-    eye = jnp.broadcast_to(jnp.eye(path.shape[-1]), A0.shape)
-    zero, e = jnp.zeros_like(eye[..., :1]), eye[..., driven : driven + 1]
+    eye = np.broadcast_to(np.eye(A.shape[-1]), A0.shape)
+    # Stages of δ, then of a unit force at the start, the middle and the end.
+    k2 = A1 + h / 2 * A1 @ A0
+    k3 = A1 + h / 2 * A1 @ k2
+    k4 = A2 + h * A2 @ k3
+    M = eye + h / 6 * (A0 + 2 * k2 + 2 * k3 + k4)
+    start = h / 6 * (eye + h * A1 + h**2 / 2 * A1 @ A1 + h**3 / 4 * A2 @ A1 @ A1)
+    middle = h / 6 * (4 * eye + h * A1 + h * A2 + h**2 / 2 * A2 @ A1)
+    end = np.broadcast_to(h / 6 * eye, A0.shape)
+    return Response(M, np.stack([start, middle, end], axis=3))
 
-    def after(y: Array, f0: Array, f1: Array, f2: Array) -> Array:
-        k1 = A0 @ y + f0
-        k2 = A1 @ (y + h / 2 * k1) + f1
-        k3 = A1 @ (y + h / 2 * k2) + f1
-        k4 = A2 @ (y + h * k3) + f2
-        return y + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
 
-    M = after(eye, *3 * (jnp.zeros_like(eye),))
-    b = [after(zero, *forces) for forces in ((e, zero, zero), (zero, e, zero), (zero, zero, e))]
-    return Response(M, jnp.concatenate(b, axis=-1))
+def carried(
+    M: Float[np.ndarray, "n_segment n_step n_state n_state"], start: Float[np.ndarray, "n_segment n_state k"],
+    jump: Float[np.ndarray, "n_segment n_step n_state k"],
+) -> Float[np.ndarray, "n_segment n_end n_state k"]:  # fmt: skip
+    """δ at the ends of all steps, the start first: δ₊ = M δ + jump, each of k columns on its own.
+
+    Args:
+        M: Transition matrices.
+        start: δ at the first node.
+        jump: What is added after each step.
+    """
+    n_step, k = jump.shape[1], jump.shape[-1]
+    more, wider = power_of_two(n_step) - n_step, power_of_two(k) - k
+    widened = np.pad(jump, ((0, 0), (0, more), (0, 0), (0, wider)))
+    found = _carried(
+        np.pad(M, ((0, 0), (0, more), (0, 0), (0, 0))), np.pad(start, ((0, 0), (0, 0), (0, wider))), widened
+    )
+    return np.asarray(found)[:, : n_step + 1, :, :k]
+
+
+def power_of_two(n: int) -> int:
+    """The power of two that is not below a number, nor below `LEAST`."""
+    return max(LEAST, 1 << (n - 1).bit_length())
+
+
+def triples(x: Float[np.ndarray, "n_segment n_node *k"]) -> Float[np.ndarray, "n_segment n_step 3 *k"]:
+    """Start, middle and end of each step."""
+    return np.stack([x[:, :-2:2], x[:, 1::2], x[:, 2::2]], axis=2)
+
+
+def forces(
+    evaluate: Callable[[Float[np.ndarray, "n c"]], Float[np.ndarray, "n k"]],
+    nodes: Float[np.ndarray, "n_segment n_node c"],
+) -> Float[np.ndarray, "n_segment n_step 3 k"]:
+    """Forces on the start, the middle and the end of steps; where one is rough, the parabola nearest to it.
+
+    Args:
+        evaluate: From c columns at any points to k forces.
+        nodes: The columns at ends and middles of steps, parabolas within these.
+    """
+    values = np.asarray(evaluate(nodes.reshape(-1, nodes.shape[-1]))).reshape(*nodes.shape[:2], -1)
+    found = triples(values)
+    size = np.sqrt(np.mean(values**2, axis=(0, 1)))
+    bent = np.abs(found[:, :, 0] - 2 * found[:, :, 1] + found[:, :, 2])
+    rough = np.any(bent > ROUGH * size, axis=-1)
+    if np.any(rough):
+        within = (np.arange(WITHIN) + 0.5) / WITHIN
+        parabolas = np.column_stack(
+            [(1 - within) * (1 - 2 * within), 4 * within * (1 - within), within * (2 * within - 1)]
+        )
+        points = parabolas @ triples(nodes)[rough]
+        close = np.asarray(evaluate(points.reshape(-1, points.shape[-1]))).reshape(*points.shape[:2], -1)
+        found[rough] = np.linalg.pinv(parabolas) @ close
+    return found
+
+
+def hermite(
+    time: Float[np.ndarray, "n_segment n_node"], ends: Float[np.ndarray, "n_segment n_end n_state"],
+    rates: Float[np.ndarray, "n_segment n_end n_state"],
+) -> tuple[Float[np.ndarray, "n_segment n_node n_state"], Float[np.ndarray, "n_segment n_node n_state"]]:  # fmt: skip
+    """A path and its slope at ends and middles of steps: the cubics through the ends with the rates there.
+
+    Args:
+        time: Ends and middles of steps.
+        ends: States at the ends.
+        rates: Slopes at the ends.
+    """
+    h = np.diff(time[:, ::2], axis=1)[..., None]
+    path, slope = (np.empty((*time.shape, ends.shape[-1])) for _ in range(2))
+    path[:, ::2], slope[:, ::2] = ends, rates
+    path[:, 1::2] = (ends[:, 1:] + ends[:, :-1]) / 2 + h / 8 * (rates[:, :-1] - rates[:, 1:])
+    chord = np.divide(np.diff(ends, axis=1), h, out=np.zeros_like(ends[:, 1:]), where=h > 0)
+    slope[:, 1::2] = np.where(h > 0, 1.5 * chord - (rates[:, :-1] + rates[:, 1:]) / 4, rates[:, 1:])
+    return path, slope
 
 
 @jax.jit
-def carried(
-    response: Response, start: Float[Array, "n_segment n_state k"], force: Float[Array, "n_segment n_node k"]
-) -> Float[Array, "n_segment n_end n_state k"]:
-    """δ at the ends of all steps, the start first.
-
-    Args:
-        response: Steps.
-        start: δ at the first node.
-        force: φ on ends and middles of these steps, each of k columns on its own.
-    """
-
-    def step(delta: Array, piece: tuple[Array, Array, Array]) -> tuple[Array, Array]:
-        M, b, f = piece
-        after = M @ delta + b @ f
+def _carried(M: Array, start: Array, jump: Array) -> Array:
+    def step(delta: Array, piece: tuple[Array, Array]) -> tuple[Array, Array]:
+        M, jump = piece
+        after = M @ delta + jump
         return after, after
 
-    M, b, forces = response.M, response.b, triples(force)
-    moved = jnp.moveaxis(M, 1, 0), jnp.moveaxis(b, 1, 0), jnp.moveaxis(forces, 1, 0)
-    _, ends = jax.lax.scan(step, start, moved)
+    _, ends = jax.lax.scan(step, start, (jnp.moveaxis(M, 1, 0), jnp.moveaxis(jump, 1, 0)))
     return jnp.concatenate([start[:, None], jnp.moveaxis(ends, 0, 1)], axis=1)
-
-
-def triples(x: Float[Array, "n_segment n_node *k"]) -> Float[Array, "n_segment n_step 3 *k"]:
-    """Start, middle and end of each step."""
-    return jnp.stack([x[:, :-2:2], x[:, 1::2], x[:, 2::2]], axis=2)

@@ -6,6 +6,7 @@
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Hashable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import jax
@@ -17,11 +18,15 @@ from jaxtyping import Array, Float
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
 
+from .derivatives import gradient
 from .expressions import evaluate, parse_expression
 from .terms import Term
 
 RightHandSide = Callable[[Array, Array, Array], Array]
 """(t, x [n_state], u [n_input]) -> dx/dt [n_state]."""
+
+DIFFERENCE = 6e-6
+"""Step of central differences over the size of a state: the cube root of rounding."""
 
 FUNCTION = "function"
 """What stands in files for a simulation that is code."""
@@ -55,6 +60,18 @@ class Simulation(ABC):
         Raises:
             InputError: A simulation that fails, that is not finite, or that returns the wrong number of rates.
         """
+
+    @abstractmethod
+    def rates(
+        self, t: Float[np.ndarray, "*n"], x: Float[np.ndarray, "*n n_state"], u: Float[np.ndarray, "*n n_input"]
+    ) -> Float[np.ndarray, "*n n_state"]:
+        """Values of g at many points."""
+
+    @abstractmethod
+    def jacobian(
+        self, t: Float[np.ndarray, "*n"], x: Float[np.ndarray, "*n n_state"], u: Float[np.ndarray, "*n n_input"]
+    ) -> Float[np.ndarray, "*n n_state n_state"]:
+        """∂g/∂x at points along paths, neighbours along the last axis of t."""
 
     @abstractmethod
     def additive_terms(self, state: str) -> list[tuple[Term, float]]:
@@ -102,6 +119,30 @@ class ExpressionSimulation(Simulation):
             return np.zeros(data.n_obs)
         return _finite(np.asarray(evaluate(self.expressions[state], data.columns)), state)
 
+    def rates(
+        self, t: Float[np.ndarray, "*n"], x: Float[np.ndarray, "*n n_state"], u: Float[np.ndarray, "*n n_input"]
+    ) -> Float[np.ndarray, "*n n_state"]:
+        """Values of g at many points."""
+        columns, found = self._columns(x, u), np.zeros(x.shape)
+        for k, state in enumerate(self.states):
+            if state in self.expressions:
+                found[..., k] = evaluate(self.expressions[state], columns)
+        return found
+
+    def jacobian(
+        self, t: Float[np.ndarray, "*n"], x: Float[np.ndarray, "*n n_state"], u: Float[np.ndarray, "*n n_input"]
+    ) -> Float[np.ndarray, "*n n_state n_state"]:
+        """∂g/∂x at points along paths, from derivatives of the formulas."""
+        columns, found = self._columns(x, u), np.zeros((*x.shape, x.shape[-1]))
+        for k, state in enumerate(self.states):
+            if state in self.expressions:
+                found[..., k, :] = gradient(self.expressions[state], self.states, columns)
+        return found
+
+    def _columns(self, x: np.ndarray, u: np.ndarray) -> dict[str, np.ndarray]:
+        values = (*np.moveaxis(x, -1, 0), *np.moveaxis(u, -1, 0))
+        return dict(zip((*self.states, *self.inputs), values, strict=True))
+
     def additive_terms(self, state: str) -> list[tuple[Term, float]]:
         """The additive terms of an expression, each with its coefficient: F - 2*y gives (F, 1) and (y, -2)."""
         if state not in self.expressions:
@@ -147,6 +188,31 @@ class CallableSimulation(Simulation):
         """Values of g for one state on the rows of the data, user's units."""
         return _finite(self._call(data)[:, self.states.index(state)], state)
 
+    def rates(
+        self, t: Float[np.ndarray, "*n"], x: Float[np.ndarray, "*n n_state"], u: Float[np.ndarray, "*n n_input"]
+    ) -> Float[np.ndarray, "*n n_state"]:
+        """Values of g at many points."""
+        n_state, n_input = x.shape[-1], u.shape[-1]
+        return self._at(t.ravel(), x.reshape(-1, n_state), u.reshape(-1, n_input)).reshape(x.shape)
+
+    def jacobian(
+        self, t: Float[np.ndarray, "*n"], x: Float[np.ndarray, "*n n_state"], u: Float[np.ndarray, "*n n_input"]
+    ) -> Float[np.ndarray, "*n n_state n_state"]:
+        """∂g/∂x at points along paths: by JAX, or by central differences of a function that JAX cannot follow."""
+        n_state, n_input = x.shape[-1], u.shape[-1]
+        flat = t.ravel(), x.reshape(-1, n_state), u.reshape(-1, n_input)
+        try:
+            found = np.asarray(_jacobians(self.function, *(jnp.asarray(each) for each in flat)))
+        except Exception:
+            # As in `_at`.
+            size = np.sqrt(np.mean(flat[1] ** 2, axis=0))
+            steps = np.diag(DIFFERENCE * np.where(size > 0, size, 1.0))
+            differences = [
+                self._at(flat[0], flat[1] + h, flat[2]) - self._at(flat[0], flat[1] - h, flat[2]) for h in steps
+            ]
+            found = np.stack(differences, axis=-1) / (2 * np.diag(steps))
+        return found.reshape(*x.shape, n_state)
+
     def additive_terms(self, state: str) -> list[tuple[Term, float]]:
         """None: code cannot be read."""
         return []
@@ -161,13 +227,15 @@ class CallableSimulation(Simulation):
         return self.states, self.inputs, self.function
 
     def _call(self, data: Trajectories) -> np.ndarray:
-        x, u = data.matrix(self.states), data.matrix(self.inputs)
+        return self._at(data.time, data.matrix(self.states), data.matrix(self.inputs))
+
+    def _at(self, t: np.ndarray, x: np.ndarray, u: np.ndarray) -> np.ndarray:
         try:
-            rates = np.asarray(jax.vmap(self.rate)(jnp.asarray(data.time), jnp.asarray(x), jnp.asarray(u)))
+            rates = np.asarray(jax.vmap(self.rate)(jnp.asarray(t), jnp.asarray(x), jnp.asarray(u)))
         except Exception:
             # Plain NumPy, in-place assignment and Python branches fail under JAX with errors of many kinds.
-            rates = self._row_by_row(data.time, x, u)
-        if rates.shape != (data.n_obs, len(self.states)):
+            rates = self._row_by_row(t, x, u)
+        if rates.shape != (len(t), len(self.states)):
             raise InputError(
                 f"The simulation returns {rates.shape[1:]} rates for {len(self.states)} states: return one "
                 f"for each of {', '.join(self.states)}."
@@ -208,6 +276,14 @@ def simulation_of(
         )
     parsed = {name: parse_expression(str(text), (*states, *inputs)) for name, text in given.items()}
     return ExpressionSimulation(states, inputs, parsed)
+
+
+@partial(jax.jit, static_argnums=0)
+def _jacobians(function: RightHandSide, t: Array, x: Array, u: Array) -> Array:
+    def rate(t: Array, x: Array, u: Array) -> Array:
+        return jnp.asarray(function(t, x, u), float)
+
+    return jax.vmap(jax.jacfwd(rate, 1))(t, x, u)
 
 
 def simulation_record(given: Mapping[str, str] | RightHandSide | None) -> Any:

@@ -9,13 +9,14 @@ which σ² is profiled out; λ → 0 is a path that the equations allow.
 
 from collections.abc import Callable
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
-from .sensitivity import Grid, runge_kutta, triples
+from .sensitivity import Grid, Response, power_of_two, triples
 
 
 class Observed(NamedTuple):
@@ -28,10 +29,10 @@ class Observed(NamedTuple):
         sd: Its standard deviation.
     """
 
-    values: Float[Array, "n_segment n_end n_output"]
-    variances: Float[Array, " n_output"]
-    mean: Float[Array, "n_segment n_state"]
-    sd: Float[Array, " n_state"]
+    values: Float[Any, "n_segment n_end n_output"]
+    variances: Float[Any, " n_output"]
+    mean: Float[Any, "n_segment n_state"]
+    sd: Float[Any, " n_state"]
 
 
 class Steps(NamedTuple):
@@ -44,10 +45,10 @@ class Steps(NamedTuple):
         length: Of each step; those of no length do nothing.
     """
 
-    M: Float[Array, "n_segment n_step n_state n_state"]
-    c: Float[Array, "n_segment n_step n_state"]
-    b: Float[Array, "n_segment n_step n_state"]
-    length: Float[Array, "n_segment n_step"]
+    M: Float[Any, "n_segment n_step n_state n_state"]
+    c: Float[Any, "n_segment n_step n_state"]
+    b: Float[Any, "n_segment n_step n_state"]
+    length: Float[Any, "n_segment n_step"]
 
 
 class Smoothed(NamedTuple):
@@ -56,39 +57,30 @@ class Smoothed(NamedTuple):
     Attributes:
         ends: States at the ends of steps.
         log_likelihood: Of λ, σ² profiled out.
-        sigma: Noise of an output of relative variance one.
     """
 
-    ends: Float[Array, "n_segment n_end n_state"]
-    log_likelihood: Float[Array, ""]
-    sigma: Float[Array, ""]
+    ends: Float[np.ndarray, "n_segment n_end n_state"]
+    log_likelihood: float
 
 
-@partial(jax.jit, static_argnums=(0, 3))
-def linearised(
-    rate: Callable[..., Array], grid: Grid, ends: Float[Array, "n_segment n_end n_state"], driven: int, args: object
-) -> Steps:
-    """Steps along a path.
+def steps_along(
+    time: Float[np.ndarray, "n_segment n_node"], ends: Float[np.ndarray, "n_segment n_end n_state"],
+    response: Response, departure: Float[np.ndarray, "n_segment n_step 3 n_state"], driven: int,
+) -> Steps:  # fmt: skip
+    """Steps near a path.
 
     Args:
-        rate: `rate(t, x, u, args)`.
-        grid: Nodes.
-        ends: The path at the ends of steps.
+        time: Ends and middles of steps.
+        ends: The path at the ends.
+        response: Of the linear equation along it.
+        departure: Rate of the equations less the path's slope, at the start, the middle and the end of each step.
         driven: Index of the state whose rate the unknown force acts on.
-        args: What else the rate needs.
     """
-    e = jnp.zeros(ends.shape[-1]).at[driven].set(1.0)
-
-    def one(time: Array, inputs: Array, x: Array) -> tuple[Array, Array, Array]:
-        after, M, b = _step(rate, time, inputs, x, e, args)
-        return M, after - M @ x, b
-
-    M, c, b = jax.vmap(jax.vmap(one))(triples(grid.time), triples(grid.inputs), ends[:, :-1])
-    return Steps(M, c, b, grid.time[:, 2::2] - grid.time[:, :-2:2])
+    c = ends[:, 1:] + response.jumps(departure) - np.einsum("snij,snj->sni", response.M, ends[:, :-1])
+    return Steps(response.M, c, response.b[..., driven].sum(axis=-1), np.diff(time[:, ::2], axis=1))
 
 
-@partial(jax.jit, static_argnums=2)
-def smooth(steps: Steps, observed: Observed, outputs: tuple[int, ...], ratio: Float[Array, ""]) -> Smoothed:
+def smooth(steps: Steps, observed: Observed, outputs: tuple[int, ...], ratio: float) -> Smoothed:
     """Posterior mean of the path of linear steps, and the likelihood of λ.
 
     Args:
@@ -97,6 +89,62 @@ def smooth(steps: Steps, observed: Observed, outputs: tuple[int, ...], ratio: Fl
         outputs: Indices of the states that are sampled.
         ratio: λ.
     """
+    n_step, n_state = steps.M.shape[1:3]
+    more = power_of_two(n_step) - n_step
+    still = np.broadcast_to(np.eye(n_state), (len(steps.M), more, n_state, n_state))
+    M = np.concatenate([steps.M, still], axis=1)
+    c, b, length = (np.pad(np.asarray(x), ((0, 0), (0, more), *((0, 0),) * (x.ndim - 2))) for x in steps[1:])
+    values = np.pad(np.asarray(observed.values), ((0, 0), (0, more), (0, 0)), constant_values=np.nan)
+    ends, log_likelihood = _smooth(Steps(M, c, b, length), observed._replace(values=values), outputs, ratio)
+    return Smoothed(np.asarray(ends)[:, : n_step + 1], float(log_likelihood))
+
+
+def filtered(
+    rate: Callable[..., Array], grid: Grid, observed: Observed, outputs: tuple[int, ...], driven: int, ratio: float,
+    args: object,
+) -> Float[np.ndarray, "n_segment n_end n_state"]:  # fmt: skip
+    """Path of the extended Kalman filter, linearised where it is: a first path that needs none before it.
+
+    Args:
+        rate: `rate(t, x, u, args)` at one point.
+        grid: Nodes.
+        observed: Samples.
+        outputs: Indices of the states that are sampled.
+        driven: Index of the state whose rate the unknown force acts on.
+        ratio: λ.
+        args: What else the rate needs.
+    """
+    pieces = triples(grid.time), triples(grid.inputs)
+    return np.asarray(_filtered(rate, pieces, observed, outputs, driven, ratio, args))
+
+
+@partial(jax.jit, static_argnums=(0, 3, 4))
+def _filtered(
+    rate: Callable[..., Array], pieces: tuple[Array, Array], observed: Observed, outputs: tuple[int, ...], driven: int,
+    ratio: Array, args: object,
+) -> Array:  # fmt: skip
+    H = jnp.eye(observed.mean.shape[-1])[jnp.array(outputs)]
+    e, update = jnp.zeros(H.shape[1]).at[driven].set(1.0), partial(_update, H, observed.variances)
+
+    def one(time: Array, inputs: Array, values: Array, mean: Array) -> Array:
+        x, P, *_ = update(mean, jnp.diag(observed.sd**2), values[0])
+
+        def forward(carry: tuple[Array, Array], piece: tuple[Array, Array, Array]) -> tuple[tuple, Array]:
+            (x, P), (t, u, y) = carry, piece
+            after, M, b = _step(rate, t, u, x, e, args)
+            h = t[2] - t[0]
+            intensity = jnp.where(h > 0, ratio / jnp.where(h > 0, h, 1.0), 0.0)
+            x, P, *_ = update(after, M @ P @ M.T + intensity * jnp.outer(b, b), y)
+            return (x, P), x
+
+        _, ends = jax.lax.scan(forward, (x, P), (time, inputs, values[1:]))
+        return jnp.concatenate([x[None], ends])
+
+    return jax.vmap(one)(*pieces, observed.values, observed.mean)
+
+
+@partial(jax.jit, static_argnums=2)
+def _smooth(steps: Steps, observed: Observed, outputs: tuple[int, ...], ratio: Array) -> tuple[Array, Array]:
     H = jnp.eye(observed.mean.shape[-1])[jnp.array(outputs)]
     update = partial(_update, H, observed.variances)
 
@@ -124,52 +172,21 @@ def smooth(steps: Steps, observed: Observed, outputs: tuple[int, ...], ratio: Fl
     ends, squares, log_dets, counts = jax.vmap(one)(steps, observed.values, observed.mean)
     n = jnp.sum(counts)
     sigma2 = jnp.sum(squares) / n
-    return Smoothed(ends, -0.5 * (n * jnp.log(sigma2) + jnp.sum(log_dets)), jnp.sqrt(sigma2))
-
-
-@partial(jax.jit, static_argnums=(0, 3, 4))
-def filtered(
-    rate: Callable[..., Array], grid: Grid, observed: Observed, outputs: tuple[int, ...], driven: int,
-    ratio: Float[Array, ""], args: object,
-) -> Float[Array, "n_segment n_end n_state"]:  # fmt: skip
-    """Path of the extended Kalman filter, linearised where it is: a first path that needs none before it.
-
-    Args:
-        rate: `rate(t, x, u, args)`.
-        grid: Nodes.
-        observed: Samples.
-        outputs: Indices of the states that are sampled.
-        driven: Index of the state whose rate the unknown force acts on.
-        ratio: λ.
-        args: What else the rate needs.
-    """
-    H = jnp.eye(observed.mean.shape[-1])[jnp.array(outputs)]
-    e, update = jnp.zeros(H.shape[1]).at[driven].set(1.0), partial(_update, H, observed.variances)
-
-    def one(time: Array, inputs: Array, values: Array, mean: Array) -> Array:
-        x, P, *_ = update(mean, jnp.diag(observed.sd**2), values[0])
-
-        def forward(carry: tuple[Array, Array], piece: tuple[Array, Array, Array]) -> tuple[tuple, Array]:
-            (x, P), (t, u, y) = carry, piece
-            after, M, b = _step(rate, t, u, x, e, args)
-            h = t[2] - t[0]
-            intensity = jnp.where(h > 0, ratio / jnp.where(h > 0, h, 1.0), 0.0)
-            x, P, *_ = update(after, M @ P @ M.T + intensity * jnp.outer(b, b), y)
-            return (x, P), x
-
-        _, ends = jax.lax.scan(forward, (x, P), (triples(time[None])[0], triples(inputs[None])[0], values[1:]))
-        return jnp.concatenate([x[None], ends])
-
-    return jax.vmap(one)(grid.time, grid.inputs, observed.values, observed.mean)
+    return ends, -0.5 * (n * jnp.log(sigma2) + jnp.sum(log_dets))
 
 
 def _step(
     rate: Callable[..., Array], time: Array, inputs: Array, x: Array, e: Array, args: object
 ) -> tuple[Array, Array, Array]:
-    """Where a step leads, and its derivatives by the state and by a force on the driven state's rate."""
+    """Where a step of Runge and Kutta's leads, and its derivatives by the state and by a force on the driven rate."""
+    h = time[2] - time[0]
 
     def move(x: Array, force: Array) -> Array:
-        return runge_kutta(rate, time, inputs, x, force * e, args)
+        k1 = rate(time[0], x, inputs[0], args) + force * e
+        k2 = rate(time[1], x + h / 2 * k1, inputs[1], args) + force * e
+        k3 = rate(time[1], x + h / 2 * k2, inputs[1], args) + force * e
+        k4 = rate(time[2], x + h * k3, inputs[2], args) + force * e
+        return x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
 
     M, b = jax.jacfwd(move, argnums=(0, 1))(x, jnp.zeros(()))
     return move(x, jnp.zeros(())), M, b

@@ -12,13 +12,13 @@ from itertools import combinations, product
 from math import log
 
 import numpy as np
-from scipy.special import log_ndtr
 
 from bayes_greybox.discovery.suspects.channels import DELAY
 from bayes_greybox.model.evidence import Spectrum, coefficients, marginal
 
 from .evaluations import Evaluations, Parametric, one_pattern
 from .inner_parameters import refine
+from .ranges import limited, log_ranges, small
 from .set_prior import SetPrior
 
 PLAIN, RECALIBRATED, REST = "plain", "recalibrated", "rest"
@@ -47,9 +47,6 @@ SURE = 0.15
 
 BENT = 3
 """Effects with an inner parameter whose grid is refined as if they were alone: the best of them."""
-
-WRONG_SIGN = 0.1
-"""Prior probability that an effect that dissipates or restores does the opposite."""
 
 
 @dataclass(frozen=True)
@@ -213,6 +210,10 @@ class Sets:
                 logs = marginal(spectrum, statistics.noise).log_evidence
                 prior = np.array([out, np.log(-np.expm1(out))]) if n_correction else np.zeros(1)
                 total = np.logaddexp.reduce(logs + prior, axis=1)
+                suspected = np.array([c.suspect is not None for c in statistics.columns])[indices]
+                if np.any(suspected):
+                    products = gram[:, 0], statistics.with_target[indices], statistics.square, statistics.n_obs
+                    total = np.where(small(*products, sd, suspected), total, -np.inf)
                 for core, value in zip(part, total, strict=True):
                     self._rough[core] = float(value) + self.evaluations.inner_weight(core)
 
@@ -286,16 +287,21 @@ class Sets:
         for core in cores:
             suspects, effects = self._parted(core)
             fitted, prior = self._full[(*self.always, *core)], self.log_prior(core)
+            ranges = self._ranges(core)
             if effects:
                 rest = odds.remainder / 2 if self.in_time else 1 - odds.remainder
-                value = fitted.all + self._signs(core)
+                value = fitted.all + ranges
                 found.append(Explanation(suspects, effects, PLAIN, value + prior + log(rest), value))
             elif self.in_time:
-                found.append(Explanation(suspects, (), PLAIN, fitted.all + prior + log(odds.unknown / 2), fitted.all))
+                found.append(
+                    Explanation(suspects, (), PLAIN, fitted.all + ranges + prior + log(odds.unknown / 2), fitted.all)
+                )
             else:
-                found.append(Explanation(suspects, (), PLAIN, fitted.none + prior + log(odds.no_gap), fitted.none))
+                found.append(
+                    Explanation(suspects, (), PLAIN, fitted.none + ranges + prior + log(odds.no_gap), fitted.none)
+                )
                 if self.statistics.of_kind("correction"):
-                    weight = fitted.some + prior + log(odds.recalibrate)
+                    weight = fitted.some + ranges + prior + log(odds.recalibrate)
                     found.append(Explanation(suspects, (), RECALIBRATED, weight, fitted.some))
         return found
 
@@ -304,21 +310,16 @@ class Sets:
         suspects = tuple(i for i in core if columns[i].suspect is not None)
         return (*self.always, *suspects), tuple(i for i in core if columns[i].effect is not None)
 
-    def _signs(self, core: Sequence[int]) -> float:
-        """What the prior of signs adds: log 2 (p₊ P(θ has the physical sign | y) + p₋ P(it has the other | y))."""
-        effects = [(k, self.statistics.columns[i].effect) for k, i in enumerate(core)]
-        signed = [(k, e.effect.sign) for k, e in effects if e is not None and getattr(e.effect, "sign", 0)]
-        if not signed:
+    def _ranges(self, core: Sequence[int]) -> float:
+        """What signs of effects and limits of suspects add; see `log_ranges`."""
+        key = (*self.always, *core)
+        columns = [self.statistics.columns[i] for i in key]
+        if not any(limited(column) for column in columns):
             return 0.0
-        fitted = self._full[(*self.always, *core)]
-        pattern = int(np.argmax(fitted.by_pattern))
-        mean, covariance = coefficients(*one_pattern(fitted, pattern))
-        start, total = len(mean) - len(core), 0.0
-        for k, sign in signed:
-            z = sign * mean[start + k] / np.sqrt(max(covariance[start + k, start + k], 1e-300))
-            right, wrong = log(1 - WRONG_SIGN) + log_ndtr(z), log(WRONG_SIGN) + log_ndtr(-z)
-            total += log(2) + float(np.logaddexp(right, wrong))
-        return total
+        fitted = self._full[key]
+        mean, covariance = coefficients(*one_pattern(fitted, int(np.argmax(fitted.by_pattern))))
+        start = len(mean) - len(key)
+        return log_ranges(columns, mean[start:], covariance[start:, start:])
 
     def _with_rest(self, cores: Sequence[tuple[int, ...]], plain: Sequence[Explanation]) -> list[Explanation]:
         """Explanations with f beside the set: at the mode that f has beside the user's own terms, then in full."""
@@ -349,7 +350,7 @@ class Sets:
                 value = integrated.log_evidence + known.inner_weight(c)
                 share = known.share((*self.always, *c), integrated)
             suspects, effects = self._parted(c)
-            signs = self._signs(c) if effects else 0.0
-            found.append(Explanation(suspects, effects, REST, value + signs + prior[c], value + signs, share))
+            ranges = self._ranges(c)
+            found.append(Explanation(suspects, effects, REST, value + ranges + prior[c], value + ranges, share))
         known_share = [e.share_left for e in found if np.isfinite(e.share_left)]
         return [e if np.isfinite(e.share_left) else replace(e, share_left=max(known_share)) for e in found]

@@ -1,11 +1,13 @@
-"""Rates of all states with what was added to one of them, for compiled programs."""
+"""Rates of all states with what was added to one of them."""
 
 from collections.abc import Sequence
 
 import jax.numpy as jnp
+import numpy as np
 import sympy
-from jaxtyping import Array
+from jaxtyping import Array, Float
 
+from bayes_greybox.physics.derivatives import gradient
 from bayes_greybox.physics.expressions import evaluate
 from bayes_greybox.physics.simulation import Simulation
 from bayes_greybox.physics.terms import Term
@@ -26,7 +28,7 @@ class ForcedRate:
     """
 
     def __init__(self, simulation: Simulation, driven: int, added: Sequence[tuple[Term, float]]) -> None:
-        self.simulation, self.driven, self.terms = simulation, driven, tuple(term for term, _ in added)
+        self.simulation, self.driven, self.added = simulation, driven, tuple(added)
         formulas, numbers = [], []
         for term, coefficient in added:
             within = sorted(term.expr.atoms(sympy.Float))
@@ -46,9 +48,39 @@ class ForcedRate:
     def __call__(self, t: Array, x: Array, u: Array, args: tuple[Array, ...]) -> Array:
         """Rates at one point; `args` has the coefficient and the numbers of each term."""
         rate = jnp.asarray(self.simulation.rate(t, x, u), float)
-        columns = dict(zip((*self.simulation.states, *self.simulation.inputs), (*x, *u), strict=True))
+        columns = dict(zip(self.names, (*x, *u), strict=True))
         force = 0.0 * t
         for formula, (coefficient, *numbers) in zip(self.formulas, args, strict=True):
             known = {f"number_{k}": number for k, number in enumerate(numbers)}
             force = force + coefficient * evaluate(formula, {**columns, **known})
         return rate.at[self.driven].add(force)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """States, then inputs."""
+        return (*self.simulation.states, *self.simulation.inputs)
+
+    def known(self, points: Float[np.ndarray, "*n c"]) -> Float[np.ndarray, "*n n_state"]:
+        """Rates of the simulation alone; points are time, states and inputs."""
+        return self.simulation.rates(*self._parted(points))
+
+    def rates(self, points: Float[np.ndarray, "*n c"]) -> Float[np.ndarray, "*n n_state"]:
+        """Rates with what was added."""
+        found, columns = np.array(self.known(points)), self._columns(points)
+        for term, coefficient in self.added:
+            found[..., self.driven] += coefficient * np.asarray(evaluate(term.expr, columns))
+        return found
+
+    def jacobian(self, points: Float[np.ndarray, "*n c"]) -> Float[np.ndarray, "*n n_state n_state"]:
+        """Their derivatives by the states; neighbours on a path are neighbours along the last axis but one."""
+        found, columns = np.array(self.simulation.jacobian(*self._parted(points))), self._columns(points)
+        for term, coefficient in self.added:
+            found[..., self.driven, :] += coefficient * gradient(term.expr, self.simulation.states, columns)
+        return found
+
+    def _parted(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        n_state = len(self.simulation.states)
+        return points[..., 0], points[..., 1 : 1 + n_state], points[..., 1 + n_state :]
+
+    def _columns(self, points: np.ndarray) -> dict[str, np.ndarray]:
+        return dict(zip(self.names, np.moveaxis(points[..., 1:], -1, 0), strict=True))

@@ -1,6 +1,5 @@
 """The grid of steps between the samples of runs."""
 
-import jax.numpy as jnp
 import numpy as np
 from scipy.interpolate import CubicSpline
 
@@ -36,14 +35,14 @@ def grid_of(
     time = np.array([np.pad(t, (0, longest - len(t)), mode="edge") for t in times])
     u = np.array([np.pad(v, ((0, longest - len(v)), (0, 0)), mode="edge") for v in inputs])
     u = u if samples.input_names else u[..., :0]
-    return Grid(jnp.asarray(time), jnp.asarray(u)), end
+    return Grid(time, u), end
 
 
 def split(grid: Grid, end: np.ndarray, ends: np.ndarray, pieces: int) -> tuple[Grid, np.ndarray, np.ndarray]:
     """Every run cut into pieces at samples; the steps from one piece to the next belong to none."""
     if pieces == 1:
         return grid, end, ends
-    time, inputs = np.asarray(grid.time), np.asarray(grid.inputs)
+    time, inputs = grid.time, grid.inputs
     times, us, xs, fresh = [], [], [], np.zeros_like(end)
     for r in range(len(time)):
         own = np.flatnonzero(end[:, 0] == r)
@@ -59,7 +58,7 @@ def split(grid: Grid, end: np.ndarray, ends: np.ndarray, pieces: int) -> tuple[G
     time = np.array([np.pad(t, (0, longest - len(t)), mode="edge") for t in times])
     u = np.array([np.pad(v, ((0, longest - len(v)), (0, 0)), mode="edge") for v in us])
     x = np.array([np.pad(v, ((0, longest // 2 + 1 - len(v)), (0, 0)), mode="edge") for v in xs])
-    return Grid(jnp.asarray(time), jnp.asarray(u)), fresh, x
+    return Grid(time, u), fresh, x
 
 
 def _between(t: np.ndarray, values: np.ndarray, at: np.ndarray, kind: str) -> np.ndarray:

@@ -4,13 +4,12 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Float, Int
 
-from bayes_greybox.physics.sensitivity import Grid, Response, carried, middles, respond
+from bayes_greybox.physics.sensitivity import Grid, Response, carried, forces, hermite, respond, triples
 
-from .forced_rate import Args, ForcedRate
+from .forced_rate import ForcedRate
 
 WIDE = 10.0
 """Prior standard deviation of a start, over the size of its state."""
@@ -24,17 +23,23 @@ CHUNK = 4096
 
 @dataclass(frozen=True, eq=False)
 class Segments:
-    """Segments of runs with their steps of the linear equation.
+    """Segments of runs with a path along them and their steps of the linear equation near it.
 
     Attributes:
         grid: Nodes; shorter segments end in steps of no length.
+        points: Time, states and inputs at the nodes.
+        slope: Of the path's states at the nodes.
         response: Steps of the linear equation.
+        driven: Index of the learned state.
         outputs: Indices of the measured states.
-        end: Index of the end of a step, segment by segment, at which each sample is [n_sample, 2].
+        end: Index of the end of a step, segment by segment, at which each sample is.
     """
 
     grid: Grid
+    points: Float[np.ndarray, "n_segment n_node c"]
+    slope: Float[np.ndarray, "n_segment n_node n_state"]
     response: Response
+    driven: int
     outputs: tuple[int, ...]
     end: Int[np.ndarray, "n_sample 2"]
 
@@ -43,41 +48,60 @@ class Segments:
         at = ends[self.end[:, 0], self.end[:, 1]]
         return np.concatenate([at[:, k] for k in self.outputs])
 
+    def respond_to(self, table: Float[np.ndarray, "n_node k"]) -> Float[np.ndarray, "n_row k"]:
+        """Response to forces that are known at the nodes."""
+        by_node = table.reshape(*self.grid.time.shape, -1)
+        return self._respond(lambda nodes: triples(by_node[:, nodes]))
+
     def respond(
-        self, force: Callable[[Int[np.ndarray, " n"]], Float[np.ndarray, "n k"]]
+        self, evaluate: Callable[[Mapping[str, np.ndarray]], np.ndarray], columns: Mapping[str, np.ndarray]
     ) -> Float[np.ndarray, "n_row k"]:
-        """Response to forces by node, a stretch of all segments at a time; memory is bounded by a stretch.
+        """Response to forces that are evaluated a stretch of all segments at a time; memory is bounded by a stretch.
 
         Args:
-            force: Forces at some nodes.
+            evaluate: From columns [n] to forces [n, k].
+            columns: At all nodes.
         """
+        names, values = list(columns), np.stack(list(columns.values()), axis=-1)
+        by_node = values.reshape(*self.grid.time.shape, -1)
+
+        def at(points: np.ndarray) -> np.ndarray:
+            return np.asarray(evaluate(dict(zip(names, points.T, strict=True))))
+
+        return self._respond(lambda nodes: forces(at, by_node[:, nodes]))
+
+    def departure(self, rates: Callable[[np.ndarray], np.ndarray]) -> Float[np.ndarray, "n_segment n_step 3 n_state"]:
+        """Rates less the path's slope, at the start, the middle and the end of each step.
+
+        Args:
+            rates: From points to rates of the states.
+        """
+        return forces(rates, self.points) - triples(self.slope)
+
+    def _respond(self, forced: Callable[[slice], np.ndarray]) -> np.ndarray:
         n_segment, n_node = self.grid.time.shape
-        node = np.arange(n_segment * n_node).reshape(n_segment, n_node)
         n_step, span = (n_node - 1) // 2, max(1, CHUNK // n_segment)
-        found, delta = [], None
+        b = self.response.b[..., self.driven]
+        whole, delta = np.empty(()), None
         for first in range(0, n_step, span):
             last = min(first + span, n_step)
-            index = node[:, 2 * first : 2 * last + 1]
-            values = np.asarray(force(index.ravel())).reshape(*index.shape, -1)
+            jump = np.einsum("snit,sntk->snik", b[:, first:last], forced(slice(2 * first, 2 * last + 1)), optimize=True)
             if delta is None:
-                delta = jnp.zeros((n_segment, self.response.M.shape[-1], values.shape[-1]))
-            part = Response(*(steps[:, first:last] for steps in self.response))
-            ends = np.asarray(carried(part, delta, jnp.asarray(values)))
-            delta = jnp.asarray(ends[:, -1])
+                delta = np.zeros((n_segment, b.shape[2], jump.shape[-1]))
+                whole = np.empty((len(self.end), len(self.outputs), jump.shape[-1]))
+            ends = carried(self.response.M[:, first:last], delta, jump)
+            delta = ends[:, -1]
             # Only what is measured, where it is measured, is kept.
             inside = (self.end[:, 1] >= first + (first > 0)) & (self.end[:, 1] <= last)
-            at = ends[self.end[inside, 0], self.end[inside, 1] - first][:, list(self.outputs)]
-            found.append((np.flatnonzero(inside), at))
-        whole = np.empty((len(self.end), len(self.outputs), found[0][1].shape[-1]))
-        for rows, at in found:
-            whole[rows] = at
+            whole[inside] = ends[self.end[inside, 0], self.end[inside, 1] - first][:, list(self.outputs)]
         return np.concatenate([whole[:, k] for k in range(len(self.outputs))])
 
 
 def segments_of(
-    rate: ForcedRate, grid: Grid, ends: np.ndarray, outputs: tuple[int, ...], end: np.ndarray, args: Args
-) -> Segments:
-    """The linear equation along a path.
+    rate: ForcedRate, grid: Grid, ends: Float[np.ndarray, "n_segment n_end n_state"], outputs: tuple[int, ...],
+    end: Int[np.ndarray, "n_sample 2"],
+) -> Segments:  # fmt: skip
+    """The path through given ends of steps, and the linear equation along it.
 
     Args:
         rate: Of all states.
@@ -85,38 +109,37 @@ def segments_of(
         ends: The path at the ends of steps.
         outputs: Indices of the measured states.
         end: Segment and end of the step of each sample.
-        args: Coefficients of the rate.
     """
-    path = jnp.asarray(nodes_of(rate, grid, ends, args))
-    return Segments(grid, respond(rate, grid, path, rate.driven, args), outputs, end)
+    at_ends = np.concatenate([grid.time[:, ::2, None], ends, grid.inputs[:, ::2]], axis=-1)
+    rates = rate.rates(at_ends)
+    path, _ = hermite(grid.time, ends, rates)
+    # Where the path departs from the equations its slope does too: as much as on the steps before and after.
+    middles = rate.rates(np.concatenate([grid.time[..., None], path, grid.inputs], axis=-1)[:, 1::2])
+    rates[..., rate.driven] += _at_ends(_lacking(grid.time, ends, rates, middles)[..., rate.driven])
+    path, slope = hermite(grid.time, ends, rates)
+    points = np.concatenate([grid.time[..., None], path, grid.inputs], axis=-1)
+    return Segments(grid, points, slope, respond(grid.time, rate.jacobian(points)), rate.driven, outputs, end)
 
 
-def nodes_of(rate: ForcedRate, grid: Grid, ends: np.ndarray, args: Args) -> np.ndarray:
-    """States on ends and middles of steps."""
-    n_segment, n_end, n_state = ends.shape
-    path = np.empty((n_segment, 2 * n_end - 1, n_state))
-    path[:, ::2], path[:, 1::2] = ends, np.asarray(middles(rate, grid, jnp.asarray(ends), args))
-    return path
+def responses_to_unit_starts(
+    segments: Segments, sizes: np.ndarray
+) -> Float[np.ndarray, "n_segment n_end n_state n_state"]:
+    """Change of the path by one size of each state at the start of its segment."""
+    n_segment, n_step, n_state = segments.response.M.shape[:3]
+    start = np.broadcast_to(np.diag(sizes), (n_segment, n_state, n_state))
+    return carried(segments.response.M, start, np.zeros((n_segment, n_step, n_state, n_state)))
 
 
-def unit_starts(segments: Segments, sizes: np.ndarray) -> tuple[Array, Array]:
-    """δ₀ = one size of each state, and no force."""
-    n_segment, n_node = segments.grid.time.shape
-    start = jnp.broadcast_to(jnp.diag(jnp.asarray(sizes)), (n_segment, len(sizes), len(sizes)))
-    return start, jnp.zeros((n_segment, n_node, len(sizes)))
-
-
-def pieces_of(grown: np.ndarray, sizes: np.ndarray) -> int:
+def pieces_of(grown: Float[np.ndarray, "n_segment n_end n_state n_state"], sizes: np.ndarray) -> int:
     """Segments that a run is cut into, so that no change of a start grows by more than `GROWTH` within one."""
     size = np.abs(grown / sizes[:, None]).max(axis=(0, 1, 2, 3))
     largest = float(np.max(size)) if np.all(np.isfinite(size)) else math.inf
     return 1 if largest <= GROWTH else int(min(math.ceil(math.log(min(largest, 1e300)) / math.log(GROWTH)), 200))
 
 
-def responses_to_starts(segments: Segments, sizes: np.ndarray) -> np.ndarray:
+def responses_to_starts(segments: Segments, sizes: np.ndarray) -> Float[np.ndarray, "n_row n_start"]:
     """Rows' change by one prior standard deviation of each start of each segment."""
-    start, force = unit_starts(segments, WIDE * sizes)
-    rows = segments.rows(np.asarray(carried(segments.response, start, force)))
+    rows = segments.rows(responses_to_unit_starts(segments, WIDE * sizes))
     own = np.tile(segments.end[:, 0], len(segments.outputs))
     n_segment = len(segments.grid.time)
     return np.hstack([np.where((own == k)[:, None], rows, 0.0) for k in range(n_segment)])
@@ -124,24 +147,23 @@ def responses_to_starts(segments: Segments, sizes: np.ndarray) -> np.ndarray:
 
 def gain_of(segments: Segments, columns: Mapping[str, np.ndarray], starts: np.ndarray, sd: np.ndarray) -> float:
     """RMS response, in what starts cannot take, of rows to forces that are powers of the path's columns."""
-    powers = [(x, k, float(np.sqrt(np.mean(x ** (2 * k))))) for x in columns.values() for k in (1, 2, 3)]
-    scaled = [(x, k, size) for x, k, size in powers if size > 0]
-    rows = segments.respond(lambda node: np.column_stack([x[node] ** k / size for x, k, size in scaled]))
+    powers = [(name, k, float(np.sqrt(np.mean(x ** (2 * k))))) for name, x in columns.items() for k in (1, 2, 3)]
+    scaled = [(name, k, size) for name, k, size in powers if size > 0]
+    rows = segments.respond(lambda at: np.column_stack([at[name] ** k / size for name, k, size in scaled]), columns)
     Q, _ = np.linalg.qr(starts / sd[:, None])
     rows = rows - sd[:, None] * (Q @ (Q.T @ (rows / sd[:, None])))
     return float(np.sqrt(np.mean(rows**2)))
 
 
-def moved_by(M: np.ndarray, defects: np.ndarray) -> np.ndarray:
-    """δ at the ends of steps from a jump after each."""
-    delta = np.zeros((M.shape[0], M.shape[1] + 1, M.shape[-1]))
-    for n in range(M.shape[1]):
-        delta[:, n + 1] = np.einsum("sij,sj->si", M[:, n], delta[:, n]) + defects[:, n]
-    return delta
+def _lacking(time: np.ndarray, ends: np.ndarray, rates: np.ndarray, middles: np.ndarray) -> np.ndarray:
+    """What rates lack on each step, on average, to lead from one end to the next; as before where a step is none."""
+    h = np.diff(time[:, ::2], axis=1)[..., None]
+    chord = np.divide(np.diff(ends, axis=1), h, out=np.zeros_like(middles), where=h > 0)
+    lacking = chord - (rates[:, :-1] + 4 * middles + rates[:, 1:]) / 6
+    last = np.maximum.accumulate(np.where(h[..., 0] > 0, np.arange(h.shape[1]), 0), axis=1)
+    return np.take_along_axis(lacking, last[..., None], axis=1)
 
 
-def at_nodes(
-    evaluate: Callable[[Mapping[str, np.ndarray]], np.ndarray], columns: Mapping[str, np.ndarray]
-) -> Callable[[np.ndarray], np.ndarray]:
-    """Forces by node from what is evaluated on columns."""
-    return lambda node: evaluate({name: column[node] for name, column in columns.items()})
+def _at_ends(steps: np.ndarray) -> np.ndarray:
+    """From values of steps to those of their ends."""
+    return np.concatenate([steps[:, :1], (steps[:, 1:] + steps[:, :-1]) / 2, steps[:, -1:]], axis=1)

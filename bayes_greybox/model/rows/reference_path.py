@@ -4,7 +4,6 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int
 from scipy.interpolate import CubicSpline, make_smoothing_spline
@@ -12,29 +11,29 @@ from scipy.interpolate import CubicSpline, make_smoothing_spline
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.sample_noise import sample_noise
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.physics.sensitivity import Grid, carried, jacobians, rates_at
+from bayes_greybox.physics.sensitivity import Grid, carried
 from bayes_greybox.physics.simulation import Simulation
-from bayes_greybox.physics.smoothing import Observed, Smoothed, filtered, linearised, smooth
+from bayes_greybox.physics.smoothing import Observed, filtered, smooth, steps_along
 from bayes_greybox.physics.terms import Term
 
 from .equation_rows import Unfollowed
-from .forced_rate import Args, ForcedRate
+from .forced_rate import ForcedRate
 from .path_grid import grid_of, runs_of, split
 from .path_segments import (
     WIDE,
     Segments,
-    at_nodes,
     gain_of,
-    moved_by,
-    nodes_of,
     pieces_of,
     responses_to_starts,
+    responses_to_unit_starts,
     segments_of,
-    unit_starts,
 )
 
 STEP = 0.1
 """Steps are so short, over the fastest time scale of the equations along the path, or the steps that were asked for."""
+
+DRIFT = 0.3
+"""Phase that steps may lose over a record, over what samples tell of it."""
 
 MOST_STEPS = 50
 """Most steps between two samples."""
@@ -95,7 +94,7 @@ class ReferencePath:
 
     def __call__(self, table: Float[np.ndarray, "n_node k"]) -> Float[np.ndarray, "n_row k"]:
         """Response of the rows to forces."""
-        return self.segments.respond(lambda node: table[node]) / self.gain
+        return self.segments.respond_to(table) / self.gain
 
     def of(
         self,
@@ -103,7 +102,7 @@ class ReferencePath:
         columns: Mapping[str, Float[np.ndarray, " n_node"]],
     ) -> Float[np.ndarray, "n_row k"]:
         """Response to forces that are evaluated a stretch of the path at a time."""
-        return self.segments.respond(at_nodes(evaluate, columns)) / self.gain
+        return self.segments.respond(evaluate, columns) / self.gain
 
 
 def follow_samples(
@@ -127,76 +126,57 @@ def follow_samples(
     outputs = tuple(simulation.states.index(name) for name in samples.state_names)
     driven = simulation.states.index(equation)
     rate = ForcedRate(simulation, driven, added)
-    args = rate.args
     sizes, slow = _sizes(samples, simulation)
-    s = np.maximum(
-        sample_noise(samples.time, samples.matrix(samples.state_names), samples.run_lengths),
-        FINEST * np.std(samples.matrix(samples.state_names), axis=0),
-    )
+    measured = samples.matrix(samples.state_names)
+    finest = FINEST * np.std(measured, axis=0)
+    s = np.maximum(sample_noise(samples.time, measured, samples.run_lengths), finest)
     runs = runs_of(samples)
     first = _first_path(samples, simulation, s, slow)
-    steps = substeps or _steps_needed(rate, samples, simulation, first, args)
-    grid, end = grid_of(samples, runs, steps, interpolation)
+    grid, end = grid_of(samples, runs, substeps or _steps_needed(rate, samples, first, s), interpolation)
     observed = _observed(samples, simulation, grid, end, outputs, s, sizes)
-    found, ratio, gained = _smoothest(
-        rate,
-        grid,
-        observed,
-        outputs,
-        args,
-        own=sizes[driven] ** 2 / slow,
-        first=_at_ends(samples, runs, grid, first),
-    )
+    own = sizes[driven] ** 2 / slow
+    ends, ratio, gained = _smoothest(rate, grid, observed, outputs, end, own, _at_ends(samples, runs, grid, first))
     # How noisy each sensor is against the others, the smoother knows better than differences do.
-    residual = samples.matrix(samples.state_names) - np.asarray(found.ends)[end[:, 0], end[:, 1]][:, list(outputs)]
-    s = np.maximum(np.sqrt(np.mean(residual**2, axis=0)), FINEST * np.std(samples.matrix(samples.state_names), axis=0))
-    ends = np.asarray(found.ends)
-    segments = segments_of(rate, grid, ends, outputs, end, args)
-    pieces = pieces_of(np.asarray(carried(segments.response, *unit_starts(segments, sizes))), sizes)
+    residual = measured - ends[end[:, 0], end[:, 1]][:, list(outputs)]
+    s = np.maximum(np.sqrt(np.mean(residual**2, axis=0)), finest)
+    segments = segments_of(rate, grid, ends, outputs, end)
+    pieces = pieces_of(responses_to_unit_starts(segments, sizes), sizes)
     if pieces > 1:
         grid, end, ends = split(grid, end, ends, pieces)
-        segments = segments_of(rate, grid, ends, outputs, end, args)
-    return _assembled(simulation, rate, args, segments, ends, sizes, s, ratio, gained)
+        segments = segments_of(rate, grid, ends, outputs, end)
+    return _assembled(simulation, rate, segments, sizes, s, ratio, gained)
 
 
 def _assembled(
-    simulation: Simulation, rate: ForcedRate, args: Args, segments: Segments, ends: np.ndarray, sizes: np.ndarray,
-    s: np.ndarray, ratio: float, gained: float,
+    simulation: Simulation, rate: ForcedRate, segments: Segments, sizes: np.ndarray, s: np.ndarray, ratio: float,
+    gained: float,
 ) -> ReferencePath:  # fmt: skip
-    grid, end, driven = segments.grid, segments.end, rate.driven
-    path = nodes_of(rate, grid, ends, args)
-    flat = path.reshape(-1, path.shape[-1])
-    inputs = np.asarray(grid.inputs).reshape(len(flat), -1)
-    columns = dict(zip((*simulation.states, *simulation.inputs), np.hstack([flat, inputs]).T, strict=True))
-    steps = linearised(rate, grid, jnp.asarray(ends), driven, args)
-    defects = np.einsum("snij,snj->sni", np.asarray(steps.M), ends[:, :-1]) + np.asarray(steps.c) - ends[:, 1:]
-    response = segments.response
-    response_to_defects = moved_by(np.asarray(response.M), defects)
-    at = ends[end[:, 0], end[:, 1]]
-    simulated = np.concatenate([at[:, k] for k in segments.outputs])
-    simulated = simulated + segments.rows(response_to_defects[..., None])[:, 0]
-    terms = rate.terms
-    if terms:
-        coefficients = [float(each[0]) for each in args]
-
-        def added(columns: Mapping[str, np.ndarray]) -> np.ndarray:
-            values = [c * np.asarray(term.evaluate(columns)) for c, term in zip(coefficients, terms, strict=True)]
-            return np.sum(np.broadcast_arrays(*values), axis=0)[:, None]
-
-        simulated = simulated - segments.respond(at_nodes(added, columns))[:, 0]
+    end, driven, n_state = segments.end, segments.driven, len(simulation.states)
+    columns = dict(zip(rate.names, segments.points[..., 1:].reshape(-1, len(rate.names)).T, strict=True))
+    states = segments.points[:, ::2, 1 : 1 + n_state]
+    at = states[end[:, 0], end[:, 1]]
+    # The path is not quite one of the equations, and what was added to them is for the coefficients to say again.
+    unforced = segments.response.jumps(segments.departure(rate.known))[..., None]
+    moved = carried(segments.response.M, np.zeros((len(states), n_state, 1)), unforced)
+    simulated = np.concatenate([at[:, k] for k in segments.outputs]) + segments.rows(moved)[:, 0]
     starts = responses_to_starts(segments, sizes)
     gain = gain_of(segments, columns, starts, np.repeat(s, len(end)))
-    rates = np.asarray(rates_at(rate, grid, jnp.asarray(ends), args))[..., driven]
-    # The unknown force is what the path departs by, over the step.
-    h = np.diff(np.asarray(grid.time)[:, ::2], axis=1)
-    force = np.divide(-defects[..., driven], h, out=np.zeros_like(h), where=h > 0)
-    force = np.concatenate([force[:, :1], (force[:, 1:] + force[:, :-1]) / 2, force[:, -1:]], axis=1)
-    unfollowed = Unfollowed(gained, float(np.sqrt(np.mean(force[end[:, 0], end[:, 1]] ** 2))))
-    sample = np.tile(np.arange(len(end)), len(segments.outputs))
+    rates = segments.slope[:, ::2, driven]
+    lacking = rates - rate.rates(segments.points[:, ::2])[..., driven]
+    there = lacking[end[:, 0], end[:, 1]]
     return ReferencePath(
-        columns, at, (rates + force)[end[:, 0], end[:, 1]], s, simulated, starts, gain, sample, ratio, unfollowed,
-        segments,
-    )  # fmt: skip
+        columns=columns,
+        at_samples=at,
+        rate=rates[end[:, 0], end[:, 1]],
+        sensor_sd=s,
+        simulated=simulated,
+        starts=starts,
+        gain=gain,
+        sample=np.tile(np.arange(len(end)), len(segments.outputs)),
+        ratio=ratio,
+        unfollowed=Unfollowed(gained, float(np.sqrt(np.mean(there**2)))),
+        segments=segments,
+    )
 
 
 def _check(samples: Trajectories, equation: str, simulation: Simulation) -> None:
@@ -248,7 +228,7 @@ def _observed(
         elif not any(simulation.rate_name(m) == name for m in simulation.states):
             # Nothing is known of it but that it is a state like the others.
             mean[:, k] = measured[:, 0]
-    return Observed(jnp.asarray(values), jnp.asarray(s**2), jnp.asarray(mean), jnp.asarray(WIDE * sizes))
+    return Observed(values, s**2, mean, WIDE * sizes)
 
 
 def _first_path(
@@ -273,58 +253,68 @@ def _at_ends(
     samples: Trajectories, runs: list[np.ndarray], grid: Grid, path: np.ndarray
 ) -> Float[np.ndarray, "n_segment n_end n_state"]:
     """A path at the samples, at the ends of all steps."""
-    time = np.asarray(grid.time)[:, ::2]
+    time = grid.time[:, ::2]
     return np.array(
         [[np.interp(time[r], samples.time[own], x) for x in path[own].T] for r, own in enumerate(runs)]
     ).transpose(0, 2, 1)
 
 
 def _smoothest(
-    rate: ForcedRate, grid: Grid, observed: Observed, outputs: tuple[int, ...], args: Args, own: float,
+    rate: ForcedRate, grid: Grid, observed: Observed, outputs: tuple[int, ...], end: np.ndarray, own: float,
     first: np.ndarray,
-) -> tuple[Smoothed, float, float]:  # fmt: skip
-    """The smoothed path at the likeliest intensity of the unknown force, that, and what it gains.
+) -> tuple[Float[np.ndarray, "n_segment n_end n_state"], float, float]:  # fmt: skip
+    """Ends of the smoothed path at the likeliest intensity of the unknown force, that, and what it gains.
 
     Args:
         rate: Of all states.
         grid: Nodes.
         observed: Samples.
         outputs: Indices of the measured states.
-        args: Coefficients of the rate.
+        end: Segment and end of the step of each sample.
         own: Intensity of a force as large as the path's own.
         first: A path to begin with, NaN where there is none.
     """
-    ends = jnp.asarray(first)
+    ends = first
     if not np.all(np.isfinite(first)):
-        ends = filtered(rate, grid, observed, outputs, rate.driven, jnp.asarray(own * MIDDLING), args)
-    ratio, gained, found = own * MIDDLING, 0.0, None
+        ends = filtered(rate, grid, observed, outputs, rate.driven, own * MIDDLING, rate.args)
+    ratio, gained = own * MIDDLING, 0.0
     for turn in range(PASSES + 1):
-        steps = linearised(rate, grid, ends, rate.driven, args)
+        near = segments_of(rate, grid, ends, outputs, end)
+        steps = steps_along(grid.time, ends, near.response, near.departure(rate.rates), rate.driven)
         if turn == 1:
-            logs = [float(smooth(steps, observed, outputs, jnp.asarray(own * r)).log_likelihood) for r in RATIOS]
+            logs = [smooth(steps, observed, outputs, own * r).log_likelihood for r in RATIOS]
             if np.any(np.isfinite(logs)):
                 ratio = own * float(RATIOS[int(np.nanargmax(logs))])
                 # It was looked for at so many intensities.
                 gained = float(np.nanmax(logs) - np.nan_to_num(logs[0], nan=-np.inf)) - math.log(len(RATIOS))
-        found = smooth(steps, observed, outputs, jnp.asarray(ratio))
-        ends = found.ends
-    if found is None or not np.all(np.isfinite(np.asarray(found.ends))):
+        ends = smooth(steps, observed, outputs, ratio).ends
+    if not np.all(np.isfinite(ends)):
         raise InputError(
             "No path through the samples was found: the equations leave their domain near them. Check the simulation "
             "and the units, or give hidden states as data."
         )
-    return found, ratio, gained
+    return ends, ratio, gained
 
 
-def _steps_needed(rate: ForcedRate, samples: Trajectories, simulation: Simulation, path: np.ndarray, args: Args) -> int:
-    """Steps between samples that resolve the equations along a path; hidden states that it lacks are as the others."""
-    filled = np.where(np.isfinite(path), path, path[:, [simulation.states.index(samples.state_names[0])]])
+def _steps_needed(rate: ForcedRate, samples: Trajectories, path: np.ndarray, s: np.ndarray) -> int:
+    """Steps between samples that resolve the equations along a path; hidden states that it lacks are as the others.
+
+    An oscillation of the frequency ω loses the phase (ωh)⁴/120 each radian, over the whole record, and that shall be
+    little against what the samples together tell of it.
+    """
+    filled = np.where(np.isfinite(path), path, path[:, [rate.names.index(samples.state_names[0])]])
     some = np.unique(np.linspace(0, samples.n_obs - 1, MOST_TRIED).astype(int))
-    u = samples.matrix(samples.input_names)[some]
-    A = np.asarray(jacobians(rate, jnp.asarray(samples.time[some]), jnp.asarray(filled[some]), jnp.asarray(u), args))
+    points = np.column_stack([samples.time, filled, samples.matrix(samples.input_names)])[some]
+    A = rate.jacobian(points)
     A = A[np.all(np.isfinite(A), axis=(1, 2))]
     if not len(A):
         return 1
-    fastest = float(np.quantile(np.abs(np.linalg.eigvals(A)).max(axis=-1), 0.99))
+    values = np.linalg.eigvals(A)
+    fastest = float(np.quantile(np.abs(values).max(axis=-1), 0.99))
+    turning = float(np.quantile(np.abs(values.imag).max(axis=-1), 0.5))
     step = float(np.median(np.diff(samples.time)[np.diff(samples.run) == 0]))
-    return int(np.clip(math.ceil(fastest * step / STEP), 1, MOST_STEPS))
+    spread = np.std(samples.matrix(samples.state_names), axis=0)
+    told = DRIFT * float(np.min(s / spread.clip(1e-300))) / math.sqrt(samples.n_obs)
+    radians = turning * step * max(samples.run_lengths)
+    longest = min(STEP, (120 * told / radians) ** 0.25 if radians > 0 else STEP)
+    return int(np.clip(math.ceil(fastest * step / longest), 1, MOST_STEPS))

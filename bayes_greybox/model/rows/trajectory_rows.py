@@ -73,7 +73,7 @@ class TrajectoryRows(RowKind):
         n_segment, n_node = path.segments.grid.time.shape
         return replace(
             data,
-            time=np.asarray(path.segments.grid.time).ravel(),
+            time=path.segments.grid.time.ravel(),
             run=np.repeat(np.arange(n_segment), n_node),
             states={name: path.columns[name] for name in simulation.states},
             inputs={name: path.columns[name] for name in simulation.inputs},

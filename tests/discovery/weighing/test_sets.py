@@ -12,7 +12,8 @@ from bayes_greybox.discovery.weighing.columns import nodes
 from bayes_greybox.discovery.weighing.evaluations import Evaluations
 from bayes_greybox.discovery.weighing.inner_parameters import ZOOM_NODES, ZOOMS, refine
 from bayes_greybox.discovery.weighing.odds import Odds
-from bayes_greybox.discovery.weighing.sets import PLAIN, RECALIBRATED, REST, SUSPECTS_AT_MOST, WRONG_SIGN, Sets
+from bayes_greybox.discovery.weighing.ranges import WRONG_SIGN
+from bayes_greybox.discovery.weighing.sets import PLAIN, RECALIBRATED, REST, SUSPECTS_AT_MOST, Sets
 from bayes_greybox.discovery.weighing.sufficient_statistics import sufficient_statistics
 from bayes_greybox.discovery.weighing.with_discrepancy import Evaluator
 from bayes_greybox.physics.catalogue.effects import Effect

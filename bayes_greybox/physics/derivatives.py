@@ -1,0 +1,57 @@
+"""Derivatives of formulas along a path, jumps rounded to what the path's nodes resolve.
+
+A jump such as that of sign(v) has no derivative, but a small change of the path moves the time at which it comes: over
+a crossing at the slope a it is worth a kick of 2/|a|. So jumps are rounded for their derivative, and only for it,
+
+    sign(x) → tanh(x / w),    w = `WIDTH` RMS change of x from node to node,
+
+which has that kick whatever w is, as long as nodes resolve it.
+"""
+
+from collections.abc import Mapping
+from functools import lru_cache
+
+import numpy as np
+import sympy
+from jaxtyping import Float
+
+from .expressions import evaluate
+from .grammar import symbol
+
+WIDTH = 2.0
+"""Half width of a rounded jump, in changes of its argument from node to node."""
+
+
+def gradient(
+    expr: sympy.Expr, names: tuple[str, ...], columns: Mapping[str, Float[np.ndarray, "*n"]]
+) -> Float[np.ndarray, "*n n_name"]:
+    """Derivatives of a formula by some of its columns; zero where they are not finite, as at the tip of a root.
+
+    Args:
+        expr: The formula.
+        names: Columns that it is differentiated by.
+        columns: Values of all columns, neighbours along the last axis.
+    """
+    derivatives, widths = _derivatives(expr, names)
+    known = dict(columns)
+    for name, argument in widths:
+        change = np.diff(np.asarray(evaluate(argument, columns)), axis=-1)
+        known[name] = np.asarray(WIDTH * np.sqrt(np.mean(change**2)) or 1.0)
+    with np.errstate(all="ignore"):
+        found = np.stack([np.asarray(evaluate(each, known)) for each in derivatives], axis=-1)
+    return np.where(np.isfinite(found), found, 0.0)
+
+
+@lru_cache(maxsize=4096)
+def _derivatives(
+    expr: sympy.Expr, names: tuple[str, ...]
+) -> tuple[tuple[sympy.Expr, ...], tuple[tuple[str, sympy.Expr], ...]]:
+    """The derivatives, and the name of each width in them with the argument that jumps there."""
+    widths, rounded = [], {}
+    for jump in expr.atoms(sympy.sign, sympy.Heaviside):
+        width, argument = symbol(f"width_{len(widths)}"), jump.args[0]
+        smooth = sympy.tanh(argument / width)
+        rounded[jump] = smooth if isinstance(jump, sympy.sign) else (1 + smooth) / 2
+        widths.append((width.name, argument))
+    smoothed = expr.xreplace(rounded)
+    return tuple(sympy.diff(smoothed, symbol(name)) for name in names), tuple(widths)
