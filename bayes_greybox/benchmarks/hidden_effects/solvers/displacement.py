@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
+from bayes_greybox.benchmarks.hidden_effects.cases import Case, all_cases
+from bayes_greybox.benchmarks.hidden_effects.generate import CaseData
 from bayes_greybox.data.trajectories import Trajectories
 
-from .cases import Case, all_cases
-from .generate import CaseData
-from .solve import all_roles, record
+from .study import all_roles, record
 
 FAMILIES = ("catalogue", "null")
 """Families that are made of one effect of the catalogue, or of none."""
@@ -41,7 +41,7 @@ def displacement(data: CaseData, noise: float) -> tuple[Trajectories, Trajectori
 
 
 def study_displacement(data: CaseData, noise: float, seed: int = 0) -> dict[str, Any]:
-    """Run `find_missing_effects` on the displacement alone, and record what came out; see `solve.Solve`.
+    """Run `find_missing_effects` on the displacement alone, and record what came out; see `study.Solve`.
 
     Args:
         data: The case's data.

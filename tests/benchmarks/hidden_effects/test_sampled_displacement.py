@@ -6,7 +6,11 @@ from scipy.integrate import solve_ivp
 
 import bayes_greybox as bg
 from bayes_greybox.benchmarks.hidden_effects.generate import generate
-from bayes_greybox.benchmarks.hidden_effects.sampled import displacement, displacement_cases, study_displacement
+from bayes_greybox.benchmarks.hidden_effects.solvers.displacement import (
+    displacement,
+    displacement_cases,
+    study_displacement,
+)
 
 COULOMB, QUADRATIC = -0.052, -0.0045
 SQUARED = 4 * np.pi**2

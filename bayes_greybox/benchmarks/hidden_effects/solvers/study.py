@@ -8,11 +8,10 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Bool
 
+from bayes_greybox.benchmarks.hidden_effects.assumptions.case import AssumptionCase
+from bayes_greybox.benchmarks.hidden_effects.generate import CaseData
+from bayes_greybox.benchmarks.hidden_effects.systems.hidden import CATALOGUE
 from bayes_greybox.data.records import plain_rows
-
-from .assumptions.case import AssumptionCase
-from .generate import CaseData
-from .hidden import CATALOGUE
 
 Solve = Callable[[CaseData], dict[str, Any]]
 """Solves a case without looking at its truth.

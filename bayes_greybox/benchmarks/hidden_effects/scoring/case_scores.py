@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Bool, Float
 
-from .oracle import NONE
+from bayes_greybox.benchmarks.hidden_effects.solvers.oracle import NONE
 
 PEERS = ("stlsq", "ensemble")
 """PySINDy's STLSQ and its ensemble."""
