@@ -55,6 +55,9 @@ def test_scores_of_rows_made_by_hand():
     assert scores.bars.loc["nulls kept silent", "holds"]
     assert scores.bars.loc["accuracy less the oracle's, all sizes", "holds"] is not None
     json.dumps(json.loads(scores.cases.to_json()))
+    # Where samples were measured, the gap is in samples, and so is what the true model closes of it.
+    study = {"verdict": "named", "effects": [], "closed": {"sample NMSE": 0.6}, "closable": 0.8}
+    assert score([{**rows[0], "study": study}]).families.loc["catalogue", "closed"] == pytest.approx(0.75)
     # No name was stated, so there is no error of their probabilities to judge.
     bars = score([row("null", (), "no gap", oracle={"none": 1.0})]).bars
     silent = bars.loc["expected calibration error of stated names"]

@@ -172,4 +172,7 @@ def test_a_study_is_recorded_in_plain_values():
     assert [entry["slug"] for entry in found["effects"]] == ["cubic-stiffness"]
     assert found["closed"]["derivative NMSE"] == pytest.approx(0.9)
     assert found["overlap"]["iou"] == 1.0
+    sampled = finished.gap.rename({"derivative NMSE": "sample NMSE"}, level="metric")
+    found = study.record(SimpleNamespace(**{**vars(finished), "gap": sampled}), data)
+    assert found["closed"] == {"sample NMSE": pytest.approx(0.9), "free-run NRMSE": None}
     assert found["ties"] == [["a", "b"]]

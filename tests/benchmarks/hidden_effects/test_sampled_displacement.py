@@ -36,6 +36,8 @@ def test_a_case_is_solved_without_its_truth():
     found = study_displacement(generate(case), 0.02)
     added = [effect["slug"] for effect in found["effects"] if effect["status"] == "added"]
     assert "cubic-stiffness" in added and found["seconds"] > 0
+    # The gap is in samples, and what can be closed of it is.
+    assert found["closed"]["sample NMSE"] == pytest.approx(found["closable"], rel=0.02)
 
 
 def decay(noise, seed, start, rate=50, periods=100):
