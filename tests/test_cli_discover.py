@@ -14,7 +14,7 @@ import bayes_greybox as bg
 from bayes_greybox import cli
 from bayes_greybox.benchmarks.hidden_effects.assumptions.cases import assumption_cases
 from bayes_greybox.benchmarks.hidden_effects.cases import all_cases, subset
-from bayes_greybox.benchmarks.hidden_effects.score import Scores
+from bayes_greybox.benchmarks.hidden_effects.scoring.score import Scores
 from bayes_greybox.config import load_config
 from bayes_greybox.data.errors import InputError
 

@@ -6,8 +6,8 @@ import pandas as pd
 from rich.console import Group, RenderableType
 
 from bayes_greybox.benchmarks.confounding.score import Confounding
-from bayes_greybox.benchmarks.hidden_effects.case_scores import SOLVERS
-from bayes_greybox.benchmarks.hidden_effects.score import Scores
+from bayes_greybox.benchmarks.hidden_effects.scoring.case_scores import SOLVERS
+from bayes_greybox.benchmarks.hidden_effects.scoring.score import Scores
 from bayes_greybox.report.terminal.tables import frame_table
 
 _ASSUMPTIONS = {

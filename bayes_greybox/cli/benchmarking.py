@@ -58,7 +58,7 @@ def run_benchmark(
 def _displacement(folder: Path, noise: float, cases: int | None, workers: int | None, seed: int, progress: bool) -> int:
     from bayes_greybox.benchmarks.hidden_effects.cases import subset
     from bayes_greybox.benchmarks.hidden_effects.run import run
-    from bayes_greybox.benchmarks.hidden_effects.sampled import displacement_cases, study_displacement
+    from bayes_greybox.benchmarks.hidden_effects.solvers.displacement import displacement_cases, study_displacement
     from bayes_greybox.benchmarks.tables import benchmark_tables
 
     every = displacement_cases(seed)

@@ -130,7 +130,7 @@ class FreeRunner:
         right_hand_side: (t, x, u, one draw of the parameters) -> dx/dt.
         interpolation: Of the inputs between samples: "linear", "zoh" (held) or "cubic", for all or one for each. By
             default each input's own, linear or cubic, by `physics.integrate.between_samples`.
-        **options: Tolerances of `physics.integrate.integrate`.
+        **options: Tolerances of `physics.integrate.follow_piece`.
     """
 
     def __init__(

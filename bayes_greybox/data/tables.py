@@ -178,16 +178,19 @@ def _read_parquet(path: Path) -> pd.DataFrame:
 
 
 def _read_mat(path: Path) -> pd.DataFrame:
+    import h5py
     import scipy.io
 
-    try:
-        content: dict[str, Any] = scipy.io.loadmat(path)
-    except NotImplementedError:
-        # Version 7.3 files are HDF5.
-        import h5py
-
+    content: dict[str, Any]
+    if h5py.is_hdf5(path):
+        # Version 7.3, which SciPy does not read.
         with h5py.File(path, "r") as file:
-            content = {name: np.asarray(item) for name, item in file.items() if isinstance(item, h5py.Dataset)}
+            items = {name: item for name, item in file.items() if isinstance(item, h5py.Dataset)}
+            # Text is stored as a vector of letters, which may be longer than the record.
+            numbers = {name: item for name, item in items.items() if item.attrs.get("MATLAB_class") != b"char"}
+            content = {name: np.asarray(item) for name, item in numbers.items()}
+    else:
+        content = scipy.io.loadmat(path)
     vectors = {
         name: np.asarray(value).reshape(-1)
         for name, value in content.items()

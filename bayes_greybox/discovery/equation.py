@@ -7,7 +7,7 @@ from functools import partial
 import numpy as np
 
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.model.noise.suspicions import PROCESS
+from bayes_greybox.model.noise.noise_model import PROCESS
 from bayes_greybox.model.program import Program
 from bayes_greybox.physics.catalogue.effects import BoundEffect
 from bayes_greybox.physics.units import derivative_unit

@@ -17,7 +17,8 @@ from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.inference.netcdf import versions
 from bayes_greybox.inference.posterior import Posterior
 from bayes_greybox.model.noise.asked import FIT, Noise, check_asked
-from bayes_greybox.model.noise.suspicions import CORRELATED, HEAVY, LEAST_ROWS, VARYING
+from bayes_greybox.model.noise.noise_model import CORRELATED, HEAVY, VARYING
+from bayes_greybox.model.noise.suspicions import LEAST_ROWS
 from bayes_greybox.model.program import Program
 from bayes_greybox.model.rows.row_warnings import row_warnings
 from bayes_greybox.physics.catalogue.effects import CatalogueSpec, load_catalogue

@@ -109,6 +109,26 @@ def marginal(spectrum: Spectrum, noise: NoisePrior) -> Marginal:
     return Marginal(total + log_step, noise.sigma(nodes), np.exp(values - total[..., None]))
 
 
+def log_white(square: float, n: int, noise: NoisePrior) -> float:
+    """Log p of n white numbers with this sum of squares, σ integrated out: the evidence without any column.
+
+    Args:
+        square: Sum of squares.
+        n: How many numbers.
+        noise: Prior of σ.
+    """
+    return float(log_white_each(np.array([square]), n, noise)[0])
+
+
+def log_white_each(
+    squares: Float[np.ndarray, " n_square"], n: int, noise: NoisePrior
+) -> Float[np.ndarray, " n_square"]:
+    """`log_white` of several sums of squares at once."""
+    zeros = np.zeros((len(squares), 1))
+    spectrum = Spectrum(zeros, zeros, np.zeros((len(squares), 1, 1)), squares[:, None], n)
+    return marginal(spectrum, noise).log_evidence
+
+
 def coefficients(spectrum: Spectrum, posterior: Marginal) -> tuple[np.ndarray, np.ndarray]:
     """Posterior mean [..., n_column] and covariance [..., n_column, n_column] of β without f, σ integrated out.
 

@@ -26,7 +26,7 @@ from .gp.discrepancy import OrthogonalGP
 from .gp.hyper import Hyperparameters, HyperPrior, NoisePrior
 from .likelihood import CollapsedNormal
 from .noise.asked import Noise, find_noise, with_found
-from .noise.suspicions import NoiseModel
+from .noise.noise_model import NoiseModel
 from .priors import Prior, Scales, SpikeAndSlab
 from .rows.derivative_rows import DerivativeRows
 from .rows.equation_rows import EquationRows

@@ -22,18 +22,6 @@ PIECE = 128
 _SMALLEST_STEP = 1e-12
 
 
-class Path(NamedTuple):
-    """A simulated run.
-
-    Attributes:
-        states: States at the requested times, (n, d); NaN after a failure.
-        failed_at: Time at which the solution blew up or the step budget ended; NaN if it reached the end.
-    """
-
-    states: Float[Array, "n d"]
-    failed_at: Float[Array, ""]
-
-
 class Samples(NamedTuple):
     """Samples of a run or of its pieces: times, inputs at them, and second derivatives of the inputs' splines."""
 
@@ -52,59 +40,6 @@ class Limits(NamedTuple):
     limit: Float[Array, ""]
 
 
-def integrate(
-    rhs: Callable[[Any, Any, Any, Any], Any],
-    t: Float[Array | np.ndarray, " n"],
-    x0: Float[Array | np.ndarray, " d"],
-    inputs: Float[Array | np.ndarray, "n p"] | None = None,
-    args: Any = None,
-    *,
-    rtol: float = 1e-8,
-    atol: float = 1e-8,
-    scale: Float[Array | np.ndarray, " d"] | None = None,
-    interpolation: str | Sequence[str] = "linear",
-    blow_up: float = 1e12,
-    max_steps: int = 100_000,
-) -> Path:
-    """Integrate a right-hand side from a measured start; works under jit, and vmap over `x0` and `args`.
-
-    The method is Dormand and Prince's of order 8 with adaptive steps, which never step over a sample of the
-    inputs; it is explicit, so a stiff system may spend its steps. The local error of state i is kept below
-    atol * scale_i + rtol * |x_i|.
-
-    Args:
-        rhs: `rhs(t, x, u, args)` with x of shape (d,) and u of shape (p,), p = 0 without inputs; returns
-            dx/dt of shape (d,).
-        t: Increasing times of the result, the first one that of `x0`.
-        x0: States at t[0].
-        inputs: Inputs at the times t.
-        args: Anything that `rhs` needs, for example a posterior draw of the coefficients.
-        rtol: Relative tolerance.
-        atol: Absolute tolerance, as a share of `scale`.
-        scale: Typical sizes of the states, for example their RMS in the data. By default |x0|, at least 1e-3
-            of its largest entry, and 1 for a start at zero.
-        interpolation: Of the inputs between samples: "linear", "zoh" (held from each sample to the next) or
-            "cubic" (twice differentiable spline), for all or one for each; see `between_samples`.
-        blow_up: The run has failed once a state exceeds this multiple of the largest scale.
-        max_steps: The run has failed where `PIECE` rows take more steps than this.
-
-    Returns:
-        States, and the time of failure.
-
-    Raises:
-        InputError: Shapes do not fit, or fewer than two times.
-    """
-    t, x0 = jnp.asarray(t, dtype=float), jnp.asarray(x0, dtype=float)
-    samples, kinds = cut(t, inputs, interpolation)
-    limits = limits_of(t, x0, scale, blow_up)
-
-    def follow(start, piece):
-        return follow_piece(rhs, start, piece, limits, args, kinds, rtol=rtol, atol=atol, max_steps=max_steps)
-
-    _, found = jax.lax.scan(follow, (x0, jnp.asarray(True)), samples)
-    return Path(*joined(x0, t, *found))
-
-
 def cut(
     t: Float[Array, " n"], inputs: Float[Array | np.ndarray, "n p"] | None, interpolation: str | Sequence[str]
 ) -> tuple[Samples, tuple[str, ...]]:
@@ -113,13 +48,14 @@ def cut(
     Args:
         t: Increasing times.
         inputs: At these times.
-        interpolation: See `integrate`.
+        interpolation: Of the inputs between samples: "linear", "zoh" (held from each sample to the next) or "cubic"
+            (twice differentiable spline), for all or one for each; see `between_samples`.
 
     Returns:
         Pieces along a first axis, and the interpolation of each input.
 
     Raises:
-        InputError: See `integrate`.
+        InputError: Shapes do not fit, or fewer than two times.
     """
     if t.shape[0] < 2:
         raise InputError(f"Integration needs at least two times, not {t.shape[0]}; give a longer window.")
@@ -138,11 +74,18 @@ def cut(
 def limits_of(
     t: Float[Array, " n"],
     x0: Float[Array, "*draw d"],
-    scale: Float[Array | np.ndarray, " d"] | None,
+    scale: Float[Array | np.ndarray, " d"],
     blow_up: float = 1e12,
 ) -> Limits:
-    """Limits of a run; see `integrate` for the arguments."""
-    sizes = _start_scale(x0) if scale is None else jnp.asarray(scale, dtype=float)
+    """Limits of a run.
+
+    Args:
+        t: Increasing times.
+        x0: States at t[0].
+        scale: Typical sizes of the states, for example their RMS in the data.
+        blow_up: The run has failed once a state exceeds this multiple of the largest scale.
+    """
+    sizes = jnp.asarray(scale, dtype=float)
     return Limits(x0, t[-1], t[-1] - t[0], sizes, blow_up * jnp.max(sizes))
 
 
@@ -158,18 +101,23 @@ def follow_piece(
     atol: float = 1e-8,
     max_steps: int = 100_000,
 ) -> tuple[tuple[Float[Array, " d"], Array], tuple[Float[Array, "rows d"], Float[Array, ""]]]:
-    """Integrate over one piece: what is compiled, for runs of any length.
+    """Integrate over one piece: what is compiled, for runs of any length; works under jit and vmap.
+
+    The method is Dormand and Prince's of order 8 with adaptive steps, which never step over a sample of the
+    inputs; it is explicit, so a stiff system may spend its steps. The local error of state i is kept below
+    atol * scale_i + rtol * |x_i|.
 
     Args:
-        rhs: See `integrate`.
+        rhs: `rhs(t, x, u, args)` with x of shape (d,) and u of shape (p,), p = 0 without inputs; returns
+            dx/dt of shape (d,).
         start: States at the start of the piece, and whether the run has come so far.
         samples: One piece.
         limits: Of the run.
-        args: See `integrate`.
+        args: Anything that `rhs` needs, for example a posterior draw of the coefficients.
         kinds: Interpolation of each input.
-        rtol: See `integrate`.
-        atol: See `integrate`.
-        max_steps: See `integrate`.
+        rtol: Relative tolerance.
+        atol: Absolute tolerance, as a share of the states' sizes.
+        max_steps: The run has failed where the piece takes more steps than this.
 
     Returns:
         The start of the next piece; states at all but the first of the times, and the time of a failure or NaN.
@@ -293,11 +241,6 @@ def _at(
     line = a * values[i] + b * values[i + 1]
     smooth = line + (a * (a**2 - 1) * curvature[i] + b * (b**2 - 1) * curvature[i + 1]) * h**2 / 6.0
     return jnp.where(np.array(kinds, dtype=str) == "zoh", held, smooth)
-
-
-def _start_scale(x0: Float[Array, " d"]) -> Float[Array, " d"]:
-    largest = jnp.max(jnp.abs(x0))
-    return jnp.where(largest > 0.0, jnp.maximum(jnp.abs(x0), 1e-3 * largest), 1.0)
 
 
 def _spline_curvature(t: Float[Array, " n"], values: Float[Array, "n p"]) -> Float[Array, "n p"]:

@@ -14,8 +14,8 @@ from typing import Any, cast
 
 import sympy
 
+from bayes_greybox.data.columns import derivative_label
 from bayes_greybox.data.errors import InputError
-from bayes_greybox.data.trajectories import derivative_label
 
 from .printing import to_text
 from .terms import Term

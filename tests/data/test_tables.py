@@ -28,6 +28,8 @@ def write(folder, suffix, **extra):
         with h5py.File(path, "w", userblock_size=512) as file:
             for name, values in frame.items():
                 file[name] = values.to_numpy()[None, :]
+            file["remark"] = np.frombuffer(("more letters than rows " * N).encode("utf-16-le"), np.uint16)[:, None]
+            file["remark"].attrs["MATLAB_class"] = np.bytes_("char")
         # The header by which MATLAB marks version 7.3 files: text, then version 2.0 and byte order.
         with open(path, "r+b") as file:
             file.write(b"MATLAB 7.3 MAT-file".ljust(116) + bytes(8) + b"\x00\x02IM")

@@ -27,7 +27,7 @@ from bayes_greybox.discovery.weighing.alignment import Aligned
 from bayes_greybox.discovery.weighing.odds import Odds
 from bayes_greybox.discovery.weighing.sets import PLAIN, RECALIBRATED, REST, Explanation
 from bayes_greybox.discovery.weighing.worlds import World
-from bayes_greybox.model.noise.suspicions import NoiseModel
+from bayes_greybox.model.noise.noise_model import NoiseModel
 from bayes_greybox.physics.catalogue.effects import Effect
 
 CUBIC = {"hidden": lambda x: -(x**3), "noise": 0.05}

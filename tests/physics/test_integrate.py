@@ -4,10 +4,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from integration import integrate
 from scipy.interpolate import CubicSpline
 
 from bayes_greybox.data.errors import InputError
-from bayes_greybox.physics.integrate import PIECE, _at, _pieces, between_samples, integrate
+from bayes_greybox.physics.integrate import PIECE, _at, _pieces, between_samples
 
 
 def interpolant(t, values, kind="linear"):

@@ -4,10 +4,10 @@ from functools import cache
 
 import numpy as np
 import pytest
+from integration import integrate
 
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.physics import systems
-from bayes_greybox.physics.integrate import integrate
 from bayes_greybox.physics.terms import Dictionary
 from bayes_greybox.physics.units import check_units, coefficient_unit, derivative_unit
 

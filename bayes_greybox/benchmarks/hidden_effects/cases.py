@@ -12,8 +12,8 @@ from jaxtyping import Float
 
 from bayes_greybox.data.errors import InputError
 
-from .hidden import CATALOGUE, OFF_CATALOGUE
-from .host_systems import HOSTS, Host
+from .systems.hidden import CATALOGUE, OFF_CATALOGUE
+from .systems.hosts import HOSTS, Host
 
 FAMILIES = ("catalogue", "null", "mis-calibrated", "off-catalogue", "two effects")
 """Kinds of cases."""

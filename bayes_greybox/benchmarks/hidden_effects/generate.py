@@ -14,11 +14,11 @@ from bayes_greybox.data.trajectories import Trajectories
 
 from .assumptions.case import AssumptionCase
 from .cases import RATIO_EDGES, Case
-from .hidden import find
-from .host_systems import HOSTS, SPREAD, Host, formula, term_value
-from .ode import HostODE, LostError
-from .search import Wanted, coefficients
-from .trajectories import Excited, Runs, combine, excite, follow, rms
+from .systems.hidden import find
+from .systems.hosts import HOSTS, SPREAD, Host, formula, term_value
+from .systems.ode import HostODE, LostError
+from .systems.search import Wanted, coefficients
+from .systems.trajectories import Excited, Runs, combine, excite, follow, rms
 
 OFF_BY = 0.1
 """Relative error of the coefficient in a mis-calibrated simulation."""

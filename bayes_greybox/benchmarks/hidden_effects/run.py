@@ -26,10 +26,10 @@ from .assumptions.generate import AssumptionData
 from .assumptions.generate import generate as generate_assumption
 from .cases import Case, all_cases
 from .generate import CaseData, generate
-from .oracle import nearest, posterior
-from .peers import available, require, sindy
-from .score import Scores, score
-from .solve import Solve, study_case
+from .scoring.score import Scores, score
+from .solvers.oracle import nearest, posterior
+from .solvers.peers import available, require, sindy
+from .solvers.study import Solve, study_case
 
 AnyCase = Case | AssumptionCase
 """A case of either kind."""
@@ -56,9 +56,9 @@ def run(
     """Run the benchmark, or what is left of it, and write its tables.
 
     Cases of one's own are `Case` objects with any host of `HOSTS` and any effects of its domain, or `AssumptionCase`
-    objects of any family of `assumptions.families` with any of its breaches. A solver of one's own
-    is a function of a `CaseData` that returns what `solve.Solve` describes; for several workers it must be defined at
-    the top level of a module.
+    objects of any family of `assumptions.families` with any of its breaches. A solver of one's own is a function of a
+    `CaseData` that returns what `solvers.study.Solve` describes; for several workers it must be defined at the top
+    level of a module.
 
     Args:
         output: Folder for results.jsonl, every table as a CSV file, and summary.json with all but the tables of cases.

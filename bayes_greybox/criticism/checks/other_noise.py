@@ -7,7 +7,8 @@ import numpy as np
 from bayes_greybox.inference.posterior import Posterior
 from bayes_greybox.model.gp.hyper import NoisePrior
 from bayes_greybox.model.noise.asked import FIT, Noise
-from bayes_greybox.model.noise.suspicions import CORRELATED, HEAVY, PROCESS, VARYING, NoiseModel, suspicions
+from bayes_greybox.model.noise.noise_model import CORRELATED, HEAVY, PROCESS, VARYING, NoiseModel
+from bayes_greybox.model.noise.suspicions import suspicions
 
 CLEAR = 3.0
 """Log Bayes factor from which a noise is worth a try."""

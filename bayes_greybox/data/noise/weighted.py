@@ -98,3 +98,13 @@ class WeightedNoise(RowNoise):
     def to_dict(self) -> dict[str, Any]:
         """Plain values."""
         return {"kind": "weighted", "inner": self.inner.to_dict(), "sd": self.sd.tolist(), "scale": self.scale}
+
+
+def correlation_and_sd(noise: RowNoise) -> tuple[RowNoise, Float[np.ndarray, " n_obs"]]:
+    """Noise of rows of one size, and the standard deviation that each row has of it."""
+    return (noise.inner, noise.sd) if isinstance(noise, WeightedNoise) else (noise, np.ones(noise.n_obs))
+
+
+def with_sd(correlation: RowNoise, sd: Float[np.ndarray, " n_obs"]) -> RowNoise:
+    """The inverse of `correlation_and_sd`."""
+    return correlation if np.all(sd == 1.0) else WeightedNoise(correlation, sd)

@@ -17,7 +17,7 @@ from scipy.stats import chi2, t
 from bayes_greybox.criticism.checks.loo_pit import anderson_darling
 from bayes_greybox.discovery.weighing.sets import Explanation
 from bayes_greybox.discovery.weighing.worlds import World
-from bayes_greybox.model.noise.suspicions import HEAVY
+from bayes_greybox.model.noise.noise_model import HEAVY
 
 LEVEL = 1e-3
 """p-value below which a check speaks against the verdict: of a thousand right explanations one is called into doubt."""

@@ -14,7 +14,7 @@ from bayes_greybox.discovery.weighing.alignment import Aligned
 from bayes_greybox.discovery.weighing.evaluations import Evaluations
 from bayes_greybox.discovery.weighing.sets import REST
 from bayes_greybox.discovery.weighing.sufficient_statistics import SufficientStatistics
-from bayes_greybox.model.noise.suspicions import PROCESS
+from bayes_greybox.model.noise.noise_model import PROCESS
 from bayes_greybox.physics.terms import Term
 from bayes_greybox.physics.units import coefficient_unit, derivative_unit
 

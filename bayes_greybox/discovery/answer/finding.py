@@ -15,7 +15,7 @@ import numpy as np
 
 from bayes_greybox.discovery.weighing.sets import PLAIN, RECALIBRATED, REST, Explanation
 from bayes_greybox.discovery.weighing.worlds import World, weights
-from bayes_greybox.model.noise.suspicions import PROCESS
+from bayes_greybox.model.noise.noise_model import PROCESS
 
 from .doubt import Doubt, artefact, unexplained
 

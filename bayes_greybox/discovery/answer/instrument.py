@@ -9,7 +9,7 @@ import pandas as pd
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.suspects.channels import DELAY, GAIN, STATES, ChannelSuspect
 from bayes_greybox.discovery.weighing.alignment import Aligned
-from bayes_greybox.model.noise.suspicions import CORRELATED, HEAVY, PROCESS, VARYING
+from bayes_greybox.model.noise.noise_model import CORRELATED, HEAVY, PROCESS, VARYING
 from bayes_greybox.physics.units import derivative_unit
 
 from .coefficients import Coefficients

@@ -14,9 +14,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
-from scipy.interpolate import CubicSpline
 from scipy.stats import chi2
 
+from bayes_greybox.data.rates.integral import running_integral
 from bayes_greybox.data.trajectories import Trajectories
 
 from .adequacy import LEVEL, Check
@@ -91,7 +91,7 @@ def check_motion(
                 continue
             start = np.arange(0, len(time) - SAMPLES, SAMPLES)
             end = start + SAMPLES
-            integral, error = _integral(time, g)
+            integral, error = _integral_and_error(time, g)
             changes.append(x[end] - x[start])
             departures.append(changes[-1] - (integral[end] - integral[start]))
             span = time[end] - time[start]
@@ -113,8 +113,7 @@ def check_motion(
     return found
 
 
-def _integral(time: np.ndarray, g: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _integral_and_error(time: np.ndarray, g: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """∫ g dt up to each sample, by cubic splines; and its error, from splines through every other sample."""
-    fine = CubicSpline(time, g).antiderivative()(time)
-    coarse = CubicSpline(time[::2], g[::2]).antiderivative()(time)
+    fine, coarse = running_integral(time, g), running_integral(time[::2], g[::2], time)
     return fine, np.abs(fine - coarse) / 4

@@ -11,9 +11,10 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float
-from scipy.interpolate import CubicSpline, make_smoothing_spline
+from scipy.interpolate import make_smoothing_spline
 
 from bayes_greybox.data.rates.filters import STEP_TOLERANCE
+from bayes_greybox.data.rates.integral import running_integral
 from bayes_greybox.data.sample_noise import sample_noise
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.physics.simulation import Simulation
@@ -216,7 +217,7 @@ def _noise_of(data: Trajectories, rates: Mapping[str, np.ndarray]) -> dict[str, 
         if not 0 < s < LARGEST * np.std(x):
             continue
         if name in rates and runs:
-            steps = [np.diff(x[own] - _integral(data.time[own], rates[name][own])) for own in runs]
+            steps = [np.diff(x[own] - running_integral(data.time[own], rates[name][own])) for own in runs]
             if float(np.median(np.abs(np.concatenate(steps)))) / NORMAL_MEDIAN < BORNE_OUT * math.sqrt(2) * s:
                 continue
         believed[name] = s
@@ -244,10 +245,6 @@ def _smooth(time: np.ndarray, samples: np.ndarray, s: float) -> tuple[np.ndarray
         if risk < best:
             best, found = risk, (path, min(SQUARE * step * cutoff, 1.0))
     return found
-
-
-def _integral(time: np.ndarray, rate: np.ndarray) -> np.ndarray:
-    return CubicSpline(time, rate).antiderivative()(time)
 
 
 def _even(data: Trajectories) -> bool:

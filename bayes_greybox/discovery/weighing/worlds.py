@@ -15,8 +15,9 @@ import numpy as np
 from jaxtyping import Float
 
 from bayes_greybox.data.noise.protocol import RowNoise
-from bayes_greybox.model.evidence import coefficients
-from bayes_greybox.model.noise.suspicions import PROCESS, NoiseModel, Suspicion, log_white, suspicions
+from bayes_greybox.model.evidence import coefficients, log_white
+from bayes_greybox.model.noise.noise_model import PROCESS, NoiseModel, Suspicion
+from bayes_greybox.model.noise.suspicions import suspicions
 
 from .evaluations import Evaluations, one_pattern
 from .sets import RECALIBRATED, REST, Explanation, Sets

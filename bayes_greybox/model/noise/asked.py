@@ -26,18 +26,9 @@ from bayes_greybox.model.gp.kernels import KERNELS, log_spectral_density
 from bayes_greybox.model.rows.equation_rows import EquationRows
 from bayes_greybox.physics.terms import Dictionary
 
-from .suspicions import (
-    CORRELATED,
-    HEAVY,
-    LEAST_ROWS,
-    VARYING,
-    NoiseModel,
-    Suspicion,
-    below_floor,
-    heavy,
-    in_time,
-    varying,
-)
+from .in_time import in_time
+from .noise_model import CORRELATED, HEAVY, VARYING, NoiseModel, Suspicion
+from .suspicions import LEAST_ROWS, below_floor, heavy, varying
 
 FIT = "fit"
 """Value of an option whose parameter the data say."""

@@ -13,7 +13,7 @@ from bayes_greybox.discovery.weighing.sets import Sets
 from bayes_greybox.discovery.weighing.sufficient_statistics import sufficient_statistics
 from bayes_greybox.discovery.weighing.with_discrepancy import Evaluator
 from bayes_greybox.discovery.weighing.worlds import worlds
-from bayes_greybox.model.noise.suspicions import HEAVY
+from bayes_greybox.model.noise.noise_model import HEAVY
 
 N = 200
 

@@ -21,7 +21,7 @@ from bayes_greybox.discovery.answer.finding import (
 from bayes_greybox.discovery.weighing.evaluations import Evaluations
 from bayes_greybox.discovery.weighing.sets import PLAIN, RECALIBRATED, REST, Explanation
 from bayes_greybox.discovery.weighing.worlds import World
-from bayes_greybox.model.noise.suspicions import PROCESS, NoiseModel
+from bayes_greybox.model.noise.noise_model import PROCESS, NoiseModel
 
 SUSPECTS = ("offset", "delay")
 KINDS = {"no gap": PLAIN, "recalibrate": RECALIBRATED, "unknown": REST}

@@ -8,7 +8,7 @@ import pytest
 from tiny_equation import forced, forced_study, soft, studied_motion
 
 from bayes_greybox.discovery.answer.instrument import CLIPPED, COLUMNS, IN_MODEL, LISTED, NOISY, _noise_row
-from bayes_greybox.model.noise.suspicions import CORRELATED, HEAVY, VARYING
+from bayes_greybox.model.noise.noise_model import CORRELATED, HEAVY, VARYING
 
 
 def table(study, data=None):

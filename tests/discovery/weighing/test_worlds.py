@@ -16,7 +16,7 @@ from bayes_greybox.discovery.weighing.sets import PLAIN, RECALIBRATED, REST, Set
 from bayes_greybox.discovery.weighing.sufficient_statistics import sufficient_statistics
 from bayes_greybox.discovery.weighing.with_discrepancy import Evaluator
 from bayes_greybox.discovery.weighing.worlds import World, _world, weights, worlds
-from bayes_greybox.model.noise.suspicions import CORRELATED, HEAVY, PROCESS, VARYING, NoiseModel
+from bayes_greybox.model.noise.noise_model import CORRELATED, HEAVY, PROCESS, VARYING, NoiseModel
 
 ODDS = Odds()
 

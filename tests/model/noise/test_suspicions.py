@@ -8,23 +8,9 @@ from bayes_greybox.data.noise.state_space import StateSpaceNoise
 from bayes_greybox.data.noise.weighted import WeightedNoise
 from bayes_greybox.data.noise.white import WhiteNoise
 from bayes_greybox.model.gp.hyper import NoisePrior
-from bayes_greybox.model.noise.suspicions import (
-    CORRELATED,
-    DEGREES,
-    EXPONENTS,
-    HEAVY,
-    LEVELS,
-    PROCESS,
-    SHORTEST,
-    TIME_SPREAD,
-    TIME_STEPS,
-    VARYING,
-    WHITE_SHARES,
-    NoiseModel,
-    heavy,
-    in_time,
-    suspicions,
-)
+from bayes_greybox.model.noise.in_time import SHORTEST, TIME_SPREAD, TIME_STEPS, WHITE_SHARES, in_time
+from bayes_greybox.model.noise.noise_model import CORRELATED, HEAVY, PROCESS, VARYING, NoiseModel
+from bayes_greybox.model.noise.suspicions import DEGREES, EXPONENTS, LEVELS, heavy, suspicions
 
 PRIOR = NoisePrior(1e-4, 1.0)
 STEP = 0.1

@@ -8,10 +8,10 @@ from dataclasses import asdict, dataclass, field
 import numpy as np
 from jaxtyping import Float
 
-from bayes_greybox.benchmarks.hidden_effects.host_systems import Host
-from bayes_greybox.benchmarks.hidden_effects.ode import Acting, HostODE
-from bayes_greybox.benchmarks.hidden_effects.search import Wanted
-from bayes_greybox.benchmarks.hidden_effects.trajectories import Excited
+from bayes_greybox.benchmarks.hidden_effects.systems.hosts import Host
+from bayes_greybox.benchmarks.hidden_effects.systems.ode import Acting, HostODE
+from bayes_greybox.benchmarks.hidden_effects.systems.search import Wanted
+from bayes_greybox.benchmarks.hidden_effects.systems.trajectories import Excited
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
 

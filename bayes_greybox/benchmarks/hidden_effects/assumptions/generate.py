@@ -9,11 +9,11 @@ import numpy as np
 from jaxtyping import Float
 
 from bayes_greybox.benchmarks.hidden_effects.generate import SET_UPS, CaseData, Truth, drawn_rates
-from bayes_greybox.benchmarks.hidden_effects.hidden import find
-from bayes_greybox.benchmarks.hidden_effects.host_systems import Host, formula
-from bayes_greybox.benchmarks.hidden_effects.ode import HostODE, LostError
-from bayes_greybox.benchmarks.hidden_effects.search import Wanted, coefficients
-from bayes_greybox.benchmarks.hidden_effects.trajectories import Excited, Runs, excite, rms
+from bayes_greybox.benchmarks.hidden_effects.systems.hidden import find
+from bayes_greybox.benchmarks.hidden_effects.systems.hosts import Host, formula
+from bayes_greybox.benchmarks.hidden_effects.systems.ode import HostODE, LostError
+from bayes_greybox.benchmarks.hidden_effects.systems.search import Wanted, coefficients
+from bayes_greybox.benchmarks.hidden_effects.systems.trajectories import Excited, Runs, excite, rms
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
 

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-from bayes_greybox.benchmarks.hidden_effects.host_systems import HOSTS, Excitation, Host, Start
+from bayes_greybox.benchmarks.hidden_effects.systems.hosts import HOSTS, Excitation, Host, Start
 
 ROWS = 601
 """Rows of a usual run."""

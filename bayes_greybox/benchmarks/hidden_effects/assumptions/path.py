@@ -7,9 +7,9 @@ import numpy as np
 from jaxtyping import Float
 from scipy.interpolate import CubicSpline
 
-from bayes_greybox.benchmarks.hidden_effects.host_systems import Host
-from bayes_greybox.benchmarks.hidden_effects.ode import HostODE, paths
-from bayes_greybox.benchmarks.hidden_effects.trajectories import Excited, Runs, Signal, combine
+from bayes_greybox.benchmarks.hidden_effects.systems.hosts import Host
+from bayes_greybox.benchmarks.hidden_effects.systems.ode import HostODE, paths
+from bayes_greybox.benchmarks.hidden_effects.systems.trajectories import Excited, Runs, Signal, combine
 
 LEAD = 4
 """Sampling steps by which the system is followed before the first row and after the last."""

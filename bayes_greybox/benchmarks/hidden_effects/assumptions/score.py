@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from bayes_greybox.benchmarks.hidden_effects.case_scores import FAILED, PEERS, right_names, wrong_names
+from bayes_greybox.benchmarks.hidden_effects.scoring.case_scores import FAILED, PEERS, right_names, wrong_names
 
 from .families import FAMILIES
 

@@ -16,10 +16,10 @@ from bayes_greybox.benchmarks.hidden_effects.assumptions.case import (
     Setting,
     white,
 )
-from bayes_greybox.benchmarks.hidden_effects.hidden import Hidden
-from bayes_greybox.benchmarks.hidden_effects.host_systems import Columns
-from bayes_greybox.benchmarks.hidden_effects.ode import ROUGH, Acting, HostODE, LostError
-from bayes_greybox.benchmarks.hidden_effects.trajectories import Excited, follow, rms
+from bayes_greybox.benchmarks.hidden_effects.systems.hidden import Hidden
+from bayes_greybox.benchmarks.hidden_effects.systems.hosts import Columns
+from bayes_greybox.benchmarks.hidden_effects.systems.ode import ROUGH, Acting, HostODE, LostError
+from bayes_greybox.benchmarks.hidden_effects.systems.trajectories import Excited, follow, rms
 
 from .smooth_friction import SMOOTH, either_friction
 

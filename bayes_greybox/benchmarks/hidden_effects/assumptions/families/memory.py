@@ -10,9 +10,9 @@ import numpy as np
 
 from bayes_greybox.benchmarks.hidden_effects.assumptions.case import AssumptionCase, Family, Setting, white
 from bayes_greybox.benchmarks.hidden_effects.assumptions.hosts import SMOOTH_EFFECTS
-from bayes_greybox.benchmarks.hidden_effects.hidden import Hidden, Inner
-from bayes_greybox.benchmarks.hidden_effects.host_systems import Columns
-from bayes_greybox.benchmarks.hidden_effects.search import Wanted
+from bayes_greybox.benchmarks.hidden_effects.systems.hidden import Hidden, Inner
+from bayes_greybox.benchmarks.hidden_effects.systems.hosts import Columns
+from bayes_greybox.benchmarks.hidden_effects.systems.search import Wanted
 
 NOISE = (0.01, 0.02, 0.05)
 """Noise over the RMS of the rate."""

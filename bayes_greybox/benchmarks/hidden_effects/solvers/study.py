@@ -8,21 +8,24 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Bool
 
+from bayes_greybox.benchmarks.hidden_effects.assumptions.case import AssumptionCase
+from bayes_greybox.benchmarks.hidden_effects.generate import CaseData
+from bayes_greybox.benchmarks.hidden_effects.systems.hidden import CATALOGUE
 from bayes_greybox.data.records import plain_rows
-
-from .assumptions.case import AssumptionCase
-from .generate import CaseData
-from .hidden import CATALOGUE
 
 Solve = Callable[[CaseData], dict[str, Any]]
 """Solves a case without looking at its truth.
 
 The result has "verdict"; "effects", a list of records, best first, each with slug, probability, mean, sd, lower and
 upper (90 % interval of the coefficient), status ("added" or "") and tied_with (slugs); and, where the solver can tell,
-"closed" (share of the held-out gap closed, by metric), "overlap" and "seconds". Cases of broken assumptions also read
+"closed" (share of the held-out gap closed, by metric), "overlap" and "seconds"; "closable" where what the true model
+closes is not `CaseData.closable`, because the solver did not see the rates. Cases of broken assumptions also read
 "elsewhere" (records of effects of other equations, with the equation), "instrument" (rows of `study.instrument`),
 "free_run" ("before" and "after" on the test data by state, None where it blew up) and "sentence". All are plain values.
 """
+
+ONE_STEP = ("derivative NMSE", "sample NMSE")
+"""Metrics of the gap in what rows measure: rates, or samples. A study has one of them."""
 
 LISTED = 8
 """Effects that are not added are recorded up to this place."""
@@ -151,7 +154,7 @@ def _free_run(gap: pd.DataFrame) -> dict[str, dict[str, float | None]]:
 def _closed(gap: Any) -> dict[str, float | None]:
     """Share of the held-out gap that is closed, by metric; over all states in free runs."""
     closed: dict[str, float | None] = {}
-    for metric in ("derivative NMSE", "free-run NRMSE"):
+    for metric in (*ONE_STEP, "free-run NRMSE"):
         if ("test", metric) not in gap.index.droplevel("variable"):
             continue
         rows = gap.xs(("test", metric), level=("data", "metric"))

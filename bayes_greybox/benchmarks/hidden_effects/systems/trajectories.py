@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from .host_systems import Host, term_value
+from .hosts import Host, term_value
 from .ode import TIGHT, HostODE, paths
 
 Signal = Callable[[float], Any] | None

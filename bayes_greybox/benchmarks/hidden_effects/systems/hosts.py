@@ -303,7 +303,6 @@ _SWEEP = Excitation(4.0, (0.08, 0.6), kind="chirp")
 _FORCE = Excitation(6.0, (0.08, 0.6))
 _PUMP = Excitation(1.4, (0.003, 0.02), offset=5.0)
 _FEED = Excitation(2.3, (0.04, 0.3), offset=8.0)
-_SOURCE = Excitation(2.0, (0.08, 0.5))
 _LINKED = {"y1": -5.0, "y2": 2.0, "v1": -0.3, "v2": 0.1}
 _PREY = {"p": 0.55, "p*q": -0.028}
 _PREDATORS = {"p": -0.84, "p*q": 0.026}

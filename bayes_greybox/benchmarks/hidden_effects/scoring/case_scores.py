@@ -7,7 +7,8 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Bool, Float
 
-from .oracle import NONE
+from bayes_greybox.benchmarks.hidden_effects.solvers.oracle import NONE
+from bayes_greybox.benchmarks.hidden_effects.solvers.study import ONE_STEP
 
 PEERS = ("stlsq", "ensemble")
 """PySINDy's STLSQ and its ensemble."""
@@ -104,9 +105,9 @@ def case_scores(row: Mapping[str, Any]) -> dict[str, Any]:
         **{f"{peer} exact": is_exact(family, truth, *given[peer]) if peer in given else None for peer in PEERS},
         "right or tied": bool(right["study"]) or _is_excused(row),
         "overlap": study.get("overlap", {}).get("iou"),
-        "closed": closed.get("derivative NMSE"),
+        "closed": next((closed[metric] for metric in ONE_STEP if metric in closed), None),
         "closed in free run": closed.get("free-run NRMSE"),
-        "closable": row["closable"],
+        "closable": study.get("closable", row["closable"]),
         "seconds": study.get("seconds"),
     }
 

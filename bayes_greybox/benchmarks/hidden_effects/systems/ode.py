@@ -9,7 +9,7 @@ from jaxtyping import Float
 from scipy.integrate import solve_ivp
 
 from .hidden import Hidden
-from .host_systems import Host, term_value
+from .hosts import Host, term_value
 
 TIGHT, ROUGH = 1e-10, 1e-6
 """Relative tolerances of the data, and of the search for coefficients."""

@@ -6,7 +6,11 @@ from scipy.integrate import solve_ivp
 
 import bayes_greybox as bg
 from bayes_greybox.benchmarks.hidden_effects.generate import generate
-from bayes_greybox.benchmarks.hidden_effects.sampled import displacement, displacement_cases, study_displacement
+from bayes_greybox.benchmarks.hidden_effects.solvers.displacement import (
+    displacement,
+    displacement_cases,
+    study_displacement,
+)
 
 COULOMB, QUADRATIC = -0.052, -0.0045
 SQUARED = 4 * np.pi**2
@@ -32,6 +36,8 @@ def test_a_case_is_solved_without_its_truth():
     found = study_displacement(generate(case), 0.02)
     added = [effect["slug"] for effect in found["effects"] if effect["status"] == "added"]
     assert "cubic-stiffness" in added and found["seconds"] > 0
+    # The gap is in samples, and what can be closed of it is.
+    assert found["closed"]["sample NMSE"] == pytest.approx(found["closable"], rel=0.02)
 
 
 def decay(noise, seed, start, rate=50, periods=100):

@@ -11,7 +11,6 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bayes_greybox.benchmarks.hidden_effects import case_scores, peers, solve
 from bayes_greybox.benchmarks.hidden_effects.assumptions.case import AssumptionCase
 from bayes_greybox.benchmarks.hidden_effects.assumptions.cases import assumption_cases
 from bayes_greybox.benchmarks.hidden_effects.assumptions.families import (
@@ -26,9 +25,12 @@ from bayes_greybox.benchmarks.hidden_effects.assumptions.generate import generat
 from bayes_greybox.benchmarks.hidden_effects.assumptions.hosts import EFFECTS, PLACES, placed
 from bayes_greybox.benchmarks.hidden_effects.assumptions.score import assumption_scores, claim_denied
 from bayes_greybox.benchmarks.hidden_effects.cases import all_cases, subset
-from bayes_greybox.benchmarks.hidden_effects.hidden import CATALOGUE, find
 from bayes_greybox.benchmarks.hidden_effects.run import run
-from bayes_greybox.benchmarks.hidden_effects.score import score
+from bayes_greybox.benchmarks.hidden_effects.scoring import case_scores
+from bayes_greybox.benchmarks.hidden_effects.scoring.score import score
+from bayes_greybox.benchmarks.hidden_effects.solvers import peers
+from bayes_greybox.benchmarks.hidden_effects.solvers.study import record
+from bayes_greybox.benchmarks.hidden_effects.systems.hidden import CATALOGUE, find
 from bayes_greybox.benchmarks.tables import benchmark_tables
 from bayes_greybox.data.errors import InputError
 
@@ -535,14 +537,14 @@ def test_a_record_has_the_instrument_the_free_run_and_the_sentence():
         instrument=pd.DataFrame([{"equation": "ydot", **fault("delay")}]),
         sentence="It is late.",
     )
-    found = solve.record(study, data)
+    found = record(study, data)
     json.dumps(found, allow_nan=False)
     assert found["instrument"][0]["lower_samples"] == pytest.approx(0.4)
     assert found["free_run"] == {"y": {"before": 0.2, "after": None}}
     assert found["sentence"] == "It is late." and found["elsewhere"][0]["slug"] == "b"
     assert found["overlap"]["iou"] is None
     study.instrument = study.sentence = None
-    assert solve.record(study, data)["instrument"] is None
+    assert record(study, data)["instrument"] is None
 
 
 def says_nothing(data):

@@ -17,11 +17,11 @@ import numpy as np
 from jaxtyping import Float
 from scipy.special import logsumexp
 
-from .cases import NULLS, RATIO_EDGES, ratio_density
-from .generate import CaseData
-from .hidden import ADDED, CATALOGUE, Hidden
-from .host_systems import term_value
-from .trajectories import rms
+from bayes_greybox.benchmarks.hidden_effects.cases import NULLS, RATIO_EDGES, ratio_density
+from bayes_greybox.benchmarks.hidden_effects.generate import CaseData
+from bayes_greybox.benchmarks.hidden_effects.systems.hidden import ADDED, CATALOGUE, Hidden
+from bayes_greybox.benchmarks.hidden_effects.systems.hosts import term_value
+from bayes_greybox.benchmarks.hidden_effects.systems.trajectories import rms
 
 NONE = "none"
 """Name of the hypothesis that nothing is hidden."""

@@ -16,12 +16,12 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from bayes_greybox.benchmarks.hidden_effects.cases import Case
+from bayes_greybox.benchmarks.hidden_effects.generate import CaseData
+from bayes_greybox.benchmarks.hidden_effects.systems.trajectories import rms
 from bayes_greybox.data.errors import InputError
 
-from .cases import Case
-from .generate import CaseData
 from .oracle import candidates, effect_values, inner_nodes, own_terms
-from .trajectories import rms
 
 THRESHOLDS = np.append(np.geomspace(0.01, 10.0, 16), 1e6)
 """Thresholds tried, in units of the gap's RMS; collinear columns have coefficients above 1, the last one drops all."""

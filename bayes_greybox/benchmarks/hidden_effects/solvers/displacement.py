@@ -6,12 +6,13 @@ from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
+from bayes_greybox.benchmarks.hidden_effects.cases import Case, all_cases
+from bayes_greybox.benchmarks.hidden_effects.generate import CaseData
 from bayes_greybox.data.trajectories import Trajectories
 
-from .cases import Case, all_cases
-from .generate import CaseData
-from .solve import all_roles, record
+from .study import all_roles, record
 
 FAMILIES = ("catalogue", "null")
 """Families that are made of one effect of the catalogue, or of none."""
@@ -41,7 +42,7 @@ def displacement(data: CaseData, noise: float) -> tuple[Trajectories, Trajectori
 
 
 def study_displacement(data: CaseData, noise: float, seed: int = 0) -> dict[str, Any]:
-    """Run `find_missing_effects` on the displacement alone, and record what came out; see `solve.Solve`.
+    """Run `find_missing_effects` on the displacement alone, and record what came out; see `study.Solve`.
 
     Args:
         data: The case's data.
@@ -66,7 +67,15 @@ def study_displacement(data: CaseData, noise: float, seed: int = 0) -> dict[str,
         free_runs=False,
         progress=False,
     )
-    return {**record(study, data), "seconds": time.perf_counter() - start}
+    seconds = time.perf_counter() - start
+    return {**record(study, data), "closable": _closable(study.gap, data, test), "seconds": seconds}
+
+
+def _closable(gap: pd.DataFrame, data: CaseData, test: Trajectories) -> float:
+    """Share of the held-out mean square error of the samples that the true model closes; what it leaves is noise."""
+    place = data.host.roles["position"]
+    noise = float(np.mean((test.states[place] - data.test.states[place]) ** 2) / np.var(test.states[place]))
+    return 1.0 - noise / float(gap.loc[("test", "sample NMSE", data.equation), "before"])
 
 
 def _shown(data: Trajectories, place: str, sd: float, rng: np.random.Generator) -> Trajectories:

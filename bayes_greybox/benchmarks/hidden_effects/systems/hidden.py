@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from .host_systems import Columns, Host
+from .hosts import Columns, Host
 
 Value = Callable[[Columns, Any], Any]
 """(columns by role, inner parameter) -> value."""

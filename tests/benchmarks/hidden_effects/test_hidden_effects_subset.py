@@ -3,7 +3,7 @@
 Each bar's miss is allowed as often as a study that just meets the bar would miss it, with a false failure of at most
 one in a hundred for each bar. The full run is `bayes-greybox benchmark hidden-effects`.
 
-python -m pytest -n 0 -m slow tests/benchmarks/test_hidden_effects_subset.py
+python -m pytest -n 0 -m slow tests/benchmarks/hidden_effects/test_hidden_effects_subset.py
 """
 
 import pytest

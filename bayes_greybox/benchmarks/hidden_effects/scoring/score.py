@@ -9,11 +9,16 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from bayes_greybox.benchmarks.hidden_effects.assumptions.score import (
+    assumption_bars,
+    assumption_scores,
+    assumption_table,
+    is_assumption,
+)
+from bayes_greybox.benchmarks.hidden_effects.cases import FAMILIES
 from bayes_greybox.data.errors import InputError
 
-from .assumptions.score import assumption_bars, assumption_scores, assumption_table, is_assumption
 from .case_scores import PEERS, SOLVERS, case_scores, coverage_table, listed, reliability_curve, stated
-from .cases import FAMILIES
 
 RATIO_BINS = (0.3, 1.0, 3.0, 10.0, 30.0)
 """Edges of the ranges of effect over noise that accuracy is given for; the first and last range have no outer end."""

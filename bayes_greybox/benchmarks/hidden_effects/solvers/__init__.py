@@ -1,0 +1,1 @@
+"""Who solves the cases: the study, the oracle that nobody can beat, and PySINDy."""

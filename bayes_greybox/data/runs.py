@@ -1,0 +1,120 @@
+"""Runs as they lie in memory: columns stacked row by row, and what is asked of them."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import pandas as pd
+from jaxtyping import Float, Int
+
+from .columns import derivative_label, rate_unit, summary_table
+from .errors import InputError
+from .noise.protocol import RowNoise
+from .noise.white import WhiteNoise
+from .rates.rate_filter import RateFilter
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Runs:
+    """What `Trajectories` are made of, which describe each attribute; they build, cut and differentiate them."""
+
+    time: Float[np.ndarray, " n_obs"]
+    run: Int[np.ndarray, " n_obs"]
+    states: Mapping[str, Float[np.ndarray, " n_obs"]]
+    inputs: Mapping[str, Float[np.ndarray, " n_obs"]]
+    derivatives: Mapping[str, Float[np.ndarray, " n_obs"]]
+    units: Mapping[str, str] = field(default_factory=dict)
+    noise: Mapping[str, RowNoise] = field(default_factory=dict)
+    run_names: tuple[str, ...] = ("0",)
+    dropped: int = 0
+    time_name: str = "t"
+    filter: RateFilter | None = None
+
+    @property
+    def n_obs(self) -> int:
+        """Number of rows of all runs."""
+        return len(self.time)
+
+    def rate(self, state: str) -> Float[np.ndarray, " n_obs"]:
+        """The measured derivative of a state.
+
+        Raises:
+            InputError: if the data have none.
+        """
+        if state not in self.derivatives:
+            raise InputError(
+                f"The data have no derivative of {state!r}: give it with derivatives={{{state!r}: ...}}, "
+                f"or compute it with data.differentiate()."
+            )
+        return self.derivatives[state]
+
+    def row_noise(self, state: str) -> RowNoise:
+        """Noise of the rows of a state's derivative: that of its differentiator, or white."""
+        return self.noise.get(state) or WhiteNoise(self.run_lengths)
+
+    @property
+    def n_run(self) -> int:
+        """Number of runs."""
+        return len(self.run_names)
+
+    @property
+    def state_names(self) -> tuple[str, ...]:
+        """Names of the states, in order."""
+        return tuple(self.states)
+
+    @property
+    def input_names(self) -> tuple[str, ...]:
+        """Names of the inputs, in order."""
+        return tuple(self.inputs)
+
+    @property
+    def derivative_names(self) -> tuple[str, ...]:
+        """States whose derivative is known, in order."""
+        return tuple(self.derivatives)
+
+    @property
+    def run_lengths(self) -> tuple[int, ...]:
+        """Rows of each run."""
+        return tuple(int(n) for n in np.bincount(self.run, minlength=self.n_run))
+
+    @property
+    def columns(self) -> dict[str, Float[np.ndarray, " n_obs"]]:
+        """All states, then all inputs, by name."""
+        return {**self.states, **self.inputs}
+
+    def column(self, name: str) -> Float[np.ndarray, " n_obs"]:
+        """One state or input.
+
+        Raises:
+            InputError: if there is no such column.
+        """
+        columns = self.columns
+        if name not in columns:
+            raise InputError(f'There is no state or input "{name}"; there are {", ".join(columns)}.')
+        return columns[name]
+
+    def matrix(self, names: Sequence[str]) -> Float[np.ndarray, "n_obs n_column"]:
+        """States and inputs side by side, in the order of `names`."""
+        if not names:
+            return np.empty((self.n_obs, 0))
+        return np.column_stack([self.column(name) for name in names])
+
+    def unit(self, name: str) -> str | None:
+        """Unit of a state, an input or the time ("t"); None if it was not given."""
+        return self.units.get(name)
+
+    def derivative_unit(self, name: str) -> str | None:
+        """Unit of the derivative of a state: as given, else state over time, None if unknown."""
+        given = self.units.get(derivative_label(name, "t"))
+        return given if given is not None else rate_unit(self.units.get(name), self.units.get("t"))
+
+    def summary(self) -> pd.DataFrame:
+        """Table with kind, unit, min, max, mean and number of rows of every column."""
+        rows = [(self.time_name, "time", self.unit("t"), self.time)]
+        rows += [(k, "state", self.unit(k), v) for k, v in self.states.items()]
+        rows += [(k, "input", self.unit(k), v) for k, v in self.inputs.items()]
+        rows += [
+            (derivative_label(k, self.time_name), "derivative", self.derivative_unit(k), v)
+            for k, v in self.derivatives.items()
+        ]
+        return summary_table(rows)
