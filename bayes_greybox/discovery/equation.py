@@ -15,18 +15,18 @@ from bayes_greybox.physics.units import derivative_unit
 from .answer.adequacy import Check, check_explanation
 from .answer.amendment import Amendment, Remainder
 from .answer.coefficients import Coefficients, draw_coefficients, plain
-from .answer.doubt import Doubt, contradicted, unfollowed
+from .answer.doubt import Doubt, contradicted
 from .answer.equation_study import EquationStudy
 from .answer.finding import Finding, decide
 from .answer.gap import RATE_DRAWS
 from .answer.motion import ModelledRate, MotionCheck, check_motion
 from .answer.where import GapField, gap_map, gap_trace, where_table
-from .suspects.channels import ChannelSuspect, calibrated, slope_along
+from .suspects.channels import ChannelSuspect, Rate, calibrated, slope_along
 from .suspects.samples import Smoother, known_rates
 from .weighing.alignment import Aligned, align
-from .weighing.along_path import follow
+from .weighing.along_path import Near, follow
 from .weighing.odds import Odds
-from .weighing.sets import RECALIBRATED, REST
+from .weighing.sets import RECALIBRATED, REST, Sets
 from .weighing.sufficient_statistics import SufficientStatistics
 from .weighing.worlds import World, worlds
 
@@ -61,17 +61,12 @@ def study_equation(
     aligned, found = _weighed(model, train, name, effects, odds, most, seed if settle else None, say)
     unit, unit_of_time = derivative_unit(name, train.units), train.units.get("t", "")
 
-    known = aligned.evaluations.statistics
-    path = unfollowed(known.rows.unfollowed, known.target_scale, odds.remainder / 2)
-
     def decided(doubts: Sequence[Doubt]) -> tuple[Finding, list[Check]]:
-        finding = decide(found, (*path, *doubts))
+        finding = decide(found, doubts)
         rest = finding.explanation.kind == REST or PROCESS in finding.world.model.names
         checks = [] if rest else check_explanation(finding.world, finding.explanation, unit_of_time)
         finding = _with_noisy_states(finding, aligned, unit)
         said = [check.text for check in checks if not check.ok]
-        if path and path[0].probability > 0.5:
-            said.append("the path of the samples departs from that of the model: an unknown force acts")
         return finding.capped(said), checks
 
     finding, checks = decided(())
@@ -106,10 +101,14 @@ def _weighed(
 
     def under_every_noise(aligned: Aligned) -> list[World]:
         aligned.evaluations.seed = seed
-        return worlds(aligned.sets, _quantities(model, aligned, name), say)
+        return worlds(aligned.sets, _quantities(model, aligned.data, aligned.sets, aligned.rate), say, aligned.noise)
 
     if not model.rows.rates_measured:
-        aligned = follow(model, train, name, effects, odds, most, say)
+
+        def quantities(near: Near) -> dict[str, np.ndarray]:
+            return _quantities(model, near.data, near.base, near.rate)
+
+        aligned = follow(quantities, model, train, name, effects, odds, most, say)
         return aligned, under_every_noise(aligned)
     smooth = Smoother(train, known_rates(model.simulator(train), train))
     aligned = align(model, train, name, effects, odds, most, say, smooth=smooth)
@@ -234,11 +233,12 @@ def _motion(
     return checks, doubts
 
 
-def _quantities(model: Program, aligned: Aligned, name: str) -> dict[str, np.ndarray]:
+def _quantities(model: Program, data: Trajectories, sets: Sets, rate: Rate) -> dict[str, np.ndarray]:
     """What the noise of the rows may grow with."""
-    data = aligned.data
+    name, operator = sets.statistics.equation, sets.statistics.rows.operator
     simulated = model.simulator(data).on(data, name)
-    return {**data.columns, f"simulated d({name})/dt": simulated, **_changing(data, aligned.rate)}
+    found = {**data.columns, f"simulated d({name})/dt": simulated, **_changing(data, rate)}
+    return found if operator is None else {key: values[operator.sample] for key, values in found.items()}
 
 
 def _changing(data: Trajectories, rate: Callable[[Trajectories], np.ndarray]) -> dict[str, np.ndarray]:

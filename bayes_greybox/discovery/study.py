@@ -312,7 +312,9 @@ def amended_program(model: AnyProgram, findings: Mapping[str, EquationStudy]) ->
         dictionary[name] = [*own, *added] or [Term("1")]
         model = model if found.aligned.rows is None else replace(model, rows=found.aligned.rows)
     named = {name for found in findings.values() for name in found.finding.world.model.names}
-    if not named & {CORRELATED, VARYING, HEAVY}:
+    sensors = max(found.aligned.n_sensor for found in findings.values())
+    if not named & {CORRELATED, VARYING, HEAVY} or sensors > 1:
+        # Beside several sensors' samples the posterior has white noise for each: see `check_asked`.
         return replace(model, dictionary=dictionary)
     noise = model.noise if isinstance(model.noise, Noise) else Noise(scale=model.noise)
     # What was found is found again beside all coefficients; what the user asked for stays.

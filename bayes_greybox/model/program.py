@@ -85,10 +85,6 @@ class Program:
                     f"Rows of samples learn one equation, not {len(self.dictionary)}: what another lacks would be "
                     "taken for its own. Leave one in GreyBox(dictionary=...)."
                 )
-            if isinstance(self.noise, Noise) and not self.noise.white:
-                raise InputError(
-                    "GreyBox(noise=bg.Noise(...)) is for rows of rates: on rows of samples the noise is white."
-                )
         if not isinstance(self.noise, Noise) and not self.noise > 0:
             raise InputError(f"GreyBox(noise={self.noise:g}) must be positive.")
 
@@ -206,7 +202,7 @@ class Program:
         fresh = replace(self, noise=replace(self.noise, found=None))
         dictionaries = fresh.dictionaries(data)
         models = fresh._find_noise({name: fresh.equation_rows(data, name) for name in dictionaries}, dictionaries)
-        noise = {**data.noise, **{name: model.noise for name, model in models.items()}}
+        noise = {**data.noise, **{name: model.noise.error for name, model in models.items()}}
         return replace(fresh, noise=with_found(self.noise, models)), replace(data, noise=noise)
 
     def _find_noise(

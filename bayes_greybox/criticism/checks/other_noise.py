@@ -6,7 +6,7 @@ import numpy as np
 
 from bayes_greybox.inference.posterior import Posterior
 from bayes_greybox.model.gp.hyper import NoisePrior
-from bayes_greybox.model.noise.asked import FIT, Noise
+from bayes_greybox.model.noise.asked import FIT, Noise, varies_with
 from bayes_greybox.model.noise.noise_model import CORRELATED, HEAVY, PROCESS, VARYING, NoiseModel
 from bayes_greybox.model.noise.suspicions import suspicions
 
@@ -40,8 +40,10 @@ def suggestion(posterior: Posterior, equation: str) -> str:
     noise = given if isinstance(given, Noise) else Noise(scale=given)
     taken = tuple(name for name, option in OPTIONS.items() if getattr(noise, option) is not None)
     # The correlation that differentiation gives is known.
-    known = NoiseModel(rows.noise, taken if rows.noise.local or noise.correlation is not None else (*taken, CORRELATED))
-    quantities = {**rows.columns, f"simulated d({equation})/dt": rows.simulated}
+    known = NoiseModel(
+        rows.noise, taken if rows.noise.error.independent or noise.correlation is not None else (*taken, CORRELATED)
+    )
+    quantities = varies_with(rows)
     prior = NoisePrior(float(entry.design.noise_floor), noise.scale)
     factors = {s.name: s.log_bayes_factor for s in suspicions(residual, known, rows.time, rows.run, quantities, prior)}
     best = max(factors, key=factors.__getitem__, default=PROCESS)

@@ -8,6 +8,7 @@ import numpy as np
 from bayes_greybox.data.errors import InputError
 
 from .banded import BandedNoise
+from .forced_noise import ForcedNoise, Motion
 from .protocol import RowNoise
 from .spectral import SpectralNoise
 from .starts_noise import StartsNoise
@@ -15,7 +16,7 @@ from .state_space import StateSpaceNoise
 from .weighted import WeightedNoise
 from .white import WhiteNoise
 
-KINDS = ("white", "banded", "spectral", "state space", "weighted", "starts")
+KINDS = ("white", "banded", "spectral", "state space", "weighted", "starts", "forced")
 """Row noises that files of data and fits can hold, as `RowNoise.to_dict` calls them."""
 
 
@@ -66,6 +67,12 @@ def noise_from_dict(record: Mapping[str, Any]) -> RowNoise:
         )
     if record["kind"] == "starts":
         inner, starts = noise_from_dict(fields["inner"]), np.asarray(fields["starts"], dtype=float)
-        return StartsNoise(inner, starts, float(fields["scale"]))
+        return StartsNoise(inner, starts, scale=float(fields["scale"]))
+    if record["kind"] == "forced":
+        about = dict(fields["motion"])
+        outputs, fresh = tuple(int(k) for k in about.pop("outputs")), np.asarray(about.pop("fresh"), bool)
+        motion = Motion(fresh=fresh, outputs=outputs, **{k: np.asarray(v, float) for k, v in about.items()})
+        sensor, starts = noise_from_dict(fields["sensor"]), np.asarray(fields["starts"], float)
+        return ForcedNoise(sensor, motion, starts, float(fields["intensity"]), float(fields["scale"]))
     known = ", ".join(f'"{kind}"' for kind in KINDS)
     raise InputError(f'Row noise of kind "{record["kind"]}" is unknown; the kinds are {known}.')

@@ -118,6 +118,36 @@ class RowNoise(ABC):
         """Residuals less what unknown starts of the runs explain of them; rows of rates have no starts."""
         return rows
 
+    @property
+    def error(self) -> "RowNoise":
+        """The noise of the rows alone, without what unknown starts of the runs allow."""
+        return self
+
+    def with_error(self, error: "RowNoise") -> "RowNoise":
+        """The same with other noise of the rows alone."""
+        return error
+
+    @property
+    def intensities(self) -> Float[np.ndarray, " n"]:
+        """Intensities of an unknown force that rows of a path may be moved by; rows of rates have no path."""
+        return np.zeros(0)
+
+    def forced(self, intensity: float) -> "RowNoise":
+        """The same with an unknown force along the path, white in time.
+
+        Args:
+            intensity: One of `intensities`, or between them.
+        """
+        return self
+
+    def onto(self, rows: "RowNoise") -> "RowNoise":
+        """What this noise has beyond that of rows as they come, for the same rows near another path.
+
+        Args:
+            rows: Their noise as they come.
+        """
+        return rows
+
     def sequences(
         self, white: Float[np.ndarray, "n_draw n_white"]
     ) -> tuple[Float[np.ndarray, "n_draw n_value"], tuple[int, ...], bool]:

@@ -2,20 +2,21 @@
 
     R = R₀ + B Bᵀ
 
-with R₀ the sensor's noise, whitened row by row, and B the rows' responses to the starts of their segments, scaled by
+with R₀ the sensor's noise and B the rows' responses to the starts of their segments, scaled by
 the starts' prior. With the singular vectors U and values s of W₀ B,
 
     W = (I + U ((1 + s²)^-½ − 1) Uᵀ) W₀,    log|R| = log|R₀| + Σ log(1 + s²).
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
+from .forced_noise import ForcedNoise, Motion
 from .protocol import RowNoise
 
 
@@ -24,13 +25,15 @@ class StartsNoise(RowNoise):
     """Noise of rows with unknown starts.
 
     Attributes:
-        inner: R₀, of independent rows.
+        inner: R₀.
         starts: B [n_obs, n_start].
+        motion: How changes of the path go on from sample to sample, where it is known; called when it is needed.
         scale: As of any noise.
     """
 
     inner: RowNoise
     starts: Float[np.ndarray, "n_obs n_start"]
+    motion: Callable[[], Motion] | None = None
     scale: float = 1.0
 
     @property
@@ -62,8 +65,8 @@ class StartsNoise(RowNoise):
 
     def precision_band(self, width: int) -> Float[np.ndarray, "n_obs width"]:
         """Entries (i, i + k) of R⁻¹ for k < width."""
-        U, s = self._known
-        V = np.sqrt(self.inner.precision_diagonal())[:, None] * U
+        U, s, _ = self._known
+        V = self.inner.whiten_transpose(U)
         band = self.inner.precision_band(width)
         run = np.repeat(np.arange(len(self.run_lengths)), self.run_lengths)
         for k in range(min(width, len(V))):
@@ -81,15 +84,37 @@ class StartsNoise(RowNoise):
 
     def without_starts(self, rows: Float[np.ndarray, "n_obs k"]) -> Float[np.ndarray, "n_obs k"]:
         """Residuals less B b, b the posterior mean of the starts."""
-        U, s = self._known
-        root = 1 / np.sqrt(self.inner.precision_diagonal())[:, None]
-        return rows - root * (U @ ((s**2 / (1 + s**2))[:, None] * (U.T @ self.inner.whiten(rows))))
+        U, s, Vt = self._known
+        return rows - self.starts @ (Vt.T @ ((s / (1 + s**2))[:, None] * (U.T @ self.inner.whiten(rows))))
+
+    @property
+    def error(self) -> RowNoise:
+        """R₀."""
+        return self.inner
+
+    def with_error(self, error: RowNoise) -> "StartsNoise":
+        """Another R₀."""
+        return replace(self, inner=error)
+
+    @property
+    def intensities(self) -> Float[np.ndarray, " n"]:
+        """Those of the motion; none where rows of the sensor are not independent."""
+        return self.motion().intensities if self.motion is not None and self.inner.independent else np.zeros(0)
+
+    def forced(self, intensity: float) -> RowNoise:
+        """The same with an unknown force along the path."""
+        assert self.motion is not None
+        return ForcedNoise(self.inner, self.motion(), self.starts, intensity, self.scale)
+
+    def onto(self, rows: RowNoise) -> RowNoise:
+        """The same R₀."""
+        return rows.with_error(self.inner)
 
     def restrict(self, bounds: Sequence[tuple[int, int]]) -> "StartsNoise":
         """Noise of contiguous rows of each run."""
         first = np.cumsum([0, *self.run_lengths])
         rows = np.concatenate([np.arange(first[i] + a, first[i] + b) for i, (a, b) in enumerate(bounds)])
-        return StartsNoise(self.inner.restrict(bounds), self.starts[rows], self.scale)
+        return StartsNoise(self.inner.restrict(bounds), self.starts[rows], scale=self.scale)
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values."""
@@ -97,10 +122,9 @@ class StartsNoise(RowNoise):
         return {"kind": "starts", "inner": inner, "starts": starts, "scale": self.scale}
 
     @cached_property
-    def _known(self) -> tuple[np.ndarray, np.ndarray]:
-        U, s, _ = np.linalg.svd(self.inner.whiten(self.starts), full_matrices=False)
-        return U, s
+    def _known(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        return np.linalg.svd(self.inner.whiten(self.starts), full_matrices=False)
 
     def _shrunk(self, rows: np.ndarray) -> np.ndarray:
-        U, s = self._known
+        U, s, _ = self._known
         return rows + U @ ((1 / np.sqrt(1 + s**2) - 1)[:, None] * (U.T @ rows))

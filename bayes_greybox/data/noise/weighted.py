@@ -101,8 +101,9 @@ class WeightedNoise(RowNoise):
 
 
 def correlation_and_sd(noise: RowNoise) -> tuple[RowNoise, Float[np.ndarray, " n_obs"]]:
-    """Noise of rows of one size, and the standard deviation that each row has of it."""
-    return (noise.inner, noise.sd) if isinstance(noise, WeightedNoise) else (noise, np.ones(noise.n_obs))
+    """Noise of rows of one size, and the standard deviation that each row has of it; of the rows alone."""
+    error = noise.error
+    return (error.inner, error.sd) if isinstance(error, WeightedNoise) else (error, np.ones(error.n_obs))
 
 
 def with_sd(correlation: RowNoise, sd: Float[np.ndarray, " n_obs"]) -> RowNoise:

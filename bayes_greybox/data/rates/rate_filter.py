@@ -205,6 +205,11 @@ class RowOperator:
         parts = [a + self.every * np.arange(n) for a, n in zip(starts, self.row_lengths, strict=True)]
         return np.concatenate(parts).astype(np.int64)
 
+    @property
+    def place(self) -> Int[np.ndarray, " n_row"]:
+        """That sample: terms are evaluated at samples."""
+        return self.sample
+
     def pieces(self, most: int) -> Iterator[slice]:
         """Stretches of samples, each with whole windows, whose rows follow each other.
 

@@ -13,10 +13,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from scipy.special import expit
-
-from bayes_greybox.model.rows.equation_rows import Unfollowed
-
 
 @dataclass(frozen=True)
 class Doubt:
@@ -44,20 +40,6 @@ def contradicted(p: float, prior: float) -> float:
         return 1.0
     odds = -math.e * p * math.log(p) if p < 1 / math.e else 1.0
     return prior / (prior + (1 - prior) * odds)
-
-
-def unfollowed(rows: Unfollowed | None, scale: float, prior: float) -> list[Doubt]:
-    """The doubt of a path that departs from that of its model; none where there is no path.
-
-    Args:
-        rows: What the model does not follow.
-        scale: Of the statistics' target.
-        prior: Probability, before the data, that something else acts.
-    """
-    if rows is None:
-        return []
-    odds = math.log(prior / (1 - prior)) + rows.nats
-    return [Doubt(float(expit(odds)), rows.force / scale, own=True)]
 
 
 def artefact(doubts: Sequence[Doubt], size: float) -> float:

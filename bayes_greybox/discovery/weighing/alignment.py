@@ -24,6 +24,7 @@ from bayes_greybox.discovery.suspects.channels import (
 )
 from bayes_greybox.discovery.suspects.samples import SampleNoise, Smoother, clipped, known_rates, misread
 from bayes_greybox.model.evidence import coefficients
+from bayes_greybox.model.noise.noise_model import NoiseModel
 from bayes_greybox.model.program import Program
 from bayes_greybox.model.rows.row_kind import RowKind
 from bayes_greybox.physics.catalogue.effects import BoundEffect
@@ -67,6 +68,7 @@ class Aligned:
         used: Rows of the data as they came that are weighed.
         smooth: Frees states of such data of the noise on their samples.
         rows: Rows near what was found, where rows are linear only near a model.
+        noise: Noise that was found on the way; None where none was looked for.
     """
 
     data: Trajectories
@@ -81,6 +83,7 @@ class Aligned:
     used: Bool[np.ndarray, " n_obs"] = field(default_factory=lambda: np.ones(0, bool))
     smooth: Callable[[Trajectories], Trajectories] = lambda data: data
     rows: RowKind | None = None
+    noise: NoiseModel | None = None
 
     @property
     def evaluations(self) -> Evaluations:
@@ -91,6 +94,11 @@ class Aligned:
     def rates_measured(self) -> bool:
         """Whether rates have a sensor of their own, which the samples of the states may contradict."""
         return self.data.filter is None
+
+    @property
+    def n_sensor(self) -> int:
+        """Sensors whose samples are rows; measured rates are one."""
+        return 1
 
     @property
     def spurious(self) -> float:

@@ -5,7 +5,7 @@ the same. An explanation far from that model fits badly in any case; one that fi
 the same samples.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
@@ -16,7 +16,9 @@ from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.suspects.channels import Rate
 from bayes_greybox.discovery.suspects.sensors import input_columns, sensor_columns
 from bayes_greybox.model.evidence import coefficients
+from bayes_greybox.model.noise.noise_model import CORRELATED, PROCESS, NoiseModel
 from bayes_greybox.model.program import Program
+from bayes_greybox.model.rows.equation_rows import EquationRows
 from bayes_greybox.physics.catalogue.effects import BoundEffect
 from bayes_greybox.physics.terms import Term
 
@@ -26,6 +28,7 @@ from .odds import Odds
 from .sets import Sets
 from .sufficient_statistics import SufficientStatistics, sufficient_statistics
 from .with_discrepancy import Evaluator
+from .worlds import under, worlds
 
 TURNS = 5
 """How often rows are taken anew near what was found."""
@@ -48,6 +51,12 @@ class Followed(Aligned):
     model: Program = field(kw_only=True)
 
     @property
+    def n_sensor(self) -> int:
+        """As many as states were sampled."""
+        assert self.data.samples is not None
+        return len(self.data.samples.state_names)
+
+    @property
     def spurious(self) -> float:
         """Nothing: the noise of samples is the rows' own."""
         return 0.0
@@ -67,12 +76,13 @@ class Followed(Aligned):
 
 
 def follow(
-    model: Program, train: Trajectories, equation: str, effects: Sequence[BoundEffect], odds: Odds, most: int,
-    report: Callable[[str], None] = lambda text: None,
+    quantities: "Callable[[Near], Mapping[str, np.ndarray]]", model: Program, train: Trajectories, equation: str,
+    effects: Sequence[BoundEffect], odds: Odds, most: int, report: Callable[[str], None] = lambda text: None,
 ) -> Followed:  # fmt: skip
     """Find what is missing, the rows taken near it in turns.
 
     Args:
+        quantities: What the noise may grow with, of explanations near a model.
         model: The model before.
         train: Samples.
         equation: The learned state.
@@ -82,27 +92,38 @@ def follow(
         report: Told in words what is being done.
     """
     report("following the path of the samples")
-    near = _near(model, train, equation, effects, odds, most, (), False)
+    # Far from the right model a small change of the path goes on otherwise than the equations say; an unknown force
+    # allows for that.
+    near = _near(model, train, equation, effects, odds, most, (), False, None)
+    near = _near(model, train, equation, effects, odds, most, near.added, False, None)
     for suspected in (False, True):
         # Far from the right model the rows are not quite linear, which looks like a sensor that is a little off:
         # sensors are suspected once a path nearer by shows nothing else.
+        noise = worlds(near.base, quantities(near), report, near.noise)[0].model
         for _ in range(TURNS):
             before = near
             report("following it with what was found")
-            near = _near(model, train, equation, effects, odds, most, before.added, suspected)
+            near = _near(model, train, equation, effects, odds, most, before.added, suspected, noise)
             if near.names == before.names and np.all(np.abs(near.values - before.values) <= STAYS * near.sd):
                 break
     used = np.ones(near.data.n_obs, bool)
     bare = modelled_rate(near.model, near.data, equation, ())
-    return Followed(near.data, near.sets, rate=near.rate, bare=bare, used=used, rows=near.model.rows, model=near.model)
+    return Followed(
+        near.data, near.base, rate=near.rate, bare=bare, used=used, rows=near.model.rows, noise=near.noise,
+        model=near.model,
+    )  # fmt: skip
 
 
 class Near(NamedTuple):
-    """Explanations on rows near one model, and the likeliest one's coefficients in user's units."""
+    """Explanations on rows near one model, and the likeliest one's coefficients in user's units.
+
+    `base` are sets under the noise that rows come with, `sets` those under the noise that was found.
+    """
 
     model: Program
     data: Trajectories
-    sets: Sets
+    base: Sets
+    noise: NoiseModel
     rate: Rate
     names: tuple[str, ...]
     values: Float[np.ndarray, " n_column"]
@@ -112,9 +133,11 @@ class Near(NamedTuple):
 
 def _near(
     model: Program, train: Trajectories, equation: str, effects: Sequence[BoundEffect], odds: Odds, most: int,
-    added: Sequence[tuple[Term, float]], suspected: bool,
+    added: Sequence[tuple[Term, float]], suspected: bool, noise: NoiseModel | None,
 ) -> Near:  # fmt: skip
-    near = replace(model, rows=model.rows.around(added))
+    # What hangs together in time and is the sensor's is nothing that the path does.
+    departs = noise is None or CORRELATED not in noise.names
+    near = replace(model, rows=model.rows.around(added, departs))
     simulation = near.simulator(train)
     data = near.rows.complete(train, equation, simulation)
     statistics = sufficient_statistics(near, data, equation, effects)
@@ -122,17 +145,28 @@ def _near(
     if suspected:
         _suspects(statistics, data, near.rows.nodes(data, equation, simulation), rate)
     evaluator = Evaluator(statistics.prior, statistics.kernel, np.asarray(statistics.basis.frequency))
-    evaluations = Evaluations(statistics, odds, evaluator)
-    sets = Sets(evaluations, most)
-    core = sets.likeliest()
+    base = Sets(Evaluations(statistics, odds, evaluator), most)
+    own = statistics.rows.noise
+    noise = _unfollowed(statistics.rows) if noise is None else replace(noise, noise=noise.noise.onto(own))
+    sets = under(base, noise) if noise.names else base
+    core, evaluations = sets.likeliest(), sets.evaluations
     fitted = sets.parametric(core)
     mean, covariance = coefficients(*one_pattern(fitted, int(np.argmax(fitted.by_pattern))))
-    columns = [statistics.columns[i] for i in evaluations.indices(core)]
+    columns = [evaluations.statistics.columns[i] for i in evaluations.indices(core)]
     unit = np.array([statistics.target_scale / column.scale for column in columns])
     values, sd = unit * mean, unit * np.sqrt(np.maximum(np.diag(covariance), 0.0))
     names = tuple(c.formula.text if c.suspect is None else c.suspect.key for c in columns)
     found = tuple((c.term, float(v)) for c, v in zip(columns, values, strict=True) if c.term is not None and v != 0)
-    return Near(near, data, sets, rate, names, values, sd, found)
+    return Near(near, data, base, noise, rate, names, values, sd, found)
+
+
+def _unfollowed(rows: EquationRows) -> NoiseModel:
+    """Noise with what the model does not follow of the path."""
+    if rows.unfollowed is None or rows.unfollowed.nats <= 0:
+        return NoiseModel(rows.noise)
+    return NoiseModel(
+        rows.noise.forced(rows.unfollowed.intensity), (PROCESS,), about={PROCESS: {"share": 1.0, "intensity": 0.0}}
+    )
 
 
 def _suspects(statistics: SufficientStatistics, data: Trajectories, nodes: Trajectories, rate: Rate) -> None:

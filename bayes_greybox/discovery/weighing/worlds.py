@@ -69,7 +69,8 @@ class World:
             return e.share_left
         if not self.model.process_share:
             return 0.0
-        spread = float(np.mean(self.residual(e) ** 2))
+        noise = self.evaluations.statistics.rows.noise
+        spread = float(np.mean(noise.without_starts(self.residual(e)[:, None]) ** 2))
         white = spread * (1 - self.model.process_share)
         gap = max(1.0 - white, 1e-12)
         return float(np.clip(spread * self.model.process_share / gap, 0.0, 1.0))
@@ -119,6 +120,7 @@ def worlds(
     first: Sets,
     quantities: Mapping[str, Float[np.ndarray, " n_row"]],
     report: Callable[[str], None] = lambda text: None,
+    known: NoiseModel | None = None,
 ) -> list[World]:
     """Worlds that matter, likeliest first.
 
@@ -126,6 +128,7 @@ def worlds(
         first: Sets under the noise that the rows come with.
         quantities: What the noise may grow with.
         report: Told in words what is being done.
+        known: Noise that was found before.
     """
     base = first.statistics.rows.noise
     found = [_world(first, NoiseModel(base), report)]
@@ -133,15 +136,18 @@ def worlds(
         other = _likelier(found[0])
         if other is None:
             break
-        found = [_world(_under(first, NoiseModel(other)), NoiseModel(other), report)]
-    if not base.independent:
+        found = [_world(under(first, NoiseModel(other)), NoiseModel(other), report)]
+    if not base.error.independent:
         # Filtered rows carry a known correlation; what is left of it is judged by the checks.
         return found
-    current = found[0]
     tried: set[tuple[str, ...]] = {()}
+    if known is not None and known.names:
+        found.append(_again(_world(under(first, known), known, report), first, quantities))
+        tried.add(tuple(sorted(known.names)))
+    current = max(found, key=lambda w: w.total)
     for _ in range(DEEPEST):
         fresh = []
-        for suspicion, score in _suspected(current, quantities):
+        for suspicion, score in _suspected(current, base, quantities):
             names = tuple(sorted(suspicion.model.names))
             top = max(w.total for w in found)
             if score + current.total < top + TRIED or (names in tried):
@@ -157,6 +163,15 @@ def worlds(
             break
         current = best
     return sorted(found, key=lambda w: -w.total)
+
+
+def under(sets: Sets, model: NoiseModel, evaluations: Evaluations | None = None) -> Sets:
+    """Sets of the columns known so far, by default those of the first sets, under another noise."""
+    known = evaluations or sets.evaluations
+    again = Evaluations(
+        known.statistics.with_noise(model.noise), known.odds, known.evaluator, known.importance_draws, known.seed
+    )
+    return Sets(again, sets.most, PROCESS in model.names, sets.always)
 
 
 def _likelier(world: World) -> RowNoise | None:
@@ -179,13 +194,20 @@ def _world(sets: Sets, model: NoiseModel, report: Callable[[str], None] = lambda
     return World(model, sets.evaluations, explanations, prior + model.constant - 0.5 * model.noise.log_det)
 
 
-def _suspected(world: World, quantities: Mapping[str, np.ndarray]) -> list[tuple[Suspicion, float]]:
-    """Suspects with the log odds that each would have over the world's total, from two explanations' residuals."""
+def _suspected(world: World, base: RowNoise, quantities: Mapping[str, np.ndarray]) -> list[tuple[Suspicion, float]]:
+    """Suspects with the log odds that each would have over the world's total, from two explanations' residuals.
+
+    What hangs together in time may be a process or the sensor: beside a process the sensor is weighed in its place.
+    """
     statistics, odds = world.evaluations.statistics, world.evaluations.odds
-    rows, found = statistics.rows, {}
+    rows, found, known = statistics.rows, {}, _without_process(world.model, base)
     for e in dict.fromkeys((world.best, world.bare)):
         weight = e.log_weight + world.offset - world.total
-        for s in suspicions(world.residual(e), world.model, rows.time, rows.run, quantities, statistics.noise):
+        each = suspicions(world.residual(e), known, rows.time, rows.run, quantities, statistics.noise)
+        if PROCESS in world.model.names:
+            weight -= log(odds.remainder / 2) + sum(s.log_bayes_factor for s in each if s.name == PROCESS)
+            each = [s for s in each if s.name != PROCESS]
+        for s in each:
             prior = log(odds.remainder / 2) if s.name == PROCESS else log(odds.noise)
             score = weight + prior + s.log_bayes_factor
             if s.name not in found or score > found[s.name][1]:
@@ -195,24 +217,34 @@ def _suspected(world: World, quantities: Mapping[str, np.ndarray]) -> list[tuple
 
 def _refitted(before: World, suspicion: Suspicion, first: Sets, quantities: Mapping[str, np.ndarray]) -> World:
     """The world of a suspect, its parameters found again on the residuals of its own best explanation."""
-    world = _world(_under(first, suspicion.model, before.evaluations), suspicion.model)
-    statistics = world.evaluations.statistics
+    world = _world(under(first, suspicion.model, before.evaluations), suspicion.model)
+    return _again(world, first, quantities, _without_process(before.model, first.statistics.rows.noise))
+
+
+def _again(world: World, first: Sets, quantities: Mapping[str, np.ndarray], before: NoiseModel | None = None) -> World:
+    """A world with the parameters of its last suspect found on the residuals of its own best explanation.
+
+    Args:
+        world: The world.
+        first: Sets under the noise that the rows come with.
+        quantities: What the noise may grow with.
+        before: Noise without that suspect; by default the noise that the rows come with.
+    """
+    statistics, name = world.evaluations.statistics, world.model.names[-1]
     rows = statistics.rows
-    again = suspicions(world.residual(world.best), before.model, rows.time, rows.run, quantities, statistics.noise)
+    before = before or NoiseModel(first.statistics.rows.noise)
+    if len(world.model.names) > len(before.names) + 1:
+        return world
+    again = suspicions(world.residual(world.best), before, rows.time, rows.run, quantities, statistics.noise)
     for s in again:
-        if s.name == suspicion.name and _differ(s.model.about[s.name], suspicion.model.about[s.name]):
-            other = _world(_under(first, s.model, before.evaluations), s.model)
+        if s.name == name and _differ(s.model.about[name], world.model.about[name]):
+            other = _world(under(first, s.model, world.evaluations), s.model)
             return max(world, other, key=lambda w: w.total)
     return world
 
 
-def _under(sets: Sets, model: NoiseModel, evaluations: Evaluations | None = None) -> Sets:
-    """Sets of the columns known so far, by default those of the first sets, under another noise."""
-    known = evaluations or sets.evaluations
-    again = Evaluations(
-        known.statistics.with_noise(model.noise), known.odds, known.evaluator, known.importance_draws, known.seed
-    )
-    return Sets(again, sets.most, PROCESS in model.names, sets.always)
+def _without_process(model: NoiseModel, base: RowNoise) -> NoiseModel:
+    return NoiseModel(base) if PROCESS in model.names else model
 
 
 def _differ(a: Mapping, b: Mapping) -> bool:
@@ -220,7 +252,10 @@ def _differ(a: Mapping, b: Mapping) -> bool:
     for key in ("variable", "degrees", "exponent"):
         if a.get(key) != b.get(key):
             return True
-    return any(abs(a.get(key, 0.0) - b.get(key, 0.0)) > 0.1 * abs(b.get(key, 1.0)) for key in ("time_scale", "white"))
+    return any(
+        abs(a.get(key, 0.0) - b.get(key, 0.0)) > 0.1 * abs(b.get(key, 1.0))
+        for key in ("time_scale", "white", "intensity")
+    )
 
 
 def weights(found: Sequence[World]) -> Float[np.ndarray, " n_world"]:

@@ -124,6 +124,12 @@ def find_noise(
     return model
 
 
+def varies_with(rows: EquationRows) -> dict[str, Float[np.ndarray, " n_row"]]:
+    """What the size of the noise may grow with: states, inputs and, for rows of rates, the simulated one."""
+    rate = {f"simulated d({rows.equation})/dt": rows.simulated} if rows.gain == 1.0 else {}
+    return {**rows.at_rows(), **rate}
+
+
 def check_asked(noise: Noise, rows: EquationRows) -> None:
     """Refuse noise that cannot be found on these rows, before there is any work to lose.
 
@@ -142,7 +148,12 @@ def check_asked(noise: Noise, rows: EquationRows) -> None:
             f"The noise of {rows.equation!r} cannot be found on {rows.n_row} rows: give at least {LEAST_ROWS}, or "
             "leave GreyBox(noise=...) a number."
         )
-    if not rows.noise.square or (noise.correlation is not None and not rows.noise.local):
+    if rows.operator is not None and rows.noise.square and rows.n_row > len(set(rows.operator.sample.tolist())):
+        raise InputError(
+            f"Noise of several sensors at once cannot be found for {rows.equation!r} yet: leave GreyBox(noise=...) a "
+            "number, or give the samples of one sensor."
+        )
+    if not rows.noise.square or (noise.correlation is not None and not rows.noise.error.independent):
         raise InputError(
             f"The rates of {rows.equation!r} were computed by differentiation, which gives their noise a known "
             "correlation: leave Noise(correlation=...) out, and for the rest differentiate by 'savgol'."
@@ -159,6 +170,7 @@ def _found(
 ) -> NoiseModel:
     """Every option in turn: size along the path, correlation of what is left, tails of the innovations."""
     model = known
+    residual = known.noise.without_starts(residual[:, None])[:, 0]
     if below_floor(residual, known, prior):
         # There is nothing that could be found; what is given is given.
         noise = replace(noise, **{name: None for name in OPTIONS if getattr(noise, name) == FIT})
@@ -219,7 +231,7 @@ def _settled(before: NoiseModel, after: NoiseModel) -> bool:
 
 
 def _dictionary_columns(rows: EquationRows, dictionary: Dictionary) -> Float[np.ndarray, "n_row n_term"]:
-    values = np.asarray(dictionary.evaluate(rows.columns), float)
+    values = rows.table(lambda at: np.asarray(dictionary.evaluate(at), float))(np.arange(rows.n_row))
     scale = np.sqrt(np.mean(values**2, axis=0))
     # What cannot be evaluated, or is zero, is refused with its name where the equation is assembled.
     usable = np.isfinite(scale) & (scale > 0)
@@ -240,7 +252,11 @@ def _features(
     if np.any(high <= low):
         return none, [np.zeros(0)]
     basis = HilbertBasis(discrepancy.boundary, (FEATURES[len(variables)],) * len(variables))
-    psi = np.asarray(held_features(basis, scaled_position(rows.columns, variables, (low + high) / 2, (high - low) / 2)))
+    centre, half_width = (low + high) / 2, (high - low) / 2
+    features = rows.table(
+        lambda at: np.asarray(held_features(basis, scaled_position(at, variables, centre, half_width)))
+    )
+    psi = features(np.arange(rows.n_row))
     kernel = KERNELS[discrepancy.kernel]
     spreads = [
         np.exp(0.5 * np.asarray(log_spectral_density(kernel, basis.frequency, a, jnp.full(len(variables), length))))
@@ -255,12 +271,12 @@ def _quantities(noise: Noise, rows: EquationRows) -> dict[str, Float[np.ndarray,
     if noise.depends_on is None:
         return {}
     if noise.depends_on == FIT:
-        return {**rows.columns, f"simulated d({rows.equation})/dt": rows.simulated}
+        return varies_with(rows)
     if noise.depends_on not in rows.columns:
         raise InputError(
             f"Noise(depends_on={noise.depends_on!r}) is neither a state nor an input; known: {', '.join(rows.columns)}."
         )
-    return {noise.depends_on: rows.columns[noise.depends_on]}
+    return {noise.depends_on: rows.at_rows()[noise.depends_on]}
 
 
 def noise_record(model: NoiseModel) -> dict[str, Any]:

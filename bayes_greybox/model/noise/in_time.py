@@ -83,7 +83,7 @@ def in_time(
     log_prior = (-0.5 * z**2 - np.logaddexp.reduce(-0.5 * z**2))[:, None] - math.log(len(shares)) + 0 * shares
     tau, white = float(fine_tau[k] * typical), float(fine_share[m])
     runs = tuple(time[run == r] for r in dict.fromkeys(run.tolist()))
-    noise = with_sd(StateSpaceNoise(runs, process, tau, white), sd)
+    noise = known.noise.with_error(with_sd(StateSpaceNoise(runs, process, tau, white), sd))
     before = log_white(float(np.sum(e**2)), n, prior)
     neighbours = 1.0 if process == "exponential" else 1 + math.sqrt(3) * typical / tau
     neighbours *= math.exp(-typical / tau * (1.0 if process == "exponential" else math.sqrt(3)))

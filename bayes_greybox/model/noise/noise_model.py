@@ -46,7 +46,7 @@ class NoiseModel:
         if self.tail_weights is None:
             return self.noise
         inner, sd = correlation_and_sd(self.noise)
-        return with_sd(inner, sd * np.sqrt(self.tail_weights))
+        return self.noise.with_error(with_sd(inner, sd * np.sqrt(self.tail_weights)))
 
     @property
     def process_share(self) -> float:

@@ -18,6 +18,7 @@ from bayes_greybox.model.gp.hyper import NoisePrior
 
 from .in_time import in_time
 from .noise_model import CORRELATED, HEAVY, PROCESS, VARYING, NoiseModel, Suspicion, weighed_on_grid
+from .unknown_force import force
 
 LEAST_ROWS = 20
 """Fewer residuals say nothing about their noise."""
@@ -52,9 +53,13 @@ def suspicions(
     """
     if len(residual) < LEAST_ROWS or below_floor(residual, known, prior):
         return []
-    found = []
+    found, whole = [], residual
+    residual = known.noise.without_starts(residual[:, None])[:, 0]
     if not {CORRELATED, PROCESS} & set(known.names):
-        found += [in_time(residual, known, time, run, prior, name) for name in (CORRELATED, PROCESS)]
+        found.append(in_time(residual, known, time, run, prior, CORRELATED))
+        # Where rows are samples of a path, a process of the system moves that.
+        moved = len(known.noise.intensities) > 0
+        found.append(force(whole, known, prior) if moved else in_time(residual, known, time, run, prior, PROCESS))
     if VARYING not in known.names:
         found.append(varying(residual, known, quantities, prior))
     if HEAVY not in known.names:
@@ -110,7 +115,7 @@ def varying(
         return None
     every = np.concatenate(logs)
     name, level, z, a = choices[int(np.argmax(every))]
-    noise = with_sd(inner, sd * np.exp(a * z))
+    noise = known.noise.with_error(with_sd(inner, sd * np.exp(a * z)))
     before = log_white(float(np.sum(e**2)), n, prior)
     about = {"variable": name, "exponent": float(a), "level": level}
     return weighed_on_grid(VARYING, every, np.full(len(every), -math.log(len(every))), before, noise, known, about)
@@ -165,11 +170,11 @@ def heavy(
     held = WeightedNoise(inner, sd / np.sqrt(weight))
     # Where rows hang together, weighted rows are not weighted innovations: both are measured on the rows themselves.
     square = float(np.sum(held.whiten(residual[:, None]) ** 2))
-    at_mode = log_white(square, n, prior) - 0.5 * (held.log_det - known.noise.log_det)
+    at_mode = log_white(square, n, prior) - 0.5 * (held.log_det - known.noise.error.log_det)
     before = log_white(float(np.sum(e**2)), n, prior)
     about = {"degrees": nu, "scale": scale}
     model = replace(
-        known, noise=held, names=(*known.names, HEAVY), constant=known.constant + total - at_mode,
-        about={**known.about, HEAVY: about}, tail_weights=weight,
+        known, noise=known.noise.with_error(held), names=(*known.names, HEAVY), tail_weights=weight,
+        constant=known.constant + total - at_mode, about={**known.about, HEAVY: about},
     )  # fmt: skip
     return Suspicion(HEAVY, total - before, model)

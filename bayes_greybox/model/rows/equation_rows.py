@@ -32,6 +32,11 @@ class Operator(Protocol):
         """The sample of the data that each row is at."""
         ...
 
+    @property
+    def place(self) -> Int[np.ndarray, " n_row"]:
+        """Where each row is among the columns that terms are evaluated on."""
+        ...
+
     def __call__(self, table: Float[np.ndarray, "n_sample k"]) -> Float[np.ndarray, "n_row k"]:
         """V table."""
         ...
@@ -67,11 +72,11 @@ class Unfollowed(NamedTuple):
 
     Attributes:
         nats: That it gains over no such force.
-        force: Its RMS, user's units of the rate.
+        intensity: λ = q²/σ², σ the noise of a typical sensor.
     """
 
     nats: float
-    force: float
+    intensity: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,6 +149,10 @@ class EquationRows:
     def at(self, index: Int[np.ndarray, " n"] | slice) -> dict[str, Float[np.ndarray, " n"]]:
         """States and inputs at some samples."""
         return {name: column[index] for name, column in self.columns.items()}
+
+    def at_rows(self) -> dict[str, Float[np.ndarray, " n_row"]]:
+        """States and inputs where the rows are."""
+        return self.at(slice(None) if self.operator is None else self.operator.place)
 
     def operate(self, table: Float[np.ndarray, "n_sample k"]) -> Float[np.ndarray, "n_row k"]:
         """V table: values of the rows from values at the samples."""

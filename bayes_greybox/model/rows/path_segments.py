@@ -155,6 +155,30 @@ def gain_of(segments: Segments, columns: Mapping[str, np.ndarray], starts: np.nd
     return float(np.sqrt(np.mean(rows**2)))
 
 
+def motion_of(segments: Segments) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """From sample to sample: transitions, covariances of what an unknown force of unit intensity does, first samples.
+
+    Args:
+        segments: Along the path; samples are in order of time within each.
+    """
+    M, end = segments.response.M, segments.end
+    b, h = segments.response.b[..., segments.driven].sum(axis=-1), np.diff(segments.grid.time[:, ::2], axis=1)
+    eye = np.eye(M.shape[-1])
+    fresh = end[:, 1] == 0
+    moved, spread = np.tile(eye, (len(end), 1, 1)), np.zeros((len(end), *eye.shape))
+    # All intervals at once, a step of each at a time.
+    before = np.where(fresh, 0, np.concatenate([[0], end[:-1, 1]]))
+    steps = np.where(fresh, 0, end[:, 1] - before)
+    for k in range(int(steps.max(initial=0))):
+        on = steps > k
+        at = end[on, 0], before[on] + k
+        step, push, length = M[at], b[at], h[at]
+        pushed = push[:, :, None] * push[:, None, :] / np.where(length > 0, length, np.inf)[:, None, None]
+        moved[on] = step @ moved[on]
+        spread[on] = step @ spread[on] @ step.swapaxes(1, 2) + pushed
+    return moved, spread, fresh
+
+
 def _lacking(time: np.ndarray, ends: np.ndarray, rates: np.ndarray, middles: np.ndarray) -> np.ndarray:
     """What rates lack on each step, on average, to lead from one end to the next; as before where a step is none."""
     h = np.diff(time[:, ::2], axis=1)[..., None]

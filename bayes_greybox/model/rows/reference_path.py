@@ -9,6 +9,7 @@ from jaxtyping import Float, Int
 from scipy.interpolate import CubicSpline, make_smoothing_spline
 
 from bayes_greybox.data.errors import InputError
+from bayes_greybox.data.noise.forced_noise import Motion
 from bayes_greybox.data.sample_noise import sample_noise
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.physics.sensitivity import Grid, carried
@@ -23,6 +24,7 @@ from .path_segments import (
     WIDE,
     Segments,
     gain_of,
+    motion_of,
     pieces_of,
     responses_to_starts,
     responses_to_unit_starts,
@@ -41,8 +43,8 @@ MOST_STEPS = 50
 RATIOS = 10.0 ** np.arange(-10.0, 1.1)
 """Intensities of the unknown force that are tried, q² over that of a force as large as the path's own."""
 
-MIDDLING = 1e-2
-"""Intensity that a first path is smoothed at, before it is chosen."""
+MIDDLING = 1e-3
+"""Intensity that a first path is smoothed at, before it is chosen, over the largest one."""
 
 PASSES = 3
 """Passes of the smoother at the intensity that was chosen."""
@@ -70,7 +72,10 @@ class ReferencePath:
         starts: Change of the rows by one prior standard deviation of each start [n_row, n_start].
         gain: RMS response of an output to a force of unit RMS: rows are over it, in the unit of the force.
         sample: Sample of each row.
+        place: Node of each row.
         ratio: Chosen intensity of the unknown force, λ = q²/σ².
+        own: Intensity of a force as large as the path's own.
+        start_sd: Prior standard deviation of each state at the start of a segment.
         unfollowed: What the model does not follow.
         segments: With the linear equation along them.
     """
@@ -83,7 +88,10 @@ class ReferencePath:
     starts: Float[np.ndarray, "n_row n_start"]
     gain: float
     sample: Int[np.ndarray, " n_row"]
+    place: Int[np.ndarray, " n_row"]
     ratio: float
+    own: float
+    start_sd: Float[np.ndarray, " n_state"]
     unfollowed: Unfollowed
     segments: Segments = field(repr=False)
 
@@ -91,6 +99,15 @@ class ReferencePath:
     def n_segment(self) -> int:
         """Segments, each with a start of its own."""
         return len(self.segments.grid.time)
+
+    def motion(self, unit: float) -> Motion:
+        """How changes of the path go on from sample to sample.
+
+        Args:
+            unit: Standard deviation that variances are over.
+        """
+        M, G, fresh = motion_of(self.segments)
+        return Motion(M, G / unit**2, fresh, self.segments.outputs, self.start_sd / unit, self.own * RATIOS)
 
     def __call__(self, table: Float[np.ndarray, "n_node k"]) -> Float[np.ndarray, "n_row k"]:
         """Response of the rows to forces."""
@@ -107,7 +124,7 @@ class ReferencePath:
 
 def follow_samples(
     samples: Trajectories, equation: str, simulation: Simulation, added: Sequence[tuple[Term, float]],
-    substeps: int | None, interpolation: str | None,
+    substeps: int | None, interpolation: str | None, departs: bool = True,
 ) -> ReferencePath:  # fmt: skip
     """Smooth the samples, and take everything along the smoothed path.
 
@@ -118,6 +135,7 @@ def follow_samples(
         added: Terms and coefficients of the model, beside the simulation.
         substeps: Steps between two samples.
         interpolation: Of the inputs between samples.
+        departs: Whether the path may depart from the model by an unknown force.
 
     Raises:
         InputError: See `TrajectoryRows.path`.
@@ -135,7 +153,9 @@ def follow_samples(
     grid, end = grid_of(samples, runs, substeps or _steps_needed(rate, samples, first, s), interpolation)
     observed = _observed(samples, simulation, grid, end, outputs, s, sizes)
     own = sizes[driven] ** 2 / slow
-    ends, ratio, gained = _smoothest(rate, grid, observed, outputs, end, own, _at_ends(samples, runs, grid, first))
+    ratios = RATIOS if departs else RATIOS[:1]
+    near = _at_ends(samples, runs, grid, first)
+    ends, ratio, gained = _smoothest(rate, grid, observed, outputs, end, own * ratios, near)
     # How noisy each sensor is against the others, the smoother knows better than differences do.
     residual = measured - ends[end[:, 0], end[:, 1]][:, list(outputs)]
     s = np.maximum(np.sqrt(np.mean(residual**2, axis=0)), finest)
@@ -144,12 +164,12 @@ def follow_samples(
     if pieces > 1:
         grid, end, ends = split(grid, end, ends, pieces)
         segments = segments_of(rate, grid, ends, outputs, end)
-    return _assembled(simulation, rate, segments, sizes, s, ratio, gained)
+    return _assembled(simulation, rate, segments, sizes, s, own, ratio, gained)
 
 
 def _assembled(
-    simulation: Simulation, rate: ForcedRate, segments: Segments, sizes: np.ndarray, s: np.ndarray, ratio: float,
-    gained: float,
+    simulation: Simulation, rate: ForcedRate, segments: Segments, sizes: np.ndarray, s: np.ndarray, own: float,
+    ratio: float, gained: float,
 ) -> ReferencePath:  # fmt: skip
     end, driven, n_state = segments.end, segments.driven, len(simulation.states)
     columns = dict(zip(rate.names, segments.points[..., 1:].reshape(-1, len(rate.names)).T, strict=True))
@@ -162,8 +182,6 @@ def _assembled(
     starts = responses_to_starts(segments, sizes)
     gain = gain_of(segments, columns, starts, np.repeat(s, len(end)))
     rates = segments.slope[:, ::2, driven]
-    lacking = rates - rate.rates(segments.points[:, ::2])[..., driven]
-    there = lacking[end[:, 0], end[:, 1]]
     return ReferencePath(
         columns=columns,
         at_samples=at,
@@ -173,8 +191,11 @@ def _assembled(
         starts=starts,
         gain=gain,
         sample=np.tile(np.arange(len(end)), len(segments.outputs)),
+        place=np.tile(end[:, 0] * segments.grid.time.shape[1] + 2 * end[:, 1], len(segments.outputs)),
         ratio=ratio,
-        unfollowed=Unfollowed(gained, float(np.sqrt(np.mean(there**2)))),
+        own=own,
+        start_sd=WIDE * sizes,
+        unfollowed=Unfollowed(gained, ratio),
         segments=segments,
     )
 
@@ -260,8 +281,8 @@ def _at_ends(
 
 
 def _smoothest(
-    rate: ForcedRate, grid: Grid, observed: Observed, outputs: tuple[int, ...], end: np.ndarray, own: float,
-    first: np.ndarray,
+    rate: ForcedRate, grid: Grid, observed: Observed, outputs: tuple[int, ...], end: np.ndarray,
+    ratios: np.ndarray, first: np.ndarray,
 ) -> tuple[Float[np.ndarray, "n_segment n_end n_state"], float, float]:  # fmt: skip
     """Ends of the smoothed path at the likeliest intensity of the unknown force, that, and what it gains.
 
@@ -271,22 +292,22 @@ def _smoothest(
         observed: Samples.
         outputs: Indices of the measured states.
         end: Segment and end of the step of each sample.
-        own: Intensity of a force as large as the path's own.
+        ratios: Intensities that are tried, increasing.
         first: A path to begin with, NaN where there is none.
     """
     ends = first
     if not np.all(np.isfinite(first)):
-        ends = filtered(rate, grid, observed, outputs, rate.driven, own * MIDDLING, rate.args)
-    ratio, gained = own * MIDDLING, 0.0
+        ends = filtered(rate, grid, observed, outputs, rate.driven, MIDDLING * ratios[-1], rate.args)
+    ratio, gained = float(MIDDLING * ratios[-1]), 0.0
     for turn in range(PASSES + 1):
         near = segments_of(rate, grid, ends, outputs, end)
         steps = steps_along(grid.time, ends, near.response, near.departure(rate.rates), rate.driven)
         if turn == 1:
-            logs = [smooth(steps, observed, outputs, own * r).log_likelihood for r in RATIOS]
+            logs = [smooth(steps, observed, outputs, float(r)).log_likelihood for r in ratios]
             if np.any(np.isfinite(logs)):
-                ratio = own * float(RATIOS[int(np.nanargmax(logs))])
+                ratio = float(ratios[int(np.nanargmax(logs))])
                 # It was looked for at so many intensities.
-                gained = float(np.nanmax(logs) - np.nan_to_num(logs[0], nan=-np.inf)) - math.log(len(RATIOS))
+                gained = float(np.nanmax(logs) - np.nan_to_num(logs[0], nan=-np.inf)) - math.log(len(ratios))
         ends = smooth(steps, observed, outputs, ratio).ends
     if not np.all(np.isfinite(ends)):
         raise InputError(

@@ -61,10 +61,11 @@ class RowKind(ABC):
         """
         return data
 
-    def around(self, added: Sequence[tuple[Term, float]]) -> "RowKind":
+    def around(self, added: Sequence[tuple[Term, float]], departs: bool = True) -> "RowKind":
         """The rows, if they are linear only near a model, near that with these terms and coefficients.
 
         Args:
             added: To the rate of the learned state, user's units.
+            departs: Whether what the samples show may depart from that model.
         """
         return self

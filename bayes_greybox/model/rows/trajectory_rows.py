@@ -13,6 +13,7 @@ is missing it is a path that the model allows. States that no sensor measures ar
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import Any
 from weakref import WeakKeyDictionary
 
@@ -46,11 +47,14 @@ class TrajectoryRows(RowKind):
         substeps: Steps of the path between two samples; enough for the equations by default.
         interpolation: Of the inputs between samples: "linear", "zoh" (held) or "cubic"; by default each input's own.
         added: Terms and coefficients of the model that the rows are linear near: what a fit or a study has found.
+        departs: Whether the path that rows are linear near may depart from that model by an unknown force, as the
+            samples ask for; not where what they ask for is known to be the sensor's.
     """
 
     substeps: int | None = None
     interpolation: str | None = None
     added: tuple[tuple[str, float], ...] = ()
+    departs: bool = True
 
     def __post_init__(self) -> None:
         # Files have lists for tuples.
@@ -89,16 +93,17 @@ class TrajectoryRows(RowKind):
             return ()
         return tuple(name for name in simulation if name not in data.columns)
 
-    def around(self, added: Sequence[tuple[Term, float]]) -> "TrajectoryRows":
+    def around(self, added: Sequence[tuple[Term, float]], departs: bool = True) -> "TrajectoryRows":
         """Rows linear near the model with these terms."""
-        return replace(self, added=tuple((term.text, float(value)) for term, value in added))
+        return replace(self, added=tuple((term.text, float(value)) for term, value in added), departs=departs)
 
     def complete(self, data: Trajectories, equation: str, simulation: Simulation) -> Trajectories:
         """Data with the reference path for states and its rate for the learned state's; samples go along."""
         path = self.path(data, equation, simulation)
         samples = data.samples or data
+        noise = {} if data.samples is None else data.noise
         states = dict(zip(simulation.states, path.at_samples.T, strict=True))
-        return replace(data, states=states, derivatives={equation: path.rate}, noise={}, samples=samples)
+        return replace(data, states=states, derivatives={equation: path.rate}, noise=noise, samples=samples)
 
     def rows(self, data: Trajectories, equation: str, simulation: Simulation) -> EquationRows:
         """The rows of one equation; see `RowKind.rows`."""
@@ -109,13 +114,15 @@ class TrajectoryRows(RowKind):
         lengths = samples.run_lengths * n_output
         # R is over σ², σ the noise of a typical sensor.
         typical = float(np.sqrt(np.mean(path.sensor_sd**2)))
-        sensor = WeightedNoise(WhiteNoise(lengths), np.repeat(path.sensor_sd / typical, samples.n_obs))
+        white = WeightedNoise(WhiteNoise(lengths), np.repeat(path.sensor_sd / typical, samples.n_obs))
+        # Noise of completed data was found on these rows; that of others is of rates.
+        sensor = white if data.samples is None else data.noise.get(equation, white)
         return EquationRows(
             equation=equation,
             columns=path.columns,
             measured=measured.T.ravel() / path.gain,
             simulated=path.simulated / path.gain,
-            noise=StartsNoise(sensor, path.starts / typical),
+            noise=StartsNoise(sensor, path.starts / typical, cache(lambda: path.motion(typical))),
             time=np.tile(samples.time, n_output),
             run=np.concatenate([samples.run + k * samples.n_run for k in range(n_output)]),
             operator=path,
@@ -141,5 +148,6 @@ class TrajectoryRows(RowKind):
             terms = [(Term(text), value) for text, value in self.added]
             while len(known) >= REMEMBERED:
                 del known[next(iter(known))]
-            known[key] = follow_samples(samples, equation, simulation, terms, self.substeps, self.interpolation)
+            steps = self.substeps, self.interpolation
+            known[key] = follow_samples(samples, equation, simulation, terms, *steps, self.departs)
         return known[key]

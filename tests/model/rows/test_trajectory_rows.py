@@ -9,7 +9,6 @@ from scipy.optimize import least_squares
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.model.gp.discrepancy import OrthogonalGP
-from bayes_greybox.model.noise.asked import Noise
 from bayes_greybox.model.program import Program
 from bayes_greybox.model.rows.trajectory_rows import TrajectoryRows
 from bayes_greybox.physics.terms import Term
@@ -156,7 +155,6 @@ def test_an_unstable_system_is_cut_into_segments():
     [
         (lambda: TrajectoryRows(substeps=0), "must be between 1 and 1000"),
         (lambda: Program({"y": ["y"], "v": ["y"]}, rows=TrajectoryRows()), "learn one equation, not 2"),
-        (lambda: program(noise=Noise(correlation=0.5)), "the noise is white"),
         (
             lambda: Program({"v": ["y"]}, simulation={"v": "-y"}, rows=TrajectoryRows()).complete(sampled(n=50)),
             "path of 'y' cannot be followed",

@@ -1,0 +1,177 @@
+"""Rows whose path is moved by an unknown force: white in time, it acts on a state's rate, and the system answers it.
+
+Between samples a small change δ of the path goes on by δ₊ = M δ + w, w ~ N(0, λσ² G), from anywhere at the start of a
+segment; a row is one state of it with the sensor's noise of variance σ² r. The innovations of the Kalman filter are the
+whitened rows, the same gains for every column (de Jong 1989, Biometrika 76:663, for R⁻¹).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from bayes_greybox.data.errors import InputError
+
+from .protocol import COLUMNS, RowNoise
+
+
+class Motion(NamedTuple):
+    """How changes of a path go on from sample to sample, samples in order of time within their segment.
+
+    Attributes:
+        M: Transition from the sample before.
+        G: Covariance that a force of unit intensity adds on the way, over that of the rows.
+        fresh: Whether a sample is the first one of its segment.
+        outputs: Indices of the states that have a sensor; rows are ordered by sensor, then by sample.
+        start_sd: Prior standard deviation of each state at the start of a segment, in the rows' unit.
+        intensities: λ that are worth a look, from hardly anything to a force as large as the path's own.
+    """
+
+    M: Float[np.ndarray, "n d d"]
+    G: Float[np.ndarray, "n d d"]
+    fresh: Bool[np.ndarray, " n"]
+    outputs: tuple[int, ...]
+    start_sd: Float[np.ndarray, " d"]
+    intensities: Float[np.ndarray, " n_intensity"]
+
+
+@dataclass(frozen=True, eq=False)
+class ForcedNoise(RowNoise):
+    """Noise of sensors, of the starts of segments, and of an unknown force along the path.
+
+    Attributes:
+        sensor: Noise of the sensors alone, of independent rows.
+        motion: Of the path.
+        starts: Change of the rows by one prior standard deviation of each start.
+        intensity: λ.
+        scale: As of any noise.
+    """
+
+    sensor: RowNoise
+    motion: Motion
+    starts: Float[np.ndarray, "n_obs n_start"]
+    intensity: float
+    scale: float = 1.0
+
+    @property
+    def run_lengths(self) -> tuple[int, ...]:  # pyright: ignore[reportIncompatibleVariableOverride]
+        """Rows of each run."""
+        return self.sensor.run_lengths
+
+    @property
+    def n_white(self) -> int:
+        """As many as there are rows."""
+        return self.n_obs
+
+    @cached_property
+    def log_det(self) -> float:  # pyright: ignore[reportIncompatibleMethodOverride]
+        """log|R| = Σ log S, S the variances of the innovations."""
+        return float(np.sum(np.log(self._gains[1])))
+
+    def whiten(self, rows: Float[np.ndarray, "n_obs k"]) -> Float[np.ndarray, "n_white k"]:
+        """Innovations over their standard deviations."""
+        motion, (K, S), y = self.motion, self._gains, self._by_sample(rows)
+        found, mean = np.empty(y.shape), np.zeros((motion.M.shape[-1], rows.shape[1]))
+        for i, fresh in enumerate(motion.fresh):
+            mean = np.zeros_like(mean) if fresh else motion.M[i] @ mean
+            for k, output in enumerate(motion.outputs):
+                found[i, k] = y[i, k] - mean[output]
+                mean = mean + K[i, k, :, None] * found[i, k]
+        return self._by_row(found / np.sqrt(S)[..., None])
+
+    def whiten_transpose(self, rows: Float[np.ndarray, "n_white k"]) -> Float[np.ndarray, "n_obs k"]:
+        """The adjoint of the filter, run backwards."""
+        motion, (K, S) = self.motion, self._gains
+        y = self._by_sample(rows) / np.sqrt(S)[..., None]
+        found, costate = np.empty(y.shape), np.zeros((motion.M.shape[-1], rows.shape[1]))
+        for i in range(len(y) - 1, -1, -1):
+            for k in range(len(motion.outputs) - 1, -1, -1):
+                found[i, k] = y[i, k] + K[i, k] @ costate
+                costate[motion.outputs[k]] -= found[i, k]
+            costate = np.zeros_like(costate) if motion.fresh[i] else motion.M[i].T @ costate
+        return self._by_row(found)
+
+    def precision_diagonal(self) -> Float[np.ndarray, " n_obs"]:
+        """1/S + Kᵀ N K, N the covariance of the adjoint."""
+        K, S = self._gains
+        M, fresh, outputs = self.motion.M, self.motion.fresh, self.motion.outputs
+        found, N = np.empty(S.shape), np.zeros(M.shape[1:])
+        eye = np.eye(len(N))
+        for i in range(len(M) - 1, -1, -1):
+            for k in range(len(outputs) - 1, -1, -1):
+                gain, h = K[i, k], eye[outputs[k]]
+                found[i, k] = 1 / S[i, k] + gain @ N @ gain
+                L = eye - np.outer(gain, h)
+                N = L.T @ N @ L + np.outer(h, h) / S[i, k]
+            N = np.zeros_like(N) if fresh[i] else M[i].T @ N @ M[i]
+        return found.T.ravel()
+
+    def precision_band(self, width: int) -> Float[np.ndarray, "n_obs width"]:
+        """Entries of R⁻¹, a few of its columns at a time."""
+        n, band = self.n_obs, np.zeros((self.n_obs, width))
+        run = np.repeat(np.arange(len(self.run_lengths)), self.run_lengths)
+        for part in np.array_split(np.arange(n), -(-n // COLUMNS)):
+            unit = np.zeros((n, len(part)))
+            unit[part, np.arange(len(part))] = 1.0
+            columns = self.whiten_transpose(self.whiten(unit))
+            for j, row in enumerate(part):
+                last = min(row + width, n)
+                band[row, : last - row] = np.where(run[row:last] == run[row], columns[row:last, j], 0.0)
+        return band
+
+    def covariance(self) -> Float[np.ndarray, "n_obs n_obs"]:
+        """R as a dense matrix."""
+        inverse = np.linalg.inv(self.whiten(np.eye(self.n_obs)))
+        return inverse @ inverse.T
+
+    def correlated(self, white: Float[np.ndarray, "n_draw n_obs"]) -> Float[np.ndarray, "n_draw n_obs"]:
+        """Draws of the sensors' noise alone: where the path goes is part of what is predicted."""
+        return self.sensor.correlated(white)
+
+    def without_starts(self, rows: Float[np.ndarray, "n_obs k"]) -> Float[np.ndarray, "n_obs k"]:
+        """Residuals less B Bᵀ R⁻¹ of them, the posterior mean of what starts do."""
+        return rows - self.starts @ (self.starts.T @ self.whiten_transpose(self.whiten(rows)))
+
+    def onto(self, rows: RowNoise) -> RowNoise:
+        """The same force."""
+        return rows.with_error(self.sensor).forced(self.intensity)
+
+    def restrict(self, bounds: Sequence[tuple[int, int]]) -> "ForcedNoise":
+        """Not possible: what a force did before a part of a run is not known within it."""
+        raise InputError("Rows of a path that an unknown force moves cannot be parted: leave out whole runs.")
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values."""
+        motion = {name: np.asarray(value).tolist() for name, value in self.motion._asdict().items()}
+        return {
+            "kind": "forced", "sensor": self.sensor.to_dict(), "motion": motion, "starts": self.starts.tolist(),
+            "intensity": self.intensity, "scale": self.scale,
+        }  # fmt: skip
+
+    @cached_property
+    def _gains(self) -> tuple[Float[np.ndarray, "n n_output d"], Float[np.ndarray, "n n_output"]]:
+        """Gains and variances of the innovations, one sensor after the other."""
+        motion = self.motion
+        r = self._by_sample(1 / self.sensor.precision_diagonal()[:, None])[..., 0]
+        start, eye = np.diag(motion.start_sd**2), np.eye(len(motion.start_sd))
+        P, gains, variances = start, np.empty((*r.shape, len(eye))), np.empty(r.shape)
+        for i, fresh in enumerate(motion.fresh):
+            P = start if fresh else motion.M[i] @ P @ motion.M[i].T + self.intensity * motion.G[i]
+            for k, output in enumerate(motion.outputs):
+                S = P[output, output] + r[i, k]
+                K = P[output] / S
+                L = eye - K[:, None] * eye[output]
+                # Joseph's form, which stays positive
+                P = L @ P @ L.T + r[i, k] * (K[:, None] * K)
+                gains[i, k], variances[i, k] = K, S
+        return gains, variances
+
+    def _by_sample(self, rows: np.ndarray) -> np.ndarray:
+        """From rows to [sample, sensor, column]."""
+        return rows.reshape(len(self.motion.outputs), -1, rows.shape[1]).swapaxes(0, 1)
+
+    def _by_row(self, found: np.ndarray) -> np.ndarray:
+        return found.swapaxes(0, 1).reshape(-1, found.shape[-1])
