@@ -1,7 +1,9 @@
 """Fits with priors of single coefficients: posteriors against closed forms, and everything that a fit does after."""
 
+import jax
 import numpy as np
 import pytest
+from sampled_oscillator import sampled
 from scipy.special import logsumexp
 from scipy.stats import multivariate_normal, norm
 
@@ -188,3 +190,63 @@ def test_a_file_holds_them(tmp_path, data):
     np.testing.assert_allclose(loaded.predict(data)["ydot"].rate.mean, fit.predict(data)["ydot"].rate.mean)
     np.testing.assert_allclose(pointwise_loo(loaded, "ydot", 20), pointwise_loo(fit, "ydot", 20))
     assert "y N(-0.2, 0.1²); ydot ≥ -3, ≤ 0; y**3 = -1" in repr(loaded)
+
+
+def test_the_exact_path_takes_them_too():
+    """f at all rows integrated out by its dense covariance, given η and the bounded coefficient."""
+    stated = {"y": Coefficient(mean=-0.2, sd=0.1), "ydot": Coefficient(upper=0.0)}
+    data = bg.systems.oscillator().simulate(np.linspace(0, 8, 20), noise=0.2, seed=2)
+    model = model_of(stated, discrepancy=bg.OrthogonalGP(path="exact"))
+    fit = model.fit(data, seed=1, draws=10, tune=50, chains=1, progress=False)
+    entry, draws = fit.equations["ydot"], fit.draws("ydot", 3)
+    Phi, _, y = entry.parts()
+    log_p = pointwise_loo(fit, "ydot", 3)
+    assert np.all(draws.theta[:, 1] <= 0)
+    for s in range(3):
+        sd = np.where(np.arange(3) == 1, 0.0, draws.prior_sd[s])
+        centre = np.array([-0.2 / entry.frame.coefficient_scale[0], draws.theta[s, 1], 0.0])
+        hyper = jax.tree.map(lambda leaf: leaf[s], draws.hyper)  # noqa: B023
+        C = Phi @ np.diag(sd**2) @ Phi.T + float(hyper.sigma) ** 2 * np.eye(len(y))
+        P = np.linalg.inv(C + np.asarray(entry.design.covariance(hyper)))
+        g = P @ (y - Phi @ centre)
+        expected = 0.5 * (np.log(np.diag(P)) - np.log(2 * np.pi) - g**2 / np.diag(P)) - np.log(entry.frame.target_scale)
+        np.testing.assert_allclose(log_p[s], expected, atol=1e-7)
+
+
+def test_rows_of_samples_take_them():
+    """y'' = F − 2y − 0.15y' − 0.8y³: the spring is known and fixed, the damping nearly; the cube's sign is."""
+    data = sampled(lambda y, v: -0.8 * y**3, n=80)
+    simulation, run = {"y": "v", "v": "F"}, RUN | {"draws": 100, "tune": 150}
+
+    def fit(simulation, terms, coefficients):
+        model = bg.GreyBox(
+            simulation=simulation,
+            dictionary={"v": terms},
+            prior=bg.Normal(),
+            discrepancy=None,
+            rows=bg.TrajectoryRows(),
+            coefficients={"v": coefficients},
+        )
+        return model.fit(data, seed=1, **run)
+
+    nearly, signed = Coefficient(mean=-0.15, sd=0.01), Coefficient(sign=-1)
+    fixed = fit(simulation, ["y", "v", "y**3"], {"y": Coefficient(fixed=-2.0), "v": nearly, "y**3": signed})
+    known = fit({"y": "v", "v": "F - 2*y"}, ["v", "y**3"], {"v": nearly, "y**3": signed})
+    draws = fixed.idata["posterior"]["v_theta"].to_numpy()
+    np.testing.assert_allclose(draws, known.idata["posterior"]["v_theta"].to_numpy(), rtol=1e-4)
+    assert np.all(draws[..., 1] <= 0)
+    for j, true in enumerate((-0.15, -0.8)):
+        assert abs(draws[..., j].mean() - true) <= Z * draws[..., j].std()
+
+
+@pytest.mark.slow
+def test_bounded_patterns_are_calibrated(data):
+    """Ranks of all that is drawn, and P(γ), over data sets drawn coefficient by coefficient from the prior."""
+    stated = {
+        "y": Coefficient(sign=-1),
+        "ydot": Coefficient(mean=-0.2, sd=0.5, upper=0.1),
+        "y**3": Coefficient(lower=-1.5, upper=1.0),
+    }
+    model = model_of(stated, prior=bg.SpikeAndSlab(), discrepancy=bg.OrthogonalGP(features=3))
+    found = bg.calibrate(model, data, replicates=300, draws=150, tune=200, seed=1, progress=False)
+    assert found.verdict.ok, str(found)
