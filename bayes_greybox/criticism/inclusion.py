@@ -26,7 +26,7 @@ def inclusion(posterior: Posterior, level: float = 0.9, rope: float = ROPE) -> p
 
     Returns:
         Table indexed by (equation, term): mean, sd, lower, upper, `inclusion` (spike-and-slab only), outside_rope,
-        shrinkage, unit; coefficients in user's units. Fixed coefficients come last, with sd 0 and no shrinkage.
+        shrinkage, unit; coefficients in user's units. Fixed coefficients come last, with sd 0.
 
     Raises:
         InputError: If level is not a probability or rope is negative.
@@ -62,7 +62,7 @@ def inclusion(posterior: Posterior, level: float = 0.9, rope: float = ROPE) -> p
             size = np.sqrt(np.mean(np.asarray(term.evaluate(equation.rows.columns)) ** 2))
             moves = float(abs(value) * size > rope * frame.target_scale)
             certain = {"mean": value, "sd": 0.0, "lower": value, "upper": value, "inclusion": 1.0}
-            certain |= {"outside_rope": moves, "shrinkage": np.nan}
+            certain |= {"outside_rope": moves, "shrinkage": 1.0}
             table.loc[term.name] = [certain[column] for column in table]
         units = dict(posterior.data.units)
         target = derivative_unit(name, units)

@@ -1,5 +1,7 @@
 """Fits with priors of single coefficients: posteriors against closed forms, and everything that a fit does after."""
 
+from itertools import product
+
 import jax
 import numpy as np
 import pytest
@@ -8,6 +10,7 @@ from scipy.special import logsumexp
 from scipy.stats import multivariate_normal, norm
 
 import bayes_greybox as bg
+from bayes_greybox.criticism.cross_validation.fold_densities import fold_densities, fold_parameters
 from bayes_greybox.criticism.cross_validation.row_densities import pointwise_loo
 from bayes_greybox.model.priors import Coefficient
 
@@ -161,11 +164,40 @@ def test_leave_one_out_is_that_of_the_dense_normal(which, request):
             assert log_p[s, i] + np.log(entry.frame.target_scale) == pytest.approx(expected, abs=1e-7)
 
 
+def test_patterns_of_the_other_terms_are_summed_in_folds(data):
+    """log p(y_F | y₋F, η) under a spike-and-slab prior beside a normal one: every pattern by its dense normal."""
+    stated = {"ydot": Coefficient(mean=-0.2, sd=0.1)}
+    fit = model_of(stated, prior=bg.SpikeAndSlab()).fit(data, seed=1, **RUN | {"draws": 40, "tune": 200})
+    entry, draws, summed = fit.equations["ydot"], fit.draws("ydot", 5), fit.summed("ydot", 5)
+    Phi, _, y = entry.parts()
+    scale, folds = entry.frame.coefficient_scale, [np.arange(0, 3), np.arange(20, 23)]
+    parameters = fold_parameters(fit, "ydot", 5)
+    values = np.hstack([block for _, block in fold_densities(fit, "ydot", parameters, folds)])
+    e, odds = y - Phi[:, 1] * (-0.2 / scale[1]), np.asarray(summed.log_odds)
+    for s in range(5):
+
+        def density(rows, s=s):
+            terms = []
+            for a, b in product([0.0, 1.0], repeat=2):
+                sd = np.asarray(summed.sd[s]) * [a, 1.0, b]
+                C = (Phi[rows] * sd**2) @ Phi[rows].T + float(draws.hyper.sigma[s]) ** 2 * np.eye(len(rows))
+                weight = -sum(np.logaddexp(0.0, -o if g else o) for g, o in zip((a, b), odds[s, [0, 2]], strict=True))
+                terms.append(weight + multivariate_normal(cov=C).logpdf(e[rows]))
+            return logsumexp(terms)
+
+        for f, fold in enumerate(folds):
+            expected = density(np.arange(60)) - density(np.delete(np.arange(60), fold))
+            assert values[s, f] == pytest.approx(expected - 3 * np.log(entry.frame.target_scale), abs=1e-7)
+    assert np.all(fit.inclusion().loc[("ydot", "ydot"), "inclusion"] == 1.0)
+    assert np.all(np.isfinite(fit.sensitivity()[["prior", "likelihood"]].dropna()))
+
+
 def test_all_of_criticism_takes_them(signed, informed):
     table = bg.compare({"signed": signed, "informed": informed}, scheme="loo")
     assert np.all(np.isfinite(table["elpd"]))
-    folds = bg.compare({"signed": signed, "informed": informed}, scheme="block")
-    assert np.all(np.isfinite(folds["elpd"]))
+    for scheme in ("block", "future"):
+        score = bg.compare({"signed": signed, "informed": informed}, scheme=scheme, max_refits=0)
+        assert np.all(np.isfinite(score["elpd"]))
     for fit in (signed, informed):
         checked = fit.checks()
         assert len(checked.sensitivity) and np.all(np.isfinite(checked.loo_pit["ydot"].value))
