@@ -161,8 +161,8 @@ class Fit(Posterior):
         """Model in one line and the verdict in words."""
         s = self.sampling
         terms = ", ".join(f"{name}: {len(e.frame.dictionary)} terms" for name, e in self.equations.items())
-        prior = type(self.model.prior).__name__
-        return f"Fit of {terms}; {prior} prior; {self.data.n_obs} rows; {s.chains} x {s.draws} draws\n{self.verdict}"
+        about = f"{self.model.prior_text} prior; {self.data.n_obs} rows; {s.chains} x {s.draws} draws"
+        return f"Fit of {terms}; {about}\n{self.verdict}"
 
     def _complete(self) -> None:
         """Add the groups that need more than one row at a time."""

@@ -52,7 +52,7 @@ class Study(StudyResult):
         Raises:
             InputError: A state has no equation to integrate.
         """
-        paths = FreeRuns(self.base, self.amendments, interpolation)(data, "")[0]
+        paths = FreeRuns(self.base.centred(), self.amendments, interpolation)(data, "")[0]
         if not paths:
             raise InputError("A state of the data has no equation to integrate: add it to the simulation.")
         return paths

@@ -42,6 +42,12 @@ derivatives = { ydot = "a" }
 units = { y = "m", t = "s" }
 """
 
+COEFFICIENTS = """
+[coefficients.ydot]
+y = { mean = -2, sd = 0.1 }
+"ydot**3" = { sign = -1 }
+"""
+
 DICTIONARY = '\n[dictionary]\nydot = ["y"]\n'
 
 
@@ -462,3 +468,35 @@ def test_every_shipped_file_says_what_it_shows_and_builds_data_and_models(path):
         assert set(model.dictionary) <= set(train.derivatives)
         # Units and names of every term fit the data.
         model.dictionaries(train)
+
+
+def test_priors_of_single_coefficients_are_read(tmp_path):
+    model = load_config(write(tmp_path, BASE + COEFFICIENTS)).build_model()
+    coefficient = bg.priors.Coefficient
+    assert model.coefficients == {
+        "ydot": {"y": coefficient(mean=-2.0, sd=0.1), "ydot**3": coefficient(sign=-1)},
+    }
+    other = '\n[models.free]\ncoefficients = {}\n[models.told]\nprior = { kind = "normal" }\n'
+    config = load_config(write(tmp_path, BASE + COEFFICIENTS + other))
+    assert config.build_model("free").coefficients == {}
+    assert config.build_model("told").coefficients == model.coefficients
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        ("y = { sgn = 1 }", r"\[coefficients\.ydot\.y\] unknown key 'sgn'; did you mean 'sign'"),
+        ("y = { sign = 3 }", r"sign = 3 must be 1 or -1"),
+        ("y = { mean = 1.0, sd = -1.0 }", r"sd = -1\.0 must be a finite number above 0"),
+        ("y = -2.0", r"table"),
+    ],
+)
+def test_a_prior_of_a_coefficient_that_cannot_be_used_is_named(tmp_path, line, said):
+    with pytest.raises(InputError, match=said):
+        load_config(write(tmp_path, f"{BASE}\n[coefficients.ydot]\n{line}\n"))
+
+
+def test_a_prior_of_a_coefficient_that_says_two_things_is_refused_when_the_model_is_built(tmp_path):
+    text = f"{BASE}\n[coefficients.ydot]\ny = {{ fixed = 1.0, sign = 1 }}\n"
+    with pytest.raises(InputError, match="says two things"):
+        load_config(write(tmp_path, text)).build_model()

@@ -12,7 +12,7 @@ from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.limits import Count, Positive, Probability, Seed, Whole
 
 from .derived import WITHOUT_MODELS
-from .parts import Dictionary, Discrepancy, Prior, Rows
+from .parts import Coefficients, Dictionary, Discrepancy, Prior, Rows
 from .section import Section, sentence, wrong
 from .sources import Data
 from .study import Study
@@ -87,6 +87,7 @@ class Model(Section):
     """[models.NAME]: the sections in which one model of a comparison differs from the file's own."""
 
     dictionary: Dictionary | None = None
+    coefficients: Coefficients | None = None
     prior: Prior = None
     discrepancy: Discrepancy = None
 
@@ -97,6 +98,7 @@ class Config(Section):
     data: Data
     simulation: dict[str, str] = {}
     dictionary: Dictionary = {}
+    coefficients: Coefficients = {}
     prior: Prior = None
     discrepancy: Discrepancy = None
     rows: Rows = None
@@ -211,6 +213,7 @@ class Config(Section):
         return GreyBox(
             dictionary={state: terms.build() for state, terms in dictionary.items()},
             simulation=dict(self.simulation) or None,
+            coefficients=_built(self.coefficients if own.coefficients is None else own.coefficients),
             **{name: part.build() for name, part in parts.items() if part is not None},
             **self.noise.arguments(),
         )
@@ -261,6 +264,10 @@ def load_config(path: str | Path) -> Config:
         raise InputError(f'"{path}": {sentence(error)}') from None
     config._path, config._text = path, text
     return config
+
+
+def _built(coefficients: Coefficients) -> dict[str, dict[str, Any]]:
+    return {state: {term: c.build() for term, c in terms.items()} for state, terms in coefficients.items()}
 
 
 def _replaced(section: Section, settings: Mapping[str, Any]) -> Any:

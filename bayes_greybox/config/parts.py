@@ -1,4 +1,4 @@
-"""[dictionary], [prior], [discrepancy] and [rows]: the parts of a model."""
+"""[dictionary], [coefficients], [prior], [discrepancy] and [rows]: the parts of a model."""
 
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Annotated, Any
@@ -29,6 +29,15 @@ class Term(Section):
     expression: str
     name: str = ""
     unit: str | None = None
+
+
+def _coefficient(given: Any) -> type[Section]:
+    from bayes_greybox.model.coefficient import Coefficient
+
+    return section_of(Coefficient)
+
+
+Coefficients = dict[str, dict[str, Annotated[Any, table(_coefficient)]]]
 
 
 class Terms(Section):

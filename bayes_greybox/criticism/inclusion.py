@@ -26,7 +26,7 @@ def inclusion(posterior: Posterior, level: float = 0.9, rope: float = ROPE) -> p
 
     Returns:
         Table indexed by (equation, term): mean, sd, lower, upper, `inclusion` (spike-and-slab only), outside_rope,
-        shrinkage, unit; coefficients in user's units.
+        shrinkage, unit; coefficients in user's units. Fixed coefficients come last, with sd 0.
 
     Raises:
         InputError: If level is not a probability or rope is negative.
@@ -56,9 +56,18 @@ def inclusion(posterior: Posterior, level: float = 0.9, rope: float = ROPE) -> p
                 1 / (1 + n_obs * draws.prior_sd**2 / np.asarray(draws.hyper.sigma)[:, None] ** 2), axis=0
             ),
         }
+        known = posterior.model.stated(name, posterior.data).fixed
+        table = pd.DataFrame(columns, index=list(frame.dictionary.names))
+        for term, value in known:
+            size = np.sqrt(np.mean(np.asarray(term.evaluate(equation.rows.columns)) ** 2))
+            moves = float(abs(value) * size > rope * frame.target_scale)
+            certain = {"mean": value, "sd": 0.0, "lower": value, "upper": value, "inclusion": 1.0}
+            certain |= {"outside_rope": moves, "shrinkage": 1.0}
+            table.loc[term.name] = [certain[column] for column in table]
         units = dict(posterior.data.units)
         target = derivative_unit(name, units)
-        columns["unit"] = [coefficient_unit(target, term, units) for term in frame.dictionary.terms]
-        index = pd.MultiIndex.from_product([[name], frame.dictionary.names], names=["equation", "term"])
-        tables.append(pd.DataFrame(columns, index=index))
+        terms = (*frame.dictionary.terms, *(term for term, _ in known))
+        table["unit"] = [coefficient_unit(target, term, units) for term in terms]
+        table.index = pd.MultiIndex.from_product([[name], table.index], names=["equation", "term"])
+        tables.append(table)
     return pd.concat(tables)

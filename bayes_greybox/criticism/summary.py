@@ -19,7 +19,7 @@ def summary(posterior: Posterior, level: float = 0.9) -> pd.DataFrame:
     Returns:
         Table indexed by (equation, quantity): mean, sd, lower, upper, unit, r_hat, ess_bulk, ess_tail. Quantities
         are the terms, `sigma`, `amplitude` and `length_scale[variable]`, in user's units. A coefficient that is zero
-        in every draw has no R̂ or effective sample size.
+        in every draw has no R̂ or effective sample size, nor has a fixed one.
     """
     from arviz_stats.base.array import array_stats  # three seconds, so not at the top
 
@@ -40,6 +40,10 @@ def summary(posterior: Posterior, level: float = 0.9) -> pd.DataFrame:
             for d, variable in enumerate(frame.variables):
                 scale = group[own.length_scale].isel({own["variable"]: d}).to_numpy()
                 quantities[f"length_scale[{variable}]"] = (scale, posterior.data.unit(variable) or "")
+        known = terms.loc[name]
+        shape = group[own.sigma].shape
+        for term in known.index.difference(frame.dictionary.names, sort=False):
+            quantities[str(term)] = (np.full(shape, known.loc[term, "mean"]), known.loc[term, "unit"])
         for quantity, (draws, unit) in quantities.items():
             moving = draws.std() > 0
             rows[(name, quantity)] = {

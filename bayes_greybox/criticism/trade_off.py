@@ -107,12 +107,12 @@ def known_equation(posterior: Posterior, equation: str) -> str:
 
 
 def redrawn(design: Design, draws: EquationDraws) -> EquationDraws:
-    """θ and f drawn anew given the hyperparameters and prior scales of other draws."""
+    """θ and f drawn anew given the hyperparameters and prior scales of other draws, coefficients without bounds."""
     keys = jax.random.split(jax.random.PRNGKey(0), len(draws.theta))
 
     def one(item: tuple[Array, Hyperparameters, Array]) -> dict[str, Array]:
         key, hyper, sd = item
-        return draw_given(key, CollapsedNormal(design, hyper, Scales(sd)))
+        return draw_given(key, CollapsedNormal(design, hyper, Scales(sd, mean=design.coefficients.mean)))
 
     hyper = Hyperparameters(*(jnp.asarray(value) for value in draws.hyper))
     drawn = jax.jit(lambda items: jax.lax.map(one, items))((keys, hyper, jnp.asarray(draws.prior_sd)))

@@ -16,6 +16,7 @@ from bayes_greybox.data.records import plain_rows
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.inference.netcdf import versions
 from bayes_greybox.inference.posterior import Posterior
+from bayes_greybox.model.coefficient import stated_terms
 from bayes_greybox.model.noise.asked import FIT, Noise, check_asked
 from bayes_greybox.model.noise.noise_model import CORRELATED, HEAVY, VARYING
 from bayes_greybox.model.noise.suspicions import LEAST_ROWS
@@ -155,6 +156,7 @@ def investigate(
     """
     started = time.perf_counter()
     odds = odds or Odds()
+    given, model = model, model.centred()
     equations = studied_equations(model, train)
     _check_data(model, equations, train, test, free_runs)
     train, test = _completed(model, equations, train), None if test is None else _completed(model, equations, test)
@@ -194,8 +196,8 @@ def investigate(
     warnings = (*_said_of(model, train, settle), *warnings)
     verdict, against = verdict_of({name: found.finding for name, found in findings.items()}, gap)
     return StudyResult(
-        base=model,
-        model=amended_program(model, findings),
+        base=given,
+        model=amended_program(given, findings),
         fit=None,
         train=train,
         test=test,
@@ -302,14 +304,16 @@ def worse_in_words(key: tuple[str, str, str]) -> str:
 
 
 def amended_program(model: AnyProgram, findings: Mapping[str, EquationStudy]) -> AnyProgram:
-    """The model with the simulation's terms and the found effects as its dictionary."""
+    """The model with the simulation's terms and the found effects as its dictionary, beside its own terms."""
     dictionary: dict[str, list[Term]] = {}
     for name, found in findings.items():
         known = found.statistics
         own = [known.columns[i].formula for i in (*known.of_kind("free"), *known.of_kind("correction"))]
         added = [known.columns[i].formula for i in found.finding.base]
         # A dictionary needs a term; an offset is the least that can be asked for.
-        dictionary[name] = [*own, *added] or [Term("1")]
+        stated = model.coefficients.get(name, {})
+        given = stated_terms(model.dictionary[name], stated, tuple(known.rows.columns), name).fixed if stated else []
+        dictionary[name] = [*(term for term, _ in given), *([*own, *added] or [Term("1")])]
         model = model if found.aligned.rows is None else replace(model, rows=found.aligned.rows)
     named = {name for found in findings.values() for name in found.finding.world.model.names}
     sensors = max(found.aligned.n_sensor for found in findings.values())

@@ -5,6 +5,7 @@ from collections.abc import Callable, Mapping
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.scipy.special import logsumexp
 from jaxtyping import Array
 from numpyro.handlers import seed, substitute, trace
 
@@ -60,7 +61,8 @@ def conditional_draw(
 def draw_given(key: Array, likelihood: CollapsedNormal, gamma: Array | None = None) -> dict[str, Array]:
     """One draw of γ, θ and f given the hyperparameters of one equation.
 
-    θ | γ, η, y ~ N(sd m, sd (I + sd TᵀT sd)⁻¹ sd), z | θ, η, y ~ N(Z_y − Z_Φ θ, (L Lᵀ)⁻¹).
+    θ | γ, η, y ~ N(sd m, sd (I + sd TᵀT sd)⁻¹ sd), z | θ, η, y ~ N(Z_y − Z_Φ θ, (L Lᵀ)⁻¹), θ less its prior mean.
+    Coefficients with bounds are where the sampler's uniform numbers place them, the others are drawn given these.
 
     Args:
         key: Random key.
@@ -69,20 +71,35 @@ def draw_given(key: Array, likelihood: CollapsedNormal, gamma: Array | None = No
     """
     design, hyper, scales = likelihood.design, likelihood.hyper, likelihood.scales
     key_gamma, key_theta, key_f = jax.random.split(key, 3)
+    coefficients = design.coefficients
     regression, solve = design.remove_discrepancy(design.y, hyper)
+    regression = regression.beside(scales.mean)
     out: dict[str, Array] = {}
-    sd = scales.sd
-    if scales.log_odds is not None:
-        log_weight = spike_and_slab(regression, sd, scales.log_odds, design.n_obs)[1]
-        bits = jnp.asarray(patterns(len(sd)))
+    sd = free = scales.sd
+    z, held = jnp.zeros(len(sd)), jnp.zeros(len(sd), bool)
+    if scales.uniform is not None:
+        placed = coefficients.placed(ridge(regression, sd, design.n_obs), scales)
+        log_weight, bits = placed.log_weight, jnp.asarray(placed.included)
+        pick = jax.random.categorical(key_gamma, log_weight)
+        if scales.log_odds is not None:
+            log_weight = log_weight - logsumexp(log_weight)
+            out["inclusion"], out["gamma"] = jnp.exp(log_weight) @ bits, bits[pick]
+            sd = free = sd * bits[pick]
+        index = np.array(coefficients.bounded, int)
+        z, held = z.at[index].set(placed.z[pick]), held.at[index].set(True)
+        free = jnp.where(held, 0.0, sd)
+    elif scales.log_odds is not None:
+        log_weight = spike_and_slab(regression, sd, scales.log_odds, design.n_obs, coefficients.certain)[1]
+        bits = jnp.asarray(patterns(len(sd), coefficients.certain))
         out["inclusion"] = jnp.exp(log_weight) @ bits
         out["gamma"] = bits[jax.random.categorical(key_gamma, log_weight)]
-        sd = sd * out["gamma"]
+        sd = free = sd * out["gamma"]
     elif gamma is not None:
         out["inclusion"] = gamma.astype(float)
-    posterior = ridge(regression, sd, design.n_obs)
+    posterior = ridge(regression.beside(sd * z), free, design.n_obs)
     u = posterior.mean + solve_lower_transposed(posterior.L, jax.random.normal(key_theta, sd.shape))
+    away = sd * jnp.where(held, z, u)
     # An excluded term is exactly zero, not minus zero.
-    theta = jnp.where(sd > 0, sd * u, 0.0)
+    theta = jnp.where(sd > 0, away if scales.mean is None else scales.mean + away, 0.0)
     out |= {"theta": theta, "theta_sd": sd}
     return {**out, **design.draw_discrepancy(key_f, hyper, theta, solve)}

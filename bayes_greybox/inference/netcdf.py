@@ -16,6 +16,7 @@ import xarray as xr
 from bayes_greybox.data.columns import derivative_label
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.model.coefficient import Coefficient
 from bayes_greybox.model.gp.discrepancy import OrthogonalGP
 from bayes_greybox.model.noise.asked import Noise
 from bayes_greybox.model.priors import PRIORS, CustomPrior
@@ -138,10 +139,12 @@ def describe(model: Program, data: Trajectories) -> dict[str, Any]:
         model: Model.
         data: Data that it was fitted to, whose names its expressions use.
     """
+    stated = {equation: model.stated(equation, data) for equation in model.equations}
     terms = {
-        equation: [{"expression": to_text(t.expr), "name": t.name, "unit": t.unit} for t in dictionary.terms]
-        for equation, dictionary in model.dictionaries(data).items()
+        equation: [{"expression": to_text(t.expr), "name": t.name, "unit": t.unit} for t in part.all.terms]
+        for equation, part in stated.items()
     }
+    own = {equation: {term: c.record() for term, c in part.priors.items()} for equation, part in stated.items()}
     return {
         "dictionary": terms,
         "simulation": simulation_record(model.simulation),
@@ -150,6 +153,7 @@ def describe(model: Program, data: Trajectories) -> dict[str, Any]:
         "rows": _describe_part(model.rows, ROWS),
         "noise_floor": model.noise_floor,
         "noise": dataclasses.asdict(model.noise) if isinstance(model.noise, Noise) else model.noise,
+        "coefficients": {equation: priors for equation, priors in own.items() if priors},
     }
 
 
@@ -169,6 +173,11 @@ def rebuild(record: Mapping[str, Any], simulation: RightHandSide | None = None) 
         rows=_rebuild_part(record.get("rows", {"kind": "derivative"}), ROWS, _LostRows()),
         noise_floor=record["noise_floor"],
         noise=Noise(**noise) if isinstance(noise, Mapping) else noise,
+        # Files from before there were any have none.
+        coefficients={
+            equation: {term: Coefficient(**fields) for term, fields in priors.items()}
+            for equation, priors in record.get("coefficients", {}).items()
+        },
     )
 
 

@@ -114,6 +114,7 @@ class Posterior:
                 return values[quantity]
             return np.ones(n_draw) if n_column is None else np.zeros((n_draw, n_column))
 
+        coefficients, theta = self.equations[equation].design.coefficients, values["theta"] / frame.coefficient_scale
         # Without a discrepancy there is neither amplitude nor length scale; the placeholders multiply no features.
         return EquationDraws(
             Hyperparameters(
@@ -121,21 +122,35 @@ class Posterior:
                 jnp.asarray(flat("amplitude") / frame.target_scale),
                 jnp.asarray(flat("length_scale", len(frame.variables)) / frame.half_width),
             ),
-            values["theta"] / frame.coefficient_scale,
+            theta,
             values["prior_sd"],
             flat("weight", 0) / frame.target_scale,
             flat("f", 0) / frame.target_scale,
+            *coefficients.given(theta, values["prior_sd"]),
         )
 
     def summed(self, equation: str, at_most: int | None = None) -> Scales | None:
-        """Slab standard deviations and log prior odds [n_draw, n_term] where the sampler summed over the patterns.
+        """Slab standard deviations and log prior odds [n_draw, n_term] where criticism may sum over the patterns.
 
         Args:
             equation: Learned state.
             at_most: As for `draws`.
 
         Returns:
-            The scales of each draw; None where no patterns were summed.
+            The scales of each draw; None where there is no closed form for the sum, as Gibbs moves drew the patterns or
+            coefficients have bounds: then the drawn pattern is given with η.
+
+        Raises:
+            InputError: The prior's odds of inclusion cannot be told from the draws.
+        """
+        return None if self.equations[equation].design.coefficients.bounded else self.slab(equation, at_most)
+
+    def slab(self, equation: str, at_most: int | None = None) -> Scales | None:
+        """Slab standard deviations and log prior odds [n_draw, n_term] where the sampler summed over the patterns.
+
+        Args:
+            equation: Learned state.
+            at_most: As for `draws`.
 
         Raises:
             InputError: The prior's odds of inclusion cannot be told from the draws.
@@ -145,7 +160,8 @@ class Posterior:
             return None
         if SLAB in self.idata.children:
             kept = self._flat(equation, at_most, SLAB)
-            return Scales(jnp.asarray(kept["theta_sd"]), jnp.asarray(kept["log_odds"]))
+            mean = jnp.broadcast_to(entry.design.coefficients.mean, kept["theta_sd"].shape)
+            return Scales(jnp.asarray(kept["theta_sd"]), jnp.asarray(kept["log_odds"]), mean)
         return self.model.slab(entry.design, values, values["sigma"] / entry.frame.target_scale)
 
     @property
@@ -291,9 +307,9 @@ def slab_group(posterior: Posterior) -> xr.Dataset:
     """Scales and log odds of θ at the draws, of the equations whose inclusion patterns the sampler summed over."""
     group, variables = posterior.idata["posterior"].dataset, {}
     for name, own in posterior.sites.items():
-        summed = posterior.summed(name)
-        if summed is not None:
-            for variable, value in ((own.theta_sd, summed.sd), (own.log_odds, summed.log_odds)):
+        slab = posterior.slab(name)
+        if slab is not None:
+            for variable, value in ((own.theta_sd, slab.sd), (own.log_odds, slab.log_odds)):
                 variables[variable] = group[own.theta].copy(data=np.asarray(value).reshape(group[own.theta].shape))
     return xr.Dataset(variables)
 

@@ -53,8 +53,8 @@ def log_prior(model: Callable) -> Callable[..., dict[str, np.ndarray]]:
 
     Returns:
         The function. It returns one array [n_chain, n_draw] for each site (events summed); `e_theta` is
-        Σ_j log N(θ_j; 0, sd_j²) over the terms that are in the model, and `e_gamma` log p(γ | π) also where the
-        patterns are summed and γ is no site.
+        Σ_j log N(θ_j; m_j, sd_j²) over the terms that are in the model, each normalised between its bounds, and
+        `e_gamma` log p(γ | π) also where the patterns are summed and γ is no site.
     """
 
     def one(designs: Mapping[str, Design], values: dict[str, Array]) -> dict[str, Array]:
@@ -68,9 +68,10 @@ def log_prior(model: Callable) -> Callable[..., dict[str, np.ndarray]]:
             theta, sd = values[own.theta], values[own.theta_sd]
             inside = sd > 0
             scale = jnp.where(inside, sd, 1.0)
-            density = jax.scipy.stats.norm.logpdf(theta, 0.0, scale)
-            out[own.theta] = jnp.sum(jnp.where(inside, density, 0.0))
-            log_odds = sites[own.y]["fn"].scales.log_odds
+            likelihood = sites[own.y]["fn"]
+            coefficients, log_odds = likelihood.design.coefficients, likelihood.scales.log_odds
+            density = jax.scipy.stats.norm.logpdf(theta, coefficients.mean, scale)
+            out[own.theta] = jnp.sum(jnp.where(inside, density, 0.0)) + coefficients.log_restriction(sd)
             if log_odds is not None:
                 # log π where a term is in, log(1 − π) where it is out
                 out[own.gamma] = -jnp.sum(jnp.logaddexp(0.0, jnp.where(inside, -log_odds, log_odds)))
@@ -91,10 +92,8 @@ def _prior_given(key: Array, likelihood: CollapsedNormal) -> dict[str, Array]:
     design, hyper, scales = likelihood.design, likelihood.hyper, likelihood.scales
     key_gamma, key_theta, key_f = jax.random.split(key, 3)
     out: dict[str, Array] = {}
-    sd = scales.sd
+    theta, sd = design.coefficients.draw(scales, key_gamma, key_theta)
     if scales.log_odds is not None:
-        out["gamma"] = jax.random.bernoulli(key_gamma, jax.nn.sigmoid(scales.log_odds)).astype(float)
-        sd = sd * out["gamma"]
-    theta = jnp.where(sd > 0, sd * jax.random.normal(key_theta, sd.shape), 0.0)
+        out["gamma"] = (sd > 0).astype(float)
     out |= {"theta": theta, "theta_sd": sd}
     return {**out, **design.prior_discrepancy(key_f, hyper)}

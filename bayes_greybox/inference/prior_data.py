@@ -12,6 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 from numpyro.handlers import seed, trace
+from scipy.stats import truncnorm
 
 from bayes_greybox.model.design import Compress, Design
 from bayes_greybox.model.equation import Equation
@@ -74,6 +75,7 @@ def draw_truths(
         values = {name: site["value"] for name, site in found.items()}
         for own in model.sites.values():
             del values[own.y]
+            values.pop(own.placement, None)
             scales = found[own.y]["fn"].scales
             values[own.theta_sd] = scales.sd
             if scales.log_odds is not None:
@@ -84,13 +86,19 @@ def draw_truths(
     truths = {name: np.asarray(value) for name, value in drawn.items()}
     targets = {}
     for name, part in open_equations.items():
-        own = model.sites[name]
+        own, coefficients = model.sites[name], part.equation.design.coefficients
         sd = truths[own.theta_sd]
         if own.log_odds in truths:
             included = generator.random(sd.shape) < 1 / (1 + np.exp(-truths.pop(own.log_odds)))
+            included[:, list(coefficients.certain)] = True
             truths[own.gamma] = included.astype(float)
             sd = truths[own.theta_sd] = sd * included
-        theta = truths[own.theta] = sd * generator.standard_normal(sd.shape)
+        theta = sd * generator.standard_normal(sd.shape)
+        for j in coefficients.bounded:
+            scale, mean = np.where(sd[:, j] > 0, sd[:, j], 1.0), float(coefficients.mean[j])
+            low, high = ((float(limit[j]) - mean) / scale for limit in (coefficients.lower, coefficients.upper))
+            theta[:, j] = sd[:, j] * truncnorm.rvs(low, high, size=len(sd), random_state=generator)
+        theta = truths[own.theta] = np.where(sd > 0, np.asarray(coefficients.mean) + theta, 0.0)
         nothing = np.ones(replicates)
         hyper = Hyperparameters(*(jnp.asarray(truths.get(own[key], nothing)) for key in Hyperparameters._fields))
         values, f = part.equation.design.simulate(hyper, part.Psi, generator)

@@ -14,6 +14,8 @@ from bayes_greybox.physics.terms import Dictionary
 
 from .algebra.compression import CHUNK, triangular_factor
 from .algebra.linalg import require_independent
+from .coefficient import Coefficient
+from .coefficient_priors import CoefficientPriors
 from .design import DenseDesign, FeatureDesign
 from .equation import Equation
 from .frame import Frame
@@ -28,7 +30,11 @@ FEWEST_STEPS = 8
 
 
 def assemble(
-    rows: EquationRows, dictionary: Dictionary, discrepancy: OrthogonalGP | None, noise_floor: float
+    rows: EquationRows,
+    dictionary: Dictionary,
+    discrepancy: OrthogonalGP | None,
+    noise_floor: float,
+    coefficients: Mapping[str, Coefficient] | None = None,
 ) -> Equation:
     """Build frame and design of one equation: the only work that grows with the number of rows.
 
@@ -37,6 +43,7 @@ def assemble(
         dictionary: Terms of its equation.
         discrepancy: The Gaussian process, or None for a purely parametric model.
         noise_floor: Least noise standard deviation over the RMS of the target.
+        coefficients: Priors of single terms by name.
 
     Raises:
         InputError: Fewer rows than terms; a term that is not finite; collinear terms; a target that is zero;
@@ -70,6 +77,9 @@ def assemble(
         "n_prior": n_obs,
         "log_det_R": jnp.asarray(float(rows.noise.log_det)),
         "noise_floor": jnp.asarray(with_rounding(rows.measured / target_scale, noise_floor)),
+        "coefficients": CoefficientPriors.of(
+            [(coefficients or {}).get(name) for name in dictionary.names], frame.coefficient_scale
+        ),
     }
     if discrepancy is not None and discrepancy.path == "exact":
         return Equation(rows, frame, _dense_design(frame, discrepancy, rows, table, common))

@@ -64,9 +64,19 @@ class Equation:
         return self.rows.table(lambda columns: np.column_stack([np.asarray(part) for part in self.frame.rows(columns)]))
 
     def ridge(self) -> list[tuple[Term, float]]:
-        """Its terms with coefficients by least squares on the whitened rows, hardly shrunk; user's units."""
-        Phi, y = np.asarray(self.design.Phi), np.asarray(self.design.y)
-        theta = np.linalg.solve(Phi.T @ Phi + RIDGE * len(y) * np.eye(Phi.shape[1]), Phi.T @ y)
+        """Its terms with coefficients by least squares on the whitened rows, hardly shrunk; user's units.
+
+        Coefficients with a normal prior of their own are drawn to it, and those with bounds are kept between them.
+        """
+        Phi, y, stated = np.asarray(self.design.Phi), np.asarray(self.design.y), self.design.coefficients
+        gram = Phi.T @ Phi + RIDGE * len(y) * np.eye(Phi.shape[1])
+        theta = np.linalg.solve(gram, Phi.T @ y)
+        if stated.stated:
+            variance = np.sum((y - Phi @ theta) ** 2) / float(self.design.n_obs)
+            weight = variance / np.asarray(stated.sd) ** 2
+            weight[list(stated.shared)] = 0.0
+            theta = np.linalg.solve(gram + np.diag(weight), Phi.T @ y + weight * np.asarray(stated.mean))
+            theta = np.clip(theta, np.asarray(stated.lower), np.asarray(stated.upper))
         return list(zip(self.frame.dictionary.terms, (theta * self.frame.coefficient_scale).tolist(), strict=True))
 
     def without(self, out: Sequence[int] | Int[np.ndarray, " n_out"]) -> "Equation":

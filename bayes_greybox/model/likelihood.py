@@ -6,10 +6,11 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpyro.distributions as dist
+from jax.scipy.special import logsumexp
 from jaxtyping import Array, Float
 from numpyro.distributions import constraints
 
-from .algebra.collapsed import log_evidence
+from .algebra.collapsed import log_evidence, ridge
 from .design import Design
 from .gp.hyper import Hyperparameters
 from .priors import Scales
@@ -18,7 +19,10 @@ from .priors import Scales
 class CollapsedNormal(dist.Distribution):
     """Distribution of the rows of one equation given η and the prior scales, θ and f integrated out.
 
-        y ~ N(0, Φ D Φᵀ + K⊥ + σ² R),   or its mixture over inclusion patterns, D = diag(γ τ²).
+        y ~ N(Φ m, Φ D Φᵀ + K⊥ + σ² R),   or its mixture over inclusion patterns, D = diag(γ τ²),
+
+    m the prior means of single terms. Where coefficients have bounds the density is that of y given the uniform numbers
+    which place them, times a constant: its mean over these is the density of y (see `algebra.truncated`).
 
     The event is the compressed target; `log_prob` is the log density of the `n_obs` measurements behind it, so
     values are comparable between dictionaries and kernels.
@@ -39,18 +43,22 @@ class CollapsedNormal(dist.Distribution):
 
     def log_prob(self, value: Any, intermediates: Any = None) -> Float[Array, ""]:
         """Log p(y | η, scales) of a target [n_row]."""
-        regression, _ = self.design.remove_discrepancy(value, self.hyper)
-        return log_evidence(regression, self.scales.sd, self.scales.log_odds, self.design.n_obs)
+        design, scales = self.design, self.scales
+        regression = design.remove_discrepancy(value, self.hyper)[0].beside(scales.mean)
+        if scales.uniform is None:
+            return log_evidence(regression, scales.sd, scales.log_odds, design.n_obs, design.coefficients.certain)
+        full = ridge(regression, scales.sd, design.n_obs)
+        return full.log_evidence + logsumexp(design.coefficients.placed(full, scales).log_weight)
 
     def sample(self, key: Array | None, sample_shape: tuple[int, ...] = ()) -> Array:
-        """Draw targets; the last compressed row stands for all directions outside the columns."""
+        """Draw targets; the last compressed row stands for all directions outside the columns.
+
+        The bounded coefficients are drawn anew: the numbers that place them given y say nothing before y is known.
+        """
 
         def one(key: Array) -> Array:
             key_gamma, key_theta, key_f, key_noise, key_rest = jax.random.split(key, 5)
-            sd = self.scales.sd
-            if self.scales.log_odds is not None:
-                sd = sd * jax.random.bernoulli(key_gamma, jax.nn.sigmoid(self.scales.log_odds))
-            theta = sd * jax.random.normal(key_theta, sd.shape)
+            theta, _ = self.design.coefficients.draw(self.scales, key_gamma, key_theta)
             noise = jax.random.normal(key_noise, self.event_shape)
             hidden = self.design.n_obs - self.design.y.size
             # χ² with the degrees of freedom of the rows that compression folded into the last one

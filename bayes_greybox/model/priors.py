@@ -15,6 +15,7 @@ from jaxtyping import Array, Float
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.limits import Positive, Whole, require_limits
 
+from .coefficient import Coefficient as Coefficient
 from .sites import site
 
 ENUMERATION_LIMIT = 12
@@ -22,16 +23,21 @@ ENUMERATION_LIMIT = 12
 
 
 class Scales(NamedTuple):
-    """A draw of the prior scales: θ_j ~ N(0, sd_j²), and with `log_odds` a spike-and-slab over the terms.
+    """A draw of the prior scales: θ_j ~ N(mean_j, sd_j²), and with `log_odds` a spike-and-slab over the terms.
 
     Attributes:
         sd: Standard deviation of each coefficient, scaled units; 0 means the term is out.
         log_odds: Log prior odds that each term is in, if the sum over patterns is still to be taken; else
             None.
+        mean: Expected value of each coefficient, where single terms have priors of their own; None: zero.
+        uniform: Numbers that place the coefficients with bounds (see `algebra.truncated`), while these are still to be
+            integrated out; else None.
     """
 
     sd: Float[Array, " n_term"]
     log_odds: Float[Array, " n_term"] | None = None
+    mean: Float[Array, " n_term"] | None = None
+    uniform: Float[Array, " n_bounded"] | None = None
 
 
 @runtime_checkable
@@ -162,8 +168,8 @@ class CustomPrior:
     Example: `CustomPrior(lambda n_term: numpyro.sample("sd", dist.HalfCauchy().expand([n_term]).to_event(1)))`.
 
     Attributes:
-        program: Called inside the model with the number of terms; returns the standard deviations [n_term],
-            in scaled units.
+        program: Called inside the model with the number of terms, without those that have a normal prior of their
+            own; returns the standard deviations [n_term], in scaled units.
     """
 
     program: Callable[[int], Array]

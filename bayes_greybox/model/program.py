@@ -20,6 +20,7 @@ from bayes_greybox.physics.terms import Dictionary
 from bayes_greybox.physics.units import check_units
 
 from .assemble import assemble
+from .coefficient import StatedTerms, centred, read_coefficients, stated_in_words, stated_terms
 from .design import Design
 from .equation import Equation
 from .gp.discrepancy import OrthogonalGP
@@ -31,7 +32,7 @@ from .priors import Prior, Scales, SpikeAndSlab
 from .rows.derivative_rows import DerivativeRows
 from .rows.equation_rows import EquationRows
 from .rows.row_kind import RowKind
-from .sites import DRAWN, Sites
+from .sites import DRAWN, Sites, site
 
 TURNS = 3
 """How often rows that are linear near a model only are taken anew near its estimate."""
@@ -51,6 +52,8 @@ class Program:
         noise: Prior scale of σ over the RMS of the target: σ² = floor² + s², s ~ HalfNormal(`noise`); or a `Noise`,
             which may also be correlated, depend on the state or have heavy tails.
         rows: What the rows of an equation say; rates at time stamps by default.
+        coefficients: Priors of single terms by equation and term, in user's units, in place of `prior` or as limits to
+            it. A term whose coefficient is fixed belongs to the simulation, and f need not be orthogonal to it.
     """
 
     dictionary: Mapping[str, Any] = field(default_factory=dict)
@@ -60,6 +63,7 @@ class Program:
     noise_floor: float = 1e-4
     noise: float | Noise = 1.0
     rows: RowKind = field(default_factory=DerivativeRows)
+    coefficients: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if not isinstance(self.dictionary, Mapping):
@@ -67,6 +71,7 @@ class Program:
                 "GreyBox(dictionary=...) must map each learned state to its candidate terms, for example "
                 "{'ydot': ['y', 'y**3']}."
             )
+        object.__setattr__(self, "coefficients", read_coefficients(self.coefficients, self.dictionary))
         if isinstance(self.prior, type) or not isinstance(self.prior, Prior):
             raise InputError(f"GreyBox(prior={self.prior!r}) is not a prior: give one such as bg.Laplace(scale=0.5).")
         if not (self.discrepancy is None or isinstance(self.discrepancy, OrthogonalGP)):
@@ -94,10 +99,10 @@ class Program:
         return tuple(self.dictionary)
 
     def dictionaries(self, data: Trajectories) -> dict[str, Dictionary]:
-        """Parsed dictionaries by learned state, checked against the data's names and units.
+        """Terms with coefficients to learn, by learned state, checked against the data's names and units.
 
         Raises:
-            InputError: No dictionary; unknown states, names or units; duplicate terms.
+            InputError: No dictionary; unknown states, names or units; duplicate terms; only fixed coefficients.
         """
         if not self.dictionary:
             raise InputError(
@@ -113,24 +118,53 @@ class Program:
                     f"The dictionary has an equation for {equation!r}, which is not a state of the "
                     f"data{hint}; states: {', '.join(states)}."
                 )
-        names = (*self.states(data), *data.input_names)
-        parsed = {equation: Dictionary.of(terms, names) for equation, terms in self.dictionary.items()}
-        terms = {equation: dictionary.terms for equation, dictionary in parsed.items()}
+        parsed = {equation: self.stated(equation, data) for equation in self.equations}
+        terms = {equation: stated.all.terms for equation, stated in parsed.items()}
         check_units(terms, data.units, data.derivative_names, data.time_name)
-        return parsed
+        for equation, stated in parsed.items():
+            if not stated.learned:
+                raise InputError(
+                    f"Every coefficient of {equation!r} is fixed, so there is nothing to learn: free one, or write the "
+                    "terms into simulation=... and leave the equation out of the dictionary."
+                )
+        return {equation: Dictionary(stated.learned) for equation, stated in parsed.items()}
+
+    def stated(self, equation: str, data: Trajectories) -> StatedTerms:
+        """The terms of one equation with what is stated of their coefficients.
+
+        Raises:
+            InputError: A term that cannot be read; a prior of a term that there is not.
+        """
+        names = (*self.states(data), *data.input_names)
+        return stated_terms(self.dictionary[equation], self.coefficients.get(equation, {}), names, equation)
+
+    @property
+    def prior_text(self) -> str:
+        """The prior in words: its name, and what is stated of single coefficients."""
+        said = stated_in_words(self.coefficients, several=len(self.equations) > 1)
+        return type(self.prior).__name__ + (f" ({said})" if said else "")
 
     @property
     def sites(self) -> Sites:
         """Names of the variables of each equation, in the model and in results."""
         return Sites(self.equations)
 
+    def centred(self) -> "Program":
+        """The model with what is expected of single coefficients in its simulation: what is left of them is normal.
+
+        Raises:
+            InputError: A coefficient has bounds, so that no evidence of the model has a closed form.
+        """
+        return replace(self, coefficients=centred(self.coefficients)) if self.coefficients else self
+
     def simulator(self, data: Trajectories) -> Simulation:
-        """The simulation, read with the names of the data.
+        """The simulation and the terms with fixed coefficients, read with the names of the data.
 
         Raises:
             InputError: An expression for an unknown state, or one that cannot be read.
         """
-        return simulation_of(self.simulation, self.states(data), data.input_names)
+        given = simulation_of(self.simulation, self.states(data), data.input_names)
+        return given.beside({name: self.stated(name, data).known for name in self.coefficients})
 
     def states(self, data: Trajectories) -> tuple[str, ...]:
         """Measured states, then those that the rows allow to be hidden."""
@@ -165,7 +199,9 @@ class Program:
         found = self._find_noise(rows, dictionaries)
         rows = {equation: replace(r, noise=found[equation].noise) if found else r for equation, r in rows.items()}
         return {
-            equation: assemble(rows[equation], dictionary, self.discrepancy, self.noise_floor)
+            equation: assemble(
+                rows[equation], dictionary, self.discrepancy, self.noise_floor, self.stated(equation, data).priors
+            )
             for equation, dictionary in dictionaries.items()
         }
 
@@ -239,12 +275,21 @@ class Program:
         """Equations whose inclusion pattern is a site of the model, to be updated by Gibbs moves.
 
         Raises:
-            InputError: See `require_own_sites`.
+            InputError: See `require_own_sites`; priors of single coefficients in such an equation.
         """
         sites = self.require_own_sites(designs)
-        if isinstance(self.prior, SpikeAndSlab):
-            return tuple(name for name in designs if "gamma" in sites[name])
-        return ()
+        if not self._samples_patterns:
+            return ()
+        found = tuple(name for name in designs if "gamma" in sites[name])
+        for name in found:
+            if designs[name].coefficients.stated:
+                raise InputError(
+                    f"The equation of {name!r} has too many terms for a sum over their inclusion patterns, and the "
+                    "Gibbs moves on them know no priors of single coefficients: raise "
+                    "SpikeAndSlab(enumerate_up_to=...), take another prior, such as bg.RegularisedHorseshoe(), leave "
+                    "terms out, or fix coefficients."
+                )
+        return found
 
     def require_own_sites(self, designs: Mapping[str, Design]) -> dict[str, dict[str, str]]:
         """Sites of each equation by quantity, from a trace of each equation alone.
@@ -282,7 +327,9 @@ class Program:
                 hyper, scales = self._sample(design)
                 if self._samples_patterns:
                     raise InputError("uncollapsed_model has no density for a spike-and-slab prior: use another prior.")
-                theta = numpyro.sample("theta", dist.Normal(0.0, scales.sd).to_event(1))
+                if design.coefficients.bounded:
+                    raise InputError("uncollapsed_model knows no bounds of coefficients: leave them out.")
+                theta = numpyro.sample("theta", dist.Normal(design.coefficients.mean, scales.sd).to_event(1))
                 mean = design.Phi @ theta + design.uncollapsed_discrepancy(hyper)
                 # Rows folded away by compression carry no signal: their share of the density is σ's alone.
                 hidden = design.n_obs - design.y.size
@@ -313,10 +360,9 @@ class Program:
         Raises:
             InputError: The prior has a site that the draws do not have.
         """
-        n_term = design.Phi.shape[1]
 
         def program(sigma: Any) -> Scales:
-            return self.prior.scales(n_term, design.n_prior, sigma)
+            return self._scales(design, sigma)
 
         with seed(rng_seed=0), trace() as sites:
             if program(1.0).log_odds is None:
@@ -335,13 +381,23 @@ class Program:
             return scales.sd, jnp.broadcast_to(jnp.asarray(scales.log_odds), scales.sd.shape)
 
         sd, odds = jax.vmap(one)(({name: jnp.asarray(values[name]) for name in drawn}, jnp.asarray(sigma)))
-        return Scales(sd, odds)
+        return Scales(sd, odds, jnp.broadcast_to(design.coefficients.mean, sd.shape))
 
     @property
     def _samples_patterns(self) -> bool:
         return isinstance(self.prior, SpikeAndSlab)
 
-    def _sample(self, design: Design) -> tuple[Hyperparameters, Any]:
+    def _sample(self, design: Design) -> tuple[Hyperparameters, Scales]:
         """η and the prior scales of one equation."""
         hyper = self.hyper_prior(design.noise_floor, design.n_var).sample()
-        return hyper, self.prior.scales(design.Phi.shape[1], design.n_prior, hyper.sigma)
+        scales, n_bounded = self._scales(design, hyper.sigma), len(design.coefficients.bounded)
+        if n_bounded:
+            uniform = site("placement", dist.Uniform(0.0, 1.0).expand([n_bounded]).to_event(1))
+            scales = scales._replace(uniform=uniform)
+        return hyper, scales
+
+    def _scales(self, design: Design, sigma: Any) -> Scales:
+        """Scales of all terms: those that the prior samples, and those that are stated."""
+        n_shared = len(design.coefficients.shared)
+        shared = self.prior.scales(n_shared, design.n_prior, sigma) if n_shared else None
+        return design.coefficients.complete(shared)

@@ -15,7 +15,7 @@ DRAWN = ("theta", "theta_sd", "prior_sd", "gamma", "inclusion", "weight", "f")
 
 QUANTITIES = frozenset(
     (*DRAWN, "y", "rate", "noise", "sigma", "amplitude", "length_scale", "pi", "tau", "tau_unit", "log_odds")
-    + ("v", "lambda", "slab")
+    + ("v", "lambda", "slab", "placement")
 )
 """Quantities that the package itself names."""
 
@@ -145,9 +145,14 @@ class EquationSites:
         return self["f"]
 
     @property
-    def raw(self) -> tuple[str, str]:
-        """Coordinates of the sampler that another quantity tells: s by σ, the horseshoe's by τ."""
-        return self.noise, self.tau_unit
+    def placement(self) -> str:
+        """Numbers that place the coefficients with bounds."""
+        return self["placement"]
+
+    @property
+    def raw(self) -> tuple[str, str, str]:
+        """Coordinates of the sampler that another quantity tells: s by σ, the horseshoe's by τ, bounded ones by θ."""
+        return self.noise, self.tau_unit, self.placement
 
 
 class Sites(Mapping[str, EquationSites]):

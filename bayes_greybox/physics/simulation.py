@@ -4,7 +4,7 @@
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Hashable, Mapping
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -89,6 +89,15 @@ class Simulation(ABC):
     @abstractmethod
     def key(self) -> Hashable:
         """What two simulations that do the same have in common: programs are compiled once for it."""
+
+    def beside(self, known: Mapping[str, Sequence[tuple[Term, float]]]) -> "Simulation":
+        """The simulation with more terms in its rates, whose coefficients are known.
+
+        Args:
+            known: Terms with coefficients by state; a state may have none.
+        """
+        added = {state: tuple(terms) for state, terms in known.items() if terms}
+        return _WithTerms(self.states, self.inputs, self, added) if added else self
 
 
 @dataclass(frozen=True)
@@ -250,6 +259,54 @@ class CallableSimulation(Simulation):
                 f"The simulation failed on the data with {type(error).__name__}: {error}. It is called as "
                 "simulation(t, x, u), with arrays of states and inputs, and returns the rates of all states."
             ) from error
+
+
+@dataclass(frozen=True)
+class _WithTerms(Simulation):
+    """A simulation, and terms beside it whose coefficients are known.
+
+    Attributes:
+        given: The simulation.
+        known: Terms with coefficients by state.
+    """
+
+    given: Simulation
+    known: Mapping[str, tuple[tuple[Term, float], ...]]
+
+    @property
+    def equations(self) -> tuple[str, ...]:
+        """Those of the simulation, and those of the terms."""
+        return tuple(dict.fromkeys((*self.given.equations, *self.known)))
+
+    def rate(self, t: Array, x: Float[Array, " n_state"], u: Float[Array, " n_input"]) -> Float[Array, " n_state"]:
+        """Value of g at one point, inside an integrator."""
+        columns = dict(zip((*self.states, *self.inputs), (*x, *u), strict=True))
+        rate = jnp.asarray(self.given.rate(t, x, u), float)
+        for state, terms in self.known.items():
+            for term, value in terms:
+                rate = rate.at[self.states.index(state)].add(value * term.evaluate(columns))
+        return rate
+
+    def on(self, data: Trajectories, state: str) -> Float[np.ndarray, " n_obs"]:
+        """Values of g for one state on the rows of the data, user's units."""
+        rate = np.array(self.given.on(data, state), float)
+        for term, value in self.known.get(state, ()):
+            rate = rate + value * np.asarray(term.evaluate(data.columns))
+        return _finite(rate, state)
+
+    def additive_terms(self, state: str) -> list[tuple[Term, float]]:
+        """Those of the simulation: the coefficients of the others are known, and nobody corrects them."""
+        return self.given.additive_terms(state)
+
+    def rate_name(self, state: str) -> str | None:
+        """As in the simulation, of states without more terms."""
+        return None if state in self.known else self.given.rate_name(state)
+
+    @property
+    def key(self) -> Hashable:
+        """That of the simulation, and the terms."""
+        texts = tuple((s, tuple((term.text, value) for term, value in terms)) for s, terms in self.known.items())
+        return self.given.key, texts
 
 
 def simulation_of(

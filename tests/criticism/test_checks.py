@@ -102,8 +102,8 @@ def test_loo_pit_is_that_of_dense_algebra():
         z.append(inverse @ y / np.sqrt(np.diag(inverse)))
         if s == 0:
             rows = posterior.equations["v"].weighted()(np.arange(40))
-            first, sd = jax.tree.map(lambda leaf: leaf[0], _parameters(draws))
-            g, found = _inverse(design, rows, np.eye(40), first, sd)
+            first, sd, mean = jax.tree.map(lambda leaf: leaf[0], _parameters(draws))
+            g, found = _inverse(design, rows, np.eye(40), first, sd, mean)
             np.testing.assert_allclose(found, inverse, rtol=1e-6, atol=1e-8 * np.abs(inverse).max())
             np.testing.assert_allclose(g, inverse @ y, rtol=1e-6, atol=1e-8)
     # Unsmoothed weights are close where all draws have the same σ.

@@ -144,6 +144,8 @@ def _judged(equation: Equation, samples: dict[str, np.ndarray], chains: range) -
         samples[own.theta_sd][list(chains)].reshape(flat["theta"].shape),
         samples[own.weight][list(chains)].reshape(len(flat["theta"]), -1),
         np.zeros((len(flat["theta"]), 0)),
+        mean=np.zeros(flat["theta"].shape),
+        spread=samples[own.theta_sd][list(chains)].reshape(flat["theta"].shape),
     )
     theta = flat["theta"] * equation.frame.coefficient_scale
     tail = (1 - LEVEL) / 2

@@ -136,8 +136,8 @@ def _test(
     steps = np.arange(len(index) + 1) / len(index)
     p, gaps, outside = [], [], []
     for s in range(len(draws.theta)):
-        hyper, sd = jax.tree.map(lambda leaf: leaf[s], _parameters(draws))  # noqa: B023
-        g, inverse = (np.asarray(part) for part in _inverse(entry.design, rows, inverse_R, hyper, sd))
+        given = jax.tree.map(lambda leaf: leaf[s], _parameters(draws))  # noqa: B023
+        g, inverse = (np.asarray(part) for part in _inverse(entry.design, rows, inverse_R, *given))
         scale = np.sqrt(np.diag(inverse))
         values, vectors = np.linalg.eigh(inverse / np.outer(scale, scale))
         root = vectors * np.sqrt(np.maximum(values, 0.0))
@@ -150,17 +150,18 @@ def _test(
     return combined_p(np.array(p)), np.concatenate(gaps), np.concatenate(outside)
 
 
-def _parameters(draws: EquationDraws) -> tuple[Hyperparameters, Array]:
-    return Hyperparameters(*(jnp.asarray(part) for part in draws.hyper)), jnp.asarray(draws.prior_sd)
+def _parameters(draws: EquationDraws) -> tuple[Hyperparameters, Array, Array]:
+    hyper = Hyperparameters(*(jnp.asarray(part) for part in draws.hyper))
+    return hyper, jnp.asarray(draws.spread), jnp.asarray(draws.mean)
 
 
 @jax.jit
-def _terms(design: Design, rows: WeightedRows, parameters: tuple[Hyperparameters, Array]) -> tuple[Array, Array]:
+def _terms(design: Design, rows: WeightedRows, parameters: tuple[Hyperparameters, Array, Array]) -> tuple[Array, Array]:
     """Diagonal of C⁻¹, and C⁻¹y, at the rows looked at, for every draw."""
 
-    def one(item: tuple[Hyperparameters, Array]) -> tuple[Array, Array]:
-        hyper, sd = item
-        root = design.root(rows, hyper, sd)
+    def one(item: tuple[Hyperparameters, Array, Array]) -> tuple[Array, Array]:
+        hyper, sd, mean = item
+        root = design.beside(mean).root(rows.beside(mean), hyper, sd)
         return design.inverse_diagonal(root, rows, hyper), root.g
 
     return jax.lax.map(one, parameters)
@@ -173,7 +174,8 @@ def _inverse(
     inverse_R: Float[Array, "n n"],
     hyper: Hyperparameters,
     sd: Float[Array, " n_term"],
+    mean: Float[Array, " n_term"],
 ) -> tuple[Array, Array]:
     """C⁻¹y and C⁻¹ at the rows looked at."""
-    root = design.root(rows, hyper, sd)
+    root = design.beside(mean).root(rows.beside(mean), hyper, sd)
     return root.g, design.inverse(root.H.T, root.H.T, inverse_R, hyper)

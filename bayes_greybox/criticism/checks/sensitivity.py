@@ -14,7 +14,6 @@ from jaxtyping import Array, Float
 from bayes_greybox.criticism.convergence import array_stats
 from bayes_greybox.inference.posterior import Posterior
 from bayes_greybox.model.algebra.collapsed import Regression, ridge
-from bayes_greybox.model.algebra.linalg import solve_lower
 from bayes_greybox.model.algebra.subsets import log_pattern_weights, patterns
 from bayes_greybox.model.design import Design
 
@@ -140,7 +139,7 @@ def _powers(posterior: Posterior, equation: str, index: np.ndarray) -> _Powers:
     """Log ratios of scaled to unscaled densities, draw by draw."""
     design = posterior.equations[equation].design
     draws = posterior.draws(equation)
-    summed = posterior.summed(equation)
+    summed, slab_of_draws = posterior.summed(equation), posterior.slab(equation)
     own = posterior.sites[equation]
     log_prior = posterior.idata["log_prior"].dataset
     theta_level = (own.theta, own.gamma)
@@ -149,8 +148,8 @@ def _powers(posterior: Posterior, equation: str, index: np.ndarray) -> _Powers:
     top = np.sum(sites, axis=0) if sites else np.zeros(len(index))
     has_gamma = own.gamma in posterior.idata["posterior"].dataset
     n_term = draws.theta.shape[1]
-    if summed is not None and summed.log_odds is not None:
-        slab, odds = summed.sd[index], summed.log_odds[index]
+    if slab_of_draws is not None and slab_of_draws.log_odds is not None:
+        slab, odds = slab_of_draws.sd[index], slab_of_draws.log_odds[index]
     else:
         # Of a pattern that is a site only its own odds count, which do not depend on the term.
         slab, odds = jnp.ones((len(index), n_term)), jnp.zeros((len(index), n_term))
@@ -175,12 +174,14 @@ def _powers(posterior: Posterior, equation: str, index: np.ndarray) -> _Powers:
 def _evaluated(enumerated: bool, has_gamma: bool) -> Callable[..., Any]:
     def one(design: Design, item: tuple) -> tuple[Array, Array, Array]:
         hyper, theta, sd, top, slab, log_odds = item
-        regression, _ = design.remove_discrepancy(design.y, hyper)
+        coefficients = design.coefficients
+        regression = design.remove_discrepancy(design.y, hyper)[0].beside(coefficients.mean)
         inside = sd > 0
-        squares = jnp.sum(jnp.where(inside, (theta / jnp.where(inside, sd, 1.0)) ** 2, 0.0))
+        away = jnp.where(inside, theta - coefficients.mean, 0.0)
+        squares = jnp.sum((away / jnp.where(inside, sd, 1.0)) ** 2)
         count = jnp.sum(inside)
         # log p(y | θ, η), up to a constant of the data
-        misfit = -0.5 * (jnp.sum((regression.q - regression.T @ theta) ** 2) + regression.log_det)
+        misfit = -0.5 * (jnp.sum((regression.q - regression.T @ away) ** 2) + regression.log_det)
 
         def pattern(alpha: float) -> Array:
             """Log p_α(γ | π): log π where a term is in, log(1 − π) where it is out."""
@@ -189,11 +190,12 @@ def _evaluated(enumerated: bool, has_gamma: bool) -> Callable[..., Any]:
         joint = []
         for alpha in ALPHAS:
             level = 0.5 * count * jnp.log(alpha) - 0.5 * (alpha - 1) * squares
+            level += coefficients.log_restriction(sd, alpha) - coefficients.log_restriction(sd)
             joint.append((alpha - 1) * top + level + (pattern(alpha) - pattern(1.0) if has_gamma else 0.0))
         joint += [(alpha - 1) * misfit for alpha in ALPHAS]
         if not enumerated:
             return jnp.stack(joint), jnp.zeros(0), jnp.zeros((0, 0))
-        summed = (_summed(regression, slab, log_odds, *powers) for powers in _SCALINGS)
+        summed = (_summed(regression, slab, log_odds, coefficients.certain, *powers) for powers in _SCALINGS)
         total, probability = zip(*summed, strict=True)
         shift = [(alpha - 1) * top for alpha in ALPHAS] + [0.0, 0.0]
         collapsed = [value - total[0] + extra for value, extra in zip(total[1:], shift, strict=True)]
@@ -210,6 +212,7 @@ def _summed(
     regression: Regression,
     slab: Float[Array, " n_term"],
     log_odds: Float[Array, " n_term"],
+    certain: tuple[int, ...],
     prior: float,
     likelihood: float,
 ) -> tuple[Array, Array]:
@@ -221,7 +224,6 @@ def _summed(
     root = jnp.sqrt(likelihood)
     scaled = Regression(root * regression.T, root * regression.q, likelihood * regression.log_det)
     full = ridge(scaled, slab / jnp.sqrt(prior), 0.0)
-    inverse = solve_lower(full.L, jnp.eye(regression.T.shape[1]))
-    weights = log_pattern_weights(full.mean, inverse.T @ inverse, prior * log_odds)
+    weights = log_pattern_weights(full.mean, full.covariance, prior * log_odds, certain)
     total = logsumexp(weights)
-    return full.log_evidence + total, jnp.exp(weights - total) @ jnp.asarray(patterns(len(full.mean)))
+    return full.log_evidence + total, jnp.exp(weights - total) @ jnp.asarray(patterns(len(full.mean), certain))

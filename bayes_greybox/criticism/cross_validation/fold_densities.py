@@ -55,7 +55,8 @@ def fold_densities(
         m₋F = m − J_F P⁻¹ g_F,   V₋F = V + J_F P⁻¹ J_Fᵀ,
         p(y_F | y₋F, η) = p(y_F | y₋F, η, γ = 1) Σ_γ w_γ(m, V) / Σ_γ w_γ(m₋F, V₋F),
 
-    with the weights of `model.algebra.subsets.log_pattern_weights`. Patterns that Gibbs moves drew are given with η.
+    with the weights of `model.algebra.subsets.log_pattern_weights`. Patterns that Gibbs moves drew are given with η; so
+    are patterns and coefficients where any of these has bounds.
 
     Args:
         posterior: Gives data, frame and design.
@@ -130,7 +131,7 @@ def fold_parameters(posterior: Posterior, equation: str, at_most: int | None = N
         at_most: Thin the draws evenly to this many; None: all.
     """
     draws, summed = posterior.draws(equation, at_most), posterior.summed(equation, at_most)
-    scales = Scales(jnp.asarray(draws.prior_sd)) if summed is None else summed
+    scales = Scales(jnp.asarray(draws.spread), mean=jnp.asarray(draws.mean)) if summed is None else summed
     return jax.tree.map(jnp.asarray, draws.hyper), scales
 
 
@@ -162,13 +163,13 @@ def _mapped(design: Design, rows: WeightedRows, folds: _Fold, parameters: tuple[
     n_term = design.Phi.shape[1]
 
     def one(item: tuple[Hyperparameters, Scales]) -> Array:
-        hyper, (sd, log_odds) = item
-        root = design.root(rows, hyper, sd)
+        hyper, (sd, log_odds, mean, _) = item
+        own = design if mean is None else design.beside(mean)
+        root = own.root(rows if mean is None else rows.beside(mean), hyper, sd)
         H, g = root.H.T.reshape(n_fold, size, -1), root.g.reshape(n_fold, size)
         J = root.J.T.reshape(n_fold, size, n_term)
-        posterior = ridge(design.remove_discrepancy(design.y, hyper)[0], sd, design.n_obs)
-        inverse = solve_lower(posterior.L, jnp.eye(n_term))
-        m, V = posterior.mean, inverse.T @ inverse
+        posterior = ridge(own.remove_discrepancy(own.y, hyper)[0], sd, design.n_obs)
+        m, V, certain = posterior.mean, posterior.covariance, design.coefficients.certain
 
         def fold(item: tuple[Array, Array, Array, Array, Array]) -> Array:
             H, g, J, counts, precision = item
@@ -181,8 +182,8 @@ def _mapped(design: Design, rows: WeightedRows, folds: _Fold, parameters: tuple[
             if log_odds is None:
                 return value
             G = solve_lower(L, jnp.where(counts[:, None], J, 0.0))
-            without = log_pattern_weights(m - G.T @ z, V + G.T @ G, log_odds)
-            return value + logsumexp(log_pattern_weights(m, V, log_odds)) - logsumexp(without)
+            without = log_pattern_weights(m - G.T @ z, V + G.T @ G, log_odds, certain)
+            return value + logsumexp(log_pattern_weights(m, V, log_odds, certain)) - logsumexp(without)
 
         # Fold by fold, since batched factorisations inside a loop can deadlock (see row_densities).
         return jax.lax.map(fold, (H, g, J, folds.counts, folds.precision))
@@ -193,8 +194,8 @@ def _mapped(design: Design, rows: WeightedRows, folds: _Fold, parameters: tuple[
 @jax.jit
 def _subset(design: Design, parameters: tuple[Hyperparameters, Scales]) -> Array:
     def one(item: tuple[Hyperparameters, Scales]) -> Array:
-        hyper, (sd, log_odds) = item
-        regression, _ = design.remove_discrepancy(design.y, hyper)
-        return log_evidence(regression, sd, log_odds, design.n_obs)
+        hyper, scales = item
+        regression = design.remove_discrepancy(design.y, hyper)[0].beside(scales.mean)
+        return log_evidence(regression, scales.sd, scales.log_odds, design.n_obs, design.coefficients.certain)
 
     return jax.lax.map(one, parameters)

@@ -27,8 +27,9 @@ def pointwise_loo(posterior: Posterior, equation: str, at_most: int | None = Non
 
     (Sundararajan & Keerthi 2001, Eq. 10 to 12; Bürkner, Gabry & Vehtari 2021, Eq. 10). D holds the prior
     variances of the draw, zero for excluded terms, so that under a spike-and-slab prior the draws average
-    over γ. On the feature path C⁻¹ comes by Woodbury's identity from one factorisation of order K + M a draw;
-    a row then costs (K + M)².
+    over γ. Prior means are taken off y; so are coefficients with bounds, which are held at their draws as η is.
+    On the feature path C⁻¹ comes by Woodbury's identity from one factorisation of order K + M a draw; a row then
+    costs (K + M)².
 
     Args:
         posterior: Fitted model.
@@ -79,7 +80,7 @@ def row_densities(
         Indices of the observations, and their densities.
     """
     entry = posterior.equations[equation]
-    parameters = jax.tree.map(jnp.asarray, (draws.hyper, draws.prior_sd))
+    parameters = jax.tree.map(jnp.asarray, (draws.hyper, draws.spread, draws.mean))
     log_unit = math.log(entry.frame.target_scale)
     index = np.arange(entry.rows.n_white) if index is None else index
     weighted = entry.weighted()
@@ -93,9 +94,9 @@ def row_densities(
 
 @jax.jit
 def _mapped(design: Design, rows: WeightedRows, parameters: tuple) -> Array:
-    def one(item: tuple[Hyperparameters, Array]) -> Array:
-        hyper, sd = item
-        root = design.root(rows, hyper, sd)
+    def one(item: tuple[Hyperparameters, Array, Array]) -> Array:
+        hyper, sd, mean = item
+        root = design.beside(mean).root(rows.beside(mean), hyper, sd)
         precision = design.inverse_diagonal(root, rows, hyper)
         return 0.5 * (jnp.log(precision) - math.log(2 * math.pi) - root.g**2 / precision)
 

@@ -18,7 +18,7 @@ from bayes_greybox.model.gp.hyper import HyperPrior, NoisePrior
 from bayes_greybox.model.program import Program
 from bayes_greybox.model.rows.equation_rows import EquationRows
 from bayes_greybox.physics.catalogue.effects import BoundEffect
-from bayes_greybox.physics.terms import Dictionary, Term
+from bayes_greybox.physics.terms import Term
 
 from .columns import Column, nodes
 
@@ -127,7 +127,8 @@ class SufficientStatistics:
 
         Args:
             kind: Kind of the columns.
-            items: Terms, with what their columns are to carry beside (nominal, effect, inner, log_weight).
+            items: Terms, with what their columns are to carry beside (nominal, effect, inner, log_weight), or the
+                prior standard deviation of their coefficients (spread, user's units).
 
         Raises:
             InputError: A free term that is zero or not finite on the data.
@@ -143,7 +144,10 @@ class SufficientStatistics:
                 if about.get("effect") is not None:
                     refused[about["effect"].slug] = why
                 continue
+            spread, about = about.get("spread"), {name: each for name, each in about.items() if name != "spread"}
             sd = {"free": FREE_SCALE, "effect": EFFECT_SCALE}.get(kind, 0.0)
+            if spread is not None:
+                sd = spread * size / self.target_scale
             if kind == "correction":
                 sd = CORRECTION_SCALE * abs(about["nominal"]) * size / self.target_scale
             values.append(value / size)
@@ -364,10 +368,10 @@ def sufficient_statistics(
         kernel=gp.kernel,
         prior=replace(model, discrepancy=gp).hyper_prior(floor, len(variables)),
     )
-    own = model.dictionary.get(equation, ())
-    if own:
-        names = (*model.states(data), *data.input_names)
-        statistics.add("free", [(term, {}) for term in Dictionary.of(own, names).terms])
+    if model.dictionary.get(equation, ()):
+        stated = model.stated(equation, data)
+        spreads = {name: prior.sd for name, prior in stated.priors.items()}
+        statistics.add("free", [(term, {"spread": spreads.get(term.name)}) for term in stated.learned])
     parts = model.simulator(data).additive_terms(equation)
     statistics.add("correction", [(term, {"nominal": value}) for term, value in parts])
     items = {effect: nodes(effect, rows.columns) for effect in effects}

@@ -27,6 +27,10 @@ class Regression(NamedTuple):
     q: Float[Array, " n_left"]
     log_det: Float[Array, ""]
 
+    def beside(self, mean: Float[Array, " n_term"] | None) -> "Regression":
+        """The regression left for θ − mean."""
+        return self if mean is None else self._replace(q=self.q - self.T @ mean)
+
 
 class FeatureSolve(NamedTuple):
     """Posterior of the standardised weights z of f: z | θ ~ N(Z_y − Z_Φ θ, (L Lᵀ)⁻¹)."""
@@ -41,6 +45,12 @@ class Ridge(NamedTuple):
     mean: Float[Array, " n_term"]
     L: Float[Array, "n_term n_term"]
     log_evidence: Float[Array, ""]
+
+    @property
+    def covariance(self) -> Float[Array, "n_term n_term"]:
+        """(L Lᵀ)⁻¹."""
+        inverse = solve_lower(self.L, jnp.eye(self.L.shape[0]))
+        return inverse.T @ inverse
 
 
 def remove_features(
@@ -200,11 +210,12 @@ def log_evidence(
     sd: Float[Array, " n_term"],
     log_odds: Float[Array, " n_term"] | None,
     n_obs: Float[Array, ""] | float,
+    certain: tuple[int, ...] = (),
 ) -> Float[Array, ""]:
     """Log p(y | η, sd), summed over all inclusion patterns where there are odds of inclusion."""
     if log_odds is None:
         return ridge(regression, sd, n_obs).log_evidence
-    return spike_and_slab(regression, sd, log_odds, n_obs)[0]
+    return spike_and_slab(regression, sd, log_odds, n_obs, certain)[0]
 
 
 def spike_and_slab(
@@ -212,11 +223,11 @@ def spike_and_slab(
     sd: Float[Array, " n_term"],
     log_odds: Float[Array, " n_term"],
     n_obs: Float[Array, ""] | float,
+    certain: tuple[int, ...] = (),
 ) -> tuple[Float[Array, ""], Float[Array, " n_pattern"]]:
     """Log p(y | η) summed over all inclusion patterns, and log p(γ | y, η) of each pattern."""
     full = ridge(regression, sd, n_obs)
-    inverse = solve_lower(full.L, jnp.eye(sd.shape[0]))
-    weights = log_pattern_weights(full.mean, inverse.T @ inverse, log_odds)
+    weights = log_pattern_weights(full.mean, full.covariance, log_odds, certain)
     total = logsumexp(weights)
     return full.log_evidence + total, weights - total
 

@@ -7,15 +7,22 @@ import numpy as np
 from jaxtyping import Array, Float
 
 
-def patterns(n_term: int) -> np.ndarray:
-    """All inclusion patterns γ as a 0/1 array [2^K, K], in the order of `log_pattern_weights`."""
-    return np.array(list(itertools.product((1.0, 0.0), repeat=n_term))).reshape(-1, n_term)
+def patterns(n_term: int, certain: tuple[int, ...] = ()) -> np.ndarray:
+    """All inclusion patterns γ as a 0/1 array [2^K, K], in the order of `log_pattern_weights`.
+
+    Args:
+        n_term: Number of terms.
+        certain: Terms that are in, in every pattern.
+    """
+    choices = [(1.0,) if j in certain else (1.0, 0.0) for j in range(n_term)]
+    return np.array(list(itertools.product(*choices))).reshape(-1, n_term)
 
 
 def log_pattern_weights(
     mean: Float[Array, " n_term"],
     covariance: Float[Array, "n_term n_term"],
     log_odds: Float[Array, " n_term"],
+    certain: tuple[int, ...] = (),
 ) -> Float[Array, " n_pattern"]:
     """Log p(y, γ) − log p(y | γ = 1) for every pattern γ, from the posterior with all terms in.
 
@@ -33,6 +40,7 @@ def log_pattern_weights(
         mean: Posterior mean m of u = θ/τ given that all terms are in; a priori u ~ N(0, I).
         covariance: Its covariance V.
         log_odds: log π_j − log(1 − π_j) of inclusion a priori.
+        certain: Terms that are in whatever their odds.
 
     Returns:
         Log weights up to the common constant log p(y | all in) with prior factors π normalised.
@@ -41,6 +49,9 @@ def log_pattern_weights(
     log_in, log_out = -jnp.logaddexp(0.0, -log_odds), -jnp.logaddexp(0.0, log_odds)
     weight, m, V = jnp.zeros(1), mean[None], covariance[None]
     for j in range(mean.shape[0]):
+        if j in certain:
+            m, V = m[:, 1:], V[:, 1:, 1:]
+            continue
         v, first = V[:, 0, 0], V[:, 1:, 0]
         gain = first / v[:, None]
         excluded = weight + log_out[j] - 0.5 * jnp.log(v) - 0.5 * m[:, 0] ** 2 / v

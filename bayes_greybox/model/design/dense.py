@@ -12,6 +12,7 @@ from jaxtyping import Array, Float, Int
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.model.algebra.collapsed import Regression, log_evidence, remove_dense
 from bayes_greybox.model.algebra.linalg import singular_root, solve_lower
+from bayes_greybox.model.coefficient_priors import CoefficientPriors
 from bayes_greybox.model.frame import Frame
 from bayes_greybox.model.gp.hyper import Hyperparameters
 from bayes_greybox.model.gp.kernels import KERNELS
@@ -43,6 +44,7 @@ class DenseDesign(Design):
     n_prior: Float[Array, ""]
     log_det_R: Float[Array, ""]
     noise_floor: Float[Array, ""]
+    coefficients: CoefficientPriors
     points: tuple[Float[Array, "n_sample n_var"], Float[Array, "n_sample n_rank"]]
     nodes: tuple[Float[Array, "n_node n_var"], Float[Array, "n_node n_rank"]]
     whitening: Float[Array, "n_row n_obs"] | None
@@ -255,7 +257,7 @@ def _first_densities(
     design: DenseDesign, order: Array, counts: Array, parameters: tuple[Hyperparameters, Scales]
 ) -> Array:
     def one(item: tuple[Hyperparameters, Scales]) -> Array:
-        hyper, (sd, log_odds) = item
+        hyper, scales = item
         C = design.covariance(hyper) + hyper.sigma**2 * jnp.eye(len(design.y))
         L = jnp.linalg.cholesky(C[order[:, None], order])
         left = solve_lower(L, jnp.column_stack([design.Phi, design.y])[order])
@@ -264,7 +266,8 @@ def _first_densities(
         def first(count: Array) -> Array:
             # L is triangular: what f leaves of the first rows does not know the later ones.
             known = jnp.where((jnp.arange(len(order)) < count)[:, None], left, 0.0)
-            return log_evidence(Regression(known[:, :-1], known[:, -1], log_det[count]), sd, log_odds, 1.0 * count)
+            regression = Regression(known[:, :-1], known[:, -1], log_det[count]).beside(scales.mean)
+            return log_evidence(regression, scales.sd, scales.log_odds, 1.0 * count, design.coefficients.certain)
 
         return jax.lax.map(first, counts)
 

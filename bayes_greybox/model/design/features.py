@@ -15,6 +15,7 @@ from jaxtyping import Array, Float, Int
 from bayes_greybox.model.algebra.collapsed import FeatureSolve, Regression, constraint_directions, remove_features
 from bayes_greybox.model.algebra.compression import triangular_factor
 from bayes_greybox.model.algebra.linalg import solve_lower_transposed
+from bayes_greybox.model.coefficient_priors import CoefficientPriors
 from bayes_greybox.model.frame import Frame
 from bayes_greybox.model.gp.hyper import Hyperparameters
 from bayes_greybox.model.gp.kernels import KERNELS, log_spectral_density
@@ -42,6 +43,7 @@ class FeatureDesign(Design):
     n_prior: Float[Array, ""]
     log_det_R: Float[Array, ""]
     noise_floor: Float[Array, ""]
+    coefficients: CoefficientPriors
     frequency: Float[Array, "n_basis n_var"]
     constraints: Float[Array, "n_rank n_basis"] | None
     kernel: str = field(metadata={"static": True})

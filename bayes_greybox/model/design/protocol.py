@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from bayes_greybox.model.algebra.collapsed import Regression
+from bayes_greybox.model.coefficient_priors import CoefficientPriors
 from bayes_greybox.model.frame import Frame
 from bayes_greybox.model.gp.hyper import Hyperparameters
 from bayes_greybox.model.priors import Scales
@@ -26,6 +27,9 @@ class EquationDraws(NamedTuple):
         prior_sd: Prior standard deviation of each coefficient, zero where it is out [n_draw, n_term].
         weight: Feature weights [n_draw, n_basis]; no columns where f is not made of features.
         f: Values of f at the rows of the data [n_draw, n_obs]; no columns where weights tell it.
+        mean: Of θ, given the draw's η, pattern and coefficients with bounds: what makes the target normal. The latter
+            stay at their draws, the others have their prior mean [n_draw, n_term].
+        spread: Standard deviation of θ given the same: `prior_sd`, and zero where a coefficient has bounds.
     """
 
     hyper: Hyperparameters
@@ -33,6 +37,8 @@ class EquationDraws(NamedTuple):
     prior_sd: Float[np.ndarray, "n_draw n_term"]
     weight: Float[np.ndarray, "n_draw n_basis"]
     f: Float[np.ndarray, "n_draw n_value"]
+    mean: Float[np.ndarray, "n_draw n_term"]
+    spread: Float[np.ndarray, "n_draw n_term"]
 
 
 class WeightedRows(NamedTuple):
@@ -47,6 +53,10 @@ class WeightedRows(NamedTuple):
     Psi: Float[Array, "n_some n_basis"]
     y: Float[Array, " n_some"]
     precision: Float[Array, " n_some"]
+
+    def beside(self, theta: Float[Array, " n_term"]) -> "WeightedRows":
+        """The same with Φθ taken off the target."""
+        return self._replace(y=self.y - self.Phi @ theta)
 
 
 class Root(NamedTuple):
@@ -70,6 +80,7 @@ class Design(ABC):
         n_prior: What a prior that asks for the number of rows is told: leaving rows out must not change the prior.
         log_det_R: log|R|.
         noise_floor: Least σ.
+        coefficients: Priors of single terms.
     """
 
     Phi: Float[Array, "n_row n_term"]
@@ -78,6 +89,7 @@ class Design(ABC):
     n_prior: Float[Array, ""]
     log_det_R: Float[Array, ""]
     noise_floor: Float[Array, ""]
+    coefficients: CoefficientPriors
 
     @property
     @abstractmethod
@@ -164,6 +176,10 @@ class Design(ABC):
     @abstractmethod
     def with_target(self, y: Float[Array, " n_row"]) -> "Design":
         """The same rows with another target."""
+
+    def beside(self, theta: Float[Array, " n_term"]) -> "Design":
+        """The same rows with Φθ taken off the target."""
+        return self.with_target(self.y - self.Phi @ theta)
 
     @abstractmethod
     def plain(self, frame: Frame) -> "Design":

@@ -1,0 +1,83 @@
+"""Studies of models whose own dictionary has priors of single coefficients."""
+
+import numpy as np
+import pytest
+from scipy.stats import multivariate_normal
+from tiny_equation import CUBE, on, tiny_data, tiny_model
+
+import bayes_greybox as bg
+from bayes_greybox.discovery.weighing.evaluations import Evaluations
+from bayes_greybox.discovery.weighing.odds import Odds
+from bayes_greybox.discovery.weighing.sufficient_statistics import sufficient_statistics
+from bayes_greybox.discovery.weighing.with_discrepancy import Evaluator
+from bayes_greybox.model.priors import Coefficient
+
+DICTIONARY = {"x": ["x", "x**2"]}
+
+
+def stated_model(**stated):
+    names = {"linear": "x", "square": "x**2"}
+    coefficients = {"x": {names[key]: prior for key, prior in stated.items()}}
+    return tiny_model(simulation={"x": "0"}, dictionary=DICTIONARY, coefficients=coefficients)
+
+
+def evaluations_of(model, data):
+    statistics = sufficient_statistics(model.centred(), data, "x", [on(CUBE)])
+    return Evaluations(
+        statistics, Odds(), Evaluator(statistics.prior, statistics.kernel, np.asarray(statistics.basis.frequency))
+    )
+
+
+def test_a_normal_prior_is_in_the_evidence():
+    """log p(y | σ) of the dense normal with mean −x and the prior's covariance, by columns."""
+    data = tiny_data(hidden=lambda x: 0.5 * x**3)
+    model = stated_model(linear=Coefficient(mean=-1.2, sd=0.3), square=Coefficient(mean=0.0, sd=0.05))
+    evaluations = evaluations_of(model, data)
+    statistics = evaluations.statistics
+    assert [column.formula.name for column in statistics.columns if column.kind == "free"] == ["x", "x**2"]
+    (found,) = evaluations.parametric([()])
+    x, rate, scale = data.columns["x"], data.derivatives["x"], statistics.target_scale
+    assert scale == pytest.approx(np.sqrt(np.mean((rate + 1.2 * x) ** 2)))
+    Phi = np.column_stack([x, x**2])
+    for sigma in (0.05, 0.3):
+        covariance = (Phi * [0.3**2, 0.05**2]) @ Phi.T / scale**2 + sigma**2 * np.eye(len(x))
+        expected = multivariate_normal((-1.2 * x) / scale, covariance).logpdf(rate / scale)
+        # One pattern for the model without corrections: the simulation has no term of its own.
+        got = found.spectrum.log_density(np.array([sigma])).ravel()[0]
+        assert got == pytest.approx(expected, rel=1e-9)
+
+
+def test_a_fixed_coefficient_is_as_in_the_simulation():
+    data = tiny_data(hidden=lambda x: 0.5 * x**3)
+    fixed = evaluations_of(stated_model(linear=Coefficient(fixed=-1.0)), data)
+    moved = tiny_model(simulation=lambda t, x, u: -x, dictionary={"x": ["x**2"]})
+    known = evaluations_of(moved, data)
+    assert [c.formula.name for c in fixed.statistics.columns] == [c.formula.name for c in known.statistics.columns]
+    for choice in ((), (1,)):
+        (one,), (other,) = fixed.parametric([choice]), known.parametric([choice])
+        assert one.all == pytest.approx(other.all, rel=1e-9)
+
+
+def test_a_study_names_what_is_missing_beside_them():
+    data = tiny_data(hidden=lambda x: 2.0 * x**3, n=80)
+    model = stated_model(linear=Coefficient(mean=-1.0, sd=0.1), square=Coefficient(fixed=0.0))
+    study = bg.find_missing_effects(
+        bg.GreyBox(**{name: getattr(model, name) for name in model.__dataclass_fields__}),
+        data,
+        roles={"position": "x"},
+        settle=False,
+        free_runs=False,
+        progress=False,
+    )
+    best = study.effects.iloc[0]
+    assert best["slug"] == "cubic-stiffness" and abs(best["mean"] - 2.0) < 4.5 * best["sd"]
+    assert study.base.coefficients == study.model.coefficients == model.coefficients
+    assert set(study.model.dictionaries(data)["x"].names) == {"x", "x**3"}
+    assert study.model.simulator(data).on(data, "x") == pytest.approx(np.zeros(80))
+
+
+def test_bounds_are_refused_with_the_remedy():
+    with pytest.raises(
+        bg.InputError, match=r"no closed form with bounds on a coefficient, as on 'x' of 'x'.*mean and sd"
+    ):
+        stated_model(linear=Coefficient(sign=-1)).centred()

@@ -1,0 +1,30 @@
+"""Simulations with further terms whose coefficients are known."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import bayes_greybox as bg
+from bayes_greybox.physics.simulation import simulation_of
+from bayes_greybox.physics.terms import Term
+
+KNOWN = {"v": ((Term("y**3"), -2.0), (Term("F*v"), 0.5)), "y": ()}
+
+
+@pytest.mark.parametrize("given", [None, {"y": "v", "v": "F - y"}, lambda t, x, u: jnp.array([x[1], u[0] - x[0]])])
+def test_known_terms_are_added_in_rows_and_in_integrators(given):
+    plain = simulation_of(given, ("y", "v"), ("F",))
+    both = plain.beside(KNOWN)
+    rng = np.random.default_rng(0)
+    y, v, F = rng.normal(size=(3, 6))
+    data = bg.Trajectories.from_arrays(np.arange(6.0), states={"y": y, "v": v}, inputs={"F": F})
+    added = -2.0 * y**3 + 0.5 * F * v
+    np.testing.assert_allclose(both.on(data, "v"), plain.on(data, "v") + added)
+    np.testing.assert_allclose(both.on(data, "y"), plain.on(data, "y"))
+    for i in range(6):
+        point = (jnp.zeros(()), jnp.array([y[i], v[i]]), jnp.array([F[i]]))
+        np.testing.assert_allclose(both.rate(*point) - plain.rate(*point), [0.0, added[i]], atol=1e-12)
+    assert both.additive_terms("v") == plain.additive_terms("v") and "v" in both.equations
+    assert both.kinematic("y") == plain.kinematic("y") and not both.kinematic("v")
+    assert both.key != plain.key and hash(both.key) == hash(plain.beside(KNOWN).key)
+    assert plain.beside({"v": ()}) is plain
