@@ -99,6 +99,11 @@ class Simulation(ABC):
         added = {state: tuple(terms) for state, terms in known.items() if terms}
         return _WithTerms(self.states, self.inputs, self, added) if added else self
 
+    def _columns(self, x: np.ndarray, u: np.ndarray) -> dict[str, np.ndarray]:
+        """Values at many points by name."""
+        values = (*np.moveaxis(x, -1, 0), *np.moveaxis(u, -1, 0))
+        return dict(zip((*self.states, *self.inputs), values, strict=True))
+
 
 @dataclass(frozen=True)
 class ExpressionSimulation(Simulation):
@@ -147,10 +152,6 @@ class ExpressionSimulation(Simulation):
             if state in self.expressions:
                 found[..., k, :] = gradient(self.expressions[state], self.states, columns)
         return found
-
-    def _columns(self, x: np.ndarray, u: np.ndarray) -> dict[str, np.ndarray]:
-        values = (*np.moveaxis(x, -1, 0), *np.moveaxis(u, -1, 0))
-        return dict(zip((*self.states, *self.inputs), values, strict=True))
 
     def additive_terms(self, state: str) -> list[tuple[Term, float]]:
         """The additive terms of an expression, each with its coefficient: F - 2*y gives (F, 1) and (y, -2)."""
@@ -293,6 +294,26 @@ class _WithTerms(Simulation):
         for term, value in self.known.get(state, ()):
             rate = rate + value * np.asarray(term.evaluate(data.columns))
         return _finite(rate, state)
+
+    def rates(
+        self, t: Float[np.ndarray, "*n"], x: Float[np.ndarray, "*n n_state"], u: Float[np.ndarray, "*n n_input"]
+    ) -> Float[np.ndarray, "*n n_state"]:
+        """Values of g at many points."""
+        found, columns = np.array(self.given.rates(t, x, u)), self._columns(x, u)
+        for state, terms in self.known.items():
+            for term, value in terms:
+                found[..., self.states.index(state)] += value * np.asarray(term.evaluate(columns))
+        return found
+
+    def jacobian(
+        self, t: Float[np.ndarray, "*n"], x: Float[np.ndarray, "*n n_state"], u: Float[np.ndarray, "*n n_input"]
+    ) -> Float[np.ndarray, "*n n_state n_state"]:
+        """∂g/∂x at points along paths."""
+        found, columns = np.array(self.given.jacobian(t, x, u)), self._columns(x, u)
+        for state, terms in self.known.items():
+            for term, value in terms:
+                found[..., self.states.index(state), :] += value * gradient(term.expr, self.states, columns)
+        return found
 
     def additive_terms(self, state: str) -> list[tuple[Term, float]]:
         """Those of the simulation: the coefficients of the others are known, and nobody corrects them."""

@@ -7,7 +7,6 @@ import numpy as np
 import sympy
 from jaxtyping import Array, Float
 
-from bayes_greybox.physics.derivatives import gradient
 from bayes_greybox.physics.expressions import evaluate
 from bayes_greybox.physics.simulation import Simulation
 from bayes_greybox.physics.terms import Term
@@ -28,7 +27,8 @@ class ForcedRate:
     """
 
     def __init__(self, simulation: Simulation, driven: int, added: Sequence[tuple[Term, float]]) -> None:
-        self.simulation, self.driven, self.added = simulation, driven, tuple(added)
+        self.simulation, self.driven = simulation, driven
+        self.whole = simulation.beside({simulation.states[driven]: added})
         formulas, numbers = [], []
         for term, coefficient in added:
             within = sorted(term.expr.atoms(sympy.Float))
@@ -66,21 +66,12 @@ class ForcedRate:
 
     def rates(self, points: Float[np.ndarray, "*n c"]) -> Float[np.ndarray, "*n n_state"]:
         """Rates with what was added."""
-        found, columns = np.array(self.known(points)), self._columns(points)
-        for term, coefficient in self.added:
-            found[..., self.driven] += coefficient * np.asarray(evaluate(term.expr, columns))
-        return found
+        return np.array(self.whole.rates(*self._parted(points)))
 
     def jacobian(self, points: Float[np.ndarray, "*n c"]) -> Float[np.ndarray, "*n n_state n_state"]:
         """Their derivatives by the states; neighbours on a path are neighbours along the last axis but one."""
-        found, columns = np.array(self.simulation.jacobian(*self._parted(points))), self._columns(points)
-        for term, coefficient in self.added:
-            found[..., self.driven, :] += coefficient * gradient(term.expr, self.simulation.states, columns)
-        return found
+        return self.whole.jacobian(*self._parted(points))
 
     def _parted(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         n_state = len(self.simulation.states)
         return points[..., 0], points[..., 1 : 1 + n_state], points[..., 1 + n_state :]
-
-    def _columns(self, points: np.ndarray) -> dict[str, np.ndarray]:
-        return dict(zip(self.names, np.moveaxis(points[..., 1:], -1, 0), strict=True))
