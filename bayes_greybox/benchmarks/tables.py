@@ -44,6 +44,12 @@ def calibration_tables(table: pd.DataFrame) -> Iterator[RenderableType]:
     yield frame_table("Simulation-based calibration", table.loc[:, ["passed", "worst", "adjusted", "seconds"]])
 
 
+def sampled_tables(table: pd.DataFrame) -> Iterator[RenderableType]:
+    """Names, coverage and held-out error of each system."""
+    title = "Effects found from samples of a position; coverage of 90 % intervals; held-out error over the sensor's"
+    yield frame_table(title, table)
+
+
 def confounding_tables(scores: Confounding) -> Iterator[RenderableType]:
     """Bias, coverage and trade-off of each kernel, and how its chains moved; then the coefficients by situation."""
     cells = scores.cells.reset_index().set_index("situation")

@@ -51,6 +51,7 @@ class Benchmark(StrEnum):
     hidden_effects = "hidden-effects"
     calibration = "calibration"
     confounding = "confounding"
+    sampled_systems = "sampled-systems"
 
 
 class Families(StrEnum):
@@ -284,7 +285,7 @@ def benchmark(
     ] = None,
     replicates: Annotated[
         int | None,
-        typer.Option(min=1, help="Replicates of each case (calibration, confounding); the full size by default."),
+        typer.Option(min=1, help="Replicates of each case (calibration, confounding, sampled-systems)."),
     ] = None,
     families: Annotated[
         Families | None,
@@ -308,7 +309,8 @@ def benchmark(
     A run that was stopped goes on where it was. hidden-effects hides known effects from simulations and counts
     how often the study finds them. calibration draws truths from every prior with every kernel and tests whether
     they lie among the posterior draws as they should. confounding fits repeated data under each kernel and says what
-    orthogonality gives and costs.
+    orthogonality gives and costs. sampled-systems studies systems that one sensor of a position shows: decays, an
+    axis, a beam, an oscillator under noise of several kinds.
     """
     from bayes_greybox.cli.benchmarking import run_benchmark
 

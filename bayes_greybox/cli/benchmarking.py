@@ -37,6 +37,8 @@ def run_benchmark(
         if cases is not None:
             raise InputError("--cases does not apply to confounding; --replicates sets its size.")
         return _confounding(folder, replicates, seed, progress)
+    if name == "sampled-systems":
+        return _sampled_systems(folder, cases, replicates, seed, progress)
     if replicates is not None:
         raise InputError("--replicates does not apply to hidden-effects; --cases sets how many are run.")
     from bayes_greybox.benchmarks.hidden_effects.assumptions.cases import assumption_cases
@@ -90,4 +92,15 @@ def _confounding(folder: Path, replicates: int | None, seed: int, progress: bool
     scores = run(folder, all_cells(replicates or REPLICATES, seed), progress=progress)
     save_figures({"confounding": plot_confounding(scores.terms)}, folder)
     show(*confounding_tables(scores), f"\nResults are in {folder}.")
+    return DONE
+
+
+def _sampled_systems(folder: Path, cases: int | None, replicates: int | None, seed: int, progress: bool) -> int:
+    from bayes_greybox.benchmarks.sampled_systems.run import REPLICATES, run
+    from bayes_greybox.benchmarks.sampled_systems.systems import systems
+    from bayes_greybox.benchmarks.tables import sampled_tables
+
+    names = list(systems())[:cases]
+    table = run(folder, names, replicates=replicates or REPLICATES, seed=seed, progress=progress)
+    show(*sampled_tables(table), f"\nResults are in {folder}.")
     return DONE

@@ -53,9 +53,9 @@ def log_ranges(columns: Sequence[Column], mean: Float[np.ndarray, " k"], covaria
 
 
 def small(
-    gram: Float[np.ndarray, "n k k"], with_target: Float[np.ndarray, "n k"], square: float, n_row: float,
-    prior_sd: Float[np.ndarray, "n k"], suspected: Bool[np.ndarray, "n k"],
-) -> Bool[np.ndarray, " n"]:  # fmt: skip
+    gram: Float[np.ndarray, "n_set k k"], with_target: Float[np.ndarray, "n_set k"], square: float, n_row: float,
+    prior_sd: Float[np.ndarray, "n_set k"], suspected: Bool[np.ndarray, "n_set k"],
+) -> Bool[np.ndarray, " n_set"]:  # fmt: skip
     """Whether sets may have suspects that are as small as errors of sensors are.
 
     Args:

@@ -1,0 +1,176 @@
+"""Studies of the sampled systems, and what came of them: names, coverage, and the held-out samples."""
+
+import json
+import os
+import time
+from collections.abc import Sequence
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from bayes_greybox.benchmarks.files import opened, unwritable, write_whole
+from bayes_greybox.data.errors import InputError
+
+from .systems import System, sampled, systems
+
+RESULTS = "results.jsonl"
+"""A line for each replicate."""
+
+REPLICATES = 20
+"""Of each system, by default."""
+
+SURE = 0.9
+"""A wrong name above this probability is a confident one."""
+
+
+def run(
+    output: str | os.PathLike[str],
+    names: Sequence[str] | None = None,
+    *,
+    replicates: int = REPLICATES,
+    seed: int = 1,
+    progress: bool = True,
+) -> pd.DataFrame:
+    """Study every replicate, or those that are left, and write the results.
+
+    Args:
+        output: Folder for results.jsonl, and for systems.csv and summary.json with a row each.
+        names: Of the systems; all by default.
+        replicates: Of each system.
+        seed: Of the noise.
+        progress: Whether to show a progress bar.
+
+    Returns:
+        The table of `score`.
+
+    Raises:
+        InputError: A folder that cannot be written to; an unknown system.
+    """
+    known = systems()
+    unknown = [name for name in names or () if name not in known]
+    if unknown:
+        raise InputError(f"There is no system {unknown[0]!r}; there are {', '.join(known)}.")
+    chosen = [known[name] for name in names or known]
+    folder = Path(output)
+    try:
+        rows = opened(folder / RESULTS)
+        todo = [(s, k) for s in chosen for k in range(replicates) if _key(s, k, seed) not in rows]
+        with (folder / RESULTS).open("a", encoding="utf-8") as file:
+            for system, replicate in _shown(todo, progress):
+                row = {
+                    "key": _key(system, replicate, seed),
+                    "version": version("bayes-greybox"),
+                    **study(system, replicate, seed),
+                }
+                rows[row["key"]] = row
+                file.write(json.dumps(row) + "\n")
+                file.flush()
+        wanted = [rows[_key(s, k, seed)] for s in chosen for k in range(replicates)]
+        table = score(wanted)
+        write_whole(folder / "systems.csv", table.reset_index().to_csv(index=False))
+        summary = {"version": version("bayes-greybox"), "replicates": replicates, "seed": seed}
+        write_whole(folder / "summary.json", json.dumps(summary, indent=2) + "\n")
+    except OSError as error:
+        raise unwritable(folder, error) from error
+    return table
+
+
+def study(system: System, replicate: int, seed: int) -> dict[str, Any]:
+    """One replicate: what the study says, and whether its intervals hold the truth.
+
+    Args:
+        system: The system.
+        replicate: Of its noise.
+        seed: Of all noise.
+    """
+    # Imported here: these bring JAX, which the module that makes the data does without.
+    from bayes_greybox.greybox import GreyBox
+    from bayes_greybox.missing_effects import find_missing_effects
+    from bayes_greybox.model.rows.trajectory_rows import TrajectoryRows
+
+    train, test = sampled(system, replicate, seed)
+    start = time.perf_counter()
+    found = find_missing_effects(
+        GreyBox(simulation=dict(system.simulation), rows=TrajectoryRows()),
+        train,
+        test=test,
+        catalogue="mechanical",
+        settle=False,
+        free_runs=False,
+        progress=False,
+    )
+    seconds = time.perf_counter() - start
+    effects = found.effects.reset_index()
+    added = effects[effects["status"] == "added"].set_index("slug")
+    sure = set(effects.loc[effects["probability"] > SURE, "slug"])
+    covered = {
+        slug: bool(added.loc[slug, "lower"] <= truth <= added.loc[slug, "upper"])
+        for slug, truth in system.truth.items()
+        if slug in added.index
+    }
+    sensors = found.instrument.reset_index()
+    instrument = sensors.loc[sensors["status"] != "", "suspect"].tolist()
+    excused = {slug for slug, suspect in system.same.items() if suspect in instrument}
+    tied = set(added.index).union(*added["tied_with"]) if len(added) else set()
+    gap = found.gap.loc[("test", "sample NMSE")]
+    return {
+        "system": system.name,
+        "replicate": replicate,
+        "verdict": found.verdict,
+        "against": list(found.against),
+        "right": set(system.truth) <= set(added.index) | excused,
+        "tied": set(system.truth) <= tied | excused,
+        "named": found.verdict == "named" and set(system.truth) == set(added.index) | excused,
+        "wrong": sorted((set(added.index) if found.verdict == "named" else sure) - set(system.truth)),
+        "covered": covered,
+        "instrument": instrument,
+        "noise_share": system.noise**2 / (1 + system.noise**2),
+        "before": float(gap["before"].iloc[0]),
+        "after": float(gap["after"].iloc[0]),
+        "seconds": seconds,
+    }
+
+
+def score(rows: Sequence[dict[str, Any]]) -> pd.DataFrame:
+    """One row a system.
+
+    Args:
+        rows: Of `study`.
+
+    Returns:
+        replicates, right (all that was hidden is in the model), tied (or tied with what is), named (with these very
+        names), wrong (a wrong name above `SURE`, or in a verdict *named*), coverage (of 90 % intervals of coefficients
+        that were found), found (such coefficients), left (median mean square error of held-out samples over that of
+        the sensor's noise), seconds (median).
+    """
+    table = {}
+    for name in dict.fromkeys(row["system"] for row in rows):
+        own = [row for row in rows if row["system"] == name]
+        covered = [each for row in own for each in row["covered"].values()]
+        table[name] = {
+            "replicates": len(own),
+            "right": float(np.mean([row["right"] for row in own])),
+            "tied": float(np.mean([row["tied"] for row in own])),
+            "named": float(np.mean([row["named"] for row in own])),
+            "wrong": float(np.mean([bool(row["wrong"]) for row in own])),
+            "coverage": float(np.mean(covered)) if covered else float("nan"),
+            "found": len(covered),
+            "left": float(np.median([row["after"] / row["noise_share"] for row in own])),
+            "seconds": float(np.median([row["seconds"] for row in own])),
+        }
+    found = pd.DataFrame.from_dict(table, orient="index")
+    found.index.name = "system"
+    return found
+
+
+def _key(system: System, replicate: int, seed: int) -> str:
+    return f"{system.name}/{seed}/{replicate}"
+
+
+def _shown(todo: list[tuple[System, int]], progress: bool) -> Any:
+    from rich.progress import track
+
+    return track(todo, "sampled systems", disable=not progress)

@@ -1,0 +1,64 @@
+"""Systems that a sensor of a position shows: the data, and what a replicate records."""
+
+import numpy as np
+import pytest
+
+from bayes_greybox.benchmarks.sampled_systems.run import run, score
+from bayes_greybox.benchmarks.sampled_systems.systems import CORRELATION, sampled, systems
+from bayes_greybox.data.errors import InputError
+
+
+def test_a_sensor_shows_the_position_alone_and_its_noise_is_the_replicates():
+    system = systems()["oscillator-white"]
+    train, test = sampled(system, 0, seed=0)
+    assert train.state_names == ("y",) and train.input_names == ("F",) and not train.derivatives
+    assert not np.allclose(train.inputs["F"], test.inputs["F"])
+    again, other = sampled(system, 0, seed=0)[0], sampled(system, 1, seed=0)[0]
+    np.testing.assert_array_equal(again.states["y"], train.states["y"])
+    noise = (other.states["y"] - train.states["y"]) / np.sqrt(2)
+    assert np.std(noise) == pytest.approx(0.03 * np.std(train.states["y"]), rel=0.15)
+
+
+def test_correlated_noise_is_correlated_and_pushes_move_the_path():
+    known = systems()
+    apart = []
+    for name in ("oscillator-correlated", "oscillator-shaken"):
+        a, b = (sampled(known[name], k, seed=0)[0].states["y"] for k in (0, 1))
+        difference = a - b
+        apart.append(np.corrcoef(difference[1:], difference[:-1])[0, 1])
+    assert apart[0] == pytest.approx(CORRELATION, abs=0.08)
+    a, b = (sampled(known["oscillator-shaken"], k, seed=0)[0].states["y"] for k in (0, 1))
+    assert np.std(a[200:] - b[200:]) > 2 * 0.03 * np.std(a)
+
+
+def test_a_system_that_does_not_exist_is_refused(tmp_path):
+    with pytest.raises(InputError, match="There is no system 'clock'"):
+        run(tmp_path, ["clock"])
+
+
+def test_scores_count_names_and_coverage():
+    row = {"system": "a", "right": True, "tied": True, "named": True, "wrong": [], "covered": {"x": True, "z": False}}
+    row |= {"after": 2e-3, "noise_share": 1e-3, "seconds": 2.0}
+    table = score([row, {**row, "right": False, "named": False, "wrong": ["q"], "covered": {}, "after": 4e-3}])
+    assert table.loc["a"].to_dict() == pytest.approx(
+        {
+            "replicates": 2,
+            "right": 0.5,
+            "tied": 1.0,
+            "named": 0.5,
+            "wrong": 0.5,
+            "coverage": 0.5,
+            "found": 2,
+            "left": 3.0,
+            "seconds": 2.0,
+        }  # fmt: skip
+    )
+
+
+@pytest.mark.slow
+def test_a_replicate_is_studied_and_a_run_goes_on(tmp_path):
+    table = run(tmp_path, ["oscillator-white"], replicates=1, seed=0, progress=False)
+    assert table.loc["oscillator-white", "right"] == 1.0
+    lines = (tmp_path / "results.jsonl").read_text()
+    run(tmp_path, ["oscillator-white"], replicates=1, seed=0, progress=False)
+    assert (tmp_path / "results.jsonl").read_text() == lines and (tmp_path / "systems.csv").exists()
