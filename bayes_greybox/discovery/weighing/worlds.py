@@ -142,7 +142,8 @@ def worlds(
         return found
     tried: set[tuple[str, ...]] = {()}
     if known is not None and known.names:
-        found.append(_again(_world(under(first, known), known, report), first, quantities))
+        # What was found on another path is weighed with the parameters, and their price, that this one says.
+        found.append(_again(_world(under(first, known), known, report), first, quantities, anew=True))
         tried.add(tuple(sorted(known.names)))
     current = max(found, key=lambda w: w.total)
     for _ in range(DEEPEST):
@@ -221,7 +222,10 @@ def _refitted(before: World, suspicion: Suspicion, first: Sets, quantities: Mapp
     return _again(world, first, quantities, _without_process(before.model, first.statistics.rows.noise))
 
 
-def _again(world: World, first: Sets, quantities: Mapping[str, np.ndarray], before: NoiseModel | None = None) -> World:
+def _again(
+    world: World, first: Sets, quantities: Mapping[str, np.ndarray], before: NoiseModel | None = None,
+    anew: bool = False,
+) -> World:  # fmt: skip
     """A world with the parameters of its last suspect found on the residuals of its own best explanation.
 
     Args:
@@ -229,6 +233,7 @@ def _again(world: World, first: Sets, quantities: Mapping[str, np.ndarray], befo
         first: Sets under the noise that the rows come with.
         quantities: What the noise may grow with.
         before: Noise without that suspect; by default the noise that the rows come with.
+        anew: Whether these take the place of the world's however likely that is.
     """
     statistics, name = world.evaluations.statistics, world.model.names[-1]
     rows = statistics.rows
@@ -237,9 +242,9 @@ def _again(world: World, first: Sets, quantities: Mapping[str, np.ndarray], befo
         return world
     again = suspicions(world.residual(world.best), before, rows.time, rows.run, quantities, statistics.noise)
     for s in again:
-        if s.name == name and _differ(s.model.about[name], world.model.about[name]):
+        if s.name == name and (anew or _differ(s.model.about[name], world.model.about[name])):
             other = _world(under(first, s.model, world.evaluations), s.model)
-            return max(world, other, key=lambda w: w.total)
+            return other if anew else max(world, other, key=lambda w: w.total)
     return world
 
 
