@@ -172,13 +172,15 @@ def _scaled_frame(
     if np.any(squares == 0):
         zero = dictionary.names[int(np.argmin(squares))]
         raise InputError(f"Term {zero!r} of equation {equation!r} is zero on all the data: remove it.")
+    sizes = np.array([rows.learned[name].size for name in dictionary.acts_on] or [1.0])
     return Frame(
         equation=equation,
         dictionary=dictionary,
         variables=tuple(variables),
         centre=centre,
         half_width=half_width,
-        term_scale=np.sqrt(squares / rows.n_sample),
+        # A state in small units moves by small forces.
+        term_scale=np.sqrt(squares / rows.n_sample) / sizes,
         target_scale=target_scale,
         orthonormal=np.zeros((len(dictionary), 0)),
         basis=basis,
@@ -202,7 +204,7 @@ def _scaled_table(frame: Frame, rows: EquationRows) -> Table:
         return namespace(columns.values()).concatenate(parts, axis=1)
 
     if rows.operator is not None:
-        terms = rows.table(lambda columns: np.asarray(evaluate(columns)))
+        terms = rows.table(lambda columns: np.asarray(evaluate(columns)), frame.dictionary.acts_on)
         return lambda index: np.column_stack([terms(index), y[index]])
     compiled = jax.jit(evaluate)
 

@@ -19,7 +19,7 @@ RIDGE = 1e-6
 
 @dataclass(frozen=True)
 class Equation:
-    """One learned equation.
+    """One learned equation, or several that share their rows.
 
     Attributes:
         rows: What was measured, and with what noise.
@@ -61,13 +61,30 @@ class Equation:
     @cached_property
     def _terms(self) -> Table:
         """[Φ Ψ̃] by index of the rows."""
-        return self.rows.table(lambda columns: np.column_stack([np.asarray(part) for part in self.frame.rows(columns)]))
+        return self.rows.table(
+            lambda columns: np.column_stack([np.asarray(part) for part in self.frame.rows(columns)]),
+            self.frame.dictionary.acts_on,
+        )
 
     def ridge(self) -> list[tuple[Term, float]]:
         """Its terms with coefficients by least squares on the whitened rows, hardly shrunk; user's units."""
+        theta = self._least_squares[0] * self.frame.coefficient_scale
+        return list(zip(self.frame.dictionary.terms, theta.tolist(), strict=True))
+
+    def moved(self, before: Sequence[tuple[Term, float]]) -> float:
+        """Largest change of a coefficient of `ridge` from others, in its standard deviations."""
+        theta, precision = self._least_squares
         Phi, y = np.asarray(self.design.Phi), np.asarray(self.design.y)
-        theta = np.linalg.solve(Phi.T @ Phi + RIDGE * len(y) * np.eye(Phi.shape[1]), Phi.T @ y)
-        return list(zip(self.frame.dictionary.terms, (theta * self.frame.coefficient_scale).tolist(), strict=True))
+        variance = np.sum((y - Phi @ theta) ** 2) / max(self.rows.n_white - len(theta), 1)
+        change = theta - np.array([value for _, value in before]) / self.frame.coefficient_scale
+        return float(np.max(np.abs(change) / np.sqrt(variance * np.diag(np.linalg.inv(precision)))))
+
+    @cached_property
+    def _least_squares(self) -> tuple[Float[np.ndarray, " n_term"], Float[np.ndarray, "n_term n_term"]]:
+        """Coefficients of `ridge`, scaled units, and their precision over that of the noise."""
+        Phi, y = np.asarray(self.design.Phi), np.asarray(self.design.y)
+        precision = Phi.T @ Phi + RIDGE * len(y) * np.eye(Phi.shape[1])
+        return np.linalg.solve(precision, Phi.T @ y), precision
 
     def without(self, out: Sequence[int] | Int[np.ndarray, " n_out"]) -> "Equation":
         """The equation without the targets of some observations; the frame (scaling, measure, features) stays.

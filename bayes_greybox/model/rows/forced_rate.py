@@ -1,6 +1,7 @@
-"""Rates of all states with what was added to one of them."""
+"""Rates of all states with what was added to those that are learned."""
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -16,28 +17,36 @@ Args = tuple[Array, ...]
 """Coefficient and numbers of each term."""
 
 
+class Force(NamedTuple):
+    """A term with its coefficient, and the index of the state whose rate it is added to."""
+
+    term: Term
+    coefficient: float
+    state: int
+
+
 class ForcedRate:
-    """Rate of all states with terms added to one: equal to any other with the same formulas, so compiled once.
+    """Rate of all states with terms added to some: equal to any other with the same formulas, so compiled once.
 
     Numbers within a formula, such as the width of a dead zone, are arguments of the rate and none of the formula's.
 
     Args:
         simulation: Known rates.
-        driven: Index of the learned state.
-        added: Terms added to its rate, with their coefficients.
+        driven: Indices of the learned states.
+        added: Terms added to their rates.
     """
 
-    def __init__(self, simulation: Simulation, driven: int, added: Sequence[tuple[Term, float]]) -> None:
+    def __init__(self, simulation: Simulation, driven: tuple[int, ...], added: Sequence[Force]) -> None:
         self.simulation, self.driven, self.added = simulation, driven, tuple(added)
         formulas, numbers = [], []
-        for term, coefficient in added:
+        for term, coefficient, _ in added:
             within = sorted(term.expr.atoms(sympy.Float))
             names = {number: sympy.Symbol(f"number_{k}", real=True) for k, number in enumerate(within)}
             formulas.append(term.expr.xreplace(names))
             numbers.append([coefficient, *(float(number) for number in within)])
         self.formulas = tuple(formulas)
         self.args = tuple(jnp.array(each) for each in numbers)
-        self._key = (simulation.key, driven, tuple(map(str, formulas)))
+        self._key = (simulation.key, driven, tuple(map(str, formulas)), tuple(force.state for force in added))
 
     def __hash__(self) -> int:
         return hash(self._key)
@@ -49,11 +58,13 @@ class ForcedRate:
         """Rates at one point; `args` has the coefficient and the numbers of each term."""
         rate = jnp.asarray(self.simulation.rate(t, x, u), float)
         columns = dict(zip(self.names, (*x, *u), strict=True))
-        force = 0.0 * t
-        for formula, (coefficient, *numbers) in zip(self.formulas, args, strict=True):
+        forces = dict.fromkeys(self.driven, 0.0 * t)
+        for (*_, state), formula, (coefficient, *numbers) in zip(self.added, self.formulas, args, strict=True):
             known = {f"number_{k}": number for k, number in enumerate(numbers)}
-            force = force + coefficient * evaluate(formula, {**columns, **known})
-        return rate.at[self.driven].add(force)
+            forces[state] = forces[state] + coefficient * evaluate(formula, {**columns, **known})
+        for state, force in forces.items():
+            rate = rate.at[state].add(force)
+        return rate
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -67,15 +78,15 @@ class ForcedRate:
     def rates(self, points: Float[np.ndarray, "*n c"]) -> Float[np.ndarray, "*n n_state"]:
         """Rates with what was added."""
         found, columns = np.array(self.known(points)), self._columns(points)
-        for term, coefficient in self.added:
-            found[..., self.driven] += coefficient * np.asarray(evaluate(term.expr, columns))
+        for term, coefficient, state in self.added:
+            found[..., state] += coefficient * np.asarray(evaluate(term.expr, columns))
         return found
 
     def jacobian(self, points: Float[np.ndarray, "*n c"]) -> Float[np.ndarray, "*n n_state n_state"]:
         """Their derivatives by the states; neighbours on a path are neighbours along the last axis but one."""
         found, columns = np.array(self.simulation.jacobian(*self._parted(points))), self._columns(points)
-        for term, coefficient in self.added:
-            found[..., self.driven, :] += coefficient * gradient(term.expr, self.simulation.states, columns)
+        for term, coefficient, state in self.added:
+            found[..., state, :] += coefficient * gradient(term.expr, self.simulation.states, columns)
         return found
 
     def _parted(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

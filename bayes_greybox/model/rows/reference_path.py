@@ -2,7 +2,8 @@
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -14,10 +15,9 @@ from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.physics.sensitivity import Grid, carried
 from bayes_greybox.physics.simulation import Simulation
 from bayes_greybox.physics.smoothing import Observed, filtered, smooth, steps_along
-from bayes_greybox.physics.terms import Term
 
-from .equation_rows import Unfollowed
-from .forced_rate import ForcedRate
+from .equation_rows import Acting, Unfollowed
+from .forced_rate import Force, ForcedRate
 from .path_grid import grid_of, runs_of, split
 from .path_segments import (
     WIDE,
@@ -47,6 +47,9 @@ MIDDLING = 1e-2
 PASSES = 3
 """Passes of the smoother at the intensity that was chosen."""
 
+UNFORCED_PASSES = 10
+"""Passes to a path that the model allows, from one near the samples."""
+
 MOST_TRIED = 500
 """Samples, evenly thinned, at which the time scales of the equations are looked at."""
 
@@ -64,7 +67,8 @@ class ReferencePath:
     Attributes:
         columns: States and inputs at the nodes.
         at_samples: States at the samples.
-        rate: Rate of the learned state at the samples.
+        learned: Size of the forces on each learned state, over the largest.
+        rates: Rates of the learned states at the samples.
         sensor_sd: Noise of each output [n_output], user's units, as the smoother found it.
         simulated: Samples without any force, user's units [n_row].
         starts: Change of the rows by one prior standard deviation of each start [n_row, n_start].
@@ -73,11 +77,13 @@ class ReferencePath:
         ratio: Chosen intensity of the unknown force, λ = q²/σ².
         unfollowed: What the model does not follow.
         segments: With the linear equation along them.
+        acting_on: Number of the learned state that the forces of the operator act on.
     """
 
     columns: Mapping[str, Float[np.ndarray, " n_node"]]
     at_samples: Float[np.ndarray, "n_sample n_state"]
-    rate: Float[np.ndarray, " n_sample"]
+    learned: Mapping[str, float]
+    rates: Float[np.ndarray, "n_sample n_learned"]
     sensor_sd: Float[np.ndarray, " n_output"]
     simulated: Float[np.ndarray, " n_row"]
     starts: Float[np.ndarray, "n_row n_start"]
@@ -86,6 +92,7 @@ class ReferencePath:
     ratio: float
     unfollowed: Unfollowed
     segments: Segments = field(repr=False)
+    acting_on: int = 0
 
     @property
     def n_segment(self) -> int:
@@ -94,7 +101,7 @@ class ReferencePath:
 
     def __call__(self, table: Float[np.ndarray, "n_node k"]) -> Float[np.ndarray, "n_row k"]:
         """Response of the rows to forces."""
-        return self.segments.respond_to(table) / self.gain
+        return self.segments.respond_to(table, self.acting_on) / self.gain
 
     def of(
         self,
@@ -102,29 +109,34 @@ class ReferencePath:
         columns: Mapping[str, Float[np.ndarray, " n_node"]],
     ) -> Float[np.ndarray, "n_row k"]:
         """Response to forces that are evaluated a stretch of the path at a time."""
-        return self.segments.respond(evaluate, columns) / self.gain
+        return self.segments.respond(evaluate, columns, self.acting_on) / self.gain
+
+    def acting(self) -> dict[str, Acting]:
+        """The operator, and the size of forces, by the learned state that they act on."""
+        return {name: Acting(replace(self, acting_on=k), size) for k, (name, size) in enumerate(self.learned.items())}
 
 
 def follow_samples(
-    samples: Trajectories, equation: str, simulation: Simulation, added: Sequence[tuple[Term, float]],
-    substeps: int | None, interpolation: str | None,
+    samples: Trajectories, equations: tuple[str, ...], simulation: Simulation, added: Sequence[Force],
+    substeps: int | None, interpolation: str | None, process_noise: bool = True,
 ) -> ReferencePath:  # fmt: skip
     """Smooth the samples, and take everything along the smoothed path.
 
     Args:
         samples: What the sensors showed.
-        equation: The learned state.
+        equations: The learned states.
         simulation: Known rates of all states.
-        added: Terms and coefficients of the model, beside the simulation.
+        added: Terms of the model, beside the simulation.
         substeps: Steps between two samples.
         interpolation: Of the inputs between samples.
+        process_noise: Whether an unknown force may act, as strong as the samples say.
 
     Raises:
         InputError: See `TrajectoryRows.path`.
     """
-    _check(samples, equation, simulation)
+    _check(samples, equations, simulation)
     outputs = tuple(simulation.states.index(name) for name in samples.state_names)
-    driven = simulation.states.index(equation)
+    driven = tuple(simulation.states.index(name) for name in equations)
     rate = ForcedRate(simulation, driven, added)
     sizes, slow = _sizes(samples, simulation)
     measured = samples.matrix(samples.state_names)
@@ -134,8 +146,13 @@ def follow_samples(
     first = _first_path(samples, simulation, s, slow)
     grid, end = grid_of(samples, runs, substeps or _steps_needed(rate, samples, first, s), interpolation)
     observed = _observed(samples, simulation, grid, end, outputs, s, sizes)
-    own = sizes[driven] ** 2 / slow
-    ends, ratio, gained = _smoothest(rate, grid, observed, outputs, end, own, _at_ends(samples, runs, grid, first))
+    largest = max(sizes[k] for k in driven)
+    learned = {name: float(sizes[k] / largest) for name, k in zip(equations, driven, strict=True)}
+    # An unknown force is as large as its state.
+    E = np.eye(len(sizes))[:, list(driven)] * list(learned.values())
+    own = largest**2 / slow
+    smoother = partial(_smoothest, rate, grid, observed, outputs, end, own, E)
+    ends, ratio, gained = smoother(_at_ends(samples, runs, grid, first), process_noise)
     # How noisy each sensor is against the others, the smoother knows better than differences do.
     residual = measured - ends[end[:, 0], end[:, 1]][:, list(outputs)]
     s = np.maximum(np.sqrt(np.mean(residual**2, axis=0)), finest)
@@ -144,14 +161,14 @@ def follow_samples(
     if pieces > 1:
         grid, end, ends = split(grid, end, ends, pieces)
         segments = segments_of(rate, grid, ends, outputs, end)
-    return _assembled(simulation, rate, segments, sizes, s, ratio, gained)
+    return _assembled(simulation, rate, segments, learned, sizes, s, ratio, gained)
 
 
 def _assembled(
-    simulation: Simulation, rate: ForcedRate, segments: Segments, sizes: np.ndarray, s: np.ndarray, ratio: float,
-    gained: float,
+    simulation: Simulation, rate: ForcedRate, segments: Segments, learned: Mapping[str, float], sizes: np.ndarray,
+    s: np.ndarray, ratio: float, gained: float,
 ) -> ReferencePath:  # fmt: skip
-    end, driven, n_state = segments.end, segments.driven, len(simulation.states)
+    end, driven, n_state = segments.end, list(segments.driven), len(simulation.states)
     columns = dict(zip(rate.names, segments.points[..., 1:].reshape(-1, len(rate.names)).T, strict=True))
     states = segments.points[:, ::2, 1 : 1 + n_state]
     at = states[end[:, 0], end[:, 1]]
@@ -160,14 +177,15 @@ def _assembled(
     moved = carried(segments.response.M, np.zeros((len(states), n_state, 1)), unforced)
     simulated = np.concatenate([at[:, k] for k in segments.outputs]) + segments.rows(moved)[:, 0]
     starts = responses_to_starts(segments, sizes)
-    gain = gain_of(segments, columns, starts, np.repeat(s, len(end)))
+    gain = gain_of(segments, columns, starts, np.repeat(s, len(end)), list(learned.values()))
     rates = segments.slope[:, ::2, driven]
     lacking = rates - rate.rates(segments.points[:, ::2])[..., driven]
     there = lacking[end[:, 0], end[:, 1]]
     return ReferencePath(
         columns=columns,
         at_samples=at,
-        rate=rates[end[:, 0], end[:, 1]],
+        learned=learned,
+        rates=rates[end[:, 0], end[:, 1]],
         sensor_sd=s,
         simulated=simulated,
         starts=starts,
@@ -179,8 +197,8 @@ def _assembled(
     )
 
 
-def _check(samples: Trajectories, equation: str, simulation: Simulation) -> None:
-    lacking = [name for name in simulation.states if name not in simulation.equations and name != equation]
+def _check(samples: Trajectories, equations: tuple[str, ...], simulation: Simulation) -> None:
+    lacking = [name for name in simulation.states if name not in simulation.equations and name not in equations]
     if lacking:
         raise InputError(
             f"The path of {lacking[0]!r} cannot be followed: the simulation has no equation for it. Give one, or give "
@@ -261,7 +279,7 @@ def _at_ends(
 
 def _smoothest(
     rate: ForcedRate, grid: Grid, observed: Observed, outputs: tuple[int, ...], end: np.ndarray, own: float,
-    first: np.ndarray,
+    E: np.ndarray, first: np.ndarray, process_noise: bool,
 ) -> tuple[Float[np.ndarray, "n_segment n_end n_state"], float, float]:  # fmt: skip
     """Ends of the smoothed path at the likeliest intensity of the unknown force, that, and what it gains.
 
@@ -272,16 +290,20 @@ def _smoothest(
         outputs: Indices of the measured states.
         end: Segment and end of the step of each sample.
         own: Intensity of a force as large as the path's own.
+        E: Rates of the states by each unknown force.
         first: A path to begin with, NaN where there is none.
+        process_noise: Whether that may be more than the least.
     """
     ends = first
     if not np.all(np.isfinite(first)):
-        ends = filtered(rate, grid, observed, outputs, rate.driven, own * MIDDLING, rate.args)
+        ends = filtered(rate, grid, observed, outputs, E, own * MIDDLING, rate.args)
     ratio, gained = own * MIDDLING, 0.0
-    for turn in range(PASSES + 1):
+    for turn in range((PASSES if process_noise else UNFORCED_PASSES) + 1):
         near = segments_of(rate, grid, ends, outputs, end)
-        steps = steps_along(grid.time, ends, near.response, near.departure(rate.rates), rate.driven)
-        if turn == 1:
+        steps = steps_along(grid.time, ends, near.response, near.departure(rate.rates), E)
+        if turn == 1 and not process_noise:
+            ratio = own * float(RATIOS[0])
+        elif turn == 1:
             logs = [smooth(steps, observed, outputs, own * r).log_likelihood for r in RATIOS]
             if np.any(np.isfinite(logs)):
                 ratio = own * float(RATIOS[int(np.nanargmax(logs))])

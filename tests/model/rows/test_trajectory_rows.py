@@ -155,7 +155,6 @@ def test_an_unstable_system_is_cut_into_segments():
     ("build", "message"),
     [
         (lambda: TrajectoryRows(substeps=0), "must be between 1 and 1000"),
-        (lambda: Program({"y": ["y"], "v": ["y"]}, rows=TrajectoryRows()), "learn one equation, not 2"),
         (lambda: program(noise=Noise(correlation=0.5)), "the noise is white"),
         (
             lambda: Program({"v": ["y"]}, simulation={"v": "-y"}, rows=TrajectoryRows()).complete(sampled(n=50)),
