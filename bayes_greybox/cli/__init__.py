@@ -51,6 +51,7 @@ class Benchmark(StrEnum):
     hidden_effects = "hidden-effects"
     calibration = "calibration"
     confounding = "confounding"
+    published_odes = "published-odes"
 
 
 class Families(StrEnum):
@@ -284,7 +285,9 @@ def benchmark(
     ] = None,
     replicates: Annotated[
         int | None,
-        typer.Option(min=1, help="Replicates of each case (calibration, confounding); the full size by default."),
+        typer.Option(
+            min=1, help="Replicates of each case (calibration, confounding, published-odes); the full size by default."
+        ),
     ] = None,
     families: Annotated[
         Families | None,
@@ -308,7 +311,8 @@ def benchmark(
     A run that was stopped goes on where it was. hidden-effects hides known effects from simulations and counts
     how often the study finds them. calibration draws truths from every prior with every kernel and tests whether
     they lie among the posterior draws as they should. confounding fits repeated data under each kernel and says what
-    orthogonality gives and costs.
+    orthogonality gives and costs. published-odes finds parameters of differential equations from noisy samples, beside
+    published results.
     """
     from bayes_greybox.cli.benchmarking import run_benchmark
 

@@ -37,6 +37,10 @@ def run_benchmark(
         if cases is not None:
             raise InputError("--cases does not apply to confounding; --replicates sets its size.")
         return _confounding(folder, replicates, seed, progress)
+    if name == "published-odes":
+        if cases is not None:
+            raise InputError("--cases does not apply to published-odes; --replicates sets its size.")
+        return _published_odes(folder, replicates, seed, progress)
     if replicates is not None:
         raise InputError("--replicates does not apply to hidden-effects; --cases sets how many are run.")
     from bayes_greybox.benchmarks.hidden_effects.assumptions.cases import assumption_cases
@@ -90,4 +94,13 @@ def _confounding(folder: Path, replicates: int | None, seed: int, progress: bool
     scores = run(folder, all_cells(replicates or REPLICATES, seed), progress=progress)
     save_figures({"confounding": plot_confounding(scores.terms)}, folder)
     show(*confounding_tables(scores), f"\nResults are in {folder}.")
+    return DONE
+
+
+def _published_odes(folder: Path, replicates: int | None, seed: int, progress: bool) -> int:
+    from bayes_greybox.benchmarks.published_odes.run import REPLICATES, run
+    from bayes_greybox.benchmarks.tables import ode_tables
+
+    table = run(folder, replicates=replicates or REPLICATES, seed=seed, progress=progress)
+    show(*ode_tables(table), f"\nResults are in {folder}.")
     return DONE

@@ -1,5 +1,6 @@
 """One learned equation, ready for the likelihood: its rows, its frame and its design."""
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -78,6 +79,13 @@ class Equation:
         variance = np.sum((y - Phi @ theta) ** 2) / max(self.rows.n_white - len(theta), 1)
         change = theta - np.array([value for _, value in before]) / self.frame.coefficient_scale
         return float(np.max(np.abs(change) / np.sqrt(variance * np.diag(np.linalg.inv(precision)))))
+
+    def log_likelihood(self) -> float:
+        """Of the samples behind the rows at the estimate of `ridge`, σ profiled out, up to a constant; user's units."""
+        Phi, y, n = np.asarray(self.design.Phi), np.asarray(self.design.y), self.rows.n_white
+        unit = self.frame.target_scale * self.rows.gain
+        square = np.sum((y - Phi @ self._least_squares[0]) ** 2) * unit**2
+        return -0.5 * (n * math.log(square / n) + float(self.rows.noise.log_det))
 
     @cached_property
     def _least_squares(self) -> tuple[Float[np.ndarray, " n_term"], Float[np.ndarray, "n_term n_term"]]:

@@ -53,6 +53,11 @@ UNFORCED_PASSES = 10
 MOST_TRIED = 500
 """Samples, evenly thinned, at which the time scales of the equations are looked at."""
 
+LOST = (
+    "No path through the samples was found: the equations leave their domain near them. Check the simulation and the "
+    "units, or give hidden states as data."
+)
+
 FINEST = 1e-5
 """Noise of a sensor over the spread of its samples, at least: rounding, and what an integrator leaves."""
 
@@ -119,6 +124,7 @@ class ReferencePath:
 def follow_samples(
     samples: Trajectories, equations: tuple[str, ...], simulation: Simulation, added: Sequence[Force],
     substeps: int | None, interpolation: str | None, process_noise: bool = True,
+    same_noise: bool = False,
 ) -> ReferencePath:  # fmt: skip
     """Smooth the samples, and take everything along the smoothed path.
 
@@ -130,6 +136,7 @@ def follow_samples(
         substeps: Steps between two samples.
         interpolation: Of the inputs between samples.
         process_noise: Whether an unknown force may act, as strong as the samples say.
+        same_noise: Whether the noise of all sensors is the same.
 
     Raises:
         InputError: See `TrajectoryRows.path`.
@@ -141,7 +148,7 @@ def follow_samples(
     sizes, slow = _sizes(samples, simulation)
     measured = samples.matrix(samples.state_names)
     finest = FINEST * np.std(measured, axis=0)
-    s = np.maximum(sample_noise(samples.time, measured, samples.run_lengths), finest)
+    s = _pooled(np.maximum(sample_noise(samples.time, measured, samples.run_lengths), finest), same_noise)
     runs = runs_of(samples)
     first = _first_path(samples, simulation, s, slow)
     grid, end = grid_of(samples, runs, substeps or _steps_needed(rate, samples, first, s), interpolation)
@@ -155,9 +162,11 @@ def follow_samples(
     ends, ratio, gained = smoother(_at_ends(samples, runs, grid, first), process_noise)
     # How noisy each sensor is against the others, the smoother knows better than differences do.
     residual = measured - ends[end[:, 0], end[:, 1]][:, list(outputs)]
-    s = np.maximum(np.sqrt(np.mean(residual**2, axis=0)), finest)
+    s = _pooled(np.maximum(np.sqrt(np.mean(residual**2, axis=0)), finest), same_noise)
     segments = segments_of(rate, grid, ends, outputs, end)
     pieces = pieces_of(responses_to_unit_starts(segments, sizes), sizes)
+    if pieces >= ends.shape[1]:
+        raise InputError(LOST)
     if pieces > 1:
         grid, end, ends = split(grid, end, ends, pieces)
         segments = segments_of(rate, grid, ends, outputs, end)
@@ -195,6 +204,10 @@ def _assembled(
         unfollowed=Unfollowed(gained, float(np.sqrt(np.mean(there**2)))),
         segments=segments,
     )
+
+
+def _pooled(s: np.ndarray, same: bool) -> np.ndarray:
+    return np.full(len(s), np.sqrt(np.mean(s**2))) if same else s
 
 
 def _check(samples: Trajectories, equations: tuple[str, ...], simulation: Simulation) -> None:
@@ -311,10 +324,7 @@ def _smoothest(
                 gained = float(np.nanmax(logs) - np.nan_to_num(logs[0], nan=-np.inf)) - math.log(len(RATIOS))
         ends = smooth(steps, observed, outputs, ratio).ends
     if not np.all(np.isfinite(ends)):
-        raise InputError(
-            "No path through the samples was found: the equations leave their domain near them. Check the simulation "
-            "and the units, or give hidden states as data."
-        )
+        raise InputError(LOST)
     return ends, ratio, gained
 
 

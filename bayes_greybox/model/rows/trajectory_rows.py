@@ -51,6 +51,8 @@ class TrajectoryRows(RowKind):
         added_to: The learned state of each of these, where there are several.
         process_noise: Whether the path that rows are linear near may be moved by an unknown force, as strong as the
             samples ask for. Without, it is a path that the model allows.
+        same_noise: Whether the noise of all sensors is known to be the same, in their common unit; else each has its
+            own, which few samples tell poorly.
     """
 
     substeps: int | None = None
@@ -58,6 +60,7 @@ class TrajectoryRows(RowKind):
     added: tuple[tuple[str, float], ...] = ()
     added_to: tuple[str, ...] = ()
     process_noise: bool = True
+    same_noise: bool = False
 
     def __post_init__(self) -> None:
         # Files have lists for tuples.
@@ -172,6 +175,13 @@ class TrajectoryRows(RowKind):
             while len(known) >= REMEMBERED:
                 del known[next(iter(known))]
             known[key] = follow_samples(
-                samples, equations, simulation, terms, self.substeps, self.interpolation, self.process_noise
+                samples,
+                equations,
+                simulation,
+                terms,
+                self.substeps,
+                self.interpolation,
+                self.process_noise,
+                self.same_noise,
             )
         return known[key]
