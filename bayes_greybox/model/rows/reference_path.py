@@ -165,7 +165,7 @@ def follow_samples(
     s = _pooled(np.maximum(np.sqrt(np.mean(residual**2, axis=0)), finest), same_noise)
     segments = segments_of(rate, grid, ends, outputs, end)
     pieces = pieces_of(responses_to_unit_starts(segments, sizes), sizes)
-    if pieces >= ends.shape[1]:
+    if pieces >= max(samples.run_lengths):
         raise InputError(LOST)
     if pieces > 1:
         grid, end, ends = split(grid, end, ends, pieces)
