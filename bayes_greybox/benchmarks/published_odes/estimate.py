@@ -40,11 +40,9 @@ def estimate(problem: Problem, data: Trajectories) -> Float[np.ndarray, " n_para
     (equation,) = model.assemble(data).values()
     terms = [term for term, _ in equation.ridge()]
     found = _inside(problem.inverse(np.array([value for _, value in equation.ridge()])))
+    rows = equation
     for _ in range(TURNS):
         before = found
-        pairs = list(zip(terms, problem.coefficients(before).tolist(), strict=True))
-        near = replace(model, rows=model.rows.around(pairs, equation.frame.dictionary.acts_on))
-        (rows,) = near.assemble(data).values()
         Phi, y = np.asarray(rows.design.Phi) / rows.frame.coefficient_scale, np.asarray(rows.design.y)
 
         def residual(p: np.ndarray, Phi: np.ndarray = Phi, y: np.ndarray = y) -> np.ndarray:
@@ -53,6 +51,10 @@ def estimate(problem: Problem, data: Trajectories) -> Float[np.ndarray, " n_para
         found = least_squares(residual, before, bounds=(0.0, MOST), x_scale=np.maximum(before, 0.1)).x
         if np.linalg.norm(found - before) <= STAYS * np.linalg.norm(before):
             break
+        # Where coefficients are free they may be far from any parameters': the next rows are near the latter.
+        pairs = list(zip(terms, problem.coefficients(found).tolist(), strict=True))
+        near = replace(model, rows=model.rows.around(pairs, equation.frame.dictionary.acts_on))
+        (rows,) = near.assemble(data).values()
     return found
 
 
