@@ -111,11 +111,11 @@ class Fit(Posterior):
         self, equation: str | None = None, variables: tuple[str, ...] | None = None, size: int = 41, level: float = 0.9
     ) -> DiscrepancyGrid:
         """Posterior of f over one or two variables; the first equation unless named."""
-        return discrepancy_grid(self, equation or self.model.equations[0], variables, size, level)
+        return discrepancy_grid(self, equation or next(iter(self.equations)), variables, size, level)
 
     def trade_off(self, equation: str | None = None) -> TradeOff:
         """The term whose coefficient trades off most with f; the first equation unless named."""
-        return strongest_trade_off(self, equation or self.model.equations[0])
+        return strongest_trade_off(self, equation or next(iter(self.equations)))
 
     def predict(self, data: Trajectories, level: float = 0.9) -> Prediction:
         """Posterior bands of the rates at the rows of any data, with `nmse()`."""
@@ -136,11 +136,11 @@ class Fit(Posterior):
 
     def loo_pit(self, equation: str | None = None) -> LooPit:
         """Where each measurement falls in its leave-one-out prediction; the first equation unless named."""
-        return checks(self).loo_pit[equation or self.model.equations[0]]
+        return checks(self).loo_pit[equation or next(iter(self.equations))]
 
     def whiteness(self, equation: str | None = None) -> Whiteness:
         """Autocorrelation of the whitened residuals; the first equation unless named."""
-        return checks(self).whiteness[equation or self.model.equations[0]]
+        return checks(self).whiteness[equation or next(iter(self.equations))]
 
     def sensitivity(self) -> pd.DataFrame:
         """Power-scaling sensitivity of θ and P(γ) to prior and likelihood, by (equation, quantity)."""

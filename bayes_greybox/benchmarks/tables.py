@@ -64,3 +64,9 @@ def confounding_tables(scores: Confounding) -> Iterator[RenderableType]:
         )
         columns = ["measure", "term", "proj.", "bias", "sd", "covers θ", "θ + proj."]
         yield Group("", frame_table(f"Coefficients, {situation}", table.loc[:, columns]))
+
+
+def ode_tables(table: pd.DataFrame) -> Iterator[RenderableType]:
+    """Errors of the parameters of each cell beside what others published."""
+    title = "Relative error of the parameters; median of an efficient estimator, and published medians"
+    yield frame_table(title, table)

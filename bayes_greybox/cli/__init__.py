@@ -52,6 +52,7 @@ class Benchmark(StrEnum):
     calibration = "calibration"
     confounding = "confounding"
     sampled_systems = "sampled-systems"
+    published_odes = "published-odes"
 
 
 class Families(StrEnum):
@@ -285,7 +286,10 @@ def benchmark(
     ] = None,
     replicates: Annotated[
         int | None,
-        typer.Option(min=1, help="Replicates of each case (calibration, confounding, sampled-systems)."),
+        typer.Option(
+            min=1,
+            help="Replicates of each case (calibration, confounding, published-odes, sampled-systems).",
+        ),
     ] = None,
     families: Annotated[
         Families | None,
@@ -310,7 +314,8 @@ def benchmark(
     how often the study finds them. calibration draws truths from every prior with every kernel and tests whether
     they lie among the posterior draws as they should. confounding fits repeated data under each kernel and says what
     orthogonality gives and costs. sampled-systems studies systems that one sensor of a position shows: decays, an
-    axis, a beam, an oscillator under noise of several kinds.
+    axis, a beam, an oscillator under noise of several kinds. published-odes
+    finds parameters of differential equations from noisy samples, beside published results.
     """
     from bayes_greybox.cli.benchmarking import run_benchmark
 

@@ -39,6 +39,10 @@ def run_benchmark(
         return _confounding(folder, replicates, seed, progress)
     if name == "sampled-systems":
         return _sampled_systems(folder, cases, replicates, seed, progress)
+    if name == "published-odes":
+        if cases is not None:
+            raise InputError("--cases does not apply to published-odes; --replicates sets its size.")
+        return _published_odes(folder, replicates, seed, progress)
     if replicates is not None:
         raise InputError("--replicates does not apply to hidden-effects; --cases sets how many are run.")
     from bayes_greybox.benchmarks.hidden_effects.assumptions.cases import assumption_cases
@@ -103,4 +107,13 @@ def _sampled_systems(folder: Path, cases: int | None, replicates: int | None, se
     names = list(systems())[:cases]
     table = run(folder, names, replicates=replicates or REPLICATES, seed=seed, progress=progress)
     show(*sampled_tables(table), f"\nResults are in {folder}.")
+    return DONE
+
+
+def _published_odes(folder: Path, replicates: int | None, seed: int, progress: bool) -> int:
+    from bayes_greybox.benchmarks.published_odes.run import REPLICATES, run
+    from bayes_greybox.benchmarks.tables import ode_tables
+
+    table = run(folder, replicates=replicates or REPLICATES, seed=seed, progress=progress)
+    show(*ode_tables(table), f"\nResults are in {folder}.")
     return DONE

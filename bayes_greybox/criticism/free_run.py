@@ -78,11 +78,11 @@ def free_run(
         InputError: States without an equation; a model on the exact path, whose f has no finite expansion.
     """
     require_columns(posterior, data)
-    equations = posterior.equations
-    if not all(equation.design.expands for equation in equations.values()):
+    learned = posterior.learned()
+    if not all(each.equation.design.expands for each in learned.values()):
         raise InputError("A free run needs f at every step: fit with OrthogonalGP(path='hsgp').")
     simulation = posterior.model.simulator(data)
-    idle = [s for s in data.state_names if s not in simulation.equations and s not in equations]
+    idle = [s for s in data.state_names if s not in simulation.equations and s not in learned]
     if idle:
         raise InputError(
             f"State {idle[0]!r} has no equation to integrate: add it to the simulation, for example "
@@ -93,8 +93,8 @@ def free_run(
     pick = rng.permutation(n_draw)[: min(at_most, n_draw)]
     starts = estimate_starts(data)
     parameters = {}
-    for name in equations:
-        draws = posterior.draws(name)
+    for name, each in learned.items():
+        draws = each.of(posterior.draws(each.block))
         parameters[name] = (jnp.asarray(draws.theta[pick]), jnp.asarray(draws.weight[pick]))
 
     def right_hand_side(t: Array, x: Array, u: Array, args: dict) -> Array:
@@ -102,7 +102,7 @@ def free_run(
         names = (*data.state_names, *data.input_names)
         columns = {name: value[None] for name, value in zip(names, (*x, *u), strict=True)}
         for name, (theta, weight) in args.items():
-            frame = equations[name].frame
+            frame = learned[name].frame
             Phi, Psi = frame.rows(columns)
             added = frame.target_scale * (Phi[0] @ theta + Psi[0] @ weight)
             rate = rate.at[data.state_names.index(name)].add(added)
@@ -113,8 +113,8 @@ def free_run(
     lost = [times[np.isfinite(times)] for times in failed_at]
     failed = np.array([len(times) / len(every) for times, every in zip(lost, failed_at, strict=True)])
     sources = {
-        "coefficients": any(len(e.frame.dictionary) for e in equations.values()),
-        "f": any(e.frame.variables for e in equations.values()),
+        "coefficients": any(len(each.frame.dictionary) for each in learned.values()),
+        "f": any(each.frame.variables for each in learned.values()),
         "start": not starts.exact,
     }
     return FreeRun(

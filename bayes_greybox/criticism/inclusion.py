@@ -37,19 +37,19 @@ def inclusion(posterior: Posterior, level: float = 0.9, rope: float = ROPE) -> p
         raise InputError(f"rope={rope:g} must not be negative.")
     group = posterior.idata["posterior"].dataset
     tables = []
-    for name, equation in posterior.equations.items():
-        frame, draws = equation.frame, posterior.draws(name)
+    for name, learned in posterior.learned().items():
+        frame, own, draws = learned.frame, posterior.sites[learned.block], learned.of(posterior.draws(learned.block))
         theta = draws.theta * frame.coefficient_scale
         tail = (1 - level) / 2
-        n_obs = float(equation.design.n_obs)
+        n_obs = float(learned.equation.design.n_obs)
         columns = {
             "mean": theta.mean(axis=0),
             "sd": theta.std(axis=0, ddof=1) if len(theta) > 1 else np.zeros(theta.shape[1]),
             "lower": np.quantile(theta, tail, axis=0),
             "upper": np.quantile(theta, 1 - tail, axis=0),
         }
-        if posterior.sites[name].inclusion in group:
-            columns["inclusion"] = group[posterior.sites[name].inclusion].mean(("chain", "draw")).to_numpy()
+        if own.inclusion in group:
+            columns["inclusion"] = group[own.inclusion].mean(("chain", "draw")).to_numpy()[learned.columns]
         columns |= {
             "outside_rope": np.mean(np.abs(draws.theta) > rope, axis=0),
             "shrinkage": np.mean(
@@ -59,7 +59,7 @@ def inclusion(posterior: Posterior, level: float = 0.9, rope: float = ROPE) -> p
         known = posterior.model.stated(name, posterior.data).fixed
         table = pd.DataFrame(columns, index=list(frame.dictionary.names))
         for term, value in known:
-            size = np.sqrt(np.mean(np.asarray(term.evaluate(equation.rows.columns)) ** 2))
+            size = np.sqrt(np.mean(np.asarray(term.evaluate(learned.equation.rows.columns)) ** 2))
             moves = float(abs(value) * size > rope * frame.target_scale)
             certain = {"mean": value, "sd": 0.0, "lower": value, "upper": value, "inclusion": 1.0}
             certain |= {"outside_rope": moves, "shrinkage": 1.0}

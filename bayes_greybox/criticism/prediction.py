@@ -111,23 +111,23 @@ def predict(
     require_columns(posterior, data)
     simulation = posterior.model.simulator(data)
     predictions = {}
-    for name, equation in posterior.equations.items():
-        g = simulation.on(data, name)
-        draws = posterior.draws(name, equation.design.worthwhile(at_most))
+    for name, learned in posterior.learned().items():
+        g, frame, design = simulation.on(data, name), learned.frame, learned.equation.design
+        draws = learned.of(posterior.draws(learned.block, design.worthwhile(at_most)))
         rng = np.random.default_rng(posterior.sampling.seed)
         parts: dict[str, list[Band]] = {"rate": [], "measurement": [], "discrepancy": []}
         for start in range(0, data.n_obs, ROWS):
             columns = {key: column[start : start + ROWS] for key, column in data.columns.items()}
-            explained = draws.theta @ np.asarray(equation.frame.dictionary_rows(columns)).T
-            f = equation.design.at(equation.frame, columns, draws)
-            scale = equation.frame.target_scale
+            explained = draws.theta @ np.asarray(frame.dictionary_rows(columns)).T
+            f = design.at(frame, columns, draws)
+            scale = frame.target_scale
             rate = g[start : start + ROWS] + scale * (explained + f)
             noise = scale * np.asarray(draws.hyper.sigma)[:, None] * rng.standard_normal(rate.shape)
             parts["rate"].append(Band.of(rate, level))
             parts["measurement"].append(Band.of(rate + noise, level))
             parts["discrepancy"].append(Band.of(scale * f, level))
         joined = {key: Band.join(bands) for key, bands in parts.items()}
-        predictions[name] = EquationPrediction(**joined, simulation=g, inside=equation.frame.inside(data.columns))
+        predictions[name] = EquationPrediction(**joined, simulation=g, inside=frame.inside(data.columns))
     return Prediction(data, level, predictions)
 
 

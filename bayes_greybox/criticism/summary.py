@@ -20,6 +20,8 @@ def summary(posterior: Posterior, level: float = 0.9) -> pd.DataFrame:
         Table indexed by (equation, quantity): mean, sd, lower, upper, unit, r_hat, ess_bulk, ess_tail. Quantities
         are the terms, `sigma`, `amplitude` and `length_scale[variable]`, in user's units. A coefficient that is zero
         in every draw has no R̂ or effective sample size, nor has a fixed one.
+        Equations that share their rows have one `sigma`, that of
+        "x_and_y".
     """
     from arviz_stats.base.array import array_stats  # three seconds, so not at the top
 
@@ -30,23 +32,23 @@ def summary(posterior: Posterior, level: float = 0.9) -> pd.DataFrame:
     for name, equation in posterior.equations.items():
         frame, own = equation.frame, posterior.sites[name]
         quantities = {
-            term: (group[own.theta].isel({own["term"]: j}).to_numpy(), terms.loc[(name, term), "unit"])
-            for j, term in enumerate(frame.dictionary.names)
+            label: (group[own.theta].isel({own["term"]: j}).to_numpy(), terms.loc[label, "unit"])
+            for j, label in enumerate(frame.labels)
         }
         rate_unit = derivative_unit(name, posterior.data.units)
-        quantities["sigma"] = (group[own.sigma].to_numpy(), rate_unit)
+        quantities[(name, "sigma")] = (group[own.sigma].to_numpy(), rate_unit)
         if own.amplitude in group:
-            quantities["amplitude"] = (group[own.amplitude].to_numpy(), rate_unit)
+            quantities[(name, "amplitude")] = (group[own.amplitude].to_numpy(), rate_unit)
             for d, variable in enumerate(frame.variables):
                 scale = group[own.length_scale].isel({own["variable"]: d}).to_numpy()
-                quantities[f"length_scale[{variable}]"] = (scale, posterior.data.unit(variable) or "")
-        known = terms.loc[name]
-        shape = group[own.sigma].shape
-        for term in known.index.difference(frame.dictionary.names, sort=False):
-            quantities[str(term)] = (np.full(shape, known.loc[term, "mean"]), known.loc[term, "unit"])
+                quantities[(name, f"length_scale[{variable}]")] = (scale, posterior.data.unit(variable) or "")
+        shape, learned = group[own.sigma].shape, {name, *(state for state, _ in frame.labels)}
+        for label in terms.index:
+            if label[0] in learned and label not in quantities:
+                quantities[label] = (np.full(shape, terms.loc[label, "mean"]), terms.loc[label, "unit"])
         for quantity, (draws, unit) in quantities.items():
             moving = draws.std() > 0
-            rows[(name, quantity)] = {
+            rows[quantity] = {
                 "mean": draws.mean(),
                 "sd": draws.std(),
                 "lower": np.quantile(draws, tail),

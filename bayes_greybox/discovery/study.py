@@ -256,6 +256,12 @@ def studied_equations(model: Program, data: Trajectories) -> tuple[str, ...]:
         InputError: There is none.
     """
     if model.dictionary:
+        if len(model.equations) > len(model.blocks):
+            raise InputError(
+                f"A study on rows of samples looks at one equation, not at {', '.join(model.equations)} together: "
+                "leave one in GreyBox(dictionary=...) and put what is known of the others into the simulation. Their "
+                "coefficients can be estimated together by GreyBox.fit."
+            )
         return model.equations
     simulation = model.simulator(data)
     if not model.rows.rates_measured:

@@ -5,7 +5,7 @@ import platform
 from collections.abc import Callable, Container, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property, wraps
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -17,6 +17,7 @@ from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.model.design import EquationDraws
 from bayes_greybox.model.equation import Equation
+from bayes_greybox.model.frame import Frame
 from bayes_greybox.model.gp.hyper import Hyperparameters
 from bayes_greybox.model.priors import Scales
 from bayes_greybox.model.program import Program
@@ -84,7 +85,10 @@ class Posterior:
 
     @cached_property
     def equations(self) -> Mapping[str, Equation]:
-        """Rows, frames and designs by equation; rebuilt from the data if the posterior was read from a file."""
+        """Rows, frames and designs by equation, or by block of equations that share their rows.
+
+        They are rebuilt from the data if the posterior was read from a file.
+        """
         return self.model.assemble(self.data) if self._own is None else self._own.equations
 
     @cached_property
@@ -101,7 +105,7 @@ class Posterior:
         """Draws of one equation in scaled units, chains flattened, evenly thinned to `at_most`.
 
         Args:
-            equation: Learned state.
+            equation: A key of `equations`.
             at_most: Most draws; None: all.
             group_name: "posterior" or "prior".
         """
@@ -164,6 +168,14 @@ class Posterior:
             return Scales(jnp.asarray(kept["theta_sd"]), jnp.asarray(kept["log_odds"]), mean)
         return self.model.slab(entry.design, values, values["sigma"] / entry.frame.target_scale)
 
+    def learned(self) -> dict[str, "Learned"]:
+        """Frames by learned state, also of those that share their rows with others."""
+        return {
+            state: Learned(name, equation, share.frame, share.columns)
+            for name, equation in self.equations.items()
+            for state, share in equation.frame.shares().items()
+        }
+
     @property
     def _own(self) -> "Made | None":
         """What the run left, unless `dataclasses.replace` put another model or other data in its place."""
@@ -182,6 +194,26 @@ class Posterior:
             value = group[name].to_numpy()
             found[quantity] = value.reshape(n_draw, *value.shape[2:])[index]
         return found
+
+
+class Learned(NamedTuple):
+    """A learned state and where its coefficients are.
+
+    Attributes:
+        block: What its equation, or those that share its rows, are called.
+        equation: Rows, frame and design of that.
+        frame: Of this state alone.
+        columns: Its columns of Φ.
+    """
+
+    block: str
+    equation: Equation
+    frame: Frame
+    columns: slice
+
+    def of(self, draws: EquationDraws) -> EquationDraws:
+        """Its part of the draws of the block."""
+        return draws._replace(theta=draws.theta[:, self.columns], prior_sd=draws.prior_sd[:, self.columns])
 
 
 @dataclass(frozen=True, eq=False)

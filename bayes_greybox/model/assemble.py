@@ -1,6 +1,6 @@
 """From data to design: scale, orthogonalise, whiten and compress the rows of each equation."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import jax
@@ -34,7 +34,7 @@ def assemble(
     dictionary: Dictionary,
     discrepancy: OrthogonalGP | None,
     noise_floor: float,
-    coefficients: Mapping[str, Coefficient] | None = None,
+    coefficients: Sequence[Coefficient | None] | None = None,
 ) -> Equation:
     """Build frame and design of one equation: the only work that grows with the number of rows.
 
@@ -43,7 +43,7 @@ def assemble(
         dictionary: Terms of its equation.
         discrepancy: The Gaussian process, or None for a purely parametric model.
         noise_floor: Least noise standard deviation over the RMS of the target.
-        coefficients: Priors of single terms by name.
+        coefficients: Prior of each term, None where the model's holds alone.
 
     Raises:
         InputError: Fewer rows than terms; a term that is not finite; collinear terms; a target that is zero;
@@ -78,7 +78,7 @@ def assemble(
         "log_det_R": jnp.asarray(float(rows.noise.log_det)),
         "noise_floor": jnp.asarray(with_rounding(rows.measured / target_scale, noise_floor)),
         "coefficients": CoefficientPriors.of(
-            [(coefficients or {}).get(name) for name in dictionary.names], frame.coefficient_scale
+            [None] * n_term if coefficients is None else coefficients, frame.coefficient_scale
         ),
     }
     if discrepancy is not None and discrepancy.path == "exact":
@@ -182,13 +182,15 @@ def _scaled_frame(
     if np.any(squares == 0):
         zero = dictionary.names[int(np.argmin(squares))]
         raise InputError(f"Term {zero!r} of equation {equation!r} is zero on all the data: remove it.")
+    sizes = np.array([rows.learned[name].size for name in dictionary.acts_on] or [1.0])
     return Frame(
         equation=equation,
         dictionary=dictionary,
         variables=tuple(variables),
         centre=centre,
         half_width=half_width,
-        term_scale=np.sqrt(squares / rows.n_sample),
+        # A state in small units moves by small forces.
+        term_scale=np.sqrt(squares / rows.n_sample) / sizes,
         target_scale=target_scale,
         orthonormal=np.zeros((len(dictionary), 0)),
         basis=basis,
@@ -212,7 +214,7 @@ def _scaled_table(frame: Frame, rows: EquationRows) -> Table:
         return namespace(columns.values()).concatenate(parts, axis=1)
 
     if rows.operator is not None:
-        terms = rows.table(lambda columns: np.asarray(evaluate(columns)))
+        terms = rows.table(lambda columns: np.asarray(evaluate(columns)), frame.dictionary.acts_on)
         return lambda index: np.column_stack([terms(index), y[index]])
     compiled = jax.jit(evaluate)
 

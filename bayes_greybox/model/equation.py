@@ -1,5 +1,6 @@
 """One learned equation, ready for the likelihood: its rows, its frame and its design."""
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -19,7 +20,7 @@ RIDGE = 1e-6
 
 @dataclass(frozen=True)
 class Equation:
-    """One learned equation.
+    """One learned equation, or several that share their rows.
 
     Attributes:
         rows: What was measured, and with what noise.
@@ -61,23 +62,48 @@ class Equation:
     @cached_property
     def _terms(self) -> Table:
         """[Φ Ψ̃] by index of the rows."""
-        return self.rows.table(lambda columns: np.column_stack([np.asarray(part) for part in self.frame.rows(columns)]))
+        return self.rows.table(
+            lambda columns: np.column_stack([np.asarray(part) for part in self.frame.rows(columns)]),
+            self.frame.dictionary.acts_on,
+        )
 
     def ridge(self) -> list[tuple[Term, float]]:
         """Its terms with coefficients by least squares on the whitened rows, hardly shrunk; user's units.
 
         Coefficients with a normal prior of their own are drawn to it, and those with bounds are kept between them.
         """
+        theta = self._least_squares[0] * self.frame.coefficient_scale
+        return list(zip(self.frame.dictionary.terms, theta.tolist(), strict=True))
+
+    def moved(self, before: Sequence[tuple[Term, float]]) -> float:
+        """Largest change of a coefficient of `ridge` from others, in its standard deviations."""
+        theta, precision = self._least_squares
+        Phi, y = np.asarray(self.design.Phi), np.asarray(self.design.y)
+        variance = np.sum((y - Phi @ theta) ** 2) / max(self.rows.n_white - len(theta), 1)
+        change = theta - np.array([value for _, value in before]) / self.frame.coefficient_scale
+        return float(np.max(np.abs(change) / np.sqrt(variance * np.diag(np.linalg.inv(precision)))))
+
+    def log_likelihood(self) -> float:
+        """Of the samples behind the rows at the estimate of `ridge`, σ profiled out, up to a constant; user's units."""
+        Phi, y, n = np.asarray(self.design.Phi), np.asarray(self.design.y), self.rows.n_white
+        unit = self.frame.target_scale * self.rows.gain
+        square = np.sum((y - Phi @ self._least_squares[0]) ** 2) * unit**2
+        return -0.5 * (n * math.log(square / n) + float(self.rows.noise.log_det))
+
+    @cached_property
+    def _least_squares(self) -> tuple[Float[np.ndarray, " n_term"], Float[np.ndarray, "n_term n_term"]]:
+        """Coefficients of `ridge`, scaled units, and their precision over that of the noise."""
         Phi, y, stated = np.asarray(self.design.Phi), np.asarray(self.design.y), self.design.coefficients
-        gram = Phi.T @ Phi + RIDGE * len(y) * np.eye(Phi.shape[1])
-        theta = np.linalg.solve(gram, Phi.T @ y)
+        precision = Phi.T @ Phi + RIDGE * len(y) * np.eye(Phi.shape[1])
+        theta = np.linalg.solve(precision, Phi.T @ y)
         if stated.stated:
             variance = np.sum((y - Phi @ theta) ** 2) / float(self.design.n_obs)
             weight = variance / np.asarray(stated.sd) ** 2
             weight[list(stated.shared)] = 0.0
-            theta = np.linalg.solve(gram + np.diag(weight), Phi.T @ y + weight * np.asarray(stated.mean))
+            precision = precision + np.diag(weight)
+            theta = np.linalg.solve(precision, Phi.T @ y + weight * np.asarray(stated.mean))
             theta = np.clip(theta, np.asarray(stated.lower), np.asarray(stated.upper))
-        return list(zip(self.frame.dictionary.terms, (theta * self.frame.coefficient_scale).tolist(), strict=True))
+        return theta, precision
 
     def without(self, out: Sequence[int] | Int[np.ndarray, " n_out"]) -> "Equation":
         """The equation without the targets of some observations; the frame (scaling, measure, features) stays.

@@ -6,7 +6,8 @@ it makes NumPy's arrays.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Array, Float
@@ -17,17 +18,25 @@ from bayes_greybox.physics.terms import Dictionary
 from .gp.features import HilbertBasis
 
 
+class Share(NamedTuple):
+    """What of a frame concerns one learned state: a frame of its own, and the columns of Φ that are its."""
+
+    frame: "Frame"
+    columns: slice
+
+
 @dataclass(frozen=True)
 class Frame:
     """Scaling and bases of one equation.
 
     Attributes:
-        equation: The learned state, say "ydot" for d(ydot)/dt.
+        equation: The learned state, say "ydot" for d(ydot)/dt, or what several that share their rows are called.
         dictionary: Its terms.
         variables: What f depends on.
         centre: Centre of the data's box in each variable, user's units.
         half_width: Half-width of the box, user's units.
-        term_scale: RMS of each term over the data, user's units.
+        term_scale: RMS of each term over the data, user's units; where several states are learned on the same rows, in
+            the unit of the largest: over the size of the forces on its own.
         target_scale: RMS of the target over the data, user's units.
         orthonormal: T, Φₒ = Φ T orthonormal under μ, which for "empirical" is ⟨a, b⟩ = aᵀ R⁻¹ b / n.
         basis: Hilbert-space features, or None on the exact path or without a discrepancy.
@@ -51,6 +60,28 @@ class Frame:
     def coefficient_scale(self) -> Float[np.ndarray, " n_term"]:
         """User's coefficient per scaled coefficient."""
         return self.target_scale / self.term_scale
+
+    def shares(self) -> dict[str, Share]:
+        """Frames by learned state: this one, or, of several that share their rows, one for each."""
+        if not self.dictionary.parts:
+            return {self.equation: Share(self, slice(None))}
+        found, start = {}, 0
+        for state, own in self.dictionary.parts:
+            columns = slice(start, start + len(own))
+            frame = replace(
+                self,
+                equation=state,
+                dictionary=own,
+                term_scale=self.term_scale[columns],
+                orthonormal=np.zeros((len(own), 0)),
+            )
+            found[state], start = Share(frame, columns), columns.stop
+        return found
+
+    @property
+    def labels(self) -> list[tuple[str, str]]:
+        """Learned state and term of each column of Φ."""
+        return [(state, name) for state, share in self.shares().items() for name in share.frame.dictionary.names]
 
     def dictionary_rows(self, columns: Mapping[str, Array | np.ndarray]) -> Float[Array | np.ndarray, "n_row n_term"]:
         """Φ in scaled units."""

@@ -20,22 +20,21 @@ from bayes_greybox.physics.terms import Dictionary
 from bayes_greybox.physics.units import check_units
 
 from .assemble import assemble
-from .coefficient import StatedTerms, centred, read_coefficients, stated_in_words, stated_terms
+from .blocks import by_block, used_states
+from .coefficient import Coefficient, StatedTerms, centred, read_coefficients, stated_in_words, stated_terms
 from .design import Design
 from .equation import Equation
 from .gp.discrepancy import OrthogonalGP
 from .gp.hyper import Hyperparameters, HyperPrior, NoisePrior
 from .likelihood import CollapsedNormal
+from .near import near_estimate
 from .noise.asked import Noise, find_noise, with_found
 from .noise.noise_model import NoiseModel
 from .priors import Prior, Scales, SpikeAndSlab
 from .rows.derivative_rows import DerivativeRows
-from .rows.equation_rows import EquationRows
+from .rows.equation_rows import EquationRows, block_name
 from .rows.row_kind import RowKind
 from .sites import DRAWN, Sites, site
-
-TURNS = 3
-"""How often rows that are linear near a model only are taken anew near its estimate."""
 
 
 @dataclass(frozen=True)
@@ -85,10 +84,13 @@ class Program:
                 f"GreyBox(noise_floor={self.noise_floor:g}) must lie between 1e-7, where rounding takes over, and 1."
             )
         if not self.rows.rates_measured:
-            if len(self.dictionary) > 1:
+            if len(self.dictionary) > 1 and not self.rows.shared:
+                raise InputError(f"{type(self.rows).__name__} learn one equation, not {len(self.dictionary)}.")
+            if len(self.dictionary) > 1 and self.discrepancy is not None:
                 raise InputError(
-                    f"Rows of samples learn one equation, not {len(self.dictionary)}: what another lacks would be "
-                    "taken for its own. Leave one in GreyBox(dictionary=...)."
+                    f"Rows of samples that tell of {len(self.dictionary)} equations have no discrepancy: the samples "
+                    "do not say in which equation it acts. Use GreyBox(discrepancy=None), or leave one equation in the "
+                    "dictionary."
                 )
         if not isinstance(self.noise, Noise) and not self.noise > 0:
             raise InputError(f"GreyBox(noise={self.noise:g}) must be positive.")
@@ -97,6 +99,13 @@ class Program:
     def equations(self) -> tuple[str, ...]:
         """Learned states."""
         return tuple(self.dictionary)
+
+    @property
+    def blocks(self) -> dict[str, tuple[str, ...]]:
+        """Learned states by what their rows are called: each has its own, or all share theirs."""
+        if self.rows.shared and self.equations:
+            return {block_name(self.equations): self.equations}
+        return {name: (name,) for name in self.equations}
 
     def dictionaries(self, data: Trajectories) -> dict[str, Dictionary]:
         """Terms with coefficients to learn, by learned state, checked against the data's names and units.
@@ -146,8 +155,8 @@ class Program:
 
     @property
     def sites(self) -> Sites:
-        """Names of the variables of each equation, in the model and in results."""
-        return Sites(self.equations)
+        """Names of the variables of each block of equations, in the model and in results."""
+        return Sites(self.blocks)
 
     def centred(self) -> "Program":
         """The model with what is expected of single coefficients in its simulation: what is left of them is normal.
@@ -168,7 +177,11 @@ class Program:
 
     def states(self, data: Trajectories) -> tuple[str, ...]:
         """Measured states, then those that the rows allow to be hidden."""
-        return (*data.state_names, *self.rows.hidden(self.simulation, data))
+        rates = self.simulation
+        if not callable(rates):
+            rates = rates or {}
+            rates = {**rates, **dict.fromkeys(used_states(self.dictionary, rates, data.columns), "")}
+        return (*data.state_names, *self.rows.hidden(rates, data))
 
     def complete(self, data: Trajectories) -> Trajectories:
         """Data with every state and the learned rates at every sample, as the kind of rows completes them.
@@ -176,52 +189,53 @@ class Program:
         Raises:
             InputError: See `RowKind.complete`.
         """
-        for equation in self.equations:
-            data = self.rows.complete(data, equation, self.simulator(data))
+        for equations in self.blocks.values():
+            data = self.rows.complete_all(data, equations, self.simulator(data))
         return data
 
     def equation_rows(self, data: Trajectories, equation: str) -> EquationRows:
-        """The rows of one equation: what was measured, less what is simulated, and its noise.
+        """The rows of one equation, or of a block: what was measured, less what is simulated, and its noise.
 
         Raises:
             InputError: What the kind of rows refuses, such as a derivative that is missing.
         """
-        return self.rows.rows(data, equation, self.simulator(data))
+        return self.rows.shared_rows(data, self.blocks.get(equation, (equation,)), self.simulator(data))
 
     def assemble(self, data: Trajectories) -> dict[str, Equation]:
-        """Read the data into rows, frames and designs by equation: all the work that grows with the rows.
+        """Read the data into rows, frames and designs by block: all the work that grows with the rows.
 
         Raises:
             InputError: See `dictionaries`, `equation_rows` and `assemble.assemble`.
         """
-        dictionaries = self.dictionaries(data)
+        dictionaries = by_block(self.blocks, self.dictionaries(data))
         rows = {equation: self.equation_rows(data, equation) for equation in dictionaries}
         found = self._find_noise(rows, dictionaries)
         rows = {equation: replace(r, noise=found[equation].noise) if found else r for equation, r in rows.items()}
         return {
-            equation: assemble(
-                rows[equation], dictionary, self.discrepancy, self.noise_floor, self.stated(equation, data).priors
-            )
-            for equation, dictionary in dictionaries.items()
+            block: assemble(rows[block], dictionary, self.discrepancy, self.noise_floor, self._priors_of(block, data))
+            for block, dictionary in dictionaries.items()
         }
+
+    def _priors_of(self, block: str, data: Trajectories) -> list[Coefficient | None]:
+        """Priors of single coefficients of a block, term by term."""
+        each = [self.stated(equation, data) for equation in self.blocks[block]]
+        return [stated.priors.get(term.name) for stated in each for term in stated.learned]
 
     def near(self, data: Trajectories) -> "tuple[Program, Trajectories]":
         """The model with rows near what the data say of it, and completed data; both as they are where rows are rates.
 
-        Near the ridge estimate of its own terms: what matters is the path, which any estimate follows that fits.
+        Near the ridge estimate of its own terms: what matters is the path, which any estimate follows that fits;
+        see `near.near_estimate`.
 
         Args:
             data: Training data.
 
         Raises:
-            InputError: See `assemble`.
+            InputError: See `assemble`; several equations whose coefficients do not settle.
         """
         if self.rows.rates_measured:
             return self, data
-        model = self
-        for _ in range(TURNS):
-            added = [pair for equation in model.assemble(data).values() for pair in equation.ridge()]
-            model = replace(model, rows=model.rows.around(added))
+        model = near_estimate(self, data)
         return model, model.complete(data)
 
     def with_noise_found(self, data: Trajectories) -> "tuple[Program, Trajectories]":
@@ -236,7 +250,7 @@ class Program:
         if not isinstance(self.noise, Noise) or self.noise.white:
             return self, data
         fresh = replace(self, noise=replace(self.noise, found=None))
-        dictionaries = fresh.dictionaries(data)
+        dictionaries = by_block(fresh.blocks, fresh.dictionaries(data))
         models = fresh._find_noise({name: fresh.equation_rows(data, name) for name in dictionaries}, dictionaries)
         noise = {**data.noise, **{name: model.noise.error for name, model in models.items()}}
         return replace(fresh, noise=with_found(self.noise, models)), replace(data, noise=noise)

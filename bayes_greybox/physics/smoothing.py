@@ -1,10 +1,11 @@
 """The path of a system through noisy samples of some of its states, where something may be missing in its equations.
 
-    dx = rhs(t, x, u) dt + e q dW,    y = H x + noise of relative variances r
+    dx = rhs(t, x, u) dt + E q dW,    y = H x + noise of relative variances r
 
 is smoothed by Kalman filters that are linearised along the path so far (Bell 1994, SIAM J. Optim. 4:626: Gauss and
 Newton's method on the posterior of the path). The ratio λ = q²/σ² is chosen by the likelihood of the innovations, in
-which σ² is profiled out; λ → 0 is a path that the equations allow.
+which σ² is profiled out; λ → 0 is a path that the equations allow. E has a column for each unknown force: where it
+acts, and how large it is beside the others.
 """
 
 from collections.abc import Callable
@@ -36,18 +37,18 @@ class Observed(NamedTuple):
 
 
 class Steps(NamedTuple):
-    """Linear steps x₊ = M x + c + b w, w white with the variance λ σ² over the length of the step.
+    """Linear steps x₊ = M x + c + B w, w white with the variance λ σ² over the length of the step.
 
     Attributes:
         M: Transition matrices.
         c: Constants.
-        b: Response to a unit force held over the step.
+        B: Response to each unit force held over the step.
         length: Of each step; those of no length do nothing.
     """
 
     M: Float[Any, "n_segment n_step n_state n_state"]
     c: Float[Any, "n_segment n_step n_state"]
-    b: Float[Any, "n_segment n_step n_state"]
+    B: Float[Any, "n_segment n_step n_state n_force"]
     length: Float[Any, "n_segment n_step"]
 
 
@@ -65,7 +66,8 @@ class Smoothed(NamedTuple):
 
 def steps_along(
     time: Float[np.ndarray, "n_segment n_node"], ends: Float[np.ndarray, "n_segment n_end n_state"],
-    response: Response, departure: Float[np.ndarray, "n_segment n_step 3 n_state"], driven: int,
+    response: Response, departure: Float[np.ndarray, "n_segment n_step 3 n_state"],
+    E: Float[np.ndarray, "n_state n_force"],
 ) -> Steps:  # fmt: skip
     """Steps near a path.
 
@@ -74,10 +76,10 @@ def steps_along(
         ends: The path at the ends.
         response: Of the linear equation along it.
         departure: Rate of the equations less the path's slope, at the start, the middle and the end of each step.
-        driven: Index of the state whose rate the unknown force acts on.
+        E: Rates of the states by each unknown force.
     """
     c = ends[:, 1:] + response.jumps(departure) - np.einsum("snij,snj->sni", response.M, ends[:, :-1])
-    return Steps(response.M, c, response.b[..., driven].sum(axis=-1), np.diff(time[:, ::2], axis=1))
+    return Steps(response.M, c, response.b.sum(axis=-2) @ E, np.diff(time[:, ::2], axis=1))
 
 
 def smooth(steps: Steps, observed: Observed, outputs: tuple[int, ...], ratio: float) -> Smoothed:
@@ -93,15 +95,15 @@ def smooth(steps: Steps, observed: Observed, outputs: tuple[int, ...], ratio: fl
     more = power_of_two(n_step) - n_step
     still = np.broadcast_to(np.eye(n_state), (len(steps.M), more, n_state, n_state))
     M = np.concatenate([steps.M, still], axis=1)
-    c, b, length = (np.pad(np.asarray(x), ((0, 0), (0, more), *((0, 0),) * (x.ndim - 2))) for x in steps[1:])
+    c, B, length = (np.pad(np.asarray(x), ((0, 0), (0, more), *((0, 0),) * (x.ndim - 2))) for x in steps[1:])
     values = np.pad(np.asarray(observed.values), ((0, 0), (0, more), (0, 0)), constant_values=np.nan)
-    ends, log_likelihood = _smooth(Steps(M, c, b, length), observed._replace(values=values), outputs, ratio)
+    ends, log_likelihood = _smooth(Steps(M, c, B, length), observed._replace(values=values), outputs, ratio)
     return Smoothed(np.asarray(ends)[:, : n_step + 1], float(log_likelihood))
 
 
 def filtered(
-    rate: Callable[..., Array], grid: Grid, observed: Observed, outputs: tuple[int, ...], driven: int, ratio: float,
-    args: object,
+    rate: Callable[..., Array], grid: Grid, observed: Observed, outputs: tuple[int, ...],
+    E: Float[np.ndarray, "n_state n_force"], ratio: float, args: object,
 ) -> Float[np.ndarray, "n_segment n_end n_state"]:  # fmt: skip
     """Path of the extended Kalman filter, linearised where it is: a first path that needs none before it.
 
@@ -110,31 +112,31 @@ def filtered(
         grid: Nodes.
         observed: Samples.
         outputs: Indices of the states that are sampled.
-        driven: Index of the state whose rate the unknown force acts on.
+        E: Rates of the states by each unknown force.
         ratio: λ.
         args: What else the rate needs.
     """
     pieces = triples(grid.time), triples(grid.inputs)
-    return np.asarray(_filtered(rate, pieces, observed, outputs, driven, ratio, args))
+    return np.asarray(_filtered(rate, pieces, observed, outputs, E, ratio, args))
 
 
-@partial(jax.jit, static_argnums=(0, 3, 4))
+@partial(jax.jit, static_argnums=(0, 3))
 def _filtered(
-    rate: Callable[..., Array], pieces: tuple[Array, Array], observed: Observed, outputs: tuple[int, ...], driven: int,
+    rate: Callable[..., Array], pieces: tuple[Array, Array], observed: Observed, outputs: tuple[int, ...], E: Array,
     ratio: Array, args: object,
 ) -> Array:  # fmt: skip
     H = jnp.eye(observed.mean.shape[-1])[jnp.array(outputs)]
-    e, update = jnp.zeros(H.shape[1]).at[driven].set(1.0), partial(_update, H, observed.variances)
+    update = partial(_update, H, observed.variances)
 
     def one(time: Array, inputs: Array, values: Array, mean: Array) -> Array:
         x, P, *_ = update(mean, jnp.diag(observed.sd**2), values[0])
 
         def forward(carry: tuple[Array, Array], piece: tuple[Array, Array, Array]) -> tuple[tuple, Array]:
             (x, P), (t, u, y) = carry, piece
-            after, M, b = _step(rate, t, u, x, e, args)
+            after, M, B = _step(rate, t, u, x, E, args)
             h = t[2] - t[0]
             intensity = jnp.where(h > 0, ratio / jnp.where(h > 0, h, 1.0), 0.0)
-            x, P, *_ = update(after, M @ P @ M.T + intensity * jnp.outer(b, b), y)
+            x, P, *_ = update(after, M @ P @ M.T + intensity * (B @ B.T), y)
             return (x, P), x
 
         _, ends = jax.lax.scan(forward, (x, P), (time, inputs, values[1:]))
@@ -152,9 +154,9 @@ def _smooth(steps: Steps, observed: Observed, outputs: tuple[int, ...], ratio: A
         x, P, first, *start = update(mean, jnp.diag(observed.sd**2), values[0])
 
         def forward(carry: tuple[Array, Array], piece: tuple[Steps, Array]) -> tuple[tuple[Array, Array], tuple]:
-            (x, P), ((M, c, b, h), y) = carry, piece
+            (x, P), ((M, c, B, h), y) = carry, piece
             intensity = jnp.where(h > 0, ratio / jnp.where(h > 0, h, 1.0), 0.0)
-            x, P, terms, *found = update(M @ x + c, M @ P @ M.T + intensity * jnp.outer(b, b), y)
+            x, P, terms, *found = update(M @ x + c, M @ P @ M.T + intensity * (B @ B.T), y)
             return (x, P), (terms, *found)
 
         _, (terms, *found) = jax.lax.scan(forward, (x, P), (steps, values[1:]))
@@ -176,20 +178,21 @@ def _smooth(steps: Steps, observed: Observed, outputs: tuple[int, ...], ratio: A
 
 
 def _step(
-    rate: Callable[..., Array], time: Array, inputs: Array, x: Array, e: Array, args: object
+    rate: Callable[..., Array], time: Array, inputs: Array, x: Array, E: Array, args: object
 ) -> tuple[Array, Array, Array]:
-    """Where a step of Runge and Kutta's leads, and its derivatives by the state and by a force on the driven rate."""
+    """Where a step of Runge and Kutta's leads, and its derivatives by the state and by the unknown forces."""
     h = time[2] - time[0]
 
     def move(x: Array, force: Array) -> Array:
-        k1 = rate(time[0], x, inputs[0], args) + force * e
-        k2 = rate(time[1], x + h / 2 * k1, inputs[1], args) + force * e
-        k3 = rate(time[1], x + h / 2 * k2, inputs[1], args) + force * e
-        k4 = rate(time[2], x + h * k3, inputs[2], args) + force * e
+        k1 = rate(time[0], x, inputs[0], args) + E @ force
+        k2 = rate(time[1], x + h / 2 * k1, inputs[1], args) + E @ force
+        k3 = rate(time[1], x + h / 2 * k2, inputs[1], args) + E @ force
+        k4 = rate(time[2], x + h * k3, inputs[2], args) + E @ force
         return x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
 
-    M, b = jax.jacfwd(move, argnums=(0, 1))(x, jnp.zeros(()))
-    return move(x, jnp.zeros(())), M, b
+    nothing = jnp.zeros(E.shape[1])
+    M, B = jax.jacfwd(move, argnums=(0, 1))(x, nothing)
+    return move(x, nothing), M, B
 
 
 def _update(H: Array, variances: Array, x: Array, P: Array, y: Array) -> tuple:

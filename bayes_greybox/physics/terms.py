@@ -1,7 +1,7 @@
 """Dictionary terms: single candidate effects, and the dictionary Phi(x) that collects them."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import combinations_with_replacement
 from math import comb
 from typing import Any
@@ -80,9 +80,26 @@ class Dictionary:
 
     Attributes:
         terms: The terms, in order.
+        parts: Where it joins the dictionaries of several learned states, these by state, in the order of the terms.
     """
 
     terms: tuple[Term, ...]
+    parts: tuple[tuple[str, "Dictionary"], ...] = ()
+
+    @classmethod
+    def joined(cls, parts: Mapping[str, "Dictionary"]) -> "Dictionary":
+        """One dictionary for all terms of several learned states; a term is called "x: x*y" in it.
+
+        Args:
+            parts: Dictionaries by learned state.
+        """
+        terms = [replace(term, name=f"{state}: {term.name}") for state, own in parts.items() for term in own.terms]
+        return cls(tuple(terms), tuple(parts.items()))
+
+    @property
+    def acts_on(self) -> tuple[str, ...]:
+        """The learned state whose rate each term adds to, where there are several; else empty."""
+        return tuple(state for state, own in self.parts for _ in own.terms)
 
     @classmethod
     def of(cls, spec: object, names: Iterable[str]) -> "Dictionary":
@@ -101,7 +118,7 @@ class Dictionary:
                 term that uses an unknown column.
         """
         names = tuple(check_name(name) for name in names)
-        terms = tuple(_as_term(item) for item in _flat(spec))
+        terms = terms_of(spec)
         if not terms:
             raise InputError("A dictionary has no terms; give at least one, such as 'y'.")
         first_by_form: dict[sympy.Expr, str] = {}
@@ -196,6 +213,11 @@ def polynomial(
 def _monomial(factors: Sequence[str]) -> str:
     powers = {name: factors.count(name) for name in factors}
     return "*".join(name if n == 1 else f"{name}**{n}" for name, n in powers.items())
+
+
+def terms_of(spec: object) -> tuple[Term, ...]:
+    """Terms as `Dictionary.of` reads them, neither checked against columns nor against each other."""
+    return tuple(_as_term(item) for item in _flat(spec))
 
 
 def _flat(spec: object) -> list[object]:

@@ -8,6 +8,9 @@ from scipy.integrate import solve_ivp
 from bayes_greybox.physics.sensitivity import Grid, forces, hermite, respond, triples
 from bayes_greybox.physics.smoothing import Observed, filtered, smooth, steps_along
 
+FORCED = np.array([[0.0], [1.0]])
+"""The unknown force acts on the second state's rate."""
+
 
 def linear(t, x, u, args):
     return jnp.stack([x[1], u[0] - 2 * x[0] - 0.3 * x[1]])
@@ -26,7 +29,7 @@ def steps_of(grid, ends, stiffening=0.0):
     A = np.zeros((*path.shape, 2))
     A[..., 0, 1], A[..., 1, 0], A[..., 1, 1] = 1.0, -2 - 3 * stiffening * path[..., 0] ** 2, -0.3
     departure = forces(lambda at: rates(at, stiffening), points) - triples(slope)
-    return steps_along(grid.time, ends, respond(grid.time, A), departure, 1)
+    return steps_along(grid.time, ends, respond(grid.time, A), departure, FORCED)
 
 
 def problem(n_step=40, every=2, missing=(), sd=(3.0, 2.0), seed=0, segments=1):
@@ -54,7 +57,7 @@ def dense(steps, observed, ratio):
     for k in range(n - 1):
         mean.append(M[k] @ mean[-1] + c[k])
         shock = np.zeros((2, n + 1))
-        shock[:, 2 + k] = b[k] * np.sqrt(ratio / h[k])
+        shock[:, 2 + k] = b[k, :, 0] * np.sqrt(ratio / h[k])
         root.append(M[k] @ root[-1] + shock)
     mean, root = np.concatenate(mean), np.concatenate(root)
     y = np.asarray(observed.values)[0, :, 0]
@@ -108,8 +111,23 @@ def test_two_sensors_count_by_their_noise():
 
 def test_the_filter_ends_where_the_smoother_does():
     grid, observed = problem(n_step=200, every=10)
-    found = np.asarray(filtered(linear, grid, observed, (0,), 1, 0.1, None))
+    found = np.asarray(filtered(linear, grid, observed, (0,), FORCED, 0.1, None))
     np.testing.assert_allclose(found[0, -1], np.asarray(path_of(grid, observed, 0.1).ends)[0, -1], atol=5e-5)
+
+
+def test_forces_add_up_by_their_variances():
+    grid, observed = problem()
+    ends = np.zeros((1, 41, 2))
+    found = []
+    for E in (FORCED, np.hstack([FORCED, FORCED]) * np.sqrt(0.5)):
+        points = np.concatenate([grid.time[..., None], np.zeros((1, 81, 2)), grid.inputs], axis=-1)
+        A = np.broadcast_to([[0.0, 1.0], [-2.0, -0.3]], (1, 81, 2, 2))
+        steps = steps_along(grid.time, ends, respond(grid.time, A), forces(rates, points), E)
+        found.append((smooth(steps, observed, (0,), 0.1), filtered(linear, grid, observed, (0,), E, 0.1, None)))
+    (one, first), (two, other) = found
+    np.testing.assert_allclose(two.ends, one.ends, atol=1e-10)
+    np.testing.assert_allclose(other, first, atol=1e-10)
+    assert two.log_likelihood == pytest.approx(one.log_likelihood, abs=1e-8)
 
 
 def test_steps_of_no_length_keep_the_state():

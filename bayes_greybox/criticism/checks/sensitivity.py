@@ -75,23 +75,21 @@ def sensitivity(posterior: Posterior) -> pd.DataFrame:
         draws = jax.tree.map(lambda leaf: np.asarray(leaf)[index], posterior.draws(name))  # noqa: B023
         powers = _powers(posterior, name, index)
         weights = _normalised(powers.joint)
-        terms = equation.frame.dictionary.names
+        labels = equation.frame.labels
         gamma = posterior.idata["posterior"].dataset.get(posterior.sites[name].gamma)
         included = np.ones(draws.theta.shape, bool) if gamma is None else draws.theta != 0.0
-        for j, term in enumerate(terms):
+        for j, label in enumerate(labels):
             inside, theta = included[:, j], draws.theta[:, j]
             if inside.sum() >= min(LEAST_INCLUDED, len(theta)) and np.ptp(theta[inside]) > 0:
-                rows[(name, term)] = _row(
-                    *(_of_draws(stats, theta[inside], weights[i : i + 2, inside]) for i in (0, 2))
-                )
+                rows[label] = _row(*(_of_draws(stats, theta[inside], weights[i : i + 2, inside]) for i in (0, 2)))
         if gamma is None:
             continue
         if powers.inclusion is not None and powers.collapsed is not None:
             scaled = np.einsum("ws,wsk->wk", _normalised(powers.collapsed), powers.inclusion[1:])
         else:
             scaled = weights @ included
-        for j, term in enumerate(terms):
-            rows[(name, f"P({term})")] = _row(*(_of_probability(scaled[i : i + 2, j]) for i in (0, 2)))
+        for j, (state, term) in enumerate(labels):
+            rows[(state, f"P({term})")] = _row(*(_of_probability(scaled[i : i + 2, j]) for i in (0, 2)))
     index = pd.MultiIndex.from_tuples(list(rows), names=["equation", "quantity"])
     return pd.DataFrame(list(rows.values()), index=index, columns=["prior", "likelihood", "diagnosis"])
 

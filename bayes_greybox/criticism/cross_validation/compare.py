@@ -64,13 +64,13 @@ def compare(
     if scheme in ("block", "future") and block is None:
         longest = _longest({name: make_folds(fit, scheme, None, start) for name, fit in fits.items()})
         block, chosen = longest.block, longest.notes
-    order = next(iter(fits.values())).model.equations
+    order = tuple(next(iter(fits.values())).equations)
     results = {}
     for name, fit in fits.items():
         found = cross_validate(
             fit, scheme, block=block, start=start, at_most=at_most, max_refits=max_refits, progress=progress
         )
-        results[name] = _in_order(found, fit.model.equations, order)
+        results[name] = _in_order(found, tuple(fit.equations), order)
     return comparison_table(results, (*chosen, *_verdict_notes(fits)))
 
 
@@ -167,7 +167,7 @@ def _require_same_data(fits: Mapping[str, Posterior]) -> None:
             raise InputError(f"{pair}: {reference.data.n_obs} rows against {fit.data.n_obs}; {remedy}")
         if fit.data.run_lengths != reference.data.run_lengths:
             raise InputError(f"{pair}: the rows are divided into trajectories differently; {remedy}")
-        for equation in reference.model.equations:
+        for equation in reference.equations:
             one, other = (each.equations[equation].rows.n_row for each in (reference, fit))
             if one != other:
                 raise InputError(f"{pair}: {one} rows of {equation!r} against {other}; {remedy}")
@@ -176,13 +176,13 @@ def _require_same_data(fits: Mapping[str, Posterior]) -> None:
                 reference.equations[equation].rows.measured,
                 fit.equations[equation].rows.measured,
             )
-            for equation in reference.model.equations
+            for equation in reference.equations
         }
         for what, (one, other) in columns.items():
             if not np.allclose(one, other, rtol=1e-9, atol=1e-9 * np.abs(one).max()):
                 worst = float(np.abs(one - other).max())
                 raise InputError(f"{pair}: {what} differs by up to {worst:.3g}; {remedy}")
-        for equation in reference.model.equations:
+        for equation in reference.equations:
             if fit.equations[equation].rows.n_white != reference.equations[equation].rows.n_white:
                 raise InputError(
                     f"{pair}: the derivatives of {equation!r} come from different differentiators; {remedy}"

@@ -136,8 +136,9 @@ def _near(
     added: Sequence[tuple[Term, float]], suspected: bool, noise: NoiseModel | None,
 ) -> Near:  # fmt: skip
     # What hangs together in time and is the sensor's is nothing that the path does.
-    departs = noise is None or CORRELATED not in noise.names
-    near = replace(model, rows=model.rows.around(added, departs))
+    sensor = noise is not None and CORRELATED in noise.names
+    rows = model.rows.around(added)
+    near = replace(model, rows=rows.unforced() if sensor else rows)
     simulation = near.simulator(train)
     data = near.rows.complete(train, equation, simulation)
     statistics = sufficient_statistics(near, data, equation, effects)

@@ -6,7 +6,7 @@ it.
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import NamedTuple, Protocol, runtime_checkable
 
@@ -53,6 +53,11 @@ class Operator(Protocol):
         ...
 
 
+def block_name(equations: Sequence[str]) -> str:
+    """What rows are called that several equations share: "x_and_y", a name for variables; one has its own."""
+    return "_and_".join(equations)
+
+
 class Removal(NamedTuple):
     """What is left of the whitened rows without the targets of some observations.
 
@@ -65,6 +70,18 @@ class Removal(NamedTuple):
     kept: Int[np.ndarray, " n_kept"]
     directions: Float[np.ndarray, "n_white n_out"] | None
     log_det: float
+
+
+class Acting(NamedTuple):
+    """V for forces on one of the learned states that share rows.
+
+    Attributes:
+        operator: V.
+        size: Of such forces, over that of the learned state with the largest.
+    """
+
+    operator: Operator
+    size: float
 
 
 class Unfollowed(NamedTuple):
@@ -83,8 +100,10 @@ class Unfollowed(NamedTuple):
 class EquationRows:
     """The rows of one equation, y = V(Φθ + f) + ε, ε ~ N(0, σ² R), in user's units.
 
+    Where several learned states k share the rows, y = Σ_k V_k Φ_k θ_k + ε.
+
     Attributes:
-        equation: The learned state.
+        equation: The learned state, or all together by `block_name`.
         columns: States and inputs at the samples, which Φ and f are evaluated on.
         measured: What was measured [n_row].
         simulated: What the simulation says of it [n_row], V g.
@@ -94,6 +113,7 @@ class EquationRows:
         operator: V, from values at the samples to values of the rows; None where each sample is a row.
         gain: What a sensor's unit was divided by to have the rows in the unit of the rate; 1 where they are rates.
         unfollowed: What the model does not follow of the path that the rows are taken at.
+        learned: V of each learned state; empty where rows are of one alone.
     """
 
     equation: str
@@ -106,6 +126,7 @@ class EquationRows:
     operator: Operator | None = None
     gain: float = 1.0
     unfollowed: Unfollowed | None = None
+    learned: Mapping[str, "Acting"] = field(default_factory=dict)
 
     @property
     def n_row(self) -> int:
@@ -158,16 +179,23 @@ class EquationRows:
         """V table: values of the rows from values at the samples."""
         return table if self.operator is None else self.operator(table)
 
-    def table(self, evaluate: Callable[[Mapping[str, np.ndarray]], np.ndarray]) -> Table:
+    def table(self, evaluate: Callable[[Mapping[str, np.ndarray]], np.ndarray], acts_on: Sequence[str] = ()) -> Table:
         """V F by index of the rows, F evaluated on columns; where V mixes samples, evaluated here in stretches.
 
         Args:
             evaluate: From columns [n] to F [n, k].
+            acts_on: The learned state that each of the k acts on, where several share the rows.
         """
         if self.operator is None:
             return lambda index: np.asarray(evaluate(self.at(index)))
-        whole = self.operator.of(lambda columns: np.asarray(evaluate(columns)), self.columns)
-        return lambda index: whole[index]
+        if not acts_on:
+            whole = self.operator.of(lambda columns: np.asarray(evaluate(columns)), self.columns)
+            return lambda index: whole[index]
+        shared = np.empty((self.n_row, len(acts_on)))
+        for name, acting in self.learned.items():
+            own = np.array([each == name for each in acts_on])
+            shared[:, own] = acting.operator.of(lambda at, own=own: np.asarray(evaluate(at))[:, own], self.columns)
+        return lambda index: shared[index]
 
     def whiten(self, table: Float[np.ndarray, "n_row k"]) -> Float[np.ndarray, "n_white k"]:
         """W table."""

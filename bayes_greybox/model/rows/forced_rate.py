@@ -1,6 +1,7 @@
-"""Rates of all states with what was added to one of them."""
+"""Rates of all states with what was added to those that are learned."""
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -15,29 +16,38 @@ Args = tuple[Array, ...]
 """Coefficient and numbers of each term."""
 
 
+class Force(NamedTuple):
+    """A term with its coefficient, and the index of the state whose rate it is added to."""
+
+    term: Term
+    coefficient: float
+    state: int
+
+
 class ForcedRate:
-    """Rate of all states with terms added to one: equal to any other with the same formulas, so compiled once.
+    """Rate of all states with terms added to some: equal to any other with the same formulas, so compiled once.
 
     Numbers within a formula, such as the width of a dead zone, are arguments of the rate and none of the formula's.
 
     Args:
         simulation: Known rates.
-        driven: Index of the learned state.
-        added: Terms added to its rate, with their coefficients.
+        driven: Indices of the learned states.
+        added: Terms added to their rates.
     """
 
-    def __init__(self, simulation: Simulation, driven: int, added: Sequence[tuple[Term, float]]) -> None:
-        self.simulation, self.driven = simulation, driven
-        self.whole = simulation.beside({simulation.states[driven]: added})
+    def __init__(self, simulation: Simulation, driven: tuple[int, ...], added: Sequence[Force]) -> None:
+        self.simulation, self.driven, self.added = simulation, driven, tuple(added)
+        by_state = {simulation.states[k]: [(f.term, f.coefficient) for f in added if f.state == k] for k in driven}
+        self.whole = simulation.beside(by_state)
         formulas, numbers = [], []
-        for term, coefficient in added:
+        for term, coefficient, _ in added:
             within = sorted(term.expr.atoms(sympy.Float))
             names = {number: sympy.Symbol(f"number_{k}", real=True) for k, number in enumerate(within)}
             formulas.append(term.expr.xreplace(names))
             numbers.append([coefficient, *(float(number) for number in within)])
         self.formulas = tuple(formulas)
         self.args = tuple(jnp.array(each) for each in numbers)
-        self._key = (simulation.key, driven, tuple(map(str, formulas)))
+        self._key = (simulation.key, driven, tuple(map(str, formulas)), tuple(force.state for force in added))
 
     def __hash__(self) -> int:
         return hash(self._key)
@@ -49,11 +59,13 @@ class ForcedRate:
         """Rates at one point; `args` has the coefficient and the numbers of each term."""
         rate = jnp.asarray(self.simulation.rate(t, x, u), float)
         columns = dict(zip(self.names, (*x, *u), strict=True))
-        force = 0.0 * t
-        for formula, (coefficient, *numbers) in zip(self.formulas, args, strict=True):
+        forces = dict.fromkeys(self.driven, 0.0 * t)
+        for (*_, state), formula, (coefficient, *numbers) in zip(self.added, self.formulas, args, strict=True):
             known = {f"number_{k}": number for k, number in enumerate(numbers)}
-            force = force + coefficient * evaluate(formula, {**columns, **known})
-        return rate.at[self.driven].add(force)
+            forces[state] = forces[state] + coefficient * evaluate(formula, {**columns, **known})
+        for state, force in forces.items():
+            rate = rate.at[state].add(force)
+        return rate
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -1,7 +1,7 @@
 """Segments of a path with the linear equation along them: how samples answer forces and other starts."""
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -30,7 +30,7 @@ class Segments:
         points: Time, states and inputs at the nodes.
         slope: Of the path's states at the nodes.
         response: Steps of the linear equation.
-        driven: Index of the learned state.
+        driven: Indices of the learned states.
         outputs: Indices of the measured states.
         end: Index of the end of a step, segment by segment, at which each sample is.
     """
@@ -39,7 +39,7 @@ class Segments:
     points: Float[np.ndarray, "n_segment n_node c"]
     slope: Float[np.ndarray, "n_segment n_node n_state"]
     response: Response
-    driven: int
+    driven: tuple[int, ...]
     outputs: tuple[int, ...]
     end: Int[np.ndarray, "n_sample 2"]
 
@@ -48,19 +48,21 @@ class Segments:
         at = ends[self.end[:, 0], self.end[:, 1]]
         return np.concatenate([at[:, k] for k in self.outputs])
 
-    def respond_to(self, table: Float[np.ndarray, "n_node k"]) -> Float[np.ndarray, "n_row k"]:
-        """Response to forces that are known at the nodes."""
+    def respond_to(self, table: Float[np.ndarray, "n_node k"], learned: int = 0) -> Float[np.ndarray, "n_row k"]:
+        """Response to forces on a learned state, by its number, that are known at the nodes."""
         by_node = table.reshape(*self.grid.time.shape, -1)
-        return self._respond(lambda nodes: triples(by_node[:, nodes]))
+        return self._respond(lambda nodes: triples(by_node[:, nodes]), learned)
 
     def respond(
-        self, evaluate: Callable[[Mapping[str, np.ndarray]], np.ndarray], columns: Mapping[str, np.ndarray]
-    ) -> Float[np.ndarray, "n_row k"]:
+        self, evaluate: Callable[[Mapping[str, np.ndarray]], np.ndarray], columns: Mapping[str, np.ndarray],
+        learned: int = 0,
+    ) -> Float[np.ndarray, "n_row k"]:  # fmt: skip
         """Response to forces that are evaluated a stretch of all segments at a time; memory is bounded by a stretch.
 
         Args:
             evaluate: From columns [n] to forces [n, k].
             columns: At all nodes.
+            learned: Number of the learned state that they act on.
         """
         names, values = list(columns), np.stack(list(columns.values()), axis=-1)
         by_node = values.reshape(*self.grid.time.shape, -1)
@@ -68,7 +70,7 @@ class Segments:
         def at(points: np.ndarray) -> np.ndarray:
             return np.asarray(evaluate(dict(zip(names, points.T, strict=True))))
 
-        return self._respond(lambda nodes: forces(at, by_node[:, nodes]))
+        return self._respond(lambda nodes: forces(at, by_node[:, nodes]), learned)
 
     def departure(self, rates: Callable[[np.ndarray], np.ndarray]) -> Float[np.ndarray, "n_segment n_step 3 n_state"]:
         """Rates less the path's slope, at the start, the middle and the end of each step.
@@ -78,10 +80,10 @@ class Segments:
         """
         return forces(rates, self.points) - triples(self.slope)
 
-    def _respond(self, forced: Callable[[slice], np.ndarray]) -> np.ndarray:
+    def _respond(self, forced: Callable[[slice], np.ndarray], learned: int) -> np.ndarray:
         n_segment, n_node = self.grid.time.shape
         n_step, span = (n_node - 1) // 2, max(1, CHUNK // n_segment)
-        b = self.response.b[..., self.driven]
+        b = self.response.b[..., self.driven[learned]]
         whole, delta = np.empty(()), None
         for first in range(0, n_step, span):
             last = min(first + span, n_step)
@@ -115,7 +117,8 @@ def segments_of(
     path, _ = hermite(grid.time, ends, rates)
     # Where the path departs from the equations its slope does too: as much as on the steps before and after.
     middles = rate.rates(np.concatenate([grid.time[..., None], path, grid.inputs], axis=-1)[:, 1::2])
-    rates[..., rate.driven] += _at_ends(_lacking(grid.time, ends, rates, middles)[..., rate.driven])
+    driven = list(rate.driven)
+    rates[..., driven] += _at_ends(_lacking(grid.time, ends, rates, middles)[..., driven])
     path, slope = hermite(grid.time, ends, rates)
     points = np.concatenate([grid.time[..., None], path, grid.inputs], axis=-1)
     return Segments(grid, points, slope, respond(grid.time, rate.jacobian(points)), rate.driven, outputs, end)
@@ -145,24 +148,40 @@ def responses_to_starts(segments: Segments, sizes: np.ndarray) -> Float[np.ndarr
     return np.hstack([np.where((own == k)[:, None], rows, 0.0) for k in range(n_segment)])
 
 
-def gain_of(segments: Segments, columns: Mapping[str, np.ndarray], starts: np.ndarray, sd: np.ndarray) -> float:
-    """RMS response, in what starts cannot take, of rows to forces that are powers of the path's columns."""
+def gain_of(
+    segments: Segments, columns: Mapping[str, np.ndarray], starts: np.ndarray, sd: np.ndarray, sizes: Sequence[float]
+) -> float:
+    """RMS response, in what starts cannot take, of rows to forces that are powers of the path's columns.
+
+    Args:
+        segments: Of the path.
+        columns: Of the path at its nodes.
+        starts: Responses to starts.
+        sd: Noise of each row.
+        sizes: Size of the forces on each learned state.
+    """
     powers = [(name, k, float(np.sqrt(np.mean(x ** (2 * k))))) for name, x in columns.items() for k in (1, 2, 3)]
     scaled = [(name, k, size) for name, k, size in powers if size > 0]
-    rows = segments.respond(lambda at: np.column_stack([at[name] ** k / size for name, k, size in scaled]), columns)
+
+    def powers_of(at: Mapping[str, np.ndarray]) -> np.ndarray:
+        return np.column_stack([at[name] ** k / size for name, k, size in scaled])
+
+    rows = np.hstack([large * segments.respond(powers_of, columns, k) for k, large in enumerate(sizes)])
     Q, _ = np.linalg.qr(starts / sd[:, None])
     rows = rows - sd[:, None] * (Q @ (Q.T @ (rows / sd[:, None])))
     return float(np.sqrt(np.mean(rows**2)))
 
 
-def motion_of(segments: Segments) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def motion_of(segments: Segments, sizes: Sequence[float]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """From sample to sample: transitions, covariances of what an unknown force of unit intensity does, first samples.
 
     Args:
         segments: Along the path; samples are in order of time within each.
+        sizes: Of the force on each learned state.
     """
     M, end = segments.response.M, segments.end
-    b, h = segments.response.b[..., segments.driven].sum(axis=-1), np.diff(segments.grid.time[:, ::2], axis=1)
+    b = segments.response.b[..., list(segments.driven)].sum(axis=-2) * np.asarray(sizes)
+    h = np.diff(segments.grid.time[:, ::2], axis=1)
     eye = np.eye(M.shape[-1])
     fresh = end[:, 1] == 0
     moved, spread = np.tile(eye, (len(end), 1, 1)), np.zeros((len(end), *eye.shape))
@@ -173,7 +192,7 @@ def motion_of(segments: Segments) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         on = steps > k
         at = end[on, 0], before[on] + k
         step, push, length = M[at], b[at], h[at]
-        pushed = push[:, :, None] * push[:, None, :] / np.where(length > 0, length, np.inf)[:, None, None]
+        pushed = push @ push.swapaxes(1, 2) / np.where(length > 0, length, np.inf)[:, None, None]
         moved[on] = step @ moved[on]
         spread[on] = step @ spread[on] @ step.swapaxes(1, 2) + pushed
     return moved, spread, fresh

@@ -2,7 +2,8 @@
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -15,10 +16,9 @@ from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.physics.sensitivity import Grid, carried
 from bayes_greybox.physics.simulation import Simulation
 from bayes_greybox.physics.smoothing import Observed, filtered, smooth, steps_along
-from bayes_greybox.physics.terms import Term
 
-from .equation_rows import Unfollowed
-from .forced_rate import ForcedRate
+from .equation_rows import Acting, Unfollowed
+from .forced_rate import Force, ForcedRate
 from .path_grid import grid_of, runs_of, split
 from .path_segments import (
     WIDE,
@@ -43,14 +43,22 @@ MOST_STEPS = 50
 RATIOS = 10.0 ** np.arange(-10.0, 1.1)
 """Intensities of the unknown force that are tried, q² over that of a force as large as the path's own."""
 
-MIDDLING = 1e-3
-"""Intensity that a first path is smoothed at, before it is chosen, over the largest one."""
+MIDDLING = 1e-2
+"""Intensity that a first path is smoothed at, before it is chosen."""
 
 PASSES = 3
 """Passes of the smoother at the intensity that was chosen."""
 
+UNFORCED_PASSES = 10
+"""Passes to a path that the model allows, from one near the samples."""
+
 MOST_TRIED = 500
 """Samples, evenly thinned, at which the time scales of the equations are looked at."""
+
+LOST = (
+    "No path through the samples was found: the equations leave their domain near them. Check the simulation and the "
+    "units, or give hidden states as data."
+)
 
 FINEST = 1e-5
 """Noise of a sensor over the spread of its samples, at least: rounding, and what an integrator leaves."""
@@ -66,7 +74,8 @@ class ReferencePath:
     Attributes:
         columns: States and inputs at the nodes.
         at_samples: States at the samples.
-        rate: Rate of the learned state at the samples.
+        learned: Size of the forces on each learned state, over the largest.
+        rates: Rates of the learned states at the samples.
         sensor_sd: Noise of each output [n_output], user's units, as the smoother found it.
         simulated: Samples without any force, user's units [n_row].
         starts: Change of the rows by one prior standard deviation of each start [n_row, n_start].
@@ -78,11 +87,13 @@ class ReferencePath:
         start_sd: Prior standard deviation of each state at the start of a segment.
         unfollowed: What the model does not follow.
         segments: With the linear equation along them.
+        acting_on: Number of the learned state that the forces of the operator act on.
     """
 
     columns: Mapping[str, Float[np.ndarray, " n_node"]]
     at_samples: Float[np.ndarray, "n_sample n_state"]
-    rate: Float[np.ndarray, " n_sample"]
+    learned: Mapping[str, float]
+    rates: Float[np.ndarray, "n_sample n_learned"]
     sensor_sd: Float[np.ndarray, " n_output"]
     simulated: Float[np.ndarray, " n_row"]
     starts: Float[np.ndarray, "n_row n_start"]
@@ -94,6 +105,7 @@ class ReferencePath:
     start_sd: Float[np.ndarray, " n_state"]
     unfollowed: Unfollowed
     segments: Segments = field(repr=False)
+    acting_on: int = 0
 
     @property
     def n_segment(self) -> int:
@@ -106,12 +118,12 @@ class ReferencePath:
         Args:
             unit: Standard deviation that variances are over.
         """
-        M, G, fresh = motion_of(self.segments)
+        M, G, fresh = motion_of(self.segments, list(self.learned.values()))
         return Motion(M, G / unit**2, fresh, self.segments.outputs, self.start_sd / unit, self.own * RATIOS)
 
     def __call__(self, table: Float[np.ndarray, "n_node k"]) -> Float[np.ndarray, "n_row k"]:
         """Response of the rows to forces."""
-        return self.segments.respond_to(table) / self.gain
+        return self.segments.respond_to(table, self.acting_on) / self.gain
 
     def of(
         self,
@@ -119,59 +131,70 @@ class ReferencePath:
         columns: Mapping[str, Float[np.ndarray, " n_node"]],
     ) -> Float[np.ndarray, "n_row k"]:
         """Response to forces that are evaluated a stretch of the path at a time."""
-        return self.segments.respond(evaluate, columns) / self.gain
+        return self.segments.respond(evaluate, columns, self.acting_on) / self.gain
+
+    def acting(self) -> dict[str, Acting]:
+        """The operator, and the size of forces, by the learned state that they act on."""
+        return {name: Acting(replace(self, acting_on=k), size) for k, (name, size) in enumerate(self.learned.items())}
 
 
 def follow_samples(
-    samples: Trajectories, equation: str, simulation: Simulation, added: Sequence[tuple[Term, float]],
-    substeps: int | None, interpolation: str | None, departs: bool = True,
+    samples: Trajectories, equations: tuple[str, ...], simulation: Simulation, added: Sequence[Force],
+    substeps: int | None, interpolation: str | None, process_noise: bool = True,
+    same_noise: bool = False,
 ) -> ReferencePath:  # fmt: skip
     """Smooth the samples, and take everything along the smoothed path.
 
     Args:
         samples: What the sensors showed.
-        equation: The learned state.
+        equations: The learned states.
         simulation: Known rates of all states.
-        added: Terms and coefficients of the model, beside the simulation.
+        added: Terms of the model, beside the simulation.
         substeps: Steps between two samples.
         interpolation: Of the inputs between samples.
-        departs: Whether the path may depart from the model by an unknown force.
+        process_noise: Whether an unknown force may act, as strong as the samples say.
+        same_noise: Whether the noise of all sensors is the same.
 
     Raises:
         InputError: See `TrajectoryRows.path`.
     """
-    _check(samples, equation, simulation)
+    _check(samples, equations, simulation)
     outputs = tuple(simulation.states.index(name) for name in samples.state_names)
-    driven = simulation.states.index(equation)
+    driven = tuple(simulation.states.index(name) for name in equations)
     rate = ForcedRate(simulation, driven, added)
     sizes, slow = _sizes(samples, simulation)
     measured = samples.matrix(samples.state_names)
     finest = FINEST * np.std(measured, axis=0)
-    s = np.maximum(sample_noise(samples.time, measured, samples.run_lengths), finest)
+    s = _pooled(np.maximum(sample_noise(samples.time, measured, samples.run_lengths), finest), same_noise)
     runs = runs_of(samples)
     first = _first_path(samples, simulation, s, slow)
     grid, end = grid_of(samples, runs, substeps or _steps_needed(rate, samples, first, s), interpolation)
     observed = _observed(samples, simulation, grid, end, outputs, s, sizes)
-    own = sizes[driven] ** 2 / slow
-    ratios = RATIOS if departs else RATIOS[:1]
-    near = _at_ends(samples, runs, grid, first)
-    ends, ratio, gained = _smoothest(rate, grid, observed, outputs, end, own * ratios, near)
+    largest = max(sizes[k] for k in driven)
+    learned = {name: float(sizes[k] / largest) for name, k in zip(equations, driven, strict=True)}
+    # An unknown force is as large as its state.
+    E = np.eye(len(sizes))[:, list(driven)] * list(learned.values())
+    own = largest**2 / slow
+    smoother = partial(_smoothest, rate, grid, observed, outputs, end, own, E)
+    ends, ratio, gained = smoother(_at_ends(samples, runs, grid, first), process_noise)
     # How noisy each sensor is against the others, the smoother knows better than differences do.
     residual = measured - ends[end[:, 0], end[:, 1]][:, list(outputs)]
-    s = np.maximum(np.sqrt(np.mean(residual**2, axis=0)), finest)
+    s = _pooled(np.maximum(np.sqrt(np.mean(residual**2, axis=0)), finest), same_noise)
     segments = segments_of(rate, grid, ends, outputs, end)
     pieces = pieces_of(responses_to_unit_starts(segments, sizes), sizes)
+    if pieces >= max(samples.run_lengths):
+        raise InputError(LOST)
     if pieces > 1:
         grid, end, ends = split(grid, end, ends, pieces)
         segments = segments_of(rate, grid, ends, outputs, end)
-    return _assembled(simulation, rate, segments, sizes, s, own, ratio, gained)
+    return _assembled(simulation, rate, segments, learned, sizes, s, own, ratio, gained)
 
 
 def _assembled(
-    simulation: Simulation, rate: ForcedRate, segments: Segments, sizes: np.ndarray, s: np.ndarray, own: float,
-    ratio: float, gained: float,
+    simulation: Simulation, rate: ForcedRate, segments: Segments, learned: Mapping[str, float], sizes: np.ndarray,
+    s: np.ndarray, own: float, ratio: float, gained: float,
 ) -> ReferencePath:  # fmt: skip
-    end, driven, n_state = segments.end, segments.driven, len(simulation.states)
+    end, driven, n_state = segments.end, list(segments.driven), len(simulation.states)
     columns = dict(zip(rate.names, segments.points[..., 1:].reshape(-1, len(rate.names)).T, strict=True))
     states = segments.points[:, ::2, 1 : 1 + n_state]
     at = states[end[:, 0], end[:, 1]]
@@ -180,12 +203,13 @@ def _assembled(
     moved = carried(segments.response.M, np.zeros((len(states), n_state, 1)), unforced)
     simulated = np.concatenate([at[:, k] for k in segments.outputs]) + segments.rows(moved)[:, 0]
     starts = responses_to_starts(segments, sizes)
-    gain = gain_of(segments, columns, starts, np.repeat(s, len(end)))
+    gain = gain_of(segments, columns, starts, np.repeat(s, len(end)), list(learned.values()))
     rates = segments.slope[:, ::2, driven]
     return ReferencePath(
         columns=columns,
         at_samples=at,
-        rate=rates[end[:, 0], end[:, 1]],
+        learned=learned,
+        rates=rates[end[:, 0], end[:, 1]],
         sensor_sd=s,
         simulated=simulated,
         starts=starts,
@@ -200,8 +224,12 @@ def _assembled(
     )
 
 
-def _check(samples: Trajectories, equation: str, simulation: Simulation) -> None:
-    lacking = [name for name in simulation.states if name not in simulation.equations and name != equation]
+def _pooled(s: np.ndarray, same: bool) -> np.ndarray:
+    return np.full(len(s), np.sqrt(np.mean(s**2))) if same else s
+
+
+def _check(samples: Trajectories, equations: tuple[str, ...], simulation: Simulation) -> None:
+    lacking = [name for name in simulation.states if name not in simulation.equations and name not in equations]
     if lacking:
         raise InputError(
             f"The path of {lacking[0]!r} cannot be followed: the simulation has no equation for it. Give one, or give "
@@ -281,8 +309,8 @@ def _at_ends(
 
 
 def _smoothest(
-    rate: ForcedRate, grid: Grid, observed: Observed, outputs: tuple[int, ...], end: np.ndarray,
-    ratios: np.ndarray, first: np.ndarray,
+    rate: ForcedRate, grid: Grid, observed: Observed, outputs: tuple[int, ...], end: np.ndarray, own: float,
+    E: np.ndarray, first: np.ndarray, process_noise: bool,
 ) -> tuple[Float[np.ndarray, "n_segment n_end n_state"], float, float]:  # fmt: skip
     """Ends of the smoothed path at the likeliest intensity of the unknown force, that, and what it gains.
 
@@ -292,28 +320,29 @@ def _smoothest(
         observed: Samples.
         outputs: Indices of the measured states.
         end: Segment and end of the step of each sample.
-        ratios: Intensities that are tried, increasing.
+        own: Intensity of a force as large as the path's own.
+        E: Rates of the states by each unknown force.
         first: A path to begin with, NaN where there is none.
+        process_noise: Whether that may be more than the least.
     """
     ends = first
     if not np.all(np.isfinite(first)):
-        ends = filtered(rate, grid, observed, outputs, rate.driven, MIDDLING * ratios[-1], rate.args)
-    ratio, gained = float(MIDDLING * ratios[-1]), 0.0
-    for turn in range(PASSES + 1):
+        ends = filtered(rate, grid, observed, outputs, E, own * MIDDLING, rate.args)
+    ratio, gained = own * MIDDLING, 0.0
+    for turn in range((PASSES if process_noise else UNFORCED_PASSES) + 1):
         near = segments_of(rate, grid, ends, outputs, end)
-        steps = steps_along(grid.time, ends, near.response, near.departure(rate.rates), rate.driven)
-        if turn == 1:
-            logs = [smooth(steps, observed, outputs, float(r)).log_likelihood for r in ratios]
+        steps = steps_along(grid.time, ends, near.response, near.departure(rate.rates), E)
+        if turn == 1 and not process_noise:
+            ratio = own * float(RATIOS[0])
+        elif turn == 1:
+            logs = [smooth(steps, observed, outputs, own * r).log_likelihood for r in RATIOS]
             if np.any(np.isfinite(logs)):
-                ratio = float(ratios[int(np.nanargmax(logs))])
+                ratio = own * float(RATIOS[int(np.nanargmax(logs))])
                 # It was looked for at so many intensities.
-                gained = float(np.nanmax(logs) - np.nan_to_num(logs[0], nan=-np.inf)) - math.log(len(ratios))
+                gained = float(np.nanmax(logs) - np.nan_to_num(logs[0], nan=-np.inf)) - math.log(len(RATIOS))
         ends = smooth(steps, observed, outputs, ratio).ends
     if not np.all(np.isfinite(ends)):
-        raise InputError(
-            "No path through the samples was found: the equations leave their domain near them. Check the simulation "
-            "and the units, or give hidden states as data."
-        )
+        raise InputError(LOST)
     return ends, ratio, gained
 
 

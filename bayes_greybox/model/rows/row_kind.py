@@ -32,6 +32,30 @@ class RowKind(ABC):
         """Whether rows are rates, measured apart from the states; else they are samples of a path."""
         return True
 
+    @property
+    def shared(self) -> bool:
+        """Whether all learned equations have the same rows, so that one likelihood tells of all; else each its own."""
+        return False
+
+    def shared_rows(self, data: Trajectories, equations: tuple[str, ...], simulation: Simulation) -> EquationRows:
+        """The rows of the equations that share them, which are named together; of one equation its `rows`.
+
+        Args:
+            data: Measurements.
+            equations: The learned states.
+            simulation: The known rates.
+
+        Raises:
+            InputError: The data cannot give such rows.
+        """
+        (equation,) = equations
+        return self.rows(data, equation, simulation)
+
+    def complete_all(self, data: Trajectories, equations: tuple[str, ...], simulation: Simulation) -> Trajectories:
+        """`complete` for the equations that share their rows."""
+        (equation,) = equations
+        return self.complete(data, equation, simulation)
+
     def hidden(self, simulation: Any, data: Trajectories) -> tuple[str, ...]:
         """States that the user's simulation has and the data lack, in order; none where rows need every state.
 
@@ -61,11 +85,15 @@ class RowKind(ABC):
         """
         return data
 
-    def around(self, added: Sequence[tuple[Term, float]], departs: bool = True) -> "RowKind":
+    def around(self, added: Sequence[tuple[Term, float]], to: Sequence[str] = ()) -> "RowKind":
         """The rows, if they are linear only near a model, near that with these terms and coefficients.
 
         Args:
             added: To the rate of the learned state, user's units.
-            departs: Whether what the samples show may depart from that model.
+            to: The learned state of each of these, where several share the rows.
         """
+        return self
+
+    def unforced(self) -> "RowKind":
+        """The rows, if they follow a path that an unknown force may move, along one that the model allows."""
         return self

@@ -1,12 +1,13 @@
 """Rows of a sensor's samples: what is modelled is the path that they are samples of.
 
-A sample is y_i = h(x(t_i)) + e_i, with ẋ = g + e_k (Φθ + f) for the learned state k and x(t₀) unknown. Along a
+A sample is y_i = h(x(t_i)) + e_i, with ẋ = g + e_k (Φθ + f) for a learned state k and x(t₀) unknown. Along a
 reference path x̄ that follows g + Φθ̄ but for small defects, x = x̄ + δ and δ̇ = A δ + e_k (Φθ + f − Φθ̄) is linear, so
 
     y_i = h(x̄_i + response to the defects − response to Φθ̄) + V (Φθ + f) + S₀ δ₀ + e_i,
 
 V the response to a force. These are rows as any others: Φ and f are evaluated along x̄, V is their operator, and the
-starts δ₀ of the segments, with a wide prior, belong to the noise. The reference is the smoothed path of a model in
+starts δ₀ of the segments, with a wide prior, belong to the noise. Of several learned states each has its Φθ and its V,
+on the same rows: V Φθ is then a sum over them. The reference is the smoothed path of a model in
 which an unknown force may act (see `physics.smoothing`), so that it follows the data whatever is missing; where nothing
 is missing it is a path that the model allows. States that no sensor measures are part of x all the same.
 """
@@ -28,7 +29,8 @@ from bayes_greybox.physics.integrate import INTERPOLATIONS
 from bayes_greybox.physics.simulation import Simulation
 from bayes_greybox.physics.terms import Term
 
-from .equation_rows import EquationRows
+from .equation_rows import EquationRows, block_name
+from .forced_rate import Force
 from .reference_path import ReferencePath, follow_samples
 from .row_kind import RowKind
 
@@ -47,18 +49,24 @@ class TrajectoryRows(RowKind):
         substeps: Steps of the path between two samples; enough for the equations by default.
         interpolation: Of the inputs between samples: "linear", "zoh" (held) or "cubic"; by default each input's own.
         added: Terms and coefficients of the model that the rows are linear near: what a fit or a study has found.
-        departs: Whether the path that rows are linear near may depart from that model by an unknown force, as the
-            samples ask for; not where what they ask for is known to be the sensor's.
+        added_to: The learned state of each of these, where there are several.
+        process_noise: Whether the path that rows are linear near may be moved by an unknown force, as strong as the
+            samples ask for. Without, it is a path that the model allows.
+        same_noise: Whether the noise of all sensors is known to be the same, in their common unit; else each has its
+            own, which few samples tell poorly.
     """
 
     substeps: int | None = None
     interpolation: str | None = None
     added: tuple[tuple[str, float], ...] = ()
-    departs: bool = True
+    added_to: tuple[str, ...] = ()
+    process_noise: bool = True
+    same_noise: bool = False
 
     def __post_init__(self) -> None:
         # Files have lists for tuples.
         object.__setattr__(self, "added", tuple((str(text), float(value)) for text, value in self.added))
+        object.__setattr__(self, "added_to", tuple(self.added_to))
         if self.substeps is not None and not 1 <= self.substeps <= 1000:
             raise InputError(f"TrajectoryRows(substeps={self.substeps}) must be between 1 and 1000.")
         if self.interpolation not in (None, *INTERPOLATIONS):
@@ -71,9 +79,14 @@ class TrajectoryRows(RowKind):
         """No: rates are those of the path."""
         return False
 
+    @property
+    def shared(self) -> bool:
+        """Yes: each sample tells of all states."""
+        return True
+
     def nodes(self, data: Trajectories, equation: str, simulation: Simulation) -> Trajectories:
         """States and inputs at the ends and middles of the path's steps; a segment is a run."""
-        path = self.path(data, equation, simulation)
+        path = self.path(data, (equation,), simulation)
         n_segment, n_node = path.segments.grid.time.shape
         return replace(
             data,
@@ -93,21 +106,34 @@ class TrajectoryRows(RowKind):
             return ()
         return tuple(name for name in simulation if name not in data.columns)
 
-    def around(self, added: Sequence[tuple[Term, float]], departs: bool = True) -> "TrajectoryRows":
+    def around(self, added: Sequence[tuple[Term, float]], to: Sequence[str] = ()) -> "TrajectoryRows":
         """Rows linear near the model with these terms."""
-        return replace(self, added=tuple((term.text, float(value)) for term, value in added), departs=departs)
+        return replace(self, added=tuple((term.text, float(value)) for term, value in added), added_to=tuple(to))
+
+    def unforced(self) -> "TrajectoryRows":
+        """Rows without process noise."""
+        return replace(self, process_noise=False)
 
     def complete(self, data: Trajectories, equation: str, simulation: Simulation) -> Trajectories:
         """Data with the reference path for states and its rate for the learned state's; samples go along."""
-        path = self.path(data, equation, simulation)
+        return self.complete_all(data, (equation,), simulation)
+
+    def complete_all(self, data: Trajectories, equations: tuple[str, ...], simulation: Simulation) -> Trajectories:
+        """The same with the rates of several learned states."""
+        path = self.path(data, equations, simulation)
         samples = data.samples or data
         noise = {} if data.samples is None else data.noise
         states = dict(zip(simulation.states, path.at_samples.T, strict=True))
-        return replace(data, states=states, derivatives={equation: path.rate}, noise=noise, samples=samples)
+        rates = dict(zip(equations, path.rates.T, strict=True))
+        return replace(data, states=states, derivatives=rates, noise=noise, samples=samples)
 
     def rows(self, data: Trajectories, equation: str, simulation: Simulation) -> EquationRows:
         """The rows of one equation; see `RowKind.rows`."""
-        path = self.path(data, equation, simulation)
+        return self.shared_rows(data, (equation,), simulation)
+
+    def shared_rows(self, data: Trajectories, equations: tuple[str, ...], simulation: Simulation) -> EquationRows:
+        """The rows that tell of all these equations; see `RowKind.shared_rows`."""
+        path = self.path(data, equations, simulation)
         samples = data.samples or data
         measured = samples.matrix(samples.state_names)
         n_output = measured.shape[1]
@@ -116,9 +142,9 @@ class TrajectoryRows(RowKind):
         typical = float(np.sqrt(np.mean(path.sensor_sd**2)))
         white = WeightedNoise(WhiteNoise(lengths), np.repeat(path.sensor_sd / typical, samples.n_obs))
         # Noise of completed data was found on these rows; that of others is of rates.
-        sensor = white if data.samples is None else data.noise.get(equation, white)
+        sensor = white if data.samples is None else data.noise.get(block_name(equations), white)
         return EquationRows(
-            equation=equation,
+            equation=block_name(equations),
             columns=path.columns,
             measured=measured.T.ravel() / path.gain,
             simulated=path.simulated / path.gain,
@@ -128,26 +154,37 @@ class TrajectoryRows(RowKind):
             operator=path,
             gain=path.gain,
             unfollowed=path.unfollowed,
+            learned=path.acting(),
         )
 
-    def path(self, data: Trajectories, equation: str, simulation: Simulation) -> ReferencePath:
+    def path(self, data: Trajectories, equations: tuple[str, ...], simulation: Simulation) -> ReferencePath:
         """The reference path.
 
         Args:
             data: Samples, or completed data.
-            equation: The learned state.
+            equations: The learned states.
             simulation: The known rates of all states.
 
         Raises:
             InputError: A state without an equation; too few samples.
         """
         samples = data.samples or data
-        key = (self, equation, simulation.key)
+        key = (self, equations, simulation.key)
         known = _KNOWN.setdefault(samples, {})
         if key not in known:
-            terms = [(Term(text), value) for text, value in self.added]
+            to = self.added_to or (equations[0],) * len(self.added)
+            states = [simulation.states.index(name) for name in to]
+            terms = [Force(Term(text), value, k) for (text, value), k in zip(self.added, states, strict=True)]
             while len(known) >= REMEMBERED:
                 del known[next(iter(known))]
-            steps = self.substeps, self.interpolation
-            known[key] = follow_samples(samples, equation, simulation, terms, *steps, self.departs)
+            known[key] = follow_samples(
+                samples,
+                equations,
+                simulation,
+                terms,
+                self.substeps,
+                self.interpolation,
+                self.process_noise,
+                self.same_noise,
+            )
         return known[key]

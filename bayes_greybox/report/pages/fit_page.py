@@ -107,14 +107,17 @@ def _headline(fit: Posterior, table: pd.DataFrame, shares: pd.DataFrame) -> str:
         rows = table.loc[name]
         terms = [formula(str(term)) for term in rows.index[rows[column] > CLEAR]]
         found = f"{listed(terms)} matter" if len(terms) > 1 else f"{terms[0]} matters" if terms else "no term matters"
-        left = percent_text(max(float(shares.loc[name, "discrepancy"]), 0.0))
-        discrepancy = f"; {left} of the variance is left to the discrepancy" if fit.model.discrepancy else ""
+        discrepancy = ""
+        if fit.model.discrepancy:
+            left = percent_text(max(float(shares.loc[name, "discrepancy"]), 0.0))
+            discrepancy = f"; {left} of the variance is left to the discrepancy"
         sentences.append(f"In {_rate(fit, name)}, {found}{discrepancy}.")
     return " ".join(sentences)
 
 
 def _rate(fit: Posterior, name: str) -> str:
-    return derivative_label(name, fit.data.time_name)
+    """What rows are of: the rate of a state, or the samples that several equations share."""
+    return derivative_label(name, fit.data.time_name) if name in fit.model.equations else "the samples"
 
 
 def _with_unit(value: float, fit: Posterior, name: str) -> str:
@@ -136,7 +139,7 @@ def _facts(fit: Posterior) -> list[str]:
 
 def _cards(fit: Posterior, shares: pd.DataFrame) -> list[Card]:
     cards = []
-    several = len(fit.model.equations) > 1
+    several = len(fit.equations) > 1
     for name, row in zip(shares.index, shares.to_dict("records"), strict=True):
         where = f" in {_rate(fit, str(name))}" if several else ""
         if row["simulation"] != 0:
@@ -253,7 +256,7 @@ def _checks(fit: Posterior) -> Section:
     if found.reasons:
         blocks += [Words("What the checks say, and what to try:"), Items([("", reason) for reason in found.reasons])]
     blocks.append(by_equation(heads, rows, fit.model.equations, "Checks that did not pass are marked", marked))
-    for name in fit.model.equations:
+    for name in fit.equations:
         rate = _rate(fit, name)
         shown = [
             picture(figures.loo_pit(fit, name), f"Leave-one-out predictions of {rate} against a uniform distribution"),

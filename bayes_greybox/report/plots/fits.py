@@ -35,10 +35,11 @@ from bayes_greybox.report.plots.posterior.tradeoff import plot_tradeoff
 def fit_figures(fit: Posterior) -> dict[str, Figure]:
     """Every figure of a fit, by file name: coefficients, predicted, discrepancy, trade-off, checks."""
     figures = {"coefficients": coefficients(fit)}
+    for name in fit.model.equations:
+        figures[f"predicted_{name}" if len(fit.model.equations) > 1 else "predicted"] = predicted(fit, name)
     several = len(fit.equations) > 1
     for name in fit.equations:
         suffix = f"_{name}" if several else ""
-        figures[f"predicted{suffix}"] = predicted(fit, name)
         if fit.equations[name].frame.variables:
             figures[f"discrepancy_states{suffix}"] = discrepancy_over_states(fit, name)
             figures[f"discrepancy_time{suffix}"] = discrepancy_over_time(fit, name)
@@ -106,13 +107,13 @@ def discrepancy_over_states(
     fit: Posterior, equation: str | None = None, variables: tuple[str, ...] | None = None, level: float = 0.9
 ) -> Figure:
     """Posterior of f over one or two of its variables."""
-    grid = discrepancy_grid(fit, equation or fit.model.equations[0], variables, level=level)
+    grid = discrepancy_grid(fit, equation or next(iter(fit.equations)), variables, level=level)
     return plot_discrepancy_over_states(grid)
 
 
 def discrepancy_over_time(fit: Posterior, equation: str | None = None, level: float = 0.9) -> Figure:
     """Posterior of f along the training data, against the noise level."""
-    equation = equation or fit.model.equations[0]
+    equation = equation or next(iter(fit.equations))
     band: Band = predict(fit, fit.data, level)[equation].discrepancy
     sigma = float(np.mean(fit.idata["posterior"][fit.sites[equation].sigma].to_numpy()))
     return plot_discrepancy_over_time(
@@ -130,7 +131,7 @@ def discrepancy_over_time(fit: Posterior, equation: str | None = None, level: fl
 
 def trade_off(fit: Posterior, equation: str | None = None) -> Figure:
     """Posterior pairs of the coefficient that f can stand in for most."""
-    pair = strongest_trade_off(fit, equation or fit.model.equations[0])
+    pair = strongest_trade_off(fit, equation or next(iter(fit.equations)))
     return plot_tradeoff(
         pair.theta,
         pair.projection,
@@ -147,7 +148,7 @@ def predictive(fit: Posterior, equation: str | None = None) -> Figure:
     Raises:
         InputError: The fit holds no predictive draws, which are left out for long records.
     """
-    equation = equation or fit.model.equations[0]
+    equation = equation or next(iter(fit.equations))
     if "prior_predictive" not in fit.idata or "posterior_predictive" not in fit.idata:
         raise InputError("The fit holds no predictive draws: its record is too long, or an older version saved it.")
     measured = fit.equations[equation].rows.measured
@@ -160,13 +161,13 @@ def predictive(fit: Posterior, equation: str | None = None) -> Figure:
 
 def loo_pit(fit: Posterior, equation: str | None = None) -> Figure:
     """Where the measurements fall in their leave-one-out predictions, against a uniform distribution."""
-    pit = checks(fit).loo_pit[equation or fit.model.equations[0]]
+    pit = checks(fit).loo_pit[equation or next(iter(fit.equations))]
     return plot_loo_pit(pit.value, equation=pit.equation, band=pit.band, p=pit.p)
 
 
 def autocorrelation(fit: Posterior, equation: str | None = None) -> Figure:
     """Autocorrelation of the whitened residuals."""
-    white = checks(fit).whiteness[equation or fit.model.equations[0]]
+    white = checks(fit).whiteness[equation or next(iter(fit.equations))]
     return plot_autocorrelation(
         white.lag,
         white.autocorrelation,

@@ -154,7 +154,6 @@ def test_an_unstable_system_is_cut_into_segments():
     ("build", "message"),
     [
         (lambda: TrajectoryRows(substeps=0), "must be between 1 and 1000"),
-        (lambda: Program({"y": ["y"], "v": ["y"]}, rows=TrajectoryRows()), "learn one equation, not 2"),
         (
             lambda: Program({"v": ["y"]}, simulation={"v": "-y"}, rows=TrajectoryRows()).complete(sampled(n=50)),
             "path of 'y' cannot be followed",

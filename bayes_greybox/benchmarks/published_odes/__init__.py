@@ -1,0 +1,1 @@
+"""Parameters of ordinary differential equations from noisy samples, on problems with published results."""

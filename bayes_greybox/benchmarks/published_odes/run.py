@@ -1,0 +1,107 @@
+"""All draws of all cells, and one table: a line of JSON for each finished draw, so that a stopped run goes on."""
+
+import json
+import os
+import time
+from importlib.metadata import version
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from threadpoolctl import threadpool_limits
+
+from bayes_greybox.benchmarks.files import opened, unwritable, write_whole
+from bayes_greybox.data.errors import InputError
+from bayes_greybox.data.records import plain_rows
+
+from .estimate import estimate
+from .problems import CELLS, OdeCell
+
+REPLICATES = 100
+"""Draws of each cell."""
+
+LOST = 0.5
+"""An error above it is none of noise, but of another minimum."""
+
+RESULTS = "results.jsonl"
+
+
+def run(
+    output: str | os.PathLike[str], *, replicates: int = REPLICATES, seed: int = 0, progress: bool = True
+) -> pd.DataFrame:
+    """Run the benchmark, or what is left of it, and write its table.
+
+    Args:
+        output: Folder for results.jsonl, table.csv and summary.json. Draws that results.jsonl has are not run again,
+            unless another version of the package ran them.
+        replicates: Draws of the noise of each cell.
+        seed: Seed of the draws.
+        progress: Whether to show a progress bar.
+
+    Returns:
+        The rows of `table_row` by cell.
+
+    Raises:
+        InputError: A folder that cannot be written to.
+    """
+    folder = Path(output)
+    try:
+        file = folder / RESULTS
+        rows = opened(file)
+        todo = [(cell, draw) for cell in CELLS for draw in range(replicates)]
+        columns = (TextColumn("Published ODEs"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+        bar = Progress(*columns, console=Console(stderr=True), disable=not progress)
+        with bar, threadpool_limits(1):
+            for cell, draw in bar.track(todo, description="draws"):
+                key = f"{cell.key}, seed {seed}, draw {draw}"
+                if key not in rows:
+                    rows[key] = {"version": version("bayes-greybox"), "key": key, **_solved(cell, draw, seed)}
+                    with file.open("a", encoding="utf-8") as lines:
+                        lines.write(json.dumps(rows[key], allow_nan=False) + "\n")
+        found = {
+            cell.key: [rows[f"{cell.key}, seed {seed}, draw {draw}"] for draw in range(replicates)] for cell in CELLS
+        }
+        table = pd.DataFrame([table_row(cell, found[cell.key]) for cell in CELLS]).set_index("cell")
+        write_whole(folder / "table.csv", table.reset_index().to_csv(index=False))
+        text = json.dumps({"version": version("bayes-greybox"), "table": plain_rows(table)}, indent=2)
+        write_whole(folder / "summary.json", text + "\n")
+    except OSError as error:
+        raise unwritable(folder, error) from error
+    return table
+
+
+def table_row(cell: OdeCell, rows: list[dict]) -> dict[str, object]:
+    """One row of the table.
+
+    Args:
+        cell: The cell.
+        rows: Its draws.
+
+    Returns:
+        cell, draws; median and max error (a draw without an answer counts as infinite), how many are above `LOST`; the
+        median of an efficient estimator; the published medians by method; median seconds.
+    """
+    errors = np.array(
+        [np.inf if row["parameters"] is None else cell.error(np.array(row["parameters"])) for row in rows]
+    )
+    return {
+        "cell": cell.key,
+        "draws": len(errors),
+        "median": float(np.median(errors)),
+        "max": float(errors.max()),
+        f"above {LOST:g}": int(np.sum(errors > LOST)),
+        "efficient": cell.efficient(),
+        **cell.published,
+        "seconds": float(np.median([row["seconds"] for row in rows])),
+    }
+
+
+def _solved(cell: OdeCell, draw: int, seed: int) -> dict[str, object]:
+    start = time.perf_counter()
+    try:
+        parameters = estimate(cell.problem, cell.samples(draw, seed)).tolist()
+    except InputError:
+        parameters = None
+    return {"parameters": parameters, "seconds": time.perf_counter() - start}

@@ -1,0 +1,137 @@
+"""Rows that are linear near a model only, taken anew near its estimate: Gauss and Newton's method."""
+
+import math
+from dataclasses import replace
+from typing import Any, NamedTuple, TypeVar
+
+import numpy as np
+
+from bayes_greybox.data.errors import InputError
+from bayes_greybox.data.trajectories import Trajectories
+
+from .equation import Equation
+
+TURNS = 3
+"""How often rows are taken anew near the estimate of one equation, whose other terms already follow the samples."""
+
+MOST_TURNS = 32
+"""How often at most for several equations that share their rows: the first path follows none of them."""
+
+TRIES = (1, 2, 3, 5, 8, 12, 17, 24, MOST_TURNS)
+"""Turns with an unknown force after which paths without it are tried."""
+
+UNFORCED_TURNS = 15
+"""Turns that such a try has."""
+
+SETTLED, UNSETTLED = 0.01, 1.0
+"""Change of a coefficient from one turn to the next, in its standard deviations, that ends them; or that is refused."""
+
+FOLLOWED = 3.0
+"""Nats that an unknown force may gain where a path without it follows the samples: odds of twenty."""
+
+Model = TypeVar("Model", bound=Any)
+"""A `Program`, which is made of this."""
+
+
+class Turned(NamedTuple):
+    """A model with rows near its estimate on the rows before.
+
+    Attributes:
+        model: The model.
+        equation: On the rows before.
+        moved: What the estimate moved by in the last turn, in standard deviations.
+    """
+
+    model: Any
+    equation: Equation
+    moved: float
+
+
+def near_estimate(model: Model, data: Trajectories) -> Model:
+    """The model with rows near the ridge estimate of its own terms.
+
+    Of several equations on the same samples the coefficients are found together. Their paths are moved to the samples
+    by an unknown force at first, and whatever is near enough then is brought to what least squares of the whole
+    equations say, on paths without that force; of several such estimates the likeliest counts.
+
+    Args:
+        model: The model.
+        data: Samples.
+
+    Raises:
+        InputError: What `Program.assemble` refuses; coefficients that do not settle.
+    """
+    if len(model.equations) == 1:
+        return _turned(model, data, TURNS, -math.inf).model
+    # Paths of coefficients that are far off may leave all bounds; they are refused where they are found.
+    with np.errstate(over="ignore", invalid="ignore"):
+        return _settled(model, data)
+
+
+def _settled(model: Any, data: Trajectories) -> Any:
+    forced, found, done, moved = model, [], 0, math.inf
+    for tried in TRIES:
+        try:
+            forced, _, moved = _turned(forced, data, tried - done, SETTLED)
+        except (InputError, np.linalg.LinAlgError):
+            if not found:
+                raise
+            break
+        done = tried
+        unforced = _without_force(forced, data)
+        if unforced is not None:
+            # One estimate may be of a minimum of its own; what two paths lead to, and a force betters nothing, stands.
+            again = any(unforced.equation.moved(other.equation.ridge()) < SETTLED for other in found)
+            found.append(unforced)
+            if again and _follows(replace(unforced.model, rows=forced.rows.around(*_terms(unforced.equation))), data):
+                break
+        if moved < SETTLED:
+            break
+    if found:
+        return max(found, key=lambda each: each.equation.log_likelihood()).model
+    if moved > UNSETTLED:
+        raise InputError(
+            f"The coefficients of {', '.join(model.equations)} do not settle: after {done} turns one still moves by "
+            f"{moved:.2g} of its standard deviations. Leave terms out, give states without a sensor as data, or "
+            "start near what is known with TrajectoryRows(added=..., added_to=...)."
+        )
+    # Where no path of the model can be followed to its end, there is the one that a force keeps to the samples.
+    return forced
+
+
+def _without_force(model: Any, data: Trajectories) -> Turned | None:
+    """The estimate on paths of the model alone, from one near it; None where it does not settle."""
+    try:
+        found = _turned(replace(model, rows=model.rows.unforced()), data, UNFORCED_TURNS, SETTLED)
+    except (InputError, np.linalg.LinAlgError):
+        return None
+    return found if found.moved < SETTLED else None
+
+
+def _follows(model: Any, data: Trajectories) -> bool:
+    """Whether an unknown force would gain nothing near a model."""
+    try:
+        (equation,) = model.assemble(data).values()
+    except (InputError, np.linalg.LinAlgError):
+        return False
+    unfollowed = equation.rows.unfollowed
+    return unfollowed is None or unfollowed.nats < FOLLOWED
+
+
+def _turned(model: Any, data: Trajectories, most: int, settled: float) -> Turned:
+    """The model after so many turns, or after the first that moves the estimate less."""
+    equation, moved = None, math.inf
+    for _ in range(most):
+        before = equation
+        # Rows that are linear near a model only are of one block.
+        (equation,) = model.assemble(data).values()
+        moved = math.inf if before is None else equation.moved(before.ridge())
+        model = replace(model, rows=model.rows.around(*_terms(equation)))
+        if moved < settled:
+            break
+    assert equation is not None
+    return Turned(model, equation, moved)
+
+
+def _terms(equation: Equation) -> tuple[Any, Any]:
+    return equation.ridge(), equation.frame.dictionary.acts_on

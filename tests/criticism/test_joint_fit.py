@@ -1,0 +1,49 @@
+"""The posterior of several equations on the same samples, read as that of any others."""
+
+import numpy as np
+import pytest
+from predator_prey import COEFFICIENTS, by_integration, sampled
+
+import bayes_greybox as bg
+
+LABELS = [("x", "x"), ("x", "x*y"), ("y", "x*y"), ("y", "y")]
+
+
+@pytest.fixture(scope="module")
+def fit():
+    model = bg.GreyBox(
+        dictionary={"x": ["x", "x*y"], "y": ["x*y", "y"]}, rows=bg.TrajectoryRows(), discrepancy=None,
+        prior=bg.Normal(),
+    )  # fmt: skip
+    return model.fit(sampled(), draws=300, tune=300, chains=2, progress=False)
+
+
+def test_the_tables_are_by_equation_and_term(fit):
+    table = fit.summary()
+    assert list(table.index) == [*LABELS, ("x_and_y", "sigma")] and list(fit.inclusion().index) == LABELS
+    truth, sd = by_integration(fit.data.samples, fit.equations["x_and_y"].rows.operator.sensor_sd)
+    # 600 draws: the mean has a Monte Carlo error of 0.04 sd, and the standard deviation one of 3 %.
+    np.testing.assert_allclose(table.loc[LABELS, "mean"], truth, atol=0.3 * sd.min())
+    np.testing.assert_allclose(table.loc[LABELS, "sd"], sd, rtol=0.15)
+    assert np.all(np.abs(table.loc[LABELS, "mean"] - COEFFICIENTS) < 4 * sd)
+    assert {label for label in fit.sensitivity().index} >= set(LABELS)
+
+
+def test_it_predicts_and_runs_free(fit):
+    other = sampled(seed=5)
+    predicted = fit.predict(other)
+    assert set(predicted) == {"x", "y"} and predicted.nmse().max() < 0.01
+    assert fit.simulate(other, draws=10).nrmse().max() < 0.05
+
+
+def test_it_is_saved_and_read(fit, tmp_path):
+    fit.save(tmp_path / "fit.nc")
+    read = bg.load(tmp_path / "fit.nc")
+    assert read.summary().equals(fit.summary()) and read.model.rows == fit.model.rows
+    np.testing.assert_allclose(read.predict(sampled())["y"].rate.mean, fit.predict(sampled())["y"].rate.mean)
+
+
+def test_its_page_is_written(fit, tmp_path):
+    fit.to_html(tmp_path / "fit.html")
+    text = (tmp_path / "fit.html").read_text()
+    assert "d(y)/dt" in text and "the samples" in text and "x_and_y)/dt" not in text
