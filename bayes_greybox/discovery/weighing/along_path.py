@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.suspects.channels import Rate
 from bayes_greybox.discovery.suspects.sensors import input_columns, sensor_columns
@@ -137,10 +138,16 @@ def _near(
 ) -> Near:  # fmt: skip
     # What hangs together in time and is the sensor's is nothing that the path does.
     sensor = noise is not None and CORRELATED in noise.names
-    rows = model.rows.around(added)
-    near = replace(model, rows=rows.unforced() if sensor else rows)
-    simulation = near.simulator(train)
-    data = near.rows.complete(train, equation, simulation)
+    simulation, rows = model.simulator(train), model.rows.around(added)
+    try:
+        near = replace(model, rows=rows.unforced() if sensor else rows)
+        data = near.rows.complete(train, equation, simulation)
+    except InputError:
+        if not sensor:
+            raise
+        # No path of this model is near the samples: not only the sensor has a memory.
+        near, noise = replace(model, rows=rows), None
+        data = near.rows.complete(train, equation, simulation)
     statistics = sufficient_statistics(near, data, equation, effects)
     rate = modelled_rate(near, data, equation, added)
     if suspected:
@@ -148,8 +155,12 @@ def _near(
     evaluator = Evaluator(statistics.prior, statistics.kernel, np.asarray(statistics.basis.frequency))
     base = Sets(Evaluations(statistics, odds, evaluator), most)
     own = statistics.rows.noise
-    noise = _unfollowed(statistics.rows) if noise is None else replace(noise, noise=noise.noise.onto(own))
-    sets = under(base, noise) if noise.names else base
+    if noise is None:
+        tried = [NoiseModel(own), *_unfollowed(statistics.rows)]
+    else:
+        tried = [replace(noise, noise=noise.noise.onto(own))]
+    each = [(under(base, model) if model.names else base, model) for model in tried]
+    sets, noise = max(each, key=lambda pair: _log_evidence(*pair))
     core, evaluations = sets.likeliest(), sets.evaluations
     fitted = sets.parametric(core)
     mean, covariance = coefficients(*one_pattern(fitted, int(np.argmax(fitted.by_pattern))))
@@ -161,13 +172,18 @@ def _near(
     return Near(near, data, base, noise, rate, names, values, sd, found)
 
 
-def _unfollowed(rows: EquationRows) -> NoiseModel:
-    """Noise with what the model does not follow of the path."""
+def _unfollowed(rows: EquationRows) -> list[NoiseModel]:
+    """Noise with what the model does not follow of the path, if there is anything."""
     if rows.unfollowed is None or rows.unfollowed.nats <= 0:
-        return NoiseModel(rows.noise)
-    return NoiseModel(
-        rows.noise.forced(rows.unfollowed.intensity), (PROCESS,), about={PROCESS: {"share": 1.0, "intensity": 0.0}}
-    )
+        return []
+    about = {PROCESS: {"share": 1.0, "intensity": 0.0}}
+    return [NoiseModel(rows.noise.forced(rows.unfollowed.intensity), (PROCESS,), about=about)]
+
+
+def _log_evidence(sets: Sets, noise: NoiseModel) -> float:
+    """Of the likeliest set without a rest, prior included."""
+    core = sets.likeliest()
+    return sets.parametric(core).all + sets.log_prior(core) - 0.5 * noise.noise.log_det
 
 
 def _suspects(statistics: SufficientStatistics, data: Trajectories, nodes: Trajectories, rate: Rate) -> None:
