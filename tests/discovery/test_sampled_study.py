@@ -83,3 +83,28 @@ def test_a_fit_to_samples_survives_a_file(tmp_path):
     other = sampled(**CUBIC, n=200, seed=4)
     assert float(again.predict(other).nmse()["v"]) < 0.1
     assert float(again.simulate(other).nrmse()["y"]) < 0.2
+
+
+def of_kind(kind, n=400):
+    """Noise of unit spread that is not white and normal."""
+    rng = np.random.default_rng(5)
+    e = rng.standard_normal(n)
+    if kind == "heavy tails":
+        return 0.5 * rng.standard_t(2, n)
+    for i in range(1, n):
+        e[i] = 0.9 * e[i - 1] + np.sqrt(1 - 0.9**2) * e[i]
+    return e
+
+
+@pytest.mark.parametrize("kind", ["correlated noise", "heavy tails"])
+def test_noise_of_the_sensor_that_is_not_white_is_found_and_the_effect_beside_it(kind):
+    found = study(sampled(**CUBIC, noise=0.0, bend=lambda t, y: y + 0.03 * np.std(y) * of_kind(kind)))
+    row = found.effects.iloc[0]
+    assert row["slug"] == "cubic-stiffness" and row["probability"] > 0.9 and found.verdict == "named"
+    assert abs(row["mean"] + 0.5) < 4 * row["sd"]
+    assert kind in found.instrument.loc[found.instrument["status"] != "", "suspect"].tolist()
+
+
+def test_correlated_noise_alone_is_no_gap():
+    found = study(sampled(noise=0.0, bend=lambda t, y: y + 0.03 * np.std(y) * of_kind("correlated noise")))
+    assert found.verdict == "no gap"

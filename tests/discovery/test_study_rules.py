@@ -111,7 +111,7 @@ class Told(EquationStudy):
             "finding": finding(verdict, 0, (f"{name} is odd",)),
             "where": self.frame(),
             "known": known,
-            "aligned": SimpleNamespace(delays={}, data=tiny_data(), rows=None),
+            "aligned": SimpleNamespace(delays={}, data=tiny_data(), rows=None, n_sensor=1),
         }
 
     @property
@@ -259,7 +259,7 @@ def finding_of(known, base):
     study = object.__new__(EquationStudy)
     study.__dict__.update(
         finding=SimpleNamespace(base=base, world=SimpleNamespace(evaluations=known, model=SimpleNamespace(names=()))),
-        aligned=SimpleNamespace(rows=None),
+        aligned=SimpleNamespace(rows=None, n_sensor=1),
     )
     return study
 

@@ -68,7 +68,9 @@ def small(
     """
     theta = np.linalg.solve(gram + _ridge(gram), with_target[..., None])[..., 0]
     variance = np.maximum(square - np.sum(theta * with_target, axis=-1), 0.0) / n_row
-    shrunk = gram + np.eye(gram.shape[-1]) * (variance[:, None] / prior_sd**2)[..., None] + _ridge(gram)
+    # A prior of no width holds its coefficient at zero.
+    weight = variance[:, None] / np.maximum(prior_sd, 1e-9) ** 2
+    shrunk = gram + np.eye(gram.shape[-1]) * weight[..., None] + _ridge(gram)
     inverse = np.linalg.inv(shrunk)
     theta = np.einsum("nij,nj->ni", inverse, with_target)
     sd = np.sqrt(np.maximum(np.einsum("nii->ni", inverse), 0.0) * variance[:, None])

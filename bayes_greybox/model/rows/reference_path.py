@@ -176,7 +176,9 @@ def follow_samples(
     E = np.eye(len(sizes))[:, list(driven)] * list(learned.values())
     own = largest**2 / slow
     smoother = partial(_smoothest, rate, grid, observed, outputs, end, own, E)
-    ends, ratio, gained = smoother(_at_ends(samples, runs, grid, first), process_noise)
+    # A path that is lost may leave all bounds first; it is refused by name.
+    with np.errstate(over="ignore", invalid="ignore"):
+        ends, ratio, gained = smoother(_at_ends(samples, runs, grid, first), process_noise)
     # How noisy each sensor is against the others, the smoother knows better than differences do.
     residual = measured - ends[end[:, 0], end[:, 1]][:, list(outputs)]
     s = _pooled(np.maximum(np.sqrt(np.mean(residual**2, axis=0)), finest), same_noise)
