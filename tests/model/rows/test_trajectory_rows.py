@@ -9,6 +9,7 @@ from scipy.optimize import least_squares
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.model.gp.discrepancy import OrthogonalGP
+from bayes_greybox.model.noise.asked import Noise
 from bayes_greybox.model.program import Program
 from bayes_greybox.model.rows.trajectory_rows import TrajectoryRows
 from bayes_greybox.physics.terms import Term
@@ -177,3 +178,33 @@ def test_the_discrepancy_takes_what_no_term_does():
     psi = equation.frame.rows({"y": at, "v": 0 * at, "F": 0 * at})[1]
     found = equation.frame.target_scale * np.asarray(psi) @ weight
     assert np.corrcoef(found, 0.5 * np.exp(-((at - 0.4) ** 2) / 0.05))[0, 1] > 0.95
+
+
+def correlated(n, seed=5):
+    e = np.random.default_rng(seed).standard_normal(n)
+    for i in range(1, n):
+        e[i] = 0.9 * e[i - 1] + np.sqrt(1 - 0.9**2) * e[i]
+    return e
+
+
+def test_noise_that_a_fit_asks_for_is_found_on_samples_and_held_in_the_data():
+    data = sampled(**CUBIC, noise=0.0, bend=lambda t, y: y + 0.03 * np.std(y) * correlated(len(y)))
+    near, whole = program(noise=Noise(correlation="fit")).near(data)
+    found, held = near.with_noise_found(whole)
+    # ρ = 0.9 at steps of 0.1 is a correlation time of 0.95
+    assert found.noise.found["v"]["correlation_time"] == pytest.approx(0.95, rel=0.5)
+    rows = found.equation_rows(held, "v")
+    assert not rows.noise.error.independent and held.noise["v"].n_obs == 400
+    (_,), (white,) = estimate(*program().near(data))
+    (theta,), (sd,) = estimate(found, held)
+    assert abs(theta + 0.3) < 4 * sd and sd > 1.5 * white
+
+
+def test_noise_of_several_sensors_is_not_found_yet():
+    one = program().complete(sampled(**CUBIC, noise=0.0))
+    two = Trajectories.from_arrays(
+        one.time, states={"y": one.states["y"], "v": one.states["v"]}, inputs={"F": one.inputs["F"]},
+        units=dict(one.units),
+    )  # fmt: skip
+    with pytest.raises(InputError, match="Noise of several sensors at once"):
+        program(noise=Noise(correlation="fit")).near(two)
