@@ -4,7 +4,8 @@ import numpy as np
 import xarray as xr
 
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.inference.posterior import Posterior, Sampling, data_table
+from bayes_greybox.inference.groups import data_table
+from bayes_greybox.inference.posterior import Posterior, Sampling
 from bayes_greybox.model.program import Program
 
 

@@ -2,11 +2,10 @@
 
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field
 from typing import Any, TypeVar
 
 import jax
-import numpy as np
 import pandas as pd
 from rich.console import Console
 from threadpoolctl import threadpool_limits
@@ -16,9 +15,7 @@ from bayes_greybox.data.records import plain_rows
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.inference.netcdf import versions
 from bayes_greybox.inference.posterior import Posterior
-from bayes_greybox.model.coefficient import stated_terms
-from bayes_greybox.model.noise.asked import FIT, Noise, check_asked
-from bayes_greybox.model.noise.noise_model import CORRELATED, HEAVY, VARYING
+from bayes_greybox.model.noise.asked import Noise, check_asked
 from bayes_greybox.model.noise.suspicions import LEAST_ROWS
 from bayes_greybox.model.program import Program
 from bayes_greybox.model.rows.row_warnings import row_warnings
@@ -26,9 +23,9 @@ from bayes_greybox.physics.catalogue.effects import CatalogueSpec, load_catalogu
 from bayes_greybox.physics.catalogue.pairs import pairs_in_data
 from bayes_greybox.physics.catalogue.roles import bind_catalogue, roles_of, unbound
 from bayes_greybox.physics.simulation import Simulation
-from bayes_greybox.physics.terms import Term
 from bayes_greybox.physics.units import check_units, same_unit
 
+from .amended import amended_program, corrected_data
 from .answer.adequacy import LAGS
 from .answer.equation_study import EquationStudy
 from .answer.finding import NEGLIGIBLE, SUBSTANTIAL, SURE, TIED, VERDICTS, Finding
@@ -201,7 +198,7 @@ def investigate(
         fit=None,
         train=train,
         test=test,
-        corrected=_corrected(train, findings),
+        corrected=corrected_data(train, findings),
         verdict=verdict,
         effects=pd.concat([found.effects(train) for found in findings.values()], ignore_index=True),
         hypotheses=pd.concat([found.hypotheses() for found in findings.values()]),
@@ -307,43 +304,6 @@ def worse_in_words(key: tuple[str, str, str]) -> str:
     """What a row of the gap table that got worse means."""
     _, metric, name = key
     return f"the free run of {name} gets worse" if metric == "free-run NRMSE" else "the free run fails sooner"
-
-
-def amended_program(model: AnyProgram, findings: Mapping[str, EquationStudy]) -> AnyProgram:
-    """The model with the simulation's terms and the found effects as its dictionary, beside its own terms."""
-    dictionary: dict[str, list[Term]] = {}
-    for name, found in findings.items():
-        known = found.statistics
-        own = [known.columns[i].formula for i in (*known.of_kind("free"), *known.of_kind("correction"))]
-        added = [known.columns[i].formula for i in found.finding.base]
-        # A dictionary needs a term; an offset is the least that can be asked for.
-        stated = model.coefficients.get(name, {})
-        given = stated_terms(model.dictionary[name], stated, tuple(known.rows.columns), name).fixed if stated else []
-        dictionary[name] = [*(term for term, _ in given), *([*own, *added] or [Term("1")])]
-        model = model if found.aligned.rows is None else replace(model, rows=found.aligned.rows)
-    named = {name for found in findings.values() for name in found.finding.world.model.names}
-    sensors = max(found.aligned.n_sensor for found in findings.values())
-    if not named & {CORRELATED, VARYING, HEAVY} or sensors > 1:
-        # Beside several sensors' samples the posterior has white noise for each: see `check_asked`.
-        return replace(model, dictionary=dictionary)
-    noise = model.noise if isinstance(model.noise, Noise) else Noise(scale=model.noise)
-    # What was found is found again beside all coefficients; what the user asked for stays.
-    noise = replace(
-        noise,
-        correlation=noise.correlation or (FIT if CORRELATED in named else None),
-        depends_on=noise.depends_on or (FIT if VARYING in named else None),
-        tails=noise.tails or (FIT if HEAVY in named else None),
-    )
-    return replace(model, dictionary=dictionary, noise=noise)
-
-
-def _corrected(train: Trajectories, findings: Mapping[str, EquationStudy]) -> Trajectories:
-    """Data for the amended model; as they came where two equations correct states or inputs differently."""
-    each = {name: found.amendment.corrected(train) for name, found in findings.items()}
-    first = next(iter(each.values()))
-    if any(not np.array_equal(first.column(c), other.column(c)) for other in each.values() for c in first.columns):
-        return train
-    return replace(first, derivatives={**first.derivatives, **{n: data.derivatives[n] for n, data in each.items()}})
 
 
 def _said_of(model: Program, train: Trajectories, settle: bool) -> list[str]:

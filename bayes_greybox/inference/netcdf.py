@@ -28,7 +28,8 @@ from bayes_greybox.physics.printing import to_text
 from bayes_greybox.physics.simulation import RightHandSide, Simulation, simulation_from, simulation_record
 from bayes_greybox.physics.terms import Term
 
-from .posterior import SLAB, Posterior, Sampling, data_table, rate_name, slab_group
+from .groups import data_table, rate_name
+from .posterior import SLAB, Posterior, Sampling, slab_group
 
 SAMPLES, SAMPLE = "sensor_samples", "sample_id"
 """Group of what the sensors showed, where the data are a path through it, and its dimension."""

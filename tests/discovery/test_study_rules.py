@@ -10,13 +10,13 @@ from tiny_equation import CUBE, DEAD_ZONE, SQUARE, tiny_data, tiny_evaluations
 import bayes_greybox.discovery.study as module
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.discovery.amended import amended_program
 from bayes_greybox.discovery.answer.equation_study import EquationStudy
 from bayes_greybox.discovery.answer.finding import NEGLIGIBLE, SUBSTANTIAL, SURE, TIED, VERDICTS, Finding
 from bayes_greybox.discovery.answer.gap import Amendment, FreePath
 from bayes_greybox.discovery.answer.where import GapMap, GapTrace
 from bayes_greybox.discovery.study import (
     _check_data,
-    amended_program,
     investigate,
     studied_equations,
     verdict_of,

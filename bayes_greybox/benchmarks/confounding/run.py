@@ -7,11 +7,10 @@ from importlib.metadata import version
 from itertools import product
 from pathlib import Path
 
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from threadpoolctl import threadpool_limits
 
 from bayes_greybox.benchmarks.files import opened, unwritable, write_whole
+from bayes_greybox.benchmarks.progress import shown
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.records import plain_rows
 
@@ -62,11 +61,9 @@ def run(output: str | os.PathLike[str], cells: Sequence[Cell] | None = None, *, 
     try:
         file = folder / RESULTS
         rows = opened(file)
-        columns = (TextColumn("Confounding"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-        bar = Progress(*columns, console=Console(stderr=True), disable=not progress)
         # Threads inside BLAS fight those of the chains over the cores, for matrices too small to share.
-        with bar, threadpool_limits(1):
-            for cell in bar.track(chosen, description="cells"):
+        with threadpool_limits(1):
+            for cell in shown(chosen, "Confounding", progress):
                 if cell.key not in rows:
                     rows[cell.key] = {"version": version("bayes-greybox"), **measure_cell(cell)}
                     with file.open("a", encoding="utf-8") as lines:

@@ -8,11 +8,10 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from threadpoolctl import threadpool_limits
 
 from bayes_greybox.benchmarks.files import opened, unwritable, write_whole
+from bayes_greybox.benchmarks.progress import shown
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.records import plain_rows
 
@@ -51,10 +50,8 @@ def run(
         file = folder / RESULTS
         rows = opened(file)
         todo = [(cell, draw) for cell in CELLS for draw in range(replicates)]
-        columns = (TextColumn("Published ODEs"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-        bar = Progress(*columns, console=Console(stderr=True), disable=not progress)
-        with bar, threadpool_limits(1):
-            for cell, draw in bar.track(todo, description="draws"):
+        with threadpool_limits(1):
+            for cell, draw in shown(todo, "Published ODEs", progress):
                 key = f"{cell.key}, seed {seed}, draw {draw}"
                 if key not in rows:
                     rows[key] = {"version": version("bayes-greybox"), "key": key, **_solved(cell, draw, seed)}

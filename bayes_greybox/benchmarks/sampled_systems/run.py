@@ -12,6 +12,7 @@ import numpy as np
 import pandas as pd
 
 from bayes_greybox.benchmarks.files import opened, unwritable, write_whole
+from bayes_greybox.benchmarks.progress import shown
 from bayes_greybox.data.errors import InputError
 
 from .systems import System, sampled, systems
@@ -59,7 +60,7 @@ def run(
         rows = opened(folder / RESULTS)
         todo = [(s, k) for s in chosen for k in range(replicates) if _key(s, k, seed) not in rows]
         with (folder / RESULTS).open("a", encoding="utf-8") as file:
-            for system, replicate in _shown(todo, progress):
+            for system, replicate in shown(todo, "Sampled systems", progress):
                 row = {
                     "key": _key(system, replicate, seed),
                     "version": version("bayes-greybox"),
@@ -168,9 +169,3 @@ def score(rows: Sequence[dict[str, Any]]) -> pd.DataFrame:
 
 def _key(system: System, replicate: int, seed: int) -> str:
     return f"{system.name}/{seed}/{replicate}"
-
-
-def _shown(todo: list[tuple[System, int]], progress: bool) -> Any:
-    from rich.progress import track
-
-    return track(todo, "sampled systems", disable=not progress)

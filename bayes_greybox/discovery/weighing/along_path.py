@@ -93,8 +93,8 @@ def follow(
         report: Told in words what is being done.
     """
     report("following the path of the samples")
-    # Far from the right model a small change of the path goes on otherwise than the equations say; an unknown force
-    # allows for that.
+    # Twice before noise is weighed: far from the right model a small change of the path goes on otherwise than the
+    # equations say, which looks like noise that hangs together.
     near = _near(model, train, equation, effects, odds, most, (), False, None)
     near = _near(model, train, equation, effects, odds, most, near.added, False, None)
     for suspected in (False, True):
@@ -118,7 +118,7 @@ def follow(
 class Near(NamedTuple):
     """Explanations on rows near one model, and the likeliest one's coefficients in user's units.
 
-    `base` are sets under the noise that rows come with, `sets` those under the noise that was found.
+    `base` are sets under the noise that rows come with; `noise` is the one that the likeliest was found under.
     """
 
     model: Program
@@ -159,7 +159,7 @@ def _near(
         tried = [NoiseModel(own), *_unfollowed(statistics.rows)]
     else:
         tried = [replace(noise, noise=noise.noise.onto(own))]
-    each = [(under(base, model) if model.names else base, model) for model in tried]
+    each = [(under(base, known) if known.names else base, known) for known in tried]
     sets, noise = max(each, key=lambda pair: _log_evidence(*pair))
     core, evaluations = sets.likeliest(), sets.evaluations
     fitted = sets.parametric(core)

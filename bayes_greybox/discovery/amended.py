@@ -1,0 +1,55 @@
+"""The amended model of a study, and the data that it is fitted to."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import TypeVar
+
+import numpy as np
+
+from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.model.coefficient import stated_terms
+from bayes_greybox.model.noise.asked import FIT, Noise
+from bayes_greybox.model.noise.noise_model import CORRELATED, HEAVY, VARYING
+from bayes_greybox.model.program import Program
+from bayes_greybox.physics.terms import Term
+
+from .answer.equation_study import EquationStudy
+
+AnyProgram = TypeVar("AnyProgram", bound=Program)
+
+
+def amended_program(model: AnyProgram, findings: Mapping[str, EquationStudy]) -> AnyProgram:
+    """The model with the simulation's terms and the found effects as its dictionary, beside its own terms."""
+    dictionary: dict[str, list[Term]] = {}
+    for name, found in findings.items():
+        known = found.statistics
+        own = [known.columns[i].formula for i in (*known.of_kind("free"), *known.of_kind("correction"))]
+        added = [known.columns[i].formula for i in found.finding.base]
+        # A dictionary needs a term; an offset is the least that can be asked for.
+        stated = model.coefficients.get(name, {})
+        given = stated_terms(model.dictionary[name], stated, tuple(known.rows.columns), name).fixed if stated else []
+        dictionary[name] = [*(term for term, _ in given), *([*own, *added] or [Term("1")])]
+        model = model if found.aligned.rows is None else replace(model, rows=found.aligned.rows)
+    named = {name for found in findings.values() for name in found.finding.world.model.names}
+    sensors = max(found.aligned.n_sensor for found in findings.values())
+    if not named & {CORRELATED, VARYING, HEAVY} or sensors > 1:
+        # Beside several sensors' samples the posterior has white noise for each: see `check_asked`.
+        return replace(model, dictionary=dictionary)
+    noise = model.noise if isinstance(model.noise, Noise) else Noise(scale=model.noise)
+    # What was found is found again beside all coefficients; what the user asked for stays.
+    noise = replace(
+        noise,
+        correlation=noise.correlation or (FIT if CORRELATED in named else None),
+        depends_on=noise.depends_on or (FIT if VARYING in named else None),
+        tails=noise.tails or (FIT if HEAVY in named else None),
+    )
+    return replace(model, dictionary=dictionary, noise=noise)
+
+
+def corrected_data(train: Trajectories, findings: Mapping[str, EquationStudy]) -> Trajectories:
+    """Data for the amended model; as they came where two equations correct states or inputs differently."""
+    each = {name: found.amendment.corrected(train) for name, found in findings.items()}
+    first = next(iter(each.values()))
+    if any(not np.array_equal(first.column(c), other.column(c)) for other in each.values() for c in first.columns):
+        return train
+    return replace(first, derivatives={**first.derivatives, **{n: data.derivatives[n] for n, data in each.items()}})

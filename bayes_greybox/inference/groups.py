@@ -1,0 +1,99 @@
+"""Groups of draws as an ArviZ DataTree: dimensions named by equation, values in user's units."""
+
+import importlib.metadata
+import platform
+from collections.abc import Container, Mapping
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.model.equation import Equation
+from bayes_greybox.model.sites import Sites
+
+
+def user_units(samples: Mapping[str, np.ndarray], equations: Mapping[str, Equation]) -> dict[str, np.ndarray]:
+    """Draws under their public names, user's units; raw coordinates that another site tells are left out."""
+    named = dict(samples)
+    for name, own in Sites(equations).items():
+        frame = equations[name].frame
+        for raw in own.raw:
+            named.pop(raw, None)
+        units = {
+            own.sigma: frame.target_scale,
+            own.amplitude: frame.target_scale,
+            own.weight: frame.target_scale,
+            own.f: frame.target_scale,
+            own.length_scale: frame.half_width,
+            own.theta: frame.coefficient_scale,
+        }
+        for variable, unit in units.items():
+            if variable in named:
+                named[variable] = named[variable] * unit
+        if own.theta_sd in named:
+            named[own.prior_sd] = named.pop(own.theta_sd)
+        if own.gamma in named:
+            named[own.gamma] = named[own.gamma].astype(np.int64)
+    return named
+
+
+def tree_of(groups: dict[str, dict[str, np.ndarray]], equations: Mapping[str, Equation]) -> xr.DataTree:
+    """Groups as a DataTree with dimensions named by equation."""
+    import arviz_base  # three seconds, so not at the top
+
+    dims: dict[str, list[str]] = {}
+    coords: dict[str, Any] = {"obs_id": np.arange(len(groups["constant_data"]["t"]))}
+    for name, own in Sites(equations).items():
+        frame = equations[name].frame
+        coords[own["term"]] = list(frame.dictionary.names)
+        dimension, numbers = row_dimension(equations[name])
+        coords[dimension] = numbers
+        dims[own.rate] = [dimension]
+        for variable in (own.theta, own.prior_sd, own.gamma, own.inclusion, own["v"], own["lambda"]):
+            dims[variable] = [own["term"]]
+        if frame.variables:
+            coords[own["variable"]] = list(frame.variables)
+            dims[own.length_scale] = [own["variable"]]
+        if frame.basis is not None:
+            coords[own["basis"]] = np.arange(frame.basis.size)
+            dims[own.weight] = [own["basis"]]
+        dims[own.f] = ["obs_id"]
+    tree = xr.DataTree()
+    for group, variables in groups.items():
+        # Densities of whole sites have no event dimensions.
+        own = {var: dims[var] for var in variables if var in dims and group != "log_prior"}
+        if group == "constant_data":
+            own = dict.fromkeys(variables, ["obs_id"])
+        if group in ("posterior", "prior"):
+            # A user's own prior may call sites of other shapes as the package's priors do theirs.
+            shapes = {var: tuple(len(coords[dim]) for dim in own[var]) for var in own}
+            own = {var: own[var] for var in own if np.shape(variables[var])[2:] == shapes[var]}
+        used = {dim: coords[dim] for var in own for dim in own[var] if dim in coords}
+        tree[group] = arviz_base.from_dict({group: variables}, coords=used, dims=own)[group]
+    tree.attrs = {
+        "inference_library": "bayes_greybox",
+        "inference_library_version": importlib.metadata.version("bayes-greybox"),
+        "python_version": platform.python_version(),
+    }
+    return tree
+
+
+def row_dimension(equation: Equation) -> tuple[str, np.ndarray]:
+    """Dimension of the rows of an equation and their samples' numbers; all equations have rows at the same samples."""
+    operator = equation.rows.operator
+    return ("obs_id", np.arange(equation.rows.n_row)) if operator is None else ("row_id", operator.sample)
+
+
+def data_table(data: Trajectories) -> dict[str, np.ndarray]:
+    """All columns of the data by names that netCDF allows; a derivative is as `rate_name` says."""
+    rates = {rate_name(name, data.columns): values for name, values in data.derivatives.items()}
+    return {"t": data.time, "run": data.run, **data.columns, **rates}
+
+
+def rate_name(state: str, columns: Container[str]) -> str:
+    """What the derivative of a state is called beside the columns of the data, which may have taken `e_rate`."""
+    name = Sites([state])[state].rate
+    while name in columns:
+        name += "_"
+    return name
