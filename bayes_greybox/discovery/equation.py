@@ -26,7 +26,7 @@ from .suspects.samples import Smoother, known_rates
 from .weighing.alignment import Aligned, align
 from .weighing.along_path import Near, follow
 from .weighing.odds import Odds
-from .weighing.sets import RECALIBRATED, REST, Sets
+from .weighing.sets import RECALIBRATED, Sets
 from .weighing.sufficient_statistics import SufficientStatistics
 from .weighing.worlds import World, worlds
 
@@ -63,7 +63,7 @@ def study_equation(
 
     def decided(doubts: Sequence[Doubt]) -> tuple[Finding, list[Check]]:
         finding = decide(found, doubts)
-        rest = finding.explanation.kind == REST or PROCESS in finding.world.model.names
+        rest = finding.explanation.leaves_rest or PROCESS in finding.world.model.names
         checks = [] if rest else check_explanation(finding.world, finding.explanation, unit_of_time)
         finding = _with_noisy_states(finding, aligned, unit)
         said = [check.text for check in checks if not check.ok]
@@ -125,7 +125,7 @@ def _amendment(finding: Finding, aligned: Aligned, train: Trajectories, seed: in
     """The model after, without what remains: coefficients of a finding, and sensors put right."""
     evaluations, statistics = finding.world.evaluations, finding.world.evaluations.statistics
     suspects = finding.explanation.suspects
-    remainder = finding.remainder if finding.explanation.kind == REST else 0.0
+    remainder = finding.remainder if finding.explanation.leaves_rest else 0.0
     coefficients = draw_coefficients(evaluations, finding.base, DRAWS, seed, suspects, remainder)
     if not finding.base and finding.explanation.kind != RECALIBRATED:
         # Nothing is missing, or nothing that has a name: the model after is the model before, whatever small weight

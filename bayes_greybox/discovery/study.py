@@ -55,6 +55,7 @@ class StudyResult:
             lower, upper, unit, tied_with, inner, status ("added"; "one of" for what could stand in its place; or "").
         hypotheses: Explanations by (equation, hypothesis): no gap, recalibrate, instrument, unknown, and sets of
             effects; their probabilities sum to one.
+        memory: Probability that what has no name depends on what a channel did before, by (equation, memory).
         instrument: Suspects about the measurement: equation, suspect, channel, probability, mean, sd, lower, upper,
             unit, samples (of a delay), lower_samples, upper_samples, status ("in the model" or ""), text.
         checks: Checks of the explanation that was settled on, by (equation, check): p, ok, text.
@@ -82,6 +83,7 @@ class StudyResult:
     verdict: str
     effects: pd.DataFrame
     hypotheses: pd.DataFrame
+    memory: pd.DataFrame
     instrument: pd.DataFrame
     checks: pd.DataFrame
     against: tuple[str, ...]
@@ -100,7 +102,7 @@ class StudyResult:
 
     def record(self) -> dict[str, Any]:
         """Verdict, tables and settings as plain values, ready for JSON."""
-        tables = ("effects", "hypotheses", "instrument", "checks", "corrections", "where", "gap", "rounds")
+        tables = ("effects", "hypotheses", "memory", "instrument", "checks", "corrections", "where", "gap", "rounds")
         plain = {name: plain_rows(getattr(self, name)) for name in tables}
         left_out = [{"equation": e, "slug": s, "reason": r} for (e, s), r in self.left_out.items()]
         return {
@@ -202,6 +204,7 @@ def investigate(
         verdict=verdict,
         effects=pd.concat([found.effects(train) for found in findings.values()], ignore_index=True),
         hypotheses=pd.concat([found.hypotheses() for found in findings.values()]),
+        memory=pd.concat([found.memory() for found in findings.values()]),
         instrument=pd.concat([found.instrument(train) for found in findings.values()], ignore_index=True),
         checks=pd.concat([found.check_table() for found in findings.values()]),
         against=against,

@@ -22,6 +22,7 @@ from .study_words import (
     name_of,
     not_helped,
     not_weighed,
+    remembered,
     rows_of,
     share_text,
     worse_runs,
@@ -102,6 +103,8 @@ def _explanations(study: StudyResult, equation: str) -> Iterator[Doubt]:
     if "unknown" in records:
         p = float(records["unknown"]["probability"])
         text = f"the probability that something unknown is missing is {probability_text(p)}"
+        if remembers := remembered(study, equation):
+            text += f"; it remembers ({remembers})"
         if own == "unknown":
             yield Doubt("What remains", text, p < 0.5)
         else:

@@ -12,7 +12,7 @@ from bayes_greybox.discovery.study import StudyResult, worse_in_words
 from bayes_greybox.discovery.suspects.channels import KINDS
 
 from .formatting import listed, number, percent_text, probability_text
-from .study_words import LIKELY, MOST_CLOSED, answer, name_of, not_helped, not_weighed
+from .study_words import LIKELY, MOST_CLOSED, answer, name_of, not_helped, not_weighed, remembered
 
 TWICE = 2.0
 """From this ratio on a rise is said as a multiple: hundreds of per cent are hard to read."""
@@ -85,7 +85,9 @@ def _missing(study: StudyResult, said: Sequence[str], closed: str) -> str:
     if study.verdict == "unknown" or not said:
         shapeless = [name for name in study.maps if answer(study, name) == "unknown"] if len(study.maps) > 1 else []
         where = f" in {' and '.join(f'd({name})/dt' for name in shapeless)}" if shapeless else ""
-        unnamed = f"Something is missing{where} that the catalogue does not have; the maps show its shape"
+        remembers = remembered(study)
+        shape = f"it remembers ({remembers}): no function of the states" if remembers else "the maps show its shape"
+        unnamed = f"Something is missing{where} that the catalogue does not have; {shape}"
         if not said:
             return f"{unnamed}."
         it = "it" if len(said) == 1 else "them"
@@ -103,6 +105,8 @@ def _missing(study: StudyResult, said: Sequence[str], closed: str) -> str:
         others += [f"an error of the sensor ({name})" for name in dict.fromkeys(tied) if name.split(" of ")[0] in KINDS]
         instead = f", or in its place {' or '.join(others)}" if others else ""
         return f"Something is missing, most likely {' and '.join(said)}{instead}; adding the likeliest {closed}."
+    if remembers := remembered(study):
+        return f"{lacks}, and something else that remembers ({remembers}); adding what has a name {closed}."
     if study.against:
         return f"{lacks}, but that is not all; adding {it} {closed}."
     return f"{lacks}, and something else that the catalogue does not have; adding what has a name {closed}."

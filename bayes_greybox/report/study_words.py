@@ -64,6 +64,24 @@ def added(study: StudyResult) -> np.ndarray:
     return np.flatnonzero((study.effects["status"] == "added").to_numpy()) if len(study.effects) else np.zeros(0, int)
 
 
+def remembered(study: StudyResult, equation: str | None = None) -> str:
+    """What an effect without a name likely remembers, with its probability; "" where it is not likely to.
+
+    Args:
+        study: The study.
+        equation: Of one equation; by default of all, each named where there are several.
+    """
+    table = study.memory[study.memory["probability"] > LIKELY].reset_index()
+    rows = [row for row in table.to_dict("records") if equation in (None, row["equation"])]
+    about = {
+        row["equation"]: f" in d({row['equation']})/dt" if len(study.maps) > 1 and not equation else "" for row in rows
+    }
+    said = [
+        f"{row['memory']}{about[row['equation']]}, probability {probability_text(row['probability'])}" for row in rows
+    ]
+    return "; ".join(said)
+
+
 def name_of(study: StudyResult, slug: str) -> str:
     """Plain name of an explanation; the slug itself for an effect that the study's table does not have."""
     named = dict(zip(study.effects["slug"], study.effects["name"], strict=True))

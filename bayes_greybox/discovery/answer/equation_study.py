@@ -12,7 +12,6 @@ from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.weighing.alignment import Aligned
 from bayes_greybox.discovery.weighing.evaluations import Evaluations
-from bayes_greybox.discovery.weighing.sets import REST
 from bayes_greybox.discovery.weighing.sufficient_statistics import SufficientStatistics
 from bayes_greybox.model.noise.noise_model import PROCESS
 from bayes_greybox.physics.terms import Term
@@ -24,6 +23,9 @@ from .coefficients import Coefficients, alone
 from .finding import STOPS, TIED, Finding
 from .instrument import instrument_table
 from .where import GapMap, GapTrace
+
+KEYS = ("equation", "memory")
+"""Index of the table of what forces remember."""
 
 TAIL = 0.05
 """Probability on either side of the intervals in tables."""
@@ -110,6 +112,12 @@ class EquationStudy:
     def _named(self, world: Any, e: Any) -> str:
         return " + ".join(sorted(world.evaluations.name(i) for i in e.effects))
 
+    def memory(self) -> pd.DataFrame:
+        """What a force without a name remembers."""
+        found = self.finding.weighed.by_memory
+        keys = pd.MultiIndex.from_tuples([(self.statistics.equation, name) for name in found], names=KEYS)
+        return pd.DataFrame({"probability": list(found.values())}, index=keys, dtype=float)
+
     def instrument(self, data: Trajectories) -> pd.DataFrame:
         """Suspects about the measurement."""
         return instrument_table(self.aligned, self.finding, self.coefficients, data)
@@ -159,7 +167,7 @@ class EquationStudy:
             second, q = rest[0] if rest else ("", np.nan)
             # The likeliest of those that are called so: what stands in a row is of one explanation.
             world, e = next((w, x) for w, x, _, _ in own if self._called(w, x) == top)
-            rest = e.kind == REST or PROCESS in world.model.names
+            rest = e.leaves_rest or PROCESS in world.model.names
             now = Counter(world.evaluations.name(i) for i in e.effects)
             rows.append(
                 {

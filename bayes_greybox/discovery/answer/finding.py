@@ -13,7 +13,7 @@ from functools import cached_property
 
 import numpy as np
 
-from bayes_greybox.discovery.weighing.sets import PLAIN, RECALIBRATED, REST, Explanation
+from bayes_greybox.discovery.weighing.sets import MEMORY, PLAIN, RECALIBRATED, Explanation, imitated
 from bayes_greybox.discovery.weighing.worlds import World, weights
 from bayes_greybox.model.noise.noise_model import PROCESS
 
@@ -128,7 +128,7 @@ class Weighed:
                     share = world.share_left(e)
                     usual = share if usual is None else usual
                 else:
-                    share = e.share_left if e.kind == REST else usual
+                    share = e.share_left if e.leaves_rest else usual
                 self.items.append((world, e, probability, share))
         self.items.sort(key=lambda item: -item[2])
         # Probability of each effect of an explanation to be what an error of the measurement does.
@@ -194,14 +194,25 @@ class Weighed:
 
     @cached_property
     def by_suspect(self) -> dict[str, float]:
-        """Probability of each suspect about a channel, by its key."""
+        """Probability of each suspect about a channel, by its key; beside a rest it may be an imitation as well."""
         found: dict[str, float] = {}
-        for world, e, p, _ in self.items:
+        for world, e, p, share in self.items:
             for i in e.suspects:
                 suspect = world.evaluations.statistics.columns[i].suspect
                 assert suspect is not None
-                found[suspect.key] = found.get(suspect.key, 0.0) + p
+                real = p * (1 - imitated(share)) if e.leaves_rest and i not in world.always else p
+                found[suspect.key] = found.get(suspect.key, 0.0) + real
         return dict(sorted(found.items(), key=lambda item: -item[1]))
+
+    def without_imitations(self, world: World, e: Explanation) -> Explanation:
+        """An explanation without the suspects that may as well imitate its rest."""
+        columns, known = world.evaluations.statistics.columns, self.by_suspect
+        kept = tuple(
+            i
+            for i in e.suspects
+            if i in world.always or not e.leaves_rest or known[columns[i].suspect.key] >= 0.5  # type: ignore[union-attr]
+        )
+        return e if kept == e.suspects else replace(e, suspects=kept)
 
     @cached_property
     def by_noise(self) -> dict[str, float]:
@@ -213,6 +224,17 @@ class Weighed:
         return found
 
     @cached_property
+    def by_memory(self) -> dict[str, float]:
+        """Probability that what remains remembers, by what it remembers, in words; largest first."""
+        found: dict[str, float] = {}
+        for world, e, p, _ in self.items:
+            if e.kind == MEMORY:
+                memory = world.evaluations.statistics.columns[e.memory[0]].memory
+                assert memory is not None
+                found[memory.text] = found.get(memory.text, 0.0) + p
+        return dict(sorted(found.items(), key=lambda item: -item[1]))
+
+    @cached_property
     def by_set(self) -> dict[tuple[str, ...], float]:
         """Probability of each set of effects, whatever remains beside it, by bindings."""
         found: dict[tuple[str, ...], float] = {}
@@ -221,15 +243,6 @@ class Weighed:
                 key = self.names(world, e)
                 found[key] = found.get(key, 0.0) + p
         return dict(sorted(found.items(), key=lambda item: -item[1]))
-
-
-def imitated(share: float) -> float:
-    """Probability that effects beside a rest are only its imitation: √s, the rest's RMS over that of the gap.
-
-    Args:
-        share: s, the share of the gap's square that the rest carries.
-    """
-    return float(np.sqrt(share))
 
 
 def stacked(world: World, e: Explanation) -> tuple[int, ...]:
@@ -280,6 +293,7 @@ def decide(found: Sequence[World], doubts: Sequence[Doubt] = ()) -> Finding:
         top = "unknown"
     world, e, share = next((w, e, s) for w, e, _, s in weighed.items if not e.effects and weighed.kind(w, e) == top)
     # What only imitates the unknown is not added to anybody's model; the tables show that it was weighed.
+    e = weighed.without_imitations(world, e)
     remainder = weighed.by_kind["unknown"]
     return Finding(found, top, (), e, world, remainder, 1.0 if top == "unknown" else share, (), weighed)
 
@@ -295,7 +309,7 @@ def _without_artefacts(finding: Finding) -> Finding:
 
 def _leaves_rest(world: World, e: Explanation) -> bool:
     """Whether something remains beside an explanation's columns: f, or a process in time."""
-    return e.kind == REST or PROCESS in world.model.names
+    return e.leaves_rest or PROCESS in world.model.names
 
 
 def _named(weighed: Weighed, chosen: tuple[str, ...]) -> Finding:

@@ -22,6 +22,7 @@ from bayes_greybox.discovery.suspects.channels import (
     undone,
     within,
 )
+from bayes_greybox.discovery.suspects.memory import memory_columns
 from bayes_greybox.discovery.suspects.samples import SampleNoise, Smoother, clipped, known_rates, misread
 from bayes_greybox.model.evidence import coefficients
 from bayes_greybox.model.noise.noise_model import NoiseModel
@@ -178,6 +179,7 @@ def align(
         columns = [(suspect, column[used]) for suspect, column in suspect_columns(whole, equation, rate)]
         known = {c[0].key for c in columns if c[0].kind == DELAY and c[0].channel in delays}
         bare.suspect([c for c in columns if c[0].key not in too_far], known)
+        bare.remember(memory_columns(data))
         given = bare if under is None else bare.with_noise(_at(under[0], measured.run, seen, used))
         evaluations = Evaluations(given, odds, evaluator)
         always = tuple(i for i in _delays(given) if (s := given.columns[i].suspect) is not None and s.channel in delays)
@@ -265,6 +267,7 @@ def _anew(
     """Statistics without suspects, on data whose delays are undone, with the terms and inner parameters so far."""
     if not moved:
         before.drop("suspect")
+        before.drop("memory")
         return before
     fresh = sufficient_statistics(model, data, equation, [])
     effects = [

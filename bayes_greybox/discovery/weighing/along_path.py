@@ -15,6 +15,7 @@ from jaxtyping import Float
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.suspects.channels import Rate
+from bayes_greybox.discovery.suspects.memory import memory_columns
 from bayes_greybox.discovery.suspects.sensors import input_columns, sensor_columns
 from bayes_greybox.model.evidence import coefficients
 from bayes_greybox.model.noise.noise_model import CORRELATED, PROCESS, NoiseModel
@@ -151,7 +152,9 @@ def _near(
     statistics = sufficient_statistics(near, data, equation, effects)
     rate = modelled_rate(near, data, equation, added)
     if suspected:
-        _suspects(statistics, data, near.rows.nodes(data, equation, simulation), rate)
+        nodes = near.rows.nodes(data, equation, simulation)
+        _suspects(statistics, data, nodes, rate)
+        statistics.remember(memory_columns(nodes))
     evaluator = Evaluator(statistics.prior, statistics.kernel, np.asarray(statistics.basis.frequency))
     base = Sets(Evaluations(statistics, odds, evaluator), most)
     own = statistics.rows.noise

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from bayes_greybox.discovery.suspects.channels import ChannelSuspect
+from bayes_greybox.discovery.suspects.memory import Memory
 from bayes_greybox.physics.catalogue.effects import BoundEffect
 from bayes_greybox.physics.terms import Term
 
@@ -16,8 +17,8 @@ class Column:
 
     Attributes:
         kind: "free" (a term of the user's dictionary), "correction" (a term of the simulation), "suspect" (something
-            about the measurement) or "effect".
-        term: Its formula over the data's columns; None for a suspect, which is known at the rows only.
+            about the measurement), "effect" or "memory" (an element of a force that remembers).
+        term: Its formula over the data's columns; None for a suspect or a memory, which are known at the rows only.
         scale: RMS over the data, user's units.
         sd: Prior standard deviation of its coefficient, scaled units.
         nominal: The simulation's own coefficient, of a correction.
@@ -25,7 +26,8 @@ class Column:
         inner: Values of its inner parameter.
         log_weight: Log prior weight of these values.
         suspect: The channel that is suspected, of a suspect.
-        values: At the rows, scaled, of a suspect.
+        memory: What it is an element of, of a memory.
+        values: At the rows, scaled, of a suspect or a memory.
     """
 
     kind: str
@@ -37,11 +39,12 @@ class Column:
     inner: Mapping[str, float] = field(default_factory=dict)
     log_weight: float = 0.0
     suspect: ChannelSuspect | None = None
+    memory: Memory | None = None
     values: np.ndarray | None = None
 
     @property
     def formula(self) -> Term:
-        """The term of a column that has one: every kind but a suspect."""
+        """The term of a column that has one."""
         assert self.term is not None
         return self.term
 

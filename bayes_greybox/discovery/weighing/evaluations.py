@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bayes_greybox.model.evidence import Marginal, Spectrum, marginal
+from bayes_greybox.model.evidence import Marginal, Spectrum, coefficients, marginal
 
 from .odds import Odds
 from .sufficient_statistics import SufficientStatistics
@@ -62,12 +62,28 @@ class Evaluations:
 
     def share(self, indices: tuple[int, ...], f: Integrated) -> float:
         """Share of the gap's square that f carries at its mode; what the free columns explain is no gap."""
-        s2 = self.statistics.noise.floor**2 + np.exp(2 * f.mode[0])
+        gap = self._gap(self.statistics.noise.floor**2 + np.exp(2 * f.mode[0]))
+        return float(np.clip(self.evaluator.explained(self.with_features(indices), f.mode) / gap, 0.0, 1.0))
+
+    def carried(self, fitted: Parametric, columns: Sequence[int]) -> float:
+        """Share of the gap's square that the last columns of a set carry.
+
+        Args:
+            fitted: Evidence of the set.
+            columns: Its last columns.
+        """
+        single, posterior = one_pattern(fitted, int(np.argmax(fitted.by_pattern)))
+        theta = coefficients(single, posterior)[0][-len(columns) :]
+        square = theta @ self.statistics.products[np.ix_(columns, columns)] @ theta
+        gap = self._gap(float(posterior.weight @ posterior.sigma**2 / np.sum(posterior.weight)))
+        return float(np.clip(square / gap, 0.0, 1.0))
+
+    def _gap(self, s2: float) -> float:
+        """Square of the target outside the free columns' span, less the noise's share of it."""
         free = self.statistics.of_kind("free")
         own, g = self.statistics.products[np.ix_(free, free)], self.statistics.with_target[free]
         square = self.statistics.square - float(g @ np.linalg.lstsq(own, g, rcond=1e-12)[0])
-        gap = max(square - self.statistics.n_obs * s2, 1e-12 * self.statistics.square)
-        return float(np.clip(self.evaluator.explained(self.with_features(indices), f.mode) / gap, 0.0, 1.0))
+        return max(square - self.statistics.n_obs * s2, 1e-12 * self.statistics.square)
 
     def integrated(self, effects: tuple[int, ...]) -> Integrated:
         """Evidence with f; it carries no prior weight of inner parameters."""

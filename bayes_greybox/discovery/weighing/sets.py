@@ -14,6 +14,7 @@ from math import log
 import numpy as np
 
 from bayes_greybox.discovery.suspects.channels import DELAY
+from bayes_greybox.discovery.suspects.memory import Memory
 from bayes_greybox.model.evidence import Spectrum, coefficients, marginal
 
 from .evaluations import Evaluations, Parametric, one_pattern
@@ -21,8 +22,9 @@ from .inner_parameters import refine
 from .ranges import limited, log_ranges, small
 from .set_prior import SetPrior
 
-PLAIN, RECALIBRATED, REST = "plain", "recalibrated", "rest"
-"""What an explanation is beside its set: nothing, corrections alone, or a rest that is a function of the states."""
+PLAIN, RECALIBRATED, REST, MEMORY = "plain", "recalibrated", "rest", "memory"
+"""What an explanation is beside its set: nothing, corrections alone, or a rest: a function of the states, or of what
+they were before."""
 
 WINDOW = 12.0
 """Sets more than so many nats below the best one are not looked at any further."""
@@ -35,6 +37,12 @@ WEIGHED = 160
 
 SEEDS = 2
 """Values of an inner parameter that take part in pairs: the best ones alone."""
+
+TWO_SORTS = 0.5
+"""Of the probability of a rest, the share of one that stands with the states; the other is a process in time's."""
+
+REMEMBERS = {False: 0.5, True: 0.25}
+"""Share of a memory in a rest that stands, in place of f; and in one in time, beside the process."""
 
 SUSPECTS_AT_MOST = 2
 """More errors of the sensors at once are a story, not an explanation; those that are in every set count too."""
@@ -56,10 +64,11 @@ class Explanation:
     Attributes:
         suspects: Columns of suspects.
         effects: Columns of effects.
-        kind: `PLAIN`, `RECALIBRATED` or `REST`.
+        kind: `PLAIN`, `RECALIBRATED`, `REST` or `MEMORY`.
         log_weight: Log of prior times evidence.
         log_evidence: Without the prior.
         share_left: Share of the gap that the rest carries.
+        memory: Columns of the elements of a `MEMORY`.
     """
 
     suspects: tuple[int, ...]
@@ -68,11 +77,26 @@ class Explanation:
     log_weight: float
     log_evidence: float
     share_left: float = 0.0
+    memory: tuple[int, ...] = ()
+
+    @property
+    def leaves_rest(self) -> bool:
+        """Whether something without a name remains beside its columns."""
+        return self.kind in (REST, MEMORY)
 
     @property
     def columns(self) -> tuple[int, ...]:
         """Suspects, then effects."""
         return (*self.suspects, *self.effects)
+
+
+def imitated(share: float) -> float:
+    """Probability that what stands beside a rest is only its imitation: √s, the rest's RMS over that of the gap.
+
+    Args:
+        share: s, the share of the gap's square that the rest carries.
+    """
+    return float(np.sqrt(share))
 
 
 class Sets:
@@ -102,6 +126,7 @@ class Sets:
         if not self.in_time:
             report("weighing what is left beside them")
             found += self._with_rest(cores, found)
+        found += self._with_memory(cores, found)
         return sorted(found, key=lambda e: -e.log_weight)
 
     def likeliest(self) -> tuple[int, ...]:
@@ -112,10 +137,16 @@ class Sets:
         return top[0]
 
     def probability(self, columns: Collection[int]) -> float:
-        """Probability that one of these columns is in, among the sets that matter, corrections summed in full."""
-        explanations = self._plain(self._near())
+        """Probability that one of these columns is in, among the sets that matter, corrections summed in full.
+
+        Beside a force that remembers it may be its imitation.
+        """
+        cores = self._near()
+        explanations = self._plain(cores)
+        explanations += self._with_memory(cores, explanations)
         weight = np.exp(np.array([e.log_weight for e in explanations]) - max(e.log_weight for e in explanations))
-        return float(weight[[bool(set(columns) & set(e.columns)) for e in explanations]].sum() / weight.sum())
+        real = [(1 - imitated(e.share_left)) * bool(set(columns) & set(e.columns)) for e in explanations]
+        return float(weight @ real / weight.sum())
 
     def parametric(self, columns: Sequence[int]) -> Parametric:
         """Evidence of a set without a rest, all patterns of corrections."""
@@ -289,13 +320,12 @@ class Sets:
             fitted, prior = self._full[(*self.always, *core)], self.log_prior(core)
             ranges = self._ranges(core)
             if effects:
-                rest = odds.remainder / 2 if self.in_time else 1 - odds.remainder
+                rest = self._log_rest(core, PLAIN) if self.in_time else log(1 - odds.remainder)
                 value = fitted.all + ranges
-                found.append(Explanation(suspects, effects, PLAIN, value + prior + log(rest), value))
+                found.append(Explanation(suspects, effects, PLAIN, value + prior + rest, value))
             elif self.in_time:
-                found.append(
-                    Explanation(suspects, (), PLAIN, fitted.all + ranges + prior + log(odds.unknown / 2), fitted.all)
-                )
+                weight = fitted.all + ranges + prior + self._log_rest(core, PLAIN)
+                found.append(Explanation(suspects, (), PLAIN, weight, fitted.all))
             else:
                 found.append(
                     Explanation(suspects, (), PLAIN, fitted.none + ranges + prior + log(odds.no_gap), fitted.none)
@@ -323,21 +353,15 @@ class Sets:
 
     def _with_rest(self, cores: Sequence[tuple[int, ...]], plain: Sequence[Explanation]) -> list[Explanation]:
         """Explanations with f beside the set: at the mode that f has beside the user's own terms, then in full."""
-        known, odds = self.evaluations, self.odds
-        weight = {tuple(sorted(set(e.columns) - set(self.always))): e.log_weight for e in reversed(plain)}
-        best = sorted(cores, key=lambda c: -weight.get(c, -np.inf))[:WITH_REST]
-        # Beside the likeliest suspects without effects, and beside the likeliest sets
-        bare = [c for c in best if not self._parted(c)[1]][:2]
-        best = list(dict.fromkeys([(), *bare, *best]))
+        known = self.evaluations
+        weight, best = self._likely(cores, plain)
         common = known.integrated(self.always)
         gain = common.log_evidence - known.evaluator.at(known.with_features(self.always), common.mode)
         at_mode = {
             c: gain + known.evaluator.at(known.with_features((*self.always, *c)), common.mode) + known.inner_weight(c)
             for c in best
         }
-        prior = {
-            c: self.log_prior(c) + log(odds.remainder / 2 if self._parted(c)[1] else odds.unknown / 2) for c in best
-        }
+        prior = {c: self.log_prior(c) + self._log_rest(c, REST) for c in best}
         finalists = [(), *sorted(best, key=lambda c: -(at_mode[c] + prior[c]))[:FINALISTS]]
         finalists += sorted(best, key=lambda c: -weight.get(c, -np.inf))[:FINALISTS]
         top = max([*(e.log_weight for e in plain), *(at_mode[c] + prior[c] for c in best)])
@@ -354,3 +378,37 @@ class Sets:
             found.append(Explanation(suspects, effects, REST, value + ranges + prior[c], value + ranges, share))
         known_share = [e.share_left for e in found if np.isfinite(e.share_left)]
         return [e if np.isfinite(e.share_left) else replace(e, share_left=max(known_share)) for e in found]
+
+    def _with_memory(self, cores: Sequence[tuple[int, ...]], plain: Sequence[Explanation]) -> list[Explanation]:
+        """Explanations with a force beside the set that remembers what a channel did."""
+        known, statistics = self.evaluations, self.statistics
+        groups: dict[Memory, list[int]] = {}
+        for i in statistics.of_kind("memory"):
+            if (memory := statistics.columns[i].memory) is not None:
+                groups.setdefault(memory, []).append(i)
+        best = self._likely(cores, plain)[1]
+        self._sum_patterns([(*c, *group) for c in best for group in groups.values()])
+        found = []
+        for c, group in product(best, map(tuple, groups.values())):
+            fitted = self._full[(*self.always, *c, *group)]
+            value = fitted.all + self._ranges((*c, *group))
+            prior = self.log_prior(c) + self._log_rest(c, MEMORY) - log(len(groups))
+            share = known.carried(fitted, group)
+            found.append(Explanation(*self._parted(c), MEMORY, value + prior, value, share, group))
+        return found
+
+    def _likely(
+        self, cores: Sequence[tuple[int, ...]], plain: Sequence[Explanation]
+    ) -> tuple[dict[tuple[int, ...], float], list[tuple[int, ...]]]:
+        """Log weights of sets without a rest, and the sets that are weighed with one."""
+        weight = {tuple(sorted(set(e.columns) - set(self.always))): e.log_weight for e in reversed(plain)}
+        best = sorted(cores, key=lambda c: -weight.get(c, -np.inf))[:WITH_REST]
+        # Beside the likeliest suspects without effects, and beside the likeliest sets
+        bare = [c for c in best if not self._parted(c)[1]][:2]
+        return weight, list(dict.fromkeys([(), *bare, *best]))
+
+    def _log_rest(self, core: Sequence[int], kind: str) -> float:
+        """Log prior of a rest of one sort beside a set."""
+        share = TWO_SORTS * (self.odds.remainder if self._parted(core)[1] else self.odds.unknown)
+        remembers = REMEMBERS[self.in_time] if self.statistics.of_kind("memory") else 0.0
+        return log(share * (remembers if kind == MEMORY else 1 - remembers))

@@ -1,6 +1,7 @@
 """The sufficient statistics that every hypothesis about one equation is judged on; effects add columns to them."""
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+import math
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -10,6 +11,7 @@ from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.noise.protocol import RowNoise
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.suspects.channels import ChannelSuspect
+from bayes_greybox.discovery.suspects.memory import Memory
 from bayes_greybox.model.assemble import discrepancy_box, features_per_variable, with_rounding
 from bayes_greybox.model.frame import held_features, scaled_position
 from bayes_greybox.model.gp.discrepancy import OrthogonalGP
@@ -190,6 +192,27 @@ class SufficientStatistics:
                 self.columns[twin] = replace(other, sd=column.sd, suspect=wider)
             self.twins[suspect.key] = _called(other)
             self._keep(list(range(len(self.columns) - 1)))
+
+    def remember(self, memories: Iterable[tuple[Memory, Float[np.ndarray, "n n_element"]]]) -> None:
+        """Extend the products by the elements of forces that remember.
+
+        Args:
+            memories: Each with what its elements do at the samples.
+        """
+        for memory, table in memories:
+            size = np.sqrt(np.mean(table**2, axis=0))
+            table, size = table[:, size > 0], size[size > 0]
+            if not len(size):
+                continue
+            # All elements together are as large as one effect.
+            sd, scaled = EFFECT_SCALE / math.sqrt(len(size)), self.rows.operate(table / size)
+            self._multiply(
+                [
+                    Column("memory", None, float(each), sd, memory=memory, values=column)
+                    for each, column in zip(size, scaled.T, strict=True)
+                ],
+                scaled,
+            )
 
     def drop(self, kind: str) -> None:
         """Forget the columns of one kind."""

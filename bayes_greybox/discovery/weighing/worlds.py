@@ -7,7 +7,7 @@ are then weighed anew. Effects that white noise makes sure of may be nothing und
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from math import log
 
@@ -20,7 +20,7 @@ from bayes_greybox.model.noise.noise_model import PROCESS, NoiseModel, Suspicion
 from bayes_greybox.model.noise.suspicions import suspicions
 
 from .evaluations import Evaluations, one_pattern
-from .sets import RECALIBRATED, REST, Explanation, Sets
+from .sets import MEMORY, RECALIBRATED, REST, Explanation, Sets
 
 TRIED = -3.0
 """Log odds over the best explanation of all below which a noise is not looked at further."""
@@ -53,6 +53,11 @@ class World:
         """Log evidence of the world, prior included."""
         return float(np.logaddexp.reduce([e.log_weight for e in self.explanations])) + self.offset
 
+    @cached_property
+    def always(self) -> frozenset[int]:
+        """Suspects that are in every explanation."""
+        return frozenset.intersection(*(frozenset(e.suspects) for e in self.explanations))
+
     @property
     def best(self) -> Explanation:
         """The likeliest explanation."""
@@ -61,26 +66,25 @@ class World:
     @property
     def bare(self) -> Explanation:
         """The likeliest explanation with neither effects nor a rest."""
-        return next(e for e in self.explanations if not e.effects and e.kind != REST)
+        return next(e for e in self.explanations if not e.effects and not e.leaves_rest)
 
     def share_left(self, e: Explanation) -> float:
-        """Share of the gap that no column of an explanation carries: f, or a process in time."""
-        if e.kind == REST:
-            return e.share_left
+        """Share of the gap that no column of an explanation carries: a rest, or a process in time."""
+        rest = e.share_left if e.leaves_rest else 0.0
         if not self.model.process_share:
-            return 0.0
+            return rest
         noise = self.evaluations.statistics.rows.noise
         spread = float(np.mean(noise.without_starts(self.residual(e)[:, None]) ** 2))
         white = spread * (1 - self.model.process_share)
-        gap = max(1.0 - white, 1e-12)
-        return float(np.clip(spread * self.model.process_share / gap, 0.0, 1.0))
+        in_time = np.clip(spread * self.model.process_share / max(1.0 - white, 1e-12), 0.0, 1.0)
+        return float(1 - (1 - rest) * (1 - in_time))
 
     def coefficients(self, e: Explanation) -> tuple[np.ndarray, np.ndarray]:
         """Posterior mean and covariance of an explanation's coefficients in its likeliest pattern, scaled."""
         fitted = self.evaluations.parametric([e.columns])[0]
         if e.kind == RECALIBRATED:
             pattern = 1 + int(np.argmax(fitted.by_pattern[1:]))
-        elif e.effects or e.kind == REST or PROCESS in self.model.names:
+        elif e.effects or e.leaves_rest or PROCESS in self.model.names:
             pattern = int(np.argmax(fitted.by_pattern))
         else:
             pattern = 0
@@ -94,15 +98,13 @@ class World:
         return {i: float(size) for i, size in zip(indices, rms, strict=True) if i in e.columns}
 
     def residual(self, e: Explanation) -> Float[np.ndarray, " n_row"]:
-        """Target less everything that an explanation explains, f's mean included; scaled, not whitened."""
-        known, statistics = self.evaluations, self.evaluations.statistics
-        mean = self.coefficients(e)[0]
-        indices = known.indices(e.columns)
-        rows = statistics.rows
-        rest = rows.target / statistics.target_scale - statistics.at_rows(indices) @ mean
-        if e.kind == REST:
-            rest = rest - self.rest(e)
-        return rest
+        """Target less everything that an explanation explains, a rest's mean included; scaled, not whitened."""
+        known, statistics, rows = self.evaluations, self.evaluations.statistics, self.evaluations.statistics.rows
+        if e.kind == MEMORY:
+            e = replace(e, effects=(*e.effects, *e.memory))
+        rest = rows.target / statistics.target_scale
+        rest = rest - statistics.at_rows(known.indices(e.columns)) @ self.coefficients(e)[0]
+        return rest - self.rest(e) if e.kind == REST else rest
 
     def rest(self, e: Explanation) -> Float[np.ndarray, " n_row"]:
         """Posterior mean of f beside an explanation's columns at the rows, scaled."""

@@ -8,12 +8,13 @@ from tiny_equation import CUBE, DEAD_ZONE, SQUARE, on, tiny_evaluations, tiny_mo
 
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.suspects.channels import DELAY, GAIN, OFFSET, ChannelSuspect
+from bayes_greybox.discovery.suspects.memory import HYSTERESIS, RELAXATION, Memory, memory_columns
 from bayes_greybox.discovery.weighing.columns import nodes
 from bayes_greybox.discovery.weighing.evaluations import Evaluations
 from bayes_greybox.discovery.weighing.inner_parameters import ZOOM_NODES, ZOOMS, refine
 from bayes_greybox.discovery.weighing.odds import Odds
 from bayes_greybox.discovery.weighing.ranges import WRONG_SIGN
-from bayes_greybox.discovery.weighing.sets import PLAIN, RECALIBRATED, REST, SUSPECTS_AT_MOST, Sets
+from bayes_greybox.discovery.weighing.sets import MEMORY, PLAIN, RECALIBRATED, REST, SUSPECTS_AT_MOST, Sets
 from bayes_greybox.discovery.weighing.sufficient_statistics import sufficient_statistics
 from bayes_greybox.discovery.weighing.with_discrepancy import Evaluator
 from bayes_greybox.physics.catalogue.effects import Effect
@@ -408,3 +409,71 @@ def test_weighing_refines_the_inner_parameter_and_sums_over_its_values():
     assert len(held) > 1 and {bindings(known, e) for e in held} == {("dead-zone(r=x)",)}
     best = known.statistics.columns[held[0].effects[0]].inner["gap"]
     assert best == pytest.approx(0.43, abs=0.01)
+
+
+# Forces that remember
+
+
+def remembering(hidden, noise=0.02, n=400):
+    """ẋ = −x + hidden(t, x) along a path in order of time, with what its elements remember."""
+    t = np.linspace(0, 30, n)
+    x = 0.7 * np.sin(t) + 0.3 * np.sin(2.3 * t + 1)
+    rate = -x + hidden(t, x) + noise * np.random.default_rng(5).standard_normal(n)
+    data = Trajectories.from_arrays(t, states={"x": x}, derivatives={"x": rate})
+    statistics = sufficient_statistics(tiny_model(), data, "x", [on(CUBE), on(SQUARE)])
+    statistics.remember(memory_columns(data))
+    return Evaluations(
+        statistics, ODDS, Evaluator(statistics.prior, statistics.kernel, np.asarray(statistics.basis.frequency))
+    )
+
+
+def sliding(t, x, limit=0.25):
+    """Friction that gives way elastically, step by step."""
+    z = np.zeros(len(x))
+    for k in range(1, len(x)):
+        z[k] = min(max(z[k - 1] + x[k] - x[k - 1], -limit), limit)
+    return -z
+
+
+def creeping(t, x):
+    """A spring and a damper in series that forget within 1.5, by small steps."""
+    fine = np.linspace(t[0], t[-1], 20 * (len(t) - 1) + 1)
+    path, z = 0.7 * np.sin(fine) + 0.3 * np.sin(2.3 * fine + 1), np.zeros(len(fine))
+    for k in range(1, len(fine)):
+        z[k] = z[k - 1] + path[k] - path[k - 1] - z[k - 1] * (fine[1] - fine[0]) / 1.5
+    return -z[::20]
+
+
+@pytest.mark.parametrize(("hidden", "kind"), [(sliding, HYSTERESIS), (creeping, RELAXATION)])
+def test_a_force_that_remembers_is_no_effect_and_no_function_of_the_states(hidden, kind):
+    known = remembering(hidden)
+    found = Sets(known, 2).weigh()
+    assert found[0].kind == MEMORY and not found[0].effects and found[0].share_left > 0.8
+    assert known.statistics.columns[found[0].memory[0]].memory == Memory(kind, "x")
+    assert max(e.log_weight for e in found if e.kind != MEMORY) < found[0].log_weight - 5
+
+
+def test_what_remembers_nothing_is_not_said_to():
+    found = Sets(remembering(lambda t, x: -0.5 * x**3), 2).weigh()
+    assert found[0].kind == PLAIN and found[0].effects
+    assert max(e.log_weight for e in found if e.kind == MEMORY) < found[0].log_weight - 3
+
+
+@pytest.mark.parametrize("in_time", [False, True])
+def test_a_memory_weighs_its_prior_times_its_evidence(in_time):
+    known = remembering(lambda t, x: sliding(t, x) - 0.3 * x**3)
+    found = Sets(known, 1, in_time=in_time).weigh()
+    statistics, odds = known.statistics, known.odds
+    (correction,) = statistics.of_kind("correction")
+    n_effect, n_memory = 2, 2
+    # Half of a rest stands with the states, half of that remembers; of a process in time a quarter.
+    share, seen = 0.125 if in_time else 0.25, set()
+    for e in found:
+        if e.kind == MEMORY and len(e.effects) < 2:
+            prior = odds.unknown if not e.effects else odds.effects / n_effect * odds.remainder
+            columns = (*e.effects, *e.memory)
+            out, inside = dense(known, columns), dense(known, (correction, *columns))
+            evidence = np.logaddexp(np.log1p(-odds.correction) + out, np.log(odds.correction) + inside)
+            assert e.log_weight == pytest.approx(np.log(prior * share / n_memory) + evidence, abs=1e-4)
+            seen.add(e.columns)
+    assert {(), (statistics.of_kind("effect")[0],)} <= seen

@@ -1,0 +1,92 @@
+"""Forces that remember: elements whose sums are hysteresis and relaxation of any shape.
+
+What a state x did before acts through elements that are driven by its changes alone:
+
+    Iwan      ż = ẋ, held within ±r      friction that gives way elastically (Iwan 1966, J. Appl. Mech. 33:893)
+    Maxwell   ż = ẋ − z/τ                a spring and a damper in series
+
+Sums of the first over r are every hysteresis that closes its loops, sums of the second over τ every relaxation that
+decays without swinging. None is a function of the states, so that neither an effect of the catalogue nor an unknown f
+over the states is what they are.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from scipy.special import exprel
+
+from bayes_greybox.data.trajectories import Trajectories
+
+HYSTERESIS, RELAXATION = KINDS = ("hysteresis", "relaxation")
+
+LIMITS = (0.02, 0.05, 0.1, 0.2, 0.3, 0.45, 0.6, 0.8)
+"""Limits r over half the range of x."""
+
+TIMES = (0.03, 0.1, 0.3, 1.0)
+"""Time constants τ over the period of a wave with the spread of x and of its rate."""
+
+SLOWEST = 1e-12
+"""A state whose largest change over its size is below this never moved."""
+
+
+@dataclass(frozen=True)
+class Memory:
+    """One kind of memory of one channel.
+
+    Attributes:
+        kind: `HYSTERESIS` or `RELAXATION`.
+        channel: A state or an input.
+    """
+
+    kind: str
+    channel: str
+
+    @property
+    def text(self) -> str:
+        """What it is, in words."""
+        return f"{self.kind} of {self.channel}"
+
+
+def memory_columns(data: Trajectories) -> Iterator[tuple[Memory, Float[np.ndarray, "n_obs n_element"]]]:
+    """Every memory with the forces of its elements, by the paths that were measured.
+
+    Elements are at rest where a run starts, and forget that they were not.
+
+    Args:
+        data: Samples in order of time.
+    """
+    runs = [np.flatnonzero(data.run == r) for r in dict.fromkeys(data.run.tolist())]
+    runs = [own for own in runs if len(own) > 2]
+    for name in (*data.state_names, *data.input_names):
+        x = data.column(name)
+        half, changes = np.ptp(x) / 2, np.concatenate([np.diff(x[own]) for own in runs] or [np.zeros(1)])
+        if not np.max(np.abs(changes)) > SLOWEST * np.max(np.abs(x)):
+            continue
+        steps = np.concatenate([np.diff(data.time[own]) for own in runs])
+        moved = steps > 0
+        speed = np.sqrt(np.sum(changes[moved] ** 2 / steps[moved]) / np.sum(steps))
+        period = 2 * np.pi * np.std(x) / speed
+        for kind, sizes in ((HYSTERESIS, half * np.array(LIMITS)), (RELAXATION, period * np.array(TIMES))):
+            force = _held if kind == HYSTERESIS else _relaxing
+            table = np.zeros((data.n_obs, len(sizes)))
+            for own in runs:
+                table[own] = force(np.diff(x[own]), np.diff(data.time[own]), sizes)
+            yield Memory(kind, name), table
+
+
+def _held(changes: np.ndarray, steps: np.ndarray, limits: np.ndarray) -> np.ndarray:
+    z = np.zeros((len(changes) + 1, len(limits)))
+    for k, change in enumerate(changes):
+        z[k + 1] = np.clip(z[k] + change, -limits, limits)
+    return z
+
+
+def _relaxing(changes: np.ndarray, steps: np.ndarray, times: np.ndarray) -> np.ndarray:
+    # Exact where x moves at a steady speed within a step
+    z, past = np.zeros((len(changes) + 1, len(times))), -steps[:, None] / times
+    kept, gained = np.exp(past), exprel(past) * changes[:, None]
+    for k in range(len(changes)):
+        z[k + 1] = kept[k] * z[k] + gained[k]
+    return z

@@ -1,0 +1,84 @@
+"""Elements that remember, against their closed forms along paths of straight pieces."""
+
+import numpy as np
+import pytest
+
+from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.discovery.suspects.memory import HYSTERESIS, LIMITS, RELAXATION, TIMES, Memory, memory_columns
+
+N = 201
+
+
+def along(t, x, **inputs):
+    return dict(memory_columns(Trajectories.from_arrays(t, states={"x": x}, inputs=inputs, constant="keep")))
+
+
+def there_and_back():
+    """From 0 up to 1, down to -1 and back to 0, at a steady speed."""
+    t = np.linspace(0, 4, 4 * (N - 1) + 1)
+    return t, np.interp(t, [0, 1, 3, 4], [0.0, 1.0, -1.0, 0.0])
+
+
+@pytest.mark.parametrize("k", range(len(LIMITS)))
+def test_an_iwan_element_is_a_spring_up_to_its_limit_and_turns_back_from_there(k):
+    t, x = there_and_back()
+    r, z = LIMITS[k], along(t, x)[Memory(HYSTERESIS, "x")][:, k]
+    up, down, again = t <= 1, (t >= 1) & (t <= 3), t >= 3
+    np.testing.assert_allclose(z[up], np.minimum(x[up], r), atol=1e-12)
+    np.testing.assert_allclose(z[down], np.maximum(r + x[down] - 1, -r), atol=1e-12)
+    np.testing.assert_allclose(z[again], np.minimum(-r + x[again] + 1, r), atol=1e-12)
+
+
+def test_a_loop_is_closed_and_has_the_area_of_its_friction():
+    t = np.linspace(0, 4 * np.pi, 4001)
+    x = np.sin(t)
+    table, second = along(t, x)[Memory(HYSTERESIS, "x")], t >= 2 * np.pi
+    for r, z in zip(LIMITS, table.T, strict=True):
+        # Sliding 2 (1 - r) each way against r.
+        assert np.trapezoid(z[second], x[second]) == pytest.approx(4 * r * (1 - r), rel=1e-3)
+
+
+@pytest.mark.parametrize("k", range(len(TIMES)))
+def test_a_maxwell_element_follows_a_steady_speed_exactly_whatever_the_steps(k):
+    t = np.concatenate([np.linspace(0, 1, 7), np.linspace(1.3, 5, 50)])
+    z = along(t, 2.0 * t)[Memory(RELAXATION, "x")][:, k]
+    tau = TIMES[k] * 2 * np.pi * np.std(2.0 * t) / 2.0
+    np.testing.assert_allclose(z, 2.0 * tau * -np.expm1(-t / tau), rtol=1e-12)
+
+
+def test_a_swinging_maxwell_element_is_a_damper_where_it_is_fast_and_a_spring_where_it_is_slow():
+    t = np.linspace(0, 20 * np.pi, 60001)
+    table = along(t, np.sin(t))[Memory(RELAXATION, "x")]
+    late = t > 18 * np.pi
+    for tau, z in zip(np.array(TIMES) * 2 * np.pi, table.T, strict=True):
+        expected = tau * (np.cos(t) + tau * np.sin(t)) / (1 + tau**2)
+        np.testing.assert_allclose(z[late], expected[late], atol=2e-3 * tau)
+
+
+def test_each_run_starts_without_a_past():
+    t, x = there_and_back()
+    data = Trajectories.from_arrays([t, t], states={"x": [x, -x]})
+    for _, table in memory_columns(data):
+        np.testing.assert_allclose(table[len(t) :], -table[: len(t)], atol=1e-12)
+        assert np.all(table[[0, len(t)]] == 0)
+
+
+def test_channels_that_do_not_move_and_runs_of_a_sample_remember_nothing():
+    t, x = there_and_back()
+    found = along(t, x, u=np.full(len(t), 3.0))
+    assert {memory.channel for memory in found} == {"x"}
+    short = Trajectories.from_arrays([t, t[:1]], states={"x": [x, x[:1]]})
+    for _, table in memory_columns(short):
+        assert np.all(table[len(t) :] == 0) and np.any(table[: len(t)] != 0)
+
+
+def test_stamps_that_repeat_are_no_time():
+    t, x = there_and_back()
+    data = Trajectories.from_arrays(t, states={"x": x})
+    (_, held), (_, relaxing) = memory_columns(data)
+    twice = np.repeat(np.arange(len(t)), 2)
+    again = Trajectories.from_arrays(np.arange(2 * len(t)) * 1.0, states={"x": x[twice]})
+    object.__setattr__(again, "time", t[twice])
+    (_, held_twice), (_, relaxing_twice) = memory_columns(again)
+    np.testing.assert_allclose(held_twice[::2], held, atol=1e-12)
+    np.testing.assert_allclose(relaxing_twice[1::2] / np.std(relaxing_twice), relaxing / np.std(relaxing), atol=0.05)
