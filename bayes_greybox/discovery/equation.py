@@ -134,7 +134,7 @@ def _amendment(finding: Finding, aligned: Aligned, train: Trajectories, seed: in
     sensors = _sensors(statistics, coefficients)
 
     def put_right(data: Trajectories) -> Trajectories:
-        return calibrated(aligned.corrected(data), statistics.equation, sensors, train)
+        return aligned.put_right(data, sensors, train)
 
     sigma = float(np.mean(coefficients.sigma)) * statistics.target_scale
     return Amendment(statistics, plain(evaluations), coefficients, sigma, None, put_right, aligned.rows)

@@ -1,5 +1,7 @@
 """Studies of a displacement alone: what is missing, what is not, and what is the sensor's."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from sampled_oscillator import SIMULATION, sampled
@@ -59,6 +61,21 @@ def test_what_the_sensor_does_is_no_missing_effect(bend, kind):
     )
     if found.verdict == "instrument":
         assert kind in found.instrument["suspect"][found.instrument["status"] != ""].tolist()
+
+
+def test_an_input_that_reads_too_much_is_put_right_along_the_path_and_the_effect_found_beside_it():
+    def offset(data):
+        return replace(data, inputs={"F": data.inputs["F"] + 0.2})
+
+    train, test = (offset(sampled(**CUBIC, noise=0.01, n=600, seed=seed)) for seed in (0, 1))
+    found = study(train, test)
+    added = found.effects[found.effects["status"] == "added"].set_index("slug")
+    sensors = found.instrument.loc[found.instrument["status"] != "", "suspect"].tolist()
+    # A constant force is the same.
+    assert "cubic-stiffness" in added.index and (sensors == ["offset"] or "constant-force" in added.index)
+    assert abs(added.loc["cubic-stiffness", "mean"] + 0.5) < 4 * added.loc["cubic-stiffness", "sd"]
+    # What is left of held-out samples is the noise of their sensor.
+    assert found.gap.loc[("test", "sample NMSE", "v"), "after"] < 2 * 0.01**2
 
 
 def test_of_several_equations_the_one_in_question_is_asked_for():

@@ -51,13 +51,21 @@ def likeliest(**rows):
     return pd.DataFrame({"probability": [0.99] * len(rows)}, index=index)
 
 
-def said(verdict, added=(), gap=CLOSED, measured=(), against=(), where="x", equations=None, left_out=(), **off):
+def remembers(**given):
+    """Probability of what remembers, by equation and what it is."""
+    rows = [(name, what, p) for name, table in given.items() for what, p in table.items()]
+    return pd.DataFrame(rows, columns=["equation", "memory", "probability"]).set_index(["equation", "memory"])
+
+
+def said(
+    verdict, added=(), gap=CLOSED, measured=(), against=(), where="x", equations=None, left_out=(), memory=None, **off
+):  # fmt: skip
     study = object.__new__(StudyResult)
     equations = equations or {"x": verdict}
     study.__dict__.update(
         verdict=verdict, effects=effects(*added, equation=where), gap=gap, corrections=corrections(**off),
         instrument=instrument(*measured), against=tuple(against), maps=dict.fromkeys(equations),
-        hypotheses=likeliest(**equations), left_out=dict(left_out),
+        hypotheses=likeliest(**equations), left_out=dict(left_out), memory=remembers(**(memory or {})),
     )  # fmt: skip
     return sentence(study).replace("\u00a0", " ")
 
@@ -69,6 +77,21 @@ def test_no_gap_says_that_nothing_is_missing():
 def test_the_unknown_says_that_the_catalogue_does_not_have_it():
     text = said("unknown")
     assert "the catalogue does not have" in text and "maps" in text
+
+
+def test_what_remembers_is_said_to_with_its_probability_where_that_is_likely():
+    known = {"x": {"hysteresis of x": 0.98, "relaxation of u": 0.02}}
+    text = said("unknown", memory=known)
+    assert "it remembers (hysteresis of x, probability 0.980)" in text and "relaxation" not in text
+    beside = said("partly named", [("Cubic spring", 0.7, ())], memory=known)
+    assert "cubic spring" in beside and "something else that remembers (hysteresis of x" in beside
+    assert "remembers" not in said("unknown", memory={"x": {"hysteresis of x": 0.4}})
+
+
+def test_of_two_equations_that_which_remembers_is_said():
+    known = {"x": {"hysteresis of x": 0.98}, "u": {"hysteresis of x": 0.1}}
+    text = said("unknown", equations={"x": "unknown", "u": "no gap"}, memory=known)
+    assert "hysteresis of x in d(x)/dt, probability 0.980" in text and "d(u)/dt" not in text
 
 
 def test_a_named_effect_is_said_with_its_equation_and_probability():

@@ -24,7 +24,7 @@ HYSTERESIS, RELAXATION = KINDS = ("hysteresis", "relaxation")
 LIMITS = (0.02, 0.05, 0.1, 0.2, 0.3, 0.45, 0.6, 0.8)
 """Limits r over half the range of x."""
 
-TIMES = (0.03, 0.1, 0.3, 1.0)
+TIMES = (0.1, 0.3, 1.0)
 """Time constants τ over the period of a wave with the spread of x and of its rate."""
 
 SLOWEST = 1e-12

@@ -7,10 +7,15 @@ A sensor that shows (1 + κ) y(t − d) + o + drift adds to its rows, to first o
 and an input that is wrong acts as a force along the path, see `channels`.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
+import sympy
 from jaxtyping import Float
 
 from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.physics.grammar import symbol
+from bayes_greybox.physics.terms import Term
 
 from .channels import (
     DELAY,
@@ -73,6 +78,21 @@ def input_columns(nodes: Trajectories, rate: Rate, step: float) -> list[tuple[Ch
         found.append((ChannelSuspect(GAIN, name, GAIN_SD), -slope * u))
         found.append((ChannelSuspect(OFFSET, name, ZERO_SD * size), -slope * ones))
     return [(suspect, column) for suspect, column in found if np.all(np.isfinite(column)) and np.any(column != 0)]
+
+
+def input_force(suspect: ChannelSuspect, rate: Sequence[tuple[Term, float]]) -> Term | None:
+    """What an input's error of a unit adds to a rate that is a sum of terms, as a term; None where no term says it.
+
+    Args:
+        suspect: The error.
+        rate: Terms of the rate with their coefficients.
+    """
+    u = symbol(suspect.channel)
+    slope = sympy.expand(sum(value * sympy.diff(term.expr, u) for term, value in rate))
+    force = {OFFSET: -slope, GAIN: -slope * u}.get(suspect.kind)
+    if force is None or force == 0 or force.has(sympy.Derivative, sympy.DiracDelta):
+        return None
+    return Term(force)
 
 
 def _runs(data: Trajectories) -> list[np.ndarray]:

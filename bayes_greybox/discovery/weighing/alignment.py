@@ -15,7 +15,9 @@ from bayes_greybox.data.noise.protocol import RowNoise
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.suspects.channels import (
     DELAY,
+    ChannelSuspect,
     Rate,
+    calibrated,
     rate_channel,
     slope_along,
     suspect_columns,
@@ -117,6 +119,18 @@ class Aligned:
             return self._moved(data)
         better, slips = _mended(data, self._equation, self.bare) if self.misread else (data, {})
         return self._moved(better, *_clipped(data, self._equation).values(), *slips.values())
+
+    def put_right(
+        self, data: Trajectories, sensors: Mapping[ChannelSuspect, float], clock: Trajectories
+    ) -> Trajectories:
+        """Such data without the gains, offsets and drifts that were found.
+
+        Args:
+            data: Any data of the same sensors.
+            sensors: Errors of a unit of their size, as found.
+            clock: Data that drifts were found on.
+        """
+        return calibrated(self.corrected(data), self._equation, sensors, clock)
 
     def moved(self, data: Trajectories) -> Trajectories:
         """Such data with the rows too at which a sensor was at its end or slipped."""

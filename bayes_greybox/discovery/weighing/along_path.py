@@ -14,9 +14,9 @@ from jaxtyping import Float
 
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.discovery.suspects.channels import Rate
+from bayes_greybox.discovery.suspects.channels import ChannelSuspect, Rate, calibrated
 from bayes_greybox.discovery.suspects.memory import memory_columns
-from bayes_greybox.discovery.suspects.sensors import input_columns, sensor_columns
+from bayes_greybox.discovery.suspects.sensors import input_columns, input_force, sensor_columns
 from bayes_greybox.model.evidence import coefficients
 from bayes_greybox.model.noise.noise_model import CORRELATED, PROCESS, NoiseModel
 from bayes_greybox.model.program import Program
@@ -25,6 +25,7 @@ from bayes_greybox.physics.catalogue.effects import BoundEffect
 from bayes_greybox.physics.terms import Term
 
 from .alignment import Aligned, modelled_rate
+from .columns import Column
 from .evaluations import Evaluations, one_pattern
 from .odds import Odds
 from .sets import Sets
@@ -76,6 +77,14 @@ class Followed(Aligned):
         """Such data."""
         return self.corrected(data)
 
+    def put_right(
+        self, data: Trajectories, sensors: Mapping[ChannelSuspect, float], clock: Trajectories
+    ) -> Trajectories:
+        """Samples freed of errors of their sensors, with the path through them that right inputs drive."""
+        assert self.rows is not None
+        samples = calibrated(data.samples or data, self._equation, sensors, clock)
+        return self.rows.complete(samples, self._equation, self.model.simulator(samples))
+
 
 def follow(
     quantities: "Callable[[Near], Mapping[str, np.ndarray]]", model: Program, train: Trajectories, equation: str,
@@ -110,16 +119,18 @@ def follow(
                 break
     used = np.ones(near.data.n_obs, bool)
     bare = modelled_rate(near.model, near.data, equation, ())
+    # Errors of inputs are forces along the path as it came, and none along that of right inputs.
+    rows = near.model.rows.around([(term, value) for term, value in near.added if term not in near.errors])
     return Followed(
-        near.data, near.base, rate=near.rate, bare=bare, used=used, rows=near.model.rows, noise=near.noise,
-        model=near.model,
-    )  # fmt: skip
+        near.data, near.base, rate=near.rate, bare=bare, used=used, rows=rows, noise=near.noise, model=near.model
+    )
 
 
 class Near(NamedTuple):
     """Explanations on rows near one model, and the likeliest one's coefficients in user's units.
 
-    `base` are sets under the noise that rows come with; `noise` is the one that the likeliest was found under.
+    `base` are sets under the noise that rows come with; `noise` is the one that the likeliest was found under; `added`
+    is what acts along the path beside the simulation, `errors` what of it are an input's.
     """
 
     model: Program
@@ -131,6 +142,7 @@ class Near(NamedTuple):
     values: Float[np.ndarray, " n_column"]
     sd: Float[np.ndarray, " n_column"]
     added: tuple[tuple[Term, float], ...]
+    errors: tuple[Term, ...]
 
 
 def _near(
@@ -172,7 +184,21 @@ def _near(
     values, sd = unit * mean, unit * np.sqrt(np.maximum(np.diag(covariance), 0.0))
     names = tuple(c.formula.text if c.suspect is None else c.suspect.key for c in columns)
     found = tuple((c.term, float(v)) for c, v in zip(columns, values, strict=True) if c.term is not None and v != 0)
-    return Near(near, data, base, noise, rate, names, values, sd, found)
+    errors = _errors(columns, values, (*simulation.additive_terms(equation), *found), data.input_names)
+    return Near(near, data, base, noise, rate, names, values, sd, (*found, *errors), tuple(term for term, _ in errors))
+
+
+def _errors(
+    columns: Sequence[Column], values: Float[np.ndarray, " n_column"], whole: Sequence[tuple[Term, float]],
+    inputs: Sequence[str],
+) -> list[tuple[Term, float]]:  # fmt: skip
+    """Forces that errors of inputs are along the path, where the whole rate is a sum of terms that says them."""
+    found = []
+    for column, value in zip(columns, values, strict=True):
+        suspect = column.suspect
+        if suspect is not None and suspect.channel in inputs and (force := input_force(suspect, whole)) is not None:
+            found.append((force, float(value)))
+    return found
 
 
 def _unfollowed(rows: EquationRows) -> list[NoiseModel]:
