@@ -64,13 +64,20 @@ def run_benchmark(
 def _displacement(folder: Path, noise: float, cases: int | None, workers: int | None, seed: int, progress: bool) -> int:
     from bayes_greybox.benchmarks.hidden_effects.cases import subset
     from bayes_greybox.benchmarks.hidden_effects.run import run
+    from bayes_greybox.benchmarks.hidden_effects.solvers import displacement_oracle, displacement_peers
     from bayes_greybox.benchmarks.hidden_effects.solvers.displacement import displacement_cases, study_displacement
+    from bayes_greybox.benchmarks.hidden_effects.solvers.peers import available
     from bayes_greybox.benchmarks.tables import benchmark_tables
 
     every = displacement_cases(seed)
     chosen = every if cases is None else subset(every, cases, seed)
-    solve = partial(study_displacement, noise=noise)
-    scores = run(folder, chosen, solve=solve, workers=workers or 2, peers=False, progress=progress)
+    solve, oracle, rivals = (
+        partial(ask, noise=noise) for ask in (study_displacement, displacement_oracle.ask, displacement_peers.ask)
+    )
+    scores = run(
+        folder, chosen, solve=solve, oracle=oracle, rivals=rivals, workers=workers or 2, peers=available(),
+        progress=progress,
+    )  # fmt: skip
     show(*benchmark_tables(scores), f"\nResults are in {folder}.")
     return DONE
 

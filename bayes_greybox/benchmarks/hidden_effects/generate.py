@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import product
 
@@ -67,6 +67,8 @@ class CaseData:
         true_rates: True coefficients of the simulation's terms, by state.
         given_rates: The coefficients that `simulation` has.
         exact: Exact quantities on the data sets "train" and "test".
+        ode: The system with what is hidden in it; None for a case of a broken assumption.
+        excited: Starts and inputs of the data sets; none for a case of a broken assumption.
     """
 
     case: Case | AssumptionCase
@@ -79,6 +81,8 @@ class CaseData:
     true_rates: Mapping[str, Mapping[str, float]]
     given_rates: Mapping[str, Mapping[str, float]]
     exact: Mapping[str, Runs]
+    ode: HostODE | None = field(default=None, kw_only=True)
+    excited: Mapping[str, Excited] = field(default_factory=dict, kw_only=True)
 
     @property
     def host(self) -> Host:
@@ -150,6 +154,8 @@ def generate(case: Case) -> CaseData:
         true_rates=rates,
         given_rates=given,
         exact=exact,
+        ode=ode,
+        excited=excited,
     )
 
 

@@ -10,7 +10,7 @@ from dataclasses import asdict
 from importlib.metadata import version
 from multiprocessing import get_context
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
@@ -27,8 +27,10 @@ from .assumptions.generate import generate as generate_assumption
 from .cases import Case, all_cases
 from .generate import CaseData, generate
 from .scoring.score import Scores, score
-from .solvers.oracle import nearest, posterior
-from .solvers.peers import available, require, sindy
+from .solvers.oracle import Oracle, nearest
+from .solvers.oracle import ask as ask_oracle
+from .solvers.peers import Rivals, available, require
+from .solvers.peers import ask as ask_rivals
 from .solvers.study import Solve, study_case
 
 AnyCase = Case | AssumptionCase
@@ -44,11 +46,27 @@ ONE_THREAD = {"XLA_FLAGS": "--xla_cpu_multi_thread_eigen=false", "NPROC": "1"}
 """Environment of a worker, set before JAX starts there."""
 
 
+class Ways(NamedTuple):
+    """Who is asked about a case.
+
+    Attributes:
+        solve: The study, or a solver of one's own.
+        oracle: How well anybody could do.
+        rivals: Other methods; None where none is asked.
+    """
+
+    solve: Solve
+    oracle: Oracle
+    rivals: Rivals | None
+
+
 def run(
     output: str | os.PathLike[str],
     cases: Sequence[AnyCase] | None = None,
     *,
     solve: Solve = study_case,
+    oracle: Oracle = ask_oracle,
+    rivals: Rivals = ask_rivals,
     workers: int = 2,
     peers: bool | None = None,
     progress: bool = True,
@@ -65,6 +83,8 @@ def run(
             Cases that results.jsonl has are not run again, unless they failed or were run by another version.
         cases: The cases; those of `all_cases()` and `assumption_cases()` by default.
         solve: What solves a case; the study by default.
+        oracle: What says how well anybody could do, as `solvers.oracle.ask` does.
+        rivals: What PySINDy says, as `solvers.peers.ask` does.
         workers: Processes that work at once, one thread each; 1 works in this process.
         peers: Whether to run PySINDy on the same data; by default if it is installed. An earlier run without it is
             completed.
@@ -90,7 +110,7 @@ def run(
     todo = [case for case in chosen if _lacking(rows.get(case.key, {}), peers)]
     with _bar(progress) as show, (folder / RESULTS).open("a", encoding="utf-8") as lines:
         show(len(chosen) - len(todo), len(chosen))
-        for done, row in enumerate(_worked(todo, rows, solve, peers, workers), 1):
+        for done, row in enumerate(_worked(todo, rows, Ways(solve, oracle, rivals if peers else None), workers), 1):
             lines.write(json.dumps(row, allow_nan=False) + "\n")
             lines.flush()
             rows[row["key"]] = row
@@ -100,19 +120,20 @@ def run(
     return scores
 
 
-def run_case(case: AnyCase, before: Mapping[str, Any], solve: Solve, peers: bool) -> dict[str, Any]:
+def run_case(
+    case: AnyCase, before: Mapping[str, Any], ways: Ways
+) -> dict[str, Any]:  # fmt: skip
     """Everything about one case that is not known yet; an error is a result.
 
     Args:
         case: The case.
         before: What an earlier run found, or nothing.
-        solve: The solver.
-        peers: Whether to run PySINDy.
+        ways: What is asked.
     """
     row = {"version": version("bayes-greybox"), "key": case.key, "domain": case.system.domain, **asdict(case)}
     row |= {"truth": [], "off": None, "closable": None, **before}
     row.pop("error", None)
-    parts = _lacking(before, peers)
+    parts = _lacking(before, ways.rivals is not None)
     try:
         data = make_data(case)
         row |= {"truth": [asdict(item) for item in data.effects], "off": data.off}
@@ -124,12 +145,12 @@ def run_case(case: AnyCase, before: Mapping[str, Any], solve: Solve, peers: bool
         else:
             row["closable"] = data.closable
         if "oracle" in parts and not isinstance(data, AssumptionData):
-            row["oracle"] = posterior(data)
+            row |= ways.oracle(data)
             row["nearest"] = nearest(data) if case.family == "off-catalogue" else None
         if "study" in parts:
-            row["study"] = solve(data)
-        if "stlsq" in parts:
-            row |= {"stlsq": sindy(data), "ensemble": sindy(data, ensemble=True)}
+            row["study"] = ways.solve(data)
+        if "stlsq" in parts and ways.rivals is not None:
+            row |= ways.rivals(data)
     except Exception:
         row["error"] = traceback.format_exc()
     return plain_values(row)
@@ -166,10 +187,10 @@ def _lacking(row: Mapping[str, Any], peers: bool) -> tuple[str, ...]:
 
 
 def _worked(
-    todo: Sequence[AnyCase], rows: Mapping[str, Mapping[str, Any]], solve: Solve, peers: bool, workers: int
+    todo: Sequence[AnyCase], rows: Mapping[str, Mapping[str, Any]], ways: Ways, workers: int
 ) -> Iterator[dict[str, Any]]:
     """Rows as they are finished."""
-    tasks = [(case, dict(rows.get(case.key, {})), solve, peers) for case in todo]
+    tasks = [(case, dict(rows.get(case.key, {})), ways) for case in todo]
     if workers == 1 or len(todo) < 2:
         with threadpool_limits(1):
             for task in tasks:

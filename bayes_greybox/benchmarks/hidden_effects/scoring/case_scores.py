@@ -97,7 +97,7 @@ def case_scores(row: Mapping[str, Any]) -> dict[str, Any]:
     return {
         **{name: row[name] for name in ("key", "family", "domain", "host", "noise")},
         "effects": "+".join(truth),
-        "ratio": min(ratios, default=None),
+        "ratio": row["visible"] if row.get("visible") else min(ratios, default=None),
         "study verdict": verdict,
         "study names": "+".join(names),
         **right,

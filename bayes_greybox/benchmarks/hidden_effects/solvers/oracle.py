@@ -11,7 +11,9 @@ which is integrated over r, over the inner parameter and over both signs. Nothin
 average over such cases; what it cannot separate, nothing can.
 """
 
+from collections.abc import Callable, Mapping
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -22,6 +24,10 @@ from bayes_greybox.benchmarks.hidden_effects.generate import CaseData
 from bayes_greybox.benchmarks.hidden_effects.systems.hidden import ADDED, CATALOGUE, Hidden
 from bayes_greybox.benchmarks.hidden_effects.systems.hosts import term_value
 from bayes_greybox.benchmarks.hidden_effects.systems.trajectories import rms
+
+Oracle = Callable[["CaseData"], Mapping[str, Any]]
+"""From the data of a case to what a finished case keeps: "oracle", probabilities by name, best first; "visible",
+the size of what is hidden over the standard error that it would have, where that is not its ratio to a rate's noise."""
 
 NONE = "none"
 """Name of the hypothesis that nothing is hidden."""
@@ -57,6 +63,15 @@ def candidates(data: CaseData, joined: bool = False) -> dict[str, Hidden]:
     return kept
 
 
+def ask(data: CaseData) -> dict[str, Any]:
+    """What a finished case keeps of the oracle: its probabilities as "oracle".
+
+    Args:
+        data: The case's data.
+    """
+    return {"oracle": posterior(data)}
+
+
 def posterior(data: CaseData, none: float | None = None) -> dict[str, float]:
     """Probabilities of "none" and of each candidate effect, best first.
 
@@ -64,34 +79,62 @@ def posterior(data: CaseData, none: float | None = None) -> dict[str, float]:
         data: The case's data; of what is hidden, only what the module's description names is used.
         none: Prior probability of "none"; by default its share among the benchmark's cases of one effect or none.
     """
-    effects = candidates(data)
+    return weighed({slug: log_evidence(data, effect) for slug, effect in candidates(data).items()}, none)
+
+
+def weighed(evidence: Mapping[str, float], none: float | None = None) -> dict[str, float]:
+    """Probabilities of "none" and of effects, best first.
+
+    Args:
+        evidence: Log evidence of each effect over that of none.
+        none: Prior probability of "none", as for `posterior`.
+    """
     cases = 4 * sum(len(entries) for entries in CATALOGUE.values())
     none = NULLS / (NULLS + cases) if none is None else none
     logs = {NONE: float(np.log(none))}
-    for slug, effect in effects.items():
-        logs[slug] = float(np.log((1.0 - none) / len(effects)) + log_evidence(data, effect))
-    total = logsumexp(list(logs.values()))
+    logs |= {slug: float(np.log((1.0 - none) / len(evidence)) + value) for slug, value in evidence.items()}
+    total = float(np.asarray(logsumexp(list(logs.values()))))
     return {name: float(np.exp(logs[name] - total)) for name in sorted(logs, key=lambda name: -logs[name])}
 
 
 def log_evidence(data: CaseData, effect: Hidden) -> float:
     """Logarithm of p(e | effect) over p(e | none)."""
     residual = data.residual(true_coefficients=True) / data.sigma
+
+    def logs_of(nodes: np.ndarray) -> np.ndarray:
+        values = effect_values(data, effect, nodes)
+        b = values @ residual / np.sqrt(np.mean(values**2, axis=1))
+        return over_ratio(b, np.full(len(b), values.shape[1]), data.case.noise)
+
+    return over_inner(data, effect, logs_of)
+
+
+def over_inner(
+    data: CaseData, effect: Hidden, logs_of: Callable[[np.ndarray], np.ndarray], count: int = INNER_NODES
+) -> float:
+    """Log of an evidence integrated over the prior of an effect's inner parameter, if it has one.
+
+    Args:
+        data: The case's data.
+        effect: The effect.
+        logs_of: Log evidences at values of the inner parameter.
+        count: Nodes over its range, and again around the best of them.
+    """
+    nodes = inner_nodes(data, effect, count)
+    logs = logs_of(nodes[:1] if effect.inner is None else nodes)
     if effect.inner is None:
-        return float(_over_ratio(effect_values(data, effect, np.array([np.nan])), residual, data.case.noise)[0])
-    nodes = inner_nodes(data, effect, INNER_NODES)
-    logs = _over_ratio(effect_values(data, effect, nodes), residual, data.case.noise)
+        return float(logs[0])
     # A large effect fixes its inner parameter better than the first nodes can show.
     best = int(np.argmax(logs))
-    around = np.geomspace(nodes[max(0, best - 2)], nodes[min(len(nodes) - 1, best + 2)], INNER_NODES)
-    finer = _over_ratio(effect_values(data, effect, around), residual, data.case.noise)
+    around = np.geomspace(nodes[max(0, best - 2)], nodes[min(len(nodes) - 1, best + 2)], count)
+    finer = logs_of(around)
     place = np.log(np.concatenate([nodes, around]))
     order = np.argsort(place)
     place, logs = place[order], np.concatenate([logs, finer])[order]
     # Trapezoidal rule; the prior is uniform in the logarithm.
     width = np.diff(place, prepend=place[0]) + np.diff(place, append=place[-1])
     used = width > 0
-    return float(logsumexp(logs[used], b=width[used] / 2 / (place[-1] - place[0])))
+    return float(np.asarray(logsumexp(logs[used], b=width[used] / 2 / (place[-1] - place[0]))))
 
 
 def nearest(data: CaseData) -> tuple[str, float]:
@@ -144,12 +187,16 @@ def _outside(values: np.ndarray, own: np.ndarray) -> np.ndarray:
     return values - (values @ basis) @ basis.T
 
 
-def _over_ratio(
-    values: Float[np.ndarray, "n_node n_obs"], residual: Float[np.ndarray, " n_obs"], noise: float
+def over_ratio(
+    b: Float[np.ndarray, " n_node"], n: Float[np.ndarray, " n_node"], noise: float
 ) -> Float[np.ndarray, " n_node"]:
-    """Integral over ratio and sign, for each row of values; the residual is in units of σ."""
-    n = values.shape[1]
-    b = values @ residual / np.sqrt(np.mean(values**2, axis=1))
+    """Log of the integral of exp(± r b - r² n / 2) over the prior of the ratio r and of the sign.
+
+    Args:
+        b: Product of what the effect does at a ratio of one with the residual, in units of their noise.
+        n: Its square.
+        noise: Of the case, which the prior of r depends on.
+    """
     x, w = np.polynomial.legendre.leggauss(RATIO_NODES)
     parts = []
     for low, high in pairwise(RATIO_EDGES):
@@ -161,5 +208,5 @@ def _over_ratio(
             start, stop = (np.clip(centre + side * REACH / np.sqrt(n), low, high) for side in (-1.0, 1.0))
             r = (start + stop)[:, None] / 2 + (stop - start)[:, None] / 2 * x
             weight = w * (stop - start)[:, None] / 2 * density / r / 2
-            parts.append(logsumexp(sign * r * b[:, None] - r**2 * n / 2, b=weight, axis=1))
+            parts.append(logsumexp(sign * r * b[:, None] - r**2 * n[:, None] / 2, b=weight, axis=1))
     return np.asarray(logsumexp(np.stack(parts), axis=0))

@@ -8,7 +8,7 @@ kept are what the method names.
 
 import importlib
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
@@ -34,6 +34,9 @@ INNER_COLUMNS = 3
 
 MODELS = 20
 """Bootstrapped models of an ensemble, of which the median coefficients are taken."""
+
+Rivals = Callable[["CaseData"], Mapping[str, Any]]
+"""From the data of a case to what other methods say of it, by method: "stlsq" and "ensemble"."""
 
 Regression = Callable[[Float[np.ndarray, "n_obs n_term"], Float[np.ndarray, " n_obs"], float], np.ndarray]
 """(columns, target, threshold) -> coefficients, exact zeros for terms that are dropped."""
@@ -71,6 +74,15 @@ def require() -> Any:
         ) from error
 
 
+def ask(data: CaseData) -> dict[str, Any]:
+    """What PySINDy says of a case, by method.
+
+    Args:
+        data: The case's data.
+    """
+    return {"stlsq": sindy(data), "ensemble": sindy(data, ensemble=True)}
+
+
 def sindy(data: CaseData, ensemble: bool = False, seed: int = 0) -> dict[str, object]:
     """Name what is missing by sparse regression of measured derivative less simulation.
 
@@ -87,8 +99,23 @@ def sindy(data: CaseData, ensemble: bool = False, seed: int = 0) -> dict[str, ob
         InputError: PySINDy is not installed.
     """
     book = candidate_terms(data)
-    gap = data.residual("train")
-    gap = gap / rms(gap)
+    return regressed(book.columns, book.slugs, data.residual("train"), ensemble, seed)
+
+
+def regressed(
+    columns: Float[np.ndarray, "n_obs n_term"], slugs: Sequence[str], gap: Float[np.ndarray, " n_obs"],
+    ensemble: bool, seed: int,
+) -> dict[str, object]:  # fmt: skip
+    """Name what is missing by sparse regression of a gap.
+
+    Args:
+        columns: Terms at unit RMS.
+        slugs: What each stands for, as in a `Library`.
+        gap: The gap.
+        ensemble: As for `sindy`, as is the seed.
+        seed: Of the bootstrap.
+    """
+    book, gap = Library(columns, tuple(slugs)), gap / rms(gap)
     threshold = choose_threshold(_regression(), book.columns, gap)
     size = np.abs(_regression(MODELS if ensemble else 1, seed)(book.columns, gap, threshold))
     kept = [int(i) for i in np.argsort(-size) if size[i] > 0]
@@ -136,7 +163,7 @@ def _regression(models: int = 1, seed: int = 0) -> Regression:
         optimizer = pysindy.STLSQ(threshold=threshold)
         if models > 1:
             optimizer = pysindy.EnsembleOptimizer(optimizer, bagging=True, n_models=models)
-        with warnings.catch_warnings(), _numpy_seed(seed):
+        with warnings.catch_warnings(), numpy_seed(seed):
             # It warns whenever a threshold leaves no term.
             warnings.simplefilter("ignore")
             return np.ravel(optimizer.fit(columns, target[:, None]).coef_)
@@ -145,7 +172,7 @@ def _regression(models: int = 1, seed: int = 0) -> Regression:
 
 
 @contextmanager
-def _numpy_seed(seed: int) -> Iterator[None]:
+def numpy_seed(seed: int) -> Iterator[None]:
     """NumPy's global generator, which PySINDy draws its bootstrap from, at a seed and afterwards as it was."""
     state = np.random.get_state()  # noqa: NPY002
     np.random.seed(seed)  # noqa: NPY002
