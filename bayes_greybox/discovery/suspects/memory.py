@@ -12,6 +12,7 @@ over the states is what they are.
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Float
@@ -26,6 +27,9 @@ LIMITS = (0.02, 0.05, 0.1, 0.2, 0.3, 0.45, 0.6, 0.8)
 
 TIMES = (0.1, 0.3, 1.0)
 """Time constants τ over the period of a wave with the spread of x and of its rate."""
+
+REACH = 30.0
+"""Time constants whose exponentials are summed at once."""
 
 SLOWEST = 1e-12
 """A state whose largest change over its size is below this never moved."""
@@ -77,16 +81,23 @@ def memory_columns(data: Trajectories) -> Iterator[tuple[Memory, Float[np.ndarra
 
 
 def _held(changes: np.ndarray, steps: np.ndarray, limits: np.ndarray) -> np.ndarray:
+    # From one turn of x to the next an element reaches its limit and stays there.
     z = np.zeros((len(changes) + 1, len(limits)))
-    for k, change in enumerate(changes):
-        z[k + 1] = np.clip(z[k] + change, -limits, limits)
+    direction = np.sign(changes)
+    turns = np.flatnonzero(direction[1:] * direction[:-1] <= 0) + 1
+    for first, last in pairwise([0, *turns.tolist(), len(changes)]):
+        moved = np.cumsum(changes[first:last])[:, None]
+        z[first + 1 : last + 1] = np.clip(z[first] + moved, -limits, limits)
     return z
 
 
 def _relaxing(changes: np.ndarray, steps: np.ndarray, times: np.ndarray) -> np.ndarray:
-    # Exact where x moves at a steady speed within a step
-    z, past = np.zeros((len(changes) + 1, len(times))), -steps[:, None] / times
-    kept, gained = np.exp(past), exprel(past) * changes[:, None]
-    for k in range(len(changes)):
-        z[k + 1] = kept[k] * z[k] + gained[k]
+    # Exact where x moves at a steady speed within a step; as sums over stretches whose exponentials are numbers.
+    z, past = np.zeros((len(changes) + 1, len(times))), np.concatenate([[0.0], np.cumsum(steps)])[:, None] / times
+    gained = exprel(-steps[:, None] / times) * changes[:, None]
+    stretch = np.floor(past[:, np.argmin(times)] / REACH)
+    for first, last in pairwise(np.unique([0, *np.flatnonzero(np.diff(stretch)), len(changes)]).tolist()):
+        since = past[first + 1 : last + 1] - past[first + 1 : first + 2]
+        begun = np.exp(past[first] - past[first + 1]) * z[first]
+        z[first + 1 : last + 1] = np.exp(-since) * (begun + np.cumsum(np.exp(since) * gained[first:last], axis=0))
     return z

@@ -55,6 +55,24 @@ def test_a_swinging_maxwell_element_is_a_damper_where_it_is_fast_and_a_spring_wh
         np.testing.assert_allclose(z[late], expected[late], atol=2e-3 * tau)
 
 
+def test_elements_of_a_ragged_path_are_those_of_its_steps_one_by_one():
+    rng, n = np.random.default_rng(0), 3000
+    h = rng.uniform(0.5, 1.5, n) * 0.01
+    h[1500] = 400.0  # A pause in which all is forgotten.
+    t, x = np.concatenate([[0.0], np.cumsum(h)]), np.cumsum(rng.standard_normal(n + 1)) * 0.02
+    x[700:720] = x[700]
+    tables = along(t, x)
+    period = 2 * np.pi * np.std(x) / np.sqrt(np.sum(np.diff(x) ** 2 / h) / np.sum(h))
+    limits, times = np.array(LIMITS) * np.ptp(x) / 2, np.array(TIMES) * period
+    held, relaxed = np.zeros((n + 1, len(limits))), np.zeros((n + 1, len(times)))
+    for k, change in enumerate(np.diff(x)):
+        held[k + 1] = np.clip(held[k] + change, -limits, limits)
+        steady = change / h[k] * times
+        relaxed[k + 1] = steady + (relaxed[k] - steady) * np.exp(-h[k] / times)
+    np.testing.assert_allclose(tables[Memory(HYSTERESIS, "x")], held, atol=1e-12 * np.ptp(x))
+    np.testing.assert_allclose(tables[Memory(RELAXATION, "x")], relaxed, atol=1e-9 * np.ptp(x))
+
+
 def test_each_run_starts_without_a_past():
     t, x = there_and_back()
     data = Trajectories.from_arrays([t, t], states={"x": [x, -x]})
