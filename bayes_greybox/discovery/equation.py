@@ -73,6 +73,7 @@ def study_equation(
     say("mapping the gap")
     amendment = _amendment(finding, aligned, train, seed)
     motion, doubts = _motion(model, train, aligned, amendment, finding, odds)
+    doubts += _noise_as_force(finding, aligned)
     if doubts:
         finding, checks = decided(doubts)
         finding = finding.capped([check.text for check in motion if not check.ok])
@@ -152,9 +153,7 @@ def _sensors(statistics: SufficientStatistics, coefficients: Coefficients) -> di
 def _with_noisy_states(finding: Finding, aligned: Aligned, unit: str) -> Finding:
     """What the noise left on states says against the finding; a gap no larger than it is the instrument's."""
     world, scale = finding.world, finding.world.evaluations.statistics.target_scale
-    spurious = aligned.spurious / scale
-    # A process in time is in the residual, but no noise.
-    left = float(np.sqrt(np.mean(world.residual(finding.explanation) ** 2) * (1 - world.model.process_share)))
+    spurious, left = aligned.spurious / scale, _left(finding)
     if finding.verdict == "unknown":
         gap = np.sqrt(max(float(np.mean(world.residual(world.bare) ** 2)) - left**2, 0.0))
         if spurious > REGRESSORS * left and gap < AS_LARGE * spurious:
@@ -168,6 +167,18 @@ def _with_noisy_states(finding: Finding, aligned: Aligned, unit: str) -> Finding
     return finding.capped(
         [f"noise on the samples of {names} acts like a force of {spurious * scale:.2g} {unit}".rstrip()]
     )
+
+
+def _noise_as_force(finding: Finding, aligned: Aligned) -> list[Doubt]:
+    """What the noise left on states does to the rate, where that is much beside the residuals: no effect is smaller."""
+    spurious = aligned.spurious / finding.world.evaluations.statistics.target_scale
+    return [Doubt(1.0, spurious, own=False)] if finding.places and spurious > REGRESSORS * _left(finding) else []
+
+
+def _left(finding: Finding) -> float:
+    """RMS of the residual but for a process in time, which is in it and no noise; scaled units."""
+    world = finding.world
+    return float(np.sqrt(np.mean(world.residual(finding.explanation) ** 2) * (1 - world.model.process_share)))
 
 
 def _size(finding: Finding) -> float:
