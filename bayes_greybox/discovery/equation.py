@@ -66,6 +66,8 @@ def study_equation(
         rest = finding.explanation.leaves_rest or PROCESS in finding.world.model.names
         checks = [] if rest else check_explanation(finding.world, finding.explanation, unit_of_time)
         finding = _with_noisy_states(finding, aligned, unit)
+        if finding.verdict == "no gap" and aligned.late:
+            finding = replace(finding, verdict="instrument")
         said = [check.text for check in checks if not check.ok]
         return finding.capped(said), checks
 
@@ -126,8 +128,11 @@ def _amendment(finding: Finding, aligned: Aligned, train: Trajectories, seed: in
     """The model after, without what remains: coefficients of a finding, and sensors put right."""
     evaluations, statistics = finding.world.evaluations, finding.world.evaluations.statistics
     suspects = finding.explanation.suspects
-    remainder = finding.remainder if finding.explanation.leaves_rest else 0.0
-    coefficients = draw_coefficients(evaluations, finding.base, DRAWS, seed, suspects, remainder)
+    memory = finding.explanation.memory
+    remainder = finding.remainder if finding.explanation.leaves_rest and not memory else 0.0
+    coefficients = draw_coefficients(evaluations, finding.base, DRAWS, seed, (*suspects, *memory), remainder)
+    # What remembers is fitted beside them, and no part of the model after.
+    coefficients = coefficients.first_suspects(len(suspects))
     if not finding.base and finding.explanation.kind != RECALIBRATED:
         # Nothing is missing, or nothing that has a name: the model after is the model before, whatever small weight
         # corrections keep.

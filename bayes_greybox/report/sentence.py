@@ -85,8 +85,15 @@ def _missing(study: StudyResult, said: Sequence[str], closed: str) -> str:
     if study.verdict == "unknown" or not said:
         shapeless = [name for name in study.maps if answer(study, name) == "unknown"] if len(study.maps) > 1 else []
         where = f" in {' and '.join(f'd({name})/dt' for name in shapeless)}" if shapeless else ""
-        remembers = remembered(study)
-        shape = f"it remembers ({remembers}): no function of the states" if remembers else "the maps show its shape"
+        # Of several equations the ones that are spoken of here
+        said_of = shapeless or list(study.maps)
+        told = {name: remembered(study, name) for name in said_of}
+        remembers = "; ".join(
+            f"{text} in d({name})/dt" if len(said_of) > 1 else text for name, text in told.items() if text
+        )
+        shape = "the maps show its shape"
+        if remembers:
+            shape = f"it remembers ({remembers})" if all(told.values()) else f"{shape}, and it remembers ({remembers})"
         unnamed = f"Something is missing{where} that the catalogue does not have; {shape}"
         if not said:
             return f"{unnamed}."
@@ -105,7 +112,7 @@ def _missing(study: StudyResult, said: Sequence[str], closed: str) -> str:
         others += [f"an error of the sensor ({name})" for name in dict.fromkeys(tied) if name.split(" of ")[0] in KINDS]
         instead = f", or in its place {' or '.join(others)}" if others else ""
         return f"Something is missing, most likely {' and '.join(said)}{instead}; adding the likeliest {closed}."
-    if remembers := remembered(study):
+    if remembers := "; ".join(text for name in study.maps if (text := remembered(study, name))):
         return f"{lacks}, and something else that remembers ({remembers}); adding what has a name {closed}."
     if study.against:
         return f"{lacks}, but that is not all; adding {it} {closed}."

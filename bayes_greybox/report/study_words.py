@@ -64,22 +64,15 @@ def added(study: StudyResult) -> np.ndarray:
     return np.flatnonzero((study.effects["status"] == "added").to_numpy()) if len(study.effects) else np.zeros(0, int)
 
 
-def remembered(study: StudyResult, equation: str | None = None) -> str:
+def remembered(study: StudyResult, equation: str) -> str:
     """What an effect without a name likely remembers, with its probability; "" where it is not likely to.
 
     Args:
         study: The study.
-        equation: Of one equation; by default of all, each named where there are several.
+        equation: The equation that lacks it.
     """
-    table = study.memory[study.memory["probability"] > LIKELY].reset_index()
-    rows = [row for row in table.to_dict("records") if equation in (None, row["equation"])]
-    about = {
-        row["equation"]: f" in d({row['equation']})/dt" if len(study.maps) > 1 and not equation else "" for row in rows
-    }
-    said = [
-        f"{row['memory']}{about[row['equation']]}, probability {probability_text(row['probability'])}" for row in rows
-    ]
-    return "; ".join(said)
+    known = rows_of(study.memory, equation)["probability"].to_dict()
+    return "; ".join(f"{name}, probability {probability_text(p)}" for name, p in known.items() if p > LIKELY)
 
 
 def name_of(study: StudyResult, slug: str) -> str:

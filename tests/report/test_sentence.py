@@ -91,7 +91,12 @@ def test_what_remembers_is_said_to_with_its_probability_where_that_is_likely():
 def test_of_two_equations_that_which_remembers_is_said():
     known = {"x": {"hysteresis of x": 0.98}, "u": {"hysteresis of x": 0.1}}
     text = said("unknown", equations={"x": "unknown", "u": "no gap"}, memory=known)
-    assert "hysteresis of x in d(x)/dt, probability 0.980" in text and "d(u)/dt" not in text
+    assert "in d(x)/dt that the catalogue does not have; it remembers (hysteresis of x" in text and "d(u)" not in text
+    both = said("unknown", equations={"x": "unknown", "u": "unknown"}, memory=known)
+    assert "the maps show its shape, and it remembers (hysteresis of x, probability 0.980 in d(x)/dt)" in both
+    # What remembers in an equation that has a name is not said of the one that has none.
+    other = said("unknown", equations={"x": "named", "u": "unknown"}, memory=known)
+    assert "in d(u)/dt that the catalogue does not have; the maps show its shape" in other
 
 
 def test_a_named_effect_is_said_with_its_equation_and_probability():

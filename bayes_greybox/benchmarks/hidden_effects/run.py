@@ -107,10 +107,11 @@ def run(
         rows = opened(folder / RESULTS)
     except OSError as error:
         raise unwritable(folder, error) from error
-    todo = [case for case in chosen if _lacking(rows.get(case.key, {}), peers)]
+    ways = Ways(solve, oracle, rivals if peers else None)
+    todo = [case for case in chosen if _lacking(rows.get(case.key, {}), ways)]
     with _bar(progress) as show, (folder / RESULTS).open("a", encoding="utf-8") as lines:
         show(len(chosen) - len(todo), len(chosen))
-        for done, row in enumerate(_worked(todo, rows, Ways(solve, oracle, rivals if peers else None), workers), 1):
+        for done, row in enumerate(_worked(todo, rows, ways, workers), 1):
             lines.write(json.dumps(row, allow_nan=False) + "\n")
             lines.flush()
             rows[row["key"]] = row
@@ -133,7 +134,7 @@ def run_case(
     row = {"version": version("bayes-greybox"), "key": case.key, "domain": case.system.domain, **asdict(case)}
     row |= {"truth": [], "off": None, "closable": None, **before}
     row.pop("error", None)
-    parts = _lacking(before, ways.rivals is not None)
+    parts = _lacking(before, ways)
     try:
         data = make_data(case)
         row |= {"truth": [asdict(item) for item in data.effects], "off": data.off}
@@ -181,9 +182,11 @@ def write_tables(scores: Scores, folder: Path) -> None:
         raise unwritable(folder, error) from error
 
 
-def _lacking(row: Mapping[str, Any], peers: bool) -> tuple[str, ...]:
-    """Parts of a case that are still to be found."""
-    return tuple(part for part in ("oracle", "study", *(("stlsq",) if peers else ())) if part not in row)
+def _lacking(row: Mapping[str, Any], ways: Ways) -> tuple[str, ...]:
+    """Parts of a case that are still to be found; an oracle of samples says what is visible too."""
+    wanted = ("oracle", "study", *(("stlsq",) if ways.rivals is not None else ()))
+    rates = ways.oracle is ask_oracle
+    return tuple(p for p in wanted if p not in row or (p == "oracle" and not rates and "visible" not in row))
 
 
 def _worked(

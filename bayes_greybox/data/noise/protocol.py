@@ -59,6 +59,11 @@ class RowNoise(ABC):
         return False
 
     @property
+    def triangular(self) -> bool:
+        """Whether W is triangular: a row of it knows of no later row."""
+        return True
+
+    @property
     def independent(self) -> bool:
         """Whether R is diagonal: rows may differ in their noise, but know nothing of each other."""
         return self.local

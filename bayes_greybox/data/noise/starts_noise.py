@@ -97,6 +97,11 @@ class StartsNoise(RowNoise):
         return replace(self, inner=error)
 
     @property
+    def triangular(self) -> bool:
+        """Not: starts are shared by all rows of a run."""
+        return False
+
+    @property
     def intensities(self) -> Float[np.ndarray, " n"]:
         """Those of the motion; none where rows of the sensor are not independent."""
         return self.motion().intensities if self.motion is not None and self.inner.independent else np.zeros(0)

@@ -30,6 +30,10 @@ class Coefficients(NamedTuple):
     suspects: tuple[int, ...] = ()
     suspect_draws: np.ndarray = np.zeros((0, 0))
 
+    def first_suspects(self, n: int) -> "Coefficients":
+        """Without the suspects after the first n."""
+        return self._replace(suspects=self.suspects[:n], suspect_draws=self.suspect_draws[:, :n])
+
 
 def plain(evaluations: Evaluations) -> np.ndarray:
     """Coefficients of the free columns with nothing else in the model, scaled."""

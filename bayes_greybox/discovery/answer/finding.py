@@ -200,7 +200,7 @@ class Weighed:
             for i in e.suspects:
                 suspect = world.evaluations.statistics.columns[i].suspect
                 assert suspect is not None
-                real = p * (1 - imitated(share)) if e.leaves_rest and i not in world.always else p
+                real = p * (1 - imitated(share)) if _leaves_rest(world, e) and i not in world.always else p
                 found[suspect.key] = found.get(suspect.key, 0.0) + real
         return dict(sorted(found.items(), key=lambda item: -item[1]))
 
@@ -210,7 +210,7 @@ class Weighed:
         kept = tuple(
             i
             for i in e.suspects
-            if i in world.always or not e.leaves_rest or known[columns[i].suspect.key] >= 0.5  # type: ignore[union-attr]
+            if i in world.always or not _leaves_rest(world, e) or known[columns[i].suspect.key] >= 0.5  # type: ignore[union-attr]
         )
         return e if kept == e.suspects else replace(e, suspects=kept)
 

@@ -7,12 +7,13 @@ import numpy as np
 import pandas as pd
 
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.discovery.suspects.channels import DELAY, GAIN, STATES, ChannelSuspect
+from bayes_greybox.discovery.suspects.channels import DELAY, DELAY_STEPS, GAIN, STATES, ChannelSuspect
 from bayes_greybox.discovery.weighing.alignment import Aligned
 from bayes_greybox.model.noise.noise_model import CORRELATED, HEAVY, PROCESS, VARYING
 from bayes_greybox.physics.units import derivative_unit
 
 from .coefficients import Coefficients
+from .doubt import contradicted
 from .finding import Finding
 
 NOISY = "noisy state"
@@ -86,6 +87,10 @@ def instrument_table(
         about = next(w.model.about[name] for w in weighed.worlds if name in w.model.names)
         inside = name in finding.world.model.names
         rows.append(_noise_row(statistics.equation, name, p, about, inside, data))
+    for name, late in aligned.late.items():
+        suspect = ChannelSuspect(DELAY, name, DELAY_STEPS * late.step, late.step)
+        p = contradicted(late.p, finding.world.evaluations.odds.suspect)
+        rows.append(_row(statistics.equation, suspect, p, late.by, late.sd, True, data))
     for name, noise in aligned.sample_noise.items():
         unit = data.unit(name) or ""
         rows.append(

@@ -12,7 +12,7 @@ measured path, so any simulation serves. A delay that was found is undone in the
 until it moves no more: what is reported is not first order.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -152,8 +152,18 @@ def within(data: Trajectories, equation: str, delays: Mapping[str, float]) -> Bo
         equation: The studied state.
         delays: By channel.
     """
+    return measured_at(data, set(_later_by(data, equation, delays).values()))
+
+
+def measured_at(data: Trajectories, later: Collection[float]) -> Bool[np.ndarray, " n_obs"]:
+    """Rows that are inside their run so much later, too.
+
+    Args:
+        data: Measurements.
+        later: Times.
+    """
     inside = np.ones(data.n_obs, bool)
-    for by in set(_later_by(data, equation, delays).values()) - {0.0}:
+    for by in set(later) - {0.0}:
         for r in dict.fromkeys(data.run.tolist()):
             own = data.run == r
             time = data.time[own]

@@ -31,8 +31,9 @@ TIMES = (0.1, 0.3, 1.0)
 REACH = 30.0
 """Time constants whose exponentials are summed at once."""
 
-SLOWEST = 1e-12
-"""A state whose largest change over its size is below this never moved."""
+RETURNS, TURN = 1.5, 0.05
+"""Way of a channel within a run over its range there from which on it comes back to where it was: a memory of one that
+does not is a function of what it is; and half the range that a turn has at least, or it is noise."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +55,7 @@ class Memory:
 
 
 def memory_columns(data: Trajectories) -> Iterator[tuple[Memory, Float[np.ndarray, "n_obs n_element"]]]:
-    """Every memory with the forces of its elements, by the paths that were measured.
+    """Every memory with the forces of its elements, by the paths that were measured; of channels that come back.
 
     Elements are at rest where a run starts, and forget that they were not.
 
@@ -66,7 +67,7 @@ def memory_columns(data: Trajectories) -> Iterator[tuple[Memory, Float[np.ndarra
     for name in (*data.state_names, *data.input_names):
         x = data.column(name)
         half, changes = np.ptp(x) / 2, np.concatenate([np.diff(x[own]) for own in runs] or [np.zeros(1)])
-        if not np.max(np.abs(changes)) > SLOWEST * np.max(np.abs(x)):
+        if not any(_returns(x[own]) for own in runs):
             continue
         steps = np.concatenate([np.diff(data.time[own]) for own in runs])
         moved = steps > 0
@@ -78,6 +79,12 @@ def memory_columns(data: Trajectories) -> Iterator[tuple[Memory, Float[np.ndarra
             for own in runs:
                 table[own] = force(np.diff(x[own]), np.diff(data.time[own]), sizes)
             yield Memory(kind, name), table
+
+
+def _returns(x: np.ndarray) -> bool:
+    span = np.ptp(x)
+    way = np.diff(x) - np.diff(_held(np.diff(x), x, np.array([TURN * span]))[:, 0])
+    return bool(span > 0 and np.sum(np.abs(way)) > RETURNS * span)
 
 
 def _held(changes: np.ndarray, steps: np.ndarray, limits: np.ndarray) -> np.ndarray:
@@ -96,7 +103,7 @@ def _relaxing(changes: np.ndarray, steps: np.ndarray, times: np.ndarray) -> np.n
     z, past = np.zeros((len(changes) + 1, len(times))), np.concatenate([[0.0], np.cumsum(steps)])[:, None] / times
     gained = exprel(-steps[:, None] / times) * changes[:, None]
     stretch = np.floor(past[:, np.argmin(times)] / REACH)
-    for first, last in pairwise(np.unique([0, *np.flatnonzero(np.diff(stretch)), len(changes)]).tolist()):
+    for first, last in pairwise(sorted({0, *np.flatnonzero(np.diff(stretch)).tolist(), len(changes)})):
         since = past[first + 1 : last + 1] - past[first + 1 : first + 2]
         begun = np.exp(past[first] - past[first + 1]) * z[first]
         z[first + 1 : last + 1] = np.exp(-since) * (begun + np.cumsum(np.exp(since) * gained[first:last], axis=0))

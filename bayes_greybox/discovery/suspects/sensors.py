@@ -103,5 +103,7 @@ def _gradient(time: np.ndarray, values: np.ndarray) -> np.ndarray:
     """du/dt; zero on steps of no length, which end shorter segments."""
     inside = np.concatenate([[True], np.diff(time) > 0])
     found = np.zeros(len(time))
+    if np.sum(inside) < 2:
+        return found
     found[inside] = np.gradient(values[inside], time[inside])
     return found

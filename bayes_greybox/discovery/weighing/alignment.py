@@ -18,12 +18,15 @@ from bayes_greybox.discovery.suspects.channels import (
     ChannelSuspect,
     Rate,
     calibrated,
+    measured_at,
     rate_channel,
+    shifted,
     slope_along,
     suspect_columns,
     undone,
     within,
 )
+from bayes_greybox.discovery.suspects.late import Late, late_states
 from bayes_greybox.discovery.suspects.memory import memory_columns
 from bayes_greybox.discovery.suspects.samples import SampleNoise, Smoother, clipped, known_rates, misread
 from bayes_greybox.model.evidence import coefficients
@@ -64,6 +67,7 @@ class Aligned:
         delays: What was undone, by channel.
         probability: Of each of these delays when it was found.
         sample_noise: Noise on the samples of states.
+        late: States that were late against the state that is their rate, which was undone first.
         clipped: Rows at which a channel's sensor was at its end, by channel.
         misread: Rows at which a state's or an input's sensor slipped, by channel.
         rate: The whole modelled rate.
@@ -79,6 +83,7 @@ class Aligned:
     delays: Mapping[str, float] = field(default_factory=dict)
     probability: Mapping[str, float] = field(default_factory=dict)
     sample_noise: Mapping[str, SampleNoise] = field(default_factory=dict)
+    late: Mapping[str, Late] = field(default_factory=dict)
     clipped: Mapping[str, np.ndarray] = field(default_factory=dict)
     misread: Mapping[str, np.ndarray] = field(default_factory=dict)
     rate: Rate = lambda data: np.zeros(data.n_obs)
@@ -141,8 +146,8 @@ class Aligned:
         return self.evaluations.statistics.equation
 
     def _moved(self, data: Trajectories, *out: np.ndarray) -> Trajectories:
-        moved = undone(self.smooth(data), self._equation, self.delays)
-        return moved.keep(_usable(data, self._equation, self.delays, out))
+        moved = undone(_earlier(self.smooth(data), self.late), self._equation, self.delays)
+        return moved.keep(_usable(data, self._equation, self.delays, (*out, *_beyond(data, self.late))))
 
 
 def align(
@@ -173,8 +178,10 @@ def align(
     smooth = smooth or Smoother(train, known_rates(model.simulator(train), train))
     bare_rate = modelled_rate(model, train, equation, ())
     at_end, (mended, slips) = _clipped(train, equation), _mended(train, equation, bare_rate)
-    out = (*at_end.values(), *slips.values())
     measured = smooth(mended)
+    late = late_states(measured, model.simulator(train), {name: noise.left for name, noise in smooth.noise.items()})
+    measured = _earlier(measured, late)
+    out = (*at_end.values(), *slips.values(), *_beyond(train, late))
     delays: dict[str, float] = {}
     probability: dict[str, float] = {}
     added: tuple[tuple[Term, float], ...] = ()
@@ -184,16 +191,21 @@ def align(
     data = whole.keep(used)
     statistics = sufficient_statistics(model, data, equation, effects)
     evaluator = Evaluator(statistics.prior, statistics.kernel, np.asarray(statistics.basis.frequency))
-    before, moved, too_far = None, False, set()
+    # Samples of a rate tell a state's delay better than the rate of that one does.
+    before, moved, too_far = None, False, {ChannelSuspect(DELAY, name, 0.0).key for name in late}
     rate, turn = modelled_rate(model, whole, equation, added), 0
+    own = statistics.rows.noise
     while True:
         if turn:
             report("taking suspects along the rate with what was found")
         bare = statistics if not turn else _anew(model, data, equation, statistics, moved)
+        # Statistics that stay the same are under the noise of the turn before.
+        own = bare.rows.noise if moved else own
         columns = [(suspect, column[used]) for suspect, column in suspect_columns(whole, equation, rate)]
         known = {c[0].key for c in columns if c[0].kind == DELAY and c[0].channel in delays}
         bare.suspect([c for c in columns if c[0].key not in too_far], known)
-        bare.remember(memory_columns(data))
+        # What was there at rows that are out is remembered too.
+        bare.remember((memory, table[used]) for memory, table in memory_columns(whole))
         given = bare if under is None else bare.with_noise(_at(under[0], measured.run, seen, used))
         evaluations = Evaluations(given, odds, evaluator)
         always = tuple(i for i in _delays(given) if (s := given.columns[i].suspect) is not None and s.channel in delays)
@@ -211,8 +223,8 @@ def align(
             if suspect is None:
                 continue
             by = float(value) * given.target_scale / given.columns[index].scale
-            late = later.get(suspect.channel, 0.0) if suspect.kind == DELAY else 0.0
-            if abs(late + by) > (FURTHEST_DELAY if suspect.kind == DELAY else FURTHEST) * suspect.sd:
+            so_far = later.get(suspect.channel, 0.0) if suspect.kind == DELAY else 0.0
+            if abs(so_far + by) > (FURTHEST_DELAY if suspect.kind == DELAY else FURTHEST) * suspect.sd:
                 # No sensor is so far off: it stands in for a gap, which is left to stand.
                 too_far |= {suspect.key, *(key for key, stays in given.twins.items() if stays == suspect.key)}
                 if suspect.kind == DELAY:
@@ -222,7 +234,7 @@ def align(
             # What smoothing leaves of the noise on samples looks like a delay: it stays a suspect among others.
             if suspect.kind != DELAY or smooth.noise or (index not in always and p_late < LATE):
                 continue
-            later[suspect.channel] = late + by
+            later[suspect.channel] = so_far + by
             if index not in always:
                 # Later it is in every set, so its probability is that of the turns before.
                 probability[suspect.channel] = max(probability.get(suspect.channel, 0.0), p_late)
@@ -246,9 +258,12 @@ def align(
         rate = modelled_rate(model, whole, equation, added)
     if under is not None:
         # Found under one noise, weighed under all; columns keep their places.
-        evaluations = Evaluations(given.with_noise(bare.rows.noise), odds, evaluator)
+        evaluations = Evaluations(given.with_noise(own), odds, evaluator)
         sets = Sets(evaluations, most, always=always)
-    return Aligned(data, sets, delays, probability, smooth.noise, at_end, slips, rate, bare_rate, used, smooth)
+    return Aligned(
+        data, sets, delays, probability, sample_noise=smooth.noise, late=late, clipped=at_end, misread=slips, rate=rate,
+        bare=bare_rate, used=used, smooth=smooth,
+    )  # fmt: skip
 
 
 def modelled_rate(model: Program, data: Trajectories, equation: str, added: Sequence[tuple[Term, float]]) -> Rate:
@@ -352,6 +367,18 @@ def _usable(
     for rows in out:
         used = used & ~rows
     return used
+
+
+def _earlier(data: Trajectories, late: Mapping[str, Late]) -> Trajectories:
+    """Data with late states as they were."""
+    return shifted(data, {name: found.by for name, found in late.items()}) if late else data
+
+
+def _beyond(data: Trajectories, late: Mapping[str, Late]) -> list[Bool[np.ndarray, " n_obs"]]:
+    """Rows at ends of runs that a late state was not measured at."""
+    if not late or not _separable(data):
+        return []
+    return [~measured_at(data, {found.by for found in late.values()})]
 
 
 def _label(evaluations: Evaluations, index: int) -> str:

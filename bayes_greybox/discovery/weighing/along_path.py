@@ -14,7 +14,15 @@ from jaxtyping import Float
 
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.discovery.suspects.channels import ChannelSuspect, Rate, calibrated
+from bayes_greybox.discovery.suspects.channels import (
+    DELAY,
+    ChannelSuspect,
+    Rate,
+    calibrated,
+    measured_at,
+    shifted,
+    slope_along,
+)
 from bayes_greybox.discovery.suspects.memory import memory_columns
 from bayes_greybox.discovery.suspects.sensors import input_columns, input_force, sensor_columns
 from bayes_greybox.model.evidence import coefficients
@@ -22,6 +30,7 @@ from bayes_greybox.model.noise.noise_model import CORRELATED, PROCESS, NoiseMode
 from bayes_greybox.model.program import Program
 from bayes_greybox.model.rows.equation_rows import EquationRows
 from bayes_greybox.physics.catalogue.effects import BoundEffect
+from bayes_greybox.physics.simulation import Simulation
 from bayes_greybox.physics.terms import Term
 
 from .alignment import Aligned, modelled_rate
@@ -83,6 +92,9 @@ class Followed(Aligned):
         """Samples freed of errors of their sensors, with the path through them that right inputs drive."""
         assert self.rows is not None
         samples = calibrated(data.samples or data, self._equation, sensors, clock)
+        late = {suspect.channel: size for suspect, size in sensors.items() if suspect.kind == DELAY}
+        if late:
+            samples = shifted(samples, late).keep(measured_at(samples, late.values()))
         return self.rows.complete(samples, self._equation, self.model.simulator(samples))
 
 
@@ -165,7 +177,7 @@ def _near(
     rate = modelled_rate(near, data, equation, added)
     if suspected:
         nodes = near.rows.nodes(data, equation, simulation)
-        _suspects(statistics, data, nodes, rate)
+        _suspects(statistics, data, nodes, rate, simulation)
         statistics.remember(memory_columns(nodes))
     evaluator = Evaluator(statistics.prior, statistics.kernel, np.asarray(statistics.basis.frequency))
     base = Sets(Evaluations(statistics, odds, evaluator), most)
@@ -184,21 +196,25 @@ def _near(
     values, sd = unit * mean, unit * np.sqrt(np.maximum(np.diag(covariance), 0.0))
     names = tuple(c.formula.text if c.suspect is None else c.suspect.key for c in columns)
     found = tuple((c.term, float(v)) for c, v in zip(columns, values, strict=True) if c.term is not None and v != 0)
-    errors = _errors(columns, values, (*simulation.additive_terms(equation), *found), data.input_names)
+    errors = _errors(columns, values, found, simulation, data, equation)
     return Near(near, data, base, noise, rate, names, values, sd, (*found, *errors), tuple(term for term, _ in errors))
 
 
 def _errors(
-    columns: Sequence[Column], values: Float[np.ndarray, " n_column"], whole: Sequence[tuple[Term, float]],
-    inputs: Sequence[str],
+    columns: Sequence[Column], values: Float[np.ndarray, " n_column"], found: Sequence[tuple[Term, float]],
+    simulation: Simulation, data: Trajectories, equation: str,
 ) -> list[tuple[Term, float]]:  # fmt: skip
     """Forces that errors of inputs are along the path, where the whole rate is a sum of terms that says them."""
-    found = []
+    known, forces = simulation.additive_terms(equation), []
+    whole = sum((value * np.asarray(term.evaluate(data.columns)) for term, value in known), np.zeros(data.n_obs))
+    if not np.allclose(whole, simulation.on(data, equation), rtol=1e-9, atol=1e-9 * np.max(np.abs(whole), initial=0.0)):
+        return []
     for column, value in zip(columns, values, strict=True):
         suspect = column.suspect
-        if suspect is not None and suspect.channel in inputs and (force := input_force(suspect, whole)) is not None:
-            found.append((force, float(value)))
-    return found
+        if suspect is not None and suspect.channel in data.input_names:
+            force = input_force(suspect, (*known, *found))
+            forces += [(force, float(value))] if force is not None else []
+    return forces
 
 
 def _unfollowed(rows: EquationRows) -> list[NoiseModel]:
@@ -215,7 +231,9 @@ def _log_evidence(sets: Sets, noise: NoiseModel) -> float:
     return sets.parametric(core).all + sets.log_prior(core) - 0.5 * noise.noise.log_det
 
 
-def _suspects(statistics: SufficientStatistics, data: Trajectories, nodes: Trajectories, rate: Rate) -> None:
+def _suspects(
+    statistics: SufficientStatistics, data: Trajectories, nodes: Trajectories, rate: Rate, simulation: Simulation
+) -> None:
     samples, gain, noise = data.samples, statistics.rows.gain, statistics.rows.noise
     assert samples is not None
     # Where nothing drives a system its clock may start at any time: a late sensor is another start.
@@ -226,4 +244,12 @@ def _suspects(statistics: SufficientStatistics, data: Trajectories, nodes: Traje
     ]
     statistics.suspect(told, at_rows=True)
     step = float(np.median(np.diff(samples.time)[np.diff(samples.run) == 0]))
-    statistics.suspect(input_columns(nodes, rate, step))
+    # An input that drives other states as well is another force on each of them, which no column here is.
+    others = [name for name in simulation.equations if name != statistics.equation]
+    alone = [u for u in nodes.input_names if not any(_drives(u, simulation, name, nodes) for name in others)]
+    statistics.suspect([c for c in input_columns(nodes, rate, step) if c[0].channel in alone])
+
+
+def _drives(name: str, simulation: Simulation, equation: str, data: Trajectories) -> bool:
+    slope = slope_along(data, lambda at: simulation.on(at, equation), name, np.ones(data.n_obs))
+    return bool(np.any(slope != 0))

@@ -66,7 +66,7 @@ class Evaluations:
         return float(np.clip(self.evaluator.explained(self.with_features(indices), f.mode) / gap, 0.0, 1.0))
 
     def carried(self, fitted: Parametric, columns: Sequence[int]) -> float:
-        """Share of the gap's square that the last columns of a set carry.
+        """Share of the gap's square that the last columns of a set carry; what free columns could is no gap.
 
         Args:
             fitted: Evidence of the set.
@@ -74,7 +74,10 @@ class Evaluations:
         """
         single, posterior = one_pattern(fitted, int(np.argmax(fitted.by_pattern)))
         theta = coefficients(single, posterior)[0][-len(columns) :]
-        square = theta @ self.statistics.products[np.ix_(columns, columns)] @ theta
+        free, G = self.statistics.of_kind("free"), self.statistics.products
+        across = G[np.ix_(free, columns)] @ theta
+        square = theta @ G[np.ix_(columns, columns)] @ theta
+        square = float(square - across @ np.linalg.lstsq(G[np.ix_(free, free)], across, rcond=1e-12)[0])
         gap = self._gap(float(posterior.weight @ posterior.sigma**2 / np.sum(posterior.weight)))
         return float(np.clip(square / gap, 0.0, 1.0))
 

@@ -7,7 +7,7 @@ are then weighed anew. Effects that white noise makes sure of may be nothing und
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from math import log
 
@@ -20,7 +20,7 @@ from bayes_greybox.model.noise.noise_model import PROCESS, NoiseModel, Suspicion
 from bayes_greybox.model.noise.suspicions import suspicions
 
 from .evaluations import Evaluations, one_pattern
-from .sets import MEMORY, RECALIBRATED, REST, Explanation, Sets
+from .sets import RECALIBRATED, REST, Explanation, Sets
 
 TRIED = -3.0
 """Log odds over the best explanation of all below which a noise is not looked at further."""
@@ -76,12 +76,30 @@ class World:
         noise = self.evaluations.statistics.rows.noise
         spread = float(np.mean(noise.without_starts(self.residual(e)[:, None]) ** 2))
         white = spread * (1 - self.model.process_share)
-        in_time = np.clip(spread * self.model.process_share / max(1.0 - white, 1e-12), 0.0, 1.0)
+        in_time = np.clip(spread * self.model.process_share / max(self._gap - white, 1e-12), 0.0, 1.0)
         return float(1 - (1 - rest) * (1 - in_time))
 
+    @cached_property
+    def _gap(self) -> float:
+        """Mean square of the target that neither starts nor free columns could be."""
+        statistics = self.evaluations.statistics
+        free = statistics.at_rows(statistics.of_kind("free"))
+        target = statistics.rows.target / statistics.target_scale
+        left = statistics.rows.noise.without_starts(np.column_stack([target, free]))
+        own = left[:, 1:] @ np.linalg.lstsq(left[:, 1:], left[:, 0], rcond=1e-12)[0] if free.shape[1] else 0.0
+        return float(np.mean((left[:, 0] - own) ** 2))
+
     def coefficients(self, e: Explanation) -> tuple[np.ndarray, np.ndarray]:
-        """Posterior mean and covariance of an explanation's coefficients in its likeliest pattern, scaled."""
-        fitted = self.evaluations.parametric([e.columns])[0]
+        """Posterior mean and covariance of an explanation's coefficients in its likeliest pattern, scaled.
+
+        Those of a memory beside them are in the fit, and left out here.
+        """
+        mean, covariance = self._fitted(e)
+        n = len(mean) - len(e.memory)
+        return mean[:n], covariance[:n, :n]
+
+    def _fitted(self, e: Explanation) -> tuple[np.ndarray, np.ndarray]:
+        fitted = self.evaluations.parametric([(*e.columns, *e.memory)])[0]
         if e.kind == RECALIBRATED:
             pattern = 1 + int(np.argmax(fitted.by_pattern[1:]))
         elif e.effects or e.leaves_rest or PROCESS in self.model.names:
@@ -100,10 +118,8 @@ class World:
     def residual(self, e: Explanation) -> Float[np.ndarray, " n_row"]:
         """Target less everything that an explanation explains, a rest's mean included; scaled, not whitened."""
         known, statistics, rows = self.evaluations, self.evaluations.statistics, self.evaluations.statistics.rows
-        if e.kind == MEMORY:
-            e = replace(e, effects=(*e.effects, *e.memory))
         rest = rows.target / statistics.target_scale
-        rest = rest - statistics.at_rows(known.indices(e.columns)) @ self.coefficients(e)[0]
+        rest = rest - statistics.at_rows(known.indices((*e.columns, *e.memory))) @ self._fitted(e)[0]
         return rest - self.rest(e) if e.kind == REST else rest
 
     def rest(self, e: Explanation) -> Float[np.ndarray, " n_row"]:

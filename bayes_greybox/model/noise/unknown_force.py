@@ -4,8 +4,6 @@ Sensor noise and such a force are told apart by the spectrum of the residual: wh
 does. It is something that the model lacks, or a world that shakes it.
 """
 
-from dataclasses import replace
-
 import numpy as np
 from jaxtyping import Float
 
@@ -14,8 +12,11 @@ from bayes_greybox.model.gp.hyper import NoisePrior
 
 from .noise_model import PROCESS, NoiseModel, Suspicion, weighed_on_grid
 
-FINER = 10.0 ** np.linspace(-0.75, 0.75, 7)
-"""Intensities around the best one that are looked at once more."""
+SPLIT = 8
+"""Intensities that each neighbourhood of the best one is looked at again."""
+
+CLOSE, ZOOMS = 1.0, 4
+"""Nats between the best intensity and its neighbours up to which the grid is fine, and how often it is refined."""
 
 
 def force(residual: Float[np.ndarray, " n_obs"], known: NoiseModel, prior: NoisePrior) -> Suspicion:
@@ -34,19 +35,27 @@ def force(residual: Float[np.ndarray, " n_obs"], known: NoiseModel, prior: Noise
         squares = np.array([np.sum(noise.whiten(residual[:, None]) ** 2) for noise in noises])
         return log_white_each(squares, len(residual), prior) - 0.5 * np.array([noise.log_det for noise in noises])
 
-    grid = known.noise.intensities
-    coarse = logs(grid)
-    nearby = float(grid[int(np.argmax(coarse))]) * FINER
-    fine = logs(nearby)
-    intensity = float(nearby[int(np.argmax(fine))])
+    grid = np.asarray(known.noise.intensities, float)
+    found = logs(grid)
+    # In long records an intensity between two nodes is many nats likelier than either.
+    for _ in range(ZOOMS):
+        best = int(np.argmax(found))
+        beside = [k for k in (best - 1, best + 1) if 0 <= k < len(grid)]
+        if all(found[best] - found[k] < CLOSE for k in beside):
+            break
+        low, high = grid[max(best - 1, 0)], grid[min(best + 1, len(grid) - 1)]
+        nearby = np.setdiff1d(np.geomspace(low, high, SPLIT + 1)[1:-1], grid)
+        order = np.argsort(np.concatenate([grid, nearby]))
+        grid, found = (np.concatenate(pair)[order] for pair in ((grid, nearby), (found, logs(nearby))))
+    intensity = float(grid[int(np.argmax(found))])
     noise = known.noise.forced(intensity)
     square = float(np.sum(known.noise.whiten(residual[:, None]) ** 2))
     before = float(log_white_each(np.array([square]), len(residual), prior)[0]) - 0.5 * known.noise.log_det
     about = {"intensity": intensity, "share": _share(residual, known, intensity)}
-    found = weighed_on_grid(PROCESS, coarse, np.full(len(grid), -np.log(len(grid))), before, noise, known, about)
-    # The grid says how likely; what is held is the mode.
-    constant = found.model.constant + float(np.max(coarse) - np.max(fine))
-    return replace(found, model=replace(found.model, constant=constant))
+    # Uniform in log λ over the grid's range, by the trapezoidal rule.
+    place = np.log(grid)
+    width = (np.diff(place, prepend=place[0]) + np.diff(place, append=place[-1])) / 2
+    return weighed_on_grid(PROCESS, found, np.log(width / (place[-1] - place[0])), before, noise, known, about)
 
 
 def _share(residual: np.ndarray, known: NoiseModel, intensity: float) -> float:

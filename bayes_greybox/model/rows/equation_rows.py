@@ -249,7 +249,7 @@ class EquationRows:
         kept = np.delete(np.arange(self.n_white), out)
         if self.noise.local or not self.noise.square:
             return Removal(kept, None, 0.0)
-        starts = self._starts(kept)
+        starts = self._starts(kept) if self.noise.triangular else None
         if starts is not None:
             return Removal(kept, None, self._log_det_of_starts(starts) - self.noise.log_det)
         unit = np.zeros((self.n_row, len(out)))

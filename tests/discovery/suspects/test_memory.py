@@ -41,9 +41,11 @@ def test_a_loop_is_closed_and_has_the_area_of_its_friction():
 @pytest.mark.parametrize("k", range(len(TIMES)))
 def test_a_maxwell_element_follows_a_steady_speed_exactly_whatever_the_steps(k):
     t = np.concatenate([np.linspace(0, 1, 7), np.linspace(1.3, 5, 50)])
-    z = along(t, 2.0 * t)[Memory(RELAXATION, "x")][:, k]
-    tau = TIMES[k] * 2 * np.pi * np.std(2.0 * t) / 2.0
-    np.testing.assert_allclose(z, 2.0 * tau * -np.expm1(-t / tau), rtol=1e-12)
+    t = np.concatenate([t, 5 + np.linspace(0, 5, 40)[1:]])
+    x, up = np.where(t <= 5, 2.0 * t, 20.0 - 2.0 * t), t <= 5
+    z = along(t, x)[Memory(RELAXATION, "x")][:, k]
+    tau = TIMES[k] * 2 * np.pi * np.std(x) / 2.0
+    np.testing.assert_allclose(z[up], 2.0 * tau * -np.expm1(-t[up] / tau), rtol=1e-12)
 
 
 def test_a_swinging_maxwell_element_is_a_damper_where_it_is_fast_and_a_spring_where_it_is_slow():
@@ -88,6 +90,17 @@ def test_channels_that_do_not_move_and_runs_of_a_sample_remember_nothing():
     short = Trajectories.from_arrays([t, t[:1]], states={"x": [x, x[:1]]})
     for _, table in memory_columns(short):
         assert np.all(table[len(t) :] == 0) and np.any(table[: len(t)] != 0)
+
+
+@pytest.mark.parametrize(
+    "path", [lambda t: np.exp(-t), lambda t: 1 / (1 + np.exp(2 - t)), lambda t: t], ids=["decay", "growth", "ramp"]
+)
+def test_on_a_path_that_never_comes_back_nothing_is_remembered(path):
+    t = np.linspace(0, 5, 200)
+    assert not along(t, path(t))
+    noisy = path(t) + 0.01 * np.ptp(path(t)) * np.random.default_rng(1).standard_normal(200)
+    assert not along(t, noisy)
+    assert along(t, np.sin(3 * t) * path(t))
 
 
 def test_stamps_that_repeat_are_no_time():

@@ -41,6 +41,10 @@ REACH = 12.0
 INNER_NODES = 200
 """Nodes over an inner parameter's whole range, and again around the best of them."""
 
+CLOSE, ZOOMS = 1.0, 4
+"""Nats between the best node and its neighbours up to which an inner parameter's grid is fine, and how often it is
+refined."""
+
 OWN = 1e-9
 """An effect is the simulation's own if less than this share of its mean square lies outside the span of its terms."""
 
@@ -125,12 +129,15 @@ def over_inner(
     if effect.inner is None:
         return float(logs[0])
     # A large effect fixes its inner parameter better than the first nodes can show.
-    best = int(np.argmax(logs))
-    around = np.geomspace(nodes[max(0, best - 2)], nodes[min(len(nodes) - 1, best + 2)], count)
-    finer = logs_of(around)
-    place = np.log(np.concatenate([nodes, around]))
-    order = np.argsort(place)
-    place, logs = place[order], np.concatenate([logs, finer])[order]
+    for _ in range(ZOOMS):
+        best = int(np.argmax(logs))
+        around = np.geomspace(nodes[max(0, best - 2)], nodes[min(len(nodes) - 1, best + 2)], count)
+        order = np.argsort(np.concatenate([nodes, around]))
+        nodes, logs = (np.concatenate(pair)[order] for pair in ((nodes, around), (logs, logs_of(around))))
+        best = int(np.argmax(logs))
+        if np.max(logs[best] - logs[max(0, best - 1) : best + 2]) < CLOSE:
+            break
+    place = np.log(nodes)
     # Trapezoidal rule; the prior is uniform in the logarithm.
     width = np.diff(place, prepend=place[0]) + np.diff(place, append=place[-1])
     used = width > 0

@@ -1,0 +1,120 @@
+"""States that are late against the state that is their rate: what the samples say of it without any model.
+
+A position is the integral of its speed. One that is shown d later departs from it, x(t + T) − x(t) − ∫ v dt, by what
+the speed gains within T times d; taken d earlier it does not. The rate of the speed may hardly tell such a delay from a
+wrong damping; these samples do.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+from scipy.interpolate import CubicSpline
+from scipy.optimize import minimize_scalar
+from scipy.stats import chi2
+
+from bayes_greybox.data.rates.integral import running_integral
+from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.physics.simulation import Simulation
+
+SAMPLES = 10
+"""Steps of a window."""
+
+AGREE = 0.01
+"""Sensors that are right agree to within this share of the RMS of a state's changes."""
+
+FURTHEST = 6.0
+"""Largest delay that is looked for, in steps."""
+
+SURE = 1e-6
+"""p-value of the departures below which they need a reason, and from which on it is a delay that leaves none."""
+
+FEWEST = 5
+"""Windows that it takes."""
+
+
+@dataclass(frozen=True)
+class Late:
+    """A state that is late.
+
+    Attributes:
+        by: How much, in units of time.
+        sd: Its standard deviation.
+        step: Between samples.
+        p: p-value that the samples had as they came.
+    """
+
+    by: float
+    sd: float
+    step: float
+    p: float
+
+
+def late_states(data: Trajectories, simulation: Simulation, noise: dict[str, float]) -> dict[str, Late]:
+    """States whose samples follow those of their rate once they are taken earlier, and do not as they came.
+
+    Args:
+        data: Samples.
+        simulation: Knows which state is another's rate.
+        noise: Standard deviation of the noise on the samples of states that have any.
+    """
+    found = {}
+    for name in data.state_names:
+        rate = simulation.rate_name(name) if simulation.kinematic(name) else None
+        if rate not in data.state_names or rate is None:
+            continue
+        runs = [own for own in (data.run == r for r in range(data.n_run)) if np.sum(own) > 3 * SAMPLES]
+        paths = [_Path(data.time[own], data.states[name][own], data.states[rate][own]) for own in runs]
+        if sum(len(path.start) for path in paths) < FEWEST:
+            continue
+        late = _late(paths, noise.get(name, 0.0))
+        if late is not None:
+            found[name] = late
+    return found
+
+
+class _Path:
+    """The windows of one run; those at its ends, which a shift would leave, have no part."""
+
+    def __init__(self, time: np.ndarray, x: np.ndarray, v: np.ndarray) -> None:
+        self.time, self.x = time, CubicSpline(time, x)
+        self.integral, self.v = running_integral(time, v), v
+        margin = int(np.ceil(FURTHEST)) + 1
+        self.start = np.arange(margin, len(time) - SAMPLES - margin, SAMPLES)
+
+    def departures(self, by: float) -> Float[np.ndarray, " n"]:
+        end = self.start + SAMPLES
+        moved = self.x(self.time[end] + by) - self.x(self.time[self.start] + by)
+        return moved - (self.integral[end] - self.integral[self.start])
+
+    @property
+    def changes(self) -> Float[np.ndarray, " n"]:
+        """What the state changes by in each window."""
+        return self.x(self.time[self.start + SAMPLES]) - self.x(self.time[self.start])
+
+    @property
+    def gained(self) -> Float[np.ndarray, " n"]:
+        """What the speed gains in each window."""
+        return self.v[self.start + SAMPLES] - self.v[self.start]
+
+
+def _late(paths: list[_Path], noise: float) -> Late | None:
+    step = float(np.median(np.concatenate([np.diff(path.time) for path in paths])))
+    changes = np.concatenate([path.changes for path in paths])
+    variance = 2 * noise**2 + AGREE**2 * float(np.mean(changes**2)) + np.finfo(float).tiny
+
+    def square(by: float) -> float:
+        return float(sum(np.sum(path.departures(by) ** 2) for path in paths))
+
+    n = len(changes)
+    before = float(chi2.sf(square(0.0) / variance, n))
+    if before >= SURE:
+        return None
+    found: Any = minimize_scalar(square, bounds=(-FURTHEST * step, FURTHEST * step), method="bounded")
+    by = float(found.x)
+    if abs(by) > 0.95 * FURTHEST * step or chi2.sf(square(by) / variance, n - 1) < SURE:
+        return None
+    gained = float(sum(np.sum(path.gained**2) for path in paths))
+    left = square(by) / max(n - 1, 1)
+    return Late(by, float(np.sqrt(left / gained)), step, before) if gained > 0 else None
