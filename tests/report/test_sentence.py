@@ -94,8 +94,8 @@ def test_of_two_equations_that_which_remembers_is_said():
     assert "in d(x)/dt that the catalogue does not have; it remembers (hysteresis of x" in text and "d(u)" not in text
     both = said("unknown", equations={"x": "unknown", "u": "unknown"}, memory=known)
     assert "the maps show its shape, and it remembers (hysteresis of x, probability 0.980 in d(x)/dt)" in both
-    # What remembers in an equation that has a name is not said of the one that has none.
-    other = said("unknown", equations={"x": "named", "u": "unknown"}, memory=known)
+    # What remembers in an equation is not said of another.
+    other = said("unknown", equations={"x": "no gap", "u": "unknown"}, memory=known)
     assert "in d(u)/dt that the catalogue does not have; the maps show its shape" in other
 
 
