@@ -116,5 +116,6 @@ def _late(paths: list[_Path], noise: float) -> Late | None:
     if abs(by) > 0.95 * FURTHEST * step or chi2.sf(square(by) / variance, n - 1) < SURE:
         return None
     gained = float(sum(np.sum(path.gained**2) for path in paths))
-    left = square(by) / max(n - 1, 1)
+    # What is left is no white noise where samples are exact: sensors agree to within what they are trusted to.
+    left = max(square(by) / max(n - 1, 1), variance)
     return Late(by, float(np.sqrt(left / gained)), step, before) if gained > 0 else None
