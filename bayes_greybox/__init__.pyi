@@ -16,7 +16,7 @@ from .data.datasets import load_dataset as load_dataset
 from .data.errors import InputError as InputError
 from .data.tables import read_table as read_table
 from .data.trajectories import Trajectories as Trajectories
-from .discovery.weighing.odds import Odds as Odds
+from .discovery.evidence.odds import Odds as Odds
 from .greybox import Fit as Fit
 from .greybox import GreyBox as GreyBox
 from .greybox import load as load

@@ -7,10 +7,10 @@ import numpy as np
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.answer.equation_study import EquationStudy
 from bayes_greybox.discovery.equation import study_equation
-from bayes_greybox.discovery.weighing.evaluations import Evaluations
-from bayes_greybox.discovery.weighing.odds import Odds
-from bayes_greybox.discovery.weighing.sufficient_statistics import sufficient_statistics
-from bayes_greybox.discovery.weighing.with_discrepancy import Evaluator, Integrated
+from bayes_greybox.discovery.evidence.evaluations import Evaluations
+from bayes_greybox.discovery.evidence.odds import Odds
+from bayes_greybox.discovery.evidence.of_equation import sufficient_statistics
+from bayes_greybox.discovery.evidence.with_discrepancy import Evaluator, Integrated
 from bayes_greybox.model.gp.discrepancy import OrthogonalGP
 from bayes_greybox.model.program import Program
 from bayes_greybox.physics.catalogue.effects import BoundEffect, Effect, InnerParameter

@@ -7,7 +7,6 @@ from functools import partial
 import numpy as np
 
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.model.noise.noise_model import PROCESS
 from bayes_greybox.model.program import Program
 from bayes_greybox.physics.catalogue.effects import BoundEffect
 from bayes_greybox.physics.units import derivative_unit
@@ -21,13 +20,13 @@ from .answer.finding import Finding, decide
 from .answer.gap import RATE_DRAWS
 from .answer.motion import ModelledRate, MotionCheck, check_motion
 from .answer.where import GapField, gap_map, gap_trace, where_table
+from .evidence.odds import Odds
+from .evidence.sufficient_statistics import SufficientStatistics
 from .suspects.channels import ChannelSuspect, Rate, calibrated, slope_along
 from .suspects.samples import Smoother, known_rates
 from .weighing.alignment import Aligned, align
 from .weighing.along_path import Near, follow
-from .weighing.odds import Odds
 from .weighing.sets import RECALIBRATED, Sets
-from .weighing.sufficient_statistics import SufficientStatistics
 from .weighing.worlds import World, worlds
 
 DRAWS = 2000
@@ -63,7 +62,7 @@ def study_equation(
 
     def decided(doubts: Sequence[Doubt]) -> tuple[Finding, list[Check]]:
         finding = decide(found, doubts)
-        rest = finding.explanation.leaves_rest or PROCESS in finding.world.model.names
+        rest = finding.world.leaves_rest(finding.explanation)
         checks = [] if rest else check_explanation(finding.world, finding.explanation, unit_of_time)
         finding = _with_noisy_states(finding, aligned, unit)
         if finding.verdict == "no gap" and aligned.late:

@@ -32,9 +32,9 @@ from .answer.finding import NEGLIGIBLE, SUBSTANTIAL, SURE, TIED, VERDICTS, Findi
 from .answer.gap import Amendment, FreePath, FreeRuns, gap_rows, worsened
 from .answer.where import GapMap, GapTrace
 from .equation import study_equation
+from .evidence.odds import Odds
+from .evidence.sufficient_statistics import CORRECTION_SCALE
 from .suspects.channels import DELAY_STEPS, GAIN_SD, OFFSET_SD, ZERO_SD
-from .weighing.odds import Odds
-from .weighing.sufficient_statistics import CORRECTION_SCALE
 
 AnyProgram = TypeVar("AnyProgram", bound=Program)
 

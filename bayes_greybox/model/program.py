@@ -5,14 +5,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-import jax
-import jax.numpy as jnp
-import numpy as np
-import numpyro
-import numpyro.distributions as dist
-from jaxtyping import Float
-from numpyro.handlers import scope, seed, substitute, trace
-
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.physics.simulation import RightHandSide, Simulation, simulation_of
@@ -25,20 +17,19 @@ from .coefficient import Coefficient, StatedTerms, centred, read_coefficients, s
 from .design import Design
 from .equation import Equation
 from .gp.discrepancy import OrthogonalGP
-from .gp.hyper import Hyperparameters, HyperPrior, NoisePrior
-from .likelihood import CollapsedNormal
 from .near import near_estimate
 from .noise.asked import Noise, find_noise, with_found
 from .noise.noise_model import NoiseModel
-from .priors import Prior, Scales, SpikeAndSlab
+from .priors import Prior, SpikeAndSlab
 from .rows.derivative_rows import DerivativeRows
 from .rows.equation_rows import EquationRows, block_name
 from .rows.row_kind import RowKind
-from .sites import DRAWN, Sites, site
+from .sampling_program import SamplingProgram
+from .sites import Sites
 
 
 @dataclass(frozen=True)
-class Program:
+class Program(SamplingProgram):
     """ẋ_i = g_i(x, u) + Φ_i(x, u)ᵀ θ_i + f_i(x, u) + ε, ε ~ N(0, σ² R), for each learned state i.
 
     Attributes:
@@ -269,149 +260,3 @@ class Program:
     def designs(self, data: Trajectories) -> dict[str, Design]:
         """The argument of `numpyro_model`: one design per equation."""
         return {name: equation.design for name, equation in self.assemble(data).items()}
-
-    def numpyro_model(self, designs: Mapping[str, Design], observed: bool = True) -> None:
-        """The collapsed model, a plain NumPyro program: θ and f are integrated out of the likelihood.
-
-        Sites carry the equation as a prefix: `ydot_noise`, `ydot_amplitude`, `ydot_length_scale`, those of
-        the prior (`ydot_tau`, ...), and the target `ydot_y`.
-
-        Args:
-            designs: From `designs(data)`.
-            observed: Whether to condition on the target; False for prior predictive draws.
-        """
-        for equation, design in designs.items():
-            with scope(prefix=equation, divider="_"):
-                hyper, scales = self._sample(design)
-                numpyro.sample("y", CollapsedNormal(design, hyper, scales), obs=design.y if observed else None)
-
-    def gibbs_equations(self, designs: Mapping[str, Design]) -> tuple[str, ...]:
-        """Equations whose inclusion pattern is a site of the model, to be updated by Gibbs moves.
-
-        Raises:
-            InputError: See `require_own_sites`; priors of single coefficients in such an equation.
-        """
-        sites = self.require_own_sites(designs)
-        if not self._samples_patterns:
-            return ()
-        found = tuple(name for name in designs if "gamma" in sites[name])
-        for name in found:
-            if designs[name].coefficients.stated:
-                raise InputError(
-                    f"The equation of {name!r} has too many terms for a sum over their inclusion patterns, and the "
-                    "Gibbs moves on them know no priors of single coefficients: raise "
-                    "SpikeAndSlab(enumerate_up_to=...), take another prior, such as bg.RegularisedHorseshoe(), leave "
-                    "terms out, or fix coefficients."
-                )
-        return found
-
-    def require_own_sites(self, designs: Mapping[str, Design]) -> dict[str, dict[str, str]]:
-        """Sites of each equation by quantity, from a trace of each equation alone.
-
-        Args:
-            designs: From `designs(data)`.
-
-        Raises:
-            InputError: A prior of the user's own has a site that is called as something else is in the results.
-        """
-        names, found = Sites(designs), {}
-        for equation, design in designs.items():
-            traced = [str(name) for name in trace(seed(self.numpyro_model, 0)).get_trace({equation: design})]
-            found[equation] = names.owned(equation, traced)
-            strange = [name for name in traced if name not in found[equation].values()]
-            if strange:
-                raise InputError(
-                    f"The prior has a site that is called {strange[0]!r} in the equation of {equation!r}, as if it "
-                    "were one of another equation: give it another name."
-                )
-            for taken in (name for name in DRAWN if name in found[equation] and not self._samples_patterns):
-                raise InputError(
-                    f"The prior has a site called {taken!r}, which the results need: give it another name."
-                )
-        return found
-
-    def uncollapsed_model(self, designs: Mapping[str, Design]) -> None:
-        """The same model with θ and the weights of f as sites: the reference for tests.
-
-        It is what one would write by hand. Feature path only; a spike-and-slab prior has no such density (its
-        θ are exactly zero).
-        """
-        for equation, design in designs.items():
-            with scope(prefix=equation, divider="_"):
-                hyper, scales = self._sample(design)
-                if self._samples_patterns:
-                    raise InputError("uncollapsed_model has no density for a spike-and-slab prior: use another prior.")
-                if design.coefficients.bounded:
-                    raise InputError("uncollapsed_model knows no bounds of coefficients: leave them out.")
-                theta = numpyro.sample("theta", dist.Normal(design.coefficients.mean, scales.sd).to_event(1))
-                mean = design.Phi @ theta + design.uncollapsed_discrepancy(hyper)
-                # Rows folded away by compression carry no signal: their share of the density is σ's alone.
-                hidden = design.n_obs - design.y.size
-                numpyro.factor("hidden", -hidden * (jnp.log(hyper.sigma) + 0.5 * jnp.log(2 * jnp.pi)))
-                numpyro.sample("y", dist.Normal(mean, hyper.sigma).to_event(1), obs=design.y)
-
-    def hyper_prior(self, floor: Any, n_var: int) -> HyperPrior:
-        """Prior of η of an equation.
-
-        Args:
-            floor: Least σ, scaled units.
-            n_var: Number of variables that f depends on.
-        """
-        scale = self.noise.scale if isinstance(self.noise, Noise) else self.noise
-        noise, gp = NoisePrior(floor, scale), self.discrepancy
-        if gp is None:
-            return HyperPrior(noise)
-        return HyperPrior(noise, gp.amplitude, gp.length_scale, gp.length_scale_spread, n_var)
-
-    def slab(self, design: Design, values: Mapping[str, Any], sigma: Float[np.ndarray, " n_draw"]) -> Scales | None:
-        """Scales and odds of θ at given draws, where the prior leaves the inclusion patterns to be summed; else None.
-
-        Args:
-            design: Of the equation.
-            values: Draws of the prior's sites by quantity, each [n_draw, ...]; others are passed over.
-            sigma: Draws of σ, scaled units.
-
-        Raises:
-            InputError: The prior has a site that the draws do not have.
-        """
-
-        def program(sigma: Any) -> Scales:
-            return self._scales(design, sigma)
-
-        with seed(rng_seed=0), trace() as sites:
-            if program(1.0).log_odds is None:
-                return None
-        drawn = [str(name) for name, site in sites.items() if site["type"] == "sample" and not site["is_observed"]]
-        missing = [name for name in drawn if name not in values]
-        if missing:
-            raise InputError(
-                f"The prior's odds of inclusion cannot be told from these draws, which have no {missing[0]!r}: give "
-                "that site of the prior another name and fit again."
-            )
-
-        def one(item: tuple[dict[str, Any], Any]) -> tuple[Any, Any]:
-            with seed(rng_seed=0), substitute(data=item[0]):
-                scales = program(item[1])
-            return scales.sd, jnp.broadcast_to(jnp.asarray(scales.log_odds), scales.sd.shape)
-
-        sd, odds = jax.vmap(one)(({name: jnp.asarray(values[name]) for name in drawn}, jnp.asarray(sigma)))
-        return Scales(sd, odds, jnp.broadcast_to(design.coefficients.mean, sd.shape))
-
-    @property
-    def _samples_patterns(self) -> bool:
-        return isinstance(self.prior, SpikeAndSlab)
-
-    def _sample(self, design: Design) -> tuple[Hyperparameters, Scales]:
-        """η and the prior scales of one equation."""
-        hyper = self.hyper_prior(design.noise_floor, design.n_var).sample()
-        scales, n_bounded = self._scales(design, hyper.sigma), len(design.coefficients.bounded)
-        if n_bounded:
-            uniform = site("placement", dist.Uniform(0.0, 1.0).expand([n_bounded]).to_event(1))
-            scales = scales._replace(uniform=uniform)
-        return hyper, scales
-
-    def _scales(self, design: Design, sigma: Any) -> Scales:
-        """Scales of all terms: those that the prior samples, and those that are stated."""
-        n_shared = len(design.coefficients.shared)
-        shared = self.prior.scales(n_shared, design.n_prior, sigma) if n_shared else None
-        return design.coefficients.complete(shared)

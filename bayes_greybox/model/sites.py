@@ -180,7 +180,7 @@ class Sites(Mapping[str, EquationSites]):
 
         Of two equations `y` and `y_dot` the variable `y_dot_tau` belongs to the one with the longer name, unless what
         follows the shorter one is a quantity of the package: `y_length_scale` is of `y`, also beside `y_length`. A
-        model whose sites would break this rule is refused (see `Program.require_own_sites`).
+        model whose sites would break this rule is refused (see `SamplingProgram.require_own_sites`).
         """
         fitting = sorted((name for name in self if variable.startswith(self[name][""])), key=len, reverse=True)
         exact = [name for name in fitting if variable.removeprefix(self[name][""]) in QUANTITIES]

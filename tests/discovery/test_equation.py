@@ -23,8 +23,8 @@ from bayes_greybox.discovery.answer.coefficients import Coefficients, alone
 from bayes_greybox.discovery.answer.equation_study import EquationStudy
 from bayes_greybox.discovery.answer.finding import STACKED, TIED, Finding, Place, Weighed
 from bayes_greybox.discovery.equation import _with_noisy_states, study_equation
+from bayes_greybox.discovery.evidence.odds import Odds
 from bayes_greybox.discovery.weighing.alignment import Aligned
-from bayes_greybox.discovery.weighing.odds import Odds
 from bayes_greybox.discovery.weighing.sets import PLAIN, RECALIBRATED, REST, Explanation
 from bayes_greybox.discovery.weighing.worlds import World
 from bayes_greybox.model.noise.noise_model import NoiseModel

@@ -6,10 +6,10 @@ from scipy.stats import multivariate_normal
 from tiny_equation import CUBE, on, tiny_data, tiny_model
 
 import bayes_greybox as bg
-from bayes_greybox.discovery.weighing.evaluations import Evaluations
-from bayes_greybox.discovery.weighing.odds import Odds
-from bayes_greybox.discovery.weighing.sufficient_statistics import sufficient_statistics
-from bayes_greybox.discovery.weighing.with_discrepancy import Evaluator
+from bayes_greybox.discovery.evidence.evaluations import Evaluations
+from bayes_greybox.discovery.evidence.odds import Odds
+from bayes_greybox.discovery.evidence.of_equation import sufficient_statistics
+from bayes_greybox.discovery.evidence.with_discrepancy import Evaluator
 from bayes_greybox.model.priors import Coefficient
 
 DICTIONARY = {"x": ["x", "x**2"]}

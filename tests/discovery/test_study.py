@@ -7,8 +7,8 @@ import pandas as pd
 import pytest
 
 import bayes_greybox as bg
+from bayes_greybox.discovery.evidence.evaluations import _patterns
 from bayes_greybox.discovery.study import studied_equations
-from bayes_greybox.discovery.weighing.evaluations import _patterns
 from bayes_greybox.report.sentence import closed_in_words
 
 N_OBS, STEP, NOISE = 400, 0.075, 0.05

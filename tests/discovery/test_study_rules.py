@@ -15,6 +15,7 @@ from bayes_greybox.discovery.answer.equation_study import EquationStudy
 from bayes_greybox.discovery.answer.finding import NEGLIGIBLE, SUBSTANTIAL, SURE, TIED, VERDICTS, Finding
 from bayes_greybox.discovery.answer.gap import Amendment, FreePath
 from bayes_greybox.discovery.answer.where import GapMap, GapTrace
+from bayes_greybox.discovery.evidence.odds import Odds
 from bayes_greybox.discovery.study import (
     _check_data,
     investigate,
@@ -22,7 +23,6 @@ from bayes_greybox.discovery.study import (
     verdict_of,
     worse_in_words,
 )
-from bayes_greybox.discovery.weighing.odds import Odds
 from bayes_greybox.model.noise.asked import Noise
 from bayes_greybox.model.noise.suspicions import LEAST_ROWS
 from bayes_greybox.model.program import Program

@@ -121,9 +121,7 @@ def run(
     return scores
 
 
-def run_case(
-    case: AnyCase, before: Mapping[str, Any], ways: Ways
-) -> dict[str, Any]:  # fmt: skip
+def run_case(case: AnyCase, before: Mapping[str, Any], ways: Ways) -> dict[str, Any]:
     """Everything about one case that is not known yet; an error is a result.
 
     Args:
@@ -142,7 +140,7 @@ def run_case(
             row |= {"accepted": data.accepted, "excused": data.excused, "silent": data.silent}
             row["suspects"] = [asdict(suspect) for suspect in data.suspects]
             # Neither knows of anything but white noise on the rate.
-            row["oracle"] = row["closable"] = None
+            row["oracle"] = row["visible"] = row["closable"] = None
         else:
             row["closable"] = data.closable
         if "oracle" in parts and not isinstance(data, AssumptionData):
@@ -183,10 +181,9 @@ def write_tables(scores: Scores, folder: Path) -> None:
 
 
 def _lacking(row: Mapping[str, Any], ways: Ways) -> tuple[str, ...]:
-    """Parts of a case that are still to be found; an oracle of samples says what is visible too."""
+    """Parts of a case that are still to be found; an oracle that says nothing of what is visible is an older one."""
     wanted = ("oracle", "study", *(("stlsq",) if ways.rivals is not None else ()))
-    rates = ways.oracle is ask_oracle
-    return tuple(p for p in wanted if p not in row or (p == "oracle" and not rates and "visible" not in row))
+    return tuple(p for p in wanted if p not in row or (p == "oracle" and "visible" not in row))
 
 
 def _worked(

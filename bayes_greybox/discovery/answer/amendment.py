@@ -8,8 +8,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.discovery.weighing.sufficient_statistics import SufficientStatistics
-from bayes_greybox.discovery.weighing.with_discrepancy import Evaluator, WithDiscrepancy
+from bayes_greybox.discovery.evidence.sufficient_statistics import SufficientStatistics
+from bayes_greybox.discovery.evidence.with_discrepancy import Evaluator, WithDiscrepancy
 from bayes_greybox.model.evidence import Spectrum
 from bayes_greybox.model.frame import held_features, scaled_position
 from bayes_greybox.model.rows.row_kind import RowKind

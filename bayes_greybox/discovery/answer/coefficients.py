@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from bayes_greybox.discovery.weighing.evaluations import Evaluations, one_pattern
+from bayes_greybox.discovery.evidence.evaluations import Evaluations, one_pattern
 from bayes_greybox.model.evidence import coefficients
 
 

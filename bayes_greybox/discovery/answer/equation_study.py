@@ -10,10 +10,9 @@ import pandas as pd
 
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.discovery.evidence.evaluations import Evaluations
+from bayes_greybox.discovery.evidence.sufficient_statistics import SufficientStatistics
 from bayes_greybox.discovery.weighing.alignment import Aligned
-from bayes_greybox.discovery.weighing.evaluations import Evaluations
-from bayes_greybox.discovery.weighing.sufficient_statistics import SufficientStatistics
-from bayes_greybox.model.noise.noise_model import PROCESS
 from bayes_greybox.physics.terms import Term
 from bayes_greybox.physics.units import coefficient_unit, derivative_unit
 
@@ -167,14 +166,13 @@ class EquationStudy:
             second, q = rest[0] if rest else ("", np.nan)
             # The likeliest of those that are called so: what stands in a row is of one explanation.
             world, e = next((w, x) for w, x, _, _ in own if self._called(w, x) == top)
-            rest = e.leaves_rest or PROCESS in world.model.names
             now = Counter(world.evaluations.name(i) for i in e.effects)
             rows.append(
                 {
                     "equation": self.statistics.equation, "round": size + 1, "verdict": top,
                     "added": " + ".join(sorted((now - before).elements())), "probability": p, "runner_up": second,
                     "runner_up_probability": q,
-                    "share_left": world.share_left(e) if rest else self._unexplained(world, e),
+                    "share_left": world.share_left(e) if world.leaves_rest(e) else self._unexplained(world, e),
                 }
             )  # fmt: skip
             before = now

@@ -15,7 +15,6 @@ import numpy as np
 
 from bayes_greybox.discovery.weighing.sets import MEMORY, PLAIN, RECALIBRATED, Explanation, imitated
 from bayes_greybox.discovery.weighing.worlds import World, weights
-from bayes_greybox.model.noise.noise_model import PROCESS
 
 from .doubt import Doubt, artefact, unexplained
 
@@ -144,7 +143,7 @@ class Weighed:
 
     def kind(self, world: World, e: Explanation) -> str:
         """What an explanation without effects says."""
-        if _leaves_rest(world, e):
+        if world.leaves_rest(e):
             return "unknown"
         if e.suspects:
             return "instrument"
@@ -200,18 +199,17 @@ class Weighed:
             for i in e.suspects:
                 suspect = world.evaluations.statistics.columns[i].suspect
                 assert suspect is not None
-                real = p * (1 - imitated(share)) if _leaves_rest(world, e) and i not in world.always else p
+                real = p * (1 - imitated(share)) if world.leaves_rest(e) and i not in world.always else p
                 found[suspect.key] = found.get(suspect.key, 0.0) + real
         return dict(sorted(found.items(), key=lambda item: -item[1]))
 
     def without_imitations(self, world: World, e: Explanation) -> Explanation:
         """An explanation without the suspects that may as well imitate its rest."""
-        columns, known = world.evaluations.statistics.columns, self.by_suspect
-        kept = tuple(
-            i
-            for i in e.suspects
-            if i in world.always or not _leaves_rest(world, e) or known[columns[i].suspect.key] >= 0.5  # type: ignore[union-attr]
-        )
+        if not world.leaves_rest(e):
+            return e
+        columns = world.evaluations.statistics.columns
+        found = {i: suspect.key for i in e.suspects if (suspect := columns[i].suspect) is not None}
+        kept = tuple(i for i, key in found.items() if i in world.always or self.by_suspect[key] >= 0.5)
         return e if kept == e.suspects else replace(e, suspects=kept)
 
     @cached_property
@@ -284,7 +282,7 @@ def decide(found: Sequence[World], doubts: Sequence[Doubt] = ()) -> Finding:
         if finding.verdict == "unknown" and len(chosen) > 1:
             # Stacked stand-ins make way for the one effect that carries the gap, if one does.
             # Of one that was not weighed with a rest it is not known what it leaves.
-            with_rest = {weighed.names(w, e) for w, e, *_ in weighed.items if _leaves_rest(w, e)}
+            with_rest = {weighed.names(w, e) for w, e, *_ in weighed.items if w.leaves_rest(e)}
             singles = [key for key in weighed.by_set if len(key) == 1 and key[0] in chosen and key in with_rest]
             finding = max((_named(weighed, key) for key in singles), key=lambda f: -f.share_left, default=finding)
         finding = _without_artefacts(finding)
@@ -307,17 +305,12 @@ def _without_artefacts(finding: Finding) -> Finding:
     return replace(finding, verdict="partly named" if places else "unknown", places=places)
 
 
-def _leaves_rest(world: World, e: Explanation) -> bool:
-    """Whether something remains beside an explanation's columns: f, or a process in time."""
-    return e.leaves_rest or PROCESS in world.model.names
-
-
 def _named(weighed: Weighed, chosen: tuple[str, ...]) -> Finding:
     """The answer with a set of effects."""
     own = [(w, e, p, s) for w, e, p, s in weighed.items if weighed.names(w, e) == chosen]
     mass = sum(p for _, _, p, _ in own)
     world, e, _, _ = own[0]
-    left = [(p, w.share_left(x)) for w, x, p, _ in own if _leaves_rest(w, x) and p > FAINT * mass]
+    left = [(p, w.share_left(x)) for w, x, p, _ in own if w.leaves_rest(x) and p > FAINT * mass]
     remainder = sum(p for p, _ in left) / mass
     share = sum(p * s for p, s in left) / sum(p for p, _ in left) if left else 0.0
     against = ()
@@ -350,7 +343,7 @@ def _place(weighed: Weighed, world: World, e: Explanation, chosen: tuple[str, ..
         if len(names) == len(chosen) and set(others) <= set(names):
             (instead,) = set(names) - set(others) or {own}
             name = instead.split("(")[0]
-        elif names == others and not _leaves_rest(w, x) and len(_suspected(w, x) - beside) == 1:
+        elif names == others and not w.leaves_rest(x) and len(_suspected(w, x) - beside) == 1:
             # A sensor's error may stand in an effect's place too: an offset in that of a constant force.
             (name,) = _suspected(w, x) - beside
         else:

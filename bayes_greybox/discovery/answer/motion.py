@@ -18,22 +18,14 @@ from scipy.stats import chi2
 
 from bayes_greybox.data.rates.integral import running_integral
 from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.discovery.suspects.late import AGREE, FEWEST, SAMPLES
 
 from .adequacy import LEVEL, Check
 
 MOTION = "motion"
 
-SAMPLES = 10
-"""Steps of a window: noise on samples counts twice in it, whatever its length, and the rate counts for all of it."""
-
-AGREE = 0.01
-"""Sensors that are right agree to within this share of the RMS of a state's changes."""
-
 ROUGH = 0.5
 """Steps from sample to sample, over the spread of a state, from which on its samples tell no path."""
-
-FEWEST = 5
-"""Windows that the check needs."""
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,8 @@ from jaxtyping import Float, Int
 from scipy.special import ndtr
 
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.discovery.weighing.sufficient_statistics import SufficientStatistics
-from bayes_greybox.discovery.weighing.with_discrepancy import Evaluator, WithDiscrepancy
+from bayes_greybox.discovery.evidence.sufficient_statistics import SufficientStatistics
+from bayes_greybox.discovery.evidence.with_discrepancy import Evaluator, WithDiscrepancy
 from bayes_greybox.model.evidence import Spectrum
 
 GRID = 41

@@ -5,6 +5,7 @@ the speed gains within T times d; taken d earlier it does not. The rate of the s
 wrong damping; these samples do.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,7 +20,7 @@ from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.physics.simulation import Simulation
 
 SAMPLES = 10
-"""Steps of a window."""
+"""Steps of a window: noise on samples counts twice in it, whatever its length, and the rate counts for all of it."""
 
 AGREE = 0.01
 """Sensors that are right agree to within this share of the RMS of a state's changes."""
@@ -31,7 +32,7 @@ SURE = 1e-6
 """p-value of the departures below which they need a reason, and from which on it is a delay that leaves none."""
 
 FEWEST = 5
-"""Windows that it takes."""
+"""Windows that it takes to say anything."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +52,7 @@ class Late:
     p: float
 
 
-def late_states(data: Trajectories, simulation: Simulation, noise: dict[str, float]) -> dict[str, Late]:
+def late_states(data: Trajectories, simulation: Simulation, noise: Mapping[str, float]) -> dict[str, Late]:
     """States whose samples follow those of their rate once they are taken earlier, and do not as they came.
 
     Args:
@@ -61,8 +62,8 @@ def late_states(data: Trajectories, simulation: Simulation, noise: dict[str, flo
     """
     found = {}
     for name in data.state_names:
-        rate = simulation.rate_name(name) if simulation.kinematic(name) else None
-        if rate not in data.state_names or rate is None:
+        rate = simulation.rate_name(name)
+        if rate is None or rate not in data.state_names:
             continue
         runs = [own for own in (data.run == r for r in range(data.n_run)) if np.sum(own) > 3 * SAMPLES]
         paths = [_Path(data.time[own], data.states[name][own], data.states[rate][own]) for own in runs]

@@ -5,9 +5,9 @@ What a state x did before acts through elements that are driven by its changes a
     Iwan      ż = ẋ, held within ±r      friction that gives way elastically (Iwan 1966, J. Appl. Mech. 33:893)
     Maxwell   ż = ẋ − z/τ                a spring and a damper in series
 
-Sums of the first over r are every hysteresis that closes its loops, sums of the second over τ every relaxation that
-decays without swinging. None is a function of the states, so that neither an effect of the catalogue nor an unknown f
-over the states is what they are.
+Sums of the first over r are hysteresis of Masing's kind, whose loops close and have one shape whatever their size
+(Prandtl–Ishlinskii operators); sums of the second over τ every relaxation that decays without swinging. None is a
+function of the states, so that neither an effect of the catalogue nor an unknown f over the states is what they are.
 """
 
 from collections.abc import Iterator
@@ -31,9 +31,12 @@ TIMES = (0.1, 0.3, 1.0)
 REACH = 30.0
 """Time constants whose exponentials are summed at once."""
 
-RETURNS, TURN = 1.5, 0.05
-"""Way of a channel within a run over its range there from which on it comes back to where it was: a memory of one that
-does not is a function of what it is; and half the range that a turn has at least, or it is noise."""
+RETURNS = 1.5
+"""Way of a channel within a run over its range there, from which on it comes back to where it was: a memory of one that
+does not is a function of what it is."""
+
+PLAY = 0.1
+"""Share of the range that a turn has at least, or it is noise and no way."""
 
 
 @dataclass(frozen=True)
@@ -73,21 +76,21 @@ def memory_columns(data: Trajectories) -> Iterator[tuple[Memory, Float[np.ndarra
         moved = steps > 0
         speed = np.sqrt(np.sum(changes[moved] ** 2 / steps[moved]) / np.sum(steps))
         period = 2 * np.pi * np.std(x) / speed
-        for kind, sizes in ((HYSTERESIS, half * np.array(LIMITS)), (RELAXATION, period * np.array(TIMES))):
-            force = _held if kind == HYSTERESIS else _relaxing
-            table = np.zeros((data.n_obs, len(sizes)))
-            for own in runs:
-                table[own] = force(np.diff(x[own]), np.diff(data.time[own]), sizes)
-            yield Memory(kind, name), table
+        held, relaxing = np.zeros((data.n_obs, len(LIMITS))), np.zeros((data.n_obs, len(TIMES)))
+        for own in runs:
+            held[own] = _held(np.diff(x[own]), half * np.array(LIMITS))
+            relaxing[own] = _relaxing(np.diff(x[own]), np.diff(data.time[own]), period * np.array(TIMES))
+        yield Memory(HYSTERESIS, name), held
+        yield Memory(RELAXATION, name), relaxing
 
 
 def _returns(x: np.ndarray) -> bool:
     span = np.ptp(x)
-    way = np.diff(x) - np.diff(_held(np.diff(x), x, np.array([TURN * span]))[:, 0])
+    way = np.diff(x) - np.diff(_held(np.diff(x), np.array([PLAY / 2 * span]))[:, 0])
     return bool(span > 0 and np.sum(np.abs(way)) > RETURNS * span)
 
 
-def _held(changes: np.ndarray, steps: np.ndarray, limits: np.ndarray) -> np.ndarray:
+def _held(changes: np.ndarray, limits: np.ndarray) -> np.ndarray:
     # From one turn of x to the next an element reaches its limit and stays there.
     z = np.zeros((len(changes) + 1, len(limits)))
     direction = np.sign(changes)

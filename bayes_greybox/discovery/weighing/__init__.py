@@ -1,1 +1,1 @@
-"""Evidence p(y | hypothesis) of sets of effects and suspects, on the sufficient statistics of one equation."""
+"""Sets of effects and suspects, searched and weighed under every noise that the residuals speak for."""

@@ -13,6 +13,11 @@ from jaxtyping import Bool, Int
 
 from bayes_greybox.data.noise.protocol import RowNoise
 from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.discovery.evidence.evaluations import Evaluations, one_pattern
+from bayes_greybox.discovery.evidence.odds import Odds
+from bayes_greybox.discovery.evidence.of_equation import sufficient_statistics
+from bayes_greybox.discovery.evidence.sufficient_statistics import SufficientStatistics
+from bayes_greybox.discovery.evidence.with_discrepancy import Evaluator
 from bayes_greybox.discovery.suspects.channels import (
     DELAY,
     ChannelSuspect,
@@ -36,11 +41,7 @@ from bayes_greybox.model.rows.row_kind import RowKind
 from bayes_greybox.physics.catalogue.effects import BoundEffect
 from bayes_greybox.physics.terms import Term
 
-from .evaluations import Evaluations, one_pattern
-from .odds import Odds
 from .sets import Sets
-from .sufficient_statistics import SufficientStatistics, sufficient_statistics
-from .with_discrepancy import Evaluator
 
 TURNS = 8
 """How often suspects and effects are found in turns, at most."""
@@ -204,8 +205,9 @@ def align(
         columns = [(suspect, column[used]) for suspect, column in suspect_columns(whole, equation, rate)]
         known = {c[0].key for c in columns if c[0].kind == DELAY and c[0].channel in delays}
         bare.suspect([c for c in columns if c[0].key not in too_far], known)
-        # What was there at rows that are out is remembered too.
-        bare.remember((memory, table[used]) for memory, table in memory_columns(whole))
+        if moved or not turn:
+            # What was there at rows that are out is remembered too.
+            bare.remember((memory, table[used]) for memory, table in memory_columns(whole))
         given = bare if under is None else bare.with_noise(_at(under[0], measured.run, seen, used))
         evaluations = Evaluations(given, odds, evaluator)
         always = tuple(i for i in _delays(given) if (s := given.columns[i].suspect) is not None and s.channel in delays)
@@ -296,7 +298,6 @@ def _anew(
     """Statistics without suspects, on data whose delays are undone, with the terms and inner parameters so far."""
     if not moved:
         before.drop("suspect")
-        before.drop("memory")
         return before
     fresh = sufficient_statistics(model, data, equation, [])
     effects = [

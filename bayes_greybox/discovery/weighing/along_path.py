@@ -14,6 +14,12 @@ from jaxtyping import Float
 
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.discovery.evidence.columns import Column
+from bayes_greybox.discovery.evidence.evaluations import Evaluations, one_pattern
+from bayes_greybox.discovery.evidence.odds import Odds
+from bayes_greybox.discovery.evidence.of_equation import sufficient_statistics
+from bayes_greybox.discovery.evidence.sufficient_statistics import SufficientStatistics
+from bayes_greybox.discovery.evidence.with_discrepancy import Evaluator
 from bayes_greybox.discovery.suspects.channels import (
     DELAY,
     ChannelSuspect,
@@ -34,12 +40,7 @@ from bayes_greybox.physics.simulation import Simulation
 from bayes_greybox.physics.terms import Term
 
 from .alignment import Aligned, modelled_rate
-from .columns import Column
-from .evaluations import Evaluations, one_pattern
-from .odds import Odds
 from .sets import Sets
-from .sufficient_statistics import SufficientStatistics, sufficient_statistics
-from .with_discrepancy import Evaluator
 from .worlds import under, worlds
 
 TURNS = 5
@@ -132,7 +133,7 @@ def follow(
     used = np.ones(near.data.n_obs, bool)
     bare = modelled_rate(near.model, near.data, equation, ())
     # Errors of inputs are forces along the path as it came, and none along that of right inputs.
-    rows = near.model.rows.around([(term, value) for term, value in near.added if term not in near.errors])
+    rows = near.model.rows.around(near.found)
     return Followed(
         near.data, near.base, rate=near.rate, bare=bare, used=used, rows=rows, noise=near.noise, model=near.model
     )
@@ -141,8 +142,8 @@ def follow(
 class Near(NamedTuple):
     """Explanations on rows near one model, and the likeliest one's coefficients in user's units.
 
-    `base` are sets under the noise that rows come with; `noise` is the one that the likeliest was found under; `added`
-    is what acts along the path beside the simulation, `errors` what of it are an input's.
+    `base` are sets under the noise that rows come with; `noise` is the one that the likeliest was found under; `found`
+    are terms beside the simulation, `errors` the forces along the path that errors of inputs are.
     """
 
     model: Program
@@ -153,8 +154,13 @@ class Near(NamedTuple):
     names: tuple[str, ...]
     values: Float[np.ndarray, " n_column"]
     sd: Float[np.ndarray, " n_column"]
-    added: tuple[tuple[Term, float], ...]
-    errors: tuple[Term, ...]
+    found: tuple[tuple[Term, float], ...]
+    errors: tuple[tuple[Term, float], ...]
+
+    @property
+    def added(self) -> tuple[tuple[Term, float], ...]:
+        """All that acts along the path beside the simulation."""
+        return (*self.found, *self.errors)
 
 
 def _near(
@@ -197,7 +203,7 @@ def _near(
     names = tuple(c.formula.text if c.suspect is None else c.suspect.key for c in columns)
     found = tuple((c.term, float(v)) for c, v in zip(columns, values, strict=True) if c.term is not None and v != 0)
     errors = _errors(columns, values, found, simulation, data, equation)
-    return Near(near, data, base, noise, rate, names, values, sd, (*found, *errors), tuple(term for term, _ in errors))
+    return Near(near, data, base, noise, rate, names, values, sd, found, tuple(errors))
 
 
 def _errors(

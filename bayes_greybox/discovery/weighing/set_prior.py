@@ -6,7 +6,7 @@ from math import log
 
 import numpy as np
 
-from .evaluations import Evaluations
+from bayes_greybox.discovery.evidence.evaluations import Evaluations
 
 
 @dataclass(frozen=True)

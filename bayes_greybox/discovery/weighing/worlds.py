@@ -15,11 +15,11 @@ import numpy as np
 from jaxtyping import Float
 
 from bayes_greybox.data.noise.protocol import RowNoise
+from bayes_greybox.discovery.evidence.evaluations import Evaluations, one_pattern
 from bayes_greybox.model.evidence import coefficients, log_white
 from bayes_greybox.model.noise.noise_model import PROCESS, NoiseModel, Suspicion
 from bayes_greybox.model.noise.suspicions import suspicions
 
-from .evaluations import Evaluations, one_pattern
 from .sets import RECALIBRATED, REST, Explanation, Sets
 
 TRIED = -3.0
@@ -68,6 +68,10 @@ class World:
         """The likeliest explanation with neither effects nor a rest."""
         return next(e for e in self.explanations if not e.effects and not e.leaves_rest)
 
+    def leaves_rest(self, e: Explanation) -> bool:
+        """Whether something remains beside an explanation's columns: f, a memory, or a process in time."""
+        return e.leaves_rest or PROCESS in self.model.names
+
     def share_left(self, e: Explanation) -> float:
         """Share of the gap that no column of an explanation carries: a rest, or a process in time."""
         rest = e.share_left if e.leaves_rest else 0.0
@@ -102,7 +106,7 @@ class World:
         fitted = self.evaluations.parametric([(*e.columns, *e.memory)])[0]
         if e.kind == RECALIBRATED:
             pattern = 1 + int(np.argmax(fitted.by_pattern[1:]))
-        elif e.effects or e.leaves_rest or PROCESS in self.model.names:
+        elif e.effects or self.leaves_rest(e):
             pattern = int(np.argmax(fitted.by_pattern))
         else:
             pattern = 0

@@ -7,11 +7,11 @@ from tiny_equation import tiny_model
 
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.answer.adequacy import LEVEL, LOO_PIT, WHITENESS, _loo_pit, _whiteness, check_explanation
-from bayes_greybox.discovery.weighing.evaluations import Evaluations
-from bayes_greybox.discovery.weighing.odds import Odds
+from bayes_greybox.discovery.evidence.evaluations import Evaluations
+from bayes_greybox.discovery.evidence.odds import Odds
+from bayes_greybox.discovery.evidence.of_equation import sufficient_statistics
+from bayes_greybox.discovery.evidence.with_discrepancy import Evaluator
 from bayes_greybox.discovery.weighing.sets import Sets
-from bayes_greybox.discovery.weighing.sufficient_statistics import sufficient_statistics
-from bayes_greybox.discovery.weighing.with_discrepancy import Evaluator
 from bayes_greybox.discovery.weighing.worlds import worlds
 from bayes_greybox.model.noise.noise_model import HEAVY
 

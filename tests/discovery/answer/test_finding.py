@@ -18,7 +18,7 @@ from bayes_greybox.discovery.answer.finding import (
     Weighed,
     decide,
 )
-from bayes_greybox.discovery.weighing.evaluations import Evaluations
+from bayes_greybox.discovery.evidence.evaluations import Evaluations
 from bayes_greybox.discovery.weighing.sets import PLAIN, RECALIBRATED, REST, Explanation
 from bayes_greybox.discovery.weighing.worlds import World
 from bayes_greybox.model.noise.noise_model import PROCESS, NoiseModel

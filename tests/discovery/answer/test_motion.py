@@ -7,7 +7,8 @@ from tiny_equation import forced, soft, studied_motion
 
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.answer.adequacy import LEVEL
-from bayes_greybox.discovery.answer.motion import AGREE, SAMPLES, ModelledRate, check_motion
+from bayes_greybox.discovery.answer.motion import ModelledRate, check_motion
+from bayes_greybox.discovery.suspects.late import AGREE, SAMPLES
 
 STEP = 0.05
 

@@ -7,9 +7,9 @@ import pytest
 from tiny_equation import CUBE, SQUARE, forced, forced_model, forced_study, on, soft, studied_motion
 
 from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.discovery.evidence.odds import Odds
 from bayes_greybox.discovery.suspects.channels import DELAY_STEPS
 from bayes_greybox.discovery.weighing.alignment import FURTHEST_DELAY, MOVED, align
-from bayes_greybox.discovery.weighing.odds import Odds
 
 CHANNELS = ("d(v)/dt", "states", "F")
 STEP = 0.1

@@ -7,16 +7,17 @@ import pytest
 from tiny_equation import CUBE, DEAD_ZONE, SQUARE, on, tiny_evaluations, tiny_model
 
 from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.discovery.evidence.columns import nodes
+from bayes_greybox.discovery.evidence.evaluations import Evaluations
+from bayes_greybox.discovery.evidence.inner_parameters import ZOOM_NODES, ZOOMS, refine
+from bayes_greybox.discovery.evidence.odds import Odds
+from bayes_greybox.discovery.evidence.of_equation import sufficient_statistics
+from bayes_greybox.discovery.evidence.ranges import WRONG_SIGN
+from bayes_greybox.discovery.evidence.with_discrepancy import Evaluator
 from bayes_greybox.discovery.suspects.channels import DELAY, GAIN, OFFSET, ChannelSuspect
 from bayes_greybox.discovery.suspects.memory import HYSTERESIS, RELAXATION, Memory, memory_columns
-from bayes_greybox.discovery.weighing.columns import nodes
-from bayes_greybox.discovery.weighing.evaluations import Evaluations
-from bayes_greybox.discovery.weighing.inner_parameters import ZOOM_NODES, ZOOMS, refine
-from bayes_greybox.discovery.weighing.odds import Odds
-from bayes_greybox.discovery.weighing.ranges import WRONG_SIGN
-from bayes_greybox.discovery.weighing.sets import MEMORY, PLAIN, RECALIBRATED, REST, SUSPECTS_AT_MOST, Sets
-from bayes_greybox.discovery.weighing.sufficient_statistics import sufficient_statistics
-from bayes_greybox.discovery.weighing.with_discrepancy import Evaluator
+from bayes_greybox.discovery.weighing.search import SUSPECTS_AT_MOST
+from bayes_greybox.discovery.weighing.sets import MEMORY, PLAIN, RECALIBRATED, REST, Sets
 from bayes_greybox.physics.catalogue.effects import Effect
 
 COSINE = Effect(slug="cosine", name="Cosine", domain="test", expression="cos(5*r)")

@@ -10,11 +10,11 @@ from bayes_greybox.data.noise.protocol import RowNoise
 from bayes_greybox.data.noise.state_space import StateSpaceNoise
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.answer.finding import decide
-from bayes_greybox.discovery.weighing.evaluations import Evaluations
-from bayes_greybox.discovery.weighing.odds import Odds
+from bayes_greybox.discovery.evidence.evaluations import Evaluations
+from bayes_greybox.discovery.evidence.odds import Odds
+from bayes_greybox.discovery.evidence.of_equation import sufficient_statistics
+from bayes_greybox.discovery.evidence.with_discrepancy import Evaluator
 from bayes_greybox.discovery.weighing.sets import PLAIN, RECALIBRATED, REST, Sets
-from bayes_greybox.discovery.weighing.sufficient_statistics import sufficient_statistics
-from bayes_greybox.discovery.weighing.with_discrepancy import Evaluator
 from bayes_greybox.discovery.weighing.worlds import World, _world, weights, worlds
 from bayes_greybox.model.noise.noise_model import CORRELATED, HEAVY, PROCESS, VARYING, NoiseModel
 

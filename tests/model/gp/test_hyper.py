@@ -7,7 +7,7 @@ from numpyro.handlers import seed, substitute, trace
 from numpyro.infer.util import log_density
 
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.discovery.weighing.with_discrepancy import Evaluator, WithDiscrepancy
+from bayes_greybox.discovery.evidence.with_discrepancy import Evaluator, WithDiscrepancy
 from bayes_greybox.model.evidence import Spectrum
 from bayes_greybox.model.gp.discrepancy import OrthogonalGP
 from bayes_greybox.model.gp.hyper import HyperPrior, NoisePrior

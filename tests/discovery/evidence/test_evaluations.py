@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from tiny_equation import CUBE, DEAD_ZONE, SQUARE, integrated, tiny_evaluations
 
-from bayes_greybox.discovery.weighing.evaluations import MOST_PATTERNS, _patterns, one_pattern
-from bayes_greybox.discovery.weighing.odds import Odds
+from bayes_greybox.discovery.evidence.evaluations import MOST_PATTERNS, _patterns, one_pattern
+from bayes_greybox.discovery.evidence.odds import Odds
 from bayes_greybox.model.evidence import Spectrum, marginal
 from bayes_greybox.physics.catalogue.effects import Effect
 

@@ -3,18 +3,14 @@
 import numpy as np
 import pytest
 
-import bayes_greybox.discovery.weighing.sufficient_statistics as module
+import bayes_greybox.discovery.evidence.sufficient_statistics as module
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.noise.banded import BandedNoise
 from bayes_greybox.data.noise.spectral import SpectralNoise
 from bayes_greybox.data.noise.white import WhiteNoise
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.discovery.weighing.sufficient_statistics import (
-    COLLINEAR,
-    CORRECTION_SCALE,
-    SufficientStatistics,
-    sufficient_statistics,
-)
+from bayes_greybox.discovery.evidence.of_equation import FEATURES, sufficient_statistics
+from bayes_greybox.discovery.evidence.sufficient_statistics import COLLINEAR, CORRECTION_SCALE, SufficientStatistics
 from bayes_greybox.model.gp.discrepancy import OrthogonalGP
 from bayes_greybox.model.gp.features import HilbertBasis
 from bayes_greybox.model.gp.hyper import HyperPrior, NoisePrior
@@ -318,7 +314,7 @@ def test_f_has_the_features_that_the_user_names_and_finer_ones_otherwise():
     rng = np.random.default_rng(0)
     x = rng.uniform(-1, 1, 30)
     data = Trajectories.from_arrays(np.arange(30.0), states={"x": x}, derivatives={"x": x**2})
-    assert sufficient_statistics(Program(), data, "x", []).basis.per_variable == (module.FEATURES[1],)
+    assert sufficient_statistics(Program(), data, "x", []).basis.per_variable == (FEATURES[1],)
 
 
 def test_columns_are_evaluated_anywhere_in_the_scale_of_the_data():

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
+from bayes_greybox.discovery.evidence.columns import Column
+from bayes_greybox.discovery.evidence.ranges import SMALL, limited, log_ranges, small
 from bayes_greybox.discovery.suspects.channels import GAIN, ChannelSuspect
-from bayes_greybox.discovery.weighing.columns import Column
-from bayes_greybox.discovery.weighing.ranges import SMALL, limited, log_ranges, small
 
 
 def suspect(sd=0.1):

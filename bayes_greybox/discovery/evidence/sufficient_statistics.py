@@ -9,20 +9,15 @@ from jaxtyping import Float, Int
 
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.noise.protocol import RowNoise
-from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.suspects.channels import ChannelSuspect
 from bayes_greybox.discovery.suspects.memory import Memory
-from bayes_greybox.model.assemble import discrepancy_box, features_per_variable, with_rounding
 from bayes_greybox.model.frame import held_features, scaled_position
-from bayes_greybox.model.gp.discrepancy import OrthogonalGP
 from bayes_greybox.model.gp.features import HilbertBasis
 from bayes_greybox.model.gp.hyper import HyperPrior, NoisePrior
-from bayes_greybox.model.program import Program
 from bayes_greybox.model.rows.equation_rows import EquationRows
-from bayes_greybox.physics.catalogue.effects import BoundEffect
 from bayes_greybox.physics.terms import Term
 
-from .columns import Column, nodes
+from .columns import Column
 
 CHUNK = 16_384
 """Rows evaluated at once."""
@@ -38,10 +33,6 @@ CORRECTION_SCALE = 0.3
 
 EFFECT_SCALE = 1.0
 """Prior standard deviation of an effect's coefficient, scaled units: its RMS in units of the gap's RMS."""
-
-FEATURES = {1: 40, 2: 16, 3: 10}
-"""Features per variable when the user names none: finer than in a fit, since what is missing may be finer than what is
-left after it was added, and no chain has to pay for them."""
 
 COLLINEAR = 1e-9
 """Share of a column's square outside the span of the model's own terms below which it is no effect of its own."""
@@ -358,46 +349,3 @@ class SufficientStatistics:
 
 def _called(column: Column) -> str:
     return column.suspect.key if column.suspect is not None else f"recalibration of {column.formula.name}"
-
-
-def sufficient_statistics(
-    model: Program, data: Trajectories, equation: str, effects: Sequence[BoundEffect]
-) -> SufficientStatistics:
-    """Free terms, corrections and effects of one equation, evaluated and multiplied out.
-
-    Args:
-        model: Simulation, free terms, and the discrepancy whose features are used.
-        data: Training data.
-        equation: The learned state.
-        effects: Effects bound to columns.
-
-    Raises:
-        InputError: The simulation equals the measurement exactly; a variable of f that is constant or unknown.
-    """
-    rows = model.equation_rows(data, equation)
-    target_scale = rows.scale
-    gp = model.discrepancy or OrthogonalGP()
-    variables, centre, half_width = discrepancy_box(gp, rows.columns)
-    finer = FEATURES.get(len(variables))
-    default = None if finer is None else (finer,) * len(variables)
-    basis = HilbertBasis(gp.boundary, features_per_variable(gp, len(variables), default))
-    floor = with_rounding(rows.measured / target_scale, model.noise_floor)
-    statistics = SufficientStatistics(
-        rows=rows,
-        variables=variables,
-        centre=centre,
-        half_width=half_width,
-        basis=basis,
-        kernel=gp.kernel,
-        prior=replace(model, discrepancy=gp).hyper_prior(floor, len(variables)),
-    )
-    if model.dictionary.get(equation, ()):
-        stated = model.stated(equation, data)
-        spreads = {name: prior.sd for name, prior in stated.priors.items()}
-        statistics.add("free", [(term, {"spread": spreads.get(term.name)}) for term in stated.learned])
-    parts = model.simulator(data).additive_terms(equation)
-    statistics.add("correction", [(term, {"nominal": value}) for term, value in parts])
-    items = {effect: nodes(effect, rows.columns) for effect in effects}
-    statistics.add("effect", [item for found in items.values() for item in found])
-    statistics.leave_out({effect.slug: ZERO for effect, found in items.items() if not found})
-    return statistics

@@ -1,0 +1,61 @@
+"""Sufficient statistics of one equation of a model: its terms, what may be off in its simulation, and effects."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.model.assemble import discrepancy_box, features_per_variable, with_rounding
+from bayes_greybox.model.gp.discrepancy import OrthogonalGP
+from bayes_greybox.model.gp.features import HilbertBasis
+from bayes_greybox.model.program import Program
+from bayes_greybox.physics.catalogue.effects import BoundEffect
+
+from .columns import nodes
+from .sufficient_statistics import ZERO, SufficientStatistics
+
+FEATURES = {1: 40, 2: 16, 3: 10}
+"""Features per variable when the user names none: finer than in a fit, since what is missing may be finer than what is
+left after it was added, and no chain has to pay for them."""
+
+
+def sufficient_statistics(
+    model: Program, data: Trajectories, equation: str, effects: Sequence[BoundEffect]
+) -> SufficientStatistics:
+    """Free terms, corrections and effects of one equation, evaluated and multiplied out.
+
+    Args:
+        model: Simulation, free terms, and the discrepancy whose features are used.
+        data: Training data.
+        equation: The learned state.
+        effects: Effects bound to columns.
+
+    Raises:
+        InputError: The simulation equals the measurement exactly; a variable of f that is constant or unknown.
+    """
+    rows = model.equation_rows(data, equation)
+    target_scale = rows.scale
+    gp = model.discrepancy or OrthogonalGP()
+    variables, centre, half_width = discrepancy_box(gp, rows.columns)
+    finer = FEATURES.get(len(variables))
+    default = None if finer is None else (finer,) * len(variables)
+    basis = HilbertBasis(gp.boundary, features_per_variable(gp, len(variables), default))
+    floor = with_rounding(rows.measured / target_scale, model.noise_floor)
+    statistics = SufficientStatistics(
+        rows=rows,
+        variables=variables,
+        centre=centre,
+        half_width=half_width,
+        basis=basis,
+        kernel=gp.kernel,
+        prior=replace(model, discrepancy=gp).hyper_prior(floor, len(variables)),
+    )
+    if model.dictionary.get(equation, ()):
+        stated = model.stated(equation, data)
+        spreads = {name: prior.sd for name, prior in stated.priors.items()}
+        statistics.add("free", [(term, {"spread": spreads.get(term.name)}) for term in stated.learned])
+    parts = model.simulator(data).additive_terms(equation)
+    statistics.add("correction", [(term, {"nominal": value}) for term, value in parts])
+    items = {effect: nodes(effect, rows.columns) for effect in effects}
+    statistics.add("effect", [item for found in items.values() for item in found])
+    statistics.leave_out({effect.slug: ZERO for effect, found in items.items() if not found})
+    return statistics
