@@ -6,9 +6,10 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from bayes_greybox.criticism.convergence import convergence
-from bayes_greybox.discovery.answer.finding import NEGLIGIBLE, STOPS, SURE
+from bayes_greybox.discovery.answer.finding import NEGLIGIBLE, SURE
 from bayes_greybox.discovery.answer.gap import worsened
 from bayes_greybox.discovery.answer.instrument import IN_MODEL
+from bayes_greybox.discovery.answer.weighed import STOPS
 from bayes_greybox.discovery.study import StudyResult, worse_in_words
 from bayes_greybox.discovery.suspects.channels import DELAY_STEPS
 

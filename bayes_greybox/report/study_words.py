@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from bayes_greybox.discovery.answer.finding import STOPS
 from bayes_greybox.discovery.answer.gap import worsened
+from bayes_greybox.discovery.answer.weighed import STOPS
 from bayes_greybox.discovery.study import StudyResult
 from bayes_greybox.discovery.suspects.channels import DELAY_STEPS, GAIN, GAIN_SD, OFFSET_SD
 from bayes_greybox.physics.simulation import FUNCTION, simulation_record

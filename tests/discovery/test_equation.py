@@ -20,9 +20,11 @@ from tiny_equation import (
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.answer.adequacy import LOO_PIT, WHITENESS, Check
 from bayes_greybox.discovery.answer.coefficients import Coefficients, alone
+from bayes_greybox.discovery.answer.contradictions import with_noisy_states
 from bayes_greybox.discovery.answer.equation_study import EquationStudy
-from bayes_greybox.discovery.answer.finding import STACKED, TIED, Finding, Place, Weighed
-from bayes_greybox.discovery.equation import _with_noisy_states, study_equation
+from bayes_greybox.discovery.answer.finding import TIED, Finding, Place
+from bayes_greybox.discovery.answer.weighed import STACKED, Weighed
+from bayes_greybox.discovery.equation import study_equation
 from bayes_greybox.discovery.evidence.odds import Odds
 from bayes_greybox.discovery.weighing.alignment import Aligned
 from bayes_greybox.discovery.weighing.sets import PLAIN, RECALIBRATED, REST, Explanation
@@ -63,7 +65,7 @@ def studied(known, probabilities, base=(), draws=None, inner=None, ties=None, ve
         Place(i, known.name(i), 0.7, tied, 0.9, ())
         for i, tied in zip(base, ties or ((),) * len(base), strict=True)
     )  # fmt: skip
-    finding = Finding([world], verdict, places, world.best, world, 0.0, 0.0, (), Weighed([world]))
+    finding = Finding([world], verdict, places, world.best, world, 0.0, 0.0, Weighed([world]))
     study = object.__new__(EquationStudy)
     study.__dict__.update(
         finding=finding, amendment=SimpleNamespace(sigma=0.05), checks=tuple(checks),
@@ -367,7 +369,7 @@ class Noisy(Aligned):
 
 
 def noisy(study, spurious):
-    return _with_noisy_states(study.finding, Noisy(spurious), "m/s²")
+    return with_noisy_states(study.finding, Noisy(spurious), "m/s²")
 
 
 def test_noise_left_on_states_speaks_against_a_name_where_it_is_as_large_as_the_residuals():

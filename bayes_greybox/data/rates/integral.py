@@ -6,13 +6,13 @@ from scipy.interpolate import CubicSpline
 
 
 def running_integral(
-    time: Float[np.ndarray, " n"], rate: Float[np.ndarray, " n"], at: Float[np.ndarray, " m"] | None = None
-) -> Float[np.ndarray, " k"]:
+    time: Float[np.ndarray, " n"], rate: Float[np.ndarray, "n ..."], at: Float[np.ndarray, " m"] | None = None
+) -> Float[np.ndarray, "k ..."]:
     """∫ rate dt from the first sample up to each time, by the cubic spline through the samples.
 
     Args:
         time: Times of one run, increasing.
-        rate: Rate at these times.
+        rate: Rate at these times, or several along further axes.
         at: Times up to which to integrate; by default those of the samples.
     """
     return CubicSpline(time, rate).antiderivative()(time if at is None else at)

@@ -8,6 +8,8 @@ import numpy as np
 from jaxtyping import Float
 
 from bayes_greybox.discovery.evidence.evaluations import Evaluations, one_pattern
+from bayes_greybox.discovery.evidence.sufficient_statistics import SufficientStatistics
+from bayes_greybox.discovery.suspects.channels import ChannelSuspect
 from bayes_greybox.model.evidence import coefficients
 
 
@@ -97,6 +99,15 @@ def draw_coefficients(
     first, last = len(own), len(own) + len(suspects)
     kept = np.hstack([beta[:, :first], beta[:, last:]])
     return Coefficients((*own, *base), kept, inner, sigma, suspects, beta[:, first:last])
+
+
+def sensor_errors(statistics: SufficientStatistics, coefficients: Coefficients) -> dict[ChannelSuspect, float]:
+    """Mean sizes of the suspects in the model, in their units."""
+    return {
+        suspect: float(size) * statistics.target_scale / statistics.columns[i].scale
+        for i, size in zip(coefficients.suspects, coefficients.suspect_draws.mean(axis=0), strict=True)
+        if (suspect := statistics.columns[i].suspect) is not None
+    }
 
 
 def _likely(evaluations: Evaluations, suspects: tuple[int, ...], base: Sequence[int], index: int) -> list[int]:

@@ -7,10 +7,17 @@ Of samples that contradict each other with a p-value p, one sensor is wrong with
 π its prior probability and B the least odds that p leaves to sensors that are right, whatever the alternative (Sellke,
 Bayarri and Berger 2001, Am. Stat. 55:62, eq. 2). The error acts on the studied rate like a force of a certain RMS; an
 effect of that size or smaller may be nothing else, and one of r times that size is with the share 1/r.
+
+Of answers without effects, each is judged by its own motion: k counts with its B_k against the error that all of them
+may have in common,
+
+    P'_k = M (1 − π) P_k B_k / ((1 − π) Σ P_j B_j + π M),    M = Σ P_j
+
+and what is left of M is unknown.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 
@@ -21,12 +28,13 @@ class Doubt:
     Attributes:
         probability: That it is one.
         force: RMS of what it does to the studied rate, in the scale of the statistics' target.
-        own: Whether the studied state itself contradicts the answer, so that it is none, whatever its size.
+        denies: The kind of answer that the studied state itself contradicts, so that it is none, whatever its size;
+            empty where other samples do.
     """
 
     probability: float
     force: float
-    own: bool
+    denies: str = ""
 
 
 def contradicted(p: float, prior: float) -> float:
@@ -55,10 +63,20 @@ def artefact(doubts: Sequence[Doubt], size: float) -> float:
     return 1 - sound
 
 
-def unexplained(doubts: Sequence[Doubt]) -> float:
-    """Probability that an answer without effects is none, since the studied state contradicts it.
+def standing(found: Mapping[str, float], doubts: Sequence[Doubt], prior: float) -> dict[str, float]:
+    """Probabilities P'_k of answers without effects, in the light of what the studied state denies.
 
     Args:
+        found: P_k by kind.
         doubts: Contradictions.
+        prior: π.
     """
-    return 1 - math.prod((1 - doubt.probability for doubt in doubts if doubt.own), start=1.0)
+    odds = dict.fromkeys(found, 1.0)
+    for doubt in doubts:
+        if doubt.denies in odds:
+            odds[doubt.denies] *= (1 / doubt.probability - 1) * prior / (1 - prior)
+    mass = sum(found.values())
+    if mass == 0 or all(b == 1 for b in odds.values()):
+        return dict(found)
+    stands = {kind: (1 - prior) * p * odds[kind] for kind, p in found.items()}
+    return {kind: mass * p / (sum(stands.values()) + prior * mass) for kind, p in stands.items()}

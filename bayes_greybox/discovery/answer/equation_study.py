@@ -19,8 +19,9 @@ from bayes_greybox.physics.units import coefficient_unit, derivative_unit
 from .adequacy import Check
 from .amendment import Amendment
 from .coefficients import Coefficients, alone
-from .finding import STOPS, TIED, Finding
+from .finding import TIED, Finding
 from .instrument import instrument_table
+from .weighed import STOPS
 from .where import GapMap, GapTrace
 
 KEYS = ("equation", "memory")

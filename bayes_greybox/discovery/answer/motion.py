@@ -4,13 +4,18 @@ Over a window of a few samples a state changes by the integral of its rate, x(t 
 on the measured rate. So the samples of a position and of a speed judge each other, and the samples of a speed judge the
 rate of the amended model: a sensor that is bent, sticks or forgets, or a force that acts for a moment, shows here.
 
-The sum of squares of the departures D, each over its variance, is χ² with one degree of freedom for each window that
-does not overlap, if samples have the noise that they show, integrals their error of truncation, coefficients their
-uncertainty, and sensors agree to within `AGREE`.
+The departures D of windows that do not overlap have the covariance
+
+    C = V + A Aᵀ
+
+V diagonal: noise on the samples, errors of truncation, and sensors that agree to within `AGREE`; the columns of A are
+what coefficients that are uncertain do to all windows at once. Then Dᵀ C⁻¹ D is χ² with a degree of freedom for each
+window, and what the coefficients at their best leave of D is V C⁻¹ D.
 """
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float
@@ -24,6 +29,9 @@ from .adequacy import LEVEL, Check
 
 MOTION = "motion"
 
+FAINT_MODE = 1e-10
+"""Share of the largest square of what coefficients do together, below which it is rounding."""
+
 ROUGH = 0.5
 """Steps from sample to sample, over the spread of a state, from which on its samples tell no path."""
 
@@ -34,7 +42,7 @@ class MotionCheck(Check):
 
     Attributes:
         state: Its name.
-        departure: RMS of the departures D.
+        departure: RMS of the departures that coefficients at their best leave, V C⁻¹ D.
         span: Time of a window: an error of the rate of D over this would do it too.
     """
 
@@ -49,13 +57,24 @@ class ModelledRate:
 
     Attributes:
         values: At the samples.
-        sd: Of its coefficients and of the noise on the states that it is evaluated at, taken as one error throughout.
+        sd: Of the noise on the states that it is evaluated at, taken as one error throughout a window.
         of: What it is, in words.
+        draws: Of it, its coefficients' posterior; None: they are known.
     """
 
     values: Float[np.ndarray, " n_obs"]
     sd: float
     of: str
+    draws: Float[np.ndarray, "n_draw n_obs"] | None = None
+
+    @cached_property
+    def modes(self) -> Float[np.ndarray, "n_obs n_mode"]:
+        """Columns M whose M Mᵀ is the covariance of the draws: no more than there are coefficients."""
+        if self.draws is None:
+            return np.zeros((len(self.values), 0))
+        apart = (self.draws - self.draws.mean(axis=0)) / np.sqrt(len(self.draws))
+        square, turned = np.linalg.eigh(apart @ apart.T)
+        return apart.T @ turned[:, square > FAINT_MODE * square[-1]]
 
 
 def check_motion(
@@ -74,7 +93,7 @@ def check_motion(
     """
     found = []
     for name, rate in rates.items():
-        departures, changes, variances, spans = [], [], [], []
+        departures, changes, variances, spans, common = [], [], [], [], []
         for r in dict.fromkeys(data.run.tolist()):
             own = data.run == r
             time, x, g = data.time[own], data.column(name)[own], rate.values[own]
@@ -84,18 +103,20 @@ def check_motion(
             start = np.arange(0, len(time) - SAMPLES, SAMPLES)
             end = start + SAMPLES
             integral, error = _integral_and_error(time, g)
+            together = running_integral(time, rate.modes[own])
             changes.append(x[end] - x[start])
             departures.append(changes[-1] - (integral[end] - integral[start]))
+            common.append(together[end] - together[start])
             span = time[end] - time[start]
             truncation = np.hypot(error[end], error[start])
             variances.append(2 * noise.get(name, 0.0) ** 2 + truncation**2 + (span * rate.sd) ** 2)
             spans.append(span)
         if sum(map(len, departures)) < FEWEST:
             continue
-        D, change, variance = (np.concatenate(parts) for parts in (departures, changes, variances))
-        size, off = float(np.sqrt(np.mean(change**2))), float(np.sqrt(np.mean(D**2)))
-        typical = float(np.median(np.concatenate(spans)))
-        square = float(np.sum(D**2 / (variance + (AGREE * size) ** 2 + np.finfo(float).tiny)))
+        D, change, variance, A = (np.concatenate(parts) for parts in (departures, changes, variances, common))
+        size = float(np.sqrt(np.mean(change**2)))
+        left, square = _beside(D, variance + (AGREE * size) ** 2 + np.finfo(float).tiny, A)
+        off, typical = float(np.sqrt(np.mean(left**2))), float(np.median(np.concatenate(spans)))
         p = float(chi2.sf(square, len(D)))
         text = ""
         if p < LEVEL:
@@ -103,6 +124,13 @@ def check_motion(
             text = f"the samples of {name} do not move as {rate.of} says: over {over} they are {share:.2g}\u00a0% off"
         found.append(MotionCheck(f"{MOTION} of {name}", p, text, name, off, typical))
     return found
+
+
+def _beside(D: np.ndarray, variance: np.ndarray, A: np.ndarray) -> tuple[np.ndarray, float]:
+    """V C⁻¹ D and Dᵀ C⁻¹ D with C = V + A Aᵀ, by Woodbury's identity."""
+    scaled = A / variance[:, None]
+    left = D - A @ np.linalg.solve(np.eye(A.shape[1]) + A.T @ scaled, scaled.T @ D)
+    return left, float(D @ (left / variance))
 
 
 def _integral_and_error(time: np.ndarray, g: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from bayes_greybox.discovery.answer.doubt import Doubt, artefact, contradicted, unexplained
+from bayes_greybox.discovery.answer.doubt import Doubt, artefact, contradicted, standing
 
-SURE = Doubt(1.0, 0.2, own=False)
+SURE = Doubt(1.0, 0.2)
 
 
 @pytest.mark.parametrize("p", [0.37, 0.5, 1.0])
@@ -33,9 +33,22 @@ def test_an_effect_counts_by_its_size_over_that_of_the_error(size, wrong):
 
 
 def test_doubts_add_up_and_none_takes_nothing():
-    assert artefact([], 0.1) == 0.0 and unexplained([]) == 0.0
+    assert artefact([], 0.1) == 0.0
     assert artefact([SURE, SURE], 0.4) == pytest.approx(0.75)
 
 
 def test_only_the_studied_state_denies_an_answer_without_effects():
-    assert unexplained([SURE]) == 0.0 and unexplained([SURE, Doubt(0.6, 0.0, own=True)]) == pytest.approx(0.6)
+    found = {"no gap": 0.7, "recalibrate": 0.0}
+    assert standing(found, [SURE, Doubt(0.6, 0.0, "effects")], 0.02) == found
+    assert standing(found, [Doubt(0.6, 0.0, "no gap")], 0.02)["no gap"] == pytest.approx(0.7 * 0.4)
+    assert standing({"no gap": 0.0}, [Doubt(1.0, 0.0, "no gap")], 0.02) == {"no gap": 0.0}
+
+
+def test_answers_are_weighed_against_each_other_and_an_error_that_they_have_in_common():
+    # P(k) p(motion | k), the error with its prior and a likelihood that is the largest of all.
+    prior, p, q = 0.02, {"instrument": 0.5, "recalibrate": 0.3}, {"instrument": 1e-4, "recalibrate": 1e-3}
+    odds = {kind: -np.e * value * np.log(value) for kind, value in q.items()}
+    doubts = [Doubt(contradicted(value, prior), 0.1, kind) for kind, value in q.items()]
+    joint = {kind: (1 - prior) * p[kind] / 0.8 * odds[kind] for kind in p}
+    expected = {kind: 0.8 * value / (sum(joint.values()) + prior) for kind, value in joint.items()}
+    assert standing(p, doubts, prior) == pytest.approx(expected)

@@ -10,15 +10,15 @@ from bayes_greybox.discovery.answer.doubt import Doubt
 from bayes_greybox.discovery.answer.finding import (
     NEGLIGIBLE,
     SAME,
-    STACKED,
     SUBSTANTIAL,
     SURE,
     TIED,
     VERDICTS,
-    Weighed,
     decide,
 )
+from bayes_greybox.discovery.answer.weighed import STACKED, Weighed
 from bayes_greybox.discovery.evidence.evaluations import Evaluations
+from bayes_greybox.discovery.evidence.odds import Odds
 from bayes_greybox.discovery.weighing.sets import PLAIN, RECALIBRATED, REST, Explanation
 from bayes_greybox.discovery.weighing.worlds import World
 from bayes_greybox.model.noise.noise_model import PROCESS, NoiseModel
@@ -36,7 +36,7 @@ class Written(Evaluations):
             effect = SimpleNamespace(slug=letter, names={"r": on.get(letter, f"x{k}")})
             columns.append(SimpleNamespace(effect=effect, suspect=None, inner={"v": 1.0} if letter in inner else {}))
         effects = list(range(len(SUSPECTS), len(columns)))
-        self.statistics = SimpleNamespace(columns=columns, of_kind={"effect": effects}.get)
+        self.statistics, self.odds = SimpleNamespace(columns=columns, of_kind={"effect": effects}.get), Odds()
 
 
 class Told(World):
@@ -356,7 +356,7 @@ def test_verdicts_are_in_the_order_of_what_they_ask_of_the_users_physics():
 # Samples that contradict each other
 
 
-BENT = Doubt(0.95, 0.1, own=False)
+BENT = Doubt(0.95, 0.1)
 
 
 def doubted(table, doubt, **rms):
@@ -384,13 +384,30 @@ def test_of_two_effects_the_small_one_goes():
 
 
 def test_kinds_add_up_to_one_whatever_is_doubted():
-    for own in (True, False):
-        finding = doubted({"ab": 0.4, "no gap": 0.3, "recalibrate": 0.2, "b & rest": 0.1}, Doubt(0.7, 0.3, own), b=0.5)
+    for kind in ("", "no gap", "recalibrate", "effects"):
+        finding = doubted({"ab": 0.4, "no gap": 0.3, "recalibrate": 0.2, "b & rest": 0.1}, Doubt(0.7, 0.3, kind), b=0.5)
         assert sum(finding.weighed.by_kind.values()) == pytest.approx(1.0)
 
 
 @pytest.mark.parametrize("stop", ["no gap", "recalibrate", "! offset"])
 def test_an_answer_without_effects_that_its_own_state_denies_is_unknown_in_the_tables_too(stop):
-    finding = doubted({stop: 1.0}, Doubt(0.9, 1e-6, own=True))
+    kind = "instrument" if stop.startswith("!") else stop
+    finding = doubted({stop: 1.0}, Doubt(0.9, 1e-6, kind))
     assert finding.verdict == "unknown" and finding.weighed.by_kind["unknown"] == pytest.approx(0.9)
-    assert doubted({stop: 1.0}, Doubt(0.9, 1e-6, own=False)).verdict != "unknown"
+    assert finding.weighed.by_suspect.get("offset", 0.0) == pytest.approx(0.1 if kind == "instrument" else 0.0)
+    assert doubted({stop: 1.0}, Doubt(0.9, 1e-6)).verdict != "unknown"
+
+
+def test_an_answer_that_its_own_state_denies_makes_way_for_one_that_it_does_not():
+    table = {"! offset": 0.5, "recalibrate": 0.45, "a": 0.05}
+    assert doubted(table, Doubt(0.01, 0.1), a=1.0).verdict == "instrument"
+    finding = doubted(table, Doubt(1.0, 0.1, "instrument"), a=1.0)
+    assert finding.verdict == finding.kind == "recalibrate" and finding.weighed.by_kind["recalibrate"] > 0.85
+    assert finding.weighed.by_suspect["offset"] == 0.0
+    # Of answers without effects; those with effects are no likelier for it.
+    assert finding.weighed.by_kind["effects"] <= 0.05
+
+
+def test_the_others_of_an_answer_are_those_without_effects_that_leave_no_rest():
+    finding = doubted({"! offset": 0.5, "recalibrate": 0.3, "no gap": 1e-9, "a": 0.1, "unknown": 0.1}, Doubt(0.01, 0.1))
+    assert [other.kind for other in finding.others()] == ["recalibrate"]

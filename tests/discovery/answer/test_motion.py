@@ -62,6 +62,33 @@ def test_what_is_uncertain_is_allowed_for():
     assert checked(data, v * (1 + AGREE / 2)).ok
 
 
+def test_what_coefficients_do_to_all_windows_at_once_is_one_error_and_not_many():
+    """θ at two standard deviations from its mean, as it is once in twenty: no contradiction."""
+    rng = np.random.default_rng(1)
+    data, v = moving()
+    draws = v * (1.1 + 0.05 * rng.standard_normal((400, 1)))
+    uncertain = ModelledRate(draws.mean(axis=0), 0.0, "v", draws)
+    (check,) = check_motion(data, {"y": uncertain}, {})
+    assert check.ok and check.departure < 0.02 * check.span
+    # A force that no coefficient is shows beside them as it is.
+    pushed = v + 0.3 * (np.abs(data.time - 15) < 1)
+    (check,) = check_motion(data, {"y": ModelledRate(pushed, 0.0, "v", pushed + draws - draws.mean(axis=0))}, {})
+    assert not check.ok and check.p < 1e-9
+
+
+def test_the_level_is_kept_whatever_the_coefficients_turn_out_to_be():
+    noise, p = 0.1, []
+    for seed in range(200):
+        data, v = moving(noise=noise, seed=seed)
+        rng = np.random.default_rng(1000 + seed)
+        # Coefficients that hold for the whole record, and a posterior that knows how well.
+        off = 1.3 * rng.standard_normal() * v + 0.2 * rng.standard_normal() * np.cos(2.3 * data.time)
+        apart = 1.3 * rng.standard_normal((400, 1)) * v + 0.2 * rng.standard_normal((400, 1)) * np.cos(2.3 * data.time)
+        (check,) = check_motion(data, {"y": ModelledRate(v + off, 0.0, "v", v + off + apart)}, {"y": noise})
+        p.append(check.p)
+    assert kstest(p, "uniform", alternative="greater").pvalue > 1e-3 and sum(q < LEVEL for q in p) <= 2
+
+
 def test_records_too_short_are_not_checked():
     data, v = moving(n=2 * SAMPLES + 1)
     assert check_motion(data, {"y": ModelledRate(v, 0.0, "v")}, {}) == []

@@ -1,0 +1,127 @@
+"""What speaks against an answer that the rows do not show: samples that move otherwise, and noise left on states."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+
+from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.discovery.evidence.odds import Odds
+from bayes_greybox.discovery.suspects.channels import calibrated, slope_along
+from bayes_greybox.discovery.weighing.alignment import Aligned
+from bayes_greybox.model.program import Program
+
+from .amendment import Amendment
+from .coefficients import sensor_errors
+from .doubt import Doubt, contradicted
+from .finding import Finding
+from .gap import RATE_DRAWS
+from .motion import ModelledRate, MotionCheck, check_motion
+
+REGRESSORS, AS_LARGE = 0.3, 2.0
+"""What noise on states does to the rate, over the residuals, from which on it is held against a verdict; and the gap
+over it up to which the gap is nothing else."""
+
+
+def contradictions(
+    model: Program, train: Trajectories, aligned: Aligned, amendment: Amendment, finding: Finding, odds: Odds
+) -> tuple[list[MotionCheck], list[Doubt]]:
+    """Whether states move as the states that are their rates say, and the studied one as the amended model says.
+
+    Args:
+        model: The model before.
+        train: Measurements as they came.
+        aligned: The same with states smoothed and delays undone.
+        amendment: The model after.
+        finding: The answer.
+        odds: Prior odds.
+
+    Returns:
+        The checks; and of those that fail, how likely that is no chance, and what it does to the studied rate.
+    """
+    name, scale = amendment.statistics.equation, amendment.statistics.target_scale
+    if not aligned.rates_measured:
+        # What was computed from the samples agrees with them.
+        return [], []
+    sensors = sensor_errors(amendment.statistics, amendment.after)
+    data = calibrated(aligned.moved(train), name, sensors, train)
+    simulation, left = model.simulator(data), {k: noise.left for k, noise in aligned.sample_noise.items()}
+    # What smoothing leaves is less than the noise, but known only roughly: no sensor is blamed for that.
+    noise = {k: found.sd for k, found in aligned.sample_noise.items()}
+    unit, ones = train.units.get("t", ""), np.ones(data.n_obs)
+
+    def force(state: str) -> float:
+        """RMS of the change of the studied rate by a unit of a state."""
+        return float(np.sqrt(np.mean(slope_along(data, aligned.rate, state, ones) ** 2)))
+
+    def by_noise(rate: Callable[[Trajectories], np.ndarray]) -> float:
+        square = sum(s**2 * np.mean(slope_along(data, rate, x, ones) ** 2) for x, s in left.items())
+        return float(np.sqrt(square))
+
+    others, measured_by = {}, {}
+    for state in data.state_names:
+        if state != name and simulation.kinematic(state):
+            rate = partial(simulation.on, state=state)
+            (term, _), *_ = simulation.additive_terms(state)
+            others[state], measured_by[state] = ModelledRate(rate(data), by_noise(rate), term.name), term.name
+    checks = check_motion(data, others, noise, unit)
+    doubts = [
+        # Which of the two sensors is wrong is not known: the worse for the answer.
+        Doubt(
+            contradicted(check.p, odds.suspect),
+            max(force(x) * check.departure, force(measured_by[x]) * check.departure / check.span) / scale,
+        )
+        for check in checks
+        if not check.ok and (x := check.state)
+    ]
+    if not finding.open_ended:
+        draws = amendment.rates(data.columns, RATE_DRAWS)[1]
+        values = simulation.on(data, name) + draws.mean(axis=0)
+        own = ModelledRate(values, by_noise(aligned.rate), "the model with what was found", draws)
+        for check in check_motion(data, {name: own}, noise, unit):
+            checks.append(check)
+            if not check.ok:
+                force_of_it = check.departure / check.span / scale
+                doubts.append(Doubt(contradicted(check.p, odds.suspect), force_of_it, finding.kind))
+    return checks, doubts
+
+
+def with_noisy_states(finding: Finding, aligned: Aligned, unit: str) -> Finding:
+    """What the noise left on states says against the finding; a gap no larger than it is the instrument's."""
+    world, scale = finding.world, finding.world.evaluations.statistics.target_scale
+    spurious, left = aligned.spurious / scale, _left(finding)
+    if finding.verdict == "unknown":
+        gap = np.sqrt(max(float(np.mean(world.residual(world.bare) ** 2)) - left**2, 0.0))
+        if spurious > REGRESSORS * left and gap < AS_LARGE * spurious:
+            return replace(finding, verdict="instrument")
+    if finding.places and _size(finding) < spurious:
+        # What noise on states does may well be what the names explain.
+        return replace(finding, verdict="instrument", places=())
+    if not spurious > REGRESSORS * left:
+        return finding
+    names = ", ".join(aligned.sample_noise)
+    return finding.capped(
+        [f"noise on the samples of {names} acts like a force of {spurious * scale:.2g} {unit}".rstrip()]
+    )
+
+
+def noise_as_force(finding: Finding, aligned: Aligned) -> list[Doubt]:
+    """What the noise left on states does to the rate, where that is much beside the residuals: no effect is smaller."""
+    spurious = aligned.spurious / finding.world.evaluations.statistics.target_scale
+    return [Doubt(1.0, spurious)] if finding.places and spurious > REGRESSORS * _left(finding) else []
+
+
+def _left(finding: Finding) -> float:
+    """RMS of the residual but for a process in time, which is in it and no noise; scaled units."""
+    world = finding.world
+    return float(np.sqrt(np.mean(world.residual(finding.explanation) ** 2) * (1 - world.model.process_share)))
+
+
+def _size(finding: Finding) -> float:
+    """RMS of the effects of the answer, scaled units."""
+    world, e = finding.world, finding.explanation
+    known = world.evaluations
+    inside = [k for k, i in enumerate(known.indices(e.columns)) if i in e.effects]
+    effects = known.statistics.at_rows([known.indices(e.columns)[k] for k in inside])
+    return float(np.sqrt(np.mean((effects @ world.coefficients(e)[0][inside]) ** 2)))

@@ -1,0 +1,189 @@
+"""Probabilities over all explanations in all worlds: of kinds of answers, of effects, suspects, noises and memories.
+
+A rest that stays beside an effect may be an unknown mechanism that the effect merely imitates: beside a rest that
+carries the share s of the gap's square, an effect counts with 1 − √s, √s being the rest's RMS over the gap's, and √s
+goes to *unknown*. That is a judgement, not a theorem; it keeps a dominant effect and distrusts a stand-in. Where the
+samples contradict each other, an effect no larger than what that does to the rate goes to *unknown* in the same way,
+and answers without effects are judged by their own motion (see `doubt`).
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import cached_property
+
+import numpy as np
+
+from bayes_greybox.discovery.weighing.sets import MEMORY, PLAIN, RECALIBRATED, Explanation, imitated
+from bayes_greybox.discovery.weighing.worlds import World, weights
+
+from .doubt import Doubt, artefact, standing
+
+STOPS = ("no gap", "recalibrate", "instrument", "unknown")
+"""Explanations without an effect."""
+
+STACKED = 0.5
+"""Probability that three laws of one variable, or two of which one bends, are one law that has no name here."""
+
+FAINT = 1e-4
+"""Explanations less likely than this take the likeliest one's share of the gap for their own."""
+
+
+class Weighed:
+    """All explanations of all worlds, with their probabilities.
+
+    Args:
+        worlds: Likeliest first.
+        doubts: Contradictions among the samples.
+    """
+
+    def __init__(self, worlds: Sequence[World], doubts: Sequence[Doubt] = ()) -> None:
+        self.worlds, self.doubts = worlds, doubts
+        self.items: list[tuple[World, Explanation, float, float]] = []
+        for world, p in zip(worlds, weights(worlds), strict=True):
+            total = world.total - world.offset
+            usual = None
+            for e in world.explanations:
+                probability = float(p * np.exp(e.log_weight - total))
+                if probability > FAINT or usual is None:
+                    share = world.share_left(e)
+                    usual = share if usual is None else usual
+                else:
+                    share = e.share_left if e.leaves_rest else usual
+                self.items.append((world, e, probability, share))
+        self.items.sort(key=lambda item: -item[2])
+        # Probability of each effect of an explanation to be what an error of the measurement does.
+        self._artefacts: dict[tuple[int, Explanation], dict[int, float]] = {}
+        for world, e, p, _ in self.items if doubts else ():
+            if e.effects and p > FAINT:
+                sizes = world.sizes(e)
+                self._artefacts[id(world), e] = {i: artefact(doubts, sizes[i]) for i in e.effects}
+
+    def names(self, world: World, e: Explanation) -> tuple[str, ...]:
+        """Bindings of an explanation's effects, sorted."""
+        return tuple(sorted(world.evaluations.binding(i) for i in e.effects))
+
+    def kind(self, world: World, e: Explanation) -> str:
+        """What an explanation without effects says."""
+        if world.leaves_rest(e):
+            return "unknown"
+        if e.suspects:
+            return "instrument"
+        return {PLAIN: "no gap", RECALIBRATED: "recalibrate"}[e.kind]
+
+    def counted(self, world: World, e: Explanation, p: float, share: float) -> float:
+        """Probability p of an explanation with effects, less what of it counts as unknown."""
+        real = p * (1 - imitated(share)) * (1 - STACKED if set(stacked(world, e)) == set(e.effects) else 1.0)
+        return real * (1 - min(self.artefacts(world, e).values()))
+
+    def artefacts(self, world: World, e: Explanation) -> dict[int, float]:
+        """Probability that each effect of an explanation is what an error of the measurement does."""
+        return self._artefacts.get((id(world), e), dict.fromkeys(e.effects, artefact(self.doubts, 0.0)))
+
+    @cached_property
+    def by_kind(self) -> dict[str, float]:
+        """Probabilities of no gap, recalibration, instrument, unknown, and effects; they sum to one."""
+        found: dict[str, float] = dict.fromkeys((*STOPS, "effects"), 0.0)
+        for world, e, p, share in self.items:
+            real = self.counted(world, e, p, share) if e.effects else p * self._stands[self.kind(world, e)]
+            found["effects" if e.effects else self.kind(world, e)] += real
+            found["unknown"] += p - real
+        return found
+
+    @cached_property
+    def _stands(self) -> dict[str, float]:
+        """Factors of the probabilities of answers without effects, in the light of their own motion."""
+        found: dict[str, float] = dict.fromkeys(STOPS, 0.0)
+        for world, e, p, _ in self.items:
+            if not e.effects:
+                found[self.kind(world, e)] += p
+        parametric = {kind: p for kind, p in found.items() if kind != "unknown"}
+        after = standing(parametric, self.doubts, self.worlds[0].evaluations.odds.suspect)
+        return {kind: after[kind] / p if p and kind in after else 1.0 for kind, p in found.items()}
+
+    @cached_property
+    def by_effect(self) -> dict[str, float]:
+        """Probability that an effect is missing, by slug, largest first."""
+        found: dict[str, float] = {}
+        for world, e, p, share in self.items:
+            doubtful, artefacts = {world.evaluations.name(i) for i in stacked(world, e)}, self.artefacts(world, e)
+            own: dict[str, float] = {}
+            for i in e.effects:
+                slug = world.evaluations.name(i)
+                own[slug] = min(own.get(slug, 1.0), artefacts[i])
+            for slug, wrong in own.items():
+                real = p * (1 - imitated(share)) * (1 - STACKED if slug in doubtful else 1.0)
+                found[slug] = found.get(slug, 0.0) + real * (1 - wrong)
+        for world in self.worlds:
+            for i in world.evaluations.statistics.of_kind("effect"):
+                found.setdefault(world.evaluations.name(i), 0.0)
+        return dict(sorted(found.items(), key=lambda item: -item[1]))
+
+    @cached_property
+    def by_suspect(self) -> dict[str, float]:
+        """Probability of each suspect about a channel, by its key; beside a rest it may be an imitation as well."""
+        found: dict[str, float] = {}
+        for world, e, p, share in self.items:
+            for i in e.suspects:
+                suspect = world.evaluations.statistics.columns[i].suspect
+                assert suspect is not None
+                real = 1.0
+                if i not in world.always:
+                    real = 1 - imitated(share) if world.leaves_rest(e) else real
+                    real *= 1.0 if e.effects else self._stands[self.kind(world, e)]
+                found[suspect.key] = found.get(suspect.key, 0.0) + p * real
+        return dict(sorted(found.items(), key=lambda item: -item[1]))
+
+    def without_imitations(self, world: World, e: Explanation) -> Explanation:
+        """An explanation without the suspects that may as well imitate its rest."""
+        if not world.leaves_rest(e):
+            return e
+        columns = world.evaluations.statistics.columns
+        found = {i: suspect.key for i in e.suspects if (suspect := columns[i].suspect) is not None}
+        kept = tuple(i for i, key in found.items() if i in world.always or self.by_suspect[key] >= 0.5)
+        return e if kept == e.suspects else replace(e, suspects=kept)
+
+    @cached_property
+    def by_noise(self) -> dict[str, float]:
+        """Probability of each suspect about the noise."""
+        found: dict[str, float] = {}
+        for world, p in zip(self.worlds, weights(self.worlds), strict=True):
+            for name in world.model.names:
+                found[name] = found.get(name, 0.0) + float(p)
+        return found
+
+    @cached_property
+    def by_memory(self) -> dict[str, float]:
+        """Probability that what remains remembers, by what it remembers, in words; largest first."""
+        found: dict[str, float] = {}
+        for world, e, p, _ in self.items:
+            if e.kind == MEMORY:
+                memory = world.evaluations.statistics.columns[e.memory[0]].memory
+                assert memory is not None
+                found[memory.text] = found.get(memory.text, 0.0) + p
+        return dict(sorted(found.items(), key=lambda item: -item[1]))
+
+    @cached_property
+    def by_set(self) -> dict[tuple[str, ...], float]:
+        """Probability of each set of effects, whatever remains beside it, by bindings."""
+        found: dict[tuple[str, ...], float] = {}
+        for world, e, p, _ in self.items:
+            if e.effects:
+                key = self.names(world, e)
+                found[key] = found.get(key, 0.0) + p
+        return dict(sorted(found.items(), key=lambda item: -item[1]))
+
+
+def stacked(world: World, e: Explanation) -> tuple[int, ...]:
+    """Effects of the same columns that may well be one law that the catalogue does not have, and not several.
+
+    Two plain laws of one variable are common (Coulomb friction and drag, y² and y³); three, or two of which one has an
+    inner parameter to bend, fit whatever one law looks like.
+    """
+    columns = world.evaluations.statistics.columns
+    groups: dict[tuple[str, ...], list[int]] = {}
+    for i in e.effects:
+        effect = columns[i].effect
+        assert effect is not None
+        groups.setdefault(tuple(sorted(effect.names.values())), []).append(i)
+    many = [g for g in groups.values() if len(g) > 2 or (len(g) == 2 and any(columns[i].inner for i in g))]
+    return tuple(i for group in many for i in group)
