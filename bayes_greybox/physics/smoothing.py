@@ -19,6 +19,9 @@ from jaxtyping import Array, Float
 
 from .sensitivity import Grid, Response, power_of_two, triples
 
+PARTS = (1.0, 0.5, 0.25, 0.1, 0.0)
+"""Of a change of the path, what is tried so that the equations stay defined: the largest that does."""
+
 
 class Observed(NamedTuple):
     """Samples at the ends of steps.
@@ -107,6 +110,8 @@ def filtered(
 ) -> Float[np.ndarray, "n_segment n_end n_state"]:  # fmt: skip
     """Path of the extended Kalman filter, linearised where it is: a first path that needs none before it.
 
+    Where a sample would take it out of the domain of the equations, it goes only part of the way, or stays.
+
     Args:
         rate: `rate(t, x, u, args)` at one point.
         grid: Nodes.
@@ -126,17 +131,27 @@ def _filtered(
     ratio: Array, args: object,
 ) -> Array:  # fmt: skip
     H = jnp.eye(observed.mean.shape[-1])[jnp.array(outputs)]
-    update = partial(_update, H, observed.variances)
+
+    def update(before: Array, P: Array, time: Array, u: Array, y: Array) -> tuple[Array, Array]:
+        x, P, *_ = _update(H, observed.variances, before, P, y)
+        parts = jnp.array(PARTS)
+        tried = before + parts[:, None] * (x - before)
+        inside = jax.vmap(lambda x: jnp.all(jnp.isfinite(rate(time, x, u, args))))(tried)
+        return jnp.where(jnp.any(inside), tried[jnp.argmax(inside)], x), P
 
     def one(time: Array, inputs: Array, values: Array, mean: Array) -> Array:
-        x, P, *_ = update(mean, jnp.diag(observed.sd**2), values[0])
+        x, P = update(mean, jnp.diag(observed.sd**2), time[0, 0], inputs[0, 0], values[0])
 
         def forward(carry: tuple[Array, Array], piece: tuple[Array, Array, Array]) -> tuple[tuple, Array]:
             (x, P), (t, u, y) = carry, piece
             after, M, B = _step(rate, t, u, x, E, args)
+            # A step that leaves the domain on its way is not taken.
+            moved = jnp.all(jnp.isfinite(after)) & jnp.all(jnp.isfinite(M)) & jnp.all(jnp.isfinite(B))
+            after, M = jnp.where(moved, after, x), jnp.where(moved, M, jnp.eye(len(x)))
             h = t[2] - t[0]
+            B = jnp.where(moved, B, h * E)
             intensity = jnp.where(h > 0, ratio / jnp.where(h > 0, h, 1.0), 0.0)
-            x, P, *_ = update(after, M @ P @ M.T + intensity * (B @ B.T), y)
+            x, P = update(after, M @ P @ M.T + intensity * (B @ B.T), t[2], u[2], y)
             return (x, P), x
 
         _, ends = jax.lax.scan(forward, (x, P), (time, inputs, values[1:]))

@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 
 from bayes_greybox.benchmarks.sampled_systems.run import run, score
-from bayes_greybox.benchmarks.sampled_systems.systems import CORRELATION, sampled, systems
+from bayes_greybox.benchmarks.sampled_systems.samples import CORRELATION, sampled
+from bayes_greybox.benchmarks.sampled_systems.systems import systems
 from bayes_greybox.data.errors import InputError
+from bayes_greybox.physics.catalogue.table import catalogue
 
 
 def test_a_sensor_shows_the_position_alone_and_its_noise_is_the_replicates():
@@ -17,6 +19,21 @@ def test_a_sensor_shows_the_position_alone_and_its_noise_is_the_replicates():
     np.testing.assert_array_equal(again.states["y"], train.states["y"])
     noise = (other.states["y"] - train.states["y"]) / np.sqrt(2)
     assert np.std(noise) == pytest.approx(0.03 * np.std(train.states["y"]), rel=0.15)
+
+
+def test_what_is_hidden_is_in_the_catalogue():
+    for system in systems().values():
+        assert set(system.truth) <= set(catalogue(system.catalogue)["slug"])
+
+
+@pytest.mark.parametrize("name", ["two-masses-0.05", "twin-tanks-0.05", "predator-prey-0.05"])
+def test_of_systems_with_hidden_states_one_is_shown(name):
+    system = systems()[name]
+    train, test = sampled(system, 0, seed=0)
+    assert train.state_names == (system.measured,) and set(system.simulation) > {system.measured}
+    x = train.states[system.measured]
+    # The simulation lacks something: with a start of its own it goes elsewhere, by far more than the noise.
+    assert np.all(np.isfinite(x)) and np.std(x - test.states[system.measured]) > 0.1 * np.std(x)
 
 
 def test_correlated_noise_is_correlated_and_pushes_move_the_path():

@@ -115,6 +115,28 @@ def test_the_filter_ends_where_the_smoother_does():
     np.testing.assert_allclose(found[0, -1], np.asarray(path_of(grid, observed, 0.1).ends)[0, -1], atol=5e-5)
 
 
+def draining(t, x, u, args):
+    """Two tanks: the first, unseen, drains into the second."""
+    return jnp.stack([u[0] - jnp.sqrt(x[0]), jnp.sqrt(x[0]) - jnp.sqrt(x[1])])
+
+
+def test_the_filter_stays_where_the_equations_are_defined():
+    rng, nodes = np.random.default_rng(0), np.linspace(0, 20, 201)[None]
+    grid = Grid(nodes, (0.6 + 0.5 * np.sin(nodes))[..., None])
+
+    def whole(t, x):
+        return [0.6 + 0.5 * np.sin(t) - np.sqrt(x[0]), np.sqrt(x[0]) - np.sqrt(x[1])]
+
+    level = solve_ivp(whole, (0, 20), [0.5, 0.4], t_eval=nodes[0, ::2], rtol=1e-9).y
+    shown = level[1] + 0.05 * rng.standard_normal(len(level[1]))
+    # Far too high a start is drawn down by wide gains, below an empty tank if nothing stopped it.
+    observed = Observed(shown[None, :, None], np.array([0.05**2]), np.array([[3.0, shown[0]]]), np.array([30.0, 3.0]))
+    force = np.array([[0.0], [1.0]])
+    ends = filtered(draining, grid, observed, (1,), force, 1e-4, ())
+    assert np.all(np.isfinite(ends)) and np.min(ends) >= 0
+    assert np.sqrt(np.mean((ends[0, 50:, 0] - level[0, 50:]) ** 2)) < 0.2
+
+
 def test_forces_add_up_by_their_variances():
     grid, observed = problem()
     ends = np.zeros((1, 41, 2))

@@ -15,7 +15,8 @@ from bayes_greybox.benchmarks.files import opened, unwritable, write_whole
 from bayes_greybox.benchmarks.progress import shown
 from bayes_greybox.data.errors import InputError
 
-from .systems import System, sampled, systems
+from .samples import System, sampled
+from .systems import systems
 
 RESULTS = "results.jsonl"
 """A line for each replicate."""
@@ -95,10 +96,11 @@ def study(system: System, replicate: int, seed: int) -> dict[str, Any]:
     train, test = sampled(system, replicate, seed)
     start = time.perf_counter()
     found = find_missing_effects(
-        GreyBox(simulation=dict(system.simulation), rows=TrajectoryRows()),
+        GreyBox({system.equation: []}, simulation=dict(system.simulation), rows=TrajectoryRows()),
         train,
         test=test,
-        catalogue="mechanical",
+        catalogue=system.catalogue,
+        roles=system.roles,
         settle=False,
         free_runs=False,
         progress=False,

@@ -1,170 +1,169 @@
-"""The systems and their samples, integrated by SciPy alone: nothing here knows how the study works.
+"""The systems: what each does, what its simulation lacks, and what a sensor shows of it.
 
-Each has a simulation that lacks something, which a position of a test run with another start or another force lacks as
-well. Coulomb friction is tanh(v/v₀) with v₀ far below anything that the sensor resolves.
+What the simulation lacks, a test run with another start or another force lacks as well. Coulomb friction is tanh(v/v₀)
+with v₀ far below anything that the sensor resolves.
 """
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
-
 import numpy as np
-from jaxtyping import Float
-from scipy.integrate import solve_ivp
 
-from bayes_greybox.data.trajectories import Trajectories
+from .samples import System
 
-Force = Callable[[float], float]
-"""Input by time."""
+METRES = {"t": "s", "y": "m"}
+"""Units of a position."""
 
-CORRELATION = 0.9
-"""Of neighbouring samples under correlated noise."""
-
-SHAKEN = 0.03
-"""RMS of the velocity that random pushes give within a unit of time, of the oscillator that is shaken."""
-
-
-@dataclass(frozen=True)
-class System:
-    """A system, what its simulation lacks, and how its position is sampled.
-
-    Attributes:
-        name: Of the system.
-        simulation: What the study is given.
-        truth: Coefficients of what it lacks, by the catalogue's slug.
-        rate: Acceleration from position, speed and input.
-        step: Between samples.
-        samples: Number of samples.
-        noise: Of the sensor, over the spread of the position.
-        start: Position and speed at the start of the training run and of the test run.
-        force: Input of both; None where nothing drives the system.
-        sensor: "white" or "correlated".
-        shaken: Whether random pushes act on it, besides.
-        same: Errors of the instrument that are the same as what is hidden, by slug: an input's offset is a constant
-            force.
-        tolerance: Of the integrator.
-    """
-
-    name: str
-    simulation: Mapping[str, str]
-    truth: Mapping[str, float]
-    rate: Callable[[float, float, float], float]
-    step: float
-    samples: int
-    noise: float
-    start: tuple[tuple[float, float], tuple[float, float]]
-    force: tuple[Force, Force] | None = None
-    sensor: str = "white"
-    shaken: bool = False
-    same: Mapping[str, str] = field(default_factory=dict)
-    tolerance: float = 1e-10
+LEVELS = (0.01, 0.05)
+"""Noise of the systems with hidden states, over the spread of the one that is measured."""
 
 
 def systems() -> dict[str, System]:
     """All systems by name."""
-    pendulum, friction = 4 * np.pi**2, {"coulomb-friction": -0.052, "quadratic-drag": -0.0045}
+    every = [_pendulum(), _axis(), _beam(), *_oscillators()]
+    for noise in LEVELS:
+        every += [_two_masses(noise), _twin_tanks(noise), _predators(noise)]
+    return {system.name: system for system in every}
+
+
+def _pendulum() -> System:
+    stiffness = 4 * np.pi**2
+    return System(
+        "pendulum-decay",
+        {"y": "v", "v": f"-{stiffness!r}*sin(y)"},
+        "v",
+        {"coulomb-friction": -0.052, "quadratic-drag": -0.0045},
+        lambda x, _: (x[1], -stiffness * np.sin(x[0]) - 0.052 * np.tanh(x[1] / 1e-4) - 0.0045 * x[1] * abs(x[1])),
+        "y",
+        step=0.02,
+        samples=5000,
+        noise=1e-3,
+        start=((1.5, 0.0), (1.2, 0.0)),
+        units=METRES,
+    )
+
+
+def _axis() -> System:
+    return System(
+        "positioning-axis",
+        {"y": "v", "v": "u"},
+        "v",
+        {"coulomb-friction": -0.4, "viscous-damping": -1.5, "constant-force": 0.12},
+        lambda x, u: (x[1], u - 0.4 * np.tanh(x[1] / 1e-4) - 1.5 * x[1] + 0.12),
+        "y",
+        step=1e-3,
+        samples=8000,
+        noise=1e-3,
+        start=((0.0, 0.5), (0.0, -0.5)),
+        force=(lambda t: _controlled(t, 0.0), lambda t: _controlled(t, 2.0)),
+        input="u",
+        units=METRES,
+        same={"constant-force": "offset"},
+    )
+
+
+def _beam() -> System:
     omega = 2 * np.pi * 37
+    return System(
+        "beam-ring-down",
+        {"y": "v", "v": f"-{omega**2!r}*y - {0.01 * omega!r}*v"},
+        "v",
+        {"quadratic-stiffness": -4e3, "cubic-stiffness": -8e3},
+        lambda x, _: (x[1], -(omega**2) * x[0] - 0.01 * omega * x[1] - 4e3 * x[0] ** 2 - 8e3 * x[0] ** 3),
+        "y",
+        step=5e-4,
+        samples=2000,
+        noise=0.01,
+        start=((1.0, 0.0), (0.8, 0.0)),
+        units=METRES,
+    )
+
+
+def _oscillators() -> list[System]:
     oscillator = {
         "simulation": {"y": "v", "v": "F - 2*y - 0.15*v"},
+        "equation": "v",
         "truth": {"cubic-stiffness": -0.3},
-        "rate": lambda y, v, F: F - 2 * y - 0.15 * v - 0.3 * y**3,
+        "rates": lambda x, F: (x[1], F - 2 * x[0] - 0.15 * x[1] - 0.3 * x[0] ** 3),
+        "measured": "y",
         "step": 0.1,
         "samples": 400,
         "noise": 0.03,
         "start": ((0.3, 0.0), (-0.4, 0.1)),
         "force": (lambda t: _waves(t, 0.0), lambda t: _waves(t, 1.0)),
+        "units": METRES,
     }
-    axis = {"coulomb-friction": -0.4, "viscous-damping": -1.5, "constant-force": 0.12}
-    every = [
-        System(
-            "pendulum-decay",
-            {"y": "v", "v": f"-{pendulum!r}*sin(y)"},
-            friction,
-            lambda y, v, _: -pendulum * np.sin(y) - 0.052 * np.tanh(v / 1e-4) - 0.0045 * v * abs(v),
-            step=0.02,
-            samples=5000,
-            noise=1e-3,
-            start=((1.5, 0.0), (1.2, 0.0)),
-        ),
-        System(
-            "positioning-axis",
-            {"y": "v", "v": "u"},
-            axis,
-            lambda y, v, u: u - 0.4 * np.tanh(v / 1e-4) - 1.5 * v + 0.12,
-            step=1e-3,
-            samples=8000,
-            noise=1e-3,
-            start=((0.0, 0.5), (0.0, -0.5)),
-            force=(lambda t: _controlled(t, 0.0), lambda t: _controlled(t, 2.0)),
-            same={"constant-force": "offset"},
-        ),
-        System(
-            "beam-ring-down",
-            {"y": "v", "v": f"-{omega**2!r}*y - {0.01 * omega!r}*v"},
-            {"quadratic-stiffness": -4e3, "cubic-stiffness": -8e3},
-            lambda y, v, _: -(omega**2) * y - 0.01 * omega * v - 4e3 * y**2 - 8e3 * y**3,
-            step=5e-4,
-            samples=2000,
-            noise=0.01,
-            start=((1.0, 0.0), (0.8, 0.0)),
-        ),
+    return [
         System("oscillator-white", **oscillator),
         System("oscillator-correlated", **oscillator, sensor="correlated"),
         System("oscillator-shaken", **oscillator, shaken=True),
     ]
-    return {system.name: system for system in every}
 
 
-def sampled(system: System, replicate: int, seed: int = 1) -> tuple[Trajectories, Trajectories]:
-    """Training and test samples.
+def _two_masses(noise: float) -> System:
+    """Of two masses one is seen, and the spring between it and the wall hardens."""
 
-    Args:
-        system: The system.
-        replicate: Of its noise.
-        seed: Of all noise.
-    """
-    rng = np.random.default_rng([seed, replicate])
-    train, test = (_run(system, part, rng) for part in (0, 1))
-    return train, test
+    def rates(x, F):
+        between = 1.2 * (x[0] - x[2])
+        return x[1], F - 2 * x[0] - 0.15 * x[1] - between - 0.4 * x[0] ** 3, x[3], between - 0.1 * x[3] - 0.8 * x[2]
 
-
-def _run(system: System, part: int, rng: np.random.Generator) -> Trajectories:
-    t = system.step * np.arange(system.samples)
-    y = _position(system, part, t, rng)
-    shown = y + system.noise * np.std(y) * _noise(system.sensor, len(t), rng)
-    inputs = {} if system.force is None else {_input(system): np.array([system.force[part](time) for time in t])}
-    units = {"t": "s", "y": "m"}
-    return Trajectories.from_arrays(t, states={"y": shown}, inputs=inputs, units=units)
-
-
-def _position(system: System, part: int, t: Float[np.ndarray, " n"], rng: np.random.Generator) -> np.ndarray:
-    drive = (lambda time: 0.0) if system.force is None else system.force[part]
-
-    def motion(time: float, x: np.ndarray) -> list[float]:
-        return [x[1], system.rate(x[0], x[1], drive(time))]
-
-    accurate = {"rtol": system.tolerance, "atol": 1e-2 * system.tolerance, "method": "DOP853"}
-    if not system.shaken:
-        return solve_ivp(motion, (0, t[-1]), system.start[part], t_eval=t, **accurate).y[0]
-    # Random pushes: a kick of the speed ten times between samples.
-    x, found, h = np.array(system.start[part]), [system.start[part][0]], system.step / 10
-    for time in t[:-1]:
-        for k in range(10):
-            x = solve_ivp(motion, (time + k * h, time + (k + 1) * h), x, rtol=1e-7, atol=1e-9).y[:, -1]
-            x = x + np.array([0.0, SHAKEN * np.sqrt(h) * rng.standard_normal()])
-        found.append(x[0])
-    return np.array(found)
+    return System(
+        f"two-masses-{noise:g}",
+        {"y": "v", "v": "F - 2*y - 0.15*v - 1.2*(y - z)", "z": "w", "w": "1.2*(y - z) - 0.1*w - 0.8*z"},
+        "v",
+        {"cubic-stiffness": -0.4},
+        rates,
+        "y",
+        step=0.1,
+        samples=600,
+        noise=noise,
+        start=((0.3, 0.0, 0.0, 0.0), (-0.2, 0.0, 0.1, 0.0)),
+        force=(lambda t: _waves(t, 0.0), lambda t: _waves(t, 1.0)),
+        units=METRES,
+        roles={"position": "y", "velocity": "v", "input": "F"},
+    )
 
 
-def _noise(sensor: str, n: int, rng: np.random.Generator) -> np.ndarray:
-    e = rng.standard_normal(n)
-    if sensor == "correlated":
-        for i in range(1, n):
-            e[i] = CORRELATION * e[i - 1] + np.sqrt(1 - CORRELATION**2) * e[i]
-    return e
+def _twin_tanks(noise: float) -> System:
+    """Of two tanks the lower level is seen, and its outlet is not as the simulation has it."""
+
+    def rates(h, u):
+        upper, lower = np.sqrt(np.maximum(h, 0.0))
+        return 0.1 * u - 0.045 * upper, 0.045 * upper - 0.02 * h[1] - 0.022 * lower
+
+    def pumped(t, phase):
+        return 1.0 + 0.6 * np.sin(0.03 * t + phase) + 0.3 * np.sign(np.sin(0.011 * t + 1 + phase))
+
+    return System(
+        f"twin-tanks-{noise:g}",
+        {"h1": "0.1*u - 0.045*sqrt(h1)", "h2": "0.045*sqrt(h1) - 0.02*h2"},
+        "h2",
+        {"torricelli-outflow": -0.022},
+        rates,
+        "h2",
+        step=1.0,
+        samples=500,
+        noise=noise,
+        start=((4.0, 4.0), (2.5, 5.0)),
+        force=(lambda t: pumped(t, 0.0), lambda t: pumped(t, 1.0)),
+        input="u",
+        units={"t": "s", "h2": "m", "u": "m/s"},
+        catalogue="fluid",
+    )
 
 
-def _input(system: System) -> str:
-    return "u" if "u" in system.simulation["v"] else "F"
+def _predators(noise: float) -> System:
+    """Of predators and prey the prey is counted, which crowds itself."""
+    return System(
+        f"predator-prey-{noise:g}",
+        {"x": "1.5*x - x*y", "y": "x*y - 3*y"},
+        "x",
+        {"logistic-crowding": -0.12},
+        lambda x, _: (1.5 * x[0] - x[0] * x[1] - 0.12 * x[0] ** 2, x[0] * x[1] - 3 * x[1]),
+        "x",
+        step=0.1,
+        samples=200,
+        noise=noise,
+        start=((5.0, 3.0), (3.0, 2.0)),
+        catalogue="population",
+    )
 
 
 def _waves(t: float, phase: float) -> float:

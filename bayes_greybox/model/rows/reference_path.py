@@ -15,7 +15,7 @@ from bayes_greybox.data.sample_noise import sample_noise
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.physics.sensitivity import Grid, carried
 from bayes_greybox.physics.simulation import Simulation
-from bayes_greybox.physics.smoothing import Observed, filtered, smooth, steps_along
+from bayes_greybox.physics.smoothing import PARTS, Observed, filtered, smooth, steps_along
 
 from .equation_rows import Acting, Unfollowed
 from .forced_rate import Force, ForcedRate
@@ -342,10 +342,22 @@ def _smoothest(
                 ratio = own * float(RATIOS[int(np.nanargmax(logs))])
                 # It was looked for at so many intensities.
                 gained = float(np.nanmax(logs) - np.nan_to_num(logs[0], nan=-np.inf)) - math.log(len(RATIOS))
-        ends = smooth(steps, observed, outputs, ratio).ends
+        ends = _inside(rate, grid, ends, smooth(steps, observed, outputs, ratio).ends)
     if not np.all(np.isfinite(ends)):
         raise InputError(LOST)
     return ends, ratio, gained
+
+
+def _inside(
+    rate: ForcedRate, grid: Grid, before: np.ndarray, after: np.ndarray
+) -> Float[np.ndarray, "n_segment n_end n_state"]:
+    """The path after a pass, or as much of the way to it as the equations are defined on."""
+    for part in PARTS:
+        path = before + part * (after - before)
+        at_ends = np.concatenate([grid.time[:, ::2, None], path, grid.inputs[:, ::2]], axis=-1)
+        if np.all(np.isfinite(rate.rates(at_ends))):
+            return path
+    return after
 
 
 def _steps_needed(rate: ForcedRate, samples: Trajectories, path: np.ndarray, s: np.ndarray) -> int:

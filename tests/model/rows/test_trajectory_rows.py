@@ -77,6 +77,25 @@ def test_states_without_a_sensor_are_followed():
     assert np.corrcoef(lacking, -0.3 * truth.states["y"] ** 3)[0, 1] > 0.5
 
 
+def test_a_hidden_level_is_followed_though_its_root_is_no_number_below_an_empty_tank():
+    t = np.arange(200.0)
+
+    def whole(time, h):
+        upper, lower = np.sqrt(np.maximum(h, 0.0))
+        return [0.1 + 0.06 * np.sin(0.03 * time) - 0.045 * upper, 0.045 * upper - 0.02 * h[1] - 0.022 * lower]
+
+    level = solve_ivp(whole, (0, t[-1]), [4.0, 4.0], t_eval=t, rtol=1e-9, atol=1e-10).y
+    shown = level[1] + 0.01 * np.std(level[1]) * np.random.default_rng(0).standard_normal(len(t))
+    u = 1 + 0.6 * np.sin(0.03 * t)
+    data = Trajectories.from_arrays(t, states={"h2": shown}, inputs={"u": u})
+    tanks = {"h1": "0.1*u - 0.045*sqrt(h1)", "h2": "0.045*sqrt(h1) - 0.02*h2"}
+    model = Program({"h2": ["sqrt(h2)"]}, simulation=tanks, rows=TrajectoryRows(), discrepancy=None)
+    near, _ = model.near(data)
+    equation = near.assemble(data)["h2"]
+    theta = np.linalg.lstsq(np.asarray(equation.design.Phi), np.asarray(equation.design.y), rcond=None)[0]
+    assert theta * equation.frame.coefficient_scale == pytest.approx([-0.022], rel=0.05)
+
+
 def test_rows_are_forces_and_their_gain_leads_back_to_the_sensor():
     data = sampled()
     rows = program().equation_rows(data, "v")
