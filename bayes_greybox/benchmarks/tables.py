@@ -46,7 +46,7 @@ def calibration_tables(table: pd.DataFrame) -> Iterator[RenderableType]:
 
 def sampled_tables(table: pd.DataFrame) -> Iterator[RenderableType]:
     """Names, coverage and held-out error of each system."""
-    title = "Effects found from samples of a position; coverage of 90 % intervals; held-out error over the sensor's"
+    title = "Effects found from samples of one state; coverage of 90 % intervals; held-out error over the sensor's"
     yield frame_table(title, table)
 
 

@@ -319,7 +319,8 @@ def benchmark(
     """
     from bayes_greybox.cli.benchmarking import run_benchmark
 
-    folder = output or Path("runs") / f"benchmark-{name.value}"
+    seen = "" if displacement is None else f"-displacement-{displacement:g}"
+    folder = output or Path("runs") / f"benchmark-{name.value}{seen}"
     return run_benchmark(
         name.value,
         folder,

@@ -39,6 +39,7 @@ class Noise(Section):
     correlation: FitOrPositive = None
     depends_on: str | None = None
     tails: FitOrPositive = None
+    force: Literal["fit"] | None = None
 
     def arguments(self) -> dict[str, Any]:
         """Arguments of `GreyBox`, for the keys that the file has."""

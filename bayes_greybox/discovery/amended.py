@@ -9,7 +9,7 @@ import numpy as np
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.model.coefficient import stated_terms
 from bayes_greybox.model.noise.asked import FIT, Noise
-from bayes_greybox.model.noise.noise_model import CORRELATED, HEAVY, VARYING
+from bayes_greybox.model.noise.noise_model import CORRELATED, HEAVY, PROCESS, VARYING
 from bayes_greybox.model.program import Program
 from bayes_greybox.physics.terms import Term
 
@@ -31,17 +31,23 @@ def amended_program(model: AnyProgram, findings: Mapping[str, EquationStudy]) ->
         dictionary[name] = [*(term for term, _ in given), *([*own, *added] or [Term("1")])]
         model = model if found.aligned.rows is None else replace(model, rows=found.aligned.rows)
     named = {name for found in findings.values() for name in found.finding.world.model.names}
-    sensors = max(found.aligned.n_sensor for found in findings.values())
-    if not named & {CORRELATED, VARYING, HEAVY} or sensors > 1:
-        # Beside several sensors' samples the posterior has white noise for each: see `check_asked`.
+    if any(found.aligned.n_sensor > 1 for found in findings.values()):
+        # Of several sensors' samples noise of a kind of its own is not found: see `check_asked`.
+        named &= {PROCESS}
+    if model.rows.rates_measured:
+        # What a process in time adds to rates is f's in the posterior.
+        named -= {PROCESS}
+    if not named:
         return replace(model, dictionary=dictionary)
     noise = model.noise if isinstance(model.noise, Noise) else Noise(scale=model.noise)
+    correlation = noise.correlation or (FIT if CORRELATED in named else None)
     # What was found is found again beside all coefficients; what the user asked for stays.
     noise = replace(
         noise,
-        correlation=noise.correlation or (FIT if CORRELATED in named else None),
+        correlation=correlation,
         depends_on=noise.depends_on or (FIT if VARYING in named else None),
         tails=noise.tails or (FIT if HEAVY in named else None),
+        force=noise.force or (FIT if PROCESS in named and correlation is None else None),
     )
     return replace(model, dictionary=dictionary, noise=noise)
 

@@ -17,6 +17,7 @@ from .answer.contradictions import contradictions, noise_as_force, with_noisy_st
 from .answer.doubt import Doubt
 from .answer.equation_study import EquationStudy
 from .answer.finding import Finding, decide
+from .answer.motion import MotionCheck
 from .answer.where import GapField, gap_map, gap_trace, where_table
 from .evidence.odds import Odds
 from .evidence.sufficient_statistics import SufficientStatistics
@@ -67,19 +68,19 @@ def study_equation(
     finding, checks = decided(())
     say("mapping the gap")
     amendment = _amendment(finding, aligned, train, seed)
-    motion, doubts = contradictions(model, train, aligned, amendment, finding, odds)
-    if any(doubt.denies for doubt in doubts) and not finding.places:
-        # Other answers are not denied with it: each is judged by its own motion.
-        for other in finding.others():
-            added = _amendment(other, aligned, train, seed)
-            doubts += [d for d in contradictions(model, train, aligned, added, other, odds)[1] if d.denies]
-    doubts += noise_as_force(finding, aligned)
-    if doubts:
-        before, (finding, checks) = finding, decided(doubts)
+    judged: dict[str, list[MotionCheck]] = {}
+    denials: list[Doubt] = []
+    while finding.kind not in judged and not (judged and finding.kind == "unknown"):
+        # Each answer is judged by its own motion before it is said; what denies one stays.
+        judged[finding.kind], doubts = contradictions(model, train, aligned, amendment, finding, odds)
+        denials += [doubt for doubt in doubts if doubt.denies]
+        others = [doubt for doubt in doubts if not doubt.denies] + noise_as_force(finding, aligned)
+        if not denials and not others:
+            break
+        finding, checks = decided([*denials, *others])
         amendment = _amendment(finding, aligned, train, seed)
-        if finding.kind not in (before.kind, "unknown"):
-            motion = contradictions(model, train, aligned, amendment, finding, odds)[0]
-        finding = finding.capped([check.text for check in motion if not check.ok])
+    motion = judged.get(finding.kind, next(iter(judged.values())))
+    finding = finding.capped([check.text for check in motion if not check.ok])
     statistics, evaluator = finding.world.evaluations.statistics, finding.world.evaluations.evaluator
     coefficients = amendment.after
     if finding.open_ended:

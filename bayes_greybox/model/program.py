@@ -19,7 +19,7 @@ from .equation import Equation
 from .gp.discrepancy import OrthogonalGP
 from .near import near_estimate
 from .noise.asked import Noise, find_noise, with_found
-from .noise.noise_model import NoiseModel
+from .noise.noise_model import PROCESS, NoiseModel
 from .priors import Prior, SpikeAndSlab
 from .rows.derivative_rows import DerivativeRows
 from .rows.equation_rows import EquationRows, block_name
@@ -243,8 +243,10 @@ class Program(SamplingProgram):
         fresh = replace(self, noise=replace(self.noise, found=None))
         dictionaries = by_block(fresh.blocks, fresh.dictionaries(data))
         models = fresh._find_noise({name: fresh.equation_rows(data, name) for name in dictionaries}, dictionaries)
-        noise = {**data.noise, **{name: model.noise.error for name, model in models.items()}}
-        return replace(fresh, noise=with_found(self.noise, models)), replace(data, noise=noise)
+        noise = {**data.noise, **{name: model.noise.sensors for name, model in models.items()}}
+        moved = [about["intensity"] for model in models.values() if (about := model.about.get(PROCESS))]
+        rows = self.rows.moved_by(moved[0]) if moved else self.rows
+        return replace(fresh, rows=rows, noise=with_found(self.noise, models)), replace(data, noise=noise)
 
     def _find_noise(
         self, rows: Mapping[str, EquationRows], dictionaries: Mapping[str, Dictionary]

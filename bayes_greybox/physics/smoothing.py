@@ -132,12 +132,15 @@ def _filtered(
 ) -> Array:  # fmt: skip
     H = jnp.eye(observed.mean.shape[-1])[jnp.array(outputs)]
 
+    def defined(time: Array, x: Array, u: Array) -> Array:
+        return jnp.all(jnp.isfinite(rate(time, x, u, args)))
+
     def update(before: Array, P: Array, time: Array, u: Array, y: Array) -> tuple[Array, Array]:
-        x, P, *_ = _update(H, observed.variances, before, P, y)
-        parts = jnp.array(PARTS)
-        tried = before + parts[:, None] * (x - before)
-        inside = jax.vmap(lambda x: jnp.all(jnp.isfinite(rate(time, x, u, args))))(tried)
-        return jnp.where(jnp.any(inside), tried[jnp.argmax(inside)], x), P
+        x, after, *_ = _update(H, observed.variances, before, P, y)
+        tried = before + jnp.array(PARTS)[:, None] * (x - before)
+        inside = jax.vmap(defined, in_axes=(None, 0, None))(time, tried, u)
+        # Of what was not taken in full nothing is known better than before.
+        return jnp.where(jnp.any(inside), tried[jnp.argmax(inside)], x), jnp.where(inside[0], after, P)
 
     def one(time: Array, inputs: Array, values: Array, mean: Array) -> Array:
         x, P = update(mean, jnp.diag(observed.sd**2), time[0, 0], inputs[0, 0], values[0])
@@ -146,7 +149,7 @@ def _filtered(
             (x, P), (t, u, y) = carry, piece
             after, M, B = _step(rate, t, u, x, E, args)
             # A step that leaves the domain on its way is not taken.
-            moved = jnp.all(jnp.isfinite(after)) & jnp.all(jnp.isfinite(M)) & jnp.all(jnp.isfinite(B))
+            moved = jnp.all(jnp.isfinite(M)) & jnp.all(jnp.isfinite(B)) & defined(t[2], after, u[2])
             after, M = jnp.where(moved, after, x), jnp.where(moved, M, jnp.eye(len(x)))
             h = t[2] - t[0]
             B = jnp.where(moved, B, h * E)

@@ -64,6 +64,7 @@ def test_scores_count_names_and_coverage():
             "tied": 1.0,
             "named": 0.5,
             "wrong": 0.5,
+            "refused": 0,
             "coverage": 0.5,
             "found": 2,
             "left": 3.0,

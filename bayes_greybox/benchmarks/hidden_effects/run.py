@@ -144,7 +144,7 @@ def run_case(case: AnyCase, before: Mapping[str, Any], ways: Ways) -> dict[str, 
         else:
             row["closable"] = data.closable
         if "oracle" in parts and not isinstance(data, AssumptionData):
-            row |= ways.oracle(data)
+            row |= {"visible": None, **ways.oracle(data)}
             row["nearest"] = nearest(data) if case.family == "off-catalogue" else None
         if "study" in parts:
             row["study"] = ways.solve(data)

@@ -62,11 +62,12 @@ def run(
         todo = [(s, k) for s in chosen for k in range(replicates) if _key(s, k, seed) not in rows]
         with (folder / RESULTS).open("a", encoding="utf-8") as file:
             for system, replicate in shown(todo, "Sampled systems", progress):
-                row = {
-                    "key": _key(system, replicate, seed),
-                    "version": version("bayes-greybox"),
-                    **study(system, replicate, seed),
-                }
+                row: dict[str, Any] = {"key": _key(system, replicate, seed), "version": version("bayes-greybox")}
+                try:
+                    row |= study(system, replicate, seed)
+                except InputError as error:
+                    # No answer is an answer, and not a right one.
+                    row |= {"system": system.name, "replicate": replicate, "refused": str(error)}
                 rows[row["key"]] = row
                 file.write(json.dumps(row) + "\n")
                 file.flush()
@@ -145,24 +146,24 @@ def score(rows: Sequence[dict[str, Any]]) -> pd.DataFrame:
 
     Returns:
         replicates, right (all that was hidden is in the model), tied (or tied with what is), named (with these very
-        names), wrong (a wrong name above `SURE`, or in a verdict *named*), coverage (of 90 % intervals of coefficients
-        that were found), found (such coefficients), left (median mean square error of held-out samples over that of
-        the sensor's noise), seconds (median).
+        names), wrong (a wrong name above `SURE`, or in a verdict *named*), refused (no path was found), coverage (of
+        90 % intervals of coefficients that were found), found (such coefficients), left (median mean square error of
+        held-out samples over that of the sensor's noise), seconds (median).
     """
     table = {}
     for name in dict.fromkeys(row["system"] for row in rows):
         own = [row for row in rows if row["system"] == name]
-        covered = [each for row in own for each in row["covered"].values()]
+        answered = [row for row in own if "refused" not in row]
+        covered = [each for row in answered for each in row["covered"].values()]
+        left = [row["after"] / row["noise_share"] for row in answered]
         table[name] = {
             "replicates": len(own),
-            "right": float(np.mean([row["right"] for row in own])),
-            "tied": float(np.mean([row["tied"] for row in own])),
-            "named": float(np.mean([row["named"] for row in own])),
-            "wrong": float(np.mean([bool(row["wrong"]) for row in own])),
+            **{key: float(np.mean([bool(row.get(key)) for row in own])) for key in ("right", "tied", "named", "wrong")},
+            "refused": len(own) - len(answered),
             "coverage": float(np.mean(covered)) if covered else float("nan"),
             "found": len(covered),
-            "left": float(np.median([row["after"] / row["noise_share"] for row in own])),
-            "seconds": float(np.median([row["seconds"] for row in own])),
+            "left": float(np.median(left)) if left else float("nan"),
+            "seconds": float(np.median([row["seconds"] for row in answered])) if answered else float("nan"),
         }
     found = pd.DataFrame.from_dict(table, orient="index")
     found.index.name = "system"

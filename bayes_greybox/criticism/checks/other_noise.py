@@ -13,7 +13,7 @@ from bayes_greybox.model.noise.suspicions import suspicions
 CLEAR = 3.0
 """Log Bayes factor from which a noise is worth a try."""
 
-OPTIONS = {CORRELATED: "correlation", VARYING: "depends_on", HEAVY: "tails"}
+OPTIONS = {CORRELATED: "correlation", VARYING: "depends_on", HEAVY: "tails", PROCESS: "force"}
 """Arguments of `Noise` by what they let the noise be."""
 
 DRAWS = 100
@@ -23,7 +23,8 @@ DRAWS = 100
 def suggestion(posterior: Posterior, equation: str) -> str:
     """A sentence with the noise to try next; "" where the residuals speak for none.
 
-    A rest that is smooth in time is something that the model lacks and no noise, so nothing is suggested for it.
+    A rest of rates that is smooth in time is something that the model lacks and no noise, so nothing is suggested for
+    it; the path of samples may be moved by an unknown force.
 
     Args:
         posterior: Fitted model.
@@ -47,12 +48,13 @@ def suggestion(posterior: Posterior, equation: str) -> str:
     prior = NoisePrior(float(entry.design.noise_floor), noise.scale)
     factors = {s.name: s.log_bayes_factor for s in suspicions(residual, known, rows.time, rows.run, quantities, prior)}
     best = max(factors, key=factors.__getitem__, default=PROCESS)
-    if best == PROCESS or factors[best] < CLEAR:
+    if factors.get(best, 0.0) < CLEAR or (best == PROCESS and not len(rows.noise.intensities)):
         return ""
     options = {key: value for key, value in asdict(noise).items() if key != "found" and value is not None}
     options = {key: value for key, value in options.items() if (key, value) != ("scale", 1.0)} | {OPTIONS[best]: FIT}
     written = ", ".join(f"{key}={value!r}" for key, value in options.items())
+    what = "an unknown force on the path" if best == PROCESS else best
     return (
-        f"The residuals of {equation!r} speak for {best} (log Bayes factor {factors[best]:.0f}): "
+        f"The residuals of {equation!r} speak for {what} (log Bayes factor {factors[best]:.0f}): "
         f"try GreyBox(noise=bg.Noise({written}))."
     )

@@ -135,6 +135,11 @@ class ForcedNoise(RowNoise):
         """Residuals less B Bᵀ R⁻¹ of them, the posterior mean of what starts do."""
         return rows - self.starts @ (self.starts.T @ self.whiten_transpose(self.whiten(rows)))
 
+    @property
+    def sensors(self) -> RowNoise:
+        """That of the sensors."""
+        return self.sensor
+
     def onto(self, rows: RowNoise) -> RowNoise:
         """The same force."""
         return rows.with_error(self.sensor).forced(self.intensity)

@@ -128,6 +128,11 @@ class RowNoise(ABC):
         """The noise of the rows alone, without what unknown starts of the runs allow."""
         return self
 
+    @property
+    def sensors(self) -> "RowNoise":
+        """The noise of the sensors alone, without what moves the path that rows are of."""
+        return self.error
+
     def with_error(self, error: "RowNoise") -> "RowNoise":
         """The same with other noise of the rows alone."""
         return error

@@ -18,6 +18,18 @@ from .doubt import Doubt, contradicted
 from .finding import Finding
 from .gap import RATE_DRAWS
 from .motion import ModelledRate, MotionCheck, check_motion
+from .weighed import EFFECTS
+
+NEARBY = 1e-3
+"""Change of a sensor's error that derivatives by it are taken over."""
+
+SAID = {
+    "no gap": "the simulation",
+    "instrument": "the simulation, with sensors put right,",
+    "recalibrate": "the simulation with its coefficients put right",
+    EFFECTS: "the model with what was found",
+}
+"""What says how the studied state moves, by the kind of answer."""
 
 REGRESSORS, AS_LARGE = 0.3, 2.0
 """What noise on states does to the rate, over the residuals, from which on it is held against a verdict; and the gap
@@ -76,9 +88,18 @@ def contradictions(
         if not check.ok and (x := check.state)
     ]
     if not finding.open_ended:
-        draws = amendment.rates(data.columns, RATE_DRAWS)[1]
-        values = simulation.on(data, name) + draws.mean(axis=0)
-        own = ModelledRate(values, by_noise(aligned.rate), "the model with what was found", draws)
+        draws, found = amendment.rates(data.columns, RATE_DRAWS)[1], amendment.after
+        values, moved = simulation.on(data, name) + draws.mean(axis=0), np.zeros_like(draws)
+        pick = np.linspace(0, len(found.suspect_draws) - 1, RATE_DRAWS).astype(int)
+        for k, (sensor, size) in enumerate(sensors.items()):
+            if not size:
+                continue
+            # A sensor is as uncertain as a coefficient: it turns all samples of its channel, and the rate with them.
+            apart = found.suspect_draws[pick, k] / found.suspect_draws[:, k].mean() - 1
+            nearby = calibrated(aligned.moved(train), name, {**sensors, sensor: (1 + NEARBY) * size}, train)
+            draws = draws + np.outer(apart, simulation.on(nearby, name) - simulation.on(data, name)) / NEARBY
+            moved = moved + np.outer(apart, nearby.column(name) - data.column(name)) / NEARBY
+        own = ModelledRate(values, by_noise(aligned.rate), SAID[finding.kind], draws, moved)
         for check in check_motion(data, {name: own}, noise, unit):
             checks.append(check)
             if not check.ok:

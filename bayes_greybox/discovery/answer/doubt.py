@@ -13,7 +13,7 @@ may have in common,
 
     P'_k = M (1 − π) P_k B_k / ((1 − π) Σ P_j B_j + π M),    M = Σ P_j
 
-and what is left of M is unknown.
+and what is left of M is unknown. Where none is denied, P'_k is P_k.
 """
 
 import math
@@ -28,8 +28,8 @@ class Doubt:
     Attributes:
         probability: That it is one.
         force: RMS of what it does to the studied rate, in the scale of the statistics' target.
-        denies: The kind of answer that the studied state itself contradicts, so that it is none, whatever its size;
-            empty where other samples do.
+        denies: The kind of answer that the studied state itself contradicts: one without effects is none then; of
+            effects those no larger than the force. Empty where other samples contradict each other.
     """
 
     probability: float

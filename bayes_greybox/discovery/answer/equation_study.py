@@ -160,9 +160,9 @@ class EquationStudy:
             if not own or (size > len(self.finding.places) + 1 and sum(p for *_, p, _ in own) < 1e-3):
                 continue
             names: dict[str, float] = {}
-            for w, e, p, _ in own:
+            for w, e, p, share in own:
                 name = self._called(w, e)
-                names[name] = names.get(name, 0.0) + p
+                names[name] = names.get(name, 0.0) + weighed.counted(w, e, p, share)
             (top, p), *rest = sorted(names.items(), key=lambda item: -item[1])
             second, q = rest[0] if rest else ("", np.nan)
             # The likeliest of those that are called so: what stands in a row is of one explanation.

@@ -9,7 +9,7 @@ from bayes_greybox.discovery.weighing.sets import Explanation, imitated
 from bayes_greybox.discovery.weighing.worlds import World
 
 from .doubt import Doubt
-from .weighed import FAINT, STOPS, Weighed, stacked
+from .weighed import EFFECTS, FAINT, Weighed, stacked
 
 VERDICTS = ("no gap", "instrument", "recalibrate", "named", "one of", "partly named", "unknown")
 """From what asks least of the user's physics to what asks most; of several equations the last one speaks."""
@@ -88,13 +88,8 @@ class Finding:
 
     @property
     def kind(self) -> str:
-        """What the explanation behind the answer is: one of `STOPS`, or "effects"."""
-        return "effects" if self.explanation.effects else self.weighed.kind(self.world, self.explanation)
-
-    def others(self) -> list["Finding"]:
-        """Answers of the other kinds that have no effects and leave no rest, and are not out of the question."""
-        kinds = [kind for kind in STOPS if kind not in (self.kind, "unknown")]
-        return [answer_of(self.weighed, kind) for kind in kinds if self.weighed.by_kind[kind] > FAINT]
+        """What the explanation behind the answer is: one of `STOPS`, or `EFFECTS`."""
+        return EFFECTS if self.explanation.effects else self.weighed.kind(self.world, self.explanation)
 
     @property
     def open_ended(self) -> bool:
@@ -118,7 +113,7 @@ def decide(found: Sequence[World], doubts: Sequence[Doubt] = ()) -> Finding:
     weighed = Weighed(found, doubts)
     # As the tables have it, so that verdict and tables cannot contradict each other; unknown comes before effects.
     top = max(weighed.by_kind, key=lambda kind: weighed.by_kind[kind])
-    if top == "effects":
+    if top == EFFECTS:
         chosen = next(iter(weighed.by_set))
         finding = _named(weighed, chosen)
         if finding.verdict == "unknown" and len(chosen) > 1:

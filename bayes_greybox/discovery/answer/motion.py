@@ -60,21 +60,27 @@ class ModelledRate:
         sd: Of the noise on the states that it is evaluated at, taken as one error throughout a window.
         of: What it is, in words.
         draws: Of it, its coefficients' posterior; None: they are known.
+        moved: What the draws of a sensor's error do to the samples of the state themselves; None: nothing.
     """
 
     values: Float[np.ndarray, " n_obs"]
     sd: float
     of: str
     draws: Float[np.ndarray, "n_draw n_obs"] | None = None
+    moved: Float[np.ndarray, "n_draw n_obs"] | None = None
 
     @cached_property
-    def modes(self) -> Float[np.ndarray, "n_obs n_mode"]:
-        """Columns M whose M Mᵀ is the covariance of the draws: no more than there are coefficients."""
+    def modes(self) -> tuple[Float[np.ndarray, "n_obs n_mode"], Float[np.ndarray, "n_obs n_mode"]]:
+        """Columns M whose M Mᵀ is the covariance of the draws, of the rate and of the samples; as few as there are."""
         if self.draws is None:
-            return np.zeros((len(self.values), 0))
-        apart = (self.draws - self.draws.mean(axis=0)) / np.sqrt(len(self.draws))
+            return np.zeros((len(self.values), 0)), np.zeros((len(self.values), 0))
+        both = np.hstack([self.draws, np.zeros_like(self.draws) if self.moved is None else self.moved])
+        apart = (both - both.mean(axis=0)) / np.sqrt(len(both))
+        # Rows where a rate is no number have no part in any window.
+        apart = np.where(np.all(np.isfinite(apart), axis=0), apart, 0.0)
         square, turned = np.linalg.eigh(apart @ apart.T)
-        return apart.T @ turned[:, square > FAINT_MODE * square[-1]]
+        modes = apart.T @ turned[:, square > FAINT_MODE * square[-1]]
+        return modes[: len(self.values)], modes[len(self.values) :]
 
 
 def check_motion(
@@ -98,12 +104,13 @@ def check_motion(
             own = data.run == r
             time, x, g = data.time[own], data.column(name)[own], rate.values[own]
             dense = np.sqrt(np.mean(np.diff(x) ** 2)) < ROUGH * np.std(x) if len(time) >= 2 * SAMPLES else False
-            if not dense or not np.all(np.isfinite(g)):
+            if not dense or not np.all(np.isfinite(g)) or not np.isfinite(rate.sd):
                 continue
-            start = np.arange(0, len(time) - SAMPLES, SAMPLES)
+            # No two windows share a sample and its noise.
+            start = np.arange(0, len(time) - SAMPLES, SAMPLES + 1)
             end = start + SAMPLES
             integral, error = _integral_and_error(time, g)
-            together = running_integral(time, rate.modes[own])
+            together = rate.modes[1][own] - running_integral(time, rate.modes[0][own])
             changes.append(x[end] - x[start])
             departures.append(changes[-1] - (integral[end] - integral[start]))
             common.append(together[end] - together[start])

@@ -21,6 +21,9 @@ from .doubt import Doubt, artefact, standing
 STOPS = ("no gap", "recalibrate", "instrument", "unknown")
 """Explanations without an effect."""
 
+EFFECTS = "effects"
+"""Kind of those with effects."""
+
 STACKED = 0.5
 """Probability that three laws of one variable, or two of which one bends, are one law that has no name here."""
 
@@ -38,6 +41,8 @@ class Weighed:
 
     def __init__(self, worlds: Sequence[World], doubts: Sequence[Doubt] = ()) -> None:
         self.worlds, self.doubts = worlds, doubts
+        # That nothing explains the motion but effects speaks for them, not against.
+        self._against_effects = [doubt for doubt in doubts if doubt.denies in ("", EFFECTS)]
         self.items: list[tuple[World, Explanation, float, float]] = []
         for world, p in zip(worlds, weights(worlds), strict=True):
             total = world.total - world.offset
@@ -53,10 +58,10 @@ class Weighed:
         self.items.sort(key=lambda item: -item[2])
         # Probability of each effect of an explanation to be what an error of the measurement does.
         self._artefacts: dict[tuple[int, Explanation], dict[int, float]] = {}
-        for world, e, p, _ in self.items if doubts else ():
+        for world, e, p, _ in self.items if self._against_effects else ():
             if e.effects and p > FAINT:
                 sizes = world.sizes(e)
-                self._artefacts[id(world), e] = {i: artefact(doubts, sizes[i]) for i in e.effects}
+                self._artefacts[id(world), e] = {i: artefact(self._against_effects, sizes[i]) for i in e.effects}
 
     def names(self, world: World, e: Explanation) -> tuple[str, ...]:
         """Bindings of an explanation's effects, sorted."""
@@ -71,21 +76,23 @@ class Weighed:
         return {PLAIN: "no gap", RECALIBRATED: "recalibrate"}[e.kind]
 
     def counted(self, world: World, e: Explanation, p: float, share: float) -> float:
-        """Probability p of an explanation with effects, less what of it counts as unknown."""
+        """Probability p of an explanation, less what of it counts as unknown."""
+        if not e.effects:
+            return p * self._stands[self.kind(world, e)]
         real = p * (1 - imitated(share)) * (1 - STACKED if set(stacked(world, e)) == set(e.effects) else 1.0)
         return real * (1 - min(self.artefacts(world, e).values()))
 
     def artefacts(self, world: World, e: Explanation) -> dict[int, float]:
         """Probability that each effect of an explanation is what an error of the measurement does."""
-        return self._artefacts.get((id(world), e), dict.fromkeys(e.effects, artefact(self.doubts, 0.0)))
+        return self._artefacts.get((id(world), e), dict.fromkeys(e.effects, artefact(self._against_effects, 0.0)))
 
     @cached_property
     def by_kind(self) -> dict[str, float]:
         """Probabilities of no gap, recalibration, instrument, unknown, and effects; they sum to one."""
-        found: dict[str, float] = dict.fromkeys((*STOPS, "effects"), 0.0)
+        found: dict[str, float] = dict.fromkeys((*STOPS, EFFECTS), 0.0)
         for world, e, p, share in self.items:
-            real = self.counted(world, e, p, share) if e.effects else p * self._stands[self.kind(world, e)]
-            found["effects" if e.effects else self.kind(world, e)] += real
+            real = self.counted(world, e, p, share)
+            found[EFFECTS if e.effects else self.kind(world, e)] += real
             found["unknown"] += p - real
         return found
 

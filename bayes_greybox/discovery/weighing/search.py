@@ -44,6 +44,9 @@ class Search:
         evaluations: Evidence of sets of columns.
         most: Largest number of effects in a set.
         always: Suspects that are in every set, and named in none.
+
+    Attributes:
+        version: Goes up whenever columns of an inner parameter, and with them the weights of others, change.
     """
 
     def __init__(self, evaluations: Evaluations, most: int, always: Sequence[int] = ()) -> None:
@@ -52,6 +55,7 @@ class Search:
         self._rough: dict[tuple[int, ...], float] = {}
         self._refined: set[tuple[str, tuple[str, ...]]] = set()
         self._made: SetPrior | None = None
+        self.version = 0
 
     def likeliest(self) -> tuple[int, ...]:
         """The likeliest set without a rest."""
@@ -181,17 +185,19 @@ class Search:
         pairs = [c for c in self._rough if len(c) == 2 and c[0] not in bent and c[1] in bent]
         beside = sorted(pairs, key=lambda c: -self.weight(c))[:BENT]
         wanted = [(i,) for i in alone] + beside + [core for core in cores if self.weight(core) > best - 6.0]
-        before = len(columns)
+        before = [column.log_weight for column in columns]
         for core in wanted:
             for i in core:
                 others = tuple(sorted(self._label(j) for j in core if j != i))
                 if columns[i].inner and (self._label(i), others) not in self._refined:
                     self._refined.add((self._label(i), others))
                     refine(self.evaluations, (*self.always, *(j for j in core if j != i)), self.evaluations.group(i))
-        if len(columns) > before:
-            # Weights of old values changed with the new ones.
+        # Weights of old values change with new ones, whether these bring columns of their own or not.
+        changed = [column.log_weight for column in self.statistics.columns] != before
+        if changed:
             self._rough.clear()
-        return len(self.statistics.columns) > before
+            self.version += 1
+        return changed
 
     def _label(self, index: int) -> str:
         suspect = self.statistics.columns[index].suspect

@@ -92,7 +92,7 @@ class Sets:
         self.most, self.in_time, self.always = most, in_time, tuple(always)
         self.search = Search(evaluations, most, self.always)
         self._full: dict[tuple[int, ...], Parametric] = {}
-        self._n_column = 0
+        self._version = 0
 
     def weigh(self, report: Callable[[str], None] = lambda text: None) -> list[Explanation]:
         """Explanations, likeliest first."""
@@ -133,10 +133,10 @@ class Sets:
 
     def _sum_patterns(self, sets: Sequence[Sequence[int]]) -> None:
         """Evidence of sets, those that are in every one named too, all patterns of corrections."""
-        if self._n_column != len(self.statistics.columns):
+        if self._version != self.search.version:
             # Weights of values of an inner parameter change with their number.
             self._full.clear()
-            self._n_column = len(self.statistics.columns)
+            self._version = self.search.version
         keys = [tuple(columns) for columns in sets]
         for size in sorted({len(k) for k in keys}):
             batch = [k for k in keys if len(k) == size and k not in self._full]

@@ -5,6 +5,8 @@ and held in the fit (empirical Bayes). The ridge fit has the terms of the dictio
 discrepancy, few features of it, and is repeated under the noise that it found:
 
     β | R = argmin (y − Xβ)ᵀR⁻¹(y − Xβ)/σ² + βᵀD⁻¹β,   R = mode of p(y − Xβ | R),   in turns.
+
+Samples of a path may have, beside the sensor's noise, an unknown force that moves the path (see `unknown_force`).
 """
 
 import math
@@ -27,13 +29,14 @@ from bayes_greybox.model.rows.equation_rows import EquationRows
 from bayes_greybox.physics.terms import Dictionary
 
 from .in_time import in_time
-from .noise_model import CORRELATED, HEAVY, VARYING, NoiseModel, Suspicion
+from .noise_model import CORRELATED, HEAVY, PROCESS, VARYING, NoiseModel, Suspicion
 from .suspicions import LEAST_ROWS, below_floor, heavy, varying
+from .unknown_force import force
 
 FIT = "fit"
 """Value of an option whose parameter the data say."""
 
-OPTIONS = ("correlation", "depends_on", "tails")
+OPTIONS = ("correlation", "depends_on", "tails", "force")
 """What may be fitted or given."""
 
 TURNS = 4
@@ -64,6 +67,8 @@ class Noise:
         depends_on: "fit" or a column x, for noise with standard deviation ∝ (δ² + (x/RMS)²)^(a/2); δ and a are always
             found, and under "fit" x is one of the states, inputs and the simulated rate. None: none.
         tails: "fit" or degrees of freedom, for Student's t; each row is weighted by its likeliest scale. None: normal.
+        force: "fit", for an unknown force, white in time, that moves the path of sampled rows (process noise), if the
+            data speak for one: coefficients are then as uncertain as it makes them. None: the path is the model's.
         found: What was found, by equation; filled in by a fit.
     """
 
@@ -71,6 +76,7 @@ class Noise:
     correlation: str | float | None = None
     depends_on: str | None = None
     tails: str | float | None = None
+    force: str | None = None
     found: Mapping[str, Mapping[str, Any]] | None = None
 
     def __post_init__(self) -> None:
@@ -80,13 +86,20 @@ class Noise:
             value = getattr(self, name)
             if not (value is None or value == FIT or (_is_number(value) and 0 < value < math.inf)):
                 raise InputError(f"Noise({name}={value!r}) must be None, 'fit' or a positive number.")
+        if self.force not in (None, FIT):
+            raise InputError(f"Noise(force={self.force!r}) must be None or 'fit'.")
+        if self.force is not None and self.correlation is not None:
+            raise InputError(
+                "Noise(correlation=..., force=...): noise of a sensor that hangs together and an unknown force are "
+                "not told apart on the same samples; leave one of them out."
+            )
         if not (self.depends_on is None or (isinstance(self.depends_on, str) and self.depends_on)):
             raise InputError(f"Noise(depends_on={self.depends_on!r}) must be None, 'fit' or the name of a column.")
 
     @property
     def white(self) -> bool:
         """Whether R is that of the rows as they come."""
-        return self.correlation is None and self.depends_on is None and self.tails is None
+        return all(getattr(self, name) is None for name in OPTIONS)
 
 
 def find_noise(
@@ -148,7 +161,13 @@ def check_asked(noise: Noise, rows: EquationRows) -> None:
             f"The noise of {rows.equation!r} cannot be found on {rows.n_row} rows: give at least {LEAST_ROWS}, or "
             "leave GreyBox(noise=...) a number."
         )
-    if rows.operator is not None and rows.noise.square and rows.n_row > len(set(rows.operator.sample.tolist())):
+    if noise.force is not None and not len(rows.noise.intensities):
+        raise InputError(
+            f"Noise(force='fit') needs rows of samples, whose path a force can move; those of {rows.equation!r} are "
+            "rates: give GreyBox(rows=bg.TrajectoryRows()), or leave it out."
+        )
+    several = rows.operator is not None and rows.n_row > len(set(rows.operator.sample.tolist()))
+    if several and rows.noise.square and not replace(noise, force=None).white:
         raise InputError(
             f"Noise of several sensors at once cannot be found for {rows.equation!r} yet: leave GreyBox(noise=...) a "
             "number, or give the samples of one sensor."
@@ -168,8 +187,8 @@ def _found(
     quantities: Mapping[str, Float[np.ndarray, " n_row"]],
     prior: NoisePrior,
 ) -> NoiseModel:
-    """Every option in turn: size along the path, correlation of what is left, tails of the innovations."""
-    model = known
+    """Every option in turn: size along the path, correlation of what is left, tails of the innovations, a force."""
+    model, whole = known, residual
     residual = known.noise.without_starts(residual[:, None])[:, 0]
     if below_floor(residual, known, prior):
         # There is nothing that could be found; what is given is given.
@@ -182,6 +201,9 @@ def _found(
     if noise.tails is not None:
         asked = {} if noise.tails == FIT else {"degrees": (float(noise.tails),)}
         model = _taken(model, heavy(residual, model, prior, **asked), noise.tails)
+    if noise.force is not None:
+        # Weights of the sensors' rows stay theirs.
+        model = _taken(model, force(whole, model, prior), noise.force)
     return model
 
 
@@ -289,6 +311,8 @@ def noise_record(model: NoiseModel) -> dict[str, Any]:
             "depends_on": about[VARYING]["variable"], "exponent": about[VARYING]["exponent"],
             "level": about[VARYING]["level"],
         }  # fmt: skip
+    if PROCESS in about:
+        record |= {"force": math.sqrt(about[PROCESS]["intensity"]), "force_share": about[PROCESS]["share"]}
     if HEAVY in about:
         record |= {"degrees": float(about[HEAVY]["degrees"])}
     return record

@@ -1,19 +1,19 @@
 """The path that samples are linearised along, and the operator from forces on it to samples."""
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from scipy.interpolate import CubicSpline, make_smoothing_spline
 
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.noise.forced_noise import Motion
 from bayes_greybox.data.sample_noise import sample_noise
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.physics.sensitivity import Grid, carried
+from bayes_greybox.physics.sensitivity import Grid, carried, hermite
 from bayes_greybox.physics.simulation import Simulation
 from bayes_greybox.physics.smoothing import PARTS, Observed, filtered, smooth, steps_along
 
@@ -169,7 +169,7 @@ def follow_samples(
     runs = runs_of(samples)
     first = _first_path(samples, simulation, s, slow)
     grid, end = grid_of(samples, runs, substeps or _steps_needed(rate, samples, first, s), interpolation)
-    observed = _observed(samples, simulation, grid, end, outputs, s, sizes)
+    observed = _observed(rate, samples, simulation, grid, end, outputs, s, sizes)
     largest = max(sizes[k] for k in driven)
     learned = {name: float(sizes[k] / largest) for name, k in zip(equations, driven, strict=True)}
     # An unknown force is as large as its state.
@@ -264,21 +264,26 @@ def _sizes(samples: Trajectories, simulation: Simulation) -> tuple[np.ndarray, f
 
 
 def _observed(
-    samples: Trajectories, simulation: Simulation, grid: Grid, end: np.ndarray, outputs: tuple[int, ...],
-    s: np.ndarray, sizes: np.ndarray,
+    rate: ForcedRate, samples: Trajectories, simulation: Simulation, grid: Grid, end: np.ndarray,
+    outputs: tuple[int, ...], s: np.ndarray, sizes: np.ndarray,
 ) -> Observed:  # fmt: skip
     n_segment, n_node = grid.time.shape
     values = np.full((n_segment, n_node // 2 + 1, len(outputs)), np.nan)
     values[end[:, 0], end[:, 1]] = samples.matrix(samples.state_names)
-    first = np.array([np.flatnonzero(samples.run == r)[0] for r in range(samples.n_run)])
-    mean = np.zeros((n_segment, len(sizes)))
-    measured = samples.matrix(samples.state_names)[first]
+    every, runs = samples.matrix(samples.state_names), [samples.run == r for r in range(samples.n_run)]
+    mean, hidden = np.zeros((n_segment, len(sizes))), []
+    measured, middle = (np.array([f(every[own]) for own in runs]) for f in (lambda x: x[0], partial(np.median, axis=0)))
     for k, name in enumerate(simulation.states):
         if k in outputs:
             mean[:, k] = measured[:, outputs.index(k)]
         elif not any(simulation.rate_name(m) == name for m in simulation.states):
             # Nothing is known of it but that it is a state like the others.
+            hidden.append(k)
             mean[:, k] = measured[:, 0]
+    if hidden:
+        start = np.concatenate([grid.time[:, :1], mean, grid.inputs[:, 0]], axis=-1)
+        out = ~np.all(np.isfinite(rate.rates(start)), axis=-1)
+        mean[np.ix_(out, hidden)] = middle[out, :1]
     return Observed(values, s**2, mean, WIDE * sizes)
 
 
@@ -330,7 +335,7 @@ def _smoothest(
     ends = first
     if not np.all(np.isfinite(first)):
         ends = filtered(rate, grid, observed, outputs, E, own * MIDDLING, rate.args)
-    ratio, gained = own * MIDDLING, 0.0
+    ratio, gained, went = own * MIDDLING, 0.0, True
     for turn in range((PASSES if process_noise else UNFORCED_PASSES) + 1):
         near = segments_of(rate, grid, ends, outputs, end)
         steps = steps_along(grid.time, ends, near.response, near.departure(rate.rates), E)
@@ -342,22 +347,42 @@ def _smoothest(
                 ratio = own * float(RATIOS[int(np.nanargmax(logs))])
                 # It was looked for at so many intensities.
                 gained = float(np.nanmax(logs) - np.nan_to_num(logs[0], nan=-np.inf)) - math.log(len(RATIOS))
-        ends = _inside(rate, grid, ends, smooth(steps, observed, outputs, ratio).ends)
-    if not np.all(np.isfinite(ends)):
+        stronger = own * RATIOS[own * RATIOS > ratio] if process_noise else ()
+        paths = (smooth(steps, observed, outputs, each).ends for each in (ratio, *stronger))
+        ends, went = _inside(rate, grid, ends, paths)
+    if not went or not np.all(np.isfinite(ends)):
         raise InputError(LOST)
     return ends, ratio, gained
 
 
 def _inside(
-    rate: ForcedRate, grid: Grid, before: np.ndarray, after: np.ndarray
-) -> Float[np.ndarray, "n_segment n_end n_state"]:
-    """The path after a pass, or as much of the way to it as the equations are defined on."""
+    rate: ForcedRate, grid: Grid, before: np.ndarray, paths: Iterable[np.ndarray]
+) -> tuple[Float[np.ndarray, "n_segment n_end n_state"], bool]:
+    """The first of the paths after a pass that the equations are defined on.
+
+    Where there is none, of each segment as much of the way to the first one as they are defined on; and whether all
+    went some of the way.
+    """
+    tried = []
+    for path in paths:
+        tried.append(path)
+        if np.all(_defined(rate, grid, path)):
+            return path, True
+    after, path, out = tried[0], tried[0].copy(), np.ones(len(before), bool)
     for part in PARTS:
-        path = before + part * (after - before)
-        at_ends = np.concatenate([grid.time[:, ::2, None], path, grid.inputs[:, ::2]], axis=-1)
-        if np.all(np.isfinite(rate.rates(at_ends))):
-            return path
-    return after
+        path[out] = before[out] + part * (after[out] - before[out]) if part else before[out]
+        out = ~_defined(rate, grid, path)
+        if not np.any(out):
+            return path, part > 0
+    return after, True
+
+
+def _defined(rate: ForcedRate, grid: Grid, ends: np.ndarray) -> Bool[np.ndarray, " n_segment"]:
+    """Whether a path has rates at the ends and the middles of its steps, segment by segment."""
+    rates = rate.rates(np.concatenate([grid.time[:, ::2, None], ends, grid.inputs[:, ::2]], axis=-1))
+    path, _ = hermite(grid.time, ends, rates)
+    whole = rate.rates(np.concatenate([grid.time[..., None], path, grid.inputs], axis=-1))
+    return np.all(np.isfinite(whole), axis=(1, 2))
 
 
 def _steps_needed(rate: ForcedRate, samples: Trajectories, path: np.ndarray, s: np.ndarray) -> int:

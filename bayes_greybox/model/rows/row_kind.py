@@ -94,6 +94,14 @@ class RowKind(ABC):
         """
         return self
 
+    def moved_by(self, intensity: float) -> "RowKind":
+        """The rows, if they are samples of a path, of one that an unknown force moves.
+
+        Args:
+            intensity: λ = q²/σ² of the force, σ the noise of a typical sensor, user's units.
+        """
+        return self
+
     def unforced(self) -> "RowKind":
         """The rows, if they follow a path that an unknown force may move, along one that the model allows."""
         return self

@@ -12,6 +12,7 @@ may act (see `physics.smoothing`), so that it follows the data whatever is missi
 path that the model allows. States that no sensor measures are part of x all the same.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache
@@ -54,6 +55,7 @@ class TrajectoryRows(RowKind):
             samples ask for. Without, it is a path that the model allows.
         same_noise: Whether the noise of all sensors is known to be the same, in their common unit; else each has its
             own, which few samples tell poorly.
+        force: Intensity λ = q²/σ² of an unknown force that is part of the noise, as `bg.Noise(force="fit")` finds it.
     """
 
     substeps: int | None = None
@@ -62,6 +64,7 @@ class TrajectoryRows(RowKind):
     added_to: tuple[str, ...] = ()
     process_noise: bool = True
     same_noise: bool = False
+    force: float = 0.0
 
     def __post_init__(self) -> None:
         # Files have lists for tuples.
@@ -69,6 +72,8 @@ class TrajectoryRows(RowKind):
         object.__setattr__(self, "added_to", tuple(self.added_to))
         if self.substeps is not None and not 1 <= self.substeps <= 1000:
             raise InputError(f"TrajectoryRows(substeps={self.substeps}) must be between 1 and 1000.")
+        if not 0 <= self.force < math.inf:
+            raise InputError(f"TrajectoryRows(force={self.force!r}) must be a number, 0 or above.")
         if self.interpolation not in (None, *INTERPOLATIONS):
             raise InputError(
                 f"TrajectoryRows(interpolation={self.interpolation!r}) must be one of {', '.join(INTERPOLATIONS)}."
@@ -110,6 +115,10 @@ class TrajectoryRows(RowKind):
         """Rows linear near the model with these terms."""
         return replace(self, added=tuple((term.text, float(value)) for term, value in added), added_to=tuple(to))
 
+    def moved_by(self, intensity: float) -> "TrajectoryRows":
+        """Rows with an unknown force in their noise."""
+        return replace(self, force=float(intensity))
+
     def unforced(self) -> "TrajectoryRows":
         """Rows without process noise."""
         return replace(self, process_noise=False)
@@ -143,12 +152,13 @@ class TrajectoryRows(RowKind):
         white = WeightedNoise(WhiteNoise(lengths), np.repeat(path.sensor_sd / typical, samples.n_obs))
         # Noise of completed data was found on these rows; that of others is of rates.
         sensor = white if data.samples is None else data.noise.get(block_name(equations), white)
+        noise = StartsNoise(sensor, path.starts / typical, cache(lambda: path.motion(typical)))
         return EquationRows(
             equation=block_name(equations),
             columns=path.columns,
             measured=measured.T.ravel() / path.gain,
             simulated=path.simulated / path.gain,
-            noise=StartsNoise(sensor, path.starts / typical, cache(lambda: path.motion(typical))),
+            noise=noise.forced(self.force) if self.force and sensor.independent else noise,
             time=np.tile(samples.time, n_output),
             run=np.concatenate([samples.run + k * samples.n_run for k in range(n_output)]),
             operator=path,
@@ -169,7 +179,8 @@ class TrajectoryRows(RowKind):
             InputError: A state without an equation; too few samples.
         """
         samples = data.samples or data
-        key = (self, equations, simulation.key)
+        # The force in the noise changes no path.
+        key = (replace(self, force=0.0), equations, simulation.key)
         known = _KNOWN.setdefault(samples, {})
         if key not in known:
             to = self.added_to or (equations[0],) * len(self.added)

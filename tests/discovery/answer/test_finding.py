@@ -408,6 +408,9 @@ def test_an_answer_that_its_own_state_denies_makes_way_for_one_that_it_does_not(
     assert finding.weighed.by_kind["effects"] <= 0.05
 
 
-def test_the_others_of_an_answer_are_those_without_effects_that_leave_no_rest():
-    finding = doubted({"! offset": 0.5, "recalibrate": 0.3, "no gap": 1e-9, "a": 0.1, "unknown": 0.1}, Doubt(0.01, 0.1))
-    assert [other.kind for other in finding.others()] == ["recalibrate"]
+def test_what_no_answer_without_effects_explains_speaks_for_effects_and_not_against():
+    table = {"no gap": 0.4, "recalibrate": 0.15, "a": 0.45}
+    denials = [Doubt(1.0, 1.0, kind) for kind in ("no gap", "recalibrate")]
+    weighed = decide([world({"unknown": 1e-9} | table)], denials).weighed
+    assert weighed.by_effect["a"] == pytest.approx(0.45) and weighed.by_kind["unknown"] == pytest.approx(0.55)
+    assert doubted(table, Doubt(1.0, 1.0, "effects"), a=1.0).weighed.by_effect["a"] == pytest.approx(0.0)

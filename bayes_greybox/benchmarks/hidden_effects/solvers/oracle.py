@@ -68,12 +68,12 @@ def candidates(data: CaseData, joined: bool = False) -> dict[str, Hidden]:
 
 
 def ask(data: CaseData) -> dict[str, Any]:
-    """What a finished case keeps of the oracle: its probabilities as "oracle"; the case says itself what is visible.
+    """What a finished case keeps of the oracle: its probabilities as "oracle".
 
     Args:
         data: The case's data.
     """
-    return {"oracle": posterior(data), "visible": None}
+    return {"oracle": posterior(data)}
 
 
 def posterior(data: CaseData, none: float | None = None) -> dict[str, float]:
