@@ -408,6 +408,13 @@ def test_a_model_is_what_its_sections_say(tmp_path):
     assert (model.noise_floor, model.noise) == (1e-3, 1.0)
 
 
+def test_noise_of_a_fit_is_read_with_its_options(tmp_path):
+    text = BASE + '\n[noise]\nscale = 0.5\nforce = "fit"\ntails = 4.0\n'
+    assert config(tmp_path, text).build_model().noise == bg.Noise(scale=0.5, force="fit", tails=4.0)
+    with pytest.raises(InputError, match="force"):
+        config(tmp_path, BASE + "\n[noise]\nforce = 2.0\n")
+
+
 def test_models_replace_sections_of_the_base(tmp_path):
     text = (
         BASE

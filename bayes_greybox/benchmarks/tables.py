@@ -50,6 +50,12 @@ def sampled_tables(table: pd.DataFrame) -> Iterator[RenderableType]:
     yield frame_table(title, table)
 
 
+def coverage_tables(table: pd.DataFrame) -> Iterator[RenderableType]:
+    """Coverage of each coefficient by noise and kind of rows."""
+    title = "Share of 90 % intervals that hold the truth, of each coefficient; bias in SDs; SD of the last"
+    yield frame_table(title, table)
+
+
 def confounding_tables(scores: Confounding) -> Iterator[RenderableType]:
     """Bias, coverage and trade-off of each kernel, and how its chains moved; then the coefficients by situation."""
     cells = scores.cells.reset_index().set_index("situation")

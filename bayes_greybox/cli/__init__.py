@@ -52,6 +52,7 @@ class Benchmark(StrEnum):
     calibration = "calibration"
     confounding = "confounding"
     sampled_systems = "sampled-systems"
+    sampled_coverage = "sampled-coverage"
     published_odes = "published-odes"
 
 
@@ -288,7 +289,7 @@ def benchmark(
         int | None,
         typer.Option(
             min=1,
-            help="Replicates of each case (calibration, confounding, published-odes, sampled-systems).",
+            help="Replicates of each case (all but hidden-effects).",
         ),
     ] = None,
     families: Annotated[
@@ -313,9 +314,10 @@ def benchmark(
     A run that was stopped goes on where it was. hidden-effects hides known effects from simulations and counts
     how often the study finds them. calibration draws truths from every prior with every kernel and tests whether
     they lie among the posterior draws as they should. confounding fits repeated data under each kernel and says what
-    orthogonality gives and costs. sampled-systems studies systems that one sensor of a position shows: decays, an
-    axis, a beam, an oscillator under noise of several kinds. published-odes
-    finds parameters of differential equations from noisy samples, beside published results.
+    orthogonality gives and costs. sampled-systems studies systems of which one state has a sensor: decays, an
+    axis, a beam, an oscillator under noise of several kinds, two masses, tanks, predators and prey. sampled-coverage
+    counts how often intervals of coefficients hold the truth there. published-odes finds parameters of differential
+    equations from noisy samples, beside published results.
     """
     from bayes_greybox.cli.benchmarking import run_benchmark
 

@@ -39,6 +39,10 @@ def run_benchmark(
         return _confounding(folder, replicates, seed, progress)
     if name == "sampled-systems":
         return _sampled_systems(folder, cases, replicates, seed, progress)
+    if name == "sampled-coverage":
+        if cases is not None:
+            raise InputError("--cases does not apply to sampled-coverage; --replicates sets its size.")
+        return _sampled_coverage(folder, replicates, seed, progress)
     if name == "published-odes":
         if cases is not None:
             raise InputError("--cases does not apply to published-odes; --replicates sets its size.")
@@ -114,6 +118,15 @@ def _sampled_systems(folder: Path, cases: int | None, replicates: int | None, se
     names = list(systems())[:cases]
     table = run(folder, names, replicates=replicates or REPLICATES, seed=seed, progress=progress)
     show(*sampled_tables(table), f"\nResults are in {folder}.")
+    return DONE
+
+
+def _sampled_coverage(folder: Path, replicates: int | None, seed: int, progress: bool) -> int:
+    from bayes_greybox.benchmarks.sampled_systems.coverage import REPEATS, run
+    from bayes_greybox.benchmarks.tables import coverage_tables
+
+    table = run(folder, repeats=replicates or REPEATS, seed=seed, progress=progress)
+    show(*coverage_tables(table), f"\nResults are in {folder}.")
     return DONE
 
 

@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 
+from bayes_greybox.benchmarks.sampled_systems import coverage
+from bayes_greybox.benchmarks.sampled_systems import run as module
 from bayes_greybox.benchmarks.sampled_systems.run import run, score
 from bayes_greybox.benchmarks.sampled_systems.samples import CORRELATION, sampled
 from bayes_greybox.benchmarks.sampled_systems.systems import systems
@@ -46,6 +48,36 @@ def test_correlated_noise_is_correlated_and_pushes_move_the_path():
     assert apart[0] == pytest.approx(CORRELATION, abs=0.08)
     a, b = (sampled(known["oscillator-shaken"], k, seed=0)[0].states["y"] for k in (0, 1))
     assert np.std(a[200:] - b[200:]) > 2 * 0.03 * np.std(a)
+
+
+def test_a_study_that_is_refused_is_a_result(tmp_path, monkeypatch):
+    def refused(system, replicate, seed):
+        raise InputError("No path.")
+
+    monkeypatch.setattr(module, "study", refused)
+    table = run(tmp_path, ["oscillator-white"], replicates=2, seed=0, progress=False)
+    assert table.loc["oscillator-white", ["replicates", "refused", "right"]].tolist() == [2, 2, 0.0]
+    assert "No path." in (tmp_path / "results.jsonl").read_text()
+
+
+def test_coverage_counts_intervals_by_noise_and_rows():
+    row = {"noise": "white", "rows": "samples", "holds": {"y": True, "v": True, "y**3": False}, "seconds": 1.0}
+    row |= {"error": {"y": 0.1, "v": 0.0, "y**3": 0.3}, "sd": {"y": 0.1, "v": 0.1, "y**3": 0.1}}
+    other = {**row, "holds": {"y": True, "v": False, "y**3": False}, "sd": {"y": 0.1, "v": 0.1, "y**3": 0.2}}
+    table = coverage.score([row, other, {"noise": "white", "rows": "rates", "refused": "No."}])
+    samples, rates = table.loc[("white", "samples")], table.loc[("white", "rates")]
+    assert samples[["repeats", "refused", "y", "v", "y**3", "seconds"]].tolist() == [2, 0, 1.0, 0.5, 0.0, 1.0]
+    assert samples["bias"] == pytest.approx(2.0) and samples["sd"] == pytest.approx(0.15)
+    assert rates["refused"] == 1 and np.isnan(rates["y"])
+
+
+@pytest.mark.slow
+def test_intervals_hold_under_every_noise(tmp_path):
+    table = coverage.run(tmp_path, repeats=2, seed=0, progress=False)
+    assert len(table) == 6 and (table["refused"] == 0).all()
+    lines = (tmp_path / "results.jsonl").read_text()
+    coverage.run(tmp_path, repeats=2, seed=0, progress=False)
+    assert (tmp_path / "results.jsonl").read_text() == lines
 
 
 def test_a_system_that_does_not_exist_is_refused(tmp_path):

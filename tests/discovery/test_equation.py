@@ -17,12 +17,15 @@ from tiny_equation import (
     tiny_model,
 )
 
+import bayes_greybox.discovery.equation as module
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.answer.adequacy import LOO_PIT, WHITENESS, Check
 from bayes_greybox.discovery.answer.coefficients import Coefficients, alone
 from bayes_greybox.discovery.answer.contradictions import with_noisy_states
+from bayes_greybox.discovery.answer.doubt import Doubt
 from bayes_greybox.discovery.answer.equation_study import EquationStudy
 from bayes_greybox.discovery.answer.finding import TIED, Finding, Place
+from bayes_greybox.discovery.answer.motion import MotionCheck
 from bayes_greybox.discovery.answer.weighed import STACKED, Weighed
 from bayes_greybox.discovery.equation import study_equation
 from bayes_greybox.discovery.evidence.odds import Odds
@@ -384,3 +387,20 @@ def test_a_gap_that_noise_left_on_states_explains_is_the_instruments(bump):
     assert noisy(bump, 2.0).verdict == "instrument"
     less = noisy(bump, 0.07)
     assert less.verdict == "unknown" and less.against
+
+
+def test_no_answer_is_said_before_its_own_motion_has_judged_it(monkeypatch):
+    asked = []
+
+    def denying(model, train, aligned, amendment, finding, odds):
+        asked.append(finding.kind)
+        return [MotionCheck("motion of v", 0.0, f"{finding.kind} is denied", "v", 1.0, 1.0)], [
+            Doubt(1.0, 1e6, finding.kind)
+        ]
+
+    monkeypatch.setattr(module, "contradictions", denying)
+    for hidden, first in ((None, "no gap"), (soft, "effects")):
+        asked.clear()
+        study = studied_motion(forced(hidden) if hidden else forced())
+        assert asked[0] == first and len(asked) == len(set(asked))
+        assert study.finding.verdict == "unknown" and f"{first} is denied" in study.finding.against

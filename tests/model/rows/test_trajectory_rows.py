@@ -227,3 +227,64 @@ def test_noise_of_several_sensors_is_not_found_yet():
     )  # fmt: skip
     with pytest.raises(InputError, match="Noise of several sensors at once"):
         program(noise=Noise(correlation="fit")).near(two)
+
+
+def shaken(push=0.05, seed=0):
+    """The oscillator with a cubic spring under random pushes, its displacement with 2 % noise."""
+    rng, h, n = np.random.default_rng(seed), 0.01, 4000
+    x, path = np.array([0.3, 0.0]), []
+    for k in range(n):
+        if k % 10 == 0:
+            path.append(x[0])
+        acceleration = force(k * h) - 2 * x[0] - 0.15 * x[1] - 0.3 * x[0] ** 3
+        v = x[1] + h * acceleration + push * np.sqrt(h) * rng.standard_normal()
+        x = np.array([x[0] + h * (x[1] + v) / 2, v])
+    y, t = np.array(path), 0.1 * np.arange(n // 10)
+    shown = y + 0.02 * np.std(y) * rng.standard_normal(len(y))
+    return Trajectories.from_arrays(t, states={"y": shown}, inputs={"F": force(t)}, units={"t": "s", "y": "m"})
+
+
+def test_an_unknown_force_is_found_and_makes_coefficients_as_uncertain_as_it_does():
+    inside = 0
+    for seed in range(6):
+        near, whole = program(noise=Noise(force="fit")).near(shaken(seed=seed))
+        found, held = near.with_noise_found(whole)
+        # Root of the pushes' variance in a unit of time, if the sensor is as noisy as it seemed.
+        assert found.noise.found["v"]["force"] == pytest.approx(0.05, rel=0.5)
+        assert 0.3 < found.noise.found["v"]["force_share"] < 1
+        (theta,), (sd,) = estimate(found, held)
+        (_,), (white,) = estimate(program(rows=near.rows), whole)
+        inside += abs(theta + 0.3) < 1.645 * sd
+        assert sd > 1.5 * white
+    assert inside >= 4
+
+
+def test_where_no_force_acts_none_is_found():
+    near, whole = program(noise=Noise(force="fit")).near(sampled(**CUBIC, noise=0.02))
+    found, held = near.with_noise_found(whole)
+    assert found.rows.force == 0.0 and found.noise.found["v"] == {}
+    np.testing.assert_allclose(estimate(found, held), estimate(near, whole))
+
+
+def test_a_force_belongs_to_the_rows_and_changes_no_path():
+    data = program().complete(sampled(**CUBIC))
+    quiet, moved = (program(rows=TrajectoryRows(force=force)).equation_rows(data, "v") for force in (0.0, 1e-3))
+    np.testing.assert_array_equal(moved.simulated, quiet.simulated)
+    assert moved.noise.log_det > quiet.noise.log_det
+    np.testing.assert_allclose(moved.noise.sensors.whiten(np.eye(400)), quiet.noise.error.whiten(np.eye(400)))
+
+
+def test_rates_have_no_path_that_a_force_moves_and_one_sensor_not_two_noises():
+    data = program().complete(sampled(**CUBIC))
+    rates = Trajectories.from_arrays(
+        data.time, states=dict(data.states), inputs=dict(data.inputs), derivatives=dict(data.derivatives)
+    )
+    model = Program({"v": ["y**3"]}, simulation=SIMULATION, discrepancy=None, noise=Noise(force="fit"))
+    with pytest.raises(InputError, match="needs rows of samples"):
+        model.assemble(rates)
+    with pytest.raises(InputError, match="not told apart"):
+        Noise(force="fit", correlation="fit")
+    with pytest.raises(InputError, match="must be None or 'fit'"):
+        Noise(force="strong")
+    with pytest.raises(InputError, match="must be a number, 0 or above"):
+        TrajectoryRows(force=-1.0)

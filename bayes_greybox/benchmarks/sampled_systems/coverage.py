@@ -1,0 +1,148 @@
+"""How often 90 % intervals of coefficients hold the truth: fits on samples of a position, and on rates made from them.
+
+Three oscillators of `systems`, whose sensor has white or correlated noise, or which random pushes shake. All three
+coefficients of the acceleration are learned. Rows of samples are fitted with the noise that the cell has; rows of rates
+on velocity and acceleration from the package's differentiator.
+"""
+
+import json
+import os
+import time
+from collections.abc import Sequence
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from threadpoolctl import threadpool_limits
+
+from bayes_greybox.benchmarks.files import opened, unwritable, write_whole
+from bayes_greybox.benchmarks.progress import shown
+from bayes_greybox.data.errors import InputError
+
+from .samples import sampled
+from .systems import systems
+
+RESULTS = "results.jsonl"
+"""A line for each repeat."""
+
+REPEATS = 200
+"""Of each cell, by default."""
+
+NOISES = {"white": {}, "correlated": {"correlation": "fit"}, "shaken": {"force": "fit"}}
+"""What the noise of rows of samples may be, by the oscillator's name."""
+
+ROWS = ("samples", "rates")
+
+TRUTH = {"y": -2.0, "v": -0.15, "y**3": -0.3}
+"""Coefficients of the acceleration, beside the force."""
+
+SAMPLING = {"tune": 300, "draws": 500, "chains": 1, "progress": False}
+"""The posterior has few dimensions: one chain's quantiles are good to a percent of probability."""
+
+
+def run(
+    output: str | os.PathLike[str], *, repeats: int = REPEATS, seed: int = 1, progress: bool = True
+) -> pd.DataFrame:
+    """Fit every repeat, or those that are left, and write the table.
+
+    Args:
+        output: Folder for results.jsonl, and for coverage.csv and summary.json.
+        repeats: Of each cell.
+        seed: Of the noise.
+        progress: Whether to show a progress bar.
+
+    Returns:
+        The table of `score`.
+
+    Raises:
+        InputError: A folder that cannot be written to.
+    """
+    folder = Path(output)
+    try:
+        rows = opened(folder / RESULTS)
+        every = [(noise, kind, k) for k in range(repeats) for noise in NOISES for kind in ROWS]
+        todo = [cell for cell in every if _key(*cell, seed) not in rows]
+        with (folder / RESULTS).open("a", encoding="utf-8") as file, threadpool_limits(1):
+            for cell in shown(todo, "Coverage", progress):
+                row = {"key": _key(*cell, seed), "version": version("bayes-greybox"), **fitted(*cell, seed)}
+                rows[row["key"]] = row
+                file.write(json.dumps(row) + "\n")
+                file.flush()
+        table = score([rows[_key(*cell, seed)] for cell in every])
+        write_whole(folder / "coverage.csv", table.reset_index().to_csv(index=False))
+        summary = {"version": version("bayes-greybox"), "repeats": repeats, "seed": seed}
+        write_whole(folder / "summary.json", json.dumps(summary, indent=2) + "\n")
+    except OSError as error:
+        raise unwritable(folder, error) from error
+    return table
+
+
+def fitted(noise: str, kind: str, repeat: int, seed: int) -> dict[str, Any]:
+    """One repeat: which intervals hold the truth, and how wide they are.
+
+    Args:
+        noise: One of `NOISES`.
+        kind: One of `ROWS`.
+        repeat: Of the noise.
+        seed: Of all noise.
+    """
+    # Imported here: these bring JAX, which the module that makes the data does without.
+    from bayes_greybox.greybox import GreyBox
+    from bayes_greybox.model.noise.asked import Noise
+    from bayes_greybox.model.rows.trajectory_rows import TrajectoryRows
+
+    data, _ = sampled(systems()[f"oscillator-{noise}"], repeat, seed)
+    given: dict[str, Any] = {"rows": TrajectoryRows(), "noise": Noise(**NOISES[noise])}
+    if kind == "rates":
+        data, given = data.differentiate(rates={"y": "v"}), {}
+    model = GreyBox({"v": list(TRUTH)}, simulation={"y": "v", "v": "F"}, discrepancy=None, **given)
+    start = time.perf_counter()
+    try:
+        table = model.fit(data, **SAMPLING, seed=repeat).summary().loc["v"]
+    except InputError as error:
+        return {"noise": noise, "rows": kind, "refused": str(error)}
+    return {
+        "noise": noise,
+        "rows": kind,
+        "holds": {k: bool(table.loc[k, "lower"] <= b <= table.loc[k, "upper"]) for k, b in TRUTH.items()},
+        "error": {k: float(table.loc[k, "mean"] - b) for k, b in TRUTH.items()},
+        "sd": {k: float(table.loc[k, "sd"]) for k in TRUTH},
+        "seconds": time.perf_counter() - start,
+    }
+
+
+def score(rows: Sequence[dict[str, Any]]) -> pd.DataFrame:
+    """One row for each noise and kind of rows.
+
+    Args:
+        rows: Of `fitted`.
+
+    Returns:
+        repeats; refused (fits without an answer); coverage of each coefficient; bias (the largest mean error of a
+        coefficient over its mean standard deviation); sd (of the last coefficient, median); seconds (median).
+    """
+    table = {}
+    for noise in dict.fromkeys(row["noise"] for row in rows):
+        for kind in dict.fromkeys(row["rows"] for row in rows):
+            own = [row for row in rows if (row["noise"], row["rows"]) == (noise, kind)]
+            found = [row for row in own if "refused" not in row]
+            table[noise, kind] = {"repeats": len(own), "refused": len(own) - len(found), **_measured(found)}
+    return pd.DataFrame.from_dict(table, orient="index").rename_axis(["noise", "rows"])
+
+
+def _measured(rows: Sequence[dict[str, Any]]) -> dict[str, float]:
+    if not rows:
+        return {}
+    error, sd, holds = (np.array([[row[key][k] for k in TRUTH] for row in rows]) for key in ("error", "sd", "holds"))
+    return {
+        **dict(zip(TRUTH, map(float, holds.mean(axis=0)), strict=True)),
+        "bias": float(np.max(np.abs(error.mean(axis=0) / sd.mean(axis=0)))),
+        "sd": float(np.median(sd[:, -1])),
+        "seconds": float(np.median([row["seconds"] for row in rows])),
+    }
+
+
+def _key(noise: str, kind: str, repeat: int, seed: int) -> str:
+    return f"{noise}/{kind}/{seed}/{repeat}"
