@@ -73,41 +73,20 @@ class ForcedNoise(RowNoise):
 
     def whiten(self, rows: Float[np.ndarray, "n_obs k"]) -> Float[np.ndarray, "n_white k"]:
         """Innovations over their standard deviations."""
-        motion, (K, S), y = self.motion, self._gains, self._by_sample(rows)
-        found, mean = np.empty(y.shape), np.zeros((motion.M.shape[-1], rows.shape[1]))
-        for i, fresh in enumerate(motion.fresh):
-            mean = np.zeros_like(mean) if fresh else motion.M[i] @ mean
-            for k, output in enumerate(motion.outputs):
-                found[i, k] = y[i, k] - mean[output]
-                mean = mean + K[i, k, :, None] * found[i, k]
-        return self._by_row(found / np.sqrt(S)[..., None])
+        work, path = self._filter
+        K, S = self._gains
+        return self._by_row(work.innovations(path, K, self._by_sample(rows)) / np.sqrt(S)[..., None])
 
     def whiten_transpose(self, rows: Float[np.ndarray, "n_white k"]) -> Float[np.ndarray, "n_obs k"]:
         """The adjoint of the filter, run backwards."""
-        motion, (K, S) = self.motion, self._gains
-        y = self._by_sample(rows) / np.sqrt(S)[..., None]
-        found, costate = np.empty(y.shape), np.zeros((motion.M.shape[-1], rows.shape[1]))
-        for i in range(len(y) - 1, -1, -1):
-            for k in range(len(motion.outputs) - 1, -1, -1):
-                found[i, k] = y[i, k] + K[i, k] @ costate
-                costate[motion.outputs[k]] -= found[i, k]
-            costate = np.zeros_like(costate) if motion.fresh[i] else motion.M[i].T @ costate
-        return self._by_row(found)
+        work, path = self._filter
+        K, S = self._gains
+        return self._by_row(work.adjoint(path, K, self._by_sample(rows) / np.sqrt(S)[..., None]))
 
     def precision_diagonal(self) -> Float[np.ndarray, " n_obs"]:
         """1/S + Kᵀ N K, N the covariance of the adjoint."""
-        K, S = self._gains
-        M, fresh, outputs = self.motion.M, self.motion.fresh, self.motion.outputs
-        found, N = np.empty(S.shape), np.zeros(M.shape[1:])
-        eye = np.eye(len(N))
-        for i in range(len(M) - 1, -1, -1):
-            for k in range(len(outputs) - 1, -1, -1):
-                gain, h = K[i, k], eye[outputs[k]]
-                found[i, k] = 1 / S[i, k] + gain @ N @ gain
-                L = eye - np.outer(gain, h)
-                N = L.T @ N @ L + np.outer(h, h) / S[i, k]
-            N = np.zeros_like(N) if fresh[i] else M[i].T @ N @ M[i]
-        return found.T.ravel()
+        work, path = self._filter
+        return work.precision_diagonal(path, *self._gains).T.ravel()
 
     def precision_band(self, width: int) -> Float[np.ndarray, "n_obs width"]:
         """Entries of R⁻¹, a few of its columns at a time."""
@@ -156,23 +135,19 @@ class ForcedNoise(RowNoise):
             "intensity": self.intensity, "scale": self.scale,
         }  # fmt: skip
 
+    @property
+    def _filter(self) -> tuple[Any, Any]:
+        # Imported here: it brings JAX, which data do without.
+        from . import innovations
+
+        motion = self.motion
+        return innovations, innovations.Path(motion.M, motion.G, motion.fresh, motion.start_sd, motion.outputs)
+
     @cached_property
     def _gains(self) -> tuple[Float[np.ndarray, "n n_output d"], Float[np.ndarray, "n n_output"]]:
         """Gains and variances of the innovations, one sensor after the other."""
-        motion = self.motion
-        r = self._by_sample(1 / self.sensor.precision_diagonal()[:, None])[..., 0]
-        start, eye = np.diag(motion.start_sd**2), np.eye(len(motion.start_sd))
-        P, gains, variances = start, np.empty((*r.shape, len(eye))), np.empty(r.shape)
-        for i, fresh in enumerate(motion.fresh):
-            P = start if fresh else motion.M[i] @ P @ motion.M[i].T + self.intensity * motion.G[i]
-            for k, output in enumerate(motion.outputs):
-                S = P[output, output] + r[i, k]
-                K = P[output] / S
-                L = eye - K[:, None] * eye[output]
-                # Joseph's form, which stays positive
-                P = L @ P @ L.T + r[i, k] * (K[:, None] * K)
-                gains[i, k], variances[i, k] = K, S
-        return gains, variances
+        work, path = self._filter
+        return work.gains(path, self._by_sample(1 / self.sensor.precision_diagonal()[:, None])[..., 0], self.intensity)
 
     def _by_sample(self, rows: np.ndarray) -> np.ndarray:
         """From rows to [sample, sensor, column]."""

@@ -1,0 +1,162 @@
+"""Innovations of the Kalman filter of a path that an unknown force moves, compiled: the work behind `forced_noise`.
+
+Records are filled up to a power of two in length and in columns, so that few shapes are compiled; what is filled up
+stands behind the record and is seen by nothing before it.
+"""
+
+from collections.abc import Callable
+from functools import partial
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+# Data come before physics, where 64-bit is switched on for everything downstream.
+jax.config.update("jax_enable_x64", True)
+
+
+class Path(NamedTuple):
+    """How a path goes on from sample to sample; see `forced_noise.Motion`."""
+
+    M: Float[np.ndarray, "n d d"]
+    G: Float[np.ndarray, "n d d"]
+    fresh: Bool[np.ndarray, " n"]
+    start_sd: Float[np.ndarray, " d"]
+    outputs: tuple[int, ...]
+
+
+def gains(
+    path: Path, r: Float[np.ndarray, "n n_output"], intensity: float
+) -> tuple[Float[np.ndarray, "n n_output d"], Float[np.ndarray, "n n_output"]]:
+    """Gains and variances of the innovations, one sensor after the other.
+
+    Args:
+        path: Of the samples.
+        r: Variances of the sensors' noise.
+        intensity: λ of the force.
+    """
+    n = len(r)
+    filled = _filled(path, n), _longer(r, n, 1.0)
+    K, S = _gains(*filled[0], filled[1], path.start_sd, intensity, outputs=path.outputs)
+    return np.asarray(K)[:n], np.asarray(S)[:n]
+
+
+def innovations(
+    path: Path, K: Float[np.ndarray, "n n_output d"], y: Float[np.ndarray, "n n_output k"]
+) -> Float[np.ndarray, "n n_output k"]:
+    """Rows less what the samples before say of them.
+
+    Args:
+        path: Of the samples.
+        K: Gains.
+        y: Rows, a column at a time.
+    """
+    return _applied(_innovations, path, K, y)
+
+
+def adjoint(
+    path: Path, K: Float[np.ndarray, "n n_output d"], y: Float[np.ndarray, "n n_output k"]
+) -> Float[np.ndarray, "n n_output k"]:
+    """The transpose of `innovations`, run backwards; arguments as there."""
+    return _applied(_adjoint, path, K, y)
+
+
+def precision_diagonal(
+    path: Path, K: Float[np.ndarray, "n n_output d"], S: Float[np.ndarray, "n n_output"]
+) -> Float[np.ndarray, "n n_output"]:
+    """1/S + Kᵀ N K, N the covariance of the adjoint.
+
+    Args:
+        path: Of the samples.
+        K: Gains.
+        S: Variances of the innovations.
+    """
+    n = len(S)
+    M, _, fresh = _filled(path, n)
+    return np.asarray(_precision(M, fresh, _longer(K, n), _longer(1 / S, n), outputs=path.outputs))[:n]
+
+
+def _applied(work: Callable[..., Array], path: Path, K: np.ndarray, y: np.ndarray) -> np.ndarray:
+    n, k = len(y), y.shape[-1]
+    M, _, fresh = _filled(path, n)
+    wide = np.concatenate([y, np.zeros((*y.shape[:-1], _power_of_two(k) - k))], axis=-1)
+    found = work(M, fresh, _longer(K, n), _longer(wide, n), outputs=path.outputs)
+    return np.asarray(found)[:n, :, :k]
+
+
+def _filled(path: Path, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    return _longer(path.M, n), _longer(path.G, n), _longer(path.fresh, n)
+
+
+def _longer(values: np.ndarray, n: int, by: float = 0.0) -> np.ndarray:
+    more = np.full((_power_of_two(n) - n, *values.shape[1:]), by, dtype=values.dtype)
+    return np.concatenate([values, more])
+
+
+def _power_of_two(n: int) -> int:
+    return 1 << max(n - 1, 0).bit_length()
+
+
+@partial(jax.jit, static_argnames="outputs")
+def _gains(
+    M: Array, G: Array, fresh: Array, r: Array, start_sd: Array, intensity: Array, outputs: tuple[int, ...]
+) -> tuple[Array, Array]:
+    start, eye = jnp.diag(start_sd**2), jnp.eye(len(start_sd))
+
+    def step(P: Array, piece: tuple[Array, ...]) -> tuple[Array, tuple[Array, Array]]:
+        M, G, fresh, r = piece
+        P, found = jnp.where(fresh, start, M @ P @ M.T + intensity * G), []
+        for k, output in enumerate(outputs):
+            S = P[output, output] + r[k]
+            K = P[output] / S
+            L = eye - jnp.outer(K, eye[output])
+            # Joseph's form, which stays positive
+            P = L @ P @ L.T + r[k] * jnp.outer(K, K)
+            found.append((K, S))
+        return P, (jnp.stack([K for K, _ in found]), jnp.stack([S for _, S in found]))
+
+    return jax.lax.scan(step, start, (M, G, fresh, r))[1]
+
+
+@partial(jax.jit, static_argnames="outputs")
+def _innovations(M: Array, fresh: Array, K: Array, y: Array, outputs: tuple[int, ...]) -> Array:
+    def step(mean: Array, piece: tuple[Array, ...]) -> tuple[Array, Array]:
+        M, fresh, K, y = piece
+        mean, found = jnp.where(fresh, 0.0, M @ mean), []
+        for k, output in enumerate(outputs):
+            found.append(y[k] - mean[output])
+            mean = mean + jnp.outer(K[k], found[-1])
+        return mean, jnp.stack(found)
+
+    return jax.lax.scan(step, jnp.zeros((M.shape[-1], y.shape[-1])), (M, fresh, K, y))[1]
+
+
+@partial(jax.jit, static_argnames="outputs")
+def _adjoint(M: Array, fresh: Array, K: Array, y: Array, outputs: tuple[int, ...]) -> Array:
+    def step(costate: Array, piece: tuple[Array, ...]) -> tuple[Array, Array]:
+        M, fresh, K, y = piece
+        found = [jnp.zeros(())] * len(outputs)
+        for k, output in reversed(list(enumerate(outputs))):
+            found[k] = y[k] + K[k] @ costate
+            costate = costate.at[output].add(-found[k])
+        return jnp.where(fresh, 0.0, M.T @ costate), jnp.stack(found)
+
+    return jax.lax.scan(step, jnp.zeros((M.shape[-1], y.shape[-1])), (M, fresh, K, y), reverse=True)[1]
+
+
+@partial(jax.jit, static_argnames="outputs")
+def _precision(M: Array, fresh: Array, K: Array, inverse: Array, outputs: tuple[int, ...]) -> Array:
+    eye = jnp.eye(M.shape[-1])
+
+    def step(N: Array, piece: tuple[Array, ...]) -> tuple[Array, Array]:
+        M, fresh, K, inverse = piece
+        found = [jnp.zeros(())] * len(outputs)
+        for k, output in reversed(list(enumerate(outputs))):
+            found[k] = inverse[k] + K[k] @ N @ K[k]
+            L = eye - jnp.outer(K[k], eye[output])
+            N = L.T @ N @ L + jnp.outer(eye[output], eye[output]) * inverse[k]
+        return jnp.where(fresh, 0.0, M.T @ N @ M), jnp.stack(found)
+
+    return jax.lax.scan(step, jnp.zeros_like(eye), (M, fresh, K, inverse), reverse=True)[1]
