@@ -12,6 +12,7 @@ import warnings
 from collections.abc import Iterable
 from difflib import get_close_matches
 from fractions import Fraction
+from functools import lru_cache
 from typing import Any, NoReturn
 
 import sympy
@@ -22,6 +23,8 @@ from .functions import ALIASES, CONSTANTS, FUNCTIONS, NODES, Function
 
 MAX_LENGTH = 2000
 MAX_DEPTH = 50
+REMEMBERED = 4096
+"""Formulas that are not read again: a study asks for the same ones near every path, and each takes milliseconds."""
 MAX_EXPONENT = 100
 MAX_NUMBER = 1e300
 # Beyond this many bits an exact fraction is replaced by its floating-point value.
@@ -42,6 +45,7 @@ _REFUSED = {
 }
 
 
+@lru_cache(REMEMBERED)
 def read(text: str, names: tuple[str, ...] | None) -> sympy.Expr:
     """Read a formula; see `expressions.parse_expression`.
 
