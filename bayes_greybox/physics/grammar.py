@@ -23,12 +23,13 @@ from .functions import ALIASES, CONSTANTS, FUNCTIONS, NODES, Function
 
 MAX_LENGTH = 2000
 MAX_DEPTH = 50
-REMEMBERED = 4096
-"""Formulas that are not read again: a study asks for the same ones near every path, and each takes milliseconds."""
 MAX_EXPONENT = 100
 MAX_NUMBER = 1e300
 # Beyond this many bits an exact fraction is replaced by its floating-point value.
 _MAX_BITS = 512
+
+REMEMBERED = 4096
+"""Formulas that are not read again: a study asks for the same ones near every path, and each takes milliseconds."""
 
 _BINARY = {ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/", ast.Pow: "**"}
 _REFUSED = {

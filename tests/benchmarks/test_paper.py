@@ -53,3 +53,27 @@ def test_predicts_the_acceleration_as_well_as_the_paper(dictionary, variant, noi
         assert fit.verdict.ok, fit.verdict
         # What is missing can be no term of the dictionary: the two true terms are found, less y³ if it is not offered.
         assert {"ydot**3"} <= set(active)
+
+
+@pytest.mark.slow
+def test_finds_the_oscillators_terms_from_its_displacement_alone(capsys):
+    t = np.linspace(0, 100, 1001)
+    y = bg.systems.oscillator().simulate(t=t, noise=0.0).states["y"]
+    shown = y + 0.02 * np.std(y) * np.random.default_rng(1).standard_normal(len(y))
+    model = bg.GreyBox(
+        simulation={"y": "ydot"},
+        dictionary={"ydot": COMPLETE},
+        prior=bg.SpikeAndSlab(),
+        discrepancy=None,
+        rows=bg.TrajectoryRows(),
+    )
+    data = bg.Trajectories.from_arrays(t, states={"y": shown})
+    fit = model.fit(data, chains=2, draws=500, tune=500, seed=0, progress=False)
+    table = fit.inclusion().loc["ydot"]
+    with capsys.disabled():
+        print(f"\n{table[['mean', 'lower', 'upper', 'inclusion']].to_string()}")
+    assert fit.verdict.ok
+    for term, truth in (("y**3", -1.0), ("ydot**3", -0.2)):
+        assert table.loc[term, "inclusion"] > 0.95
+        assert table.loc[term, "lower"] <= truth <= table.loc[term, "upper"]
+    assert (table.drop(["y**3", "ydot**3"])["inclusion"] < 0.05).all()
