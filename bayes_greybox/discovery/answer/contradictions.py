@@ -27,6 +27,7 @@ SAID = {
     "no gap": "the simulation",
     "instrument": "the simulation, with sensors put right,",
     "recalibrate": "the simulation with its coefficients put right",
+    "unknown": "the simulation",
     EFFECTS: "the model with what was found",
 }
 """What says how the studied state moves, by the kind of answer."""
