@@ -1,5 +1,6 @@
 """Tables of one equation, from a finding and draws that are written down by hand."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -358,6 +359,16 @@ def test_a_users_own_term_is_learned_beside_what_is_missing():
 
 
 # Noise left on states
+
+
+def test_a_gap_that_noise_on_states_explains_is_judged_by_its_motion_too(monkeypatch):
+    def as_noise(finding, aligned, unit):
+        return replace(finding, verdict="instrument") if finding.verdict == "unknown" else finding
+
+    monkeypatch.setattr(module, "with_noisy_states", as_noise)
+    study = studied_motion(forced(lambda y, v: 0.6 * np.exp(-(((y - 0.5) / 0.3) ** 2))), effects=(SQUARE,))
+    assert (study.finding.verdict, study.finding.kind) == ("instrument", "unknown")
+    assert [check.name for check in study.checks] == ["motion of y", "motion of v"]
 
 
 class Noisy(Aligned):
