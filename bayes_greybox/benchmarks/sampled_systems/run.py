@@ -119,7 +119,7 @@ def study(system: System, replicate: int, seed: int) -> dict[str, Any]:
     instrument = sensors.loc[sensors["status"] != "", "suspect"].tolist()
     excused = {slug for slug, suspect in system.same.items() if suspect in instrument}
     tied = set(added.index).union(*added["tied_with"]) if len(added) else set()
-    gap = found.gap.loc[("test", "sample NMSE")]
+    gap = found.gap.sort_index().loc[("test", "sample NMSE")]
     return {
         "system": system.name,
         "replicate": replicate,

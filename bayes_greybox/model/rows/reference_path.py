@@ -335,7 +335,7 @@ def _smoothest(
     ends = first
     if not np.all(np.isfinite(first)):
         ends = filtered(rate, grid, observed, outputs, E, own * MIDDLING, rate.args)
-    ratio, gained, went = own * MIDDLING, 0.0, True
+    ratio, gained = own * MIDDLING, 0.0
     for turn in range((PASSES if process_noise else UNFORCED_PASSES) + 1):
         near = segments_of(rate, grid, ends, outputs, end)
         steps = steps_along(grid.time, ends, near.response, near.departure(rate.rates), E)
@@ -349,32 +349,32 @@ def _smoothest(
                 gained = float(np.nanmax(logs) - np.nan_to_num(logs[0], nan=-np.inf)) - math.log(len(RATIOS))
         stronger = own * RATIOS[own * RATIOS > ratio] if process_noise else ()
         paths = (smooth(steps, observed, outputs, each).ends for each in (ratio, *stronger))
-        ends, went = _inside(rate, grid, ends, paths)
-    if not went or not np.all(np.isfinite(ends)):
+        ends = _inside(rate, grid, ends, paths)
+    if not np.all(np.isfinite(ends)):
         raise InputError(LOST)
     return ends, ratio, gained
 
 
 def _inside(
     rate: ForcedRate, grid: Grid, before: np.ndarray, paths: Iterable[np.ndarray]
-) -> tuple[Float[np.ndarray, "n_segment n_end n_state"], bool]:
+) -> Float[np.ndarray, "n_segment n_end n_state"]:
     """The first of the paths after a pass that the equations are defined on.
 
-    Where there is none, of each segment as much of the way to the first one as they are defined on; and whether all
-    went some of the way.
+    Where there is none, of each segment as much of the way to the first one as they are defined on. One that stays is
+    a beginning: near what is found along it the next path is better.
     """
     tried = []
     for path in paths:
         tried.append(path)
         if np.all(_defined(rate, grid, path)):
-            return path, True
+            return path
     after, path, out = tried[0], tried[0].copy(), np.ones(len(before), bool)
     for part in PARTS:
         path[out] = before[out] + part * (after[out] - before[out]) if part else before[out]
         out = ~_defined(rate, grid, path)
         if not np.any(out):
-            return path, part > 0
-    return after, True
+            return path
+    return after
 
 
 def _defined(rate: ForcedRate, grid: Grid, ends: np.ndarray) -> Bool[np.ndarray, " n_segment"]:
