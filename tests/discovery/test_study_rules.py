@@ -1,5 +1,6 @@
 """Rules of a whole study: which equations, whose verdict, what is in the amended model, what is refused."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -24,8 +25,10 @@ from bayes_greybox.discovery.study import (
     worse_in_words,
 )
 from bayes_greybox.model.noise.asked import Noise
+from bayes_greybox.model.noise.noise_model import CORRELATED, PROCESS
 from bayes_greybox.model.noise.suspicions import LEAST_ROWS
 from bayes_greybox.model.program import Program
+from bayes_greybox.model.rows.trajectory_rows import TrajectoryRows
 from bayes_greybox.physics.terms import Term
 
 
@@ -255,17 +258,18 @@ def test_nothing_is_sampled(told):
 # The amended model
 
 
-def finding_of(known, base):
+def finding_of(known, base, names=()):
     study = object.__new__(EquationStudy)
+    world = SimpleNamespace(evaluations=known, model=SimpleNamespace(names=names))
     study.__dict__.update(
-        finding=SimpleNamespace(base=base, world=SimpleNamespace(evaluations=known, model=SimpleNamespace(names=()))),
+        finding=SimpleNamespace(base=base, world=world),
         aligned=SimpleNamespace(rows=None, n_sensor=1),
     )
     return study
 
 
-def amended(known, base, model=BOTH):
-    return amended_program(model, {"x": finding_of(known, base)})
+def amended(known, base, model=BOTH, names=()):
+    return amended_program(model, {"x": finding_of(known, base, names)})
 
 
 def test_the_amended_model_has_free_terms_corrections_and_effects():
@@ -296,6 +300,15 @@ def test_the_amended_model_is_otherwise_the_model_that_was_given():
     model = Program(simulation=BOTH.simulation, noise_floor=3e-4)
     found = amended(known, (), model)
     assert found.simulation == model.simulation and found.noise_floor == 3e-4 and model.dictionary == {}
+
+
+def test_a_force_that_a_study_leaves_is_in_the_posterior_on_samples_and_never_on_rates():
+    known, samples = tiny_evaluations(), replace(BOTH, rows=TrajectoryRows())
+    assert amended(known, (), samples, (PROCESS,)).noise == Noise(force="fit")
+    # What is correlated is explained once.
+    assert amended(known, (), samples, (CORRELATED, PROCESS)).noise == Noise(correlation="fit")
+    # On rates f takes a process in time.
+    assert amended(known, (), BOTH, (PROCESS,)).noise == BOTH.noise
 
 
 # What is refused

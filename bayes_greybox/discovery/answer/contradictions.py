@@ -58,7 +58,8 @@ def contradictions(
         # What was computed from the samples agrees with them.
         return [], []
     sensors = sensor_errors(amendment.statistics, amendment.after)
-    data = calibrated(aligned.moved(train), name, sensors, train)
+    measured = aligned.moved(train)
+    data = calibrated(measured, name, sensors, train)
     simulation, left = model.simulator(data), {k: noise.left for k, noise in aligned.sample_noise.items()}
     # What smoothing leaves is less than the noise, but known only roughly: no sensor is blamed for that.
     noise = {k: found.sd for k, found in aligned.sample_noise.items()}
@@ -97,7 +98,7 @@ def contradictions(
                 continue
             # A sensor is as uncertain as a coefficient: it turns all samples of its channel, and the rate with them.
             apart = found.suspect_draws[pick, k] / found.suspect_draws[:, k].mean() - 1
-            nearby = calibrated(aligned.moved(train), name, {**sensors, sensor: (1 + NEARBY) * size}, train)
+            nearby = calibrated(measured, name, {**sensors, sensor: (1 + NEARBY) * size}, train)
             draws = draws + np.outer(apart, simulation.on(nearby, name) - simulation.on(data, name)) / NEARBY
             moved = moved + np.outer(apart, nearby.column(name) - data.column(name)) / NEARBY
         own = ModelledRate(values, by_noise(aligned.rate), SAID[finding.kind], draws, moved)

@@ -1,21 +1,21 @@
 """The path that samples are linearised along, and the operator from forces on it to samples."""
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 from scipy.interpolate import CubicSpline, make_smoothing_spline
 
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.noise.forced_noise import Motion
 from bayes_greybox.data.sample_noise import sample_noise
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.physics.sensitivity import Grid, carried, hermite
+from bayes_greybox.physics.sensitivity import Grid, carried
 from bayes_greybox.physics.simulation import Simulation
-from bayes_greybox.physics.smoothing import PARTS, Observed, filtered, smooth, steps_along
+from bayes_greybox.physics.smoothing import Observed
 
 from .equation_rows import Acting, Unfollowed
 from .forced_rate import Force, ForcedRate
@@ -30,6 +30,7 @@ from .path_segments import (
     responses_to_unit_starts,
     segments_of,
 )
+from .smoothed_path import LOST, RATIOS, smoothest
 
 STEP = 0.1
 """Steps are so short, over the fastest time scale of the equations along the path, or the steps that were asked for."""
@@ -40,25 +41,8 @@ DRIFT = 0.3
 MOST_STEPS = 50
 """Most steps between two samples."""
 
-RATIOS = 10.0 ** np.arange(-10.0, 1.1)
-"""Intensities of the unknown force that are tried, q² over that of a force as large as the path's own."""
-
-MIDDLING = 1e-2
-"""Intensity that a first path is smoothed at, before it is chosen."""
-
-PASSES = 3
-"""Passes of the smoother at the intensity that was chosen."""
-
-UNFORCED_PASSES = 10
-"""Passes to a path that the model allows, from one near the samples."""
-
 MOST_TRIED = 500
 """Samples, evenly thinned, at which the time scales of the equations are looked at."""
-
-LOST = (
-    "No path through the samples was found: the equations leave their domain near them. Check the simulation and the "
-    "units, or give hidden states as data."
-)
 
 FINEST = 1e-5
 """Noise of a sensor over the spread of its samples, at least: rounding, and what an integrator leaves."""
@@ -175,7 +159,7 @@ def follow_samples(
     # An unknown force is as large as its state.
     E = np.eye(len(sizes))[:, list(driven)] * list(learned.values())
     own = largest**2 / slow
-    smoother = partial(_smoothest, rate, grid, observed, outputs, end, own, E)
+    smoother = partial(smoothest, rate, grid, observed, outputs, end, own, E)
     # A path that is lost may leave all bounds first; it is refused by name.
     with np.errstate(over="ignore", invalid="ignore"):
         ends, ratio, gained = smoother(_at_ends(samples, runs, grid, first), process_noise)
@@ -313,76 +297,6 @@ def _at_ends(
     return np.array(
         [[np.interp(time[r], samples.time[own], x) for x in path[own].T] for r, own in enumerate(runs)]
     ).transpose(0, 2, 1)
-
-
-def _smoothest(
-    rate: ForcedRate, grid: Grid, observed: Observed, outputs: tuple[int, ...], end: np.ndarray, own: float,
-    E: np.ndarray, first: np.ndarray, process_noise: bool,
-) -> tuple[Float[np.ndarray, "n_segment n_end n_state"], float, float]:  # fmt: skip
-    """Ends of the smoothed path at the likeliest intensity of the unknown force, that, and what it gains.
-
-    Args:
-        rate: Of all states.
-        grid: Nodes.
-        observed: Samples.
-        outputs: Indices of the measured states.
-        end: Segment and end of the step of each sample.
-        own: Intensity of a force as large as the path's own.
-        E: Rates of the states by each unknown force.
-        first: A path to begin with, NaN where there is none.
-        process_noise: Whether that may be more than the least.
-    """
-    ends = first
-    if not np.all(np.isfinite(first)):
-        ends = filtered(rate, grid, observed, outputs, E, own * MIDDLING, rate.args)
-    ratio, gained = own * MIDDLING, 0.0
-    for turn in range((PASSES if process_noise else UNFORCED_PASSES) + 1):
-        near = segments_of(rate, grid, ends, outputs, end)
-        steps = steps_along(grid.time, ends, near.response, near.departure(rate.rates), E)
-        if turn == 1 and not process_noise:
-            ratio = own * float(RATIOS[0])
-        elif turn == 1:
-            logs = [smooth(steps, observed, outputs, own * r).log_likelihood for r in RATIOS]
-            if np.any(np.isfinite(logs)):
-                ratio = own * float(RATIOS[int(np.nanargmax(logs))])
-                # It was looked for at so many intensities.
-                gained = float(np.nanmax(logs) - np.nan_to_num(logs[0], nan=-np.inf)) - math.log(len(RATIOS))
-        stronger = own * RATIOS[own * RATIOS > ratio] if process_noise else ()
-        paths = (smooth(steps, observed, outputs, each).ends for each in (ratio, *stronger))
-        ends = _inside(rate, grid, ends, paths)
-    if not np.all(np.isfinite(ends)):
-        raise InputError(LOST)
-    return ends, ratio, gained
-
-
-def _inside(
-    rate: ForcedRate, grid: Grid, before: np.ndarray, paths: Iterable[np.ndarray]
-) -> Float[np.ndarray, "n_segment n_end n_state"]:
-    """The first of the paths after a pass that the equations are defined on.
-
-    Where there is none, of each segment as much of the way to the first one as they are defined on. One that stays is
-    a beginning: near what is found along it the next path is better.
-    """
-    tried = []
-    for path in paths:
-        tried.append(path)
-        if np.all(_defined(rate, grid, path)):
-            return path
-    after, path, out = tried[0], tried[0].copy(), np.ones(len(before), bool)
-    for part in PARTS:
-        path[out] = before[out] + part * (after[out] - before[out]) if part else before[out]
-        out = ~_defined(rate, grid, path)
-        if not np.any(out):
-            return path
-    return after
-
-
-def _defined(rate: ForcedRate, grid: Grid, ends: np.ndarray) -> Bool[np.ndarray, " n_segment"]:
-    """Whether a path has rates at the ends and the middles of its steps, segment by segment."""
-    rates = rate.rates(np.concatenate([grid.time[:, ::2, None], ends, grid.inputs[:, ::2]], axis=-1))
-    path, _ = hermite(grid.time, ends, rates)
-    whole = rate.rates(np.concatenate([grid.time[..., None], path, grid.inputs], axis=-1))
-    return np.all(np.isfinite(whole), axis=(1, 2))
 
 
 def _steps_needed(rate: ForcedRate, samples: Trajectories, path: np.ndarray, s: np.ndarray) -> int:
