@@ -17,6 +17,7 @@ from .answer.contradictions import contradictions, noise_as_force, with_noisy_st
 from .answer.doubt import Doubt
 from .answer.equation_study import EquationStudy
 from .answer.finding import Finding, decide
+from .answer.linearity import check_linearity
 from .answer.motion import MotionCheck
 from .answer.where import GapField, gap_map, gap_trace, where_table
 from .evidence.odds import Odds
@@ -94,7 +95,8 @@ def study_equation(
     trace = gap_trace(aligned.data, before, after, threshold, unit)
     drawn = gap_map(aligned.data, before, after, statistics.variables[:2], threshold, unit)
     where = where_table(aligned.data, statistics.variables, trace)
-    return EquationStudy(aligned, finding, (*checks, *motion), coefficients, amendment, drawn, trace, where)
+    checks = (*checks, *motion, *check_linearity(amendment))
+    return EquationStudy(aligned, finding, checks, coefficients, amendment, drawn, trace, where)
 
 
 def _weighed(

@@ -58,7 +58,8 @@ class StudyResult:
         memory: Probability that what has no name depends on what a channel did before, by (equation, memory).
         instrument: Suspects about the measurement: equation, suspect, channel, probability, mean, sd, lower, upper,
             unit, samples (of a delay), lower_samples, upper_samples, status ("in the model" or ""), text.
-        checks: Checks of the explanation that was settled on, by (equation, check): p, ok, text.
+        checks: Checks of the explanation that was settled on, by (equation, check): p (NaN of linearity),
+            khat (of linearity alone), ok, text.
         against: What speaks against the verdict, in words.
         warnings: What the filter that computed the rates makes of them, with figures.
         corrections: The simulation's own coefficients by (equation, term).

@@ -39,10 +39,11 @@ FINE = {
     "whiteness": "residuals are white ({})",
     "LOO-PIT": "the noise has the shape that the model gives it (LOO-PIT, {})",
     "motion": "the samples move as is said of their rate ({})",
+    "linearity": "samples are linear enough in what was found, within its posterior ({})",
 }
-"""What a check that is passed says, by the first word of its name, with its p-value."""
+"""What a check that is passed says, by the first word of its name, with its p-value or k-hat."""
 
-TOPICS = {"motion": "Motion"}
+TOPICS = {"motion": "Motion", "linearity": "Linear rows"}
 """What a check looks at, by the first word of its name, where that is not the residuals."""
 
 
@@ -84,7 +85,7 @@ def _said(doubt: Doubt) -> Doubt:
 def _checks(study: StudyResult, equation: str) -> Iterator[Doubt]:
     table = rows_of(study.checks, equation)
     for name, row in zip(table.index, table.to_dict("records"), strict=True):
-        p = p_text(row["p"])
+        p = p_text(row["p"]) if math.isnan(row["khat"]) else f"k-hat {number(float(row['khat']), 2)}"
         kind, _, state = name.partition(" of ")
         topic = f"{TOPICS[kind]} of {state}" if kind in TOPICS else "Residuals"
         yield Doubt(topic, FINE[kind].format(p) if row["ok"] else f"{row['text']} ({name}, {p})", not row["ok"])

@@ -7,6 +7,7 @@ from typing import Any
 import pandas as pd
 
 from bayes_greybox.criticism.convergence import convergence
+from bayes_greybox.criticism.linearity import Linearity, linearity
 from bayes_greybox.inference.posterior import Posterior, remembered
 
 from .loo_pit import LooPit, loo_pit
@@ -24,8 +25,9 @@ class Checks:
         ok: Whether every check passed.
         reasons: What failed, one sentence each with what to try, and last the noise that the residuals speak for, where
             LOO-PIT or whiteness failed; empty if `ok`.
-        table: Indexed by (equation, check): ok, value (a p-value, or the largest sensitivity to the prior), limit
-            (the level, or the threshold) and reason.
+        table: Indexed by (equation, check): ok, value (a p-value, the largest sensitivity to the prior, or k̂ of the
+            exact paths where rows are linear near a model, NaN where that is not known), limit (the level, or the
+            threshold) and reason.
         loo_pit: LOO-PIT by equation.
         whiteness: Autocorrelation of the residuals by equation.
         sensitivity: Power-scaling sensitivity by (equation, quantity).
@@ -73,6 +75,10 @@ def checks(posterior: Posterior) -> Checks:
         own = scaled.loc[[key for key in scaled.index if key[0] == name]]
         worst = float(own["prior"].max()) if len(own) else 0.0
         reason = " ".join(_prior_reasons(name, own))
+        if posterior.equations[name].rows.exact is not None:
+            bent = linearity(posterior, name)
+            reason = "" if bent.ok else _bent_reason(name, bent)
+            rows[(name, "linearity")] = {"ok": bent.ok, "value": bent.khat, "limit": bent.limit, "reason": reason}
         rows[(name, "prior sensitivity")] = {"ok": not reason, "value": worst, "limit": THRESHOLD, "reason": reason}
     index = pd.MultiIndex.from_tuples(list(rows), names=["equation", "check"])
     table = pd.DataFrame(list(rows.values()), index=index)
@@ -121,6 +127,14 @@ def _white_reason(white: Whiteness) -> str:
     return (
         f"The residuals of {white.equation!r} are not as independent as the noise model says (p = {white.p:.2g}; "
         f"{where}): {hint}."
+    )
+
+
+def _bent_reason(equation: str, found: Linearity) -> str:
+    return (
+        f"The samples of {equation!r} are not linear in what was learned within its posterior: {found.elsewhere:.0%} "
+        f"of the exact posterior lies elsewhere (k-hat {found.khat:.2g}). More or better samples, a stated prior for "
+        "a coefficient that is poorly known, or a smaller dictionary narrow the posterior."
     )
 
 

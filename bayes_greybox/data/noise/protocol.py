@@ -123,6 +123,27 @@ class RowNoise(ABC):
         """Residuals less what unknown starts of the runs explain of them; rows of rates have no starts."""
         return rows
 
+    def starts_given(
+        self, rows: Float[np.ndarray, "n_obs k"], white: Float[np.ndarray, "n_start k"]
+    ) -> tuple[Float[np.ndarray, "n_start k"], Float[np.ndarray, "n_obs k"]]:
+        """Draws of the unknown starts of runs given residuals, and the residuals less what they explain, all over σ.
+
+        Args:
+            rows: Residuals.
+            white: Standard normal numbers.
+        """
+        return white, rows
+
+    @property
+    def n_start(self) -> int:
+        """Unknown starts; rows of rates have none."""
+        return 0
+
+    @property
+    def moved(self) -> bool:
+        """Whether an unknown force moves the path that rows are of."""
+        return self.sensors is not self.error
+
     @property
     def error(self) -> "RowNoise":
         """The noise of the rows alone, without what unknown starts of the runs allow."""

@@ -88,6 +88,22 @@ class StartsNoise(RowNoise):
         return rows - self.starts @ (Vt.T @ ((s / (1 + s**2))[:, None] * (U.T @ self.inner.whiten(rows))))
 
     @property
+    def n_start(self) -> int:
+        """Columns of B."""
+        return self.starts.shape[1]
+
+    def starts_given(
+        self, rows: Float[np.ndarray, "n_obs k"], white: Float[np.ndarray, "n_start k"]
+    ) -> tuple[Float[np.ndarray, "n_start k"], Float[np.ndarray, "n_obs k"]]:
+        """Draws b ~ N(V s/(1 + s²) Uᵀ W₀ r, V (1 + s²)⁻¹ Vᵀ), and r − B b."""
+        U, s, Vt = self._known
+        within = (s / (1 + s**2))[:, None] * (U.T @ self.inner.whiten(rows))
+        # Where there are fewer rows than starts, the prior says the rest.
+        own = Vt @ white
+        b = Vt.T @ (within + own / np.sqrt(1 + s**2)[:, None]) + white - Vt.T @ own
+        return b, rows - self.starts @ b
+
+    @property
     def error(self) -> RowNoise:
         """R₀."""
         return self.inner

@@ -46,6 +46,11 @@ class Check:
     text: str
 
     @property
+    def khat(self) -> float:
+        """It is a p-value that says it."""
+        return math.nan
+
+    @property
     def ok(self) -> bool:
         """Whether it does not speak against the verdict."""
         return self.p >= LEVEL

@@ -125,10 +125,19 @@ class EquationStudy:
     def check_table(self) -> pd.DataFrame:
         """Checks of the explanation that the study settled on."""
         rows = [
-            {"equation": self.statistics.equation, "check": c.name, "p": c.p, "ok": c.ok, "text": c.text}
+            {
+                "equation": self.statistics.equation,
+                "check": c.name,
+                "p": c.p,
+                "khat": c.khat,
+                "ok": c.ok,
+                "text": c.text,
+            }
             for c in self.checks
         ]
-        return pd.DataFrame(rows, columns=["equation", "check", "p", "ok", "text"]).set_index(["equation", "check"])
+        return pd.DataFrame(rows, columns=["equation", "check", "p", "khat", "ok", "text"]).set_index(
+            ["equation", "check"]
+        )
 
     def corrections(self, data: Trajectories) -> pd.DataFrame:
         """Changes of the simulation's own coefficients."""

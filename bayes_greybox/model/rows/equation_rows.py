@@ -96,6 +96,14 @@ class Unfollowed(NamedTuple):
     intensity: float
 
 
+ExactRows = Callable[
+    [Callable[[Columns, int], Float[np.ndarray, "n n_learned"]], Float[np.ndarray, "n_draw n_start"]],
+    Float[np.ndarray, "n_draw n_row"],
+]
+"""From what draws add to the rates of the learned states, by columns and the draw's number, and their starts, in units
+of the rows' σ times those of `RowNoise.starts_given`, to rows without noise; user's units."""
+
+
 @dataclass(frozen=True, eq=False)
 class EquationRows:
     """The rows of one equation, y = V(Φθ + f) + ε, ε ~ N(0, σ² R), in user's units.
@@ -114,6 +122,7 @@ class EquationRows:
         gain: What a sensor's unit was divided by to have the rows in the unit of the rate; 1 where they are rates.
         unfollowed: What the model does not follow of the path that the rows are taken at.
         learned: V of each learned state; empty where rows are of one alone.
+        exact: Rows as they would be if they were not linear near a model, `ExactRows`; None where rows are linear.
     """
 
     equation: str
@@ -127,6 +136,7 @@ class EquationRows:
     gain: float = 1.0
     unfollowed: Unfollowed | None = None
     learned: Mapping[str, "Acting"] = field(default_factory=dict)
+    exact: "ExactRows | None" = None
 
     @property
     def n_row(self) -> int:

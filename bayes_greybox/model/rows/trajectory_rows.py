@@ -31,7 +31,8 @@ from bayes_greybox.physics.simulation import Simulation
 from bayes_greybox.physics.terms import Term
 
 from .equation_rows import EquationRows, block_name
-from .forced_rate import Force
+from .exact_path import exact_samples
+from .forced_rate import Force, ForcedRate
 from .reference_path import ReferencePath, follow_samples
 from .row_kind import RowKind
 
@@ -165,6 +166,12 @@ class TrajectoryRows(RowKind):
             gain=path.gain,
             unfollowed=path.unfollowed,
             learned=path.acting(),
+            exact=lambda added, starts: (
+                exact_samples(
+                    path, ForcedRate(simulation, path.segments.driven, ()), added, starts * path.gain / typical
+                )
+                / path.gain
+            ),
         )
 
     def path(self, data: Trajectories, equations: tuple[str, ...], simulation: Simulation) -> ReferencePath:

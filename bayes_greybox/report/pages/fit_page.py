@@ -1,6 +1,7 @@
 """The page of one fit: verdict, coefficients, what the discrepancy holds, predictions, settings."""
 
 import json
+import math
 import os
 from typing import Any
 
@@ -50,6 +51,7 @@ CLEAR = 0.5
 _CHECKS = {
     "LOO-PIT": "Leave-one-out predictions are as wide as they say",
     "whiteness": "Residuals are independent, as the noise model says",
+    "linearity": "Samples are linear enough in what was learned",
     "prior sensitivity": "The data decide, not the prior",
 }
 
@@ -244,8 +246,8 @@ def _checks(fit: Posterior) -> Section:
         (
             _CHECKS[str(check)],
             _rate(fit, str(name)),
-            "passed" if row["ok"] else "look at this",
-            number(row["value"], 2),
+            "not known" if math.isnan(row["value"]) else "passed" if row["ok"] else "look at this",
+            "" if math.isnan(row["value"]) else number(row["value"], 2),
             number(row["limit"], 2),
         )
         for (name, check), row in zip(found.table.index, found.table.to_dict("records"), strict=True)

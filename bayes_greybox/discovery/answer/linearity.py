@@ -1,0 +1,63 @@
+"""Whether rows that are linear near an answer serve it: exact paths of its posterior draws, as importance weights."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from bayes_greybox.criticism.linearity import Linearity, draws_followed, linearity_of_paths
+from bayes_greybox.model.rows.equation_rows import Columns
+
+from .adequacy import Check
+from .amendment import Amendment
+
+LINEARITY = "linearity"
+
+
+@dataclass(frozen=True)
+class LinearityCheck(Check):
+    """Check of linear rows; it has no p-value.
+
+    Attributes:
+        found: How far the exact posterior is.
+    """
+
+    found: Linearity
+
+    @property
+    def khat(self) -> float:
+        """k̂ of the weights of exact paths."""
+        return self.found.khat
+
+    @property
+    def ok(self) -> bool:
+        """Whether the exact posterior is near the linear one."""
+        return self.found.ok
+
+
+def check_linearity(amendment: Amendment) -> list[LinearityCheck]:
+    """Exact paths at draws of the model after; nothing where rows are linear, or where it is not known.
+
+    Args:
+        amendment: What was added, with draws of its coefficients and of the sensors' errors.
+    """
+    statistics, after = amendment.statistics, amendment.after
+    rows = statistics.rows
+    if rows.exact is None or rows.noise.moved:
+        return []
+    n_draw = draws_followed(rows)
+    terms, coefficients, weights = amendment.added(0, n_draw)
+    pick = np.linspace(0, len(after.draws) - 1, n_draw).astype(int)
+    errors = after.suspect_draws[pick] @ statistics.at_rows(after.suspects).T if after.suspects else 0.0
+
+    def added(columns: Columns, draw: int) -> np.ndarray:
+        inside = np.flatnonzero(coefficients[draw])
+        rate = sum((coefficients[draw, k] * np.asarray(terms[k].evaluate(columns)) for k in inside), np.zeros(()))
+        if weights.shape[1]:
+            rate = rate + np.asarray(amendment.features(columns)) @ weights[draw]
+        return np.broadcast_to(rate, np.shape(next(iter(columns.values()))))[:, None]
+
+    scale = statistics.target_scale
+    found = linearity_of_paths(rows, added, scale * after.sigma[pick], scale * errors)
+    text = "" if found.ok else f"{found.elsewhere:.0%} of the exact posterior lies elsewhere than that of linear rows"
+    return [LinearityCheck(LINEARITY, math.nan, text, found)]
