@@ -94,14 +94,22 @@ def smooth(steps: Steps, observed: Observed, outputs: tuple[int, ...], ratio: fl
         outputs: Indices of the states that are sampled.
         ratio: λ.
     """
-    n_step, n_state = steps.M.shape[1:3]
-    more = power_of_two(n_step) - n_step
-    still = np.broadcast_to(np.eye(n_state), (len(steps.M), more, n_state, n_state))
-    M = np.concatenate([steps.M, still], axis=1)
-    c, B, length = (np.pad(np.asarray(x), ((0, 0), (0, more), *((0, 0),) * (x.ndim - 2))) for x in steps[1:])
-    values = np.pad(np.asarray(observed.values), ((0, 0), (0, more), (0, 0)), constant_values=np.nan)
-    ends, log_likelihood = _smooth(Steps(M, c, B, length), observed._replace(values=values), outputs, ratio)
-    return Smoothed(np.asarray(ends)[:, : n_step + 1], float(log_likelihood))
+    ends, log_likelihood = _smooth(*_padded(steps, observed), outputs, ratio)
+    return Smoothed(np.asarray(ends)[:, : steps.M.shape[1] + 1], float(log_likelihood))
+
+
+def log_likelihoods(
+    steps: Steps, observed: Observed, outputs: tuple[int, ...], ratios: Float[np.ndarray, " n"]
+) -> Float[np.ndarray, " n"]:
+    """Those of several λ, in one run of their filters.
+
+    Args:
+        steps: Of the path.
+        observed: Samples.
+        outputs: Indices of the states that are sampled.
+        ratios: λ.
+    """
+    return np.asarray(_log_likelihoods(*_padded(steps, observed), outputs, ratios))
 
 
 def filtered(
@@ -123,6 +131,17 @@ def filtered(
     """
     pieces = triples(grid.time), triples(grid.inputs)
     return np.asarray(_filtered(rate, pieces, observed, outputs, E, ratio, args))
+
+
+def _padded(steps: Steps, observed: Observed) -> tuple[Steps, Observed]:
+    """With steps of no length behind them, up to a power of two."""
+    n_step, n_state = steps.M.shape[1:3]
+    more = power_of_two(n_step) - n_step
+    still = np.broadcast_to(np.eye(n_state), (len(steps.M), more, n_state, n_state))
+    M = np.concatenate([steps.M, still], axis=1)
+    c, B, length = (np.pad(np.asarray(x), ((0, 0), (0, more), *((0, 0),) * (x.ndim - 2))) for x in steps[1:])
+    values = np.pad(np.asarray(observed.values), ((0, 0), (0, more), (0, 0)), constant_values=np.nan)
+    return Steps(M, c, B, length), observed._replace(values=values)
 
 
 @partial(jax.jit, static_argnums=(0, 3))
@@ -193,6 +212,12 @@ def _smooth(steps: Steps, observed: Observed, outputs: tuple[int, ...], ratio: A
     n = jnp.sum(counts)
     sigma2 = jnp.sum(squares) / n
     return ends, -0.5 * (n * jnp.log(sigma2) + jnp.sum(log_dets))
+
+
+@partial(jax.jit, static_argnums=2)
+def _log_likelihoods(steps: Steps, observed: Observed, outputs: tuple[int, ...], ratios: Array) -> Array:
+    # The compiler drops the way back, which likelihoods do without.
+    return jax.vmap(lambda ratio: _smooth(steps, observed, outputs, ratio)[1])(ratios)
 
 
 def _step(

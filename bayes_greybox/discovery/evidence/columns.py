@@ -65,13 +65,13 @@ def nodes(
     if not effect.effect.inner:
         return [(effect.term(), {"effect": effect})]
     (inner,) = effect.effect.inner
-    size = float(np.max(np.abs(columns[effect.names[inner.of]])))
-    if size == 0:
+    low, high = limits(effect, columns)
+    if high == 0:
         return []
     if values is None:
-        values = inner.nodes(size)[0]
+        values = inner.nodes(high / inner.high)[0]
     # Trapezoidal weights of the log-uniform prior, so that grids of any spacing can be mixed.
-    position = np.log(np.asarray(values) / (inner.low * size)) / np.log(inner.high / inner.low)
+    position = np.log(np.asarray(values) / low) / np.log(high / low)
     edges = np.clip(np.concatenate([[0.0], (position[1:] + position[:-1]) / 2, [1.0]]), 0.0, 1.0)
     weight = np.maximum(np.diff(edges), 1e-12)
     return [
@@ -81,3 +81,15 @@ def nodes(
         )
         for v, w in zip(values, np.log(weight), strict=True)
     ]
+
+
+def limits(effect: BoundEffect, columns: Mapping[str, np.ndarray]) -> tuple[float, float]:
+    """Least and largest value of an effect's inner parameter, shares of the largest of the column that it is of.
+
+    Args:
+        effect: Effect bound to columns, with an inner parameter.
+        columns: States and inputs.
+    """
+    (inner,) = effect.effect.inner
+    size = float(np.max(np.abs(columns[effect.names[inner.of]])))
+    return inner.low * size, inner.high * size

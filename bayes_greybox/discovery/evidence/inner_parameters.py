@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from .columns import nodes
+from .columns import limits, nodes
 from .evaluations import Evaluations
 
 ZOOMS, ZOOM_NODES = 4, 9
@@ -28,19 +28,21 @@ def refine(evaluations: Evaluations, base: Sequence[int], group: Sequence[int]) 
     if not column.inner or column.effect is None:
         return tuple(found)
     (key,) = column.inner
+    least, most = limits(column.effect, statistics.rows.columns)
     for _ in range(ZOOMS):
         values = np.array([statistics.columns[i].inner[key] for i in found])
         log_z = np.array([v.all for v in evaluations.parametric([(*base, i) for i in found])])
         posterior = np.exp(log_z - np.logaddexp.reduce(log_z))
-        if np.max(posterior) < 0.5:
+        # Of one value alone: what the others do on these data, other columns do as well.
+        if np.max(posterior) < 0.5 or len(values) == 1:
             break
         order = np.argsort(values)
         at = int(np.flatnonzero(order == int(np.argmax(posterior)))[0])
-        low = values[order[max(at - 1, 0)]]
-        high = values[order[min(at + 1, len(order) - 1)]]
+        # The cells of the first and the last value reach to the ends of the prior.
+        low = values[order[at - 1]] if at else least
+        high = values[order[at + 1]] if at + 1 < len(order) else most
         fresh = np.setdiff1d(np.geomspace(low, high, ZOOM_NODES + 2), values)
         if not len(fresh):
-            # One value only: what the others do on these data, other columns do as well.
             break
         # New weights for old and new values together: each is the width of its cell under the prior.
         merged = np.sort(np.concatenate([values, fresh]))

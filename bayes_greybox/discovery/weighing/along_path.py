@@ -5,12 +5,13 @@ the same. An explanation far from that model fits badly in any case; one that fi
 the same samples.
 """
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
@@ -51,6 +52,9 @@ TOLD = 1e-3
 
 STAYS = 0.3
 """Coefficients that move by less than this share of their posterior standard deviation stay."""
+
+LEVEL = 1.0
+"""Nats that the evidence of an effect with an inner parameter may change by where it stays."""
 
 
 @dataclass(frozen=True)
@@ -124,12 +128,17 @@ def follow(
         # Far from the right model the rows are not quite linear, which looks like a sensor that is a little off:
         # sensors are suspected once a path nearer by shows nothing else.
         noise = worlds(near.base, quantities(near), report, near.noise)[0].model
+        turns = []
         for _ in range(TURNS):
             before = near
             report("following it with what was found")
             near = _near(model, train, equation, effects, odds, most, before.added, suspected, noise)
-            if near.names == before.names and np.all(np.abs(near.values - before.values) <= STAYS * near.sd):
+            turns.append(near)
+            if near.stays(before):
                 break
+        else:
+            # Two explanations may lead to each other by turns.
+            near = max(turns, key=lambda each: each.log_evidence)
     used = np.ones(near.data.n_obs, bool)
     bare = modelled_rate(near.model, near.data, equation, ())
     # Errors of inputs are forces along the path as it came, and none along that of right inputs.
@@ -143,7 +152,9 @@ class Near(NamedTuple):
     """Explanations on rows near one model, and the likeliest one's coefficients in user's units.
 
     `base` are sets under the noise that rows come with; `noise` is the one that the likeliest was found under; `found`
-    are terms beside the simulation, `errors` the forces along the path that errors of inputs are.
+    are terms beside the simulation, `errors` the forces along the path that errors of inputs are. `log_evidence` is
+    that of the likeliest, of the samples in user's units, so that paths can be compared. `names` are without values of
+    inner parameters; `bent` are columns that have one.
     """
 
     model: Program
@@ -154,8 +165,21 @@ class Near(NamedTuple):
     names: tuple[str, ...]
     values: Float[np.ndarray, " n_column"]
     sd: Float[np.ndarray, " n_column"]
+    bent: Bool[np.ndarray, " n_column"]
     found: tuple[tuple[Term, float], ...]
     errors: tuple[tuple[Term, float], ...]
+    log_evidence: float
+
+    def stays(self, before: "Near") -> bool:
+        """Whether the likeliest explanation is the one before, up to what its coefficients are known to.
+
+        A coefficient beside an inner parameter goes with its value on a grid: there the evidence says whether it stays.
+        """
+        if self.names != before.names:
+            return False
+        stay = np.abs(self.values - before.values) <= STAYS * self.sd
+        level = abs(self.log_evidence - before.log_evidence) <= LEVEL
+        return bool(np.all(stay | self.bent)) and (level or not np.any(self.bent))
 
     @property
     def added(self) -> tuple[tuple[Term, float], ...]:
@@ -194,16 +218,35 @@ def _near(
         tried = [replace(noise, noise=noise.noise.onto(own))]
     each = [(under(base, known) if known.names else base, known) for known in tried]
     sets, noise = max(each, key=lambda pair: _log_evidence(*pair))
-    core, evaluations = sets.likeliest(), sets.evaluations
-    fitted = sets.parametric(core)
-    mean, covariance = coefficients(*one_pattern(fitted, int(np.argmax(fitted.by_pattern))))
-    columns = [evaluations.statistics.columns[i] for i in evaluations.indices(core)]
-    unit = np.array([statistics.target_scale / column.scale for column in columns])
-    values, sd = unit * mean, unit * np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    names = tuple(c.formula.text if c.suspect is None else c.suspect.key for c in columns)
-    found = tuple((c.term, float(v)) for c, v in zip(columns, values, strict=True) if c.term is not None and v != 0)
+    unit = statistics.target_scale * statistics.rows.gain
+    log_evidence = _log_evidence(sets, noise) - statistics.rows.n_row * math.log(unit)
+    columns, values, sd = _estimate(sets, sets.likeliest())
+    names, bent = tuple(map(_named, columns)), np.array([bool(c.inner) for c in columns])
+    found = _terms(columns, values)
     errors = _errors(columns, values, found, simulation, data, equation)
-    return Near(near, data, base, noise, rate, names, values, sd, found, tuple(errors))
+    return Near(near, data, base, noise, rate, names, values, sd, bent, found, tuple(errors), log_evidence)
+
+
+def _estimate(
+    sets: Sets, core: Sequence[int]
+) -> tuple[list[Column], Float[np.ndarray, " n_column"], Float[np.ndarray, " n_column"]]:
+    """Columns of a set with the simulation's own, their posterior means and standard deviations; user's units."""
+    statistics, fitted = sets.statistics, sets.parametric(core)
+    mean, covariance = coefficients(*one_pattern(fitted, int(np.argmax(fitted.by_pattern))))
+    columns = [statistics.columns[i] for i in sets.evaluations.indices(core)]
+    unit = np.array([statistics.target_scale / column.scale for column in columns])
+    return columns, unit * mean, unit * np.sqrt(np.maximum(np.diag(covariance), 0.0))
+
+
+def _named(column: Column) -> str:
+    if column.suspect is not None:
+        return column.suspect.key
+    return column.formula.text if column.effect is None else column.effect.text()
+
+
+def _terms(columns: Sequence[Column], values: Float[np.ndarray, " n_column"]) -> tuple[tuple[Term, float], ...]:
+    """Terms that act along the path, with their coefficients."""
+    return tuple((c.term, float(v)) for c, v in zip(columns, values, strict=True) if c.term is not None and v != 0)
 
 
 def _errors(

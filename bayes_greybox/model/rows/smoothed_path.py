@@ -8,7 +8,7 @@ from jaxtyping import Bool, Float
 
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.physics.sensitivity import Grid, hermite
-from bayes_greybox.physics.smoothing import PARTS, Observed, filtered, smooth, steps_along
+from bayes_greybox.physics.smoothing import PARTS, Observed, filtered, log_likelihoods, smooth, steps_along
 
 from .forced_rate import ForcedRate
 from .path_segments import segments_of
@@ -58,7 +58,7 @@ def smoothest(
         if turn == 1 and not process_noise:
             ratio = own * float(RATIOS[0])
         elif turn == 1:
-            logs = [smooth(steps, observed, outputs, own * r).log_likelihood for r in RATIOS]
+            logs = log_likelihoods(steps, observed, outputs, own * RATIOS)
             if np.any(np.isfinite(logs)):
                 ratio = own * float(RATIOS[int(np.nanargmax(logs))])
                 # It was looked for at so many intensities.

@@ -4,7 +4,7 @@ from itertools import chain, combinations, product
 
 import numpy as np
 import pytest
-from tiny_equation import CUBE, DEAD_ZONE, SQUARE, on, tiny_evaluations, tiny_model
+from tiny_equation import CUBE, DEAD_ZONE, SQUARE, on, tiny_data, tiny_evaluations, tiny_model
 
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.evidence.columns import nodes
@@ -319,9 +319,9 @@ def test_a_process_in_time_leaves_no_explanation_without_it():
 # The grid over an inner parameter, on rows of a dead zone
 
 
-def dead(noise):
-    """Rows with a dead zone of 0.43, sought among others in that shape only."""
-    return tiny_evaluations([DEAD_ZONE], lambda x: -np.sign(x) * np.maximum(np.abs(x) - 0.43, 0), noise)
+def dead(noise, gap=0.43):
+    """Rows with a dead zone, sought among others in that shape only."""
+    return tiny_evaluations([DEAD_ZONE], lambda x: -np.sign(x) * np.maximum(np.abs(x) - gap, 0), noise)
 
 
 def values(known):
@@ -360,6 +360,16 @@ def test_the_grid_is_refined_around_the_value_of_the_data_until_its_posterior_sp
     assert np.sort(values(known))[np.argmin(gaps)] == pytest.approx(0.43, abs=0.03)
     assert list(found) == known.statistics.of_kind("effect") and set(old) <= set(values(known))
     assert len(old) < len(found) <= len(old) + ZOOMS * ZOOM_NODES
+
+
+@pytest.mark.parametrize("share", [0.104, 0.88])
+def test_values_in_the_first_and_the_last_cell_are_reached_too(share):
+    limit = share * float(np.max(np.abs(tiny_data().states["x"])))
+    known = dead(noise=0.0005, gap=limit)
+    assert not min(values(known)) < limit < max(values(known))
+    refined(known)
+    assert min(abs(np.array(values(known)) / limit - 1)) < 0.01
+    assert posterior(known) @ values(known) == pytest.approx(limit, rel=0.01)
 
 
 @pytest.mark.parametrize(("noise", "expected"), [(0.3, True), (0.4, True), (1.0, False)])
