@@ -87,7 +87,7 @@ def _checks(study: StudyResult, equation: str) -> Iterator[Doubt]:
     for name, row in zip(table.index, table.to_dict("records"), strict=True):
         p = p_text(row["p"]) if math.isnan(row["khat"]) else f"k-hat {number(float(row['khat']), 2)}"
         kind, _, state = name.partition(" of ")
-        topic = f"{TOPICS[kind]} of {state}" if kind in TOPICS else "Residuals"
+        topic = f"{TOPICS[kind]}{f' of {state}' if state else ''}" if kind in TOPICS else "Residuals"
         yield Doubt(topic, FINE[kind].format(p) if row["ok"] else f"{row['text']} ({name}, {p})", not row["ok"])
     if not any(name in FINE for name in table.index):
         why = (

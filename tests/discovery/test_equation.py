@@ -198,8 +198,12 @@ def test_probabilities_of_hypotheses_add_up_to_one(given):
 def test_checks_are_listed_with_what_they_say(known):
     checks = [Check("whiteness", 1e-5, "residuals hang together over 0.4 s"), Check("LOO-PIT", 0.3, "")]
     table = studied(known, FIRST, checks=checks).check_table()
-    assert table.loc[("x", "whiteness")].tolist() == [1e-5, False, "residuals hang together over 0.4 s"]
-    assert table.loc[("x", "LOO-PIT"), "ok"]
+    assert table.loc[("x", "whiteness"), ["p", "ok", "text"]].tolist() == [
+        1e-5,
+        False,
+        "residuals hang together over 0.4 s",
+    ]
+    assert table.loc[("x", "LOO-PIT"), "ok"] and table["khat"].isna().all()
     assert studied(known, FIRST).check_table().empty
 
 

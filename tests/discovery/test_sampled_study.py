@@ -7,6 +7,7 @@ import pytest
 from sampled_oscillator import SIMULATION, sampled
 
 import bayes_greybox as bg
+from bayes_greybox.report.doubts import doubts
 
 CUBIC = {"hidden": lambda y, v: -0.5 * y**3}
 
@@ -27,6 +28,13 @@ def test_a_missing_effect_is_named_with_its_coefficient(cubic):
     row = cubic.effects.iloc[0]
     assert row["slug"] == "cubic-stiffness" and row["probability"] > 0.95
     assert abs(row["mean"] + 0.5) < 3 * row["sd"] < 0.1
+
+
+def test_exact_paths_at_its_posterior_are_those_of_the_linear_rows(cubic):
+    row = cubic.checks.loc[("v", "linearity")]
+    assert row["ok"] and np.isnan(row["p"]) and row["khat"] < 0.7
+    (doubt,) = [each for each in doubts(cubic) if each.topic == "Linear rows"]
+    assert doubt.against is False and "k-hat" in doubt.text
 
 
 def test_the_gap_is_shown_closed_on_held_out_samples(cubic):

@@ -1,11 +1,12 @@
 """The sufficient statistics that every hypothesis about one equation is judged on; effects add columns to them."""
 
 import math
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.noise.protocol import RowNoise
@@ -18,12 +19,7 @@ from bayes_greybox.model.rows.equation_rows import EquationRows
 from bayes_greybox.physics.terms import Term
 
 from .columns import Column
-
-CHUNK = 16_384
-"""Rows evaluated at once."""
-
-KEPT = 3e7
-"""Numbers up to which the evaluated rows stay in memory; beyond, new columns cost another pass over the data."""
+from .row_tables import table_of
 
 FREE_SCALE = 10.0
 """Prior standard deviation of the coefficients of the user's own dictionary, scaled units: hardly a prior at all."""
@@ -59,9 +55,9 @@ class SufficientStatistics:
         columns: Terms; free ones first, then corrections, then effects.
         left_out: Effects that cannot be told from the model's own terms, or cannot be evaluated, with the reason.
         twins: Suspects left out because another column is the same, with its name.
+        shared: What the same rows have in common under any noise.
         square: yᵀR⁻¹y; with `n_obs`, `noise` what the evidence needs beside the products.
-        products: XᵀR⁻¹X of the columns; `with_target` XᵀR⁻¹y; `with_features` XᵀR⁻¹ψ.
-        features, features_target: ψᵀR⁻¹ψ and ψᵀR⁻¹y.
+        products: XᵀR⁻¹X of the columns; `with_target` XᵀR⁻¹y.
     """
 
     rows: EquationRows
@@ -74,22 +70,28 @@ class SufficientStatistics:
     columns: list[Column] = field(default_factory=list)
     left_out: dict[str, str] = field(default_factory=dict)
     twins: dict[str, str] = field(default_factory=dict)
+    shared: dict[int, np.ndarray] = field(default_factory=dict, repr=False)
 
     def __post_init__(self) -> None:
         p, m = 0, self.basis.size
-        self.products, self.with_target, self.with_features = np.zeros((p, p)), np.zeros(p), np.zeros((p, m))
-        self.features, self.features_target, self.square = np.zeros((m, m)), np.zeros(m), 0.0
-        self._kept: list[np.ndarray] | None = None
-        self._known: np.ndarray | None = None
-        blocks = [] if self.rows.n_row * (m + 1) <= KEPT or not self.rows.noise.local else None
-        for block in self._fixed():
-            psi, y = block[:, :-1], block[:, -1]
-            self.features += psi.T @ psi
-            self.features_target += psi.T @ y
-            self.square += float(y @ y)
-            if blocks is not None:
-                blocks.append(block)
-        self._kept = blocks
+        self.products, self.with_target = np.zeros((p, p)), np.zeros(p)
+        self._table = table_of(self.rows, self.evaluate_features, m, self._at_rows, self.shared)
+        self.square = float(self._table.target @ self._table.target)
+
+    @property
+    def with_features(self) -> Float[np.ndarray, "n_column n_basis"]:
+        """XᵀR⁻¹ψ; found when it is asked for, as all that f takes: explanations without f do without."""
+        return self._table.with_features
+
+    @property
+    def features(self) -> Float[np.ndarray, "n_basis n_basis"]:
+        """ψᵀR⁻¹ψ."""
+        return self._table.features[0]
+
+    @property
+    def features_target(self) -> Float[np.ndarray, " n_basis"]:
+        """ψᵀR⁻¹y."""
+        return self._table.features[1]
 
     @property
     def equation(self) -> str:
@@ -147,7 +149,8 @@ class SufficientStatistics:
             kept.append(Column(kind, term, size, sd, **about))
         self.leave_out(refused, kept)
         if kept:
-            self._extend(kept, self.rows.operate(np.column_stack(values)))
+            evaluated = partial(_evaluated, [(each.formula, each.scale) for each in kept])
+            self._extend(kept, self.rows.table(evaluated)(np.arange(self.rows.n_row)))
 
     def suspect(
         self,
@@ -226,31 +229,16 @@ class SufficientStatistics:
 
     def _multiply(self, kept: list[Column], values: np.ndarray) -> None:
         """Extend the products by columns."""
-        new = self.rows.whiten(values)
-        old = self._evaluated()
-        if self._kept is not None:
-            self._known = np.hstack([old, new])
-        cross_y, cross_psi, cross_old = [], [], []
-        start = 0
-        for fixed in self._blocks():
-            part = new[start : start + len(fixed)]
-            cross_psi.append(part.T @ fixed[:, :-1])
-            cross_y.append(part.T @ fixed[:, -1])
-            cross_old.append(part.T @ old[start : start + len(fixed)])
-            start += len(fixed)
-        with_old = sum(cross_old)
-        corner = new.T @ new
-        self.products = np.block([[self.products, np.transpose(with_old)], [with_old, corner]])
-        self.with_target = np.concatenate([self.with_target, sum(cross_y)])
-        self.with_features = np.vstack([self.with_features, sum(cross_psi)])
+        with_old, corner, with_target = self._table.extend(values)
+        self.products = np.block([[self.products, with_old], [with_old.T, corner]])
+        self.with_target = np.concatenate([self.with_target, with_target])
         self.columns += kept
 
     def evaluate(
         self, indices: Sequence[int], columns: Mapping[str, np.ndarray]
     ) -> Float[np.ndarray, "n_row n_column"]:
         """Chosen columns at any samples, scaled; suspects are known at the rows of the equation only."""
-        parts = [np.asarray(self.columns[i].formula.evaluate(columns)) / self.columns[i].scale for i in indices]
-        return np.column_stack(parts) if parts else np.zeros((len(next(iter(columns.values()))), 0))
+        return _evaluated([(self.columns[i].formula, self.columns[i].scale) for i in indices], columns)
 
     def at_rows(self, indices: Sequence[int]) -> Float[np.ndarray, "n_row n_column"]:
         """Chosen columns at the rows of the equation, scaled."""
@@ -258,9 +246,7 @@ class SufficientStatistics:
         formulas = [k for k, i in enumerate(indices) if self.columns[i].values is None]
         if formulas:
             chosen = [indices[k] for k in formulas]
-            found[:, formulas] = self.rows.table(lambda columns: self.evaluate(chosen, columns))(
-                np.arange(self.rows.n_row)
-            )
+            found[:, formulas] = self._table.at_rows(chosen, partial(self.evaluate, chosen))
         for k, i in enumerate(indices):
             if (values := self.columns[i].values) is not None:
                 found[:, k] = values
@@ -309,9 +295,8 @@ class SufficientStatistics:
     def _keep(self, keep: list[int]) -> None:
         self.columns = [self.columns[i] for i in keep]
         self.products = self.products[np.ix_(keep, keep)]
-        self.with_target, self.with_features = self.with_target[keep], self.with_features[keep]
-        if self._known is not None:
-            self._known = self._known[:, keep]
+        self.with_target = self.with_target[keep]
+        self._table.keep(keep)
 
     def leave_out(self, refused: Mapping[str, str], new: Sequence[Column] = ()) -> None:
         """Note effects that no column is left of, by another binding or another value of their inner parameter.
@@ -323,28 +308,18 @@ class SufficientStatistics:
         serving = {column.effect.slug for column in (*self.columns, *new) if column.effect is not None}
         self.left_out |= {slug: why for slug, why in refused.items() if slug not in serving}
 
-    def _evaluated(self) -> np.ndarray:
-        if self._known is not None:
-            return self._known
-        if not self.columns:
-            return np.zeros((self.rows.n_white, 0))
-        return self.rows.whiten(self.at_rows(range(len(self.columns))))
+    def explained(self, weight: Float[np.ndarray, " n_basis"]) -> Float[np.ndarray, " n_row"]:
+        """What features with these weights are at the rows."""
+        return self._table.explained(weight)
 
-    def _blocks(self) -> Iterator[np.ndarray]:
-        return iter(self._kept) if self._kept is not None else self._fixed()
+    def _at_rows(self) -> Float[np.ndarray, "n_row n_column"]:
+        return self.at_rows(range(len(self.columns)))
 
-    def _fixed(self) -> Iterator[np.ndarray]:
-        """[ψ y] in blocks of whitened rows."""
-        y = self.rows.target / self.target_scale
 
-        features = self.rows.table(self.evaluate_features)
-
-        def table(index: Int[np.ndarray, " n"]) -> Float[np.ndarray, "n n_column"]:
-            return np.column_stack([features(index), y[index]])
-
-        white = self.rows.whitened(table)
-        for start in range(0, self.rows.n_white, CHUNK):
-            yield white(np.arange(start, min(start + CHUNK, self.rows.n_white)))
+def _evaluated(chosen: Sequence[tuple[Term, float]], columns: Mapping[str, np.ndarray]) -> Float[np.ndarray, "n k"]:
+    """Terms over their scales."""
+    parts = [np.asarray(term.evaluate(columns)) / scale for term, scale in chosen]
+    return np.column_stack(parts) if parts else np.zeros((len(next(iter(columns.values()))), 0))
 
 
 def _called(column: Column) -> str:

@@ -134,8 +134,7 @@ class World:
         weight = known.evaluator.weights(hypothesis, known.integrated(e.columns).mode)[0]
         G = statistics.products[np.ix_(indices, indices)]
         taken = np.linalg.pinv(G, rcond=1e-12, hermitian=True) @ (statistics.with_features[indices] @ weight)
-        psi = statistics.evaluate_features(statistics.rows.columns)
-        return statistics.rows.operate((psi @ weight)[:, None])[:, 0] - statistics.at_rows(indices) @ taken
+        return statistics.explained(weight) - statistics.at_rows(indices) @ taken
 
 
 def worlds(

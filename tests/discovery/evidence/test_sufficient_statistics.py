@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-import bayes_greybox.discovery.evidence.sufficient_statistics as module
+import bayes_greybox.discovery.evidence.row_tables as tables
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.noise.banded import BandedNoise
 from bayes_greybox.data.noise.spectral import SpectralNoise
@@ -109,11 +109,11 @@ def test_columns_after_one_that_was_left_out_have_their_own_products():
 
 
 @NOISES
-@pytest.mark.parametrize("kept", [module.KEPT, 0])
+@pytest.mark.parametrize("kept", [tables.KEPT, 0])
 def test_rows_in_chunks_kept_or_not_have_the_products_of_all_rows_at_once(noise, kept, monkeypatch):
     whole = empty(some_rows(noise))
-    monkeypatch.setattr(module, "CHUNK", 7)
-    monkeypatch.setattr(module, "KEPT", kept)
+    monkeypatch.setattr(tables, "CHUNK", 7)
+    monkeypatch.setattr(tables, "KEPT", kept)
     chunked = empty(some_rows(noise))
     for found in (whole, chunked):
         found.add("free", terms("x", "u**2"))
@@ -123,10 +123,10 @@ def test_rows_in_chunks_kept_or_not_have_the_products_of_all_rows_at_once(noise,
 
 
 def test_rows_beyond_the_memory_are_not_kept(monkeypatch):
-    monkeypatch.setattr(module, "KEPT", 0)
+    monkeypatch.setattr(tables, "KEPT", 0)
     found = empty(some_rows())
     found.add("free", terms("x"))
-    assert found._kept is None and found._known is None
+    assert isinstance(found._table, tables.Streamed)
 
 
 def test_products_are_as_large_as_the_rows_are_many():
@@ -324,3 +324,18 @@ def test_columns_are_evaluated_anywhere_in_the_scale_of_the_data():
     scale = np.sqrt(np.mean(found.rows.columns["u"] ** 2))
     np.testing.assert_allclose(found.evaluate([1], elsewhere)[:, 0], np.array([5.0, 7.0]) / scale)
     assert found.evaluate([], elsewhere).shape == (2, 0)
+
+
+def test_features_are_evaluated_once_for_all_noises_and_only_where_they_are_asked_for():
+    found, calls = empty(some_rows()), []
+    found.add("free", terms("x"))
+    evaluate = found._table.features_of
+    found._table.features_of = lambda columns: calls.append(1) or evaluate(columns)
+    again = found.with_noise(FILTERED)
+    assert not calls
+    assert found.features.shape == again.features.shape == (4, 4) and len(calls) == 1
+    psi = np.asarray(found.basis(np.column_stack(list(found.rows.columns.values()))))
+    weight = np.arange(4.0)
+    np.testing.assert_allclose(again.explained(weight), psi @ weight)
+    precision = np.linalg.inv(FILTERED.covariance())
+    np.testing.assert_allclose(again.features, psi.T @ precision @ psi, atol=1e-9 * N)
