@@ -177,10 +177,18 @@ def load_cascaded_tanks(clipped: str = "keep") -> dict[str, Trajectories]:
     return out
 
 
-def load_falling_balls() -> BallDrops:
+IMPACT = 3
+"""Frames at the end of a drop that `by_ball` leaves out: the ball hits the ground there."""
+
+
+def load_falling_balls(by_ball: bool = False) -> BallDrops:
     """Falling balls: eleven balls dropped from a bridge, filmed at 15 Hz (de Silva et al. 2020).
 
     Reading the workbook needs openpyxl, which comes with the extra `tables`.
+
+    Args:
+        by_ball: Whether to give what one model of all drops needs: the heights alone, without the last `IMPACT` frames
+            of each drop, and for each ball an input that is one in its drops and zero in all others ("tennis_ball").
 
     Returns:
         The drops and the table of balls; mass and diameter of the volleyball are not known (NaN).
@@ -205,6 +213,23 @@ def load_falling_balls() -> BallDrops:
             heights.append(rows["Height (m)"].to_numpy(dtype=float))
             velocities.append(rows["Velocity (m/s)"].to_numpy(dtype=float))
         drops[str(ball)] = len(set(sheet["Drop #"]))
+    if by_ball:
+        owner = [name.partition(",")[0] for name in names]
+        shown = slice(0, -IMPACT)
+        data = Trajectories.from_arrays(
+            [time[shown] for time in times],
+            states={"y": [height[shown] for height in heights]},
+            inputs={
+                ball.lower().replace(" ", "_"): [
+                    np.full(len(time[shown]), float(ball == own)) for time, own in zip(times, owner, strict=True)
+                ]
+                for ball in drops
+            },
+            units={"y": "m", "t": "s"},
+            run_names=names,
+            constant="keep",
+        )
+        return BallDrops(data, _ball_table(drops))
     data = Trajectories.from_arrays(
         times,
         states={"y": heights, "v": velocities},
@@ -258,7 +283,7 @@ _SETS = {
             "falling_balls/Ball_drops_data.xlsx": ("942b2d68abfff3828ca323de491435d4ec27c3a22e62cee0cbdf52c2e8d1c0ed"),
             "falling_balls/balls.txt": "7cc282a6559ef636ce30cad53aae5bf825ce6200a94dd54f668af9797c584585",
         },
-        (),
+        ("by_ball",),
         "quadratic drag",
         "de Silva et al. 2020, Frontiers in Artificial Intelligence",
         "MIT",

@@ -64,3 +64,34 @@ def test_a_light_ball_shows_its_drag(ball, capsys):
 def test_a_heavy_ball_gets_no_confident_name(ball, capsys):
     found = study(ball, capsys)
     assert found.verdict in ("no gap", "unknown", "recalibrate") or found.effects["probability"].max() < 0.9
+
+
+def test_all_drops_at_once_from_their_heights(capsys):
+    """One model of 22 drops, a coefficient for each ball, from the heights alone: the films' stamps as they are."""
+    data = bg.load_dataset("falling_balls", by_ball=True).data
+
+    def fit(shape: str, **noise: str) -> bg.Fit:
+        model = bg.GreyBox(
+            {"v": [f"{ball}*{shape}" for ball in data.input_names]},
+            simulation={"y": "v", "v": "-9.81"},
+            rows=bg.TrajectoryRows(),
+            prior=bg.Normal(),
+            discrepancy=None,
+            noise=bg.Noise(**noise),
+        )
+        return model.fit(data, seed=1, progress=False)
+
+    for shape in ("v", "v*abs(v)"):
+        white, forced = fit(shape), fit(shape, force="fit")
+        table = forced.summary().loc["v"]
+        with capsys.disabled():
+            sigma, p = float(white.summary().loc[("v", "sigma"), "mean"]), white.checks().whiteness["v"].p
+            print(f"\n{shape}: residuals of {sigma:.2f} m without a force, p of whiteness {p:.2g}")
+            print(table[["mean", "sd", "lower", "upper"]].round(4).to_string())
+        assert not white.checks().table.loc[("v", "whiteness"), "ok"]
+        assert forced.checks().table.loc[("v", "whiteness"), "ok"]
+        # Wiffle balls are slowed down, heavy ones hardly.
+        for ball in ("whiffle_ball_1", "yellow_whiffle_ball", "orange_whiffle_ball", "tennis_ball", "volleyball"):
+            assert table.loc[f"{ball}*{shape}", "upper"] < 0
+        for ball in ("bowling_ball", "golf_ball", "baseball"):
+            assert table.loc[f"{ball}*{shape}", "upper"] > 0

@@ -7,8 +7,9 @@ import pytest
 from sampled_oscillator import SIMULATION, sampled
 
 import bayes_greybox as bg
+from bayes_greybox.criticism.checks.checks import checks
 from bayes_greybox.criticism.cross_validation.psis import khat_threshold
-from bayes_greybox.criticism.linearity import draws_followed, linearity_of_paths
+from bayes_greybox.criticism.linearity import Linearity, draws_followed, linearity_of_paths
 from bayes_greybox.model.program import Program
 from bayes_greybox.model.rows.trajectory_rows import TrajectoryRows
 
@@ -79,6 +80,13 @@ def test_long_records_have_fewer_paths_followed():
 def fit():
     model = bg.GreyBox({"v": ["y**3"]}, simulation=SIMULATION, rows=bg.TrajectoryRows(), discrepancy=None)
     return model.fit(sampled(**CUBIC, noise=0.05, n=150), draws=150, tune=150, chains=2, progress=False)
+
+
+def test_what_bends_is_said_once_and_fails_no_other_check(fit, monkeypatch):
+    monkeypatch.setattr("bayes_greybox.criticism.checks.checks.linearity", lambda *_: Linearity(1.5, 0.5, 0.8))
+    found = checks.__wrapped__(fit)
+    assert sum("80% of the exact posterior lies elsewhere (k-hat 1.5)" in reason for reason in found.reasons) == 1
+    assert not found.table.loc[("v", "linearity"), "ok"] and found.table.loc[("v", "prior sensitivity"), "ok"]
 
 
 def test_it_is_among_the_checks_of_a_fit_on_samples(fit):

@@ -5,7 +5,7 @@ import sys
 import numpy as np
 import pytest
 
-from bayes_greybox.data.datasets import FOLDER_VARIABLE, dataset_table, load_dataset, search_folders
+from bayes_greybox.data.datasets import FOLDER_VARIABLE, IMPACT, dataset_table, load_dataset, search_folders
 from bayes_greybox.data.errors import InputError
 
 measured = pytest.mark.skipif(
@@ -107,6 +107,19 @@ def test_falling_balls_have_one_run_for_each_drop():
     assert -11.0 < slope < -8.0
     assert drops.balls.loc["Golf Ball", "mass"] == pytest.approx(0.0459, abs=1e-3)
     assert np.isnan(drops.balls.loc["Volleyball", "mass"])
+
+
+@measured
+@pytest.mark.skipif(importlib.util.find_spec("openpyxl") is None, reason="openpyxl (extra tables) is missing")
+def test_falling_balls_for_one_model_of_all_drops():
+    drops, every = load_dataset("falling_balls", by_ball=True), load_dataset("falling_balls")
+    data = drops.data
+    assert data.n_run == 22 and data.state_names == ("y",) and len(data.input_names) == 11
+    assert [n + IMPACT for n in data.run_lengths] == list(every.data.run_lengths)
+    own = np.column_stack(list(data.inputs.values()))
+    assert np.all(own.sum(axis=1) == 1) and set(np.unique(own)) == {0.0, 1.0}
+    first = data.take(data.run_names.index("Tennis Ball, drop 1"))
+    assert np.all(first.inputs["tennis_ball"] == 1)
 
 
 @measured

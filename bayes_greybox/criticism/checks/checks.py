@@ -77,8 +77,8 @@ def checks(posterior: Posterior) -> Checks:
         reason = " ".join(_prior_reasons(name, own))
         if posterior.equations[name].rows.exact is not None:
             bent = linearity(posterior, name)
-            reason = "" if bent.ok else _bent_reason(name, bent)
-            rows[(name, "linearity")] = {"ok": bent.ok, "value": bent.khat, "limit": bent.limit, "reason": reason}
+            said = "" if bent.ok else _bent_reason(name, bent)
+            rows[(name, "linearity")] = {"ok": bent.ok, "value": bent.khat, "limit": bent.limit, "reason": said}
         rows[(name, "prior sensitivity")] = {"ok": not reason, "value": worst, "limit": THRESHOLD, "reason": reason}
     index = pd.MultiIndex.from_tuples(list(rows), names=["equation", "check"])
     table = pd.DataFrame(list(rows.values()), index=index)
