@@ -20,8 +20,8 @@ from jaxtyping import Array, Float
 ROUGH = 0.1
 """A force that departs this much from a straight line within a step, over its own size, is looked at closely."""
 
-WITHIN = 64
-"""Points within a step at which it is."""
+WITHIN = (8, 64)
+"""Points within a step at which it is: the first look, and the second one where the first saw something else."""
 
 LEAST = 8
 """Columns and steps that are carried at once, at least: programs are compiled for their powers of two."""
@@ -125,14 +125,19 @@ def forces(
     size = np.sqrt(np.mean(values**2, axis=(0, 1)))
     bent = np.abs(found[:, :, 0] - 2 * found[:, :, 1] + found[:, :, 2])
     rough = np.any(bent > ROUGH * size, axis=-1)
-    if np.any(rough):
-        within = (np.arange(WITHIN) + 0.5) / WITHIN
+    for n_point in WITHIN:
+        if not np.any(rough):
+            break
+        within = (np.arange(n_point) + 0.5) / n_point
         parabolas = np.column_stack(
             [(1 - within) * (1 - 2 * within), 4 * within * (1 - within), within * (2 * within - 1)]
         )
         points = parabolas @ triples(nodes)[rough]
         close = np.asarray(evaluate(points.reshape(-1, points.shape[-1]))).reshape(*points.shape[:2], -1)
-        found[rough] = np.linalg.pinv(parabolas) @ close
+        nearest, before = np.linalg.pinv(parabolas) @ close, found[rough]
+        found[rough] = nearest
+        # What is merely curved is as it was; a kink or a jump is not, and is looked at once more.
+        rough[rough] = np.any(np.abs(nearest - before) > ROUGH * size, axis=(-2, -1))
     return found
 
 
