@@ -46,12 +46,14 @@ class Study(StudyResult):
         """Free runs of the model before and after over other data, by state.
 
         Args:
-            data: Times, starts and inputs to follow.
+            data: Times, starts and inputs to follow; samples alone start where the path through them does.
             interpolation: Of the inputs between samples, as in `find_missing_effects`.
 
         Raises:
             InputError: A state has no equation to integrate.
         """
+        for name in self.amendments:
+            data = self.model.rows.complete(data, name, self.model.simulator(data))
         paths = FreeRuns(self.base.centred(), self.amendments, interpolation)(data, "")[0]
         if not paths:
             raise InputError("A state of the data has no equation to integrate: add it to the simulation.")

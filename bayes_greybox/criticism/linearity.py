@@ -114,7 +114,9 @@ def linearity_of_paths(
     log_weight = np.maximum(log_weight - np.max(log_weight), -FAINT)
     if np.ptp(log_weight) == 0:
         return Linearity(0.0, limit)
-    khat = float(np.asarray(array_stats().psislw(-log_weight[None], r_eff=1.0, axis=-1)[1])[0])
+    # One weight may be all of them.
+    with np.errstate(divide="ignore", invalid="ignore"):
+        khat = float(np.asarray(array_stats().psislw(-log_weight[None], r_eff=1.0, axis=-1)[1])[0])
     weight = np.exp(log_weight)
     return Linearity(khat, limit, float(np.mean(np.abs(weight / np.mean(weight) - 1)) / 2))
 

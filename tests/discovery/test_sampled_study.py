@@ -45,6 +45,13 @@ def test_the_gap_is_shown_closed_on_held_out_samples(cubic):
     assert "closed" not in cubic.sentence or cubic.verdict == "named"
 
 
+def test_a_free_run_of_other_samples_starts_where_the_path_through_them_does(cubic):
+    path = cubic.free_run(sampled(**CUBIC, noise=0.03, seed=2))["y"]
+    truth = sampled(**CUBIC, noise=0.0).states["y"]
+    errors = [float(np.sqrt(np.mean((band.mean - truth) ** 2))) for band in (path.before, path.after)]
+    assert errors[1] < 0.2 * errors[0] and errors[1] < 0.1 * np.std(truth)
+
+
 def test_the_amended_model_is_fitted_to_the_samples(cubic):
     assert cubic.corrected.samples is not None and cubic.corrected.state_names == ("y", "v")
     terms = [term.name for term in cubic.model.dictionary["v"]]
