@@ -52,8 +52,9 @@ class Study(StudyResult):
         Raises:
             InputError: A state has no equation to integrate.
         """
-        for name in self.amendments:
-            data = self.model.rows.complete(data, name, self.model.simulator(data))
+        simulation = self.model.simulator(data)
+        if not set(simulation.states) <= set(data.state_names):
+            data = self.model.rows.complete_all(data, tuple(self.amendments), simulation)
         paths = FreeRuns(self.base.centred(), self.amendments, interpolation)(data, "")[0]
         if not paths:
             raise InputError("A state of the data has no equation to integrate: add it to the simulation.")

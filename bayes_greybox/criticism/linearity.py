@@ -32,7 +32,8 @@ class Linearity(NamedTuple):
     Attributes:
         khat: k̂ of the weights exact over linear; zero where rows are linear, NaN where it is not known.
         limit: k̂ up to which the draws can stand for the exact posterior by their weights.
-        elsewhere: ½ E|w/E w − 1|, the total variation distance: no probability is off by more.
+        elsewhere: ½ E|w/E w − 1|, the total variation distance, which no probability is off by more than; estimated,
+            and too small where hardly a draw is where the exact posterior is.
     """
 
     khat: float
@@ -62,7 +63,7 @@ def linearity(posterior: Posterior, equation: str) -> Linearity:
     design, frame, rows = entry.design, entry.frame, entry.rows
     draws = posterior.draws(equation, draws_followed(rows))
     if rows.exact is not None and not design.expands and draws.f.shape[1]:
-        return Linearity(math.nan, khat_threshold(len(draws.theta)))
+        return Linearity(math.nan, khat_threshold(max(len(draws.theta), MIN_DRAWS)))
     acting = [[label[0] == state for label in frame.labels] for state in rows.learned]
 
     def added(columns: Columns, draw: int) -> np.ndarray:
@@ -95,6 +96,8 @@ def linearity_of_paths(
         beside: What is in the rows and not on the path, as errors of sensors that are in the model; user's units.
         seed: Of the draws of starts.
     """
+    if len(sigma) < MIN_DRAWS:
+        return Linearity(math.nan, math.nan)
     limit = khat_threshold(len(sigma))
     if rows.exact is None:
         return Linearity(0.0, limit)

@@ -95,8 +95,9 @@ def study_equation(
     trace = gap_trace(aligned.data, before, after, threshold, unit)
     drawn = gap_map(aligned.data, before, after, statistics.variables[:2], threshold, unit)
     where = where_table(aligned.data, statistics.variables, trace)
-    checks = (*checks, *motion, *check_linearity(amendment))
-    return EquationStudy(aligned, finding, checks, coefficients, amendment, drawn, trace, where)
+    rest = finding.open_ended or finding.world.leaves_rest(finding.explanation)
+    linear = [] if rest else check_linearity(amendment, train.input_names)
+    return EquationStudy(aligned, finding, (*checks, *motion, *linear), coefficients, amendment, drawn, trace, where)
 
 
 def _weighed(

@@ -136,7 +136,7 @@ def forces(
         close = np.asarray(evaluate(points.reshape(-1, points.shape[-1]))).reshape(*points.shape[:2], -1)
         nearest, before = np.linalg.pinv(parabolas) @ close, found[rough]
         found[rough] = nearest
-        # What is merely curved is as it was; a kink or a jump is not, and is looked at once more.
+        # What is merely curved is well enough known by now; a kink or a jump is not, and is looked at once more.
         rough[rough] = np.any(np.abs(nearest - before) > ROUGH * size, axis=(-2, -1))
     return found
 

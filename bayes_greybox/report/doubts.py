@@ -89,7 +89,7 @@ def _checks(study: StudyResult, equation: str) -> Iterator[Doubt]:
         kind, _, state = name.partition(" of ")
         topic = f"{TOPICS[kind]}{f' of {state}' if state else ''}" if kind in TOPICS else "Residuals"
         yield Doubt(topic, FINE[kind].format(p) if row["ok"] else f"{row['text']} ({name}, {p})", not row["ok"])
-    if not any(name in FINE for name in table.index):
+    if not any(name in FINE and name not in TOPICS for name in table.index):
         why = (
             "there is a rest of any shape beside what has a name, which takes up what the tests would find"
             if study.verdict in ("unknown", "partly named")

@@ -58,8 +58,8 @@ def checks(posterior: Posterior) -> Checks:
     """Check what a fit claims: predictive distributions, white noise, and data that outweigh the prior.
 
     The first two are tests, each of level 1 % on average over the prior (see `loo_pit` and `whiteness` for what that
-    assumes); the third compares sensitivities with the threshold of Kallioinen et al. 2024, which has no level. Chains
-    that have not converged make all three unreliable, and `reasons` says so first.
+    assumes); the last compares sensitivities with the threshold of Kallioinen et al. 2024, which has no level. Chains
+    that have not converged make all of them unreliable, and `reasons` says so first.
 
     Args:
         posterior: Fitted model.

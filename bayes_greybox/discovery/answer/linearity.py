@@ -1,6 +1,7 @@
 """Whether rows that are linear near an answer serve it: exact paths of its posterior draws, as importance weights."""
 
 import math
+from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
@@ -35,26 +36,28 @@ class LinearityCheck(Check):
         return self.found.ok
 
 
-def check_linearity(amendment: Amendment) -> list[LinearityCheck]:
+def check_linearity(amendment: Amendment, inputs: Collection[str]) -> list[LinearityCheck]:
     """Exact paths at draws of the model after; nothing where rows are linear, or where it is not known.
 
+    It is not known beside an unknown force, and beside errors of inputs, which act along the path.
+
     Args:
-        amendment: What was added, with draws of its coefficients and of the sensors' errors.
+        amendment: What was added, with draws of its coefficients and of the sensors' errors; nothing remains beside it.
+        inputs: Their names.
     """
     statistics, after = amendment.statistics, amendment.after
-    rows = statistics.rows
-    if rows.exact is None or rows.noise.moved:
+    rows, suspects = statistics.rows, [statistics.columns[i].suspect for i in after.suspects]
+    driven = any(each is not None and each.channel in inputs for each in suspects)
+    if rows.exact is None or rows.noise.moved or driven:
         return []
     n_draw = draws_followed(rows)
-    terms, coefficients, weights = amendment.added(0, n_draw)
+    terms, coefficients, _ = amendment.added(0, n_draw)
     pick = np.linspace(0, len(after.draws) - 1, n_draw).astype(int)
     errors = after.suspect_draws[pick] @ statistics.at_rows(after.suspects).T if after.suspects else 0.0
 
     def added(columns: Columns, draw: int) -> np.ndarray:
         inside = np.flatnonzero(coefficients[draw])
         rate = sum((coefficients[draw, k] * np.asarray(terms[k].evaluate(columns)) for k in inside), np.zeros(()))
-        if weights.shape[1]:
-            rate = rate + np.asarray(amendment.features(columns)) @ weights[draw]
         return np.broadcast_to(rate, np.shape(next(iter(columns.values()))))[:, None]
 
     scale = statistics.target_scale

@@ -41,7 +41,7 @@ def refine(evaluations: Evaluations, base: Sequence[int], group: Sequence[int]) 
         # The cells of the first and the last value reach to the ends of the prior.
         low = values[order[at - 1]] if at else least
         high = values[order[at + 1]] if at + 1 < len(order) else most
-        fresh = np.setdiff1d(np.geomspace(low, high, ZOOM_NODES + 2), values)
+        fresh = np.setdiff1d(np.geomspace(low, high, ZOOM_NODES + 2)[1:-1], values)
         if not len(fresh):
             break
         # New weights for old and new values together: each is the width of its cell under the prior.

@@ -18,7 +18,7 @@ KEPT = 3e7
 
 
 class Products(NamedTuple):
-    """What new columns Z add to products of columns X, with R⁻¹ between them.
+    """What new columns Z add to products of columns X, with R⁻¹ between them, the identity where rows are streamed.
 
     Attributes:
         with_old: XᵀR⁻¹Z.

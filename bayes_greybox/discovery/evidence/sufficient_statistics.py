@@ -80,7 +80,7 @@ class SufficientStatistics:
 
     @property
     def with_features(self) -> Float[np.ndarray, "n_column n_basis"]:
-        """XᵀR⁻¹ψ; found when it is asked for, as all that f takes: explanations without f do without."""
+        """XᵀR⁻¹ψ; of rows that are kept, found when it is asked for: explanations without f do without."""
         return self._table.with_features
 
     @property
@@ -150,7 +150,23 @@ class SufficientStatistics:
         self.leave_out(refused, kept)
         if kept:
             evaluated = partial(_evaluated, [(each.formula, each.scale) for each in kept])
-            self._extend(kept, self.rows.table(evaluated)(np.arange(self.rows.n_row)))
+            at_rows = self.rows.table(evaluated)(np.arange(self.rows.n_row))
+            # Within a step of a path a term may leave its domain though it does not at the step's ends.
+            inside = np.all(np.isfinite(at_rows), axis=0)
+            if kind == "free" and not np.all(inside):
+                out = kept[int(np.argmin(inside))].formula.name
+                raise InputError(
+                    f"Term {out!r} of equation {self.equation!r} is not finite on all the data: remove it."
+                )
+            refused = {
+                each.effect.slug: "not finite on all the data"
+                for each, there in zip(kept, inside, strict=True)
+                if each.effect is not None and not there
+            }
+            kept = [each for each, there in zip(kept, inside, strict=True) if there]
+            self.leave_out(refused, kept)
+            if kept:
+                self._extend(kept, at_rows[:, inside])
 
     def suspect(
         self,

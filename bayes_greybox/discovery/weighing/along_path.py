@@ -128,17 +128,17 @@ def follow(
         # Far from the right model the rows are not quite linear, which looks like a sensor that is a little off:
         # sensors are suspected once a path nearer by shows nothing else.
         noise = worlds(near.base, quantities(near), report, near.noise)[0].model
-        turns = []
+        best: Near | None = None
         for _ in range(TURNS):
             before = near
             report("following it with what was found")
             near = _near(model, train, equation, effects, odds, most, before.added, suspected, noise)
-            turns.append(near)
+            best = near if best is None or near.log_evidence > best.log_evidence else best
             if near.stays(before):
                 break
         else:
             # Two explanations may lead to each other by turns.
-            near = max(turns, key=lambda each: each.log_evidence)
+            near = best or near
     used = np.ones(near.data.n_obs, bool)
     bare = modelled_rate(near.model, near.data, equation, ())
     # Errors of inputs are forces along the path as it came, and none along that of right inputs.

@@ -13,8 +13,8 @@ from .reference_path import ReferencePath
 TURNS = 12
 """Most corrections of a path; each is of the order of the one before times what the path has moved."""
 
-EXACT = 0.01
-"""Change of a sample in the last correction, over its sensor's noise, that ends them."""
+EXACT = 0.1
+"""Root of the sum of squares of what the last correction changes all samples by, over their noise, that ends them."""
 
 Added = Callable[[Mapping[str, np.ndarray], int], Float[np.ndarray, "n n_learned"]]
 """From columns [n] and the number of a draw to what it adds to the rates of the learned states, user's units."""
@@ -36,37 +36,42 @@ def exact_samples(
         starts: Of the segments, in prior standard deviations from the reference.
 
     Returns:
-        Without noise, user's units; NaN where a path leaves the domain of its equations.
+        Without noise, user's units; NaN where a path leaves the domain of its equations, or was not found in `TURNS`.
     """
     segments, grid, n_state = path.segments, path.segments.grid, len(path.start_sd)
     shape = (len(starts), len(grid.time), n_state)
     reference = segments.points[:, ::2, 1 : 1 + n_state]
     aims = reference[None, :, 0] + starts.reshape(shape) * path.start_sd
     ends = np.tile(reference, (len(starts), 1, 1, 1))
-    sd = np.repeat(path.sensor_sd, len(segments.end))
+    sd, moved = np.repeat(path.sensor_sd, len(segments.end)), np.zeros(len(starts))
     # A draw that leaves the domain of the equations has no path; it is said by NaN.
     with np.errstate(all="ignore"):
         for _ in range(TURNS):
             jumps = np.stack([_jumps(path, rate, added, k, x) for k, x in enumerate(ends)], axis=-1)
             delta = carried(segments.response.M, np.moveaxis(aims - ends[:, :, 0], 0, -1), jumps)
             ends = ends + np.moveaxis(delta, -1, 0)
-            moved = np.abs(segments.rows(delta)) / sd[:, None]
+            moved = np.linalg.norm(segments.rows(delta) / sd[:, None], axis=0)
             if not np.nanmax(moved, initial=0.0) > EXACT:
                 break
-    return segments.rows(np.moveaxis(ends, 0, -1)).T
+    found = segments.rows(np.moveaxis(ends, 0, -1)).T
+    found[moved > EXACT] = np.nan
+    return found
 
 
 def _jumps(path: ReferencePath, rate: ForcedRate, added: Added, draw: int, ends: np.ndarray) -> np.ndarray:
     """What the departure of a path from its equations adds to δ after each step."""
     grid, driven = path.segments.grid, list(path.segments.driven)
 
-    def rates(points: np.ndarray) -> np.ndarray:
-        found = np.array(rate.known(points))
+    def learned(points: np.ndarray) -> np.ndarray:
         columns = dict(zip(rate.names, points.reshape(-1, points.shape[-1])[:, 1:].T, strict=True))
-        found[..., driven] += added(columns, draw).reshape(*points.shape[:-1], len(driven))
-        return found
+        return added(columns, draw).reshape(*points.shape[:-1], len(driven))
 
     at_ends = np.concatenate([grid.time[:, ::2, None], ends, grid.inputs[:, ::2]], axis=-1)
-    states, slope = hermite(grid.time, ends, rates(at_ends))
+    rates = np.array(rate.known(at_ends))
+    rates[..., driven] += learned(at_ends)
+    states, slope = hermite(grid.time, ends, rates)
     points = np.concatenate([grid.time[..., None], states, grid.inputs], axis=-1)
-    return path.segments.response.jumps(forces(rates, points) - triples(slope))
+    # What was learned is looked at closely by its own size, as in linear rows: it may be small and jump.
+    whole = forces(rate.known, points)
+    whole[..., driven] += forces(learned, points)
+    return path.segments.response.jumps(whole - triples(slope))
