@@ -92,7 +92,9 @@ class Kept(RowTable):
         shared: Holds V ψ for the same rows under another noise.
     """
 
-    def __init__(self, rows: EquationRows, features_of: Evaluate, shared: dict[int, np.ndarray]) -> None:
+    def __init__(
+        self, rows: EquationRows, features_of: Evaluate, shared: dict[str, tuple[Columns, np.ndarray]]
+    ) -> None:
         super().__init__(rows, features_of)
         self._shared = shared
         self._values, self._white = np.zeros((rows.n_row, 0)), np.zeros((rows.n_white, 0))
@@ -137,11 +139,12 @@ class Kept(RowTable):
     @property
     def _responses(self) -> Float[np.ndarray, "n_row n_basis"]:
         """V ψ, which knows nothing of the noise."""
-        key = id(self.rows.columns)
-        if key not in self._shared:
-            self._shared.clear()
-            self._shared[key] = self.rows.table(self.features_of)(np.arange(self.rows.n_row))
-        return self._shared[key]
+        # Of these very columns: another noise of the rows has them too.
+        of, found = self._shared.get("psi", (None, None))
+        if of is not self.rows.columns or found is None:
+            found = self.rows.table(self.features_of)(np.arange(self.rows.n_row))
+            self._shared["psi"] = self.rows.columns, found
+        return found
 
     @cached_property
     def _psi(self) -> Float[np.ndarray, "n_white n_basis"]:
@@ -209,7 +212,7 @@ class Streamed(RowTable):
 
 def table_of(
     rows: EquationRows, features_of: Evaluate, n_basis: int,
-    columns: Callable[[], Float[np.ndarray, "n_row n_column"]], shared: dict[int, np.ndarray],
+    columns: Callable[[], Float[np.ndarray, "n_row n_column"]], shared: dict[str, tuple[Columns, np.ndarray]],
 ) -> RowTable:  # fmt: skip
     """In memory, where that is small enough or rows are whitened together anyway.
 

@@ -15,7 +15,7 @@ from bayes_greybox.discovery.suspects.memory import Memory
 from bayes_greybox.model.frame import held_features, scaled_position
 from bayes_greybox.model.gp.features import HilbertBasis
 from bayes_greybox.model.gp.hyper import HyperPrior, NoisePrior
-from bayes_greybox.model.rows.equation_rows import EquationRows
+from bayes_greybox.model.rows.equation_rows import Columns, EquationRows
 from bayes_greybox.physics.terms import Term
 
 from .columns import Column
@@ -70,7 +70,7 @@ class SufficientStatistics:
     columns: list[Column] = field(default_factory=list)
     left_out: dict[str, str] = field(default_factory=dict)
     twins: dict[str, str] = field(default_factory=dict)
-    shared: dict[int, np.ndarray] = field(default_factory=dict, repr=False)
+    shared: dict[str, tuple[Columns, np.ndarray]] = field(default_factory=dict, repr=False)
 
     def __post_init__(self) -> None:
         p, m = 0, self.basis.size

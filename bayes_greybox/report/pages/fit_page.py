@@ -248,7 +248,7 @@ def _checks(fit: Posterior) -> Section:
             _rate(fit, str(name)),
             "not known" if math.isnan(row["value"]) else "passed" if row["ok"] else "look at this",
             "" if math.isnan(row["value"]) else number(row["value"], 2),
-            number(row["limit"], 2),
+            "" if math.isnan(row["limit"]) else number(row["limit"], 2),
         )
         for (name, check), row in zip(found.table.index, found.table.to_dict("records"), strict=True)
     ]
