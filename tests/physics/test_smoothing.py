@@ -6,7 +6,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from bayes_greybox.physics.sensitivity import Grid, forces, hermite, respond, triples
-from bayes_greybox.physics.smoothing import Observed, filtered, smooth, steps_along
+from bayes_greybox.physics.smoothing import Observed, filtered, log_likelihoods, smooth, steps_along
 
 FORCED = np.array([[0.0], [1.0]])
 """The unknown force acts on the second state's rate."""
@@ -145,6 +145,10 @@ def test_forces_add_up_by_their_variances():
         points = np.concatenate([grid.time[..., None], np.zeros((1, 81, 2)), grid.inputs], axis=-1)
         A = np.broadcast_to([[0.0, 1.0], [-2.0, -0.3]], (1, 81, 2, 2))
         steps = steps_along(grid.time, ends, respond(grid.time, A), forces(rates, points), E)
+        # Of several intensities at once: the likelihoods that the smoother has one by one.
+        ratios = np.array([1e-6, 0.1, 3.0])
+        alone = [smooth(steps, observed, (0,), ratio).log_likelihood for ratio in ratios]
+        np.testing.assert_allclose(log_likelihoods(steps, observed, (0,), ratios), alone, atol=1e-8)
         found.append((smooth(steps, observed, (0,), 0.1), filtered(linear, grid, observed, (0,), E, 0.1, None)))
     (one, first), (two, other) = found
     np.testing.assert_allclose(two.ends, one.ends, atol=1e-10)
