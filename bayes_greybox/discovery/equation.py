@@ -136,7 +136,7 @@ def _amendment(finding: Finding, aligned: Aligned, train: Trajectories, seed: in
     remainder = finding.remainder if finding.explanation.leaves_rest and not memory else 0.0
     coefficients = draw_coefficients(evaluations, finding.base, DRAWS, seed, (*suspects, *memory), remainder)
     # What remembers is fitted beside them, and no part of the model after.
-    coefficients = coefficients.first_suspects(len(suspects))
+    coefficients = coefficients.without_memory(statistics, len(suspects))
     if not finding.base and finding.explanation.kind != RECALIBRATED:
         # Nothing is missing, or nothing that has a name: the model after is the model before, whatever small weight
         # corrections keep.
@@ -147,7 +147,9 @@ def _amendment(finding: Finding, aligned: Aligned, train: Trajectories, seed: in
         return aligned.put_right(data, sensors, train)
 
     sigma = float(np.mean(coefficients.sigma)) * statistics.target_scale
-    return Amendment(statistics, plain(evaluations), coefficients, sigma, None, put_right, aligned.rows)
+    return Amendment(
+        statistics, plain(evaluations), coefficients, sigma, None, put_right, aligned.rows, sensors, train
+    )  # fmt: skip
 
 
 def _quantities(model: Program, data: Trajectories, sets: Sets, rate: Rate) -> dict[str, np.ndarray]:

@@ -65,7 +65,8 @@ def assemble(
     white = rows.whitened(table)
     if white is not table:
         whitened = white(np.arange(rows.n_white))
-        _require_traces(whitened[:, :n_term], plain, dictionary.names, equation)
+        if not rows.noise.square:
+            _require_traces(whitened[:, :n_term], plain, dictionary.names, equation)
         factor = triangular_factor(white, rows.n_white)
         require_independent(factor[:, :n_term], dictionary.names, equation)
     if discrepancy is not None:

@@ -11,11 +11,11 @@ from bayes_greybox.data.trajectories import Trajectories
 
 from .equation import Equation
 
-TURNS = 3
-"""How often rows are taken anew near the estimate of one equation, whose other terms already follow the samples."""
+NEARER = 8
+"""Turns at most in which an unknown force makes up for what a model far off does not follow."""
 
 MOST_TURNS = 32
-"""How often at most for several equations that share their rows: the first path follows none of them."""
+"""How often rows are taken anew at most: the first path may follow none of the equations."""
 
 TRIES = (1, 2, 3, 5, 8, 12, 17, 24, MOST_TURNS)
 """Turns with an unknown force after which paths without it are tried."""
@@ -62,10 +62,34 @@ def near_estimate(model: Model, data: Trajectories) -> Model:
         InputError: What `Program.assemble` refuses; coefficients that do not settle.
     """
     if len(model.equations) == 1:
-        return _turned(model, data, TURNS, -math.inf).model
+        return _one_settled(model, data)
     # Paths of coefficients that are far off may leave all bounds; they are refused where they are found.
     with np.errstate(over="ignore", invalid="ignore"):
         return _settled(model, data)
+
+
+def _one_settled(model: Any, data: Trajectories) -> Any:
+    """One equation: the other terms follow the samples, so that few turns do, unless all of it is learned.
+
+    Far from the estimate a force in the noise says which way it is, as rates would; beside it the rows of a long record
+    say next to nothing.
+    """
+    before = None
+    for _ in range(NEARER):
+        (equation,) = model.assemble(data).values()
+        unfollowed = equation.rows.unfollowed
+        if equation.rows.noise.moved or unfollowed is None or unfollowed.nats < FOLLOWED:
+            break
+        (forced,) = replace(model, rows=model.rows.moved_by(unfollowed.intensity)).assemble(data).values()
+        moved = math.inf if before is None else forced.moved(before)
+        before = forced.ridge()
+        model = replace(model, rows=model.rows.around(*_terms(forced)))
+        if moved < UNSETTLED:
+            break
+    found = _turned(model, data, MOST_TURNS, SETTLED)
+    if found.moved > UNSETTLED:
+        raise _unsettled(model, MOST_TURNS, found.moved)
+    return found.model
 
 
 def _settled(model: Any, data: Trajectories) -> Any:
@@ -90,13 +114,17 @@ def _settled(model: Any, data: Trajectories) -> Any:
     if found:
         return max(found, key=lambda each: each.equation.log_likelihood()).model
     if moved > UNSETTLED:
-        raise InputError(
-            f"The coefficients of {', '.join(model.equations)} do not settle: after {done} turns one still moves by "
-            f"{moved:.2g} of its standard deviations. Leave terms out, give states without a sensor as data, or "
-            "start near what is known with TrajectoryRows(added=..., added_to=...)."
-        )
+        raise _unsettled(model, done, moved)
     # Where no path of the model can be followed to its end, there is the one that a force keeps to the samples.
     return forced
+
+
+def _unsettled(model: Any, turns: int, moved: float) -> InputError:
+    return InputError(
+        f"The coefficients of {', '.join(model.equations)} do not settle: after {turns} turns one still moves by "
+        f"{moved:.2g} of its standard deviations. Leave terms out, give states without a sensor as data, or "
+        "start near what is known with TrajectoryRows(added=..., added_to=...)."
+    )
 
 
 def _without_force(model: Any, data: Trajectories) -> Turned | None:

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from sampled_oscillator import SIMULATION, sampled
+from scipy.interpolate import CubicSpline
 
 import bayes_greybox as bg
 from bayes_greybox.report.doubts import doubts
@@ -140,3 +141,33 @@ def test_noise_of_the_sensor_that_is_not_white_is_found_and_the_effect_beside_it
 def test_correlated_noise_alone_is_no_gap():
     found = study(sampled(noise=0.0, bend=lambda t, y: y + 0.03 * np.std(y) * of_kind("correlated noise")))
     assert found.verdict == "no gap"
+
+
+@pytest.mark.parametrize(
+    ("bend", "kind", "size"),
+    [(lambda t, y: CubicSpline(t, y)(t - 0.07), "delay", 0.07), (lambda t, y: y + 0.15, "offset", 0.15)],
+    ids=["delay", "offset"],
+)
+def test_beside_a_sensor_that_is_off_the_effect_is_found_and_free_runs_show_what_the_sensor_shows(bend, kind, size):
+    given = CUBIC | {"noise": 0.005, "bend": bend, "n": 600}
+    found = study(sampled(**given), sampled(**given, seed=1), free_runs=True)
+    added = found.effects[found.effects["status"] == "added"].set_index("slug")
+    sensors = found.instrument[found.instrument["status"] != ""].set_index("suspect")
+    assert list(added.index) == ["cubic-stiffness"] and list(sensors.index) == [kind]
+    assert abs(added.loc["cubic-stiffness", "mean"] + 0.5) < 4 * added.loc["cubic-stiffness", "sd"]
+    assert sensors.loc[kind, "mean"] == pytest.approx(size, abs=4 * sensors.loc[kind, "sd"])
+    # A free run of the right model, seen through the sensor that was found, is off by the sensor's noise alone.
+    free = found.gap.loc[("test", "free-run NRMSE", "y")]
+    assert free["after"] < 0.02 < free["before"]
+
+
+def test_where_all_is_learned_a_gain_of_the_only_sensor_is_its_unit_and_no_suspect():
+    data = sampled(**CUBIC, noise=0.01, n=600)
+    model = bg.GreyBox({"v": ["y", "v", "F"]}, simulation={"y": "v"}, rows=bg.TrajectoryRows())
+    found = bg.find_missing_effects(model, data, free_runs=True, settle=False, progress=False)
+    added = found.effects[found.effects["status"] == "added"].set_index("slug")
+    assert list(added.index) == ["cubic-stiffness"]
+    assert abs(added.loc["cubic-stiffness", "mean"] + 0.5) < 4 * added.loc["cubic-stiffness", "sd"]
+    assert ("gain", "y") not in set(zip(found.instrument["suspect"], found.instrument["channel"], strict=True))
+    # Before and after are each on rows near their own model.
+    assert found.gap.loc[("train", "sample NMSE", "v"), "closed"] > 0.5

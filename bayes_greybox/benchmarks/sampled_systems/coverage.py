@@ -2,7 +2,8 @@
 
 Three oscillators of `systems`, whose sensor has white or correlated noise, or which random pushes shake. All three
 coefficients of the acceleration are learned. Rows of samples are fitted with the noise that the cell has; rows of rates
-on velocity and acceleration from the package's differentiator.
+on velocity and acceleration from the package's differentiator. Beside them is the efficient
+estimate on the same samples.
 """
 
 import json
@@ -15,12 +16,14 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from scipy.stats import norm
 from threadpoolctl import threadpool_limits
 
 from bayes_greybox.benchmarks.files import opened, unwritable, write_whole
 from bayes_greybox.benchmarks.progress import shown
 from bayes_greybox.data.errors import InputError
 
+from .efficient import efficient_estimate
 from .samples import sampled
 from .systems import systems
 
@@ -33,10 +36,14 @@ REPEATS = 200
 NOISES = {"white": {}, "correlated": {"correlation": "fit"}, "shaken": {"force": "fit"}}
 """What the noise of rows of samples may be, by the oscillator's name."""
 
-ROWS = ("samples", "rates")
+ROWS = ("samples", "rates", "efficient")
+"""Of the package, and the efficient estimate, which says how lucky the draws of the noise are."""
 
 TRUTH = {"y": -2.0, "v": -0.15, "y**3": -0.3}
 """Coefficients of the acceleration, beside the force."""
+
+NORMAL = float(norm.ppf(0.95))
+"""Half a 90 % interval, in standard deviations."""
 
 SAMPLING = {"tune": 300, "draws": 500, "chains": 1, "progress": False}
 """The posterior has few dimensions: one chain's quantiles are good to a percent of probability."""
@@ -93,7 +100,18 @@ def fitted(noise: str, kind: str, repeat: int, seed: int) -> dict[str, Any]:
     from bayes_greybox.model.noise.asked import Noise
     from bayes_greybox.model.rows.trajectory_rows import TrajectoryRows
 
-    data, _ = sampled(systems()[f"oscillator-{noise}"], repeat, seed)
+    name = f"oscillator-{noise}"
+    data, _ = sampled(systems()[name], repeat, seed)
+    if kind == "efficient":
+        error, sd = efficient_estimate(name, TRUTH, data.states["y"])
+        return {
+            "noise": noise,
+            "rows": kind,
+            "holds": {k: bool(abs(e) <= NORMAL * s) for k, e, s in zip(TRUTH, error, sd, strict=True)},
+            "error": dict(zip(TRUTH, map(float, error), strict=True)),
+            "sd": dict(zip(TRUTH, map(float, sd), strict=True)),
+            "seconds": 0.0,
+        }
     given: dict[str, Any] = {"rows": TrajectoryRows(), "noise": Noise(**NOISES[noise])}
     if kind == "rates":
         data, given = data.differentiate(rates={"y": "v"}), {}

@@ -1,7 +1,7 @@
 """What a study adds to one equation, as rates at rows and as terms and weights that an integrator can evaluate."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -10,6 +10,7 @@ from jaxtyping import Array, Float
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.evidence.sufficient_statistics import SufficientStatistics
 from bayes_greybox.discovery.evidence.with_discrepancy import Evaluator, WithDiscrepancy
+from bayes_greybox.discovery.suspects.channels import ChannelSuspect
 from bayes_greybox.model.evidence import Spectrum
 from bayes_greybox.model.frame import held_features, scaled_position
 from bayes_greybox.model.rows.row_kind import RowKind
@@ -116,6 +117,8 @@ class Amendment:
         discrepancy: What remains beside them; None where nothing does, or nothing that is to be shown.
         corrected: Data of the same sensors with what was found of them undone.
         rows: Rows near the model after, where rows are linear only near one; None: those of the model before.
+        sensors: Errors of the sensors of states and inputs that are in the model after, in their units.
+        clock: Data that drifts were found on; None where no sensor has an error.
     """
 
     statistics: SufficientStatistics
@@ -125,6 +128,8 @@ class Amendment:
     discrepancy: Remainder | None = None
     corrected: Callable[[Trajectories], Trajectories] = lambda data: data
     rows: RowKind | None = None
+    sensors: Mapping[ChannelSuspect, float] = field(default_factory=dict)
+    clock: Trajectories | None = None
 
     @property
     def n_own(self) -> int:
@@ -147,6 +152,12 @@ class Amendment:
         if self.discrepancy is not None:
             after += self.discrepancy.rates(columns, n_draw)
         return before, scale * after
+
+    def terms_before(self) -> list[tuple[Term, float]]:
+        """The user's own dictionary alone, with its coefficients."""
+        columns = [self.statistics.columns[i] for i in self.statistics.of_kind("free")]
+        scale = self.statistics.target_scale
+        return [(c.formula, float(b) * scale / c.scale) for c, b in zip(columns, self.before, strict=True)]
 
     def added(self, n_before: int, n_draw: int) -> Added:
         """Terms and features with their coefficients: `n_before` rows of the model before, then draws of after.

@@ -32,9 +32,25 @@ class Coefficients(NamedTuple):
     suspects: tuple[int, ...] = ()
     suspect_draws: np.ndarray = np.zeros((0, 0))
 
-    def first_suspects(self, n: int) -> "Coefficients":
-        """Without the suspects after the first n."""
-        return self._replace(suspects=self.suspects[:n], suspect_draws=self.suspect_draws[:, :n])
+    def without_memory(self, statistics: SufficientStatistics, n: int) -> "Coefficients":
+        """Without the suspects after the first n, what remembers; the model's free terms take over what they can of it.
+
+        A force that follows an input late is that input's for the most part.
+
+        Args:
+            statistics: Of the equation, under its noise.
+            n: Suspects that stay.
+        """
+        memory, free = list(self.suspects[n:]), statistics.of_kind("free")
+        kept = self._replace(suspects=self.suspects[:n], suspect_draws=self.suspect_draws[:, :n])
+        if not memory or not free:
+            return kept
+        products, draws = statistics.products, self.draws.copy()
+        taken = (
+            np.linalg.pinv(products[np.ix_(free, free)], rcond=1e-12, hermitian=True) @ products[np.ix_(free, memory)]
+        )
+        draws[:, [self.indices.index(i) for i in free]] += self.suspect_draws[:, n:] @ taken.T
+        return kept._replace(draws=draws)
 
 
 def plain(evaluations: Evaluations) -> np.ndarray:

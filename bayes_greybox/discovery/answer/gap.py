@@ -4,6 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pandas as pd
@@ -13,6 +14,7 @@ from bayes_greybox.criticism.bands import Band, band_holds
 from bayes_greybox.criticism.free_run import FreeRunner
 from bayes_greybox.data.starts import Starts, estimate_starts
 from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.discovery.suspects.channels import DELAY, ChannelSuspect, as_shown, calibrated, shifted
 from bayes_greybox.model.program import Program
 
 from .amendment import Added, Amendment
@@ -40,9 +42,9 @@ class FreePath:
     Attributes:
         time: Times of the rows.
         run: Their runs.
-        measured: The state.
+        measured: The state, as its sensor showed it.
         before: Model before.
-        after: Amended model.
+        after: Amended model, with the errors of sensors that belong to it.
         holds: What the band after holds, in words: "90 % band: coefficients, inner parameters, f, start".
     """
 
@@ -84,7 +86,9 @@ def gap_rows(
     for equation, amendment in amendments.items():
         if equation not in data.derivatives:
             continue
-        raw, corrected = model.equation_rows(data, equation), amendment.corrected(data)
+        # Rows that are linear only near a model are near the one that they are compared with, before and after.
+        first = replace(model, rows=model.rows.around(amendment.terms_before()))
+        raw, corrected = first.equation_rows(data, equation), amendment.corrected(data)
         near = model if amendment.rows is None else replace(model, rows=amendment.rows)
         measured = near.equation_rows(corrected, equation)
         size = float(np.mean(measured.measured**2))
@@ -153,7 +157,9 @@ class FreeRuns:
         amendments = self.amendments
         if not set(data.state_names) <= {*self.model.simulator(data).equations, *amendments}:
             return {}, []
-        starts = estimate_starts(data) if starts is None else starts
+        sensors, clock = self._sensors(data)
+        right = _right(data, sensors, clock)
+        given, starts = starts, estimate_starts(data) if starts is None else starts
         varies = any(len(a.after.indices) or a.discrepancy is not None for a in amendments.values())
         n_draw = PATH_DRAWS if varies or not starts.exact else 1
         # The model before runs from the very starts of the draws after; from exact ones once.
@@ -161,8 +167,33 @@ class FreeRuns:
         begin = starts.draws(n_draw, np.random.default_rng(seed))
         runner, added = self._runner(data, n_before, n_draw)
         parameters = {name: (jnp.asarray(a.coefficients), jnp.asarray(a.weights)) for name, a in added.items()}
-        states, failed_at = runner(data, parameters, np.concatenate([begin[:n_before], begin]))
+        if sensors:
+            # Before, nothing was known of the sensors; after, right inputs drive the path from where it was.
+            first = begin if given is not None else estimate_starts(right).draws(n_draw, np.random.default_rng(seed))
+            each = [
+                runner(data, jax.tree.map(lambda x: x[:n_before], parameters), begin[:n_before]),
+                runner(right, jax.tree.map(lambda x: x[n_before:], parameters), first),
+            ]
+            states, failed_at = np.concatenate([x for x, _ in each]), np.concatenate([t for _, t in each], axis=1)
+            for i, name in enumerate(data.state_names):
+                states[n_before:, :, i] = as_shown(states[n_before:, :, i], name, data, sensors, clock)
+        else:
+            states, failed_at = runner(data, parameters, np.concatenate([begin[:n_before], begin]))
         return _compared(data, part, states, failed_at, n_before, band_holds(LEVEL, _sources(amendments, starts)))
+
+    def _sensors(self, data: Trajectories) -> tuple[Mapping[ChannelSuspect, float], Trajectories]:
+        """Errors of states' and inputs' sensors in the model after; none where two equations say different ones."""
+        found: dict[ChannelSuspect, float] = {}
+        by_key: dict[str, float] = {}
+        clock = data
+        for amendment in self.amendments.values():
+            for suspect, size in amendment.sensors.items():
+                if suspect.channel not in data.columns:
+                    continue
+                if by_key.setdefault(suspect.key, size) != size:
+                    return {}, data
+                found[suspect], clock = size, amendment.clock or data
+        return found, clock
 
     def _runner(self, data: Trajectories, n_before: int, n_draw: int) -> tuple[FreeRunner, Mapping[str, Added]]:
         key = (data.state_names, data.input_names, n_before, n_draw)
@@ -225,6 +256,13 @@ def worsened(gap: pd.DataFrame) -> tuple[tuple[str, str, str], ...]:
         if worse:
             found.append((str(key[0]), str(key[1]), str(key[2])))
     return tuple(found)
+
+
+def _right(data: Trajectories, sensors: Mapping[ChannelSuspect, float], clock: Trajectories) -> Trajectories:
+    """The data without errors of their sensors; as many rows."""
+    late = {suspect.channel: size for suspect, size in sensors.items() if suspect.kind == DELAY}
+    right = calibrated(data, "", sensors, clock)
+    return shifted(right, late) if late else right
 
 
 def _compared(

@@ -3,6 +3,9 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
+import numpy as np
+from jaxtyping import Float
+
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.model.assemble import discrepancy_box, features_per_variable, with_rounding
 from bayes_greybox.model.gp.discrepancy import OrthogonalGP
@@ -19,8 +22,9 @@ left after it was added, and no chain has to pay for them."""
 
 
 def sufficient_statistics(
-    model: Program, data: Trajectories, equation: str, effects: Sequence[BoundEffect]
-) -> SufficientStatistics:
+    model: Program, data: Trajectories, equation: str, effects: Sequence[BoundEffect],
+    shown: Float[np.ndarray, " n_row"] | float = 0.0,
+) -> SufficientStatistics:  # fmt: skip
     """Free terms, corrections and effects of one equation, evaluated and multiplied out.
 
     Args:
@@ -28,11 +32,13 @@ def sufficient_statistics(
         data: Training data.
         equation: The learned state.
         effects: Effects bound to columns.
+        shown: What the sensors showed at the rows beyond what the data have, in the sensors' units.
 
     Raises:
         InputError: The simulation equals the measurement exactly; a variable of f that is constant or unknown.
     """
     rows = model.equation_rows(data, equation)
+    rows = replace(rows, measured=rows.measured + shown / rows.gain)
     target_scale = rows.scale
     gp = model.discrepancy or OrthogonalGP()
     variables, centre, half_width = discrepancy_box(gp, rows.columns)

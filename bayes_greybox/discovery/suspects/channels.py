@@ -205,6 +205,31 @@ def calibrated(
     return replace(data, states=part(data.states, str), inputs=part(data.inputs, str), derivatives=rates)
 
 
+def as_shown(
+    paths: Float[np.ndarray, "n_draw n_obs"], name: str, data: Trajectories, sizes: Mapping[ChannelSuspect, float],
+    clock: Trajectories,
+) -> Float[np.ndarray, "n_draw n_obs"]:  # fmt: skip
+    """What the sensor of a state shows of paths, (1 + κ) x(t − d) + o + drift: the inverse of `calibrated`.
+
+    Args:
+        paths: At the rows of the data; NaN where a path failed.
+        name: Of the state.
+        data: Rows.
+        sizes: By suspect, as found.
+        clock: Data that drifts were found on.
+    """
+    own = {suspect.kind: size for suspect, size in sizes.items() if suspect.channel == name}
+    if DELAY in own:
+        paths = paths.copy()
+        for r in dict.fromkeys(data.run.tolist()):
+            rows = data.run == r
+            for path in paths:
+                if np.all(np.isfinite(path[rows])):
+                    path[rows] = _later(data.time[rows], path[rows], -own[DELAY])
+    slope = own.get(DRIFT, 0.0) / np.ptp(clock.time) if DRIFT in own else 0.0
+    return (1.0 + own.get(GAIN, 0.0)) * paths + own.get(OFFSET, 0.0) + slope * (data.time - np.mean(clock.time))
+
+
 def shifted(data: Trajectories, later: Mapping[str, float], clock: float = 0.0) -> Trajectories:
     """States and inputs as they are so much later, by cubic splines through the samples of each run.
 

@@ -7,15 +7,12 @@ A sensor that shows (1 + κ) y(t − d) + o + drift adds to its rows, to first o
 and an input that is wrong acts as a force along the path, see `channels`.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 
 import numpy as np
-import sympy
 from jaxtyping import Float
 
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.physics.grammar import symbol
-from bayes_greybox.physics.terms import Term
 
 from .channels import (
     DELAY,
@@ -33,15 +30,16 @@ from .channels import (
 
 
 def sensor_columns(
-    samples: Trajectories, path: Trajectories
+    samples: Trajectories, path: Trajectories, late: Mapping[str, float] | None = None
 ) -> list[tuple[ChannelSuspect, Float[np.ndarray, " n_row"]]]:
     """Suspects about every sensor with their columns at the rows, in the sensor's unit per unit of their size.
 
     Args:
         samples: What the sensors showed; rows are ordered by sensor, then by sample.
         path: The path at the samples.
+        late: What sensors were found to be late by, at which their delays' columns are taken.
     """
-    found, names = [], samples.state_names
+    found, names, late = [], samples.state_names, late or {}
     step = float(np.median(np.diff(samples.time)[np.diff(samples.run) == 0]))
     span = float(np.ptp(samples.time))
     for k, name in enumerate(names):
@@ -51,8 +49,9 @@ def sensor_columns(
 
         x, ones = path.column(name), np.ones(path.n_obs)
         size = float(np.sqrt(np.mean(x**2)))
-        late = shifted(path, {name: -step / 4}).column(name) - shifted(path, {name: step / 4}).column(name)
-        found.append((ChannelSuspect(DELAY, name, DELAY_STEPS * step, step), row(late / (step / 2))))
+        by = late.get(name, 0.0)
+        later, sooner = (shifted(path, {name: h - by}).column(name) for h in (-step / 4, step / 4))
+        found.append((ChannelSuspect(DELAY, name, DELAY_STEPS * step, step), row((later - sooner) / (step / 2))))
         found.append((ChannelSuspect(GAIN, name, GAIN_SD), row(x)))
         found.append((ChannelSuspect(OFFSET, name, ZERO_SD * size), row(ones)))
         if span > 0:
@@ -78,21 +77,6 @@ def input_columns(nodes: Trajectories, rate: Rate, step: float) -> list[tuple[Ch
         found.append((ChannelSuspect(GAIN, name, GAIN_SD), -slope * u))
         found.append((ChannelSuspect(OFFSET, name, ZERO_SD * size), -slope * ones))
     return [(suspect, column) for suspect, column in found if np.all(np.isfinite(column)) and np.any(column != 0)]
-
-
-def input_force(suspect: ChannelSuspect, rate: Sequence[tuple[Term, float]]) -> Term | None:
-    """What an input's error of a unit adds to a rate that is a sum of terms, as a term; None where no term says it.
-
-    Args:
-        suspect: The error.
-        rate: Terms of the rate with their coefficients.
-    """
-    u = symbol(suspect.channel)
-    slope = sympy.expand(sum(value * sympy.diff(term.expr, u) for term, value in rate))
-    force = {OFFSET: -slope, GAIN: -slope * u}.get(suspect.kind)
-    if force is None or force == 0 or force.has(sympy.Derivative, sympy.DiracDelta):
-        return None
-    return Term(force)
 
 
 def _runs(data: Trajectories) -> list[np.ndarray]:

@@ -19,7 +19,6 @@ from bayes_greybox.discovery.evidence.columns import Column
 from bayes_greybox.discovery.evidence.evaluations import Evaluations, one_pattern
 from bayes_greybox.discovery.evidence.odds import Odds
 from bayes_greybox.discovery.evidence.of_equation import sufficient_statistics
-from bayes_greybox.discovery.evidence.sufficient_statistics import SufficientStatistics
 from bayes_greybox.discovery.evidence.with_discrepancy import Evaluator
 from bayes_greybox.discovery.suspects.channels import (
     DELAY,
@@ -28,27 +27,23 @@ from bayes_greybox.discovery.suspects.channels import (
     calibrated,
     measured_at,
     shifted,
-    slope_along,
 )
 from bayes_greybox.discovery.suspects.memory import memory_columns
-from bayes_greybox.discovery.suspects.sensors import input_columns, input_force, sensor_columns
 from bayes_greybox.model.evidence import coefficients
+from bayes_greybox.model.near import near_estimate
 from bayes_greybox.model.noise.noise_model import CORRELATED, PROCESS, NoiseModel
 from bayes_greybox.model.program import Program
 from bayes_greybox.model.rows.equation_rows import EquationRows
 from bayes_greybox.physics.catalogue.effects import BoundEffect
-from bayes_greybox.physics.simulation import Simulation
 from bayes_greybox.physics.terms import Term
 
 from .alignment import Aligned, modelled_rate
+from .sensors_along_path import Suspected, freed
 from .sets import Sets
 from .worlds import under, worlds
 
 TURNS = 5
 """How often rows are taken anew near what was found."""
-
-TOLD = 1e-3
-"""Share of what an error of a sensor does that no start of the path does as well, at least; else nothing tells it."""
 
 STAYS = 0.3
 """Coefficients that move by less than this share of their posterior standard deviation stay."""
@@ -122,8 +117,8 @@ def follow(
     report("following the path of the samples")
     # Twice before noise is weighed: far from the right model a small change of the path goes on otherwise than the
     # equations say, which looks like noise that hangs together.
-    near = _near(model, train, equation, effects, odds, most, (), False, None)
-    near = _near(model, train, equation, effects, odds, most, near.added, False, None)
+    near = _near(model, train, equation, effects, odds, most, _own_terms(model, train), {}, False, None)
+    near = _near(model, train, equation, effects, odds, most, near.found, {}, False, None)
     for suspected in (False, True):
         # Far from the right model the rows are not quite linear, which looks like a sensor that is a little off:
         # sensors are suspected once a path nearer by shows nothing else.
@@ -132,7 +127,7 @@ def follow(
         for _ in range(TURNS):
             before = near
             report("following it with what was found")
-            near = _near(model, train, equation, effects, odds, most, before.added, suspected, noise)
+            near = _near(model, train, equation, effects, odds, most, before.found, before.sensors, suspected, noise)
             best = near if best is None or near.log_evidence > best.log_evidence else best
             if near.stays(before):
                 break
@@ -141,20 +136,31 @@ def follow(
             near = best or near
     used = np.ones(near.data.n_obs, bool)
     bare = modelled_rate(near.model, near.data, equation, ())
-    # Errors of inputs are forces along the path as it came, and none along that of right inputs.
     rows = near.model.rows.around(near.found)
     return Followed(
         near.data, near.base, rate=near.rate, bare=bare, used=used, rows=rows, noise=near.noise, model=near.model
     )
 
 
+def _own_terms(model: Program, train: Trajectories) -> tuple[tuple[Term, float], ...]:
+    """The model's own terms with their estimate: where all of an equation is learned, nothing else follows a path."""
+    if not model.dictionary:
+        return ()
+    try:
+        (equation,) = near_estimate(model, train).assemble(train).values()
+    except (InputError, np.linalg.LinAlgError):
+        # The study follows the samples all the same, if less surely.
+        return ()
+    return tuple(equation.ridge())
+
+
 class Near(NamedTuple):
     """Explanations on rows near one model, and the likeliest one's coefficients in user's units.
 
     `base` are sets under the noise that rows come with; `noise` is the one that the likeliest was found under; `found`
-    are terms beside the simulation, `errors` the forces along the path that errors of inputs are. `log_evidence` is
-    that of the likeliest, of the samples in user's units, so that paths can be compared. `names` are without values of
-    inner parameters; `bent` are columns that have one.
+    are terms beside the simulation, `sensors` errors of sensors and inputs, which the path is without: beside an offset
+    of a sensor a force is another one. `log_evidence` is that of the likeliest, of the samples in user's units, so that
+    paths can be compared. `names` are without values of inner parameters; `bent` are columns that have one.
     """
 
     model: Program
@@ -167,7 +173,7 @@ class Near(NamedTuple):
     sd: Float[np.ndarray, " n_column"]
     bent: Bool[np.ndarray, " n_column"]
     found: tuple[tuple[Term, float], ...]
-    errors: tuple[tuple[Term, float], ...]
+    sensors: Mapping[ChannelSuspect, float]
     log_evidence: float
 
     def stays(self, before: "Near") -> bool:
@@ -181,34 +187,34 @@ class Near(NamedTuple):
         level = abs(self.log_evidence - before.log_evidence) <= LEVEL
         return bool(np.all(stay | self.bent)) and (level or not np.any(self.bent))
 
-    @property
-    def added(self) -> tuple[tuple[Term, float], ...]:
-        """All that acts along the path beside the simulation."""
-        return (*self.found, *self.errors)
-
 
 def _near(
     model: Program, train: Trajectories, equation: str, effects: Sequence[BoundEffect], odds: Odds, most: int,
-    added: Sequence[tuple[Term, float]], suspected: bool, noise: NoiseModel | None,
+    added: Sequence[tuple[Term, float]], sensors: Mapping[ChannelSuspect, float], suspected: bool,
+    noise: NoiseModel | None,
 ) -> Near:  # fmt: skip
     # What hangs together in time and is the sensor's is nothing that the path does.
     sensor = noise is not None and CORRELATED in noise.names
     simulation, rows = model.simulator(train), model.rows.around(added)
+    right = freed(train.samples or train, equation, sensors, train) if sensors else train
     try:
         near = replace(model, rows=rows.unforced() if sensor else rows)
-        data = near.rows.complete(train, equation, simulation)
+        data = near.rows.complete(right, equation, simulation)
     except InputError:
         if not sensor:
             raise
         # No path of this model is near the samples: not only the sensor has a memory.
         near, noise = replace(model, rows=rows), None
-        data = near.rows.complete(train, equation, simulation)
-    statistics = sufficient_statistics(near, data, equation, effects)
+        data = near.rows.complete(right, equation, simulation)
     rate = modelled_rate(near, data, equation, added)
     if suspected:
-        nodes = near.rows.nodes(data, equation, simulation)
-        _suspects(statistics, data, nodes, rate, simulation)
-        statistics.remember(memory_columns(nodes))
+        beside = Suspected.of(near, data, equation, added, sensors, rate)
+        statistics = sufficient_statistics(near, data, equation, effects, beside.shown)
+        statistics.suspect(beside.told(statistics), at_rows=True)
+        statistics.suspect(beside.inputs)
+        statistics.remember(memory_columns(beside.nodes))
+    else:
+        statistics = sufficient_statistics(near, data, equation, effects)
     evaluator = Evaluator(statistics.prior, statistics.kernel, np.asarray(statistics.basis.frequency))
     base = Sets(Evaluations(statistics, odds, evaluator), most)
     own = statistics.rows.noise
@@ -222,9 +228,8 @@ def _near(
     log_evidence = _log_evidence(sets, noise) - statistics.rows.n_row * math.log(unit)
     columns, values, sd = _estimate(sets, sets.likeliest())
     names, bent = tuple(map(_named, columns)), np.array([bool(c.inner) for c in columns])
-    found = _terms(columns, values)
-    errors = _errors(columns, values, found, simulation, data, equation)
-    return Near(near, data, base, noise, rate, names, values, sd, bent, found, tuple(errors), log_evidence)
+    off = {c.suspect: float(v) for c, v in zip(columns, values, strict=True) if c.suspect is not None}
+    return Near(near, data, base, noise, rate, names, values, sd, bent, _terms(columns, values), off, log_evidence)
 
 
 def _estimate(
@@ -249,23 +254,6 @@ def _terms(columns: Sequence[Column], values: Float[np.ndarray, " n_column"]) ->
     return tuple((c.term, float(v)) for c, v in zip(columns, values, strict=True) if c.term is not None and v != 0)
 
 
-def _errors(
-    columns: Sequence[Column], values: Float[np.ndarray, " n_column"], found: Sequence[tuple[Term, float]],
-    simulation: Simulation, data: Trajectories, equation: str,
-) -> list[tuple[Term, float]]:  # fmt: skip
-    """Forces that errors of inputs are along the path, where the whole rate is a sum of terms that says them."""
-    known, forces = simulation.additive_terms(equation), []
-    whole = sum((value * np.asarray(term.evaluate(data.columns)) for term, value in known), np.zeros(data.n_obs))
-    if not np.allclose(whole, simulation.on(data, equation), rtol=1e-9, atol=1e-9 * np.max(np.abs(whole), initial=0.0)):
-        return []
-    for column, value in zip(columns, values, strict=True):
-        suspect = column.suspect
-        if suspect is not None and suspect.channel in data.input_names:
-            force = input_force(suspect, (*known, *found))
-            forces += [(force, float(value))] if force is not None else []
-    return forces
-
-
 def _unfollowed(rows: EquationRows) -> list[NoiseModel]:
     """Noise with what the model does not follow of the path, if there is anything."""
     if rows.unfollowed is None or rows.unfollowed.nats <= 0:
@@ -278,27 +266,3 @@ def _log_evidence(sets: Sets, noise: NoiseModel) -> float:
     """Of the likeliest set without a rest, prior included."""
     core = sets.likeliest()
     return sets.parametric(core).all + sets.log_prior(core) - 0.5 * noise.noise.log_det
-
-
-def _suspects(
-    statistics: SufficientStatistics, data: Trajectories, nodes: Trajectories, rate: Rate, simulation: Simulation
-) -> None:
-    samples, gain, noise = data.samples, statistics.rows.gain, statistics.rows.noise
-    assert samples is not None
-    # Where nothing drives a system its clock may start at any time: a late sensor is another start.
-    told = [
-        (suspect, column / gain)
-        for suspect, column in sensor_columns(samples, data)
-        if np.linalg.norm(noise.without_starts(column[:, None])) > TOLD * np.linalg.norm(column)
-    ]
-    statistics.suspect(told, at_rows=True)
-    step = float(np.median(np.diff(samples.time)[np.diff(samples.run) == 0]))
-    # An input that drives other states as well is another force on each of them, which no column here is.
-    others = [name for name in simulation.equations if name != statistics.equation]
-    alone = [u for u in nodes.input_names if not any(_drives(u, simulation, name, nodes) for name in others)]
-    statistics.suspect([c for c in input_columns(nodes, rate, step) if c[0].channel in alone])
-
-
-def _drives(name: str, simulation: Simulation, equation: str, data: Trajectories) -> bool:
-    slope = slope_along(data, lambda at: simulation.on(at, equation), name, np.ones(data.n_obs))
-    return bool(np.any(slope != 0))

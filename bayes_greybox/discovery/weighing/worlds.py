@@ -254,7 +254,7 @@ def _again(
         first: Sets under the noise that the rows come with.
         quantities: What the noise may grow with.
         before: Noise without that suspect; by default the noise that the rows come with.
-        anew: Whether these take the place of the world's however likely that is.
+        anew: Whether to find them however near they are: with the price that this path says.
     """
     statistics, name = world.evaluations.statistics, world.model.names[-1]
     rows = statistics.rows
@@ -265,7 +265,7 @@ def _again(
     for s in again:
         if s.name == name and (anew or _differ(s.model.about[name], world.model.about[name])):
             other = _world(under(first, s.model, world.evaluations), s.model)
-            return other if anew else max(world, other, key=lambda w: w.total)
+            return max(world, other, key=lambda w: w.total)
     return world
 
 

@@ -302,8 +302,8 @@ def _at_ends(
 def _steps_needed(rate: ForcedRate, samples: Trajectories, path: np.ndarray, s: np.ndarray) -> int:
     """Steps between samples that resolve the equations along a path; hidden states that it lacks are as the others.
 
-    An oscillation of the frequency ω loses the phase (ωh)⁴/120 each radian, over the whole record, and that shall be
-    little against what the samples together tell of it.
+    An oscillation of the frequency ω loses the phase (ωh)⁴/120 each radian, for as long as its damping lets it be
+    remembered, and that shall be little against what the samples together tell of it.
     """
     filled = np.where(np.isfinite(path), path, path[:, [rate.names.index(samples.state_names[0])]])
     some = np.unique(np.linspace(0, samples.n_obs - 1, MOST_TRIED).astype(int))
@@ -314,10 +314,12 @@ def _steps_needed(rate: ForcedRate, samples: Trajectories, path: np.ndarray, s: 
         return 1
     values = np.linalg.eigvals(A)
     fastest = float(np.quantile(np.abs(values).max(axis=-1), 0.99))
-    turning = float(np.quantile(np.abs(values.imag).max(axis=-1), 0.5))
+    swings = np.take_along_axis(values, np.abs(values.imag).argmax(axis=-1)[:, None], axis=-1)[:, 0]
+    turning, damping = float(np.median(np.abs(swings.imag))), max(float(np.median(-swings.real)), 0.0)
     step = float(np.median(np.diff(samples.time)[np.diff(samples.run) == 0]))
     spread = np.std(samples.matrix(samples.state_names), axis=0)
     told = DRIFT * float(np.min(s / spread.clip(1e-300))) / math.sqrt(samples.n_obs)
-    radians = turning * step * max(samples.run_lengths)
+    longest_run = step * max(samples.run_lengths)
+    radians = turning * (min(longest_run, 1 / damping) if damping > 0 else longest_run)
     longest = min(STEP, (120 * told / radians) ** 0.25 if radians > 0 else STEP)
     return int(np.clip(math.ceil(fastest * step / longest), 1, MOST_STEPS))

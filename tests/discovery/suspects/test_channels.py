@@ -14,6 +14,7 @@ from bayes_greybox.discovery.suspects.channels import (
     OFFSET,
     STATES,
     ChannelSuspect,
+    as_shown,
     calibrated,
     shifted,
     suspect_columns,
@@ -199,6 +200,22 @@ def test_gains_offsets_and_drifts_are_taken_out_as_they_were_put_in():
     later = measured.take(1)
     np.testing.assert_allclose(calibrated(later, "v", sizes, true).derivatives["v"], true.take(1).derivatives["v"])
     assert calibrated(measured, "v", {ChannelSuspect(DELAY, "v", 1.0): 0.1}, true) is measured
+
+
+def test_what_a_sensor_shows_of_a_path_is_taken_out_again():
+    true = data_of()
+    sizes = {ChannelSuspect(kind, "x", 1.0): size for kind, size in ((GAIN, 0.02), (OFFSET, 0.1), (DRIFT, 0.3))}
+    shown = as_shown(true.states["x"][None], "x", true, sizes, true)[0]
+    measured = replace(true, states={**true.states, "x": shown})
+    np.testing.assert_allclose(calibrated(measured, "v", sizes, true).states["x"], true.states["x"], atol=1e-12)
+    assert not np.allclose(shown, true.states["x"])
+    # A late sensor shows what was before; another state's errors, and paths that failed, are left as they are.
+    late = {ChannelSuspect(DELAY, "x", 1.0): 0.03, ChannelSuspect(GAIN, "v", 1.0): 0.5}
+    paths = np.stack([np.sin(true.time), np.full(true.n_obs, np.nan)])
+    seen = as_shown(paths, "x", true, late, true)
+    inside = np.concatenate([np.arange(5, n) for n in true.run_lengths[:1]])
+    np.testing.assert_allclose(seen[0, inside], np.sin(true.time - 0.03)[inside], atol=1e-4)
+    assert np.all(np.isnan(seen[1])) and np.array_equal(paths[0], np.sin(true.time))
 
 
 def test_a_rate_with_a_clock_of_its_own_is_late_with_it():

@@ -1,0 +1,177 @@
+"""Errors of sensors and inputs as suspects along a path: the path is that of samples which are free of them.
+
+A suspect's column is its derivative at the errors so far, and what these do to the rows is added again, each as its
+size times its column: a coefficient is a whole error, and the next turn takes its column there.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.discovery.evidence.sufficient_statistics import SufficientStatistics
+from bayes_greybox.discovery.suspects.channels import (
+    DELAY,
+    GAIN,
+    ChannelSuspect,
+    Rate,
+    calibrated,
+    shifted,
+    slope_along,
+)
+from bayes_greybox.discovery.suspects.sensors import input_columns, sensor_columns
+from bayes_greybox.model.program import Program
+from bayes_greybox.model.rows.equation_rows import EquationRows
+from bayes_greybox.physics.simulation import Simulation
+from bayes_greybox.physics.terms import Term
+
+TOLD = 1e-3
+"""Share of what an error of a sensor does that no start of the path does as well, at least; else nothing tells it."""
+
+DOUBLE, SAME = 2.0, 1e-6
+"""States in another unit, and how far columns may be from proportional to be the same."""
+
+
+def freed(
+    samples: Trajectories, equation: str, sensors: Mapping[ChannelSuspect, float], clock: Trajectories
+) -> Trajectories:
+    """Samples without what errors of sensors and inputs did.
+
+    Where the only sensor is late, the path is that of its clock, and inputs are taken as much later to it; delays of
+    several sensors stay in their samples.
+
+    Args:
+        samples: As they came.
+        equation: The learned state.
+        sensors: Errors of a unit of their size.
+        clock: Data that drifts were found on.
+    """
+    right = calibrated(samples, equation, sensors, clock)
+    late, alone = _late(sensors), samples.state_names if len(samples.state_names) == 1 else ()
+    clock_late = sum(late.get(name, 0.0) for name in alone)
+    later = {name: late.get(name, 0.0) - clock_late for name in samples.input_names}
+    return shifted(right, later) if any(later.values()) else right
+
+
+def _late(sensors: Mapping[ChannelSuspect, float]) -> dict[str, float]:
+    return {suspect.channel: size for suspect, size in sensors.items() if suspect.kind == DELAY}
+
+
+class Suspected(NamedTuple):
+    """Suspects on rows near a model, in samples that are free of their errors so far.
+
+    `sensors` are columns at the rows, in the sensors' units, `inputs` forces along the path, at the `nodes`; `shown` is
+    what the errors so far do to the rows, each as its size times its column, so that a coefficient is a whole error.
+    """
+
+    sensors: list[tuple[ChannelSuspect, Float[np.ndarray, " n_row"]]]
+    inputs: list[tuple[ChannelSuspect, Float[np.ndarray, " n_node"]]]
+    shown: Float[np.ndarray, " n_row"]
+    nodes: Trajectories
+    samples: Trajectories
+    simulation: Simulation
+
+    @classmethod
+    def of(
+        cls, near: Program, data: Trajectories, equation: str, added: Sequence[tuple[Term, float]],
+        sizes: Mapping[ChannelSuspect, float], rate: Rate,
+    ) -> "Suspected":  # fmt: skip
+        """Take the columns along a path.
+
+        Args:
+            near: The model with rows near what was found.
+            data: Samples that are free of the errors so far, with the path through them.
+            equation: The learned state.
+            added: What was found beside the simulation.
+            sizes: The errors so far.
+            rate: The whole modelled rate.
+        """
+        simulation, samples = near.simulator(data), data.samples
+        assert samples is not None
+        rows, nodes = near.equation_rows(data, equation), near.rows.nodes(data, equation, simulation)
+        assert rows.operator is not None
+        seen = _modelled(rows, data, added)
+        several = len(samples.state_names) > 1
+        late = {name: by for name, by in _late(sizes).items() if several and name in samples.state_names}
+        sensors = sensor_columns(samples, seen, late)
+        step = float(np.median(np.diff(samples.time)[np.diff(samples.run) == 0]))
+        # An input that drives other states as well is another force on each of them, which no column here is.
+        others = [name for name in simulation.equations if name != equation]
+        alone = [u for u in nodes.input_names if not any(_drives(u, simulation, name, nodes) for name in others)]
+        inputs = [column for column in input_columns(nodes, rate, step) if column[0].channel in alone]
+        known = {suspect.key: size for suspect, size in sizes.items()}
+        force = sum((known.get(suspect.key, 0.0) * column for suspect, column in inputs), np.zeros(nodes.n_obs))
+        shown = sum((known.get(suspect.key, 0.0) * column for suspect, column in sensors), np.zeros(rows.n_row))
+        # A delay is no product of size and column: what a late sensor shows beyond it is taken off.
+        before = shifted(seen, {name: -by for name, by in late.items()})
+        shown = shown - np.concatenate([before.column(name) - seen.column(name) for name in samples.state_names])
+        shown = shown + rows.gain * rows.operator(force[:, None])[:, 0]
+        return cls(sensors, inputs, shown, nodes, samples, simulation)
+
+    def told(self, statistics: SufficientStatistics) -> list[tuple[ChannelSuspect, Float[np.ndarray, " n_row"]]]:
+        """Errors of sensors that samples can tell, in the unit of the rows.
+
+        Where nothing drives a system its clock may start at any time: a late sensor is another start.
+
+        Args:
+            statistics: Of the rows.
+        """
+        gain, noise = statistics.rows.gain, statistics.rows.noise
+        unitless = len(self.samples.state_names) == 1 and _unitless(statistics, self.nodes, self.simulation)
+        return [
+            (suspect, column / gain)
+            for suspect, column in self.sensors
+            if np.linalg.norm(noise.without_starts(column[:, None])) > TOLD * np.linalg.norm(column)
+            and not (suspect.kind == GAIN and unitless)
+        ]
+
+
+def _modelled(rows: EquationRows, data: Trajectories, added: Sequence[tuple[Term, float]]) -> Trajectories:
+    """Data whose sampled states are what the model says of them, without the unknown force that moves the path.
+
+    The path follows the samples, noise and all: a gain of it would explain the samples by themselves.
+    """
+    samples = data.samples
+    assert samples is not None and rows.operator is not None
+    n_node = len(next(iter(rows.columns.values())))
+    force = sum((value * np.asarray(term.evaluate(rows.columns)) for term, value in added), np.zeros(n_node))
+    path = np.concatenate([data.column(name) for name in samples.state_names])
+    moved = path - rows.gain * (rows.simulated + rows.operator(force[:, None])[:, 0])
+    own = (path - rows.noise.without_starts(moved[:, None])[:, 0]).reshape(len(samples.state_names), -1)
+    return replace(data, states={**data.states, **dict(zip(samples.state_names, own, strict=True))})
+
+
+def _unitless(statistics: SufficientStatistics, nodes: Trajectories, simulation: Simulation) -> bool:
+    """Whether states in another unit are states of the same model with other coefficients, all of which are learned.
+
+    A gain of the only sensor is then no more than its unit, and where it comes in it stands for something else.
+    """
+    larger = replace(nodes, states={name: DOUBLE * x for name, x in nodes.states.items()})
+
+    def proportional(before: np.ndarray, after: np.ndarray) -> float | None:
+        """Factor between them, if they are one up to a factor; zero is any factor of zero."""
+        square = float(before @ before)
+        if not square > 0:
+            return None if np.any(after) else DOUBLE
+        factor = float(before @ after) / square
+        return (
+            factor if np.allclose(after, factor * before, rtol=SAME, atol=SAME * float(np.max(np.abs(after)))) else None
+        )
+
+    known = [proportional(*(simulation.on(at, name) for at in (nodes, larger))) for name in simulation.equations]
+    terms = [term for i in statistics.of_kind("free") if (term := statistics.columns[i].term) is not None]
+    free = [
+        proportional(
+            *(np.broadcast_to(np.asarray(term.evaluate(at.columns), float), at.n_obs) for at in (nodes, larger))
+        )
+        for term in terms
+    ]
+    return all(f is not None and abs(f - DOUBLE) < SAME for f in known) and None not in free
+
+
+def _drives(name: str, simulation: Simulation, equation: str, data: Trajectories) -> bool:
+    slope = slope_along(data, lambda at: simulation.on(at, equation), name, np.ones(data.n_obs))
+    return bool(np.any(slope != 0))
