@@ -68,8 +68,7 @@ def free_run(
 
     Args:
         posterior: Fitted model; every state needs an equation, in the simulation or in the dictionary.
-        data: Runs to follow: their times, starts and inputs are used; samples alone start where the path through them
-            does.
+        data: Runs to follow: their times, starts and inputs are used.
         level: Probability of the bands.
         at_most: Posterior draws integrated.
         seed: Seed of the choice of draws and of the starts.
@@ -78,13 +77,11 @@ def free_run(
     Raises:
         InputError: States without an equation; a model on the exact path, whose f has no finite expansion.
     """
-    learned = posterior.learned()
-    simulation = posterior.model.simulator(data)
-    if not set(simulation.states) <= set(data.state_names):
-        data = posterior.model.rows.complete_all(data, tuple(learned), simulation)
     require_columns(posterior, data)
+    learned = posterior.learned()
     if not all(each.equation.design.expands for each in learned.values()):
         raise InputError("A free run needs f at every step: fit with OrthogonalGP(path='hsgp').")
+    simulation = posterior.model.simulator(data)
     idle = [s for s in data.state_names if s not in simulation.equations and s not in learned]
     if idle:
         raise InputError(

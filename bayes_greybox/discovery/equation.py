@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from bayes_greybox.data.sample_noise import sample_noise
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.model.program import Program
 from bayes_greybox.physics.catalogue.effects import BoundEffect
@@ -23,7 +24,7 @@ from .answer.where import GapField, gap_map, gap_trace, where_table
 from .evidence.odds import Odds
 from .evidence.sufficient_statistics import SufficientStatistics
 from .suspects.channels import Rate
-from .suspects.samples import Smoother, known_rates
+from .suspects.samples import Smoother, clipped, known_rates
 from .weighing.alignment import Aligned, align
 from .weighing.along_path import Near, follow
 from .weighing.sets import RECALIBRATED, Sets
@@ -54,6 +55,7 @@ def study_equation(
         say: Told in words what is being done.
     """
     aligned, found = _weighed(model, train, name, effects, odds, most, seed if settle else None, say)
+    bounded = _clipped_samples(train)
     unit, unit_of_time = derivative_unit(name, train.units), train.units.get("t", "")
 
     def decided(doubts: Sequence[Doubt]) -> tuple[Finding, list[Check]]:
@@ -63,7 +65,7 @@ def study_equation(
         finding = with_noisy_states(finding, aligned, unit)
         if finding.verdict == "no gap" and aligned.late:
             finding = replace(finding, verdict="instrument")
-        said = [check.text for check in checks if not check.ok]
+        said = [*bounded, *(check.text for check in checks if not check.ok)]
         return finding.capped(said), checks
 
     finding, checks = decided(())
@@ -150,6 +152,20 @@ def _amendment(finding: Finding, aligned: Aligned, train: Trajectories, seed: in
     return Amendment(
         statistics, plain(evaluations), coefficients, sigma, None, put_right, aligned.rows, sensors, train
     )  # fmt: skip
+
+
+def _clipped_samples(train: Trajectories) -> list[str]:
+    """What rows of samples take as it came, in words: a sensor at its end, which shows less than there is."""
+    if train.samples is None:
+        return []
+    names = train.samples.state_names
+    noise = sample_noise(train.samples.time, train.samples.matrix(names), train.samples.run_lengths)
+    # Without noise a state at rest stays to the last bit.
+    noisy = {name: train.samples.states[name] for name, s in zip(names, noise, strict=True) if s > 0}
+    at_end = clipped(noisy, train.samples.run)
+    return [
+        f"{name} is clipped at {int(np.sum(rows))} samples, which count as any others" for name, rows in at_end.items()
+    ]
 
 
 def _quantities(model: Program, data: Trajectories, sets: Sets, rate: Rate) -> dict[str, np.ndarray]:

@@ -50,3 +50,30 @@ def test_the_discrepancy_is_the_hardening_spring_and_a_cubic_term_takes_it_over(
     assert shape[3] < 0 and abs(shape[3] + k3) < 0.2 * k3
     assert shares[1] < 0.5 * shares[0]
     assert cubic.inclusion().loc[("v", "y**3"), "inclusion"] > 0.99
+
+
+FROM_RATES = {"multisine_test": 0.251, "arrow": 0.369, "arrow_no_extrapolation": 0.265}
+"""Free-run errors in mV of what the study of rates finds, see test_silverbox_study.py."""
+
+
+def test_from_the_voltage_alone_free_runs_are_no_worse_than_from_rates(capsys):
+    """Nothing is differentiated: samples of y and u, the terms that the study of rates finds."""
+    parts = bg.load_dataset("silverbox", remove_offset=True)
+    model = bg.GreyBox(
+        simulation={"y": "v"},
+        dictionary={"v": ["y", "v", "u", "1", "y**2", "y**3", "v*abs(v)"]},
+        discrepancy=None,
+        prior=bg.Normal(),
+        rows=bg.TrajectoryRows(substeps=3),
+    )
+    fit = model.fit(parts["multisine_train"], seed=0, progress=False)
+    with capsys.disabled():
+        print(f"\n{fit.verdict}\n{fit.summary().loc['v', ['mean', 'sd']].to_string()}")
+    assert fit.verdict.ok
+    for name, rates in FROM_RATES.items():
+        path = fit.simulate(parts[name], draws=20).states["y"].mean
+        # The first 50 samples are left out, as the benchmark's authors ask.
+        error = 1e3 * np.sqrt(np.mean((path - parts[name].states["y"])[50:] ** 2))
+        with capsys.disabled():
+            print(f"| {name} | {error:.3f} mV ({rates} from rates) |")
+        assert error <= rates

@@ -171,3 +171,12 @@ def test_where_all_is_learned_a_gain_of_the_only_sensor_is_its_unit_and_no_suspe
     assert ("gain", "y") not in set(zip(found.instrument["suspect"], found.instrument["channel"], strict=True))
     # Before and after are each on rows near their own model.
     assert found.gap.loc[("train", "sample NMSE", "v"), "closed"] > 0.5
+
+
+def test_a_sensor_that_was_at_its_end_speaks_against_the_answer():
+    # Noise of the sensor is clipped with what it shows.
+    data = sampled(**CUBIC, noise=0.03)
+    data = replace(data, states={"y": np.minimum(data.states["y"], np.quantile(data.states["y"], 0.9))})
+    found = study(data)
+    assert found.verdict != "named"
+    assert any("y is clipped at" in text for text in found.against)
