@@ -156,9 +156,17 @@ def find_missing_effects(
     fit, seconds = None, dict(found.settings["seconds"])
     if settle:
         start = time.perf_counter()
-        fit = amended.fit(found.corrected, draws=draws, tune=tune, chains=chains, seed=seed, progress=progress)
-        # The fit's own model: it may have been given more features.
-        amended, seconds["sample"] = replace(amended, discrepancy=fit.model.discrepancy), time.perf_counter() - start
+        try:
+            fit = amended.fit(found.corrected, draws=draws, tune=tune, chains=chains, seed=seed, progress=progress)
+        except InputError as error:
+            # What the study found stands.
+            if found.model.rows.rates_measured:
+                raise
+            found = replace(found, warnings=(*found.warnings, f"The amended model was not sampled. {error}"))
+        else:
+            # The fit's own model: it may have been given more features.
+            amended = replace(amended, discrepancy=fit.model.discrepancy)
+        seconds["sample"] = time.perf_counter() - start
     seconds["total"] = time.perf_counter() - started
     parts = {field.name: getattr(found, field.name) for field in fields(found)}
     settings = {**found.settings, "seconds": seconds}

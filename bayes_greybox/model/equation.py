@@ -95,7 +95,7 @@ class Equation:
         """Coefficients of `ridge`, scaled units, and their precision over that of the noise."""
         Phi, y, stated = np.asarray(self.design.Phi), np.asarray(self.design.y), self.design.coefficients
         precision = Phi.T @ Phi
-        precision = precision + RIDGE * np.mean(np.diag(precision)) * np.eye(Phi.shape[1])
+        precision = precision + RIDGE * np.diag(np.diag(precision))
         theta = np.linalg.solve(precision, Phi.T @ y)
         if stated.stated:
             variance = np.sum((y - Phi @ theta) ** 2) / float(self.design.n_obs)

@@ -23,8 +23,9 @@ TRIES = (1, 2, 3, 5, 8, 12, 17, 24, MOST_TURNS)
 UNFORCED_TURNS = 15
 """Turns that such a try has."""
 
-SETTLED, UNSETTLED = 0.01, 1.0
-"""Change of a coefficient from one turn to the next, in its standard deviations, that ends them; or that is refused."""
+SETTLED, STAYING, UNSETTLED = 0.01, 0.1, 1.0
+"""Change of a coefficient from one turn to the next, in its standard deviations, that ends them; that does where many
+turns have not, as where a path has kinks; and that is refused."""
 
 FOLLOWED = 3.0
 """Nats that an unknown force may gain where a path without it follows the samples: odds of twenty."""
@@ -74,6 +75,24 @@ def _one_settled(model: Any, data: Trajectories) -> Any:
     Far from the estimate a force in the noise says which way it is, as rates would; beside it the rows of a long record
     say next to nothing.
     """
+    # The estimate is of the terms alone, whatever f may be beside them.
+    lean = replace(model, discrepancy=None) if model.dictionary else model
+    try:
+        # A path of coefficients that are far off may leave all bounds.
+        with np.errstate(over="ignore", invalid="ignore"):
+            lean = _nearer(lean, data)
+    except (InputError, np.linalg.LinAlgError):
+        lean = replace(lean, rows=model.rows)
+    found = _turned(lean, data, NEARER, SETTLED)
+    if found.moved > STAYING:
+        found = _turned(found.model, data, MOST_TURNS - NEARER, STAYING)
+    if found.moved > UNSETTLED:
+        raise _unsettled(model, MOST_TURNS, found.moved)
+    return replace(model, rows=found.model.rows)
+
+
+def _nearer(model: Any, data: Trajectories) -> Any:
+    """The model with rows near an estimate beside an unknown force, while that gains anything."""
     before = None
     for _ in range(NEARER):
         (equation,) = model.assemble(data).values()
@@ -86,10 +105,7 @@ def _one_settled(model: Any, data: Trajectories) -> Any:
         model = replace(model, rows=model.rows.around(*_terms(forced)))
         if moved < UNSETTLED:
             break
-    found = _turned(model, data, MOST_TURNS, SETTLED)
-    if found.moved > UNSETTLED:
-        raise _unsettled(model, MOST_TURNS, found.moved)
-    return found.model
+    return model
 
 
 def _settled(model: Any, data: Trajectories) -> Any:

@@ -149,7 +149,7 @@ def test_correlated_noise_alone_is_no_gap():
     ids=["delay", "offset"],
 )
 def test_beside_a_sensor_that_is_off_the_effect_is_found_and_free_runs_show_what_the_sensor_shows(bend, kind, size):
-    given = CUBIC | {"noise": 0.005, "bend": bend, "n": 600}
+    given = CUBIC | {"noise": 0.005, "bend": bend}
     found = study(sampled(**given), sampled(**given, seed=1), free_runs=True)
     added = found.effects[found.effects["status"] == "added"].set_index("slug")
     sensors = found.instrument[found.instrument["status"] != ""].set_index("suspect")
@@ -162,7 +162,7 @@ def test_beside_a_sensor_that_is_off_the_effect_is_found_and_free_runs_show_what
 
 
 def test_where_all_is_learned_a_gain_of_the_only_sensor_is_its_unit_and_no_suspect():
-    data = sampled(**CUBIC, noise=0.01, n=600)
+    data = sampled(**CUBIC, noise=0.01)
     model = bg.GreyBox({"v": ["y", "v", "F"]}, simulation={"y": "v"}, rows=bg.TrajectoryRows())
     found = bg.find_missing_effects(model, data, free_runs=True, settle=False, progress=False)
     added = found.effects[found.effects["status"] == "added"].set_index("slug")

@@ -1,8 +1,8 @@
 """The efficient estimate of an oscillator's coefficients: generalised least squares at the truth, by SciPy alone.
 
 Noise, and how large it is, are known, and so is the path near which rows are linear: y = y(θ) + S δ + e, e ~ N(0, C).
-No unbiased estimate has smaller variances than (JᵀC⁻¹J)⁻¹, J = (∂y/∂θ, S), and its intervals are exact: where
-they miss, the draw of the noise was unlucky.
+No unbiased estimate has smaller variances than (JᵀC⁻¹J)⁻¹, J = (∂y/∂θ, S), and to first order its intervals are exact:
+where they miss, the draw of the noise was unlucky. Pushes are taken to move the path by little.
 """
 
 from collections.abc import Callable, Mapping

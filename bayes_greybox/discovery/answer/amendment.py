@@ -118,7 +118,7 @@ class Amendment:
         corrected: Data of the same sensors with what was found of them undone.
         rows: Rows near the model after, where rows are linear only near one; None: those of the model before.
         sensors: Errors of the sensors of states and inputs that are in the model after, in their units.
-        clock: Data that drifts were found on; None where no sensor has an error.
+        clock: Data that drifts were found on; None: those that are compared.
     """
 
     statistics: SufficientStatistics

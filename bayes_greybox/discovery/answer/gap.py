@@ -14,7 +14,14 @@ from bayes_greybox.criticism.bands import Band, band_holds
 from bayes_greybox.criticism.free_run import FreeRunner
 from bayes_greybox.data.starts import Starts, estimate_starts
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.discovery.suspects.channels import DELAY, ChannelSuspect, as_shown, calibrated, shifted
+from bayes_greybox.discovery.suspects.channels import (
+    DELAY,
+    ChannelSuspect,
+    as_shown,
+    calibrated,
+    driven_later,
+    shifted,
+)
 from bayes_greybox.model.program import Program
 
 from .amendment import Added, Amendment
@@ -91,17 +98,19 @@ def gap_rows(
         raw, corrected = first.equation_rows(data, equation), amendment.corrected(data)
         near = model if amendment.rows is None else replace(model, rows=amendment.rows)
         measured = near.equation_rows(corrected, equation)
-        size = float(np.mean(measured.measured**2))
+        size = float(np.mean(measured.measured**2)) * measured.gain**2
         # Before, nothing was known of the sensors either. A filtered rate is compared with the filter's mean of what
         # was added.
         before = raw.operate(amendment.rates(raw.columns, 1)[0][:, None])[:, 0]
         after = measured.operate(amendment.rates(measured.columns, RATE_DRAWS)[1].T).T
-        variance, noise = float(np.var(measured.measured)), amendment.sigma**2
+        # In the unit of the sensor: rows near another model are over another gain.
+        variance = float(np.var(measured.measured)) * measured.gain**2
+        noise = (amendment.sigma * amendment.statistics.rows.gain) ** 2
 
         def error(added: np.ndarray, rows=measured) -> Any:
             # [n_row] or [n_draw, n_row]; where a path started is nobody's error.
             left = rows.noise.without_starts(np.atleast_2d(rows.target - added).T).T
-            return np.mean(left**2, axis=-1).reshape(np.shape(added)[:-1])
+            return rows.gain**2 * np.mean(left**2, axis=-1).reshape(np.shape(added)[:-1])
 
         def nmse(values: Any, variance=variance) -> Any:
             return _over(values, variance)
@@ -158,7 +167,7 @@ class FreeRuns:
         if not set(data.state_names) <= {*self.model.simulator(data).equations, *amendments}:
             return {}, []
         sensors, clock = self._sensors(data)
-        right = _right(data, sensors, clock)
+        right = self._right(data, sensors, clock)
         given, starts = starts, estimate_starts(data) if starts is None else starts
         varies = any(len(a.after.indices) or a.discrepancy is not None for a in amendments.values())
         n_draw = PATH_DRAWS if varies or not starts.exact else 1
@@ -179,7 +188,11 @@ class FreeRuns:
                 states[n_before:, :, i] = as_shown(states[n_before:, :, i], name, data, sensors, clock)
         else:
             states, failed_at = runner(data, parameters, np.concatenate([begin[:n_before], begin]))
-        return _compared(data, part, states, failed_at, n_before, band_holds(LEVEL, _sources(amendments, starts)))
+        # What no sensor showed is compared with the path through what the sensors should have shown.
+        unseen = set() if data.samples is None else {*data.state_names} - {*data.samples.state_names}
+        after = {name: (right if name in unseen else data).states[name] for name in data.state_names}
+        holds = band_holds(LEVEL, _sources(amendments, starts))
+        return _compared(data, after, part, states, failed_at, n_before, holds)
 
     def _sensors(self, data: Trajectories) -> tuple[Mapping[ChannelSuspect, float], Trajectories]:
         """Errors of states' and inputs' sensors in the model after; none where two equations say different ones."""
@@ -194,6 +207,18 @@ class FreeRuns:
                     return {}, data
                 found[suspect], clock = size, amendment.clock or data
         return found, clock
+
+    def _right(self, data: Trajectories, sensors: Mapping[ChannelSuspect, float], clock: Trajectories) -> Trajectories:
+        """The data without errors of their sensors; as many rows. Samples have a path of their own."""
+        if not sensors:
+            return data
+        late = {suspect.channel: size for suspect, size in sensors.items() if suspect.kind == DELAY}
+        right = calibrated(data.samples or data, "", sensors, clock)
+        right = driven_later(right, {name: by for name, by in late.items() if name in data.input_names})
+        right = shifted(right, {name: by for name, by in late.items() if name in right.states})
+        if data.samples is None:
+            return right
+        return self.model.rows.complete_all(right, tuple(self.amendments), self.model.simulator(right))
 
     def _runner(self, data: Trajectories, n_before: int, n_draw: int) -> tuple[FreeRunner, Mapping[str, Added]]:
         key = (data.state_names, data.input_names, n_before, n_draw)
@@ -258,15 +283,9 @@ def worsened(gap: pd.DataFrame) -> tuple[tuple[str, str, str], ...]:
     return tuple(found)
 
 
-def _right(data: Trajectories, sensors: Mapping[ChannelSuspect, float], clock: Trajectories) -> Trajectories:
-    """The data without errors of their sensors; as many rows."""
-    late = {suspect.channel: size for suspect, size in sensors.items() if suspect.kind == DELAY}
-    right = calibrated(data, "", sensors, clock)
-    return shifted(right, late) if late else right
-
-
 def _compared(
     data: Trajectories,
+    measured_after: Mapping[str, np.ndarray],
     part: str,
     states: Float[np.ndarray, "n_draw n_obs n_state"],
     failed_at: Float[np.ndarray, "n_run n_draw"],
@@ -287,8 +306,8 @@ def _compared(
         def error(values: np.ndarray, measured=measured, alive=alive, spread=spread) -> Any:
             return _over(np.sqrt(np.mean((measured[alive] - values[..., alive]) ** 2, axis=-1)), spread)
 
-        low, high = np.quantile(error(after), [(1 - LEVEL) / 2, (1 + LEVEL) / 2])
-        means = (float(error(values.mean(axis=0))) for values in (before, after))
+        low, high = np.quantile(error(after, measured_after[name]), [(1 - LEVEL) / 2, (1 + LEVEL) / 2])
+        means = (float(error(before.mean(axis=0))), float(error(after.mean(axis=0), measured_after[name])))
         rows.append((part, "free-run NRMSE", name, *means, low, high))
     if np.isfinite(failed_at).any():
         begun = np.array([data.take(i).time[0] for i in range(data.n_run)])

@@ -37,15 +37,15 @@ def sufficient_statistics(
     Raises:
         InputError: The simulation equals the measurement exactly; a variable of f that is constant or unknown.
     """
-    rows = model.equation_rows(data, equation)
-    rows = replace(rows, measured=rows.measured + shown / rows.gain)
+    plain = model.equation_rows(data, equation)
+    rows = replace(plain, measured=plain.measured + shown / plain.gain)
     target_scale = rows.scale
     gp = model.discrepancy or OrthogonalGP()
     variables, centre, half_width = discrepancy_box(gp, rows.columns)
     finer = FEATURES.get(len(variables))
     default = None if finer is None else (finer,) * len(variables)
     basis = HilbertBasis(gp.boundary, features_per_variable(gp, len(variables), default))
-    floor = with_rounding(rows.measured / target_scale, model.noise_floor)
+    floor = with_rounding(plain.measured / target_scale, model.noise_floor)
     statistics = SufficientStatistics(
         rows=rows,
         variables=variables,

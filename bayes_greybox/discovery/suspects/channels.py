@@ -20,6 +20,7 @@ from jaxtyping import Bool, Float
 from scipy.interpolate import CubicSpline
 
 from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.physics.integrate import between_samples
 
 DELAY, GAIN, OFFSET, DRIFT = KINDS = ("delay", "gain", "offset", "drift")
 
@@ -252,6 +253,26 @@ def shifted(data: Trajectories, later: Mapping[str, float], clock: float = 0.0) 
         states={name: columns.get(name, x) for name, x in data.states.items()},
         inputs={name: columns.get(name, x) for name, x in data.inputs.items()},
     )
+
+
+def driven_later(data: Trajectories, later: Mapping[str, float]) -> Trajectories:
+    """Inputs as they are so much later, between their samples as a path takes them; before and after a run they hold.
+
+    Args:
+        data: Measurements.
+        later: By input.
+    """
+    inputs = dict(data.inputs)
+    for name, by in later.items():
+        moved = inputs[name].copy()
+        for r in dict.fromkeys(data.run.tolist()):
+            own = data.run == r
+            t, u = data.time[own], inputs[name][own]
+            at = np.clip(t + by, t[0], t[-1])
+            (kind,) = between_samples(t, u[:, None])
+            moved[own] = CubicSpline(t, u)(at) if kind == "cubic" else np.interp(at, t, u)
+        inputs[name] = moved
+    return replace(data, inputs=inputs)
 
 
 def rate_channel(equation: str) -> str:

@@ -22,6 +22,7 @@ from bayes_greybox.discovery.evidence.of_equation import sufficient_statistics
 from bayes_greybox.discovery.evidence.with_discrepancy import Evaluator
 from bayes_greybox.discovery.suspects.channels import (
     DELAY,
+    GAIN,
     ChannelSuspect,
     Rate,
     calibrated,
@@ -226,6 +227,9 @@ def _near(
     sets, noise = max(each, key=lambda pair: _log_evidence(*pair))
     unit = statistics.target_scale * statistics.rows.gain
     log_evidence = _log_evidence(sets, noise) - statistics.rows.n_row * math.log(unit)
+    # Of the samples as they came: those freed of a gain are over it.
+    gains = [size for suspect, size in sensors.items() if suspect.kind == GAIN and suspect.channel in train.state_names]
+    log_evidence -= train.n_obs * sum(math.log1p(size) for size in gains)
     columns, values, sd = _estimate(sets, sets.likeliest())
     names, bent = tuple(map(_named, columns)), np.array([bool(c.inner) for c in columns])
     off = {c.suspect: float(v) for c, v in zip(columns, values, strict=True) if c.suspect is not None}

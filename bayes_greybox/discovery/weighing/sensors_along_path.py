@@ -1,16 +1,17 @@
 """Errors of sensors and inputs as suspects along a path: the path is that of samples which are free of them.
 
-A suspect's column is its derivative at the errors so far, and what these do to the rows is added again, each as its
+A suspect's column is its derivative near the errors so far, and what these do to the rows is added again, each as its
 size times its column: a coefficient is a whole error, and the next turn takes its column there.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
+from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.evidence.sufficient_statistics import SufficientStatistics
 from bayes_greybox.discovery.suspects.channels import (
@@ -19,6 +20,7 @@ from bayes_greybox.discovery.suspects.channels import (
     ChannelSuspect,
     Rate,
     calibrated,
+    driven_later,
     shifted,
     slope_along,
 )
@@ -31,8 +33,9 @@ from bayes_greybox.physics.terms import Term
 TOLD = 1e-3
 """Share of what an error of a sensor does that no start of the path does as well, at least; else nothing tells it."""
 
-DOUBLE, SAME = 2.0, 1e-6
-"""States in another unit, and how far columns may be from proportional to be the same."""
+LARGER, SAME = 1.01, 1e-6
+"""States in another unit, little enough to stay where equations are defined, and how far columns may be from
+proportional to be the same."""
 
 
 def freed(
@@ -53,7 +56,8 @@ def freed(
     late, alone = _late(sensors), samples.state_names if len(samples.state_names) == 1 else ()
     clock_late = sum(late.get(name, 0.0) for name in alone)
     later = {name: late.get(name, 0.0) - clock_late for name in samples.input_names}
-    return shifted(right, later) if any(later.values()) else right
+    moved = driven_later(right, later) if any(later.values()) else right
+    return replace(moved, time=moved.time - clock_late) if clock_late else moved
 
 
 def _late(sensors: Mapping[ChannelSuspect, float]) -> dict[str, float]:
@@ -103,6 +107,9 @@ class Suspected(NamedTuple):
         alone = [u for u in nodes.input_names if not any(_drives(u, simulation, name, nodes) for name in others)]
         inputs = [column for column in input_columns(nodes, rate, step) if column[0].channel in alone]
         known = {suspect.key: size for suspect, size in sizes.items()}
+        if not several and not (inputs or nodes.input_names or _dated(simulation, nodes, step)):
+            # Nothing is late against anything: nothing was undone.
+            known = {key: 0.0 if key.startswith(DELAY) else size for key, size in known.items()}
         force = sum((known.get(suspect.key, 0.0) * column for suspect, column in inputs), np.zeros(nodes.n_obs))
         shown = sum((known.get(suspect.key, 0.0) * column for suspect, column in sensors), np.zeros(rows.n_row))
         # A delay is no product of size and column: what a late sensor shows beyond it is taken off.
@@ -149,27 +156,36 @@ def _unitless(statistics: SufficientStatistics, nodes: Trajectories, simulation:
 
     A gain of the only sensor is then no more than its unit, and where it comes in it stands for something else.
     """
-    larger = replace(nodes, states={name: DOUBLE * x for name, x in nodes.states.items()})
+    larger = replace(nodes, states={name: LARGER * x for name, x in nodes.states.items()})
 
     def proportional(before: np.ndarray, after: np.ndarray) -> float | None:
         """Factor between them, if they are one up to a factor; zero is any factor of zero."""
         square = float(before @ before)
         if not square > 0:
-            return None if np.any(after) else DOUBLE
+            return None if np.any(after) else LARGER
         factor = float(before @ after) / square
         return (
             factor if np.allclose(after, factor * before, rtol=SAME, atol=SAME * float(np.max(np.abs(after)))) else None
         )
 
-    known = [proportional(*(simulation.on(at, name) for at in (nodes, larger))) for name in simulation.equations]
+    def at_both(values: Callable[[Trajectories], np.ndarray]) -> float | None:
+        return proportional(*(np.broadcast_to(np.asarray(values(at), float), at.n_obs) for at in (nodes, larger)))
+
     terms = [term for i in statistics.of_kind("free") if (term := statistics.columns[i].term) is not None]
-    free = [
-        proportional(
-            *(np.broadcast_to(np.asarray(term.evaluate(at.columns), float), at.n_obs) for at in (nodes, larger))
-        )
-        for term in terms
-    ]
-    return all(f is not None and abs(f - DOUBLE) < SAME for f in known) and None not in free
+    try:
+        with np.errstate(all="ignore"):
+            known = [at_both(lambda at, k=k: simulation.on(at, k)) for k in simulation.equations]
+            free = [at_both(lambda at, term=term: np.asarray(term.evaluate(at.columns))) for term in terms]
+    except InputError:
+        # States in another unit leave the domain of the equations.
+        return False
+    return all(f is not None and abs(f - LARGER) < SAME for f in known) and None not in free
+
+
+def _dated(simulation: Simulation, nodes: Trajectories, step: float) -> bool:
+    """Whether time itself is in the rates."""
+    later = replace(nodes, time=nodes.time + step)
+    return any(not np.array_equal(simulation.on(nodes, k), simulation.on(later, k)) for k in simulation.equations)
 
 
 def _drives(name: str, simulation: Simulation, equation: str, data: Trajectories) -> bool:

@@ -28,6 +28,9 @@ TRIED = -3.0
 DEEPEST = 3
 """Suspects about the noise that a world has at most."""
 
+PRICE = 10.0
+"""Nats that parameters of a noise cost at most: one that was found elsewhere, and may not have paid, stays beyond."""
+
 GAINED = 1.0
 """Nats that another suspect must gain before a third is looked for."""
 
@@ -265,7 +268,8 @@ def _again(
     for s in again:
         if s.name == name and (anew or _differ(s.model.about[name], world.model.about[name])):
             other = _world(under(first, s.model, world.evaluations), s.model)
-            return max(world, other, key=lambda w: w.total)
+            kept = world.total - (PRICE if anew else 0.0)
+            return world if kept > other.total else other
     return world
 
 

@@ -38,6 +38,9 @@ STEP = 0.1
 DRIFT = 0.3
 """Phase that steps may lose over a record, over what samples tell of it."""
 
+FORGETS = 0.1
+"""Share of a path on which a mode may be undamped and yet forget what it did."""
+
 MOST_STEPS = 50
 """Most steps between two samples."""
 
@@ -314,12 +317,15 @@ def _steps_needed(rate: ForcedRate, samples: Trajectories, path: np.ndarray, s: 
         return 1
     values = np.linalg.eigvals(A)
     fastest = float(np.quantile(np.abs(values).max(axis=-1), 0.99))
-    swings = np.take_along_axis(values, np.abs(values.imag).argmax(axis=-1)[:, None], axis=-1)[:, 0]
-    turning, damping = float(np.median(np.abs(swings.imag))), max(float(np.median(-swings.real)), 0.0)
     step = float(np.median(np.diff(samples.time)[np.diff(samples.run) == 0]))
     spread = np.std(samples.matrix(samples.state_names), axis=0)
     told = DRIFT * float(np.min(s / spread.clip(1e-300))) / math.sqrt(samples.n_obs)
-    longest_run = step * max(samples.run_lengths)
-    radians = turning * (min(longest_run, 1 / damping) if damping > 0 else longest_run)
-    longest = min(STEP, (120 * told / radians) ** 0.25 if radians > 0 else STEP)
-    return int(np.clip(math.ceil(fastest * step / longest), 1, MOST_STEPS))
+    # Mode by mode, the fastest first: how fast each turns, and how long what it does is remembered. A mode forgets
+    # where it is damped along nearly all of the path.
+    values = np.take_along_axis(values, np.argsort(-np.abs(values.imag), axis=-1), axis=-1)
+    turning = np.median(np.abs(values.imag), axis=0)
+    damping = np.quantile(-values.real, FORGETS, axis=0).clip(0.0)
+    remembered = 1 / np.maximum(damping, 1 / (step * max(samples.run_lengths)))
+    phase = float(np.max(turning**5 * remembered))
+    longest = min(STEP / fastest, (120 * told / phase) ** 0.25 if phase > 0 else math.inf) if fastest > 0 else math.inf
+    return int(np.clip(math.ceil(step / longest), 1, MOST_STEPS))

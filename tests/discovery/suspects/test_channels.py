@@ -16,6 +16,7 @@ from bayes_greybox.discovery.suspects.channels import (
     ChannelSuspect,
     as_shown,
     calibrated,
+    driven_later,
     shifted,
     suspect_columns,
     undone,
@@ -236,3 +237,15 @@ def test_rows_without_a_measurement_where_a_delay_takes_them_are_told():
     inside = within(data, "v", {"u": 2.5 * STEP})
     np.testing.assert_array_equal(np.flatnonzero(~inside), [N - 3, N - 2, N - 1, 2 * N - 3, 2 * N - 2, 2 * N - 1])
     assert within(data, "v", {}).all()
+
+
+def test_inputs_taken_later_hold_their_ends_and_keep_their_steps():
+    t = 0.1 * np.arange(60)
+    smooth, step = np.sin(t), np.where(np.sin(3 * t) > 0, 1.0, 0.0)
+    data = Trajectories.from_arrays(t, states={"x": smooth}, inputs={"u": smooth, "s": step})
+    later = driven_later(data, {"u": 0.07, "s": 0.07})
+    inside = t + 0.07 <= t[-1]
+    np.testing.assert_allclose(later.inputs["u"][inside], np.sin(t + 0.07)[inside], atol=1e-4)
+    assert later.inputs["u"][-1] == pytest.approx(smooth[-1])
+    assert later.inputs["s"].min() >= 0 and later.inputs["s"].max() <= 1
+    np.testing.assert_allclose(driven_later(data, {"u": -9.0}).inputs["u"], smooth[0], atol=1e-12)

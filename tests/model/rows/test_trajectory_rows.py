@@ -8,6 +8,7 @@ from scipy.optimize import least_squares
 
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.model import near as near_module
 from bayes_greybox.model.gp.discrepancy import OrthogonalGP
 from bayes_greybox.model.noise.asked import Noise
 from bayes_greybox.model.program import Program
@@ -288,3 +289,20 @@ def test_rates_have_no_path_that_a_force_moves_and_one_sensor_not_two_noises():
         Noise(force="strong")
     with pytest.raises(InputError, match="must be a number, 0 or above"):
         TrajectoryRows(force=-1.0)
+
+
+def test_where_all_of_an_equation_is_learned_turns_go_on_till_it_settles():
+    data = sampled(hidden=lambda y, v: -0.5 * y**3, noise=0.01, n=2000)
+    model = Program({"v": ["y", "v", "F", "y**3"]}, simulation={"y": "v"}, discrepancy=None, rows=TrajectoryRows())
+    near, completed = model.near(data)
+    truth = {"y": -2.0, "v": -0.15, "F": 1.0, "y**3": -0.5}
+    assert dict(near.rows.added) == pytest.approx(truth, abs=0.02)
+    # One more turn leaves all coefficients where they are, to a tenth of what they are known to.
+    (equation,) = near.assemble(completed).values()
+    assert equation.moved([(Term(text), value) for text, value in near.rows.added]) < 0.1
+
+
+def test_coefficients_that_do_not_settle_are_refused(monkeypatch):
+    monkeypatch.setattr(near_module, "UNSETTLED", -1.0)
+    with pytest.raises(InputError, match="do not settle"):
+        program().near(sampled(noise=0.01, n=100))
