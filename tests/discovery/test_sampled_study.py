@@ -8,9 +8,15 @@ from sampled_oscillator import SIMULATION, sampled
 from scipy.interpolate import CubicSpline
 
 import bayes_greybox as bg
+from bayes_greybox.physics.catalogue.effects import load_catalogue
 from bayes_greybox.report.doubts import doubts
 
 CUBIC = {"hidden": lambda y, v: -0.5 * y**3}
+
+SOME = {"cubic-stiffness", "quadratic-stiffness", "quintic-stiffness", "coulomb-friction", "quadratic-drag"}
+SOME |= {"constant-force", "cubic-input"}
+FEW = [replace(e, confusions=tuple(SOME & {*e.confusions})) for e in load_catalogue("mechanical") if e.slug in SOME]
+"""Enough where the question is what a sensor does, or its noise: the others cost time and tell no more."""
 
 
 def study(data, test=None, **given):
@@ -84,7 +90,7 @@ def test_an_input_that_reads_too_much_is_put_right_along_the_path_and_the_effect
         return replace(data, inputs={"F": data.inputs["F"] + 0.2})
 
     train, test = (offset(sampled(**CUBIC, noise=0.01, n=600, seed=seed)) for seed in (0, 1))
-    found = study(train, test)
+    found = study(train, test, catalogue=FEW)
     added = found.effects[found.effects["status"] == "added"].set_index("slug")
     sensors = found.instrument.loc[found.instrument["status"] != "", "suspect"].tolist()
     # A constant force is the same.
@@ -131,7 +137,7 @@ def of_kind(kind, n=400):
 
 @pytest.mark.parametrize("kind", ["correlated noise", "heavy tails"])
 def test_noise_of_the_sensor_that_is_not_white_is_found_and_the_effect_beside_it(kind):
-    found = study(sampled(**CUBIC, noise=0.0, bend=lambda t, y: y + 0.03 * np.std(y) * of_kind(kind)))
+    found = study(sampled(**CUBIC, noise=0.0, bend=lambda t, y: y + 0.03 * np.std(y) * of_kind(kind)), catalogue=FEW)
     row = found.effects.iloc[0]
     assert row["slug"] == "cubic-stiffness" and row["probability"] > 0.9 and found.verdict == "named"
     assert abs(row["mean"] + 0.5) < 4 * row["sd"]
@@ -139,7 +145,9 @@ def test_noise_of_the_sensor_that_is_not_white_is_found_and_the_effect_beside_it
 
 
 def test_correlated_noise_alone_is_no_gap():
-    found = study(sampled(noise=0.0, bend=lambda t, y: y + 0.03 * np.std(y) * of_kind("correlated noise")))
+    found = study(
+        sampled(noise=0.0, bend=lambda t, y: y + 0.03 * np.std(y) * of_kind("correlated noise")), catalogue=FEW
+    )
     assert found.verdict == "no gap"
 
 
@@ -150,7 +158,7 @@ def test_correlated_noise_alone_is_no_gap():
 )
 def test_beside_a_sensor_that_is_off_the_effect_is_found_and_free_runs_show_what_the_sensor_shows(bend, kind, size):
     given = CUBIC | {"noise": 0.005, "bend": bend}
-    found = study(sampled(**given), sampled(**given, seed=1), free_runs=True)
+    found = study(sampled(**given), sampled(**given, seed=1), catalogue=FEW, free_runs=True)
     added = found.effects[found.effects["status"] == "added"].set_index("slug")
     sensors = found.instrument[found.instrument["status"] != ""].set_index("suspect")
     assert list(added.index) == ["cubic-stiffness"] and list(sensors.index) == [kind]
@@ -164,7 +172,7 @@ def test_beside_a_sensor_that_is_off_the_effect_is_found_and_free_runs_show_what
 def test_where_all_is_learned_a_gain_of_the_only_sensor_is_its_unit_and_no_suspect():
     data = sampled(**CUBIC, noise=0.01)
     model = bg.GreyBox({"v": ["y", "v", "F"]}, simulation={"y": "v"}, rows=bg.TrajectoryRows())
-    found = bg.find_missing_effects(model, data, free_runs=True, settle=False, progress=False)
+    found = bg.find_missing_effects(model, data, catalogue=FEW, free_runs=True, settle=False, progress=False)
     added = found.effects[found.effects["status"] == "added"].set_index("slug")
     assert list(added.index) == ["cubic-stiffness"]
     assert abs(added.loc["cubic-stiffness", "mean"] + 0.5) < 4 * added.loc["cubic-stiffness", "sd"]
@@ -177,6 +185,6 @@ def test_a_sensor_that_was_at_its_end_speaks_against_the_answer():
     # Noise of the sensor is clipped with what it shows.
     data = sampled(**CUBIC, noise=0.03)
     data = replace(data, states={"y": np.minimum(data.states["y"], np.quantile(data.states["y"], 0.9))})
-    found = study(data)
+    found = study(data, catalogue=FEW)
     assert found.verdict != "named"
     assert any("y is clipped at" in text for text in found.against)
