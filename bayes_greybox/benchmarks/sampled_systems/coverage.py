@@ -2,8 +2,8 @@
 
 Three oscillators of `systems`, whose sensor has white or correlated noise, or which random pushes shake. All three
 coefficients of the acceleration are learned. Rows of samples are fitted with the noise that the cell has; rows of rates
-on velocity and acceleration from the package's differentiator. Beside them is the efficient
-estimate on the same samples.
+on velocity and acceleration from the package's differentiator. The efficient estimate on the same samples is
+beside them.
 """
 
 import json

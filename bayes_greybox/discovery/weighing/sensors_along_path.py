@@ -107,7 +107,7 @@ class Suspected(NamedTuple):
         alone = [u for u in nodes.input_names if not any(_drives(u, simulation, name, nodes) for name in others)]
         inputs = [column for column in input_columns(nodes, rate, step) if column[0].channel in alone]
         known = {suspect.key: size for suspect, size in sizes.items()}
-        if not several and not (inputs or nodes.input_names or _dated(simulation, nodes, step)):
+        if not (several or nodes.input_names or _dated(simulation, nodes, step)):
             # Nothing is late against anything: nothing was undone.
             known = {key: 0.0 if key.startswith(DELAY) else size for key, size in known.items()}
         force = sum((known.get(suspect.key, 0.0) * column for suspect, column in inputs), np.zeros(nodes.n_obs))
