@@ -49,7 +49,7 @@ class FreePath:
     Attributes:
         time: Times of the rows.
         run: Their runs.
-        measured: The state, as its sensor showed it.
+        measured: The state, as its sensor showed it; without a sensor, on the path through the samples put right.
         before: Model before.
         after: Amended model, with the errors of sensors that belong to it.
         holds: What the band after holds, in words: "90 % band: coefficients, inner parameters, f, start".
@@ -298,7 +298,12 @@ def _compared(
         measured = data.states[name]
         before, after = states[:n_before, :, i], states[n_before:, :, i]
         paths[name] = FreePath(
-            data.time, data.run, measured, Band.surviving(before, LEVEL), Band.surviving(after, LEVEL), holds
+            data.time,
+            data.run,
+            measured_after[name],
+            Band.surviving(before, LEVEL),
+            Band.surviving(after, LEVEL),
+            holds,
         )
         spread = float(np.std(measured))
         alive = np.isfinite(states[:, :, i]).all(axis=0)
