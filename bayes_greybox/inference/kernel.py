@@ -7,13 +7,13 @@ import jax.numpy as jnp
 from numpyro.infer import NUTS, HMCGibbs
 
 from bayes_greybox.model.design import Design
-from bayes_greybox.model.program import Program
+from bayes_greybox.model.sampling_program import SamplingProgram
 from bayes_greybox.model.sites import Sites
 
 from .gibbs import gamma_move
 
 
-def posterior_kernel(model: Program, designs: Mapping[str, Design], target_accept: float) -> Any:
+def posterior_kernel(model: SamplingProgram, designs: Mapping[str, Design], target_accept: float) -> Any:
     """NumPyro's kernel for the posterior of a model.
 
     Args:

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from functools import cached_property, wraps
+from functools import cached_property, lru_cache, wraps
 from typing import Any, NamedTuple, TypeVar
 
 import jax
@@ -13,12 +13,13 @@ from threadpoolctl import threadpool_limits
 
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.model.design import EquationDraws
+from bayes_greybox.model.design import Design, EquationDraws
 from bayes_greybox.model.equation import Equation
 from bayes_greybox.model.frame import Frame
 from bayes_greybox.model.gp.hyper import Hyperparameters
 from bayes_greybox.model.priors import Scales
 from bayes_greybox.model.program import Program
+from bayes_greybox.model.sampling_program import Bare, SamplingProgram
 from bayes_greybox.model.sites import Sites
 
 from .draws import conditional_sampler
@@ -29,6 +30,9 @@ from .prior import log_prior, prior_sampler
 
 PRIOR_DRAWS = 500
 """Draws in the `prior` group."""
+
+SHARED = 4
+"""Fits of different kinds or shapes whose compiled programs are kept for the next of the same: some 100 MB each."""
 
 SLAB = "slab"
 """Group with the scales and odds that only a prior of the user's own can tell: a file cannot hold that prior."""
@@ -93,7 +97,9 @@ class Posterior:
     @cached_property
     def programs(self) -> "Programs":
         """The compiled programs of this fit, for fits to other data of the same shapes."""
-        return Programs(self.model, self.sampling) if self._own is None else self._own.programs
+        if self._own is not None:
+            return self._own.programs
+        return programs_for(self.model, {name: entry.design for name, entry in self.equations.items()}, self.sampling)
 
     @property
     def sites(self) -> Sites:
@@ -245,12 +251,33 @@ def remembered(function: Callable[[Posterior], Result]) -> Callable[[Posterior],
 class Programs:
     """What is compiled for a fit. Designs are arguments, so that others of the same shapes are not compiled again."""
 
-    def __init__(self, model: Program, sampling: Sampling) -> None:
+    def __init__(self, model: SamplingProgram, tune: int, target_accept: float) -> None:
         """Compile nothing yet."""
-        self.chains = Sampler(lambda designs: posterior_kernel(model, designs, sampling.target_accept), sampling.tune)
+        self.chains = Sampler(lambda designs: posterior_kernel(model, designs, target_accept), tune)
         self.conditional = conditional_sampler(model.numpyro_model)
         self.prior = prior_sampler(model.numpyro_model, PRIOR_DRAWS)
         self.log_prior = log_prior(model.numpyro_model)
+
+
+def programs_for(model: SamplingProgram, designs: Mapping[str, Design], sampling: Sampling) -> Programs:
+    """Programs for designs of these shapes: those of an earlier fit whose priors were equal, if there was one.
+
+    Args:
+        model: Model.
+        designs: Its argument.
+        sampling: Settings of the run.
+    """
+    bare, tune, accept = model.bare, sampling.tune, sampling.target_accept
+    if type(bare.prior).__hash__ in (None, object.__hash__):
+        # A prior of the user's own that is equal to itself alone may have changed since.
+        return Programs(bare, tune, accept)
+    leaves, tree = jax.tree.flatten(designs)
+    return _shared(bare, tune, accept, tree, tuple(map(jax.typeof, leaves)))
+
+
+@lru_cache(SHARED)
+def _shared(bare: Bare, tune: int, target_accept: float, tree: Any, shapes: tuple) -> Programs:
+    return Programs(bare, tune, target_accept)
 
 
 def sample_posterior(
@@ -276,8 +303,8 @@ def sample_posterior(
         InputError: What `model.assemble` refuses.
     """
     equations = model.assemble(data) if equations is None else equations
-    programs = Programs(model, sampling) if programs is None else programs
     designs = {name: equation.design for name, equation in equations.items()}
+    programs = programs_for(model, designs, sampling) if programs is None else programs
     run_key, draw_key, prior_key = jax.random.split(jax.random.PRNGKey(sampling.seed), 3)
 
     # Threads inside BLAS fight those of the chains over the cores, for matrices too small to share.

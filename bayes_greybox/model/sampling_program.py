@@ -1,6 +1,7 @@
 """The NumPyro program of designs: what is sampled, and what of it is told by sites."""
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import jax
@@ -34,6 +35,11 @@ class SamplingProgram:
     prior: Prior
     discrepancy: OrthogonalGP | None
     noise: float | Noise
+
+    @property
+    def bare(self) -> "Bare":
+        """The program by itself, without the dictionary, the simulation and the rows that designs are made of."""
+        return Bare(self.prior, self.discrepancy, self._noise_scale)
 
     def numpyro_model(self, designs: Mapping[str, Design], observed: bool = True) -> None:
         """The collapsed model, a plain NumPyro program: θ and f are integrated out of the likelihood.
@@ -122,8 +128,7 @@ class SamplingProgram:
             floor: Least σ, scaled units.
             n_var: Number of variables that f depends on.
         """
-        scale = self.noise.scale if isinstance(self.noise, Noise) else self.noise
-        noise, gp = NoisePrior(floor, scale), self.discrepancy
+        noise, gp = NoisePrior(floor, self._noise_scale), self.discrepancy
         if gp is None:
             return HyperPrior(noise)
         return HyperPrior(noise, gp.amplitude, gp.length_scale, gp.length_scale_spread, n_var)
@@ -163,6 +168,10 @@ class SamplingProgram:
         return Scales(sd, odds, jnp.broadcast_to(design.coefficients.mean, sd.shape))
 
     @property
+    def _noise_scale(self) -> float:
+        return self.noise.scale if isinstance(self.noise, Noise) else self.noise
+
+    @property
     def _samples_patterns(self) -> bool:
         return isinstance(self.prior, SpikeAndSlab)
 
@@ -180,3 +189,12 @@ class SamplingProgram:
         n_shared = len(design.coefficients.shared)
         shared = self.prior.scales(n_shared, design.n_prior, sigma) if n_shared else None
         return design.coefficients.complete(shared)
+
+
+@dataclass(frozen=True)
+class Bare(SamplingProgram):
+    """What programs are compiled for: two models with the same are one, given designs of the same shapes."""
+
+    prior: Prior
+    discrepancy: OrthogonalGP | None
+    noise: float | Noise
