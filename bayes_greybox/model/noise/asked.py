@@ -6,11 +6,14 @@ discrepancy, few features of it, and is repeated under the noise that it found:
 
     β | R = argmin (y − Xβ)ᵀR⁻¹(y − Xβ)/σ² + βᵀD⁻¹β,   R = mode of p(y − Xβ | R),   in turns.
 
+What hangs together looks like what β explains, and residuals have lost that: a correlation is held at the mode of
+p(y | R), β integrated out (restricted likelihood; Patterson & Thompson 1971, Biometrika 58:545).
+
 Samples of a path may have, beside the sensor's noise, an unknown force that moves the path (see `unknown_force`).
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -19,6 +22,7 @@ import numpy as np
 from jaxtyping import Float
 
 from bayes_greybox.data.errors import InputError
+from bayes_greybox.data.noise.protocol import RowNoise
 from bayes_greybox.model.evidence import Spectrum, coefficients, marginal
 from bayes_greybox.model.frame import held_features, scaled_position
 from bayes_greybox.model.gp.discrepancy import OrthogonalGP
@@ -127,14 +131,20 @@ def find_noise(
     X, y = _dictionary_columns(rows, dictionary), rows.target / rows.scale
     psi, choices = _features(rows, discrepancy)
     model = known
+    both = np.column_stack([X, psi])
+
+    def ridge(under: RowNoise) -> tuple[float, np.ndarray]:
+        return _ridge(both, X.shape[1], choices, y, under, prior)
+
+    def found_under(noise_so_far: RowNoise, evidence: Callable[[RowNoise], float] | None = None) -> NoiseModel:
+        residual = y - both @ ridge(noise_so_far)[1]
+        return _found(noise, residual, known, rows, quantities, prior, evidence)
+
     for _ in range(TURNS):
-        before, model = (
-            model,
-            _found(noise, _residual(X, psi, choices, y, model, prior), known, rows, quantities, prior),
-        )
+        before, model = model, found_under(model.noise)
         if _settled(before, model):
             break
-    return model
+    return model if CORRELATED not in model.names else found_under(model.noise, lambda R: ridge(R)[0])
 
 
 def varies_with(rows: EquationRows) -> dict[str, Float[np.ndarray, " n_row"]]:
@@ -186,6 +196,7 @@ def _found(
     rows: EquationRows,
     quantities: Mapping[str, Float[np.ndarray, " n_row"]],
     prior: NoisePrior,
+    evidence: Callable[[RowNoise], float] | None,
 ) -> NoiseModel:
     """Every option in turn: size along the path, correlation of what is left, tails of the innovations, a force."""
     model, whole = known, residual
@@ -197,7 +208,8 @@ def _found(
         model = _taken(model, varying(residual, model, quantities, prior), noise.depends_on)
     if noise.correlation is not None:
         tau = None if noise.correlation == FIT else float(noise.correlation)
-        model = _taken(model, in_time(residual, model, rows.time, rows.run, prior, CORRELATED, tau), noise.correlation)
+        found = in_time(residual, model, rows.time, rows.run, prior, CORRELATED, tau, evidence)
+        model = _taken(model, found, noise.correlation)
     if noise.tails is not None:
         asked = {} if noise.tails == FIT else {"degrees": (float(noise.tails),)}
         model = _taken(model, heavy(residual, model, prior, **asked), noise.tails)
@@ -214,30 +226,29 @@ def _taken(model: NoiseModel, suspicion: Suspicion | None, asked: Any) -> NoiseM
     return suspicion.model if asked != FIT or suspicion.log_bayes_factor > 0 else model
 
 
-def _residual(
-    X: Float[np.ndarray, "n_row n_term"],
-    psi: Float[np.ndarray, "n_row n_basis"],
+def _ridge(
+    columns: Float[np.ndarray, "n_row n_column"],
+    n_term: int,
     choices: list[Float[np.ndarray, " n_basis"]],
     y: Float[np.ndarray, " n_row"],
-    model: NoiseModel,
+    noise: RowNoise,
     prior: NoisePrior,
-) -> Float[np.ndarray, " n_row"]:
-    """Target less the ridge fit under some noise, with the prior of f that has the highest evidence."""
-    both = np.column_stack([X, psi])
-    white = model.noise.whiten(np.column_stack([both, y]))
+) -> tuple[float, Float[np.ndarray, " n_column"]]:
+    """Log p(y | R), and β with the prior of f that has the highest evidence."""
+    white = noise.whiten(np.column_stack([columns, y]))
     gram, product, square = (
         white[:, :-1].T @ white[:, :-1],
         white[:, :-1].T @ white[:, -1],
         float(np.sum(white[:, -1] ** 2)),
     )
-    best, mean = -math.inf, np.zeros(both.shape[1])
+    best, mean = -math.inf, np.zeros(columns.shape[1])
     for spread in choices:
-        sd = np.concatenate([np.full(X.shape[1], RIDGE), spread])
+        sd = np.concatenate([np.full(n_term, RIDGE), spread])
         spectrum = Spectrum.of(gram, product, square, len(white), sd)
         posterior = marginal(spectrum, prior)
         if float(posterior.log_evidence) > best:
             best, mean = float(posterior.log_evidence), coefficients(spectrum, posterior)[0]
-    return y - both @ mean
+    return best - 0.5 * noise.log_det, mean
 
 
 def _settled(before: NoiseModel, after: NoiseModel) -> bool:

@@ -5,11 +5,13 @@ is something that the model lacks.
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float, Int
 
+from bayes_greybox.data.noise.protocol import RowNoise
 from bayes_greybox.data.noise.state_space import StateSpaceNoise
 from bayes_greybox.data.noise.weighted import correlation_and_sd, with_sd
 from bayes_greybox.model.evidence import log_white, log_white_each
@@ -42,6 +44,7 @@ def in_time(
     prior: NoisePrior,
     name: str,
     time_scale: float | None = None,
+    evidence: Callable[[RowNoise], float] | None = None,
 ) -> Suspicion | None:
     """Weigh a process in time, σ² [(1 − w) k(·/τ) + w δ], τ and w on a grid.
 
@@ -53,6 +56,8 @@ def in_time(
         prior: Prior of σ.
         name: `CORRELATED` or `PROCESS`.
         time_scale: τ in units of time, if it is known.
+        evidence: Log p of what was measured under some noise, all that explains it integrated out: where its mode is.
+            That of the residuals by default.
 
     Returns:
         The suspicion; None where each run has one row.
@@ -77,19 +82,27 @@ def in_time(
     low, high = shares[max(j - 1, 0)], shares[min(j + 1, len(shares) - 1)]
     fine_share = np.linspace(low, high, 7)
     fine = _filtered(values, step / typical, used, process, fine_tau, fine_share, n, prior)
-    k, m = np.unravel_index(int(np.argmax(fine)), fine.shape)
+    k, m = map(int, np.unravel_index(int(np.argmax(fine)), fine.shape))
+    runs = tuple(time[run == r] for r in dict.fromkeys(run.tolist()))
+
+    def noise_of(k: int, m: int) -> RowNoise:
+        tau, white = float(fine_tau[k] * typical), float(fine_share[m])
+        return known.noise.with_error(with_sd(StateSpaceNoise(runs, process, tau, white), sd))
+
+    if evidence is not None:
+        # One after the other: they depend on each other by little.
+        k = int(np.argmax([evidence(noise_of(at, m)) for at in range(len(fine_tau))]))
+        m = int(np.argmax([evidence(noise_of(k, at)) for at in range(len(fine_share))]))
     # The prior of τ on the coarse grid; the fine one only moves the mode.
     z = (np.log(taus) - math.log(TIME_STEPS)) / TIME_SPREAD
     log_prior = (-0.5 * z**2 - np.logaddexp.reduce(-0.5 * z**2))[:, None] - math.log(len(shares)) + 0 * shares
     tau, white = float(fine_tau[k] * typical), float(fine_share[m])
-    runs = tuple(time[run == r] for r in dict.fromkeys(run.tolist()))
-    noise = known.noise.with_error(with_sd(StateSpaceNoise(runs, process, tau, white), sd))
     before = log_white(float(np.sum(e**2)), n, prior)
     neighbours = 1.0 if process == "exponential" else 1 + math.sqrt(3) * typical / tau
     neighbours *= math.exp(-typical / tau * (1.0 if process == "exponential" else math.sqrt(3)))
     about = {"time_scale": tau, "white": white, "share": 1 - white, "correlation": (1 - white) * neighbours}
-    found = weighed_on_grid(name, logs, log_prior, before, noise, known, about)
-    lift = float(np.max(logs)) - float(np.max(fine))
+    found = weighed_on_grid(name, logs, log_prior, before, noise_of(k, m), known, about)
+    lift = float(np.max(logs)) - float(fine[k, m])
     return replace(found, model=replace(found.model, constant=found.model.constant + lift))
 
 

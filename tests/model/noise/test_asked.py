@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.stats import multivariate_normal, norm
 
 import bayes_greybox as bg
 from bayes_greybox.config import load_config
@@ -52,6 +53,30 @@ def test_a_correlation_is_found():
         # e^(−h/τ) = 0.9
         assert 0.5 < found["correlation_time"] < 2.0 and found["white_share"] < 0.2
         assert isinstance(data.noise["x"], StateSpaceNoise) and data.noise["x"].time_scale == found["correlation_time"]
+
+
+def test_the_correlation_that_is_held_is_the_likeliest_with_coefficients_integrated_out():
+    """Six terms take a good part of 150 correlated rows: residuals alone say a shorter correlation than there is."""
+    terms, prior_sd = [f"sin({0.3 * k:.1f}*x)" for k in range(1, 7)], 10.0
+    data = data_with("correlated", seed=3, n=150)
+    model, _ = model_with(bg.Noise(correlation="fit"), dictionary={"x": terms}).with_noise_found(data)
+    found = found_in(model)["x"]
+    x, y = data.states["x"], data.derivatives["x"] / np.sqrt(np.mean(data.derivatives["x"] ** 2))
+    Phi = np.column_stack([np.sin(0.3 * k * x) for k in range(1, 7)])
+    Phi = prior_sd * Phi / np.sqrt(np.mean(Phi**2, axis=0))
+    sigmas = np.exp(np.linspace(np.log(0.02), np.log(3.0), 120))
+
+    def log_p(tau, white):
+        """∫ N(y; 0, σ²R + ΦDΦᵀ) p(σ) dσ by dense covariances, σ of even steps in log σ."""
+        R = (1 - white) * np.exp(-np.abs(data.time[:, None] - data.time) / tau) + white * np.eye(len(y))
+        logs = [multivariate_normal(cov=s**2 * R + Phi @ Phi.T).logpdf(y) + norm.logpdf(s) + np.log(s) for s in sigmas]
+        return np.logaddexp.reduce(logs)
+
+    tau, white = found["correlation_time"], found["white_share"]
+    best = log_p(tau, white)
+    # As near as the grid is fine: 0.15 in log τ, and what turns leave.
+    assert best > max(log_p(tau * np.exp(0.3), white), log_p(tau * np.exp(-0.3), white)) - 0.01
+    assert best > max(log_p(tau, min(white + 0.05, 1.0)), log_p(tau, max(white - 0.05, 0.0))) - 0.01
 
 
 def test_noise_of_the_state_is_found():
