@@ -21,13 +21,9 @@ from bayes_greybox.discovery.evidence.odds import Odds
 from bayes_greybox.discovery.evidence.of_equation import sufficient_statistics
 from bayes_greybox.discovery.evidence.with_discrepancy import Evaluator
 from bayes_greybox.discovery.suspects.channels import (
-    DELAY,
     GAIN,
     ChannelSuspect,
     Rate,
-    calibrated,
-    measured_at,
-    shifted,
 )
 from bayes_greybox.discovery.suspects.memory import memory_columns
 from bayes_greybox.model.evidence import coefficients
@@ -39,7 +35,7 @@ from bayes_greybox.physics.catalogue.effects import BoundEffect
 from bayes_greybox.physics.terms import Term
 
 from .alignment import Aligned, modelled_rate
-from .sensors_along_path import Suspected, freed
+from .sensors_along_path import Suspected, freed, put_right
 from .sets import Sets
 from .worlds import under, worlds
 
@@ -92,10 +88,7 @@ class Followed(Aligned):
     ) -> Trajectories:
         """Samples freed of errors of their sensors, with the path through them that right inputs drive."""
         assert self.rows is not None
-        samples = calibrated(data.samples or data, self._equation, sensors, clock)
-        late = {suspect.channel: size for suspect, size in sensors.items() if suspect.kind == DELAY}
-        if late:
-            samples = shifted(samples, late).keep(measured_at(samples, late.values()))
+        samples = put_right(data.samples or data, self._equation, sensors, clock)
         return self.rows.complete(samples, self._equation, self.model.simulator(samples))
 
 

@@ -21,6 +21,7 @@ from bayes_greybox.discovery.suspects.channels import (
     Rate,
     calibrated,
     driven_later,
+    measured_at,
     shifted,
     slope_along,
 )
@@ -52,12 +53,41 @@ def freed(
         sensors: Errors of a unit of their size.
         clock: Data that drifts were found on.
     """
-    right = calibrated(samples, equation, sensors, clock)
-    late, alone = _late(sensors), samples.state_names if len(samples.state_names) == 1 else ()
-    clock_late = sum(late.get(name, 0.0) for name in alone)
-    later = {name: late.get(name, 0.0) - clock_late for name in samples.input_names}
-    moved = driven_later(right, later) if any(later.values()) else right
-    return replace(moved, time=moved.time - clock_late) if clock_late else moved
+    right, late = calibrated(samples, equation, sensors, clock), Late.of(samples, sensors)
+    moved = driven_later(right, late.inputs) if any(late.inputs.values()) else right
+    return replace(moved, time=moved.time - late.clock) if late.clock else moved
+
+
+def put_right(
+    samples: Trajectories, equation: str, sensors: Mapping[ChannelSuspect, float], clock: Trajectories
+) -> Trajectories:
+    """The same without delays of several sensors too, by splines, and without rows that nothing is known of then.
+
+    Args:
+        samples: As they came.
+        equation: The learned state.
+        sensors: Errors of a unit of their size.
+        clock: Data that drifts were found on.
+    """
+    right, late = freed(samples, equation, sensors, clock), Late.of(samples, sensors)
+    known = measured_at(samples, {*late.inputs.values(), *late.states.values()})
+    return shifted(right, late.states).keep(known)
+
+
+class Late(NamedTuple):
+    """How much later everything has to be taken for delays to be undone: by state where several have sensors."""
+
+    clock: float
+    inputs: Mapping[str, float]
+    states: Mapping[str, float]
+
+    @classmethod
+    def of(cls, samples: Trajectories, sensors: Mapping[ChannelSuspect, float]) -> "Late":
+        """Tell the clock, which is that of the only sensor, from what is late against it."""
+        late, names = _late(sensors), samples.state_names
+        clock = late.get(names[0], 0.0) if len(names) == 1 else 0.0
+        inputs = {name: late.get(name, 0.0) - clock for name in samples.input_names}
+        return cls(clock, inputs, {name: late[name] for name in names if name in late and len(names) > 1})
 
 
 def _late(sensors: Mapping[ChannelSuspect, float]) -> dict[str, float]:
@@ -98,8 +128,7 @@ class Suspected(NamedTuple):
         rows, nodes = near.equation_rows(data, equation), near.rows.nodes(data, equation, simulation)
         assert rows.operator is not None
         seen = _modelled(rows, data, added)
-        several = len(samples.state_names) > 1
-        late = {name: by for name, by in _late(sizes).items() if several and name in samples.state_names}
+        late = Late.of(samples, sizes).states
         sensors = sensor_columns(samples, seen, late)
         step = float(np.median(np.diff(samples.time)[np.diff(samples.run) == 0]))
         # An input that drives other states as well is another force on each of them, which no column here is.
@@ -107,7 +136,7 @@ class Suspected(NamedTuple):
         alone = [u for u in nodes.input_names if not any(_drives(u, simulation, name, nodes) for name in others)]
         inputs = [column for column in input_columns(nodes, rate, step) if column[0].channel in alone]
         known = {suspect.key: size for suspect, size in sizes.items()}
-        if not (several or nodes.input_names or _dated(simulation, nodes, step)):
+        if not (len(samples.state_names) > 1 or nodes.input_names or _dated(simulation, nodes, step)):
             # Nothing is late against anything: nothing was undone.
             known = {key: 0.0 if key.startswith(DELAY) else size for key, size in known.items()}
         force = sum((known.get(suspect.key, 0.0) * column for suspect, column in inputs), np.zeros(nodes.n_obs))
