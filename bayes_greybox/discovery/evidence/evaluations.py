@@ -193,11 +193,12 @@ class Evaluations:
         """Effect and the columns it is bound to."""
         effect = self.statistics.columns[index].effect
         assert effect is not None
-        return f"{effect.slug}({', '.join(f'{r}={c}' for r, c in sorted(effect.names.items()))})"
+        return effect.label
 
     def group(self, index: int) -> tuple[int, ...]:
         """All columns of the effect that a column belongs to, one for each value of its inner parameter."""
-        return tuple(i for i in self.statistics.of_kind("effect") if self.binding(i) == self.binding(index))
+        own, columns = self.binding(index), self.statistics.columns
+        return tuple(i for i, c in enumerate(columns) if c.effect is not None and c.effect.label == own)
 
     def best_of(self, slug: str) -> int:
         """The column of an effect that fits best alone."""

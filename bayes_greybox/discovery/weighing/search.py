@@ -55,6 +55,7 @@ class Search:
         self._rough: dict[tuple[int, ...], float] = {}
         self._refined: set[tuple[str, tuple[str, ...]]] = set()
         self._made: SetPrior | None = None
+        self._priors: dict[tuple[int, ...], float] = {}
         self.version = 0
 
     def likeliest(self) -> tuple[int, ...]:
@@ -66,8 +67,9 @@ class Search:
 
     def near(self) -> list[tuple[int, ...]]:
         """Sets within the window around the best one; those without an effect are always in the tables."""
-        top, columns = self._best(), self.statistics.columns
-        near = [c for c in top if self.weight(c) > self.weight(top[0]) - WINDOW][:WEIGHED]
+        weights, columns = self._weights(), self.statistics.columns
+        top = sorted(weights, key=lambda c: -weights[c])
+        near = [c for c in top if weights[c] > weights[top[0]] - WINDOW][:WEIGHED]
         bare = [c for c in top if not any(columns[i].effect is not None for i in c)][:BEAM]
         return list(dict.fromkeys([*near, (), *bare]))
 
@@ -83,7 +85,12 @@ class Search:
 
     def log_prior(self, core: Sequence[int]) -> float:
         """Log prior of a set: of its suspects, of its number of effects, and of these among all of as many."""
-        return self._prior.log(core)
+        core = tuple(core)
+        if self._made is None or self._made.n_column != len(self.statistics.columns):
+            self._made, self._priors = SetPrior.of(self.evaluations, self.most, self.always), {}
+        if core not in self._priors:
+            self._priors[core] = self._made.log(core)
+        return self._priors[core]
 
     def weight(self, core: tuple[int, ...]) -> float:
         """Log prior times evidence of a set that was screened, corrections roughly summed."""
@@ -120,15 +127,18 @@ class Search:
     def _seeds(self, effects: Sequence[int]) -> list[int]:
         groups: dict[str, list[int]] = {}
         for i in effects:
-            groups.setdefault(self.evaluations.binding(i), []).append(i)
+            groups.setdefault(self._label(i), []).append(i)
         best = [sorted(g, key=lambda i: -self._rough[(i,)])[:SEEDS] for g in groups.values()]
         return [i for group in best for i in group]
 
     def _allowed(self, cores: Iterable[Sequence[int]]) -> list[tuple[int, ...]]:
         kept = set()
+        # Thousands of sets of a few columns: what is asked of each column is found once.
+        binding = {i: c.effect.label for i, c in enumerate(self.statistics.columns) if c.effect is not None}
+        late = {i for i in range(len(self.statistics.columns)) if self._is_delay(i)}
         for core in cores:
             key = tuple(sorted(set(core)))
-            effects = [i for i in key if self.statistics.columns[i].effect is not None]
+            effects = [i for i in key if i in binding]
             if (
                 len(key) < len(core)
                 or len(effects) > self.most
@@ -136,8 +146,8 @@ class Search:
             ):
                 continue
             # Delays of several channels at once are a filter, and imitate whatever has a memory.
-            delays = [i for i in (*self.always, *key) if i not in effects and self._is_delay(i)]
-            if len({self.evaluations.binding(i) for i in effects}) == len(effects) and len(delays) <= 1:
+            delays = late.intersection((*self.always, *key))
+            if len({binding[i] for i in effects}) == len(effects) and len(delays) <= 1:
                 kept.add(key)
         return sorted(kept)
 
@@ -150,12 +160,13 @@ class Search:
         fresh = [c for c in cores if c not in self._rough]
         statistics = self.statistics
         n_free, n_correction = len(statistics.of_kind("free")), len(statistics.of_kind("correction"))
+        first = self.evaluations.indices(self.always)
         out = n_correction * np.log1p(-self.odds.correction)
         for size in sorted({len(c) for c in fresh}):
             batch = [c for c in fresh if len(c) == size]
             for start in range(0, len(batch), 2048):
                 part = batch[start : start + 2048]
-                indices = np.array([self.evaluations.indices((*self.always, *c)) for c in part], dtype=int)
+                indices = np.array([[*first, *c] for c in part], dtype=int).reshape(len(part), -1)
                 sd = np.array([c.sd for c in statistics.columns])[indices]
                 scales = np.repeat(sd[:, None], 2 if n_correction else 1, axis=1)
                 scales[:, 0, n_free : n_free + n_correction] = 0.0
@@ -174,17 +185,24 @@ class Search:
                     self._rough[core] = float(value) + self.evaluations.inner_weight(core)
 
     def _best(self) -> list[tuple[int, ...]]:
-        return sorted(self._rough, key=lambda c: -self.weight(c))
+        weights = self._weights()
+        return sorted(weights, key=lambda c: -weights[c])
+
+    def _weights(self) -> dict[tuple[int, ...], float]:
+        """`weight` of all sets that were screened: they are thousands."""
+        self.log_prior(())
+        known = self._priors
+        return {c: rough + (known[c] if c in known else self.log_prior(c)) for c, rough in self._rough.items()}
 
     def _refine(self, cores: Sequence[tuple[int, ...]]) -> bool:
         """Refine the grids over inner parameters that matter, each once beside the same others; whether any was."""
-        best, columns = self.weight(cores[0]), self.statistics.columns
+        weights, columns = self._weights(), self.statistics.columns
         # On a coarse grid an effect may need others to be bent right, so the best ones are tried alone too.
         bent = [i for i in self._candidates()[0] if columns[i].inner]
         alone = sorted(bent, key=lambda i: -self._rough.get((i,), -np.inf))[:BENT]
         pairs = [c for c in self._rough if len(c) == 2 and c[0] not in bent and c[1] in bent]
-        beside = sorted(pairs, key=lambda c: -self.weight(c))[:BENT]
-        wanted = [(i,) for i in alone] + beside + [core for core in cores if self.weight(core) > best - 6.0]
+        beside = sorted(pairs, key=lambda c: -weights[c])[:BENT]
+        wanted = [(i,) for i in alone] + beside + [core for core in cores if weights[core] > weights[cores[0]] - 6.0]
         before = [column.log_weight for column in columns]
         for core in wanted:
             for i in core:
@@ -202,10 +220,3 @@ class Search:
     def _label(self, index: int) -> str:
         suspect = self.statistics.columns[index].suspect
         return suspect.key if suspect is not None else self.evaluations.binding(index)
-
-    @property
-    def _prior(self) -> SetPrior:
-        """What `log_prior` is made of; made again where columns were added."""
-        if self._made is None or self._made.n_column != len(self.statistics.columns):
-            self._made = SetPrior.of(self.evaluations, self.most, self.always)
-        return self._made

@@ -11,7 +11,7 @@ import tomllib
 import unicodedata
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cache
+from functools import cache, cached_property
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -189,10 +189,15 @@ class BoundEffect:
     effect: Effect
     names: Mapping[str, str] = field(hash=False)
 
-    @property
+    @cached_property
     def slug(self) -> str:
         """Short name of the effect."""
         return self.effect.slug
+
+    @cached_property
+    def label(self) -> str:
+        """Short name of the effect with the columns of its roles."""
+        return f"{self.slug}({', '.join(f'{role}={column}' for role, column in sorted(self.names.items()))})"
 
     @property
     def name(self) -> str:
