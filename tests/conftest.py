@@ -1,13 +1,17 @@
-"""Shape and type checks of the whole package, switched on for the test run only."""
+"""What all tests share: threads, shape and type checks of the whole package where they are asked for, a tiny study."""
 
 import os
+from pathlib import Path
 
 if "PYTEST_XDIST_WORKER" in os.environ:
     # There are as many workers as cores, and threads of BLAS that wait for work would take the cores from them.
     # Set before NumPy is imported, and passed on to the programs that tests start.
     os.environ.update(OPENBLAS_NUM_THREADS="1", MKL_NUM_THREADS="1", OMP_NUM_THREADS="1")
-    # Nearly every test compiles a program to run it once. Benchmarks and their timings run without workers.
+    # Nearly every test compiles a program to run it once; what one worker compiled serves the others, and the next run.
+    # Benchmarks and their timings run without workers.
     os.environ["JAX_DISABLE_MOST_OPTIMIZATIONS"] = "1"
+    os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(Path(__file__).parents[1] / ".pytest_cache" / "compiled"))
+    os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
 
 import pkgutil
 from importlib.util import find_spec
@@ -17,8 +21,8 @@ import pytest
 from jaxtyping import install_import_hook
 
 matplotlib.use("Agg")
-if os.environ.get("BAYES_GREYBOX_TYPECHECK", "1") == "1":
-    # All rooms but the benchmarks: their data come out of loops that call small functions fifty thousand times a case.
+if os.environ.get("BAYES_GREYBOX_TYPECHECK", "0") == "1":
+    # They make studies take twice as long. All rooms but the benchmarks: their data come out of loops that call small functions fifty thousand times a case.
     rooms = pkgutil.iter_modules(find_spec("bayes_greybox").submodule_search_locations, "bayes_greybox.")
     install_import_hook([room.name for room in rooms if room.name != "bayes_greybox.benchmarks"], "beartype.beartype")
 

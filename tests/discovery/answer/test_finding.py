@@ -33,7 +33,8 @@ class Written(Evaluations):
     def __init__(self, letters, on, inner):
         columns = [SimpleNamespace(effect=None, suspect=SimpleNamespace(key=key), inner={}) for key in SUSPECTS]
         for k, letter in enumerate(letters):
-            effect = SimpleNamespace(slug=letter, names={"r": on.get(letter, f"x{k}")})
+            column = on.get(letter, f"x{k}")
+            effect = SimpleNamespace(slug=letter, names={"r": column}, label=f"{letter}(r={column})")
             columns.append(SimpleNamespace(effect=effect, suspect=None, inner={"v": 1.0} if letter in inner else {}))
         effects = list(range(len(SUSPECTS), len(columns)))
         self.statistics, self.odds = SimpleNamespace(columns=columns, of_kind={"effect": effects}.get), Odds()
