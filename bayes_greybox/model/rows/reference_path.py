@@ -166,17 +166,17 @@ def follow_samples(
     # A path that is lost may leave all bounds first; it is refused by name.
     with np.errstate(over="ignore", invalid="ignore"):
         ends, ratio, gained = smoother(_at_ends(samples, runs, grid, first), process_noise)
-    # How noisy each sensor is against the others, the smoother knows better than differences do.
-    residual = measured - ends[end[:, 0], end[:, 1]][:, list(outputs)]
-    s = _pooled(np.maximum(np.sqrt(np.mean(residual**2, axis=0)), finest), same_noise)
-    segments = segments_of(rate, grid, ends, outputs, end)
-    pieces = pieces_of(responses_to_unit_starts(segments, sizes), sizes)
-    if pieces >= max(samples.run_lengths):
-        raise InputError(LOST)
-    if pieces > 1:
-        grid, end, ends = split(grid, end, ends, pieces)
+        # How noisy each sensor is against the others, the smoother knows better than differences do.
+        residual = measured - ends[end[:, 0], end[:, 1]][:, list(outputs)]
+        s = _pooled(np.maximum(np.sqrt(np.mean(residual**2, axis=0)), finest), same_noise)
         segments = segments_of(rate, grid, ends, outputs, end)
-    return _assembled(simulation, rate, segments, learned, sizes, s, own, ratio, gained)
+        pieces = pieces_of(responses_to_unit_starts(segments, sizes), sizes)
+        if pieces >= max(samples.run_lengths):
+            raise InputError(LOST)
+        if pieces > 1:
+            grid, end, ends = split(grid, end, ends, pieces)
+            segments = segments_of(rate, grid, ends, outputs, end)
+        return _assembled(simulation, rate, segments, learned, sizes, s, own, ratio, gained)
 
 
 def _assembled(
@@ -192,7 +192,12 @@ def _assembled(
     moved = carried(segments.response.M, np.zeros((len(states), n_state, 1)), unforced)
     simulated = np.concatenate([at[:, k] for k in segments.outputs]) + segments.rows(moved)[:, 0]
     starts = responses_to_starts(segments, sizes)
+    # Rates are finite far from the samples too, where changes of a path are not.
+    if not (np.all(np.isfinite(simulated)) and np.all(np.isfinite(starts))):
+        raise InputError(LOST)
     gain = gain_of(segments, columns, starts, np.repeat(s, len(end)), list(learned.values()))
+    if not 0 < gain < math.inf:
+        raise InputError(LOST)
     rates = segments.slope[:, ::2, driven]
     return ReferencePath(
         columns=columns,

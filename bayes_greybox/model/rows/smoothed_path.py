@@ -26,8 +26,8 @@ UNFORCED_PASSES = 10
 """Passes to a path that the model allows, from one near the samples."""
 
 LOST = (
-    "No path through the samples was found: the equations leave their domain near them. Check the simulation and the "
-    "units, or give hidden states as data."
+    "No path through the samples was found: near them the equations leave their domain, or grow beyond all bounds. "
+    "Check the simulation and the units, or give hidden states as data."
 )
 
 

@@ -171,6 +171,21 @@ def test_an_unstable_system_is_cut_into_segments():
     assert theta == pytest.approx(-8 / 3, rel=0.01)
 
 
+@pytest.mark.parametrize("growth", ["30*v**3", "300*v**3", "5*y**3*v**2", "40*v"])
+@pytest.mark.parametrize("process_noise", [True, False])
+def test_where_equations_grow_beyond_bounds_rows_are_finite_or_refused(growth, process_noise):
+    simulation = {"y": "v", "v": f"F - 2*y + {growth}"}
+    rows = TrajectoryRows(process_noise=process_noise)
+    model = Program({"v": ["y"]}, simulation=simulation, rows=rows, discrepancy=None)
+    try:
+        found = model.equation_rows(sampled(**CUBIC, noise=0.05, n=200), "v")
+    except InputError as error:
+        assert "No path through the samples" in str(error)
+    else:
+        whole = found.whiten(np.column_stack([found.target / found.scale, found.noise.starts]))
+        assert np.all(np.isfinite(whole))
+
+
 @pytest.mark.parametrize(
     ("build", "message"),
     [
