@@ -113,8 +113,9 @@ def find_missing_effects(
         model: Simulation, and the terms whose coefficients are to be learned anyway. `model.discrepancy` says what f
             depends on.
         train: Measurements with the rates of the equations in question.
-        test: Measurements that no decision is made on. Where the training data were differentiated and these are not,
-            they are, by the same filter.
+        test: Measurements that no explanation is weighed on: they show what became of the gap, and may only speak
+            against the answer. Where the training data were differentiated and these are not, they are, by the same
+            filter.
         catalogue: "mechanical", "fluid", "population", "electrical", "all", a TOML file of your own, or a list of
             these.
         roles: Columns by role where the package should not guess.

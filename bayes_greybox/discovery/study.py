@@ -29,7 +29,7 @@ from .amended import amended_program, corrected_data
 from .answer.adequacy import LAGS
 from .answer.equation_study import EquationStudy
 from .answer.finding import NEGLIGIBLE, SUBSTANTIAL, SURE, TIED, VERDICTS, Finding
-from .answer.gap import Amendment, FreePath, FreeRuns, gap_rows, worsened
+from .answer.gap import Amendment, FreePath, FreeRuns, gap_rows, left_over, worsened
 from .answer.where import GapMap, GapTrace
 from .equation import study_equation
 from .evidence.odds import Odds
@@ -137,7 +137,7 @@ def investigate(
     Args:
         model: Simulation, and the terms whose coefficients are to be learned anyway.
         train: Measurements with the rates of the equations in question.
-        test: Measurements that no decision is made on.
+        test: Measurements that no explanation is weighed on; they may only speak against the answer.
         catalogue: As for `find_missing_effects`, as are the settings that follow.
         roles: Columns by role.
         seed: Seed of everything random.
@@ -287,7 +287,7 @@ def studied_equations(model: Program, data: Trajectories) -> tuple[str, ...]:
 
 
 def verdict_of(findings: Mapping[str, Finding], gap: pd.DataFrame) -> tuple[str, tuple[str, ...]]:
-    """Verdict of a study, and what speaks against it: the free run has a veto over what is called *named*.
+    """Verdict of a study, and what speaks against it: held-out samples and free runs may veto what is called *named*.
 
     Args:
         findings: By equation; of several, each says in which equation it doubts.
@@ -298,16 +298,22 @@ def verdict_of(findings: Mapping[str, Finding], gap: pd.DataFrame) -> tuple[str,
     against = tuple(about[name] + text for name, found in findings.items() for text in found.against)
     claims = any(found.places for found in findings.values()) or verdict == "recalibrate"
     worse = worsened(gap) if claims else ()
-    if worse:
-        against = (*against, *(worse_in_words(key) for key in worse))
+    left = left_over(gap) if claims else {}
+    said = [*(worse_in_words(key) for key in worse), *(about[name] + left_in_words(x) for name, x in left.items())]
+    if said:
         verdict = "partly named" if verdict == "named" else verdict
-    return verdict, against
+    return verdict, (*against, *said)
 
 
 def worse_in_words(key: tuple[str, str, str]) -> str:
     """What a row of the gap table that got worse means."""
     _, metric, name = key
     return f"the free run of {name} gets worse" if metric == "free-run NRMSE" else "the free run fails sooner"
+
+
+def left_in_words(misfit: float) -> str:
+    """What held-out samples say that the model after does not explain."""
+    return f"held-out samples are left {misfit:.2g} times as far off as their noise allows"
 
 
 def _said_of(model: Program, train: Trajectories, settle: bool) -> list[str]:

@@ -7,10 +7,10 @@ from typing import Any
 
 from bayes_greybox.criticism.convergence import convergence
 from bayes_greybox.discovery.answer.finding import NEGLIGIBLE, SURE
-from bayes_greybox.discovery.answer.gap import worsened
+from bayes_greybox.discovery.answer.gap import left_over, misfits, worsened
 from bayes_greybox.discovery.answer.instrument import IN_MODEL
 from bayes_greybox.discovery.answer.weighed import STOPS
-from bayes_greybox.discovery.study import StudyResult, worse_in_words
+from bayes_greybox.discovery.study import StudyResult, left_in_words, worse_in_words
 from bayes_greybox.discovery.suspects.channels import DELAY_STEPS
 
 from .formatting import listed, number, percent_text, probability_text
@@ -75,7 +75,8 @@ def doubts(study: StudyResult) -> list[Doubt]:
         found += [replace(each, topic=f"{each.topic}{about}") for each in parts]
     rows = [Doubt("Rows", text, True) for text in study.warnings]
     rows += [Doubt("Not weighed", text, None) for text in not_weighed(study)]
-    return [_said(each) for each in (*found, *rows, *_ties(study), _free_run(study), _sampler(study))]
+    more = (*_ties(study), *_held_out(study), _free_run(study), _sampler(study))
+    return [_said(each) for each in (*found, *rows, *more)]
 
 
 def _said(doubt: Doubt) -> Doubt:
@@ -143,6 +144,17 @@ def _ties(study: StudyResult) -> Iterator[Doubt]:
         yield Doubt("Ties", f"these data do not tell {own} from {' or '.join(others)}", True)
     if not study.ties and added(study).size:
         yield Doubt("Ties", "no other effect could stand in the place of what was named", False)
+
+
+def _held_out(study: StudyResult) -> Iterator[Doubt]:
+    """What held-out samples say of the model after; nothing of rates."""
+    left = left_over(study.gap)
+    for name, misfit in misfits(study.gap, "test").items():
+        if name in left:
+            yield Doubt("Held-out samples", left_in_words(misfit), True)
+        else:
+            text = f"what is left of them is {number(misfit, 2)} times what their noise and the coefficients leave open"
+            yield Doubt("Held-out samples", text, False)
 
 
 def _free_run(study: StudyResult) -> Doubt:

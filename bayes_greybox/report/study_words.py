@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from bayes_greybox.discovery.answer.gap import worsened
+from bayes_greybox.discovery.answer.gap import MISFIT, worsened
 from bayes_greybox.discovery.answer.weighed import STOPS
 from bayes_greybox.discovery.study import StudyResult
 from bayes_greybox.discovery.suspects.channels import DELAY_STEPS, GAIN, GAIN_SD, OFFSET_SD
@@ -32,6 +32,10 @@ METRICS: dict[str, tuple[str, str]] = {
     "sample NMSE": (
         "Error of the predicted samples, as forces on d({variable})/dt",
         "Mean square error over the variance of the samples, whatever the path started from.",
+    ),
+    MISFIT: (
+        "Error of the predicted samples over their noise, d({variable})/dt",
+        "One where the model explains all but the noise, and what its coefficients leave open.",
     ),
     "time to failure": ("Time until a free run fails", "How long the model can be run before it blows up."),
 }
@@ -181,6 +185,8 @@ def metric_value(study: StudyResult, metric: str, value: float) -> str:
     if metric == "time to failure":
         unit = study.train.unit("t") or ""
         return "never" if not math.isfinite(value) else f"{number(value)} {unit}".strip()
+    if metric == MISFIT:
+        return number(value, 3)
     return nmse_text(value) if metric in ("derivative NMSE", "sample NMSE") else percent_text(value)
 
 

@@ -52,6 +52,19 @@ def test_the_gap_is_shown_closed_on_held_out_samples(cubic):
     assert "closed" not in cubic.sentence or cubic.verdict == "named"
 
 
+def test_what_held_out_samples_deny_is_not_named(cubic):
+    misfit = cubic.gap.xs("misfit of samples", level="metric")["after"]
+    np.testing.assert_allclose(misfit, 1.0, atol=0.15)
+    changed = sampled(lambda y, v: -0.5 * y**3 - 0.1 * v, noise=0.03, seed=1)
+    found = study(sampled(**CUBIC, noise=0.03), changed, catalogue=FEW)
+    assert found.effects.iloc[0]["slug"] == "cubic-stiffness" and found.verdict == "partly named"
+    (text,) = [each for each in found.against if "held-out samples" in each]
+    left = found.gap.loc[("test", "misfit of samples", "v"), "after"]
+    assert left > 1.5 and f"{left:.2g} times" in text and "held-out samples" in found.sentence
+    assert [each.against for each in doubts(found) if each.topic == "Held-out samples"] == [True]
+    assert [each.against for each in doubts(cubic) if each.topic == "Held-out samples"] == [False]
+
+
 def test_a_free_run_of_other_samples_starts_where_the_path_through_them_does(cubic):
     path = cubic.free_run(sampled(**CUBIC, noise=0.03, seed=2))["y"]
     truth = sampled(**CUBIC, noise=0.0).states["y"]

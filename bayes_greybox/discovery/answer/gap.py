@@ -12,6 +12,7 @@ from jaxtyping import Array, Float
 
 from bayes_greybox.criticism.bands import Band, band_holds
 from bayes_greybox.criticism.free_run import FreeRunner
+from bayes_greybox.data.sample_noise import sample_noise
 from bayes_greybox.data.starts import Starts, estimate_starts
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.suspects.channels import (
@@ -35,6 +36,15 @@ RATE_DRAWS, PATH_DRAWS = 200, 40
 
 GREW = 0.02
 """A free run is worse, or fails sooner, only beyond this share of what it was before."""
+
+MISFIT = "misfit of samples"
+"""Metric: what is left of samples over what their noise and the coefficients leave open; 1 where all is explained."""
+
+NO_SHARES = ("time to failure", MISFIT)
+"""Metrics whose fall is no share of the gap."""
+
+LEFT = 1.5
+"""Misfit of held-out samples, over that of training samples, from which on the model after does not hold for them."""
 
 NOTHING = 1e-4
 """Error of a free run, over the standard deviation of the measurement, that is none: the integrator's."""
@@ -76,9 +86,11 @@ def gap_rows(
     """The gap table's rows for one data set, and its free runs.
 
     Metrics: derivative NMSE, mean((ẋ − x̂̇)²)/var(ẋ), or sample NMSE, the same of the samples that rows are of;
-    unexplained share, (mean((ẋ − x̂̇)²) − σ²)/mean(ẋ²), not below zero; free-run NRMSE, RMS(x − x̂)/SD(x) up to the
-    first failure of either; time to failure of runs that blow up, NaN where a model never does. What is over a
-    measurement at rest is NaN. The figures are those of the mean over draws, the intervals those of the draws.
+    unexplained share, (mean((ẋ − x̂̇)²) − σ²)/mean(ẋ²), not below zero; misfit of samples, (mean((y − ŷ)²)/(σ² +
+    var ŷ))^½, σ not below what the samples themselves show and var ŷ that of the draws; free-run NRMSE,
+    RMS(x − x̂)/SD(x) up to the first failure of either; time to failure of runs that blow up, NaN where a model never
+    does. What is over a measurement at rest is NaN. The figures are those of the mean over draws, the intervals those
+    of the draws.
 
     Args:
         model: The model before.
@@ -106,6 +118,7 @@ def gap_rows(
         # In the unit of the sensor: rows near another model are over another gain.
         variance = float(np.var(measured.measured)) * measured.gain**2
         noise = (amendment.sigma * amendment.statistics.rows.gain) ** 2
+        allowed = max(noise, _own_noise(data))
 
         def error(added: np.ndarray, rows=measured) -> Any:
             # [n_row] or [n_draw, n_row]; where a path started is nobody's error.
@@ -118,19 +131,27 @@ def gap_rows(
         def share(values: Any, size=size, noise=noise) -> Any:
             return _over(np.maximum(values - noise, 0.0), size)
 
+        def misfit(values: Any, uncertain: float = 0.0, allowed=allowed) -> Any:
+            return np.sqrt(_over(values, allowed + uncertain))
+
         errors = error(after)
+        uncertain = measured.gain**2 * float(np.mean(np.var(after, axis=0)))
         compared = "derivative NMSE" if model.rows.rates_measured else "sample NMSE"
         for metric, f in ((compared, nmse), ("unexplained share", share)):
             low, high = np.quantile(f(errors), [(1 - LEVEL) / 2, (1 + LEVEL) / 2])
             mean = f(error(after.mean(axis=0)))
             rows.append((part, metric, equation, float(f(error(before, raw))), float(mean), low, high))
+        if not model.rows.rates_measured:
+            low, high = np.quantile(misfit(errors, uncertain), [(1 - LEVEL) / 2, (1 + LEVEL) / 2])
+            each = float(misfit(error(before, raw))), float(misfit(error(after.mean(axis=0)), uncertain))
+            rows.append((part, MISFIT, equation, *each, low, high))
     paths: dict[str, FreePath] = {}
     if free_runs is not None:
         paths, more = free_runs(data, part, starts, seed)
         rows += more
     table = pd.DataFrame(rows, columns=["data", "metric", "variable", "before", "after", "lower", "upper"])
     ratio = table["after"] / table["before"].where(table["before"] > 0)
-    table["closed"] = (1 - ratio).where(table["metric"] != "time to failure")
+    table["closed"] = (1 - ratio).where(~table["metric"].isin(NO_SHARES))
     return table.set_index(["data", "metric", "variable"]), paths
 
 
@@ -281,6 +302,41 @@ def worsened(gap: pd.DataFrame) -> tuple[tuple[str, str, str], ...]:
         if worse:
             found.append((str(key[0]), str(key[1]), str(key[2])))
     return tuple(found)
+
+
+def left_over(gap: pd.DataFrame) -> dict[str, float]:
+    """Where the model after explains the training samples and not the held-out ones: misfit there, by equation.
+
+    A model that is right explains both; one that bends to the training data, or that stands for something else there,
+    does not.
+
+    Args:
+        gap: Gap table; without held-out data, or with rates, there is nothing to tell.
+    """
+    train, test = misfits(gap, "train"), misfits(gap, "test")
+    return {name: left for name, left in test.items() if left > LEFT * max(1.0, train[name])}
+
+
+def misfits(gap: pd.DataFrame, part: str) -> dict[str, float]:
+    """Misfit of the samples after, by equation; none of rates.
+
+    Args:
+        gap: Gap table.
+        part: "train" or "test".
+    """
+    return {
+        str(name): float(after)
+        for (data, metric, name), after in zip(gap.index, gap["after"], strict=True)
+        if (data, metric) == (part, MISFIT)
+    }
+
+
+def _own_noise(data: Trajectories) -> float:
+    """Variance of the white noise that samples of one sensor show by themselves; 0 for several, or for rates."""
+    samples = data.samples
+    if samples is None or len(samples.state_names) > 1:
+        return 0.0
+    return float(sample_noise(samples.time, samples.matrix(samples.state_names), samples.run_lengths)[0]) ** 2
 
 
 def _compared(

@@ -6,7 +6,7 @@ import numpy as np
 
 from bayes_greybox.criticism.convergence import convergence
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.discovery.answer.gap import worsened
+from bayes_greybox.discovery.answer.gap import NO_SHARES, worsened
 from bayes_greybox.discovery.study import StudyResult
 from bayes_greybox.report.doubts import doubts
 from bayes_greybox.report.sentence import sentence
@@ -123,7 +123,7 @@ def _cards(study: StudyResult) -> list[Card]:
         block = table.xs(metric, level=0)
         for variable, row in zip(block.index, block.to_dict("records"), strict=True):
             before, after = float(row["before"]), float(row["after"])
-            left = after / before if metric != "time to failure" and before > 0 and np.isfinite(after) else None
+            left = after / before if metric not in NO_SHARES and before > 0 and np.isfinite(after) else None
             cards.append(
                 Card(
                     title=title.format(variable=variable),

@@ -16,12 +16,15 @@ from bayes_greybox.discovery.answer.amendment import Remainder
 from bayes_greybox.discovery.answer.coefficients import Coefficients
 from bayes_greybox.discovery.answer.gap import (
     GREW,
+    LEFT,
     LEVEL,
+    MISFIT,
     PATH_DRAWS,
     RATE_DRAWS,
     Amendment,
     FreeRuns,
     gap_rows,
+    left_over,
     worsened,
 )
 
@@ -467,6 +470,23 @@ def test_a_free_run_is_worse_where_its_mean_path_is(before, after, lower, upper,
 def test_a_run_that_fails_sooner_is_worse(before, after, upper, worse):
     key = ("test", "time to failure", "all")
     assert worsened(table((*key, before, after, 1.0, upper))) == ((key,) if worse else ())
+
+
+@pytest.mark.parametrize(
+    ("train", "test", "left"),
+    [
+        (1.0, 1.0, False),
+        (0.9, 0.99 * LEFT, False),
+        (0.9, 1.01 * LEFT, True),
+        # A model that leaves some of the training samples is not worse for leaving as much of others.
+        (3.0, 4.0, False),
+        (3.0, 5.0, True),
+    ],
+)
+def test_held_out_samples_deny_what_explains_the_training_samples_alone(train, test, left):
+    rows = [(part, MISFIT, "v", 20.0, after, after, after) for part, after in (("train", train), ("test", test))]
+    assert left_over(table(*rows)) == ({"v": test} if left else {})
+    assert left_over(table(rows[0])) == left_over(table(("test", "derivative NMSE", "v", 1.0, 0.9, 0.8, 1.0))) == {}
 
 
 def test_held_out_free_runs_decide_and_training_ones_only_where_there_are_none():
