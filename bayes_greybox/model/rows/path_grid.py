@@ -16,20 +16,32 @@ def runs_of(samples: Trajectories) -> list[np.ndarray]:
 def grid_of(
     samples: Trajectories, runs: list[np.ndarray], steps: int, interpolation: str | None
 ) -> tuple[Grid, np.ndarray]:
-    """Nodes of all runs, and the run and the step's end of each sample. Longer gaps have more steps."""
+    """Nodes of all runs, and the run and the step's end of each sample. Longer gaps have more steps.
+
+    Where an input that is held changes, a step of no length leads from the value before to the value after: a step's
+    end is the next one's start, and would have a sixth of its input too early.
+    """
     times, inputs, end = [], [], np.zeros((samples.n_obs, 2), int)
     typical = float(np.median(np.diff(samples.time)[np.diff(samples.run) == 0]))
     for r, own in enumerate(runs):
         t = samples.time[own]
+        u = samples.matrix(samples.input_names)[own]
+        kinds = (interpolation,) * u.shape[1] if interpolation else between_samples(t, u)
+        leaps = np.any(np.diff(u[:, [kind == "zoh" for kind in kinds]], axis=0) != 0, axis=1)
         count = np.maximum(np.ceil(steps * np.diff(t) / typical - 1e-6), steps).astype(int)
-        place = np.concatenate([[0], np.cumsum(count)])
-        ends = np.interp(np.arange(place[-1] + 1), place, t)
+        interval = np.repeat(np.arange(len(count)), count + leaps)
+        place = np.concatenate([[0], np.cumsum(count + leaps)])
+        # Where in its interval each step begins, in steps; one of no length begins where the interval ends.
+        begun = np.arange(len(interval)) - place[interval]
+        ends = np.append(t[interval] + np.diff(t)[interval] * begun / count[interval], t[-1])
+        ends[place], ends[place[1:] - leaps] = t, t[1:]
         nodes = np.empty(2 * len(ends) - 1)
         nodes[::2], nodes[1::2] = ends, (ends[1:] + ends[:-1]) / 2
         times.append(nodes)
-        u = samples.matrix(samples.input_names)[own]
-        kinds = (interpolation,) * u.shape[1] if interpolation else between_samples(t, u)
-        inputs.append(np.column_stack([_between(t, u[:, k], nodes, kind) for k, kind in enumerate(kinds)] or [nodes]))
+        of_node = np.append(np.repeat(interval, 2), interval[-1:])
+        held = {k: u[of_node, k] for k, kind in enumerate(kinds) if kind == "zoh"}
+        columns = [held.get(k, _between(t, u[:, k], nodes, kind)) for k, kind in enumerate(kinds)]
+        inputs.append(np.column_stack(columns or [nodes]))
         end[own, 0], end[own, 1] = r, place
     longest = max(map(len, times))
     time = np.array([np.pad(t, (0, longest - len(t)), mode="edge") for t in times])
@@ -64,6 +76,4 @@ def split(grid: Grid, end: np.ndarray, ends: np.ndarray, pieces: int) -> tuple[G
 def _between(t: np.ndarray, values: np.ndarray, at: np.ndarray, kind: str) -> np.ndarray:
     if kind == "cubic":
         return CubicSpline(t, values)(at)
-    if kind == "zoh":
-        return values[np.clip(np.searchsorted(t, at, side="right") - 1, 0, len(t) - 1)]
     return np.interp(at, t, values)

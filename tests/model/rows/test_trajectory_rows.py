@@ -171,6 +171,31 @@ def test_an_unstable_system_is_cut_into_segments():
     assert theta == pytest.approx(-8 / 3, rel=0.01)
 
 
+@pytest.mark.parametrize("substeps", [1, 3, None])
+@pytest.mark.parametrize("every", [1, 7])
+def test_inputs_that_are_held_act_from_their_sample_to_the_next(every, substeps):
+    """Without noise nothing is left of samples but what steps lose, which was a sixth of each jump's step."""
+    t, rng = 0.1 * np.arange(150), np.random.default_rng(2)
+    levels = np.repeat(rng.standard_normal(150), every)[: len(t)]
+    y, x = [0.3], np.array([0.3, 0.0])
+    for a, b, level in zip(t[:-1], t[1:], levels[:-1], strict=True):
+        oscillator = solve_ivp(
+            lambda s, x, u=level: [x[1], u - 2 * x[0] - 0.15 * x[1]], (a, b), x, rtol=1e-11, atol=1e-12
+        )
+        x = oscillator.y[:, -1]
+        y.append(x[0])
+    noisy = np.array(y) + 1e-4 * rng.standard_normal(len(t))
+    data = Trajectories.from_arrays(t, states={"y": noisy}, inputs={"F": levels})
+    left = {}
+    for interpolation in ("zoh", "linear"):
+        rows = TrajectoryRows(substeps=substeps, interpolation=interpolation)
+        found = program(rows=rows).equation_rows(data, "v")
+        rest = found.gain * found.noise.without_starts(found.target[:, None])[:, 0]
+        left[interpolation] = float(np.sqrt(np.mean(rest**2)))
+    assert left["zoh"] == pytest.approx(1e-4, rel=0.2)
+    assert left["linear"] > 10 * left["zoh"]
+
+
 @pytest.mark.parametrize("growth", ["30*v**3", "300*v**3", "5*y**3*v**2", "40*v"])
 @pytest.mark.parametrize("process_noise", [True, False])
 def test_where_equations_grow_beyond_bounds_rows_are_finite_or_refused(growth, process_noise):
