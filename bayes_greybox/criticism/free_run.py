@@ -72,7 +72,7 @@ def free_run(
         level: Probability of the bands.
         at_most: Posterior draws integrated.
         seed: Seed of the choice of draws and of the starts.
-        interpolation: Of the inputs between samples, see `FreeRunner`.
+        interpolation: Of the inputs between samples, see `FreeRunner`; by default that of the rows.
 
     Raises:
         InputError: States without an equation; a model on the exact path, whose f has no finite expansion.
@@ -108,7 +108,8 @@ def free_run(
             rate = rate.at[data.state_names.index(name)].add(added)
         return rate
 
-    states, failed_at = FreeRunner(right_hand_side, interpolation)(data, parameters, starts.draws(len(pick), rng))
+    kinds = posterior.model.rows.interpolation if interpolation is None else interpolation
+    states, failed_at = FreeRunner(right_hand_side, kinds)(data, parameters, starts.draws(len(pick), rng))
     bands = {name: Band.surviving(states[:, :, i], level) for i, name in enumerate(data.state_names)}
     lost = [times[np.isfinite(times)] for times in failed_at]
     failed = np.array([len(times) / len(every) for times, every in zip(lost, failed_at, strict=True)])

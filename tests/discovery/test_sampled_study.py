@@ -52,6 +52,18 @@ def test_the_gap_is_shown_closed_on_held_out_samples(cubic):
     assert "closed" not in cubic.sentence or cubic.verdict == "named"
 
 
+def test_free_runs_hold_inputs_where_the_rows_do():
+    data, rows = sampled(**CUBIC, noise=0.02, n=150), bg.TrajectoryRows(interpolation="zoh")
+    model = bg.GreyBox({"v": ["y**3"]}, simulation=SIMULATION, rows=rows, discrepancy=None)
+    fit = model.fit(data, draws=20, tune=50, chains=1, progress=False)
+    own, held, linear = (
+        fit.simulate(data, **given).states["y"].mean
+        for given in ({}, {"interpolation": "zoh"}, {"interpolation": "linear"})
+    )
+    np.testing.assert_array_equal(own, held)
+    assert np.max(np.abs(own - linear)) > 0.01 * np.std(data.states["y"])
+
+
 def test_what_held_out_samples_deny_is_not_named(cubic):
     misfit = cubic.gap.xs("misfit of samples", level="metric")["after"]
     np.testing.assert_allclose(misfit, 1.0, atol=0.15)

@@ -161,7 +161,7 @@ class FreeRuns:
     Args:
         model: The model before.
         amendments: By equation.
-        interpolation: Of the inputs between samples, see `criticism.free_run.FreeRunner`.
+        interpolation: Of the inputs between samples, see `criticism.free_run.FreeRunner`; by default that of the rows.
     """
 
     def __init__(
@@ -170,7 +170,8 @@ class FreeRuns:
         amendments: Mapping[str, Amendment],
         interpolation: str | Sequence[str] | None = None,
     ) -> None:
-        self.model, self.amendments, self.interpolation = model, amendments, interpolation
+        self.model, self.amendments = model, amendments
+        self.interpolation = model.rows.interpolation if interpolation is None else interpolation
         self._runners: dict[tuple, tuple[FreeRunner, Mapping[str, Added]]] = {}
 
     def __call__(

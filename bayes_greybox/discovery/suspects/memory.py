@@ -67,14 +67,15 @@ def memory_columns(data: Trajectories) -> Iterator[tuple[Memory, Float[np.ndarra
     """
     runs = [np.flatnonzero(data.run == r) for r in dict.fromkeys(data.run.tolist())]
     runs = [own for own in runs if len(own) > 2]
+    # An input that leaps has two values at one time: how fast it moves, the last ones tell.
+    later = [own[np.append(np.diff(data.time[own]) > 0, True)] for own in runs]
     for name in (*data.state_names, *data.input_names):
         x = data.column(name)
-        half, changes = np.ptp(x) / 2, np.concatenate([np.diff(x[own]) for own in runs] or [np.zeros(1)])
+        half = np.ptp(x) / 2
         if not any(_returns(x[own]) for own in runs):
             continue
-        steps = np.concatenate([np.diff(data.time[own]) for own in runs])
-        moved = steps > 0
-        speed = np.sqrt(np.sum(changes[moved] ** 2 / steps[moved]) / np.sum(steps))
+        changes, steps = (np.concatenate([np.diff(v[own]) for own in later]) for v in (x, data.time))
+        speed = np.sqrt(np.sum(changes**2 / steps) / np.sum(steps))
         period = 2 * np.pi * np.std(x) / speed
         held, relaxing = np.zeros((data.n_obs, len(LIMITS))), np.zeros((data.n_obs, len(TIMES)))
         for own in runs:

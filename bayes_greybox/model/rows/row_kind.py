@@ -12,7 +12,14 @@ from .equation_rows import EquationRows
 
 
 class RowKind(ABC):
-    """A kind of rows: by default rates that are measured beside all states, linear in whatever is added to them."""
+    """A kind of rows: by default rates that are measured beside all states, linear in whatever is added to them.
+
+    Attributes:
+        interpolation: Of the inputs between samples, where the rows take them there and free runs after them; None:
+            each input's own.
+    """
+
+    interpolation: str | None = None
 
     @abstractmethod
     def rows(self, data: Trajectories, equation: str, simulation: Simulation) -> EquationRows:

@@ -1,5 +1,7 @@
 """Elements that remember, against their closed forms along paths of straight pieces."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -27,6 +29,19 @@ def test_an_iwan_element_is_a_spring_up_to_its_limit_and_turns_back_from_there(k
     np.testing.assert_allclose(z[up], np.minimum(x[up], r), atol=1e-12)
     np.testing.assert_allclose(z[down], np.maximum(r + x[down] - 1, -r), atol=1e-12)
     np.testing.assert_allclose(z[again], np.minimum(-r + x[again] + 1, r), atol=1e-12)
+
+
+def test_an_input_that_leaps_has_two_values_at_one_time():
+    t = np.repeat(np.linspace(0, 10, 101), 2)[1:]
+    u = np.repeat(np.sign(np.sin(np.linspace(0, 10, 101) + 0.3)), 2)[:-1]
+    once = np.append(np.diff(t) > 0, True)
+    data = Trajectories.from_arrays(t[once], states={"x": np.sin(t[once])}, inputs={"u": u[once]})
+    # As rows of a path have it, not as anybody measures it.
+    leaping = replace(data, time=t, run=np.zeros(len(t), int), states={"x": np.sin(t)}, inputs={"u": u})
+    columns, plain = dict(memory_columns(leaping)), dict(memory_columns(data))
+    assert set(columns) == {Memory(kind, name) for kind in (HYSTERESIS, RELAXATION) for name in ("x", "u")}
+    np.testing.assert_allclose(columns[Memory(HYSTERESIS, "u")][once], plain[Memory(HYSTERESIS, "u")], atol=1e-12)
+    assert all(np.all(np.isfinite(table)) for table in columns.values())
 
 
 def test_a_loop_is_closed_and_has_the_area_of_its_friction():
