@@ -8,6 +8,7 @@ from rich.console import Group, RenderableType
 from bayes_greybox.benchmarks.confounding.score import Confounding
 from bayes_greybox.benchmarks.hidden_effects.scoring.case_scores import SOLVERS
 from bayes_greybox.benchmarks.hidden_effects.scoring.score import Scores
+from bayes_greybox.benchmarks.sampled_traps.run import counts
 from bayes_greybox.report.terminal.tables import frame_table
 
 _ASSUMPTIONS = {
@@ -23,6 +24,15 @@ _ASSUMPTIONS = {
     "free run after": "after",
     "stlsq wrong": "STLSQ wrong",
     "stlsq right": "right ",
+}
+
+_TRAPS = {
+    "verdict": "verdict",
+    "likeliest": "likeliest",
+    "probability": "P",
+    "wrong": "wrong",
+    "right": "right",
+    "seconds": "s",
 }
 
 _SHOWN = ["cases", *SOLVERS, "right or tied", "closed", "seconds"]
@@ -48,6 +58,14 @@ def sampled_tables(table: pd.DataFrame) -> Iterator[RenderableType]:
     """Names, coverage and held-out error of each system."""
     title = "Effects found from samples of one state; coverage of 90 % intervals; held-out error over the sensor's"
     yield frame_table(title, table)
+
+
+def trap_tables(table: pd.DataFrame) -> Iterator[RenderableType]:
+    """What the study says of each trap, then counts."""
+    # Words, and not slugs: they may be broken to fit the terminal.
+    shown = table.loc[:, list(_TRAPS)].replace({"likeliest": "-", "wrong": "-"}, " ", regex=True).rename(columns=_TRAPS)
+    yield Group(frame_table("Traps and controls: likeliest effect, wrong names", shown), "")
+    yield frame_table("Counts", counts(table))
 
 
 def coverage_tables(table: pd.DataFrame) -> Iterator[RenderableType]:

@@ -52,6 +52,7 @@ class Benchmark(StrEnum):
     calibration = "calibration"
     confounding = "confounding"
     sampled_systems = "sampled-systems"
+    sampled_traps = "sampled-traps"
     sampled_coverage = "sampled-coverage"
     published_odes = "published-odes"
 
@@ -289,7 +290,7 @@ def benchmark(
         int | None,
         typer.Option(
             min=1,
-            help="Replicates of each case (all but hidden-effects).",
+            help="Replicates of each case (all but hidden-effects and sampled-traps).",
         ),
     ] = None,
     families: Annotated[
@@ -315,9 +316,10 @@ def benchmark(
     how often the study finds them. calibration draws truths from every prior with every kernel and tests whether
     they lie among the posterior draws as they should. confounding fits repeated data under each kernel and says what
     orthogonality gives and costs. sampled-systems studies systems of which one state has a sensor: decays, an
-    axis, a beam, an oscillator under noise of several kinds, two masses, tanks, predators and prey. sampled-coverage
-    counts how often intervals of coefficients hold the truth there. published-odes finds parameters of differential
-    equations from noisy samples, beside published results.
+    axis, a beam, an oscillator under noise of several kinds, two masses, tanks, predators and prey. sampled-traps
+    tempts the study to wrong names: sensors and inputs that lie, machines that no catalogue has, with controls.
+    sampled-coverage counts how often intervals of coefficients hold the truth in samples. published-odes finds
+    parameters of differential equations from noisy samples, beside published results.
     """
     from bayes_greybox.cli.benchmarking import run_benchmark
 

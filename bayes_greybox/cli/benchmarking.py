@@ -39,6 +39,10 @@ def run_benchmark(
         return _confounding(folder, replicates, seed, progress)
     if name == "sampled-systems":
         return _sampled_systems(folder, cases, replicates, seed, progress)
+    if name == "sampled-traps":
+        if replicates is not None:
+            raise InputError("--replicates does not apply to sampled-traps; --cases sets how many are run.")
+        return _sampled_traps(folder, cases, seed, progress)
     if name == "sampled-coverage":
         if cases is not None:
             raise InputError("--cases does not apply to sampled-coverage; --replicates sets its size.")
@@ -118,6 +122,15 @@ def _sampled_systems(folder: Path, cases: int | None, replicates: int | None, se
     names = list(systems())[:cases]
     table = run(folder, names, replicates=replicates or REPLICATES, seed=seed, progress=progress)
     show(*sampled_tables(table), f"\nResults are in {folder}.")
+    return DONE
+
+
+def _sampled_traps(folder: Path, cases: int | None, seed: int, progress: bool) -> int:
+    from bayes_greybox.benchmarks.sampled_traps.run import run, traps
+    from bayes_greybox.benchmarks.tables import trap_tables
+
+    table = run(folder, cases=list(traps())[:cases], seed=seed, progress=progress)
+    show(*trap_tables(table), f"\nResults are in {folder}.")
     return DONE
 
 

@@ -83,7 +83,7 @@ def draw_given(key: Array, likelihood: CollapsedNormal, gamma: Array | None = No
         pick = jax.random.categorical(key_gamma, log_weight)
         if scales.log_odds is not None:
             log_weight = log_weight - logsumexp(log_weight)
-            out["inclusion"], out["gamma"] = jnp.exp(log_weight) @ bits, bits[pick]
+            out["inclusion"], out["gamma"] = _shares(log_weight, bits), bits[pick]
             sd = free = sd * bits[pick]
         index = np.array(coefficients.bounded, int)
         z, held = z.at[index].set(placed.z[pick]), held.at[index].set(True)
@@ -91,7 +91,7 @@ def draw_given(key: Array, likelihood: CollapsedNormal, gamma: Array | None = No
     elif scales.log_odds is not None:
         log_weight = spike_and_slab(regression, sd, scales.log_odds, design.n_obs, coefficients.certain)[1]
         bits = jnp.asarray(patterns(len(sd), coefficients.certain))
-        out["inclusion"] = jnp.exp(log_weight) @ bits
+        out["inclusion"] = _shares(log_weight, bits)
         out["gamma"] = bits[jax.random.categorical(key_gamma, log_weight)]
         sd = free = sd * out["gamma"]
     elif gamma is not None:
@@ -103,3 +103,8 @@ def draw_given(key: Array, likelihood: CollapsedNormal, gamma: Array | None = No
     theta = jnp.where(sd > 0, away if scales.mean is None else scales.mean + away, 0.0)
     out |= {"theta": theta, "theta_sd": sd}
     return {**out, **design.draw_discrepancy(key_f, hyper, theta, solve)}
+
+
+def _shares(log_weight: Array, bits: Array) -> Array:
+    """Probability of each term; patterns that all have one add up to one but for rounding."""
+    return jnp.minimum(jnp.exp(log_weight) @ bits, 1.0)

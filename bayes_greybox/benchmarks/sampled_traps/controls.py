@@ -1,0 +1,105 @@
+"""Controls: their answer is clear, and a study that sees traps everywhere fails here."""
+
+import numpy as np
+
+from bayes_greybox.data.trajectories import Trajectories
+
+from .trap import Trap, generator, multisine, noisy, path, staircase
+
+
+def controls() -> list[Trap]:
+    """All of them."""
+    return [_nothing(), _cubic(), _coulomb(), _literal()]
+
+
+def _nothing() -> Trap:
+    def data(seed: int) -> Trajectories:
+        rng = generator(seed, 21)
+        n, step = 2000, 0.02
+        t = step * np.arange(n)
+        u, breaks = staircase(rng, n * step, 0.5, 5.0)
+        x, _ = path(lambda _, x, u: (x[1], -10 * x[0] - 0.5 * x[1] + u), (0.3, 0.0), t, u, breaks=breaks)
+        return Trajectories.from_arrays(t, states={"x": noisy(rng, x, 0.02)}, inputs={"u": u(t)})
+
+    return Trap(
+        "control-nothing",
+        "White noise, a held input, all coefficients right.",
+        {"x": "v", "v": "-10*x - 0.5*v + u"},
+        "v",
+        data,
+        hold="held",
+        control=True,
+        answer="no gap",
+    )
+
+
+def _cubic() -> Trap:
+    def data(seed: int) -> Trajectories:
+        rng = generator(seed, 22)
+        t = 0.01 * np.arange(3000)
+        u = multisine(rng, 1.0, 4.5, 9, 5.0)
+        x, _ = path(lambda _, x, u: (x[1], -10 * x[0] - 0.5 * x[1] - 4 * x[0] ** 3 + u), (0.0, 0.0), t, u)
+        return Trajectories.from_arrays(t, states={"x": noisy(rng, x, 0.02)}, inputs={"u": u(t)})
+
+    return Trap(
+        "control-cubic",
+        "A strong cubic spring, a broad drive, white noise.",
+        {"x": "v", "v": "-10*x - 0.5*v + u"},
+        "v",
+        data,
+        control=True,
+        wanted=frozenset({"cubic-stiffness"}),
+    )
+
+
+def _coulomb() -> Trap:
+    """Two runs."""
+
+    def data(seed: int) -> Trajectories:
+        rng = generator(seed, 23)
+        n, step = 1000, 0.015
+        t = step * np.arange(n)
+        paths, inputs = [], []
+        for level, start in ((3.0, 0.0), (1.5, 0.8)):
+            u, breaks = staircase(rng, n * step, 0.6, level)
+            paths.append(path(_rubbing, (start, 0.0), t, u, breaks=breaks)[0])
+            inputs.append(u(t))
+        x = noisy(rng, np.concatenate(paths), 0.01)
+        return Trajectories.from_arrays([t, t], states={"x": np.split(x, 2)}, inputs={"u": inputs})
+
+    return Trap(
+        "control-coulomb",
+        "Dry friction in two runs with held inputs, white noise.",
+        {"x": "v", "v": "-15*x - 0.4*v + u"},
+        "v",
+        data,
+        hold="held",
+        control=True,
+        # Its sign is smooth over 0.05 of speed, which is smooth friction to the letter.
+        wanted=frozenset({"coulomb-friction", "smooth-friction"}),
+        allowed=frozenset({"stribeck-friction"}),
+    )
+
+
+def _rubbing(_: float, x: np.ndarray, u: float) -> tuple[float, float]:
+    return x[1], -15 * x[0] - 0.4 * x[1] - 0.8 * np.tanh(x[1] / 0.05) + u
+
+
+def _literal() -> Trap:
+    def data(seed: int) -> Trajectories:
+        rng = generator(seed, 24)
+        t = 0.01 * np.arange(2500)
+        u = multisine(rng, 1.0, 5.0, 9, 5.0)
+        x, _ = path(lambda _, x, u: (x[1], -16 * x[0] - 0.6 * x[1] - 8 * x[0] ** 3 + u), (0.2, 0.0), t, u)
+        return Trajectories.from_arrays(t, states={"x": noisy(rng, x, 0.015)}, inputs={"u": u(t)})
+
+    return Trap(
+        "control-literal",
+        "One coefficient is −14.5 and should be −16; all else is exact.",
+        {"x": "v", "v": "-14.5*x - 0.6*v - 8*x**3 + u"},
+        "v",
+        data,
+        control=True,
+        wanted=frozenset({"linear-stiffness"}),
+        answer="recalibrate",
+    )
