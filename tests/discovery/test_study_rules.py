@@ -14,7 +14,7 @@ from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.amended import amended_program
 from bayes_greybox.discovery.answer.equation_study import EquationStudy
 from bayes_greybox.discovery.answer.finding import NEGLIGIBLE, SUBSTANTIAL, SURE, TIED, VERDICTS, Finding
-from bayes_greybox.discovery.answer.gap import Amendment, FreePath
+from bayes_greybox.discovery.answer.gap import MISFIT, Amendment, FreePath
 from bayes_greybox.discovery.answer.where import GapMap, GapTrace
 from bayes_greybox.discovery.evidence.odds import Odds
 from bayes_greybox.discovery.study import (
@@ -175,6 +175,14 @@ def gap(*rows):
 
 WORSE = gap(("test", "free-run NRMSE", "x", 0.1, 0.3), ("test", "derivative NMSE", "x", 0.5, 0.1))
 BETTER = gap(("test", "free-run NRMSE", "x", 0.3, 0.1))
+
+
+def test_held_out_samples_that_are_left_have_a_veto():
+    rows = ("train", MISFIT, "x", 30.0, 1.0), ("test", MISFIT, "x", 30.0, 4.5)
+    said = "held-out samples are left 4.5 times as far off as their noise allows"
+    assert verdict_of({"x": finding("named", 1)}, gap(*rows)) == ("partly named", (said,))
+    assert verdict_of({"x": finding("named", 1)}, gap(rows[0])) == ("named", ())
+    assert verdict_of({"x": finding("no gap", 0)}, gap(*rows)) == ("no gap", ())
 
 
 @pytest.mark.parametrize(

@@ -325,11 +325,8 @@ def misfits(gap: pd.DataFrame, part: str) -> dict[str, float]:
         gap: Gap table.
         part: "train" or "test".
     """
-    return {
-        str(name): float(after)
-        for (data, metric, name), after in zip(gap.index, gap["after"], strict=True)
-        if (data, metric) == (part, MISFIT)
-    }
+    records = zip(gap.index, gap.to_dict("records"), strict=True)
+    return {str(key[2]): float(row["after"]) for key, row in records if key[:2] == (part, MISFIT)}
 
 
 def _own_noise(data: Trajectories) -> float:
