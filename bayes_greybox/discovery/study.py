@@ -185,7 +185,15 @@ def investigate(
         amendments = {name: found.amendment for name, found in findings.items()}
         parts = [("train", train), *([("test", test)] if test is not None else [])]
         runs = FreeRuns(model, amendments, interpolation) if free_runs else None
-        measured = [gap_rows(model, amendments, data, part, runs) for part, data in parts]
+        measured, lost = [], []
+        for part, data in parts:
+            try:
+                measured.append(gap_rows(model, amendments, data, part, runs))
+            except InputError as error:
+                # The answer stands without them, and says so.
+                if part == "train" or model.rows.rates_measured:
+                    raise
+                lost = [f"Held-out data could not be compared with the model after, so they have no say: {error}"]
         seconds["gap"] = time.perf_counter() - start
     seconds["total"] = time.perf_counter() - started
     gap = pd.concat([table for table, _ in measured])
@@ -193,7 +201,7 @@ def investigate(
     warnings = tuple(
         text for name in filtered for text in row_warnings(model.rows, train, name, model.simulator(train))
     )
-    warnings = (*_said_of(model, train, settle), *warnings)
+    warnings = (*_said_of(model, train, settle), *lost, *warnings)
     verdict, against = verdict_of({name: found.finding for name, found in findings.items()}, gap)
     return StudyResult(
         base=given,

@@ -8,8 +8,10 @@ from sampled_oscillator import SIMULATION, sampled
 from scipy.interpolate import CubicSpline
 
 import bayes_greybox as bg
+import bayes_greybox.discovery.study as study_module
 from bayes_greybox.physics.catalogue.effects import load_catalogue
 from bayes_greybox.report.doubts import doubts
+from bayes_greybox.report.pages.study_page import study_html
 
 CUBIC = {"hidden": lambda y, v: -0.5 * y**3}
 
@@ -75,6 +77,22 @@ def test_what_held_out_samples_deny_is_not_named(cubic):
     assert left > 1.5 and f"{left:.2g} times" in text and "held-out samples" in found.sentence
     assert [each.against for each in doubts(found) if each.topic == "Held-out samples"] == [True]
     assert [each.against for each in doubts(cubic) if each.topic == "Held-out samples"] == [False]
+
+
+def test_held_out_samples_that_no_path_follows_have_no_say(monkeypatch, tmp_path):
+    real = study_module.gap_rows
+
+    def gap_rows(model, amendments, data, part, runs=None):
+        if part == "test":
+            raise bg.InputError("No path through the samples was found.")
+        return real(model, amendments, data, part, runs)
+
+    monkeypatch.setattr(study_module, "gap_rows", gap_rows)
+    found = study(sampled(**CUBIC, noise=0.03), sampled(**CUBIC, noise=0.03, seed=1), catalogue=FEW)
+    assert found.verdict == "named" and set(found.gap.index.get_level_values("data")) == {"train"}
+    assert any("Held-out data could not be compared" in text for text in found.warnings)
+    study_html(found, tmp_path / "study.html")
+    assert "training data" in found.sentence
 
 
 def test_a_free_run_of_other_samples_starts_where_the_path_through_them_does(cubic):

@@ -381,7 +381,9 @@ def _compared(
 
 def _over(values: Any, size: float) -> Any:
     """A share of what was measured; NaN where the data are at rest, and nothing is a share of nothing."""
-    return values / size if size > 0 else np.full(np.shape(values), np.nan)
+    # A free run that blew up may be off by more than numbers can say.
+    with np.errstate(over="ignore"):
+        return values / size if size > 0 else np.full(np.shape(values), np.nan)
 
 
 def _sources(amendments: Mapping[str, Amendment], starts: Starts) -> dict[str, bool]:

@@ -131,6 +131,11 @@ def follow(
     used = np.ones(near.data.n_obs, bool)
     bare = modelled_rate(near.model, near.data, equation, ())
     rows = near.model.rows.around(near.found)
+    try:
+        rows.complete(near.data.samples or near.data, equation, model.simulator(near.data))
+    except InputError:
+        # What is likeliest leads away from the samples: they are compared with rows where it was found.
+        rows = near.model.rows
     return Followed(
         near.data, near.base, rate=near.rate, bare=bare, used=used, rows=rows, noise=near.noise, model=near.model
     )

@@ -22,6 +22,7 @@ from bayes_greybox.report.study_words import (
     name_of,
     set_label,
     share_text,
+    shown_part,
     suspect_size,
     suspects_weighed,
 )
@@ -104,7 +105,7 @@ def free_runs(study: StudyResult) -> Section | None:
         )
         for state in study.paths
     ]
-    part = "training data" if study.test is None else "held-out data"
+    part = "held-out data" if shown_part(study) == "test" else "training data"
     lead = (
         f"Each model is started where the measurements start and then left alone, on the {part}. Bands hold 90 % of "
         f"the posterior draws{_varied(study)}; a cross marks where a run failed."

@@ -15,7 +15,7 @@ from bayes_greybox.report.plots.gap.gap_map import plot_gap_curve, plot_gap_map
 from bayes_greybox.report.plots.gap.posteriors import Coefficient, plot_posteriors
 from bayes_greybox.report.plots.gap.ranking import plot_hypotheses, plot_rounds
 from bayes_greybox.report.study_numbers import added_draws, normal_band, support
-from bayes_greybox.report.study_words import LEAST_LEFT, added, answer, name_of, set_label, tied_sets
+from bayes_greybox.report.study_words import LEAST_LEFT, added, answer, name_of, set_label, shown_part, tied_sets
 
 MOST_HYPOTHESES = 10
 """Hypotheses in the ranking's figure; a table has them all."""
@@ -126,7 +126,7 @@ def added_coefficients(study: StudyResult) -> Figure:
 def free_run(study: StudyResult, state: str, width: float = 9.0) -> Figure:
     """A state as measured and as the models run it from its start alone."""
     path = study.paths[state]
-    data = study.train if study.test is None else study.test
+    data = study.train if study.test is None or shown_part(study) == "train" else study.test
     return plot_free_run(
         path.time, path.measured, _rows(path.before), _rows(path.after),
         state=state, holds=path.holds, unit=data.unit(state), width=width, **_runs(data, path.run),
