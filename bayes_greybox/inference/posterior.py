@@ -268,8 +268,13 @@ def programs_for(model: SamplingProgram, designs: Mapping[str, Design], sampling
         sampling: Settings of the run.
     """
     bare, tune, accept = model.bare, sampling.tune, sampling.target_accept
-    if type(bare.prior).__hash__ in (None, object.__hash__):
-        # A prior of the user's own that is equal to itself alone may have changed since.
+    own = type(bare.prior).__hash__ is object.__hash__
+    try:
+        hash(bare)
+    except TypeError:
+        own = True
+    if own:
+        # A prior of the user's own that is equal to itself alone, or to no other, may have changed since.
         return Programs(bare, tune, accept)
     leaves, tree = jax.tree.flatten(designs)
     return _shared(bare, tune, accept, tree, tuple(map(jax.typeof, leaves)))

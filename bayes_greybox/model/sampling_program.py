@@ -39,7 +39,12 @@ class SamplingProgram:
     @property
     def bare(self) -> "Bare":
         """The program by itself, without the dictionary, the simulation and the rows that designs are made of."""
-        return Bare(self.prior, self.discrepancy, self._noise_scale)
+        gp = self.discrepancy
+        # Of f only what its hyperparameters are drawn from: the rest is in the designs.
+        drawn = gp and OrthogonalGP(
+            amplitude=gp.amplitude, length_scale=gp.length_scale, length_scale_spread=gp.length_scale_spread
+        )
+        return Bare(self.prior, drawn, self._noise_scale)
 
     def numpyro_model(self, designs: Mapping[str, Design], observed: bool = True) -> None:
         """The collapsed model, a plain NumPyro program: θ and f are integrated out of the likelihood.

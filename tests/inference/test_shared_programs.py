@@ -1,0 +1,100 @@
+"""Compiled programs that one fit leaves to the next."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpyro
+import numpyro.distributions as dist
+import pytest
+
+import bayes_greybox as bg
+from bayes_greybox.inference import posterior as module
+from bayes_greybox.model.priors import Scales
+
+RUN = {"draws": 30, "tune": 40, "chains": 1, "progress": False}
+
+
+def data(seed=2, n=40):
+    return bg.systems.oscillator().simulate(np.linspace(0, 8, n), noise=0.2, seed=seed)
+
+
+def fitted(run=data, terms=("y", "y**3"), **parts):
+    sampling = {key: parts.pop(key) for key in (*RUN, "seed") if key in parts}
+    parts = {"prior": bg.Normal(), "discrepancy": None} | parts
+    return bg.GreyBox({"ydot": list(terms)}, **parts).fit(run(), **(RUN | sampling))
+
+
+@pytest.fixture(scope="module")
+def first():
+    return fitted()
+
+
+def theta(fit):
+    return fit.idata["posterior"]["ydot_theta"].to_numpy()
+
+
+def test_equal_priors_and_shapes_share_them_and_draw_as_if_they_did_not(first):
+    # Rows are folded into as many as there are columns: other terms, and more data, have the same shapes.
+    others = {
+        "seed": fitted(seed=5),
+        "data": fitted(lambda: data(seed=3, n=60)),
+        "terms": fitted(terms=("ydot", "y**5")),
+        "equal prior": fitted(prior=bg.Normal(scale=1.0)),
+    }
+    assert all(other.programs is first.programs for other in others.values())
+    module._shared.cache_clear()
+    alone = fitted(lambda: data(seed=3, n=60))
+    assert alone.programs is not first.programs
+    np.testing.assert_array_equal(theta(alone), theta(others["data"]))
+
+
+@pytest.mark.parametrize(
+    "parts",
+    [{"prior": bg.Normal(scale=2.0)}, {"noise": 0.5}, {"tune": 41}, {"terms": ("y",)}],
+    ids=["prior", "noise", "tune", "shape"],
+)
+def test_what_is_compiled_into_them_is_not_shared(first, parts):
+    assert fitted(**parts).programs is not first.programs
+
+
+@dataclass
+class Changing:
+    """A prior that its user may change between fits."""
+
+    scale: float = 0.5
+
+    def scales(self, n_term, n_obs, sigma):
+        return Scales(np.ones(n_term) * numpyro.sample("tau", dist.HalfNormal(self.scale)))
+
+
+class Own(Changing):
+    """The same, equal to itself alone."""
+
+    __eq__ = object.__eq__
+    __hash__ = object.__hash__
+
+
+@dataclass(frozen=True)
+class Listed:
+    """A prior that has no hash, for its list."""
+
+    widths: list = field(default_factory=lambda: [0.5, 2.0])
+
+    def scales(self, n_term, n_obs, sigma):
+        return Scales(np.array(self.widths) * numpyro.sample("tau", dist.HalfNormal(1.0)))
+
+
+@pytest.mark.parametrize("kind", [Changing, Own])
+def test_a_prior_that_was_changed_counts_as_it_is(kind):
+    prior = kind(1e-6)
+    shrunk = fitted(prior=prior)
+    prior.scale = 5.0
+    free = fitted(prior=prior)
+    assert np.abs(theta(shrunk)).max() < 1e-3 < 0.1 < np.abs(theta(free)).max()
+
+
+@pytest.mark.parametrize(
+    "parts", [{"prior": Listed()}, {"discrepancy": bg.OrthogonalGP(variables=["y"], features=[4])}]
+)
+def test_what_has_no_hash_is_fitted_all_the_same(parts):
+    assert np.all(np.isfinite(theta(fitted(**parts))))
