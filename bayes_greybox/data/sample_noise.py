@@ -27,7 +27,7 @@ MOST_DIFFERENCES = 20_000
 OUTLYING = 5.0
 """Differences beyond this many robust standard deviations are kinks or gross errors, and left out."""
 
-_NORMAL_MEDIAN = 0.4549364231195725
+NORMAL_MEDIAN = 0.4549364231195725
 """Median of the square of a standard normal number."""
 
 
@@ -90,5 +90,5 @@ def _difference_weights(time: Float[np.ndarray, "n_window m"]) -> Float[np.ndarr
 def _typical(differences: Float[np.ndarray, " n"]) -> float:
     """RMS of the differences that are no outliers; 0 where more than half of them vanish."""
     square = differences**2
-    kept = square[square <= OUTLYING**2 * np.median(square) / _NORMAL_MEDIAN]
+    kept = square[square <= OUTLYING**2 * np.median(square) / NORMAL_MEDIAN]
     return float(np.sqrt(np.mean(kept)))

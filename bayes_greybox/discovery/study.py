@@ -190,10 +190,10 @@ def investigate(
             try:
                 measured.append(gap_rows(model, amendments, data, part, runs))
             except InputError as error:
-                # The answer stands without them, and says so.
+                # The answer stands, but not against them.
                 if part == "train" or model.rows.rates_measured:
                     raise
-                lost = [f"Held-out data could not be compared with the model after, so they have no say: {error}"]
+                lost = [f"The amended model could not be compared with held-out data: {error}"]
         seconds["gap"] = time.perf_counter() - start
     seconds["total"] = time.perf_counter() - started
     gap = pd.concat([table for table, _ in measured])
@@ -202,7 +202,8 @@ def investigate(
         text for name in filtered for text in row_warnings(model.rows, train, name, model.simulator(train))
     )
     warnings = (*_said_of(model, train, settle), *lost, *warnings)
-    verdict, against = verdict_of({name: found.finding for name, found in findings.items()}, gap)
+    unfollowed = ("no path of the amended model follows held-out samples",) if lost else ()
+    verdict, against = verdict_of({name: found.finding for name, found in findings.items()}, gap, unfollowed)
     return StudyResult(
         base=given,
         model=amended_program(given, findings),
@@ -294,12 +295,15 @@ def studied_equations(model: Program, data: Trajectories) -> tuple[str, ...]:
     return left
 
 
-def verdict_of(findings: Mapping[str, Finding], gap: pd.DataFrame) -> tuple[str, tuple[str, ...]]:
+def verdict_of(
+    findings: Mapping[str, Finding], gap: pd.DataFrame, lost: Sequence[str] = ()
+) -> tuple[str, tuple[str, ...]]:
     """Verdict of a study, and what speaks against it: held-out samples and free runs may veto what is called *named*.
 
     Args:
         findings: By equation; of several, each says in which equation it doubts.
         gap: Before and after.
+        lost: Why held-out data could not be compared, in words.
     """
     verdict = max((found.verdict for found in findings.values()), key=VERDICTS.index)
     about = {name: f"in d({name})/dt: " if len(findings) > 1 else "" for name in findings}
@@ -307,7 +311,8 @@ def verdict_of(findings: Mapping[str, Finding], gap: pd.DataFrame) -> tuple[str,
     claims = any(found.places for found in findings.values()) or verdict == "recalibrate"
     worse = worsened(gap) if claims else ()
     left = left_over(gap) if claims else {}
-    said = [*(worse_in_words(key) for key in worse), *(about[name] + left_in_words(x) for name, x in left.items())]
+    held_out = [about[name] + left_in_words(misfit) for name, misfit in left.items()]
+    said = [*(lost if claims else ()), *(worse_in_words(key) for key in worse), *held_out]
     if said:
         verdict = "partly named" if verdict == "named" else verdict
     return verdict, (*against, *said)

@@ -17,7 +17,7 @@ from bayes_greybox.model.design import Design, EquationDraws
 from bayes_greybox.model.equation import Equation
 from bayes_greybox.model.frame import Frame
 from bayes_greybox.model.gp.hyper import Hyperparameters
-from bayes_greybox.model.priors import Scales
+from bayes_greybox.model.priors import PRIORS, Scales
 from bayes_greybox.model.program import Program
 from bayes_greybox.model.sampling_program import Bare, SamplingProgram
 from bayes_greybox.model.sites import Sites
@@ -268,13 +268,8 @@ def programs_for(model: SamplingProgram, designs: Mapping[str, Design], sampling
         sampling: Settings of the run.
     """
     bare, tune, accept = model.bare, sampling.tune, sampling.target_accept
-    own = type(bare.prior).__hash__ is object.__hash__
-    try:
-        hash(bare)
-    except TypeError:
-        own = True
-    if own:
-        # A prior of the user's own that is equal to itself alone, or to no other, may have changed since.
+    if type(bare.prior) not in PRIORS.values():
+        # What a prior of the user's own reads may have changed since, whatever it says of being equal.
         return Programs(bare, tune, accept)
     leaves, tree = jax.tree.flatten(designs)
     return _shared(bare, tune, accept, tree, tuple(map(jax.typeof, leaves)))

@@ -81,8 +81,11 @@ def steps_along(
         departure: Rate of the equations less the path's slope, at the start, the middle and the end of each step.
         E: Rates of the states by each unknown force.
     """
+    length = np.diff(time[:, ::2], axis=1)
     c = ends[:, 1:] + response.jumps(departure) - np.einsum("snij,snj->sni", response.M, ends[:, :-1])
-    return Steps(response.M, c, response.b.sum(axis=-2) @ E, np.diff(time[:, ::2], axis=1))
+    # Nothing moves in no time, wherever a filter left the ends of such a step.
+    c = np.where(length[..., None] > 0, c, 0.0)
+    return Steps(response.M, c, response.b.sum(axis=-2) @ E, length)
 
 
 def smooth(steps: Steps, observed: Observed, outputs: tuple[int, ...], ratio: float) -> Smoothed:

@@ -74,6 +74,15 @@ class Own(Changing):
     __hash__ = object.__hash__
 
 
+class Read(bg.Normal):
+    """A prior that reads what it was not given."""
+
+    width = 1.0
+
+    def scales(self, n_term, n_obs, sigma):
+        return Scales(np.ones(n_term) * numpyro.sample("tau", dist.HalfNormal(self.width)))
+
+
 @dataclass(frozen=True)
 class Listed:
     """A prior that has no hash, for its list."""
@@ -84,11 +93,21 @@ class Listed:
         return Scales(np.array(self.widths) * numpyro.sample("tau", dist.HalfNormal(1.0)))
 
 
-@pytest.mark.parametrize("kind", [Changing, Own])
-def test_a_prior_that_was_changed_counts_as_it_is(kind):
-    prior = kind(1e-6)
+def change_scale(prior, value):
+    prior.scale = value
+
+
+def change_class(prior, value):
+    Read.width = value
+
+
+@pytest.mark.parametrize(
+    ("prior", "change"), [(Changing(), change_scale), (Own(), change_scale), (Read(), change_class)]
+)
+def test_a_prior_that_was_changed_counts_as_it_is(prior, change):
+    change(prior, 1e-6)
     shrunk = fitted(prior=prior)
-    prior.scale = 5.0
+    change(prior, 5.0)
     free = fitted(prior=prior)
     assert np.abs(theta(shrunk)).max() < 1e-3 < 0.1 < np.abs(theta(free)).max()
 

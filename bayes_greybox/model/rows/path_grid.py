@@ -38,8 +38,12 @@ def grid_of(
         nodes = np.empty(2 * len(ends) - 1)
         nodes[::2], nodes[1::2] = ends, (ends[1:] + ends[:-1]) / 2
         times.append(nodes)
-        of_node = np.append(np.repeat(interval, 2), interval[-1:])
+        of_node = np.append(np.repeat(interval, 2), len(t) - 1)
         held = {k: u[of_node, k] for k, kind in enumerate(kinds) if kind == "zoh"}
+        leap = 2 * (place[1:] - leaps)[leaps] + 1
+        for values in held.values():
+            # A straight line from the value before to the value after: what is evaluated on it lies between them.
+            values[leap] = (values[leap - 1] + values[leap + 1]) / 2
         columns = [held.get(k, _between(t, u[:, k], nodes, kind)) for k, kind in enumerate(kinds)]
         inputs.append(np.column_stack(columns or [nodes]))
         end[own, 0], end[own, 1] = r, place

@@ -118,7 +118,7 @@ def segments_of(
     # Where the path departs from the equations its slope does too: as much as on the steps before and after.
     middles = rate.rates(np.concatenate([grid.time[..., None], path, grid.inputs], axis=-1)[:, 1::2])
     driven = list(rate.driven)
-    rates[..., driven] += _at_ends(_lacking(grid.time, ends, rates, middles)[..., driven])
+    rates[..., driven] += _at_ends(grid.time, _lacking(grid.time, ends, rates, middles)[..., driven])
     path, slope = hermite(grid.time, ends, rates)
     points = np.concatenate([grid.time[..., None], path, grid.inputs], axis=-1)
     return Segments(grid, points, slope, respond(grid.time, rate.jacobian(points)), rate.driven, outputs, end)
@@ -207,6 +207,9 @@ def _lacking(time: np.ndarray, ends: np.ndarray, rates: np.ndarray, middles: np.
     return np.take_along_axis(lacking, last[..., None], axis=1)
 
 
-def _at_ends(steps: np.ndarray) -> np.ndarray:
-    """From values of steps to those of their ends."""
-    return np.concatenate([steps[:, :1], (steps[:, 1:] + steps[:, :-1]) / 2, steps[:, -1:]], axis=1)
+def _at_ends(time: np.ndarray, steps: np.ndarray) -> np.ndarray:
+    """From values of steps to those of their ends; across a leap of an input, which takes no time, nothing is even."""
+    counts = np.where(np.diff(time[:, ::2], axis=1) > 0, 1.0, np.finfo(float).tiny)[..., None]
+    before, after = (np.pad(counts, ((0, 0), pad, (0, 0))) for pad in ((1, 0), (0, 1)))
+    left, right = (np.pad(steps, ((0, 0), pad, (0, 0))) for pad in ((1, 0), (0, 1)))
+    return (before * left + after * right) / (before + after)

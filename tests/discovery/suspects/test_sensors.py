@@ -5,7 +5,7 @@ import pytest
 
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.suspects.channels import DELAY, GAIN, OFFSET, ChannelSuspect
-from bayes_greybox.discovery.suspects.sensors import input_columns, sensor_columns
+from bayes_greybox.discovery.suspects.sensors import _gradient, input_columns, sensor_columns
 from bayes_greybox.discovery.weighing.sensors_along_path import freed
 from bayes_greybox.physics.terms import Term
 
@@ -34,6 +34,16 @@ def test_the_column_of_an_inputs_error_is_what_right_inputs_change_of_the_rate(k
     inside, tolerance = slice(1, -1), 0.01 if kind == DELAY else 1e-4
     scale = float(np.max(np.abs(change)))
     np.testing.assert_allclose(change[inside], columns[f"{kind} of {name}"][inside], atol=tolerance * scale)
+
+
+def test_how_fast_a_held_input_changes_adds_up_to_its_leaps():
+    """Of nodes as paths have them, a leap at 2.0 in no time: Simpson's sum over the steps is the whole leap."""
+    ends = np.concatenate([np.linspace(0, 2, 21), np.linspace(2, 5, 31)])
+    time = np.insert(ends, np.arange(1, len(ends)), (ends[1:] + ends[:-1]) / 2)
+    u = np.where(np.arange(len(time)) <= 40, 0.0, 1.0)
+    u[41] = 0.5
+    fast, h = _gradient(time, u), np.diff(ends)
+    assert np.sum(h / 6 * (fast[:-2:2] + 4 * fast[1::2] + fast[2::2])) == pytest.approx(1.0)
 
 
 def test_a_late_sensor_keeps_its_samples_and_is_told_by_its_column_at_the_delay_so_far():

@@ -196,6 +196,27 @@ def test_inputs_that_are_held_act_from_their_sample_to_the_next(every, substeps)
     assert left["linear"] > 10 * left["zoh"]
 
 
+def test_a_path_does_not_leap_with_its_input():
+    """x' = -x + z, z' = -0.3 z + sqrt(u), u held; the first path is a filter's, which is pulled at samples."""
+    t, rng = 0.1 * np.arange(60), np.random.default_rng(0)
+    u = np.where((t > 2) & (t < 4), 1.0, 0.0)
+
+    def rate(time, x):
+        return [x[1] - x[0], np.sqrt(u[min(int(time / 0.1 + 1e-9), 59)]) - 0.3 * x[1]]
+
+    x = solve_ivp(rate, (0, t[-1]), [0.5, 0.0], t_eval=t, rtol=1e-9, atol=1e-9, max_step=0.02).y[0]
+    data = Trajectories.from_arrays(t, states={"x": x + 0.05 * rng.standard_normal(60)}, inputs={"u": u})
+    rows = TrajectoryRows(interpolation="zoh")
+    model = Program({"z": ["z"]}, simulation={"x": "z - x", "z": "sqrt(u)"}, rows=rows, discrepancy=None)
+    nodes = model.rows.nodes(data, "z", model.simulator(data))
+    twice = np.flatnonzero(np.diff(nodes.time) == 0)
+    assert len(twice) == 4
+    for name in ("x", "z"):
+        np.testing.assert_allclose(np.diff(nodes.column(name))[twice], 0.0, atol=1e-9)
+    design = model.near(data)[0].assemble(data)["z"].design
+    assert np.all(np.isfinite(np.asarray(design.Phi))) and np.all(np.isfinite(np.asarray(design.y)))
+
+
 @pytest.mark.parametrize("growth", ["30*v**3", "300*v**3", "5*y**3*v**2", "40*v"])
 @pytest.mark.parametrize("process_noise", [True, False])
 def test_where_equations_grow_beyond_bounds_rows_are_finite_or_refused(growth, process_noise):
