@@ -9,7 +9,7 @@ from typing import Any
 
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories, with_filter_of
-from bayes_greybox.discovery.answer.gap import FreePath, FreeRuns
+from bayes_greybox.discovery.answer.gap.free_runs import FreePath, FreeRuns
 from bayes_greybox.discovery.evidence.odds import Odds
 from bayes_greybox.discovery.study import StudyResult, investigate
 from bayes_greybox.greybox import Fit, GreyBox

@@ -27,9 +27,12 @@ from bayes_greybox.physics.units import check_units, same_unit
 
 from .amended import amended_program, corrected_data
 from .answer.adequacy import LAGS
+from .answer.amendment import Amendment
 from .answer.equation_study import EquationStudy
 from .answer.finding import NEGLIGIBLE, SUBSTANTIAL, SURE, TIED, VERDICTS, Finding
-from .answer.gap import Amendment, FreePath, FreeRuns, gap_rows, left_over, worsened
+from .answer.gap.denials import left_over, worsened
+from .answer.gap.free_runs import FreePath, FreeRuns
+from .answer.gap.table import gap_rows
 from .answer.where import GapMap, GapTrace
 from .equation import study_equation
 from .evidence.odds import Odds

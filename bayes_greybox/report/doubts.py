@@ -7,7 +7,7 @@ from typing import Any
 
 from bayes_greybox.criticism.convergence import convergence
 from bayes_greybox.discovery.answer.finding import NEGLIGIBLE, SURE
-from bayes_greybox.discovery.answer.gap import left_over, misfits, worsened
+from bayes_greybox.discovery.answer.gap.denials import left_over, misfits, worsened
 from bayes_greybox.discovery.answer.instrument import IN_MODEL
 from bayes_greybox.discovery.answer.weighed import STOPS
 from bayes_greybox.discovery.study import StudyResult, left_in_words, worse_in_words

@@ -6,7 +6,7 @@ from typing import Any
 import pandas as pd
 
 from bayes_greybox.discovery.answer.finding import SURE
-from bayes_greybox.discovery.answer.gap import worsened
+from bayes_greybox.discovery.answer.gap.denials import worsened
 from bayes_greybox.discovery.answer.instrument import IN_MODEL
 from bayes_greybox.discovery.study import StudyResult, worse_in_words
 from bayes_greybox.discovery.suspects.channels import KINDS

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from bayes_greybox.discovery.answer.gap import MISFIT, worsened
+from bayes_greybox.discovery.answer.gap.denials import MISFIT, worsened
 from bayes_greybox.discovery.answer.weighed import STOPS
 from bayes_greybox.discovery.study import StudyResult
 from bayes_greybox.discovery.suspects.channels import DELAY_STEPS, GAIN, GAIN_SD, OFFSET_SD

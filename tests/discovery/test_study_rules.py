@@ -12,9 +12,11 @@ import bayes_greybox.discovery.study as module
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.amended import amended_program
+from bayes_greybox.discovery.answer.amendment import Amendment
 from bayes_greybox.discovery.answer.equation_study import EquationStudy
 from bayes_greybox.discovery.answer.finding import NEGLIGIBLE, SUBSTANTIAL, SURE, TIED, VERDICTS, Finding
-from bayes_greybox.discovery.answer.gap import MISFIT, Amendment, FreePath
+from bayes_greybox.discovery.answer.gap.denials import MISFIT
+from bayes_greybox.discovery.answer.gap.free_runs import FreePath
 from bayes_greybox.discovery.answer.where import GapMap, GapTrace
 from bayes_greybox.discovery.evidence.odds import Odds
 from bayes_greybox.discovery.study import (

@@ -16,7 +16,7 @@ from .amendment import Amendment
 from .coefficients import sensor_errors
 from .doubt import Doubt, contradicted
 from .finding import Finding
-from .gap import RATE_DRAWS
+from .gap.table import RATE_DRAWS
 from .motion import ModelledRate, MotionCheck, check_motion
 from .weighed import EFFECTS
 

@@ -68,7 +68,7 @@ class Search:
     def near(self) -> list[tuple[int, ...]]:
         """Sets within the window around the best one; those without an effect are always in the tables."""
         weights, columns = self._weights(), self.statistics.columns
-        top = sorted(weights, key=lambda c: -weights[c])
+        top = list(weights)
         near = [c for c in top if weights[c] > weights[top[0]] - WINDOW][:WEIGHED]
         bare = [c for c in top if not any(columns[i].effect is not None for i in c)][:BEAM]
         return list(dict.fromkeys([*near, (), *bare]))
@@ -107,7 +107,7 @@ class Search:
             self._screen(self._allowed(combinations(seeds, 2)))
         before: tuple = ()
         while True:
-            top = self._best()
+            top = list(self._weights())
             if tuple(top[:BEAM]) == before:
                 return top
             before = tuple(top[:BEAM])
@@ -184,15 +184,12 @@ class Search:
                 for core, value in zip(part, total, strict=True):
                     self._rough[core] = float(value) + self.evaluations.inner_weight(core)
 
-    def _best(self) -> list[tuple[int, ...]]:
-        weights = self._weights()
-        return sorted(weights, key=lambda c: -weights[c])
-
     def _weights(self) -> dict[tuple[int, ...], float]:
-        """`weight` of all sets that were screened: they are thousands."""
+        """`weight` of all sets that were screened, the likeliest first: they are thousands."""
         self.log_prior(())
         known = self._priors
-        return {c: rough + (known[c] if c in known else self.log_prior(c)) for c, rough in self._rough.items()}
+        found = {c: rough + (known[c] if c in known else self.log_prior(c)) for c, rough in self._rough.items()}
+        return dict(sorted(found.items(), key=lambda item: -item[1]))
 
     def _refine(self, cores: Sequence[tuple[int, ...]]) -> bool:
         """Refine the grids over inner parameters that matter, each once beside the same others; whether any was."""

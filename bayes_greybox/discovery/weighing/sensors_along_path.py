@@ -70,8 +70,9 @@ def put_right(
         clock: Data that drifts were found on.
     """
     right, late = freed(samples, equation, sensors, clock), Late.of(samples, sensors)
-    known = measured_at(samples, {*late.inputs.values(), *late.states.values()})
-    return shifted(right, late.states).keep(known)
+    moved = {*late.inputs.values(), *late.states.values()} - {0.0}
+    # The very samples where nothing moved: their path is known.
+    return shifted(right, late.states).keep(measured_at(samples, moved)) if moved else right
 
 
 class Late(NamedTuple):

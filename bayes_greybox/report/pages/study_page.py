@@ -6,7 +6,8 @@ import numpy as np
 
 from bayes_greybox.criticism.convergence import convergence
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.discovery.answer.gap import NO_SHARES, worsened
+from bayes_greybox.discovery.answer.gap.denials import worsened
+from bayes_greybox.discovery.answer.gap.table import NO_SHARES
 from bayes_greybox.discovery.study import StudyResult
 from bayes_greybox.report.doubts import doubts
 from bayes_greybox.report.sentence import sentence

@@ -12,21 +12,11 @@ from tiny_equation import CUBE, DEAD_ZONE, SQUARE, tiny_data, tiny_evaluations, 
 from bayes_greybox.data.records import plain_rows
 from bayes_greybox.data.starts import Starts
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.discovery.answer.amendment import Remainder
+from bayes_greybox.discovery.answer.amendment import Amendment, Remainder
 from bayes_greybox.discovery.answer.coefficients import Coefficients
-from bayes_greybox.discovery.answer.gap import (
-    GREW,
-    LEFT,
-    LEVEL,
-    MISFIT,
-    PATH_DRAWS,
-    RATE_DRAWS,
-    Amendment,
-    FreeRuns,
-    gap_rows,
-    left_over,
-    worsened,
-)
+from bayes_greybox.discovery.answer.gap.denials import GREW, LEFT, MISFIT, left_over, worsened
+from bayes_greybox.discovery.answer.gap.free_runs import LEVEL, PATH_DRAWS, FreeRuns
+from bayes_greybox.discovery.answer.gap.table import RATE_DRAWS, gap_rows
 
 CUBIC = {"hidden": lambda x: -(x**3), "noise": 0.05}
 TAILS = [(1 - LEVEL) / 2, (1 + LEVEL) / 2]

@@ -1,20 +1,19 @@
-"""The gap before and after: how far the simulation, and the amended model, are from the measurements."""
+"""Free runs of the model before and after: each started where the measurements start, and left alone."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-import pandas as pd
 from jaxtyping import Array, Float
 
 from bayes_greybox.criticism.bands import Band, band_holds
 from bayes_greybox.criticism.free_run import FreeRunner
-from bayes_greybox.data.sample_noise import NORMAL_MEDIAN, sample_noise
 from bayes_greybox.data.starts import Starts, estimate_starts
 from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.discovery.answer.amendment import Added, Amendment
 from bayes_greybox.discovery.suspects.channels import (
     DELAY,
     ChannelSuspect,
@@ -25,32 +24,11 @@ from bayes_greybox.discovery.suspects.channels import (
 )
 from bayes_greybox.model.program import Program
 
-from .amendment import Added, Amendment
-
 LEVEL = 0.9
 """Probability of the intervals."""
 
-RATE_DRAWS, PATH_DRAWS = 200, 40
-"""Posterior draws behind the intervals of rates and of free runs."""
-
-
-GREW = 0.02
-"""A free run is worse, or fails sooner, only beyond this share of what it was before."""
-
-MISFIT = "misfit of samples"
-"""Metric: what is left of samples over what their noise and the coefficients leave open; 1 where all is explained."""
-
-NO_SHARES = ("time to failure", MISFIT)
-"""Metrics whose fall is no share of the gap."""
-
-LEFT = 1.5
-"""Misfit of held-out samples, over that of training samples, from which on the model after does not hold for them."""
-
-FORCED = 2.0
-"""An unknown force may leave so many times as much of one record as of another, which it moves for longer."""
-
-NOTHING = 1e-4
-"""Error of a free run, over the standard deviation of the measurement, that is none: the integrator's."""
+PATH_DRAWS = 40
+"""Posterior draws behind the intervals of free runs."""
 
 
 @dataclass(frozen=True)
@@ -74,93 +52,6 @@ class FreePath:
     before: Band
     after: Band
     holds: str = ""
-
-
-def gap_rows(
-    model: Program,
-    amendments: Mapping[str, Amendment],
-    data: Trajectories,
-    part: str,
-    free_runs: "FreeRuns | None" = None,
-    *,
-    starts: Starts | None = None,
-    seed: int = 0,
-) -> tuple[pd.DataFrame, dict[str, FreePath]]:
-    """The gap table's rows for one data set, and its free runs.
-
-    Metrics: derivative NMSE, mean((ẋ − x̂̇)²)/var(ẋ), or sample NMSE, the same of the samples that rows are of;
-    unexplained share, (mean((ẋ − x̂̇)²) − σ²)/mean(ẋ²), not below zero; misfit of samples of one sensor,
-    (median((y − ŷ)²)/0.455/(σ² + var ŷ))^½, σ not below what the samples themselves show, `FORCED` times as large
-    beside an unknown force, and var ŷ that of the draws; free-run NRMSE,
-    RMS(x − x̂)/SD(x) up to the first failure of either; time to failure of runs that blow up, NaN where a model never
-    does. What is over a measurement at rest is NaN. The figures are those of the mean over draws, the intervals those
-    of the draws.
-
-    Args:
-        model: The model before.
-        amendments: By equation.
-        data: Measurements to compare with.
-        part: "train" or "test".
-        free_runs: Integrates free runs; without it there are none.
-        starts: State of each run at its first row, of which each draw has its own; estimated from the data by default.
-        seed: Seed of these draws.
-    """
-    rows = []
-    for equation, amendment in amendments.items():
-        if equation not in data.derivatives:
-            continue
-        # Rows that are linear only near a model are near the one that they are compared with, before and after.
-        first = replace(model, rows=model.rows.around(amendment.terms_before()))
-        raw, corrected = first.equation_rows(data, equation), amendment.corrected(data)
-        near = model if amendment.rows is None else replace(model, rows=amendment.rows)
-        measured = near.equation_rows(corrected, equation)
-        size = float(np.mean(measured.measured**2)) * measured.gain**2
-        # Before, nothing was known of the sensors either. A filtered rate is compared with the filter's mean of what
-        # was added.
-        before = raw.operate(amendment.rates(raw.columns, 1)[0][:, None])[:, 0]
-        after = measured.operate(amendment.rates(measured.columns, RATE_DRAWS)[1].T).T
-        # In the unit of the sensor: rows near another model are over another gain.
-        variance = float(np.var(measured.measured)) * measured.gain**2
-        noise = (amendment.sigma * amendment.statistics.rows.gain) ** 2
-        allowed = max(noise, _own_noise(data)) * (FORCED**2 if amendment.statistics.rows.noise.moved else 1.0)
-
-        def squares(added: np.ndarray, rows=measured) -> np.ndarray:
-            # [n_row] or [n_draw, n_row]; where a path started is nobody's error.
-            left = rows.noise.without_starts(np.atleast_2d(rows.target - added).T).T
-            return (rows.gain * left).reshape(np.shape(added)) ** 2
-
-        def error(added: np.ndarray, rows=measured) -> Any:
-            return np.mean(squares(added, rows), axis=-1)
-
-        def nmse(values: Any, variance=variance) -> Any:
-            return _over(values, variance)
-
-        def share(values: Any, size=size, noise=noise) -> Any:
-            return _over(np.maximum(values - noise, 0.0), size)
-
-        def misfit(values: Any, uncertain: float = 0.0, allowed=allowed) -> Any:
-            # Single samples that are far off say nothing of the others.
-            return np.sqrt(_over(np.median(values, axis=-1) / NORMAL_MEDIAN, allowed + uncertain))
-
-        errors = error(after)
-        uncertain = measured.gain**2 * float(np.mean(np.var(after, axis=0)))
-        compared = "derivative NMSE" if model.rows.rates_measured else "sample NMSE"
-        for metric, f in ((compared, nmse), ("unexplained share", share)):
-            low, high = np.quantile(f(errors), [(1 - LEVEL) / 2, (1 + LEVEL) / 2])
-            mean = f(error(after.mean(axis=0)))
-            rows.append((part, metric, equation, float(f(error(before, raw))), float(mean), low, high))
-        if data.samples is not None and len(data.samples.state_names) == 1:
-            low, high = np.quantile(misfit(squares(after), uncertain), [(1 - LEVEL) / 2, (1 + LEVEL) / 2])
-            each = float(misfit(squares(before, raw))), float(misfit(squares(after.mean(axis=0)), uncertain))
-            rows.append((part, MISFIT, equation, *each, low, high))
-    paths: dict[str, FreePath] = {}
-    if free_runs is not None:
-        paths, more = free_runs(data, part, starts, seed)
-        rows += more
-    table = pd.DataFrame(rows, columns=["data", "metric", "variable", "before", "after", "lower", "upper"])
-    ratio = table["after"] / table["before"].where(table["before"] > 0)
-    table["closed"] = (1 - ratio).where(~table["metric"].isin(NO_SHARES))
-    return table.set_index(["data", "metric", "variable"]), paths
 
 
 class FreeRuns:
@@ -277,72 +168,16 @@ class FreeRuns:
         return right_hand_side
 
 
-def worsened(gap: pd.DataFrame) -> tuple[tuple[str, str, str], ...]:
-    """What the amended model does worse in free run than the model before: what vetoes that a gap was closed.
-
-    A state's free-run NRMSE has grown where the error of the mean path exceeds the error before by more than `GREW` of
-    it: a model that can only be said to be no worse has closed nothing. The time to failure has fallen where the median
-    draw fails sooner by more than that, and so does the upper end of the interval, or the model before never failed.
+def over(values: Any, size: float) -> Any:
+    """A share of what was measured; NaN where the data are at rest, and nothing is a share of nothing.
 
     Args:
-        gap: Gap table; its free runs on held-out data are looked at, on training data where there are none.
-
-    Returns:
-        Rows of the table, (data, metric, variable); a time to failure has the variable "all".
+        values: Errors.
+        size: Of what was measured.
     """
-    metrics = ("free-run NRMSE", "time to failure")
-    records = zip(gap.index, gap.to_dict("records"), strict=True)
-    # A state at rest has no error to speak of.
-    rows = [
-        (key, row) for key, row in records
-        if key[1] in metrics and (key[1] == "time to failure" or not np.isnan(row["before"]))
-    ]  # fmt: skip
-    held_out = [(key, row) for key, row in rows if key[0] == "test"]
-    found = []
-    for key, row in held_out or rows:
-        if key[1] == "free-run NRMSE":
-            worse = row["after"] > row["before"] + max(GREW * row["before"], NOTHING)
-        else:
-            # Never is later than any time.
-            before, after, upper = (
-                np.inf if np.isnan(row[name]) else row[name] for name in ("before", "after", "upper")
-            )
-            worse = after < (1 - GREW) * before and (upper < before or not np.isfinite(before))
-        if worse:
-            found.append((str(key[0]), str(key[1]), str(key[2])))
-    return tuple(found)
-
-
-def left_over(gap: pd.DataFrame) -> dict[str, float]:
-    """Where the model after explains the training samples and not the held-out ones: misfit there, by equation.
-
-    A model that is right explains both; one that bends to the training data, or that stands for something else there,
-    does not.
-
-    Args:
-        gap: Gap table; without held-out data, or with rates, there is nothing to tell.
-    """
-    train, test = misfits(gap, "train"), misfits(gap, "test")
-    return {name: left for name, left in test.items() if left > LEFT * max(1.0, train.get(name, 1.0))}
-
-
-def misfits(gap: pd.DataFrame, part: str) -> dict[str, float]:
-    """Misfit of the samples after, by equation; none of rates.
-
-    Args:
-        gap: Gap table.
-        part: "train" or "test".
-    """
-    records = zip(gap.index, gap.to_dict("records"), strict=True)
-    return {str(key[2]): float(row["after"]) for key, row in records if key[:2] == (part, MISFIT)}
-
-
-def _own_noise(data: Trajectories) -> float:
-    """Variance of the white noise that samples of one sensor show by themselves; 0 for several, or for rates."""
-    samples = data.samples
-    if samples is None or len(samples.state_names) > 1:
-        return 0.0
-    return float(sample_noise(samples.time, samples.matrix(samples.state_names), samples.run_lengths)[0]) ** 2
+    # A free run that blew up may be off by more than numbers can say.
+    with np.errstate(over="ignore"):
+        return values / size if size > 0 else np.full(np.shape(values), np.nan)
 
 
 def _compared(
@@ -371,7 +206,7 @@ def _compared(
         alive = np.isfinite(states[:, :, i]).all(axis=0)
 
         def error(values: np.ndarray, measured=measured, alive=alive, spread=spread) -> Any:
-            return _over(np.sqrt(np.mean((measured[alive] - values[..., alive]) ** 2, axis=-1)), spread)
+            return over(np.sqrt(np.mean((measured[alive] - values[..., alive]) ** 2, axis=-1)), spread)
 
         low, high = np.quantile(error(after, measured_after[name]), [(1 - LEVEL) / 2, (1 + LEVEL) / 2])
         means = (float(error(before.mean(axis=0))), float(error(after.mean(axis=0), measured_after[name])))
@@ -385,13 +220,6 @@ def _compared(
         # Never is no number: records have null for it, and tables the word.
         rows.append((part, "time to failure", "all", *np.where(np.isfinite(times), times, np.nan)))
     return paths, rows
-
-
-def _over(values: Any, size: float) -> Any:
-    """A share of what was measured; NaN where the data are at rest, and nothing is a share of nothing."""
-    # A free run that blew up may be off by more than numbers can say.
-    with np.errstate(over="ignore"):
-        return values / size if size > 0 else np.full(np.shape(values), np.nan)
 
 
 def _sources(amendments: Mapping[str, Amendment], starts: Starts) -> dict[str, bool]:

@@ -1,0 +1,115 @@
+"""The gap before and after: how far the simulation, and the amended model, are from the measurements."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from bayes_greybox.data.sample_noise import NORMAL_MEDIAN, sample_noise
+from bayes_greybox.data.starts import Starts
+from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.discovery.answer.amendment import Amendment
+from bayes_greybox.model.program import Program
+
+from .denials import MISFIT
+from .free_runs import LEVEL, FreePath, FreeRuns, over
+
+RATE_DRAWS = 200
+"""Posterior draws behind the intervals of rates."""
+
+NO_SHARES = ("time to failure", MISFIT)
+"""Metrics whose fall is no share of the gap."""
+
+FORCED = 2.0
+"""An unknown force may leave so many times as much of one record as of another, which it moves for longer."""
+
+
+def gap_rows(
+    model: Program,
+    amendments: Mapping[str, Amendment],
+    data: Trajectories,
+    part: str,
+    free_runs: FreeRuns | None = None,
+    *,
+    starts: Starts | None = None,
+    seed: int = 0,
+) -> tuple[pd.DataFrame, dict[str, FreePath]]:
+    """The gap table's rows for one data set, and its free runs.
+
+    Metrics: derivative NMSE, mean((ẋ − x̂̇)²)/var(ẋ), or sample NMSE, the same of the samples that rows are of;
+    unexplained share, (mean((ẋ − x̂̇)²) − σ²)/mean(ẋ²), not below zero; misfit of samples of one sensor,
+    (median((y − ŷ)²)/0.455/(σ² + var ŷ))^½, σ not below what the samples themselves show, `FORCED` times as large
+    beside an unknown force, and var ŷ that of the draws; free-run NRMSE,
+    RMS(x − x̂)/SD(x) up to the first failure of either; time to failure of runs that blow up, NaN where a model never
+    does. What is over a measurement at rest is NaN. The figures are those of the mean over draws, the intervals those
+    of the draws.
+
+    Args:
+        model: The model before.
+        amendments: By equation.
+        data: Measurements to compare with.
+        part: "train" or "test".
+        free_runs: Integrates free runs; without it there are none.
+        starts: State of each run at its first row, of which each draw has its own; estimated from the data by default.
+        seed: Seed of these draws.
+    """
+    rows, rates = [], model.rows.rates_measured
+    for equation, amendment in amendments.items():
+        if equation not in data.derivatives:
+            continue
+        # Rows that are linear only near a model are near the one that they are compared with, before and after.
+        own = replace(model, rows=model.rows.around(amendment.terms_before()))
+        raw, corrected = own.equation_rows(data, equation), amendment.corrected(data)
+        near = model if amendment.rows is None else replace(model, rows=amendment.rows)
+        measured = near.equation_rows(corrected, equation)
+        size = float(np.mean(measured.measured**2)) * measured.gain**2
+        # Before, nothing was known of the sensors either. A filtered rate is compared with the filter's mean of what
+        # was added.
+        before = raw.operate(amendment.rates(raw.columns, 1)[0][:, None])[:, 0]
+        after = measured.operate(amendment.rates(measured.columns, RATE_DRAWS)[1].T).T
+        # In the unit of the sensor: rows near another model are over another gain.
+        variance = float(np.var(measured.measured)) * measured.gain**2
+        noise = (amendment.sigma * amendment.statistics.rows.gain) ** 2
+        allowed = max(noise, _own_noise(data)) * (FORCED**2 if amendment.statistics.rows.noise.moved else 1.0)
+        allowed += measured.gain**2 * float(np.mean(np.var(after, axis=0)))
+
+        def squares(added: np.ndarray, rows=measured) -> np.ndarray:
+            # [n_row] or [n_draw, n_row]; where a path started is nobody's error.
+            left = rows.noise.without_starts(np.atleast_2d(rows.target - added).T).T
+            return (rows.gain * left).reshape(np.shape(added)) ** 2
+
+        def nmse(left: np.ndarray, variance=variance) -> Any:
+            return over(np.mean(left, axis=-1), variance)
+
+        def share(left: np.ndarray, size=size, noise=noise) -> Any:
+            return over(np.maximum(np.mean(left, axis=-1) - noise, 0.0), size)
+
+        def misfit(left: np.ndarray, allowed=allowed) -> Any:
+            # Single samples that are far off say nothing of the others.
+            return np.sqrt(over(np.median(left, axis=-1) / NORMAL_MEDIAN, allowed))
+
+        metrics: dict[str, Callable] = {"derivative NMSE" if rates else "sample NMSE": nmse, "unexplained share": share}
+        if data.samples is not None and len(data.samples.state_names) == 1:
+            metrics[MISFIT] = misfit
+        first, each, mean = squares(before, raw), squares(after), squares(after.mean(axis=0))
+        for metric, f in metrics.items():
+            low, high = np.quantile(f(each), [(1 - LEVEL) / 2, (1 + LEVEL) / 2])
+            rows.append((part, metric, equation, float(f(first)), float(f(mean)), low, high))
+    paths: dict[str, FreePath] = {}
+    if free_runs is not None:
+        paths, more = free_runs(data, part, starts, seed)
+        rows += more
+    table = pd.DataFrame(rows, columns=["data", "metric", "variable", "before", "after", "lower", "upper"])
+    ratio = table["after"] / table["before"].where(table["before"] > 0)
+    table["closed"] = (1 - ratio).where(~table["metric"].isin(NO_SHARES))
+    return table.set_index(["data", "metric", "variable"]), paths
+
+
+def _own_noise(data: Trajectories) -> float:
+    """Variance of the white noise that samples of one sensor show by themselves; 0 for several, or for rates."""
+    samples = data.samples
+    if samples is None or len(samples.state_names) > 1:
+        return 0.0
+    return float(sample_noise(samples.time, samples.matrix(samples.state_names), samples.run_lengths)[0]) ** 2
