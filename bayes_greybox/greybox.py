@@ -162,7 +162,7 @@ class Fit(Posterior):
         s = self.sampling
         terms = ", ".join(f"{name}: {len(e.frame.dictionary)} terms" for name, e in self.equations.items())
         about = f"{self.model.prior_text} prior; {self.data.n_obs} rows; {s.chains} x {s.draws} draws"
-        return f"Fit of {terms}; {about}\n{self.verdict}"
+        return "\n".join([f"Fit of {terms}; {about}", *self.model.rows.left_out(self.data), str(self.verdict)])
 
     def _complete(self) -> None:
         """Add the groups that need more than one row at a time."""

@@ -24,7 +24,7 @@ from .answer.where import GapField, gap_map, gap_trace, where_table
 from .evidence.odds import Odds
 from .evidence.sufficient_statistics import SufficientStatistics
 from .suspects.channels import Rate
-from .suspects.samples import Smoother, clipped, known_rates
+from .suspects.samples import Smoother, known_rates
 from .weighing.alignment import Aligned, align
 from .weighing.along_path import Near, follow
 from .weighing.sets import RECALIBRATED, Sets
@@ -32,6 +32,10 @@ from .weighing.worlds import World, worlds
 
 DRAWS = 2000
 """Posterior draws of the coefficients behind tables and bands."""
+
+WITHIN, MOST_WITHIN = 3.0, 0.5
+"""A path is within a sensor's range by more than so many standard deviations of its noise; it speaks against an answer
+at more than this share of the samples at which the sensor was at its end."""
 
 JITTER = "change of the rate"
 """What noise grows with where the time stamps jitter."""
@@ -55,7 +59,7 @@ def study_equation(
         say: Told in words what is being done.
     """
     aligned, found = _weighed(model, train, name, effects, odds, most, seed if settle else None, say)
-    bounded = _clipped_samples(train)
+    bounded = _within(aligned, train)
     unit, unit_of_time = derivative_unit(name, train.units), train.units.get("t", "")
 
     def decided(doubts: Sequence[Doubt]) -> tuple[Finding, list[Check]]:
@@ -154,18 +158,20 @@ def _amendment(finding: Finding, aligned: Aligned, train: Trajectories, seed: in
     )  # fmt: skip
 
 
-def _clipped_samples(train: Trajectories) -> list[str]:
-    """What rows of samples take as it came, in words: a sensor at its end, which shows less than there is."""
-    if train.samples is None:
+def _within(aligned: Aligned, train: Trajectories) -> list[str]:
+    """Sensors that were at their end while the path was not, in words: what was left out there was no clipping."""
+    if aligned.rates_measured:
         return []
-    names = train.samples.state_names
-    noise = sample_noise(train.samples.time, train.samples.matrix(names), train.samples.run_lengths)
-    # Without noise a state at rest stays to the last bit.
-    noisy = {name: train.samples.states[name] for name, s in zip(names, noise, strict=True) if s > 0}
-    at_end = clipped(noisy, train.samples.run)
-    return [
-        f"{name} is clipped at {int(np.sum(rows))} samples, which count as any others" for name, rows in at_end.items()
-    ]
+    samples = train.samples or train
+    names = samples.state_names
+    noise = dict(zip(names, sample_noise(samples.time, samples.matrix(names), samples.run_lengths), strict=True))
+    said = []
+    for name, rows in aligned.clipped.items():
+        end, path = samples.states[name][rows], aligned.data.column(name)[rows]
+        inside = np.where(end == np.max(samples.states[name]), end - path, path - end) > WITHIN * noise[name]
+        if np.mean(inside) > MOST_WITHIN:
+            said.append(f"{name} stays at the end of its sensor's range at samples where its path does not reach it")
+    return said
 
 
 def _quantities(model: Program, data: Trajectories, sets: Sets, rate: Rate) -> dict[str, np.ndarray]:

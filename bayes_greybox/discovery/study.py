@@ -313,8 +313,8 @@ def verdict_of(
     against = tuple(about[name] + text for name, found in findings.items() for text in found.against)
     claims = any(found.places for found in findings.values()) or verdict == "recalibrate"
     worse = worsened(gap) if claims else ()
-    left = left_over(gap) if claims else {}
-    held_out = [about[name] + left_in_words(misfit) for name, misfit in left.items()]
+    # Whatever the answer is: that nothing is missing has to hold for held-out samples too.
+    held_out = [about[name] + left_in_words(misfit) for name, misfit in left_over(gap).items()]
     said = [*(lost if claims else ()), *(worse_in_words(key) for key in worse), *held_out]
     if said:
         verdict = "partly named" if verdict == "named" else verdict

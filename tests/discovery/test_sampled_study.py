@@ -225,10 +225,23 @@ def test_where_all_is_learned_a_gain_of_the_only_sensor_is_its_unit_and_no_suspe
     assert found.gap.loc[("train", "sample NMSE", "v"), "closed"] > 0.5
 
 
-def test_a_sensor_that_was_at_its_end_speaks_against_the_answer():
+def test_what_a_sensor_at_its_end_shows_is_left_out_and_said():
     # Noise of the sensor is clipped with what it shows.
     data = sampled(**CUBIC, noise=0.03)
     data = replace(data, states={"y": np.minimum(data.states["y"], np.quantile(data.states["y"], 0.9))})
     found = study(data, catalogue=FEW)
+    row = found.effects.iloc[0]
+    assert found.verdict == "named" and row["slug"] == "cubic-stiffness" and abs(row["mean"] + 0.5) < 4 * row["sd"]
+    count = int(np.sum(data.states["y"] == data.states["y"].max()))
+    assert f"y is clipped at {count} samples, which are left out" in found.sentence
+
+
+def test_a_sensor_that_stays_where_its_path_does_not_speaks_against_the_answer():
+    # It sticks at its largest value now and then, wherever the path is.
+    data = sampled(**CUBIC, noise=0.03)
+    y = data.states["y"].copy()
+    for first in range(20, 400, 60):
+        y[first : first + 5] = np.max(data.states["y"])
+    found = study(replace(data, states={"y": y}), catalogue=FEW)
     assert found.verdict != "named"
-    assert any("y is clipped at" in text for text in found.against)
+    assert any("where its path does not reach it" in text for text in found.against)

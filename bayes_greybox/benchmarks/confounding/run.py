@@ -9,8 +9,8 @@ from pathlib import Path
 
 from threadpoolctl import threadpool_limits
 
-from bayes_greybox.benchmarks.files import opened, unwritable, write_whole
-from bayes_greybox.benchmarks.progress import shown
+from bayes_greybox.benchmarks.files import unwritable, write_whole
+from bayes_greybox.benchmarks.resumed import resumed
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.records import plain_rows
 
@@ -20,8 +20,6 @@ from .situations import SITUATIONS
 
 REPLICATES, DRAWS, TUNE = 40, 400, 300
 """Of the full size."""
-
-RESULTS = "results.jsonl"
 
 
 def all_cells(replicates: int = REPLICATES, seed: int = 0, draws: int = DRAWS, tune: int = TUNE) -> tuple[Cell, ...]:
@@ -59,16 +57,17 @@ def run(output: str | os.PathLike[str], cells: Sequence[Cell] | None = None, *, 
         raise InputError("The confounding study needs at least one cell.")
     folder = Path(output)
     try:
-        file = folder / RESULTS
-        rows = opened(file)
         # Threads inside BLAS fight those of the chains over the cores, for matrices too small to share.
         with threadpool_limits(1):
-            for cell in shown(chosen, "Confounding", progress):
-                if cell.key not in rows:
-                    rows[cell.key] = {"version": version("bayes-greybox"), **measure_cell(cell)}
-                    with file.open("a", encoding="utf-8") as lines:
-                        lines.write(json.dumps(rows[cell.key], allow_nan=False) + "\n")
-        scores = score(rows[cell.key] for cell in chosen)
+            rows = resumed(
+                folder,
+                chosen,
+                key=lambda cell: cell.key,
+                measure=measure_cell,
+                what="Confounding",
+                progress=progress,
+            )
+        scores = score(rows)
         tables = {"terms": scores.terms, "cells": scores.cells}
         for name, table in tables.items():
             write_whole(folder / f"{name}.csv", table.reset_index().to_csv(index=False))

@@ -17,6 +17,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from threadpoolctl import threadpool_limits
 
 from bayes_greybox.benchmarks.files import opened, unwritable, write_whole
+from bayes_greybox.benchmarks.resumed import RESULTS
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.records import plain_rows, plain_values
 
@@ -35,9 +36,6 @@ from .solvers.study import Solve, study_case
 
 AnyCase = Case | AssumptionCase
 """A case of either kind."""
-
-RESULTS = "results.jsonl"
-"""File of the finished cases."""
 
 CASES_PER_WORKER = 60
 """A worker is replaced after so many cases: whatever it compiled stays in its memory."""

@@ -10,8 +10,8 @@ import numpy as np
 import pandas as pd
 from threadpoolctl import threadpool_limits
 
-from bayes_greybox.benchmarks.files import opened, unwritable, write_whole
-from bayes_greybox.benchmarks.progress import shown
+from bayes_greybox.benchmarks.files import unwritable, write_whole
+from bayes_greybox.benchmarks.resumed import resumed
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.records import plain_rows
 
@@ -23,8 +23,6 @@ REPLICATES = 100
 
 LOST = 0.5
 """An error above it is none of noise, but of another minimum."""
-
-RESULTS = "results.jsonl"
 
 
 def run(
@@ -47,20 +45,17 @@ def run(
     """
     folder = Path(output)
     try:
-        file = folder / RESULTS
-        rows = opened(file)
-        todo = [(cell, draw) for cell in CELLS for draw in range(replicates)]
         with threadpool_limits(1):
-            for cell, draw in shown(todo, "Published ODEs", progress):
-                key = f"{cell.key}, seed {seed}, draw {draw}"
-                if key not in rows:
-                    rows[key] = {"version": version("bayes-greybox"), "key": key, **_solved(cell, draw, seed)}
-                    with file.open("a", encoding="utf-8") as lines:
-                        lines.write(json.dumps(rows[key], allow_nan=False) + "\n")
-        found = {
-            cell.key: [rows[f"{cell.key}, seed {seed}, draw {draw}"] for draw in range(replicates)] for cell in CELLS
-        }
-        table = pd.DataFrame([table_row(cell, found[cell.key]) for cell in CELLS]).set_index("cell")
+            rows = resumed(
+                folder,
+                [(cell, draw) for cell in CELLS for draw in range(replicates)],
+                key=lambda case: f"{case[0].key}, seed {seed}, draw {case[1]}",
+                measure=lambda case: _solved(*case, seed),
+                what="Published ODEs",
+                progress=progress,
+            )
+        draws = [rows[k * replicates : (k + 1) * replicates] for k in range(len(CELLS))]
+        table = pd.DataFrame([table_row(cell, own) for cell, own in zip(CELLS, draws, strict=True)]).set_index("cell")
         write_whole(folder / "table.csv", table.reset_index().to_csv(index=False))
         text = json.dumps({"version": version("bayes-greybox"), "table": plain_rows(table)}, indent=2)
         write_whole(folder / "summary.json", text + "\n")

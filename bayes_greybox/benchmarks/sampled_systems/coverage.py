@@ -19,16 +19,13 @@ import pandas as pd
 from scipy.stats import norm
 from threadpoolctl import threadpool_limits
 
-from bayes_greybox.benchmarks.files import opened, unwritable, write_whole
-from bayes_greybox.benchmarks.progress import shown
+from bayes_greybox.benchmarks.files import unwritable, write_whole
+from bayes_greybox.benchmarks.resumed import resumed
 from bayes_greybox.data.errors import InputError
 
 from .efficient import efficient_estimate
 from .samples import sampled
 from .systems import systems
-
-RESULTS = "results.jsonl"
-"""A line for each repeat."""
 
 REPEATS = 200
 """Of each cell, by default."""
@@ -68,16 +65,16 @@ def run(
     """
     folder = Path(output)
     try:
-        rows = opened(folder / RESULTS)
-        every = [(noise, kind, k) for k in range(repeats) for noise in NOISES for kind in ROWS]
-        todo = [cell for cell in every if _key(*cell, seed) not in rows]
-        with (folder / RESULTS).open("a", encoding="utf-8") as file, threadpool_limits(1):
-            for cell in shown(todo, "Coverage", progress):
-                row = {"key": _key(*cell, seed), "version": version("bayes-greybox"), **fitted(*cell, seed)}
-                rows[row["key"]] = row
-                file.write(json.dumps(row) + "\n")
-                file.flush()
-        table = score([rows[_key(*cell, seed)] for cell in every])
+        with threadpool_limits(1):
+            rows = resumed(
+                folder,
+                [(noise, kind, k) for k in range(repeats) for noise in NOISES for kind in ROWS],
+                key=lambda cell: f"{cell[0]}/{cell[1]}/{seed}/{cell[2]}",
+                measure=lambda cell: fitted(*cell, seed),
+                what="Coverage",
+                progress=progress,
+            )
+        table = score(rows)
         write_whole(folder / "coverage.csv", table.reset_index().to_csv(index=False))
         summary = {"version": version("bayes-greybox"), "repeats": repeats, "seed": seed}
         write_whole(folder / "summary.json", json.dumps(summary, indent=2) + "\n")
@@ -160,7 +157,3 @@ def _measured(rows: Sequence[dict[str, Any]]) -> dict[str, float]:
         "sd": float(np.median(sd[:, -1])),
         "seconds": float(np.median([row["seconds"] for row in rows])),
     }
-
-
-def _key(noise: str, kind: str, repeat: int, seed: int) -> str:
-    return f"{noise}/{kind}/{seed}/{repeat}"

@@ -11,15 +11,12 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from bayes_greybox.benchmarks.files import opened, unwritable, write_whole
-from bayes_greybox.benchmarks.progress import shown
+from bayes_greybox.benchmarks.files import unwritable, write_whole
+from bayes_greybox.benchmarks.resumed import resumed
 from bayes_greybox.data.errors import InputError
 
 from .samples import System, sampled
 from .systems import systems
-
-RESULTS = "results.jsonl"
-"""A line for each replicate."""
 
 REPLICATES = 20
 """Of each system, by default."""
@@ -58,21 +55,15 @@ def run(
     chosen = [known[name] for name in names or known]
     folder = Path(output)
     try:
-        rows = opened(folder / RESULTS)
-        todo = [(s, k) for s in chosen for k in range(replicates) if _key(s, k, seed) not in rows]
-        with (folder / RESULTS).open("a", encoding="utf-8") as file:
-            for system, replicate in shown(todo, "Sampled systems", progress):
-                row: dict[str, Any] = {"key": _key(system, replicate, seed), "version": version("bayes-greybox")}
-                try:
-                    row |= study(system, replicate, seed)
-                except InputError as error:
-                    # No answer is an answer, and not a right one.
-                    row |= {"system": system.name, "replicate": replicate, "refused": str(error)}
-                rows[row["key"]] = row
-                file.write(json.dumps(row) + "\n")
-                file.flush()
-        wanted = [rows[_key(s, k, seed)] for s in chosen for k in range(replicates)]
-        table = score(wanted)
+        rows = resumed(
+            folder,
+            [(system, replicate) for system in chosen for replicate in range(replicates)],
+            key=lambda case: f"{case[0].name}/{seed}/{case[1]}",
+            measure=lambda case: _answer(*case, seed),
+            what="Sampled systems",
+            progress=progress,
+        )
+        table = score(rows)
         write_whole(folder / "systems.csv", table.reset_index().to_csv(index=False))
         summary = {"version": version("bayes-greybox"), "replicates": replicates, "seed": seed}
         write_whole(folder / "summary.json", json.dumps(summary, indent=2) + "\n")
@@ -170,5 +161,9 @@ def score(rows: Sequence[dict[str, Any]]) -> pd.DataFrame:
     return found
 
 
-def _key(system: System, replicate: int, seed: int) -> str:
-    return f"{system.name}/{seed}/{replicate}"
+def _answer(system: System, replicate: int, seed: int) -> dict[str, Any]:
+    try:
+        return study(system, replicate, seed)
+    except InputError as error:
+        # No answer is an answer, and not a right one.
+        return {"system": system.name, "replicate": replicate, "refused": str(error)}

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from bayes_greybox.benchmarks.files import opened, unwritable, write_whole
-from bayes_greybox.benchmarks.progress import shown
-from bayes_greybox.benchmarks.sampled_systems.run import RESULTS, SURE
+from bayes_greybox.benchmarks.files import unwritable, write_whole
+from bayes_greybox.benchmarks.resumed import resumed
+from bayes_greybox.benchmarks.sampled_systems.run import SURE
 from bayes_greybox.data.errors import InputError
 
 from .controls import controls
@@ -57,21 +57,15 @@ def run(
     chosen = [known[name] for name in cases or known]
     folder = Path(output)
     try:
-        rows = opened(folder / RESULTS)
-        todo = [trap for trap in chosen if _key(trap, seed) not in rows]
-        with (folder / RESULTS).open("a", encoding="utf-8") as file:
-            for trap in shown(todo, "Sampled traps", progress):
-                row: dict[str, Any] = {"key": _key(trap, seed), "version": version("bayes-greybox")}
-                try:
-                    row |= study(trap, seed)
-                except InputError as error:
-                    # No answer names nothing: a trap is escaped, and a control is not answered.
-                    row |= {"trap": trap.name, "control": trap.control, "refused": str(error)}
-                    row |= {"wrong": [], "right": not trap.control}
-                rows[row["key"]] = row
-                file.write(json.dumps(row) + "\n")
-                file.flush()
-        table = score([rows[_key(trap, seed)] for trap in chosen])
+        rows = resumed(
+            folder,
+            chosen,
+            key=lambda trap: f"{trap.name}/{seed}",
+            measure=lambda trap: _answer(trap, seed),
+            what="Sampled traps",
+            progress=progress,
+        )
+        table = score(rows)
         write_whole(folder / "traps.csv", table.reset_index().to_csv(index=False))
         summary = {"version": version("bayes-greybox"), "seed": seed, **counts(table).to_dict("index")}
         write_whole(folder / "summary.json", json.dumps(summary, indent=2) + "\n")
@@ -191,5 +185,15 @@ def counts(table: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(found, index=pd.Index(["traps", "controls"], name="kind"))
 
 
-def _key(trap: Trap, seed: int) -> str:
-    return f"{trap.name}/{seed}"
+def _answer(trap: Trap, seed: int) -> dict[str, Any]:
+    try:
+        return study(trap, seed)
+    except InputError as error:
+        # No answer names nothing: a trap is escaped, and a control is not answered.
+        return {
+            "trap": trap.name,
+            "control": trap.control,
+            "refused": str(error),
+            "wrong": [],
+            "right": not trap.control,
+        }

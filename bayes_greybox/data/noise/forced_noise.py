@@ -22,7 +22,7 @@ class Motion(NamedTuple):
     """How changes of a path go on from sample to sample, samples in order of time within their segment.
 
     Attributes:
-        M: Transition from the sample before.
+        M: Transition from the sample before; of the first one of a segment, from where that starts.
         G: Covariance that a force of unit intensity adds on the way, over that of the rows.
         fresh: Whether a sample is the first one of its segment.
         outputs: Indices of the states that have a sensor; rows are ordered by sensor, then by sample.

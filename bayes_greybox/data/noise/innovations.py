@@ -107,7 +107,7 @@ def _gains(
 
     def step(P: Array, piece: tuple[Array, ...]) -> tuple[Array, tuple[Array, Array]]:
         M, G, fresh, r = piece
-        P, found = jnp.where(fresh, start, M @ P @ M.T + intensity * G), []
+        P, found = M @ jnp.where(fresh, start, P) @ M.T + intensity * G, []
         for k, output in enumerate(outputs):
             S = P[output, output] + r[k]
             K = P[output] / S

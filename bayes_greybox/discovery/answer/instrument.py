@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from bayes_greybox.data.clipping import clipped_in_words
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.suspects.channels import DELAY, DELAY_STEPS, GAIN, STATES, ChannelSuspect
 from bayes_greybox.discovery.weighing.alignment import Aligned
@@ -105,7 +106,7 @@ def instrument_table(
             | {"mean": noise.sd, "unit": unit}
         )
     for name, rows_at_end in aligned.clipped.items():
-        text = f"{name} is clipped at {int(np.sum(rows_at_end))} samples, which are left out"
+        text = clipped_in_words(name, rows_at_end)
         rows.append(_blank(statistics.equation, CLIPPED, name, 1.0, IN_MODEL, text))
     for name, rows_misread in aligned.misread.items():
         text = f"{name} is misread at {int(np.sum(rows_misread))} samples, which are left out"

@@ -7,7 +7,6 @@ surer. Where the samples show white noise of their own, terms are evaluated at s
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -34,9 +33,6 @@ CUTOFFS, SLOWEST = 24, 2.0
 TRACE, SQUARE = 0.441942, 0.345275
 """tr(H) and tr(HHᵀ) of a smoother over its number of samples, per ω₀h: ∫(2g − g²)dω/π and ∫(2g − g²)²dω/π at ω₀ = 1."""
 
-CLIPPED = 3
-"""So many samples in a row at the very end of a sensor's range are clipped."""
-
 
 @dataclass(frozen=True)
 class SampleNoise:
@@ -51,9 +47,6 @@ class SampleNoise:
     left: float
 
 
-MOST_CLIPPED = 0.5
-"""Share of the samples from which on a channel rests and is not clipped."""
-
 LEAP, FOLLOWED = 6.0, 0.3
 """Leaps that the rate lacks are none of the signal's beyond so many of their usual size; and the share of what a leap
 should do to the rate below which it was only the sensor's."""
@@ -63,9 +56,6 @@ WIDTHS = (1, 2)
 
 TURNS = 10
 """How often slips are looked for again once the largest are mended."""
-
-MANY_LEVELS = 0.5
-"""Different values over samples below which a sensor is coarse."""
 
 
 class Smoother:
@@ -117,31 +107,6 @@ def known_rates(simulation: Simulation, data: Trajectories) -> dict[str, Float[n
     """
     kinematic = {name: simulation.on(data, name) for name in data.state_names if simulation.kinematic(name)}
     return {**kinematic, **data.derivatives}
-
-
-def clipped(values: Mapping[str, Float[np.ndarray, " n"]], run: np.ndarray) -> dict[str, Bool[np.ndarray, " n"]]:
-    """Rows at which a channel's sensor was at its end, by channel; channels without any are left out.
-
-    Args:
-        values: Samples by channel.
-        run: Run of each row.
-    """
-    found: dict[str, Any] = {}
-    for name, x in values.items():
-        if len(np.unique(x)) < MANY_LEVELS * len(x):
-            # A coarse sensor stays on its last level at every turn.
-            continue
-        at_end = np.zeros(len(x), bool)
-        for end in (float(np.max(x)), float(np.min(x))):
-            here = x == end
-            for r in np.unique(run):
-                own = here[run == r]
-                # Where it stays there once, every sample there is clipped.
-                if np.any(np.convolve(own, np.ones(CLIPPED), "valid") >= CLIPPED):
-                    at_end |= here
-        if 0 < np.mean(at_end) < MOST_CLIPPED:
-            found[name] = at_end
-    return found
 
 
 def misread(

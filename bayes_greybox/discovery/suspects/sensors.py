@@ -32,10 +32,10 @@ from .channels import (
 def sensor_columns(
     samples: Trajectories, path: Trajectories, late: Mapping[str, float] | None = None
 ) -> list[tuple[ChannelSuspect, Float[np.ndarray, " n_row"]]]:
-    """Suspects about every sensor with their columns at the rows, in the sensor's unit per unit of their size.
+    """Suspects about every sensor with their columns at all samples, in the sensor's unit per unit of their size.
 
     Args:
-        samples: What the sensors showed; rows are ordered by sensor, then by sample.
+        samples: What the sensors showed; columns are ordered by sensor, then by sample.
         path: The path at the samples.
         late: What sensors were found to be late by, at which their delays' columns are taken.
     """

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from jaxtyping import Bool, Int
 
+from bayes_greybox.data.clipping import clipped
 from bayes_greybox.data.noise.protocol import RowNoise
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.evidence.evaluations import Evaluations, one_pattern
@@ -33,7 +34,7 @@ from bayes_greybox.discovery.suspects.channels import (
 )
 from bayes_greybox.discovery.suspects.late import Late, late_states
 from bayes_greybox.discovery.suspects.memory import memory_columns
-from bayes_greybox.discovery.suspects.samples import SampleNoise, Smoother, clipped, known_rates, misread
+from bayes_greybox.discovery.suspects.samples import SampleNoise, Smoother, known_rates, misread
 from bayes_greybox.model.evidence import coefficients
 from bayes_greybox.model.noise.noise_model import NoiseModel
 from bayes_greybox.model.program import Program

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
+from bayes_greybox.data.clipping import clipped_states
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.evidence.columns import Column
@@ -137,8 +138,9 @@ def follow(
         # What is likeliest leads away from the samples: they are compared with rows where it was found.
         rows = near.model.rows
     return Followed(
-        near.data, near.base, rate=near.rate, bare=bare, used=used, rows=rows, noise=near.noise, model=near.model
-    )
+        near.data, near.base, clipped=clipped_states(train.samples or train), rate=near.rate, bare=bare, used=used,
+        rows=rows, noise=near.noise, model=near.model,
+    )  # fmt: skip
 
 
 def _own_terms(model: Program, train: Trajectories) -> tuple[tuple[Term, float], ...]:
@@ -227,7 +229,9 @@ def _near(
     log_evidence = _log_evidence(sets, noise) - statistics.rows.n_row * math.log(unit)
     # Of the samples as they came: those freed of a gain are over it.
     gains = [size for suspect, size in sensors.items() if suspect.kind == GAIN and suspect.channel in train.state_names]
-    log_evidence -= train.n_obs * sum(math.log1p(size) for size in gains)
+    log_evidence -= (
+        statistics.rows.n_row / len((train.samples or train).state_names) * sum(math.log1p(size) for size in gains)
+    )
     columns, values, sd = _estimate(sets, sets.likeliest())
     names, bent = tuple(map(_named, columns)), np.array([bool(c.inner) for c in columns])
     off = {c.suspect: float(v) for c, v in zip(columns, values, strict=True) if c.suspect is not None}

@@ -9,7 +9,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
@@ -128,9 +128,10 @@ class Suspected(NamedTuple):
         assert samples is not None
         rows, nodes = near.equation_rows(data, equation), near.rows.nodes(data, equation, simulation)
         assert rows.operator is not None
-        seen = _modelled(rows, data, added)
+        modelled = _modelled(rows, data, added)
         late = Late.of(samples, sizes).states
-        sensors = sensor_columns(samples, seen, late)
+        at_rows = _at_rows(rows, samples)
+        sensors = [(suspect, column[at_rows]) for suspect, column in sensor_columns(samples, modelled, late)]
         step = float(np.median(np.diff(samples.time)[np.diff(samples.run) == 0]))
         # An input that drives other states as well is another force on each of them, which no column here is.
         others = [name for name in simulation.equations if name != equation]
@@ -143,8 +144,9 @@ class Suspected(NamedTuple):
         force = sum((known.get(suspect.key, 0.0) * column for suspect, column in inputs), np.zeros(nodes.n_obs))
         shown = sum((known.get(suspect.key, 0.0) * column for suspect, column in sensors), np.zeros(rows.n_row))
         # A delay is no product of size and column: what a late sensor shows beyond it is taken off.
-        before = shifted(seen, {name: -by for name, by in late.items()})
-        shown = shown - np.concatenate([before.column(name) - seen.column(name) for name in samples.state_names])
+        before = shifted(modelled, {name: -by for name, by in late.items()})
+        moved = [before.column(name) - modelled.column(name) for name in samples.state_names]
+        shown = shown - np.concatenate(moved)[at_rows]
         shown = shown + rows.gain * rows.operator(force[:, None])[:, 0]
         return cls(sensors, inputs, shown, nodes, samples, simulation)
 
@@ -175,10 +177,19 @@ def _modelled(rows: EquationRows, data: Trajectories, added: Sequence[tuple[Term
     assert samples is not None and rows.operator is not None
     n_node = len(next(iter(rows.columns.values())))
     force = sum((value * np.asarray(term.evaluate(rows.columns)) for term, value in added), np.zeros(n_node))
-    path = np.concatenate([data.column(name) for name in samples.state_names])
-    moved = path - rows.gain * (rows.simulated + rows.operator(force[:, None])[:, 0])
-    own = (path - rows.noise.without_starts(moved[:, None])[:, 0]).reshape(len(samples.state_names), -1)
+    path, at_rows = np.concatenate([data.column(name) for name in samples.state_names]), _at_rows(rows, samples)
+    moved = path[at_rows] - rows.gain * (rows.simulated + rows.operator(force[:, None])[:, 0])
+    # Where a sensor was at its end nothing tells the two apart.
+    path[at_rows] -= rows.noise.without_starts(moved[:, None])[:, 0]
+    own = path.reshape(len(samples.state_names), -1)
     return replace(data, states={**data.states, **dict(zip(samples.state_names, own, strict=True))})
+
+
+def _at_rows(rows: EquationRows, samples: Trajectories) -> Int[np.ndarray, " n_row"]:
+    """Where the rows are among the samples of all sensors, one sensor after the other."""
+    assert rows.operator is not None
+    sensor = np.repeat(np.arange(len(samples.state_names)), rows.n_row // len(samples.state_names))
+    return sensor * samples.n_obs + rows.operator.sample
 
 
 def _unitless(statistics: SufficientStatistics, nodes: Trajectories, simulation: Simulation) -> bool:

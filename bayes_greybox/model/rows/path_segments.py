@@ -20,6 +20,9 @@ GROWTH = 1e3
 CHUNK = 4096
 """Steps whose forces are evaluated at once."""
 
+NOWHERE = np.zeros((0, 2), int)
+"""No sample."""
+
 
 @dataclass(frozen=True, eq=False)
 class Segments:
@@ -32,7 +35,7 @@ class Segments:
         response: Steps of the linear equation.
         driven: Indices of the learned states.
         outputs: Indices of the measured states.
-        end: Index of the end of a step, segment by segment, at which each sample is.
+        end: Index of the end of a step, segment by segment, at which each sample is that is a row.
     """
 
     grid: Grid
@@ -101,7 +104,7 @@ class Segments:
 
 def segments_of(
     rate: ForcedRate, grid: Grid, ends: Float[np.ndarray, "n_segment n_end n_state"], outputs: tuple[int, ...],
-    end: Int[np.ndarray, "n_sample 2"],
+    end: Int[np.ndarray, "n_sample 2"] = NOWHERE,
 ) -> Segments:  # fmt: skip
     """The path through given ends of steps, and the linear equation along it.
 
@@ -110,7 +113,7 @@ def segments_of(
         grid: Nodes.
         ends: The path at the ends of steps.
         outputs: Indices of the measured states.
-        end: Segment and end of the step of each sample.
+        end: Segment and end of the step of each sample that is a row.
     """
     at_ends = np.concatenate([grid.time[:, ::2, None], ends, grid.inputs[:, ::2]], axis=-1)
     rates = rate.rates(at_ends)
@@ -183,11 +186,11 @@ def motion_of(segments: Segments, sizes: Sequence[float]) -> tuple[np.ndarray, n
     b = segments.response.b[..., list(segments.driven)].sum(axis=-2) * np.asarray(sizes)
     h = np.diff(segments.grid.time[:, ::2], axis=1)
     eye = np.eye(M.shape[-1])
-    fresh = end[:, 1] == 0
+    fresh = np.diff(end[:, 0], prepend=-1) != 0
     moved, spread = np.tile(eye, (len(end), 1, 1)), np.zeros((len(end), *eye.shape))
     # All intervals at once, a step of each at a time.
     before = np.where(fresh, 0, np.concatenate([[0], end[:-1, 1]]))
-    steps = np.where(fresh, 0, end[:, 1] - before)
+    steps = end[:, 1] - before
     for k in range(int(steps.max(initial=0))):
         on = steps > k
         at = end[on, 0], before[on] + k

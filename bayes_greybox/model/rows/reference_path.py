@@ -6,9 +6,10 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from scipy.interpolate import CubicSpline, make_smoothing_spline
 
+from bayes_greybox.data.clipping import seen_samples
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.noise.forced_noise import Motion
 from bayes_greybox.data.sample_noise import sample_noise
@@ -67,6 +68,7 @@ class ReferencePath:
         simulated: Samples without any force, user's units [n_row].
         starts: Change of the rows by one prior standard deviation of each start [n_row, n_start].
         gain: RMS response of an output to a force of unit RMS: rows are over it, in the unit of the force.
+        seen: Whether a sample is a row: where a sensor was at its end there is none.
         sample: Sample of each row.
         place: Node of each row.
         ratio: Chosen intensity of the unknown force, λ = q²/σ².
@@ -85,6 +87,7 @@ class ReferencePath:
     simulated: Float[np.ndarray, " n_row"]
     starts: Float[np.ndarray, "n_row n_start"]
     gain: float
+    seen: Bool[np.ndarray, " n_sample"]
     sample: Int[np.ndarray, " n_row"]
     place: Int[np.ndarray, " n_row"]
     ratio: float
@@ -145,52 +148,56 @@ def follow_samples(
     Raises:
         InputError: See `TrajectoryRows.path`.
     """
-    _check(samples, equations, simulation)
+    seen = seen_samples(samples)
+    _check(samples, seen, equations, simulation)
+    shown = replace(samples, noise={}).keep(seen)
     outputs = tuple(simulation.states.index(name) for name in samples.state_names)
     driven = tuple(simulation.states.index(name) for name in equations)
     rate = ForcedRate(simulation, driven, added)
     sizes, slow = _sizes(samples, simulation)
     measured = samples.matrix(samples.state_names)
     finest = FINEST * np.std(measured, axis=0)
-    s = _pooled(np.maximum(sample_noise(samples.time, measured, samples.run_lengths), finest), same_noise)
+    own_noise = sample_noise(shown.time, measured[seen], shown.run_lengths)
+    s = _pooled(np.maximum(own_noise, finest), same_noise)
     runs = runs_of(samples)
-    first = _first_path(samples, simulation, s, slow)
+    first = _first_path(samples, seen, simulation, s, slow)
     grid, end = grid_of(samples, runs, substeps or _steps_needed(rate, samples, first, s), interpolation)
-    observed = _observed(rate, samples, simulation, grid, end, outputs, s, sizes)
+    observed = _observed(rate, samples, seen, simulation, grid, end, outputs, s, sizes)
     largest = max(sizes[k] for k in driven)
     learned = {name: float(sizes[k] / largest) for name, k in zip(equations, driven, strict=True)}
     # An unknown force is as large as its state.
     E = np.eye(len(sizes))[:, list(driven)] * list(learned.values())
     own = largest**2 / slow
-    smoother = partial(smoothest, rate, grid, observed, outputs, end, own, E)
+    smoother = partial(smoothest, rate, grid, observed, outputs, own, E)
     # A path that is lost may leave all bounds first; it is refused by name.
     with np.errstate(over="ignore", invalid="ignore"):
         ends, ratio, gained = smoother(_at_ends(samples, runs, grid, first), process_noise)
         # How noisy each sensor is against the others, the smoother knows better than differences do.
-        residual = measured - ends[end[:, 0], end[:, 1]][:, list(outputs)]
+        residual = (measured - ends[end[:, 0], end[:, 1]][:, list(outputs)])[seen]
         s = _pooled(np.maximum(np.sqrt(np.mean(residual**2, axis=0)), finest), same_noise)
-        segments = segments_of(rate, grid, ends, outputs, end)
+        segments = segments_of(rate, grid, ends, outputs, end[seen])
         pieces = pieces_of(responses_to_unit_starts(segments, sizes), sizes)
         if pieces >= max(samples.run_lengths):
             raise InputError(LOST)
         if pieces > 1:
             grid, end, ends = split(grid, end, ends, pieces)
-            segments = segments_of(rate, grid, ends, outputs, end)
-        return _assembled(simulation, rate, segments, learned, sizes, s, own, ratio, gained)
+            segments = segments_of(rate, grid, ends, outputs, end[seen])
+        return _assembled(simulation, rate, segments, end, seen, learned, sizes, s, own, ratio, gained)
 
 
 def _assembled(
-    simulation: Simulation, rate: ForcedRate, segments: Segments, learned: Mapping[str, float], sizes: np.ndarray,
-    s: np.ndarray, own: float, ratio: float, gained: float,
+    simulation: Simulation, rate: ForcedRate, segments: Segments, every: np.ndarray, seen: np.ndarray,
+    learned: Mapping[str, float], sizes: np.ndarray, s: np.ndarray, own: float, ratio: float, gained: float,
 ) -> ReferencePath:  # fmt: skip
+    """The path at `every` sample, and the rows that are `seen`."""
     end, driven, n_state = segments.end, list(segments.driven), len(simulation.states)
     columns = dict(zip(rate.names, segments.points[..., 1:].reshape(-1, len(rate.names)).T, strict=True))
     states = segments.points[:, ::2, 1 : 1 + n_state]
-    at = states[end[:, 0], end[:, 1]]
+    at = states[every[:, 0], every[:, 1]]
     # The path is not quite one of the equations, and what was added to them is for the coefficients to say again.
     unforced = segments.response.jumps(segments.departure(rate.known))[..., None]
     moved = carried(segments.response.M, np.zeros((len(states), n_state, 1)), unforced)
-    simulated = np.concatenate([at[:, k] for k in segments.outputs]) + segments.rows(moved)[:, 0]
+    simulated = np.concatenate([at[seen, k] for k in segments.outputs]) + segments.rows(moved)[:, 0]
     starts = responses_to_starts(segments, sizes)
     # Rates are finite far from the samples too, where changes of a path are not.
     if not (np.all(np.isfinite(simulated)) and np.all(np.isfinite(starts))):
@@ -203,12 +210,13 @@ def _assembled(
         columns=columns,
         at_samples=at,
         learned=learned,
-        rates=rates[end[:, 0], end[:, 1]],
+        rates=rates[every[:, 0], every[:, 1]],
         sensor_sd=s,
         simulated=simulated,
         starts=starts,
         gain=gain,
-        sample=np.tile(np.arange(len(end)), len(segments.outputs)),
+        seen=seen,
+        sample=np.tile(np.flatnonzero(seen), len(segments.outputs)),
         place=np.tile(end[:, 0] * segments.grid.time.shape[1] + 2 * end[:, 1], len(segments.outputs)),
         ratio=ratio,
         own=own,
@@ -222,17 +230,17 @@ def _pooled(s: np.ndarray, same: bool) -> np.ndarray:
     return np.full(len(s), np.sqrt(np.mean(s**2))) if same else s
 
 
-def _check(samples: Trajectories, equations: tuple[str, ...], simulation: Simulation) -> None:
+def _check(samples: Trajectories, seen: np.ndarray, equations: tuple[str, ...], simulation: Simulation) -> None:
     lacking = [name for name in simulation.states if name not in simulation.equations and name not in equations]
     if lacking:
         raise InputError(
             f"The path of {lacking[0]!r} cannot be followed: the simulation has no equation for it. Give one, or give "
             "it as an input."
         )
-    if min(samples.run_lengths) < 2 * len(simulation.states) + 2:
-        raise InputError(
-            f"A run has {min(samples.run_lengths)} samples, too few for a path of {len(simulation.states)} states."
-        )
+    fewest = int(np.min(np.bincount(samples.run[seen], minlength=samples.n_run)))
+    if fewest < 2 * len(simulation.states) + 2:
+        clipped = "" if np.all(seen) else " that no sensor clipped"
+        raise InputError(f"A run has {fewest} samples{clipped}, too few for a path of {len(simulation.states)} states.")
 
 
 def _sizes(samples: Trajectories, simulation: Simulation) -> tuple[np.ndarray, float]:
@@ -256,12 +264,12 @@ def _sizes(samples: Trajectories, simulation: Simulation) -> tuple[np.ndarray, f
 
 
 def _observed(
-    rate: ForcedRate, samples: Trajectories, simulation: Simulation, grid: Grid, end: np.ndarray,
+    rate: ForcedRate, samples: Trajectories, seen: np.ndarray, simulation: Simulation, grid: Grid, end: np.ndarray,
     outputs: tuple[int, ...], s: np.ndarray, sizes: np.ndarray,
 ) -> Observed:  # fmt: skip
     n_segment, n_node = grid.time.shape
     values = np.full((n_segment, n_node // 2 + 1, len(outputs)), np.nan)
-    values[end[:, 0], end[:, 1]] = samples.matrix(samples.state_names)
+    values[end[seen, 0], end[seen, 1]] = samples.matrix(samples.state_names)[seen]
     every, runs = samples.matrix(samples.state_names), [samples.run == r for r in range(samples.n_run)]
     mean, hidden = np.zeros((n_segment, len(sizes))), []
     measured, middle = (np.array([f(every[own]) for own in runs]) for f in (lambda x: x[0], partial(np.median, axis=0)))
@@ -280,20 +288,21 @@ def _observed(
 
 
 def _first_path(
-    samples: Trajectories, simulation: Simulation, s: np.ndarray, slow: float
+    samples: Trajectories, seen: np.ndarray, simulation: Simulation, s: np.ndarray, slow: float
 ) -> Float[np.ndarray, "n_sample n_state"]:
     """States at the samples to begin with; NaN for hidden states that are no sampled one's rate."""
     path = np.full((samples.n_obs, len(simulation.states)), np.nan)
     for k, name in enumerate(samples.state_names):
         for own in runs_of(samples):
-            t, x = samples.time[own], samples.states[name][own]
+            shown = own[seen[own]]
+            t, x = samples.time[shown], samples.states[name][shown]
             # As stiff as the noise asks for, up to a tenth of the spread; what it misses the smoother finds.
             width = slow * min(1.0, 10 * s[k] / max(float(np.std(x)), 1e-300))
             spline = make_smoothing_spline(t, x, lam=0.1 * width**4) if len(t) > 4 else CubicSpline(t, x)
-            path[own, simulation.states.index(name)] = spline(t)
+            path[own, simulation.states.index(name)] = spline(samples.time[own])
             rate = simulation.rate_name(name)
             if rate is not None and rate not in samples.state_names:
-                path[own, simulation.states.index(rate)] = spline.derivative()(t)
+                path[own, simulation.states.index(rate)] = spline.derivative()(samples.time[own])
     return path
 
 

@@ -109,6 +109,14 @@ class RowKind(ABC):
         """
         return self
 
+    def left_out(self, data: Trajectories) -> tuple[str, ...]:
+        """What of the data is no row, in words.
+
+        Args:
+            data: Measurements.
+        """
+        return ()
+
     def unforced(self) -> "RowKind":
         """The rows, if they follow a path that an unknown force may move, along one that the model allows."""
         return self

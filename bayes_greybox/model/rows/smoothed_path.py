@@ -32,7 +32,7 @@ LOST = (
 
 
 def smoothest(
-    rate: ForcedRate, grid: Grid, observed: Observed, outputs: tuple[int, ...], end: np.ndarray, own: float,
+    rate: ForcedRate, grid: Grid, observed: Observed, outputs: tuple[int, ...], own: float,
     E: np.ndarray, first: np.ndarray, process_noise: bool,
 ) -> tuple[Float[np.ndarray, "n_segment n_end n_state"], float, float]:  # fmt: skip
     """Ends of the smoothed path at the likeliest intensity of the unknown force, that, and what it gains.
@@ -42,7 +42,6 @@ def smoothest(
         grid: Nodes.
         observed: Samples.
         outputs: Indices of the measured states.
-        end: Segment and end of the step of each sample.
         own: Intensity of a force as large as the path's own.
         E: Rates of the states by each unknown force.
         first: A path to begin with, NaN where there is none.
@@ -53,7 +52,7 @@ def smoothest(
         ends = filtered(rate, grid, observed, outputs, E, own * MIDDLING, rate.args)
     ratio, gained = own * MIDDLING, 0.0
     for turn in range((PASSES if process_noise else UNFORCED_PASSES) + 1):
-        near = segments_of(rate, grid, ends, outputs, end)
+        near = segments_of(rate, grid, ends, outputs)
         steps = steps_along(grid.time, ends, near.response, near.departure(rate.rates), E)
         if turn == 1 and not process_noise:
             ratio = own * float(RATIOS[0])

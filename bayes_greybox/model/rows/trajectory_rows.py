@@ -21,6 +21,7 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
+from bayes_greybox.data.clipping import clipped_in_words, clipped_states
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.noise.starts_noise import StartsNoise
 from bayes_greybox.data.noise.weighted import WeightedNoise
@@ -46,6 +47,8 @@ REMEMBERED = 4
 @dataclass(frozen=True)
 class TrajectoryRows(RowKind):
     """Samples of sensors as rows, for data without measured rates; states of the simulation may have no sensor at all.
+
+    Where a noisy sensor stays at the end of its range, samples are no rows: it shows less than there is.
 
     Attributes:
         substeps: Steps of the path between two samples; enough for the equations by default.
@@ -120,6 +123,10 @@ class TrajectoryRows(RowKind):
         """Rows with an unknown force in their noise."""
         return replace(self, force=float(intensity))
 
+    def left_out(self, data: Trajectories) -> tuple[str, ...]:
+        """Samples of clipped sensors."""
+        return tuple(clipped_in_words(name, rows) for name, rows in clipped_states(data.samples or data).items())
+
     def unforced(self) -> "TrajectoryRows":
         """Rows without process noise."""
         return replace(self, process_noise=False)
@@ -145,12 +152,12 @@ class TrajectoryRows(RowKind):
         """The rows that tell of all these equations; see `RowKind.shared_rows`."""
         path = self.path(data, equations, simulation)
         samples = data.samples or data
-        measured = samples.matrix(samples.state_names)
-        n_output = measured.shape[1]
-        lengths = samples.run_lengths * n_output
+        measured, run = samples.matrix(samples.state_names)[path.seen], samples.run[path.seen]
+        n_seen, n_output = measured.shape
+        lengths = tuple(np.bincount(run, minlength=samples.n_run).tolist()) * n_output
         # R is over σ², σ the noise of a typical sensor.
         typical = float(np.sqrt(np.mean(path.sensor_sd**2)))
-        white = WeightedNoise(WhiteNoise(lengths), np.repeat(path.sensor_sd / typical, samples.n_obs))
+        white = WeightedNoise(WhiteNoise(lengths), np.repeat(path.sensor_sd / typical, n_seen))
         # Noise of completed data was found on these rows; that of others is of rates.
         sensor = white if data.samples is None else data.noise.get(block_name(equations), white)
         noise = StartsNoise(sensor, path.starts / typical, cache(lambda: path.motion(typical)))
@@ -160,8 +167,8 @@ class TrajectoryRows(RowKind):
             measured=measured.T.ravel() / path.gain,
             simulated=path.simulated / path.gain,
             noise=noise.forced(self.force) if self.force and sensor.independent else noise,
-            time=np.tile(samples.time, n_output),
-            run=np.concatenate([samples.run + k * samples.n_run for k in range(n_output)]),
+            time=np.tile(samples.time[path.seen], n_output),
+            run=np.concatenate([run + k * samples.n_run for k in range(n_output)]),
             operator=path,
             gain=path.gain,
             unfollowed=path.unfollowed,

@@ -28,7 +28,9 @@ def starts_of(motion):
         for k in range(2):
             states = np.zeros((len(motion.M), 2))
             for i in np.flatnonzero(segment == s):
-                states[i] = np.eye(2)[k] * motion.start_sd[k] if motion.fresh[i] else motion.M[i] @ states[i - 1]
+                # A segment may begin before its first sample.
+                before = np.eye(2)[k] * motion.start_sd[k] if motion.fresh[i] else states[i - 1]
+                states[i] = motion.M[i] @ before
             columns.append(np.concatenate([states[:, output] for output in motion.outputs]))
     return np.column_stack(columns)
 
@@ -39,7 +41,7 @@ def dense(noise):
     P = np.zeros((n, n, 2, 2))
     for i in range(n):
         if motion.fresh[i]:
-            P[i, i] = np.diag(motion.start_sd**2)
+            P[i, i] = motion.M[i] @ np.diag(motion.start_sd**2) @ motion.M[i].T + noise.intensity * motion.G[i]
             continue
         for j in range(i):
             P[i, j] = motion.M[i] @ P[i - 1, j]

@@ -1,11 +1,11 @@
-"""Noise on samples of states: found where it is, never where it is not; sensors at their ends."""
+"""Noise on samples of states: found where it is, never where it is not; slips of sensors."""
 
 import numpy as np
 import pytest
 from sampled_paths import STEP, paths
 
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.discovery.suspects.samples import Smoother, clipped, misread
+from bayes_greybox.discovery.suspects.samples import Smoother, misread
 from bayes_greybox.physics.systems import duffing
 
 
@@ -59,32 +59,6 @@ def test_uneven_and_short_records_are_left_alone():
     t = np.arange(300) * STEP
     mixed = Trajectories.from_arrays(t, states={"x": rng.standard_normal(300)})
     assert smoothed(mixed)[0] is mixed
-
-
-def test_clipped_rows_are_those_at_the_sensors_ends():
-    t = np.arange(400) * STEP
-    x, run = np.sin(t) + 0.3 * np.sin(2.7 * t), np.zeros(400, int)
-    at_end = clipped({"x": np.clip(x, -0.8, 0.9)}, run)
-    np.testing.assert_array_equal(at_end["x"], (x > 0.9) | (x < -0.8))
-    unclipped = {"x": x, "constant": np.ones(400), "step": np.where(t > 10, 1.0, 0.0), "ramp": np.clip(t - 5, 0, 1)}
-    assert set(clipped(unclipped, run)) <= {"ramp"}
-
-
-def test_a_quantised_sensor_is_not_clipped():
-    t = np.arange(2000) * 0.01
-    rng = np.random.default_rng(0)
-    for step in (0.02, 0.05):
-        smooth = np.sin(t)
-        # At a turning point a slow quantised path stays on its last level.
-        noisy = smooth + 0.5 * step * rng.standard_normal(len(t))
-        found = clipped({"x": np.round(noisy / step) * step}, np.zeros(len(t), int))
-        assert found == {}
-
-
-def test_ends_of_runs_do_not_join():
-    x = np.array([0.0, 0.5, 1.0, 1.0, 1.0, 0.2, 0.1, 0.0])
-    run = np.array([0, 0, 0, 0, 1, 1, 1, 1])
-    assert clipped({"x": x}, run) == {}
 
 
 def test_a_fast_motion_sampled_coarsely_is_no_noise_where_its_rate_is_known():

@@ -11,6 +11,7 @@ from jaxtyping import Array, Float
 
 from bayes_greybox.criticism.bands import Band, band_holds
 from bayes_greybox.criticism.free_run import FreeRunner
+from bayes_greybox.data.clipping import clipped_states
 from bayes_greybox.data.starts import Starts, estimate_starts
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.answer.amendment import Added, Amendment
@@ -191,6 +192,7 @@ def _compared(
 ) -> tuple[dict[str, FreePath], list[tuple]]:
     """Paths and rows of the table, from integrated states: `n_before` of the model before, then those after."""
     paths, rows = {}, []
+    at_end = {} if data.samples is None else clipped_states(data.samples)
     for i, name in enumerate(data.state_names):
         measured = data.states[name]
         before, after = states[:n_before, :, i], states[n_before:, :, i]
@@ -203,7 +205,8 @@ def _compared(
             holds,
         )
         spread = float(np.std(measured))
-        alive = np.isfinite(states[:, :, i]).all(axis=0)
+        # A sensor at its end shows no error.
+        alive = np.isfinite(states[:, :, i]).all(axis=0) & ~at_end.get(name, np.zeros(data.n_obs, bool))
 
         def error(values: np.ndarray, measured=measured, alive=alive, spread=spread) -> Any:
             return over(np.sqrt(np.mean((measured[alive] - values[..., alive]) ** 2, axis=-1)), spread)

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from bayes_greybox.data.clipping import seen_samples
 from bayes_greybox.data.sample_noise import NORMAL_MEDIAN, sample_noise
 from bayes_greybox.data.starts import Starts
 from bayes_greybox.data.trajectories import Trajectories
@@ -112,4 +113,5 @@ def _own_noise(data: Trajectories) -> float:
     samples = data.samples
     if samples is None or len(samples.state_names) > 1:
         return 0.0
-    return float(sample_noise(samples.time, samples.matrix(samples.state_names), samples.run_lengths)[0]) ** 2
+    shown = replace(samples, noise={}).keep(seen_samples(samples))
+    return float(sample_noise(shown.time, shown.matrix(shown.state_names), shown.run_lengths)[0]) ** 2
