@@ -1,7 +1,7 @@
 """The two objects that users hold: GreyBox, the model, and Fit, its posterior. Every method is one call into a room."""
 
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -22,6 +22,7 @@ from bayes_greybox.criticism.trade_off import TradeOff, strongest_trade_off
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.inference import netcdf
 from bayes_greybox.inference.posterior import Posterior, Sampling, add_group, sample_posterior
+from bayes_greybox.inference.refinement.refine import refine
 from bayes_greybox.model.gp.discrepancy import OrthogonalGP
 from bayes_greybox.model.gp.features import HilbertBasis
 from bayes_greybox.model.program import Program
@@ -146,6 +147,51 @@ class Fit(Posterior):
         """Power-scaling sensitivity of θ and P(γ) to prior and likelihood, by (equation, quantity)."""
         return checks(self).sensitivity
 
+    def refine(
+        self,
+        *,
+        draws: int = 1000,
+        tune: int = 500,
+        chains: int = 4,
+        seed: int = 0,
+        target_accept: float = 0.8,
+        starts: Mapping[str, tuple[float, float]] | None = None,
+        noise: Mapping[str, tuple[float, float]] | None = None,
+        progress: bool = True,
+    ) -> "Fit":
+        """The exact trajectory posterior of a fit to samples, by NUTS through the integrated paths.
+
+            y ~ N(h(x(·; θ, f, x₀)), σ² R₀),   dx/dt = g(x, u) + e_k (Φ(x, u) θ + Ψ̃(x, u) w),   x₀ ~ N(m, s²)
+
+        The rows of a fit are linear near its model; here paths are followed anew at every step. Draws of the fit are
+        where the chains start, and their covariance is the metric. Under a prior with inclusion the likeliest pattern
+        is given, and f keeps its orthogonal basis. Starts are those of the path's segments.
+
+        Args:
+            draws: Draws kept in each chain.
+            tune: Warm-up iterations of each chain.
+            chains: Number of chains, run in parallel threads.
+            seed: Seed of everything random in the run.
+            target_accept: Target acceptance probability of NUTS.
+            starts: Prior mean and standard deviation of states where runs start, by state, user's units; by default
+                ten times the states' sizes around the reference path.
+            noise: Prior median of the noise of each sensor and standard deviation of its logarithm, by state, user's
+                units: each sensor then has its own. By default they have one, in the proportions of the path's
+                residuals.
+            progress: Whether to show a progress bar.
+
+        Returns:
+            A fit whose posterior has `e_start` [segment, state], and `e_sensor_sigma` where sensors have their own.
+            Checks, leave-one-out and pages, which are found from linear rows, are those of this fit.
+
+        Raises:
+            InputError: Rows of rates, whose posterior is exact already; an unknown force in the noise; priors of
+                states that there are not.
+        """
+        sampling = Sampling(draws, tune, chains, seed, target_accept, exact=True)
+        refined = refine(self, sampling, starts, noise, progress)
+        return Fit(refined.model, refined.data, sampling, refined.idata)
+
     def save(self, path: str | os.PathLike) -> None:
         """Write posterior, data, model, settings, versions and seed to one netCDF file."""
         netcdf.save(self, path)
@@ -161,7 +207,8 @@ class Fit(Posterior):
         """Model in one line and the verdict in words."""
         s = self.sampling
         terms = ", ".join(f"{name}: {len(e.frame.dictionary)} terms" for name, e in self.equations.items())
-        about = f"{self.model.prior_text} prior; {self.data.n_obs} rows; {s.chains} x {s.draws} draws"
+        exact = " of exact paths" if s.exact else ""
+        about = f"{self.model.prior_text} prior; {self.data.n_obs} rows; {s.chains} x {s.draws} draws{exact}"
         return "\n".join([f"Fit of {terms}; {about}", *self.model.rows.left_out(self.data), str(self.verdict)])
 
     def _complete(self) -> None:

@@ -50,12 +50,18 @@ class Study(StudyResult):
             interpolation: Of the inputs between samples, as in `find_missing_effects`.
 
         Raises:
-            InputError: A state has no equation to integrate.
+            InputError: A state has no equation to integrate; only outputs were studied.
         """
-        simulation = self.model.simulator(data)
+        moving = {name: each for name, each in self.amendments.items() if not self.train.is_output(name)}
+        if not moving:
+            studied = ", ".join(self.amendments)
+            raise InputError(
+                f"There is nothing to integrate: what was studied, {studied}, has no derivative in its equation."
+            )
+        simulation = self.model.simulator(data, lacking=True)
         if not set(simulation.states) <= set(data.state_names):
             data = self.model.rows.complete_all(data, tuple(self.amendments), simulation)
-        paths = FreeRuns(self.base.centred(), self.amendments, interpolation)(data, "")[0]
+        paths = FreeRuns(self.base.centred(), moving, interpolation)(data, "")[0]
         if not paths:
             raise InputError("A state of the data has no equation to integrate: add it to the simulation.")
         return paths
@@ -112,7 +118,7 @@ def find_missing_effects(
     Args:
         model: Simulation, and the terms whose coefficients are to be learned anyway. `model.discrepancy` says what f
             depends on.
-        train: Measurements with the rates of the equations in question.
+        train: Measurements with the rates of the equations in question, or with the outputs.
         test: Measurements that no explanation is weighed on: they show what became of the gap, and may only speak
             against the answer. Where the training data were differentiated and these are not, they are, by the same
             filter.

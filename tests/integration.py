@@ -27,4 +27,4 @@ def integrate(rhs, t, x0, inputs=None, args=None, *, scale=None, interpolation="
         return follow_piece(rhs, start, piece, limits, args, kinds, **options)
 
     _, found = jax.lax.scan(follow, (x0, jnp.asarray(True)), samples)
-    return Path(*joined(x0, t, *found))
+    return Path(*joined(x0, t, *found[:2]))

@@ -343,6 +343,14 @@ def test_a_test_table_has_the_columns_of_the_training_table(tmp_path):
     np.testing.assert_allclose(test.states["y"], held_out["y"], rtol=1e-15)
 
 
+def test_a_table_may_have_outputs_and_no_states(tmp_path):
+    frame = table(tmp_path)
+    text = '[data]\npath = "run.csv"\ntime = "t"\nstates = []\ninputs = ["y"]\noutputs = { R = "a" }\n'
+    train, _ = config(tmp_path, text + '[dictionary]\nR = ["y"]\n').read_data()
+    assert train.state_names == () and train.output_names == ("R",)
+    np.testing.assert_allclose(train.rate("R"), frame["a"], rtol=1e-15)
+
+
 def test_no_test_data_means_none(tmp_path):
     table(tmp_path)
     assert config(tmp_path, TABLE + DICTIONARY).read_data()[1] is None

@@ -68,6 +68,12 @@ def trap_tables(table: pd.DataFrame) -> Iterator[RenderableType]:
     yield frame_table("Counts", counts(table))
 
 
+def map_tables(table: pd.DataFrame) -> Iterator[RenderableType]:
+    """Names, controls, coverage and held-out error of each map."""
+    title = "Effects found from outputs; coverage of 90 % intervals; held-out error over that of the noise"
+    yield frame_table(title, table)
+
+
 def coverage_tables(table: pd.DataFrame) -> Iterator[RenderableType]:
     """Coverage of each coefficient by noise and kind of rows."""
     title = "Share of 90 % intervals that hold the truth, of each coefficient; bias in SDs; SD of the last"

@@ -55,6 +55,8 @@ class Benchmark(StrEnum):
     sampled_traps = "sampled-traps"
     sampled_coverage = "sampled-coverage"
     published_odes = "published-odes"
+    static_maps = "static-maps"
+    hudson_bay = "hudson-bay"
 
 
 class Families(StrEnum):
@@ -319,7 +321,9 @@ def benchmark(
     axis, a beam, an oscillator under noise of several kinds, two masses, tanks, predators and prey. sampled-traps
     tempts the study to wrong names: sensors and inputs that lie, machines that no catalogue has, with controls.
     sampled-coverage counts how often intervals of coefficients hold the truth in samples. published-odes finds
-    parameters of differential equations from noisy samples, beside published results.
+    parameters of differential equations from noisy samples, beside published results. static-maps studies forces
+    and flows that were measured beside what they depend on, without any derivative. hudson-bay compares the exact
+    trajectory posterior with a reference, and with the model written by hand.
     """
     from bayes_greybox.cli.benchmarking import run_benchmark
 

@@ -51,6 +51,12 @@ def run_benchmark(
         if cases is not None:
             raise InputError("--cases does not apply to published-odes; --replicates sets its size.")
         return _published_odes(folder, replicates, seed, progress)
+    if name == "hudson-bay":
+        if cases is not None or replicates is not None:
+            raise InputError("hudson-bay is one data set: leave --cases and --replicates out.")
+        return _hudson_bay(folder, seed, progress)
+    if name == "static-maps":
+        return _static_maps(folder, cases, replicates, seed, progress)
     if replicates is not None:
         raise InputError("--replicates does not apply to hidden-effects; --cases sets how many are run.")
     from bayes_greybox.benchmarks.hidden_effects.assumptions.cases import assumption_cases
@@ -140,6 +146,26 @@ def _sampled_coverage(folder: Path, replicates: int | None, seed: int, progress:
 
     table = run(folder, repeats=replicates or REPEATS, seed=seed, progress=progress)
     show(*coverage_tables(table), f"\nResults are in {folder}.")
+    return DONE
+
+
+def _hudson_bay(folder: Path, seed: int, progress: bool) -> int:
+    from bayes_greybox.benchmarks.hudson_bay.run import run
+    from bayes_greybox.report.terminal.tables import frame_table
+
+    quantities, samplers = run(folder, seed=seed, progress=progress)
+    title = "Errors over the reference's standard deviations; standard deviations over its own"
+    show(frame_table(title, quantities), frame_table("Samplers", samplers), f"\nResults are in {folder}.")
+    return DONE
+
+
+def _static_maps(folder: Path, cases: int | None, replicates: int | None, seed: int, progress: bool) -> int:
+    from bayes_greybox.benchmarks.static_maps.maps import maps
+    from bayes_greybox.benchmarks.static_maps.run import REPLICATES, run
+    from bayes_greybox.benchmarks.tables import map_tables
+
+    table = run(folder, list(maps())[:cases], replicates=replicates or REPLICATES, seed=seed, progress=progress)
+    show(*map_tables(table), f"\nResults are in {folder}.")
     return DONE
 
 

@@ -79,6 +79,7 @@ class TableSource(Source):
     states: Annotated[list[str] | dict[str, str], BeforeValidator(lambda v: _names(v))]
     inputs: Annotated[list[str] | dict[str, str], BeforeValidator(lambda v: _names(v))] = []
     derivatives: dict[str, str] = {}
+    outputs: Annotated[list[str] | dict[str, str], BeforeValidator(lambda v: _names(v))] = []
     trajectory: str | None = None
     units: dict[str, str] = {}
     missing: Literal["error", "drop"] = "error"

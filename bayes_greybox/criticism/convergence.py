@@ -179,7 +179,9 @@ def array_stats() -> Any:
 
 def _judged(posterior: Posterior) -> Iterator[tuple[str, Float[np.ndarray, "n_chain n_draw"]]]:
     group = posterior.idata["posterior"].dataset
-    left_out = {own[name] for own in posterior.sites.values() for name in _NOT_JUDGED}
+    # On exact paths the weights of f are sampled as everything else.
+    drawn = _NOT_JUDGED[1:] if posterior.sampling.exact else _NOT_JUDGED
+    left_out = {own[name] for own in posterior.sites.values() for name in drawn}
     for name, variable in group.data_vars.items():
         if name in left_out:
             continue

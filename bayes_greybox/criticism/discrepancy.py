@@ -10,7 +10,7 @@ from scipy.spatial import KDTree
 
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.inference.posterior import Posterior
-from bayes_greybox.physics.units import derivative_unit
+from bayes_greybox.physics.units import target_unit
 
 from .bands import Band
 from .prediction import PREDICTION_DRAWS, discrepancy_draws
@@ -161,7 +161,7 @@ def discrepancy_grid(
         inside=support(points, axes),
         points=points,
         units=tuple(units.get(name, "") for name in variables),
-        unit=derivative_unit(equation, units),
+        unit=target_unit(equation, data),
         fixed={name: value for name, value in others.items() if name in frame.variables},
         level=level,
     )

@@ -1,10 +1,11 @@
 """Free runs: the whole model integrated from its start and then left alone, with bands that say what they hold."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
+import diffrax
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -15,13 +16,25 @@ from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.starts import estimate_starts
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.inference.posterior import Posterior
-from bayes_greybox.physics.integrate import Limits, Samples, between_samples, cut, follow_piece, joined, limits_of
+from bayes_greybox.inference.whole_rate import whole_rate
+from bayes_greybox.physics.integrate import (
+    Limits,
+    Samples,
+    between_samples_of_runs,
+    cut,
+    follow_piece,
+    joined,
+    limits_of,
+)
 
 from .bands import Band, band_holds
 from .prediction import require_columns
 
 FREE_RUN_DRAWS = 50
 """Posterior draws that a free run integrates."""
+
+STIFF = diffrax.Kvaerno5()
+"""Method for equations that an explicit one spends its steps on."""
 
 
 @dataclass(frozen=True)
@@ -67,7 +80,8 @@ def free_run(
     start where they were measured.
 
     Args:
-        posterior: Fitted model; every state needs an equation, in the simulation or in the dictionary.
+        posterior: Fitted model; every state needs an equation, in the simulation or in the dictionary. Outputs have no
+            part in it.
         data: Runs to follow: their times, starts and inputs are used.
         level: Probability of the bands.
         at_most: Posterior draws integrated.
@@ -75,13 +89,19 @@ def free_run(
         interpolation: Of the inputs between samples, see `FreeRunner`; by default that of the rows.
 
     Raises:
-        InputError: States without an equation; a model on the exact path, whose f has no finite expansion.
+        InputError: States without an equation; outputs alone that were learned; a model on the exact path, whose f has
+            no finite expansion.
     """
     require_columns(posterior, data)
-    learned = posterior.learned()
+    learned = {name: each for name, each in posterior.learned().items() if not posterior.data.is_output(name)}
+    if not learned:
+        raise InputError(
+            f"There is nothing to integrate: what the model learns, {', '.join(posterior.model.equations)}, has no "
+            "derivative in its equation; fit.predict(data) gives its values."
+        )
     if not all(each.equation.design.expands for each in learned.values()):
         raise InputError("A free run needs f at every step: fit with OrthogonalGP(path='hsgp').")
-    simulation = posterior.model.simulator(data)
+    simulation = posterior.model.simulator(data, lacking=True)
     idle = [s for s in data.state_names if s not in simulation.equations and s not in learned]
     if idle:
         raise InputError(
@@ -97,19 +117,9 @@ def free_run(
         draws = each.of(posterior.draws(each.block))
         parameters[name] = (jnp.asarray(draws.theta[pick]), jnp.asarray(draws.weight[pick]))
 
-    def right_hand_side(t: Array, x: Array, u: Array, args: dict) -> Array:
-        rate = simulation.rate(t, x, u)
-        names = (*data.state_names, *data.input_names)
-        columns = {name: value[None] for name, value in zip(names, (*x, *u), strict=True)}
-        for name, (theta, weight) in args.items():
-            frame = learned[name].frame
-            Phi, Psi = frame.rows(columns)
-            added = frame.target_scale * (Phi[0] @ theta + Psi[0] @ weight)
-            rate = rate.at[data.state_names.index(name)].add(added)
-        return rate
-
+    rate = whole_rate(simulation, learned, data.columns)
     kinds = posterior.model.rows.interpolation if interpolation is None else interpolation
-    states, failed_at = FreeRunner(right_hand_side, kinds)(data, parameters, starts.draws(len(pick), rng))
+    states, failed_at = FreeRunner(rate, kinds)(data, parameters, starts.draws(len(pick), rng))
     bands = {name: Band.surviving(states[:, :, i], level) for i, name in enumerate(data.state_names)}
     lost = [times[np.isfinite(times)] for times in failed_at]
     failed = np.array([len(times) / len(every) for times, every in zip(lost, failed_at, strict=True)])
@@ -142,10 +152,14 @@ class FreeRunner:
     ) -> None:
         self.interpolation = interpolation
 
-        @partial(jax.jit, static_argnames="kinds")
-        def follow(start: Any, samples: Samples, limits: Limits, parameters: Any, kinds: tuple[str, ...]) -> Any:
+        @partial(jax.jit, static_argnames=("kinds", "stiff"))
+        def follow(
+            start: Any, samples: Samples, limits: Limits, parameters: Any, kinds: tuple[str, ...], stiff: bool
+        ) -> Any:
             def one(start: Any, x0: Array, args: Any) -> Any:
-                return follow_piece(right_hand_side, start, samples, limits._replace(x0=x0), args, kinds, **options)
+                own = limits._replace(x0=x0)
+                solver = STIFF if stiff else None
+                return follow_piece(right_hand_side, start, samples, own, args, kinds, solver=solver, **options)
 
             return jax.vmap(one)(start, limits.x0, parameters)
 
@@ -167,6 +181,8 @@ class FreeRunner:
         Returns:
             States at the rows of the data, NaN from where a run failed; and the time of each failure, NaN where none.
         """
+        # Noise is of rows, and runs are of samples.
+        data = replace(data, noise={})
         size = np.sqrt(np.mean(data.matrix(data.state_names) ** 2, axis=0))
         size = np.where(size > 0, size, 1.0)
         runs = [data.take(i) for i in range(data.n_run)]
@@ -176,7 +192,7 @@ class FreeRunner:
             starts = np.tile(measured, (n_draw, 1, 1))
         kinds = self.interpolation
         if kinds is None:
-            kinds = _most_cautious([between_samples(run.time, run.matrix(data.input_names)) for run in runs])
+            kinds = between_samples_of_runs([(run.time, run.matrix(data.input_names)) for run in runs])
         states, failed_at = [], []
         for i, run in enumerate(runs):
             u = run.matrix(data.input_names) if data.input_names else None
@@ -189,14 +205,21 @@ class FreeRunner:
         self, t: Array, u: np.ndarray | None, kinds: str | Sequence[str], x0: Array, size: np.ndarray, parameters: Any
     ) -> tuple[Array, Array]:
         samples, kinds = cut(t, u, kinds)
-        limits, start, pieces = limits_of(t, x0, size), (x0, jnp.ones(len(x0), bool)), []
-        for i in range(len(samples.times)):
-            start, piece = self._follow(start, Samples(*(part[i] for part in samples)), limits, parameters, kinds=kinds)
-            pieces.append(piece)
+        limits = limits_of(t, x0, size)
+
+        def whole(stiff: bool) -> tuple[list[Any], bool]:
+            start, pieces = (x0, jnp.ones(len(x0), bool)), []
+            for i in range(len(samples.times)):
+                piece = Samples(*(part[i] for part in samples))
+                start, (states, failed, exhausted) = self._follow(start, piece, limits, parameters, kinds, stiff)
+                pieces.append((states, failed))
+                if not stiff and bool(jnp.any(exhausted)):
+                    return pieces, True
+            return pieces, False
+
+        # An implicit method takes longer to compile, and where nothing is stiff to run.
+        pieces, exhausted = whole(False)
+        if exhausted:
+            pieces, _ = whole(True)
         states, failed_at = (jnp.stack(parts, axis=1) for parts in zip(*pieces, strict=True))
         return jax.vmap(joined, in_axes=(0, None, 0, 0))(x0, t, states, failed_at)
-
-
-def _most_cautious(kinds: list[tuple[str, ...]]) -> tuple[str, ...]:
-    """For each input "cubic" where all runs say so: a step in one run is a step."""
-    return tuple("cubic" if set(each) == {"cubic"} else "linear" for each in zip(*kinds, strict=True))

@@ -5,7 +5,7 @@ import pandas as pd
 
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.inference.posterior import Posterior
-from bayes_greybox.physics.units import coefficient_unit, derivative_unit
+from bayes_greybox.physics.units import coefficient_unit, target_unit
 
 ROPE = 0.01
 """Default region of practical equivalence: terms that move the target by less than one percent of its RMS."""
@@ -65,7 +65,7 @@ def inclusion(posterior: Posterior, level: float = 0.9, rope: float = ROPE) -> p
             certain |= {"outside_rope": moves, "shrinkage": 1.0}
             table.loc[term.name] = [certain[column] for column in table]
         units = dict(posterior.data.units)
-        target = derivative_unit(name, units)
+        target = target_unit(name, posterior.data)
         terms = (*frame.dictionary.terms, *(term for term, _ in known))
         table["unit"] = [coefficient_unit(target, term, units) for term in terms]
         table.index = pd.MultiIndex.from_product([[name], table.index], names=["equation", "term"])

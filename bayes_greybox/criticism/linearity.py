@@ -61,6 +61,7 @@ def linearity(posterior: Posterior, equation: str) -> Linearity:
     """
     entry = posterior.equations[equation]
     design, frame, rows = entry.design, entry.frame, entry.rows
+    posterior.require_rows("Linearity is found")
     draws = posterior.draws(equation, draws_followed(rows))
     if rows.exact is not None and not design.expands and draws.f.shape[1]:
         return Linearity(math.nan, khat_threshold(max(len(draws.theta), MIN_DRAWS)))

@@ -31,8 +31,8 @@ class EquationPrediction:
     """Prediction of one equation.
 
     Attributes:
-        rate: dx/dt without noise: simulation + dictionary + f.
-        measurement: dx/dt as it would be measured, noise included.
+        rate: dx/dt, or an output itself, without noise: simulation + dictionary + f.
+        measurement: The same as it would be measured, noise included.
         discrepancy: f alone.
         simulation: The simulation's rate.
         inside: Rows inside the box of the training data; elsewhere f extrapolates.
@@ -63,15 +63,16 @@ class Prediction(Mapping[str, EquationPrediction]):
         return len(self.equations)
 
     def nmse(self) -> pd.Series:
-        """Normalised mean square error of the predicted rate, mean((ẏ − ŷ)²)/var(ẏ), by equation.
+        """Normalised mean square error of the predicted rate or output, mean((ẏ − ŷ)²)/var(ẏ), by equation.
 
         Raises:
-            InputError: If the data have no derivative to compare with.
+            InputError: If the data have no derivative, or no output, to compare with.
         """
         errors = {}
         for name, predicted in self.equations.items():
             if name not in self.data.derivatives:
-                raise InputError(f"The data have no derivative of {name!r} to compare the prediction with.")
+                what = f"derivative of {name!r}" if name in self.data.states else repr(name)
+                raise InputError(f"The data have no {what} to compare the prediction with.")
             errors[name] = float(nmse(self.data.derivatives[name], predicted.rate.mean))
         return pd.Series(errors, name="nmse")
 
@@ -109,7 +110,7 @@ def predict(
         InputError: If the data lack a state or input of the model.
     """
     require_columns(posterior, data)
-    simulation = posterior.model.simulator(data)
+    simulation = posterior.model.simulator(data, lacking=True)
     predictions = {}
     for name, learned in posterior.learned().items():
         g, frame, design = simulation.on(data, name), learned.frame, learned.equation.design

@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 
 from bayes_greybox.inference.posterior import Posterior
-from bayes_greybox.physics.units import derivative_unit
+from bayes_greybox.physics.units import target_unit
 
 from .inclusion import inclusion
 
@@ -35,7 +35,7 @@ def summary(posterior: Posterior, level: float = 0.9) -> pd.DataFrame:
             label: (group[own.theta].isel({own["term"]: j}).to_numpy(), terms.loc[label, "unit"])
             for j, label in enumerate(frame.labels)
         }
-        rate_unit = derivative_unit(name, posterior.data.units)
+        rate_unit = target_unit(name, posterior.data)
         quantities[(name, "sigma")] = (group[own.sigma].to_numpy(), rate_unit)
         if own.amplitude in group:
             quantities[(name, "amplitude")] = (group[own.amplitude].to_numpy(), rate_unit)

@@ -15,7 +15,7 @@ from bayes_greybox.model.equation import Equation
 from bayes_greybox.model.gp.hyper import Hyperparameters
 from bayes_greybox.model.likelihood import CollapsedNormal
 from bayes_greybox.model.priors import Scales
-from bayes_greybox.physics.units import coefficient_unit, derivative_unit
+from bayes_greybox.physics.units import coefficient_unit, target_unit
 
 from .prediction import PREDICTION_DRAWS
 
@@ -91,7 +91,7 @@ def strongest_trade_off(posterior: Posterior, equation: str) -> TradeOff:
         theta=both.theta[:, j] * scale,
         projection=both.projection[:, j] * scale,
         correlation=float(both.correlation[j]),
-        unit=coefficient_unit(derivative_unit(equation, units), entry.frame.dictionary.terms[j], units),
+        unit=coefficient_unit(target_unit(equation, posterior.data), entry.frame.dictionary.terms[j], units),
     )
 
 

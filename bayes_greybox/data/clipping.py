@@ -73,4 +73,6 @@ def seen_samples(samples: Trajectories) -> Bool[np.ndarray, " n_obs"]:
     Args:
         samples: What the sensors showed.
     """
+    if samples.unseen is not None:
+        return ~samples.unseen
     return ~np.any([np.zeros(samples.n_obs, bool), *clipped_states(samples).values()], axis=0)

@@ -43,11 +43,17 @@ def name_runs(given: Sequence[str] | None, n_run: int) -> tuple[str, ...]:
     return names
 
 
-def check_names(states: Mapping[str, Any], inputs: Mapping[str, Any], derivatives: Mapping[str, Any]) -> None:
+def check_names(
+    states: Mapping[str, Any], inputs: Mapping[str, Any], derivatives: Mapping[str, Any], outputs: Mapping[str, Any]
+) -> None:
     """Refuse names that expressions cannot use, that clash, or that belong to no state."""
-    if not states:
+    if not states and not outputs:
         raise InputError("There is no state; give at least one column in states={...}.")
-    for name in (*states, *inputs):
+    if not states and not inputs:
+        raise InputError(
+            "There is nothing that an output could depend on; give at least one column in states={...} or inputs={...}."
+        )
+    for name in (*states, *inputs, *outputs):
         if not (isinstance(name, str) and name.isidentifier()):
             raise InputError(
                 f"{name!r} cannot be used as a name in expressions; use letters, digits and underscores, "
@@ -58,6 +64,10 @@ def check_names(states: Mapping[str, Any], inputs: Mapping[str, Any], derivative
     for name in inputs:
         if name in states:
             raise InputError(f'"{name}" is both a state and an input; rename one or leave one out.')
+    for name in outputs:
+        if name in states or name in inputs:
+            what = "a state" if name in states else "an input"
+            raise InputError(f'"{name}" is both an output and {what}; rename one or leave one out.')
     for name in derivatives:
         if name not in states:
             raise InputError(
@@ -65,9 +75,11 @@ def check_names(states: Mapping[str, Any], inputs: Mapping[str, Any], derivative
             )
 
 
-def check_units(units: Mapping[str, str], states: Mapping[str, Any], inputs: Mapping[str, Any]) -> None:
+def check_units(
+    units: Mapping[str, str], states: Mapping[str, Any], inputs: Mapping[str, Any], outputs: Mapping[str, Any]
+) -> None:
     """Refuse units of columns that do not exist."""
-    known = ["t", *states, *inputs, *(derivative_label(name) for name in states)]
+    known = ["t", *states, *inputs, *outputs, *(derivative_label(name) for name in states)]
     for name in units:
         if name not in known:
             raise InputError(f'A unit is given for "{name}", which is no column; the columns are {", ".join(known)}.')

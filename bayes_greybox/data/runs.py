@@ -36,7 +36,7 @@ class Runs:
         return len(self.time)
 
     def rate(self, state: str) -> Float[np.ndarray, " n_obs"]:
-        """The measured derivative of a state.
+        """The measured derivative of a state, or an output as it was measured.
 
         Raises:
             InputError: if the data have none.
@@ -70,7 +70,25 @@ class Runs:
     @property
     def derivative_names(self) -> tuple[str, ...]:
         """States whose derivative is known, in order."""
-        return tuple(self.derivatives)
+        return tuple(name for name in self.derivatives if name in self.states)
+
+    @property
+    def output_names(self) -> tuple[str, ...]:
+        """Names of the outputs, in order: measured quantities whose equations have no derivative in them."""
+        return tuple(name for name in self.derivatives if name not in self.states)
+
+    def is_output(self, name: str) -> bool:
+        """Whether an equation is that of an output, and not of a state."""
+        return name in self.derivatives and name not in self.states
+
+    def target_label(self, name: str) -> str:
+        """What the equation of a state or an output gives, such as d(y)/dt or F."""
+        return name if self.is_output(name) else derivative_label(name, self.time_name)
+
+    def target_in_words(self, *names: str, article: str = "") -> str:
+        """The same in a sentence, after "measured" or an article: outputs by their names, anything else is a rate."""
+        words = [name if self.is_output(name) else f"{article}rate" for name in names] or [f"{article}rate"]
+        return " and ".join(dict.fromkeys(words))
 
     @property
     def run_lengths(self) -> tuple[int, ...]:
@@ -100,7 +118,7 @@ class Runs:
         return np.column_stack([self.column(name) for name in names])
 
     def unit(self, name: str) -> str | None:
-        """Unit of a state, an input or the time ("t"); None if it was not given."""
+        """Unit of a state, an input, an output or the time ("t"); None if it was not given."""
         return self.units.get(name)
 
     def derivative_unit(self, name: str) -> str | None:
@@ -114,7 +132,8 @@ class Runs:
         rows += [(k, "state", self.unit(k), v) for k, v in self.states.items()]
         rows += [(k, "input", self.unit(k), v) for k, v in self.inputs.items()]
         rows += [
-            (derivative_label(k, self.time_name), "derivative", self.derivative_unit(k), v)
-            for k, v in self.derivatives.items()
+            (self.target_label(k), "derivative", self.derivative_unit(k), self.derivatives[k])
+            for k in self.derivative_names
         ]
+        rows += [(k, "output", self.unit(k), self.derivatives[k]) for k in self.output_names]
         return summary_table(rows)

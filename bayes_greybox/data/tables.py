@@ -18,9 +18,10 @@ def read_table(
     path: str | Path,
     *,
     time: str | None = None,
-    states: Sequence[str] | Mapping[str, str],
+    states: Sequence[str] | Mapping[str, str] = (),
     inputs: Sequence[str] | Mapping[str, str] = (),
     derivatives: Mapping[str, str] | None = None,
+    outputs: Sequence[str] | Mapping[str, str] = (),
     trajectory: str | None = None,
     dt: float | None = None,
     units: Mapping[str, str] | None = None,
@@ -36,9 +37,10 @@ def read_table(
         states: names of state columns, or a mapping of state name to column.
         inputs: names of input columns, or a mapping of input name to column.
         derivatives: mapping of state name to the column of its measured derivative.
+        outputs: names of output columns, or a mapping of output name to column (see `Trajectories.from_arrays`).
         trajectory: column whose value tells the runs apart; rows of a run keep their order.
         dt: sample spacing, in units of time, where the file has no time column.
-        units: unit by state, input or time column ("t" also names the time).
+        units: unit by state, input, output or time column ("t" also names the time).
         missing: as in `Trajectories.from_arrays`.
         constant: as in `Trajectories.from_arrays`.
 
@@ -57,6 +59,7 @@ def read_table(
     if len(table) == 0:
         raise InputError(f'"{path}" has no rows.')
     state_columns, input_columns = _mapping(states, "states"), _mapping(inputs, "inputs")
+    output_columns = _mapping(outputs, "outputs")
     groups = [np.arange(len(table))]
     run_names = None
     if trajectory is not None:
@@ -79,6 +82,7 @@ def read_table(
         states={name: runs(column) for name, column in state_columns.items()},
         inputs={name: runs(column) for name, column in input_columns.items()},
         derivatives={name: runs(column) for name, column in (derivatives or {}).items()},
+        outputs={name: runs(column) for name, column in output_columns.items()},
         units={"t" if name == time else name: unit for name, unit in (units or {}).items()},
         run_names=run_names,
         missing=missing,

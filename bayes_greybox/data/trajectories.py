@@ -1,4 +1,4 @@
-"""Measured runs: time, states, inputs and measured derivatives, stacked row by row."""
+"""Measured runs: time, states, inputs, measured derivatives and outputs, stacked row by row."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -39,27 +39,32 @@ class Trajectories(Runs):
         run: number of the run of each row, 0, 1, …, in order.
         states: state columns by name.
         inputs: input columns by name.
-        derivatives: time derivative of the state with that name.
+        derivatives: time derivative of the state with that name; and under a name that is no state's an output, a
+            measured quantity whose equation has no derivative in it.
         units: unit by column name; the time's under "t", a derivative's under "d(name)/dt" if it was given.
-        noise: covariance of derivative rows by state name; a missing name means independent rows.
+        noise: covariance of the rows of derivatives and outputs by name; a missing name means independent rows.
         run_names: name of each run.
         dropped: rows left out so far (missing values, edges of filters).
         time_name: name of the time in expressions and tables.
         filter: what computed the derivatives; None if they were measured, or there are none.
         samples: what the sensors showed, where states are a path through it and rates are that path's; None where the
             states are the samples.
+        unseen: rows at which a sensor was known to be at its end before the samples were put right; None where they
+            tell it themselves.
     """
 
     samples: "Trajectories | None" = None
+    unseen: Bool[np.ndarray, " n_obs"] | None = None
 
     @classmethod
     def from_arrays(
         cls,
         t: Any,
         *,
-        states: Mapping[str, Any],
+        states: Mapping[str, Any] | None = None,
         derivatives: Mapping[str, Any] | None = None,
         inputs: Mapping[str, Any] | None = None,
+        outputs: Mapping[str, Any] | None = None,
         units: Mapping[str, str] | None = None,
         run_names: Sequence[str] | None = None,
         missing: Literal["error", "drop"] = "error",
@@ -68,10 +73,13 @@ class Trajectories(Runs):
         """Build from arrays, one for each column, or from lists of arrays, one for each run.
 
         Args:
-            t: time stamps, (n,), or a list of such arrays of any lengths, one for each run.
-            states: state columns by name, each shaped as `t`.
+            t: time stamps, (n,), or a list of such arrays of any lengths, one for each run; numbers of the rows where
+                these have no order in time, as those of a map that was measured point by point.
+            states: state columns by name, each shaped as `t`; beside inputs and outputs there may be none.
             derivatives: measured time derivative of the state with that name, if there is one.
             inputs: input columns by name.
+            outputs: columns by name that were measured beside states and inputs and follow from these of the same row,
+                F = g(x, u) + …, such as a force or a flow.
             units: unit by column name, the time's under "t", a derivative's under "d(name)/dt".
             run_names: names of the runs; "0", "1", … if left out.
             missing: "error" refuses NaN and infinite values, "drop" leaves out their rows and counts them in
@@ -87,13 +95,15 @@ class Trajectories(Runs):
         """
         runs = several(t)
         names = name_runs(run_names, len(runs))
-        inputs, derivatives, units = inputs or {}, derivatives or {}, units or {}
-        check_names(states, inputs, derivatives)
-        check_units(units, states, inputs)
+        states, inputs, derivatives, units = states or {}, inputs or {}, derivatives or {}, units or {}
+        outputs = outputs or {}
+        check_names(states, inputs, derivatives, outputs)
+        check_units(units, states, inputs, outputs)
         labels = {"time": ("time", t)}
         labels |= {f"s:{k}": (f'state "{k}"', v) for k, v in states.items()}
         labels |= {f"i:{k}": (f'input "{k}"', v) for k, v in inputs.items()}
         labels |= {f"d:{k}": (f'derivative of "{k}"', v) for k, v in derivatives.items()}
+        labels |= {f"o:{k}": (f'output "{k}"', v) for k, v in outputs.items()}
         lengths = [len(stamps) for stamps in runs]
         columns = {key: stack(label, value, names, lengths) for key, (label, value) in labels.items()}
         run = np.repeat(np.arange(len(runs)), lengths)
@@ -109,7 +119,7 @@ class Trajectories(Runs):
             run=run,
             states={k: columns[f"s:{k}"] for k in states},
             inputs={k: columns[f"i:{k}"] for k in inputs},
-            derivatives={k: columns[f"d:{k}"] for k in derivatives},
+            derivatives={**{k: columns[f"d:{k}"] for k in derivatives}, **{k: columns[f"o:{k}"] for k in outputs}},
             units=dict(units),
             run_names=names,
             dropped=dropped,
@@ -123,12 +133,14 @@ class Trajectories(Runs):
         states: Sequence[str],
         inputs: Sequence[str] = (),
         derivatives: Sequence[str] = (),
+        outputs: Sequence[str] = (),
         units: Mapping[str, str] | None = None,
         noise: Mapping[str, Mapping[str, Any]] | None = None,
         run_names: Sequence[str] = ("0",),
         dropped: int = 0,
         time_name: str = "t",
         filter: Mapping[str, Any] | None = None,
+        unseen: Sequence[int] | None = None,
     ) -> "Trajectories":
         """Inverse of `to_frame`: `Trajectories.from_frame(data.to_frame(), **data.metadata())`.
 
@@ -137,12 +149,14 @@ class Trajectories(Runs):
             states: names of the states.
             inputs: names of the inputs.
             derivatives: states whose derivative is in the table.
+            outputs: names of the outputs.
             units: as in `from_arrays`.
-            noise: plain records of the row noise, by state.
+            noise: plain records of the row noise, by state or output.
             run_names: name of each run.
             dropped: rows left out before.
             time_name: name of the time column.
             filter: plain record of the filter of the derivatives.
+            unseen: rows at which a sensor was at its end, where the samples do not tell it.
 
         Returns:
             The data, equal to the last bit.
@@ -150,7 +164,8 @@ class Trajectories(Runs):
         Raises:
             InputError: if a column is not in the table.
         """
-        wanted = [time_name, "run", *states, *inputs, *(derivative_label(k, time_name) for k in derivatives)]
+        rates = {k: derivative_label(k, time_name) for k in derivatives} | {k: k for k in outputs}
+        wanted = [time_name, "run", *states, *inputs, *rates.values()]
         absent = [name for name in wanted if name not in frame.columns]
         if absent:
             raise InputError(f'The table has no column "{absent[0]}"; it has {", ".join(map(str, frame.columns))}.')
@@ -163,13 +178,14 @@ class Trajectories(Runs):
             run=frame["run"].to_numpy(dtype=np.int64, copy=True),
             states={k: column(k) for k in states},
             inputs={k: column(k) for k in inputs},
-            derivatives={k: column(derivative_label(k, time_name)) for k in derivatives},
+            derivatives={k: column(label) for k, label in rates.items()},
             units=dict(units or {}),
             noise={k: noise_from_dict(v) for k, v in (noise or {}).items()},
             run_names=tuple(run_names),
             dropped=dropped,
             time_name=time_name,
             filter=None if filter is None else RateFilter.from_dict(filter),
+            unseen=None if unseen is None else np.isin(np.arange(len(frame)), unseen),
         )
 
     def take(self, run: int | str) -> "Trajectories":
@@ -218,8 +234,8 @@ class Trajectories(Runs):
     ) -> "Trajectories":
         """Add the derivatives that were not measured, with the covariance of their rows.
 
-        Every column goes through the same smoothing filter. The window − 1 rows at the edges of each run are
-        dropped and counted in `dropped` (none for "spectral"). Held-out data take the filter of the training data:
+        Every column goes through the same smoothing filter, outputs too. The window − 1 rows at the edges of each run
+        are dropped and counted in `dropped` (none for "spectral"). Held-out data take the filter of the training data:
         `test.differentiate(like=train)`.
 
         Args:
@@ -312,29 +328,31 @@ class Trajectories(Runs):
         return {
             "states": list(self.states),
             "inputs": list(self.inputs),
-            "derivatives": list(self.derivatives),
+            "derivatives": list(self.derivative_names),
+            "outputs": list(self.output_names),
             "units": dict(self.units),
             "noise": {name: noise.to_dict() for name, noise in self.noise.items()},
             "run_names": list(self.run_names),
             "dropped": self.dropped,
             "time_name": self.time_name,
             "filter": None if self.filter is None else self.filter.to_dict(),
+            "unseen": None if self.unseen is None else np.flatnonzero(self.unseen).tolist(),
         }
 
     def to_frame(self) -> pd.DataFrame:
-        """Table with one row for each sample: time, run number, states, inputs, derivatives ("d(y)/dt")."""
-        derivatives = {derivative_label(k, self.time_name): v for k, v in self.derivatives.items()}
+        """Table with one row for each sample: time, run number, states, inputs, derivatives ("d(y)/dt"), outputs."""
+        derivatives = {self.target_label(k): v for k, v in self.derivatives.items()}
         columns = {self.time_name: self.time, "run": self.run, **self.states, **self.inputs, **derivatives}
         return pd.DataFrame(columns)
 
     def __repr__(self) -> str:
         plural = "run" if self.n_run == 1 else "runs"
         dropped = f", {self.dropped} dropped" if self.dropped else ""
-        parts = [f"states {', '.join(self.states)}"]
-        if self.inputs:
-            parts.append(f"inputs {', '.join(self.inputs)}")
-        if self.derivatives:
-            parts.append(f"derivatives of {', '.join(self.derivatives)}")
+        every = {
+            "states": self.states, "inputs": self.inputs, "derivatives of": self.derivative_names,
+            "outputs": self.output_names,
+        }  # fmt: skip
+        parts = [f"{what} {', '.join(names)}" for what, names in every.items() if names]
         return f"Trajectories({self.n_obs} rows in {self.n_run} {plural}{dropped}; {'; '.join(parts)})"
 
     def _restrict(self, bounds: Sequence[tuple[int, int]]) -> "Trajectories":
@@ -360,6 +378,7 @@ class Trajectories(Runs):
             noise=noise,
             run_names=tuple(self.run_names[i] for i in run),
             samples=None if self.samples is None else self.samples._at(rows, {}),
+            unseen=None if self.unseen is None else self.unseen[rows],
         )
 
 

@@ -9,7 +9,7 @@ from bayes_greybox.data.sample_noise import sample_noise
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.model.program import Program
 from bayes_greybox.physics.catalogue.effects import BoundEffect
-from bayes_greybox.physics.units import derivative_unit
+from bayes_greybox.physics.units import target_unit
 
 from .answer.adequacy import Check, check_explanation
 from .answer.amendment import Amendment, Remainder
@@ -37,8 +37,8 @@ WITHIN, MOST_WITHIN = 3.0, 0.5
 """A path is within a sensor's range by more than so many standard deviations of its noise; it speaks against an answer
 at more than this share of the samples at which the sensor was at its end."""
 
-JITTER = "change of the rate"
-"""What noise grows with where the time stamps jitter."""
+JITTER = "change of {}"
+"""What noise grows with where the time stamps jitter: that of the rate, or of an output."""
 
 
 def study_equation(
@@ -60,7 +60,7 @@ def study_equation(
     """
     aligned, found = _weighed(model, train, name, effects, odds, most, seed if settle else None, say)
     bounded = _within(aligned, train)
-    unit, unit_of_time = derivative_unit(name, train.units), train.units.get("t", "")
+    unit, unit_of_time = target_unit(name, train), train.units.get("t", "")
 
     def decided(doubts: Sequence[Doubt]) -> tuple[Finding, list[Check]]:
         finding = decide(found, doubts)
@@ -167,7 +167,7 @@ def _within(aligned: Aligned, train: Trajectories) -> list[str]:
     noise = dict(zip(names, sample_noise(samples.time, samples.matrix(names), samples.run_lengths), strict=True))
     said = []
     for name, rows in aligned.clipped.items():
-        end, path = samples.states[name][rows], aligned.data.column(name)[rows]
+        end, path = samples.states[name][rows], aligned.shown(name)[rows]
         inside = np.where(end == np.max(samples.states[name]), end - path, path - end) > WITHIN * noise[name]
         if np.mean(inside) > MOST_WITHIN:
             said.append(f"{name} stays at the end of its sensor's range at samples where its path does not reach it")
@@ -178,16 +178,18 @@ def _quantities(model: Program, data: Trajectories, sets: Sets, rate: Rate) -> d
     """What the noise of the rows may grow with."""
     name, operator = sets.statistics.equation, sets.statistics.rows.operator
     simulated = model.simulator(data).on(data, name)
-    found = {**data.columns, f"simulated d({name})/dt": simulated, **_changing(data, rate)}
+    what = f"simulated {sets.statistics.rows.label}"
+    found = {**data.columns, what: simulated, **_changing(data, name, rate)}
     return found if operator is None else {key: values[operator.sample] for key, values in found.items()}
 
 
-def _changing(data: Trajectories, rate: Callable[[Trajectories], np.ndarray]) -> dict[str, np.ndarray]:
-    """How fast the modelled rate changes: what jitter of the time stamps turns into noise."""
+def _changing(data: Trajectories, name: str, rate: Callable[[Trajectories], np.ndarray]) -> dict[str, np.ndarray]:
+    """How fast the modelled rate, or output, changes: what jitter of the time stamps turns into noise."""
     values, runs = rate(data), [data.run == r for r in dict.fromkeys(data.run.tolist())]
     if any(np.sum(own) < 2 for own in runs):
         return {}
-    return {JITTER: np.concatenate([np.gradient(values[own], data.time[own]) for own in runs])}
+    what = JITTER.format(data.target_in_words(name, article="the "))
+    return {what: np.concatenate([np.gradient(values[own], data.time[own]) for own in runs])}
 
 
 def _free_only(statistics: SufficientStatistics, coefficients: Coefficients) -> np.ndarray:

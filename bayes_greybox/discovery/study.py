@@ -10,6 +10,7 @@ import pandas as pd
 from rich.console import Console
 from threadpoolctl import threadpool_limits
 
+from bayes_greybox.data.columns import derivative_label
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.records import plain_rows
 from bayes_greybox.data.trajectories import Trajectories
@@ -139,7 +140,7 @@ def investigate(
 
     Args:
         model: Simulation, and the terms whose coefficients are to be learned anyway.
-        train: Measurements with the rates of the equations in question.
+        train: Measurements with the rates of the equations in question, or with the outputs.
         test: Measurements that no explanation is weighed on; they may only speak against the answer.
         catalogue: As for `find_missing_effects`, as are the settings that follow.
         roles: Columns by role.
@@ -176,9 +177,14 @@ def investigate(
                 status.update(f"{name}: {text}")
 
             say("reading the data")
-            columns = roles_of(model.simulation, train.state_names, train.input_names, name, roles, train.units, pairs)
-            left_out |= {(name, slug): why for slug, why in unbound(loaded, columns, train.units).items()}
-            bound = bind_catalogue(loaded, columns, train.units)
+            columns = roles_of(
+                model.simulation, train.state_names, train.input_names, name, roles, train.units, pairs,
+                train.output_names,
+            )  # fmt: skip
+            # A force may be measured as that of a machine or as that on it.
+            known = [effect.either_way() for effect in loaded] if train.is_output(name) else loaded
+            left_out |= {(name, slug): why for slug, why in unbound(known, columns, train.units).items()}
+            bound = bind_catalogue(known, columns, train.units)
             each = odds.of_each(len(equations))
             findings[name] = study_equation(model, train, name, bound, each, effects_at_most, seed, settle, say)
             left_out |= {(name, slug): why for slug, why in findings[name].statistics.left_out.items()}
@@ -187,7 +193,8 @@ def investigate(
         start = time.perf_counter()
         amendments = {name: found.amendment for name, found in findings.items()}
         parts = [("train", train), *([("test", test)] if test is not None else [])]
-        runs = FreeRuns(model, amendments, interpolation) if free_runs else None
+        moving = {name: amendment for name, amendment in amendments.items() if not train.is_output(name)}
+        runs = FreeRuns(model, moving, interpolation) if free_runs else None
         measured, lost = [], []
         for part, data in parts:
             try:
@@ -206,7 +213,8 @@ def investigate(
     )
     warnings = (*_said_of(model, train, settle), *lost, *warnings)
     unfollowed = ("no path of the amended model follows held-out samples",) if lost else ()
-    verdict, against = verdict_of({name: found.finding for name, found in findings.items()}, gap, unfollowed)
+    labels = {name: train.target_label(name) for name in findings}
+    verdict, against = verdict_of({name: found.finding for name, found in findings.items()}, gap, unfollowed, labels)
     return StudyResult(
         base=given,
         model=amended_program(given, findings),
@@ -263,7 +271,7 @@ def _completed(model: Program, equations: Sequence[str], data: Trajectories) -> 
 
 
 def studied_equations(model: Program, data: Trajectories) -> tuple[str, ...]:
-    """Equations a study looks at: those of the model's dictionary, or all whose measured rate the simulation misses.
+    """Equations a study looks at: those of the dictionary, or all whose rate or output the simulation misses.
 
     Raises:
         InputError: There is none.
@@ -285,11 +293,13 @@ def studied_equations(model: Program, data: Trajectories) -> tuple[str, ...]:
                 "name the one in question with an empty list of terms, GreyBox(dictionary={'ydot': []}, ...)."
             )
         return found
-    found = tuple(name for name in data.derivative_names if not simulation.kinematic(name))
+    names = (*data.derivative_names, *data.output_names)
+    found = tuple(name for name in names if not simulation.kinematic(name))
     # Which equations of a function are kinematic cannot be read off it; but the data meet them exactly.
     left = tuple(name for name in found if not model.equation_rows(data, name).nothing_left)
     if found and not left:
-        raise InputError("The simulation equals every measured derivative exactly: there is nothing to look for.")
+        what = "output" if all(data.is_output(name) for name in found) else "derivative"
+        raise InputError(f"The simulation equals every measured {what} exactly: there is nothing to look for.")
     if not found:
         raise InputError(
             "There is no equation to study: the data have no measured derivative of a state whose equation is more "
@@ -299,7 +309,10 @@ def studied_equations(model: Program, data: Trajectories) -> tuple[str, ...]:
 
 
 def verdict_of(
-    findings: Mapping[str, Finding], gap: pd.DataFrame, lost: Sequence[str] = ()
+    findings: Mapping[str, Finding],
+    gap: pd.DataFrame,
+    lost: Sequence[str] = (),
+    labels: Mapping[str, str] | None = None,
 ) -> tuple[str, tuple[str, ...]]:
     """Verdict of a study, and what speaks against it: held-out samples and free runs may veto what is called *named*.
 
@@ -307,9 +320,11 @@ def verdict_of(
         findings: By equation; of several, each says in which equation it doubts.
         gap: Before and after.
         lost: Why held-out data could not be compared, in words.
+        labels: What each equation gives, `Runs.target_label`; by default the derivative of a state.
     """
     verdict = max((found.verdict for found in findings.values()), key=VERDICTS.index)
-    about = {name: f"in d({name})/dt: " if len(findings) > 1 else "" for name in findings}
+    labels = labels or {name: derivative_label(name) for name in findings}
+    about = {name: f"in {labels[name]}: " if len(findings) > 1 else "" for name in findings}
     against = tuple(about[name] + text for name, found in findings.items() for text in found.against)
     claims = any(found.places for found in findings.values()) or verdict == "recalibrate"
     worse = worsened(gap) if claims else ()
@@ -360,9 +375,14 @@ def _check_data(
             f"{LEAST_ROWS}."
         )
     simulation = model.simulator(train)
-    whole = set(train.state_names) <= {*simulation.equations, *equations}
+    # Outputs have no free run, and no part in that of states.
+    whole = not all(train.is_output(name) for name in equations)
+    whole = whole and set(train.state_names) <= {*simulation.equations, *equations}
     for part, data in (("training", train), *([("test", test)] if test is not None else [])):
-        missing = [name for name in train.columns if name not in data.columns]
+        missing = [
+            *(name for name in train.columns if name not in data.columns),
+            *(name for name in train.output_names if name not in data.output_names),
+        ]
         if missing:
             raise InputError(f"The {part} data have no {missing[0]!r}, which the training data have: add it.")
         short = [name for name, n in zip(data.run_names, data.run_lengths, strict=True) if n < 2]

@@ -87,8 +87,9 @@ def row_dimension(equation: Equation) -> tuple[str, np.ndarray]:
 
 def data_table(data: Trajectories) -> dict[str, np.ndarray]:
     """All columns of the data by names that netCDF allows; a derivative is as `rate_name` says."""
-    rates = {rate_name(name, data.columns): values for name, values in data.derivatives.items()}
-    return {"t": data.time, "run": data.run, **data.columns, **rates}
+    columns = {**data.columns, **{name: data.derivatives[name] for name in data.output_names}}
+    rates = {rate_name(name, columns): data.derivatives[name] for name in data.derivative_names}
+    return {"t": data.time, "run": data.run, **columns, **rates}
 
 
 def rate_name(state: str, columns: Container[str]) -> str:

@@ -221,8 +221,10 @@ def _fields(record: Mapping[str, Any]) -> dict[str, Any]:
 def _read_data(table: xr.Dataset, metadata: Mapping[str, Any]) -> Trajectories:
     time_name = metadata["time_name"]
     columns = {time_name: table["t"].to_numpy(), "run": table["run"].to_numpy()}
-    columns |= {name: table[name].to_numpy() for name in (*metadata["states"], *metadata["inputs"])}
-    names = {s: rate_name(s, (*metadata["states"], *metadata["inputs"])) for s in metadata["derivatives"]}
+    # Files from before there were outputs have none.
+    known = (*metadata["states"], *metadata["inputs"], *metadata.get("outputs", ()))
+    columns |= {name: table[name].to_numpy() for name in known}
+    names = {s: rate_name(s, known) for s in metadata["derivatives"]}
     rates = {derivative_label(s, time_name): table[names[s]].to_numpy() for s in names}
     return Trajectories.from_frame(pd.DataFrame({**columns, **rates}), **metadata)
 

@@ -48,6 +48,7 @@ class Sampling:
         chains: Number of chains.
         seed: Seed of everything random in the run.
         target_accept: Target acceptance probability of NUTS.
+        exact: Whether the draws are of the exact trajectory posterior (`Fit.refine`).
     """
 
     draws: int = 1000
@@ -55,6 +56,7 @@ class Sampling:
     chains: int = 4
     seed: int = 0
     target_accept: float = 0.9
+    exact: bool = False
 
     def __post_init__(self) -> None:
         for name in ("draws", "tune", "chains"):
@@ -115,7 +117,7 @@ class Posterior:
             group_name: "posterior" or "prior".
         """
         frame = self.equations[equation].frame
-        values = self._flat(equation, at_most, group_name)
+        values = self.values(equation, at_most, group_name)
         n_draw = len(next(iter(values.values())))
 
         def flat(quantity: str, n_column: int | None = None) -> np.ndarray:
@@ -164,14 +166,29 @@ class Posterior:
         Raises:
             InputError: The prior's odds of inclusion cannot be told from the draws.
         """
-        values, entry = self._flat(equation, at_most, "posterior"), self.equations[equation]
+        values, entry = self.values(equation, at_most, "posterior"), self.equations[equation]
         if "gamma" not in values:
             return None
         if SLAB in self.idata.children:
-            kept = self._flat(equation, at_most, SLAB)
+            kept = self.values(equation, at_most, SLAB)
             mean = jnp.broadcast_to(entry.design.coefficients.mean, kept["theta_sd"].shape)
             return Scales(jnp.asarray(kept["theta_sd"]), jnp.asarray(kept["log_odds"]), mean)
         return self.model.slab(entry.design, values, values["sigma"] / entry.frame.target_scale)
+
+    def require_rows(self, what: str) -> None:
+        """Refuse what is found from linear rows of draws that are not theirs.
+
+        Args:
+            what: That is asked for.
+
+        Raises:
+            InputError: Draws of `Fit.refine`.
+        """
+        if self.sampling.exact:
+            raise InputError(
+                f"{what} from the rows of a fit, which are linear, and these draws are of exact paths: ask the fit "
+                "that was refined."
+            )
 
     def learned(self) -> dict[str, "Learned"]:
         """Frames by learned state, also of those that share their rows with others."""
@@ -187,7 +204,7 @@ class Posterior:
         made = self.made
         return made if made is not None and made.model is self.model and made.data is self.data else None
 
-    def _flat(self, equation: str, at_most: int | None, group_name: str) -> dict[str, np.ndarray]:
+    def values(self, equation: str, at_most: int | None = None, group_name: str = "posterior") -> dict[str, np.ndarray]:
         """Variables of one equation by quantity, chains flattened, evenly thinned."""
         group = self.idata[group_name].dataset
         n_draw = group.sizes["chain"] * group.sizes["draw"]

@@ -7,7 +7,7 @@ from typing import Any
 
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.physics.simulation import RightHandSide, Simulation, simulation_of
+from bayes_greybox.physics.simulation import RightHandSide, Simulation, not_known, simulation_of
 from bayes_greybox.physics.terms import Dictionary
 from bayes_greybox.physics.units import check_units
 
@@ -32,9 +32,11 @@ from .sites import Sites
 class Program(SamplingProgram):
     """ẋ_i = g_i(x, u) + Φ_i(x, u)ᵀ θ_i + f_i(x, u) + ε, ε ~ N(0, σ² R), for each learned state i.
 
+    The equation of an output has the output itself in the place of ẋ_i.
+
     Attributes:
-        dictionary: Candidate terms by learned state: strings, `Term`s, `polynomial(...)`, or a mix.
-        simulation: The known part: expressions by state, or a callable (t, x, u) -> dx/dt; None: zero.
+        dictionary: Candidate terms by learned state or output: strings, `Term`s, `polynomial(...)`, or a mix.
+        simulation: The known part: expressions by state or output, or a callable (t, x, u) -> dx/dt; None: zero.
         prior: Prior on θ.
         discrepancy: The Gaussian process f, or None to leave it out.
         noise_floor: Least σ over the RMS of the target. The data's own rounding is added to it in quadrature;
@@ -88,7 +90,7 @@ class Program(SamplingProgram):
 
     @property
     def equations(self) -> tuple[str, ...]:
-        """Learned states."""
+        """Learned states and outputs."""
         return tuple(self.dictionary)
 
     @property
@@ -110,13 +112,12 @@ class Program(SamplingProgram):
                 "or look for what the simulation misses with bg.find_missing_effects(model, data)."
             )
         for equation in self.equations:
-            states = self.states(data)
-            if equation not in states:
-                near = difflib.get_close_matches(equation, states, n=1)
+            states, outputs = self.states(data), data.output_names
+            if equation not in (*states, *outputs):
+                near = difflib.get_close_matches(equation, (*states, *outputs), n=1)
                 hint = f" (did you mean {near[0]!r}?)" if near else ""
                 raise InputError(
-                    f"The dictionary has an equation for {equation!r}, which is not a state of the "
-                    f"data{hint}; states: {', '.join(states)}."
+                    f"The dictionary has an equation for {equation!r}, {not_known(states, outputs, hint)}."
                 )
         parsed = {equation: self.stated(equation, data) for equation in self.equations}
         terms = {equation: stated.all.terms for equation, stated in parsed.items()}
@@ -157,17 +158,33 @@ class Program(SamplingProgram):
         """
         return replace(self, coefficients=centred(self.coefficients)) if self.coefficients else self
 
-    def simulator(self, data: Trajectories) -> Simulation:
+    def simulator(self, data: Trajectories, lacking: bool = False) -> Simulation:
         """The simulation and the terms with fixed coefficients, read with the names of the data.
 
+        Args:
+            data: Data.
+            lacking: Whether outputs may lack that the model was fitted to: what is no state is then taken for one.
+
         Raises:
-            InputError: An expression for an unknown state, or one that cannot be read.
+            InputError: An expression for an unknown state or output, or one that cannot be read.
         """
-        given = simulation_of(self.simulation, self.states(data), data.input_names)
+        states, outputs, given = self.states(data), data.output_names, self.simulation
+        if lacking and not callable(given):
+            outputs = tuple(name for name in (*outputs, *(given or {})) if name not in states)
+        given = simulation_of(given, states, data.input_names, outputs)
         return given.beside({name: self.stated(name, data).known for name in self.coefficients})
 
     def states(self, data: Trajectories) -> tuple[str, ...]:
-        """Measured states, then those that the rows allow to be hidden."""
+        """Measured states, then those that the rows allow to be hidden.
+
+        Raises:
+            InputError: Rows of samples beside outputs.
+        """
+        if data.output_names and not self.rows.rates_measured:
+            raise InputError(
+                f"Rows of samples are those of states, and {data.output_names[0]!r} is an output: leave it out of "
+                "outputs=..., or use GreyBox(rows=bg.DerivativeRows()), whose states are measured."
+            )
         rates = self.simulation
         if not callable(rates):
             rates = rates or {}
@@ -181,7 +198,7 @@ class Program(SamplingProgram):
             InputError: See `RowKind.complete`.
         """
         for equations in self.blocks.values():
-            data = self.rows.complete_all(data, equations, self.simulator(data))
+            data = self.rows.complete_all(data, equations, self.simulator(data, lacking=True))
         return data
 
     def equation_rows(self, data: Trajectories, equation: str) -> EquationRows:

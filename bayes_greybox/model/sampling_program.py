@@ -138,6 +138,17 @@ class SamplingProgram:
             return HyperPrior(noise)
         return HyperPrior(noise, gp.amplitude, gp.length_scale, gp.length_scale_spread, n_var)
 
+    def scales(self, design: Design, sigma: Any) -> Scales:
+        """Sample the scales of all terms: those that the prior has, and those that are stated.
+
+        Args:
+            design: Of the equation.
+            sigma: σ, scaled units.
+        """
+        n_shared = len(design.coefficients.shared)
+        shared = self.prior.scales(n_shared, design.n_prior, sigma) if n_shared else None
+        return design.coefficients.complete(shared)
+
     def slab(self, design: Design, values: Mapping[str, Any], sigma: Float[np.ndarray, " n_draw"]) -> Scales | None:
         """Scales and odds of θ at given draws, where the prior leaves the inclusion patterns to be summed; else None.
 
@@ -151,7 +162,7 @@ class SamplingProgram:
         """
 
         def program(sigma: Any) -> Scales:
-            return self._scales(design, sigma)
+            return self.scales(design, sigma)
 
         with seed(rng_seed=0), trace() as sites:
             if program(1.0).log_odds is None:
@@ -183,17 +194,11 @@ class SamplingProgram:
     def _sample(self, design: Design) -> tuple[Hyperparameters, Scales]:
         """η and the prior scales of one equation."""
         hyper = self.hyper_prior(design.noise_floor, design.n_var).sample()
-        scales, n_bounded = self._scales(design, hyper.sigma), len(design.coefficients.bounded)
+        scales, n_bounded = self.scales(design, hyper.sigma), len(design.coefficients.bounded)
         if n_bounded:
             uniform = site("placement", dist.Uniform(0.0, 1.0).expand([n_bounded]).to_event(1))
             scales = scales._replace(uniform=uniform)
         return hyper, scales
-
-    def _scales(self, design: Design, sigma: Any) -> Scales:
-        """Scales of all terms: those that the prior samples, and those that are stated."""
-        n_shared = len(design.coefficients.shared)
-        shared = self.prior.scales(n_shared, design.n_prior, sigma) if n_shared else None
-        return design.coefficients.complete(shared)
 
 
 @dataclass(frozen=True)

@@ -17,6 +17,7 @@ from jaxtyping import Float
 
 from .expressions import evaluate
 from .grammar import symbol
+from .rounding import smooth_jump
 
 WIDTH = 2.0
 """Half width of a rounded jump, in changes of its argument from node to node."""
@@ -50,8 +51,7 @@ def _derivatives(
     widths, rounded = [], {}
     for jump in expr.atoms(sympy.sign, sympy.Heaviside):
         width, argument = symbol(f"width_{len(widths)}"), jump.args[0]
-        smooth = sympy.tanh(argument / width)
-        rounded[jump] = smooth if isinstance(jump, sympy.sign) else (1 + smooth) / 2
+        rounded[jump] = smooth_jump(jump, width)
         widths.append((width.name, argument))
     smoothed = expr.xreplace(rounded)
     return tuple(sympy.diff(smoothed, symbol(name)) for name in names), tuple(widths)

@@ -17,6 +17,9 @@ INTERPOLATIONS = ("linear", "zoh", "cubic")
 PIECE = 128
 """Rows that are integrated in one go."""
 
+MOST_STEPS = 32 * PIECE
+"""Steps that they may take: beyond so many the equations are stiff, as friction is that rises steeply at rest."""
+
 # Steps of this share of the time span are taken whatever their error: at a singularity the state then leaves
 # all bounds, or turns NaN, and the run ends there; across a jump in the right-hand side they do no harm.
 _SMALLEST_STEP = 1e-12
@@ -41,7 +44,10 @@ class Limits(NamedTuple):
 
 
 def cut(
-    t: Float[Array, " n"], inputs: Float[Array | np.ndarray, "n p"] | None, interpolation: str | Sequence[str]
+    t: Float[Array, " n"],
+    inputs: Float[Array | np.ndarray, "n p"] | None,
+    interpolation: str | Sequence[str],
+    curvature: Float[Array | np.ndarray, "n p"] | None = None,
 ) -> tuple[Samples, tuple[str, ...]]:
     """Cut a run into pieces of one size: a loop of many lanes copies all rows that it reads or saves at every step.
 
@@ -50,6 +56,7 @@ def cut(
         inputs: At these times.
         interpolation: Of the inputs between samples: "linear", "zoh" (held from each sample to the next) or "cubic"
             (twice differentiable spline), for all or one for each; see `between_samples`.
+        curvature: Second derivatives of the inputs' splines, where these are of a longer record; found by default.
 
     Returns:
         Pieces along a first axis, and the interpolation of each input.
@@ -62,7 +69,10 @@ def cut(
     if inputs is not None and inputs.shape[0] != t.shape[0]:
         raise InputError(f"The inputs have {inputs.shape[0]} rows for {t.shape[0]} times; give one row for each time.")
     values = jnp.zeros((t.shape[0], 0)) if inputs is None else jnp.asarray(inputs, dtype=float)
-    kinds, curvature = _pieces(t, values, interpolation)
+    if curvature is None:
+        kinds, curvature = curvature_of(t, values, interpolation)
+    else:
+        kinds, curvature = _named(interpolation, values.shape[1]), jnp.asarray(curvature)
     piece = min(PIECE, t.shape[0] - 1)
     n_piece = -(-(t.shape[0] - 1) // piece)
     beyond = t[-1] + (t[-1] - t[-2]) * jnp.arange(1, n_piece * piece + 2 - t.shape[0])
@@ -99,13 +109,15 @@ def follow_piece(
     *,
     rtol: float = 1e-8,
     atol: float = 1e-8,
-    max_steps: int = 100_000,
-) -> tuple[tuple[Float[Array, " d"], Array], tuple[Float[Array, "rows d"], Float[Array, ""]]]:
+    max_steps: int = MOST_STEPS,
+    solver: diffrax.AbstractSolver | None = None,
+    adjoint: diffrax.AbstractAdjoint | None = None,
+) -> tuple[tuple[Float[Array, " d"], Array], tuple[Float[Array, "rows d"], Float[Array, ""], Array]]:
     """Integrate over one piece: what is compiled, for runs of any length; works under jit and vmap.
 
-    The method is Dormand and Prince's of order 8 with adaptive steps, which never step over a sample of the
-    inputs; it is explicit, so a stiff system may spend its steps. The local error of state i is kept below
-    atol * scale_i + rtol * |x_i|.
+    The method is Dormand and Prince's of order 8 by default, with adaptive steps, which never step over a sample of the
+    inputs; it is explicit, so a stiff system spends its steps, and asks for an implicit method. The local error of
+    state i is kept below atol * scale_i + rtol * |x_i|.
 
     Args:
         rhs: `rhs(t, x, u, args)` with x of shape (d,) and u of shape (p,), p = 0 without inputs; returns
@@ -118,9 +130,12 @@ def follow_piece(
         rtol: Relative tolerance.
         atol: Absolute tolerance, as a share of the states' sizes.
         max_steps: The run has failed where the piece takes more steps than this.
+        solver: Another method.
+        adjoint: How it is differentiated; backwards by default.
 
     Returns:
-        The start of the next piece; states at all but the first of the times, and the time of a failure or NaN.
+        The start of the next piece; states at all but the first of the times, the time of a failure or NaN, and whether
+        it was for want of steps.
     """
     x0, end, span, sizes, limit = limits
     (x, alive), (times, values, _) = start, samples
@@ -143,7 +158,7 @@ def follow_piece(
         )
     solution = diffrax.diffeqsolve(
         diffrax.ODETerm(field),
-        diffrax.Dopri8(),
+        diffrax.Dopri8() if solver is None else solver,
         t0=times[0],
         t1=times[-1],
         dt0=None,
@@ -153,6 +168,7 @@ def follow_piece(
         stepsize_controller=control,
         event=diffrax.Event(exploded),
         max_steps=max_steps,
+        adjoint=diffrax.RecursiveCheckpointAdjoint() if adjoint is None else adjoint,
         throw=False,
     )
     (states, _), (_, (stopped_at,)) = cast(Any, solution.ys), cast(Any, solution.ts)
@@ -162,7 +178,8 @@ def follow_piece(
     good = jnp.cumprod(good.astype(int)).astype(bool)
     last = (jnp.where(good[-1], states[-1], x0), good[-1])
     failed_at = jnp.where(reached | ~alive, jnp.nan, stopped_at)
-    return last, (jnp.where(good[1:, None], states[1:], jnp.nan), failed_at)
+    exhausted = alive & (solution.result == diffrax.RESULTS.max_steps_reached)
+    return last, (jnp.where(good[1:, None], states[1:], jnp.nan), failed_at, exhausted)
 
 
 def joined(
@@ -208,20 +225,45 @@ def between_samples(t: Float[np.ndarray, " n"], values: Float[np.ndarray, "n p"]
     return tuple("cubic" if better else "linear" for better in error((-2, -1, 1, 2)) < error((-1, 1)))
 
 
-def _pieces(
+def between_samples_of_runs(
+    runs: Sequence[tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n p"]]],
+) -> tuple[str, ...]:
+    """`between_samples` of several runs: for each column "cubic" where all say so, as a step in one run is a step.
+
+    Args:
+        runs: Times and values of each.
+    """
+    each = [between_samples(t, values) for t, values in runs]
+    return tuple("cubic" if set(kinds) == {"cubic"} else "linear" for kinds in zip(*each, strict=True))
+
+
+def curvature_of(
     t: Float[Array, " n"], values: Float[Array, "n p"], kind: str | Sequence[str]
 ) -> tuple[tuple[str, ...], Float[Array, "n p"]]:
-    """Interpolation of each column, and second derivatives at the samples: zero but for splines."""
-    kinds = (kind,) * values.shape[1] if isinstance(kind, str) else tuple(str(each) for each in kind)
-    for unknown in {*kinds, *([kind] if isinstance(kind, str) else [])} - set(INTERPOLATIONS):
-        raise InputError(f"Unknown interpolation {str(unknown)!r}; use 'linear', 'zoh' or 'cubic'.")
-    if len(kinds) != values.shape[1]:
-        raise InputError(
-            f"{len(kinds)} interpolations for {values.shape[1]} inputs; give one for each, or one for all."
-        )
+    """Interpolation of each column, and second derivatives at the samples: zero but for splines.
+
+    Args:
+        t: Increasing times.
+        values: Samples at these times.
+        kind: Interpolation, for all or one for each.
+
+    Raises:
+        InputError: See `cut`.
+    """
+    kinds = _named(kind, values.shape[1])
     if "cubic" not in kinds:
         return kinds, jnp.zeros_like(values)
     return kinds, jnp.where(np.array(kinds) == "cubic", _spline_curvature(t, values), 0.0)
+
+
+def _named(kind: str | Sequence[str], n: int) -> tuple[str, ...]:
+    """Interpolation of each of n columns, checked."""
+    kinds = (kind,) * n if isinstance(kind, str) else tuple(str(each) for each in kind)
+    for unknown in {*kinds, *([kind] if isinstance(kind, str) else [])} - set(INTERPOLATIONS):
+        raise InputError(f"Unknown interpolation {str(unknown)!r}; use 'linear', 'zoh' or 'cubic'.")
+    if len(kinds) != n:
+        raise InputError(f"{len(kinds)} interpolations for {n} inputs; give one for each, or one for all.")
+    return kinds
 
 
 def _at(

@@ -5,7 +5,7 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Hashable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -20,6 +20,7 @@ from bayes_greybox.data.trajectories import Trajectories
 
 from .derivatives import gradient
 from .expressions import evaluate, parse_expression
+from .rounding import rounded
 from .terms import Term
 
 RightHandSide = Callable[[Array, Array, Array], Array]
@@ -34,7 +35,7 @@ FUNCTION = "function"
 
 @dataclass(frozen=True)
 class Simulation(ABC):
-    """g(x, u), the known rates of the states.
+    """g(x, u), the known rates of the states, and what is known of outputs.
 
     Attributes:
         states: State names, in the order of x.
@@ -47,7 +48,7 @@ class Simulation(ABC):
     @property
     @abstractmethod
     def equations(self) -> tuple[str, ...]:
-        """States whose rate the simulation gives; that of the others is zero."""
+        """States whose rate the simulation gives, that of the others is zero; and outputs that it gives."""
 
     @abstractmethod
     def rate(self, t: Array, x: Float[Array, " n_state"], u: Float[Array, " n_input"]) -> Float[Array, " n_state"]:
@@ -55,10 +56,11 @@ class Simulation(ABC):
 
     @abstractmethod
     def on(self, data: Trajectories, state: str) -> Float[np.ndarray, " n_obs"]:
-        """Values of g for one state on the rows of the data, user's units.
+        """Values of g for one state or output on the rows of the data, user's units.
 
         Raises:
-            InputError: A simulation that fails, that is not finite, or that returns the wrong number of rates.
+            InputError: A simulation that fails, that is not finite, or that returns the wrong number of rates; an
+                output of a function.
         """
 
     @abstractmethod
@@ -75,7 +77,7 @@ class Simulation(ABC):
 
     @abstractmethod
     def additive_terms(self, state: str) -> list[tuple[Term, float]]:
-        """The terms of a state's rate with their coefficients; none where the simulation cannot be read."""
+        """The terms of a state's rate, or of an output, with coefficients; none where the simulation cannot be read."""
 
     def kinematic(self, state: str) -> bool:
         """Whether the rate of a state is known to be another state, as position and velocity are."""
@@ -89,6 +91,14 @@ class Simulation(ABC):
     @abstractmethod
     def key(self) -> Hashable:
         """What two simulations that do the same have in common: programs are compiled once for it."""
+
+    def rounded(self, columns: Mapping[str, Float[np.ndarray, " n"]]) -> "Simulation":
+        """The simulation with jumps of its formulas rounded, as an integrator needs them; code as it is.
+
+        Args:
+            columns: States and inputs that it is used on.
+        """
+        return self
 
     def beside(self, known: Mapping[str, Sequence[tuple[Term, float]]]) -> "Simulation":
         """The simulation with more terms in its rates, whose coefficients are known.
@@ -107,17 +117,17 @@ class Simulation(ABC):
 
 @dataclass(frozen=True)
 class ExpressionSimulation(Simulation):
-    """Expressions by state; missing ones are zero.
+    """Expressions by state or output; missing ones are zero.
 
     Attributes:
-        expressions: Parsed expressions by state.
+        expressions: Parsed expressions by state or output.
     """
 
     expressions: Mapping[str, sympy.Expr]
 
     @property
     def equations(self) -> tuple[str, ...]:
-        """States with an expression."""
+        """States and outputs with an expression."""
         return tuple(self.expressions)
 
     def rate(self, t: Array, x: Float[Array, " n_state"], u: Float[Array, " n_input"]) -> Float[Array, " n_state"]:
@@ -165,9 +175,15 @@ class ExpressionSimulation(Simulation):
 
     def rate_name(self, state: str) -> str | None:
         """The state that the expression is the name of."""
-        expression = self.expressions.get(state)
+        # An output that is a state is measured twice, and no rate.
+        expression = self.expressions.get(state) if state in self.states else None
         alone = expression is not None and bool(expression.is_Symbol) and str(expression) in self.states
         return str(expression) if alone else None
+
+    def rounded(self, columns: Mapping[str, Float[np.ndarray, " n"]]) -> "Simulation":
+        """Formulas with their jumps rounded."""
+        smooth = {name: rounded(expr, columns) for name, expr in self.expressions.items()}
+        return replace(self, expressions=smooth)
 
     @property
     def key(self) -> Hashable:
@@ -195,7 +211,12 @@ class CallableSimulation(Simulation):
         return jnp.asarray(self.function(t, x, u), float)
 
     def on(self, data: Trajectories, state: str) -> Float[np.ndarray, " n_obs"]:
-        """Values of g for one state on the rows of the data, user's units."""
+        """Values of g for one state on the rows of the data, user's units; a function gives no output."""
+        if state not in self.states:
+            raise InputError(
+                f"The simulation is a function, which gives the rates of states and not the output {state!r}: give "
+                f"formulas, simulation={{{state!r}: '...'}}, or name the equation of a state in the dictionary."
+            )
         return _finite(self._call(data)[:, self.states.index(state)], state)
 
     def rates(
@@ -268,11 +289,16 @@ class _WithTerms(Simulation):
 
     Attributes:
         given: The simulation.
-        known: Terms with coefficients by state.
+        known: Terms with coefficients by state or output.
     """
 
     given: Simulation
     known: Mapping[str, tuple[tuple[Term, float], ...]]
+
+    @property
+    def _of_states(self) -> list[tuple[int, tuple[tuple[Term, float], ...]]]:
+        """Terms that add to rates, by the number of the state."""
+        return [(self.states.index(name), terms) for name, terms in self.known.items() if name in self.states]
 
     @property
     def equations(self) -> tuple[str, ...]:
@@ -283,9 +309,9 @@ class _WithTerms(Simulation):
         """Value of g at one point, inside an integrator."""
         columns = dict(zip((*self.states, *self.inputs), (*x, *u), strict=True))
         rate = jnp.asarray(self.given.rate(t, x, u), float)
-        for state, terms in self.known.items():
+        for k, terms in self._of_states:
             for term, value in terms:
-                rate = rate.at[self.states.index(state)].add(value * term.evaluate(columns))
+                rate = rate.at[k].add(value * term.evaluate(columns))
         return rate
 
     def on(self, data: Trajectories, state: str) -> Float[np.ndarray, " n_obs"]:
@@ -300,9 +326,9 @@ class _WithTerms(Simulation):
     ) -> Float[np.ndarray, "*n n_state"]:
         """Values of g at many points."""
         found, columns = np.array(self.given.rates(t, x, u)), self._columns(x, u)
-        for state, terms in self.known.items():
+        for k, terms in self._of_states:
             for term, value in terms:
-                found[..., self.states.index(state)] += value * np.asarray(term.evaluate(columns))
+                found[..., k] += value * np.asarray(term.evaluate(columns))
         return found
 
     def jacobian(
@@ -310,9 +336,9 @@ class _WithTerms(Simulation):
     ) -> Float[np.ndarray, "*n n_state n_state"]:
         """∂g/∂x at points along paths."""
         found, columns = np.array(self.given.jacobian(t, x, u)), self._columns(x, u)
-        for state, terms in self.known.items():
+        for k, terms in self._of_states:
             for term, value in terms:
-                found[..., self.states.index(state), :] += value * gradient(term.expr, self.states, columns)
+                found[..., k, :] += value * gradient(term.expr, self.states, columns)
         return found
 
     def additive_terms(self, state: str) -> list[tuple[Term, float]]:
@@ -323,6 +349,11 @@ class _WithTerms(Simulation):
         """As in the simulation, of states without more terms."""
         return None if state in self.known else self.given.rate_name(state)
 
+    def rounded(self, columns: Mapping[str, Float[np.ndarray, " n"]]) -> "Simulation":
+        """Both with their jumps rounded."""
+        known = {s: tuple((term.rounded(columns), value) for term, value in own) for s, own in self.known.items()}
+        return replace(self, given=self.given.rounded(columns), known=known)
+
     @property
     def key(self) -> Hashable:
         """That of the simulation, and the terms."""
@@ -331,29 +362,44 @@ class _WithTerms(Simulation):
 
 
 def simulation_of(
-    given: Mapping[str, str] | RightHandSide | None, states: tuple[str, ...], inputs: tuple[str, ...]
+    given: Mapping[str, str] | RightHandSide | None,
+    states: tuple[str, ...],
+    inputs: tuple[str, ...],
+    outputs: Sequence[str] = (),
 ) -> Simulation:
     """Read the user's simulation.
 
     Args:
-        given: Expressions by state, a function of all states at once, or None for no simulation.
+        given: Expressions by state or output, a function of all states at once, or None for no simulation.
         states: State names of the data.
         inputs: Input names of the data.
+        outputs: Output names of the data, which expressions give and do not use.
 
     Raises:
-        InputError: An expression for an unknown state, or one that cannot be read.
+        InputError: An expression for an unknown state or output, or one that cannot be read.
     """
     if callable(given):
         return CallableSimulation(states, inputs, given)
     given = given or {}
-    unknown = [name for name in given if name not in states]
+    unknown = [name for name in given if name not in (*states, *outputs)]
     if unknown:
-        raise InputError(
-            f"The simulation has an equation for {unknown[0]!r}, which is not a state of the data; "
-            f"states: {', '.join(states)}."
-        )
+        raise InputError(f"The simulation has an equation for {unknown[0]!r}, {not_known(states, outputs)}.")
     parsed = {name: parse_expression(str(text), (*states, *inputs)) for name, text in given.items()}
     return ExpressionSimulation(states, inputs, parsed)
+
+
+def not_known(states: Sequence[str], outputs: Sequence[str], hint: str = "") -> str:
+    """What is said of an equation for a name that the data do not have, with those that they have.
+
+    Args:
+        states: State names of the data.
+        outputs: Output names of the data.
+        hint: What may have been meant, in brackets.
+    """
+    if not outputs:
+        return f"which is not a state of the data{hint}; states: {', '.join(states)}"
+    known = [f"{what}: {', '.join(names)}" for what, names in (("states", states), ("outputs", outputs)) if names]
+    return f"which is neither a state nor an output of the data{hint}; {'; '.join(known)}"
 
 
 @partial(jax.jit, static_argnums=0)

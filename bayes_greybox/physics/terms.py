@@ -15,6 +15,7 @@ from bayes_greybox.data.errors import InputError
 from .expressions import check_expression, evaluate, namespace, parse_expression, symbol_names
 from .grammar import MAX_EXPONENT, check_known, check_name
 from .printing import to_latex, to_text
+from .rounding import rounded
 
 # Larger polynomial families than this are a slip in the degree or the variables.
 _MAX_TERMS = 1000
@@ -71,6 +72,11 @@ class Term:
         """Value of the term, in the shape of the columns (see `expressions.evaluate`)."""
         return evaluate(self.expr, columns)
 
+    def rounded(self, columns: Mapping[str, Float[np.ndarray, " n"]]) -> "Term":
+        """The term with its jumps rounded, as an integrator needs it (see `rounding.rounded`)."""
+        smooth = rounded(self.expr, columns)
+        return self if smooth is self.expr else replace(self, expression=smooth)
+
 
 @dataclass(frozen=True)
 class Dictionary:
@@ -95,6 +101,11 @@ class Dictionary:
         """
         terms = [replace(term, name=f"{state}: {term.name}") for state, own in parts.items() for term in own.terms]
         return cls(tuple(terms), tuple(parts.items()))
+
+    def rounded(self, columns: Mapping[str, Float[np.ndarray, " n"]]) -> "Dictionary":
+        """The dictionary with jumps of its terms rounded, as an integrator needs them."""
+        parts = tuple((state, own.rounded(columns)) for state, own in self.parts)
+        return Dictionary(tuple(term.rounded(columns) for term in self.terms), parts)
 
     @property
     def acts_on(self) -> tuple[str, ...]:

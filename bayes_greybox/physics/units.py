@@ -16,6 +16,7 @@ import sympy
 
 from bayes_greybox.data.columns import derivative_label
 from bayes_greybox.data.errors import InputError
+from bayes_greybox.data.runs import Runs
 
 from .printing import to_text
 from .terms import Term
@@ -88,6 +89,19 @@ def derivative_unit(state: str, units: Mapping[str, str]) -> str:
     return f"{rate:~P}" or "1"
 
 
+def target_unit(equation: str, data: Runs) -> str:
+    """Unit of what an equation gives: of a state's derivative, or an output's own.
+
+    Args:
+        equation: Name of a state or an output.
+        data: Data that have it.
+
+    Returns:
+        A unit that `parse_unit` reads; "" if it is not known.
+    """
+    return (data.unit(equation) or "") if data.is_output(equation) else derivative_unit(equation, data.units)
+
+
 def term_unit(term: Term, units: Mapping[str, str]) -> Any:
     """Unit of a term, from the units of its columns or its own declaration.
 
@@ -110,7 +124,7 @@ def coefficient_unit(target_unit: str, term: Term, units: Mapping[str, str]) -> 
     """Unit of a term's coefficient, unit(dx/dt) / unit(term), ready to print.
 
     Args:
-        target_unit: Unit of the learned derivative, see `derivative_unit`.
+        target_unit: Unit of what the equation gives, see `target_unit`.
         term: The term.
         units: Units by column name.
 

@@ -70,7 +70,7 @@ def doubts(study: StudyResult) -> list[Doubt]:
     """
     found: list[Doubt] = []
     for equation in study.maps or study.hypotheses.index.unique(0):
-        about = f" of d({equation})/dt" if len(study.maps) > 1 else ""
+        about = f" of {study.train.target_label(equation)}" if len(study.maps) > 1 else ""
         parts = (*_checks(study, equation), *_explanations(study, equation), *_measurement(study, equation))
         found += [replace(each, topic=f"{each.topic}{about}") for each in parts]
     rows = [Doubt("Rows", text, True) for text in study.warnings]

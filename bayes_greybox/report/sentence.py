@@ -46,7 +46,8 @@ def measurement_in_words(study: StudyResult) -> list[str]:
 
 
 def _answer(study: StudyResult) -> str:
-    closed = closed_in_words(study.gap)
+    label = study.train.target_label
+    closed = closed_in_words(study.gap, study.train.target_in_words(*study.maps, article="the "))
     if study.verdict == "no gap":
         return "Nothing is missing: simulation and measurements agree to within the noise."
     if study.verdict == "instrument":
@@ -54,7 +55,7 @@ def _answer(study: StudyResult) -> str:
         return f"No effect is missing, it is the measurement: {found}."
     if study.verdict == "recalibrate":
         off = _corrections(study, LIKELY)
-        right = "; ".join(_should_be(row) for row in off) or "which one the data cannot say"
+        right = "; ".join(_should_be(row, label(row["equation"])) for row in off) or "which one the data cannot say"
         what, it = "coefficients of the simulation are", "them"
         if len(off) == 1:
             what, it = "the coefficient of the simulation is", "it"
@@ -64,13 +65,13 @@ def _answer(study: StudyResult) -> str:
         tied = [name_of(study, slug).lower() for slug in row["tied_with"]]
         tied = f", not to be told from {' or '.join(tied)}" if tied else ""
         p = probability_text(row["probability"])
-        said.append(f"{row['name'].lower()} in d({row['equation']})/dt (probability {p}{tied})")
+        said.append(f"{row['name'].lower()} in {label(row['equation'])} (probability {p}{tied})")
     # Of several equations the gravest speaks; what was found in the others is said with it.
     off = [row for row in _corrections(study, SURE) if answer(study, row["equation"]) != "unknown"]
     besides = ""
     if off and len(study.maps) > 1:
         what = "A coefficient of the simulation is" if len(off) == 1 else "Coefficients of the simulation are"
-        besides = f" {what} off besides: {'; '.join(_should_be(row) for row in off)}."
+        besides = f" {what} off besides: {'; '.join(_should_be(row, label(row['equation'])) for row in off)}."
     return f"{_missing(study, said, closed)}{besides}"
 
 
@@ -82,14 +83,15 @@ def _missing(study: StudyResult, said: Sequence[str], closed: str) -> str:
         said: Effects that were added, in words.
         closed: What became of the gap.
     """
+    label = study.train.target_label
     if study.verdict == "unknown" or not said:
         shapeless = [name for name in study.maps if answer(study, name) == "unknown"] if len(study.maps) > 1 else []
-        where = f" in {' and '.join(f'd({name})/dt' for name in shapeless)}" if shapeless else ""
+        where = f" in {' and '.join(map(label, shapeless))}" if shapeless else ""
         # Of several equations the ones that are spoken of here
         said_of = shapeless or list(study.maps)
         told = {name: remembered(study, name) for name in said_of}
         remembers = "; ".join(
-            f"{text} in d({name})/dt" if len(said_of) > 1 else text for name, text in told.items() if text
+            f"{text} in {label(name)}" if len(said_of) > 1 else text for name, text in told.items() if text
         )
         shape = "the maps show its shape"
         if remembers:
@@ -124,16 +126,17 @@ def _corrections(study: StudyResult, least: float) -> list[dict[str, Any]]:
     return study.corrections[study.corrections["probability"] > least].reset_index().to_dict("records")
 
 
-def _should_be(row: Mapping[str, Any]) -> str:
+def _should_be(row: Mapping[str, Any], label: str) -> str:
     right, wrong = number(row["nominal"] + row["mean"], 4), number(row["nominal"], 4)
-    return f"{row['term']} in d({row['equation']})/dt should have {right}, not {wrong}"
+    return f"{row['term']} in {label} should have {right}, not {wrong}"
 
 
-def closed_in_words(gap: pd.DataFrame) -> str:
+def closed_in_words(gap: pd.DataFrame, what: str = "the rate") -> str:
     """What became of the gap, on held-out data where the rates were measured there.
 
     Args:
         gap: The gap before and after, as a study has it.
+        what: What is explained or not: the rate, or outputs by name.
     """
     shares = gap.xs("unexplained share", level="metric")[["before", "after"]]
     # What is at rest has no rate to explain a share of.
@@ -144,7 +147,7 @@ def closed_in_words(gap: pd.DataFrame) -> str:
     before, after = shares[parts == ("test" if held_out else "train")].sum()
     if not before > 0:
         if after > 0:
-            return f"leaves {percent_text(after)} of the rate on {where} unexplained, where nothing was before"
+            return f"leaves {percent_text(after)} of {what} on {where} unexplained, where nothing was before"
         return f"closes no gap on {where}, which show none"
     worse, idle = worsened(gap), not_helped(gap)
     if worse or idle:
@@ -152,9 +155,9 @@ def closed_in_words(gap: pd.DataFrame) -> str:
         runs = " and ".join(worse_in_words(key) for key in worse)
         runs = runs or f"the free run of {listed(idle)} does not get better"
         if after > before:
-            return f"raises what is unexplained of the rate on {where} {risen(after / before)}, and {runs}"
+            return f"raises what is unexplained of {what} on {where} {risen(after / before)}, and {runs}"
         size = percent_text(min(1 - after / before, MOST_CLOSED))
-        return f"lowers what is unexplained of the rate on {where} by {size}, but {runs}"
+        return f"lowers what is unexplained of {what} on {where} by {size}, but {runs}"
     if after > before:
         return f"widens the gap on {where} {risen(after / before)}"
     return f"closes {percent_text(min(1 - after / before, MOST_CLOSED))} of the gap on {where}"

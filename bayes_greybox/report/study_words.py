@@ -18,28 +18,32 @@ from .formatting import estimate, interval, nmse_text, number, percent_text, pro
 
 METRICS: dict[str, tuple[str, str]] = {
     "unexplained share": (
-        "Unexplained part of d({variable})/dt",
-        "Share of the measured rate that neither the model's physics nor the noise explains.",
+        "Unexplained part of {target}",
+        "Share of the measured {rate} that neither the model's physics nor the noise explains.",
     ),
     "free-run NRMSE": (
         "Error of a free run, {variable}",
         "Started from a measured state and left alone: RMS error over the standard deviation of the measurement.",
     ),
     "derivative NMSE": (
-        "Error of the predicted rate d({variable})/dt",
+        "Error of the predicted rate {target}",
         "Mean square error over the variance of the measured rate.",
     ),
+    "output NMSE": (
+        "Error of the predicted {target}",
+        "Mean square error over the variance of the measured {target}.",
+    ),
     "sample NMSE": (
-        "Error of the predicted samples, as forces on d({variable})/dt",
+        "Error of the predicted samples, as forces on {target}",
         "Mean square error over the variance of the samples, whatever the path started from.",
     ),
     MISFIT: (
-        "Error of the predicted samples over their noise, d({variable})/dt",
+        "Error of the predicted samples over their noise, {target}",
         "One where the model explains all but the noise, and what its coefficients leave open.",
     ),
     "time to failure": ("Time until a free run fails", "How long the model can be run before it blows up."),
 }
-"""Title and explanation of each measure of the gap, the plainest first."""
+"""Title and explanation of each measure of the gap, the plainest first; see `metric_words`."""
 
 NAMES = {
     "no gap": "no gap",
@@ -52,7 +56,7 @@ NAMES = {
 LIKELY = 0.5
 """A correction more probable than this is taken over into the amended simulation."""
 
-GIVEN = ("position", "stored")
+GIVEN = ("position", "stored", "velocity", "level", "population", "state")
 """Roles whose column may well be in the data where none was recognised; another body's need not be there."""
 
 MOST_CLOSED = 0.9999
@@ -180,6 +184,13 @@ def not_weighed(study: StudyResult) -> list[str]:
     return found
 
 
+def metric_words(study: StudyResult, metric: str, variable: str) -> tuple[str, str]:
+    """Title and explanation of a measure of the gap in an equation, or in the free run of a state."""
+    data, (title, about) = study.train, METRICS[metric]
+    words = {"target": data.target_label(variable), "rate": data.target_in_words(variable), "variable": variable}
+    return title.format(**words), about.format(**words)
+
+
 def metric_value(study: StudyResult, metric: str, value: float) -> str:
     """A value of a measure of the gap as it is read."""
     if metric == "time to failure":
@@ -187,7 +198,7 @@ def metric_value(study: StudyResult, metric: str, value: float) -> str:
         return "never" if not math.isfinite(value) else f"{number(value)} {unit}".strip()
     if metric == MISFIT:
         return number(value, 3)
-    return nmse_text(value) if metric in ("derivative NMSE", "sample NMSE") else percent_text(value)
+    return nmse_text(value) if metric in ("derivative NMSE", "output NMSE", "sample NMSE") else percent_text(value)
 
 
 def share_text(share: float) -> str:
@@ -242,7 +253,7 @@ def suspects_weighed(study: StudyResult) -> list[tuple[str, str]]:
     if not odds:
         return []
     states, inputs = study.train.state_names, study.train.input_names
-    rates = [f"d({name})/dt" for name in study.maps]
+    rates = [study.train.target_label(name) for name in study.maps]
     delays = [*rates, *(["all states together"] if inputs else []), *(states if len(states) > 1 else ()), *inputs]
     channels = [*rates, *states, *inputs]
     each, noise = (probability_text(odds[key]) for key in ("suspect", "noise"))

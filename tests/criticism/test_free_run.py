@@ -1,5 +1,6 @@
 """Free runs of fits whose draws are written down by hand."""
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from fabricated import fabricate
@@ -89,3 +90,35 @@ def test_without_starts_all_draws_begin_at_the_measured_one(runs):
     first = np.arange(runs) * 201
     np.testing.assert_array_equal(states[:, first], np.tile(data.matrix(("y", "v"))[first], (2, 1, 1)))
     assert failed_at.shape == (runs, 2) and np.isnan(failed_at).all()
+
+
+def test_friction_that_rises_steeply_at_rest_is_followed_to_the_end():
+    # An explicit method spends its steps where the mass sticks.
+    t = np.arange(0.0, 20.0, 0.05)
+    push = np.where(t < 8, np.sin(1.3 * t), 0.0)
+    data = Trajectories.from_arrays(t, states={"y": np.cos(t), "v": np.sin(t)}, inputs={"F": push})
+
+    def rate(t, x, u, friction):
+        return jnp.stack([x[1], u[0] - 4 * x[0] - friction * jnp.tanh(x[1] / 1e-5)])
+
+    runner = FreeRunner(rate, "linear", rtol=1e-6, atol=1e-7)
+    states, failed_at = runner(data, jnp.array([0.2, 0.25]), np.tile([0.3, 0.0], (2, 1, 1)))
+    assert np.all(np.isnan(failed_at)) and np.all(np.isfinite(states))
+    # It comes to rest where the spring is weaker than the friction.
+    assert np.all(np.abs(states[:, -1, 1]) < 1e-4) and np.all(np.abs(4 * states[:, -1, 0]) < [0.2, 0.25])
+
+
+def test_coulomb_friction_keeps_a_mass_at_rest():
+    t = np.arange(0.0, 20.0, 0.05)
+    push = np.where(t < 8, np.sin(1.3 * t), 0.0)
+    model = Program(simulation={"y": "v", "v": "F - 4*y - 0.2*sign(v)"}, dictionary={"v": ["y"]}, discrepancy=None)
+    data = Trajectories.from_arrays(
+        t, states={"y": 0.3 * np.cos(t), "v": -0.3 * np.sin(t)}, inputs={"F": push},
+        derivatives={"v": push - 1.2 * np.cos(t) + 0.3 * np.sign(np.sin(t))},
+    )  # fmt: skip
+    run = free_run(fabricate(model, data, **DRAWS, theta=np.zeros((2, 30, 1))), data)
+    assert not np.any(run.failed)
+    y, v = (run.states[name].mean for name in ("y", "v"))
+    assert abs(v[-1]) < 1e-3 and 4 * abs(y[-1]) < 0.2
+    # What sticks creeps, and hardly: the last five seconds at rest.
+    assert np.ptp(y[-100:]) < 1e-3

@@ -8,6 +8,8 @@ from sampled_oscillator import SIMULATION, sampled
 
 import bayes_greybox as bg
 from bayes_greybox.data.clipping import clipped, clipped_states, seen_samples
+from bayes_greybox.discovery.suspects.channels import DRIFT, ChannelSuspect
+from bayes_greybox.discovery.weighing.sensors_along_path import freed
 
 STEP = 0.1
 
@@ -95,6 +97,18 @@ def test_noise_that_moves_the_path_knows_how_long_a_sensor_was_at_its_end():
         forced, starts = noise.forced(1e-12), noise.covariance()
         # A force of no intensity leaves the starts, whatever samples are missing.
         np.testing.assert_allclose(forced.covariance(), starts, rtol=1e-6, atol=1e-6 * np.max(starts))
+
+
+def test_samples_put_right_remember_where_their_sensor_was_at_its_end():
+    data = clipped_above(0.8)
+    drift = {ChannelSuspect(DRIFT, "y", 1.0): 0.2}
+    right = freed(data, "v", drift, data)
+    assert clipped_states(right) == {}
+    np.testing.assert_array_equal(seen_samples(right), seen_samples(data))
+    some = right.keep(np.arange(data.n_obs) % 3 > 0)
+    np.testing.assert_array_equal(seen_samples(some), seen_samples(data)[np.arange(data.n_obs) % 3 > 0])
+    again = bg.Trajectories.from_frame(right.to_frame(), **right.metadata())
+    np.testing.assert_array_equal(seen_samples(again), seen_samples(data))
 
 
 def test_a_run_that_is_nearly_all_clipped_is_refused():

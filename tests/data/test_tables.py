@@ -57,6 +57,16 @@ def test_every_format_gives_the_same_data(tmp_path, suffix):
     assert data.unit("t") == "s" and data.unit("y") == "m"
 
 
+def test_a_map_is_read_without_states(tmp_path):
+    path = write(tmp_path, ".csv")
+    data = read_table(path, dt=1.0, inputs={"x": "pos"}, outputs={"R": "acc"}, units={"x": "m", "R": "N"})
+    np.testing.assert_allclose(data.rate("R"), -np.sin(T), rtol=1e-15)
+    assert data.state_names == () and data.output_names == ("R",) and data.unit("R") == "N"
+    assert read_table(path, dt=1.0, states=["pos"], outputs=["force"]).output_names == ("force",)
+    with pytest.raises(InputError, match='has no column "forces"'):
+        read_table(path, dt=1.0, states=["pos"], outputs=["forces"])
+
+
 def test_text_with_spaces_between_columns(tmp_path):
     path = tmp_path / "run.txt"
     path.write_text("t y\n0 1\n1  2\n2 4\n")

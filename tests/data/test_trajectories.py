@@ -1,4 +1,5 @@
 import numpy as np
+import pandas as pd
 import pytest
 
 from bayes_greybox.data.columns import stack
@@ -121,6 +122,37 @@ def test_summary_and_repr_say_what_is_there():
         assert word in repr(data)
 
 
+def with_output(**changes):
+    return one_run(**{"outputs": {"R": np.exp(T)}, "units": {"y": "m", "ydot": "m/s", "R": "kN", "t": "s"}, **changes})
+
+
+def test_an_output_is_measured_and_no_column():
+    data = with_output()
+    assert data.output_names == ("R",) and data.derivative_names == ("ydot",) and "R" not in data.columns
+    np.testing.assert_array_equal(data.rate("R"), np.exp(T))
+    assert data.target_label("R") == "R" and data.target_label("ydot") == "d(ydot)/dt"
+    assert data.target_in_words("ydot", "R", "y", article="the ") == "the rate and R"
+    table = data.summary()
+    assert table.loc["R", ["kind", "unit"]].tolist() == ["output", "kN"] and table.loc["R", "max"] == np.e
+    assert "derivatives of ydot; outputs R)" in repr(data)
+
+
+def test_rows_of_an_output_stay_with_the_others():
+    data = with_output()
+    first, second = data.split(0.5)
+    np.testing.assert_array_equal(np.append(first.rate("R"), second.rate("R")), np.exp(T))
+    np.testing.assert_array_equal(data.keep(T > 0.5).rate("R"), np.exp(T[T > 0.5]))
+    back = Trajectories.from_frame(data.to_frame(), **data.metadata())
+    assert back.output_names == ("R",) and back.metadata() == data.metadata()
+    pd.testing.assert_frame_equal(back.to_frame(), data.to_frame())
+
+
+def test_beside_inputs_and_outputs_there_may_be_no_state():
+    data = Trajectories.from_arrays(np.arange(11), inputs={"p": T**2}, outputs={"q": [T]})
+    assert data.state_names == () and data.matrix(("p",)).shape == (11, 1)
+    assert repr(data) == "Trajectories(11 rows in 1 run; inputs p; outputs q)"
+
+
 def test_constant_input_is_allowed_in_held_out_data():
     assert one_run(inputs={"F": np.zeros(11)}, units={}, constant="keep").n_obs == 11
 
@@ -154,6 +186,14 @@ BAD = {
     "unit": ({"units": {"z": "m"}}, r'unit is given for "z", which is no column'),
     "text": ({"inputs": {"F": ["a"] * 11}}, r'input "F" of run "0" is not numeric'),
     "no state": ({"states": {}, "derivatives": {}, "units": {}}, r"no state"),
+    "output alone": (
+        {"states": {}, "derivatives": {}, "inputs": {}, "units": {}, "outputs": {"R": T}},
+        r"nothing that an output could depend on; give at least one column in states=.* or inputs=",
+    ),
+    "output and state": ({"outputs": {"y": T}}, r'"y" is both an output and a state; rename one'),
+    "output and input": ({"outputs": {"F": T}}, r'"F" is both an output and an input'),
+    "nan output": ({"outputs": {"R": with_nan(T, 2)}}, r'output "R" has 1 missing .* row 2'),
+    "rate of an output": ({"outputs": {"R": T}, "units": {"d(R)/dt": "N/s"}}, r'"d\(R\)/dt", which is no column'),
     "run names": ({"run_names": ["a", "b"]}, r"1 runs but 2 run names"),
     "runs": ({"t": [T, T]}, r'state "y" has 1 runs but the time has 2'),
     "empty": (

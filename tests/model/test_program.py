@@ -1,6 +1,7 @@
 """From a description and data to the design: what is refused, and how the simulation is read."""
 
 import math
+from dataclasses import replace
 
 import jax.numpy as jnp
 import numpy as np
@@ -12,8 +13,10 @@ from numpyro.handlers import seed, trace
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.model.gp.discrepancy import EXACT_LIMIT, OrthogonalGP
+from bayes_greybox.model.noise.asked import Noise, varies_with
 from bayes_greybox.model.priors import CustomPrior, Laplace
 from bayes_greybox.model.program import Program
+from bayes_greybox.model.rows.trajectory_rows import TrajectoryRows
 
 
 def _data(n=40, derivatives=("v",), **changes):
@@ -65,6 +68,49 @@ def test_bad_input_is_named(dictionary, options, data, words):
     program = Program(dictionary, **options)
     with pytest.raises(InputError, match=words):
         program.assemble(_data(**data))
+
+
+def _map(n=40):
+    """A damper's force over its speed, and the same force once more."""
+    rng = np.random.default_rng(0)
+    v = rng.uniform(-1, 1, n)
+    force = 3 * v + 0.5 * v**3 + 0.05 * rng.standard_normal(n)
+    return Trajectories.from_arrays(np.arange(float(n)), states={"v": v}, outputs={"R": force, "S": 2 * force})
+
+
+def test_an_output_is_learned_from_rows_without_a_derivative():
+    program = Program({"R": ["v**3"]}, simulation={"R": "3*v"}, discrepancy=None)
+    data = _map()
+    (equation,) = program.assemble(data).values()
+    rows = equation.rows
+    np.testing.assert_allclose(rows.target, data.rate("R") - 3 * data.states["v"])
+    assert rows.output and rows.label == "R" and "simulated R" in varies_with(rows)
+    # Data that are to be predicted need not hold it.
+    bare = Trajectories.from_arrays(data.time, states=dict(data.states))
+    assert program.complete(bare) is bare and program.simulator(bare, lacking=True).equations == ("R",)
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda: Program({"Q": ["v"]}), "'Q', which is neither a state nor an output .*; states: v; outputs: R, S"),
+        (lambda: Program({"S": ["R"]}), "unknown name 'R'"),
+        (lambda: Program({"R": ["v"]}, simulation={"Q": "v"}), "simulation has an equation for 'Q', which is neither"),
+        (lambda: Program({"R": ["v"]}, simulation=lambda t, x, u: x), "not the output 'R': give formulas"),
+        (lambda: Program({"R": ["v"]}, rows=TrajectoryRows()), "those of states, and 'R' is an output: leave it out"),
+        (lambda: Program({"R": ["v"]}, simulation={"R": "v"}, noise=Noise(force="fit")), "an output: leave it out"),
+    ],
+)
+def test_what_cannot_be_said_of_an_output_is_refused(make, words):
+    with pytest.raises(InputError, match=words):
+        make().assemble(_map())
+
+
+def test_an_output_that_is_known_exactly_leaves_nothing_to_learn():
+    data = _map()
+    exact = replace(data, derivatives={"R": 3 * data.states["v"]})
+    with pytest.raises(InputError, match="equals the measured R exactly: there is nothing to learn"):
+        Program({"R": ["v**3"]}, simulation={"R": "3*v"}).assemble(exact)
 
 
 def test_term_that_is_infinite_only_between_the_data_is_refused_for_the_box():

@@ -350,6 +350,39 @@ def test_circuits():
     assert "brush-drop" in found and "diode" not in found
 
 
+def of_output(simulation=None, states=("x", "v"), inputs=("u",), **given):
+    return roles_of(simulation, states, inputs, "R", outputs=("R",), **given)
+
+
+def test_an_output_has_columns_by_their_units():
+    roles = of_output(inputs=("w", "u"), units={"x": "mm", "v": "m/s", "w": "deg/s", "u": "V", "R": "N"})
+    assert (roles["position"], roles["velocity"], roles["voltage"]) == (("x",), ("v", "w"), ("u",))
+    # One column in two roles would be one effect under two names; and no state's equation is learned.
+    assert roles["input"] == roles["state"] == roles["level"] == ()
+    found = dict(texts("mechanical", roles))
+    assert found["quadratic-drag"] in ("v*abs(v)", "w*abs(w)") and "cubic-input" not in found
+    # A share is no angle, and a frequency no speed.
+    assert of_output(units={"x": "1", "v": "Hz"})["position"] == ()
+
+
+def test_an_output_has_columns_by_the_simulation_or_by_what_is_said():
+    assert of_output()["position"] == of_output()["velocity"] == ()
+    paired = of_output({"x": "v", "R": "3*x"})
+    assert (paired["position"], paired["velocity"], paired["input"]) == (("x",), ("v",), ("u",))
+    assert of_output({"x": "v"}, units={"x": "C", "v": "A"})["position"] == ()
+    given = of_output(given={"level": "u", "position": "x"})
+    assert (given["level"], given["position"], given["input"]) == (("u",), ("x",), ())
+    assert of_output(given={"level": "u", "input": "u"})["input"] == ("u",)
+    with pytest.raises(InputError, match="unknown column 'R'"):
+        of_output(given={"level": "R"})
+
+
+def test_of_an_output_no_sign_is_usual():
+    drag = next(effect for effect in load_catalogue("mechanical") if effect.slug == "quadratic-drag")
+    free = drag.either_way()
+    assert drag.sign == -1 and (free.sign, free.reverse, free.expression) == (0, "", drag.expression)
+
+
 def test_given_roles_win():
     roles = roles_of(
         OSCILLATOR, ("y", "ydot", "T"), ("F", "G"), "ydot", given={"input": "G", "heat": ["T"], "velocity": ()}

@@ -8,13 +8,13 @@ from integration import integrate
 from scipy.interpolate import CubicSpline
 
 from bayes_greybox.data.errors import InputError
-from bayes_greybox.physics.integrate import PIECE, _at, _pieces, between_samples
+from bayes_greybox.physics.integrate import PIECE, _at, between_samples, curvature_of
 
 
 def interpolant(t, values, kind="linear"):
     """The input between samples as the integrator sees it."""
     t, values = jnp.asarray(t), jnp.asarray(values)
-    kinds, curvature = _pieces(t, values, kind)
+    kinds, curvature = curvature_of(t, values, kind)
     return lambda time: _at(time, t, values, curvature, kinds)
 
 

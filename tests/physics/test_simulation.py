@@ -28,3 +28,30 @@ def test_known_terms_are_added_in_rows_and_in_integrators(given):
     assert both.kinematic("y") == plain.kinematic("y") and not both.kinematic("v")
     assert both.key != plain.key and hash(both.key) == hash(plain.beside(KNOWN).key)
     assert plain.beside({"v": ()}) is plain
+
+
+def test_an_output_is_in_rows_and_in_no_integrator():
+    given = {"y": "v", "v": "F - y", "R": "2*y", "S": "y"}
+    simulation = simulation_of(given, ("y", "v"), ("F",), ("R", "S")).beside({"R": ((Term("v"), 3.0),)})
+    rng = np.random.default_rng(0)
+    y, v, F = rng.normal(size=(3, 6))
+    data = bg.Trajectories.from_arrays(np.arange(6.0), states={"y": y, "v": v}, inputs={"F": F})
+    np.testing.assert_allclose(simulation.on(data, "R"), 2 * y + 3 * v)
+    x = np.column_stack([y, v])
+    np.testing.assert_allclose(simulation.rates(data.time, x, F[:, None]), np.column_stack([v, F - y]))
+    assert simulation.rate(jnp.zeros(()), jnp.array(x[0]), jnp.array(F[:1])).shape == (2,)
+    assert simulation.jacobian(data.time, x, F[:, None]).shape == (6, 2, 2)
+    assert set(simulation.equations) == {"y", "v", "R", "S"}
+    # What is measured of a state twice has no rate.
+    assert simulation.kinematic("y") and not simulation.kinematic("S")
+
+
+def test_what_an_output_is_not():
+    with pytest.raises(bg.InputError, match="'Q', which is neither a state nor an output .*; states: y; outputs: R"):
+        simulation_of({"Q": "y"}, ("y",), (), ("R",))
+    with pytest.raises(bg.InputError, match="unknown name 'R'"):
+        simulation_of({"y": "-R"}, ("y",), (), ("R",))
+    data = bg.Trajectories.from_arrays(np.arange(3.0), states={"y": np.arange(3.0)}, outputs={"R": np.ones(3)})
+    function = simulation_of(lambda t, x, u: -x, ("y",), (), ("R",))
+    with pytest.raises(bg.InputError, match="rates of states and not the output 'R': give formulas"):
+        function.on(data, "R")

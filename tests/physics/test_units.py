@@ -1,10 +1,19 @@
 """Units of coefficients, and terms whose units cannot be right."""
 
+import numpy as np
 import pytest
 
 from bayes_greybox.data.errors import InputError
+from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.physics.terms import Dictionary, Term
-from bayes_greybox.physics.units import check_units, coefficient_unit, derivative_unit, parse_unit, term_unit
+from bayes_greybox.physics.units import (
+    check_units,
+    coefficient_unit,
+    derivative_unit,
+    parse_unit,
+    target_unit,
+    term_unit,
+)
 
 UNITS = {
     "t": "s", "y": "m", "ydot": "m/s", "F": "N", "phi": "rad", "psi": "degree", "r": "1", "q": "mm",
@@ -48,6 +57,16 @@ def test_derivative_unit_prefers_the_declared_one():
     assert parse_unit(derivative_unit("ydot", UNITS), "x") == parse_unit("m/s^2", "x")
     assert derivative_unit("ydot", {**UNITS, "d(ydot)/dt": "N/kg"}) == "N/kg"
     assert derivative_unit("z", UNITS) == "" and derivative_unit("y", {"y": "m"}) == ""
+
+
+def test_the_unit_of_an_output_is_its_own():
+    t = np.arange(3.0)
+    data = Trajectories.from_arrays(
+        t, states={"v": t}, outputs={"R": t, "q": t}, units={"t": "s", "v": "m/s", "R": "N"}
+    )
+    assert target_unit("R", data) == "N" and target_unit("q", data) == ""
+    assert target_unit("v", data) == derivative_unit("v", data.units) == "m/s²"
+    assert coefficient_unit(target_unit("R", data), Term("v*abs(v)"), data.units) == "kg/m"
 
 
 @pytest.mark.parametrize(

@@ -1,8 +1,10 @@
 """The verdict in one sentence, from tables that are written down by hand."""
 
+import numpy as np
 import pandas as pd
 import pytest
 
+from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.answer.instrument import IN_MODEL
 from bayes_greybox.discovery.study import StudyResult
 from bayes_greybox.report.sentence import sentence
@@ -57,6 +59,10 @@ def remembers(**given):
     return pd.DataFrame(rows, columns=["equation", "memory", "probability"]).set_index(["equation", "memory"])
 
 
+TRAIN = Trajectories.from_arrays(np.arange(3.0), states={"x": np.arange(3.0)}, outputs={"R": np.ones(3)})
+"""Data with a state and an output."""
+
+
 def said(
     verdict, added=(), gap=CLOSED, measured=(), against=(), where="x", equations=None, left_out=(), memory=None, **off
 ):  # fmt: skip
@@ -66,6 +72,7 @@ def said(
         verdict=verdict, effects=effects(*added, equation=where), gap=gap, corrections=corrections(**off),
         instrument=instrument(*measured), against=tuple(against), maps=dict.fromkeys(equations),
         hypotheses=likeliest(**equations), left_out=dict(left_out), memory=remembers(**(memory or {})),
+        train=TRAIN,
     )  # fmt: skip
     return sentence(study).replace("\u00a0", " ")
 
@@ -101,6 +108,13 @@ def test_of_two_equations_that_which_remembers_is_said():
 
 def test_a_named_effect_is_said_with_its_equation_and_probability():
     assert "cubic spring in d(x)/dt (probability 0.870)" in said("named", [("Cubic spring", 0.87, ())])
+
+
+def test_an_output_is_called_by_its_name():
+    found = said("named", [("Drag", 0.97, ())], where="R", equations={"R": "drag"})
+    assert found.startswith("The simulation lacks drag in R (probability 0.970); adding it closes")
+    left = said("unknown", gap=gap_table(test=(0.0, 0.1)), added=[("Drag", 0.97, ())], equations={"R": "unknown"})
+    assert "leaves 10.0 % of R on held-out data unexplained" in left
 
 
 def test_only_what_was_added_is_said():

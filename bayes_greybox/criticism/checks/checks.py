@@ -64,6 +64,7 @@ def checks(posterior: Posterior) -> Checks:
     Args:
         posterior: Fitted model.
     """
+    posterior.require_rows("Checks are made")
     names = tuple(posterior.equations)
     pits = {name: loo_pit(posterior, name) for name in names}
     white = {name: whiteness(posterior, name) for name in names}

@@ -83,6 +83,7 @@ def loo_pit(posterior: Posterior, equation: str, at_most: int | None = None) -> 
         equation: Learned state.
         at_most: Thin the draws evenly to this many; None: all.
     """
+    posterior.require_rows("LOO-PIT is found")
     entry = posterior.equations[equation]
     n = entry.rows.n_white
     index = np.unique(np.linspace(0, n - 1, min(n, OBSERVATIONS)).round().astype(int))

@@ -68,6 +68,7 @@ def sensitivity(posterior: Posterior) -> pd.DataFrame:
         Table indexed by (equation, quantity), quantities the terms and "P(term)": prior, likelihood, and diagnosis
         ("fine", "the prior decides", "prior and data pull apart").
     """
+    posterior.require_rows("Sensitivity is found")
     rows: dict[tuple[str, str], dict[str, Any]] = {}
     stats = array_stats()
     for name, equation in posterior.equations.items():

@@ -66,6 +66,7 @@ def whiteness(posterior: Posterior, equation: str) -> Whiteness:
         posterior: Fitted model.
         equation: Learned state.
     """
+    posterior.require_rows("Whiteness is found")
     residuals, lengths, by_frequency = _whitened(posterior, equation, posterior.draws(equation, DRAWS))
     n = residuals.shape[1]
     lags = np.arange(1, max(2, min(LAGS, n // 5, max(lengths) - 1) + 1))

@@ -172,7 +172,7 @@ def _require_same_data(fits: Mapping[str, Posterior]) -> None:
             if one != other:
                 raise InputError(f"{pair}: {one} rows of {equation!r} against {other}; {remedy}")
         columns = {"time": (reference.data.time, fit.data.time)} | {
-            f"the derivative of {equation!r}": (
+            f"{_measured(reference, equation)} {equation!r}": (
                 reference.equations[equation].rows.measured,
                 fit.equations[equation].rows.measured,
             )
@@ -187,6 +187,11 @@ def _require_same_data(fits: Mapping[str, Posterior]) -> None:
                 raise InputError(
                     f"{pair}: the derivatives of {equation!r} come from different differentiators; {remedy}"
                 )
+
+
+def _measured(fit: Posterior, equation: str) -> str:
+    """What stands before the name of an equation."""
+    return "the output" if fit.equations[equation].rows.output else "the derivative of"
 
 
 def _in_order(result: Loo, equations: Sequence[str], order: Sequence[str]) -> Loo:

@@ -130,6 +130,7 @@ def leave_folds_out(
     Raises:
         InputError: Fewer than 25 draws.
     """
+    posterior.require_rows("Leave-one-out and other folds are found")
     n_draw = count_draws(posterior, at_most)
     names = tuple(posterior.equations)
 

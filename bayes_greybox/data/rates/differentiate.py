@@ -77,7 +77,7 @@ def differentiate(
         run_names: name of each run, for messages.
         states: measured states.
         inputs: measured inputs.
-        derivatives: measured derivatives; smoothed, not replaced.
+        derivatives: measured derivatives, and outputs; smoothed, not replaced.
         method: "savgol", "bandlimited" or "spectral".
         rates: {"y": "ydot"} adds the rate of y as a state ydot and differentiates twice.
         window: odd number of samples.
@@ -208,7 +208,7 @@ def _check_request(
             )
         if name in derivatives:
             raise InputError(f'The derivative of "{name}" is already given; leave "{name}" out of rates.')
-        if rate in states or rate in inputs:
+        if rate in states or rate in inputs or rate in derivatives:
             raise InputError(
                 f'"{rate}" is measured and cannot be added as the rate of "{name}"; leave "{name}" out of rates.'
             )

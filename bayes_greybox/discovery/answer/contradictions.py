@@ -40,7 +40,7 @@ over it up to which the gap is nothing else."""
 def contradictions(
     model: Program, train: Trajectories, aligned: Aligned, amendment: Amendment, finding: Finding, odds: Odds
 ) -> tuple[list[MotionCheck], list[Doubt]]:
-    """Whether states move as the states that are their rates say, and the studied one as the amended model says.
+    """Whether states move as the states that are their rates say, and a studied one as the amended model says.
 
     Args:
         model: The model before.
@@ -89,7 +89,8 @@ def contradictions(
         for check in checks
         if not check.ok and (x := check.state)
     ]
-    if not finding.open_ended:
+    if not finding.open_ended and not train.is_output(name):
+        # An output says how no state moves.
         draws, found = amendment.rates(data.columns, RATE_DRAWS)[1], amendment.after
         values, moved = simulation.on(data, name) + draws.mean(axis=0), np.zeros_like(draws)
         pick = np.linspace(0, len(found.suspect_draws) - 1, RATE_DRAWS).astype(int)
@@ -123,10 +124,10 @@ def with_noisy_states(finding: Finding, aligned: Aligned, unit: str) -> Finding:
         return replace(finding, verdict="instrument", places=())
     if not spurious > REGRESSORS * left:
         return finding
-    names = ", ".join(aligned.sample_noise)
-    return finding.capped(
-        [f"noise on the samples of {names} acts like a force of {spurious * scale:.2g} {unit}".rstrip()]
-    )
+    names, rows = ", ".join(aligned.sample_noise), world.evaluations.statistics.rows
+    size = f"{spurious * scale:.2g} {unit}".rstrip()
+    like = f"{size} of {rows.equation}" if rows.output else f"a force of {size}"
+    return finding.capped([f"noise on the samples of {names} acts like {like}"])
 
 
 def noise_as_force(finding: Finding, aligned: Aligned) -> list[Doubt]:

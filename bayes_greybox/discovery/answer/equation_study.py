@@ -14,7 +14,7 @@ from bayes_greybox.discovery.evidence.evaluations import Evaluations
 from bayes_greybox.discovery.evidence.sufficient_statistics import SufficientStatistics
 from bayes_greybox.discovery.weighing.alignment import Aligned
 from bayes_greybox.physics.terms import Term
-from bayes_greybox.physics.units import coefficient_unit, derivative_unit
+from bayes_greybox.physics.units import coefficient_unit, target_unit
 
 from .adequacy import Check
 from .amendment import Amendment
@@ -217,7 +217,7 @@ class EquationStudy:
 
     def _unit(self, data: Trajectories, term: Term) -> str:
         try:
-            return coefficient_unit(derivative_unit(self.statistics.equation, data.units), term, data.units)
+            return coefficient_unit(target_unit(self.statistics.equation, data), term, data.units)
         except InputError:
             # The numbers of a simulation's expression carry units that nobody wrote.
             return ""

@@ -11,7 +11,7 @@ from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.suspects.channels import DELAY, DELAY_STEPS, GAIN, STATES, ChannelSuspect
 from bayes_greybox.discovery.weighing.alignment import Aligned
 from bayes_greybox.model.noise.noise_model import CORRELATED, HEAVY, PROCESS, VARYING
-from bayes_greybox.physics.units import derivative_unit
+from bayes_greybox.physics.units import target_unit
 
 from .coefficients import Coefficients
 from .doubt import contradicted
@@ -158,7 +158,7 @@ def _row(
         row |= {"text": f"{channel} reads {100 * abs(mean):.3g}\u00a0% too {'large' if mean >= 0 else 'small'}"}
     else:
         rate = suspect.channel not in data.columns
-        unit = derivative_unit(equation, data.units) if rate else data.unit(suspect.channel)
+        unit = target_unit(equation, data) if rate else data.unit(suspect.channel)
         row |= {
             "unit": unit or "",
             "text": f"{channel} has {_article(suspect.kind)} of {mean:.3g} {unit or ''}".rstrip(),
@@ -173,7 +173,7 @@ def _article(kind: str) -> str:
 def _noise_row(
     equation: str, name: str, p: float, about: Mapping[str, Any], inside: bool, data: Trajectories
 ) -> dict[str, Any]:
-    channel, time = f"d({equation})/dt", data.unit("t") or ""
+    channel, time = data.target_label(equation), data.unit("t") or ""
     row = _blank(equation, name, channel, p, IN_MODEL if inside else "", "")
     if name == CORRELATED:
         row |= {

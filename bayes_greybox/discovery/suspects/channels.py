@@ -49,7 +49,7 @@ class ChannelSuspect:
 
     Attributes:
         kind: `DELAY`, `GAIN`, `OFFSET` or `DRIFT`.
-        channel: Name of the rate ("d(x)/dt"), of a state or an input, or `STATES`.
+        channel: Name of the rate ("d(x)/dt"), of a state, an input or an output, or `STATES`.
         sd: Prior standard deviation of its size, in `unit`'s unit.
         step: Sampling step, for a delay.
     """
@@ -72,12 +72,12 @@ def suspect_columns(
 
     Args:
         data: Measurements, as corrected so far.
-        equation: The studied state.
-        rate: The whole modelled rate.
+        equation: The studied state or output.
+        rate: The whole modelled rate, or the modelled output.
     """
     inside = np.diff(data.time)[np.diff(data.run) == 0]
     step = float(np.median(inside)) if len(inside) else 1.0
-    own, shift = rate_channel(equation), step / 4
+    own, shift = data.target_label(equation), step / 4
     states, inputs = data.state_names, data.input_names
 
     def along(names: tuple[str, ...], clock: bool = False) -> np.ndarray:
@@ -142,7 +142,7 @@ def undone(data: Trajectories, equation: str, delays: Mapping[str, float]) -> Tr
     """
     if not any(delays.values()):
         return data
-    return shifted(data, _later_by(data, equation, delays), -delays.get(rate_channel(equation), 0.0))
+    return shifted(data, _later_by(data, equation, delays), -delays.get(data.target_label(equation), 0.0))
 
 
 def within(data: Trajectories, equation: str, delays: Mapping[str, float]) -> Bool[np.ndarray, " n_obs"]:
@@ -201,7 +201,7 @@ def calibrated(
 
     if not gains and not offsets:
         return data
-    own = rate_channel(equation)
+    own = data.target_label(equation)
     rates = part(data.derivatives, lambda name: own if name == equation else "")
     return replace(data, states=part(data.states, str), inputs=part(data.inputs, str), derivatives=rates)
 
@@ -275,14 +275,9 @@ def driven_later(data: Trajectories, later: Mapping[str, float]) -> Trajectories
     return replace(data, inputs=inputs)
 
 
-def rate_channel(equation: str) -> str:
-    """Name of the channel that measures a rate."""
-    return f"d({equation})/dt"
-
-
 def _later_by(data: Trajectories, equation: str, delays: Mapping[str, float]) -> dict[str, float]:
     """How much later each state and input has to be taken."""
-    own, states = delays.get(rate_channel(equation), 0.0), delays.get(STATES, 0.0)
+    own, states = delays.get(data.target_label(equation), 0.0), delays.get(STATES, 0.0)
     later = {name: states + delays.get(name, 0.0) - own for name in data.state_names}
     return later | {name: delays.get(name, 0.0) - own for name in data.input_names}
 

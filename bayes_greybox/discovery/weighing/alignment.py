@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from jaxtyping import Bool, Int
+from jaxtyping import Bool, Float, Int
 
 from bayes_greybox.data.clipping import clipped
 from bayes_greybox.data.noise.protocol import RowNoise
@@ -25,7 +25,6 @@ from bayes_greybox.discovery.suspects.channels import (
     Rate,
     calibrated,
     measured_at,
-    rate_channel,
     shifted,
     slope_along,
     suspect_columns,
@@ -126,6 +125,10 @@ class Aligned:
             return self._moved(data)
         better, slips = _mended(data, self._equation, self.bare) if self.misread else (data, {})
         return self._moved(better, *_clipped(data, self._equation).values(), *slips.values())
+
+    def shown(self, name: str) -> Float[np.ndarray, " n_obs"]:
+        """What the sensor of a state shows on the path that was followed."""
+        return self.data.column(name)
 
     def put_right(
         self, data: Trajectories, sensors: Mapping[ChannelSuspect, float], clock: Trajectories
@@ -339,7 +342,7 @@ def _clipped(data: Trajectories, equation: str) -> dict[str, Bool[np.ndarray, " 
     # A state may rest, and an input may be held; a rate that stays to the last bit where it is largest is clipped.
     if not _separable(data):
         return {}
-    return clipped({rate_channel(equation): data.rate(equation)}, data.run)
+    return clipped({data.target_label(equation): data.rate(equation)}, data.run)
 
 
 def _mended(

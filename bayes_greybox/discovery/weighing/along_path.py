@@ -21,11 +21,7 @@ from bayes_greybox.discovery.evidence.evaluations import Evaluations, one_patter
 from bayes_greybox.discovery.evidence.odds import Odds
 from bayes_greybox.discovery.evidence.of_equation import sufficient_statistics
 from bayes_greybox.discovery.evidence.with_discrepancy import Evaluator
-from bayes_greybox.discovery.suspects.channels import (
-    GAIN,
-    ChannelSuspect,
-    Rate,
-)
+from bayes_greybox.discovery.suspects.channels import DELAY, GAIN, ChannelSuspect, Rate, as_shown
 from bayes_greybox.discovery.suspects.memory import memory_columns
 from bayes_greybox.model.evidence import coefficients
 from bayes_greybox.model.near import near_estimate
@@ -56,9 +52,13 @@ class Followed(Aligned):
 
     Attributes:
         model: The model with rows near what was found.
+        sensors: Errors of sensors and inputs that the path is without.
+        clock: Data that drifts were found on.
     """
 
     model: Program = field(kw_only=True)
+    sensors: Mapping[ChannelSuspect, float] = field(default_factory=dict)
+    clock: Trajectories = field(kw_only=True)
 
     @property
     def n_sensor(self) -> int:
@@ -75,6 +75,12 @@ class Followed(Aligned):
     def rates_measured(self) -> bool:
         """No: rates are those of the path."""
         return False
+
+    def shown(self, name: str) -> Float[np.ndarray, " n_obs"]:
+        """The path with the errors of its sensor."""
+        # The path of an only sensor that is late has its clock already.
+        errors = {s: size for s, size in self.sensors.items() if s.kind != DELAY or self.n_sensor > 1}
+        return as_shown(self.data.column(name)[None], name, self.data, errors, self.clock)[0]
 
     def corrected(self, data: Trajectories) -> Trajectories:
         """Any samples of the same sensors with the path through them."""
@@ -139,7 +145,7 @@ def follow(
         rows = near.model.rows
     return Followed(
         near.data, near.base, clipped=clipped_states(train.samples or train), rate=near.rate, bare=bare, used=used,
-        rows=rows, noise=near.noise, model=near.model,
+        rows=rows, noise=near.noise, model=near.model, sensors=near.sensors, clock=train,
     )  # fmt: skip
 
 

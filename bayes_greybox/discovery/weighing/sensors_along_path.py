@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
+from bayes_greybox.data.clipping import seen_samples
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.evidence.sufficient_statistics import SufficientStatistics
@@ -54,6 +55,9 @@ def freed(
         clock: Data that drifts were found on.
     """
     right, late = calibrated(samples, equation, sensors, clock), Late.of(samples, sensors)
+    if not np.all(seen := seen_samples(samples)):
+        # Put right, a sensor at its end does not stay at one value.
+        right = replace(right, unseen=~seen)
     moved = driven_later(right, late.inputs) if any(late.inputs.values()) else right
     return replace(moved, time=moved.time - late.clock) if late.clock else moved
 

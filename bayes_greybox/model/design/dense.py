@@ -95,7 +95,17 @@ class DenseDesign(Design):
 
     def uncollapsed_discrepancy(self, hyper: Hyperparameters) -> Float[Array, " n_row"]:
         """There are no sites that f could be made of."""
-        raise InputError("uncollapsed_model needs OrthogonalGP(path='hsgp').")
+        return self.sampled_weights(hyper)
+
+    def sampled_weights(self, hyper: Hyperparameters) -> Float[Array, " n_basis"]:
+        """None."""
+        raise InputError("f has no weights to sample: use OrthogonalGP(path='hsgp').")
+
+    def standardised(
+        self, weight: Float[Array, " n_basis"], hyper: Hyperparameters, fresh: Float[Array, " n_basis"]
+    ) -> Float[Array, " n_basis"]:
+        """None."""
+        return self.sampled_weights(hyper)
 
     def prior_discrepancy(self, key: Array, hyper: Hyperparameters) -> dict[str, Array]:
         """Prior draw of f at the samples of the data."""

@@ -1,5 +1,6 @@
 """The feature path: rows [Φ Ψ̃ y] compressed to a triangular factor, whatever their number."""
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -24,6 +25,9 @@ from bayes_greybox.model.rows.equation_rows import EquationRows, Removal, Table
 from bayes_greybox.model.sites import site
 
 from .protocol import Compress, Design, EquationDraws, Root, WeightedRows
+
+FAINT = 1e-100
+"""Prior standard deviation of a weight of which nothing is left to standardise."""
 
 
 @jax.tree_util.register_dataclass
@@ -79,6 +83,15 @@ class FeatureDesign(Design):
         log_root, U = self.weight_prior(hyper)
         return jnp.exp(log_root) * (z if U is None else z - U @ (U.T @ z))
 
+    def standardised(
+        self, weight: Float[Array, " n_basis"], hyper: Hyperparameters, fresh: Float[Array, " n_basis"]
+    ) -> Float[Array, " n_basis"]:
+        """Z of weights: fresh where they do not tell it, zero where a weight has no variance to speak of."""
+        log_root, U = self.weight_prior(hyper)
+        known = log_root > math.log(FAINT)
+        z = jnp.where(known, weight * jnp.exp(-jnp.where(known, log_root, 0.0)), 0.0)
+        return z if U is None else z + U @ (U.T @ fresh)
+
     def remove_discrepancy(self, y: Float[Array, " n_row"], hyper: Hyperparameters) -> tuple[Regression, FeatureSolve]:
         """Integrate out the weights of f."""
         log_root, U = self.weight_prior(hyper)
@@ -91,11 +104,15 @@ class FeatureDesign(Design):
         return self.Psi @ self.weights(jax.random.normal(key, self.Psi.shape[1:]), hyper)
 
     def uncollapsed_discrepancy(self, hyper: Hyperparameters) -> Float[Array, " n_row"]:
-        """F on the compressed rows: standardised weights as the site `z`."""
+        """F on the compressed rows."""
+        return self.Psi @ self.sampled_weights(hyper)
+
+    def sampled_weights(self, hyper: Hyperparameters) -> Float[Array, " n_basis"]:
+        """Standardised weights as the site `z`, and from them the feature weights; neither where there is no f."""
+        if not self.Psi.shape[1]:
+            return jnp.zeros(0)
         z = site("z", dist.Normal(0.0, 1.0).expand(self.Psi.shape[1:]).to_event(1))
-        weight = self.weights(z, hyper)
-        numpyro.deterministic("weight", weight)
-        return self.Psi @ weight
+        return jnp.asarray(numpyro.deterministic("weight", self.weights(z, hyper)))
 
     def prior_discrepancy(self, key: Array, hyper: Hyperparameters) -> dict[str, Array]:
         """Prior draw of the weights."""

@@ -122,6 +122,29 @@ class Design(ABC):
         """
 
     @abstractmethod
+    def sampled_weights(self, hyper: Hyperparameters) -> Float[Array, " n_basis"]:
+        """Weights of f from sites of a NumPyro model.
+
+        Raises:
+            InputError: The design has no such sites.
+        """
+
+    @abstractmethod
+    def standardised(
+        self, weight: Float[Array, " n_basis"], hyper: Hyperparameters, fresh: Float[Array, " n_basis"]
+    ) -> Float[Array, " n_basis"]:
+        """Standardised weights that `sampled_weights` makes these of.
+
+        Args:
+            weight: Feature weights.
+            hyper: η.
+            fresh: Standard normal numbers for what the weights do not tell.
+
+        Raises:
+            InputError: The design has no weights.
+        """
+
+    @abstractmethod
     def prior_discrepancy(self, key: Array, hyper: Hyperparameters) -> dict[str, Array]:
         """Prior draw of f by quantity, `weight` or `f`; empty without a discrepancy."""
 

@@ -64,14 +64,19 @@ class HyperPrior:
     spread: Float[Array, ""] | float = 1.0
     n_var: int | None = field(default=None, metadata={"static": True})
 
-    def sample(self) -> Hyperparameters:
+    def sample(self, sigma: Float[Array, ""] | None = None) -> Hyperparameters:
         """Sample η inside a NumPyro model: sites `noise` (s), `amplitude` and `length_scale`, and `sigma` from s.
 
         Without f there is neither amplitude nor length scale; the placeholders multiply no features.
+
+        Args:
+            sigma: σ, where it has another prior.
         """
-        noise = site("noise", dist.HalfNormal(self.noise.scale))
-        # σ² = floor² + s²
-        sigma = jnp.asarray(numpyro.deterministic("sigma", jnp.sqrt(self.noise.floor**2 + noise**2)))
+        if sigma is None:
+            noise = site("noise", dist.HalfNormal(self.noise.scale))
+            # σ² = floor² + s²
+            sigma = jnp.sqrt(self.noise.floor**2 + noise**2)
+        sigma = jnp.asarray(numpyro.deterministic("sigma", sigma))
         if self.n_var is None:
             return Hyperparameters(sigma, jnp.ones(()), jnp.ones(0))
         amplitude = site("amplitude", dist.HalfNormal(self.amplitude))

@@ -148,8 +148,8 @@ def find_noise(
 
 
 def varies_with(rows: EquationRows) -> dict[str, Float[np.ndarray, " n_row"]]:
-    """What the size of the noise may grow with: states, inputs and, for rows of rates, the simulated one."""
-    rate = {f"simulated d({rows.equation})/dt": rows.simulated} if rows.gain == 1.0 else {}
+    """What the size of the noise may grow with: states, inputs and, for rows of rates or outputs, the simulated one."""
+    rate = {f"simulated {rows.label}": rows.simulated} if rows.gain == 1.0 else {}
     return {**rows.at_rows(), **rate}
 
 
@@ -172,9 +172,14 @@ def check_asked(noise: Noise, rows: EquationRows) -> None:
             "leave GreyBox(noise=...) a number."
         )
     if noise.force is not None and not len(rows.noise.intensities):
+        kind = (
+            "an output: leave it out"
+            if rows.output
+            else "rates: give GreyBox(rows=bg.TrajectoryRows()), or leave it out"
+        )
         raise InputError(
             f"Noise(force='fit') needs rows of samples, whose path a force can move; those of {rows.equation!r} are "
-            "rates: give GreyBox(rows=bg.TrajectoryRows()), or leave it out."
+            f"{kind}."
         )
     several = rows.operator is not None and rows.n_row > len(set(rows.operator.sample.tolist()))
     if several and rows.noise.square and not replace(noise, force=None).white:
@@ -183,8 +188,10 @@ def check_asked(noise: Noise, rows: EquationRows) -> None:
             "number, or give the samples of one sensor."
         )
     if not rows.noise.square or (noise.correlation is not None and not rows.noise.error.independent):
+        what = "rows" if rows.output else "rates"
+        how = "smoothed as rates are" if rows.output else "computed by differentiation"
         raise InputError(
-            f"The rates of {rows.equation!r} were computed by differentiation, which gives their noise a known "
+            f"The {what} of {rows.equation!r} were {how}, which gives their noise a known "
             "correlation: leave Noise(correlation=...) out, and for the rest differentiate by 'savgol'."
         )
 

@@ -1,4 +1,7 @@
-"""Rows of measured or filtered rates: the rate at a time stamp is g + Φθ + f there, or the filter's mean around it."""
+"""Rows of measured or filtered rates: the rate at a time stamp is g + Φθ + f there, or the filter's mean around it.
+
+An output is in the place of a rate: its equation is the same, without a derivative in it.
+"""
 
 from dataclasses import dataclass
 
@@ -43,6 +46,7 @@ class DerivativeRows(RowKind):
             time=time,
             run=run,
             operator=operator,
+            output=data.is_output(equation),
         )
 
     def _operator(self, data: Trajectories, equation: str) -> RowOperator | None:

@@ -13,6 +13,7 @@ from typing import NamedTuple, Protocol, runtime_checkable
 import numpy as np
 from jaxtyping import Float, Int
 
+from bayes_greybox.data.columns import derivative_label
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.noise.protocol import RowNoise
 
@@ -123,6 +124,7 @@ class EquationRows:
         unfollowed: What the model does not follow of the path that the rows are taken at.
         learned: V of each learned state; empty where rows are of one alone.
         exact: Rows as they would be if they were not linear near a model, `ExactRows`; None where rows are linear.
+        output: Whether rows are of an output, and not of a rate.
     """
 
     equation: str
@@ -137,6 +139,12 @@ class EquationRows:
     unfollowed: Unfollowed | None = None
     learned: Mapping[str, "Acting"] = field(default_factory=dict)
     exact: "ExactRows | None" = None
+    output: bool = False
+
+    @property
+    def label(self) -> str:
+        """What the equation gives: d(y)/dt, or an output itself."""
+        return self.equation if self.output else derivative_label(self.equation)
 
     @property
     def n_row(self) -> int:
@@ -166,10 +174,8 @@ class EquationRows:
             InputError: Nothing but rounding errors.
         """
         if self.nothing_left:
-            raise InputError(
-                f"The simulation equals the measured derivative of {self.equation!r} exactly: there is nothing to "
-                "learn."
-            )
+            measured = self.equation if self.output else f"derivative of {self.equation!r}"
+            raise InputError(f"The simulation equals the measured {measured} exactly: there is nothing to learn.")
         return float(np.sqrt(np.mean(self.target**2)))
 
     @property

@@ -62,6 +62,7 @@ class ReferencePath:
     Attributes:
         columns: States and inputs at the nodes.
         at_samples: States at the samples.
+        ends: Segment and end of a step that each sample is at.
         learned: Size of the forces on each learned state, over the largest.
         rates: Rates of the learned states at the samples.
         sensor_sd: Noise of each output [n_output], user's units, as the smoother found it.
@@ -81,6 +82,7 @@ class ReferencePath:
 
     columns: Mapping[str, Float[np.ndarray, " n_node"]]
     at_samples: Float[np.ndarray, "n_sample n_state"]
+    ends: Int[np.ndarray, "n_sample 2"]
     learned: Mapping[str, float]
     rates: Float[np.ndarray, "n_sample n_learned"]
     sensor_sd: Float[np.ndarray, " n_output"]
@@ -209,6 +211,7 @@ def _assembled(
     return ReferencePath(
         columns=columns,
         at_samples=at,
+        ends=every,
         learned=learned,
         rates=rates[every[:, 0], every[:, 1]],
         sensor_sd=s,

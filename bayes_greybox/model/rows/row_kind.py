@@ -4,11 +4,13 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from typing import Any
 
+from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.physics.simulation import Simulation
 from bayes_greybox.physics.terms import Term
 
 from .equation_rows import EquationRows
+from .reference_path import ReferencePath
 
 
 class RowKind(ABC):
@@ -91,6 +93,22 @@ class RowKind(ABC):
             simulation: The known rates.
         """
         return data
+
+    def path(self, data: Trajectories, equations: tuple[str, ...], simulation: Simulation) -> ReferencePath:
+        """The path that rows of samples are linear along.
+
+        Args:
+            data: Measurements.
+            equations: The learned states.
+            simulation: The known rates of all states.
+
+        Raises:
+            InputError: Rows of rates have none; no path was found.
+        """
+        raise InputError(
+            "Rows of rates are linear in what is learned, so that their posterior is exact already, and follow no "
+            "path: for samples use GreyBox(rows=bg.TrajectoryRows())."
+        )
 
     def around(self, added: Sequence[tuple[Term, float]], to: Sequence[str] = ()) -> "RowKind":
         """The rows, if they are linear only near a model, near that with these terms and coefficients.

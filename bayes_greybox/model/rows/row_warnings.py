@@ -49,7 +49,7 @@ def row_warnings(kind: RowKind, data: Trajectories, equation: str, simulation: S
     size, gap = _truncation(data, equation, simulation), float(np.sqrt(np.mean(rows.target**2)))
     if size > TRUNCATION_SHARE * gap:
         found.append(
-            f"The filter takes {size:.2g} from the simulation's rate of {equation}, where {gap:.2g} is left to "
+            f"The filter takes {size:.2g} from the simulation's {_called(data, equation)}, where {gap:.2g} is left to "
             "explain: coefficients of fast terms are off. Halve its window, and see whether they stay."
         )
     return found
@@ -71,8 +71,9 @@ def _noisy(data: Trajectories, equation: str, simulation: Simulation) -> list[st
         reached = float(np.sqrt(np.mean((simulation.on(moved, equation) - here) ** 2)))
         if s > 0 and reached**2 > NOISE_SHARE * sigma**2:
             found.append(
-                f"Noise of {s:.2g} in {name} reaches the simulation's rate of {equation} with {reached:.2g}, beside "
-                f"noise of {sigma:.2g} in the measured rate: coefficients are biased, and more rows do not help."
+                f"Noise of {s:.2g} in {name} reaches the simulation's {_called(data, equation)} with {reached:.2g}, "
+                f"beside noise of {sigma:.2g} in the measured {data.target_in_words(equation)}: coefficients are "
+                "biased, and more rows do not help."
             )
     return found
 
@@ -116,7 +117,13 @@ def _coarse(data: Trajectories, equation: str) -> list[str]:
     samples = len(rate) / max(1, int(np.searchsorted(share, VISIBLE)))
     if samples >= FEWEST_SAMPLES or math.isnan(samples):
         return []
+    remedy = "sample faster" if data.is_output(equation) else "sample faster, or measure the rate"
     return [
-        f"The fastest visible motion in the rate of {equation} has {samples:.1f} samples a period, fewer than "
-        f"{FEWEST_SAMPLES:.0f}: sample faster, or measure the rate."
+        f"The fastest visible motion in {_called(data, equation, 'the ')} has {samples:.1f} samples a period, fewer "
+        f"than {FEWEST_SAMPLES:.0f}: {remedy}."
     ]
+
+
+def _called(data: Trajectories, equation: str, article: str = "") -> str:
+    words = data.target_in_words(equation, article=article)
+    return words if data.is_output(equation) else f"{words} of {equation}"

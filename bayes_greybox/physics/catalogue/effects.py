@@ -176,6 +176,10 @@ class Effect:
             raise InputError(f"The effect {self.slug!r} needs a column of its own for every role, not {listed}.")
         return BoundEffect(self, columns)
 
+    def either_way(self) -> "Effect":
+        """The effect without a usual sign, where nobody knows which way what was measured counts."""
+        return replace(self, sign=0, reverse="")
+
 
 @dataclass(frozen=True)
 class BoundEffect:

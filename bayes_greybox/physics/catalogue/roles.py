@@ -15,7 +15,7 @@ ROLES: dict[str, str] = {
     "state": "the state whose equation is learned",
     "input": "an input",
     "position": "the state whose rate is the velocity",
-    "velocity": "the state whose equation is learned",
+    "velocity": "the state whose equation is learned, or a speed that an output depends on",
     "other_position": "the position of another body",
     "other_velocity": "the velocity of another body",
     "level": "the level of this tank",
@@ -31,6 +31,11 @@ ROLES: dict[str, str] = {
 
 _QUANTITIES = {"voltage": "V", "current": "A", "flux": "Wb"}
 
+_OF_OUTPUTS = {
+    "position": ("m", "rad"), "velocity": ("m/s", "rad/s"), **{role: (unit,) for role, unit in _QUANTITIES.items()},
+}  # fmt: skip
+"""Roles that a column of such a unit plays in the equation of an output."""
+
 
 def roles_of(
     simulation: Mapping[str, str] | Callable | None,
@@ -40,22 +45,25 @@ def roles_of(
     given: Mapping[str, str | Sequence[str]] | None = None,
     units: Mapping[str, str] | None = None,
     pairs: Mapping[str, str] | None = None,
+    outputs: Sequence[str] = (),
 ) -> dict[str, tuple[str, ...]]:
-    """Columns that may play each role in the equation of one state.
+    """Columns that may play each role in the equation of one state or output.
 
     A position is recognised by its equation in the simulation, which says no more than that its rate is
-    another state, `{"y": "ydot"}`; of a function `pairs` has to say it.
+    another state, `{"y": "ydot"}`; of a function `pairs` has to say it. In the equation of an output no state is
+    learned: columns play the roles that their units say, and such a position and its velocity theirs.
 
     Args:
-        simulation: The user's simulation, formulas by state.
+        simulation: The user's simulation, formulas by state or output.
         states: Names of the states.
         inputs: Names of the inputs.
-        equation: The state whose equation is learned.
+        equation: The state or output whose equation is learned.
         given: Column or columns by role, which win over what is found here; further roles are welcome, and an
             empty sequence switches a role off.
         units: Units by column; a voltage, current or flux that is in another unit is none.
         pairs: States whose rate is another state, with that state, as `pairs.pairs_in_data` finds them; by default
             those that can be read off the simulation.
+        outputs: Names of the outputs.
 
     Returns:
         Columns by role, of all `ROLES` and those given; empty where there is none.
@@ -63,6 +71,10 @@ def roles_of(
     Raises:
         InputError: An unknown state or column, or a role's name that formulas cannot use.
     """
+    given = _given(given or {}, (*states, *inputs))
+    if equation in outputs:
+        pairs = _positions(simulation, states) if pairs is None else pairs
+        return _of_output(states, inputs, given, units or {}, pairs)
     if equation not in states:
         raise InputError(
             f"There is no state {equation!r} whose equation could be learned; {nearest(equation, [*states])}"
@@ -92,7 +104,7 @@ def roles_of(
     }
     for role, quantity in _QUANTITIES.items():
         roles[role] = tuple(name for name in roles[role] if _may_be(name, quantity, units or {}))
-    return {**roles, **_given(given or {}, (*states, *inputs))}
+    return {**roles, **given}
 
 
 def bind_catalogue(
@@ -121,6 +133,27 @@ def unbound(
     """Why effects of the catalogue were left out by `bind_catalogue`, by slug; its arguments and errors."""
     reasons = {effect.slug: _bindings(effect, roles, units) for effect in effects}
     return {slug: reason for slug, (bound, reason) in reasons.items() if not bound}
+
+
+def _of_output(
+    states: Sequence[str],
+    inputs: Sequence[str],
+    given: Mapping[str, tuple[str, ...]],
+    units: Mapping[str, str],
+    pairs: Mapping[str, str],
+) -> dict[str, tuple[str, ...]]:
+    """Roles in the equation of an output: those given, and those that units and pairs tell."""
+    known = {
+        role: tuple(name for name in (*states, *inputs) if units.get(name) and _is_in(units[name], name, quantities))
+        for role, quantities in _OF_OUTPUTS.items()
+    }
+    for role, quantity, names in (("position", "m", pairs), ("velocity", "m/s", pairs.values())):
+        paired = [name for name in names if _may_be(name, quantity, units)]
+        known[role] = tuple(dict.fromkeys((*known[role], *paired)))
+    roles = {**dict.fromkeys(ROLES, ()), **known, **given}
+    # One column under two names would be two effects.
+    taken = {name for role, names in roles.items() if role != "input" for name in names}
+    return {**roles, "input": given.get("input", tuple(name for name in inputs if name not in taken))}
 
 
 def _bindings(
@@ -178,6 +211,12 @@ def _may_be(name: str, quantity: str, units: Mapping[str, str]) -> bool:
         return True
     unit = parse_unit(units[name], f"column {name!r}")
     return unit.dimensionless or unit.dimensionality == registry().parse_units(quantity).dimensionality
+
+
+def _is_in(unit: str, name: str, quantities: Sequence[str]) -> bool:
+    """Whether a unit measures one of these quantities; an angle is none of a plain number."""
+    base = registry().get_base_units(parse_unit(unit, f"column {name!r}"))[1]
+    return any(base == registry().get_base_units(registry().parse_units(each))[1] for each in quantities)
 
 
 def _given(given: Mapping[str, str | Sequence[str]], known: Sequence[str]) -> dict[str, tuple[str, ...]]:

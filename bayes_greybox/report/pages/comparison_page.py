@@ -10,7 +10,6 @@ import pandas as pd
 from bayes_greybox.criticism.convergence import convergence, convergence_table
 from bayes_greybox.criticism.cross_validation.compare import TIE_NATS, tied, unreliable
 from bayes_greybox.criticism.inclusion import inclusion
-from bayes_greybox.data.columns import derivative_label
 from bayes_greybox.inference.netcdf import versions
 from bayes_greybox.inference.posterior import Posterior
 from bayes_greybox.report.formatting import (
@@ -200,9 +199,10 @@ def _terms(fits: Mapping[str, Posterior]) -> Section:
     block = by_equation(
         heads, rows, _equations(fits), "Marked: terms more likely to matter than not, best model", marked
     )
+    moved = next(iter(fits.values())).data.target_in_words(*_equations(fits), article="the ")
     lead = (
         "Probability that a term matters. Only a spike-and-slab prior can leave a term out, and has P(included); for "
-        "the others it is the probability of moving the rate by more than 1 % of its RMS. A dash: not in the model."
+        f"the others it is the probability of moving {moved} by more than 1 % of its RMS. A dash: not in the model."
     )
     return Section("terms", "Which terms matter under each model?", lead, [block])
 
@@ -300,7 +300,7 @@ def _equations(fits: Mapping[str, Posterior]) -> tuple[str, ...]:
 
 
 def _rate(fits: Mapping[str, Posterior], name: str) -> str:
-    return derivative_label(name, next(iter(fits.values())).data.time_name)
+    return next(iter(fits.values())).data.target_label(name)
 
 
 def _worst(values: np.ndarray, pick: Any, form: str) -> str:

@@ -12,9 +12,8 @@ from bayes_greybox.criticism.convergence import convergence
 from bayes_greybox.criticism.discrepancy import discrepancy_table
 from bayes_greybox.criticism.inclusion import inclusion
 from bayes_greybox.criticism.prediction import predict
-from bayes_greybox.data.columns import derivative_label
 from bayes_greybox.inference.posterior import Posterior
-from bayes_greybox.physics.units import derivative_unit
+from bayes_greybox.physics.units import target_unit
 from bayes_greybox.report import plots as figures
 from bayes_greybox.report.formatting import (
     PROBABILITIES,
@@ -96,7 +95,7 @@ def fit_page(fit: Posterior, config: str | None = None) -> Page:
         facts=_facts(fit),
         alerts=[] if verdict.ok else [" ".join([doubt, *verdict.reasons])],
         cards=_cards(fit, shares),
-        cards_title="Where the variance of the measured rate goes",
+        cards_title=f"Where the variance of the measured {fit.data.target_in_words(*fit.model.equations)} goes",
         sections=sections,
         footer=footer(str(fit.idata.attrs.get("inference_library_version", ""))),
     )
@@ -118,12 +117,12 @@ def _headline(fit: Posterior, table: pd.DataFrame, shares: pd.DataFrame) -> str:
 
 
 def _rate(fit: Posterior, name: str) -> str:
-    """What rows are of: the rate of a state, or the samples that several equations share."""
-    return derivative_label(name, fit.data.time_name) if name in fit.model.equations else "the samples"
+    """What rows are of: the rate of a state, an output, or the samples that several equations share."""
+    return fit.data.target_label(name) if name in fit.model.equations else "the samples"
 
 
 def _with_unit(value: float, fit: Posterior, name: str) -> str:
-    return f"{number(value)} {unit_text(derivative_unit(name, fit.data.units))}".strip()
+    return f"{number(value)} {unit_text(target_unit(name, fit.data))}".strip()
 
 
 def _facts(fit: Posterior) -> list[str]:

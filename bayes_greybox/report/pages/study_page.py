@@ -11,7 +11,15 @@ from bayes_greybox.discovery.answer.gap.table import NO_SHARES
 from bayes_greybox.discovery.study import StudyResult
 from bayes_greybox.report.doubts import doubts
 from bayes_greybox.report.sentence import sentence
-from bayes_greybox.report.study_words import METRICS, added, closed_text, metric_value, not_helped, shown_part
+from bayes_greybox.report.study_words import (
+    METRICS,
+    added,
+    closed_text,
+    metric_value,
+    metric_words,
+    not_helped,
+    shown_part,
+)
 
 from . import study_sections as rungs
 from .page import Badge, Card, Finding, Page, write_page
@@ -102,7 +110,8 @@ def _facts(study: StudyResult) -> list[str]:
     def rows(data: Trajectories) -> str:
         return f"{data.n_obs} rows in {data.n_run} runs" if data.n_run > 1 else f"{data.n_obs} rows"
 
-    facts = [f"equations: {', '.join(f'd({name})/dt' for name in study.maps)}", f"training data: {rows(study.train)}"]
+    equations = ", ".join(map(study.train.target_label, study.maps))
+    facts = [f"equations: {equations}", f"training data: {rows(study.train)}"]
     facts.append("held-out data: none" if study.test is None else f"held-out data: {rows(study.test)}")
     if "catalogue" in study.settings:
         facts.append(f"catalogue: {study.settings['catalogue']}")
@@ -118,16 +127,17 @@ def _alerts(study: StudyResult) -> list[str]:
 def _cards(study: StudyResult) -> list[Card]:
     table = study.gap.xs(shown_part(study), level=0)
     cards, denied = [], bool(added(study).size and (worsened(study.gap) or not_helped(study.gap)))
-    for metric, (title, about) in METRICS.items():
+    for metric in METRICS:
         if metric not in table.index.get_level_values(0):
             continue
         block = table.xs(metric, level=0)
         for variable, row in zip(block.index, block.to_dict("records"), strict=True):
             before, after = float(row["before"]), float(row["after"])
+            title, about = metric_words(study, metric, str(variable))
             left = after / before if metric not in NO_SHARES and before > 0 and np.isfinite(after) else None
             cards.append(
                 Card(
-                    title=title.format(variable=variable),
+                    title=title,
                     about=about,
                     before=metric_value(study, metric, before),
                     after=metric_value(study, metric, after),

@@ -44,9 +44,10 @@ def where(study: StudyResult) -> Section:
     """Gap maps, gap along time, regions and windows."""
     blocks: list[Any] = [Pictures(_maps(study, equation)) for equation in study.maps]
     blocks.append(_regions(study) if len(study.where) else Words("No region and no stretch of time stands out."))
+    measured = study.train.target_in_words(*study.maps)
     lead = (
-        "The gap is what the measured rate has beyond the model: its posterior mean by colour, with a bold outline "
-        "where it exceeds the threshold with probability 0.9. Both maps share one scale."
+        f"The gap is what the measured {measured} has beyond the model: its posterior mean by colour, with a bold "
+        "outline where it exceeds the threshold with probability 0.9. Both maps share one scale."
     )
     if any(row["suspect"] == DELAY and row["status"] == IN_MODEL for row in study.instrument.to_dict("records")):
         lead += " Delays that are in the model are undone here, before and after."
@@ -56,7 +57,7 @@ def where(study: StudyResult) -> Section:
 def what(study: StudyResult) -> Section:
     """Hypotheses and effects with their probabilities."""
     blocks: list[Any] = [
-        Pictures([picture(figures.ranking(study, name), f"Probabilities of the hypotheses about d({name})/dt")])
+        Pictures([picture(figures.ranking(study, name), f"Probabilities of the hypotheses about {_rate(study, name)}")])
         for name in _equations(study.hypotheses)
     ]
     if len(study.effects):
@@ -69,7 +70,7 @@ def what(study: StudyResult) -> Section:
         table = _hypotheses(study)
         blocks.append(Details(f"All {len(table.rows)} hypotheses", [table]))
     if study.left_out:
-        rows = [(slug, _rate(equation), reason) for (equation, slug), reason in study.left_out.items()]
+        rows = [(slug, _rate(study, equation), reason) for (equation, slug), reason in study.left_out.items()]
         left_out = _table(study, ("effect", "equation", "reason"), rows)
         blocks.append(Details(f"{len(rows)} effects that were not weighed, and why", [left_out]))
     lead = (
@@ -132,10 +133,10 @@ def sets(study: StudyResult) -> Section | None:
     if not len(study.rounds):
         return None
     alt = "Share of the gap that the likeliest set of each size leaves"
-    shown = [picture(figures.rounds(study, name), f"{alt}, d({name})/dt") for name in _equations(study.rounds)]
+    shown = [picture(figures.rounds(study, name), f"{alt}, {_rate(study, name)}") for name in _equations(study.rounds)]
     rows = [
         (
-            _rate(equation),
+            _rate(study, equation),
             str(k - 1),
             set_label(study, row["verdict"]),
             probability_text(row["probability"]),
@@ -161,7 +162,7 @@ def measurement(study: StudyResult) -> Section:
         rows = [
             (
                 row["text"],
-                _rate(row["equation"]),
+                _rate(study, row["equation"]),
                 probability_text(row["probability"]),
                 row["suspect"],
                 *suspect_size(row),
@@ -204,7 +205,7 @@ def corrections(study: StudyResult) -> Section | None:
     rows = [
         (
             formula(str(term)),
-            _rate(equation),
+            _rate(study, equation),
             number(row["nominal"], 4),
             probability_text(row["probability"]),
             estimate(row["mean"], row["sd"], row["unit"]),
@@ -230,7 +231,9 @@ def ties(study: StudyResult) -> Section | None:
     items = []
     for tie in study.ties:
         names = " or ".join(name_of(study, slug) for slug in tie["slugs"])
-        items.append((names if len(study.maps) == 1 else f"{names}, in {_rate(tie['equation'])}", str(tie["advice"])))
+        items.append(
+            (names if len(study.maps) == 1 else f"{names}, in {_rate(study, tie['equation'])}", str(tie["advice"]))
+        )
     return Section("ties", "What would tell the candidates apart", lead, [Items(items)])
 
 
@@ -244,7 +247,7 @@ def settings(study: StudyResult, config: str | None) -> Section:
 
 def _maps(study: StudyResult, equation: str) -> list[Picture]:
     gap = study.maps[equation]
-    over = f"Gap in {_rate(equation)} over {' and '.join(gap.variables)}"
+    over = f"Gap in {_rate(study, equation)} over {' and '.join(gap.variables)}"
     if len(gap.variables) == 2:
         parts = ("before", "after")
         shown = [picture(figures.gap_map(study, equation, (part,)), f"{over}, {part}") for part in parts]
@@ -255,7 +258,7 @@ def _maps(study: StudyResult, equation: str) -> list[Picture]:
     event = f"|gap| > {number(gap.threshold)} {gap.unit}".strip()
     along = time_picture(
         lambda width: figures.gap_over_time(study, equation, width),
-        f"Gap in {_rate(equation)} along the training data, before and after",
+        f"Gap in {_rate(study, equation)} along the training data, before and after",
         f"Bands hold 90 %. Black bars at the bottom: P({event}) > 0.9 for the simulation as given.",
     )
     return [*shown, along]
@@ -265,7 +268,7 @@ def _regions(study: StudyResult) -> Table:
     rows = [
         (
             row["description"],
-            _rate(row["equation"]),
+            _rate(study, row["equation"]),
             probability_text(row["probability"]),
             percent_text(row["gap_share"]),
             percent_text(row["sample_share"]),
@@ -285,7 +288,7 @@ def _effects(study: StudyResult, effects: pd.DataFrame) -> Table:
     rows = [
         (
             row["name"],
-            _rate(row["equation"]),
+            _rate(study, row["equation"]),
             probability_text(row["probability"]),
             estimate(row["mean"], row["sd"], row["unit"]),
             interval(row["lower"], row["upper"]),
@@ -315,7 +318,7 @@ def _hypotheses(study: StudyResult) -> Table:
     rows = [
         (
             name_of(study, slug),
-            _rate(equation),
+            _rate(study, equation),
             probability_text(row["probability"]),
             number(row["log_evidence"], 5),
             share_text(row["share_left"]),
@@ -352,5 +355,5 @@ def _equations(table: pd.DataFrame) -> list[str]:
     return list(dict.fromkeys(table.index.get_level_values(0)))
 
 
-def _rate(equation: Any) -> str:
-    return f"d({equation})/dt"
+def _rate(study: StudyResult, equation: Any) -> str:
+    return study.train.target_label(equation)

@@ -60,7 +60,7 @@ def summary_table(fit: Any) -> Table:
     rows = []
     for (equation, quantity), row in zip(table.index, table.to_dict("records"), strict=True):
         cells = [_cell(column, value) for column, value in row.items()]
-        rate = f"d({equation})/dt" if equation in fit.model.equations else "the samples"
+        rate = fit.data.target_label(equation) if equation in fit.model.equations else "the samples"
         rows.append((formula(str(quantity)), rate, *cells))
     heads = [column if column == "unit" else f"#{_HEADS.get(column, column)}" for column in table.columns]
     equations = list(dict.fromkeys(table.index.get_level_values(0)))

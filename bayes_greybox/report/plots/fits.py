@@ -16,7 +16,7 @@ from bayes_greybox.criticism.prediction import predict
 from bayes_greybox.criticism.trade_off import strongest_trade_off
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.inference.posterior import Posterior
-from bayes_greybox.physics.units import derivative_unit
+from bayes_greybox.physics.units import target_unit
 from bayes_greybox.report.plots.gap.before_after import plot_free_run
 from bayes_greybox.report.plots.posterior.calibration import plot_calibration
 from bayes_greybox.report.plots.posterior.checks import (
@@ -71,7 +71,7 @@ def calibration(found: Calibration) -> Figure:
 
 
 def predicted(fit: Posterior, equation: str | None = None, level: float = 0.9) -> Figure:
-    """Predicted against measured rate over the training data, with the band of a measurement."""
+    """Predicted against measured rate, or output, over the training data, with the band of a measurement."""
     equation = equation or fit.model.equations[0]
     shown = predict(fit, fit.data, level)[equation]
     return plot_predicted(
@@ -81,6 +81,7 @@ def predicted(fit: Posterior, equation: str | None = None, level: float = 0.9) -
         shown.measurement.lower,
         shown.measurement.upper,
         equation=equation,
+        label=fit.data.target_label(equation),
         level=level,
         **_runs(fit),
         **_units(fit, equation),
@@ -143,7 +144,7 @@ def trade_off(fit: Posterior, equation: str | None = None) -> Figure:
 
 
 def predictive(fit: Posterior, equation: str | None = None) -> Figure:
-    """Distribution of the measured rate beside data sets drawn from the prior and from the posterior.
+    """Distribution of the measured rate, or output, beside data sets drawn from the prior and from the posterior.
 
     Raises:
         InputError: The fit holds no predictive draws, which are left out for long records.
@@ -156,7 +157,8 @@ def predictive(fit: Posterior, equation: str | None = None) -> Figure:
         source: fit.idata[f"{source}_predictive"][fit.sites[equation].rate].to_numpy().reshape(-1, len(measured))
         for source in ("posterior", "prior")
     }
-    return plot_predictive(measured, **drawn, equation=equation, unit=derivative_unit(equation, fit.data.units))
+    label, unit = fit.data.target_label(equation), target_unit(equation, fit.data)
+    return plot_predictive(measured, **drawn, equation=equation, label=label, unit=unit)
 
 
 def loo_pit(fit: Posterior, equation: str | None = None) -> Figure:
@@ -181,7 +183,8 @@ def autocorrelation(fit: Posterior, equation: str | None = None) -> Figure:
 
 def sensitivity(fit: Posterior) -> Figure:
     """Power-scaling sensitivity of coefficients and inclusion probabilities."""
-    return plot_sensitivity(checks(fit).sensitivity, threshold=THRESHOLD)
+    labels = {name: fit.data.target_label(name) for name in fit.equations}
+    return plot_sensitivity(checks(fit).sensitivity, threshold=THRESHOLD, labels=labels)
 
 
 def _runs(fit: Posterior) -> dict:
@@ -191,4 +194,4 @@ def _runs(fit: Posterior) -> dict:
 
 
 def _units(fit: Posterior, equation: str) -> dict:
-    return {"time_unit": fit.data.unit("t") or "", "unit": derivative_unit(equation, fit.data.units)}
+    return {"time_unit": fit.data.unit("t") or "", "unit": target_unit(equation, fit.data)}

@@ -94,7 +94,7 @@ def ranking(study: StudyResult, equation: str) -> Figure:
         [name_of(study, slug) for slug in table.index],
         table["probability"].to_numpy(float), table["share_left"].clip(LEAST_LEFT).to_numpy(float),
         chosen=[name_of(study, answer(study, equation))], tied=[name_of(study, slug) for slug in tied],
-        title=f"Hypotheses about d({equation})/dt",
+        title=f"Hypotheses about {study.train.target_label(equation)}",
     )  # fmt: skip
 
 
@@ -106,7 +106,8 @@ def rounds(study: StudyResult, equation: str) -> Figure:
         if row["verdict"] != "no gap":
             labels.append(set_label(study, row["verdict"]))
             left.append(np.maximum(row["share_left"], LEAST_LEFT))
-    return plot_rounds(labels, np.array(left, float), title=f"Likeliest sets of each size, d({equation})/dt")
+    title = f"Likeliest sets of each size, {study.train.target_label(equation)}"
+    return plot_rounds(labels, np.array(left, float), title=title)
 
 
 def added_coefficients(study: StudyResult) -> Figure:

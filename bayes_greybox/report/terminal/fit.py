@@ -8,7 +8,6 @@ from rich.text import Text
 
 from bayes_greybox.criticism.discrepancy import discrepancy_table
 from bayes_greybox.criticism.inclusion import inclusion
-from bayes_greybox.data.columns import derivative_label
 from bayes_greybox.inference.posterior import Posterior
 from bayes_greybox.report.formatting import (
     PROBABILITIES,
@@ -38,11 +37,12 @@ def fit_tables(fit: Posterior, held_out: pd.Series | None) -> Iterator[Renderabl
     yield verdict_text(fit)
     table = inclusion(fit, _LEVEL)
     for equation in fit.model.equations:
-        yield _coefficients(derivative_label(equation, fit.data.time_name), table.loc[equation])
+        yield _coefficients(fit.data.target_label(equation), table.loc[equation])
     yield _discrepancy(discrepancy_table(fit, _LEVEL))
     if held_out is not None:
         errors = ", ".join(f"{name} {nmse_text(value)}" for name, value in held_out.items())
-        yield Text(f"\nError on held-out data (NMSE of the derivative): {errors}")
+        outputs = all(fit.data.is_output(name) for name in fit.model.equations)
+        yield Text(f"\nError on held-out data (NMSE{'' if outputs else ' of the derivative'}): {errors}")
 
 
 def _coefficients(label: str, table: pd.DataFrame) -> RenderableType:

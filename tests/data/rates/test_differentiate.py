@@ -95,6 +95,24 @@ def test_every_column_goes_through_the_same_filter(method):
     assert data.noise["z"].scale < 1.0 and data.noise["z"].n_obs == data.n_obs
 
 
+@pytest.mark.parametrize("method", ["savgol", "bandlimited"])
+def test_an_output_is_filtered_as_a_measured_derivative_is(method):
+    given = {"states": {"y": np.sin(T), "z": np.cos(T)}, "derivatives": {"z": -np.sin(T)}, "outputs": {"R": -np.sin(T)}}
+    data = Trajectories.from_arrays(T, **given).differentiate(method, **SETTINGS[method])
+    np.testing.assert_array_equal(data.rate("R"), data.rate("z"))
+    np.testing.assert_array_equal(data.noise["R"].covariance(), data.noise["z"].covariance())
+    assert data.output_names == ("R",) and dict(data.filter.orders) == {"z": 0, "R": 0, "y": 1}
+    np.testing.assert_array_equal(data.filter.smoothing("R"), data.filter.smoothing("z"))
+    back = Trajectories.from_frame(data.to_frame(), **data.metadata())
+    np.testing.assert_array_equal(back.rate("R"), data.rate("R"))
+
+
+def test_no_rate_is_called_as_an_output_is():
+    data = Trajectories.from_arrays(T, states={"y": np.sin(T)}, outputs={"R": np.cos(T)})
+    with pytest.raises(InputError, match='"R" is measured and cannot be added as the rate of "y"'):
+        data.differentiate(rates={"y": "R"})
+
+
 def test_edges_are_dropped_and_counted_run_by_run():
     data = Trajectories.from_arrays([T, T[:30]], states={"y": [np.sin(T), np.cos(T[:30])]})
     out = data.differentiate(window=7)

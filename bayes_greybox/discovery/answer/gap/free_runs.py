@@ -60,7 +60,7 @@ class FreeRuns:
 
     Args:
         model: The model before.
-        amendments: By equation.
+        amendments: By state whose equation was studied.
         interpolation: Of the inputs between samples, see `criticism.free_run.FreeRunner`; by default that of the rows.
     """
 
@@ -77,7 +77,7 @@ class FreeRuns:
     def __call__(
         self, data: Trajectories, part: str, starts: Starts | None = None, seed: int = 0
     ) -> tuple[dict[str, FreePath], list[tuple]]:
-        """Paths by state, and rows of the gap table; none where a state has no equation to integrate.
+        """Paths by state, and rows of the gap table; none where a state has no equation to integrate, or none is new.
 
         Args:
             data: Measurements to compare with.
@@ -86,7 +86,8 @@ class FreeRuns:
             seed: Seed of their draws.
         """
         amendments = self.amendments
-        if not set(data.state_names) <= {*self.model.simulator(data).equations, *amendments}:
+        known = self.model.simulator(data, lacking=True).equations
+        if not amendments or not set(data.state_names) <= {*known, *amendments}:
             return {}, []
         sensors, clock = self._sensors(data)
         right = self._right(data, sensors, clock)
@@ -146,11 +147,17 @@ class FreeRuns:
         key = (data.state_names, data.input_names, n_before, n_draw)
         if key not in self._runners:
             added = {name: a.added(n_before, n_draw) for name, a in self.amendments.items()}
+            # An integrator cannot stay on a jump.
+            added = {
+                name: each._replace(terms=[term.rounded(data.columns) for term in each.terms])
+                for name, each in added.items()
+            }
             self._runners[key] = (FreeRunner(self._rate(data, added), self.interpolation, rtol=1e-6, atol=1e-7), added)
         return self._runners[key]
 
     def _rate(self, data: Trajectories, added: Mapping[str, Added]) -> Callable[[Array, Array, Array, dict], Array]:
-        simulation, names = self.model.simulator(data), (*data.state_names, *data.input_names)
+        simulation = self.model.simulator(data, lacking=True).rounded(data.columns)
+        names = (*data.state_names, *data.input_names)
         places = {name: data.state_names.index(name) for name in self.amendments}
 
         def right_hand_side(t: Array, x: Array, u: Array, args: dict) -> Array:
@@ -215,7 +222,7 @@ def _compared(
         means = (float(error(before.mean(axis=0))), float(error(after.mean(axis=0), measured_after[name])))
         rows.append((part, "free-run NRMSE", name, *means, low, high))
     if np.isfinite(failed_at).any():
-        begun = np.array([data.take(i).time[0] for i in range(data.n_run)])
+        begun = np.array([data.time[data.run == i][0] for i in range(data.n_run)])
         lasted = failed_at - begun[:, None]
         first = np.where(np.isfinite(lasted), lasted, np.inf).min(axis=0)
         low, high = np.quantile(first[n_before:], [(1 - LEVEL) / 2, (1 + LEVEL) / 2], method="nearest")

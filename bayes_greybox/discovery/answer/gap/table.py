@@ -39,10 +39,10 @@ def gap_rows(
 ) -> tuple[pd.DataFrame, dict[str, FreePath]]:
     """The gap table's rows for one data set, and its free runs.
 
-    Metrics: derivative NMSE, mean((ẋ − x̂̇)²)/var(ẋ), or sample NMSE, the same of the samples that rows are of;
-    unexplained share, (mean((ẋ − x̂̇)²) − σ²)/mean(ẋ²), not below zero; misfit of samples of one sensor,
-    (median((y − ŷ)²)/0.455/(σ² + var ŷ))^½, σ not below what the samples themselves show, `FORCED` times as large
-    beside an unknown force, and var ŷ that of the draws; free-run NRMSE,
+    Metrics: derivative NMSE, mean((ẋ − x̂̇)²)/var(ẋ), or output NMSE, the same of an output, or sample NMSE, that of the
+    samples that rows are of; unexplained share, (mean((ẋ − x̂̇)²) − σ²)/mean(ẋ²), not below zero; misfit of samples of
+    one sensor, (median((y − ŷ)²)/0.455/(σ² + var ŷ))^½, σ not below what the samples themselves show, `FORCED` times as
+    large beside an unknown force, and var ŷ that of the draws; free-run NRMSE,
     RMS(x − x̂)/SD(x) up to the first failure of either; time to failure of runs that blow up, NaN where a model never
     does. What is over a measurement at rest is NaN. The figures are those of the mean over draws, the intervals those
     of the draws.
@@ -91,7 +91,8 @@ def gap_rows(
             # Single samples that are far off say nothing of the others.
             return np.sqrt(over(np.median(left, axis=-1) / NORMAL_MEDIAN, allowed))
 
-        metrics: dict[str, Callable] = {"derivative NMSE" if rates else "sample NMSE": nmse, "unexplained share": share}
+        of = ("output" if measured.output else "derivative") if rates else "sample"
+        metrics: dict[str, Callable] = {f"{of} NMSE": nmse, "unexplained share": share}
         if data.samples is not None and len(data.samples.state_names) == 1:
             metrics[MISFIT] = misfit
         first, each, mean = squares(before, raw), squares(after), squares(after.mean(axis=0))

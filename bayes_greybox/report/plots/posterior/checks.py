@@ -1,6 +1,6 @@
 """Figures of the checks: predictive distributions, LOO-PIT, autocorrelation of the residuals, prior sensitivity."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import matplotlib as mpl
 import numpy as np
@@ -37,6 +37,7 @@ def plot_predictive(
     prior: Float[np.ndarray, "n_prior_draw n_obs"],
     *,
     equation: str,
+    label: str | None = None,
     unit: str | None = None,
     axes: Sequence[Axes] | np.ndarray | None = None,
 ) -> Figure:
@@ -47,6 +48,7 @@ def plot_predictive(
         posterior: posterior predictive data sets.
         prior: prior predictive data sets.
         equation: name of the state whose derivative is drawn.
+        label: what is drawn instead, such as an output.
         unit: unit of the derivative.
         axes: axes to draw into: prior, posterior.
 
@@ -61,7 +63,7 @@ def plot_predictive(
             ax.plot(values, steps, color=SKY, linewidth=0.6, alpha=0.5, label="predicted" if i == 0 else None)
         ax.plot(np.sort(measured), steps, color=DARK, linewidth=1.6, label="measured")
         ax.set_title(f"Drawn from the {name}")
-        ax.set_xlabel(with_unit(f"d({equation})/dt", unit))
+        ax.set_xlabel(with_unit(label or f"d({equation})/dt", unit))
         ax.xaxis.set_major_locator(MaxNLocator(5))
     # Priors with heavy tails would leave nothing to see of the data.
     reach = np.quantile(prior, [0.02, 0.98])
@@ -155,13 +157,18 @@ def plot_autocorrelation(
 
 @mpl.rc_context(STYLE)
 def plot_sensitivity(
-    table: pd.DataFrame, *, threshold: float | np.floating, axes: Sequence[Axes] | np.ndarray | None = None
+    table: pd.DataFrame,
+    *,
+    threshold: float | np.floating,
+    labels: Mapping[str, str] | None = None,
+    axes: Sequence[Axes] | np.ndarray | None = None,
 ) -> Figure:
     """Sensitivity of each quantity to prior and likelihood, against the threshold.
 
     Args:
         table: indexed by (equation, quantity), with columns prior and likelihood.
         threshold: sensitivities above it are worth a look.
+        labels: what each equation gives; by default the derivative of a state.
         axes: axes to draw into, one.
 
     Returns:
@@ -169,8 +176,10 @@ def plot_sensitivity(
     """
     ax = new_figure(6.4, 1.4 + 0.26 * len(table)).subplots() if axes is None else given_axes(axes, 1, "the dots")[0]
     rows = np.arange(len(table))
-    several = len(set(table.index.get_level_values(0))) > 1
-    names = [f"{quantity} in d({equation})/dt" if several else str(quantity) for equation, quantity in table.index]
+    equations = list(dict.fromkeys(table.index.get_level_values(0)))
+    labels = {name: f"d({name})/dt" for name in equations} | dict(labels or {})
+    several = len(equations) > 1
+    names = [f"{quantity} in {labels[equation]}" if several else str(quantity) for equation, quantity in table.index]
     ax.hlines(rows, 0, 1, transform=ax.get_yaxis_transform(), color=LIGHT, linewidth=0.6, zorder=0)
     ax.axvline(float(threshold), color=DARK, linewidth=1.0, linestyle=(0, (4, 3)), label="threshold")
     likelihood, prior = table["likelihood"].to_numpy(float), table["prior"].to_numpy(float)

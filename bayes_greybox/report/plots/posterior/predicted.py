@@ -39,6 +39,7 @@ def plot_predicted(
     upper: Float[np.ndarray, " n_obs"],
     *,
     equation: str,
+    label: str | None = None,
     level: float | np.floating = 0.9,
     run: Int[np.ndarray, " n_obs"] | None = None,
     run_names: Sequence[str] | None = None,
@@ -58,6 +59,7 @@ def plot_predicted(
         lower: lower end of the predictive interval.
         upper: upper end of the predictive interval.
         equation: name of the state whose derivative is predicted.
+        label: what is predicted instead, such as an output.
         level: probability that the interval holds.
         run: run of each row, 0..n_run-1; all one run by default.
         run_names: name of each run.
@@ -77,7 +79,7 @@ def plot_predicted(
         across = figure.add_subplot(layout[:, 1])
     else:
         *panels, across = given_axes(axes, len(rows) + 1, "one a run, then the scatter")
-    quantity = f"d({equation})/dt"
+    quantity = label or f"d({equation})/dt"
     for index, (ax, chosen) in enumerate(zip(panels, rows, strict=True)):
         _draw_measured(ax, time[chosen], measured[chosen])
         draw_posterior(ax, time[chosen], mean[chosen], lower[chosen], upper[chosen], level, "predicted mean")

@@ -1,0 +1,158 @@
+"""Studies of the static maps, and what came of them: names, controls, coverage, and the held-out rows."""
+
+import json
+import os
+import time
+from collections.abc import Sequence
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from bayes_greybox.benchmarks.files import unwritable, write_whole
+from bayes_greybox.benchmarks.resumed import resumed
+from bayes_greybox.data.errors import InputError
+
+from .maps import StaticMap, maps, measured
+
+REPLICATES = 10
+"""Of each map, by default."""
+
+SURE = 0.9
+"""A wrong name above this probability is a confident one."""
+
+
+def run(
+    output: str | os.PathLike[str],
+    names: Sequence[str] | None = None,
+    *,
+    replicates: int = REPLICATES,
+    seed: int = 1,
+    progress: bool = True,
+) -> pd.DataFrame:
+    """Study every replicate, or those that are left, and write the results.
+
+    Args:
+        output: Folder for results.jsonl, and for maps.csv and summary.json with a row each.
+        names: Of the maps; all by default.
+        replicates: Of each map.
+        seed: Of what is hidden and of the noise.
+        progress: Whether to show a progress bar.
+
+    Returns:
+        The table of `score`.
+
+    Raises:
+        InputError: A folder that cannot be written to; an unknown map.
+    """
+    known = maps()
+    unknown = [name for name in names or () if name not in known]
+    if unknown:
+        raise InputError(f"There is no map {unknown[0]!r}; there are {', '.join(known)}.")
+    chosen = [known[name] for name in names or known]
+    folder = Path(output)
+    try:
+        rows = resumed(
+            folder,
+            [(each, replicate) for each in chosen for replicate in range(replicates)],
+            key=lambda case: f"{case[0].name}/{seed}/{case[1]}",
+            measure=lambda case: study(*case, seed),
+            what="Static maps",
+            progress=progress,
+        )
+        table = score(rows)
+        write_whole(folder / "maps.csv", table.reset_index().to_csv(index=False))
+        summary = {"version": version("bayes-greybox"), "replicates": replicates, "seed": seed}
+        write_whole(folder / "summary.json", json.dumps(summary, indent=2) + "\n")
+    except OSError as error:
+        raise unwritable(folder, error) from error
+    return table
+
+
+def study(each: StaticMap, replicate: int, seed: int) -> dict[str, Any]:
+    """One replicate: what the study says, and whether its interval holds the truth.
+
+    Args:
+        each: The map.
+        replicate: Of what is hidden and of the noise.
+        seed: Of all of them.
+    """
+    # Imported here: these bring JAX, which the module that makes the data does without.
+    from bayes_greybox.greybox import GreyBox
+    from bayes_greybox.missing_effects import find_missing_effects
+    from bayes_greybox.model.noise.noise_model import CORRELATED
+
+    data = measured(each, replicate, seed)
+    start = time.perf_counter()
+    found = find_missing_effects(
+        GreyBox(simulation={each.output: each.simulation}),
+        data.train,
+        test=data.test,
+        catalogue=each.catalogue,
+        roles=each.roles,
+        settle=False,
+        progress=False,
+    )
+    seconds = time.perf_counter() - start
+    effects = found.effects
+    added = effects[effects["status"] == "added"].set_index("slug")
+    sure = set(effects.loc[effects["probability"] > SURE, "slug"])
+    tied = set(added.index).union(*added["tied_with"]) if len(added) else set()
+    instrument = found.instrument.loc[found.instrument["status"] != "", "suspect"].tolist()
+    # That nothing is missing is right of a control, and so is what is said of its noise.
+    silent = found.verdict in ("no gap", "instrument") and set(instrument) <= {CORRELATED}
+    gap = found.gap.sort_index().loc[("test", "output NMSE", each.output)]
+    return {
+        "map": each.name,
+        "replicate": replicate,
+        "verdict": found.verdict,
+        "against": list(found.against),
+        "added": {slug: float(row["probability"]) for slug, row in added.to_dict("index").items()},
+        "right": set(data.truth) <= set(added.index) if data.truth else silent,
+        "tied": set(data.truth) <= tied if data.truth else silent,
+        "named": found.verdict == "named" and set(data.truth) == set(added.index) if data.truth else silent,
+        "wrong": sorted((set(added.index) if found.verdict == "named" else sure) - set(data.truth)),
+        "covered": {
+            slug: bool(added.loc[slug, "lower"] <= truth <= added.loc[slug, "upper"])
+            for slug, truth in data.truth.items()
+            if slug in added.index
+        },
+        "instrument": instrument,
+        "correlated": CORRELATED in instrument,
+        "noise_share": data.noise**2 / float(np.var(data.test.rate(each.output))),
+        "before": float(gap["before"]),
+        "after": float(gap["after"]),
+        "seconds": seconds,
+    }
+
+
+def score(rows: Sequence[dict[str, Any]]) -> pd.DataFrame:
+    """One row a map.
+
+    Args:
+        rows: Of `study`.
+
+    Returns:
+        replicates, right (what was hidden is in the model; of a control: nothing is missing), tied (or tied with what
+        is), named (with this very name), wrong (a wrong name above `SURE`, or in a verdict *named*), correlated
+        (correlated noise is said), coverage (of 90 % intervals of coefficients that were found), found (such
+        coefficients), left (median mean square error of held-out rows over that of their noise), seconds (median).
+    """
+    table = {}
+    for name in dict.fromkeys(row["map"] for row in rows):
+        own = [row for row in rows if row["map"] == name]
+        covered = [each for row in own for each in row["covered"].values()]
+        shares = ("right", "tied", "named", "wrong", "correlated")
+        table[name] = {
+            "replicates": len(own),
+            **{key: float(np.mean([bool(row[key]) for row in own])) for key in shares},
+            "coverage": float(np.mean(covered)) if covered else float("nan"),
+            "found": len(covered),
+            "left": float(np.median([row["after"] / row["noise_share"] for row in own])),
+            "seconds": float(np.median([row["seconds"] for row in own])),
+        }
+    found = pd.DataFrame.from_dict(table, orient="index")
+    found.index.name = "map"
+    return found

@@ -1,0 +1,166 @@
+"""The NumPyro program of the exact trajectory posterior: θ, starts, noise and f are sites, samples are on the path."""
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+import numpyro
+import numpyro.distributions as dist
+from jaxtyping import Array, Bool, Float, Int
+from numpyro.handlers import condition, scope
+from scipy.stats import lognorm, norm
+
+from .design import Design
+from .priors import Scales
+from .sampling_program import SamplingProgram
+from .sites import EquationSites, site
+
+PREDICTED, START, SENSOR = "predicted", "start", "sensor_sigma"
+"""What the rows would be without noise, in the sensors' units; states at the starts of the segments; each sensor's own
+noise."""
+
+
+@dataclass(frozen=True, eq=False)
+class ExactLikelihood:
+    """Samples of sensors on exact paths.
+
+    Attributes:
+        predict: From scaled θ, scaled weights of f and the starts of the segments to the rows, the sensors' units.
+        measured: The rows, the sensors' units.
+        sensor: Number of the sensor of each row.
+        whiten: W₀ with W₀ R₀ W₀ᵀ = I, R₀ over the square of the noise of a typical sensor; of independent rows its
+            diagonal.
+        log_det: log|R₀|.
+        unit: Noise of a typical sensor, in its unit, per scaled σ.
+        share: Noise of each sensor over that of a typical one, which R₀ has [n_sensor].
+        start_mean: Expected starts [n_segment, n_state].
+        start_sd: Their standard deviations.
+        restated: Whether starts or noise have other priors than in the collapsed model.
+        sensor_noise: Median and logarithmic standard deviation of each sensor's σ, its own, [n_sensor, 2]; None where
+            the sensors have one σ, in the proportions that R₀ says.
+    """
+
+    predict: Callable[[Array, Array, Any], Float[Array, " n_row"]]
+    measured: Float[np.ndarray, " n_row"]
+    sensor: Int[np.ndarray, " n_row"]
+    whiten: Float[np.ndarray, "n_row *n_row"]
+    log_det: float
+    unit: float
+    share: Float[np.ndarray, " n_sensor"]
+    start_mean: Float[np.ndarray, "n_segment n_state"]
+    start_sd: Float[np.ndarray, "n_segment n_state"]
+    restated: bool = False
+    sensor_noise: Float[np.ndarray, "n_sensor 2"] | None = None
+
+    @property
+    def independent(self) -> bool:
+        """Whether rows know nothing of each other."""
+        return self.whiten.ndim == 1
+
+    def sigma(self, sensors: Any, scaled: Any) -> Any:
+        """Noise of each row [..., n_row], its share in R₀ left out; the sensors' units.
+
+        Args:
+            sensors: Of each sensor [..., n_sensor], where they have their own.
+            scaled: Of all, scaled units [...].
+        """
+        if self.sensor_noise is not None:
+            return (sensors / self.share)[..., self.sensor]
+        return (scaled * self.unit)[..., None] * np.ones(len(self.measured))
+
+    def log_prior(self, drawn: Mapping[str, np.ndarray], own: EquationSites) -> dict[str, np.ndarray]:
+        """Log prior densities of what the collapsed model has no sites for, or others; each [n_chain, n_draw].
+
+        Args:
+            drawn: Draws by variable.
+            own: Names.
+        """
+        starts = norm.logpdf(drawn[own[START]], self.start_mean, self.start_sd)
+        found = {own[START]: starts.sum(axis=(-2, -1))}
+        if self.sensor_noise is not None:
+            median, spread = self.sensor_noise.T
+            found[own[SENSOR]] = lognorm.logpdf(drawn[own[SENSOR]], spread, scale=median).sum(axis=-1)
+            # In its place σ has no prior of its own.
+            found[own.noise] = np.zeros(starts.shape[:2])
+        return found
+
+    def log_density(self, predicted: Any, sigma: Any) -> Any:
+        """Of each row [..., n_row]; of rows that know of each other, of the innovations in their stead.
+
+        Args:
+            predicted: Rows without noise [..., n_row].
+            sigma: From `sigma`.
+        """
+        z = (self.measured - predicted) / sigma
+        if self.independent:
+            z, log_det = z * self.whiten, -2 * np.log(self.whiten)
+        else:
+            z, log_det = z @ self.whiten.T, self.log_det / len(self.measured)
+        return -0.5 * z**2 - jnp.log(sigma) - 0.5 * (log_det + math.log(2 * math.pi))
+
+
+def exact_model(
+    program: SamplingProgram, block: str, design: Design, active: Bool[np.ndarray, " n_term"],
+    likelihood: ExactLikelihood,
+) -> Callable[[], None]:  # fmt: skip
+    """The NumPyro model, of no arguments, given the pattern of terms that are in.
+
+        θ_j | scales as in the collapsed model,   x₀ ~ N(m, diag(s²)),   y ~ N(h(x(·; θ, f, x₀)), σ² R₀)
+
+    Sites are those of the collapsed model and, each with the block's prefix, `theta_free`, `theta_j` for the j-th term
+    where it has bounds, `start_unit`, standardised weights `z` of f, and `sensor_sigma` where sensors have their own.
+
+    Args:
+        program: Priors.
+        block: What the equations are called that share the rows.
+        design: Of the rows, for its priors.
+        active: Terms that are in.
+        likelihood: Of the samples.
+    """
+    coefficients = design.coefficients
+    bounded = [j for j in coefficients.bounded if active[j]]
+    limits = {j: {"low": float(coefficients.lower[j]), "high": float(coefficients.upper[j])} for j in bounded}
+    free = np.array([j for j in np.flatnonzero(active) if j not in bounded], int)
+
+    def sigma_of() -> tuple[Array | None, Array]:
+        """Scaled σ, where it is not the program's, and that of each sensor."""
+        if likelihood.sensor_noise is None:
+            return None, jnp.ones(())
+        median, spread = likelihood.sensor_noise.T
+        own = site(SENSOR, dist.LogNormal(jnp.log(median), spread).to_event(1))
+        return jnp.sqrt(jnp.mean(own**2)) / likelihood.unit, own
+
+    def theta_of(scales: Scales) -> Array:
+        mean = coefficients.mean if scales.mean is None else scales.mean
+        theta = jnp.zeros(len(active))
+        if len(free):
+            theta = theta.at[free].set(site("theta_free", dist.Normal(mean[free], scales.sd[free]).to_event(1)))
+        for j in bounded:
+            finite: dict[str, Any] = {name: limit for name, limit in limits[j].items() if np.isfinite(limit)}
+            theta = theta.at[j].set(site(f"theta_{j}", dist.TruncatedNormal(mean[j], scales.sd[j], **finite)))
+        return theta
+
+    def model() -> None:
+        with scope(prefix=block, divider="_"):
+            scaled, own = sigma_of()
+            hyper = program.hyper_prior(design.noise_floor, design.n_var).sample(scaled)
+            with condition(data={"gamma": jnp.asarray(active, int)}):
+                scales = program.scales(design, hyper.sigma)
+            if scales.log_odds is not None:
+                numpyro.factor("pattern", -jnp.sum(jnp.logaddexp(0.0, jnp.where(active, -1.0, 1.0) * scales.log_odds)))
+            theta, weight = theta_of(scales), design.sampled_weights(hyper)
+            shape = likelihood.start_mean.shape
+            unit = site("start_unit", dist.Normal(0.0, 1.0).expand(shape).to_event(2))
+            start = likelihood.start_mean + likelihood.start_sd * unit
+            predicted = likelihood.predict(theta, weight, start)
+            density = jnp.sum(likelihood.log_density(predicted, likelihood.sigma(own, hyper.sigma)))
+            # A path that leaves all bounds has no probability.
+            numpyro.factor("samples", jnp.where(jnp.isfinite(density), density, -jnp.inf))
+            told = {"theta": theta, "theta_sd": scales.sd * active, START: start, PREDICTED: predicted}
+            for name, value in told.items():
+                numpyro.deterministic(name, value)
+
+    return model
