@@ -292,7 +292,7 @@ def benchmark(
         int | None,
         typer.Option(
             min=1,
-            help="Replicates of each case (all but hidden-effects and sampled-traps).",
+            help="Replicates of each case (all but hidden-effects, sampled-traps and hudson-bay).",
         ),
     ] = None,
     families: Annotated[

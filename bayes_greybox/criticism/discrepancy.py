@@ -78,6 +78,7 @@ def discrepancy_table(posterior: Posterior, level: float = 0.9) -> pd.DataFrame:
         discrepancy_upper, rms (of f, user's units), sigma (noise, user's units), overlap, correlation, term (the one it
         belongs to), overlap_none, correlation_none.
     """
+    posterior.require_rows("Shares of the variance are found")
     rows = {}
     for name, equation in posterior.equations.items():
         frame, n_row = equation.frame, equation.rows.n_row

@@ -33,8 +33,8 @@ from .prediction import require_columns
 FREE_RUN_DRAWS = 50
 """Posterior draws that a free run integrates."""
 
-STIFF = diffrax.Kvaerno5()
-"""Method for equations that an explicit one spends its steps on."""
+STIFF, MOST_STIFF = diffrax.Kvaerno5(), 100_000
+"""Method for equations that an explicit one spends its steps on, and its own of a piece."""
 
 
 @dataclass(frozen=True)
@@ -158,8 +158,8 @@ class FreeRunner:
         ) -> Any:
             def one(start: Any, x0: Array, args: Any) -> Any:
                 own = limits._replace(x0=x0)
-                solver = STIFF if stiff else None
-                return follow_piece(right_hand_side, start, samples, own, args, kinds, solver=solver, **options)
+                more = {"solver": STIFF, "max_steps": MOST_STIFF} if stiff else {}
+                return follow_piece(right_hand_side, start, samples, own, args, kinds, **{**options, **more})
 
             return jax.vmap(one)(start, limits.x0, parameters)
 
@@ -207,19 +207,19 @@ class FreeRunner:
         samples, kinds = cut(t, u, kinds)
         limits = limits_of(t, x0, size)
 
-        def whole(stiff: bool) -> tuple[list[Any], bool]:
+        def whole(stiff: bool) -> tuple[Array, Array, Array]:
             start, pieces = (x0, jnp.ones(len(x0), bool)), []
             for i in range(len(samples.times)):
                 piece = Samples(*(part[i] for part in samples))
-                start, (states, failed, exhausted) = self._follow(start, piece, limits, parameters, kinds, stiff)
-                pieces.append((states, failed))
-                if not stiff and bool(jnp.any(exhausted)):
-                    return pieces, True
-            return pieces, False
+                start, found = self._follow(start, piece, limits, parameters, kinds, stiff)
+                pieces.append(found)
+            states, failed_at, exhausted = (jnp.stack(parts, axis=1) for parts in zip(*pieces, strict=True))
+            return states, failed_at, jnp.any(exhausted, axis=1)
 
-        # An implicit method takes longer to compile, and where nothing is stiff to run.
-        pieces, exhausted = whole(False)
-        if exhausted:
-            pieces, _ = whole(True)
-        states, failed_at = (jnp.stack(parts, axis=1) for parts in zip(*pieces, strict=True))
+        states, failed_at, exhausted = whole(False)
+        if jnp.any(exhausted):
+            # An implicit method takes longer to compile, and where nothing is stiff to run.
+            others = whole(True)
+            states = jnp.where(exhausted[:, None, None, None], others[0], states)
+            failed_at = jnp.where(exhausted[:, None], others[1], failed_at)
         return jax.vmap(joined, in_axes=(0, None, 0, 0))(x0, t, states, failed_at)

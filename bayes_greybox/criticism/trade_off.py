@@ -80,6 +80,7 @@ def trade_offs(equation: Equation, draws: EquationDraws, *, plain: bool = False)
 
 def strongest_trade_off(posterior: Posterior, equation: str) -> TradeOff:
     """The term whose coefficient trades off most with f, for a pair plot."""
+    posterior.require_rows("Trade-offs are found")
     entry = posterior.equations[known_equation(posterior, equation)]
     both = trade_offs(entry, posterior.draws(equation, entry.design.worthwhile(PREDICTION_DRAWS)))
     j = int(np.argmax(np.abs(both.correlation)))

@@ -297,6 +297,7 @@ class Trajectories(Runs):
             noise=result.noise,
             filter=result.filter,
             dropped=self.dropped + self.n_obs - len(result.rows),
+            unseen=None if self.unseen is None else self.unseen[result.rows],
         )
 
     def split(

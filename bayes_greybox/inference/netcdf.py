@@ -37,10 +37,11 @@ SAMPLES, SAMPLE = "sensor_samples", "sample_id"
 RECORD = "bayes_greybox"
 """Root attribute that holds everything but arrays, as JSON text (netCDF attributes know no bool, None or dict)."""
 
-FORMAT = 2
+FORMAT = 3
 """Version of the file's layout.
 
-In files of version 1 `measure="empirical"` is what is called "unweighted" since, also on rows with correlated noise.
+Files of version 3 may have outputs, draws of exact paths, and samples that a sensor clipped. In files of version 1
+`measure="empirical"` is what is called "unweighted" since, also on rows with correlated noise.
 """
 
 

@@ -102,8 +102,12 @@ def test_friction_that_rises_steeply_at_rest_is_followed_to_the_end():
         return jnp.stack([x[1], u[0] - 4 * x[0] - friction * jnp.tanh(x[1] / 1e-5)])
 
     runner = FreeRunner(rate, "linear", rtol=1e-6, atol=1e-7)
-    states, failed_at = runner(data, jnp.array([0.2, 0.25]), np.tile([0.3, 0.0], (2, 1, 1)))
+    # Without friction nothing is stiff, and nothing done again.
+    plain, _ = runner(data, jnp.array([0.0]), np.array([[[0.3, 0.0]]]))
+    states, failed_at = runner(data, jnp.array([0.2, 0.25, 0.0]), np.tile([0.3, 0.0], (3, 1, 1)))
     assert np.all(np.isnan(failed_at)) and np.all(np.isfinite(states))
+    np.testing.assert_allclose(states[2], plain[0], rtol=1e-9, atol=1e-12)
+    states = states[:2]
     # It comes to rest where the spring is weaker than the friction.
     assert np.all(np.abs(states[:, -1, 1]) < 1e-4) and np.all(np.abs(4 * states[:, -1, 0]) < [0.2, 0.25])
 

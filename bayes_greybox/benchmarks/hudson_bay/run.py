@@ -44,7 +44,11 @@ def run(output: str | os.PathLike[str], *, seed: int = 1, progress: bool = True)
     # Imported here: it brings NumPyro and diffrax.
     from .plain import sampled
 
-    pelts = load_hudson_bay()
+    pelts, folder = load_hudson_bay(), Path(output)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise unwritable(folder, error) from error
     years = pelts.time - pelts.time[0]
     with threadpool_limits(1):
         start = time.perf_counter()
@@ -57,9 +61,7 @@ def run(output: str | os.PathLike[str], *, seed: int = 1, progress: bool = True)
         [speed(ours, seconds[0]), speed(plain, seconds[1])],
         index=pd.Index(["fit and refine", "NumPyro and diffrax"], name="sampler"),
     )
-    folder = Path(output)
     try:
-        folder.mkdir(parents=True, exist_ok=True)
         tables = {"quantities": quantities, "samplers": samplers}
         for name, table in tables.items():
             write_whole(folder / f"{name}.csv", table.reset_index().to_csv(index=False))

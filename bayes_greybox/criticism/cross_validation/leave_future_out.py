@@ -44,6 +44,7 @@ def leave_future_out(
     Raises:
         InputError: Fewer than 25 draws.
     """
+    posterior.require_rows("Leave-one-out and other folds are found")
     n_draw = count_draws(posterior, at_most)
     threshold = khat_threshold(n_draw)
     names = tuple(posterior.equations)

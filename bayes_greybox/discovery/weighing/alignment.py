@@ -13,6 +13,7 @@ from jaxtyping import Bool, Float, Int
 
 from bayes_greybox.data.clipping import clipped
 from bayes_greybox.data.noise.protocol import RowNoise
+from bayes_greybox.data.sample_noise import sample_noise
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.evidence.evaluations import Evaluations, one_pattern
 from bayes_greybox.discovery.evidence.odds import Odds
@@ -342,7 +343,11 @@ def _clipped(data: Trajectories, equation: str) -> dict[str, Bool[np.ndarray, " 
     # A state may rest, and an input may be held; a rate that stays to the last bit where it is largest is clipped.
     if not _separable(data):
         return {}
-    return clipped({data.target_label(equation): data.rate(equation)}, data.run)
+    values = data.rate(equation)
+    # An output may rest too, as a force does in a dead zone: only where it is noisy it does not stay by itself.
+    if data.is_output(equation) and not sample_noise(data.time, values[:, None], data.run_lengths)[0] > 0:
+        return {}
+    return clipped({data.target_label(equation): values}, data.run)
 
 
 def _mended(

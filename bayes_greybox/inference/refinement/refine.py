@@ -63,7 +63,8 @@ def refine(
         progress: Whether to show a progress bar.
 
     Raises:
-        InputError: Rows of rates; an unknown force; noise of one sensor alone; f without weights.
+        InputError: Rows of rates; an unknown force; noise of one sensor alone; f without weights; no path at the
+            estimate.
     """
     path = _path(posterior)
     name, equation = _only(posterior)
@@ -80,6 +81,11 @@ def refine(
             with block():
                 return -jnp.asarray(potential_energy(model, (), {}, unravel(center + L @ eta)))
 
+        if not np.isfinite(log_density(jnp.zeros(len(mean)), (mean, root))):
+            raise InputError(
+                "The exact path at the fit's own estimate leaves all bounds, or takes more steps than are allowed, as "
+                "of stiff equations: nothing can be sampled around it."
+            )
         program = density_model(log_density, len(mean))
         kernel = NUTS(program, target_accept_prob=sampling.target_accept, forward_mode_differentiation=True)
         chains = Sampler(lambda _: kernel, sampling.tune).run(
@@ -242,7 +248,7 @@ def _coordinates(
     sd = np.where(sd > 0, sd, 1.0)
     root = np.diag(sd)
     if len(points) > FEWEST * len(mean):
-        correlation = np.cov(((points - mean) / sd).T).reshape(len(mean), -1)
+        correlation = np.cov(((points - mean) / sd).T, ddof=0).reshape(len(mean), -1)
         # What no draw tells has no spread among them.
         np.fill_diagonal(correlation, 1.0)
         root = sd[:, None] * np.linalg.cholesky(correlation + RIDGE * np.eye(len(mean)))

@@ -125,7 +125,10 @@ class TrajectoryRows(RowKind):
 
     def left_out(self, data: Trajectories) -> tuple[str, ...]:
         """Samples of clipped sensors."""
-        return tuple(clipped_in_words(name, rows) for name, rows in clipped_states(data.samples or data).items())
+        samples = data.samples or data
+        if samples.unseen is not None:
+            return (f"sensors are clipped at {int(samples.unseen.sum())} samples, which are left out",)
+        return tuple(clipped_in_words(name, rows) for name, rows in clipped_states(samples).items())
 
     def unforced(self) -> "TrajectoryRows":
         """Rows without process noise."""

@@ -151,7 +151,10 @@ def predictive(fit: Posterior, equation: str | None = None) -> Figure:
     """
     equation = equation or next(iter(fit.equations))
     if "prior_predictive" not in fit.idata or "posterior_predictive" not in fit.idata:
-        raise InputError("The fit holds no predictive draws: its record is too long, or an older version saved it.")
+        raise InputError(
+            "The fit holds no predictive draws of both: its record is too long, an older version saved it, or it was "
+            "refined under priors of its own."
+        )
     measured = fit.equations[equation].rows.measured
     drawn = {
         source: fit.idata[f"{source}_predictive"][fit.sites[equation].rate].to_numpy().reshape(-1, len(measured))

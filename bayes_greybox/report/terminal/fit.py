@@ -41,7 +41,7 @@ def fit_tables(fit: Posterior, held_out: pd.Series | None) -> Iterator[Renderabl
     yield _discrepancy(discrepancy_table(fit, _LEVEL))
     if held_out is not None:
         errors = ", ".join(f"{name} {nmse_text(value)}" for name, value in held_out.items())
-        outputs = all(fit.data.is_output(name) for name in fit.model.equations)
+        outputs = any(fit.data.is_output(name) for name in fit.model.equations)
         yield Text(f"\nError on held-out data (NMSE{'' if outputs else ' of the derivative'}): {errors}")
 
 
