@@ -2,9 +2,12 @@
 
 import json
 import os
+from collections.abc import Mapping
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
+
+import pandas as pd
 
 from bayes_greybox.data.errors import InputError
 
@@ -14,6 +17,20 @@ def write_whole(file: Path, text: str) -> None:
     part = file.with_name(f".{file.name}.part")
     part.write_text(text, encoding="utf-8", newline="")
     os.replace(part, file)
+
+
+def write_table(folder: Path, name: str, table: pd.DataFrame, about: Mapping[str, Any]) -> None:
+    """Write a table as CSV, and what it is of to summary.json.
+
+    Args:
+        folder: Where both go.
+        name: Of the table's file, without its ending.
+        table: With a named index.
+        about: Size, seed and whatever else belongs beside it.
+    """
+    write_whole(folder / f"{name}.csv", table.reset_index().to_csv(index=False))
+    summary = {"version": version("bayes-greybox"), **about}
+    write_whole(folder / "summary.json", json.dumps(summary, indent=2) + "\n")
 
 
 def opened(file: Path) -> dict[str, dict[str, Any]]:

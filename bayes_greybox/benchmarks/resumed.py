@@ -1,10 +1,12 @@
 """The loop of a benchmark: a line of JSON for each finished case, so that a stopped run goes on."""
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, TypeVar
+
+from bayes_greybox.data.errors import InputError
 
 from .files import opened
 from .progress import shown
@@ -13,6 +15,23 @@ RESULTS = "results.jsonl"
 """File of the finished cases."""
 
 Case = TypeVar("Case")
+
+
+def picked(known: Mapping[str, Case], names: Sequence[str] | None, what: str) -> list[Case]:
+    """Cases by their names; all where none are named.
+
+    Args:
+        known: All cases by name.
+        names: Of those that are wanted.
+        what: What one is called.
+
+    Raises:
+        InputError: An unknown one.
+    """
+    unknown = [name for name in names or () if name not in known]
+    if unknown:
+        raise InputError(f"There is no {what} {unknown[0]!r}; there are {', '.join(known)}.")
+    return [known[name] for name in names or known]
 
 
 def resumed(

@@ -6,11 +6,9 @@ on velocity and acceleration from the package's differentiator. The efficient es
 beside them.
 """
 
-import json
 import os
 import time
 from collections.abc import Sequence
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +17,7 @@ import pandas as pd
 from scipy.stats import norm
 from threadpoolctl import threadpool_limits
 
-from bayes_greybox.benchmarks.files import unwritable, write_whole
+from bayes_greybox.benchmarks.files import unwritable, write_table
 from bayes_greybox.benchmarks.resumed import resumed
 from bayes_greybox.data.errors import InputError
 
@@ -75,9 +73,7 @@ def run(
                 progress=progress,
             )
         table = score(rows)
-        write_whole(folder / "coverage.csv", table.reset_index().to_csv(index=False))
-        summary = {"version": version("bayes-greybox"), "repeats": repeats, "seed": seed}
-        write_whole(folder / "summary.json", json.dumps(summary, indent=2) + "\n")
+        write_table(folder, "coverage", table, {"repeats": repeats, "seed": seed})
     except OSError as error:
         raise unwritable(folder, error) from error
     return table

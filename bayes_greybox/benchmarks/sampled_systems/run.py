@@ -1,18 +1,16 @@
 """Studies of the sampled systems, and what came of them: names, coverage, and the held-out samples."""
 
-import json
 import os
 import time
 from collections.abc import Sequence
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from bayes_greybox.benchmarks.files import unwritable, write_whole
-from bayes_greybox.benchmarks.resumed import resumed
+from bayes_greybox.benchmarks.files import unwritable, write_table
+from bayes_greybox.benchmarks.resumed import picked, resumed
 from bayes_greybox.data.errors import InputError
 
 from .samples import System, sampled
@@ -48,12 +46,7 @@ def run(
     Raises:
         InputError: A folder that cannot be written to; an unknown system.
     """
-    known = systems()
-    unknown = [name for name in names or () if name not in known]
-    if unknown:
-        raise InputError(f"There is no system {unknown[0]!r}; there are {', '.join(known)}.")
-    chosen = [known[name] for name in names or known]
-    folder = Path(output)
+    chosen, folder = picked(systems(), names, "system"), Path(output)
     try:
         rows = resumed(
             folder,
@@ -64,9 +57,7 @@ def run(
             progress=progress,
         )
         table = score(rows)
-        write_whole(folder / "systems.csv", table.reset_index().to_csv(index=False))
-        summary = {"version": version("bayes-greybox"), "replicates": replicates, "seed": seed}
-        write_whole(folder / "summary.json", json.dumps(summary, indent=2) + "\n")
+        write_table(folder, "systems", table, {"replicates": replicates, "seed": seed})
     except OSError as error:
         raise unwritable(folder, error) from error
     return table

@@ -1,18 +1,16 @@
 """Studies of the traps, and what came of them: who was tempted, and whether controls were answered."""
 
-import json
 import os
 import time
 from collections.abc import Sequence
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from bayes_greybox.benchmarks.files import unwritable, write_whole
-from bayes_greybox.benchmarks.resumed import resumed
+from bayes_greybox.benchmarks.files import unwritable, write_table
+from bayes_greybox.benchmarks.resumed import picked, resumed
 from bayes_greybox.benchmarks.sampled_systems.run import SURE
 from bayes_greybox.data.errors import InputError
 
@@ -50,12 +48,7 @@ def run(
     Raises:
         InputError: A folder that cannot be written to; an unknown trap.
     """
-    known = traps()
-    unknown = [name for name in cases or () if name not in known]
-    if unknown:
-        raise InputError(f"There is no trap {unknown[0]!r}; there are {', '.join(known)}.")
-    chosen = [known[name] for name in cases or known]
-    folder = Path(output)
+    chosen, folder = picked(traps(), cases, "trap"), Path(output)
     try:
         rows = resumed(
             folder,
@@ -66,9 +59,7 @@ def run(
             progress=progress,
         )
         table = score(rows)
-        write_whole(folder / "traps.csv", table.reset_index().to_csv(index=False))
-        summary = {"version": version("bayes-greybox"), "seed": seed, **counts(table).to_dict("index")}
-        write_whole(folder / "summary.json", json.dumps(summary, indent=2) + "\n")
+        write_table(folder, "traps", table, {"seed": seed, **counts(table).to_dict("index")})
     except OSError as error:
         raise unwritable(folder, error) from error
     return table

@@ -1,27 +1,22 @@
 """Studies of the static maps, and what came of them: names, controls, coverage, and the held-out rows."""
 
-import json
 import os
 import time
 from collections.abc import Sequence
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from bayes_greybox.benchmarks.files import unwritable, write_whole
-from bayes_greybox.benchmarks.resumed import resumed
-from bayes_greybox.data.errors import InputError
+from bayes_greybox.benchmarks.files import unwritable, write_table
+from bayes_greybox.benchmarks.resumed import picked, resumed
+from bayes_greybox.benchmarks.sampled_systems.run import SURE
 
 from .maps import StaticMap, maps, measured
 
 REPLICATES = 10
 """Of each map, by default."""
-
-SURE = 0.9
-"""A wrong name above this probability is a confident one."""
 
 
 def run(
@@ -47,12 +42,7 @@ def run(
     Raises:
         InputError: A folder that cannot be written to; an unknown map.
     """
-    known = maps()
-    unknown = [name for name in names or () if name not in known]
-    if unknown:
-        raise InputError(f"There is no map {unknown[0]!r}; there are {', '.join(known)}.")
-    chosen = [known[name] for name in names or known]
-    folder = Path(output)
+    chosen, folder = picked(maps(), names, "map"), Path(output)
     try:
         rows = resumed(
             folder,
@@ -63,9 +53,7 @@ def run(
             progress=progress,
         )
         table = score(rows)
-        write_whole(folder / "maps.csv", table.reset_index().to_csv(index=False))
-        summary = {"version": version("bayes-greybox"), "replicates": replicates, "seed": seed}
-        write_whole(folder / "summary.json", json.dumps(summary, indent=2) + "\n")
+        write_table(folder, "maps", table, {"replicates": replicates, "seed": seed})
     except OSError as error:
         raise unwritable(folder, error) from error
     return table
