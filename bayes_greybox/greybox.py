@@ -26,7 +26,7 @@ from bayes_greybox.inference.refinement.refine import refine
 from bayes_greybox.model.gp.discrepancy import OrthogonalGP
 from bayes_greybox.model.gp.features import HilbertBasis
 from bayes_greybox.model.program import Program
-from bayes_greybox.physics.simulation import RightHandSide
+from bayes_greybox.physics.simulation.protocol import RightHandSide
 
 MOST_REFITS, MARGIN = 2, 1.15
 """How often a fit is repeated with more features, and by how much these exceed what the last posterior asked for."""

@@ -5,7 +5,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any, TypeVar
 
-import jax
 import pandas as pd
 from rich.console import Console
 from threadpoolctl import threadpool_limits
@@ -16,15 +15,12 @@ from bayes_greybox.data.records import plain_rows
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.inference.netcdf import versions
 from bayes_greybox.inference.posterior import Posterior
-from bayes_greybox.model.noise.asked import Noise, check_asked
-from bayes_greybox.model.noise.suspicions import LEAST_ROWS
+from bayes_greybox.model.noise.asked import Noise
 from bayes_greybox.model.program import Program
 from bayes_greybox.model.rows.row_warnings import row_warnings
 from bayes_greybox.physics.catalogue.effects import CatalogueSpec, load_catalogue
 from bayes_greybox.physics.catalogue.pairs import pairs_in_data
 from bayes_greybox.physics.catalogue.roles import bind_catalogue, roles_of, unbound
-from bayes_greybox.physics.simulation import Simulation
-from bayes_greybox.physics.units import check_units, same_unit
 
 from .amended import amended_program, corrected_data
 from .answer.adequacy import LAGS
@@ -38,6 +34,7 @@ from .answer.where import GapMap, GapTrace
 from .equation import study_equation
 from .evidence.odds import Odds
 from .evidence.sufficient_statistics import CORRECTION_SCALE
+from .refusals import check_data
 from .suspects.channels import DELAY_STEPS, GAIN_SD, OFFSET_SD, ZERO_SD
 
 AnyProgram = TypeVar("AnyProgram", bound=Program)
@@ -162,7 +159,7 @@ def investigate(
     odds = odds or Odds()
     given, model = model, model.centred()
     equations = studied_equations(model, train)
-    _check_data(model, equations, train, test, free_runs)
+    check_data(model, equations, train, test, free_runs)
     train, test = _completed(model, equations, train), None if test is None else _completed(model, equations, test)
     loaded = load_catalogue(catalogue)
     seconds: dict[str, float] = {}
@@ -362,54 +359,3 @@ def _said_of(model: Program, train: Trajectories, settle: bool) -> list[str]:
             f"only{where}: the study weighs noise of its own accord."
         )
     return said
-
-
-def _check_data(
-    model: Program, equations: Sequence[str], train: Trajectories, test: Trajectories | None, free_runs: bool
-) -> None:
-    """Refuse before the search what the search, or the gap and the fit after it, could not use."""
-    check_units({}, train.units, train.derivative_names, train.time_name)
-    if train.n_obs < LEAST_ROWS:
-        raise InputError(
-            f"The training data have {train.n_obs} rows, on which nothing can be told from noise: give at least "
-            f"{LEAST_ROWS}."
-        )
-    simulation = model.simulator(train)
-    # Outputs have no free run, and no part in that of states.
-    whole = not all(train.is_output(name) for name in equations)
-    whole = whole and set(train.state_names) <= {*simulation.equations, *equations}
-    for part, data in (("training", train), *([("test", test)] if test is not None else [])):
-        missing = [
-            *(name for name in train.columns if name not in data.columns),
-            *(name for name in train.output_names if name not in data.output_names),
-        ]
-        if missing:
-            raise InputError(f"The {part} data have no {missing[0]!r}, which the training data have: add it.")
-        short = [name for name, n in zip(data.run_names, data.run_lengths, strict=True) if n < 2]
-        if free_runs and whole and short:
-            raise InputError(
-                f"Run {short[0]!r} of the {part} data has one row, and a free run needs two: leave that run out, or "
-                "the free runs with free_runs=False."
-            )
-    for name, unit in train.units.items():
-        other = test.units.get(name) if test is not None else None
-        if unit and other and not same_unit(unit, other, f"column {name!r}"):
-            raise InputError(f"The test data have {name} in {other}, the training data in {unit}: convert them.")
-    if isinstance(model.noise, Noise):
-        for name in equations:
-            check_asked(model.noise, model.equation_rows(train, name))
-    if free_runs and whole:
-        _check_traceable(simulation)
-
-
-def _check_traceable(simulation: Simulation) -> None:
-    """Refuse a simulation that the integrator could not follow; rates of rows do with plain NumPy, free runs do not."""
-    x, u = (jax.ShapeDtypeStruct((len(names),), float) for names in (simulation.states, simulation.inputs))
-    try:
-        jax.eval_shape(simulation.rate, jax.ShapeDtypeStruct((), float), x, u)
-    except Exception as error:
-        # Plain NumPy, in-place assignment and Python branches fail under JAX with errors of many kinds.
-        raise InputError(
-            f"The simulation cannot be integrated, {type(error).__name__}: write it with jax.numpy, without in-place "
-            "assignment and without branches on its values, or leave the free runs out with free_runs=False."
-        ) from error

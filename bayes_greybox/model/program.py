@@ -7,7 +7,8 @@ from typing import Any
 
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.physics.simulation import RightHandSide, Simulation, not_known, simulation_of
+from bayes_greybox.physics.simulation.protocol import RightHandSide, Simulation
+from bayes_greybox.physics.simulation.reading import not_known, simulation_of
 from bayes_greybox.physics.terms import Dictionary
 from bayes_greybox.physics.units import check_units
 

@@ -12,7 +12,7 @@ from bayes_greybox.discovery.answer.gap.denials import MISFIT, worsened
 from bayes_greybox.discovery.answer.weighed import STOPS
 from bayes_greybox.discovery.study import StudyResult
 from bayes_greybox.discovery.suspects.channels import DELAY_STEPS, GAIN, GAIN_SD, OFFSET_SD
-from bayes_greybox.physics.simulation import FUNCTION, simulation_record
+from bayes_greybox.physics.simulation.reading import FUNCTION, simulation_record
 
 from .formatting import estimate, interval, nmse_text, number, percent_text, probability_text, unit_text
 

@@ -19,8 +19,8 @@ from bayes_greybox.discovery.answer.gap.denials import MISFIT
 from bayes_greybox.discovery.answer.gap.free_runs import FreePath
 from bayes_greybox.discovery.answer.where import GapMap, GapTrace
 from bayes_greybox.discovery.evidence.odds import Odds
+from bayes_greybox.discovery.refusals import check_data
 from bayes_greybox.discovery.study import (
-    _check_data,
     investigate,
     studied_equations,
     verdict_of,
@@ -325,7 +325,7 @@ def test_a_force_that_a_study_leaves_is_in_the_posterior_on_samples_and_never_on
 
 
 def check(train, test=None, free_runs=True, equations=("x", "z"), model=BOTH):
-    _check_data(model, equations, train, test, free_runs)
+    check_data(model, equations, train, test, free_runs)
 
 
 def test_data_that_can_be_used_are_not_refused():

@@ -5,7 +5,7 @@ import pytest
 
 from bayes_greybox.physics.expressions import evaluate, parse_expression
 from bayes_greybox.physics.rounding import ROUNDED, rounded
-from bayes_greybox.physics.simulation import simulation_of
+from bayes_greybox.physics.simulation.reading import simulation_of
 from bayes_greybox.physics.terms import Dictionary, Term
 
 V = 0.5 * np.sin(np.linspace(0, 20, 400))

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import bayes_greybox as bg
-from bayes_greybox.physics.simulation import simulation_of
+from bayes_greybox.physics.simulation.reading import simulation_of
 from bayes_greybox.physics.terms import Term
 
 KNOWN = {"v": ((Term("y**3"), -2.0), (Term("F*v"), 0.5)), "y": ()}

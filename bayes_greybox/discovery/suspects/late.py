@@ -17,7 +17,7 @@ from scipy.stats import chi2
 
 from bayes_greybox.data.rates.integral import running_integral
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.physics.simulation import Simulation
+from bayes_greybox.physics.simulation.protocol import Simulation
 
 SAMPLES = 10
 """Steps of a window: noise on samples counts twice in it, whatever its length, and the rate counts for all of it."""

@@ -16,7 +16,7 @@ from bayes_greybox.data.rates.filters import STEP_TOLERANCE
 from bayes_greybox.data.rates.integral import running_integral
 from bayes_greybox.data.sample_noise import sample_noise
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.physics.simulation import Simulation
+from bayes_greybox.physics.simulation.protocol import Simulation
 
 LARGEST = 0.3
 """Noise above this share of a state's standard deviation is none: rows in no order in time look like nothing else."""

@@ -29,7 +29,7 @@ from bayes_greybox.discovery.suspects.channels import (
 from bayes_greybox.discovery.suspects.sensors import input_columns, sensor_columns
 from bayes_greybox.model.program import Program
 from bayes_greybox.model.rows.equation_rows import EquationRows
-from bayes_greybox.physics.simulation import Simulation
+from bayes_greybox.physics.simulation.protocol import Simulation
 from bayes_greybox.physics.terms import Term
 
 TOLD = 1e-3

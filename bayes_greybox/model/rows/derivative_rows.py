@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.rates.rate_filter import RowOperator
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.physics.simulation import Simulation
+from bayes_greybox.physics.simulation.protocol import Simulation
 
 from .equation_rows import EquationRows
 from .row_kind import RowKind

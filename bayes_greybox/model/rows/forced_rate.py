@@ -9,7 +9,7 @@ import sympy
 from jaxtyping import Array, Float
 
 from bayes_greybox.physics.expressions import evaluate
-from bayes_greybox.physics.simulation import Simulation
+from bayes_greybox.physics.simulation.protocol import Simulation
 from bayes_greybox.physics.terms import Term
 
 Args = tuple[Array, ...]

@@ -15,7 +15,7 @@ from bayes_greybox.data.noise.forced_noise import Motion
 from bayes_greybox.data.sample_noise import sample_noise
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.physics.sensitivity import Grid, carried
-from bayes_greybox.physics.simulation import Simulation
+from bayes_greybox.physics.simulation.protocol import Simulation
 from bayes_greybox.physics.smoothing import Observed
 
 from .equation_rows import Acting, Unfollowed

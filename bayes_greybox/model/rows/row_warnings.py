@@ -10,7 +10,7 @@ from jaxtyping import Float
 from bayes_greybox.data.rates.rate_filter import RowOperator
 from bayes_greybox.data.sample_noise import sample_noise
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.physics.simulation import Simulation
+from bayes_greybox.physics.simulation.protocol import Simulation
 
 from .row_kind import RowKind
 

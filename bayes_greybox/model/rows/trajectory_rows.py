@@ -28,7 +28,7 @@ from bayes_greybox.data.noise.weighted import WeightedNoise
 from bayes_greybox.data.noise.white import WhiteNoise
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.physics.integrate import INTERPOLATIONS
-from bayes_greybox.physics.simulation import Simulation
+from bayes_greybox.physics.simulation.protocol import Simulation
 from bayes_greybox.physics.terms import Term
 
 from .equation_rows import EquationRows, block_name

@@ -4,7 +4,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.physics.simulation import Simulation
+from bayes_greybox.physics.simulation.protocol import Simulation
 
 ROUNDING = 1e-9
 """Two columns whose difference has less than this share of their RMS are one."""

@@ -5,7 +5,7 @@ import pytest
 
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.suspects.late import late_states
-from bayes_greybox.physics.simulation import simulation_of
+from bayes_greybox.physics.simulation.reading import simulation_of
 
 STEP, N = 0.05, 500
 

@@ -1,0 +1,75 @@
+"""What a study refuses before it searches."""
+
+from collections.abc import Sequence
+
+import jax
+
+from bayes_greybox.data.errors import InputError
+from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.model.noise.asked import Noise, check_asked
+from bayes_greybox.model.noise.suspicions import LEAST_ROWS
+from bayes_greybox.model.program import Program
+from bayes_greybox.physics.simulation.protocol import Simulation
+from bayes_greybox.physics.units import check_units, same_unit
+
+
+def check_data(
+    model: Program, equations: Sequence[str], train: Trajectories, test: Trajectories | None, free_runs: bool
+) -> None:
+    """Refuse before the search what the search, or the gap and the fit after it, could not use.
+
+    Args:
+        model: The model.
+        equations: Studied.
+        train: Training data.
+        test: Held-out data.
+        free_runs: Whether there are free runs.
+
+    Raises:
+        InputError: What cannot be used, with the remedy.
+    """
+    check_units({}, train.units, train.derivative_names, train.time_name)
+    if train.n_obs < LEAST_ROWS:
+        raise InputError(
+            f"The training data have {train.n_obs} rows, on which nothing can be told from noise: give at least "
+            f"{LEAST_ROWS}."
+        )
+    simulation = model.simulator(train)
+    # Outputs have no free run, and no part in that of states.
+    whole = not all(train.is_output(name) for name in equations)
+    whole = whole and set(train.state_names) <= {*simulation.equations, *equations}
+    for part, data in (("training", train), *([("test", test)] if test is not None else [])):
+        missing = [
+            *(name for name in train.columns if name not in data.columns),
+            *(name for name in train.output_names if name not in data.output_names),
+        ]
+        if missing:
+            raise InputError(f"The {part} data have no {missing[0]!r}, which the training data have: add it.")
+        short = [name for name, n in zip(data.run_names, data.run_lengths, strict=True) if n < 2]
+        if free_runs and whole and short:
+            raise InputError(
+                f"Run {short[0]!r} of the {part} data has one row, and a free run needs two: leave that run out, or "
+                "the free runs with free_runs=False."
+            )
+    for name, unit in train.units.items():
+        other = test.units.get(name) if test is not None else None
+        if unit and other and not same_unit(unit, other, f"column {name!r}"):
+            raise InputError(f"The test data have {name} in {other}, the training data in {unit}: convert them.")
+    if isinstance(model.noise, Noise):
+        for name in equations:
+            check_asked(model.noise, model.equation_rows(train, name))
+    if free_runs and whole:
+        _check_traceable(simulation)
+
+
+def _check_traceable(simulation: Simulation) -> None:
+    """Refuse a simulation that the integrator could not follow; rates of rows do with plain NumPy, free runs do not."""
+    x, u = (jax.ShapeDtypeStruct((len(names),), float) for names in (simulation.states, simulation.inputs))
+    try:
+        jax.eval_shape(simulation.rate, jax.ShapeDtypeStruct((), float), x, u)
+    except Exception as error:
+        # Plain NumPy, in-place assignment and Python branches fail under JAX with errors of many kinds.
+        raise InputError(
+            f"The simulation cannot be integrated, {type(error).__name__}: write it with jax.numpy, without in-place "
+            "assignment and without branches on its values, or leave the free runs out with free_runs=False."
+        ) from error

@@ -1,0 +1,93 @@
+"""A simulation of formulas."""
+
+from collections.abc import Hashable, Mapping
+from dataclasses import dataclass, replace
+
+import jax.numpy as jnp
+import numpy as np
+import sympy
+from jaxtyping import Array, Float
+
+from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.physics.derivatives import gradient
+from bayes_greybox.physics.expressions import evaluate
+from bayes_greybox.physics.rounding import rounded
+from bayes_greybox.physics.terms import Term
+
+from .protocol import Simulation, finite
+
+
+@dataclass(frozen=True)
+class ExpressionSimulation(Simulation):
+    """Expressions by state or output; missing ones are zero.
+
+    Attributes:
+        expressions: Parsed expressions by state or output.
+    """
+
+    expressions: Mapping[str, sympy.Expr]
+
+    @property
+    def equations(self) -> tuple[str, ...]:
+        """States and outputs with an expression."""
+        return tuple(self.expressions)
+
+    def rate(self, t: Array, x: Float[Array, " n_state"], u: Float[Array, " n_input"]) -> Float[Array, " n_state"]:
+        """Value of g at one point, inside an integrator."""
+        columns = dict(zip((*self.states, *self.inputs), (*x, *u), strict=True))
+        return jnp.stack(
+            [evaluate(self.expressions[s], columns) if s in self.expressions else jnp.zeros(()) for s in self.states]
+        )
+
+    def on(self, data: Trajectories, state: str) -> Float[np.ndarray, " n_obs"]:
+        """Values of g for one state on the rows of the data, user's units."""
+        if state not in self.expressions:
+            return np.zeros(data.n_obs)
+        return finite(np.asarray(evaluate(self.expressions[state], data.columns)), state)
+
+    def rates(
+        self, t: Float[np.ndarray, "*n"], x: Float[np.ndarray, "*n n_state"], u: Float[np.ndarray, "*n n_input"]
+    ) -> Float[np.ndarray, "*n n_state"]:
+        """Values of g at many points."""
+        columns, found = self._columns(x, u), np.zeros(x.shape)
+        for k, state in enumerate(self.states):
+            if state in self.expressions:
+                found[..., k] = evaluate(self.expressions[state], columns)
+        return found
+
+    def jacobian(
+        self, t: Float[np.ndarray, "*n"], x: Float[np.ndarray, "*n n_state"], u: Float[np.ndarray, "*n n_input"]
+    ) -> Float[np.ndarray, "*n n_state n_state"]:
+        """∂g/∂x at points along paths, from derivatives of the formulas."""
+        columns, found = self._columns(x, u), np.zeros((*x.shape, x.shape[-1]))
+        for k, state in enumerate(self.states):
+            if state in self.expressions:
+                found[..., k, :] = gradient(self.expressions[state], self.states, columns)
+        return found
+
+    def additive_terms(self, state: str) -> list[tuple[Term, float]]:
+        """The additive terms of an expression, each with its coefficient: F - 2*y gives (F, 1) and (y, -2)."""
+        if state not in self.expressions:
+            return []
+        found: dict[sympy.Expr, float] = {}
+        for part in sympy.Add.make_args(sympy.expand(self.expressions[state])):
+            value, form = part.as_coeff_Mul()
+            found[form] = found.get(form, 0.0) + float(value)
+        return [(Term(form), value) for form, value in found.items() if value != 0]
+
+    def rate_name(self, state: str) -> str | None:
+        """The state that the expression is the name of."""
+        # An output that is a state is measured twice, and no rate.
+        expression = self.expressions.get(state) if state in self.states else None
+        alone = expression is not None and bool(expression.is_Symbol) and str(expression) in self.states
+        return str(expression) if alone else None
+
+    def rounded(self, columns: Mapping[str, Float[np.ndarray, " n"]]) -> "Simulation":
+        """Formulas with their jumps rounded."""
+        smooth = {name: rounded(expr, columns) for name, expr in self.expressions.items()}
+        return replace(self, expressions=smooth)
+
+    @property
+    def key(self) -> Hashable:
+        """Names and formulas."""
+        return self.states, self.inputs, tuple((name, str(e)) for name, e in self.expressions.items())

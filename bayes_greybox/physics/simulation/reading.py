@@ -1,0 +1,80 @@
+"""Simulations as users give them, and as files hold them."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from bayes_greybox.data.errors import InputError
+from bayes_greybox.physics.expressions import parse_expression
+
+from .code import CallableSimulation
+from .formulas import ExpressionSimulation
+from .protocol import RightHandSide, Simulation
+
+FUNCTION = "function"
+"""What stands in files for a simulation that is code."""
+
+
+def simulation_of(
+    given: Mapping[str, str] | RightHandSide | None,
+    states: tuple[str, ...],
+    inputs: tuple[str, ...],
+    outputs: Sequence[str] = (),
+) -> Simulation:
+    """Read the user's simulation.
+
+    Args:
+        given: Expressions by state or output, a function of all states at once, or None for no simulation.
+        states: State names of the data.
+        inputs: Input names of the data.
+        outputs: Output names of the data, which expressions give and do not use.
+
+    Raises:
+        InputError: An expression for an unknown state or output, or one that cannot be read.
+    """
+    if callable(given):
+        return CallableSimulation(states, inputs, given)
+    given = given or {}
+    unknown = [name for name in given if name not in (*states, *outputs)]
+    if unknown:
+        raise InputError(f"The simulation has an equation for {unknown[0]!r}, {not_known(states, outputs)}.")
+    parsed = {name: parse_expression(str(text), (*states, *inputs)) for name, text in given.items()}
+    return ExpressionSimulation(states, inputs, parsed)
+
+
+def not_known(states: Sequence[str], outputs: Sequence[str], hint: str = "") -> str:
+    """What is said of an equation for a name that the data do not have, with those that they have.
+
+    Args:
+        states: State names of the data.
+        outputs: Output names of the data.
+        hint: What may have been meant, in brackets.
+    """
+    if not outputs:
+        return f"which is not a state of the data{hint}; states: {', '.join(states)}"
+    known = [f"{what}: {', '.join(names)}" for what, names in (("states", states), ("outputs", outputs)) if names]
+    return f"which is neither a state nor an output of the data{hint}; {'; '.join(known)}"
+
+
+def simulation_record(given: Mapping[str, str] | RightHandSide | None) -> Any:
+    """A user's simulation as plain values for a file: its expressions, or the word that it is code."""
+    return FUNCTION if callable(given) else {name: str(text) for name, text in (given or {}).items()}
+
+
+def simulation_from(record: Any, function: RightHandSide | None = None) -> Mapping[str, str] | RightHandSide:
+    """The inverse of `simulation_record`.
+
+    Args:
+        record: What it returned.
+        function: The simulation's function, if it had one; a file cannot hold code.
+
+    Raises:
+        InputError: If the simulation was a function and none is given.
+    """
+    if record != FUNCTION:
+        return record
+    if function is None:
+        raise InputError(
+            "The model's simulation was a Python function, which a file cannot hold: give it again, "
+            "bg.load(path, simulation=function)."
+        )
+    return function
