@@ -208,7 +208,8 @@ class Fit(Posterior):
         s = self.sampling
         terms = ", ".join(f"{name}: {len(e.frame.dictionary)} terms" for name, e in self.equations.items())
         exact = " of exact paths" if s.exact else ""
-        about = f"{self.model.prior_text} prior; {self.data.n_obs} rows; {s.chains} x {s.draws} draws{exact}"
+        rows = f"{self.data.n_obs} rows ({self.model.rows.in_words(self.data)})"
+        about = f"{self.model.prior_text} prior; {rows}; {s.chains} x {s.draws} draws{exact}"
         return "\n".join([f"Fit of {terms}; {about}", *self.model.rows.left_out(self.data), str(self.verdict)])
 
     def _complete(self) -> None:

@@ -143,6 +143,7 @@ def find_missing_effects(
         InputError: Data, model or catalogue that cannot be used; the message names what and the remedy.
     """
     started = time.perf_counter()
+    model = model.on(train)
     if test is not None:
         test = with_filter_of(test, train)
     found = investigate(

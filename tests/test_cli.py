@@ -203,7 +203,7 @@ def test_the_record_says_what_the_saved_fit_says(first):
     np.testing.assert_allclose(rows["mean"], inclusion["mean"])
     np.testing.assert_allclose(rows["inclusion"], inclusion["inclusion"])
     assert record["seconds"] > 0 and record["versions"]["numpyro"]
-    assert record["data"] == {"rows": 320, "runs": 1, "dropped": 0}
+    assert record["data"] == {"rows": 320, "of": "measured rates", "runs": 1, "dropped": 0}
 
 
 def test_even_a_short_run_finds_the_two_terms_and_predicts_held_out_data(first):

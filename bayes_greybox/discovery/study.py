@@ -157,7 +157,8 @@ def investigate(
     """
     started = time.perf_counter()
     odds = odds or Odds()
-    given, model = model, model.centred()
+    given = model.on(train)
+    model = given.centred()
     equations = studied_equations(model, train)
     check_data(model, equations, train, test, free_runs)
     train, test = _completed(model, equations, train), None if test is None else _completed(model, equations, test)
@@ -286,8 +287,9 @@ def studied_equations(model: Program, data: Trajectories) -> tuple[str, ...]:
         found = tuple(name for name in simulation.equations if not simulation.kinematic(name))
         if len(found) != 1:
             raise InputError(
-                f"Rows of samples are for one equation, and the simulation has {len(found)} that may lack something: "
-                "name the one in question with an empty list of terms, GreyBox(dictionary={'ydot': []}, ...)."
+                f"A study of samples looks at one equation, and the simulation has {len(found) or 'none'} that could "
+                "lack something: name the one in question with an empty list of terms, "
+                "GreyBox(dictionary={'ydot': []}, ...), or give rates: derivatives=..., or data.differentiate()."
             )
         return found
     names = (*data.derivative_names, *data.output_names)

@@ -3,7 +3,7 @@
 import difflib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, Self
 
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
@@ -22,7 +22,7 @@ from .near import near_estimate
 from .noise.asked import Noise, find_noise, with_found
 from .noise.noise_model import PROCESS, NoiseModel
 from .priors import Prior, SpikeAndSlab
-from .rows.derivative_rows import DerivativeRows
+from .rows.as_measured import AsMeasured
 from .rows.equation_rows import EquationRows, block_name
 from .rows.row_kind import RowKind
 from .sampling_program import SamplingProgram
@@ -44,7 +44,8 @@ class Program(SamplingProgram):
             it keeps the likelihood of noise-free data finite.
         noise: Prior scale of σ over the RMS of the target: σ² = floor² + s², s ~ HalfNormal(`noise`); or a `Noise`,
             which may also be correlated, depend on the state or have heavy tails.
-        rows: What the rows of an equation say; rates at time stamps by default.
+        rows: What the rows of an equation say; by default rates at time stamps, or outputs, where the data have any,
+            and else samples of a path.
         coefficients: Priors of single terms by equation and term, in user's units, in place of `prior` or as limits to
             it. A term whose coefficient is fixed belongs to the simulation, and f need not be orthogonal to it.
     """
@@ -55,7 +56,7 @@ class Program(SamplingProgram):
     discrepancy: OrthogonalGP | None = field(default_factory=OrthogonalGP)
     noise_floor: float = 1e-4
     noise: float | Noise = 1.0
-    rows: RowKind = field(default_factory=DerivativeRows)
+    rows: RowKind = field(default_factory=AsMeasured)
     coefficients: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -83,8 +84,8 @@ class Program(SamplingProgram):
             if len(self.dictionary) > 1 and self.discrepancy is not None:
                 raise InputError(
                     f"Rows of samples that tell of {len(self.dictionary)} equations have no discrepancy: the samples "
-                    "do not say in which equation it acts. Use GreyBox(discrepancy=None), or leave one equation in the "
-                    "dictionary."
+                    "do not say in which equation it acts. Use GreyBox(discrepancy=None), leave one equation in the "
+                    "dictionary, or give rates: derivatives=..., or data.differentiate()."
                 )
         if not isinstance(self.noise, Noise) and not self.noise > 0:
             raise InputError(f"GreyBox(noise={self.noise:g}) must be positive.")
@@ -230,6 +231,17 @@ class Program(SamplingProgram):
         each = [self.stated(equation, data) for equation in self.blocks[block]]
         return [stated.priors.get(term.name) for stated in each for term in stated.learned]
 
+    def on(self, data: Trajectories) -> Self:
+        """The model with the kind of rows that data have, where that is left to them.
+
+        Args:
+            data: Training data.
+
+        Raises:
+            InputError: What a model refuses of such rows, such as a discrepancy of several equations on samples.
+        """
+        return replace(self, rows=self.rows.chosen(data))
+
     def near(self, data: Trajectories) -> "tuple[Program, Trajectories]":
         """The model with rows near what the data say of it, and completed data; both as they are where rows are rates.
 
@@ -242,9 +254,10 @@ class Program(SamplingProgram):
         Raises:
             InputError: See `assemble`; several equations whose coefficients do not settle.
         """
-        if self.rows.rates_measured:
-            return self, data
-        model = near_estimate(self, data)
+        model = self.on(data)
+        if model.rows.rates_measured:
+            return model, data
+        model = near_estimate(model, data)
         return model, model.complete(data)
 
     def with_noise_found(self, data: Trajectories) -> "tuple[Program, Trajectories]":

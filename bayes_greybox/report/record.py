@@ -41,7 +41,7 @@ def run_record(
         "coefficients": plain_rows(inclusion(fit)),
         "discrepancy": plain_rows(discrepancy_table(fit)),
         "held_out_nmse": None if held_out is None else plain_values(held_out.to_dict()),
-        "data": {"rows": data.n_obs, "runs": data.n_run, "dropped": data.dropped},
+        "data": {"rows": data.n_obs, "of": fit.model.rows.in_words(data), "runs": data.n_run, "dropped": data.dropped},
         "sampling": dict(sampling),
         "seconds": round(seconds, 3),
         "versions": versions(),
@@ -91,7 +91,11 @@ def study_record(study: StudyResult, sampling: Mapping[str, Any]) -> dict[str, A
             **study.record(),
             "doubts": [asdict(each) for each in doubts(study)],
             "convergence": None if fit is None else _verdict(convergence(fit)),
-            "data": {"train": study.train.n_obs, "test": None if test is None else test.n_obs},
+            "data": {
+                "train": study.train.n_obs,
+                "test": None if test is None else test.n_obs,
+                "of": study.base.rows.in_words(study.train),
+            },
             "sampling": dict(sampling),
         }
     )

@@ -173,7 +173,7 @@ def test_a_function_as_simulation_is_corrected_through_the_dictionary():
 def test_data_without_a_rate_to_study_are_refused():
     t = np.linspace(0, 1, 20)
     data = bg.Trajectories.from_arrays(t, states={"y": t, "v": t**2})
-    with pytest.raises(bg.InputError, match="no equation to study"):
+    with pytest.raises(bg.InputError, match=r"looks at one equation, and the simulation has none that .*differentiate"):
         bg.find_missing_effects(bg.GreyBox(simulation={"y": "v"}), data, progress=False)
 
 

@@ -49,6 +49,10 @@ class DerivativeRows(RowKind):
             output=data.is_output(equation),
         )
 
+    def in_words(self, data: Trajectories) -> str:
+        """Measured or filtered rates, or outputs."""
+        return super().in_words(data) if data.filter is None else "filtered rates"
+
     def _operator(self, data: Trajectories, equation: str) -> RowOperator | None:
         rate_filter = data.filter
         if not self.filter_terms or rate_filter is None or not rate_filter.finite:

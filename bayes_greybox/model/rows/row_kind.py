@@ -36,6 +36,22 @@ class RowKind(ABC):
             InputError: The data cannot give such rows.
         """
 
+    def chosen(self, data: Trajectories) -> "RowKind":
+        """The kind that rows of these data are of: this one, unless it leaves that to the data.
+
+        Args:
+            data: Training data.
+        """
+        return self
+
+    def in_words(self, data: Trajectories) -> str:
+        """What a row is, in a few words.
+
+        Args:
+            data: Measurements.
+        """
+        return "measured " + ("outputs" if data.output_names and not data.derivative_names else "rates")
+
     @property
     def rates_measured(self) -> bool:
         """Whether rows are rates, measured apart from the states; else they are samples of a path."""

@@ -123,6 +123,10 @@ class TrajectoryRows(RowKind):
         """Rows with an unknown force in their noise."""
         return replace(self, force=float(intensity))
 
+    def in_words(self, data: Trajectories) -> str:
+        """Samples, and of which states."""
+        return f"samples of {', '.join((data.samples or data).state_names)} along a path"
+
     def left_out(self, data: Trajectories) -> tuple[str, ...]:
         """Samples of clipped sensors."""
         samples = data.samples or data

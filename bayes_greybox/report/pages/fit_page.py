@@ -132,6 +132,7 @@ def _facts(fit: Posterior) -> list[str]:
     kernel = "none" if fit.model.discrepancy is None else fit.model.discrepancy.variant
     return [
         f"data: {data.n_obs} rows{runs}{dropped}",
+        f"rows: {fit.model.rows.in_words(data)}",
         f"prior: {fit.model.prior_text}",
         f"discrepancy: {kernel}",
         f"{sampling.chains} × {sampling.draws} draws",

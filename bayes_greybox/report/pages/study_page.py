@@ -111,7 +111,8 @@ def _facts(study: StudyResult) -> list[str]:
         return f"{data.n_obs} rows in {data.n_run} runs" if data.n_run > 1 else f"{data.n_obs} rows"
 
     equations = ", ".join(map(study.train.target_label, study.maps))
-    facts = [f"equations: {equations}", f"training data: {rows(study.train)}"]
+    what = study.base.rows.in_words(study.train)
+    facts = [f"equations: {equations}", f"training data: {rows(study.train)}", f"rows: {what}"]
     facts.append("held-out data: none" if study.test is None else f"held-out data: {rows(study.test)}")
     if "catalogue" in study.settings:
         facts.append(f"catalogue: {study.settings['catalogue']}")

@@ -35,6 +35,7 @@ def fit_tables(fit: Posterior, held_out: pd.Series | None) -> Iterator[Renderabl
         What to print, in order.
     """
     yield verdict_text(fit)
+    yield Text(f"{fit.data.n_obs} rows: {fit.model.rows.in_words(fit.data)}", style="dim")
     table = inclusion(fit, _LEVEL)
     for equation in fit.model.equations:
         yield _coefficients(fit.data.target_label(equation), table.loc[equation])

@@ -41,6 +41,7 @@ def study_tables(study: StudyResult) -> Iterator[RenderableType]:
     yield Text.assemble((study.verdict.upper(), STYLES.get(study.verdict, "bold yellow")), f": {sentence(study)}")
     if study.fit is not None and not convergence(study.fit).ok:
         yield Text(str(convergence(study.fit)), style="red")
+    yield Text(f"{study.train.n_obs} rows: {study.base.rows.in_words(study.train)}", style="dim")
     yield Group("", _against(study))
     if IN_MODEL in set(study.instrument["status"]):
         yield Group("", _measurement(study))
