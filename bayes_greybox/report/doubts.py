@@ -107,7 +107,7 @@ def _explanations(study: StudyResult, equation: str) -> Iterator[Doubt]:
         p = float(records["unknown"]["probability"])
         text = f"the probability that something unknown is missing is {probability_text(p)}"
         if remembers := remembered(study, equation):
-            text += f"; if so, it remembers ({remembers})"
+            text += f"; if so, it {remembers}"
         if own == "unknown":
             yield Doubt("What remains", text, p < 0.5)
         else:

@@ -91,11 +91,11 @@ def _missing(study: StudyResult, said: Sequence[str], closed: str) -> str:
         said_of = shapeless or list(study.maps)
         told = {name: remembered(study, name) for name in said_of}
         remembers = "; ".join(
-            f"{text} in {label(name)}" if len(said_of) > 1 else text for name, text in told.items() if text
+            f"it {text} in {label(name)}" if len(said_of) > 1 else f"it {text}" for name, text in told.items() if text
         )
         shape = "the maps show its shape"
         if remembers:
-            shape = f"it remembers ({remembers})" if all(told.values()) else f"{shape}, and it remembers ({remembers})"
+            shape = remembers if all(told.values()) else f"{shape}, and {remembers}"
         unnamed = f"Something is missing{where} that the catalogue does not have; {shape}"
         if not said:
             return f"{unnamed}."
@@ -115,7 +115,7 @@ def _missing(study: StudyResult, said: Sequence[str], closed: str) -> str:
         instead = f", or in its place {' or '.join(others)}" if others else ""
         return f"Something is missing, most likely {' and '.join(said)}{instead}; adding the likeliest {closed}."
     if remembers := "; ".join(text for name in study.maps if (text := remembered(study, name))):
-        return f"{lacks}, and something else that remembers ({remembers}); adding what has a name {closed}."
+        return f"{lacks}, and something else that {remembers}; adding what has a name {closed}."
     if study.against:
         return f"{lacks}, but that is not all; adding {it} {closed}."
     return f"{lacks}, and something else that the catalogue does not have; adding what has a name {closed}."

@@ -12,6 +12,7 @@ from bayes_greybox.discovery.answer.gap.denials import MISFIT, worsened
 from bayes_greybox.discovery.answer.weighed import STOPS
 from bayes_greybox.discovery.study import StudyResult
 from bayes_greybox.discovery.suspects.channels import DELAY_STEPS, GAIN, GAIN_SD, OFFSET_SD
+from bayes_greybox.discovery.suspects.drift import DRIFT
 from bayes_greybox.physics.simulation.reading import FUNCTION, simulation_record
 
 from .formatting import estimate, interval, nmse_text, number, percent_text, probability_text, unit_text
@@ -73,14 +74,19 @@ def added(study: StudyResult) -> np.ndarray:
 
 
 def remembered(study: StudyResult, equation: str) -> str:
-    """What an effect without a name likely remembers, with its probability; "" where it is not likely to.
+    """What an effect without a name likely does, such as "remembers (hysteresis of y, probability 0.97)", or "".
 
     Args:
         study: The study.
         equation: The equation that lacks it.
     """
     known = rows_of(study.memory, equation)["probability"].to_dict()
-    return "; ".join(f"{name}, probability {probability_text(p)}" for name, p in known.items() if p > LIKELY)
+    likely = [(name, p) for name, p in known.items() if p > LIKELY]
+    verbs = {DRIFT: "changes with time"}
+    return "; ".join(
+        f"{verbs.get(name.split(' of ')[0], 'remembers')} ({name}, probability {probability_text(p)})"
+        for name, p in likely
+    )
 
 
 def name_of(study: StudyResult, slug: str) -> str:

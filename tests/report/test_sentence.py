@@ -95,12 +95,17 @@ def test_what_remembers_is_said_to_with_its_probability_where_that_is_likely():
     assert "remembers" not in said("unknown", memory={"x": {"hysteresis of x": 0.4}})
 
 
+def test_what_drifts_changes_with_time():
+    text = said("unknown", memory={"x": {"drift of x": 0.9}})
+    assert "it changes with time (drift of x, probability 0.900)" in text and "remembers" not in text
+
+
 def test_of_two_equations_that_which_remembers_is_said():
     known = {"x": {"hysteresis of x": 0.98}, "u": {"hysteresis of x": 0.1}}
     text = said("unknown", equations={"x": "unknown", "u": "no gap"}, memory=known)
     assert "in d(x)/dt that the catalogue does not have; it remembers (hysteresis of x" in text and "d(u)" not in text
     both = said("unknown", equations={"x": "unknown", "u": "unknown"}, memory=known)
-    assert "the maps show its shape, and it remembers (hysteresis of x, probability 0.980 in d(x)/dt)" in both
+    assert "the maps show its shape, and it remembers (hysteresis of x, probability 0.980) in d(x)/dt" in both
     # What remembers in an equation is not said of another.
     other = said("unknown", equations={"x": "no gap", "u": "unknown"}, memory=known)
     assert "in d(u)/dt that the catalogue does not have; the maps show its shape" in other

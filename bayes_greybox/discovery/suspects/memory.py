@@ -46,10 +46,12 @@ class Memory:
     Attributes:
         kind: `HYSTERESIS` or `RELAXATION`.
         channel: A state or an input.
+        share: Which of several of the kind.
     """
 
     kind: str
     channel: str
+    share: float = 0.0
 
     @property
     def text(self) -> str:

@@ -7,6 +7,7 @@ data, until neither changes.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import chain
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -32,6 +33,7 @@ from bayes_greybox.discovery.suspects.channels import (
     undone,
     within,
 )
+from bayes_greybox.discovery.suspects.drift import drift_columns
 from bayes_greybox.discovery.suspects.late import Late, late_states
 from bayes_greybox.discovery.suspects.memory import memory_columns
 from bayes_greybox.discovery.suspects.samples import SampleNoise, Smoother, known_rates, misread
@@ -212,7 +214,8 @@ def align(
         bare.suspect([c for c in columns if c[0].key not in too_far], known)
         if moved or not turn:
             # What was there at rows that are out is remembered too.
-            bare.remember((memory, table[used]) for memory, table in memory_columns(whole))
+            elements = chain(memory_columns(whole), drift_columns(whole))
+            bare.remember((memory, table[used]) for memory, table in elements)
         given = bare if under is None else bare.with_noise(_at(under[0], measured.run, seen, used))
         evaluations = Evaluations(given, odds, evaluator)
         always = tuple(i for i in _delays(given) if (s := given.columns[i].suspect) is not None and s.channel in delays)

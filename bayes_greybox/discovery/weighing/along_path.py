@@ -8,6 +8,7 @@ the same samples.
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
@@ -22,6 +23,7 @@ from bayes_greybox.discovery.evidence.odds import Odds
 from bayes_greybox.discovery.evidence.of_equation import sufficient_statistics
 from bayes_greybox.discovery.evidence.with_discrepancy import Evaluator
 from bayes_greybox.discovery.suspects.channels import DELAY, GAIN, ChannelSuspect, Rate, as_shown
+from bayes_greybox.discovery.suspects.drift import drift_columns
 from bayes_greybox.discovery.suspects.memory import memory_columns
 from bayes_greybox.model.evidence import coefficients
 from bayes_greybox.model.near import near_estimate
@@ -219,7 +221,7 @@ def _near(
         statistics = sufficient_statistics(near, data, equation, effects, beside.shown)
         statistics.suspect(beside.told(statistics), at_rows=True)
         statistics.suspect(beside.inputs)
-        statistics.remember(memory_columns(beside.nodes))
+        statistics.remember(chain(memory_columns(beside.nodes), drift_columns(beside.nodes)))
     else:
         statistics = sufficient_statistics(near, data, equation, effects)
     evaluator = Evaluator(statistics.prior, statistics.kernel, np.asarray(statistics.basis.frequency))
