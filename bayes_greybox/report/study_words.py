@@ -13,6 +13,7 @@ from bayes_greybox.discovery.answer.weighed import STOPS
 from bayes_greybox.discovery.study import StudyResult
 from bayes_greybox.discovery.suspects.channels import DELAY_STEPS, GAIN, GAIN_SD, OFFSET_SD
 from bayes_greybox.discovery.suspects.drift import DRIFT
+from bayes_greybox.discovery.suspects.memory import LAW
 from bayes_greybox.physics.simulation.reading import FUNCTION, simulation_record
 
 from .formatting import estimate, interval, nmse_text, number, percent_text, probability_text, unit_text
@@ -82,7 +83,7 @@ def remembered(study: StudyResult, equation: str) -> str:
     """
     known = rows_of(study.memory, equation)["probability"].to_dict()
     likely = [(name, p) for name, p in known.items() if p > LIKELY]
-    verbs = {DRIFT: "changes with time"}
+    verbs = {DRIFT: "changes with time", LAW: "follows another law"}
     return "; ".join(
         f"{verbs.get(name.split(' of ')[0], 'remembers')} ({name}, probability {probability_text(p)})"
         for name, p in likely

@@ -13,7 +13,7 @@ from functools import cached_property
 
 import numpy as np
 
-from bayes_greybox.discovery.weighing.sets import MEMORY, PLAIN, RECALIBRATED, Explanation, imitated
+from bayes_greybox.discovery.weighing.sets import PLAIN, RECALIBRATED, Explanation, imitated
 from bayes_greybox.discovery.weighing.worlds import World, weights
 
 from .doubt import Doubt, artefact, standing
@@ -163,7 +163,7 @@ class Weighed:
         """Probability that what remains remembers, by what it remembers, in words; largest first."""
         found: dict[str, float] = {}
         for world, e, p, _ in self.items:
-            if e.kind == MEMORY:
+            if e.memory:
                 memory = world.evaluations.statistics.columns[e.memory[0]].memory
                 assert memory is not None
                 found[memory.text] = found.get(memory.text, 0.0) + p

@@ -17,7 +17,8 @@ class Column:
 
     Attributes:
         kind: "free" (a term of the user's dictionary), "correction" (a term of the simulation), "suspect" (something
-            about the measurement), "effect" or "memory" (an element of a force that remembers).
+            about the measurement), "effect", "memory" (an element of a force that remembers) or "law" (next to an
+            effect's, and in no catalogue).
         term: Its formula over the data's columns; None for a suspect or a memory, which are known at the rows only.
         scale: RMS over the data, user's units.
         sd: Prior standard deviation of its coefficient, scaled units.
@@ -26,7 +27,7 @@ class Column:
         inner: Values of its inner parameter.
         log_weight: Log prior weight of these values.
         suspect: The channel that is suspected, of a suspect.
-        memory: What it is an element of, of a memory.
+        memory: What it is an element of, of a memory; which law it is.
         values: At the rows, scaled, of a suspect or a memory.
     """
 

@@ -140,7 +140,7 @@ class SufficientStatistics:
                     refused[about["effect"].slug] = why
                 continue
             spread, about = about.get("spread"), {name: each for name, each in about.items() if name != "spread"}
-            sd = {"free": FREE_SCALE, "effect": EFFECT_SCALE}.get(kind, 0.0)
+            sd = {"free": FREE_SCALE, "effect": EFFECT_SCALE, "law": EFFECT_SCALE}.get(kind, 0.0)
             if spread is not None:
                 sd = spread * size / self.target_scale
             if kind == "correction":

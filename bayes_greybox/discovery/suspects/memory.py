@@ -22,6 +22,9 @@ from bayes_greybox.data.trajectories import Trajectories
 
 HYSTERESIS, RELAXATION = KINDS = ("hysteresis", "relaxation")
 
+LAW = "law"
+"""What has no name may be no memory either, but a function that the catalogue does not have."""
+
 LIMITS = (0.02, 0.05, 0.1, 0.2, 0.3, 0.45, 0.6, 0.8)
 """Limits r over half the range of x."""
 

@@ -13,17 +13,21 @@ import numpy as np
 
 from bayes_greybox.discovery.evidence.evaluations import Evaluations, Parametric, one_pattern
 from bayes_greybox.discovery.evidence.ranges import limited, log_ranges
-from bayes_greybox.discovery.suspects.memory import Memory
+from bayes_greybox.discovery.suspects.memory import LAW, Memory
 from bayes_greybox.model.evidence import coefficients
+from bayes_greybox.physics.catalogue.neighbours import neighbours
 
 from .search import WINDOW, Search
 
-PLAIN, RECALIBRATED, REST, MEMORY = "plain", "recalibrated", "rest", "memory"
-"""What an explanation is beside its set: nothing, corrections alone, or a rest: a function of the states, or of what
-they were before."""
+PLAIN, RECALIBRATED, REST, MEMORY, LAWFUL = "plain", "recalibrated", "rest", "memory", "lawful"
+"""What an explanation is beside its set: nothing, corrections alone, or a rest: a function of the states, one of what
+they were before, or a law next to one of the catalogue's."""
 
 TWO_SORTS = 0.5
 """Of the probability of a rest, the share of one that stands with the states; the other is a process in time's."""
+
+OTHER_LAWS = 0.25
+"""Prior of all laws next to an effect's together, over that of the effect: a catalogue has what is usual."""
 
 REMEMBERS = {False: 0.5, True: 0.25}
 """Share of a memory in a rest that stands, in place of f; and in one in time, beside the process."""
@@ -42,11 +46,11 @@ class Explanation:
     Attributes:
         suspects: Columns of suspects.
         effects: Columns of effects.
-        kind: `PLAIN`, `RECALIBRATED`, `REST` or `MEMORY`.
+        kind: `PLAIN`, `RECALIBRATED`, `REST`, `MEMORY` or `LAWFUL`.
         log_weight: Log of prior times evidence.
         log_evidence: Without the prior.
         share_left: Share of the gap that the rest carries.
-        memory: Columns of the elements of a `MEMORY`.
+        memory: Columns of the elements of a `MEMORY`, or that of the law.
     """
 
     suspects: tuple[int, ...]
@@ -60,7 +64,7 @@ class Explanation:
     @property
     def leaves_rest(self) -> bool:
         """Whether something without a name remains beside its columns."""
-        return self.kind in (REST, MEMORY)
+        return self.kind in (REST, MEMORY, LAWFUL)
 
     @property
     def columns(self) -> tuple[int, ...]:
@@ -103,7 +107,7 @@ class Sets:
         if not self.in_time:
             report("weighing what is left beside them")
             found += self._with_rest(cores, found)
-        found += self._with_memory(cores, found)
+        found += self._with_memory(cores, found) + self._with_laws(found)
         return sorted(found, key=lambda e: -e.log_weight)
 
     def likeliest(self) -> tuple[int, ...]:
@@ -121,7 +125,7 @@ class Sets:
         """
         cores = self.search.near()
         explanations = self._plain(cores)
-        explanations += self._with_memory(cores, explanations)
+        explanations += self._with_memory(cores, explanations) + self._with_laws(explanations)
         weight = np.exp(np.array([e.log_weight for e in explanations]) - max(e.log_weight for e in explanations))
         real = [(1 - imitated(e.share_left)) * bool(set(columns) & set(e.columns)) for e in explanations]
         return float(weight @ real / weight.sum())
@@ -229,6 +233,45 @@ class Sets:
             share = known.carried(fitted, group)
             found.append(Explanation(*self._parted(c), MEMORY, value + prior, value, share, group))
         return found
+
+    def _with_laws(self, plain: Sequence[Explanation]) -> list[Explanation]:
+        """Explanations in which a law that is in no catalogue stands in the place of its neighbour's."""
+        # However well f does beside them: it takes what a law leaves that is nearly right.
+        named = sorted((e for e in plain if e.kind == PLAIN and e.effects), key=lambda e: -e.log_weight)[:WITH_REST]
+        named = [e for e in named if e.log_weight > named[0].log_weight - WINDOW]
+        places, found = {e: {i: self._laws(i) for i in e.effects} for e in named}, []
+        # Columns that are new change the number of all sets.
+        for e, laws in places.items():
+            core = tuple(i for i in e.columns if i not in self.always)
+            for i, near in laws.items():
+                others = tuple(j for j in core if j != i)
+                self._sum_patterns([(*self.always, *others, law) for law in near])
+                for law in near:
+                    fitted = self._full[(*self.always, *others, law)]
+                    value = fitted.all + self._ranges((*others, law))
+                    rest = self._log_rest(core, PLAIN) if self.in_time else log(1 - self.odds.remainder)
+                    prior = self.log_prior(core) + rest + log(OTHER_LAWS / len(near))
+                    suspects, effects = self._parted(others)
+                    share = self.evaluations.carried(fitted, (law,))
+                    found.append(Explanation(suspects, effects, LAWFUL, value + prior, value, share, (law,)))
+        return found
+
+    def _laws(self, effect: int) -> tuple[int, ...]:
+        """Columns of the laws next to an effect's."""
+        statistics = self.statistics
+        column = statistics.columns[effect]
+        if column.inner or column.term is None:
+            return ()
+        known = {c.memory.channel: i for i, c in enumerate(statistics.columns) if c.kind == "law" and c.memory}
+        weighed = [c.term for c in statistics.columns if c.term is not None and c.kind != "law"]
+        wanted = neighbours(column.term, weighed)
+        for term in wanted:
+            if term.text not in known:
+                before = len(statistics.columns)
+                statistics.add("law", [(term, {"memory": Memory(LAW, term.text)})])
+                if len(statistics.columns) > before:
+                    known[term.text] = before
+        return tuple(known[term.text] for term in wanted if term.text in known)
 
     def _likely(
         self, cores: Sequence[tuple[int, ...]], plain: Sequence[Explanation]

@@ -15,9 +15,9 @@ from bayes_greybox.discovery.evidence.of_equation import sufficient_statistics
 from bayes_greybox.discovery.evidence.ranges import WRONG_SIGN
 from bayes_greybox.discovery.evidence.with_discrepancy import Evaluator
 from bayes_greybox.discovery.suspects.channels import DELAY, GAIN, OFFSET, ChannelSuspect
-from bayes_greybox.discovery.suspects.memory import HYSTERESIS, RELAXATION, Memory, memory_columns
+from bayes_greybox.discovery.suspects.memory import HYSTERESIS, LAW, RELAXATION, Memory, memory_columns
 from bayes_greybox.discovery.weighing.search import SUSPECTS_AT_MOST
-from bayes_greybox.discovery.weighing.sets import MEMORY, PLAIN, RECALIBRATED, REST, Sets
+from bayes_greybox.discovery.weighing.sets import LAWFUL, MEMORY, OTHER_LAWS, PLAIN, RECALIBRATED, REST, Sets
 from bayes_greybox.physics.catalogue.effects import Effect
 
 COSINE = Effect(slug="cosine", name="Cosine", domain="test", expression="cos(5*r)")
@@ -103,7 +103,7 @@ def known():
 
 
 def test_every_set_weighs_its_prior_times_its_evidence_over_all_patterns(known):
-    found = {e.effects: e.log_weight for e in Sets(known, 2, in_time=True).weigh()}
+    found = {e.effects: e.log_weight for e in Sets(known, 2, in_time=True).weigh() if e.kind != LAWFUL}
     expected = every_set(known, 2)
     assert set(found) == set(expected)
     for core, value in expected.items():
@@ -115,13 +115,13 @@ def test_the_probability_of_an_effect_is_the_sum_over_all_sets_that_hold_it(know
         weight = np.exp(np.array(list(logs.values())) - max(logs.values()))
         return weight[[index in core for core in logs]].sum() / weight.sum()
 
-    found = {e.effects: e.log_weight for e in Sets(known, 3, in_time=True).weigh()}
+    found = {e.effects: e.log_weight for e in Sets(known, 3, in_time=True).weigh() if e.kind != LAWFUL}
     for index in known.statistics.of_kind("effect"):
         assert share(found, index) == pytest.approx(share(every_set(known, 3), index), abs=2e-3)
 
 
 def test_no_gap_and_recalibration_are_told_apart(known):
-    bare = {e.kind: e for e in Sets(known, 2).weigh() if not e.effects}
+    bare = {e.kind: e for e in Sets(known, 2).weigh() if not e.effects and e.kind != LAWFUL}
     fitted = known.parametric([()])[0]
     assert set(bare) == {PLAIN, RECALIBRATED, REST}
     assert bare[PLAIN].log_weight == pytest.approx(fitted.none + np.log(ODDS.no_gap), abs=1e-4)
@@ -312,7 +312,7 @@ def test_the_probability_of_a_column_is_its_share_of_all_sets():
 
 
 def test_a_process_in_time_leaves_no_explanation_without_it():
-    found = Sets(tiny_evaluations([CUBE], cubic), 1, in_time=True).weigh()
+    found = [e for e in Sets(tiny_evaluations([CUBE], cubic), 1, in_time=True).weigh() if e.kind != LAWFUL]
     assert {e.kind for e in found} == {PLAIN} and len(found) == 2
 
 
@@ -420,6 +420,47 @@ def test_weighing_refines_the_inner_parameter_and_sums_over_its_values():
     assert len(held) > 1 and {bindings(known, e) for e in held} == {("dead-zone(r=x)",)}
     best = known.statistics.columns[held[0].effects[0]].inner["gap"]
     assert best == pytest.approx(0.43, abs=0.01)
+
+
+# Laws that are in no catalogue
+
+
+def lawful(hidden, *effects):
+    data = tiny_data(hidden, noise=0.01, n=200)
+    statistics = sufficient_statistics(tiny_model(), data, "x", [on(e) for e in effects])
+    return Evaluations(
+        statistics, ODDS, Evaluator(statistics.prior, statistics.kernel, np.asarray(statistics.basis.frequency))
+    )
+
+
+def test_a_law_next_to_an_effect_is_not_that_effect():
+    known = lawful(lambda x: -0.4 * x * np.abs(x), CUBE)
+    found = Sets(known, 2).weigh()
+    assert found[0].kind == LAWFUL and not found[0].effects and found[0].share_left > 0.9
+    assert known.statistics.columns[found[0].memory[0]].memory == Memory(LAW, "x*abs(x)")
+
+
+def test_an_effect_is_none_of_its_neighbours():
+    found = Sets(lawful(lambda x: -0.4 * x**3, CUBE), 2).weigh()
+    assert found[0].kind == PLAIN and found[0].effects
+    laws = [e for e in found if e.kind == LAWFUL]
+    assert len(laws) == 2 and all(e.log_weight < found[0].log_weight - 3 for e in laws)
+
+
+def test_a_neighbouring_law_weighs_a_share_of_its_effects_prior_times_its_own_evidence():
+    known = lawful(lambda x: -0.4 * x**3, CUBE, SQUARE)
+    statistics, odds = known.statistics, known.odds
+    found = Sets(known, 1).weigh()
+    (correction,) = statistics.of_kind("correction")
+    laws = [e for e in found if e.kind == LAWFUL]
+    assert {statistics.columns[e.memory[0]].memory.channel for e in laws} >= {"x*abs(x)", "x**3*abs(x)"}
+    for e in laws:
+        evidence = np.logaddexp(
+            np.log1p(-odds.correction) + dense(known, e.memory),
+            np.log(odds.correction) + dense(known, (correction, *e.memory)),
+        )
+        prior = odds.effects / 2 * (1 - odds.remainder) * OTHER_LAWS / 2
+        assert e.log_weight == pytest.approx(np.log(prior) + evidence, abs=1e-4)
 
 
 # Forces that remember

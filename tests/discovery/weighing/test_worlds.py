@@ -14,7 +14,7 @@ from bayes_greybox.discovery.evidence.evaluations import Evaluations
 from bayes_greybox.discovery.evidence.odds import Odds
 from bayes_greybox.discovery.evidence.of_equation import sufficient_statistics
 from bayes_greybox.discovery.evidence.with_discrepancy import Evaluator
-from bayes_greybox.discovery.weighing.sets import PLAIN, RECALIBRATED, REST, Sets
+from bayes_greybox.discovery.weighing.sets import LAWFUL, OTHER_LAWS, PLAIN, RECALIBRATED, REST, Sets
 from bayes_greybox.discovery.weighing.worlds import World, _world, weights, worlds
 from bayes_greybox.model.noise.noise_model import CORRELATED, HEAVY, PROCESS, VARYING, NoiseModel
 
@@ -101,18 +101,27 @@ def test_a_worlds_total_is_its_evidence_under_a_dense_covariance(names):
     p = ODDS.correction
     # Both patterns of the correction, beside an effect or a rest
     beside = [np.logaddexp(np.log(1 - p) + a, np.log(p) + b) for a, b in ((bare, changed), (with_cube, both))]
+    laws = [e.memory[0] for e in world.explanations if e.kind == LAWFUL]
+    beside_laws = [
+        np.logaddexp(np.log(1 - p) + dense(under, (law,), R), np.log(p) + dense(under, (correction, law), R))
+        for law in laws
+    ]
     in_noise = len([n for n in names if n != PROCESS])
     prior = in_noise * np.log(ODDS.noise) + (3 - in_noise) * np.log1p(-ODDS.noise)
     if names == (PROCESS,):
         parts = [np.log(ODDS.unknown / 2) + beside[0], np.log(ODDS.effects * ODDS.remainder / 2) + beside[1]]
-        assert all(e.kind == PLAIN for e in world.explanations)
+        rest = ODDS.remainder / 2
+        assert all(e.kind in (PLAIN, LAWFUL) for e in world.explanations)
     else:
+        rest = 1 - ODDS.remainder
         parts = [
             np.log(ODDS.no_gap) + bare,
             np.log(ODDS.recalibrate) + changed,
             np.log(ODDS.effects * (1 - ODDS.remainder)) + beside[1],
             *(e.log_weight + world.offset - prior - 0.7 for e in world.explanations if e.kind == REST),
         ]
+    assert len(laws) == 2
+    parts += [np.log(ODDS.effects * rest * OTHER_LAWS / 2) + each for each in beside_laws]
     assert world.total == pytest.approx(np.logaddexp.reduce(parts) + prior + 0.7, abs=2e-3)
 
 
