@@ -159,7 +159,9 @@ def find_missing_effects(
         interpolation=interpolation,
         progress=progress,
     )
+    hidden = [state for amendment in found.amendments.values() for state in amendment.hidden]
     amended = replace(model, dictionary=found.model.dictionary, noise=found.model.noise)
+    amended = amended.remembering(hidden, found.train)
     fit, seconds = None, dict(found.settings["seconds"])
     if settle:
         start = time.perf_counter()

@@ -18,7 +18,7 @@ from .answer.equation_study import EquationStudy
 AnyProgram = TypeVar("AnyProgram", bound=Program)
 
 
-def amended_program(model: AnyProgram, findings: Mapping[str, EquationStudy]) -> AnyProgram:
+def amended_program(model: AnyProgram, findings: Mapping[str, EquationStudy], train: Trajectories) -> AnyProgram:
     """The model with the simulation's terms and the found effects as its dictionary, beside its own terms."""
     dictionary: dict[str, list[Term]] = {}
     for name, found in findings.items():
@@ -29,7 +29,10 @@ def amended_program(model: AnyProgram, findings: Mapping[str, EquationStudy]) ->
         stated = model.coefficients.get(name, {})
         given = stated_terms(model.dictionary[name], stated, tuple(known.rows.columns), name).fixed if stated else []
         dictionary[name] = [*(term for term, _ in given), *([*own, *added] or [Term("1")])]
+        # A term of the dictionary is a plain formula: its hidden states are the simulation's.
+        dictionary[name] = [replace(term, states=()) for term in dictionary[name]]
         model = model if found.aligned.rows is None else replace(model, rows=found.aligned.rows)
+        model = model.remembering(found.amendment.hidden, train)
     named = {name for found in findings.values() for name in found.finding.world.model.names}
     if any(found.aligned.n_sensor > 1 for found in findings.values()):
         # Of several sensors' samples noise of a kind of its own is not found: see `check_asked`.

@@ -21,6 +21,7 @@ from bayes_greybox.model.rows.row_warnings import row_warnings
 from bayes_greybox.physics.catalogue.effects import CatalogueSpec, load_catalogue
 from bayes_greybox.physics.catalogue.pairs import pairs_in_data
 from bayes_greybox.physics.catalogue.roles import bind_catalogue, roles_of, unbound
+from bayes_greybox.physics.simulation.reading import NO_STATES
 
 from .amended import amended_program, corrected_data
 from .answer.adequacy import LAGS
@@ -182,6 +183,9 @@ def investigate(
             known = [effect.either_way() for effect in loaded] if train.is_output(name) else loaded
             left_out |= {(name, slug): why for slug, why in unbound(known, columns, train.units).items()}
             bound = bind_catalogue(known, columns, train.units)
+            if why := _memoryless(model, train, name):
+                left_out |= {(name, effect.slug): why for effect in bound if effect.effect.hidden}
+                bound = tuple(effect for effect in bound if not effect.effect.hidden)
             each = odds.of_each(len(equations))
             findings[name] = study_equation(model, train, name, bound, each, effects_at_most, seed, settle, say)
             left_out |= {(name, slug): why for slug, why in findings[name].statistics.left_out.items()}
@@ -214,7 +218,7 @@ def investigate(
     verdict, against = verdict_of({name: found.finding for name, found in findings.items()}, gap, unfollowed, labels)
     return StudyResult(
         base=given,
-        model=amended_program(given, findings),
+        model=amended_program(given, findings, train),
         fit=None,
         train=train,
         test=test,
@@ -258,6 +262,18 @@ def investigate(
         },
         amendments=amendments,
     )
+
+
+def _memoryless(model: Program, data: Trajectories, equation: str) -> str:
+    """Why effects with memory cannot be weighed; empty where they can."""
+    if data.is_output(equation):
+        return "it remembers, and rows of an output follow no path: what it did before is not in them"
+    if model.rows.rates_measured:
+        return (
+            "it remembers, and rows of rates follow no path along which that can be said: give samples, "
+            "GreyBox(rows=bg.TrajectoryRows())"
+        )
+    return NO_STATES if callable(model.simulation) else ""
 
 
 def _completed(model: Program, equations: Sequence[str], data: Trajectories) -> Trajectories:

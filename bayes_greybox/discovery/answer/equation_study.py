@@ -217,7 +217,7 @@ class EquationStudy:
 
     def _unit(self, data: Trajectories, term: Term) -> str:
         try:
-            return coefficient_unit(target_unit(self.statistics.equation, data), term, data.units)
+            return coefficient_unit(target_unit(self.statistics.equation, data), term, term.units(data.units))
         except InputError:
             # The numbers of a simulation's expression carry units that nobody wrote.
             return ""
@@ -229,7 +229,7 @@ class EquationStudy:
         values = {n: float(np.mean([v[n] for v in inner])) for n in names}
         return {
             "equation": self.statistics.equation, "slug": column.effect.slug, "name": column.effect.name,
-            "expression": column.effect.text(values) if values else column.effect.text(), "probability": p,
+            "expression": column.effect.in_full(values), "probability": p,
             **_moments(draws), "unit": self._unit(data, column.formula), "tied_with": tied, "inner": values,
             "status": status,
         }  # fmt: skip

@@ -28,7 +28,7 @@ def refine(evaluations: Evaluations, base: Sequence[int], group: Sequence[int]) 
     if not column.inner or column.effect is None:
         return tuple(found)
     (key,) = column.inner
-    least, most = limits(column.effect, statistics.rows.columns)
+    least, most = limits(column.effect, statistics.rows.columns, statistics.path)
     for _ in range(ZOOMS):
         values = np.array([statistics.columns[i].inner[key] for i in found])
         log_z = np.array([v.all for v in evaluations.parametric([(*base, i) for i in found])])
@@ -48,13 +48,13 @@ def refine(evaluations: Evaluations, base: Sequence[int], group: Sequence[int]) 
         merged = np.sort(np.concatenate([values, fresh]))
         weights = {
             about["inner"][key]: about["log_weight"]
-            for _, about in nodes(column.effect, statistics.rows.columns, merged)
+            for _, about in nodes(column.effect, statistics.rows.columns, merged, statistics.path)
         }
         for i in found:
             statistics.columns[i] = replace(statistics.columns[i], log_weight=weights[statistics.columns[i].inner[key]])
         new = [
             (t, {**about, "log_weight": weights[about["inner"][key]]})
-            for t, about in nodes(column.effect, statistics.rows.columns, fresh)
+            for t, about in nodes(column.effect, statistics.rows.columns, fresh, statistics.path)
         ]
         before = len(statistics.columns)
         statistics.add("effect", new)

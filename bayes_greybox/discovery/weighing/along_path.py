@@ -1,7 +1,7 @@
 """What is missing along the path of a system: its rows are linear near a model, and that model is what was found.
 
 Every explanation is weighed on the rows near one model, the likeliest explanation of the turn before, until it stays
-the same. An explanation far from that model fits badly in any case; one that fits as well is near it, since both follow
+the same. Where that remembers, its hidden states are states of the model, along whose path the others' are followed. An explanation far from that model fits badly in any case; one that fits as well is near it, since both follow
 the same samples.
 """
 
@@ -24,11 +24,13 @@ from bayes_greybox.discovery.evidence.with_discrepancy import Evaluator
 from bayes_greybox.discovery.suspects.channels import DELAY, GAIN, ChannelSuspect, Rate, as_shown
 from bayes_greybox.discovery.suspects.memory import memory_columns
 from bayes_greybox.model.evidence import coefficients
+from bayes_greybox.model.gp.discrepancy import OrthogonalGP
 from bayes_greybox.model.near import near_estimate
 from bayes_greybox.model.noise.noise_model import CORRELATED, PROCESS, NoiseModel
 from bayes_greybox.model.program import Program
 from bayes_greybox.model.rows.equation_rows import EquationRows
 from bayes_greybox.physics.catalogue.effects import BoundEffect
+from bayes_greybox.physics.hidden_states import HiddenState
 from bayes_greybox.physics.terms import Term
 
 from .alignment import Aligned, modelled_rate
@@ -51,12 +53,14 @@ class Followed(Aligned):
     """Data along the path, and the sets weighed on them.
 
     Attributes:
-        model: The model with rows near what was found.
+        model: The model with rows near what was found before.
+        after: The model with rows near what was found.
         sensors: Errors of sensors and inputs that the path is without.
         clock: Data that drifts were found on.
     """
 
     model: Program = field(kw_only=True)
+    after: Program = field(kw_only=True)
     sensors: Mapping[ChannelSuspect, float] = field(default_factory=dict)
     clock: Trajectories = field(kw_only=True)
 
@@ -94,9 +98,8 @@ class Followed(Aligned):
         self, data: Trajectories, sensors: Mapping[ChannelSuspect, float], clock: Trajectories
     ) -> Trajectories:
         """Samples freed of errors of their sensors, with the path through them that right inputs drive."""
-        assert self.rows is not None
         samples = put_right(data.samples or data, self._equation, sensors, clock)
-        return self.rows.complete(samples, self._equation, self.model.simulator(samples))
+        return self.after.rows.complete(samples, self._equation, self.after.simulator(samples))
 
 
 def follow(
@@ -119,7 +122,7 @@ def follow(
     # Twice before noise is weighed: far from the right model a small change of the path goes on otherwise than the
     # equations say, which looks like noise that hangs together.
     near = _near(model, train, equation, effects, odds, most, _own_terms(model, train), {}, False, None)
-    near = _near(model, train, equation, effects, odds, most, near.found, {}, False, None)
+    near = _near(model, train, equation, effects, odds, most, near.found, {}, False, None, near.inner)
     for suspected in (False, True):
         # Far from the right model the rows are not quite linear, which looks like a sensor that is a little off:
         # sensors are suspected once a path nearer by shows nothing else.
@@ -128,7 +131,19 @@ def follow(
         for _ in range(TURNS):
             before = near
             report("following it with what was found")
-            near = _near(model, train, equation, effects, odds, most, before.found, before.sensors, suspected, noise)
+            near = _near(
+                model,
+                train,
+                equation,
+                effects,
+                odds,
+                most,
+                before.found,
+                before.sensors,
+                suspected,
+                noise,
+                before.inner,
+            )
             best = near if best is None or near.log_evidence > best.log_evidence else best
             if near.stays(before):
                 break
@@ -137,16 +152,30 @@ def follow(
             near = best or near
     used = np.ones(near.data.n_obs, bool)
     bare = modelled_rate(near.model, near.data, equation, ())
-    rows = near.model.rows.around(near.found)
+    samples, hidden = near.data.samples or near.data, hidden_states(near.found)
+    after = _remembering(model, hidden, train)
+    after = replace(after, rows=after.rows.around(near.found))
     try:
-        rows.complete(near.data.samples or near.data, equation, model.simulator(near.data))
+        after.rows.complete(samples, equation, after.simulator(samples))
     except InputError:
         # What is likeliest leads away from the samples: they are compared with rows where it was found.
-        rows = near.model.rows
+        after, hidden = near.model, near.hidden
     return Followed(
         near.data, near.base, clipped=clipped_states(train.samples or train), rate=near.rate, bare=bare, used=used,
-        rows=rows, noise=near.noise, model=near.model, sensors=near.sensors, clock=train,
+        rows=after.rows, noise=near.noise, hidden=hidden, model=near.model, after=after, sensors=near.sensors, clock=train,
     )  # fmt: skip
+
+
+def hidden_states(added: Sequence[tuple[Term, float]]) -> tuple[HiddenState, ...]:
+    """Hidden states of terms."""
+    return tuple({state.name: state for term, _ in added for state in term.states}.values())
+
+
+def _remembering(model: Program, hidden: Sequence[HiddenState], train: Trajectories) -> Program:
+    """The model with hidden states, on which no f that is weighed depends."""
+    if not hidden:
+        return model
+    return replace(model, discrepancy=model.discrepancy or OrthogonalGP()).remembering(hidden, train)
 
 
 def _own_terms(model: Program, train: Trajectories) -> tuple[tuple[Term, float], ...]:
@@ -167,7 +196,8 @@ class Near(NamedTuple):
     `base` are sets under the noise that rows come with; `noise` is the one that the likeliest was found under; `found`
     are terms beside the simulation, `sensors` errors of sensors and inputs, which the path is without: beside an offset
     of a sensor a force is another one. `log_evidence` is that of the likeliest, of the samples in user's units, so that
-    paths can be compared. `names` are without values of inner parameters; `bent` are columns that have one.
+    paths can be compared. `names` are without values of inner parameters; `bent` are columns that have one, `inner`
+    their values by the effect's label; `hidden` are hidden states of the model, of what was found before.
     """
 
     model: Program
@@ -182,6 +212,8 @@ class Near(NamedTuple):
     found: tuple[tuple[Term, float], ...]
     sensors: Mapping[ChannelSuspect, float]
     log_evidence: float
+    inner: Mapping[str, float]
+    hidden: tuple[HiddenState, ...]
 
     def stays(self, before: "Near") -> bool:
         """Whether the likeliest explanation is the one before, up to what its coefficients are known to.
@@ -198,8 +230,10 @@ class Near(NamedTuple):
 def _near(
     model: Program, train: Trajectories, equation: str, effects: Sequence[BoundEffect], odds: Odds, most: int,
     added: Sequence[tuple[Term, float]], sensors: Mapping[ChannelSuspect, float], suspected: bool,
-    noise: NoiseModel | None,
+    noise: NoiseModel | None, inner: Mapping[str, float] | None = None,
 ) -> Near:  # fmt: skip
+    own, hidden = model.states(train), hidden_states(added)
+    model = _remembering(model, hidden, train)
     # What hangs together in time and is the sensor's is nothing that the path does.
     sensor = noise is not None and CORRELATED in noise.names
     simulation, rows = model.simulator(train), model.rows.around(added)
@@ -216,19 +250,21 @@ def _near(
     rate = modelled_rate(near, data, equation, added)
     if suspected:
         beside = Suspected.of(near, data, equation, added, sensors, rate)
-        statistics = sufficient_statistics(near, data, equation, effects, beside.shown)
+        statistics = sufficient_statistics(near, data, equation, effects, beside.shown, inner)
         statistics.suspect(beside.told(statistics), at_rows=True)
         statistics.suspect(beside.inputs)
-        statistics.remember(memory_columns(beside.nodes))
+        # What a hidden state did before is what it is.
+        shown = replace(beside.nodes, states={name: beside.nodes.states[name] for name in own})
+        statistics.remember(memory_columns(shown))
     else:
-        statistics = sufficient_statistics(near, data, equation, effects)
+        statistics = sufficient_statistics(near, data, equation, effects, found=inner)
     evaluator = Evaluator(statistics.prior, statistics.kernel, np.asarray(statistics.basis.frequency))
     base = Sets(Evaluations(statistics, odds, evaluator), most)
-    own = statistics.rows.noise
+    white = statistics.rows.noise
     if noise is None:
-        tried = [NoiseModel(own), *_unfollowed(statistics.rows)]
+        tried = [NoiseModel(white), *_unfollowed(statistics.rows)]
     else:
-        tried = [replace(noise, noise=noise.noise.onto(own))]
+        tried = [replace(noise, noise=noise.noise.onto(white))]
     each = [(under(base, known) if known.names else base, known) for known in tried]
     sets, noise = max(each, key=lambda pair: _log_evidence(*pair))
     unit = statistics.target_scale * statistics.rows.gain
@@ -241,7 +277,9 @@ def _near(
     columns, values, sd = _estimate(sets, sets.likeliest())
     names, bent = tuple(map(_named, columns)), np.array([bool(c.inner) for c in columns])
     off = {c.suspect: float(v) for c, v in zip(columns, values, strict=True) if c.suspect is not None}
-    return Near(near, data, base, noise, rate, names, values, sd, bent, _terms(columns, values), off, log_evidence)
+    values_of = {c.effect.label: next(iter(c.inner.values())) for c in columns if c.effect is not None and c.inner}
+    found = _terms(columns, values)
+    return Near(near, data, base, noise, rate, names, values, sd, bent, found, off, log_evidence, values_of, hidden)
 
 
 def _estimate(
