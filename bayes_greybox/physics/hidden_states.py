@@ -20,11 +20,11 @@ from jaxtyping import Array, Bool, Float
 from .expressions import evaluate, parse_expression, symbol_names
 from .grammar import check_name, symbol
 
-SHORT = 0.4
+SHORT = 0.2
 """Steps of hidden states, over the shortest time in which they change."""
 
-MOST_STEPS = 256
-"""Most steps between two nodes."""
+FEWEST_STEPS, MOST_STEPS = 2, 256
+"""Steps between two nodes: within one of them a motion may turn round, where a rate has a kink."""
 
 LEAST = 8
 """Nodes and numbers that are integrated at once, at least: programs are compiled for their powers of two."""
@@ -157,7 +157,7 @@ def _followed(
     def step(z: Array, piece: tuple[Array, ...]) -> tuple[Array, Array]:
         h, c0, c1, c2, start, fresh = piece
         fastest = jnp.maximum(*(jnp.max(jnp.sum(jnp.abs(slopes(z, c, numbers)), axis=-1)) for c in (c0, c2)))
-        count = jnp.clip(jnp.ceil(jnp.nan_to_num(h * fastest / SHORT)), 1, MOST_STEPS)
+        count = jnp.clip(jnp.ceil(jnp.nan_to_num(h * fastest / SHORT)), FEWEST_STEPS, MOST_STEPS)
 
         def rate(z: Array, share: Array) -> Array:
             # The parabola through the nodes and the middle.

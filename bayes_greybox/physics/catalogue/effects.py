@@ -58,6 +58,7 @@ class InnerParameter:
         low, high: Smallest and largest share.
         unit_of: Role whose unit it carries; "" for a plain number; None: that of `of`.
         scale: One of `SCALES`.
+        values: How many values are tried first: as many as a resonance needs that its frequency is not missed.
     """
 
     name: str
@@ -67,6 +68,7 @@ class InnerParameter:
     high: float
     unit_of: str | None = None
     scale: str = "size"
+    values: int = 8
 
     def __post_init__(self) -> None:
         """Refuse a name that formulas cannot use and a range without a log-uniform prior."""
@@ -109,12 +111,14 @@ class InnerParameter:
             return 0.0
         return 2 * math.pi * spread / speed if self.scale == "period" else speed / spread
 
-    def nodes(self, scale: float, count: int = 8) -> tuple[Float[np.ndarray, " node"], Float[np.ndarray, " node"]]:
+    def nodes(
+        self, scale: float, count: int | None = None
+    ) -> tuple[Float[np.ndarray, " node"], Float[np.ndarray, " node"]]:
         """Values that stand for the prior: the middles of parts of equal probability.
 
         Args:
             scale: What `size` says of the column of `of`.
-            count: Number of values.
+            count: Number of values; `values` by default.
 
         Returns:
             The values, increasing, in that unit; and their prior weights, which add up to one.
@@ -126,6 +130,7 @@ class InnerParameter:
             raise InputError(
                 f"{self.name} is a share of {self.scaled_by}, which is {scale:g} on the data; leave the effect out."
             )
+        count = self.values if count is None else count
         if count < 1:
             raise InputError(f"{self.name} needs at least one value, not {count}.")
         share = (np.arange(count) + 0.5) / count
