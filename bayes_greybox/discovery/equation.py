@@ -156,7 +156,8 @@ def _amendment(finding: Finding, aligned: Aligned, train: Trajectories, seed: in
     sigma = float(np.mean(coefficients.sigma)) * statistics.target_scale
     alike, hidden = _of_one_memory(statistics, coefficients, aligned.hidden)
     return Amendment(
-        statistics, plain(evaluations), coefficients, sigma, None, put_right, aligned.rows, sensors, train, hidden, alike
+        statistics, plain(evaluations), coefficients, sigma, None, put_right, aligned.rows, sensors, train, hidden,
+        alike,
     )  # fmt: skip
 
 

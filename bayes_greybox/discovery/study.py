@@ -54,7 +54,8 @@ class StudyResult:
         corrected: The training data with what was found of the sensors undone, which the amended model is fitted to.
         verdict: One of `finding.VERDICTS`.
         effects: All effects that were weighed, best first: equation, slug, name, expression, probability, mean, sd,
-            lower, upper, unit, tied_with, inner, status ("added"; "one of" for what could stand in its place; or "").
+            lower, upper, unit, tied_with, inner, hidden (rates of its hidden states by name), status ("added"; "one of"
+            for what could stand in its place; or "").
         hypotheses: Explanations by (equation, hypothesis): no gap, recalibrate, instrument, unknown, and sets of
             effects; their probabilities sum to one.
         memory: Probability that what has no name depends on what a channel did before, by (equation, memory).

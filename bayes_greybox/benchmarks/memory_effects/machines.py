@@ -1,13 +1,14 @@
 """The machines: forced oscillators, what is hidden in them, and what a sensor shows; by NumPy and SciPy alone.
 
-A mass on a spring, y″ = F − ω₀² y − 2ζω₀ y′ − β y³ + θ φ(y, y′, z), is driven by ten waves. z is what remembers, at rest
-where a run starts as the mass is. The simulation knows all but θφ. How stiff and damped the host is, the force, how large
-what is hidden is and its inner parameter differ from replicate to replicate; every other host is Duffing's.
+A mass on a spring, y″ = F − ω₀² y − 2ζω₀ y′ − β y³ + θ φ(y, y′, z), is driven by ten waves. z is what remembers, at
+rest where a run starts as the mass is. The simulation knows all but θφ. How stiff and damped the host is, the force,
+how large what is hidden is and its inner parameter differ from replicate to replicate; every other host is Duffing's.
 """
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from math import log, pi
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -115,7 +116,7 @@ def hidden() -> tuple[Hidden, ...]:
     def pulled(y, v, F, z, _):
         return z[0]
 
-    stiff = {"stiff": True, "sign": -1, "states": 1, "force": pulled}
+    stiff: dict[str, Any] = {"stiff": True, "sign": -1, "states": 1, "force": pulled}
     return (
         Hidden("bouc-wen", "position", (0.05, 1.0), (0.2, 1.0), rates=_bouc_wen(1), **stiff),
         Hidden("dahl-friction", "position", (0.05, 0.6), (0.2, 1.0), rates=_dahl, **stiff),
@@ -181,11 +182,14 @@ def measured(machine: Machine, replicate: int, seed: int) -> Measured:
         return t, solve_ivp(motion, (0, t[-1]), start, t_eval=t, max_step=step, **ACCURATE).y
 
     t, x = integrated(forces[0], SAMPLES)
-    for _ in range(TURNS if own is not None else 0):
-        inner = share * _size(own, x, step)
-        t, x = integrated(forces[0], SAMPLES)
+    if own is not None:
+        for _ in range(TURNS):
+            inner = share * _size(own, x, step)
+            t, x = integrated(forces[0], SAMPLES)
     F = np.array([forces[0](each) for each in t])
-    hid = [theta * own.force(*x[:2, i], F[i], x[2:, i], inner) for i in range(len(t))] if own is not None else [0.0]
+    hid = [0.0]
+    if own is not None:
+        hid = [theta * own.force(x[0, i], x[1, i], F[i], x[2:, i], inner) for i in range(len(t))]
     simulation = {"y": "v", "v": f"F - {w0**2!r}*y - {2 * zeta * w0!r}*v" + (f" - {beta!r}*y**3" if beta else "")}
     parts = []
     for force, (time, path) in zip(forces, ((t, x), integrated(forces[1], HELD_OUT)), strict=True):

@@ -135,9 +135,9 @@ def score(rows: Sequence[dict[str, Any]]) -> pd.DataFrame:
 
     Returns:
         cases; right (named with this very name; where nothing is hidden: *no gap*); tied (that, or among the names that
-        the study says the data cannot tell apart); unknown; wrong (cases with a wrong name above `SURE`, or in a verdict
-        *named*), memoryless (those of them whose name remembers nothing); coverage (of 90 % intervals of coefficients
-        that were found), found (such coefficients); seconds (median).
+        the study says the data cannot tell apart); unknown; wrong (cases with a wrong name above `SURE`, or in a
+        verdict *named*), memoryless (those of them whose name remembers nothing); coverage (of 90 % intervals of
+        coefficients that were found), found (such coefficients); seconds (median).
     """
     table = {}
     for name in dict.fromkeys(row["kind"] for row in rows):

@@ -83,7 +83,7 @@ class EquationStudy:
             row = self._row(data, index, p, draws, tied, [self.statistics.columns[index].inner], status)
             rows.append({**row, "sd": abs(self._in_units(index)) * sd, "lower": min(draws), "upper": max(draws)})
         columns = ["equation", "slug", "name", "expression", "probability", "mean", "sd", "lower", "upper", "unit"]
-        return pd.DataFrame(rows, columns=[*columns, "tied_with", "inner", "status"])
+        return pd.DataFrame(rows, columns=[*columns, "tied_with", "inner", "hidden", "status"])
 
     def hypotheses(self) -> pd.DataFrame:
         """No gap, recalibration, instrument, unknown, and each set of effects; probabilities sum to one."""
@@ -229,7 +229,7 @@ class EquationStudy:
         values = {n: float(np.mean([v[n] for v in inner])) for n in names}
         return {
             "equation": self.statistics.equation, "slug": column.effect.slug, "name": column.effect.name,
-            "expression": column.effect.in_full(values), "probability": p,
+            "expression": column.effect.text(values), "hidden": column.effect.hidden(values), "probability": p,
             **_moments(draws), "unit": self._unit(data, column.formula), "tied_with": tied, "inner": values,
             "status": status,
         }  # fmt: skip

@@ -1,8 +1,9 @@
 """What is missing along the path of a system: its rows are linear near a model, and that model is what was found.
 
 Every explanation is weighed on the rows near one model, the likeliest explanation of the turn before, until it stays
-the same. Where that remembers, its hidden states are states of the model, along whose path the others' are followed. An explanation far from that model fits badly in any case; one that fits as well is near it, since both follow
-the same samples.
+the same. An explanation far from that model fits badly in any case; one that fits as well is near it, since both follow
+the same samples. Where what was found remembers, its hidden states are states of the model; those of the others are
+followed along its path.
 """
 
 import math
@@ -153,7 +154,8 @@ def follow(
         after, hidden = near.model, near.hidden
     return Followed(
         near.data, near.base, clipped=clipped_states(train.samples or train), rate=near.rate, bare=bare, used=used,
-        rows=after.rows, noise=near.noise, hidden=hidden, model=near.model, after=after, sensors=near.sensors, clock=train,
+        rows=after.rows, noise=near.noise, hidden=hidden, model=near.model, after=after, sensors=near.sensors,
+        clock=train,
     )  # fmt: skip
 
 
@@ -221,8 +223,12 @@ class Near(NamedTuple):
 def _settled(near: Near, taken: Callable[..., Near]) -> Near:
     """The explanation that stays, rows taken anew near it in turns.
 
-    On rows near one model an error of a sensor may look likely that is no explanation near itself, as a late sensor does
-    beside an actuator that lags: its column is a slope along the wrong path. Such an error is left out.
+    On rows near one model an error of a sensor may look likely that is no explanation near itself, as a late sensor
+    does beside an actuator that lags: its column is a slope along the wrong path. Such an error is left out.
+
+    Args:
+        near: The explanation before.
+        taken: From an explanation, and the keys of errors that are left out, to the likeliest one on rows near it.
     """
     best, earlier, refuted, turns = None, None, frozenset(), 0
     while turns < TURNS:

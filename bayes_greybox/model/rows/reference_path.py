@@ -249,7 +249,10 @@ def _check(samples: Trajectories, seen: np.ndarray, equations: tuple[str, ...], 
 
 
 def _sizes(samples: Trajectories, simulation: Simulation, at_rest: Mapping[str, str]) -> tuple[np.ndarray, float]:
-    """Typical size of each state, of those at rest that of their starts over `WIDE`, and the time in which the slowest sensor's signal changes by half its spread."""
+    """Typical size of each state, and the time in which the slowest sensor's signal changes by half its spread.
+
+    Of a state at rest, where its run starts, it is that of its start over `WIDE`.
+    """
     times = []
     for x in samples.states.values():
         spread, lag = float(np.std(x)), 1

@@ -97,7 +97,8 @@ class InnerParameter:
 
         Args:
             x: The column of `of`.
-            time, run: Of its values, where a time scale asks for them.
+            time: Of its values, where a time scale asks for it.
+            run: Of its values, likewise.
         """
         if self.scale == "size":
             return float(np.max(np.abs(x)))
@@ -297,13 +298,9 @@ class BoundEffect:
         """The formula over columns, for readers: the inner parameter with four digits, or by name if not given."""
         return self._written(self.effect.expression, _short(inner))
 
-    def in_full(self, inner: Mapping[str, float] | None = None) -> str:
-        """The same with the rates of its hidden states."""
-        rates = [
-            f"d({self._hidden[state.name]})/dt = {self._written(state.rate, _short(inner))}"
-            for state in self.effect.hidden
-        ]
-        return ", ".join([self.text(inner), *rates])
+    def hidden(self, inner: Mapping[str, float] | None = None) -> dict[str, str]:
+        """Rates of its hidden states by their names, for readers as `text` is."""
+        return {self._hidden[state.name]: self._written(state.rate, _short(inner)) for state in self.effect.hidden}
 
     @cached_property
     def _hidden(self) -> dict[str, str]:
@@ -435,7 +432,8 @@ def _check_hidden(effect: Effect, names: Collection[str]) -> None:
             )
         if not state.unit_of or state.unit_of in own:
             raise InputError(
-                f"The hidden state {state.name!r} has unit_of = {state.unit_of!r}; it must be a role, such as 'position'."
+                f"The hidden state {state.name!r} has unit_of = {state.unit_of!r}; it must be a role, such as "
+                "'position'."
             )
 
 
