@@ -23,7 +23,7 @@ from .grammar import check_name, symbol
 SHORT = 0.2
 """Steps of hidden states, over the shortest time in which they change."""
 
-FEWEST_STEPS, MOST_STEPS = 2, 256
+FEWEST_STEPS, MOST_STEPS = 4, 256
 """Steps between two nodes: within one of them a motion may turn round, where a rate has a kink."""
 
 LEAST = 8

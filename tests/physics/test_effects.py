@@ -174,6 +174,15 @@ def test_memories_that_resist_take_power_from_a_motion_to_and_fro(effect):
     assert np.mean((force * path["velocity"])[late]) < 0
 
 
+@pytest.mark.parametrize(
+    ("slug", "unit"), [("bouc-wen", "1/s²"), ("maxwell-damper", "1/s²"), ("actuator-lag", "1/kg"), ("absorber", "1/s²")]
+)
+def test_coefficients_of_memories_have_the_units_of_their_hidden_states(slug, unit):
+    units = {"position": "m", "velocity": "m/s", "state": "m/s", "input": "N", "t": "s"}
+    term = BY_SLUG[slug].bind({role: role for role in units}).term(middle(BY_SLUG[slug]))
+    assert coefficient_unit("m/s^2", term, term.units(units)) == unit
+
+
 def test_signs_of_flows_populations_and_circuits():
     """A sign for the rate of this tank, population or circuit; none where either is as ordinary."""
     signs = {slug: effect.sign for slug, effect in BY_SLUG.items()}

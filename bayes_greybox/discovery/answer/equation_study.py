@@ -245,6 +245,12 @@ def _advice(found: EquationStudy, index: int, rivals: Sequence[int], data: Traje
     statistics = found.statistics
     effect = statistics.columns[index].effect
     assert effect is not None
+    if any(statistics.columns[i].formula.states for i in (index, *rivals)):
+        # No curve over the states tells what remembers from what does not.
+        return (
+            "To tell them apart, measure at other amplitudes and other frequencies: what remembers depends on how far "
+            "and how fast the motion went before."
+        )
     variables = sorted({c for i in (index, *rivals) for c in statistics.columns[i].formula.symbols} & set(data.columns))
     parted = []
     for v in variables:

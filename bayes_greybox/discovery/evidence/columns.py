@@ -23,7 +23,8 @@ class Column:
             known at the rows only.
         scale: RMS over the data, user's units.
         sd: Prior standard deviation of its coefficient, scaled units.
-        nominal: The simulation's own coefficient, of a correction.
+        nominal: The simulation's own coefficient, of a correction; that of an input which acts otherwise, of an effect.
+        expected: What the coefficient of such an effect is about as large as, scaled units; 0 where nothing is known.
         effect: The catalogue's entry, of an effect.
         inner: Values of its inner parameter.
         log_weight: Log prior weight of these values.
@@ -37,6 +38,7 @@ class Column:
     scale: float
     sd: float
     nominal: float = 0.0
+    expected: float = 0.0
     effect: BoundEffect | None = None
     inner: Mapping[str, float] = field(default_factory=dict)
     log_weight: float = 0.0

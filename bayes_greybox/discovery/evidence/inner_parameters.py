@@ -53,7 +53,7 @@ def refine(evaluations: Evaluations, base: Sequence[int], group: Sequence[int]) 
         for i in found:
             statistics.columns[i] = replace(statistics.columns[i], log_weight=weights[statistics.columns[i].inner[key]])
         new = [
-            (t, {**about, "log_weight": weights[about["inner"][key]]})
+            (t, {**about, "log_weight": weights[about["inner"][key]], "nominal": column.nominal})
             for t, about in nodes(column.effect, statistics.rows.columns, fresh, statistics.path)
         ]
         before = len(statistics.columns)

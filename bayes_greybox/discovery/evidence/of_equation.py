@@ -69,6 +69,10 @@ def sufficient_statistics(
         effect: nodes(effect, rows.columns, path=statistics.path, known=(found or {}).get(effect.label))
         for effect in effects
     }
-    statistics.add("effect", [item for found in items.values() for item in found])
+    known = {term.name: value for term, value in parts}
+    nominal = {effect: known.get(effect.names.get(effect.effect.nominal, ""), 0.0) for effect in effects}
+    statistics.add(
+        "effect", [(t, {**about, "nominal": nominal[each]}) for each, own in items.items() for t, about in own]
+    )
     statistics.leave_out({effect.slug: ZERO for effect, found in items.items() if not found})
     return statistics

@@ -150,6 +150,8 @@ class SufficientStatistics:
                 sd = spread * size / self.target_scale
             if kind == "correction":
                 sd = CORRECTION_SCALE * abs(about["nominal"]) * size / self.target_scale
+            if kind == "effect" and about.get("nominal"):
+                about["expected"] = about["nominal"] * size / self.target_scale
             kept.append(Column(kind, term, size, sd, **about))
             if hidden:
                 known[len(kept) - 1] = value / size

@@ -156,6 +156,8 @@ class Effect:
         sign: Sign of its coefficient in the equation of the rate when it dissipates, restores or does what its
             meaning says; 0 if either is as ordinary.
         reverse: What the other sign would mean physically, in a few words; "" where `sign` is 0.
+        nominal: Role whose coefficient in the simulation its own is about as large as, as that of an input which acts
+            late; "" where nothing is known of it.
         roles: Roles that the formula and the rates use, or take units and ranges from, sorted.
         expr: The formula over real symbols.
     """
@@ -171,6 +173,7 @@ class Effect:
     confusions: tuple[str, ...] = ()
     sign: int = 0
     reverse: str = ""
+    nominal: str = ""
     roles: tuple[str, ...] = field(init=False)
     expr: sympy.Expr = field(init=False, repr=False, compare=False)
 
@@ -197,6 +200,11 @@ class Effect:
             # An effect without memory is a function of its roles alone; the rest only says how large things are.
             used |= {role for part in (*self.inner, *hidden) if (role := getattr(part, "of", part.unit_of))}
         roles = tuple(sorted(used))
+        if self.nominal and self.nominal not in roles:
+            raise InputError(
+                f"The effect {self.slug!r} has nominal = {self.nominal!r}, which is no role of it; its roles: "
+                f"{', '.join(roles) or 'none'}."
+            )
         _check_hidden(self, names)
         for inner in self.inner:
             if inner.name not in names:
