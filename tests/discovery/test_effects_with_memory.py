@@ -117,7 +117,9 @@ def test_its_page_and_its_record_have_the_rate_of_the_hidden_state(hysteresis, t
     study_html(hysteresis, tmp_path / "study.html")
     text = (tmp_path / "study.html").read_text(encoding="utf-8")
     assert "Bouc-Wen hysteresis" in text and f"{name} = " in text
-    (row,) = [e for e in json.loads(json.dumps(hysteresis.record(), default=float))["effects"] if e["status"] == "added"]
+    (row,) = [
+        e for e in json.loads(json.dumps(hysteresis.record(), default=float))["effects"] if e["status"] == "added"
+    ]
     assert list(row["hidden"]) == [name]
 
 

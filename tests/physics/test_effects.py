@@ -208,6 +208,22 @@ def test_an_input_with_play_is_the_input_less_what_backlash_takes():
     np.testing.assert_allclose(felt, zone.evaluate(F), atol=1e-12)
 
 
+def test_inner_parameters_are_shares_of_a_size_or_of_a_time():
+    time = np.linspace(0.0, 100.0, 10_001)
+    run, x = np.zeros(len(time), int), 3.0 * np.sin(2 * np.pi * time / 5.0)
+    for scale, size in (("size", 3.0), ("period", 5.0), ("frequency", 2 * np.pi / 5.0)):
+        inner = InnerParameter("own", "its meaning", "position", 0.1, 1.0, scale=scale)
+        assert inner.size(x, time, run) == pytest.approx(size, rel=1e-3)
+        # At rest nothing is a share of anything; and without times no time is known.
+        assert inner.size(0 * x, time, run) == 0.0
+        assert inner.size(x, None, None) == (pytest.approx(3.0) if scale == "size" else 0.0)
+    # Between two runs nothing moves.
+    again = InnerParameter("own", "its meaning", "position", 0.1, 1.0, scale="period")
+    one = again.size(x - np.mean(x), time, run)
+    both = again.size(np.concatenate([x, x]), np.concatenate([time, time]), np.repeat([0, 1], len(time)))
+    assert both == pytest.approx(one, rel=1e-6)
+
+
 def test_direction_dependent_friction_is_no_other_two_effects_together():
     """It must differ from dry friction whose level depends on the direction, and from a lift."""
     v = np.linspace(-1.0, 1.5, 400)

@@ -79,17 +79,26 @@ def nodes(
         values = inner.nodes(high / inner.high)[0]
         if known is not None and low < known < high:
             values = np.union1d(values, known)
-    # Trapezoidal weights of the log-uniform prior, so that grids of any spacing can be mixed.
-    position = np.log(np.asarray(values) / low) / np.log(high / low)
-    edges = np.clip(np.concatenate([[0.0], (position[1:] + position[:-1]) / 2, [1.0]]), 0.0, 1.0)
-    weight = np.maximum(np.diff(edges), 1e-12)
     return [
         (
             effect.term({inner.name: float(v)}),
             {"effect": effect, "inner": {inner.name: float(v)}, "log_weight": float(w)},
         )
-        for v, w in zip(values, np.log(weight), strict=True)
+        for v, w in zip(values, log_weights(values, low, high), strict=True)
     ]
+
+
+def log_weights(values: np.ndarray, low: float, high: float) -> np.ndarray:
+    """Log prior weights of values of an inner parameter, trapezoidal, so that grids of any spacing can be mixed.
+
+    Args:
+        values: Increasing.
+        low: End of the log-uniform prior.
+        high: Its other end.
+    """
+    position = np.log(np.asarray(values) / low) / np.log(high / low)
+    edges = np.clip(np.concatenate([[0.0], (position[1:] + position[:-1]) / 2, [1.0]]), 0.0, 1.0)
+    return np.log(np.maximum(np.diff(edges), 1e-12))
 
 
 def limits(

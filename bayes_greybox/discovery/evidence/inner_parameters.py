@@ -5,8 +5,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from .columns import limits, nodes
+from .columns import limits, log_weights, nodes
 from .evaluations import Evaluations
+
+SPANS = 0.2
+"""Posterior probability of the likeliest value below which values are near enough for intervals to be smooth."""
 
 ZOOMS, ZOOM_NODES = 4, 9
 """How often the grid over an inner parameter is refined around its best value, and by how many values."""
@@ -34,7 +37,7 @@ def refine(evaluations: Evaluations, base: Sequence[int], group: Sequence[int]) 
         log_z = np.array([v.all for v in evaluations.parametric([(*base, i) for i in found])])
         posterior = np.exp(log_z - np.logaddexp.reduce(log_z))
         # Of one value alone: what the others do on these data, other columns do as well.
-        if np.max(posterior) < 0.5 or len(values) == 1:
+        if np.max(posterior) < SPANS or len(values) == 1:
             break
         order = np.argsort(values)
         at = int(np.flatnonzero(order == int(np.argmax(posterior)))[0])
@@ -46,10 +49,7 @@ def refine(evaluations: Evaluations, base: Sequence[int], group: Sequence[int]) 
             break
         # New weights for old and new values together: each is the width of its cell under the prior.
         merged = np.sort(np.concatenate([values, fresh]))
-        weights = {
-            about["inner"][key]: about["log_weight"]
-            for _, about in nodes(column.effect, statistics.rows.columns, merged, statistics.path)
-        }
+        weights = dict(zip(merged.tolist(), log_weights(merged, least, most).tolist(), strict=True))
         for i in found:
             statistics.columns[i] = replace(statistics.columns[i], log_weight=weights[statistics.columns[i].inner[key]])
         new = [

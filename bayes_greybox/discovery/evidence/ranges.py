@@ -60,7 +60,7 @@ def log_ranges(columns: Sequence[Column], mean: Float[np.ndarray, " k"], covaria
 
 
 def _near_size(at: float, variance: float, expected: float, prior: float) -> float:
-    """log ∫ N(θ; m, v) N(θ; b, w)/N(θ; 0, s²) dθ, whose exponents add up to one of a Gaussian."""
+    """Log ∫ N(θ; m, v) N(θ; b, w)/N(θ; 0, s²) dθ, whose exponents add up to one of a Gaussian."""
     wide = (EXPECTED * expected) ** 2
     # A posterior is no wider than its prior, but for rounding.
     precision = max(1 / variance - 1 / prior, 0.0) + 1 / wide
