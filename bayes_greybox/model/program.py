@@ -201,7 +201,7 @@ class Program(SamplingProgram):
             data: Data, which f depends on by default.
 
         Raises:
-            InputError: The simulation is a function, or has a state of such a name.
+            InputError: The simulation is a function.
         """
         if not states:
             return self

@@ -30,7 +30,8 @@ class Term:
         expression: The formula, as text or as a SymPy expression.
         name: How tables and figures call it; the formula as written, without blanks, by default.
         unit: The term's unit, where it cannot follow from the columns' (an inner parameter carries one).
-        states: Hidden states that the formula uses beside columns, where it remembers.
+        states: Hidden states that the formula uses beside columns, where it remembers; `Program.remembering` gives them
+            to a simulation.
         expr: The SymPy expression over real symbols.
     """
 

@@ -11,6 +11,7 @@ from scipy.integrate import solve_ivp
 import bayes_greybox as bg
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.discovery.amended import hidden_used
 from bayes_greybox.physics.catalogue.effects import load_catalogue
 from bayes_greybox.physics.hidden_states import HiddenState
 from bayes_greybox.report.pages.study_page import study_html
@@ -176,3 +177,9 @@ def test_where_nothing_is_missing_no_memory_is_found():
     data = Trajectories.from_arrays(t, states={"y": y}, inputs={"F": force(t)}, units={"t": "s", "y": "m"})
     found = study(data)
     assert found.verdict == "no gap" and found.effects["probability"].max() < 0.2
+
+
+def test_hidden_states_that_no_term_uses_are_no_part_of_the_answer():
+    z, w, other = HiddenState("z", "w", "y"), HiddenState("w", "y - z", "v"), HiddenState("h", "v - h", "y")
+    assert hidden_used({"v": [bg.Term("z - y")]}, (z, w, other)) == (z, w)
+    assert hidden_used({"v": [bg.Term("y**3")]}, (z, w, other)) == ()

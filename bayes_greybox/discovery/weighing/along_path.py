@@ -136,7 +136,7 @@ def follow(
     # Twice before noise is weighed: far from the right model a small change of the path goes on otherwise than the
     # equations say, which looks like noise that hangs together.
     near = _near(model, train, equation, effects, odds, most, _own_terms(model, train), {}, {}, False, None)
-    near = taken(near._replace(sensors={}))
+    near = taken(near)
     for suspected in (False, True):
         # Far from the right model the rows are not quite linear, which looks like a sensor that is a little off:
         # sensors are suspected once a path nearer by shows nothing else.

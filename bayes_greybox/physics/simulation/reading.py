@@ -46,7 +46,7 @@ def simulation_of(
 
 
 def with_states(given: Mapping[str, str] | RightHandSide | None, states: Sequence[HiddenState]) -> Mapping[str, str]:
-    """A user's simulation with more states; one of the same name and unit takes the place of the one before.
+    """A user's simulation with more states; one of the same name takes the place of the one before.
 
     Args:
         given: Expressions by state or output, or None for no simulation.
