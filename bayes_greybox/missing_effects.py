@@ -9,6 +9,7 @@ from typing import Any
 
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories, with_filter_of
+from bayes_greybox.discovery.amended import hidden_used
 from bayes_greybox.discovery.answer.gap.free_runs import FreePath, FreeRuns
 from bayes_greybox.discovery.evidence.odds import Odds
 from bayes_greybox.discovery.study import StudyResult, investigate
@@ -160,7 +161,10 @@ def find_missing_effects(
         interpolation=interpolation,
         progress=progress,
     )
+    hidden = [state for amendment in found.amendments.values() for state in amendment.hidden]
     amended = replace(model, dictionary=found.model.dictionary, noise=found.model.noise)
+    # What the path was found along beside them is no part of the answer.
+    amended = amended.remembering(hidden_used(found.model.dictionary, hidden), found.train)
     fit, seconds = None, dict(found.settings["seconds"])
     if settle:
         start = time.perf_counter()

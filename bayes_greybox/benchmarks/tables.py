@@ -74,6 +74,12 @@ def map_tables(table: pd.DataFrame) -> Iterator[RenderableType]:
     yield frame_table(title, table)
 
 
+def memory_tables(table: pd.DataFrame) -> Iterator[RenderableType]:
+    """Names, wrong names and coverage of each kind of machine."""
+    title = "Effects with memory found from samples of a position; counts of cases, coverage of 90 % intervals"
+    yield frame_table(title, table)
+
+
 def coverage_tables(table: pd.DataFrame) -> Iterator[RenderableType]:
     """Coverage of each coefficient by noise and kind of rows."""
     title = "Share of 90 % intervals that hold the truth, of each coefficient; bias in SDs; SD of the last"

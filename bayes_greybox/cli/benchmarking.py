@@ -57,6 +57,8 @@ def run_benchmark(
         return _hudson_bay(folder, seed, progress)
     if name == "static-maps":
         return _static_maps(folder, cases, replicates, seed, progress)
+    if name == "memory-effects":
+        return _memory_effects(folder, cases, replicates, seed, progress)
     if replicates is not None:
         raise InputError("--replicates does not apply to hidden-effects; --cases sets how many are run.")
     from bayes_greybox.benchmarks.hidden_effects.assumptions.cases import assumption_cases
@@ -166,6 +168,17 @@ def _static_maps(folder: Path, cases: int | None, replicates: int | None, seed: 
 
     table = run(folder, list(maps())[:cases], replicates=replicates or REPLICATES, seed=seed, progress=progress)
     show(*map_tables(table), f"\nResults are in {folder}.")
+    return DONE
+
+
+def _memory_effects(folder: Path, cases: int | None, replicates: int | None, seed: int, progress: bool) -> int:
+    from bayes_greybox.benchmarks.memory_effects.machines import machines
+    from bayes_greybox.benchmarks.memory_effects.run import REPLICATES, run
+    from bayes_greybox.benchmarks.tables import memory_tables
+
+    names = list(machines())[:cases]
+    table = run(folder, names, replicates=replicates or REPLICATES, seed=seed, progress=progress)
+    show(*memory_tables(table), f"\nResults are in {folder}.")
     return DONE
 
 

@@ -1,6 +1,6 @@
 """The amended model of a study, and the data that it is fitted to."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import TypeVar
 
@@ -11,6 +11,7 @@ from bayes_greybox.model.coefficient import stated_terms
 from bayes_greybox.model.noise.asked import FIT, Noise
 from bayes_greybox.model.noise.noise_model import CORRELATED, HEAVY, PROCESS, VARYING
 from bayes_greybox.model.program import Program
+from bayes_greybox.physics.hidden_states import HiddenState
 from bayes_greybox.physics.terms import Term
 
 from .answer.equation_study import EquationStudy
@@ -18,7 +19,7 @@ from .answer.equation_study import EquationStudy
 AnyProgram = TypeVar("AnyProgram", bound=Program)
 
 
-def amended_program(model: AnyProgram, findings: Mapping[str, EquationStudy]) -> AnyProgram:
+def amended_program(model: AnyProgram, findings: Mapping[str, EquationStudy], train: Trajectories) -> AnyProgram:
     """The model with the simulation's terms and the found effects as its dictionary, beside its own terms."""
     dictionary: dict[str, list[Term]] = {}
     for name, found in findings.items():
@@ -29,7 +30,10 @@ def amended_program(model: AnyProgram, findings: Mapping[str, EquationStudy]) ->
         stated = model.coefficients.get(name, {})
         given = stated_terms(model.dictionary[name], stated, tuple(known.rows.columns), name).fixed if stated else []
         dictionary[name] = [*(term for term, _ in given), *([*own, *added] or [Term("1")])]
+        # A term of the dictionary is a plain formula: its hidden states are the simulation's.
+        dictionary[name] = [replace(term, states=()) for term in dictionary[name]]
         model = model if found.aligned.rows is None else replace(model, rows=found.aligned.rows)
+        model = model.remembering(found.amendment.hidden, train)
     named = {name for found in findings.values() for name in found.finding.world.model.names}
     if any(found.aligned.n_sensor > 1 for found in findings.values()):
         # Of several sensors' samples noise of a kind of its own is not found: see `check_asked`.
@@ -50,6 +54,19 @@ def amended_program(model: AnyProgram, findings: Mapping[str, EquationStudy]) ->
         force=noise.force or (FIT if PROCESS in named and correlation is None else None),
     )
     return replace(model, dictionary=dictionary, noise=noise)
+
+
+def hidden_used(dictionary: Mapping[str, Sequence[Term]], known: Sequence[HiddenState]) -> tuple[HiddenState, ...]:
+    """Hidden states that terms use, and those that the rates of these use.
+
+    Args:
+        dictionary: Terms by equation.
+        known: Hidden states.
+    """
+    names = {name for terms in dictionary.values() for term in terms for name in term.symbols}
+    for _ in known:
+        names |= {name for state in known if state.name in names for name in state.symbols}
+    return tuple(state for state in known if state.name in names)
 
 
 def corrected_data(train: Trajectories, findings: Mapping[str, EquationStudy]) -> Trajectories:

@@ -9,6 +9,7 @@ from bayes_greybox.data.sample_noise import sample_noise
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.model.program import Program
 from bayes_greybox.physics.catalogue.effects import BoundEffect
+from bayes_greybox.physics.hidden_states import HiddenState
 from bayes_greybox.physics.units import target_unit
 
 from .answer.adequacy import Check, check_explanation
@@ -141,7 +142,7 @@ def _amendment(finding: Finding, aligned: Aligned, train: Trajectories, seed: in
     memory = finding.explanation.memory
     remainder = finding.remainder if finding.explanation.leaves_rest and not memory else 0.0
     coefficients = draw_coefficients(evaluations, finding.base, DRAWS, seed, (*suspects, *memory), remainder)
-    # What remembers is fitted beside them, and no part of the model after.
+    # What remembers without a name is fitted beside them, and no part of the model after.
     coefficients = coefficients.without_memory(statistics, len(suspects))
     if not finding.base and finding.explanation.kind != RECALIBRATED:
         # Nothing is missing, or nothing that has a name: the model after is the model before, whatever small weight
@@ -153,9 +154,36 @@ def _amendment(finding: Finding, aligned: Aligned, train: Trajectories, seed: in
         return aligned.put_right(data, sensors, train)
 
     sigma = float(np.mean(coefficients.sigma)) * statistics.target_scale
+    alike, hidden = _of_one_memory(statistics, coefficients, aligned.hidden)
     return Amendment(
-        statistics, plain(evaluations), coefficients, sigma, None, put_right, aligned.rows, sensors, train
+        statistics, plain(evaluations), coefficients, sigma, None, put_right, aligned.rows, sensors, train, hidden,
+        alike,
     )  # fmt: skip
+
+
+def _of_one_memory(
+    statistics: SufficientStatistics, coefficients: Coefficients, known: Sequence[HiddenState]
+) -> tuple[np.ndarray, tuple[HiddenState, ...]]:
+    """Draws that share the hidden states of each effect, and all hidden states of the model after.
+
+    A hidden state has one rate in a model: that of the path where draws have it, else the commonest among them.
+
+    Args:
+        statistics: Of the equation.
+        coefficients: Draws, each with inner parameters of its own.
+        known: Hidden states of the path.
+    """
+    hidden, alike = {state.name: state for state in known}, np.arange(len(coefficients.draws))
+    for inner in coefficients.inner.T:
+        columns, count = np.unique(inner[alike], return_counts=True)
+        states = {int(i): statistics.columns[i].formula.states for i in columns}
+        if not any(states.values()):
+            continue
+        on_path = [i for i, own in states.items() if all(hidden.get(state.name) == state for state in own)]
+        chosen = on_path[0] if on_path else int(columns[np.argmax(count)])
+        hidden |= {state.name: state for state in states[chosen]}
+        alike = alike[inner[alike] == chosen]
+    return alike, tuple(hidden.values())
 
 
 def _within(aligned: Aligned, train: Trajectories) -> list[str]:

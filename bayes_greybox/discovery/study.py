@@ -21,6 +21,7 @@ from bayes_greybox.model.rows.row_warnings import row_warnings
 from bayes_greybox.physics.catalogue.effects import CatalogueSpec, load_catalogue
 from bayes_greybox.physics.catalogue.pairs import pairs_in_data
 from bayes_greybox.physics.catalogue.roles import bind_catalogue, roles_of, unbound
+from bayes_greybox.physics.simulation.reading import NO_STATES
 
 from .amended import amended_program, corrected_data
 from .answer.adequacy import LAGS
@@ -53,7 +54,8 @@ class StudyResult:
         corrected: The training data with what was found of the sensors undone, which the amended model is fitted to.
         verdict: One of `finding.VERDICTS`.
         effects: All effects that were weighed, best first: equation, slug, name, expression, probability, mean, sd,
-            lower, upper, unit, tied_with, inner, status ("added"; "one of" for what could stand in its place; or "").
+            lower, upper, unit, tied_with, inner, hidden (rates of its hidden states by name), status ("added"; "one of"
+            for what could stand in its place; or "").
         hypotheses: Explanations by (equation, hypothesis): no gap, recalibrate, instrument, unknown, and sets of
             effects; their probabilities sum to one.
         memory: Probability that what has no name depends on what a channel did before, by (equation, memory).
@@ -183,6 +185,9 @@ def investigate(
             known = [effect.either_way() for effect in loaded] if train.is_output(name) else loaded
             left_out |= {(name, slug): why for slug, why in unbound(known, columns, train.units).items()}
             bound = bind_catalogue(known, columns, train.units)
+            if why := _memoryless(model, train, name):
+                left_out |= {(name, effect.slug): why for effect in bound if effect.effect.hidden}
+                bound = tuple(effect for effect in bound if not effect.effect.hidden)
             each = odds.of_each(len(equations))
             findings[name] = study_equation(model, train, name, bound, each, effects_at_most, seed, settle, say)
             left_out |= {(name, slug): why for slug, why in findings[name].statistics.left_out.items()}
@@ -215,7 +220,7 @@ def investigate(
     verdict, against = verdict_of({name: found.finding for name, found in findings.items()}, gap, unfollowed, labels)
     return StudyResult(
         base=given,
-        model=amended_program(given, findings),
+        model=amended_program(given, findings, train),
         fit=None,
         train=train,
         test=test,
@@ -259,6 +264,18 @@ def investigate(
         },
         amendments=amendments,
     )
+
+
+def _memoryless(model: Program, data: Trajectories, equation: str) -> str:
+    """Why effects with memory cannot be weighed; empty where they can."""
+    if data.is_output(equation):
+        return "it remembers, and rows of an output follow no path: what it did before is not in them"
+    if model.rows.rates_measured:
+        return (
+            "it remembers, and rows of rates follow no path along which that can be said: give samples, "
+            "GreyBox(rows=bg.TrajectoryRows())"
+        )
+    return NO_STATES if callable(model.simulation) else ""
 
 
 def _completed(model: Program, equations: Sequence[str], data: Trajectories) -> Trajectories:

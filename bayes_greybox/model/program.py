@@ -1,14 +1,15 @@
 """The probabilistic program: simulation + sparse dictionary + orthogonal discrepancy, as a NumPyro model."""
 
 import difflib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Self
 
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.physics.hidden_states import HiddenState
 from bayes_greybox.physics.simulation.protocol import RightHandSide, Simulation
-from bayes_greybox.physics.simulation.reading import not_known, simulation_of
+from bayes_greybox.physics.simulation.reading import not_known, simulation_of, with_states
 from bayes_greybox.physics.terms import Dictionary
 from bayes_greybox.physics.units import check_units
 
@@ -192,6 +193,24 @@ class Program(SamplingProgram):
             rates = rates or {}
             rates = {**rates, **dict.fromkeys(used_states(self.dictionary, rates, data.columns), "")}
         return (*data.state_names, *self.rows.hidden(rates, data))
+
+    def remembering(self, states: Sequence[HiddenState], data: Trajectories) -> "Self":
+        """The model with more hidden states in its simulation, at rest where a run starts; f does not depend on them.
+
+        Args:
+            states: Hidden states, of formulas that are to be added.
+            data: Data, which f depends on by default.
+
+        Raises:
+            InputError: The simulation is a function.
+        """
+        if not states:
+            return self
+        discrepancy = self.discrepancy
+        if discrepancy is not None and discrepancy.variables is None:
+            discrepancy = replace(discrepancy, variables=(*self.states(data), *data.input_names))
+        rows = self.rows.resting({state.name: state.unit_of for state in states})
+        return replace(self, simulation=with_states(self.simulation, states), discrepancy=discrepancy, rows=rows)
 
     def complete(self, data: Trajectories) -> Trajectories:
         """Data with every state and the learned rates at every sample, as the kind of rows completes them.

@@ -14,6 +14,7 @@ from bayes_greybox.data.errors import InputError
 
 from .expressions import check_expression, evaluate, namespace, parse_expression, symbol_names
 from .grammar import MAX_EXPONENT, check_known, check_name
+from .hidden_states import HiddenState
 from .printing import to_latex, to_text
 from .rounding import rounded
 
@@ -29,12 +30,15 @@ class Term:
         expression: The formula, as text or as a SymPy expression.
         name: How tables and figures call it; the formula as written, without blanks, by default.
         unit: The term's unit, where it cannot follow from the columns' (an inner parameter carries one).
+        states: Hidden states that the formula uses beside columns, where it remembers; `Program.remembering` gives them
+            to a simulation.
         expr: The SymPy expression over real symbols.
     """
 
     expression: str | sympy.Expr
     name: str = ""
     unit: str | None = None
+    states: tuple[HiddenState, ...] = ()
     expr: sympy.Expr = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
@@ -71,6 +75,10 @@ class Term:
     def evaluate(self, columns: Mapping[str, Float[Array | np.ndarray, "..."]]) -> Float[Array | np.ndarray, "..."]:
         """Value of the term, in the shape of the columns (see `expressions.evaluate`)."""
         return evaluate(self.expr, columns)
+
+    def units(self, units: Mapping[str, str]) -> dict[str, str]:
+        """Units of columns, and those of the hidden states."""
+        return {**units, **{state.name: units.get(state.unit_of, "") for state in self.states}}
 
     def rounded(self, columns: Mapping[str, Float[np.ndarray, " n"]]) -> "Term":
         """The term with its jumps rounded, as an integrator needs it (see `rounding.rounded`)."""

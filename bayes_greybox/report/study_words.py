@@ -289,9 +289,11 @@ def amended_simulation(study: StudyResult) -> str:
     if given == FUNCTION:
         return ""
     additions: dict[str, list[str]] = {}
+    hidden: dict[str, str] = {}
     for row in study.effects.to_dict("records"):
         if row["status"] == "added":
             additions.setdefault(row["equation"], []).append(_product(row["mean"], row["sd"], row["expression"]))
+            hidden |= row.get("hidden") or {}
     for (equation, term), row in zip(study.corrections.index, study.corrections.to_dict("records"), strict=True):
         if row["probability"] > LIKELY:
             additions.setdefault(str(equation), []).append(_product(row["mean"], row["sd"], str(term)))
@@ -300,7 +302,14 @@ def amended_simulation(study: StudyResult) -> str:
         start = str((given or {}).get(equation, ""))
         text = f"{start} {' '.join(parts)}".strip().removeprefix("+ ")
         lines.append(f'{equation} = "{text}"')
+    lines += [f'{name} = "{rate}"' for name, rate in hidden.items()]
     return "\n".join(lines)
+
+
+def whole_term(row: Mapping[str, Any]) -> str:
+    """An effect's formula with the rates of its hidden states, if it remembers."""
+    rates = [f"d({name})/dt = {rate}" for name, rate in (row.get("hidden") or {}).items()]
+    return ", ".join([row["expression"], *rates])
 
 
 def _product(mean: float, sd: float, expression: str) -> str:

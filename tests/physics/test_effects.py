@@ -15,6 +15,7 @@ from bayes_greybox.physics.catalogue.effects import DOMAINS, Effect, InnerParame
 from bayes_greybox.physics.catalogue.pairs import pairs_in_data
 from bayes_greybox.physics.catalogue.roles import ROLES, bind_catalogue, roles_of, unbound
 from bayes_greybox.physics.expressions import evaluate, parse_expression
+from bayes_greybox.physics.hidden_states import HiddenState, along
 from bayes_greybox.physics.terms import Dictionary
 from bayes_greybox.physics.units import coefficient_unit, derivative_unit
 
@@ -22,7 +23,8 @@ SLUGS = {
     "mechanical": """linear-stiffness quadratic-stiffness cubic-stiffness quintic-stiffness signed-quadratic-stiffness
         pendulum-restoring dead-zone bilinear-stiffness viscous-damping coulomb-friction stribeck-friction
         quadratic-drag cubic-damping van-der-pol-damping velocity-squared position-velocity-coupling constant-force
-        input-gain cubic-input smooth-friction direction-dependent-friction backlash""",
+        input-gain cubic-input smooth-friction direction-dependent-friction backlash
+        bouc-wen dahl-friction maxwell-damper actuator-lag absorber""",
     "fluid": "linear-outflow torricelli-outflow overflow",
     "population": "logistic-crowding bilinear-interaction holling-ii allee constant-harvest",
     "electrical": "diode saturating-inductor",
@@ -69,7 +71,7 @@ def test_all_has_every_effect_once():
 def test_an_effect_of_several_domains_has_the_look_alikes_of_all():
     for order in (["fluid", "mechanical"], ["mechanical", "fluid"]):
         gain = {effect.slug: effect for effect in load_catalogue(order)}["input-gain"]
-        assert set(gain.confusions) == {"cubic-input", "backlash"} and gain.domain == order[0]
+        assert set(gain.confusions) == {"cubic-input", "backlash", "actuator-lag"} and gain.domain == order[0]
 
 
 @pytest.mark.parametrize("effect", ALL, ids=lambda effect: effect.slug)
@@ -78,7 +80,7 @@ def test_entries_are_complete_and_their_formulas_work(effect):
     assert set(effect.roles) <= set(ROLES)
     MathTextParser("path").parse(f"${effect.latex}$")
     for inner in effect.inner:
-        assert inner.unit_of == inner.of and inner.meaning
+        assert inner.unit_of == (inner.of if inner.scale == "size" else "") and inner.meaning
     bound = effect.bind({role: f"the_{role}" for role in ROLES})
     rng = np.random.default_rng(0)
     columns = {f"the_{role}": np.append(rng.uniform(-2.0, 2.0, 50), 0.0) for role in ROLES}
@@ -86,6 +88,10 @@ def test_entries_are_complete_and_their_formulas_work(effect):
         columns = {name: np.abs(column) for name, column in columns.items()}
     for inner in [{i.name: float(value)} for i in effect.inner for value in i.nodes(2.0)[0]] or [{}]:
         term = bound.term(inner)
+        assert all(state.meaning and state.unit_of in columns for state in term.states)
+        rates = [parse_expression(state.rate, (*columns, *(s.name for s in term.states))) for state in term.states]
+        columns |= {state.name: rng.uniform(-2.0, 2.0, 51) for state in term.states}
+        assert all(np.all(np.isfinite(np.asarray(evaluate(rate, columns)))) for rate in rates)
         values = np.asarray(term.evaluate(columns))
         assert values.shape == (51,) and np.all(np.isfinite(values)) and np.any(values != 0)
         slopes = jax.vmap(jax.grad(term.evaluate))(columns)
@@ -104,7 +110,8 @@ def test_confusions_are_mutual_and_in_the_domain(domain):
 @pytest.mark.parametrize("domain", DOMAINS)
 def test_effects_of_a_domain_are_different_terms(domain):
     bound = [effect.bind({role: role for role in ROLES}) for effect in load_catalogue(domain)]
-    Dictionary.of([b.term(middle(b.effect)) for b in bound], ROLES)
+    terms = [b.term(middle(b.effect)) for b in bound]
+    Dictionary.of(terms, (*ROLES, *(state.name for term in terms for state in term.states)))
 
 
 @pytest.mark.parametrize(
@@ -145,7 +152,7 @@ def test_entries_say_what_the_other_sign_means(effect):
 @pytest.mark.parametrize("effect", ALL, ids=lambda effect: effect.slug)
 def test_forces_that_resist_or_restore_have_the_sign_that_they_state(effect):
     """Along a motion, sign × expression takes power from it; of a pull to rest, sign × expression points back."""
-    if effect.domain != "mechanical" or not effect.sign or "input" in effect.roles:
+    if effect.domain != "mechanical" or not effect.sign or "input" in effect.roles or effect.hidden:
         return
     rng = np.random.default_rng(0)
     columns = {role: rng.uniform(-1.5, 1.5, 200) for role in effect.roles}
@@ -154,6 +161,26 @@ def test_forces_that_resist_or_restore_have_the_sign_that_they_state(effect):
     against = columns[role] - columns.get(f"other_{role}", 0.0)
     force = effect.sign * np.asarray(term.evaluate(columns))
     assert np.all(force * against <= 0) and np.any(force * against < 0)
+
+
+@pytest.mark.parametrize("effect", [e for e in ALL if e.hidden and e.sign], ids=lambda effect: effect.slug)
+def test_memories_that_resist_take_power_from_a_motion_to_and_fro(effect):
+    t = np.linspace(0.0, 60.0, 6001)
+    path = {"position": np.sin(t), "velocity": np.cos(t)}
+    term = effect.bind({role: role for role in effect.roles}).term(middle(effect, 1.0))
+    (hidden,) = along([term.states], t, path, np.arange(len(t)) == 0)
+    force = effect.sign * np.asarray(term.evaluate({**path, **hidden}))
+    late = t > 40.0
+    assert np.mean((force * path["velocity"])[late]) < 0
+
+
+@pytest.mark.parametrize(
+    ("slug", "unit"), [("bouc-wen", "1/s²"), ("maxwell-damper", "1/s²"), ("actuator-lag", "1/kg"), ("absorber", "1/s²")]
+)
+def test_coefficients_of_memories_have_the_units_of_their_hidden_states(slug, unit):
+    units = {"position": "m", "velocity": "m/s", "state": "m/s", "input": "N", "t": "s"}
+    term = BY_SLUG[slug].bind({role: role for role in units}).term(middle(BY_SLUG[slug]))
+    assert coefficient_unit("m/s^2", term, term.units(units)) == unit
 
 
 def test_signs_of_flows_populations_and_circuits():
@@ -166,7 +193,7 @@ def test_signs_of_flows_populations_and_circuits():
         inductance-drop"""
     either = """quadratic-stiffness bilinear-stiffness velocity-squared position-velocity-coupling constant-force
         direction-dependent-friction input-gain cubic-input constant-inflow linear-growth bilinear-interaction migration
-        constant-harvest driven-growth constant-source"""
+        constant-harvest driven-growth constant-source actuator-lag"""
     for sign, slugs in ((-1, losses), (1, gains), (0, either)):
         assert {slug: signs[slug] for slug in slugs.split()} == dict.fromkeys(slugs.split(), sign)
     assert sum(sign == 0 for sign in signs.values()) == len(either.split())
@@ -179,6 +206,22 @@ def test_an_input_with_play_is_the_input_less_what_backlash_takes():
     F = {"F": np.linspace(-2.0, 2.0, 41)}
     felt = F["F"] + BY_SLUG["backlash"].sign * np.asarray(play.evaluate(F))
     np.testing.assert_allclose(felt, zone.evaluate(F), atol=1e-12)
+
+
+def test_inner_parameters_are_shares_of_a_size_or_of_a_time():
+    time = np.linspace(0.0, 100.0, 10_001)
+    run, x = np.zeros(len(time), int), 3.0 * np.sin(2 * np.pi * time / 5.0)
+    for scale, size in (("size", 3.0), ("period", 5.0), ("frequency", 2 * np.pi / 5.0)):
+        inner = InnerParameter("own", "its meaning", "position", 0.1, 1.0, scale=scale)
+        assert inner.size(x, time, run) == pytest.approx(size, rel=1e-3)
+        # At rest nothing is a share of anything; and without times no time is known.
+        assert inner.size(0 * x, time, run) == 0.0
+        assert inner.size(x, None, None) == (pytest.approx(3.0) if scale == "size" else 0.0)
+    # Between two runs nothing moves.
+    again = InnerParameter("own", "its meaning", "position", 0.1, 1.0, scale="period")
+    one = again.size(x - np.mean(x), time, run)
+    both = again.size(np.concatenate([x, x]), np.concatenate([time, time]), np.repeat([0, 1], len(time)))
+    assert both == pytest.approx(one, rel=1e-6)
 
 
 def test_direction_dependent_friction_is_no_other_two_effects_together():
@@ -276,7 +319,7 @@ def test_one_degree_of_freedom():
     assert roles["other_position"] == roles["other_velocity"] == ()
     found = texts("mechanical", roles)
     assert {("cubic-stiffness", "y**3"), ("coulomb-friction", "sign(ydot)"), ("input-gain", "F")} <= found
-    assert len(found) == 22 and not any(slug.startswith("coupling") for slug, _ in found)
+    assert len(found) == 27 and not any(slug.startswith("coupling") for slug, _ in found)
     assert not any(
         slug.endswith("-input") or slug == "input-gain" for slug, _ in texts("mechanical", {**roles, "input": ()})
     )
@@ -540,6 +583,22 @@ def test_a_role_that_nobody_knows_is_refused_when_it_is_bound(tmp_path):
             '[effect.inner.pace]\nmeaning = "x"\nof = "velocity"\nlow = 0.1\nhigh = 1\n[effect.inner.onset]',
             r"2 inner parameters \(pace, onset\)",
         ),
+        (
+            "[effect.inner.onset]",
+            '[effect.hidden.z]\nrat = "velocity"\n[effect.inner.onset]',
+            "hidden state 'z': unknown key 'rat'",
+        ),
+        (
+            "[effect.inner.onset]",
+            "[effect.hidden]\nz = 3\n[effect.inner.onset]",
+            "start it with a line such as .effect.hidden.z.",
+        ),
+        (
+            "[effect.inner.onset]",
+            '[effect.hidden.z]\nmeaning = "x"\nrate = "velocity"\nunit_of = "velocity"\n[effect.inner.onset]',
+            "hidden state 'z' occurs neither in",
+        ),
+        ("low = 0.2", 'scale = "perod"\nlow = 0.2', "did you mean 'period'"),
         (OWN, "", "no effects"),
         (OWN, "effect = []", "no effects"),
         (OWN, "effect = [3]", "an effect is a table"),
@@ -562,8 +621,11 @@ def test_a_file_has_the_fields_of_the_classes_as_keys():
     assert (keys.types["confusions"], keys.types["inner"], keys.types["latex"]) == (list, dict, str)
     assert keys.types["sign"] is int
     keys = keys_of(InnerParameter, "name")
-    assert keys.types == {"meaning": str, "of": str, "low": float, "high": float, "unit_of": str}
+    assert keys.types == {
+        "meaning": str, "of": str, "low": float, "high": float, "unit_of": str, "scale": str, "values": int,
+    }  # fmt: skip
     assert keys.needed == ("meaning", "of", "low", "high")
+    assert keys_of(HiddenState, "name").types == {"rate": str, "unit_of": str, "meaning": str}
     # Where nothing else is said, the parameter has the unit of what it is a share of.
     assert InnerParameter("onset", "speed", "velocity", 0.1, 1.0).unit_of == "velocity"
 

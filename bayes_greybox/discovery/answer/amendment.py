@@ -1,11 +1,11 @@
 """What a study adds to one equation, as rates at rows and as terms and weights that an integrator can evaluate."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.evidence.sufficient_statistics import SufficientStatistics
@@ -13,7 +13,9 @@ from bayes_greybox.discovery.evidence.with_discrepancy import Evaluator, WithDis
 from bayes_greybox.discovery.suspects.channels import ChannelSuspect
 from bayes_greybox.model.evidence import Spectrum
 from bayes_greybox.model.frame import held_features, scaled_position
+from bayes_greybox.model.program import Program
 from bayes_greybox.model.rows.row_kind import RowKind
+from bayes_greybox.physics.hidden_states import HiddenState
 from bayes_greybox.physics.terms import Term
 
 from .coefficients import Coefficients
@@ -119,6 +121,8 @@ class Amendment:
         rows: Rows near the model after, where rows are linear only near one; None: those of the model before.
         sensors: Errors of the sensors of states and inputs that are in the model after, in their units.
         clock: Data that drifts were found on; None: those that are compared.
+        hidden: Hidden states of the model after, beside those of the model before.
+        alike: Draws whose hidden states have these rates; None: all.
     """
 
     statistics: SufficientStatistics
@@ -130,6 +134,23 @@ class Amendment:
     rows: RowKind | None = None
     sensors: Mapping[ChannelSuspect, float] = field(default_factory=dict)
     clock: Trajectories | None = None
+    hidden: tuple[HiddenState, ...] = ()
+    alike: Int[np.ndarray, " n"] | None = None
+
+    def pick(self, n_draw: int) -> Int[np.ndarray, " n_draw"]:
+        """Draws that one model can have, evenly thinned or repeated to `n_draw`."""
+        able = np.arange(len(self.after.draws)) if self.alike is None else self.alike
+        return able[np.linspace(0, len(able) - 1, n_draw).astype(int)]
+
+    def model(self, before: Program) -> Program:
+        """The model before with the rows of the model after, and its hidden states.
+
+        Args:
+            before: The model before.
+        """
+        near = before if self.rows is None else replace(before, rows=self.rows)
+        data = self.clock or self.statistics.path
+        return near if data is None else near.remembering(self.hidden, data)
 
     @property
     def n_own(self) -> int:
@@ -142,7 +163,7 @@ class Amendment:
         The draws hold f too, where there is one.
         """
         statistics, scale, n_own = self.statistics, self.statistics.target_scale, self.n_own
-        before = scale * statistics.evaluate(statistics.of_kind("free"), columns) @ self.before
+        before = self.rates_before(columns)
         beta, inner = self._draws(n_draw)
         after = beta[:, :n_own] @ statistics.evaluate(self.after.indices[:n_own], columns).T
         for k in range(inner.shape[1]):
@@ -152,6 +173,11 @@ class Amendment:
         if self.discrepancy is not None:
             after += self.discrepancy.rates(columns, n_draw)
         return before, scale * after
+
+    def rates_before(self, columns: Mapping[str, np.ndarray]) -> Float[np.ndarray, " n_row"]:
+        """What the user's own dictionary adds to the simulation's rate at rows."""
+        statistics = self.statistics
+        return statistics.target_scale * statistics.evaluate(statistics.of_kind("free"), columns) @ self.before
 
     def terms_before(self) -> list[tuple[Term, float]]:
         """The user's own dictionary alone, with its coefficients."""
@@ -192,6 +218,6 @@ class Amendment:
         return held_features(known.basis, position)
 
     def _draws(self, n_draw: int) -> tuple[np.ndarray, np.ndarray]:
-        """Scaled coefficients and inner columns of draws, evenly thinned or repeated to `n_draw`."""
-        pick = np.linspace(0, len(self.after.draws) - 1, n_draw).astype(int)
+        """Scaled coefficients and inner columns of draws, see `pick`."""
+        pick = self.pick(n_draw)
         return self.after.draws[pick], self.after.inner[pick]

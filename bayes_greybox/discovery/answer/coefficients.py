@@ -12,6 +12,9 @@ from bayes_greybox.discovery.evidence.sufficient_statistics import SufficientSta
 from bayes_greybox.discovery.suspects.channels import ChannelSuspect
 from bayes_greybox.model.evidence import coefficients
 
+MOST_CHOICES = 1000
+"""Combinations of values of inner parameters that draws are taken from, at most."""
+
 
 class Coefficients(NamedTuple):
     """Posterior draws for a set of columns.
@@ -83,7 +86,8 @@ def draw_coefficients(
     """
     rng = np.random.default_rng(seed)
     suspects = tuple(suspects)
-    choices = list(product(*(_likely(evaluations, suspects, base, i) for i in base))) if base else [()]
+    most = MOST_CHOICES ** (1 / max(1, sum(len(evaluations.group(i)) > 1 for i in base)))
+    choices = list(product(*(_likely(evaluations, suspects, base, i, int(most)) for i in base))) if base else [()]
     evaluated = evaluations.parametric([(*suspects, *c) for c in choices])
     logs = np.array([[*np.ravel(v.by_pattern)] for v in evaluated])
     n_pattern = logs.shape[1]
@@ -126,10 +130,12 @@ def sensor_errors(statistics: SufficientStatistics, coefficients: Coefficients) 
     }
 
 
-def _likely(evaluations: Evaluations, suspects: tuple[int, ...], base: Sequence[int], index: int) -> list[int]:
-    """Columns of one added effect that carry its posterior over the inner parameter."""
+def _likely(
+    evaluations: Evaluations, suspects: tuple[int, ...], base: Sequence[int], index: int, most: int
+) -> list[int]:
+    """Columns of one added effect that carry its posterior over the inner parameter, at most so many."""
     group = evaluations.group(index)
     order = [(*suspects, *(i if j == index else j for j in base)) for i in group]
     log_z = np.array([v.all for v in evaluations.parametric(order)])
     weight = np.exp(log_z - np.logaddexp.reduce(log_z))
-    return [group[k] for k in np.argsort(-weight)[:9] if weight[k] > 1e-3]
+    return [group[k] for k in np.argsort(-weight)[:most] if weight[k] > 1e-3]

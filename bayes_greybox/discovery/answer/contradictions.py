@@ -93,7 +93,7 @@ def contradictions(
         # An output says how no state moves.
         draws, found = amendment.rates(data.columns, RATE_DRAWS)[1], amendment.after
         values, moved = simulation.on(data, name) + draws.mean(axis=0), np.zeros_like(draws)
-        pick = np.linspace(0, len(found.suspect_draws) - 1, RATE_DRAWS).astype(int)
+        pick = amendment.pick(RATE_DRAWS)
         for k, (sensor, size) in enumerate(sensors.items()):
             if not size:
                 continue

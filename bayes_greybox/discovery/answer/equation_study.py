@@ -83,7 +83,7 @@ class EquationStudy:
             row = self._row(data, index, p, draws, tied, [self.statistics.columns[index].inner], status)
             rows.append({**row, "sd": abs(self._in_units(index)) * sd, "lower": min(draws), "upper": max(draws)})
         columns = ["equation", "slug", "name", "expression", "probability", "mean", "sd", "lower", "upper", "unit"]
-        return pd.DataFrame(rows, columns=[*columns, "tied_with", "inner", "status"])
+        return pd.DataFrame(rows, columns=[*columns, "tied_with", "inner", "hidden", "status"])
 
     def hypotheses(self) -> pd.DataFrame:
         """No gap, recalibration, instrument, unknown, and each set of effects; probabilities sum to one."""
@@ -217,7 +217,7 @@ class EquationStudy:
 
     def _unit(self, data: Trajectories, term: Term) -> str:
         try:
-            return coefficient_unit(target_unit(self.statistics.equation, data), term, data.units)
+            return coefficient_unit(target_unit(self.statistics.equation, data), term, term.units(data.units))
         except InputError:
             # The numbers of a simulation's expression carry units that nobody wrote.
             return ""
@@ -229,7 +229,7 @@ class EquationStudy:
         values = {n: float(np.mean([v[n] for v in inner])) for n in names}
         return {
             "equation": self.statistics.equation, "slug": column.effect.slug, "name": column.effect.name,
-            "expression": column.effect.text(values) if values else column.effect.text(), "probability": p,
+            "expression": column.effect.text(values), "hidden": column.effect.hidden(values), "probability": p,
             **_moments(draws), "unit": self._unit(data, column.formula), "tied_with": tied, "inner": values,
             "status": status,
         }  # fmt: skip
@@ -245,6 +245,12 @@ def _advice(found: EquationStudy, index: int, rivals: Sequence[int], data: Traje
     statistics = found.statistics
     effect = statistics.columns[index].effect
     assert effect is not None
+    if any(statistics.columns[i].formula.states for i in (index, *rivals)):
+        # No curve over the states tells what remembers from what does not.
+        return (
+            "To tell them apart, measure at other amplitudes and other frequencies: what remembers depends on how far "
+            "and how fast the motion went before."
+        )
     variables = sorted({c for i in (index, *rivals) for c in statistics.columns[i].formula.symbols} & set(data.columns))
     parted = []
     for v in variables:

@@ -52,7 +52,7 @@ def check_linearity(amendment: Amendment, inputs: Collection[str]) -> list[Linea
         return []
     n_draw = draws_followed(rows)
     terms, coefficients, _ = amendment.added(0, n_draw)
-    pick = np.linspace(0, len(after.draws) - 1, n_draw).astype(int)
+    pick = amendment.pick(n_draw)
     errors = after.suspect_draws[pick] @ statistics.at_rows(after.suspects).T if after.suspects else 0.0
 
     def added(columns: Columns, draw: int) -> np.ndarray:

@@ -5,8 +5,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from .columns import limits, nodes
+from .columns import limits, log_weights, nodes
 from .evaluations import Evaluations
+
+SPANS = 0.2
+"""Posterior probability of the likeliest value below which values are near enough for intervals to be smooth."""
 
 ZOOMS, ZOOM_NODES = 4, 9
 """How often the grid over an inner parameter is refined around its best value, and by how many values."""
@@ -28,13 +31,13 @@ def refine(evaluations: Evaluations, base: Sequence[int], group: Sequence[int]) 
     if not column.inner or column.effect is None:
         return tuple(found)
     (key,) = column.inner
-    least, most = limits(column.effect, statistics.rows.columns)
+    least, most = limits(column.effect, statistics.rows.columns, statistics.path)
     for _ in range(ZOOMS):
         values = np.array([statistics.columns[i].inner[key] for i in found])
         log_z = np.array([v.all for v in evaluations.parametric([(*base, i) for i in found])])
         posterior = np.exp(log_z - np.logaddexp.reduce(log_z))
         # Of one value alone: what the others do on these data, other columns do as well.
-        if np.max(posterior) < 0.5 or len(values) == 1:
+        if np.max(posterior) < SPANS or len(values) == 1:
             break
         order = np.argsort(values)
         at = int(np.flatnonzero(order == int(np.argmax(posterior)))[0])
@@ -46,15 +49,12 @@ def refine(evaluations: Evaluations, base: Sequence[int], group: Sequence[int]) 
             break
         # New weights for old and new values together: each is the width of its cell under the prior.
         merged = np.sort(np.concatenate([values, fresh]))
-        weights = {
-            about["inner"][key]: about["log_weight"]
-            for _, about in nodes(column.effect, statistics.rows.columns, merged)
-        }
+        weights = dict(zip(merged.tolist(), log_weights(merged, least, most).tolist(), strict=True))
         for i in found:
             statistics.columns[i] = replace(statistics.columns[i], log_weight=weights[statistics.columns[i].inner[key]])
         new = [
-            (t, {**about, "log_weight": weights[about["inner"][key]]})
-            for t, about in nodes(column.effect, statistics.rows.columns, fresh)
+            (t, {**about, "log_weight": weights[about["inner"][key]], "nominal": column.nominal})
+            for t, about in nodes(column.effect, statistics.rows.columns, fresh, statistics.path)
         ]
         before = len(statistics.columns)
         statistics.add("effect", new)

@@ -1,6 +1,6 @@
 """Sufficient statistics of one equation of a model: its terms, what may be off in its simulation, and effects."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -23,7 +23,7 @@ left after it was added, and no chain has to pay for them."""
 
 def sufficient_statistics(
     model: Program, data: Trajectories, equation: str, effects: Sequence[BoundEffect],
-    shown: Float[np.ndarray, " n_row"] | float = 0.0,
+    shown: Float[np.ndarray, " n_row"] | float = 0.0, found: Mapping[str, float] | None = None,
 ) -> SufficientStatistics:  # fmt: skip
     """Free terms, corrections and effects of one equation, evaluated and multiplied out.
 
@@ -33,6 +33,7 @@ def sufficient_statistics(
         equation: The learned state.
         effects: Effects bound to columns.
         shown: What the sensors showed at the rows beyond what the data have, in the sensors' units.
+        found: Inner parameters of effects whose hidden states the model has, by their labels.
 
     Raises:
         InputError: The simulation equals the measurement exactly; a variable of f that is constant or unknown.
@@ -42,6 +43,8 @@ def sufficient_statistics(
     target_scale = rows.scale
     gp = model.discrepancy or OrthogonalGP()
     variables, centre, half_width = discrepancy_box(gp, rows.columns)
+    simulation = model.simulator(data)
+    remember = any(effect.effect.hidden for effect in effects)
     finer = FEATURES.get(len(variables))
     default = None if finer is None else (finer,) * len(variables)
     basis = HilbertBasis(gp.boundary, features_per_variable(gp, len(variables), default))
@@ -54,14 +57,22 @@ def sufficient_statistics(
         basis=basis,
         kernel=gp.kernel,
         prior=replace(model, discrepancy=gp).hyper_prior(floor, len(variables)),
+        path=model.rows.nodes(data, equation, simulation, whole=True) if remember else None,
     )
     if model.dictionary.get(equation, ()):
         stated = model.stated(equation, data)
         spreads = {name: prior.sd for name, prior in stated.priors.items()}
         statistics.add("free", [(term, {"spread": spreads.get(term.name)}) for term in stated.learned])
-    parts = model.simulator(data).additive_terms(equation)
+    parts = simulation.additive_terms(equation)
     statistics.add("correction", [(term, {"nominal": value}) for term, value in parts])
-    items = {effect: nodes(effect, rows.columns) for effect in effects}
-    statistics.add("effect", [item for found in items.values() for item in found])
+    items = {
+        effect: nodes(effect, rows.columns, path=statistics.path, known=(found or {}).get(effect.label))
+        for effect in effects
+    }
+    known = {term.name: value for term, value in parts}
+    nominal = {effect: known.get(effect.names.get(effect.effect.nominal, ""), 0.0) for effect in effects}
+    statistics.add(
+        "effect", [(t, {**about, "nominal": nominal[each]}) for each, own in items.items() for t, about in own]
+    )
     statistics.leave_out({effect.slug: ZERO for effect, found in items.items() if not found})
     return statistics

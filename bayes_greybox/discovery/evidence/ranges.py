@@ -20,9 +20,13 @@ SMALL = 5.0
 """An error of a sensor is small: at most so many of its prior standard deviations, or it is no such error."""
 
 
+EXPECTED = 0.3
+"""Prior standard deviation, over its size, of a coefficient whose size is known."""
+
+
 def limited(column: Column) -> bool:
-    """Whether a coefficient has a sign or a limit."""
-    return column.suspect is not None or sign_of(column) != 0
+    """Whether a coefficient has a sign, a size or a limit."""
+    return column.suspect is not None or sign_of(column) != 0 or column.expected != 0
 
 
 def sign_of(column: Column) -> int:
@@ -33,7 +37,8 @@ def sign_of(column: Column) -> int:
 def log_ranges(columns: Sequence[Column], mean: Float[np.ndarray, " k"], covariance: Float[np.ndarray, "k k"]) -> float:
     """What signs and limits add to the log evidence of a set.
 
-        log 2 (p₊ P(θ has the physical sign | y) + p₋ P(it has the other | y)),    log P(|θ| ≤ limit | y)
+        log 2 (p₊ P(θ has the physical sign | y) + p₋ P(it has the other | y)),    log P(|θ| ≤ limit | y),
+        log ∫ p(θ | y) N(θ; b, (`EXPECTED` b)²)/N(θ; 0, s²) dθ where θ is about b
 
     Args:
         columns: Of the set.
@@ -47,9 +52,20 @@ def log_ranges(columns: Sequence[Column], mean: Float[np.ndarray, " k"], covaria
         if sign:
             right, wrong = log(1 - WRONG_SIGN) + log_ndtr(sign * at / sd), log(WRONG_SIGN) + log_ndtr(-sign * at / sd)
             total += log(2) + float(np.logaddexp(right, wrong))
+        if column.expected:
+            total += _near_size(float(at), float(sd) ** 2, column.expected, column.sd**2)
         if column.suspect is not None:
             total += float(log_ndtr((SMALL * column.sd - abs(at)) / sd))
     return total
+
+
+def _near_size(at: float, variance: float, expected: float, prior: float) -> float:
+    """Log ∫ N(θ; m, v) N(θ; b, w)/N(θ; 0, s²) dθ, whose exponents add up to one of a Gaussian."""
+    wide = (EXPECTED * expected) ** 2
+    # A posterior is no wider than its prior, but for rounding.
+    precision = max(1 / variance - 1 / prior, 0.0) + 1 / wide
+    linear, square = at / variance + expected / wide, at**2 / variance + expected**2 / wide
+    return 0.5 * (log(prior) - log(variance * wide * precision)) - 0.5 * (square - linear**2 / precision)
 
 
 def small(

@@ -10,12 +10,14 @@ from jaxtyping import Float
 
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.noise.protocol import RowNoise
+from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.suspects.channels import ChannelSuspect
 from bayes_greybox.discovery.suspects.memory import Memory
 from bayes_greybox.model.frame import held_features, scaled_position
 from bayes_greybox.model.gp.features import HilbertBasis
 from bayes_greybox.model.gp.hyper import HyperPrior, NoisePrior
 from bayes_greybox.model.rows.equation_rows import Columns, EquationRows
+from bayes_greybox.physics.hidden_states import along
 from bayes_greybox.physics.terms import Term
 
 from .columns import Column
@@ -56,6 +58,8 @@ class SufficientStatistics:
         left_out: Effects that cannot be told from the model's own terms, or cannot be evaluated, with the reason.
         twins: Suspects left out because another column is the same, with its name.
         shared: What the same rows have in common under any noise.
+        path: States and inputs where terms are evaluated, in order of time, on rows of samples: what remembers follows
+            from them.
         square: yᵀR⁻¹y; with `n_obs`, `noise` what the evidence needs beside the products.
         products: XᵀR⁻¹X of the columns; `with_target` XᵀR⁻¹y.
     """
@@ -71,6 +75,7 @@ class SufficientStatistics:
     left_out: dict[str, str] = field(default_factory=dict)
     twins: dict[str, str] = field(default_factory=dict)
     shared: dict[str, tuple[Columns, np.ndarray]] = field(default_factory=dict, repr=False)
+    path: Trajectories | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         p, m = 0, self.basis.size
@@ -128,9 +133,9 @@ class SufficientStatistics:
         Raises:
             InputError: A free term that is zero or not finite on the data.
         """
-        values, kept, refused = [], [], {}
-        for term, about in items:
-            value = np.asarray(term.evaluate(self.rows.columns), float)
+        kept, refused, known = [], {}, {}
+        for (term, about), hidden in zip(items, self._hidden([term for term, _ in items]), strict=True):
+            value = np.asarray(term.evaluate({**self.rows.columns, **hidden}), float)
             size = float(np.sqrt(np.mean(value**2))) if np.all(np.isfinite(value)) else np.nan
             if not size > 0 or not np.isfinite(size):
                 why = ZERO if size == 0 else "not finite on all the data"
@@ -145,12 +150,23 @@ class SufficientStatistics:
                 sd = spread * size / self.target_scale
             if kind == "correction":
                 sd = CORRECTION_SCALE * abs(about["nominal"]) * size / self.target_scale
-            values.append(value / size)
+            if kind == "effect" and about.get("nominal"):
+                about["expected"] = about["nominal"] * size / self.target_scale
             kept.append(Column(kind, term, size, sd, **about))
+            if hidden:
+                known[len(kept) - 1] = value / size
         self.leave_out(refused, kept)
         if kept:
-            evaluated = partial(_evaluated, [(each.formula, each.scale) for each in kept])
-            at_rows = self.rows.table(evaluated)(np.arange(self.rows.n_row))
+            at_rows = np.zeros((self.rows.n_row, len(kept)))
+            plain = [k for k in range(len(kept)) if k not in known]
+            evaluated = partial(_evaluated, [(kept[k].formula, kept[k].scale) for k in plain])
+            if plain:
+                at_rows[:, plain] = self.rows.table(evaluated)(np.arange(self.rows.n_row))
+            if known:
+                at_rows[:, list(known)] = self.rows.operate(np.column_stack(list(known.values())))
+                kept = [
+                    replace(each, values=at_rows[:, k].copy()) if k in known else each for k, each in enumerate(kept)
+                ]
             # Within a step of a path a term may leave its domain though it does not at the step's ends.
             inside = np.all(np.isfinite(at_rows), axis=0)
             if kind == "free" and not np.all(inside):
@@ -167,6 +183,18 @@ class SufficientStatistics:
             self.leave_out(refused, kept)
             if kept:
                 self._extend(kept, at_rows[:, inside])
+
+    def _hidden(self, terms: Sequence[Term]) -> list[dict[str, np.ndarray]]:
+        """Hidden states of terms along the path, for each term; empty where it remembers nothing."""
+        found: list[dict[str, np.ndarray]] = [{} for _ in terms]
+        remember = [k for k, term in enumerate(terms) if term.states]
+        if remember:
+            assert self.path is not None
+            fresh = np.diff(self.path.run, prepend=-1) != 0
+            systems = [terms[k].states for k in remember]
+            for k, values in zip(remember, along(systems, self.path.time, self.path.columns, fresh), strict=True):
+                found[k] = values
+        return found
 
     def suspect(
         self,

@@ -42,6 +42,7 @@ from bayes_greybox.model.noise.noise_model import NoiseModel
 from bayes_greybox.model.program import Program
 from bayes_greybox.model.rows.row_kind import RowKind
 from bayes_greybox.physics.catalogue.effects import BoundEffect
+from bayes_greybox.physics.hidden_states import HiddenState
 from bayes_greybox.physics.terms import Term
 
 from .sets import Sets
@@ -80,6 +81,7 @@ class Aligned:
         smooth: Frees states of such data of the noise on their samples.
         rows: Rows near what was found, where rows are linear only near a model.
         noise: Noise that was found on the way; None where none was looked for.
+        hidden: Hidden states of what was found, which `rows` need in the model.
     """
 
     data: Trajectories
@@ -96,6 +98,7 @@ class Aligned:
     smooth: Callable[[Trajectories], Trajectories] = lambda data: data
     rows: RowKind | None = None
     noise: NoiseModel | None = None
+    hidden: tuple[HiddenState, ...] = ()
 
     @property
     def evaluations(self) -> Evaluations:

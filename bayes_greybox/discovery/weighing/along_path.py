@@ -2,12 +2,14 @@
 
 Every explanation is weighed on the rows near one model, the likeliest explanation of the turn before, until it stays
 the same. An explanation far from that model fits badly in any case; one that fits as well is near it, since both follow
-the same samples.
+the same samples. Where what was found remembers, its hidden states are states of the model; those of the others are
+followed along its path.
 """
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from itertools import chain
 from typing import NamedTuple
 
@@ -26,11 +28,13 @@ from bayes_greybox.discovery.suspects.channels import DELAY, GAIN, ChannelSuspec
 from bayes_greybox.discovery.suspects.drift import drift_columns
 from bayes_greybox.discovery.suspects.memory import memory_columns
 from bayes_greybox.model.evidence import coefficients
+from bayes_greybox.model.gp.discrepancy import OrthogonalGP
 from bayes_greybox.model.near import near_estimate
 from bayes_greybox.model.noise.noise_model import CORRELATED, PROCESS, NoiseModel
 from bayes_greybox.model.program import Program
 from bayes_greybox.model.rows.equation_rows import EquationRows
 from bayes_greybox.physics.catalogue.effects import BoundEffect
+from bayes_greybox.physics.hidden_states import HiddenState
 from bayes_greybox.physics.terms import Term
 
 from .alignment import Aligned, modelled_rate
@@ -44,6 +48,10 @@ TURNS = 5
 STAYS = 0.3
 """Coefficients that move by less than this share of their posterior standard deviation stay."""
 
+FALLS = 3.0
+"""Nats by which the evidence may be less on rows near an error of a sensor than it was without: odds of twenty. Beyond,
+the error looked likely only near something else."""
+
 LEVEL = 1.0
 """Nats that the evidence of an effect with an inner parameter may change by where it stays."""
 
@@ -53,12 +61,14 @@ class Followed(Aligned):
     """Data along the path, and the sets weighed on them.
 
     Attributes:
-        model: The model with rows near what was found.
+        model: The model with rows near what was found before.
+        after: The model with rows near what was found.
         sensors: Errors of sensors and inputs that the path is without.
         clock: Data that drifts were found on.
     """
 
     model: Program = field(kw_only=True)
+    after: Program = field(kw_only=True)
     sensors: Mapping[ChannelSuspect, float] = field(default_factory=dict)
     clock: Trajectories = field(kw_only=True)
 
@@ -96,9 +106,8 @@ class Followed(Aligned):
         self, data: Trajectories, sensors: Mapping[ChannelSuspect, float], clock: Trajectories
     ) -> Trajectories:
         """Samples freed of errors of their sensors, with the path through them that right inputs drive."""
-        assert self.rows is not None
         samples = put_right(data.samples or data, self._equation, sensors, clock)
-        return self.rows.complete(samples, self._equation, self.model.simulator(samples))
+        return self.after.rows.complete(samples, self._equation, self.after.simulator(samples))
 
 
 def follow(
@@ -117,38 +126,51 @@ def follow(
         most: Largest number of effects.
         report: Told in words what is being done.
     """
+
+    def taken(
+        before: Near, suspected: bool = False, noise: NoiseModel | None = None, refuted: frozenset[str] = frozenset()
+    ) -> Near:
+        report("following it with what was found")
+        found = before.found, before.sensors, before.inner
+        return _near(model, train, equation, effects, odds, most, *found, suspected, noise, refuted)
+
     report("following the path of the samples")
     # Twice before noise is weighed: far from the right model a small change of the path goes on otherwise than the
     # equations say, which looks like noise that hangs together.
-    near = _near(model, train, equation, effects, odds, most, _own_terms(model, train), {}, False, None)
-    near = _near(model, train, equation, effects, odds, most, near.found, {}, False, None)
+    near = _near(model, train, equation, effects, odds, most, _own_terms(model, train), {}, {}, False, None)
+    near = taken(near)
     for suspected in (False, True):
         # Far from the right model the rows are not quite linear, which looks like a sensor that is a little off:
         # sensors are suspected once a path nearer by shows nothing else.
         noise = worlds(near.base, quantities(near), report, near.noise)[0].model
-        best: Near | None = None
-        for _ in range(TURNS):
-            before = near
-            report("following it with what was found")
-            near = _near(model, train, equation, effects, odds, most, before.found, before.sensors, suspected, noise)
-            best = near if best is None or near.log_evidence > best.log_evidence else best
-            if near.stays(before):
-                break
-        else:
-            # Two explanations may lead to each other by turns.
-            near = best or near
+        near = _settled(near, partial(taken, suspected=suspected, noise=noise))
     used = np.ones(near.data.n_obs, bool)
     bare = modelled_rate(near.model, near.data, equation, ())
-    rows = near.model.rows.around(near.found)
+    samples, hidden = near.data.samples or near.data, hidden_states(near.found)
+    after = _remembering(model, hidden, train)
+    after = replace(after, rows=after.rows.around(near.found))
     try:
-        rows.complete(near.data.samples or near.data, equation, model.simulator(near.data))
+        after.rows.complete(samples, equation, after.simulator(samples))
     except InputError:
         # What is likeliest leads away from the samples: they are compared with rows where it was found.
-        rows = near.model.rows
+        after, hidden = near.model, near.hidden
     return Followed(
         near.data, near.base, clipped=clipped_states(train.samples or train), rate=near.rate, bare=bare, used=used,
-        rows=rows, noise=near.noise, model=near.model, sensors=near.sensors, clock=train,
+        rows=after.rows, noise=near.noise, hidden=hidden, model=near.model, after=after, sensors=near.sensors,
+        clock=train,
     )  # fmt: skip
+
+
+def hidden_states(added: Sequence[tuple[Term, float]]) -> tuple[HiddenState, ...]:
+    """Hidden states of terms."""
+    return tuple({state.name: state for term, _ in added for state in term.states}.values())
+
+
+def _remembering(model: Program, hidden: Sequence[HiddenState], train: Trajectories) -> Program:
+    """The model with hidden states, on which no f that is weighed depends."""
+    if not hidden:
+        return model
+    return replace(model, discrepancy=model.discrepancy or OrthogonalGP()).remembering(hidden, train)
 
 
 def _own_terms(model: Program, train: Trajectories) -> tuple[tuple[Term, float], ...]:
@@ -169,7 +191,8 @@ class Near(NamedTuple):
     `base` are sets under the noise that rows come with; `noise` is the one that the likeliest was found under; `found`
     are terms beside the simulation, `sensors` errors of sensors and inputs, which the path is without: beside an offset
     of a sensor a force is another one. `log_evidence` is that of the likeliest, of the samples in user's units, so that
-    paths can be compared. `names` are without values of inner parameters; `bent` are columns that have one.
+    paths can be compared. `names` are without values of inner parameters; `bent` are columns that have one, `inner`
+    their values by the effect's label; `hidden` are hidden states of the model, of what was found before.
     """
 
     model: Program
@@ -184,6 +207,8 @@ class Near(NamedTuple):
     found: tuple[tuple[Term, float], ...]
     sensors: Mapping[ChannelSuspect, float]
     log_evidence: float
+    inner: Mapping[str, float]
+    hidden: tuple[HiddenState, ...]
 
     def stays(self, before: "Near") -> bool:
         """Whether the likeliest explanation is the one before, up to what its coefficients are known to.
@@ -197,11 +222,45 @@ class Near(NamedTuple):
         return bool(np.all(stay | self.bent)) and (level or not np.any(self.bent))
 
 
+def _settled(near: Near, taken: Callable[..., Near]) -> Near:
+    """The explanation that stays, rows taken anew near it in turns.
+
+    On rows near one model an error of a sensor may look likely that is no explanation near itself, as a late sensor
+    does beside an actuator that lags: its column is a slope along the wrong path. Such an error is left out.
+
+    Args:
+        near: The explanation before.
+        taken: From an explanation, and the keys of errors that are left out, to the likeliest one on rows near it.
+    """
+    best, earlier, refuted, turns = None, None, frozenset(), 0
+    while turns < TURNS:
+        before = near
+        near = taken(before, refuted=refuted)
+        fresh = _errors(before) - _errors(earlier) if earlier is not None else frozenset()
+        if earlier is not None and fresh and near.log_evidence < earlier.log_evidence - FALLS:
+            near, best, refuted = earlier, None, refuted | fresh
+            earlier = None
+            continue
+        earlier, turns = before, turns + 1
+        best = near if best is None or near.log_evidence > best.log_evidence else best
+        if near.stays(before):
+            return near
+    # Two explanations may lead to each other by turns.
+    return best or near
+
+
+def _errors(near: Near) -> frozenset[str]:
+    """Keys of the errors of sensors that were found."""
+    return frozenset(suspect.key for suspect in near.sensors)
+
+
 def _near(
     model: Program, train: Trajectories, equation: str, effects: Sequence[BoundEffect], odds: Odds, most: int,
-    added: Sequence[tuple[Term, float]], sensors: Mapping[ChannelSuspect, float], suspected: bool,
-    noise: NoiseModel | None,
+    added: Sequence[tuple[Term, float]], sensors: Mapping[ChannelSuspect, float], inner: Mapping[str, float],
+    suspected: bool, noise: NoiseModel | None, refuted: Collection[str] = (),
 ) -> Near:  # fmt: skip
+    own, hidden = model.states(train), hidden_states(added)
+    model = _remembering(model, hidden, train)
     # What hangs together in time and is the sensor's is nothing that the path does.
     sensor = noise is not None and CORRELATED in noise.names
     simulation, rows = model.simulator(train), model.rows.around(added)
@@ -218,19 +277,22 @@ def _near(
     rate = modelled_rate(near, data, equation, added)
     if suspected:
         beside = Suspected.of(near, data, equation, added, sensors, rate)
-        statistics = sufficient_statistics(near, data, equation, effects, beside.shown)
-        statistics.suspect(beside.told(statistics), at_rows=True)
-        statistics.suspect(beside.inputs)
-        statistics.remember(chain(memory_columns(beside.nodes), drift_columns(beside.nodes)))
+        statistics = sufficient_statistics(near, data, equation, effects, beside.shown, inner)
+        told = [each for each in beside.told(statistics) if each[0].key not in refuted]
+        statistics.suspect(told, at_rows=True)
+        statistics.suspect([each for each in beside.inputs if each[0].key not in refuted])
+        # What a hidden state did before is what it is.
+        shown = replace(beside.nodes, states={name: beside.nodes.states[name] for name in own})
+        statistics.remember(chain(memory_columns(shown), drift_columns(shown)))
     else:
-        statistics = sufficient_statistics(near, data, equation, effects)
+        statistics = sufficient_statistics(near, data, equation, effects, found=inner)
     evaluator = Evaluator(statistics.prior, statistics.kernel, np.asarray(statistics.basis.frequency))
     base = Sets(Evaluations(statistics, odds, evaluator), most)
-    own = statistics.rows.noise
+    white = statistics.rows.noise
     if noise is None:
-        tried = [NoiseModel(own), *_unfollowed(statistics.rows)]
+        tried = [NoiseModel(white), *_unfollowed(statistics.rows)]
     else:
-        tried = [replace(noise, noise=noise.noise.onto(own))]
+        tried = [replace(noise, noise=noise.noise.onto(white))]
     each = [(under(base, known) if known.names else base, known) for known in tried]
     sets, noise = max(each, key=lambda pair: _log_evidence(*pair))
     unit = statistics.target_scale * statistics.rows.gain
@@ -243,7 +305,9 @@ def _near(
     columns, values, sd = _estimate(sets, sets.likeliest())
     names, bent = tuple(map(_named, columns)), np.array([bool(c.inner) for c in columns])
     off = {c.suspect: float(v) for c, v in zip(columns, values, strict=True) if c.suspect is not None}
-    return Near(near, data, base, noise, rate, names, values, sd, bent, _terms(columns, values), off, log_evidence)
+    values_of = {c.effect.label: next(iter(c.inner.values())) for c in columns if c.effect is not None and c.inner}
+    found = _terms(columns, values)
+    return Near(near, data, base, noise, rate, names, values, sd, bent, found, off, log_evidence, values_of, hidden)
 
 
 def _estimate(
@@ -277,6 +341,12 @@ def _unfollowed(rows: EquationRows) -> list[NoiseModel]:
 
 
 def _log_evidence(sets: Sets, noise: NoiseModel) -> float:
-    """Of the likeliest set without a rest, prior included."""
-    core = sets.likeliest()
-    return sets.parametric(core).all + sets.log_prior(core) - 0.5 * noise.noise.log_det
+    """Of the likeliest set without a rest, prior included; summed over values of inner parameters, one at a time."""
+    core, known = sets.likeliest(), sets.evaluations
+    top = sets.parametric(core).all
+    total = top + sets.log_prior(core) - 0.5 * noise.noise.log_det
+    for index in core:
+        if sets.statistics.columns[index].inner:
+            values = [tuple(other if i == index else i for i in core) for other in known.group(index)]
+            total += float(np.logaddexp.reduce([sets.parametric(each).all for each in values])) - top
+    return total

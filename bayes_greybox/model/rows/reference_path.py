@@ -133,7 +133,7 @@ class ReferencePath:
 def follow_samples(
     samples: Trajectories, equations: tuple[str, ...], simulation: Simulation, added: Sequence[Force],
     substeps: int | None, interpolation: str | None, process_noise: bool = True,
-    same_noise: bool = False,
+    same_noise: bool = False, at_rest: Mapping[str, str] | None = None,
 ) -> ReferencePath:  # fmt: skip
     """Smooth the samples, and take everything along the smoothed path.
 
@@ -146,6 +146,7 @@ def follow_samples(
         interpolation: Of the inputs between samples.
         process_noise: Whether an unknown force may act, as strong as the samples say.
         same_noise: Whether the noise of all sensors is the same.
+        at_rest: Hidden states that are at rest where a run starts, each with the column that it is as large as.
 
     Raises:
         InputError: See `TrajectoryRows.path`.
@@ -156,7 +157,8 @@ def follow_samples(
     outputs = tuple(simulation.states.index(name) for name in samples.state_names)
     driven = tuple(simulation.states.index(name) for name in equations)
     rate = ForcedRate(simulation, driven, added)
-    sizes, slow = _sizes(samples, simulation)
+    at_rest = at_rest or {}
+    sizes, slow = _sizes(samples, simulation, at_rest)
     measured = samples.matrix(samples.state_names)
     finest = FINEST * np.std(measured, axis=0)
     own_noise = sample_noise(shown.time, measured[seen], shown.run_lengths)
@@ -164,7 +166,7 @@ def follow_samples(
     runs = runs_of(samples)
     first = _first_path(samples, seen, simulation, s, slow)
     grid, end = grid_of(samples, runs, substeps or _steps_needed(rate, samples, first, s), interpolation)
-    observed = _observed(rate, samples, seen, simulation, grid, end, outputs, s, sizes)
+    observed = _observed(rate, samples, seen, simulation, grid, end, outputs, s, sizes, at_rest)
     largest = max(sizes[k] for k in driven)
     learned = {name: float(sizes[k] / largest) for name, k in zip(equations, driven, strict=True)}
     # An unknown force is as large as its state.
@@ -246,8 +248,11 @@ def _check(samples: Trajectories, seen: np.ndarray, equations: tuple[str, ...], 
         raise InputError(f"A run has {fewest} samples{clipped}, too few for a path of {len(simulation.states)} states.")
 
 
-def _sizes(samples: Trajectories, simulation: Simulation) -> tuple[np.ndarray, float]:
-    """Typical size of each state, and the time in which the slowest sensor's signal changes by half its spread."""
+def _sizes(samples: Trajectories, simulation: Simulation, at_rest: Mapping[str, str]) -> tuple[np.ndarray, float]:
+    """Typical size of each state, and the time in which the slowest sensor's signal changes by half its spread.
+
+    Of a state at rest, where its run starts, it is that of its start over `WIDE`.
+    """
     times = []
     for x in samples.states.values():
         spread, lag = float(np.std(x)), 1
@@ -262,13 +267,17 @@ def _sizes(samples: Trajectories, simulation: Simulation) -> tuple[np.ndarray, f
     for name in simulation.states:
         # A hidden state that is a measured one's rate changes it by its spread in that time.
         source = [m for m, x in samples.states.items() if simulation.kinematic(m) and simulation.rate_name(m) == name]
-        known.setdefault(name, float(np.std(samples.states[source[0]])) / slow if source else largest)
+        if name not in at_rest:
+            known.setdefault(name, float(np.std(samples.states[source[0]])) / slow if source else largest)
+    for name, column in at_rest.items():
+        size = known[column] if column in known else float(np.sqrt(np.mean(samples.column(column) ** 2)))
+        known.setdefault(name, size / WIDE)
     return np.array([known[name] if known[name] > 0 else largest for name in simulation.states]), slow
 
 
 def _observed(
     rate: ForcedRate, samples: Trajectories, seen: np.ndarray, simulation: Simulation, grid: Grid, end: np.ndarray,
-    outputs: tuple[int, ...], s: np.ndarray, sizes: np.ndarray,
+    outputs: tuple[int, ...], s: np.ndarray, sizes: np.ndarray, at_rest: Mapping[str, str],
 ) -> Observed:  # fmt: skip
     n_segment, n_node = grid.time.shape
     values = np.full((n_segment, n_node // 2 + 1, len(outputs)), np.nan)
@@ -279,7 +288,7 @@ def _observed(
     for k, name in enumerate(simulation.states):
         if k in outputs:
             mean[:, k] = measured[:, outputs.index(k)]
-        elif not any(simulation.rate_name(m) == name for m in simulation.states):
+        elif name not in at_rest and not any(simulation.rate_name(m) == name for m in simulation.states):
             # Nothing is known of it but that it is a state like the others.
             hidden.append(k)
             mean[:, k] = measured[:, 0]

@@ -1,7 +1,7 @@
 """What a kind of rows is: how the rows of an equation are built from data."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from bayes_greybox.data.errors import InputError
@@ -100,13 +100,14 @@ class RowKind(ABC):
         """
         return data
 
-    def nodes(self, data: Trajectories, equation: str, simulation: Simulation) -> Trajectories:
+    def nodes(self, data: Trajectories, equation: str, simulation: Simulation, whole: bool = False) -> Trajectories:
         """States and inputs where the terms of the rows are evaluated, as data.
 
         Args:
             data: Measurements.
             equation: The learned state.
             simulation: The known rates.
+            whole: Whether segments of a run are one run, or runs of their own.
         """
         return data
 
@@ -132,6 +133,14 @@ class RowKind(ABC):
         Args:
             added: To the rate of the learned state, user's units.
             to: The learned state of each of these, where several share the rows.
+        """
+        return self
+
+    def resting(self, states: Mapping[str, str]) -> "RowKind":
+        """The rows, if they may have hidden states, where some are at rest where a run starts.
+
+        Args:
+            states: These, each with the column that it is about as large as.
         """
         return self
 

@@ -13,7 +13,7 @@ path that the model allows. States that no sensor measures are part of x all the
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any
@@ -60,6 +60,8 @@ class TrajectoryRows(RowKind):
         same_noise: Whether the noise of all sensors is known to be the same, in their common unit; else each has its
             own, which few samples tell poorly.
         force: Intensity λ = q²/σ² of an unknown force that is part of the noise, as `bg.Noise(force="fit")` finds it.
+        at_rest: Hidden states that are at rest where a run starts, or nearly: zero give or take their size, each with
+            the column that it is about as large as. Other hidden states may start anywhere.
     """
 
     substeps: int | None = None
@@ -69,11 +71,13 @@ class TrajectoryRows(RowKind):
     process_noise: bool = True
     same_noise: bool = False
     force: float = 0.0
+    at_rest: tuple[tuple[str, str], ...] = ()
 
     def __post_init__(self) -> None:
         # Files have lists for tuples.
         object.__setattr__(self, "added", tuple((str(text), float(value)) for text, value in self.added))
         object.__setattr__(self, "added_to", tuple(self.added_to))
+        object.__setattr__(self, "at_rest", tuple((str(name), str(column)) for name, column in self.at_rest))
         if self.substeps is not None and not 1 <= self.substeps <= 1000:
             raise InputError(f"TrajectoryRows(substeps={self.substeps}) must be between 1 and 1000.")
         if not 0 <= self.force < math.inf:
@@ -93,19 +97,22 @@ class TrajectoryRows(RowKind):
         """Yes: each sample tells of all states."""
         return True
 
-    def nodes(self, data: Trajectories, equation: str, simulation: Simulation) -> Trajectories:
-        """States and inputs at the ends and middles of the path's steps; a segment is a run."""
+    def nodes(self, data: Trajectories, equation: str, simulation: Simulation, whole: bool = False) -> Trajectories:
+        """States and inputs at the ends and middles of the path's steps; a segment is a run, or part of one."""
         path = self.path(data, (equation,), simulation)
         n_segment, n_node = path.segments.grid.time.shape
+        run = np.arange(n_segment)
+        if whole:
+            run[path.ends[:, 0]] = (data.samples or data).run
         return replace(
             data,
             time=path.segments.grid.time.ravel(),
-            run=np.repeat(np.arange(n_segment), n_node),
+            run=np.repeat(run, n_node),
             states={name: path.columns[name] for name in simulation.states},
             inputs={name: path.columns[name] for name in simulation.inputs},
             derivatives={},
             noise={},
-            run_names=tuple(str(k) for k in range(n_segment)),
+            run_names=tuple(str(k) for k in range(int(run[-1]) + 1)),
             samples=None,
         )
 
@@ -118,6 +125,10 @@ class TrajectoryRows(RowKind):
     def around(self, added: Sequence[tuple[Term, float]], to: Sequence[str] = ()) -> "TrajectoryRows":
         """Rows linear near the model with these terms."""
         return replace(self, added=tuple((term.text, float(value)) for term, value in added), added_to=tuple(to))
+
+    def resting(self, states: Mapping[str, str]) -> "TrajectoryRows":
+        """Rows with more hidden states that are at rest where a run starts."""
+        return replace(self, at_rest=tuple({**dict(self.at_rest), **states}.items()))
 
     def moved_by(self, intensity: float) -> "TrajectoryRows":
         """Rows with an unknown force in their noise."""
@@ -218,5 +229,6 @@ class TrajectoryRows(RowKind):
                 self.interpolation,
                 self.process_noise,
                 self.same_noise,
+                dict(self.at_rest),
             )
         return known[key]

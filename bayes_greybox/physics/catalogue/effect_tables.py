@@ -1,7 +1,8 @@
 """The layout of a catalogue file: tables of text and numbers, checked, before they become effects.
 
 A file has `[[effect]]` tables with the fields of `Effect`, and optionally one inner parameter as
-`[effect.inner.NAME]` with the fields of `InnerParameter`. The keys and their types are read from the classes; a file
+`[effect.inner.NAME]` with the fields of `InnerParameter`, and hidden states as `[effect.hidden.NAME]` with those of
+`HiddenState`. The keys and their types are read from the classes; a file
 explains itself, so that it needs the meaning too.
 """
 
@@ -48,17 +49,17 @@ def _in_toml(hint: Any) -> type:
     return hint
 
 
-def effect_tables(content: Mapping[str, Any], effect: Keys, inner: Keys) -> list[dict[str, Any]]:
+def effect_tables(content: Mapping[str, Any], effect: Keys, parts: Mapping[str, Keys]) -> list[dict[str, Any]]:
     """The effects of a catalogue file.
 
     Args:
         content: The file, as TOML reads it.
         effect: Keys of an effect.
-        inner: Keys of its inner parameter.
+        parts: Keys of what it has tables of: "inner", its inner parameter, and "hidden", its hidden states.
 
     Returns:
-        One table for each effect, complete and with values of the right kind; `inner` is a list of tables
-        that carry their name.
+        One table for each effect, complete and with values of the right kind; `inner` and `hidden` are lists of
+        tables that carry their name.
 
     Raises:
         InputError: An unknown or missing key, a value of the wrong kind, no effects, a slug twice, or more
@@ -68,7 +69,7 @@ def effect_tables(content: Mapping[str, Any], effect: Keys, inner: Keys) -> list
     tables = content.get("effect", [])
     if not tables:
         raise InputError("there are no effects; write at least one table [[effect]].")
-    effects = [_effect_table(table, place, effect, inner) for place, table in enumerate(tables, start=1)]
+    effects = [_effect_table(table, place, effect, parts) for place, table in enumerate(tables, start=1)]
     slugs = [table["slug"] for table in effects]
     for slug in slugs:
         if slugs.count(slug) > 1:
@@ -82,7 +83,7 @@ def nearest(word: str, known: list[str]) -> str:
     return f"did you mean {near[0]!r}?" if near else f"known: {', '.join(known)}."
 
 
-def _effect_table(table: Any, place: int, effect: Keys, inner: Keys) -> dict[str, Any]:
+def _effect_table(table: Any, place: int, effect: Keys, parts: Mapping[str, Keys]) -> dict[str, Any]:
     if not isinstance(table, Mapping):
         raise InputError("an effect is a table; start it with the line [[effect]].")
     slug = table.get("slug")
@@ -97,19 +98,27 @@ def _effect_table(table: Any, place: int, effect: Keys, inner: Keys) -> dict[str
             f"{where}has {len(tables)} inner parameters ({', '.join(tables)}); one at most can be integrated over: "
             "fix the others at numbers in the expression."
         )
-    parts = [_inner_table(name, part, where, inner) for name, part in tables.items()]
-    return {**table, "confusions": confusions, "inner": parts}
+    read = {
+        part: [_part_table(part, name, each, where, keys) for name, each in table.get(part, {}).items()]
+        for part, keys in parts.items()
+    }
+    return {**table, "confusions": confusions, **read}
 
 
-def _inner_table(name: str, table: Any, where: str, inner: Keys) -> dict[str, Any]:
+_PARTS = {"inner": ("inner parameter", "parameter", "gap"), "hidden": ("hidden state", "state", "z")}
+"""What tables within an effect describe, what they are named after, and such a name."""
+
+
+def _part_table(part: str, name: str, table: Any, where: str, keys: Keys) -> dict[str, Any]:
+    called, after, such = _PARTS[part]
     if not isinstance(table, Mapping):
         raise InputError(
-            f"{where}inner must hold a table named after the parameter; start it with a line such as "
-            "[effect.inner.gap]."
+            f"{where}{part} must hold a table named after the {after}; start it with a line such as "
+            f"[effect.{part}.{such}]."
         )
-    where = f"{where}inner parameter {name!r}: "
-    _check_keys(table, inner, where)
-    numbers = {key: float(value) for key, value in table.items() if inner.types[key] is float}
+    where = f"{where}{called} {name!r}: "
+    _check_keys(table, keys, where)
+    numbers = {key: float(value) for key, value in table.items() if keys.types[key] is float}
     return {**table, **numbers, "name": name}
 
 

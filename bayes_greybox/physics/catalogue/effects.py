@@ -9,7 +9,7 @@ import os
 import re
 import tomllib
 import unicodedata
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
 from importlib import resources
@@ -18,12 +18,13 @@ from typing import Any
 
 import numpy as np
 import sympy
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.toml_files import read_toml
 from bayes_greybox.physics.expressions import parse_expression, symbol_names
 from bayes_greybox.physics.grammar import check_name
+from bayes_greybox.physics.hidden_states import HiddenState
 from bayes_greybox.physics.printing import to_latex
 from bayes_greybox.physics.terms import Term
 
@@ -31,6 +32,13 @@ from .effect_tables import effect_tables, keys_of, nearest
 
 DOMAINS = ("mechanical", "fluid", "population", "electrical")
 """Catalogues that come with the package."""
+
+SCALES = {
+    "size": "the largest |{}|",
+    "period": "the period of a wave with the spread of {} and of its rate",
+    "frequency": "the angular frequency of a wave with the spread of {} and of its rate",
+}
+"""What the range of an inner parameter may be in shares of, in words with the role."""
 
 _SLUG = re.compile(r"[a-z0-9]+(-[a-z0-9]+)*")
 _NAME = re.compile(r"(?<![\w.])[^\W\d]\w*")
@@ -40,7 +48,8 @@ _NAME = re.compile(r"(?<![\w.])[^\W\d]\w*")
 class InnerParameter:
     """A constant inside an effect's expression, such as the gap of a dead zone.
 
-    Its prior is log-uniform between two shares of the largest absolute value that a column takes.
+    Its prior is log-uniform between two shares of what `scale` says of a column: by default the largest absolute value
+    that it takes.
 
     Attributes:
         name: Its name in the expression.
@@ -48,6 +57,8 @@ class InnerParameter:
         of: Role whose column scales it.
         low, high: Smallest and largest share.
         unit_of: Role whose unit it carries; "" for a plain number; None: that of `of`.
+        scale: One of `SCALES`.
+        values: How many values are tried first: as many as a resonance needs that its frequency is not missed.
     """
 
     name: str
@@ -56,36 +67,71 @@ class InnerParameter:
     low: float
     high: float
     unit_of: str | None = None
+    scale: str = "size"
+    values: int = 8
 
     def __post_init__(self) -> None:
         """Refuse a name that formulas cannot use and a range without a log-uniform prior."""
         if self.unit_of is None:
             object.__setattr__(self, "unit_of", self.of)
         check_name(self.name)
+        if self.scale not in SCALES:
+            raise InputError(
+                f"The inner parameter {self.name!r} has scale = {self.scale!r}; {nearest(self.scale, [*SCALES])}"
+            )
         if not 0.0 < self.low < self.high < math.inf:
             raise InputError(
                 f"The inner parameter {self.name!r} has low = {self.low:g} and high = {self.high:g}; they are shares "
-                f"of the largest |{self.of}| with 0 < low < high."
+                f"of {self.scaled_by} with 0 < low < high."
             )
 
-    def nodes(self, scale: float, count: int = 8) -> tuple[Float[np.ndarray, " node"], Float[np.ndarray, " node"]]:
+    @property
+    def scaled_by(self) -> str:
+        """What the range is in shares of, in words."""
+        return SCALES[self.scale].format(self.of)
+
+    def size(
+        self, x: Float[np.ndarray, " n"], time: Float[np.ndarray, " n"] | None, run: Int[np.ndarray, " n"] | None
+    ) -> float:
+        """What the range is in shares of; 0 where that is nothing.
+
+        Args:
+            x: The column of `of`.
+            time: Of its values, where a time scale asks for it.
+            run: Of its values, likewise.
+        """
+        if self.scale == "size":
+            return float(np.max(np.abs(x)))
+        if time is None or run is None:
+            return 0.0
+        step, moved = np.diff(time), np.diff(x)
+        within = (np.diff(run) == 0) & (step > 0)
+        speed = float(np.sqrt(np.sum(moved[within] ** 2 / step[within]) / max(float(np.sum(step[within])), 1e-300)))
+        spread = float(np.std(x))
+        if not (speed > 0 and spread > 0):
+            return 0.0
+        return 2 * math.pi * spread / speed if self.scale == "period" else speed / spread
+
+    def nodes(
+        self, scale: float, count: int | None = None
+    ) -> tuple[Float[np.ndarray, " node"], Float[np.ndarray, " node"]]:
         """Values that stand for the prior: the middles of parts of equal probability.
 
         Args:
-            scale: Largest absolute value of the column of `of`, in its unit.
-            count: Number of values.
+            scale: What `size` says of the column of `of`.
+            count: Number of values; `values` by default.
 
         Returns:
-            The values, increasing, in the unit of `scale`; and their prior weights, which add up to one.
+            The values, increasing, in that unit; and their prior weights, which add up to one.
 
         Raises:
             InputError: A scale that is not positive and finite, or no values.
         """
         if not 0.0 < scale < math.inf:
             raise InputError(
-                f"{self.name} is a share of the largest |{self.of}|, which is {scale:g} on the data; leave the "
-                "effect out."
+                f"{self.name} is a share of {self.scaled_by}, which is {scale:g} on the data; leave the effect out."
             )
+        count = self.values if count is None else count
         if count < 1:
             raise InputError(f"{self.name} needs at least one value, not {count}.")
         share = (np.arange(count) + 0.5) / count
@@ -101,15 +147,18 @@ class Effect:
         slug: Short name for tables and files, such as "dead-zone".
         name: Plain name.
         domain: Catalogue that it belongs to.
-        expression: Formula over roles and the inner parameter.
+        expression: Formula over roles, the inner parameter and the hidden states.
         inner: Its inner parameter, if it has one.
+        hidden: Hidden states, by whose rates it remembers; none of an effect without memory.
         meaning: What happens physically, in one sentence.
         latex: The formula in LaTeX, in customary symbols; by default in the names of the roles.
         confusions: Slugs of effects that look alike on many data.
         sign: Sign of its coefficient in the equation of the rate when it dissipates, restores or does what its
             meaning says; 0 if either is as ordinary.
         reverse: What the other sign would mean physically, in a few words; "" where `sign` is 0.
-        roles: Roles that the formula uses, sorted.
+        nominal: Role whose coefficient in the simulation its own is about as large as, as that of an input which acts
+            late; "" where nothing is known of it.
+        roles: Roles that the formula and the rates use, or take units and ranges from, sorted.
         expr: The formula over real symbols.
     """
 
@@ -118,11 +167,13 @@ class Effect:
     domain: str
     expression: str
     inner: tuple[InnerParameter, ...] = ()
+    hidden: tuple[HiddenState, ...] = ()
     meaning: str = ""
     latex: str = ""
     confusions: tuple[str, ...] = ()
     sign: int = 0
     reverse: str = ""
+    nominal: str = ""
     roles: tuple[str, ...] = field(init=False)
     expr: sympy.Expr = field(init=False, repr=False, compare=False)
 
@@ -140,8 +191,21 @@ class Effect:
             raise InputError(
                 f"{self.slug!r} has {len(self.inner)} inner parameters; one at most can be integrated over."
             )
-        names = symbol_names(expr)
-        roles = tuple(name for name in names if name not in {inner.name for inner in self.inner})
+        hidden = tuple(replace(state, rate=unicodedata.normalize("NFC", state.rate)) for state in self.hidden)
+        object.__setattr__(self, "hidden", hidden)
+        names = {*symbol_names(expr), *(name for state in hidden for name in state.symbols)}
+        own = {part.name for part in (*self.inner, *hidden)}
+        used = names - own
+        if hidden:
+            # An effect without memory is a function of its roles alone; the rest only says how large things are.
+            used |= {role for part in (*self.inner, *hidden) if (role := getattr(part, "of", part.unit_of))}
+        roles = tuple(sorted(used))
+        if self.nominal and self.nominal not in roles:
+            raise InputError(
+                f"The effect {self.slug!r} has nominal = {self.nominal!r}, which is no role of it; its roles: "
+                f"{', '.join(roles) or 'none'}."
+            )
+        _check_hidden(self, names)
         for inner in self.inner:
             if inner.name not in names:
                 raise InputError(f"The inner parameter {inner.name!r} does not occur in {self.expression!r}.")
@@ -229,16 +293,37 @@ class BoundEffect:
             if not 0.0 < value < math.inf:
                 raise InputError(f"{name} of the effect {self.slug!r} is {value:g}; it must be positive and finite.")
         exact = {name: repr(float(value)) for name, value in values.items()}
-        return Term(self._written(exact), name="".join(self.text(values).split()))
+        states = tuple(
+            HiddenState(
+                self._hidden[state.name], self._written(state.rate, exact), self.names[state.unit_of], state.meaning
+            )
+            for state in self.effect.hidden
+        )
+        name = "".join(self.text(values).split())
+        return Term(self._written(self.effect.expression, exact), name=name, states=states)
 
     def text(self, inner: Mapping[str, float] | None = None) -> str:
         """The formula over columns, for readers: the inner parameter with four digits, or by name if not given."""
-        return self._written({name: f"{value:.4g}" for name, value in (inner or {}).items()})
+        return self._written(self.effect.expression, _short(inner))
 
-    def _written(self, numbers: Mapping[str, str]) -> str:
+    def hidden(self, inner: Mapping[str, float] | None = None) -> dict[str, str]:
+        """Rates of its hidden states by their names, for readers as `text` is."""
+        return {self._hidden[state.name]: self._written(state.rate, _short(inner)) for state in self.effect.hidden}
+
+    @cached_property
+    def _hidden(self) -> dict[str, str]:
+        """Names of hidden states, none of which another effect has."""
+        end = "_".join((self.slug.replace("-", "_"), *dict.fromkeys(self.names.values())))
+        return {state.name: f"{state.name}_{end}" for state in self.effect.hidden}
+
+    def _written(self, formula: str, numbers: Mapping[str, str]) -> str:
         # All names at once: a column may well be called as a role or an inner parameter is.
-        words = {**self.names, **numbers}
-        return _NAME.sub(lambda match: words.get(match.group(), match.group()), self.effect.expression)
+        words = {**self.names, **self._hidden, **numbers}
+        return _NAME.sub(lambda match: words.get(match.group(), match.group()), formula)
+
+
+def _short(inner: Mapping[str, float] | None) -> dict[str, str]:
+    return {name: f"{value:.4g}" for name, value in (inner or {}).items()}
 
 
 CatalogueSpec = str | os.PathLike[str] | Effect | Sequence[str | os.PathLike[str] | Effect]
@@ -315,15 +400,18 @@ def _own(path: str | os.PathLike[str]) -> tuple[Effect, ...]:
 
 
 def _effects(content: Mapping[str, Any], domain: str) -> tuple[Effect, ...]:
-    # The domain is the whole file's, and an inner parameter's name that of its table.
-    tables = effect_tables(content, keys_of(Effect, "domain"), keys_of(InnerParameter, "name"))
+    # The domain is the whole file's, and the name of an inner parameter or a hidden state that of its table.
+    parts = {"inner": keys_of(InnerParameter, "name"), "hidden": keys_of(HiddenState, "name")}
+    tables = effect_tables(content, keys_of(Effect, "domain"), parts)
     return tuple(_effect(table, content.get("domain", domain)) for table in tables)
 
 
 def _effect(table: dict[str, Any], domain: str) -> Effect:
     try:
         inner = tuple(InnerParameter(**item) for item in table["inner"])
-        return Effect(**{**table, "domain": domain, "inner": inner, "confusions": tuple(table["confusions"])})
+        hidden = tuple(HiddenState(**item) for item in table["hidden"])
+        confusions = tuple(table["confusions"])
+        return Effect(**{**table, "domain": domain, "inner": inner, "hidden": hidden, "confusions": confusions})
     except InputError as error:
         raise InputError(f"effect {table['slug']!r}: {error}") from None
 
@@ -339,6 +427,22 @@ def _check_sign(effect: Effect) -> None:
             f"The effect {effect.slug!r} says what the reverse sign would mean, but not which sign is the usual one: "
             "write sign = -1 or sign = 1."
         )
+
+
+def _check_hidden(effect: Effect, names: Collection[str]) -> None:
+    own = [part.name for part in (*effect.inner, *effect.hidden)]
+    for state in effect.hidden:
+        if own.count(state.name) > 1:
+            raise InputError(f"The name {state.name!r} occurs twice in the effect {effect.slug!r}; rename one of them.")
+        if state.name not in names:
+            raise InputError(
+                f"The hidden state {state.name!r} occurs neither in {effect.expression!r} nor in a rate; remove it."
+            )
+        if not state.unit_of or state.unit_of in own:
+            raise InputError(
+                f"The hidden state {state.name!r} has unit_of = {state.unit_of!r}; it must be a role, such as "
+                "'position'."
+            )
 
 
 def _check_confusions(effects: Mapping[str, Effect]) -> None:

@@ -179,11 +179,14 @@ def _bindings(
         try:
             if units:
                 # A number in a formula may carry any unit, so the value of an inner parameter does not matter.
-                term_unit(bound.term({inner.name: 0.37 for inner in effect.inner}), units)
+                term = bound.term({inner.name: 0.37 for inner in effect.inner})
+                term_unit(term, term.units(units))
         except InputError as error:
             reason = str(error)
             continue
-        found.setdefault(effect.expr.xreplace({symbol(r): symbol(c) for r, c in bound.names.items()}), bound)
+        named = effect.expr.xreplace({symbol(r): symbol(c) for r, c in bound.names.items()})
+        # What remembers is told apart by its hidden states too.
+        found.setdefault((named, bound.label if effect.hidden else ""), bound)
     return list(found.values()), reason
 
 

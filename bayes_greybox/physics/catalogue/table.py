@@ -6,7 +6,19 @@ from bayes_greybox.data.errors import InputError
 
 from .effects import CatalogueSpec, Effect, load_catalogue
 
-_COLUMNS = ("slug", "name", "domain", "expression", "roles", "inner", "sign", "meaning", "reverse", "confusions")
+_COLUMNS = (
+    "slug",
+    "name",
+    "domain",
+    "expression",
+    "roles",
+    "inner",
+    "hidden",
+    "sign",
+    "meaning",
+    "reverse",
+    "confusions",
+)
 
 
 def catalogue(domain: CatalogueSpec = "all", search: str | None = None) -> pd.DataFrame:
@@ -18,9 +30,9 @@ def catalogue(domain: CatalogueSpec = "all", search: str | None = None) -> pd.Da
         search: Words that must all occur in an effect, in any column, whatever their case; all effects by default.
 
     Returns:
-        One row for each effect: slug, name, domain, expression over roles, the roles, the inner parameters, the sign
-        that its coefficient has when it dissipates or restores (0: either), what it means, what the other sign would
-        mean, and the slugs of effects that it is easily taken for.
+        One row for each effect: slug, name, domain, expression over roles, the roles, the inner parameters, the hidden
+        states of one that remembers, the sign that its coefficient has when it dissipates or restores (0: either), what
+        it means, what the other sign would mean, and the slugs of effects that it is easily taken for.
 
     Raises:
         InputError: No such catalogue; no effect has the words.
@@ -36,7 +48,8 @@ def catalogue(domain: CatalogueSpec = "all", search: str | None = None) -> pd.Da
 
 def _row(effect: Effect) -> tuple[object, ...]:
     inner = tuple(parameter.name for parameter in effect.inner)
+    hidden = tuple(state.name for state in effect.hidden)
     return (
-        effect.slug, effect.name, effect.domain, effect.expression, effect.roles, inner, effect.sign,
+        effect.slug, effect.name, effect.domain, effect.expression, effect.roles, inner, hidden, effect.sign,
         effect.meaning, effect.reverse, effect.confusions,
     )  # fmt: skip

@@ -5,10 +5,14 @@ from typing import Any
 
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.physics.expressions import parse_expression
+from bayes_greybox.physics.hidden_states import HiddenState
 
 from .code import CallableSimulation
 from .formulas import ExpressionSimulation
 from .protocol import RightHandSide, Simulation
+
+NO_STATES = "the simulation is a function, which no hidden states can be added to: give it as formulas"
+"""Why what remembers is left out beside such a simulation."""
 
 FUNCTION = "function"
 """What stands in files for a simulation that is code."""
@@ -39,6 +43,21 @@ def simulation_of(
         raise InputError(f"The simulation has an equation for {unknown[0]!r}, {not_known(states, outputs)}.")
     parsed = {name: parse_expression(str(text), (*states, *inputs)) for name, text in given.items()}
     return ExpressionSimulation(states, inputs, parsed)
+
+
+def with_states(given: Mapping[str, str] | RightHandSide | None, states: Sequence[HiddenState]) -> Mapping[str, str]:
+    """A user's simulation with more states; one of the same name takes the place of the one before.
+
+    Args:
+        given: Expressions by state or output, or None for no simulation.
+        states: Hidden states.
+
+    Raises:
+        InputError: The simulation is a function.
+    """
+    if callable(given):
+        raise InputError(NO_STATES)
+    return {**(given or {}), **{state.name: state.rate for state in states}}
 
 
 def not_known(states: Sequence[str], outputs: Sequence[str], hint: str = "") -> str:

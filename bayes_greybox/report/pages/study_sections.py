@@ -25,6 +25,7 @@ from bayes_greybox.report.study_words import (
     shown_part,
     suspect_size,
     suspects_weighed,
+    whole_term,
 )
 
 from .page import Code, Details, Items, Picture, Pictures, Section, Table, Words, picture, time_picture
@@ -292,7 +293,7 @@ def _effects(study: StudyResult, effects: pd.DataFrame) -> Table:
             probability_text(row["probability"]),
             estimate(row["mean"], row["sd"], row["unit"]),
             interval(row["lower"], row["upper"]),
-            formula(row["expression"]),
+            formula(whole_term(row)),
             # What an improbable effect is tied with helps nobody.
             _tied(study, row["tied_with"]) if row["status"] or row["probability"] >= NOTABLE else "–",
             *([STATUS[row["status"]]] if several else []),

@@ -17,7 +17,8 @@ def columns_of(names, seed=0):
 
 @pytest.mark.parametrize("domain", CATALOGUE)
 def test_effects_and_priors_are_those_of_the_catalogue(domain):
-    entries = {effect.slug: effect for effect in load_catalogue(domain)}
+    # Rows of rates weigh no memory: those effects have a benchmark of their own.
+    entries = {effect.slug: effect for effect in load_catalogue(domain) if not effect.hidden}
     twins = {**CATALOGUE[domain], **ADDED[domain]}
     assert set(twins) == set(entries) and len(twins) == len(CATALOGUE[domain]) + len(ADDED[domain])
     for slug, hidden in twins.items():

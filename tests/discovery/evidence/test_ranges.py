@@ -5,7 +5,7 @@ import pytest
 from scipy.stats import norm
 
 from bayes_greybox.discovery.evidence.columns import Column
-from bayes_greybox.discovery.evidence.ranges import SMALL, limited, log_ranges, small
+from bayes_greybox.discovery.evidence.ranges import EXPECTED, SMALL, limited, log_ranges, small
 from bayes_greybox.discovery.suspects.channels import GAIN, ChannelSuspect
 
 
@@ -38,3 +38,14 @@ def test_what_data_say_nothing_of_may_be_anything():
         (X.T @ X)[None], (X.T @ y)[None], float(y @ y), 50.0, np.array([[10.0, 0.1]]), np.array([[False, True]])
     )
     assert bool(found[0])
+
+
+@pytest.mark.parametrize(("mean", "sd"), [(1.0, 0.01), (0.02, 0.014), (0.6, 0.3), (-0.5, 0.2)])
+def test_a_coefficient_that_is_about_as_large_as_another_has_that_prior_in_place_of_its_own(mean, sd):
+    expected, wide = 0.8, 1.0
+    column = Column("effect", None, 1.0, wide, expected=expected)
+    x = np.linspace(-6.0, 6.0, 200_001)
+    ratio = norm.pdf(x, expected, EXPECTED * expected) / norm.pdf(x, 0.0, wide)
+    total = np.sum(norm.pdf(x, mean, sd) * ratio) * (x[1] - x[0])
+    assert log_ranges([column], np.array([mean]), np.array([[sd**2]])) == pytest.approx(np.log(total), abs=1e-6)
+    assert limited(column)

@@ -1,5 +1,7 @@
 """Samples of a sensor as rows: what they say of a model, against integration of the whole equation."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from sampled_oscillator import SIMULATION, force, sampled
@@ -13,6 +15,7 @@ from bayes_greybox.model.gp.discrepancy import OrthogonalGP
 from bayes_greybox.model.noise.asked import Noise
 from bayes_greybox.model.program import Program
 from bayes_greybox.model.rows.trajectory_rows import TrajectoryRows
+from bayes_greybox.physics.hidden_states import HiddenState
 from bayes_greybox.physics.terms import Term
 
 CUBIC = {"hidden": lambda y, v: -0.3 * y**3}
@@ -150,6 +153,29 @@ def test_the_model_that_rows_are_near_survives_as_text():
     rows = TrajectoryRows().around([(Term("max(0, y)*abs(v)"), 0.1 + 0.2)])
     assert rows.added == (("abs(v)*max(0,y)", 0.1 + 0.2),)
     assert TrajectoryRows(added=(("abs(v)*max(0,y)", 0.1 + 0.2),)) == rows
+
+
+def test_a_hidden_state_at_rest_is_followed_from_near_rest():
+    """A lag behind the force: the path starts it near zero, where another hidden state could start anywhere."""
+    tau, t = 0.7, 0.1 * np.arange(400)
+
+    def rate(s, x):
+        return [x[1], x[2] - 2 * x[0] - 0.15 * x[1], (force(s) - x[2]) / tau]
+
+    x = solve_ivp(rate, (0, t[-1]), [0.3, 0.0, 0.0], t_eval=t, rtol=1e-9, atol=1e-10).y
+    y = x[0] + 0.01 * np.std(x[0]) * np.random.default_rng(0).standard_normal(400)
+    data = Trajectories.from_arrays(t, states={"y": y}, inputs={"F": force(t)}, units={"t": "s", "y": "m"})
+    before = Program({"v": []}, simulation=SIMULATION, rows=TrajectoryRows())
+    model = before.remembering([HiddenState("z", f"(F - z)/{tau!r}", "F")], data)
+    assert model.simulation == {**SIMULATION, "z": f"(F - z)/{tau!r}"} and model.rows.at_rest == (("z", "F"),)
+    assert model.discrepancy is not None and model.discrepancy.variables == ("y", "v", "F")
+    assert before.remembering([], data) is before
+    near = replace(model, rows=model.rows.around([(Term("z - F"), 1.0)]))
+    path = near.rows.path(data, ("v",), near.simulator(data))
+    assert path.start_sd[2] == pytest.approx(np.sqrt(np.mean(force(t) ** 2)))
+    whole = near.rows.complete(data, "v", near.simulator(data))
+    assert np.sqrt(np.mean((whole.states["z"] - x[2]) ** 2)) < 0.02 * np.std(x[2])
+    assert TrajectoryRows(at_rest=[["z", "F"]]) == TrajectoryRows(at_rest=(("z", "F"),))
 
 
 def test_an_unstable_system_is_cut_into_segments():

@@ -70,7 +70,12 @@ class FreeRuns:
         amendments: Mapping[str, Amendment],
         interpolation: str | Sequence[str] | None = None,
     ) -> None:
-        self.model, self.amendments = model, amendments
+        self.amendments = amendments
+        self.hidden = {state.name for amendment in amendments.values() for state in amendment.hidden}
+        self.model = model
+        for amendment in amendments.values() if self.hidden else ():
+            # The model before has them too, where they drive nothing.
+            self.model = amendment.model(self.model)
         self.interpolation = model.rows.interpolation if interpolation is None else interpolation
         self._runners: dict[tuple, tuple[FreeRunner, Mapping[str, Added]]] = {}
 
@@ -85,7 +90,7 @@ class FreeRuns:
             starts: State of each run at its first row; estimated from the data by default.
             seed: Seed of their draws.
         """
-        amendments = self.amendments
+        amendments, data = self.amendments, self._remembered(data)
         known = self.model.simulator(data, lacking=True).equations
         if not amendments or not set(data.state_names) <= {*known, *amendments}:
             return {}, []
@@ -115,7 +120,17 @@ class FreeRuns:
         unseen = set() if data.samples is None else {*data.state_names} - {*data.samples.state_names}
         after = {name: (right if name in unseen else data).states[name] for name in data.state_names}
         holds = band_holds(LEVEL, _sources(amendments, starts))
-        return _compared(data, after, part, states, failed_at, n_before, holds)
+        paths, rows = _compared(data, after, part, states, failed_at, n_before, holds)
+        # Hidden states of an effect are its own: nobody looks for them in the model before.
+        shown = {name: path for name, path in paths.items() if name not in self.hidden}
+        return shown, [row for row in rows if row[2] not in self.hidden]
+
+    def _remembered(self, data: Trajectories) -> Trajectories:
+        """Data with the hidden states of what was added, where they start as on the path through the samples."""
+        if self.hidden <= {*data.state_names}:
+            return data
+        samples = data.samples or data
+        return self.model.rows.complete_all(samples, tuple(self.amendments), self.model.simulator(samples))
 
     def _sensors(self, data: Trajectories) -> tuple[Mapping[ChannelSuspect, float], Trajectories]:
         """Errors of states' and inputs' sensors in the model after; none where two equations say different ones."""

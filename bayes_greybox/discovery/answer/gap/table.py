@@ -63,12 +63,12 @@ def gap_rows(
         # Rows that are linear only near a model are near the one that they are compared with, before and after.
         own = replace(model, rows=model.rows.around(amendment.terms_before()))
         raw, corrected = own.equation_rows(data, equation), amendment.corrected(data)
-        near = model if amendment.rows is None else replace(model, rows=amendment.rows)
+        near = amendment.model(model)
         measured = near.equation_rows(corrected, equation)
         size = float(np.mean(measured.measured**2)) * measured.gain**2
         # Before, nothing was known of the sensors either. A filtered rate is compared with the filter's mean of what
         # was added.
-        before = raw.operate(amendment.rates(raw.columns, 1)[0][:, None])[:, 0]
+        before = raw.operate(amendment.rates_before(raw.columns)[:, None])[:, 0]
         after = measured.operate(amendment.rates(measured.columns, RATE_DRAWS)[1].T).T
         # In the unit of the sensor: rows near another model are over another gain.
         variance = float(np.var(measured.measured)) * measured.gain**2

@@ -1,0 +1,181 @@
+"""Hidden states of a formula, such as the displacement of a hysteretic element, and their values along known paths.
+
+A formula that remembers is a function of the states and of hidden ones, ż = r(x, u, z), which nobody measures. Along a
+path that is known, z follows from its rate alone: the hidden states are integrated by the method of Runge and Kutta of
+order four, with columns between nodes as the cubics through four neighbours have them halfway, and in so many steps
+between two nodes that no change of z is missed by much.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import sympy
+from jaxtyping import Array, Bool, Float
+
+from .expressions import evaluate, parse_expression, symbol_names
+from .grammar import check_name, symbol
+
+SHORT = 0.2
+"""Steps of hidden states, over the shortest time in which they change."""
+
+FEWEST_STEPS, MOST_STEPS = 4, 256
+"""Steps between two nodes: within one of them a motion may turn round, where a rate has a kink."""
+
+LEAST = 8
+"""Nodes and numbers that are integrated at once, at least: programs are compiled for their powers of two."""
+
+
+@dataclass(frozen=True)
+class HiddenState:
+    """A state that no sensor shows, at rest, which is zero, where a run starts.
+
+    Attributes:
+        name: Its name in formulas.
+        rate: Formula of its rate, over columns (of an effect of the catalogue: roles) and hidden states.
+        unit_of: Column, or role, whose unit it has, and whose size about.
+        meaning: What it is, in a few words.
+    """
+
+    name: str
+    rate: str
+    unit_of: str
+    meaning: str = ""
+
+    def __post_init__(self) -> None:
+        """Refuse a name or a rate that formulas cannot have."""
+        check_name(self.name)
+        parse_expression(self.rate)
+
+    @property
+    def symbols(self) -> tuple[str, ...]:
+        """Names in its rate, sorted."""
+        return symbol_names(parse_expression(self.rate))
+
+
+def along(
+    systems: Sequence[Sequence[HiddenState]], time: Float[np.ndarray, " n"],
+    columns: Mapping[str, Float[np.ndarray, " n"]], fresh: Bool[np.ndarray, " n"],
+) -> list[dict[str, Float[np.ndarray, " n"]]]:  # fmt: skip
+    """Values of hidden states along known paths; those whose rates differ by numbers alone are integrated at once.
+
+    Args:
+        systems: Hidden states that are integrated together.
+        time: Of the nodes, in order within a run; equal times where an input leaps.
+        columns: States and inputs at the nodes; of a hidden state itself, what it is where a run starts.
+        fresh: Nodes at which a run starts.
+
+    Returns:
+        Values at the nodes by name, for each system; not finite where a rate is not.
+    """
+    alike: dict[_Rates, list[tuple[int, list[float]]]] = {}
+    for k, states in enumerate(systems):
+        rates, numbers = _Rates.of(states)
+        alike.setdefault(rates, []).append((k, numbers))
+    found: list[dict[str, np.ndarray]] = [{} for _ in systems]
+    for rates, members in alike.items():
+        values = _integrated(rates, np.array([n for _, n in members]).T, time, columns, fresh)
+        for place, (k, _) in enumerate(members):
+            found[k] = {name: values[:, i, place] for i, name in enumerate(rates.names)}
+    return found
+
+
+@dataclass(frozen=True)
+class _Rates:
+    """Rates of hidden states, the numbers in them by name, so that formulas that differ by these are compiled once."""
+
+    names: tuple[str, ...]
+    formulas: tuple[sympy.Expr, ...]
+
+    @classmethod
+    def of(cls, states: Sequence[HiddenState]) -> "tuple[_Rates, list[float]]":
+        known = [parse_expression(state.rate) for state in states]
+        numbers = sorted({number for expr in known for number in expr.atoms(sympy.Float)})
+        named = {number: symbol(f"number_{k}") for k, number in enumerate(numbers)}
+        formulas: list[Any] = [expr.xreplace(named) for expr in known]
+        return cls(tuple(state.name for state in states), tuple(formulas)), [float(number) for number in numbers]
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Columns that the rates depend on."""
+        used = {name for formula in self.formulas for name in symbol_names(formula)}
+        return tuple(sorted(name for name in used - {*self.names} if not name.startswith("number_")))
+
+    def __call__(self, z: Array, c: Array, numbers: Array) -> Array:
+        """Rates [n_hidden] at one point."""
+        known = {**dict(zip(self.columns, c, strict=True)), **dict(zip(self.names, z, strict=True))}
+        known |= {f"number_{k}": number for k, number in enumerate(numbers)}
+        return jnp.stack([evaluate(formula, known) + 0.0 * z[0] for formula in self.formulas])
+
+
+def _integrated(
+    rates: _Rates, numbers: np.ndarray, time: np.ndarray, columns: Mapping[str, np.ndarray], fresh: np.ndarray
+) -> Float[np.ndarray, "n n_hidden n_system"]:
+    n, n_system = len(time), numbers.shape[1]
+    c = np.column_stack([columns[name] for name in rates.columns] or [np.zeros((n, 0))])
+    h = np.where(fresh[1:], 0.0, np.diff(time))
+    nothing = np.zeros(n)
+    start = np.column_stack([columns.get(name, nothing) for name in rates.names])
+    more, wider = _power_of_two(n - 1) - (n - 1), _power_of_two(n_system) - n_system
+    steps = [np.pad(h, (0, more))]
+    for part in (c[:-1], _halfway(h, c), c[1:]):
+        steps.append(np.pad(part, ((0, more), (0, 0)), mode="edge"))
+    begun = np.pad(start[1:], ((0, more), (0, 0)), mode="edge"), np.pad(fresh[1:], (0, more))
+    widened = np.pad(numbers, ((0, 0), (0, wider)), mode="edge")
+    found = _followed(rates, widened, start[0], *steps, *begun)
+    return np.asarray(found)[:n, :, :n_system]
+
+
+def _halfway(h: Float[np.ndarray, " n_step"], c: Float[np.ndarray, "n n_column"]) -> Float[np.ndarray, "n_step n_c"]:
+    """Columns halfway between nodes: of the cubic through four of them; of a line where steps are not equally long."""
+    line = (c[1:] + c[:-1]) / 2
+    if len(h) < 3:
+        return line
+    even = np.zeros(len(h), bool)
+    even[1:-1] = (np.abs(h[:-2] - h[1:-1]) < 1e-6 * h[1:-1]) & (np.abs(h[2:] - h[1:-1]) < 1e-6 * h[1:-1])
+    cubic = line.copy()
+    cubic[1:-1] = (9 * (c[1:-2] + c[2:-1]) - c[:-3] - c[3:]) / 16
+    return np.where(even[:, None], cubic, line)
+
+
+def _power_of_two(n: int) -> int:
+    return max(LEAST, 1 << max(n - 1, 0).bit_length())
+
+
+@partial(jax.jit, static_argnums=0)
+def _followed(
+    rates: _Rates, numbers: Array, first: Array, h: Array, before: Array, halfway: Array, after: Array, start: Array,
+    fresh: Array,
+) -> Array:  # fmt: skip
+    each = jax.vmap(rates, in_axes=(1, None, 1), out_axes=1)
+    slopes = jax.vmap(jax.jacfwd(rates), in_axes=(1, None, 1))
+
+    def step(z: Array, piece: tuple[Array, ...]) -> tuple[Array, Array]:
+        h, c0, c1, c2, start, fresh = piece
+        fastest = jnp.maximum(*(jnp.max(jnp.sum(jnp.abs(slopes(z, c, numbers)), axis=-1)) for c in (c0, c2)))
+        count = jnp.clip(jnp.ceil(jnp.nan_to_num(h * fastest / SHORT)), FEWEST_STEPS, MOST_STEPS)
+
+        def rate(z: Array, share: Array) -> Array:
+            # The parabola through the nodes and the middle.
+            c = (1 - share) * (1 - 2 * share) * c0 + 4 * share * (1 - share) * c1 + share * (2 * share - 1) * c2
+            return each(z, c, numbers)
+
+        def part(k: Array, z: Array) -> Array:
+            own, at = h / count, k / count
+            k1 = rate(z, at)
+            k2 = rate(z + own / 2 * k1, at + 0.5 / count)
+            k3 = rate(z + own / 2 * k2, at + 0.5 / count)
+            k4 = rate(z + own * k3, at + 1 / count)
+            return z + own / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+
+        moved = jax.lax.fori_loop(0, count.astype(int), part, z)
+        moved = jnp.where(fresh, start[:, None], moved)
+        return moved, moved
+
+    z = jnp.broadcast_to(first[:, None], (len(first), numbers.shape[1]))
+    _, found = jax.lax.scan(step, z, (h, before, halfway, after, start, fresh))
+    return jnp.concatenate([z[None], found])

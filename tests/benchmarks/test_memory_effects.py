@@ -1,0 +1,86 @@
+"""Machines with a memory: their data, and what a replicate records."""
+
+import numpy as np
+import pytest
+
+from bayes_greybox.benchmarks.memory_effects import run as module
+from bayes_greybox.benchmarks.memory_effects.machines import LEVELS, SAMPLES, hidden, machines, measured
+from bayes_greybox.benchmarks.memory_effects.run import run, score
+from bayes_greybox.data.errors import InputError
+from bayes_greybox.physics.catalogue.effects import load_catalogue
+
+ENTRIES = {effect.slug: effect for effect in load_catalogue("mechanical")}
+
+
+def test_what_the_catalogue_has_is_hidden_within_its_ranges():
+    known = {each.name: each for each in hidden() if each.known}
+    assert set(known) == {slug for slug, effect in ENTRIES.items() if effect.hidden}
+    for slug, each in known.items():
+        (inner,) = ENTRIES[slug].inner
+        assert each.share == (inner.low, inner.high) and each.sign == (ENTRIES[slug].sign or 1)
+        assert each.states == len(ENTRIES[slug].hidden)
+    assert not {each.name for each in hidden() if not each.known} & set(ENTRIES)
+
+
+@pytest.mark.parametrize("noise", LEVELS)
+def test_half_of_the_cases_hide_nothing(noise):
+    of_noise = [machine for machine in machines().values() if machine.noise == noise]
+    known = [machine.weight for machine in of_noise if machine.hidden is not None and machine.hidden.known]
+    assert sum(known) == sum(machine.weight for machine in of_noise if machine.hidden is None) == 5
+
+
+@pytest.mark.parametrize("name", ["bouc-wen-0.05", "absorber-0.05", "nothing-0.01", "two-branches-0.05"])
+def test_a_replicate_is_of_a_position_and_a_force(name):
+    machine = machines()[name]
+    made, again, other = (measured(machine, k, seed=0) for k in (0, 0, 1))
+    for part in (made.train, made.test):
+        assert part.state_names == ("y",) and part.input_names == ("F",) and not part.derivative_names
+    assert made.train.n_obs == SAMPLES and "y**3" not in made.simulation["v"] and "y**3" in other.simulation["v"]
+    np.testing.assert_array_equal(again.train.states["y"], made.train.states["y"])
+    assert set(made.truth) == ({machine.hidden.name} if machine.hidden and machine.hidden.known else set())
+    assert (made.share > 0.01) == (machine.hidden is not None)
+
+
+def test_the_noise_is_that_of_the_level():
+    """Second differences of a path that is smooth at 30 samples a period are those of the noise."""
+    made = measured(machines()["nothing-0.05"], 0, seed=0).train.states["y"]
+    third = np.diff(made, 4) / np.sqrt(70)
+    assert np.std(third) == pytest.approx(0.05 * np.std(made), rel=0.15)
+
+
+def test_a_kind_that_does_not_exist_is_refused(tmp_path):
+    with pytest.raises(InputError, match="There is no kind of machine 'clock'"):
+        run(tmp_path, ["clock"])
+
+
+def row(**changed):
+    found = {"kind": "a", "right": True, "tied": True, "unknown": False, "wrong": [], "memoryless": []}
+    return found | {"covered": {"x": True}, "seconds": 2.0} | changed
+
+
+def test_scores_count_names_wrong_names_and_coverage():
+    wrong = row(right=False, tied=False, wrong=["q", "bouc-wen"], memoryless=["q"], covered={}, seconds=4.0)
+    table = score([row(), row(covered={"x": False}), wrong])
+    assert table.loc["a"].to_dict() == {
+        "cases": 3, "right": 2, "tied": 2, "unknown": 0, "wrong": 1, "memoryless": 1, "coverage": 0.5, "found": 2,
+        "seconds": 2.0,
+    }  # fmt: skip
+
+
+def test_a_run_goes_on(tmp_path, monkeypatch):
+    studied = []
+
+    def study(machine, replicate, seed):
+        studied.append((machine.name, replicate, seed))
+        return row(kind=machine.name)
+
+    monkeypatch.setattr(module, "study", study)
+    for replicates in (1, 2):
+        table = run(tmp_path, ["bouc-wen-0.01", "bouc-wen-3-0.01"], replicates=replicates, seed=3, progress=False)
+    assert sorted(studied) == [("bouc-wen-0.01", 0, 3), ("bouc-wen-0.01", 1, 3), ("bouc-wen-3-0.01", 0, 3)]
+    assert table.loc["bouc-wen-0.01", "cases"] == 2 and (tmp_path / "machines.csv").exists()
+
+
+def test_a_replicate_is_studied():
+    found = module.study(machines()["actuator-lag-0.05"], 0, 0)
+    assert found["right"] and found["wrong"] == [] and set(found["covered"]) == {"actuator-lag"}

@@ -1,0 +1,185 @@
+"""Effects with memory: found along the path of samples, told from each other, and added to the model."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from sampled_oscillator import SIMULATION, force
+from scipy.integrate import solve_ivp
+
+import bayes_greybox as bg
+from bayes_greybox.data.errors import InputError
+from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.discovery.amended import hidden_used
+from bayes_greybox.physics.catalogue.effects import load_catalogue
+from bayes_greybox.physics.hidden_states import HiddenState
+from bayes_greybox.report.pages.study_page import study_html
+
+SOME = {
+    "bouc-wen", "dahl-friction", "maxwell-damper", "actuator-lag", "cubic-stiffness", "coulomb-friction", "cubic-input",
+}  # fmt: skip
+FEW = [replace(e, confusions=tuple(SOME & {*e.confusions})) for e in load_catalogue("mechanical") if e.slug in SOME]
+"""Enough to be told apart from; the others cost time and tell no more."""
+
+MEMORIES = {"bouc-wen", "dahl-friction", "maxwell-damper", "actuator-lag", "absorber"}
+
+LIMIT, TAU = 0.3, 0.8
+
+HIDDEN = {
+    "bouc-wen": (-1.2, lambda v, F, z: v - (abs(v) * z + v * abs(z)) / (2 * LIMIT), lambda F, z: z),
+    "maxwell-damper": (-0.7, lambda v, F, z: v - z / TAU, lambda F, z: z),
+    "actuator-lag": (1.0, lambda v, F, z: (F - z) / TAU, lambda F, z: z - F),
+}
+
+
+def path(slug, phase=0.0, n=400, step=0.1):
+    """Position, velocity and hidden state, by a solver of its own."""
+    theta, rate, pull = HIDDEN[slug]
+    t = step * np.arange(n)
+
+    def rates(time, x):
+        y, v, z = x
+        F = force(time, phase)
+        return [v, F - 2 * y - 0.15 * v + theta * pull(F, z), rate(v, F, z)]
+
+    tight = {"rtol": 1e-9, "atol": 1e-10, "max_step": step}
+    return t, force(t, phase), solve_ivp(rates, (0, t[-1]), [0.0, 0.0, 0.0], t_eval=t, **tight).y
+
+
+def samples(slug, noise=0.01, seed=0, **given):
+    t, F, x = path(slug, **given)
+    y = x[0] + noise * np.std(x[0]) * np.random.default_rng(seed).standard_normal(len(t))
+    units = {"t": "s", "y": "m", "F": "m/s^2"}
+    return Trajectories.from_arrays(t, states={"y": y}, inputs={"F": F}, units=units)
+
+
+def study(data, test=None, **given):
+    model = given.pop("model", bg.GreyBox(simulation=SIMULATION, rows=bg.TrajectoryRows()))
+    given = {"free_runs": False, "settle": False, "progress": False, "catalogue": FEW} | given
+    return bg.find_missing_effects(model, data, test, **given)
+
+
+@pytest.fixture(scope="module")
+def hysteresis():
+    return study(samples("bouc-wen"), samples("bouc-wen", phase=1.0, seed=1), free_runs=True)
+
+
+def named(found, slug):
+    assert found.verdict == "named", found.sentence
+    row = found.effects.iloc[0]
+    assert row["slug"] == slug and row["probability"] > 0.9
+    assert abs(row["mean"] - HIDDEN[slug][0]) < 4 * row["sd"] < 0.1
+    return row
+
+
+def test_hysteresis_is_named_with_its_coefficient_and_its_yield_displacement(hysteresis):
+    row = named(hysteresis, "bouc-wen")
+    assert row["inner"]["yield_displacement"] == pytest.approx(LIMIT, rel=0.05)
+    assert set(row["hidden"]) == {row["expression"]}
+
+
+@pytest.mark.parametrize("slug", ["maxwell-damper", "actuator-lag"])
+def test_relaxation_and_lag_are_named(slug):
+    row = named(study(samples(slug)), slug)
+    (inner,) = row["inner"].values()
+    assert inner == pytest.approx(TAU, rel=0.05)
+
+
+def test_the_amended_model_has_the_hidden_state(hysteresis):
+    (name,) = hysteresis.effects.iloc[0]["hidden"]
+    model = hysteresis.model
+    assert set(model.simulation) == {"y", "v", name} and name in [term.name for term in model.dictionary["v"]]
+    assert dict(model.rows.at_rest) == {name: "y"}
+    assert model.discrepancy.variables == ("y", "v", "F")
+    # The user's own model is as it was.
+    assert set(hysteresis.base.simulation) == {"y", "v"}
+
+
+def test_the_free_run_after_is_that_of_the_whole_system(hysteresis):
+    t, _, exact = path("bouc-wen", phase=1.0)
+    runs = hysteresis.free_run(samples("bouc-wen", phase=1.0, seed=1))
+    assert set(runs) == {"y", "v"}
+    for name, x in zip(("y", "v"), exact, strict=False):
+        assert np.sqrt(np.mean((runs[name].after.mean - x) ** 2)) < 0.03 * np.std(x)
+        assert np.sqrt(np.mean((runs[name].before.mean - x) ** 2)) > 0.2 * np.std(x)
+    assert len(runs["y"].time) == len(t)
+
+
+def test_the_gap_is_closed_on_held_out_samples_and_says_nothing_of_the_hidden_state(hysteresis):
+    gap = hysteresis.gap
+    assert gap.loc[("test", "sample NMSE", "v"), "after"] < 0.01 * gap.loc[("test", "sample NMSE", "v"), "before"]
+    assert set(gap.index.get_level_values("variable")) <= {"y", "v"}
+    assert hysteresis.checks.loc[("v", "linearity"), "ok"]
+
+
+def test_its_page_and_its_record_have_the_rate_of_the_hidden_state(hysteresis, tmp_path):
+    (name,) = hysteresis.effects.iloc[0]["hidden"]
+    study_html(hysteresis, tmp_path / "study.html")
+    text = (tmp_path / "study.html").read_text(encoding="utf-8")
+    assert "Bouc-Wen hysteresis" in text and f"{name} = " in text
+    (row,) = [
+        e for e in json.loads(json.dumps(hysteresis.record(), default=float))["effects"] if e["status"] == "added"
+    ]
+    assert list(row["hidden"]) == [name]
+
+
+def test_a_study_with_a_memory_is_sampled_saved_and_loaded(tmp_path):
+    data = samples("maxwell-damper", n=200)
+    only = [replace(e, confusions=()) for e in FEW if e.slug in ("maxwell-damper", "cubic-stiffness")]
+    found = study(data, catalogue=only, settle=True, draws=50, tune=100, chains=1)
+    row = found.effects.iloc[0]
+    theta = found.fit.summary().loc[("v", row["expression"])]
+    assert abs(theta["mean"] - HIDDEN["maxwell-damper"][0]) < 5 * theta["sd"]
+    found.save(tmp_path / "study.nc")
+    again = bg.load(tmp_path / "study.nc")
+    assert dict(again.model.simulation) == dict(found.model.simulation)
+    assert again.model.rows.at_rest == found.model.rows.at_rest
+    held_out = samples("maxwell-damper", n=200, phase=1.0, seed=1)
+    exact = path("maxwell-damper", phase=1.0, n=200)[2][0]
+    run = again.simulate(again.model.complete(held_out)).states["y"].mean
+    assert np.sqrt(np.mean((run - exact) ** 2)) < 0.1 * np.std(exact)
+
+
+def test_rows_of_rates_leave_them_out_and_say_so():
+    t, F, (y, v, _) = path("bouc-wen")
+    rng = np.random.default_rng(0)
+    a = np.gradient(v, t) + 0.02 * rng.standard_normal(len(t))
+    data = Trajectories.from_arrays(t, states={"y": y, "v": v}, inputs={"F": F}, derivatives={"y": v, "v": a})
+    found = study(data, model=bg.GreyBox(simulation=SIMULATION), catalogue="mechanical")
+    said = {slug: why for (_, slug), why in found.left_out.items() if slug in MEMORIES}
+    assert set(said) == MEMORIES and all("rows of rates" in why and "TrajectoryRows" in why for why in said.values())
+    assert not MEMORIES & set(found.effects["slug"])
+
+
+def test_a_simulation_that_is_a_function_leaves_them_out_and_says_so():
+    def rates(t, x, u):
+        return [x[1], u[0] - 2 * x[0] - 0.15 * x[1]]
+
+    t, F, (y, v, _) = path("bouc-wen", n=150)
+    rng = np.random.default_rng(0)
+    data = Trajectories.from_arrays(
+        t, states={"y": y + 0.01 * rng.standard_normal(150), "v": v + 0.01 * rng.standard_normal(150)}, inputs={"F": F}
+    )
+    found = study(data, model=bg.GreyBox({"v": []}, simulation=rates, rows=bg.TrajectoryRows()))
+    said = {slug for (_, slug), why in found.left_out.items() if "as formulas" in why}
+    assert said == MEMORIES & SOME
+    with pytest.raises(InputError, match="as formulas"):
+        found.base.remembering([HiddenState("z", "v - z", "y")], data)
+
+
+def test_where_nothing_is_missing_no_memory_is_found():
+    t = 0.1 * np.arange(400)
+    x = solve_ivp(
+        lambda s, x: [x[1], force(s) - 2 * x[0] - 0.15 * x[1]], (0, t[-1]), [0.0, 0.0], t_eval=t, rtol=1e-9, atol=1e-10
+    ).y
+    y = x[0] + 0.02 * np.std(x[0]) * np.random.default_rng(2).standard_normal(len(t))
+    data = Trajectories.from_arrays(t, states={"y": y}, inputs={"F": force(t)}, units={"t": "s", "y": "m"})
+    found = study(data)
+    assert found.verdict == "no gap" and found.effects["probability"].max() < 0.2
+
+
+def test_hidden_states_that_no_term_uses_are_no_part_of_the_answer():
+    z, w, other = HiddenState("z", "w", "y"), HiddenState("w", "y - z", "v"), HiddenState("h", "v - h", "y")
+    assert hidden_used({"v": [bg.Term("z - y")]}, (z, w, other)) == (z, w)
+    assert hidden_used({"v": [bg.Term("y**3")]}, (z, w, other)) == ()
