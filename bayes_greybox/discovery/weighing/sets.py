@@ -239,7 +239,7 @@ class Sets:
         # However well f does beside them: it takes what a law leaves that is nearly right.
         named = sorted((e for e in plain if e.kind == PLAIN and e.effects), key=lambda e: -e.log_weight)[:WITH_REST]
         named = [e for e in named if e.log_weight > named[0].log_weight - WINDOW]
-        places, found = {e: {i: self._laws(i) for i in e.effects} for e in named}, []
+        places, found = {e: {i: self.laws(i) for i in e.effects} for e in named}, []
         # Columns that are new change the number of all sets.
         for e, laws in places.items():
             core = tuple(i for i in e.columns if i not in self.always)
@@ -256,7 +256,7 @@ class Sets:
                     found.append(Explanation(suspects, effects, LAWFUL, value + prior, value, share, (law,)))
         return found
 
-    def _laws(self, effect: int) -> tuple[int, ...]:
+    def laws(self, effect: int) -> tuple[int, ...]:
         """Columns of the laws next to an effect's."""
         statistics = self.statistics
         column = statistics.columns[effect]
