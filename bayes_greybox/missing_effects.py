@@ -165,6 +165,9 @@ def find_missing_effects(
     amended = replace(model, dictionary=found.model.dictionary, noise=found.model.noise)
     # What the path was found along beside them is no part of the answer.
     amended = amended.remembering(hidden_used(found.model.dictionary, hidden), found.train)
+    known = amended.states(train)
+    states = {name: column for name, column in found.corrected.states.items() if name in known}
+    found = replace(found, corrected=replace(found.corrected, states=states))
     fit, seconds = None, dict(found.settings["seconds"])
     if settle:
         start = time.perf_counter()

@@ -34,7 +34,7 @@ def compare_configured(settings: Config, output: Path | None, progress: bool, qu
         for name, model in models.items():
             # What is wrong with the last model is better said before the first is sampled.
             with _about(name):
-                model.designs(train)
+                model.on(train).designs(train)
                 require_divisible(train, model.equations, settings.compare.scheme)
         fits = {}
         for name, model in models.items():

@@ -15,6 +15,7 @@ from bayes_greybox.physics.hidden_states import HiddenState
 from bayes_greybox.physics.terms import Term
 
 from .answer.equation_study import EquationStudy
+from .evidence.columns import Column
 
 AnyProgram = TypeVar("AnyProgram", bound=Program)
 
@@ -25,7 +26,7 @@ def amended_program(model: AnyProgram, findings: Mapping[str, EquationStudy], tr
     for name, found in findings.items():
         known = found.statistics
         own = [known.columns[i].formula for i in (*known.of_kind("free"), *known.of_kind("correction"))]
-        added = [known.columns[i].formula for i in found.finding.base]
+        added = [_formula(known.columns, i, found.amendment.hidden) for i in found.finding.base]
         # A dictionary needs a term; an offset is the least that can be asked for.
         stated = model.coefficients.get(name, {})
         given = stated_terms(model.dictionary[name], stated, tuple(known.rows.columns), name).fixed if stated else []
@@ -54,6 +55,15 @@ def amended_program(model: AnyProgram, findings: Mapping[str, EquationStudy], tr
         force=noise.force or (FIT if PROCESS in named and correlation is None else None),
     )
     return replace(model, dictionary=dictionary, noise=noise)
+
+
+def _formula(columns: Sequence[Column], index: int, hidden: Sequence[HiddenState]) -> Term:
+    """The formula of an effect with the value of its inner parameter that its hidden states have."""
+    column = columns[index]
+    if not column.formula.states or column.effect is None:
+        return column.formula
+    same = (c.formula for c in columns if c.effect is not None and c.effect.label == column.effect.label)
+    return next((each for each in same if set(each.states) <= set(hidden)), column.formula)
 
 
 def hidden_used(dictionary: Mapping[str, Sequence[Term]], known: Sequence[HiddenState]) -> tuple[HiddenState, ...]:

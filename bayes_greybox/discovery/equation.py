@@ -34,6 +34,9 @@ from .weighing.worlds import World, worlds
 DRAWS = 2000
 """Posterior draws of the coefficients behind tables and bands."""
 
+ON_PATH = 0.1
+"""Share of the draws from which on they are those with the path's own value of an inner parameter."""
+
 WITHIN, MOST_WITHIN = 3.0, 0.5
 """A path is within a sensor's range by more than so many standard deviations of its noise; it speaks against an answer
 at more than this share of the samples at which the sensor was at its end."""
@@ -179,7 +182,12 @@ def _of_one_memory(
         states = {int(i): statistics.columns[i].formula.states for i in columns}
         if not any(states.values()):
             continue
-        on_path = [i for i, own in states.items() if all(hidden.get(state.name) == state for state in own)]
+        share = dict(zip(map(int, columns), count / np.sum(count), strict=True))
+        on_path = [
+            i
+            for i, own in states.items()
+            if share[i] >= ON_PATH and all(hidden.get(state.name) == state for state in own)
+        ]
         chosen = on_path[0] if on_path else int(columns[np.argmax(count)])
         hidden |= {state.name: state for state in states[chosen]}
         alike = alike[inner[alike] == chosen]

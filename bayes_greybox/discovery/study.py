@@ -37,6 +37,7 @@ from .evidence.odds import Odds
 from .evidence.sufficient_statistics import CORRECTION_SCALE
 from .refusals import check_data
 from .suspects.channels import DELAY_STEPS, GAIN_SD, OFFSET_SD, ZERO_SD
+from .weighing.sets import OTHER_LAWS
 
 AnyProgram = TypeVar("AnyProgram", bound=Program)
 
@@ -58,7 +59,8 @@ class StudyResult:
             for what could stand in its place; or "").
         hypotheses: Explanations by (equation, hypothesis): no gap, recalibrate, instrument, unknown, and sets of
             effects; their probabilities sum to one.
-        memory: Probability that what has no name depends on what a channel did before, by (equation, memory).
+        memory: Probability that what has no name depends on what a channel did before, changes with time, or is a law
+            next to one of the catalogue's, by (equation, memory).
         instrument: Suspects about the measurement: equation, suspect, channel, probability, mean, sd, lower, upper,
             unit, samples (of a delay), lower_samples, upper_samples, status ("in the model" or ""), text.
         checks: Checks of the explanation that was settled on, by (equation, check): p (NaN of linearity),
@@ -258,6 +260,7 @@ def investigate(
                 "offset of a rate (prior SD over its RMS)": OFFSET_SD,
                 "offset of a state or an input (prior SD over its RMS)": ZERO_SD,
                 "correction (prior SD over the coefficient)": CORRECTION_SCALE,
+                "laws next to an effect (prior over the effect's)": OTHER_LAWS,
             },
             "versions": versions(),
             "seconds": seconds,

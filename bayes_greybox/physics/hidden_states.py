@@ -26,6 +26,9 @@ SHORT = 0.2
 FEWEST_STEPS, MOST_STEPS = 4, 256
 """Steps between two nodes: within one of them a motion may turn round, where a rate has a kink."""
 
+_NUMBER = "#"
+"""Start of names of numbers, which no column has."""
+
 LEAST = 8
 """Nodes and numbers that are integrated at once, at least: programs are compiled for their powers of two."""
 
@@ -95,7 +98,7 @@ class _Rates:
     def of(cls, states: Sequence[HiddenState]) -> "tuple[_Rates, list[float]]":
         known = [parse_expression(state.rate) for state in states]
         numbers = sorted({number for expr in known for number in expr.atoms(sympy.Float)})
-        named = {number: symbol(f"number_{k}") for k, number in enumerate(numbers)}
+        named = {number: symbol(f"{_NUMBER}{k}") for k, number in enumerate(numbers)}
         formulas: list[Any] = [expr.xreplace(named) for expr in known]
         return cls(tuple(state.name for state in states), tuple(formulas)), [float(number) for number in numbers]
 
@@ -103,12 +106,12 @@ class _Rates:
     def columns(self) -> tuple[str, ...]:
         """Columns that the rates depend on."""
         used = {name for formula in self.formulas for name in symbol_names(formula)}
-        return tuple(sorted(name for name in used - {*self.names} if not name.startswith("number_")))
+        return tuple(sorted(name for name in used - {*self.names} if not name.startswith(_NUMBER)))
 
     def __call__(self, z: Array, c: Array, numbers: Array) -> Array:
         """Rates [n_hidden] at one point."""
         known = {**dict(zip(self.columns, c, strict=True)), **dict(zip(self.names, z, strict=True))}
-        known |= {f"number_{k}": number for k, number in enumerate(numbers)}
+        known |= {f"{_NUMBER}{k}": number for k, number in enumerate(numbers)}
         return jnp.stack([evaluate(formula, known) + 0.0 * z[0] for formula in self.formulas])
 
 

@@ -39,7 +39,8 @@ class LinearityCheck(Check):
 def check_linearity(amendment: Amendment, inputs: Collection[str]) -> list[LinearityCheck]:
     """Exact paths at draws of the model after; nothing where rows are linear, or where it is not known.
 
-    It is not known beside an unknown force, and beside errors of inputs, which act along the path.
+    It is not known beside an unknown force, beside errors of inputs, which act along the path, and where the path was
+    found without what the model after remembers.
 
     Args:
         amendment: What was added, with draws of its coefficients and of the sensors' errors; nothing remains beside it.
@@ -52,6 +53,9 @@ def check_linearity(amendment: Amendment, inputs: Collection[str]) -> list[Linea
         return []
     n_draw = draws_followed(rows)
     terms, coefficients, _ = amendment.added(0, n_draw)
+    if any(state.name not in rows.columns for term in terms for state in term.states):
+        # What it remembers was followed along the path, and is no state of it.
+        return []
     pick = amendment.pick(n_draw)
     errors = after.suspect_draws[pick] @ statistics.at_rows(after.suspects).T if after.suspects else 0.0
 

@@ -70,9 +70,12 @@ def sufficient_statistics(
         for effect in effects
     }
     known = {term.name: value for term, value in parts}
+    own = {term.name for term in (statistics.columns[i].formula for i in statistics.of_kind("free"))} | set(known)
+    # What acts late on another body, or as a factor, is no lag here.
+    idle = [e for e in effects if e.effect.nominal and e.names[e.effect.nominal] not in own]
+    statistics.leave_out({e.slug: "the equation has no term of its own with this input" for e in idle})
+    effects = [e for e in effects if e not in idle]
     nominal = {effect: known.get(effect.names.get(effect.effect.nominal, ""), 0.0) for effect in effects}
-    statistics.add(
-        "effect", [(t, {**about, "nominal": nominal[each]}) for each, own in items.items() for t, about in own]
-    )
+    statistics.add("effect", [(t, {**about, "nominal": nominal[each]}) for each in effects for t, about in items[each]])
     statistics.leave_out({effect.slug: ZERO for effect, found in items.items() if not found})
     return statistics

@@ -4,6 +4,7 @@ A set is what is in the model beside the user's own terms: columns of suspects a
 simulation's coefficients are summed over within each set. Which sets are weighed is the `search`'s.
 """
 
+from collections import Counter
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
@@ -226,10 +227,13 @@ class Sets:
         best = self._likely(cores, plain)[1]
         self._sum_patterns([(*self.always, *c, *group) for c in best for group in groups.values()])
         found = []
-        for c, group in product(best, map(tuple, groups.values())):
+        # Each memory has the same prior, in whatever number of ways its elements are taken together.
+        ways = Counter(memory.text for memory in groups)
+        for c, (memory, members) in product(best, groups.items()):
+            group = tuple(members)
             fitted = self._full[(*self.always, *c, *group)]
             value = fitted.all + self._ranges((*c, *group))
-            prior = self.log_prior(c) + self._log_rest(c, MEMORY) - log(len(groups))
+            prior = self.log_prior(c) + self._log_rest(c, MEMORY) - log(len(ways) * ways[memory.text])
             share = known.carried(fitted, group)
             found.append(Explanation(*self._parted(c), MEMORY, value + prior, value, share, group))
         return found
@@ -260,7 +264,7 @@ class Sets:
         """Columns of the laws next to an effect's."""
         statistics = self.statistics
         column = statistics.columns[effect]
-        if column.inner or column.term is None:
+        if column.inner or column.term is None or column.term.states:
             return ()
         known = {c.memory.channel: i for i, c in enumerate(statistics.columns) if c.kind == "law" and c.memory}
         weighed = [c.term for c in statistics.columns if c.term is not None and c.kind != "law"]
