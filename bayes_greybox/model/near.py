@@ -10,6 +10,17 @@ from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
 
 from .equation import Equation
+from .likeliest import likeliest
+
+WHOLE_TURNS = 4
+"""Turns with all terms before the likeliest are chosen: what noise does to rows is not known before."""
+
+COUNTING = ()
+"""Share of their information that rows count for in the turns after these: terms that make up for a noise that is not
+known well yet would make it worse."""
+
+STAYS = 0.3
+"""Change of a coefficient of the likeliest terms, in its standard deviations, below which it stays."""
 
 NEARER = 8
 """Turns at most in which an unknown force makes up for what a model far off does not follow."""
@@ -62,11 +73,34 @@ def near_estimate(model: Model, data: Trajectories) -> Model:
     Raises:
         InputError: What `Program.assemble` refuses; coefficients that do not settle.
     """
+    if not model.rows.integrated:
+        return _alternated(model, data)
     if len(model.equations) == 1:
         return _one_settled(model, data)
     # Paths of coefficients that are far off may leave all bounds; they are refused where they are found.
     with np.errstate(over="ignore", invalid="ignore"):
         return _settled(model, data)
+
+
+def _alternated(model: Any, data: Trajectories) -> Any:
+    """Rows that hold to the samples by themselves: near the likeliest of the model's terms, until these stay.
+
+    Where two sets of terms lead to each other by turns, either will do: they differ by what the data hardly tell.
+    """
+    # The estimate is of the terms alone, whatever f may be beside them.
+    lean = replace(model, discrepancy=None)
+    before, thorough = None, False
+    for turn in range(MOST_TURNS):
+        (equation,) = lean.assemble(data).values()
+        early = turn - WHOLE_TURNS
+        counting = COUNTING[early] if 0 <= early < len(COUNTING) else 1.0
+        found = likeliest(equation, thorough, every=early < 0, counting=counting)
+        lean = replace(lean, rows=lean.rows.around(found.terms, found.acts_on))
+        same = early > len(COUNTING) and found.names == before.names
+        if same and thorough and np.all(np.abs(found.mean - before.mean) <= STAYS * found.sd):
+            break
+        before, thorough = found, thorough or same
+    return replace(model, rows=lean.rows)
 
 
 def _one_settled(model: Any, data: Trajectories) -> Any:

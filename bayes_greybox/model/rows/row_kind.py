@@ -42,6 +42,14 @@ class RowKind(ABC):
         return True
 
     @property
+    def integrated(self) -> bool:
+        """Whether rows follow a path that a model integrates, to which only an unknown force holds it while it is off.
+
+        Rows that are linear near a model but hold to the samples by themselves follow none.
+        """
+        return False
+
+    @property
     def shared(self) -> bool:
         """Whether all learned equations have the same rows, so that one likelihood tells of all; else each its own."""
         return False
