@@ -56,6 +56,8 @@ class Benchmark(StrEnum):
     sampled_coverage = "sampled-coverage"
     published_odes = "published-odes"
     static_maps = "static-maps"
+    weak_odes = "weak-odes"
+    weak_coverage = "weak-coverage"
     hudson_bay = "hudson-bay"
 
 
@@ -322,8 +324,9 @@ def benchmark(
     tempts the study to wrong names: sensors and inputs that lie, machines that no catalogue has, with controls.
     sampled-coverage counts how often intervals of coefficients hold the truth in samples. published-odes finds
     parameters of differential equations from noisy samples, beside published results. static-maps studies forces
-    and flows that were measured beside what they depend on, without any derivative. hudson-bay compares the exact
-    trajectory posterior with a reference, and with the model written by hand.
+    and flows that were measured beside what they depend on, without any derivative. weak-odes finds the terms of
+    differential equations from noisy samples of all states, and weak-coverage counts their intervals. hudson-bay
+    compares the exact trajectory posterior with a reference, and with the model written by hand.
     """
     from bayes_greybox.cli.benchmarking import run_benchmark
 

@@ -83,9 +83,7 @@ class Bumps:
         return len(self.centre)
 
 
-def bump(
-    u: Float[np.ndarray, "*n"], radius: float
-) -> tuple[Float[np.ndarray, "*n"], Float[np.ndarray, "*n"]]:
+def bump(u: Float[np.ndarray, "*n"], radius: float) -> tuple[Float[np.ndarray, "*n"], Float[np.ndarray, "*n"]]:
     """φ and φ̇ at places u of a bump.
 
     Args:

@@ -29,6 +29,9 @@ LARGE = 12
 BATCH = 2e6
 """Numbers in the matrices of sets that are weighed at once."""
 
+RIDGE = 1e-10
+"""Shrinkage of all terms together, over the mean square of a column, on the way from all of them to none."""
+
 WINDOW = 12.0
 """Sets more than so many nats below the best do not count."""
 
@@ -60,33 +63,34 @@ class Likeliest:
         texts = [term.text for term, _ in self.terms]
         return tuple(f"{to}: {text}" for to, text in zip(self.acts_on or [""] * len(texts), texts, strict=True))
 
+    def stays(self, before: "Likeliest", within: float) -> bool:
+        """Whether another set is of the same terms, with coefficients within so many standard deviations."""
+        return self.names == before.names and bool(np.all(np.abs(self.mean - before.mean) <= within * self.sd))
+
     @property
     def mean(self) -> Float[np.ndarray, " n_in"]:
         """Posterior means."""
         return np.array([value for _, value in self.terms])
 
 
-def likeliest(equation: Equation, thorough: bool = True, every: bool = False, counting: float = 1.0) -> Likeliest:
+def likeliest(equation: Equation, thorough: bool = True) -> Likeliest:
     """The likeliest set of terms of an equation without f; all of them where single coefficients have priors.
 
     Args:
         equation: Its rows, frame and design.
         thorough: Whether one term is tried in the place of several, and sets nearby are weighed.
-        every: Whether nothing is chosen, and all terms are in.
-        counting: Share of its information that each row counts for, where noise is not known well yet.
     """
     frame, design = equation.frame, equation.design
     Phi, y = np.asarray(design.Phi), np.asarray(design.y)
     if design.coefficients.stated:
         values = equation.ridge()
         sd = np.sqrt(np.diag(np.linalg.pinv(Phi.T @ Phi)) * np.sum(y**2) / equation.rows.n_white)
-        whole = tuple(range(len(values)))
+        every = tuple(range(len(values)))
         scale = np.asarray(frame.coefficient_scale)
-        return Likeliest(tuple(values), tuple(frame.dictionary.acts_on), sd * scale, {whole: 1.0}, np.ones(len(whole)))
-    n_obs, floor = equation.rows.n_white * counting, float(design.noise_floor)
-    search = _Search(counting * Phi.T @ Phi, counting * Phi.T @ y, counting * float(y @ y), n_obs, floor)
-    best = tuple(range(search.n_term)) if every else search.best(thorough)
-    weights = search.near(best) if thorough and not every else {best: 1.0}
+        return Likeliest(tuple(values), tuple(frame.dictionary.acts_on), sd * scale, {every: 1.0}, np.ones(len(every)))
+    search = _Search(Phi.T @ Phi, Phi.T @ y, float(y @ y), equation.rows.n_white, float(design.noise_floor))
+    best = search.best(thorough)
+    weights = search.near(best) if thorough else {best: 1.0}
     inclusion = np.zeros(search.n_term)
     for one, weight in weights.items():
         inclusion[list(one)] += weight
@@ -113,7 +117,7 @@ class _Search:
         floor: Least σ.
     """
 
-    def __init__(self, gram: np.ndarray, product: np.ndarray, square: float, n_obs: float, floor: float) -> None:
+    def __init__(self, gram: np.ndarray, product: np.ndarray, square: float, n_obs: int, floor: float) -> None:
         self.gram, self.product, self.square, self.n_obs = gram, product, square, n_obs
         self.noise = NoisePrior(floor, 1.0)
         self._known: dict[Set, float] = {}
@@ -198,11 +202,12 @@ class _Search:
 
     def _from_all(self) -> list[Set]:
         """Sets on the way from all terms to none, the least certain ones left out first."""
-        kept, path = np.arange(self.n_term), [()]
+        kept, path = np.arange(self.n_term), list[Set]([()])
         while len(kept):
             path.append(tuple(kept.tolist()))
             gram = self.gram[np.ix_(kept, kept)]
-            variance = np.linalg.inv(gram + 1e-10 * np.diag(np.diag(gram)) + self.square / self.n_obs**2 * np.eye(len(kept)))
+            # With σ as large as the target no term is certain, and none is lost in rounding errors.
+            variance = np.linalg.inv(gram + RIDGE * np.diag(np.diag(gram)) + RIDGE * self.square * np.eye(len(kept)))
             z = np.abs(variance @ self.product[kept]) / np.sqrt(np.diag(variance))
             kept = np.delete(kept, int(np.argmin(z)))
         return path

@@ -10,14 +10,7 @@ from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
 
 from .equation import Equation
-from .likeliest import likeliest
-
-WHOLE_TURNS = 4
-"""Turns with all terms before the likeliest are chosen: what noise does to rows is not known before."""
-
-COUNTING = ()
-"""Share of their information that rows count for in the turns after these: terms that make up for a noise that is not
-known well yet would make it worse."""
+from .likeliest import Likeliest, likeliest
 
 STAYS = 0.3
 """Change of a coefficient of the likeliest terms, in its standard deviations, below which it stays."""
@@ -89,17 +82,16 @@ def _alternated(model: Any, data: Trajectories) -> Any:
     """
     # The estimate is of the terms alone, whatever f may be beside them.
     lean = replace(model, discrepancy=None)
-    before, thorough = None, False
+    before: Likeliest | None = None
     for turn in range(MOST_TURNS):
-        (equation,) = lean.assemble(data).values()
-        early = turn - WHOLE_TURNS
-        counting = COUNTING[early] if 0 <= early < len(COUNTING) else 1.0
-        found = likeliest(equation, thorough, every=early < 0, counting=counting)
+        rows = lean.rows.from_afar(turn)
+        close = rows == lean.rows
+        (equation,) = replace(lean, rows=rows).assemble(data).values()
+        found = likeliest(equation, thorough=close)
         lean = replace(lean, rows=lean.rows.around(found.terms, found.acts_on))
-        same = early > len(COUNTING) and found.names == before.names
-        if same and thorough and np.all(np.abs(found.mean - before.mean) <= STAYS * found.sd):
+        if before is not None and found.stays(before, STAYS):
             break
-        before, thorough = found, thorough or same
+        before = found if close else None
     return replace(model, rows=lean.rows)
 
 

@@ -83,7 +83,9 @@ class OverlappingNoise(RowNoise):
         """R as a dense matrix."""
         blocks = []
         for band in self.bands:
-            lower = sum(np.diag(band[k, : band.shape[1] - k], -k) for k in range(len(band)))
+            lower = np.zeros((band.shape[1], band.shape[1]))
+            for k in range(len(band)):
+                lower += np.diag(band[k, : band.shape[1] - k], -k)
             blocks.append(lower + lower.T - np.diag(band[0]))
         return np.asarray(block_diag(*blocks))
 

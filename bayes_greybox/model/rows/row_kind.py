@@ -127,6 +127,14 @@ class RowKind(ABC):
         """
         return self
 
+    def from_afar(self, turn: int) -> "RowKind":
+        """The rows as they are taken in a turn in which the model that they are linear near is found.
+
+        Args:
+            turn: How many turns there were before.
+        """
+        return self
+
     def moved_by(self, intensity: float) -> "RowKind":
         """The rows, if they are samples of a path, of one that an unknown force moves.
 

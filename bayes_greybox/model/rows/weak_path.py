@@ -16,8 +16,9 @@ That is Gauss and Newton's step to the likeliest states under the model (Britt &
 Where the model does not explain the rows, σ̂² is large and ê takes no more than its share.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -105,7 +106,11 @@ class Weighing:
         """V table."""
         return np.asarray(self.table @ table)
 
-    def of(self, evaluate, columns: Mapping[str, Float[np.ndarray, " n_sample"]]) -> Float[np.ndarray, "n_row k"]:
+    def of(
+        self,
+        evaluate: Callable[[Mapping[str, np.ndarray]], Float[np.ndarray, "n_sample k"]],
+        columns: Mapping[str, Float[np.ndarray, " n_sample"]],
+    ) -> Float[np.ndarray, "n_row k"]:
         """V F, F evaluated on columns."""
         return self(np.asarray(evaluate(columns)))
 
@@ -122,7 +127,6 @@ class WeakPath:
         measured: −V̇ Y − V J (Y − X) [n_row].
         simulated: V g(X), g without the frozen model's own terms.
         noise: R, whose `scale` is that of the rows.
-        explained: σ̂² of the frozen model.
         sizes: RMS of the measured rows of each equation.
         time: Centres of the rows.
         run: Their runs.
@@ -135,13 +139,14 @@ class WeakPath:
     measured: Float[np.ndarray, " n_row"]
     simulated: Float[np.ndarray, " n_row"]
     noise: OverlappingNoise
-    explained: float
     sizes: Mapping[str, float]
     time: Float[np.ndarray, " n_row"]
     run: Int[np.ndarray, " n_row"]
 
 
-def weak_path(reading: Reading, equations: tuple[str, ...], known: Simulation, whole: Simulation) -> WeakPath:
+def weak_path(
+    reading: Reading, equations: tuple[str, ...], known: Simulation, whole: Simulation, white_share: float
+) -> WeakPath:
     """States and rows near a frozen model.
 
     Args:
@@ -149,6 +154,7 @@ def weak_path(reading: Reading, equations: tuple[str, ...], known: Simulation, w
         equations: Those that have rows.
         known: The known rates.
         whole: The same with the terms of the frozen model.
+        white_share: δ.
 
     Raises:
         InputError: Rates of the frozen model are not finite near the samples.
@@ -156,52 +162,86 @@ def weak_path(reading: Reading, equations: tuple[str, ...], known: Simulation, w
     samples, bumps = reading.samples, reading.bumps
     Y, U = samples.matrix(samples.state_names), samples.matrix(samples.input_names)
     own = [samples.state_names.index(name) for name in equations]
-    # Row by row of time, equation by equation.
-    order = np.arange(len(own) * len(bumps)).reshape(len(own), -1).T.ravel()
-    run = np.tile(bumps.run, len(own))[order]
     X = reading.smooth(Y)
-    for turn in range(TURNS + 1):
-        F, J = whole.rates(samples.time, X, U), whole.jacobian(samples.time, X, U)
-        if not (np.all(np.isfinite(F[:, own])) and np.all(np.isfinite(J[:, own]))):
-            raise InputError(
-                f"The rates of {', '.join(equations)} are not finite near the samples: check the domain of the terms."
-            )
-        back = np.einsum("nij,nj->ni", J, Y - X)
-        L = _response(bumps, J, own, reading.sd, order)
-        noise, kept = _noise(L, run, samples.n_run)
-        L, rows = L[kept], order[kept]
-        left = np.concatenate([bumps.slopes @ Y[:, k] + bumps.values @ (F[:, k] + back[:, k]) for k in own])[rows]
-        if turn == TURNS or not len(rows):
-            break
-        white = noise.whiten(left[:, None] / noise.scale)
-        explained = float(np.mean(white**2))
-        e = (L.T @ noise.whiten_transpose(white)[:, 0]).reshape(len(reading.sd), -1).T * reading.sd / noise.scale
-        X = reading.smooth(Y - e / max(1.0, explained))
-    if len(rows):
-        explained = float(np.mean(noise.whiten(left[:, None] / noise.scale) ** 2))
-    measured = np.concatenate([-(bumps.slopes @ Y[:, k]) - bumps.values @ back[:, k] for k in own])[rows]
-    g = known.rates(samples.time, X, U)
-    simulated = np.concatenate([bumps.values @ g[:, k] for k in own])[rows]
-    nearest = np.tile(bumps.sample, len(own))[rows]
+    near = _linear(reading, own, X, whole, white_share)
+    for _ in range(TURNS):
+        X = reading.smooth(Y - near.error(reading))
+        near = _linear(reading, own, X, whole, white_share)
+    g, rows = known.rates(samples.time, X, U), near.rows
+    measured = np.concatenate([-(bumps.slopes @ Y[:, k]) - bumps.values @ near.back[:, k] for k in own])[rows]
     weighing = {}
     for i, name in enumerate(equations):
         parts = [bumps.values if k == i else csr_matrix(bumps.values.shape) for k in range(len(own))]
-        weighing[name] = Weighing(csr_matrix(vstack(parts))[rows], nearest)
+        weighing[name] = Weighing(_lines(parts, rows), np.tile(bumps.sample, len(own))[rows])
     of = rows // max(len(bumps), 1)
-    rate = [reading.fits[k].rate(X[:, k]) for k in range(Y.shape[1])]
     return WeakPath(
         reading=reading,
         states=X,
-        rates=np.column_stack(rate),
+        rates=np.column_stack([fits.rate(x) for fits, x in zip(reading.fits, X.T, strict=True)]),
         weighing=weighing,
         measured=measured,
-        simulated=simulated,
-        noise=noise,
-        explained=explained if len(rows) else 0.0,
-        sizes={name: float(np.sqrt(np.mean(measured[of == i] ** 2))) for i, name in enumerate(equations)},
+        simulated=np.concatenate([bumps.values @ g[:, k] for k in own])[rows],
+        noise=near.noise,
+        sizes={
+            name: float(np.sqrt(np.mean(measured[of == i] ** 2))) if np.any(of == i) else 0.0
+            for i, name in enumerate(equations)
+        },
         time=np.tile(bumps.centre, len(own))[rows],
         run=np.tile(bumps.run, len(own))[rows],
     )
+
+
+class _Linear(NamedTuple):
+    """Rows near some states under a frozen model.
+
+    Attributes:
+        L: L S^½.
+        noise: R.
+        rows: Which of all rows, equation by equation, these are, in order of time.
+        left: ρ, what the frozen model leaves of each.
+        back: J (Y − X) [n_sample, n_state].
+    """
+
+    L: csr_matrix
+    noise: OverlappingNoise
+    rows: Int[np.ndarray, " n_row"]
+    left: Float[np.ndarray, " n_row"]
+    back: Float[np.ndarray, "n_sample n_state"]
+
+    def error(self, reading: Reading) -> Float[np.ndarray, "n_sample n_state"]:
+        """ê."""
+        white = self.noise.whiten(self.left[:, None] / self.noise.scale)
+        share = 1.0 / max(1.0, float(np.mean(white**2))) if len(white) else 0.0
+        error = self.L.T @ self.noise.whiten_transpose(white)[:, 0] / self.noise.scale
+        return share * error.reshape(len(reading.sd), -1).T * reading.sd
+
+
+def _linear(reading: Reading, own: Sequence[int], X: np.ndarray, whole: Simulation, share: float) -> _Linear:
+    samples, bumps = reading.samples, reading.bumps
+    Y, U = samples.matrix(samples.state_names), samples.matrix(samples.input_names)
+    F, J = whole.rates(samples.time, X, U), whole.jacobian(samples.time, X, U)
+    if not (np.all(np.isfinite(F[:, own])) and np.all(np.isfinite(J[:, own]))):
+        names = ", ".join(samples.state_names[k] for k in own)
+        raise InputError(f"The rates of {names} are not finite near the samples: check the domain of the terms.")
+    back = np.einsum("nij,nj->ni", J, Y - X)
+    # Row by row of time, equation by equation.
+    order = np.arange(len(own) * len(bumps)).reshape(len(own), -1).T.ravel()
+    lines = []
+    for k in own:
+        blocks = [bumps.values @ diags(J[:, k, j] * s) for j, s in enumerate(reading.sd)]
+        blocks[k] = blocks[k] + bumps.slopes * reading.sd[k]
+        lines.append(csr_matrix(hstack(blocks)))
+    L = _lines(lines, order)
+    noise, kept = _noise(L, np.tile(bumps.run, len(own))[order], samples.n_run, share)
+    rows = order[kept]
+    left = np.concatenate([bumps.slopes @ Y[:, k] + bumps.values @ (F[:, k] + back[:, k]) for k in own])[rows]
+    return _Linear(_lines([L], kept), noise, rows, left, back)
+
+
+def _lines(parts: Sequence[csr_matrix], rows: np.ndarray) -> csr_matrix:
+    """Some lines of matrices on top of each other."""
+    whole: Any = csr_matrix(vstack(parts))
+    return whole[rows]
 
 
 def _radius(time: np.ndarray, parts: Sequence[Stretch], half_width: int, n_equation: int) -> float:
@@ -213,44 +253,38 @@ def _radius(time: np.ndarray, parts: Sequence[Stretch], half_width: int, n_equat
     return max(half_width * step, fewest, EVERY * n_equation * whole / MOST_ROWS)
 
 
-def _response(
-    bumps: Bumps, J: np.ndarray, own: Sequence[int], sd: np.ndarray, order: np.ndarray
-) -> csr_matrix:
-    """L S^½ [n_row, n_state · n_sample]: what standard normal noise on every sample does to the rows."""
-    lines = []
-    for k in own:
-        blocks = [bumps.values @ diags(J[:, k, j] * s) for j, s in enumerate(sd)]
-        blocks[k] = blocks[k] + bumps.slopes * sd[k]
-        lines.append(hstack(blocks))
-    return csr_matrix(vstack(lines))[order]
-
-
-def _noise(L: csr_matrix, run: np.ndarray, n_run: int) -> tuple[OverlappingNoise, np.ndarray]:
+def _noise(L: csr_matrix, run: np.ndarray, n_run: int, share: float) -> tuple[OverlappingNoise, np.ndarray]:
     """Noise of the rows, and which of them the rows before do not tell."""
-    bands, kept, scale = [], [], float(np.sqrt(np.mean(L.multiply(L).sum(axis=1)))) if L.shape[0] else 1.0
-    for r in range(n_run):
+    if not len(run):
+        return overlapping([]), np.zeros(0, int)
+    scale = float(np.sqrt(np.mean(np.sum(L.multiply(L), axis=1))))
+    bands, kept = [], []
+    for r in np.unique(run):
         rows = np.flatnonzero(run == r)
-        band = _banded(L[rows] / scale)
-        told = ~np.ones(len(rows), bool)
-        try:
-            factor = cholesky_banded(band, lower=True)
-            full = bool(np.all(factor[0] ** 2 > TOLD * band[0]))
-        except LinAlgError:
-            full = False
-        if not full:
-            told = ~independent_rows(band)
-            rows = rows[~told]
-            band = _banded(L[rows] / scale)
+        band = _banded(_lines([L], rows) / scale, share)
+        if not _told_apart(band):
+            rows = rows[independent_rows(band)]
+            band = _banded(_lines([L], rows) / scale, share)
         bands.append(band)
         kept.append(rows)
     return overlapping(bands, scale), np.concatenate(kept)
 
 
-def _banded(L: csr_matrix) -> np.ndarray:
-    """L Lᵀ in lower banded form."""
+def _told_apart(band: np.ndarray) -> bool:
+    """Whether no row is told by those before it."""
+    try:
+        factor = cholesky_banded(band, lower=True)
+    except LinAlgError:
+        return False
+    return bool(np.all(factor[0] ** 2 > TOLD * band[0]))
+
+
+def _banded(L: Any, share: float) -> np.ndarray:
+    """(1 − δ) L Lᵀ + δ diag L Lᵀ in lower banded form."""
     lower = (L @ L.T).tocoo()
     below = lower.row >= lower.col
     row, column, value = lower.row[below], lower.col[below], lower.data[below]
     band = np.zeros((int(np.max(row - column, initial=0)) + 1, L.shape[0]))
     band[row - column, column] = value
+    band[1:] *= 1.0 - share
     return band

@@ -1,10 +1,10 @@
 """Weak rows: the equations integrated with test functions, so that no sample is ever differentiated.
 
-A row says −∫ φ̇ x_k dt = ∫ φ (g_k + Φ_k θ + f) dt for a bump φ of finite support. The operator acts on evaluated columns,
-V[Φ ψ]. Noise e of all states enters the row of one equation through φ̇ and through ∂(g + Φθ)/∂x, so that the rows of all
-equations share their noise, R = L S Lᵀ, and one likelihood tells of all (see `weak_path`; Bortz, Messenger & Dukic 2023,
-Bull. Math. Biol. 85:110). θ in ∂(g + Φθ)/∂x is frozen in a model that all hypotheses have in common, and is taken anew
-near the likeliest one, as for rows of samples. Bumps overlap: n is the number of rows that their neighbours do not tell.
+A row says −∫ φ̇ x_k dt = ∫ φ (g_k + Φ_k θ + f) dt for a bump φ of finite support. The operator acts on evaluated
+columns, V[Φ ψ]. Noise e of all states enters the row of one equation through φ̇ and through ∂(g + Φθ)/∂x, so that the
+rows of all equations share their noise, R = L S Lᵀ, and one likelihood tells of all (see `weak_path`; Bortz, Messenger &
+Dukic 2023, Bull. Math. Biol. 85:110). θ in ∂(g + Φθ)/∂x is frozen in a model that all hypotheses have in common, and is
+taken anew near the likeliest one. Bumps overlap: n is the number of rows that the rows before them do not tell.
 """
 
 import math
@@ -28,6 +28,9 @@ _READ: WeakKeyDictionary[Trajectories, dict[Any, Reading]] = WeakKeyDictionary()
 _KNOWN: WeakKeyDictionary[Trajectories, dict[Any, WeakPath]] = WeakKeyDictionary()
 """What was found of some samples, the latest `REMEMBERED` paths."""
 
+AFAR = (0.5, 0.2, 0.05, 0.01)
+"""White shares of the first turns: the frozen model may be far off, and some sums of rows are exact under it alone."""
+
 REMEMBERED = 4
 """Paths of some samples that are kept: a fit asks for the same one several times in a row."""
 
@@ -46,11 +49,14 @@ class WeakRows(RowKind):
     Attributes:
         radius: Half the support of the test functions, units of time. By default the half window of the cubic that
             follows the fastest state best (least mean square error, by Stein's estimate), but at least eight steps.
+        white_share: δ in (1 − δ) R + δ diag R, for what is not of first order; none where R is right. Some sums of rows
+            are exact under the frozen model alone and outvote all others: while that is sought, δ is large.
         added: Terms and coefficients of the frozen model, beside the simulation: what a fit has found.
         added_to: The learned state of each of these.
     """
 
     radius: float | None = None
+    white_share: float = 0.0
     added: tuple[tuple[str, float], ...] = ()
     added_to: tuple[str, ...] = ()
 
@@ -60,6 +66,8 @@ class WeakRows(RowKind):
         object.__setattr__(self, "added_to", tuple(self.added_to))
         if self.radius is not None and not 0 < self.radius < math.inf:
             raise InputError(f"WeakRows(radius={self.radius!r}) must be a positive number, in units of time.")
+        if not 0 <= self.white_share < 1:
+            raise InputError(f"WeakRows(white_share={self.white_share!r}) must be 0 or above, and below 1.")
 
     @property
     def rates_measured(self) -> bool:
@@ -80,6 +88,10 @@ class WeakRows(RowKind):
     def around(self, added: Sequence[tuple[Term, float]], to: Sequence[str] = ()) -> "WeakRows":
         """Rows near the model with these terms."""
         return replace(self, added=tuple((term.text, float(value)) for term, value in added), added_to=tuple(to))
+
+    def from_afar(self, turn: int) -> "WeakRows":
+        """Rows with a larger white share at first."""
+        return replace(self, white_share=max(self.white_share, AFAR[turn])) if turn < len(AFAR) else self
 
     def left_out(self, data: Trajectories) -> tuple[str, ...]:
         """Which test functions were chosen, and what of the data has no row."""
@@ -126,8 +138,7 @@ class WeakRows(RowKind):
             )
         largest = max(path.sizes[name] for name in equations)
         learned = {
-            name: Acting(path.weighing[name], path.sizes[name] / largest if largest > 0 else 1.0)
-            for name in equations
+            name: Acting(path.weighing[name], path.sizes[name] / largest if largest > 0 else 1.0) for name in equations
         }
         samples = path.reading.samples
         columns = {**dict(zip(samples.state_names, path.states.T, strict=True)), **samples.inputs}
@@ -145,9 +156,7 @@ class WeakRows(RowKind):
 
     def path(self, data: Trajectories, equations: tuple[str, ...], simulation: Simulation) -> ReferencePath:
         """Weak rows follow none."""
-        raise InputError(
-            "Weak rows follow no path from its start: for that use GreyBox(rows=bg.TrajectoryRows())."
-        )
+        raise InputError("Weak rows follow no path from its start: for that use GreyBox(rows=bg.TrajectoryRows()).")
 
     def _near(self, data: Trajectories, equations: tuple[str, ...], simulation: Simulation) -> WeakPath:
         samples = data.samples or data
@@ -162,15 +171,13 @@ class WeakRows(RowKind):
         if key not in known:
             while len(known) >= REMEMBERED:
                 del known[next(iter(known))]
-            with_rows = tuple(
-                name for name in samples.state_names if name in equations or name in simulation.equations
-            )
+            with_rows = tuple(name for name in samples.state_names if name in equations or name in simulation.equations)
             added: dict[str, list[tuple[Term, float]]] = {}
             to = self.added_to or (equations[0],) * len(self.added)
             for (text, value), name in zip(self.added, to, strict=True):
                 added.setdefault(name, []).append((Term(text), value))
             reading = _read(samples, self.radius, len(with_rows))
-            known[key] = weak_path(reading, with_rows, simulation, simulation.beside(added))
+            known[key] = weak_path(reading, with_rows, simulation, simulation.beside(added), self.white_share)
         return known[key]
 
 
