@@ -15,6 +15,9 @@ from .likeliest import Likeliest, likeliest
 STAYS = 0.3
 """Change of a coefficient of the likeliest terms, in its standard deviations, below which it stays."""
 
+ALTERNATIONS = 16
+"""How often the likeliest terms are sought anew at most; those that lead to each other by turns are found by then."""
+
 NEARER = 8
 """Turns at most in which an unknown force makes up for what a model far off does not follow."""
 
@@ -83,7 +86,7 @@ def _alternated(model: Any, data: Trajectories) -> Any:
     # The estimate is of the terms alone, whatever f may be beside them.
     lean = replace(model, discrepancy=None)
     before: Likeliest | None = None
-    for turn in range(MOST_TURNS):
+    for turn in range(ALTERNATIONS):
         rows = lean.rows.from_afar(turn)
         close = rows == lean.rows
         (equation,) = replace(lean, rows=rows).assemble(data).values()

@@ -2,18 +2,20 @@
 
 A row says −∫ φ̇ x_k dt = ∫ φ (g_k + Φ_k θ + f) dt for a bump φ of finite support. The operator acts on evaluated
 columns, V[Φ ψ]. Noise e of all states enters the row of one equation through φ̇ and through ∂(g + Φθ)/∂x, so that the
-rows of all equations share their noise, R = L S Lᵀ, and one likelihood tells of all (see `weak_path`; Bortz, Messenger &
-Dukic 2023, Bull. Math. Biol. 85:110). θ in ∂(g + Φθ)/∂x is frozen in a model that all hypotheses have in common, and is
+rows of all equations share their noise, R = L S Lᵀ, and one likelihood tells of all (see `weak_path`; Bortz, Messenger
+& Dukic 2023, Bull. Math. Biol. 85:110). θ in ∂(g + Φθ)/∂x is frozen in a model that all hypotheses have in common, and is
 taken anew near the likeliest one. Bumps overlap: n is the number of rows that the rows before them do not tell.
 """
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Annotated, Any
 from weakref import WeakKeyDictionary
 
+from annotated_types import Lt
+
 from bayes_greybox.data.errors import InputError
+from bayes_greybox.data.limits import NotNegative, Positive, require_limits
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.data.weak_form import FEWEST_STEPS
 from bayes_greybox.physics.simulation.protocol import Simulation
@@ -27,6 +29,9 @@ from .weak_path import Reading, WeakPath, weak_path
 _READ: WeakKeyDictionary[Trajectories, dict[Any, Reading]] = WeakKeyDictionary()
 _KNOWN: WeakKeyDictionary[Trajectories, dict[Any, WeakPath]] = WeakKeyDictionary()
 """What was found of some samples, the latest `REMEMBERED` paths."""
+
+Share = Annotated[NotNegative, Lt(1)]
+"""Of a variance; all of it would leave no covariance."""
 
 AFAR = (0.5, 0.2, 0.05, 0.01)
 """White shares of the first turns: the frozen model may be far off, and some sums of rows are exact under it alone."""
@@ -55,8 +60,8 @@ class WeakRows(RowKind):
         added_to: The learned state of each of these.
     """
 
-    radius: float | None = None
-    white_share: float = 0.0
+    radius: Positive | None = None
+    white_share: Share = 0.0
     added: tuple[tuple[str, float], ...] = ()
     added_to: tuple[str, ...] = ()
 
@@ -64,10 +69,7 @@ class WeakRows(RowKind):
         # Files have lists for tuples.
         object.__setattr__(self, "added", tuple((str(text), float(value)) for text, value in self.added))
         object.__setattr__(self, "added_to", tuple(self.added_to))
-        if self.radius is not None and not 0 < self.radius < math.inf:
-            raise InputError(f"WeakRows(radius={self.radius!r}) must be a positive number, in units of time.")
-        if not 0 <= self.white_share < 1:
-            raise InputError(f"WeakRows(white_share={self.white_share!r}) must be 0 or above, and below 1.")
+        require_limits(self)
 
     @property
     def rates_measured(self) -> bool:
