@@ -34,7 +34,7 @@ from .answer.where import GapMap, GapTrace
 from .equation import study_equation
 from .evidence.odds import Odds
 from .evidence.sufficient_statistics import CORRECTION_SCALE
-from .refusals import check_data
+from .refusals import check_data, check_rows
 from .suspects.channels import DELAY_STEPS, GAIN_SD, OFFSET_SD, ZERO_SD
 
 AnyProgram = TypeVar("AnyProgram", bound=Program)
@@ -158,6 +158,7 @@ def investigate(
     started = time.perf_counter()
     odds = odds or Odds()
     given, model = model, model.centred()
+    check_rows(model)
     equations = studied_equations(model, train)
     check_data(model, equations, train, test, free_runs)
     train, test = _completed(model, equations, train), None if test is None else _completed(model, equations, test)

@@ -42,6 +42,11 @@ class RowKind(ABC):
         return True
 
     @property
+    def studied(self) -> bool:
+        """Whether explanations and errors of the sensors can be weighed on such rows."""
+        return True
+
+    @property
     def integrated(self) -> bool:
         """Whether rows follow a path that a model integrates, to which only an unknown force holds it while it is off.
 

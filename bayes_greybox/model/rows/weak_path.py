@@ -210,8 +210,10 @@ class _Linear(NamedTuple):
 
     def error(self, reading: Reading) -> Float[np.ndarray, "n_sample n_state"]:
         """ê."""
+        if not len(self.rows):
+            return np.zeros(self.back.shape)
         white = self.noise.whiten(self.left[:, None] / self.noise.scale)
-        share = 1.0 / max(1.0, float(np.mean(white**2))) if len(white) else 0.0
+        share = 1.0 / max(1.0, float(np.mean(white**2)))
         error = self.L.T @ self.noise.whiten_transpose(white)[:, 0] / self.noise.scale
         return share * error.reshape(len(reading.sd), -1).T * reading.sd
 

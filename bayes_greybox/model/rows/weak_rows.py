@@ -1,10 +1,10 @@
 """Weak rows: the equations integrated with test functions, so that no sample is ever differentiated.
 
 A row says −∫ φ̇ x_k dt = ∫ φ (g_k + Φ_k θ + f) dt for a bump φ of finite support. The operator acts on evaluated
-columns, V[Φ ψ]. Noise e of all states enters the row of one equation through φ̇ and through ∂(g + Φθ)/∂x, so that the
-rows of all equations share their noise, R = L S Lᵀ, and one likelihood tells of all (see `weak_path`; Bortz, Messenger
-& Dukic 2023, Bull. Math. Biol. 85:110). θ in ∂(g + Φθ)/∂x is frozen in a model that all hypotheses have in common, and is
-taken anew near the likeliest one. Bumps overlap: n is the number of rows that the rows before them do not tell.
+columns, V[Φ ψ]. Noise e of all states enters the row of one equation through φ̇ and through ∂(g + Φθ)/∂x, so that all
+equations share the noise of their rows, R = L S Lᵀ, and one likelihood tells of all (see `weak_path`; Bortz, Messenger
+& Dukic 2023, Bull. Math. Biol. 85:110). θ in ∂(g + Φθ)/∂x is frozen in a model that all hypotheses have in common, and
+is taken anew near the likeliest one. Bumps overlap: n is the number of rows that the rows before them do not tell.
 """
 
 from collections.abc import Sequence
@@ -74,6 +74,11 @@ class WeakRows(RowKind):
     @property
     def rates_measured(self) -> bool:
         """No: rates are those of the path."""
+        return False
+
+    @property
+    def studied(self) -> bool:
+        """No: what errors of the sensors do to such rows is not worked out, and explanations pass for them."""
         return False
 
     @property
