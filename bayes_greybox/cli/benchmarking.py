@@ -189,8 +189,10 @@ def _weak_odes(folder: Path, cases: int | None, replicates: int | None, seed: in
 def _weak_coverage(folder: Path, replicates: int | None, seed: int, progress: bool) -> int:
     from bayes_greybox.benchmarks.tables import weak_tables
     from bayes_greybox.benchmarks.weak_odes.run import COVERED, REPEATS, run
+    from bayes_greybox.benchmarks.weak_odes.systems import NOISES
 
-    table = run(folder, COVERED, replicates=replicates or REPEATS, seed=seed, progress=progress)
+    counted = replicates or REPEATS
+    table = run(folder, COVERED, noises=NOISES[:1], replicates=counted, seed=seed, progress=progress)
     show(*weak_tables(table), f"\nResults are in {folder}.")
     return DONE
 

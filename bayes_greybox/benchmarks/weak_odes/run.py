@@ -25,7 +25,7 @@ REPLICATES = 20
 """Draws of the noise of each system at each level."""
 
 COVERED, REPEATS = ("lotka-volterra",), 200
-"""System whose intervals are counted in more draws, and how many."""
+"""System whose intervals are counted in more draws of 10 % noise, and how many."""
 
 NORMAL = float(norm.ppf(0.95))
 """Half a 90 % interval, in standard deviations."""
