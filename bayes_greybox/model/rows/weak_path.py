@@ -62,13 +62,12 @@ class Reading:
     bumps: Bumps
 
     @classmethod
-    def of(cls, samples: Trajectories, radius: float | None, n_equation: int) -> "Reading":
+    def of(cls, samples: Trajectories, radius: float | None) -> "Reading":
         """Read samples.
 
         Args:
             samples: All states.
             radius: Of the test functions; by default as far as the cubic reaches that follows the fastest state best.
-            n_equation: Equations that have rows.
         """
         values = samples.matrix(samples.state_names)
         spread = np.maximum(np.std(values, axis=0), np.finfo(float).tiny)
@@ -77,7 +76,7 @@ class Reading:
         widths = chosen_half_widths(samples.time, values, sd, parts)
         made = {width: LocalFits.of(samples.time, parts, width) for width in set(widths)}
         fits = tuple(made[width] for width in widths)
-        reach = radius or _radius(samples.time, parts, min(widths), n_equation)
+        reach = radius or _radius(samples.time, parts, min(widths), len(sd))
         return cls(samples, sd, widths, fits, Bumps.along(samples.time, parts, reach))
 
     def smooth(self, values: Float[np.ndarray, "n k"]) -> Float[np.ndarray, "n k"]:
@@ -246,13 +245,13 @@ def _lines(parts: Sequence[csr_matrix], rows: np.ndarray) -> csr_matrix:
     return whole[rows]
 
 
-def _radius(time: np.ndarray, parts: Sequence[Stretch], half_width: int, n_equation: int) -> float:
+def _radius(time: np.ndarray, parts: Sequence[Stretch], half_width: int, n_state: int) -> float:
     """Half the window of the narrowest cubic in time, but no fewer steps and no more rows than may be."""
     steps = np.concatenate([np.diff(time[slice(*part.rows)]) for part in parts])
     step, whole = float(np.median(steps)) if len(steps) else 1.0, float(np.sum(steps))
     # On uneven steps a bump needs its fewest samples on average.
     fewest = FEWEST_STEPS * max(step, float(np.mean(steps)) if len(steps) else step) * (1 + 1e-9)
-    return max(half_width * step, fewest, EVERY * n_equation * whole / MOST_ROWS)
+    return max(half_width * step, fewest, EVERY * n_state * whole / MOST_ROWS)
 
 
 def _noise(L: csr_matrix, run: np.ndarray, n_run: int, share: float) -> tuple[OverlappingNoise, np.ndarray]:

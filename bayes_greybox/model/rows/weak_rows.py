@@ -26,7 +26,7 @@ from .reference_path import ReferencePath
 from .row_kind import RowKind
 from .weak_path import Reading, WeakPath, weak_path
 
-_READ: WeakKeyDictionary[Trajectories, dict[Any, Reading]] = WeakKeyDictionary()
+_READ: WeakKeyDictionary[Trajectories, dict[float | None, Reading]] = WeakKeyDictionary()
 _KNOWN: WeakKeyDictionary[Trajectories, dict[Any, WeakPath]] = WeakKeyDictionary()
 """What was found of some samples, the latest `REMEMBERED` paths."""
 
@@ -102,7 +102,7 @@ class WeakRows(RowKind):
 
     def left_out(self, data: Trajectories) -> tuple[str, ...]:
         """Which test functions were chosen, and what of the data has no row."""
-        reading = _read(data.samples or data, self.radius, len(data.state_names))
+        reading = _read(data.samples or data, self.radius)
         windows = ", ".join(
             f"{2 * m + 1} samples of {name}" for name, m in zip(data.state_names, reading.half_widths, strict=True)
         )
@@ -183,13 +183,13 @@ class WeakRows(RowKind):
             to = self.added_to or (equations[0],) * len(self.added)
             for (text, value), name in zip(self.added, to, strict=True):
                 added.setdefault(name, []).append((Term(text), value))
-            reading = _read(samples, self.radius, len(with_rows))
+            reading = _read(samples, self.radius)
             known[key] = weak_path(reading, with_rows, simulation, simulation.beside(added), self.white_share)
         return known[key]
 
 
-def _read(samples: Trajectories, radius: float | None, n_equation: int) -> Reading:
+def _read(samples: Trajectories, radius: float | None) -> Reading:
     known = _READ.setdefault(samples, {})
-    if (radius, n_equation) not in known:
-        known[radius, n_equation] = Reading.of(samples, radius, n_equation)
-    return known[radius, n_equation]
+    if radius not in known:
+        known[radius] = Reading.of(samples, radius)
+    return known[radius]

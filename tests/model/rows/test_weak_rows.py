@@ -59,7 +59,7 @@ def test_the_covariance_is_that_of_the_residual():
     simulation = program.simulator(exact)
     whole = simulation.beside({"x": RIGHT[:2], "y": RIGHT[2:]})
     rng, left = np.random.default_rng(1), []
-    reading = replace(Reading.of(exact, radius, 2), sd=sd)
+    reading = replace(Reading.of(exact, radius), sd=sd)
     noise = weak_path(reading, ("x", "y"), simulation, whole, 0.0).noise
     for _ in range(n_draw):
         noisy = truth + sd * rng.standard_normal(truth.shape)
