@@ -81,11 +81,15 @@ def near_estimate(model: Model, data: Trajectories) -> Model:
 def _alternated(model: Any, data: Trajectories) -> Any:
     """Rows that hold to the samples by themselves: near the likeliest of the model's terms, until these stay.
 
-    Where two sets of terms lead to each other by turns, either will do: they differ by what the data hardly tell.
+    Where two sets that differ by one term lead to each other by turns, either will do: the data hardly tell.
+
+    Raises:
+        InputError: Sets of terms that do not settle.
     """
     # The estimate is of the terms alone, whatever f may be beside them.
     lean = replace(model, discrepancy=None)
     before: Likeliest | None = None
+    changed: set[str] = set()
     for turn in range(ALTERNATIONS):
         rows = lean.rows.from_afar(turn)
         close = rows == lean.rows
@@ -94,7 +98,15 @@ def _alternated(model: Any, data: Trajectories) -> Any:
         lean = replace(lean, rows=lean.rows.around(found.terms, found.acts_on))
         if before is not None and found.stays(before, STAYS):
             break
+        changed = set(found.names) ^ set(before.names) if before is not None else changed
         before = found if close else None
+    else:
+        if len(changed) > 1:
+            raise InputError(
+                f"The terms of {', '.join(model.equations)} do not settle: after {ALTERNATIONS} turns "
+                f"{len(changed)} of them still come or go. The noise is too large for so many candidates: leave terms "
+                "out, give more samples, or count less on long sums of rows with WeakRows(white_share=0.05)."
+            )
     return replace(model, rows=lean.rows)
 
 

@@ -10,8 +10,10 @@ import bayes_greybox as bg
 from bayes_greybox.criticism.cross_validation.row_densities import pointwise_loo
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.model import near
 from bayes_greybox.model.likeliest import likeliest
 from bayes_greybox.model.program import Program
+from bayes_greybox.model.rows import weak_rows
 from bayes_greybox.model.rows.kinds import ROWS
 from bayes_greybox.model.rows.weak_path import Reading, weak_path
 from bayes_greybox.model.rows.weak_rows import WeakRows
@@ -112,6 +114,15 @@ def test_all_terms_are_found_near_the_likeliest_model():
     for (term, value), sd, to in zip(found.terms, found.sd, found.acts_on, strict=True):
         assert abs(value - truth[to, term.text]) < 4 * sd
     assert set(data.derivatives) == {"x", "y"} and data.samples is not None
+
+
+def test_terms_that_come_and_go_are_refused(monkeypatch):
+    # Without a white share the first turn, which knows nothing of the terms, finds far too many.
+    monkeypatch.setattr(weak_rows, "AFAR", ())
+    monkeypatch.setattr(near, "ALTERNATIONS", 2)
+    candidates = ["1", "x", "y", "x**2", "x*y", "y**2", "x**3", "x**2*y"]
+    with pytest.raises(InputError, match="terms of x, y do not settle: after 2 turns .* WeakRows\\(white_share=0.05"):
+        model_of({"x": candidates, "y": candidates}).near(samples(0.1))
 
 
 def test_a_known_equation_has_rows_of_its_own():
