@@ -32,6 +32,7 @@ from .model.priors import RegularisedHorseshoe as RegularisedHorseshoe
 from .model.priors import SpikeAndSlab as SpikeAndSlab
 from .model.rows.derivative_rows import DerivativeRows as DerivativeRows
 from .model.rows.trajectory_rows import TrajectoryRows as TrajectoryRows
+from .model.rows.weak_rows import WeakRows as WeakRows
 from .physics import systems as systems
 from .physics.catalogue.table import catalogue as catalogue
 from .physics.terms import Dictionary as Dictionary

@@ -112,7 +112,7 @@ def test_new_kinds_are_configured(lists, tmp_path):
         (ALL.replace("rational", "rationale"), r"\[discrepancy\] kernel = 'rationale' is not .* 'rational'\?"),
         (
             ALL.replace('kind = "every_second"', ""),
-            r"\[rows\] needs the key 'kind'; known: as-measured, derivative, trajectory, every_second",
+            r"\[rows\] needs the key 'kind'; known: as-measured, derivative, trajectory, weak, every_second",
         ),
     ],
 )

@@ -102,6 +102,14 @@ def confounding_tables(scores: Confounding) -> Iterator[RenderableType]:
         yield Group("", frame_table(f"Coefficients, {situation}", table.loc[:, columns]))
 
 
+def weak_tables(table: pd.DataFrame) -> Iterator[RenderableType]:
+    """Terms, errors and coverage of each system at each level of noise."""
+    title = "Terms from samples of all states; relative error of the coefficients; coverage of 90 % intervals"
+    shown = ["exact", "TPR", "error", "published", "efficient", "coverage"]
+    named = table.reset_index(level="noise").loc[:, ["noise", *shown]]
+    yield frame_table(title, named)
+
+
 def ode_tables(table: pd.DataFrame) -> Iterator[RenderableType]:
     """Errors of the parameters of each cell beside what others published."""
     title = "Relative error of the parameters; median of an efficient estimator, and published medians"

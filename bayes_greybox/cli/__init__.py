@@ -57,6 +57,8 @@ class Benchmark(StrEnum):
     published_odes = "published-odes"
     static_maps = "static-maps"
     memory_effects = "memory-effects"
+    weak_odes = "weak-odes"
+    weak_coverage = "weak-coverage"
     hudson_bay = "hudson-bay"
 
 
@@ -324,7 +326,8 @@ def benchmark(
     sampled-coverage counts how often intervals of coefficients hold the truth in samples. published-odes finds
     parameters of differential equations from noisy samples, beside published results. static-maps studies forces
     and flows that were measured beside what they depend on, without any derivative. memory-effects hides hysteresis,
-    relaxation, lags and absorbers in oscillators whose position is sampled. hudson-bay compares the exact
+    relaxation, lags and absorbers in oscillators whose position is sampled. weak-odes finds the terms of differential
+    equations from noisy samples of all states, and weak-coverage counts their intervals. hudson-bay compares the exact
     trajectory posterior with a reference, and with the model written by hand.
     """
     from bayes_greybox.cli.benchmarking import run_benchmark

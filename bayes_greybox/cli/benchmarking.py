@@ -59,6 +59,12 @@ def run_benchmark(
         return _static_maps(folder, cases, replicates, seed, progress)
     if name == "memory-effects":
         return _memory_effects(folder, cases, replicates, seed, progress)
+    if name == "weak-odes":
+        return _weak_odes(folder, cases, replicates, seed, progress)
+    if name == "weak-coverage":
+        if cases is not None:
+            raise InputError("--cases does not apply to weak-coverage; --replicates sets its size.")
+        return _weak_coverage(folder, replicates, seed, progress)
     if replicates is not None:
         raise InputError("--replicates does not apply to hidden-effects; --cases sets how many are run.")
     from bayes_greybox.benchmarks.hidden_effects.assumptions.cases import assumption_cases
@@ -179,6 +185,28 @@ def _memory_effects(folder: Path, cases: int | None, replicates: int | None, see
     names = list(machines())[:cases]
     table = run(folder, names, replicates=replicates or REPLICATES, seed=seed, progress=progress)
     show(*memory_tables(table), f"\nResults are in {folder}.")
+    return DONE
+
+
+def _weak_odes(folder: Path, cases: int | None, replicates: int | None, seed: int, progress: bool) -> int:
+    from bayes_greybox.benchmarks.tables import weak_tables
+    from bayes_greybox.benchmarks.weak_odes.run import REPLICATES, run
+    from bayes_greybox.benchmarks.weak_odes.systems import weak_systems
+
+    names = list(weak_systems())[:cases]
+    table = run(folder, names, replicates=replicates or REPLICATES, seed=seed, progress=progress)
+    show(*weak_tables(table), f"\nResults are in {folder}.")
+    return DONE
+
+
+def _weak_coverage(folder: Path, replicates: int | None, seed: int, progress: bool) -> int:
+    from bayes_greybox.benchmarks.tables import weak_tables
+    from bayes_greybox.benchmarks.weak_odes.run import COVERED, REPEATS, run
+    from bayes_greybox.benchmarks.weak_odes.systems import NOISES
+
+    counted = replicates or REPEATS
+    table = run(folder, COVERED, noises=NOISES[:1], replicates=counted, seed=seed, progress=progress)
+    show(*weak_tables(table), f"\nResults are in {folder}.")
     return DONE
 
 

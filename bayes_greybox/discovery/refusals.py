@@ -13,6 +13,23 @@ from bayes_greybox.physics.simulation.protocol import Simulation
 from bayes_greybox.physics.units import check_units, same_unit
 
 
+def check_rows(model: Program) -> None:
+    """Refuse rows on which no study weighs anything.
+
+    Args:
+        model: The model.
+
+    Raises:
+        InputError: Such rows.
+    """
+    if not model.rows.studied:
+        raise InputError(
+            f"A study does not weigh explanations on {type(model.rows).__name__}: give "
+            "GreyBox(rows=bg.TrajectoryRows()), or rates from data.differentiate(); or let "
+            "GreyBox(dictionary=...).fit choose among candidate terms."
+        )
+
+
 def check_data(
     model: Program, equations: Sequence[str], train: Trajectories, test: Trajectories | None, free_runs: bool
 ) -> None:

@@ -35,7 +35,7 @@ from .answer.where import GapMap, GapTrace
 from .equation import study_equation
 from .evidence.odds import Odds
 from .evidence.sufficient_statistics import CORRECTION_SCALE
-from .refusals import check_data
+from .refusals import check_data, check_rows
 from .suspects.channels import DELAY_STEPS, GAIN_SD, OFFSET_SD, ZERO_SD
 from .weighing.sets import OTHER_LAWS
 
@@ -163,6 +163,7 @@ def investigate(
     odds = odds or Odds()
     given = model.on(train)
     model = given.centred()
+    check_rows(model)
     equations = studied_equations(model, train)
     check_data(model, equations, train, test, free_runs)
     train, test = _completed(model, equations, train), None if test is None else _completed(model, equations, test)

@@ -68,7 +68,9 @@ def assemble(
         if not rows.noise.square:
             _require_traces(whitened[:, :n_term], plain, dictionary.names, equation)
         factor = triangular_factor(white, rows.n_white)
-        require_independent(factor[:, :n_term], dictionary.names, equation)
+        # Where W follows from the noise of samples it is invertible, but stretches directions by many powers of ten.
+        if not rows.noise.derived:
+            require_independent(factor[:, :n_term], dictionary.names, equation)
     if discrepancy is not None:
         frame = _with_measure(frame, discrepancy, rows, plain if discrepancy.measure == "unweighted" else factor)
 

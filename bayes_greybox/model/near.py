@@ -10,6 +10,13 @@ from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
 
 from .equation import Equation
+from .likeliest import Likeliest, likeliest
+
+STAYS = 0.3
+"""Change of a coefficient of the likeliest terms, in its standard deviations, below which it stays."""
+
+ALTERNATIONS = 16
+"""How often the likeliest terms are sought anew at most; those that lead to each other by turns are found by then."""
 
 NEARER = 8
 """Turns at most in which an unknown force makes up for what a model far off does not follow."""
@@ -62,11 +69,45 @@ def near_estimate(model: Model, data: Trajectories) -> Model:
     Raises:
         InputError: What `Program.assemble` refuses; coefficients that do not settle.
     """
+    if not model.rows.integrated:
+        return _alternated(model, data)
     if len(model.equations) == 1:
         return _one_settled(model, data)
     # Paths of coefficients that are far off may leave all bounds; they are refused where they are found.
     with np.errstate(over="ignore", invalid="ignore"):
         return _settled(model, data)
+
+
+def _alternated(model: Any, data: Trajectories) -> Any:
+    """Rows that hold to the samples by themselves: near the likeliest of the model's terms, until these stay.
+
+    Where two sets that differ by one term lead to each other by turns, either will do: the data hardly tell.
+
+    Raises:
+        InputError: Sets of terms that do not settle.
+    """
+    # The estimate is of the terms alone, whatever f may be beside them.
+    lean = replace(model, discrepancy=None)
+    before: Likeliest | None = None
+    changed: set[str] = set()
+    for turn in range(ALTERNATIONS):
+        rows = lean.rows.from_afar(turn)
+        close = rows == lean.rows
+        (equation,) = replace(lean, rows=rows).assemble(data).values()
+        found = likeliest(equation, thorough=close)
+        lean = replace(lean, rows=lean.rows.around(found.terms, found.acts_on))
+        if before is not None and found.stays(before, STAYS):
+            break
+        changed = set(found.names) ^ set(before.names) if before is not None else changed
+        before = found if close else None
+    else:
+        if len(changed) > 1:
+            raise InputError(
+                f"The terms of {', '.join(model.equations)} do not settle: after {ALTERNATIONS} turns "
+                f"{len(changed)} of them still come or go. The noise is too large for so many candidates: leave terms "
+                "out, give more samples, or count less on long sums of rows with WeakRows(white_share=0.05)."
+            )
+    return replace(model, rows=lean.rows)
 
 
 def _one_settled(model: Any, data: Trajectories) -> Any:

@@ -105,7 +105,7 @@ class BandedNoise(RowNoise):
         for n, variance in zip(self.run_lengths, self.run_variances, strict=True):
             unit = np.zeros((n, 1))
             unit[0] = 1.0
-            x = _triangular_solve(self._factors[n], _triangular_solve(self._factors[n], unit, "N"), "T")[:, 0]
+            x = triangular_solve(self._factors[n], triangular_solve(self._factors[n], unit, "N"), "T")[:, 0]
             for k in range(min(width, n)):
                 steps = (x[1 : n - k] * x[1 + k :] - x[:k:-1] * x[::-1][k : n - 1]) / x[0]
                 band[start : start + n - k, k] = np.cumsum(np.concatenate([x[k : k + 1], steps])) / variance
@@ -174,7 +174,7 @@ class BandedNoise(RowNoise):
         out, start = [], 0
         for n, variance in zip(self.run_lengths, self.run_variances, strict=True):
             block = rows[start : start + n]
-            out.append(_triangular_solve(self._factors[n], block, trans) / math.sqrt(variance))
+            out.append(triangular_solve(self._factors[n], block, trans) / math.sqrt(variance))
             start += n
         return np.concatenate(out)
 
@@ -189,7 +189,14 @@ def _toeplitz_cholesky(column: np.ndarray, n: int) -> np.ndarray:
     return cholesky_banded(np.repeat(band[:, None], n, axis=1), lower=True)
 
 
-def _triangular_solve(factor: np.ndarray, rows: np.ndarray, trans: str) -> np.ndarray:
+def triangular_solve(factor: np.ndarray, rows: np.ndarray, trans: str) -> np.ndarray:
+    """L⁻¹ rows, or L⁻ᵀ rows.
+
+    Args:
+        factor: L in lower banded form.
+        rows: Columns to solve for.
+        trans: "N" or "T".
+    """
     (tbtrs,) = get_lapack_funcs(("tbtrs",), (factor,))
     solution, info = tbtrs(factor, rows, uplo="L", trans=trans, diag="N")
     if info != 0:

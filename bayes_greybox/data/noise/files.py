@@ -9,6 +9,7 @@ from bayes_greybox.data.errors import InputError
 
 from .banded import BandedNoise
 from .forced_noise import ForcedNoise, Motion
+from .overlapping import OverlappingNoise
 from .protocol import RowNoise
 from .spectral import SpectralNoise
 from .starts_noise import StartsNoise
@@ -16,7 +17,7 @@ from .state_space import StateSpaceNoise
 from .weighted import WeightedNoise
 from .white import WhiteNoise
 
-KINDS = ("white", "banded", "spectral", "state space", "weighted", "starts", "forced")
+KINDS = ("white", "banded", "spectral", "state space", "weighted", "starts", "forced", "overlapping")
 """Row noises that files of data and fits can hold, as `RowNoise.to_dict` calls them."""
 
 
@@ -74,5 +75,8 @@ def noise_from_dict(record: Mapping[str, Any]) -> RowNoise:
         motion = Motion(fresh=fresh, outputs=outputs, **{k: np.asarray(v, float) for k, v in about.items()})
         sensor, starts = noise_from_dict(fields["sensor"]), np.asarray(fields["starts"], float)
         return ForcedNoise(sensor, motion, starts, float(fields["intensity"]), float(fields["scale"]))
+    if record["kind"] == "overlapping":
+        bands = tuple(np.asarray(band, dtype=float) for band in fields["bands"])
+        return OverlappingNoise(bands, float(fields["scale"]))
     known = ", ".join(f'"{kind}"' for kind in KINDS)
     raise InputError(f'Row noise of kind "{record["kind"]}" is unknown; the kinds are {known}.')

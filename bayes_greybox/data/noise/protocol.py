@@ -69,6 +69,11 @@ class RowNoise(ABC):
         return self.local
 
     @property
+    def derived(self) -> bool:
+        """Whether R follows from the noise of samples and a model, so that no other noise of the rows is sought."""
+        return False
+
+    @property
     def white_lengths(self) -> tuple[int, ...]:
         """Whitened rows of each run."""
         return self.run_lengths

@@ -165,6 +165,11 @@ def check_asked(noise: Noise, rows: EquationRows) -> None:
     """
     if noise.white:
         return
+    if rows.noise.derived:
+        raise InputError(
+            f"The noise of the rows of {rows.equation!r} follows from that of the samples, and no other is sought: "
+            "leave GreyBox(noise=...) a number, or use GreyBox(rows=bg.TrajectoryRows())."
+        )
     _quantities(noise, rows)
     if rows.n_row < LEAST_ROWS:
         raise InputError(

@@ -58,6 +58,19 @@ class RowKind(ABC):
         return True
 
     @property
+    def studied(self) -> bool:
+        """Whether explanations and errors of the sensors can be weighed on such rows."""
+        return True
+
+    @property
+    def integrated(self) -> bool:
+        """Whether rows follow a path that a model integrates, to which only an unknown force holds it while it is off.
+
+        Rows that are linear near a model but hold to the samples by themselves follow none.
+        """
+        return False
+
+    @property
     def shared(self) -> bool:
         """Whether all learned equations have the same rows, so that one likelihood tells of all; else each its own."""
         return False
@@ -141,6 +154,14 @@ class RowKind(ABC):
 
         Args:
             states: These, each with the column that it is about as large as.
+        """
+        return self
+
+    def from_afar(self, turn: int) -> "RowKind":
+        """The rows as they are taken in a turn in which the model that they are linear near is found.
+
+        Args:
+            turn: How many turns there were before.
         """
         return self
 

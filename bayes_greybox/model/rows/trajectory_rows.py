@@ -93,6 +93,11 @@ class TrajectoryRows(RowKind):
         return False
 
     @property
+    def integrated(self) -> bool:
+        """Yes: a path goes where its coefficients lead it."""
+        return True
+
+    @property
     def shared(self) -> bool:
         """Yes: each sample tells of all states."""
         return True

@@ -1,0 +1,172 @@
+"""Noise of rows that share samples with their neighbours: R is banded in each run, and differs along it."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Float
+from scipy.linalg import block_diag, cholesky_banded
+
+from .banded import triangular_solve
+from .protocol import COLUMNS, RowNoise
+
+TOLD = 1e-10
+"""A row whose variance given the rows before it is below this share of its own is told by them: it is no row."""
+
+
+@dataclass(frozen=True, eq=False)
+class OverlappingNoise(RowNoise):
+    """Rows that are sums over overlapping stretches of noisy samples, W = L⁻¹ with R = L Lᵀ.
+
+    Every operation costs O(n · bandwidth²) at most, but entries of R⁻¹, which cost O(n² · bandwidth).
+
+    Attributes:
+        bands: R of each run in lower banded form: row k holds the k-th subdiagonal; mean diagonal 1 over all runs.
+        scale: See `RowNoise`.
+    """
+
+    bands: tuple[Float[np.ndarray, "_ _"], ...]
+    scale: float = 1.0
+
+    @property
+    def run_lengths(self) -> tuple[int, ...]:  # pyright: ignore[reportIncompatibleVariableOverride]
+        """Rows of each run."""
+        return tuple(band.shape[1] for band in self.bands)
+
+    @property
+    def n_white(self) -> int:
+        """Number of whitened rows, one for each row."""
+        return self.n_obs
+
+    @property
+    def derived(self) -> bool:
+        """Yes: from the noise of the samples."""
+        return True
+
+    @cached_property
+    def log_det(self) -> float:  # pyright: ignore[reportIncompatibleMethodOverride]
+        """log|R| = Σ 2 log diag L."""
+        return 2.0 * sum(float(np.sum(np.log(factor[0]))) for factor in self._factors)
+
+    def whiten(self, rows: Float[np.ndarray, "n_obs k"]) -> Float[np.ndarray, "n_white k"]:
+        """L⁻¹ rows."""
+        return self._solve(rows, "N")
+
+    def whiten_transpose(self, rows: Float[np.ndarray, "n_white k"]) -> Float[np.ndarray, "n_obs k"]:
+        """L⁻ᵀ rows."""
+        return self._solve(rows, "T")
+
+    def precision_diagonal(self) -> Float[np.ndarray, " n_obs"]:
+        """Diagonal of R⁻¹."""
+        return self.precision_band(1)[:, 0]
+
+    def precision_band(self, width: int) -> Float[np.ndarray, "n_obs width"]:
+        """Diagonals of R⁻¹, from its columns."""
+        band, start = np.zeros((self.n_obs, width)), 0
+        for factor in self._factors:
+            n = factor.shape[1]
+            for first in range(0, n, COLUMNS):
+                count = min(COLUMNS, n - first)
+                unit = np.zeros((n, count))
+                unit[first + np.arange(count), np.arange(count)] = 1.0
+                columns = triangular_solve(factor, triangular_solve(factor, unit, "N"), "T")
+                for j in range(count):
+                    part = columns[first + j : first + j + width, j]
+                    band[start + first + j, : len(part)] = part
+            start += n
+        return band
+
+    def covariance(self) -> Float[np.ndarray, "n_obs n_obs"]:
+        """R as a dense matrix."""
+        blocks = []
+        for band in self.bands:
+            lower = np.zeros((band.shape[1], band.shape[1]))
+            for k in range(len(band)):
+                lower += np.diag(band[k, : band.shape[1] - k], -k)
+            blocks.append(lower + lower.T - np.diag(band[0]))
+        return np.asarray(block_diag(*blocks))
+
+    def correlated(self, white: Float[np.ndarray, "n_draw n_obs"]) -> Float[np.ndarray, "n_draw n_obs"]:
+        """L times the draws."""
+        out, start = np.zeros_like(white), 0
+        for factor in self._factors:
+            n = factor.shape[1]
+            for k in range(len(factor)):
+                out[:, start + k : start + n] += white[:, start : start + n - k] * factor[k, : n - k]
+            start += n
+        return out
+
+    def restrict(self, bounds: Sequence[tuple[int, int]]) -> "OverlappingNoise":
+        """Noise of contiguous rows of each run; see `RowNoise.restrict`."""
+        kept = []
+        for band, (start, stop) in zip(self.bands, bounds, strict=True):
+            if stop > start:
+                kept.append(_without_rest(band[: stop - start, start:stop]))
+        return overlapping(kept, self.scale)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain numbers and lists that `noise_from_dict` reads back."""
+        return {"kind": "overlapping", "bands": [band.tolist() for band in self.bands], "scale": self.scale}
+
+    @cached_property
+    def _factors(self) -> tuple[Float[np.ndarray, "_ _"], ...]:
+        return tuple(cholesky_banded(band, lower=True) for band in self.bands)
+
+    def _solve(self, rows: np.ndarray, trans: str) -> np.ndarray:
+        parts = np.split(rows, np.cumsum(self.run_lengths)[:-1])
+        solved = [triangular_solve(f, part, trans) for f, part in zip(self._factors, parts, strict=True)]
+        return np.concatenate(solved) if solved else rows
+
+
+def overlapping(bands: Sequence[Float[np.ndarray, "_ _"]], scale: float = 1.0) -> OverlappingNoise:
+    """Noise with a mean diagonal of one.
+
+    Args:
+        bands: Covariance of the rows of each run over scale², in lower banded form.
+        scale: See `RowNoise`.
+    """
+    n = sum(band.shape[1] for band in bands)
+    mean = sum(float(np.sum(band[0])) for band in bands) / n if n else 1.0
+    return OverlappingNoise(tuple(band / mean for band in bands), scale * math.sqrt(mean))
+
+
+def independent_rows(band: Float[np.ndarray, "_ n"]) -> Bool[np.ndarray, " n"]:
+    """Which rows the rows before them do not tell: those are as many as the rank of R.
+
+    Cholesky's factorisation, row by row; a row with a pivot below `TOLD` of its variance is passed over.
+
+    Args:
+        band: R in lower banded form.
+    """
+    width, n = band.shape
+    kept = np.zeros(n, bool)
+    # Row i of L is in lower[i], its entry of column j at [j − i + width − 1].
+    lower = np.zeros((n, width))
+    for i in range(n):
+        first = max(0, i - width + 1)
+        for j in range(first, i):
+            if not kept[j]:
+                continue
+            low = max(first, j - width + 1)
+            left = lower[i, low - i + width - 1 : j - i + width - 1]
+            right = lower[j, low - j + width - 1 : width - 1]
+            lower[i, j - i + width - 1] = (band[i - j, j] - left @ right) / lower[j, width - 1]
+        pivot = band[0, i] - float(np.sum(lower[i, : width - 1] ** 2))
+        if pivot > TOLD * band[0, i]:
+            kept[i] = True
+            lower[i, width - 1] = math.sqrt(pivot)
+        else:
+            lower[i] = 0.0
+    return kept
+
+
+def _without_rest(band: np.ndarray) -> np.ndarray:
+    """The last columns of a banded form hold entries of rows that are not there: they are zero."""
+    n = band.shape[1]
+    kept = band.copy()
+    for k in range(1, len(band)):
+        kept[k, n - k :] = 0.0
+    return kept

@@ -1,0 +1,160 @@
+"""Test functions φ of the weak form: smooth bumps, and the sums over samples that stand for integrals with them.
+
+    φ(t) ∝ (1 − u²)^p,   u = (t − t₀)/r in −1 … 1,   ∫ φ dt = 1,
+
+so that ∫ φ ẋ dt = −∫ φ̇ x dt without a boundary term (Messenger & Bortz 2021, Multiscale Model. Simul. 19:1474). On even
+steps the trapezoidal rule is exact but for what a bump holds at the sampling frequency; on others a cubic through the
+four nearest samples is integrated with φ.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.sparse import csr_matrix, vstack
+from scipy.special import beta
+
+from .local_fits import Stretch
+from .rates.filters import STEP_TOLERANCE
+
+POWER = 8
+"""p: at the ends of a bump its first seven derivatives vanish."""
+
+EVERY = 4
+"""Centres are a radius over this apart: neighbours overlap by seven eighths, and whitening tells what they share."""
+
+FEWEST_STEPS = 8
+"""A radius has at least so many steps: fewer do not integrate a bump."""
+
+NODES = 6
+"""Nodes of Gauss and Legendre in each step where steps are uneven."""
+
+
+@dataclass(frozen=True, eq=False)
+class Bumps:
+    """Test functions along runs, in order of time.
+
+    Attributes:
+        radius: r, units of time.
+        values: ∫ φ f dt from values of f at the samples [n_bump, n_sample].
+        slopes: ∫ φ̇ f dt.
+        centre: t₀.
+        run: Number of the run of each.
+        sample: Nearest sample to each centre.
+    """
+
+    radius: float
+    values: csr_matrix
+    slopes: csr_matrix
+    centre: Float[np.ndarray, " n_bump"]
+    run: Int[np.ndarray, " n_bump"]
+    sample: Int[np.ndarray, " n_bump"]
+
+    @classmethod
+    def along(
+        cls, time: Float[np.ndarray, " n"], parts: Sequence[Stretch], radius: float, every: int = EVERY
+    ) -> "Bumps":
+        """All bumps of a radius that lie within their stretch, a fraction of the radius apart.
+
+        Args:
+            time: Times of the samples.
+            parts: Stretches of samples.
+            radius: r.
+            every: Centres are r over this apart.
+        """
+        n, pieces = len(time), [_of(time, part, radius, every) for part in parts]
+        pieces = [piece for piece in pieces if piece is not None]
+        if not pieces:
+            none, empty = np.zeros(0, int), csr_matrix((0, n))
+            return cls(radius, empty, empty, np.zeros(0), none, none)
+        centre = np.concatenate([piece[2] for piece in pieces])
+        return cls(
+            radius,
+            csr_matrix(vstack([piece[0] for piece in pieces])),
+            csr_matrix(vstack([piece[1] for piece in pieces])),
+            centre,
+            np.concatenate([piece[3] for piece in pieces]),
+            np.concatenate([piece[4] for piece in pieces]),
+        )
+
+    def __len__(self) -> int:
+        return len(self.centre)
+
+
+def bump(u: Float[np.ndarray, "*n"], radius: float) -> tuple[Float[np.ndarray, "*n"], Float[np.ndarray, "*n"]]:
+    """φ and φ̇ at places u of a bump.
+
+    Args:
+        u: (t − t₀)/r; outside −1 … 1 both are zero.
+        radius: r.
+    """
+    inside = np.clip(1.0 - u * u, 0.0, None)
+    # ∫ (1 − u²)^p du = B(½, p + 1)
+    size = 1.0 / (radius * beta(0.5, POWER + 1))
+    return size * inside**POWER, -2.0 * POWER * size / radius * u * inside ** (POWER - 1)
+
+
+def _of(
+    time: np.ndarray, part: Stretch, radius: float, every: int
+) -> tuple[csr_matrix, csr_matrix, np.ndarray, np.ndarray, np.ndarray] | None:
+    """Bumps of one stretch: both matrices, centres, runs and nearest samples."""
+    start, stop = part.rows
+    t = time[start:stop]
+    if len(t) < 2 * FEWEST_STEPS + 1:
+        return None
+    steps = np.diff(t)
+    step, even = float(np.mean(steps)), bool(np.ptp(steps) <= 2 * STEP_TOLERANCE * np.mean(steps))
+    if even:
+        # Centres and ends on samples: sums of φ̇ vanish as its integral does.
+        half = round(radius / step)
+        if half < FEWEST_STEPS or len(t) < 2 * half + 1:
+            return None
+        at = np.arange(half, len(t) - half, max(1, half // every))
+        centre, radius = t[at], half * step
+        nodes, weights, places = t, np.full(len(t), step), None
+    else:
+        span = t[-1] - t[0]
+        if radius < FEWEST_STEPS * step or span < 2 * radius:
+            return None
+        count = math.floor((span - 2 * radius) * every / radius) + 1
+        centre = np.linspace(t[0] + radius, t[-1] - radius, count)
+        at = np.argmin(np.abs(t[None] - centre[:, None]), axis=1)
+        nodes, weights, places = _between(t)
+    first, last = np.searchsorted(nodes, centre - radius), np.searchsorted(nodes, centre + radius)
+    # A few nodes more than there are on either side; those outside the bump weigh nothing.
+    reach = int(np.max(last - first)) + 2
+    columns = np.clip(first - 1, 0, None)[:, None] + np.arange(reach)
+    inside = columns < len(nodes)
+    columns = np.minimum(columns, len(nodes) - 1)
+    phi, slope = bump((nodes[columns] - centre[:, None]) / radius, radius)
+    rows = np.repeat(np.arange(len(centre)), reach)
+    found = []
+    for each in (phi, slope):
+        entries = np.where(inside, each * weights[columns], 0.0)
+        table = csr_matrix((entries.ravel(), (rows, columns.ravel())), shape=(len(centre), len(nodes)))
+        table = table if places is None else csr_matrix(table @ places)
+        table.eliminate_zeros()
+        found.append(csr_matrix((table.data, table.indices + start, table.indptr), shape=(len(centre), len(time))))
+    return found[0], found[1], centre, np.full(len(centre), part.run), start + at
+
+
+def _between(t: np.ndarray) -> tuple[np.ndarray, np.ndarray, csr_matrix]:
+    """Nodes and weights of a quadrature over the steps, and the cubics between samples at the nodes."""
+    n = len(t)
+    place, weight = np.polynomial.legendre.leggauss(NODES)
+    h = np.diff(t)
+    nodes = t[:-1, None] + 0.5 * h[:, None] * (1 + place)
+    four = np.clip(np.arange(n - 1) - 1, 0, n - 4)[:, None] + np.arange(4)
+    known = t[four]
+    # Lagrange's polynomials: ∏ (τ − t_l)/(t_j − t_l)
+    basis = np.ones((n - 1, NODES, 4))
+    for j in range(4):
+        for k in range(4):
+            if k != j:
+                basis[:, :, j] *= (nodes - known[:, k, None]) / (known[:, j] - known[:, k])[:, None]
+    rows = np.repeat(np.arange(nodes.size), 4)
+    columns = np.repeat(four[:, None], NODES, axis=1).ravel()
+    cubics = csr_matrix((basis.ravel(), (rows, columns)), shape=(nodes.size, n))
+    return nodes.ravel(), (0.5 * h[:, None] * weight).ravel(), cubics

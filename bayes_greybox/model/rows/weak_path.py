@@ -1,0 +1,291 @@
+"""States that weak rows are linear near, and the covariance that the samples' noise gives the rows there.
+
+With samples Y = x + e, a test function φ and a path X near x, the weak form of ẋ_k = F_k(x), F = g + Φθ, is
+
+    −∫ φ̇ Y_k − ∫ φ J_k (Y − X) = ∫ φ F_k(X) − (∫ φ̇ e_k + ∫ φ J_k e),    J = ∂F/∂x at X,
+
+but for what is of second order in X − x: linear in θ, with the noise −L e, L = V̇ + V J, of covariance L S Lᵀ (Bortz,
+Messenger & Dukic 2023, Bull. Math. Biol. 85:110, Eq. 13, there at X = Y). J is that of a frozen model θ̄. At X = Y the
+terms are evaluated at noisy states, Φ(x + e) is not Φ(x) even on average, and its noise and that of the rows are the
+same noise, so that all coefficients are biased. Here X is near x: the samples less the noise that the rows of the
+frozen model say there is, smoothed,
+
+    X = H (Y − ê),    ê = S Lᵀ R⁻¹ ρ / max(1, σ̂²),    ρ the rows' residual under θ̄, R = L S Lᵀ, σ̂² = ρᵀR⁻¹ρ / n.
+
+That is Gauss and Newton's step to the likeliest states under the model (Britt & Luecke 1973, Technometrics 15:233).
+Where the model does not explain the rows, σ̂² is large and ê takes no more than its share.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.linalg import LinAlgError, cholesky_banded
+from scipy.sparse import csr_matrix, diags, hstack, vstack
+
+from bayes_greybox.data.errors import InputError
+from bayes_greybox.data.local_fits import LocalFits, Stretch, chosen_half_widths, stretches
+from bayes_greybox.data.noise.overlapping import TOLD, OverlappingNoise, independent_rows, overlapping
+from bayes_greybox.data.sample_noise import sample_noise
+from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.data.weak_form import EVERY, FEWEST_STEPS, Bumps
+from bayes_greybox.physics.simulation.protocol import Simulation
+
+FINEST = 1e-5
+"""Noise of a state over the spread of its samples, at least: rounding, and what sums for integrals leave."""
+
+TURNS = 2
+"""How often states are taken anew near the frozen model."""
+
+MOST_ROWS = 6000
+"""Rows at most; on longer records test functions are wider than the data ask for."""
+
+
+@dataclass(frozen=True, eq=False)
+class Reading:
+    """What is read off samples before any model: noise, windows and test functions.
+
+    Attributes:
+        samples: The samples.
+        sd: Noise of each state.
+        half_widths: Neighbours on either side in the cubics of each state.
+        fits: These cubics.
+        bumps: Test functions.
+    """
+
+    samples: Trajectories
+    sd: Float[np.ndarray, " n_state"]
+    half_widths: tuple[int, ...]
+    fits: tuple[LocalFits, ...]
+    bumps: Bumps
+
+    @classmethod
+    def of(cls, samples: Trajectories, radius: float | None) -> "Reading":
+        """Read samples.
+
+        Args:
+            samples: All states.
+            radius: Of the test functions; by default as far as the cubic reaches that follows the fastest state best.
+        """
+        values = samples.matrix(samples.state_names)
+        spread = np.maximum(np.std(values, axis=0), np.finfo(float).tiny)
+        sd = np.maximum(sample_noise(samples.time, values, samples.run_lengths), FINEST * spread)
+        parts = stretches(samples.time, samples.run_lengths)
+        widths = chosen_half_widths(samples.time, values, sd, parts)
+        made = {width: LocalFits.of(samples.time, parts, width) for width in set(widths)}
+        fits = tuple(made[width] for width in widths)
+        reach = radius or _radius(samples.time, parts, min(widths), len(sd))
+        return cls(samples, sd, widths, fits, Bumps.along(samples.time, parts, reach))
+
+    def smooth(self, values: Float[np.ndarray, "n k"]) -> Float[np.ndarray, "n k"]:
+        """H values, state by state."""
+        return np.column_stack([fits.smooth(x) for fits, x in zip(self.fits, values.T, strict=True)])
+
+
+@dataclass(frozen=True, eq=False)
+class Weighing:
+    """V, from values at the samples to the rows of one equation among those of all.
+
+    Attributes:
+        table: V [n_row, n_sample]; empty lines where rows are of other equations.
+        sample: Sample nearest to the centre of each row.
+    """
+
+    table: csr_matrix
+    sample: Int[np.ndarray, " n_row"]
+
+    @property
+    def place(self) -> Int[np.ndarray, " n_row"]:
+        """The same: terms are evaluated at samples."""
+        return self.sample
+
+    def __call__(self, table: Float[np.ndarray, "n_sample k"]) -> Float[np.ndarray, "n_row k"]:
+        """V table."""
+        return np.asarray(self.table @ table)
+
+    def of(
+        self,
+        evaluate: Callable[[Mapping[str, np.ndarray]], Float[np.ndarray, "n_sample k"]],
+        columns: Mapping[str, Float[np.ndarray, " n_sample"]],
+    ) -> Float[np.ndarray, "n_row k"]:
+        """V F, F evaluated on columns."""
+        return self(np.asarray(evaluate(columns)))
+
+
+@dataclass(frozen=True, eq=False)
+class WeakPath:
+    """States near those that were sampled, and rows of some equations there, in order of time, then of equation.
+
+    Attributes:
+        reading: What was read off the samples.
+        states: X [n_sample, n_state].
+        rates: Slopes of X.
+        weighing: V of each equation that has rows.
+        measured: −V̇ Y − V J (Y − X) [n_row].
+        simulated: V g(X), g without the frozen model's own terms.
+        noise: R, whose `scale` is that of the rows.
+        sizes: RMS of the measured rows of each equation.
+        time: Centres of the rows.
+        run: Their runs.
+    """
+
+    reading: Reading
+    states: Float[np.ndarray, "n_sample n_state"]
+    rates: Float[np.ndarray, "n_sample n_state"]
+    weighing: Mapping[str, Weighing]
+    measured: Float[np.ndarray, " n_row"]
+    simulated: Float[np.ndarray, " n_row"]
+    noise: OverlappingNoise
+    sizes: Mapping[str, float]
+    time: Float[np.ndarray, " n_row"]
+    run: Int[np.ndarray, " n_row"]
+
+
+def weak_path(
+    reading: Reading, equations: tuple[str, ...], known: Simulation, whole: Simulation, white_share: float
+) -> WeakPath:
+    """States and rows near a frozen model.
+
+    Args:
+        reading: What was read off the samples.
+        equations: Those that have rows.
+        known: The known rates.
+        whole: The same with the terms of the frozen model.
+        white_share: δ.
+
+    Raises:
+        InputError: Rates of the frozen model are not finite near the samples.
+    """
+    samples, bumps = reading.samples, reading.bumps
+    Y, U = samples.matrix(samples.state_names), samples.matrix(samples.input_names)
+    own = [samples.state_names.index(name) for name in equations]
+    X = reading.smooth(Y)
+    near = _linear(reading, own, X, whole, white_share)
+    for _ in range(TURNS):
+        X = reading.smooth(Y - near.error(reading))
+        near = _linear(reading, own, X, whole, white_share)
+    g, rows = known.rates(samples.time, X, U), near.rows
+    measured = np.concatenate([-(bumps.slopes @ Y[:, k]) - bumps.values @ near.back[:, k] for k in own])[rows]
+    weighing = {}
+    for i, name in enumerate(equations):
+        parts = [bumps.values if k == i else csr_matrix(bumps.values.shape) for k in range(len(own))]
+        weighing[name] = Weighing(_lines(parts, rows), np.tile(bumps.sample, len(own))[rows])
+    of = rows // max(len(bumps), 1)
+    return WeakPath(
+        reading=reading,
+        states=X,
+        rates=np.column_stack([fits.rate(x) for fits, x in zip(reading.fits, X.T, strict=True)]),
+        weighing=weighing,
+        measured=measured,
+        simulated=np.concatenate([bumps.values @ g[:, k] for k in own])[rows],
+        noise=near.noise,
+        sizes={
+            name: float(np.sqrt(np.mean(measured[of == i] ** 2))) if np.any(of == i) else 0.0
+            for i, name in enumerate(equations)
+        },
+        time=np.tile(bumps.centre, len(own))[rows],
+        run=np.tile(bumps.run, len(own))[rows],
+    )
+
+
+class _Linear(NamedTuple):
+    """Rows near some states under a frozen model.
+
+    Attributes:
+        L: L S^½.
+        noise: R.
+        rows: Which of all rows, equation by equation, these are, in order of time.
+        left: ρ, what the frozen model leaves of each.
+        back: J (Y − X) [n_sample, n_state].
+    """
+
+    L: csr_matrix
+    noise: OverlappingNoise
+    rows: Int[np.ndarray, " n_row"]
+    left: Float[np.ndarray, " n_row"]
+    back: Float[np.ndarray, "n_sample n_state"]
+
+    def error(self, reading: Reading) -> Float[np.ndarray, "n_sample n_state"]:
+        """ê."""
+        if not len(self.rows):
+            return np.zeros(self.back.shape)
+        white = self.noise.whiten(self.left[:, None] / self.noise.scale)
+        share = 1.0 / max(1.0, float(np.mean(white**2)))
+        error = self.L.T @ self.noise.whiten_transpose(white)[:, 0] / self.noise.scale
+        return share * error.reshape(len(reading.sd), -1).T * reading.sd
+
+
+def _linear(reading: Reading, own: Sequence[int], X: np.ndarray, whole: Simulation, share: float) -> _Linear:
+    samples, bumps = reading.samples, reading.bumps
+    Y, U = samples.matrix(samples.state_names), samples.matrix(samples.input_names)
+    F, J = whole.rates(samples.time, X, U), whole.jacobian(samples.time, X, U)
+    if not (np.all(np.isfinite(F[:, own])) and np.all(np.isfinite(J[:, own]))):
+        names = ", ".join(samples.state_names[k] for k in own)
+        raise InputError(f"The rates of {names} are not finite near the samples: check the domain of the terms.")
+    back = np.einsum("nij,nj->ni", J, Y - X)
+    # Row by row of time, equation by equation.
+    order = np.arange(len(own) * len(bumps)).reshape(len(own), -1).T.ravel()
+    lines = []
+    for k in own:
+        blocks = [bumps.values @ diags(J[:, k, j] * s) for j, s in enumerate(reading.sd)]
+        blocks[k] = blocks[k] + bumps.slopes * reading.sd[k]
+        lines.append(csr_matrix(hstack(blocks)))
+    L = _lines(lines, order)
+    noise, kept = _noise(L, np.tile(bumps.run, len(own))[order], samples.n_run, share)
+    rows = order[kept]
+    left = np.concatenate([bumps.slopes @ Y[:, k] + bumps.values @ (F[:, k] + back[:, k]) for k in own])[rows]
+    return _Linear(_lines([L], kept), noise, rows, left, back)
+
+
+def _lines(parts: Sequence[csr_matrix], rows: np.ndarray) -> csr_matrix:
+    """Some lines of matrices on top of each other."""
+    whole: Any = csr_matrix(vstack(parts))
+    return whole[rows]
+
+
+def _radius(time: np.ndarray, parts: Sequence[Stretch], half_width: int, n_state: int) -> float:
+    """Half the window of the narrowest cubic in time, but no fewer steps and no more rows than may be."""
+    steps = np.concatenate([np.diff(time[slice(*part.rows)]) for part in parts])
+    step, whole = float(np.median(steps)) if len(steps) else 1.0, float(np.sum(steps))
+    # On uneven steps a bump needs its fewest samples on average.
+    fewest = FEWEST_STEPS * max(step, float(np.mean(steps)) if len(steps) else step) * (1 + 1e-9)
+    return max(half_width * step, fewest, EVERY * n_state * whole / MOST_ROWS)
+
+
+def _noise(L: csr_matrix, run: np.ndarray, n_run: int, share: float) -> tuple[OverlappingNoise, np.ndarray]:
+    """Noise of the rows, and which of them the rows before do not tell."""
+    if not len(run):
+        return overlapping([]), np.zeros(0, int)
+    scale = float(np.sqrt(np.mean(np.sum(L.multiply(L), axis=1))))
+    bands, kept = [], []
+    for r in np.unique(run):
+        rows = np.flatnonzero(run == r)
+        band = _banded(_lines([L], rows) / scale, share)
+        if not _told_apart(band):
+            rows = rows[independent_rows(band)]
+            band = _banded(_lines([L], rows) / scale, share)
+        bands.append(band)
+        kept.append(rows)
+    return overlapping(bands, scale), np.concatenate(kept)
+
+
+def _told_apart(band: np.ndarray) -> bool:
+    """Whether no row is told by those before it."""
+    try:
+        factor = cholesky_banded(band, lower=True)
+    except LinAlgError:
+        return False
+    return bool(np.all(factor[0] ** 2 > TOLD * band[0]))
+
+
+def _banded(L: Any, share: float) -> np.ndarray:
+    """(1 − δ) L Lᵀ + δ diag L Lᵀ in lower banded form."""
+    lower = (L @ L.T).tocoo()
+    below = lower.row >= lower.col
+    row, column, value = lower.row[below], lower.col[below], lower.data[below]
+    band = np.zeros((int(np.max(row - column, initial=0)) + 1, L.shape[0]))
+    band[row - column, column] = value
+    band[1:] *= 1.0 - share
+    return band

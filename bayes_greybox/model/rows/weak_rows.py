@@ -1,0 +1,195 @@
+"""Weak rows: the equations integrated with test functions, so that no sample is ever differentiated.
+
+A row says −∫ φ̇ x_k dt = ∫ φ (g_k + Φ_k θ + f) dt for a bump φ of finite support. The operator acts on evaluated
+columns, V[Φ ψ]. Noise e of all states enters the row of one equation through φ̇ and through ∂(g + Φθ)/∂x, so that all
+equations share the noise of their rows, R = L S Lᵀ, and one likelihood tells of all (see `weak_path`; Bortz, Messenger
+& Dukic 2023, Bull. Math. Biol. 85:110). θ in ∂(g + Φθ)/∂x is frozen in a model that all hypotheses have in common, and
+is taken anew near the likeliest one. Bumps overlap: n is the number of rows that the rows before them do not tell.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Annotated, Any
+from weakref import WeakKeyDictionary
+
+from annotated_types import Lt
+
+from bayes_greybox.data.errors import InputError
+from bayes_greybox.data.limits import NotNegative, Positive, require_limits
+from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.data.weak_form import FEWEST_STEPS
+from bayes_greybox.physics.simulation.protocol import Simulation
+from bayes_greybox.physics.terms import Term
+
+from .equation_rows import Acting, EquationRows, block_name
+from .reference_path import ReferencePath
+from .row_kind import RowKind
+from .weak_path import Reading, WeakPath, weak_path
+
+_READ: WeakKeyDictionary[Trajectories, dict[float | None, Reading]] = WeakKeyDictionary()
+_KNOWN: WeakKeyDictionary[Trajectories, dict[Any, WeakPath]] = WeakKeyDictionary()
+"""What was found of some samples, the latest `REMEMBERED` paths."""
+
+Share = Annotated[NotNegative, Lt(1)]
+"""Of a variance; all of it would leave no covariance."""
+
+AFAR = (0.5, 0.2, 0.05, 0.01)
+"""White shares of the first turns: the frozen model may be far off, and some sums of rows are exact under it alone."""
+
+REMEMBERED = 4
+"""Paths of some samples that are kept: a fit asks for the same one several times in a row."""
+
+
+@dataclass(frozen=True)
+class WeakRows(RowKind):
+    """Integrals with test functions as rows, for samples of all states under moderate noise, chaotic ones too.
+
+    Equations that the simulation gives have rows as well: what their rows say of the noise is known then in those of
+    the learned ones. Without an expression an equation that is not learned has none.
+
+    What is left of the noise in the rows beyond its first order, and what a cubic misses of the states, is not in R:
+    where noise moves ∂(g + Φθ)/∂x by its own size, or samples are too few to follow the motion, intervals are too
+    narrow, and rows of samples (`TrajectoryRows`) say it better. Inputs count as exact.
+
+    Attributes:
+        radius: Half the support of the test functions, units of time. By default the half window of the cubic that
+            follows the fastest state best (least mean square error, by Stein's estimate), but at least eight steps.
+        white_share: δ in (1 − δ) R + δ diag R, for what is not of first order; none where R is right. Some sums of rows
+            are exact under the frozen model alone and outvote all others: while that is sought, δ is large.
+        added: Terms and coefficients of the frozen model, beside the simulation: what a fit has found.
+        added_to: The learned state of each of these.
+    """
+
+    radius: Positive | None = None
+    white_share: Share = 0.0
+    added: tuple[tuple[str, float], ...] = ()
+    added_to: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        # Files have lists for tuples.
+        object.__setattr__(self, "added", tuple((str(text), float(value)) for text, value in self.added))
+        object.__setattr__(self, "added_to", tuple(self.added_to))
+        require_limits(self)
+
+    @property
+    def rates_measured(self) -> bool:
+        """No: rates are those of the path."""
+        return False
+
+    @property
+    def studied(self) -> bool:
+        """No: what errors of the sensors do to such rows is not worked out, and explanations pass for them."""
+        return False
+
+    @property
+    def shared(self) -> bool:
+        """Yes: the noise of each state is in the rows of all equations."""
+        return True
+
+    def hidden(self, simulation: Any, data: Trajectories) -> tuple[str, ...]:
+        """States of the simulation's expressions that the data lack; they are refused by name."""
+        if callable(simulation) or simulation is None:
+            return ()
+        return tuple(name for name in simulation if name not in data.columns)
+
+    def around(self, added: Sequence[tuple[Term, float]], to: Sequence[str] = ()) -> "WeakRows":
+        """Rows near the model with these terms."""
+        return replace(self, added=tuple((term.text, float(value)) for term, value in added), added_to=tuple(to))
+
+    def from_afar(self, turn: int) -> "WeakRows":
+        """Rows with a larger white share at first."""
+        return replace(self, white_share=max(self.white_share, AFAR[turn])) if turn < len(AFAR) else self
+
+    def left_out(self, data: Trajectories) -> tuple[str, ...]:
+        """Which test functions were chosen, and what of the data has no row."""
+        reading = _read(data.samples or data, self.radius)
+        windows = ", ".join(
+            f"{2 * m + 1} samples of {name}" for name, m in zip(data.state_names, reading.half_widths, strict=True)
+        )
+        unit = data.units.get("t", "")
+        short = data.n_run - len(set(reading.bumps.run.tolist()))
+        left = f"; {short} of {data.n_run} runs are too short for any" if short else ""
+        return (
+            f"test functions (1 - u^2)^8 of half width {reading.bumps.radius:.3g}{' ' + unit if unit else ''}, "
+            f"{len(reading.bumps)} for each equation{left}; terms at states smoothed by cubics over {windows}",
+        )
+
+    def complete(self, data: Trajectories, equation: str, simulation: Simulation) -> Trajectories:
+        """Data with the states that terms are evaluated at, and their slopes; samples go along."""
+        return self.complete_all(data, (equation,), simulation)
+
+    def complete_all(self, data: Trajectories, equations: tuple[str, ...], simulation: Simulation) -> Trajectories:
+        """The same with the rates of several learned states."""
+        path, samples = self._near(data, equations, simulation), data.samples or data
+        index = [samples.state_names.index(name) for name in equations]
+        return replace(
+            data,
+            states=dict(zip(samples.state_names, path.states.T, strict=True)),
+            derivatives=dict(zip(equations, path.rates[:, index].T, strict=True)),
+            noise={},
+            samples=samples,
+        )
+
+    def rows(self, data: Trajectories, equation: str, simulation: Simulation) -> EquationRows:
+        """The rows that tell of one equation; see `RowKind.rows`."""
+        return self.shared_rows(data, (equation,), simulation)
+
+    def shared_rows(self, data: Trajectories, equations: tuple[str, ...], simulation: Simulation) -> EquationRows:
+        """The rows that tell of all these equations; see `RowKind.shared_rows`."""
+        path = self._near(data, equations, simulation)
+        if not len(path.measured):
+            raise InputError(
+                f"No run is as long as a test function, {2 * path.reading.bumps.radius:.3g} in time and "
+                f"{2 * FEWEST_STEPS + 1} samples without a gap: give longer runs or a smaller "
+                "WeakRows(radius=...), or use GreyBox(rows=bg.TrajectoryRows()), which needs no test functions."
+            )
+        largest = max(path.sizes[name] for name in equations)
+        learned = {
+            name: Acting(path.weighing[name], path.sizes[name] / largest if largest > 0 else 1.0) for name in equations
+        }
+        samples = path.reading.samples
+        columns = {**dict(zip(samples.state_names, path.states.T, strict=True)), **samples.inputs}
+        return EquationRows(
+            equation=block_name(equations),
+            columns=columns,
+            measured=path.measured,
+            simulated=path.simulated,
+            noise=path.noise,
+            time=path.time,
+            run=path.run,
+            operator=path.weighing[equations[0]],
+            learned=learned,
+        )
+
+    def path(self, data: Trajectories, equations: tuple[str, ...], simulation: Simulation) -> ReferencePath:
+        """Weak rows follow none."""
+        raise InputError("Weak rows follow no path from its start: for that use GreyBox(rows=bg.TrajectoryRows()).")
+
+    def _near(self, data: Trajectories, equations: tuple[str, ...], simulation: Simulation) -> WeakPath:
+        samples = data.samples or data
+        lacking = [name for name in simulation.states if name not in samples.states]
+        if lacking:
+            raise InputError(
+                f"Weak rows need samples of all states, and those of {lacking[0]!r} are missing: give them, or use "
+                "GreyBox(rows=bg.TrajectoryRows()), which does without."
+            )
+        key = self, equations, simulation.key
+        known = _KNOWN.setdefault(samples, {})
+        if key not in known:
+            while len(known) >= REMEMBERED:
+                del known[next(iter(known))]
+            with_rows = tuple(name for name in samples.state_names if name in equations or name in simulation.equations)
+            added: dict[str, list[tuple[Term, float]]] = {}
+            to = self.added_to or (equations[0],) * len(self.added)
+            for (text, value), name in zip(self.added, to, strict=True):
+                added.setdefault(name, []).append((Term(text), value))
+            reading = _read(samples, self.radius)
+            known[key] = weak_path(reading, with_rows, simulation, simulation.beside(added), self.white_share)
+        return known[key]
+
+
+def _read(samples: Trajectories, radius: float | None) -> Reading:
+    known = _READ.setdefault(samples, {})
+    if radius not in known:
+        known[radius] = Reading.of(samples, radius)
+    return known[radius]
