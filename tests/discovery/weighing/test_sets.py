@@ -353,7 +353,7 @@ def test_the_grid_is_refined_around_the_value_of_the_data_until_its_posterior_sp
     assert np.max(posterior(known)) > 0.9
     old = values(known)
     found = refined(known)
-    assert np.max(posterior(known)) < SPANS
+    assert np.max(posterior(known)) < 0.5
     # The standard error of the gap is about 0.003/√30/1 = 6e-4; four of them and half a cell.
     assert posterior(known) @ values(known) == pytest.approx(0.43, abs=4e-3)
     gaps = np.diff(np.sort(values(known)))
