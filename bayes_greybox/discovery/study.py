@@ -41,6 +41,9 @@ from .weighing.sets import OTHER_LAWS
 
 AnyProgram = TypeVar("AnyProgram", bound=Program)
 
+HELD = "the model or the data have a state with the name of its hidden state: the effect is in the model already"
+"""Why an effect that a study found before is not weighed again."""
+
 
 @dataclass(frozen=True)
 class StudyResult:
@@ -191,6 +194,10 @@ def investigate(
             if why := _memoryless(model, train, name):
                 left_out |= {(name, effect.slug): why for effect in bound if effect.effect.hidden}
                 bound = tuple(effect for effect in bound if not effect.effect.hidden)
+            taken = {*train.columns, *model.states(train)}
+            known_already = [effect for effect in bound if taken & set(effect.hidden())]
+            left_out |= {(name, effect.slug): HELD for effect in known_already}
+            bound = tuple(effect for effect in bound if effect not in known_already)
             each = odds.of_each(len(equations))
             findings[name] = study_equation(model, train, name, bound, each, effects_at_most, seed, settle, say)
             left_out |= {(name, slug): why for slug, why in findings[name].statistics.left_out.items()}

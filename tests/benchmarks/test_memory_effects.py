@@ -81,6 +81,7 @@ def test_a_run_goes_on(tmp_path, monkeypatch):
     assert table.loc["bouc-wen-0.01", "cases"] == 2 and (tmp_path / "machines.csv").exists()
 
 
+@pytest.mark.slow
 def test_a_replicate_is_studied():
     found = module.study(machines()["actuator-lag-0.05"], 0, 0)
     assert found["right"] and found["wrong"] == [] and set(found["covered"]) == {"actuator-lag"}

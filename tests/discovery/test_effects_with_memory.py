@@ -96,6 +96,13 @@ def test_the_amended_model_has_the_hidden_state(hysteresis):
     assert set(hysteresis.base.simulation) == {"y", "v"}
 
 
+def test_an_effect_that_the_model_has_already_is_not_weighed_again(hysteresis):
+    again = bg.GreyBox(simulation=hysteresis.model.simulation, dictionary=hysteresis.model.dictionary)
+    found = study(samples("bouc-wen"), model=again)
+    assert "in the model already" in found.left_out["v", "bouc-wen"]
+    assert "bouc-wen" not in set(found.effects["slug"])
+
+
 def test_the_free_run_after_is_that_of_the_whole_system(hysteresis):
     t, _, exact = path("bouc-wen", phase=1.0)
     runs = hysteresis.free_run(samples("bouc-wen", phase=1.0, seed=1))
@@ -142,7 +149,7 @@ def test_a_study_with_a_memory_is_sampled_saved_and_loaded(tmp_path):
 
 
 def test_rows_of_rates_leave_them_out_and_say_so():
-    t, F, (y, v, _) = path("bouc-wen")
+    t, F, (y, v, _) = path("bouc-wen", n=120)
     rng = np.random.default_rng(0)
     a = np.gradient(v, t) + 0.02 * rng.standard_normal(len(t))
     data = Trajectories.from_arrays(t, states={"y": y, "v": v}, inputs={"F": F}, derivatives={"y": v, "v": a})

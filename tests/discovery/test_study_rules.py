@@ -274,12 +274,13 @@ def finding_of(known, base, names=()):
     study.__dict__.update(
         finding=SimpleNamespace(base=base, world=world),
         aligned=SimpleNamespace(rows=None, n_sensor=1),
+        amendment=SimpleNamespace(hidden=()),
     )
     return study
 
 
 def amended(known, base, model=BOTH, names=()):
-    return amended_program(model, {"x": finding_of(known, base, names)})
+    return amended_program(model, {"x": finding_of(known, base, names)}, tiny_data())
 
 
 def test_the_amended_model_has_free_terms_corrections_and_effects():
@@ -297,7 +298,7 @@ def test_effects_that_were_not_added_are_not_in_the_amended_model():
 def test_an_effect_is_added_at_the_value_of_its_inner_parameter():
     known = tiny_evaluations([DEAD_ZONE])
     index = known.statistics.of_kind("effect")[2]
-    assert amended(known, (index,)).dictionary["x"][-1] is known.statistics.columns[index].term
+    assert amended(known, (index,)).dictionary["x"][-1] == known.statistics.columns[index].term
 
 
 def test_where_nothing_is_free_an_offset_is_asked_for():

@@ -219,6 +219,8 @@ def test_inner_parameters_are_shares_of_a_size_or_of_a_time():
         assert inner.size(x, None, None) == (pytest.approx(3.0) if scale == "size" else 0.0)
     # Between two runs nothing moves.
     again = InnerParameter("own", "its meaning", "position", 0.1, 1.0, scale="period")
+    padded = np.concatenate([x, np.full(5000, x[-1])]), np.append(time, np.full(5000, time[-1]))
+    assert inner.size(*padded, np.zeros(len(padded[0]), int)) == pytest.approx(inner.size(x, time, run), rel=1e-9)
     one = again.size(x - np.mean(x), time, run)
     both = again.size(np.concatenate([x, x]), np.concatenate([time, time]), np.repeat([0, 1], len(time)))
     assert both == pytest.approx(one, rel=1e-6)

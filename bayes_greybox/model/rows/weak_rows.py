@@ -100,6 +100,10 @@ class WeakRows(RowKind):
         """Rows with a larger white share at first."""
         return replace(self, white_share=max(self.white_share, AFAR[turn])) if turn < len(AFAR) else self
 
+    def in_words(self, data: Trajectories) -> str:
+        """Integrals, and of which samples."""
+        return f"integrals of {', '.join((data.samples or data).state_names)} with test functions"
+
     def left_out(self, data: Trajectories) -> tuple[str, ...]:
         """Which test functions were chosen, and what of the data has no row."""
         reading = _read(data.samples or data, self.radius)

@@ -107,7 +107,12 @@ class InnerParameter:
         step, moved = np.diff(time), np.diff(x)
         within = (np.diff(run) == 0) & (step > 0)
         speed = float(np.sqrt(np.sum(moved[within] ** 2 / step[within]) / max(float(np.sum(step[within])), 1e-300)))
-        spread = float(np.std(x))
+        # By time, as lines between samples: runs that are padded or cut count for as long as they are.
+        weight = step[within] / max(float(np.sum(step[within])), 1e-300)
+        first, last = x[:-1][within], x[1:][within]
+        mean = float(weight @ (first + last)) / 2
+        first, last = first - mean, last - mean
+        spread = math.sqrt(float(weight @ (first**2 + first * last + last**2)) / 3)
         if not (speed > 0 and spread > 0):
             return 0.0
         return 2 * math.pi * spread / speed if self.scale == "period" else speed / spread
