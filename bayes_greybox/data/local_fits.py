@@ -106,11 +106,11 @@ class LocalFits:
         itself = (neighbours == at[:, None]) & own
         return cls(neighbours, value, slope, np.sum(np.where(itself, value, 0.0), axis=1))
 
-    def smooth(self, column: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+    def smooth(self, column: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n_fit"]:
         """H x."""
         return np.sum(self.value * column[self.neighbours], axis=1)
 
-    def rate(self, column: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+    def rate(self, column: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n_fit"]:
         """Slopes of the fits."""
         return np.sum(self.slope * column[self.neighbours], axis=1)
 

@@ -3,7 +3,7 @@
 import difflib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Self
+from typing import Any, TypeVar
 
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
@@ -28,6 +28,9 @@ from .rows.equation_rows import EquationRows, block_name
 from .rows.row_kind import RowKind
 from .sampling_program import SamplingProgram
 from .sites import Sites
+
+AnyProgram = TypeVar("AnyProgram", bound=Any)
+"""A `Program` of whatever class."""
 
 
 @dataclass(frozen=True)
@@ -194,7 +197,7 @@ class Program(SamplingProgram):
             rates = {**rates, **dict.fromkeys(used_states(self.dictionary, rates, data.columns), "")}
         return (*data.state_names, *self.rows.hidden(rates, data))
 
-    def remembering(self, states: Sequence[HiddenState], data: Trajectories) -> "Self":
+    def remembering(self: AnyProgram, states: Sequence[HiddenState], data: Trajectories) -> AnyProgram:
         """The model with more hidden states in its simulation, at rest where a run starts; f does not depend on them.
 
         Args:
@@ -250,7 +253,7 @@ class Program(SamplingProgram):
         each = [self.stated(equation, data) for equation in self.blocks[block]]
         return [stated.priors.get(term.name) for stated in each for term in stated.learned]
 
-    def on(self, data: Trajectories) -> Self:
+    def on(self: AnyProgram, data: Trajectories) -> AnyProgram:
         """The model with the kind of rows that data have, where that is left to them.
 
         Args:
