@@ -165,8 +165,8 @@ def test_what_cannot_be_is_refused():
     lacking = Trajectories.from_arrays(np.linspace(0, 8, 401), states={"x": samples().states["x"]})
     with pytest.raises(InputError, match="need samples of all states, and those of 'y' are missing"):
         model_of({"x": ["x"]}, simulation={"x": "-x*y", "y": "x*y - 4*y"}).near(lacking)
-    with pytest.raises(InputError, match="WeakRows\\(radius=-1\\) must be positive"):
-        WeakRows(radius=-1)
+    with pytest.raises(InputError, match="WeakRows\\(radius=-1.0\\) must be positive"):
+        WeakRows(radius=-1.0)
     with pytest.raises(InputError, match="WeakRows\\(white_share=1.0\\) must be below 1"):
         WeakRows(white_share=1.0)
     with pytest.raises(InputError, match="follows from that of the samples"):
