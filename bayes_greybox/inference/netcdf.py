@@ -24,7 +24,7 @@ from bayes_greybox.model.program import Program
 from bayes_greybox.model.rows.equation_rows import EquationRows
 from bayes_greybox.model.rows.kinds import ROWS
 from bayes_greybox.model.rows.row_kind import RowKind
-from bayes_greybox.physics.printing import to_text
+from bayes_greybox.physics.formula.printing import to_text
 from bayes_greybox.physics.simulation.protocol import RightHandSide, Simulation
 from bayes_greybox.physics.simulation.reading import simulation_from, simulation_record
 from bayes_greybox.physics.terms import Term

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from bayes_greybox.data.errors import InputError
-from bayes_greybox.physics.expressions import namespace
+from bayes_greybox.physics.formula.expressions import namespace
 from bayes_greybox.physics.terms import Dictionary
 
 from .algebra.compression import CHUNK, triangular_factor

@@ -3,7 +3,7 @@
 from collections.abc import Container, Mapping
 from typing import Any
 
-from bayes_greybox.physics.expressions import parse_expression, symbol_names
+from bayes_greybox.physics.formula.expressions import parse_expression, symbol_names
 from bayes_greybox.physics.terms import Dictionary, terms_of
 
 

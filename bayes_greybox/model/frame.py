@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Array, Float
 
-from bayes_greybox.physics.expressions import namespace
+from bayes_greybox.physics.formula.expressions import namespace
 from bayes_greybox.physics.terms import Dictionary
 
 from .gp.features import HilbertBasis

@@ -7,6 +7,7 @@ from typing import Any, TypeVar
 
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.model.estimate.near import near_estimate
 from bayes_greybox.physics.hidden_states import HiddenState
 from bayes_greybox.physics.simulation.protocol import RightHandSide, Simulation
 from bayes_greybox.physics.simulation.reading import not_known, simulation_of, with_states
@@ -19,7 +20,6 @@ from .coefficient import Coefficient, StatedTerms, centred, read_coefficients, s
 from .design import Design
 from .equation import Equation
 from .gp.discrepancy import OrthogonalGP
-from .near import near_estimate
 from .noise.asked import Noise, find_noise, with_found
 from .noise.noise_model import PROCESS, NoiseModel
 from .priors import Prior, SpikeAndSlab

@@ -17,8 +17,8 @@ import numpy as np
 import sympy
 from jaxtyping import Array, Bool, Float
 
-from .expressions import evaluate, parse_expression, symbol_names
-from .grammar import check_name, symbol
+from bayes_greybox.physics.formula.expressions import evaluate, parse_expression, symbol_names
+from bayes_greybox.physics.formula.grammar import check_name, symbol
 
 SHORT = 0.2
 """Steps of hidden states, over the shortest time in which they change."""

@@ -13,8 +13,7 @@ from scipy.interpolate import CubicSpline
 
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
-
-from .expressions import evaluate, parse_expression
+from bayes_greybox.physics.formula.expressions import evaluate, parse_expression
 
 _TOLERANCE = 1e-11
 # Stiff growth would otherwise take the integration for ever.

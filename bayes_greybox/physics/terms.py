@@ -11,12 +11,18 @@ import sympy
 from jaxtyping import Array, Float
 
 from bayes_greybox.data.errors import InputError
+from bayes_greybox.physics.formula.expressions import (
+    check_expression,
+    evaluate,
+    namespace,
+    parse_expression,
+    symbol_names,
+)
+from bayes_greybox.physics.formula.grammar import MAX_EXPONENT, check_known, check_name
+from bayes_greybox.physics.formula.printing import to_latex, to_text
+from bayes_greybox.physics.formula.rounding import rounded
 
-from .expressions import check_expression, evaluate, namespace, parse_expression, symbol_names
-from .grammar import MAX_EXPONENT, check_known, check_name
 from .hidden_states import HiddenState
-from .printing import to_latex, to_text
-from .rounding import rounded
 
 # Larger polynomial families than this are a slip in the degree or the variables.
 _MAX_TERMS = 1000

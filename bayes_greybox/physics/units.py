@@ -17,8 +17,8 @@ import sympy
 from bayes_greybox.data.columns import derivative_label
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.runs import Runs
+from bayes_greybox.physics.formula.printing import to_text
 
-from .printing import to_text
 from .terms import Term
 
 

@@ -14,7 +14,7 @@ from bayes_greybox.physics.catalogue.effect_tables import keys_of
 from bayes_greybox.physics.catalogue.effects import DOMAINS, Effect, InnerParameter, load_catalogue
 from bayes_greybox.physics.catalogue.pairs import pairs_in_data
 from bayes_greybox.physics.catalogue.roles import ROLES, bind_catalogue, roles_of, unbound
-from bayes_greybox.physics.expressions import evaluate, parse_expression
+from bayes_greybox.physics.formula.expressions import evaluate, parse_expression
 from bayes_greybox.physics.hidden_states import HiddenState, along
 from bayes_greybox.physics.terms import Dictionary
 from bayes_greybox.physics.units import coefficient_unit, derivative_unit

@@ -1,7 +1,7 @@
 """All draws of all systems at all noise levels, and one table.
 
-What is measured is the model that weak rows are taken near (see `model.likeliest`): the likeliest set of terms of all
-equations together, with the posterior of its coefficients in closed form, σ integrated out. Nothing is sampled.
+What is measured is the model that weak rows are taken near (see `model.estimate.likeliest`): the likeliest set of terms
+of all equations together, with the posterior of its coefficients in closed form, σ integrated out. Nothing is sampled.
 """
 
 import os
@@ -84,7 +84,7 @@ def identified(each: WeakSystem, noise: float, replicate: int, seed: int) -> dic
         seed: Of all draws.
     """
     # Imported here: these bring JAX, which the module that makes the data does without.
-    from bayes_greybox.model.likeliest import likeliest
+    from bayes_greybox.model.estimate.likeliest import likeliest
     from bayes_greybox.model.program import Program
     from bayes_greybox.model.rows.weak_rows import WeakRows
 

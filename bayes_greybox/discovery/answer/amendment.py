@@ -11,7 +11,7 @@ from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.evidence.sufficient_statistics import SufficientStatistics
 from bayes_greybox.discovery.evidence.with_discrepancy import Evaluator, WithDiscrepancy
 from bayes_greybox.discovery.suspects.channels import ChannelSuspect
-from bayes_greybox.model.evidence import Spectrum
+from bayes_greybox.model.estimate.evidence import Spectrum
 from bayes_greybox.model.frame import held_features, scaled_position
 from bayes_greybox.model.program import Program
 from bayes_greybox.model.rows.row_kind import RowKind

@@ -10,7 +10,7 @@ from jaxtyping import Float
 from bayes_greybox.discovery.evidence.evaluations import Evaluations, one_pattern
 from bayes_greybox.discovery.evidence.sufficient_statistics import SufficientStatistics
 from bayes_greybox.discovery.suspects.channels import ChannelSuspect
-from bayes_greybox.model.evidence import coefficients
+from bayes_greybox.model.estimate.evidence import coefficients
 
 MOST_CHOICES = 1000
 """Combinations of values of inner parameters that draws are taken from, at most."""

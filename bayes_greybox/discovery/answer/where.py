@@ -11,7 +11,7 @@ from scipy.special import ndtr
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.evidence.sufficient_statistics import SufficientStatistics
 from bayes_greybox.discovery.evidence.with_discrepancy import Evaluator, WithDiscrepancy
-from bayes_greybox.model.evidence import Spectrum
+from bayes_greybox.model.estimate.evidence import Spectrum
 
 GRID = 41
 """Points of a map along each variable."""

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bayes_greybox.model.evidence import Marginal, Spectrum, coefficients, marginal
+from bayes_greybox.model.estimate.evidence import Marginal, Spectrum, coefficients, marginal
 
 from .odds import Odds
 from .sufficient_statistics import SufficientStatistics

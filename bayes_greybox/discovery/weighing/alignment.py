@@ -37,7 +37,7 @@ from bayes_greybox.discovery.suspects.drift import drift_columns
 from bayes_greybox.discovery.suspects.late import Late, late_states
 from bayes_greybox.discovery.suspects.memory import memory_columns
 from bayes_greybox.discovery.suspects.samples import SampleNoise, Smoother, known_rates, misread
-from bayes_greybox.model.evidence import coefficients
+from bayes_greybox.model.estimate.evidence import coefficients
 from bayes_greybox.model.noise.noise_model import NoiseModel
 from bayes_greybox.model.program import Program
 from bayes_greybox.model.rows.row_kind import RowKind

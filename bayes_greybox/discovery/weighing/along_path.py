@@ -27,9 +27,9 @@ from bayes_greybox.discovery.evidence.with_discrepancy import Evaluator
 from bayes_greybox.discovery.suspects.channels import DELAY, GAIN, ChannelSuspect, Rate, as_shown
 from bayes_greybox.discovery.suspects.drift import drift_columns
 from bayes_greybox.discovery.suspects.memory import memory_columns
-from bayes_greybox.model.evidence import coefficients
+from bayes_greybox.model.estimate.evidence import coefficients
+from bayes_greybox.model.estimate.near import near_estimate
 from bayes_greybox.model.gp.discrepancy import OrthogonalGP
-from bayes_greybox.model.near import near_estimate
 from bayes_greybox.model.noise.noise_model import CORRELATED, PROCESS, NoiseModel
 from bayes_greybox.model.program import Program
 from bayes_greybox.model.rows.equation_rows import EquationRows

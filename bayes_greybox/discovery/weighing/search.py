@@ -14,7 +14,7 @@ from bayes_greybox.discovery.evidence.evaluations import Evaluations
 from bayes_greybox.discovery.evidence.inner_parameters import refine
 from bayes_greybox.discovery.evidence.ranges import small
 from bayes_greybox.discovery.suspects.channels import DELAY
-from bayes_greybox.model.evidence import Spectrum, marginal
+from bayes_greybox.model.estimate.evidence import Spectrum, marginal
 
 from .set_prior import SetPrior
 

@@ -15,7 +15,7 @@ import numpy as np
 from bayes_greybox.discovery.evidence.evaluations import Evaluations, Parametric, one_pattern
 from bayes_greybox.discovery.evidence.ranges import limited, log_ranges
 from bayes_greybox.discovery.suspects.memory import LAW, Memory
-from bayes_greybox.model.evidence import coefficients
+from bayes_greybox.model.estimate.evidence import coefficients
 from bayes_greybox.physics.catalogue.neighbours import neighbours
 
 from .search import WINDOW, Search

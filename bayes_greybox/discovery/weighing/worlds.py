@@ -16,7 +16,7 @@ from jaxtyping import Float
 
 from bayes_greybox.data.noise.protocol import RowNoise
 from bayes_greybox.discovery.evidence.evaluations import Evaluations, one_pattern
-from bayes_greybox.model.evidence import coefficients, log_white
+from bayes_greybox.model.estimate.evidence import coefficients, log_white
 from bayes_greybox.model.noise.noise_model import PROCESS, NoiseModel, Suspicion
 from bayes_greybox.model.noise.suspicions import suspicions
 

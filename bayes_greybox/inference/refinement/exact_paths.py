@@ -12,8 +12,8 @@ from jaxtyping import Array, Float, Int
 
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.inference.whole_rate import WholeRate
-from bayes_greybox.model.rows.path_segments import WIDE
-from bayes_greybox.model.rows.reference_path import ReferencePath
+from bayes_greybox.model.rows.path.path_segments import WIDE
+from bayes_greybox.model.rows.path.reference_path import ReferencePath
 from bayes_greybox.physics.integrate import (
     Limits,
     Samples,

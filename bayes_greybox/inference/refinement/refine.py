@@ -27,7 +27,7 @@ from bayes_greybox.inference.posterior import Posterior, Sampling, add_group
 from bayes_greybox.inference.whole_rate import whole_rate
 from bayes_greybox.model.equation import Equation
 from bayes_greybox.model.exact_program import PREDICTED, SENSOR, START, ExactLikelihood, exact_model
-from bayes_greybox.model.rows.reference_path import ReferencePath
+from bayes_greybox.model.rows.path.reference_path import ReferencePath
 from bayes_greybox.model.sites import VECTOR, EquationSites, density_model
 
 from .exact_paths import ExactPaths

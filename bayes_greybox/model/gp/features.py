@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from bayes_greybox.data.errors import InputError
-from bayes_greybox.physics.expressions import namespace
+from bayes_greybox.physics.formula.expressions import namespace
 
 DEFAULT_FEATURES = {1: 20, 2: 10, 3: 8}
 """Features per variable when the user names none; 6 from four variables on."""

@@ -18,7 +18,7 @@ import numpyro.distributions as dist
 from jaxtyping import Array, Float
 
 from bayes_greybox.model.sites import site
-from bayes_greybox.physics.expressions import namespace
+from bayes_greybox.physics.formula.expressions import namespace
 
 
 class Hyperparameters(NamedTuple):

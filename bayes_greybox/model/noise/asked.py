@@ -23,7 +23,7 @@ from jaxtyping import Float
 
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.noise.protocol import RowNoise
-from bayes_greybox.model.evidence import Spectrum, coefficients, marginal
+from bayes_greybox.model.estimate.evidence import Spectrum, coefficients, marginal
 from bayes_greybox.model.frame import held_features, scaled_position
 from bayes_greybox.model.gp.discrepancy import OrthogonalGP
 from bayes_greybox.model.gp.features import HilbertBasis

@@ -14,7 +14,7 @@ from jaxtyping import Float, Int
 from bayes_greybox.data.noise.protocol import RowNoise
 from bayes_greybox.data.noise.state_space import StateSpaceNoise
 from bayes_greybox.data.noise.weighted import correlation_and_sd, with_sd
-from bayes_greybox.model.evidence import log_white, log_white_each
+from bayes_greybox.model.estimate.evidence import log_white, log_white_each
 from bayes_greybox.model.gp.hyper import NoisePrior
 
 from .noise_model import CORRELATED, PROCESS, NoiseModel, Suspicion, weighed_on_grid

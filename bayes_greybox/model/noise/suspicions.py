@@ -13,7 +13,7 @@ from jaxtyping import Float, Int
 from scipy.special import gammaln
 
 from bayes_greybox.data.noise.weighted import WeightedNoise, correlation_and_sd, with_sd
-from bayes_greybox.model.evidence import log_white, log_white_each
+from bayes_greybox.model.estimate.evidence import log_white, log_white_each
 from bayes_greybox.model.gp.hyper import NoisePrior
 
 from .in_time import in_time

@@ -7,7 +7,7 @@ does. It is something that the model lacks, or a world that shakes it.
 import numpy as np
 from jaxtyping import Float
 
-from bayes_greybox.model.evidence import log_white_each
+from bayes_greybox.model.estimate.evidence import log_white_each
 from bayes_greybox.model.gp.hyper import NoisePrior
 
 from .noise_model import PROCESS, NoiseModel, Suspicion, weighed_on_grid

@@ -6,11 +6,11 @@ from typing import Any
 
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.model.rows.path.reference_path import ReferencePath
 from bayes_greybox.physics.simulation.protocol import Simulation
 from bayes_greybox.physics.terms import Term
 
 from .equation_rows import EquationRows
-from .reference_path import ReferencePath
 
 
 class RowKind(ABC):

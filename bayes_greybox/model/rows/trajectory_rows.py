@@ -27,14 +27,14 @@ from bayes_greybox.data.noise.starts_noise import StartsNoise
 from bayes_greybox.data.noise.weighted import WeightedNoise
 from bayes_greybox.data.noise.white import WhiteNoise
 from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.model.rows.path.exact_path import exact_samples
+from bayes_greybox.model.rows.path.forced_rate import Force, ForcedRate
+from bayes_greybox.model.rows.path.reference_path import ReferencePath, follow_samples
 from bayes_greybox.physics.integrate import INTERPOLATIONS
 from bayes_greybox.physics.simulation.protocol import Simulation
 from bayes_greybox.physics.terms import Term
 
 from .equation_rows import EquationRows, block_name
-from .exact_path import exact_samples
-from .forced_rate import Force, ForcedRate
-from .reference_path import ReferencePath, follow_samples
 from .row_kind import RowKind
 
 _KNOWN: WeakKeyDictionary[Trajectories, dict[Any, ReferencePath]] = WeakKeyDictionary()

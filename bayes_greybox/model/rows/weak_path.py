@@ -26,11 +26,11 @@ from scipy.linalg import LinAlgError, cholesky_banded
 from scipy.sparse import csr_matrix, diags, hstack, vstack
 
 from bayes_greybox.data.errors import InputError
-from bayes_greybox.data.local_fits import LocalFits, Stretch, chosen_half_widths, stretches
 from bayes_greybox.data.noise.overlapping import TOLD, OverlappingNoise, independent_rows, overlapping
 from bayes_greybox.data.sample_noise import sample_noise
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.data.weak_form import EVERY, FEWEST_STEPS, Bumps
+from bayes_greybox.data.weak.local_fits import LocalFits, Stretch, chosen_half_widths, stretches
+from bayes_greybox.data.weak.weak_form import EVERY, FEWEST_STEPS, Bumps
 from bayes_greybox.physics.simulation.protocol import Simulation
 
 FINEST = 1e-5

@@ -22,10 +22,10 @@ from jaxtyping import Float, Int
 
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.toml_files import read_toml
-from bayes_greybox.physics.expressions import parse_expression, symbol_names
-from bayes_greybox.physics.grammar import check_name
+from bayes_greybox.physics.formula.expressions import parse_expression, symbol_names
+from bayes_greybox.physics.formula.grammar import check_name
+from bayes_greybox.physics.formula.printing import to_latex
 from bayes_greybox.physics.hidden_states import HiddenState
-from bayes_greybox.physics.printing import to_latex
 from bayes_greybox.physics.terms import Term
 
 from .effect_tables import effect_tables, keys_of, nearest

@@ -4,8 +4,8 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import product
 
 from bayes_greybox.data.errors import InputError
-from bayes_greybox.physics.expressions import parse_expression
-from bayes_greybox.physics.grammar import check_name, symbol
+from bayes_greybox.physics.formula.expressions import parse_expression
+from bayes_greybox.physics.formula.grammar import check_name, symbol
 from bayes_greybox.physics.units import parse_unit, registry, term_unit
 
 from .effect_tables import nearest

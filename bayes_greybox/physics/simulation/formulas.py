@@ -9,9 +9,9 @@ import sympy
 from jaxtyping import Array, Float
 
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.physics.derivatives import gradient
-from bayes_greybox.physics.expressions import evaluate
-from bayes_greybox.physics.rounding import rounded
+from bayes_greybox.physics.formula.derivatives import gradient
+from bayes_greybox.physics.formula.expressions import evaluate
+from bayes_greybox.physics.formula.rounding import rounded
 from bayes_greybox.physics.terms import Term
 
 from .protocol import Simulation, finite

@@ -10,7 +10,7 @@ from jaxtyping import Array, Float
 
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.physics.derivatives import gradient
+from bayes_greybox.physics.formula.derivatives import gradient
 from bayes_greybox.physics.terms import Term
 
 RightHandSide = Callable[[Array, Array, Array], Array]

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from bayes_greybox.data.errors import InputError
-from bayes_greybox.physics.expressions import parse_expression
+from bayes_greybox.physics.formula.expressions import parse_expression
 from bayes_greybox.physics.hidden_states import HiddenState
 
 from .code import CallableSimulation

@@ -7,7 +7,7 @@ from bayes_greybox.benchmarks.hidden_effects.systems.hidden import ADDED, CATALO
 from bayes_greybox.benchmarks.hidden_effects.systems.hosts import HOSTS, formula, term_value
 from bayes_greybox.benchmarks.hidden_effects.systems.ode import Acting, HostODE, LostError, paths
 from bayes_greybox.physics.catalogue.effects import load_catalogue
-from bayes_greybox.physics.expressions import evaluate, parse_expression
+from bayes_greybox.physics.formula.expressions import evaluate, parse_expression
 
 
 def columns_of(names, seed=0):

@@ -6,7 +6,7 @@ from tiny_equation import CUBE, DEAD_ZONE, SQUARE, integrated, tiny_evaluations
 
 from bayes_greybox.discovery.answer.coefficients import alone, draw_coefficients, plain
 from bayes_greybox.discovery.evidence.evaluations import one_pattern
-from bayes_greybox.model.evidence import coefficients
+from bayes_greybox.model.estimate.evidence import coefficients
 
 N_DRAW = 4000
 

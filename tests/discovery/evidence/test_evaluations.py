@@ -9,7 +9,7 @@ from tiny_equation import CUBE, DEAD_ZONE, SQUARE, integrated, tiny_evaluations
 
 from bayes_greybox.discovery.evidence.evaluations import MOST_PATTERNS, _patterns, one_pattern
 from bayes_greybox.discovery.evidence.odds import Odds
-from bayes_greybox.model.evidence import Spectrum, marginal
+from bayes_greybox.model.estimate.evidence import Spectrum, marginal
 from bayes_greybox.physics.catalogue.effects import Effect
 
 TWO_TERMS = {"simulation": {"x": "-x + 0.3*cos(x)"}}

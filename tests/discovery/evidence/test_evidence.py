@@ -7,7 +7,7 @@ from scipy.integrate import quad
 from scipy.stats import halfnorm, lognorm, multivariate_normal
 
 from bayes_greybox.discovery.evidence.with_discrepancy import Evaluator, WithDiscrepancy
-from bayes_greybox.model.evidence import Spectrum, coefficients, marginal
+from bayes_greybox.model.estimate.evidence import Spectrum, coefficients, marginal
 from bayes_greybox.model.gp.hyper import HyperPrior, NoisePrior
 from bayes_greybox.model.gp.kernels import KERNELS, log_spectral_density
 

@@ -8,7 +8,7 @@ from numpyro.infer.util import log_density
 
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.evidence.with_discrepancy import Evaluator, WithDiscrepancy
-from bayes_greybox.model.evidence import Spectrum
+from bayes_greybox.model.estimate.evidence import Spectrum
 from bayes_greybox.model.gp.discrepancy import OrthogonalGP
 from bayes_greybox.model.gp.hyper import HyperPrior, NoisePrior
 from bayes_greybox.model.priors import CustomPrior

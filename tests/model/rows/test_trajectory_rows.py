@@ -10,7 +10,7 @@ from scipy.optimize import least_squares
 
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.model import near as near_module
+from bayes_greybox.model.estimate import near as near_module
 from bayes_greybox.model.gp.discrepancy import OrthogonalGP
 from bayes_greybox.model.noise.asked import Noise
 from bayes_greybox.model.program import Program

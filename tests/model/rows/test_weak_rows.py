@@ -10,8 +10,8 @@ import bayes_greybox as bg
 from bayes_greybox.criticism.cross_validation.row_densities import pointwise_loo
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.model import near
-from bayes_greybox.model.likeliest import likeliest
+from bayes_greybox.model.estimate import near
+from bayes_greybox.model.estimate.likeliest import likeliest
 from bayes_greybox.model.program import Program
 from bayes_greybox.model.rows import weak_rows
 from bayes_greybox.model.rows.kinds import ROWS

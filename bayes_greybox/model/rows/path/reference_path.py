@@ -14,14 +14,10 @@ from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.noise.forced_noise import Motion
 from bayes_greybox.data.sample_noise import sample_noise
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.physics.sensitivity import Grid, carried
-from bayes_greybox.physics.simulation.protocol import Simulation
-from bayes_greybox.physics.smoothing import Observed
-
-from .equation_rows import Acting, Unfollowed
-from .forced_rate import Force, ForcedRate
-from .path_grid import grid_of, runs_of, split
-from .path_segments import (
+from bayes_greybox.model.rows.equation_rows import Acting, Unfollowed
+from bayes_greybox.model.rows.path.forced_rate import Force, ForcedRate
+from bayes_greybox.model.rows.path.path_grid import grid_of, runs_of, split
+from bayes_greybox.model.rows.path.path_segments import (
     WIDE,
     Segments,
     gain_of,
@@ -31,7 +27,10 @@ from .path_segments import (
     responses_to_unit_starts,
     segments_of,
 )
-from .smoothed_path import LOST, RATIOS, smoothest
+from bayes_greybox.model.rows.path.smoothed_path import LOST, RATIOS, smoothest
+from bayes_greybox.physics.sensitivity import Grid, carried
+from bayes_greybox.physics.simulation.protocol import Simulation
+from bayes_greybox.physics.smoothing import Observed
 
 STEP = 0.1
 """Steps are so short, over the fastest time scale of the equations along the path, or the steps that were asked for."""

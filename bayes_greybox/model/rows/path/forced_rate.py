@@ -8,7 +8,7 @@ import numpy as np
 import sympy
 from jaxtyping import Array, Float
 
-from bayes_greybox.physics.expressions import evaluate
+from bayes_greybox.physics.formula.expressions import evaluate
 from bayes_greybox.physics.simulation.protocol import Simulation
 from bayes_greybox.physics.terms import Term
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from bayes_greybox.data.local_fits import HALF_WIDTHS, LocalFits, chosen_half_widths, stretches
-from bayes_greybox.data.weak_form import Bumps, bump
+from bayes_greybox.data.weak.local_fits import HALF_WIDTHS, LocalFits, chosen_half_widths, stretches
+from bayes_greybox.data.weak.weak_form import Bumps, bump
 
 
 def times(kind, n=401):

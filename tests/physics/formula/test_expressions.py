@@ -10,14 +10,14 @@ import pytest
 import sympy
 
 from bayes_greybox.data.errors import InputError
-from bayes_greybox.physics.expressions import (
+from bayes_greybox.physics.formula.expressions import (
     check_expression,
     evaluate,
     parse_expression,
     symbol_names,
 )
-from bayes_greybox.physics.grammar import symbol
-from bayes_greybox.physics.printing import to_latex, to_text
+from bayes_greybox.physics.formula.grammar import symbol
+from bayes_greybox.physics.formula.printing import to_latex, to_text
 
 NAMES = ("y", "ydot", "F")
 # Both signs, zero, and sizes on both sides of one.

@@ -14,11 +14,10 @@ import numpy as np
 from jaxtyping import Float
 from scipy.special import betaln
 
+from bayes_greybox.model.equation import Equation
+from bayes_greybox.model.estimate.evidence import Spectrum, coefficients, marginal
+from bayes_greybox.model.gp.hyper import NoisePrior
 from bayes_greybox.physics.terms import Term
-
-from .equation import Equation
-from .evidence import Spectrum, coefficients, marginal
-from .gp.hyper import NoisePrior
 
 Set = tuple[int, ...]
 """Terms of a set by number, in order."""

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from bayes_greybox.physics.expressions import evaluate, parse_expression
-from bayes_greybox.physics.rounding import ROUNDED, rounded
+from bayes_greybox.physics.formula.expressions import evaluate, parse_expression
+from bayes_greybox.physics.formula.rounding import ROUNDED, rounded
 from bayes_greybox.physics.simulation.reading import simulation_of
 from bayes_greybox.physics.terms import Dictionary, Term
 

@@ -4,7 +4,7 @@ import sympy
 from sympy.printing.latex import LatexPrinter
 from sympy.printing.str import StrPrinter
 
-from .functions import FUNCTIONS
+from bayes_greybox.physics.formula.functions import FUNCTIONS
 
 
 def to_text(expr: sympy.Basic) -> str:

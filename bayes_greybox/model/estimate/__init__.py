@@ -1,0 +1,1 @@
+"""Estimates and evidence in closed form, and the model that rows are linear near."""
