@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from bayes_greybox.benchmarks.answers import Answer
 from bayes_greybox.benchmarks.files import unwritable, write_table
 from bayes_greybox.benchmarks.resumed import picked, resumed
-from bayes_greybox.benchmarks.sampled_systems.run import SURE
 
 from .machines import Machine, hidden, machines, measured
 
@@ -91,38 +91,30 @@ def study(machine: Machine, replicate: int, seed: int) -> dict[str, Any]:
         progress=False,
     )
     seconds = time.perf_counter() - start
-    effects = found.effects
-    added = effects[effects["status"] == "added"].set_index("slug")
-    sure = set(effects.loc[effects["probability"] > SURE, "slug"])
-    wrong = (set(added.index) if found.verdict == "named" else sure) - set(data.truth)
+    answer = Answer(data.truth, found.verdict, found.effects, found.instrument)
     remembers = {each.name for each in hidden()}
-    tied = set(added.index).union(*added["tied_with"]) if len(added) else set()
     return {
         "kind": machine.name,
         "replicate": replicate,
         "verdict": found.verdict,
         "against": list(found.against),
-        "added": {slug: float(row["probability"]) for slug, row in added.to_dict("index").items()},
-        "right": found.verdict == "named" and set(data.truth) == set(added.index)
+        "added": answer.added,
+        "right": found.verdict == "named" and set(data.truth) == answer.names
         if data.truth
         else found.verdict == "no gap",
-        "tied": bool(data.truth) and found.verdict in ("named", "one of") and set(data.truth) <= tied,
+        "tied": bool(data.truth) and found.verdict in ("named", "one of") and set(data.truth) <= answer.tied,
         "unknown": found.verdict == "unknown",
-        "wrong": sorted(wrong),
-        "memoryless": sorted(wrong - remembers),
-        "covered": {
-            slug: bool(added.loc[slug, "lower"] <= truth <= added.loc[slug, "upper"])
-            for slug, truth in data.truth.items()
-            if slug in added.index
-        },
+        "wrong": answer.wrong,
+        "memoryless": sorted(set(answer.wrong) - remembers),
+        "covered": answer.covered,
         "estimate": {
-            slug: [truth, float(added.loc[slug, "mean"]), float(added.loc[slug, "sd"])]
+            slug: [truth, *(float(answer.table.loc[slug, column]) for column in ("mean", "sd"))]
             for slug, truth in data.truth.items()
-            if slug in added.index
+            if slug in answer.names
         },
         "inner": data.inner,
         "share": data.share,
-        "instrument": found.instrument.loc[found.instrument["status"] != "", "suspect"].tolist(),
+        "instrument": answer.instrument,
         "seconds": seconds,
     }
 
@@ -135,9 +127,9 @@ def score(rows: Sequence[dict[str, Any]]) -> pd.DataFrame:
 
     Returns:
         cases; right (named with this very name; where nothing is hidden: *no gap*); tied (that, or among the names that
-        the study says the data cannot tell apart); unknown; wrong (cases with a wrong name above `SURE`, or in a
-        verdict *named*), memoryless (those of them whose name remembers nothing); coverage (of 90 % intervals of
-        coefficients that were found), found (such coefficients); seconds (median).
+        the study says the data cannot tell apart); unknown; wrong (cases with a wrong name, as `Answer.wrong` says),
+        memoryless (those of them whose name remembers nothing); coverage (of 90 % intervals of coefficients that were
+        found), found (such coefficients); seconds (median).
     """
     table = {}
     for name in dict.fromkeys(row["kind"] for row in rows):

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from bayes_greybox.benchmarks.answers import Answer
 from bayes_greybox.benchmarks.files import unwritable, write_table
 from bayes_greybox.benchmarks.resumed import picked, resumed
 from bayes_greybox.data.errors import InputError
@@ -18,9 +19,6 @@ from .systems import systems
 
 REPLICATES = 20
 """Of each system, by default."""
-
-SURE = 0.9
-"""A wrong name above this probability is a confident one."""
 
 
 def run(
@@ -89,30 +87,20 @@ def study(system: System, replicate: int, seed: int) -> dict[str, Any]:
         progress=False,
     )
     seconds = time.perf_counter() - start
-    effects = found.effects.reset_index()
-    added = effects[effects["status"] == "added"].set_index("slug")
-    sure = set(effects.loc[effects["probability"] > SURE, "slug"])
-    covered = {
-        slug: bool(added.loc[slug, "lower"] <= truth <= added.loc[slug, "upper"])
-        for slug, truth in system.truth.items()
-        if slug in added.index
-    }
-    sensors = found.instrument.reset_index()
-    instrument = sensors.loc[sensors["status"] != "", "suspect"].tolist()
-    excused = {slug for slug, suspect in system.same.items() if suspect in instrument}
-    tied = set(added.index).union(*added["tied_with"]) if len(added) else set()
+    answer = Answer(system.truth, found.verdict, found.effects, found.instrument)
+    excused = {slug for slug, suspect in system.same.items() if suspect in answer.instrument}
     gap = found.gap.sort_index().loc[("test", "sample NMSE")]
     return {
         "system": system.name,
         "replicate": replicate,
         "verdict": found.verdict,
         "against": list(found.against),
-        "right": set(system.truth) <= set(added.index) | excused,
-        "tied": set(system.truth) <= tied | excused,
-        "named": found.verdict == "named" and set(system.truth) == set(added.index) | excused,
-        "wrong": sorted((set(added.index) if found.verdict == "named" else sure) - set(system.truth)),
-        "covered": covered,
-        "instrument": instrument,
+        "right": set(system.truth) <= answer.names | excused,
+        "tied": set(system.truth) <= answer.tied | excused,
+        "named": found.verdict == "named" and set(system.truth) == answer.names | excused,
+        "wrong": answer.wrong,
+        "covered": answer.covered,
+        "instrument": answer.instrument,
         "noise_share": system.noise**2 / (1 + system.noise**2),
         "before": float(gap["before"].iloc[0]),
         "after": float(gap["after"].iloc[0]),
@@ -128,9 +116,9 @@ def score(rows: Sequence[dict[str, Any]]) -> pd.DataFrame:
 
     Returns:
         replicates, right (all that was hidden is in the model), tied (or tied with what is), named (with these very
-        names), wrong (a wrong name above `SURE`, or in a verdict *named*), refused (no path was found), coverage (of
-        90 % intervals of coefficients that were found), found (such coefficients), left (median mean square error of
-        held-out samples over that of the sensor's noise), seconds (median).
+        names), wrong (a wrong name, as `Answer.wrong` says), refused (no path was found), coverage (of 90 % intervals
+        of coefficients that were found), found (such coefficients), left (median mean square error of held-out samples
+        over that of the sensor's noise), seconds (median).
     """
     table = {}
     for name in dict.fromkeys(row["system"] for row in rows):

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from bayes_greybox.benchmarks.answers import SURE
 from bayes_greybox.benchmarks.files import unwritable, write_table
 from bayes_greybox.benchmarks.resumed import picked, resumed
-from bayes_greybox.benchmarks.sampled_systems.run import SURE
 from bayes_greybox.data.errors import InputError
 
 from .controls import controls

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from bayes_greybox.benchmarks.answers import Answer
 from bayes_greybox.benchmarks.files import unwritable, write_table
 from bayes_greybox.benchmarks.resumed import picked, resumed
-from bayes_greybox.benchmarks.sampled_systems.run import SURE
 
 from .maps import StaticMap, maps, measured
 
@@ -84,31 +84,23 @@ def study(each: StaticMap, replicate: int, seed: int) -> dict[str, Any]:
         progress=False,
     )
     seconds = time.perf_counter() - start
-    effects = found.effects
-    added = effects[effects["status"] == "added"].set_index("slug")
-    sure = set(effects.loc[effects["probability"] > SURE, "slug"])
-    tied = set(added.index).union(*added["tied_with"]) if len(added) else set()
-    instrument = found.instrument.loc[found.instrument["status"] != "", "suspect"].tolist()
+    answer = Answer(data.truth, found.verdict, found.effects, found.instrument)
     # That nothing is missing is right of a control, and so is what is said of its noise.
-    silent = found.verdict in ("no gap", "instrument") and set(instrument) <= {CORRELATED}
+    silent = found.verdict in ("no gap", "instrument") and set(answer.instrument) <= {CORRELATED}
     gap = found.gap.sort_index().loc[("test", "output NMSE", each.output)]
     return {
         "map": each.name,
         "replicate": replicate,
         "verdict": found.verdict,
         "against": list(found.against),
-        "added": {slug: float(row["probability"]) for slug, row in added.to_dict("index").items()},
-        "right": set(data.truth) <= set(added.index) if data.truth else silent,
-        "tied": set(data.truth) <= tied if data.truth else silent,
-        "named": found.verdict == "named" and set(data.truth) == set(added.index) if data.truth else silent,
-        "wrong": sorted((set(added.index) if found.verdict == "named" else sure) - set(data.truth)),
-        "covered": {
-            slug: bool(added.loc[slug, "lower"] <= truth <= added.loc[slug, "upper"])
-            for slug, truth in data.truth.items()
-            if slug in added.index
-        },
-        "instrument": instrument,
-        "correlated": CORRELATED in instrument,
+        "added": answer.added,
+        "right": set(data.truth) <= answer.names if data.truth else silent,
+        "tied": set(data.truth) <= answer.tied if data.truth else silent,
+        "named": found.verdict == "named" and set(data.truth) == answer.names if data.truth else silent,
+        "wrong": answer.wrong,
+        "covered": answer.covered,
+        "instrument": answer.instrument,
+        "correlated": CORRELATED in answer.instrument,
         "noise_share": data.noise**2 / float(np.var(data.test.rate(each.output))),
         "before": float(gap["before"]),
         "after": float(gap["after"]),
@@ -124,7 +116,7 @@ def score(rows: Sequence[dict[str, Any]]) -> pd.DataFrame:
 
     Returns:
         replicates, right (what was hidden is in the model; of a control: nothing is missing), tied (or tied with what
-        is), named (with this very name), wrong (a wrong name above `SURE`, or in a verdict *named*), correlated
+        is), named (with this very name), wrong (a wrong name, as `Answer.wrong` says), correlated
         (correlated noise is said), coverage (of 90 % intervals of coefficients that were found), found (such
         coefficients), left (median mean square error of held-out rows over that of their noise), seconds (median).
     """
