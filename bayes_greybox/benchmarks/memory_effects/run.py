@@ -3,15 +3,13 @@
 import os
 import time
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from bayes_greybox.benchmarks.answers import Answer
-from bayes_greybox.benchmarks.files import unwritable, write_table
-from bayes_greybox.benchmarks.resumed import picked, resumed
+from bayes_greybox.benchmarks.resumed import picked, tabled
 
 from .machines import Machine, hidden, machines, measured
 
@@ -43,21 +41,17 @@ def run(
     Raises:
         InputError: A folder that cannot be written to; an unknown kind.
     """
-    chosen, folder = picked(machines(), names, "kind of machine"), Path(output)
-    try:
-        rows = resumed(
-            folder,
-            _cases(chosen, replicates),
-            key=lambda case: f"{case[0].name}/{seed}/{case[1]}",
-            measure=lambda case: study(*case, seed),
-            what="Memory effects",
-            progress=progress,
-        )
-        table = score(rows)
-        write_table(folder, "machines", table, {"replicates": replicates, "seed": seed})
-    except OSError as error:
-        raise unwritable(folder, error) from error
-    return table
+    return tabled(
+        output,
+        _cases(picked(machines(), names, "kind of machine"), replicates),
+        key=lambda case: f"{case[0].name}/{seed}/{case[1]}",
+        measure=lambda case: study(*case, seed),
+        what="Memory effects",
+        progress=progress,
+        score=score,
+        name="machines",
+        about={"replicates": replicates, "seed": seed},
+    )
 
 
 def _cases(chosen: Sequence[Machine], replicates: int) -> list[tuple[Machine, int]]:

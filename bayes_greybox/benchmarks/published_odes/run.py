@@ -1,17 +1,14 @@
 """All draws of all cells, and one table: a line of JSON for each finished draw, so that a stopped run goes on."""
 
-import json
 import os
 import time
-from importlib.metadata import version
-from pathlib import Path
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import pandas as pd
-from threadpoolctl import threadpool_limits
 
-from bayes_greybox.benchmarks.files import unwritable, write_whole
-from bayes_greybox.benchmarks.resumed import resumed
+from bayes_greybox.benchmarks.resumed import tabled
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.records import plain_rows
 
@@ -43,28 +40,27 @@ def run(
     Raises:
         InputError: A folder that cannot be written to.
     """
-    folder = Path(output)
-    try:
-        with threadpool_limits(1):
-            rows = resumed(
-                folder,
-                [(cell, draw) for cell in CELLS for draw in range(replicates)],
-                key=lambda case: f"{case[0].key}, seed {seed}, draw {case[1]}",
-                measure=lambda case: _solved(*case, seed),
-                what="Published ODEs",
-                progress=progress,
-            )
+
+    def score(rows: Sequence[dict]) -> pd.DataFrame:
         draws = [rows[k * replicates : (k + 1) * replicates] for k in range(len(CELLS))]
-        table = pd.DataFrame([table_row(cell, own) for cell, own in zip(CELLS, draws, strict=True)]).set_index("cell")
-        write_whole(folder / "table.csv", table.reset_index().to_csv(index=False))
-        text = json.dumps({"version": version("bayes-greybox"), "table": plain_rows(table)}, indent=2)
-        write_whole(folder / "summary.json", text + "\n")
-    except OSError as error:
-        raise unwritable(folder, error) from error
-    return table
+        return pd.DataFrame([table_row(cell, own) for cell, own in zip(CELLS, draws, strict=True)]).set_index("cell")
+
+    return tabled(
+        output,
+        [(cell, draw) for cell in CELLS for draw in range(replicates)],
+        key=lambda case: f"{case[0].key}, seed {seed}, draw {case[1]}",
+        measure=lambda case: _solved(*case, seed),
+        what="Published ODEs",
+        progress=progress,
+        score=score,
+        name="table",
+        about={},
+        beside=lambda table: {"table": plain_rows(table)},
+        threads=1,
+    )
 
 
-def table_row(cell: OdeCell, rows: list[dict]) -> dict[str, object]:
+def table_row(cell: OdeCell, rows: Sequence[dict]) -> dict[str, object]:
     """One row of the table.
 
     Args:
@@ -90,7 +86,7 @@ def table_row(cell: OdeCell, rows: list[dict]) -> dict[str, object]:
     }
 
 
-def _solved(cell: OdeCell, draw: int, seed: int) -> dict[str, object]:
+def _solved(cell: OdeCell, draw: int, seed: int) -> dict[str, Any]:
     start = time.perf_counter()
     try:
         parameters = estimate(cell.problem, cell.samples(draw, seed)).tolist()

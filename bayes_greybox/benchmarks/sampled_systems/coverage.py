@@ -9,16 +9,13 @@ package's differentiator. The efficient estimate on the same samples is beside t
 import os
 import time
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 from scipy.stats import norm
-from threadpoolctl import threadpool_limits
 
-from bayes_greybox.benchmarks.files import unwritable, write_table
-from bayes_greybox.benchmarks.resumed import resumed
+from bayes_greybox.benchmarks.resumed import tabled
 from bayes_greybox.data.errors import InputError
 
 from .efficient import efficient_estimate
@@ -61,22 +58,18 @@ def run(
     Raises:
         InputError: A folder that cannot be written to.
     """
-    folder = Path(output)
-    try:
-        with threadpool_limits(1):
-            rows = resumed(
-                folder,
-                _cells(repeats),
-                key=lambda cell: f"{cell[0]}/{cell[1]}/{seed}/{cell[2]}",
-                measure=lambda cell: fitted(*cell, seed),
-                what="Coverage",
-                progress=progress,
-            )
-        table = score(rows)
-        write_table(folder, "coverage", table, {"repeats": repeats, "seed": seed})
-    except OSError as error:
-        raise unwritable(folder, error) from error
-    return table
+    return tabled(
+        output,
+        _cells(repeats),
+        key=lambda cell: f"{cell[0]}/{cell[1]}/{seed}/{cell[2]}",
+        measure=lambda cell: fitted(*cell, seed),
+        what="Coverage",
+        progress=progress,
+        score=score,
+        name="coverage",
+        about={"repeats": repeats, "seed": seed},
+        threads=1,
+    )
 
 
 def _cells(repeats: int) -> list[tuple[str, str, int]]:

@@ -3,15 +3,13 @@
 import os
 import time
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from bayes_greybox.benchmarks.answers import Answer
-from bayes_greybox.benchmarks.files import unwritable, write_table
-from bayes_greybox.benchmarks.resumed import picked, resumed
+from bayes_greybox.benchmarks.resumed import picked, tabled
 from bayes_greybox.data.errors import InputError
 
 from .samples import System, sampled
@@ -44,21 +42,17 @@ def run(
     Raises:
         InputError: A folder that cannot be written to; an unknown system.
     """
-    chosen, folder = picked(systems(), names, "system"), Path(output)
-    try:
-        rows = resumed(
-            folder,
-            [(system, replicate) for system in chosen for replicate in range(replicates)],
-            key=lambda case: f"{case[0].name}/{seed}/{case[1]}",
-            measure=lambda case: _answer(*case, seed),
-            what="Sampled systems",
-            progress=progress,
-        )
-        table = score(rows)
-        write_table(folder, "systems", table, {"replicates": replicates, "seed": seed})
-    except OSError as error:
-        raise unwritable(folder, error) from error
-    return table
+    return tabled(
+        output,
+        [(system, replicate) for system in picked(systems(), names, "system") for replicate in range(replicates)],
+        key=lambda case: f"{case[0].name}/{seed}/{case[1]}",
+        measure=lambda case: _answer(*case, seed),
+        what="Sampled systems",
+        progress=progress,
+        score=score,
+        name="systems",
+        about={"replicates": replicates, "seed": seed},
+    )
 
 
 def study(system: System, replicate: int, seed: int) -> dict[str, Any]:

@@ -3,15 +3,13 @@
 import os
 import time
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from bayes_greybox.benchmarks.answers import SURE
-from bayes_greybox.benchmarks.files import unwritable, write_table
-from bayes_greybox.benchmarks.resumed import picked, resumed
+from bayes_greybox.benchmarks.resumed import picked, tabled
 from bayes_greybox.data.errors import InputError
 
 from .controls import controls
@@ -48,21 +46,18 @@ def run(
     Raises:
         InputError: A folder that cannot be written to; an unknown trap.
     """
-    chosen, folder = picked(traps(), cases, "trap"), Path(output)
-    try:
-        rows = resumed(
-            folder,
-            chosen,
-            key=lambda trap: f"{trap.name}/{seed}",
-            measure=lambda trap: _answer(trap, seed),
-            what="Sampled traps",
-            progress=progress,
-        )
-        table = score(rows)
-        write_table(folder, "traps", table, {"seed": seed, **counts(table).to_dict("index")})
-    except OSError as error:
-        raise unwritable(folder, error) from error
-    return table
+    return tabled(
+        output,
+        picked(traps(), cases, "trap"),
+        key=lambda trap: f"{trap.name}/{seed}",
+        measure=lambda trap: _answer(trap, seed),
+        what="Sampled traps",
+        progress=progress,
+        score=score,
+        name="traps",
+        about={"seed": seed},
+        beside=lambda table: counts(table).to_dict("index"),
+    )
 
 
 def study(trap: Trap, seed: int) -> dict[str, Any]:

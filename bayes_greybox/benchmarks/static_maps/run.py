@@ -3,15 +3,13 @@
 import os
 import time
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from bayes_greybox.benchmarks.answers import Answer
-from bayes_greybox.benchmarks.files import unwritable, write_table
-from bayes_greybox.benchmarks.resumed import picked, resumed
+from bayes_greybox.benchmarks.resumed import picked, tabled
 
 from .maps import StaticMap, maps, measured
 
@@ -42,21 +40,17 @@ def run(
     Raises:
         InputError: A folder that cannot be written to; an unknown map.
     """
-    chosen, folder = picked(maps(), names, "map"), Path(output)
-    try:
-        rows = resumed(
-            folder,
-            [(each, replicate) for each in chosen for replicate in range(replicates)],
-            key=lambda case: f"{case[0].name}/{seed}/{case[1]}",
-            measure=lambda case: study(*case, seed),
-            what="Static maps",
-            progress=progress,
-        )
-        table = score(rows)
-        write_table(folder, "maps", table, {"replicates": replicates, "seed": seed})
-    except OSError as error:
-        raise unwritable(folder, error) from error
-    return table
+    return tabled(
+        output,
+        [(each, replicate) for each in picked(maps(), names, "map") for replicate in range(replicates)],
+        key=lambda case: f"{case[0].name}/{seed}/{case[1]}",
+        measure=lambda case: study(*case, seed),
+        what="Static maps",
+        progress=progress,
+        score=score,
+        name="maps",
+        about={"replicates": replicates, "seed": seed},
+    )
 
 
 def study(each: StaticMap, replicate: int, seed: int) -> dict[str, Any]:

@@ -7,16 +7,13 @@ of all equations together, with the posterior of its coefficients in closed form
 import os
 import time
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 from scipy.stats import norm
-from threadpoolctl import threadpool_limits
 
-from bayes_greybox.benchmarks.files import unwritable, write_table
-from bayes_greybox.benchmarks.resumed import picked, resumed
+from bayes_greybox.benchmarks.resumed import picked, tabled
 from bayes_greybox.data.errors import InputError
 
 from .systems import NOISES, WeakSystem, weak_systems
@@ -56,22 +53,19 @@ def run(
     Raises:
         InputError: A folder that cannot be written to; an unknown system.
     """
-    chosen, folder = picked(weak_systems(), names, "system"), Path(output)
-    try:
-        with threadpool_limits(1):
-            rows = resumed(
-                folder,
-                [(each, noise, k) for each in chosen for noise in noises for k in range(replicates)],
-                key=lambda case: f"{case[0].name}/{case[1]:g}/{seed}/{case[2]}",
-                measure=lambda case: identified(*case, seed),
-                what="Weak ODEs",
-                progress=progress,
-            )
-        table = score(rows)
-        write_table(folder, "systems", table, {"replicates": replicates, "seed": seed})
-    except OSError as error:
-        raise unwritable(folder, error) from error
-    return table
+    chosen = picked(weak_systems(), names, "system")
+    return tabled(
+        output,
+        [(each, noise, k) for each in chosen for noise in noises for k in range(replicates)],
+        key=lambda case: f"{case[0].name}/{case[1]:g}/{seed}/{case[2]}",
+        measure=lambda case: identified(*case, seed),
+        what="Weak ODEs",
+        progress=progress,
+        score=score,
+        name="systems",
+        about={"replicates": replicates, "seed": seed},
+        threads=1,
+    )
 
 
 def identified(each: WeakSystem, noise: float, replicate: int, seed: int) -> dict[str, Any]:
