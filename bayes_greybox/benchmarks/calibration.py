@@ -22,7 +22,7 @@ from bayes_greybox.model.gp.discrepancy import OrthogonalGP
 from bayes_greybox.model.priors import Laplace, Normal, RegularisedHorseshoe, SpikeAndSlab
 from bayes_greybox.model.program import Program
 
-from .files import unwritable, write_whole
+from .files import unwritable, write_tables, write_whole
 
 PRIORS = {
     "spike-and-slab": SpikeAndSlab(),
@@ -113,9 +113,7 @@ def run(
                 write_whole(folder / f"{name}.json", json.dumps(records[name], indent=2, allow_nan=False) + "\n")
         table = pd.DataFrame.from_dict({name: _row(part) for name, part in records.items()}, orient="index")
         table.index.name = "variant"
-        write_whole(folder / "calibration.csv", table.reset_index().to_csv(index=False))
-        summary = {**settings, "variants": plain_rows(table)}
-        write_whole(folder / "summary.json", json.dumps(summary, indent=2) + "\n")
+        write_tables(folder, {"calibration": table}, {**settings, "variants": plain_rows(table)})
     except OSError as error:
         raise unwritable(folder, error) from error
     return table

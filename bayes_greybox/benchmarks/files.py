@@ -19,16 +19,16 @@ def write_whole(file: Path, text: str) -> None:
     os.replace(part, file)
 
 
-def write_table(folder: Path, name: str, table: pd.DataFrame, about: Mapping[str, Any]) -> None:
-    """Write a table as CSV, and what it is of to summary.json.
+def write_tables(folder: Path, tables: Mapping[str, pd.DataFrame], about: Mapping[str, Any]) -> None:
+    """Write tables as CSV, and what they are of to summary.json.
 
     Args:
-        folder: Where both go.
-        name: Of the table's file, without its ending.
-        table: With a named index.
-        about: Size, seed and whatever else belongs beside it.
+        folder: Where all go.
+        tables: By the name of their file, without its ending; with named indices.
+        about: Size, seed and whatever else belongs beside them.
     """
-    write_whole(folder / f"{name}.csv", table.reset_index().to_csv(index=False))
+    for name, table in tables.items():
+        write_whole(folder / f"{name}.csv", table.reset_index().to_csv(index=False))
     summary = {"version": version("bayes-greybox"), **about}
     write_whole(folder / "summary.json", json.dumps(summary, indent=2) + "\n")
 

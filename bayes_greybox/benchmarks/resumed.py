@@ -12,7 +12,7 @@ from threadpoolctl import threadpool_limits
 
 from bayes_greybox.data.errors import InputError
 
-from .files import opened, unwritable, write_table
+from .files import opened, unwritable, write_tables
 from .progress import shown
 
 RESULTS = "results.jsonl"
@@ -75,7 +75,7 @@ def tabled(
         with threadpool_limits(threads):
             rows = resumed(folder, cases, key=key, measure=measure, what=what, progress=progress)
         table = score(rows)
-        write_table(folder, name, table, {**about, **beside(table)})
+        write_tables(folder, {name: table}, {**about, **beside(table)})
     except OSError as error:
         raise unwritable(folder, error) from error
     return table

@@ -1,15 +1,13 @@
 """The study from cells to tables: one line of JSON for each finished cell, so that a stopped run goes on."""
 
-import json
 import os
 from collections.abc import Sequence
-from importlib.metadata import version
 from itertools import product
 from pathlib import Path
 
 from threadpoolctl import threadpool_limits
 
-from bayes_greybox.benchmarks.files import unwritable, write_whole
+from bayes_greybox.benchmarks.files import unwritable, write_tables
 from bayes_greybox.benchmarks.resumed import resumed
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.records import plain_rows
@@ -69,11 +67,7 @@ def run(output: str | os.PathLike[str], cells: Sequence[Cell] | None = None, *, 
             )
         scores = score(rows)
         tables = {"terms": scores.terms, "cells": scores.cells}
-        for name, table in tables.items():
-            write_whole(folder / f"{name}.csv", table.reset_index().to_csv(index=False))
-        summary = {name: plain_rows(table) for name, table in tables.items()}
-        text = json.dumps({"version": version("bayes-greybox"), **summary}, indent=2)
-        write_whole(folder / "summary.json", text + "\n")
+        write_tables(folder, tables, {name: plain_rows(table) for name, table in tables.items()})
     except OSError as error:
         raise unwritable(folder, error) from error
     return scores

@@ -16,7 +16,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from threadpoolctl import threadpool_limits
 
-from bayes_greybox.benchmarks.files import opened, unwritable, write_whole
+from bayes_greybox.benchmarks.files import opened, unwritable, write_tables
 from bayes_greybox.benchmarks.resumed import RESULTS
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.records import plain_rows, plain_values
@@ -115,7 +115,7 @@ def run(
             rows[row["key"]] = row
             show(len(chosen) - len(todo) + done, len(chosen))
     scores = score(rows[case.key] for case in chosen)
-    write_tables(scores, folder)
+    write_scores(scores, folder)
     return scores
 
 
@@ -158,22 +158,17 @@ def make_data(case: AnyCase) -> CaseData:
     return generate_assumption(case) if isinstance(case, AssumptionCase) else generate(case)
 
 
-def write_tables(scores: Scores, folder: Path) -> None:
+def write_scores(scores: Scores, folder: Path) -> None:
     """Write every table as CSV, and all but the tables of cases to summary.json.
 
     Raises:
         InputError: The folder cannot be written to.
     """
-    summary = {
-        "version": version("bayes-greybox"),
-        "cases": len(scores.cases) + len(scores.assumption_cases),
-    }
+    tables, long = scores.tables(), ("cases", "assumption_cases")
+    about = {"cases": len(scores.cases) + len(scores.assumption_cases)}
+    about |= {name: plain_rows(table) for name, table in tables.items() if name not in long}
     try:
-        for name, table in scores.tables().items():
-            write_whole(folder / f"{name}.csv", table.reset_index().to_csv(index=False))
-            if name not in ("cases", "assumption_cases"):
-                summary[name] = plain_rows(table)
-        write_whole(folder / "summary.json", json.dumps(summary, indent=2) + "\n")
+        write_tables(folder, tables, about)
     except OSError as error:
         raise unwritable(folder, error) from error
 

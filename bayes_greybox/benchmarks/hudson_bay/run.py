@@ -1,17 +1,15 @@
 """`Fit.refine` on the pelts of Hudson Bay, against the reference, and against the model written by hand."""
 
-import json
 import os
 import time
 from collections.abc import Mapping
-from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 from threadpoolctl import threadpool_limits
 
-from bayes_greybox.benchmarks.files import unwritable, write_whole
+from bayes_greybox.benchmarks.files import unwritable, write_tables
 from bayes_greybox.data.datasets import load_hudson_bay
 from bayes_greybox.data.records import plain_rows
 from bayes_greybox.data.trajectories import Trajectories
@@ -61,13 +59,9 @@ def run(output: str | os.PathLike[str], *, seed: int = 1, progress: bool = True)
         [speed(ours, seconds[0]), speed(plain, seconds[1])],
         index=pd.Index(["fit and refine", "NumPyro and diffrax"], name="sampler"),
     )
+    tables = {"quantities": quantities, "samplers": samplers}
     try:
-        tables = {"quantities": quantities, "samplers": samplers}
-        for name, table in tables.items():
-            write_whole(folder / f"{name}.csv", table.reset_index().to_csv(index=False))
-        summary = {"version": version("bayes-greybox"), "seed": seed}
-        summary |= {name: plain_rows(table) for name, table in tables.items()}
-        write_whole(folder / "summary.json", json.dumps(summary, indent=2) + "\n")
+        write_tables(folder, tables, {"seed": seed, **{name: plain_rows(table) for name, table in tables.items()}})
     except OSError as error:
         raise unwritable(folder, error) from error
     return quantities, samplers
