@@ -15,7 +15,7 @@ from bayes_greybox.discovery.evidence.odds import Odds
 from bayes_greybox.discovery.study import StudyResult, investigate
 from bayes_greybox.greybox import Fit, GreyBox
 from bayes_greybox.inference import netcdf
-from bayes_greybox.physics.catalogue.effects import CatalogueSpec
+from bayes_greybox.physics.catalogue.loading import CatalogueSpec
 from bayes_greybox.report.sentence import sentence
 
 STUDY = "missing_effects"

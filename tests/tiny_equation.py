@@ -13,7 +13,8 @@ from bayes_greybox.discovery.evidence.of_equation import sufficient_statistics
 from bayes_greybox.discovery.evidence.with_discrepancy import Evaluator, Integrated
 from bayes_greybox.model.gp.discrepancy import OrthogonalGP
 from bayes_greybox.model.program import Program
-from bayes_greybox.physics.catalogue.effects import BoundEffect, Effect, InnerParameter
+from bayes_greybox.physics.catalogue.effects import BoundEffect, Effect
+from bayes_greybox.physics.catalogue.inner_parameter import InnerParameter
 
 WIDTH = InnerParameter("gap", "width", of="r", low=0.1, high=0.9, unit_of="r")
 """Inner parameter of the dead zone."""

@@ -18,7 +18,7 @@ from bayes_greybox.inference.posterior import Posterior
 from bayes_greybox.model.noise.asked import Noise
 from bayes_greybox.model.program import Program
 from bayes_greybox.model.rows.row_warnings import row_warnings
-from bayes_greybox.physics.catalogue.effects import CatalogueSpec, load_catalogue
+from bayes_greybox.physics.catalogue.loading import CatalogueSpec, load_catalogue
 from bayes_greybox.physics.catalogue.pairs import pairs_in_data
 from bayes_greybox.physics.catalogue.roles import bind_catalogue, roles_of, unbound
 from bayes_greybox.physics.simulation.reading import NO_STATES

@@ -7,7 +7,7 @@ from bayes_greybox.benchmarks.memory_effects import run as module
 from bayes_greybox.benchmarks.memory_effects.machines import LEVELS, SAMPLES, hidden, machines, measured
 from bayes_greybox.benchmarks.memory_effects.run import run, score
 from bayes_greybox.data.errors import InputError
-from bayes_greybox.physics.catalogue.effects import load_catalogue
+from bayes_greybox.physics.catalogue.loading import load_catalogue
 
 ENTRIES = {effect.slug: effect for effect in load_catalogue("mechanical")}
 

@@ -9,7 +9,7 @@ from scipy.interpolate import CubicSpline
 
 import bayes_greybox as bg
 import bayes_greybox.discovery.study as study_module
-from bayes_greybox.physics.catalogue.effects import load_catalogue
+from bayes_greybox.physics.catalogue.loading import load_catalogue
 from bayes_greybox.report.doubts import doubts
 from bayes_greybox.report.pages.study_page import study_html
 

@@ -3,7 +3,7 @@
 import pytest
 
 import bayes_greybox as bg
-from bayes_greybox.physics.catalogue.effects import load_catalogue
+from bayes_greybox.physics.catalogue.loading import load_catalogue
 
 
 def test_every_effect_has_a_row():

@@ -11,7 +11,9 @@ from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.model.program import Program
 from bayes_greybox.physics.catalogue.effect_tables import keys_of
-from bayes_greybox.physics.catalogue.effects import DOMAINS, Effect, InnerParameter, load_catalogue
+from bayes_greybox.physics.catalogue.effects import Effect
+from bayes_greybox.physics.catalogue.inner_parameter import InnerParameter
+from bayes_greybox.physics.catalogue.loading import DOMAINS, load_catalogue
 from bayes_greybox.physics.catalogue.pairs import pairs_in_data
 from bayes_greybox.physics.catalogue.roles import ROLES, bind_catalogue, roles_of, unbound
 from bayes_greybox.physics.formula.expressions import evaluate, parse_expression

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from bayes_greybox.physics.catalogue.effects import load_catalogue
+from bayes_greybox.physics.catalogue.loading import load_catalogue
 from bayes_greybox.physics.catalogue.neighbours import neighbours, powers
 from bayes_greybox.physics.terms import Term
 

@@ -1,147 +1,28 @@
-"""Catalogue of physical effects: what a simulation may lack, in roles, and how it becomes a term of the data.
+"""Physical effects: what a simulation may lack, in roles, and how it becomes a term of the data.
 
-A role, such as position, is a column by its physical meaning. The packaged files stand beside this one, one for each
-domain; users write their own in the same layout (see `effect_tables`).
+A role, such as position, is a column by its physical meaning. Catalogues of effects are read in `loading`.
 """
 
 import math
-import os
 import re
-import tomllib
 import unicodedata
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
-from functools import cache, cached_property
-from importlib import resources
-from pathlib import Path
-from typing import Any
+from functools import cached_property
 
-import numpy as np
 import sympy
-from jaxtyping import Float, Int
 
 from bayes_greybox.data.errors import InputError
-from bayes_greybox.data.toml_files import read_toml
 from bayes_greybox.physics.formula.expressions import parse_expression, symbol_names
 from bayes_greybox.physics.formula.grammar import check_name
 from bayes_greybox.physics.formula.printing import to_latex
 from bayes_greybox.physics.hidden_states import HiddenState
 from bayes_greybox.physics.terms import Term
 
-from .effect_tables import effect_tables, keys_of, nearest
-
-DOMAINS = ("mechanical", "fluid", "population", "electrical")
-"""Catalogues that come with the package."""
-
-SCALES = {
-    "size": "the largest |{}|",
-    "period": "the period of a wave with the spread of {} and of its rate",
-    "frequency": "the angular frequency of a wave with the spread of {} and of its rate",
-}
-"""What the range of an inner parameter may be in shares of, in words with the role."""
+from .inner_parameter import InnerParameter
 
 _SLUG = re.compile(r"[a-z0-9]+(-[a-z0-9]+)*")
 _NAME = re.compile(r"(?<![\w.])[^\W\d]\w*")
-
-
-@dataclass(frozen=True)
-class InnerParameter:
-    """A constant inside an effect's expression, such as the gap of a dead zone.
-
-    Its prior is log-uniform between two shares of what `scale` says of a column: by default the largest absolute value
-    that it takes.
-
-    Attributes:
-        name: Its name in the expression.
-        meaning: What it is, in a few words.
-        of: Role whose column scales it.
-        low, high: Smallest and largest share.
-        unit_of: Role whose unit it carries; "" for a plain number; None: that of `of`.
-        scale: One of `SCALES`.
-        values: How many values are tried first: as many as a resonance needs that its frequency is not missed.
-    """
-
-    name: str
-    meaning: str
-    of: str
-    low: float
-    high: float
-    unit_of: str | None = None
-    scale: str = "size"
-    values: int = 8
-
-    def __post_init__(self) -> None:
-        """Refuse a name that formulas cannot use and a range without a log-uniform prior."""
-        if self.unit_of is None:
-            object.__setattr__(self, "unit_of", self.of)
-        check_name(self.name)
-        if self.scale not in SCALES:
-            raise InputError(
-                f"The inner parameter {self.name!r} has scale = {self.scale!r}; {nearest(self.scale, [*SCALES])}"
-            )
-        if not 0.0 < self.low < self.high < math.inf:
-            raise InputError(
-                f"The inner parameter {self.name!r} has low = {self.low:g} and high = {self.high:g}; they are shares "
-                f"of {self.scaled_by} with 0 < low < high."
-            )
-
-    @property
-    def scaled_by(self) -> str:
-        """What the range is in shares of, in words."""
-        return SCALES[self.scale].format(self.of)
-
-    def size(
-        self, x: Float[np.ndarray, " n"], time: Float[np.ndarray, " n"] | None, run: Int[np.ndarray, " n"] | None
-    ) -> float:
-        """What the range is in shares of; 0 where that is nothing.
-
-        Args:
-            x: The column of `of`.
-            time: Of its values, where a time scale asks for it.
-            run: Of its values, likewise.
-        """
-        if self.scale == "size":
-            return float(np.max(np.abs(x)))
-        if time is None or run is None:
-            return 0.0
-        step, moved = np.diff(time), np.diff(x)
-        within = (np.diff(run) == 0) & (step > 0)
-        speed = float(np.sqrt(np.sum(moved[within] ** 2 / step[within]) / max(float(np.sum(step[within])), 1e-300)))
-        # By time, as lines between samples: runs that are padded or cut count for as long as they are.
-        weight = step[within] / max(float(np.sum(step[within])), 1e-300)
-        first, last = x[:-1][within], x[1:][within]
-        mean = float(weight @ (first + last)) / 2
-        first, last = first - mean, last - mean
-        spread = math.sqrt(float(weight @ (first**2 + first * last + last**2)) / 3)
-        if not (speed > 0 and spread > 0):
-            return 0.0
-        return 2 * math.pi * spread / speed if self.scale == "period" else speed / spread
-
-    def nodes(
-        self, scale: float, count: int | None = None
-    ) -> tuple[Float[np.ndarray, " node"], Float[np.ndarray, " node"]]:
-        """Values that stand for the prior: the middles of parts of equal probability.
-
-        Args:
-            scale: What `size` says of the column of `of`.
-            count: Number of values; `values` by default.
-
-        Returns:
-            The values, increasing, in that unit; and their prior weights, which add up to one.
-
-        Raises:
-            InputError: A scale that is not positive and finite, or no values.
-        """
-        if not 0.0 < scale < math.inf:
-            raise InputError(
-                f"{self.name} is a share of {self.scaled_by}, which is {scale:g} on the data; leave the effect out."
-            )
-        count = self.values if count is None else count
-        if count < 1:
-            raise InputError(f"{self.name} needs at least one value, not {count}.")
-        share = (np.arange(count) + 0.5) / count
-        # log value = log low + share (log high - log low)
-        return scale * self.low * (self.high / self.low) ** share, np.full(count, 1.0 / count)
 
 
 @dataclass(frozen=True)
@@ -331,96 +212,6 @@ def _short(inner: Mapping[str, float] | None) -> dict[str, str]:
     return {name: f"{value:.4g}" for name, value in (inner or {}).items()}
 
 
-CatalogueSpec = str | os.PathLike[str] | Effect | Sequence[str | os.PathLike[str] | Effect]
-"""What `load_catalogue` takes."""
-
-
-def load_catalogue(spec: CatalogueSpec) -> tuple[Effect, ...]:
-    """Read a catalogue.
-
-    Args:
-        spec: A domain ("mechanical", "fluid", "population" or "electrical"), "all", the path of a TOML file
-            of the user's own, an `Effect`, or a sequence of these.
-
-    Returns:
-        The effects in order, each slug once.
-
-    Raises:
-        InputError: An unknown domain, a file that cannot be read or used, two different effects with one
-            slug, a confusion with an unknown effect, or no effects at all.
-    """
-    effects: dict[str, Effect] = {}
-    for effect in _each(spec):
-        known = effects.setdefault(effect.slug, effect)
-        # Some effects, such as a gain of the input, belong to several domains, each with look-alikes of its own.
-        if known is not effect and replace(known, domain=effect.domain, confusions=effect.confusions) != effect:
-            raise InputError(
-                f"Two different effects have the slug {effect.slug!r} (in {known.domain} and {effect.domain}); "
-                "rename one of them."
-            )
-        if known.confusions != effect.confusions:
-            both = dict.fromkeys((*known.confusions, *effect.confusions))
-            effects[effect.slug] = replace(known, confusions=tuple(both))
-    if not effects:
-        raise InputError(f"The catalogue is empty; give one of {', '.join(DOMAINS)}, 'all' or a TOML file.")
-    _check_confusions(effects)
-    return tuple(effects.values())
-
-
-def _each(spec: Any) -> Iterator[Effect]:
-    if isinstance(spec, Effect):
-        yield spec
-    elif isinstance(spec, str) and spec in (*DOMAINS, "all"):
-        for domain in DOMAINS if spec == "all" else (spec,):
-            yield from _packaged(domain)
-    elif isinstance(spec, str | os.PathLike):
-        yield from _own(spec)
-    elif isinstance(spec, Sequence):
-        for part in spec:
-            yield from _each(part)
-    else:
-        raise InputError(
-            f"A catalogue is a domain ({', '.join(DOMAINS)}), 'all', the path of a TOML file, an Effect or a list of "
-            f"these, not {type(spec).__name__}."
-        )
-
-
-@cache
-def _packaged(domain: str) -> tuple[Effect, ...]:
-    file = resources.files(__package__ or "").joinpath(f"{domain}.toml")
-    return _effects(tomllib.loads(file.read_text(encoding="utf-8")), domain)
-
-
-def _own(path: str | os.PathLike[str]) -> tuple[Effect, ...]:
-    given = Path(path)
-    if isinstance(path, str) and not given.suffix and given.name == path and not given.exists():
-        raise InputError(
-            f"There is no catalogue {path!r}: {nearest(path, [*DOMAINS, 'all'])} Or give the path of a TOML file."
-        )
-    content = read_toml(given, "catalogue")
-    try:
-        return _effects(content, given.stem)
-    except InputError as error:
-        raise InputError(f'"{path}": {error}') from None
-
-
-def _effects(content: Mapping[str, Any], domain: str) -> tuple[Effect, ...]:
-    # The domain is the whole file's, and the name of an inner parameter or a hidden state that of its table.
-    parts = {"inner": keys_of(InnerParameter, "name"), "hidden": keys_of(HiddenState, "name")}
-    tables = effect_tables(content, keys_of(Effect, "domain"), parts)
-    return tuple(_effect(table, content.get("domain", domain)) for table in tables)
-
-
-def _effect(table: dict[str, Any], domain: str) -> Effect:
-    try:
-        inner = tuple(InnerParameter(**item) for item in table["inner"])
-        hidden = tuple(HiddenState(**item) for item in table["hidden"])
-        confusions = tuple(table["confusions"])
-        return Effect(**{**table, "domain": domain, "inner": inner, "hidden": hidden, "confusions": confusions})
-    except InputError as error:
-        raise InputError(f"effect {table['slug']!r}: {error}") from None
-
-
 def _check_sign(effect: Effect) -> None:
     if isinstance(effect.sign, bool) or effect.sign not in (-1, 0, 1):
         raise InputError(
@@ -448,15 +239,3 @@ def _check_hidden(effect: Effect, names: Collection[str]) -> None:
                 f"The hidden state {state.name!r} has unit_of = {state.unit_of!r}; it must be a role, such as "
                 "'position'."
             )
-
-
-def _check_confusions(effects: Mapping[str, Effect]) -> None:
-    for effect in effects.values():
-        for slug in effect.confusions:
-            if slug not in effects:
-                known = [*effects, *(entry.slug for domain in DOMAINS for entry in _packaged(domain))]
-                if slug not in known:
-                    hint = nearest(slug, known)
-                    raise InputError(
-                        f"The effect {effect.slug!r} has the unknown {slug!r} among its confusions; {hint}"
-                    )

@@ -4,7 +4,8 @@ import pandas as pd
 
 from bayes_greybox.data.errors import InputError
 
-from .effects import CatalogueSpec, Effect, load_catalogue
+from .effects import Effect
+from .loading import CatalogueSpec, load_catalogue
 
 _COLUMNS = (
     "slug",

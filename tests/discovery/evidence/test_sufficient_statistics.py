@@ -16,7 +16,8 @@ from bayes_greybox.model.gp.features import HilbertBasis
 from bayes_greybox.model.gp.hyper import HyperPrior, NoisePrior
 from bayes_greybox.model.program import Program
 from bayes_greybox.model.rows.equation_rows import EquationRows
-from bayes_greybox.physics.catalogue.effects import Effect, InnerParameter
+from bayes_greybox.physics.catalogue.effects import Effect
+from bayes_greybox.physics.catalogue.inner_parameter import InnerParameter
 from bayes_greybox.physics.terms import Term
 
 N = 24

@@ -1,0 +1,119 @@
+"""A constant inside an effect's expression, which is not known but for its range."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from bayes_greybox.data.errors import InputError
+from bayes_greybox.physics.formula.grammar import check_name
+
+from .effect_tables import nearest
+
+SCALES = {
+    "size": "the largest |{}|",
+    "period": "the period of a wave with the spread of {} and of its rate",
+    "frequency": "the angular frequency of a wave with the spread of {} and of its rate",
+}
+"""What the range of an inner parameter may be in shares of, in words with the role."""
+
+
+@dataclass(frozen=True)
+class InnerParameter:
+    """A constant inside an effect's expression, such as the gap of a dead zone.
+
+    Its prior is log-uniform between two shares of what `scale` says of a column: by default the largest absolute value
+    that it takes.
+
+    Attributes:
+        name: Its name in the expression.
+        meaning: What it is, in a few words.
+        of: Role whose column scales it.
+        low, high: Smallest and largest share.
+        unit_of: Role whose unit it carries; "" for a plain number; None: that of `of`.
+        scale: One of `SCALES`.
+        values: How many values are tried first: as many as a resonance needs that its frequency is not missed.
+    """
+
+    name: str
+    meaning: str
+    of: str
+    low: float
+    high: float
+    unit_of: str | None = None
+    scale: str = "size"
+    values: int = 8
+
+    def __post_init__(self) -> None:
+        """Refuse a name that formulas cannot use and a range without a log-uniform prior."""
+        if self.unit_of is None:
+            object.__setattr__(self, "unit_of", self.of)
+        check_name(self.name)
+        if self.scale not in SCALES:
+            raise InputError(
+                f"The inner parameter {self.name!r} has scale = {self.scale!r}; {nearest(self.scale, [*SCALES])}"
+            )
+        if not 0.0 < self.low < self.high < math.inf:
+            raise InputError(
+                f"The inner parameter {self.name!r} has low = {self.low:g} and high = {self.high:g}; they are shares "
+                f"of {self.scaled_by} with 0 < low < high."
+            )
+
+    @property
+    def scaled_by(self) -> str:
+        """What the range is in shares of, in words."""
+        return SCALES[self.scale].format(self.of)
+
+    def size(
+        self, x: Float[np.ndarray, " n"], time: Float[np.ndarray, " n"] | None, run: Int[np.ndarray, " n"] | None
+    ) -> float:
+        """What the range is in shares of; 0 where that is nothing.
+
+        Args:
+            x: The column of `of`.
+            time: Of its values, where a time scale asks for it.
+            run: Of its values, likewise.
+        """
+        if self.scale == "size":
+            return float(np.max(np.abs(x)))
+        if time is None or run is None:
+            return 0.0
+        step, moved = np.diff(time), np.diff(x)
+        within = (np.diff(run) == 0) & (step > 0)
+        speed = float(np.sqrt(np.sum(moved[within] ** 2 / step[within]) / max(float(np.sum(step[within])), 1e-300)))
+        # By time, as lines between samples: runs that are padded or cut count for as long as they are.
+        weight = step[within] / max(float(np.sum(step[within])), 1e-300)
+        first, last = x[:-1][within], x[1:][within]
+        mean = float(weight @ (first + last)) / 2
+        first, last = first - mean, last - mean
+        spread = math.sqrt(float(weight @ (first**2 + first * last + last**2)) / 3)
+        if not (speed > 0 and spread > 0):
+            return 0.0
+        return 2 * math.pi * spread / speed if self.scale == "period" else speed / spread
+
+    def nodes(
+        self, scale: float, count: int | None = None
+    ) -> tuple[Float[np.ndarray, " node"], Float[np.ndarray, " node"]]:
+        """Values that stand for the prior: the middles of parts of equal probability.
+
+        Args:
+            scale: What `size` says of the column of `of`.
+            count: Number of values; `values` by default.
+
+        Returns:
+            The values, increasing, in that unit; and their prior weights, which add up to one.
+
+        Raises:
+            InputError: A scale that is not positive and finite, or no values.
+        """
+        if not 0.0 < scale < math.inf:
+            raise InputError(
+                f"{self.name} is a share of {self.scaled_by}, which is {scale:g} on the data; leave the effect out."
+            )
+        count = self.values if count is None else count
+        if count < 1:
+            raise InputError(f"{self.name} needs at least one value, not {count}.")
+        share = (np.arange(count) + 0.5) / count
+        # log value = log low + share (log high - log low)
+        return scale * self.low * (self.high / self.low) ** share, np.full(count, 1.0 / count)

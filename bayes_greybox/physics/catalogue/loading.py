@@ -1,0 +1,126 @@
+"""Catalogues as they are asked for: domains of the package, files of the user's own, effects, and lists of these.
+
+The packaged files stand beside this one, one for each domain; users write their own in the same layout (see
+`effect_tables`).
+"""
+
+import os
+import tomllib
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from functools import cache
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+from bayes_greybox.data.errors import InputError
+from bayes_greybox.data.toml_files import read_toml
+from bayes_greybox.physics.hidden_states import HiddenState
+
+from .effect_tables import effect_tables, keys_of, nearest
+from .effects import Effect
+from .inner_parameter import InnerParameter
+
+DOMAINS = ("mechanical", "fluid", "population", "electrical")
+"""Catalogues that come with the package."""
+
+CatalogueSpec = str | os.PathLike[str] | Effect | Sequence[str | os.PathLike[str] | Effect]
+"""What `load_catalogue` takes."""
+
+
+def load_catalogue(spec: CatalogueSpec) -> tuple[Effect, ...]:
+    """Read a catalogue.
+
+    Args:
+        spec: A domain ("mechanical", "fluid", "population" or "electrical"), "all", the path of a TOML file
+            of the user's own, an `Effect`, or a sequence of these.
+
+    Returns:
+        The effects in order, each slug once.
+
+    Raises:
+        InputError: An unknown domain, a file that cannot be read or used, two different effects with one
+            slug, a confusion with an unknown effect, or no effects at all.
+    """
+    effects: dict[str, Effect] = {}
+    for effect in _each(spec):
+        known = effects.setdefault(effect.slug, effect)
+        # Some effects, such as a gain of the input, belong to several domains, each with look-alikes of its own.
+        if known is not effect and replace(known, domain=effect.domain, confusions=effect.confusions) != effect:
+            raise InputError(
+                f"Two different effects have the slug {effect.slug!r} (in {known.domain} and {effect.domain}); "
+                "rename one of them."
+            )
+        if known.confusions != effect.confusions:
+            both = dict.fromkeys((*known.confusions, *effect.confusions))
+            effects[effect.slug] = replace(known, confusions=tuple(both))
+    if not effects:
+        raise InputError(f"The catalogue is empty; give one of {', '.join(DOMAINS)}, 'all' or a TOML file.")
+    _check_confusions(effects)
+    return tuple(effects.values())
+
+
+def _each(spec: Any) -> Iterator[Effect]:
+    if isinstance(spec, Effect):
+        yield spec
+    elif isinstance(spec, str) and spec in (*DOMAINS, "all"):
+        for domain in DOMAINS if spec == "all" else (spec,):
+            yield from _packaged(domain)
+    elif isinstance(spec, str | os.PathLike):
+        yield from _own(spec)
+    elif isinstance(spec, Sequence):
+        for part in spec:
+            yield from _each(part)
+    else:
+        raise InputError(
+            f"A catalogue is a domain ({', '.join(DOMAINS)}), 'all', the path of a TOML file, an Effect or a list of "
+            f"these, not {type(spec).__name__}."
+        )
+
+
+@cache
+def _packaged(domain: str) -> tuple[Effect, ...]:
+    file = resources.files(__package__ or "").joinpath(f"{domain}.toml")
+    return _effects(tomllib.loads(file.read_text(encoding="utf-8")), domain)
+
+
+def _own(path: str | os.PathLike[str]) -> tuple[Effect, ...]:
+    given = Path(path)
+    if isinstance(path, str) and not given.suffix and given.name == path and not given.exists():
+        raise InputError(
+            f"There is no catalogue {path!r}: {nearest(path, [*DOMAINS, 'all'])} Or give the path of a TOML file."
+        )
+    content = read_toml(given, "catalogue")
+    try:
+        return _effects(content, given.stem)
+    except InputError as error:
+        raise InputError(f'"{path}": {error}') from None
+
+
+def _effects(content: Mapping[str, Any], domain: str) -> tuple[Effect, ...]:
+    # The domain is the whole file's, and the name of an inner parameter or a hidden state that of its table.
+    parts = {"inner": keys_of(InnerParameter, "name"), "hidden": keys_of(HiddenState, "name")}
+    tables = effect_tables(content, keys_of(Effect, "domain"), parts)
+    return tuple(_effect(table, content.get("domain", domain)) for table in tables)
+
+
+def _effect(table: dict[str, Any], domain: str) -> Effect:
+    try:
+        inner = tuple(InnerParameter(**item) for item in table["inner"])
+        hidden = tuple(HiddenState(**item) for item in table["hidden"])
+        confusions = tuple(table["confusions"])
+        return Effect(**{**table, "domain": domain, "inner": inner, "hidden": hidden, "confusions": confusions})
+    except InputError as error:
+        raise InputError(f"effect {table['slug']!r}: {error}") from None
+
+
+def _check_confusions(effects: Mapping[str, Effect]) -> None:
+    for effect in effects.values():
+        for slug in effect.confusions:
+            if slug not in effects:
+                known = [*effects, *(entry.slug for domain in DOMAINS for entry in _packaged(domain))]
+                if slug not in known:
+                    hint = nearest(slug, known)
+                    raise InputError(
+                        f"The effect {effect.slug!r} has the unknown {slug!r} among its confusions; {hint}"
+                    )
