@@ -26,8 +26,10 @@ from .evidence.odds import Odds
 from .evidence.sufficient_statistics import SufficientStatistics
 from .suspects.channels import Rate
 from .suspects.samples import Smoother, known_rates
-from .weighing.alignment import Aligned, align
-from .weighing.along_path import Near, follow
+from .weighing.aligned import Aligned
+from .weighing.alignment import align
+from .weighing.along_path import follow
+from .weighing.near import Near
 from .weighing.sets import RECALIBRATED, Sets
 from .weighing.worlds import World, worlds
 

@@ -30,7 +30,7 @@ from bayes_greybox.discovery.answer.motion import MotionCheck
 from bayes_greybox.discovery.answer.weighed import STACKED, Weighed
 from bayes_greybox.discovery.equation import study_equation
 from bayes_greybox.discovery.evidence.odds import Odds
-from bayes_greybox.discovery.weighing.alignment import Aligned
+from bayes_greybox.discovery.weighing.aligned import Aligned
 from bayes_greybox.discovery.weighing.sets import PLAIN, RECALIBRATED, REST, Explanation
 from bayes_greybox.discovery.weighing.worlds import World
 from bayes_greybox.model.noise.noise_model import NoiseModel

@@ -9,7 +9,7 @@ import numpy as np
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.evidence.odds import Odds
 from bayes_greybox.discovery.suspects.channels import calibrated, slope_along
-from bayes_greybox.discovery.weighing.alignment import Aligned
+from bayes_greybox.discovery.weighing.aligned import Aligned
 from bayes_greybox.model.program import Program
 
 from .amendment import Amendment

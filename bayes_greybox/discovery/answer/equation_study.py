@@ -12,7 +12,7 @@ from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.evidence.evaluations import Evaluations
 from bayes_greybox.discovery.evidence.sufficient_statistics import SufficientStatistics
-from bayes_greybox.discovery.weighing.alignment import Aligned
+from bayes_greybox.discovery.weighing.aligned import Aligned
 from bayes_greybox.physics.terms import Term
 from bayes_greybox.physics.units import coefficient_unit, target_unit
 

@@ -9,7 +9,7 @@ import pandas as pd
 from bayes_greybox.data.clipping import clipped_in_words
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.suspects.channels import DELAY, DELAY_STEPS, GAIN, STATES, ChannelSuspect
-from bayes_greybox.discovery.weighing.alignment import Aligned
+from bayes_greybox.discovery.weighing.aligned import Aligned
 from bayes_greybox.model.noise.noise_model import CORRELATED, HEAVY, PROCESS, VARYING
 from bayes_greybox.physics.units import target_unit
 

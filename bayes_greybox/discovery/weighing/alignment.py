@@ -5,16 +5,13 @@ turns: effects with the suspects as they are, the suspects' columns anew with th
 data, until neither changes.
 """
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Sequence
 from itertools import chain
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Int
 
-from bayes_greybox.data.clipping import clipped
 from bayes_greybox.data.noise.protocol import RowNoise
-from bayes_greybox.data.sample_noise import sample_noise
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.evidence.evaluations import Evaluations, one_pattern
 from bayes_greybox.discovery.evidence.odds import Odds
@@ -25,26 +22,20 @@ from bayes_greybox.discovery.suspects.channels import (
     DELAY,
     ChannelSuspect,
     Rate,
-    calibrated,
-    measured_at,
-    shifted,
-    slope_along,
     suspect_columns,
     undone,
-    within,
 )
 from bayes_greybox.discovery.suspects.drift import drift_columns
-from bayes_greybox.discovery.suspects.late import Late, late_states
+from bayes_greybox.discovery.suspects.late import late_states
 from bayes_greybox.discovery.suspects.memory import memory_columns
-from bayes_greybox.discovery.suspects.samples import SampleNoise, Smoother, known_rates, misread
+from bayes_greybox.discovery.suspects.samples import Smoother, known_rates
 from bayes_greybox.model.estimate.evidence import coefficients
-from bayes_greybox.model.noise.noise_model import NoiseModel
 from bayes_greybox.model.program import Program
-from bayes_greybox.model.rows.row_kind import RowKind
 from bayes_greybox.physics.catalogue.effects import BoundEffect
-from bayes_greybox.physics.hidden_states import HiddenState
 from bayes_greybox.physics.terms import Term
 
+from .aligned import Aligned
+from .sensor_rows import at_end, beyond, earlier, mended, usable
 from .sets import Sets
 
 TURNS = 8
@@ -60,105 +51,6 @@ FURTHEST, FURTHEST_DELAY = 3.0, 2.0
 LATE = 0.9
 """Probability that some channel is late from which on its delay is undone, and in every set: till then it is a suspect
 among others, since a wrong coefficient may look like it."""
-
-
-@dataclass(frozen=True)
-class Aligned:
-    """Data and statistics that effects are weighed on.
-
-    Attributes:
-        data: Measurements with states smoothed and delays undone.
-        sets: Sets under the noise that the rows come with, delays that were undone in each of them.
-        delays: What was undone, by channel.
-        probability: Of each of these delays when it was found.
-        sample_noise: Noise on the samples of states.
-        late: States that were late against the state that is their rate, which was undone first.
-        clipped: Rows at which a channel's sensor was at its end, by channel.
-        misread: Rows at which a state's or an input's sensor slipped, by channel.
-        rate: The whole modelled rate.
-        bare: That of the simulation, before anything was found.
-        used: Rows of the data as they came that are weighed.
-        smooth: Frees states of such data of the noise on their samples.
-        rows: Rows near what was found, where rows are linear only near a model.
-        noise: Noise that was found on the way; None where none was looked for.
-        hidden: Hidden states of what was found, which `rows` need in the model.
-    """
-
-    data: Trajectories
-    sets: Sets
-    delays: Mapping[str, float] = field(default_factory=dict)
-    probability: Mapping[str, float] = field(default_factory=dict)
-    sample_noise: Mapping[str, SampleNoise] = field(default_factory=dict)
-    late: Mapping[str, Late] = field(default_factory=dict)
-    clipped: Mapping[str, np.ndarray] = field(default_factory=dict)
-    misread: Mapping[str, np.ndarray] = field(default_factory=dict)
-    rate: Rate = lambda data: np.zeros(data.n_obs)
-    bare: Rate = lambda data: np.zeros(data.n_obs)
-    used: Bool[np.ndarray, " n_obs"] = field(default_factory=lambda: np.ones(0, bool))
-    smooth: Callable[[Trajectories], Trajectories] = lambda data: data
-    rows: RowKind | None = None
-    noise: NoiseModel | None = None
-    hidden: tuple[HiddenState, ...] = ()
-
-    @property
-    def evaluations(self) -> Evaluations:
-        """Evidence under the noise that the rows come with."""
-        return self.sets.evaluations
-
-    @property
-    def rates_measured(self) -> bool:
-        """Whether rates have a sensor of their own, which the samples of the states may contradict."""
-        return self.data.filter is None
-
-    @property
-    def n_sensor(self) -> int:
-        """Sensors whose samples are rows; measured rates are one."""
-        return 1
-
-    @property
-    def spurious(self) -> float:
-        """RMS of what the noise left on smoothed states does to the modelled rate, (Σ s_k² mean(∂G/∂x_k)²)^½."""
-        ones = np.ones(self.data.n_obs)
-        squares = [
-            noise.left**2 * float(np.mean(slope_along(self.data, self.rate, name, ones) ** 2))
-            for name, noise in self.sample_noise.items()
-        ]
-        return float(np.sqrt(sum(squares)))
-
-    def corrected(self, data: Trajectories) -> Trajectories:
-        """Any data of the same sensors, as the training data were corrected: states smoothed, delays undone."""
-        if self._equation not in data.derivatives:
-            return self._moved(data)
-        better, slips = _mended(data, self._equation, self.bare) if self.misread else (data, {})
-        return self._moved(better, *_clipped(data, self._equation).values(), *slips.values())
-
-    def shown(self, name: str) -> Float[np.ndarray, " n_obs"]:
-        """What the sensor of a state shows on the path that was followed."""
-        return self.data.column(name)
-
-    def put_right(
-        self, data: Trajectories, sensors: Mapping[ChannelSuspect, float], clock: Trajectories
-    ) -> Trajectories:
-        """Such data without the gains, offsets and drifts that were found.
-
-        Args:
-            data: Any data of the same sensors.
-            sensors: Errors of a unit of their size, as found.
-            clock: Data that drifts were found on.
-        """
-        return calibrated(self.corrected(data), self._equation, sensors, clock)
-
-    def moved(self, data: Trajectories) -> Trajectories:
-        """Such data with the rows too at which a sensor was at its end or slipped."""
-        return self._moved(_mended(data, self._equation, self.bare)[0] if self.misread else data)
-
-    @property
-    def _equation(self) -> str:
-        return self.evaluations.statistics.equation
-
-    def _moved(self, data: Trajectories, *out: np.ndarray) -> Trajectories:
-        moved = undone(_earlier(self.smooth(data), self.late), self._equation, self.delays)
-        return moved.keep(_usable(data, self._equation, self.delays, (*out, *_beyond(data, self.late))))
 
 
 def align(
@@ -188,17 +80,17 @@ def align(
     """
     smooth = smooth or Smoother(train, known_rates(model.simulator(train), train))
     bare_rate = modelled_rate(model, train, equation, ())
-    at_end, (mended, slips) = _clipped(train, equation), _mended(train, equation, bare_rate)
-    measured = smooth(mended)
+    clipped, (better, slips) = at_end(train, equation), mended(train, equation, bare_rate)
+    measured = smooth(better)
     late = late_states(measured, model.simulator(train), {name: noise.left for name, noise in smooth.noise.items()})
-    measured = _earlier(measured, late)
-    out = (*at_end.values(), *slips.values(), *_beyond(train, late))
+    measured = earlier(measured, late)
+    out = (*clipped.values(), *slips.values(), *beyond(train, late))
     delays: dict[str, float] = {}
     probability: dict[str, float] = {}
     added: tuple[tuple[Term, float], ...] = ()
     # All rows, for what needs neighbours, and those that are weighed.
     seen = np.ones(train.n_obs, bool) if under is None else under[1]
-    whole, used = measured, seen & _usable(measured, equation, delays, out)
+    whole, used = measured, seen & usable(measured, equation, delays, out)
     data = whole.keep(used)
     statistics = sufficient_statistics(model, data, equation, effects)
     evaluator = Evaluator(statistics.prior, statistics.kernel, np.asarray(statistics.basis.frequency))
@@ -261,7 +153,7 @@ def align(
         if moved:
             # Else the statistics stay those of the data as they are.
             delays, whole = later, undone(measured, equation, later)
-            used = seen & _usable(measured, equation, delays, out)
+            used = seen & usable(measured, equation, delays, out)
             data = whole.keep(used)
         added = tuple(
             (term, float(b) * given.target_scale / given.columns[i].scale)
@@ -274,8 +166,8 @@ def align(
         evaluations = Evaluations(given.with_noise(own), odds, evaluator)
         sets = Sets(evaluations, most, always=always)
     return Aligned(
-        data, sets, delays, probability, sample_noise=smooth.noise, late=late, clipped=at_end, misread=slips, rate=rate,
-        bare=bare_rate, used=used, smooth=smooth,
+        data, sets, delays, probability, sample_noise=smooth.noise, late=late, clipped=clipped, misread=slips,
+        rate=rate, bare=bare_rate, used=used, smooth=smooth,
     )  # fmt: skip
 
 
@@ -338,63 +230,6 @@ def _delays(statistics: SufficientStatistics) -> list[int]:
     """Columns of delays."""
     every = [(i, statistics.columns[i].suspect) for i in statistics.of_kind("suspect")]
     return [i for i, suspect in every if suspect is not None and suspect.kind == DELAY]
-
-
-def _separable(data: Trajectories) -> bool:
-    """Whether a row can be left out: rows of a filter hang together."""
-    return all(noise.local for noise in data.noise.values())
-
-
-def _clipped(data: Trajectories, equation: str) -> dict[str, Bool[np.ndarray, " n_obs"]]:
-    # A state may rest, and an input may be held; a rate that stays to the last bit where it is largest is clipped.
-    if not _separable(data):
-        return {}
-    values = data.rate(equation)
-    # An output may rest too, as a force does in a dead zone: only where it is noisy it does not stay by itself.
-    if data.is_output(equation) and not sample_noise(data.time, values[:, None], data.run_lengths)[0] > 0:
-        return {}
-    return clipped({data.target_label(equation): values}, data.run)
-
-
-def _mended(
-    data: Trajectories, equation: str, rate: Rate
-) -> tuple[Trajectories, dict[str, Bool[np.ndarray, " n_obs"]]]:
-    """The data without slips of sensors, and where these were."""
-    if not _separable(data) or equation not in data.derivatives:
-        return data, {}
-    found, columns, ones = {}, {}, np.ones(data.n_obs)
-    for name in (*data.state_names, *data.input_names):
-        slope = slope_along(data, rate, name, ones)
-        out, better = misread(data.column(name), data.run, data.rate(equation), slope)
-        if np.any(out):
-            found[name], columns[name] = out, better
-    states = {name: columns.get(name, x) for name, x in data.states.items()}
-    inputs = {name: columns.get(name, x) for name, x in data.inputs.items()}
-    return (replace(data, states=states, inputs=inputs) if found else data), found
-
-
-def _usable(
-    data: Trajectories, equation: str, delays: Mapping[str, float], out: Sequence[np.ndarray]
-) -> Bool[np.ndarray, " n_obs"]:
-    """Rows that are not out, and whose states and inputs were measured where delays take them."""
-    used = np.ones(data.n_obs, bool)
-    if _separable(data):
-        used = within(data, equation, delays)
-    for rows in out:
-        used = used & ~rows
-    return used
-
-
-def _earlier(data: Trajectories, late: Mapping[str, Late]) -> Trajectories:
-    """Data with late states as they were."""
-    return shifted(data, {name: found.by for name, found in late.items()}) if late else data
-
-
-def _beyond(data: Trajectories, late: Mapping[str, Late]) -> list[Bool[np.ndarray, " n_obs"]]:
-    """Rows at ends of runs that a late state was not measured at."""
-    if not late or not _separable(data):
-        return []
-    return [~measured_at(data, {found.by for found in late.values()})]
 
 
 def _label(evaluations: Evaluations, index: int) -> str:
