@@ -8,7 +8,8 @@ from dataclasses import dataclass, fields, replace
 from typing import Any
 
 from bayes_greybox.data.errors import InputError
-from bayes_greybox.data.trajectories import Trajectories, with_filter_of
+from bayes_greybox.data.rates.held_out import with_filter_of
+from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.amended import hidden_used
 from bayes_greybox.discovery.answer.gap.free_runs import FreePath, FreeRuns
 from bayes_greybox.discovery.evidence.odds import Odds

@@ -381,25 +381,3 @@ class Trajectories(Runs):
             samples=None if self.samples is None else self.samples._at(rows, {}),
             unseen=None if self.unseen is None else self.unseen[rows],
         )
-
-
-def with_filter_of(test: Trajectories, train: Trajectories) -> Trajectories:
-    """Held-out data as the training data are: differentiated by the same filter where they are not yet.
-
-    Args:
-        test: Held-out data.
-        train: Training data.
-
-    Raises:
-        InputError: Rates that another filter computed.
-    """
-    if train.filter is None or test.filter == train.filter:
-        return test
-    if test.filter is not None:
-        one, other = (f"{part.method} with a window of {part.window}" for part in (train.filter, test.filter))
-        raise InputError(
-            f"Training data were differentiated by {one}, held-out data by {other}, or with other settings: use one "
-            "filter for both, test.differentiate(like=train)."
-        )
-    unknown = any(name not in test.derivatives for name in train.derivatives)
-    return test.differentiate(like=train) if unknown else test
