@@ -26,14 +26,16 @@ def weigh_laws(near: Near, taken: Callable[[Near], Near]) -> None:
         near: The explanation that stays.
         taken: From an explanation to the likeliest one on rows near it.
     """
-    core = near.under_noise().likeliest()
+    core, columns = near.under_noise().likeliest(), near.base.statistics.columns
+    # Finer values of an inner parameter are columns that sets under another noise may have for themselves.
+    if any(i >= len(columns) or columns[i].inner for i in core):
+        return
     places = {i: near.base.laws(i) for i in core}
-    if any(near.base.statistics.columns[i].inner for i in core) or not any(places.values()):
+    if not any(places.values()):
         return
     # Only now: the laws are columns that were added on the way.
     known = near.under_noise()
     level = known.parametric(core).all
-    columns = near.base.statistics.columns
     errors = tuple(j for j in core if columns[j].suspect is not None)
     for i, laws in places.items():
         # Beside the errors alone: off its own path a law needs the company of others.
