@@ -9,6 +9,7 @@ import pandas as pd
 from threadpoolctl import threadpool_limits
 
 from bayes_greybox.criticism.checks.checks import Checks, checks
+from bayes_greybox.criticism.checks.kept import kept_checks, load_checked
 from bayes_greybox.criticism.checks.loo_pit import LooPit
 from bayes_greybox.criticism.checks.whiteness import Whiteness
 from bayes_greybox.criticism.convergence import LARGEST_BASIS, Verdict, boundary_needed, convergence, features_needed
@@ -19,6 +20,7 @@ from bayes_greybox.criticism.inclusion import ROPE, inclusion
 from bayes_greybox.criticism.prediction import Prediction, predict, predictive_group
 from bayes_greybox.criticism.summary import summary
 from bayes_greybox.criticism.trade_off import TradeOff, strongest_trade_off
+from bayes_greybox.data.stages import stage, stages
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.inference import netcdf
 from bayes_greybox.inference.posterior import Posterior, Sampling, add_group, sample_posterior
@@ -27,6 +29,9 @@ from bayes_greybox.model.gp.discrepancy import OrthogonalGP
 from bayes_greybox.model.gp.features import HilbertBasis
 from bayes_greybox.model.program import Program
 from bayes_greybox.physics.simulation.protocol import RightHandSide
+
+AGAIN = "Sampling again, with finer features"
+"""What the bar says of a fit that is repeated."""
 
 MOST_REFITS, MARGIN = 2, 1.15
 """How often a fit is repeated with more features, and by how much these exceed what the last posterior asked for."""
@@ -67,17 +72,20 @@ class GreyBox(Program):
             InputError: Data or settings that cannot be used; the message names what and the remedy.
         """
         sampling = Sampling(draws, tune, chains, seed, target_accept)
-        with threadpool_limits(1):  # as in `sample_posterior`, here also for what completes the fit
-            model, data = self.near(data)
-            model, data = model.with_noise_found(data)
+        # One thread as in `sample_posterior`, here also for what completes the fit.
+        with threadpool_limits(1), stages(progress):
+            with stage("Reading the data"):
+                model, data = self.near(data)
+                model, data = model.with_noise_found(data)
             posterior = sample_posterior(model, data, sampling, progress=progress)
             for _ in range(MOST_REFITS):
                 refined = _refined(posterior.model, self.discrepancy, posterior)
                 if refined is None:
                     break
-                posterior = sample_posterior(refined, data, sampling, progress=progress)
+                posterior = sample_posterior(refined, data, sampling, progress=progress, what=AGAIN)
             fit = Fit(posterior.model, data, sampling, posterior.idata, posterior.made)
-            fit._complete()
+            with stage("Predicting the measurements"):
+                fit._complete()
         return fit
 
 
@@ -194,7 +202,7 @@ class Fit(Posterior):
 
     def save(self, path: str | os.PathLike) -> None:
         """Write posterior, data, model, settings, versions and seed to one netCDF file."""
-        netcdf.save(self, path)
+        netcdf.save(self, path, kept_checks(self))
 
     def to_html(self, path: str | os.PathLike) -> None:
         """Write the report as one self-contained page."""
@@ -234,10 +242,12 @@ def load(path: str | os.PathLike, simulation: RightHandSide | None = None) -> Fi
     Raises:
         InputError: No such file, or not a fit saved by this package; a function is needed.
     """
-    loaded = netcdf.load(path, simulation)
+    loaded = load_checked(path, simulation)
     program = loaded.model
     model = GreyBox(**{field: getattr(program, field) for field in program.__dataclass_fields__})
-    return Fit(model, loaded.data, loaded.sampling, loaded.idata)
+    fit = Fit(model, loaded.data, loaded.sampling, loaded.idata)
+    fit.memory.update(loaded.memory)
+    return fit
 
 
 def _refined(model: Program, given: OrthogonalGP | None, posterior: Posterior) -> Program | None:

@@ -7,8 +7,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
+from bayes_greybox.criticism.checks.kept import kept_checks
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.rates.held_out import with_filter_of
+from bayes_greybox.data.stages import announce, stages
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.amended import hidden_used
 from bayes_greybox.discovery.answer.gap.free_runs import FreePath, FreeRuns
@@ -79,7 +81,7 @@ class Study(StudyResult):
                 "This study has no posterior to save: with settle=False nothing is sampled and study.fit is None. Run "
                 "find_missing_effects with settle=True, or sample the amended model: study.model.fit(study.train)."
             )
-        netcdf.save(self.fit, path, {STUDY: json.dumps(self.record(), default=float)})
+        netcdf.save(self.fit, path, {STUDY: json.dumps(self.record(), default=float), **kept_checks(self.fit)})
 
     def to_html(self, path: str | os.PathLike) -> None:
         """Write the report as one self-contained page."""
@@ -144,24 +146,23 @@ def find_missing_effects(
     Raises:
         InputError: Data, model or catalogue that cannot be used; the message names what and the remedy.
     """
+    with stages(progress):
+        return _found(
+            model, train, test, settle=settle, draws=draws, tune=tune, chains=chains, seed=seed, progress=progress,
+            catalogue=catalogue, roles=roles, effects_at_most=effects_at_most, odds=odds, free_runs=free_runs,
+            interpolation=interpolation,
+        )  # fmt: skip
+
+
+def _found(
+    model: GreyBox, train: Trajectories, test: Trajectories | None, *, settle: bool, draws: int, tune: int, chains: int,
+    seed: int, progress: bool, **weighing: Any,
+) -> Study:  # fmt: skip
     started = time.perf_counter()
     model = model.on(train)
     if test is not None:
         test = with_filter_of(test, train)
-    found = investigate(
-        model,
-        train,
-        test,
-        catalogue=catalogue,
-        roles=roles,
-        seed=seed,
-        effects_at_most=effects_at_most,
-        odds=odds,
-        settle=settle,
-        free_runs=free_runs,
-        interpolation=interpolation,
-        progress=progress,
-    )
+    found = investigate(model, train, test, seed=seed, settle=settle, progress=progress, **weighing)
     hidden = [state for amendment in found.amendments.values() for state in amendment.hidden]
     amended = replace(model, dictionary=found.model.dictionary, noise=found.model.noise)
     # What the path was found along beside them is no part of the answer.
@@ -171,6 +172,8 @@ def find_missing_effects(
     found = replace(found, corrected=replace(found.corrected, states=states))
     fit, seconds = None, dict(found.settings["seconds"])
     if settle:
+        # The answer is there; what follows gives its coefficients their posterior.
+        announce(f"{found.verdict.upper()}: {sentence(found)}")
         start = time.perf_counter()
         try:
             fit = amended.fit(found.corrected, draws=draws, tune=tune, chains=chains, seed=seed, progress=progress)

@@ -3,8 +3,7 @@
 from collections.abc import Iterator, Sequence
 from typing import TypeVar
 
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from bayes_greybox.data.stages import stage, stages
 
 Piece = TypeVar("Piece")
 
@@ -17,6 +16,7 @@ def shown(todo: Sequence[Piece], what: str, progress: bool) -> Iterator[Piece]:
         what: What it is called.
         progress: Whether to show the bar.
     """
-    columns = (TextColumn(what), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=Console(stderr=True), disable=not progress) as bar:
-        yield from bar.track(todo)
+    with stages(progress), stage(what, len(todo)) as line:
+        for piece in todo:
+            yield piece
+            line.advance()

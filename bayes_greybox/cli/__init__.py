@@ -3,6 +3,7 @@
 import sys
 import time
 from collections.abc import Sequence
+from contextlib import ExitStack
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -121,34 +122,47 @@ def fit(
     The folder gets run.nc (the whole fit), summary.json (verdict, coefficients, discrepancy), the figures
     and a copy of the configuration.
     """
+    from bayes_greybox.data.stages import stage, stages
+
     settings = _configured(config, seed=seed, draws=draws, tune=tune, chains=chains)
-    from bayes_greybox.report.folder import output_folder, staged
+    progress = not (no_progress or quiet)
+    with ExitStack() as work:
+        with stages(progress):
+            with stage("Starting", said=False):
+                from bayes_greybox.report.folder import output_folder, staged
 
-    with output_folder(output or settings.folder) as folder:
-        train, test = settings.read_data()
-        model = settings.build_model()
-        start = time.perf_counter()
-        result = model.fit(train, **settings.sampling.model_dump(), progress=not (no_progress or quiet))
-        seconds = time.perf_counter() - start
-        # The fit first, by itself: nothing that fails later may cost what the sampler found.
-        with staged(folder) as place:
-            result.save(place / "run.nc")
-            (place / "config.toml").write_text(settings.text, encoding="utf-8", newline="")
-        held_out = None if test is None else result.predict(test).nmse()
+                folder = work.enter_context(output_folder(output or settings.folder))
+                train, test = settings.read_data()
+                model = settings.build_model()
+            start = time.perf_counter()
+            result = model.fit(train, **settings.sampling.model_dump(), progress=progress)
+            seconds = time.perf_counter() - start
+            with stage("Saving the fit"), staged(folder) as place:
+                # First, by itself: nothing that fails later may cost what the sampler found.
+                result.save(place / "run.nc")
+                (place / "config.toml").write_text(settings.text, encoding="utf-8", newline="")
+            with stage("Predicting held-out data"):
+                held_out = None if test is None else result.predict(test).nmse()
+        if not quiet:
+            from bayes_greybox.report.terminal.fit import fit_tables
 
-        from bayes_greybox.report.record import run_record, write_json
+            show(*fit_tables(result, held_out))
+        with stages(progress):
+            with stage("Checking the model"):
+                checked = result.checks()
+            with stage("Writing the record"), staged(folder) as place:
+                from bayes_greybox.report.record import run_record, write_json
 
-        with staged(folder) as place:
-            record = run_record(result, settings.sampling.model_dump(), seconds, held_out)
-            write_json(place / "summary.json", {"config": settings.file, **record})
-        if settings.output.figures:
-            from bayes_greybox.report.plots import fit_figures, save_figures
+                result.save(place / "run.nc")
+                record = run_record(result, settings.sampling.model_dump(), seconds, held_out)
+                write_json(place / "summary.json", {"config": settings.file, **record})
+            if settings.output.figures:
+                with stage("Drawing"):
+                    from bayes_greybox.report.plots import fit_figures, save_figures
 
-            save_figures(fit_figures(result), folder / "figures")
+                    save_figures(fit_figures(result), folder / "figures")
     if not quiet:
-        from bayes_greybox.report.terminal.fit import fit_tables
-
-        show(*fit_tables(result, held_out), f"Results are in {folder}.")
+        show("", str(checked), f"Results are in {folder}.")
     return DONE if result.verdict.ok else NOT_CONVERGED
 
 
@@ -169,36 +183,45 @@ def discover(
     folder gets gap.html (the report), summary.json, study.nc (the amended model's posterior and the study's
     tables), the figures and a copy of the configuration.
     """
+    from bayes_greybox.data.stages import stage, stages
+
     settings = _configured(config, seed=seed, draws=draws, tune=tune, chains=chains)
-    from bayes_greybox.missing_effects import find_missing_effects
-    from bayes_greybox.report.folder import output_folder, staged
+    progress = not (no_progress or quiet)
+    with ExitStack() as work:
+        with stages(progress):
+            with stage("Starting", said=False):
+                from bayes_greybox.missing_effects import find_missing_effects
+                from bayes_greybox.report.folder import output_folder, staged
 
-    with output_folder(output or settings.folder) as folder:
-        arguments = settings.study_arguments()
-        model = settings.build_studied_model()
-        train, test = settings.read_data()
-        study = find_missing_effects(model, train, test, **arguments, progress=not (no_progress or quiet))
-        # What was sampled first, by itself: nothing that fails later may cost it.
-        with staged(folder) as place:
-            if study.fit is not None:
-                study.save(place / "study.nc")
-            (place / "config.toml").write_text(settings.text, encoding="utf-8", newline="")
+                folder = work.enter_context(output_folder(output or settings.folder))
+                arguments = settings.study_arguments()
+                model = settings.build_studied_model()
+                train, test = settings.read_data()
+            study = find_missing_effects(model, train, test, **arguments, progress=progress)
+            with stage("Saving the study"), staged(folder) as place:
+                # First, by itself: nothing that fails later may cost what was sampled.
+                if study.fit is not None:
+                    study.save(place / "study.nc")
+                (place / "config.toml").write_text(settings.text, encoding="utf-8", newline="")
+        if not quiet:
+            from bayes_greybox.report.terminal.study import study_tables
 
-        from bayes_greybox.report.pages.study_page import study_html
-        from bayes_greybox.report.record import study_record, write_json
+            show(*study_tables(study))
+        with stages(progress):
+            with stage("Writing the report"), staged(folder) as place:
+                from bayes_greybox.report.pages.study_page import study_html
+                from bayes_greybox.report.record import study_record, write_json
 
-        with staged(folder) as place:
-            record = study_record(study, settings.sampling.model_dump())
-            write_json(place / "summary.json", {"config": settings.file, **record})
-            study_html(study, place / "gap.html", settings.text)
-        if settings.output.figures:
-            from bayes_greybox.report.plots import save_figures, study_figures
+                record = study_record(study, settings.sampling.model_dump())
+                write_json(place / "summary.json", {"config": settings.file, **record})
+                study_html(study, place / "gap.html", settings.text)
+            if settings.output.figures:
+                with stage("Drawing"):
+                    from bayes_greybox.report.plots import save_figures, study_figures
 
-            save_figures(study_figures(study), folder / "figures")
+                    save_figures(study_figures(study), folder / "figures")
     if not quiet:
-        from bayes_greybox.report.terminal.study import study_tables
-
-        show(*study_tables(study), f"\nThe report is {folder / 'gap.html'}.")
+        show(f"\nThe report is {folder / 'gap.html'}.")
     return DONE if study.fit is None or study.fit.verdict.ok else NOT_CONVERGED
 
 
@@ -227,9 +250,11 @@ def compare(
     """
     sampling = {"seed": seed, "draws": draws, "tune": tune, "chains": chains}
     folds = _given_folds(scheme, block, max_refits)
-    from bayes_greybox.cli.comparing import compare_configured, compare_saved
+    from bayes_greybox.data.stages import stage, stages
 
     progress = not (no_progress or quiet)
+    with stages(progress), stage("Starting", said=False):
+        from bayes_greybox.cli.comparing import compare_configured, compare_saved
     saved = [file.suffix == ".nc" for file in files]
     if any(saved):
         if not all(saved) or len(files) < 2:
@@ -275,9 +300,13 @@ def report(
     if given and len(files) == 1:
         option = next(iter(given)).replace("_", "-")
         raise InputError(f"--{option} applies where several saved fits are compared; leave it out.")
-    from bayes_greybox.report.saved import saved_html
+    from bayes_greybox.data.stages import stage, stages
 
-    fits, page = saved_html(files, output, given, progress=not (no_progress or quiet))
+    progress = not (no_progress or quiet)
+    with stages(progress), stage("Writing the report", said=False):
+        from bayes_greybox.report.saved import saved_html
+
+        fits, page = saved_html(files, output, given, progress=progress)
     if not quiet:
         show(f"The report is {page}.")
     return exit_code(fits)

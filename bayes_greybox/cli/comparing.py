@@ -5,12 +5,11 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-import typer
-
 from bayes_greybox.config import Config
 from bayes_greybox.criticism.cross_validation.compare import compare
 from bayes_greybox.criticism.cross_validation.folds import START, check_scheme, require_divisible
 from bayes_greybox.data.errors import InputError
+from bayes_greybox.data.stages import announce, stage, stages
 from bayes_greybox.report.comparison_folder import save_comparison
 from bayes_greybox.report.folder import output_folder, staged
 from bayes_greybox.report.saved import load_fits
@@ -37,23 +36,25 @@ def compare_configured(settings: Config, output: Path | None, progress: bool, qu
                 model.on(train).designs(train)
                 require_divisible(train, model.equations, settings.compare.scheme)
         fits = {}
-        for name, model in models.items():
-            if not quiet:
-                typer.echo(f"Model {name}")
-            fits[name] = model.fit(train, **settings.sampling.model_dump(), progress=progress)
-            # Each as soon as it is there: a later failure costs no finished fit.
-            with staged(folder) as place:
-                fits[name].save(place / f"{name}.nc")
-        table = compare(fits, **given, progress=progress)
-        save_comparison(
-            folder,
-            fits,
-            table,
-            {name: folder / f"{name}.nc" for name in fits},
-            sampling=settings.sampling.model_dump(),
-            config=(settings.file, settings.text),
-            figures=settings.output.figures,
-        )
+        with stages(progress):
+            for name, model in models.items():
+                announce(f"Model {name}")
+                fits[name] = model.fit(train, **settings.sampling.model_dump(), progress=progress)
+                # Each as soon as it is there: a later failure costs no finished fit.
+                with staged(folder) as place:
+                    fits[name].save(place / f"{name}.nc")
+            with stage("Comparing"):
+                table = compare(fits, **given, progress=progress)
+            with stage("Writing the report"):
+                save_comparison(
+                    folder,
+                    fits,
+                    table,
+                    {name: folder / f"{name}.nc" for name in fits},
+                    sampling=settings.sampling.model_dump(),
+                    config=(settings.file, settings.text),
+                    figures=settings.output.figures,
+                )
     return _compared(fits, table, folder, quiet)
 
 
@@ -63,10 +64,14 @@ def compare_saved(
     """Compare saved fits; results are written if a folder is given."""
     fits = load_fits(files)
     if output is None:
-        return _compared(fits, compare(fits, **given, progress=progress), None, quiet)
-    with output_folder(output) as folder:
-        table = compare(fits, **given, progress=progress)
-        save_comparison(folder, fits, table, dict(zip(fits, files, strict=True)))
+        with stages(progress), stage("Comparing"):
+            table = compare(fits, **given, progress=progress)
+        return _compared(fits, table, None, quiet)
+    with output_folder(output) as folder, stages(progress):
+        with stage("Comparing"):
+            table = compare(fits, **given, progress=progress)
+        with stage("Writing the report"):
+            save_comparison(folder, fits, table, dict(zip(fits, files, strict=True)))
     return _compared(fits, table, folder, quiet)
 
 

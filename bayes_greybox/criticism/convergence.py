@@ -116,7 +116,8 @@ def features_needed(posterior: Posterior, boundary: tuple[float, ...] | None = N
     """Features per variable that the posterior length scales call for, for equations whose basis has too few.
 
     m ≥ a L/ℓ resolves the length scale ℓ, with a from Riutort-Mayol et al. 2023, Sec. 4.2, and ℓ the 5 % quantile of
-    its posterior in half-widths of the box.
+    its posterior in half-widths of the box. Where the discrepancy is negligible its length scales are those of the
+    prior, and nothing is called for.
 
     Args:
         posterior: Fitted model.
@@ -132,7 +133,7 @@ def features_needed(posterior: Posterior, boundary: tuple[float, ...] | None = N
     needed = {}
     for name, equation in posterior.equations.items():
         basis = equation.frame.basis
-        if basis is None:
+        if basis is None or _negligible(posterior, name):
             continue
         shortest = np.quantile(posterior.draws(name).hyper.length_scale, QUANTILE, axis=0)
         per_variable = np.array(basis.per_variable)
@@ -264,8 +265,6 @@ def _tree_depth(n_steps: np.ndarray) -> Iterator[str]:
 
 def _resolution(posterior: Posterior) -> Iterator[str]:
     for name, needed in features_needed(posterior).items():
-        if _negligible(posterior, name):
-            continue
         frame = posterior.equations[name].frame
         assert frame.basis is not None
         short = [v for v, m, had in zip(frame.variables, needed, frame.basis.per_variable, strict=True) if m > had]

@@ -12,6 +12,7 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Array, Float
 
+from bayes_greybox.data.compiling import compiled
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.starts import estimate_starts
 from bayes_greybox.data.trajectories import Trajectories
@@ -152,7 +153,7 @@ class FreeRunner:
     ) -> None:
         self.interpolation = interpolation
 
-        @partial(jax.jit, static_argnames=("kinds", "stiff"))
+        @partial(compiled, static_argnames=("kinds", "stiff"))
         def follow(
             start: Any, samples: Samples, limits: Limits, parameters: Any, kinds: tuple[str, ...], stiff: bool
         ) -> Any:

@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from bayes_greybox.data.compiling import compiled
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.inference.draws import draw_given
 from bayes_greybox.inference.posterior import Posterior
@@ -116,6 +117,6 @@ def redrawn(design: Design, draws: EquationDraws) -> EquationDraws:
         return draw_given(key, CollapsedNormal(design, hyper, Scales(sd, mean=design.coefficients.mean)))
 
     hyper = Hyperparameters(*(jnp.asarray(value) for value in draws.hyper))
-    drawn = jax.jit(lambda items: jax.lax.map(one, items))((keys, hyper, jnp.asarray(draws.prior_sd)))
+    drawn = compiled(lambda items: jax.lax.map(one, items), once=True)((keys, hyper, jnp.asarray(draws.prior_sd)))
     found = {name: np.asarray(drawn[name]) for name in ("theta", "weight", "f") if name in drawn}
     return draws._replace(**found)

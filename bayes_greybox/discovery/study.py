@@ -6,12 +6,12 @@ from dataclasses import asdict, dataclass, field
 from typing import Any, TypeVar
 
 import pandas as pd
-from rich.console import Console
 from threadpoolctl import threadpool_limits
 
 from bayes_greybox.data.columns import derivative_label
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.records import plain_rows
+from bayes_greybox.data.stages import stage, stages
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.inference.netcdf import versions
 from bayes_greybox.inference.posterior import Posterior
@@ -173,14 +173,13 @@ def investigate(
     loaded = load_catalogue(catalogue)
     seconds: dict[str, float] = {}
     findings: dict[str, EquationStudy] = {}
-    console = Console(stderr=True, quiet=not progress)
     pairs = pairs_in_data(model.simulator(train), train) if callable(model.simulation) else None
-    with threadpool_limits(1), console.status("Missing effects") as status:
+    with threadpool_limits(1), stages(progress), stage("Weighing explanations") as line:
         left_out: dict[tuple[str, str], str] = {}
         for name in equations:
 
             def say(text: str, name: str = name) -> None:
-                status.update(f"{name}: {text}")
+                line.say(f"{name}: {text}")
 
             say("reading the data")
             columns = roles_of(
@@ -202,7 +201,7 @@ def investigate(
             findings[name] = study_equation(model, train, name, bound, each, effects_at_most, seed, settle, say)
             left_out |= {(name, slug): why for slug, why in findings[name].statistics.left_out.items()}
         seconds["explain"] = time.perf_counter() - started
-        status.update("measuring the gap before and after")
+        line.say("measuring the gap before and after")
         start = time.perf_counter()
         amendments = {name: found.amendment for name, found in findings.items()}
         parts = [("train", train), *([("test", test)] if test is not None else [])]

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Array, Float
 from numpyro.infer import NUTS
 
+from bayes_greybox.data.compiling import compiled
 from bayes_greybox.model.sites import VECTOR, density_model
 
 from .nuts import Sampler
@@ -60,7 +61,9 @@ def bridge(
     mean, root = fitted.mean(axis=0), np.linalg.cholesky(np.cov(fitted.T) + 1e-10 * np.eye(size))
     z = np.asarray(jax.random.normal(other, kept.shape))
     proposed = mean + z @ root.T
-    values = jax.jit(lambda points, argument: jax.lax.map(lambda point: log_density(point, argument), points))
+    values = compiled(
+        lambda points, argument: jax.lax.map(lambda point: log_density(point, argument), points), once=True
+    )
     posterior_at = [np.asarray(values(jnp.asarray(points), argument)) for points in (kept, proposed)]
     proposal_at = [_log_normal(points, mean, root) for points in (kept, proposed)]
     l_kept, l_proposed = (p - q for p, q in zip(posterior_at, proposal_at, strict=True))

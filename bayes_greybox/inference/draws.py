@@ -9,6 +9,7 @@ from jax.scipy.special import logsumexp
 from jaxtyping import Array
 from numpyro.handlers import seed, substitute, trace
 
+from bayes_greybox.data.compiling import compiled
 from bayes_greybox.model.algebra.collapsed import ridge, spike_and_slab
 from bayes_greybox.model.algebra.linalg import solve_lower_transposed
 from bayes_greybox.model.algebra.subsets import patterns
@@ -33,9 +34,10 @@ def conditional_sampler(model: Callable) -> Callable[..., dict[str, np.ndarray]]
         γ_j = 1 given the hyperparameters where the patterns are summed, else γ_j itself.
     """
 
-    @jax.jit
-    def draw_all(designs: Mapping[str, Design], flat: dict[str, Array], keys: Array) -> dict[str, Array]:
+    def draw_all_of(designs: Mapping[str, Design], flat: dict[str, Array], keys: Array) -> dict[str, Array]:
         return jax.lax.map(lambda item: conditional_draw(model, designs, item[0], item[1]), (flat, keys))
+
+    draw_all = compiled(draw_all_of, once=True)
 
     def draw(designs: Mapping[str, Design], samples: Mapping[str, np.ndarray], key: Array) -> dict[str, np.ndarray]:
         shape = next(iter(samples.values())).shape[:2]

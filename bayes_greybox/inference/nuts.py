@@ -1,4 +1,4 @@
-"""NUTS on a NumPyro model: chains in parallel threads, one compilation, a progress bar, explicit keys."""
+"""NUTS on a NumPyro model: chains in parallel threads, one compilation, a display of both, explicit keys."""
 
 import os
 import threading
@@ -12,10 +12,15 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 from numpyro.infer.hmc import HMCState
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+from bayes_greybox.data.compiling import compiled
+from bayes_greybox.data.stages import stage, stages
 
 CHUNK = 100
 """Iterations between two looks at the progress bar."""
+
+SAMPLING = "Sampling"
+"""What the bar says, by default."""
 
 
 @dataclass(frozen=True)
@@ -52,7 +57,7 @@ class Sampler:
             kernel = make_kernel(argument)
             return kernel, kernel.init(key, tune, None, (argument,), {})
 
-        def advance(state: Any, argument: Any, length: Array) -> tuple[Any, dict[str, Array]]:
+        def advance(state: Any, argument: Any, length: Array | int) -> tuple[Any, dict[str, Array]]:
             # A kernel can only step once it was started; XLA throws this start away.
             kernel, _ = start(jax.random.PRNGKey(0), argument)
             record = jax.tree.map(lambda leaf: jnp.zeros((CHUNK, *leaf.shape), leaf.dtype), hmc_record(state))
@@ -68,11 +73,13 @@ class Sampler:
             kernel, _ = start(jax.random.PRNGKey(0), argument)
             return jax.vmap(jax.vmap(kernel.postprocess_fn((argument,), {})))(values)
 
-        self._start = jax.jit(lambda key, argument: start(key, argument)[1])
-        self._advance = jax.jit(advance)
-        self._constrain = jax.jit(constrain)
+        self._start = compiled(lambda key, argument: start(key, argument)[1], once=True)
+        self._advance = compiled(advance)
+        self._constrain = compiled(constrain, once=True)
 
-    def run(self, argument: Any, *, draws: int, chains: int, key: Array, progress: bool) -> Chains:
+    def run(
+        self, argument: Any, *, draws: int, chains: int, key: Array, progress: bool, what: str = SAMPLING
+    ) -> Chains:
         """Run all chains.
 
         Args:
@@ -81,14 +88,19 @@ class Sampler:
             chains: Number of chains.
             key: Random key, split into one for each chain.
             progress: Whether to show a progress bar.
+            what: What the bar says.
         """
-        states = [self._start(key, argument) for key in jax.random.split(key, chains)]
-        # Compiled here, by a run of no iterations, so that the threads do not each do it.
-        self._advance(states[0], argument, 0)
+        with stages(progress):
+            return self._run(argument, draws, chains, key, what)
+
+    def _run(self, argument: Any, draws: int, chains: int, key: Array, what: str) -> Chains:
+        with stage("Compiling the sampler"):
+            states = [self._start(key, argument) for key in jax.random.split(key, chains)]
+            # Compiled here, by a run of no iterations, so that the threads do not each do it.
+            self._advance(states[0], argument, 0)
         stop = threading.Event()
 
-        with progress_bar(progress) as bar:
-            task = bar.add_task("Sampling", total=chains * (self._tune + draws), note="")
+        with stage(what, chains * (self._tune + draws)) as line:
             divergences = np.zeros(chains, int)
 
             def one_chain(chain: int) -> dict[str, np.ndarray]:
@@ -103,7 +115,7 @@ class Sampler:
                         kept.append(record)
                         divergences[chain] += int(record["diverging"].sum())
                     total = int(divergences.sum())
-                    bar.update(task, advance=length, note=f"{total} divergences" if total else "")
+                    line.advance(length, f"{total} divergences" if total else "")
                 return {name: np.concatenate([part[name] for part in kept]) for name in kept[0]}
 
             with ThreadPoolExecutor(min(chains, os.cpu_count() or 1)) as pool:
@@ -138,15 +150,3 @@ def hmc_record(state: Any) -> dict[str, Array]:
 
 def _chunks(start: int, stop: int) -> list[tuple[int, int]]:
     return [(i, min(CHUNK, stop - i)) for i in range(start, stop, CHUNK)]
-
-
-def progress_bar(show: bool) -> Progress:
-    """A bar with a count, the remaining time and a note."""
-    return Progress(
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeRemainingColumn(),
-        TextColumn("{task.fields[note]}"),
-        disable=not show,
-    )

@@ -12,6 +12,7 @@ import xarray as xr
 from threadpoolctl import threadpool_limits
 
 from bayes_greybox.data.errors import InputError
+from bayes_greybox.data.stages import stage, stages
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.model.design import Design, EquationDraws
 from bayes_greybox.model.equation import Equation
@@ -25,7 +26,7 @@ from bayes_greybox.model.sites import Sites
 from .draws import conditional_sampler
 from .groups import data_table, row_dimension, tree_of, user_units
 from .kernel import posterior_kernel
-from .nuts import Sampler
+from .nuts import SAMPLING, Sampler
 from .prior import log_prior, prior_sampler
 
 PRIOR_DRAWS = 500
@@ -253,8 +254,7 @@ Result = TypeVar("Result")
 
 def remembered(function: Callable[[Posterior], Result]) -> Callable[[Posterior], Result]:
     """Find something out about a posterior once; later calls return the same object."""
-    # A name, not the function: a posterior read from a file can be pickled, whatever it was asked.
-    name = f"{function.__module__}.{function.__qualname__}"
+    name = _name(function)
 
     @wraps(function)
     def once(posterior: Posterior) -> Result:
@@ -263,6 +263,21 @@ def remembered(function: Callable[[Posterior], Result]) -> Callable[[Posterior],
         return posterior.memory[name]
 
     return once
+
+
+def recall(posterior: Posterior, function: Callable[[Posterior], Result]) -> Result | None:
+    """What a `remembered` function found of a posterior; None where it was not asked yet."""
+    return posterior.memory.get(_name(function))
+
+
+def remember(posterior: Posterior, function: Callable[[Posterior], Result], found: Result) -> None:
+    """Have a `remembered` function return what was found before, of a posterior that was read from a file."""
+    posterior.memory[_name(function)] = found
+
+
+def _name(function: Callable[..., Any]) -> str:
+    # A name, not the function: a posterior read from a file can be pickled, whatever it was asked.
+    return f"{function.__module__}.{function.__qualname__}"
 
 
 class Programs:
@@ -305,6 +320,7 @@ def sample_posterior(
     progress: bool = True,
     equations: Mapping[str, Equation] | None = None,
     programs: Programs | None = None,
+    what: str = SAMPLING,
 ) -> Posterior:
     """Fit: assemble the designs, run NUTS on the hyperparameters, draw the rest exactly.
 
@@ -315,11 +331,27 @@ def sample_posterior(
         progress: Whether to show a progress bar.
         equations: Frames and designs to use instead of `model.assemble(data)` (for refits that leave rows out).
         programs: Those of another fit of this model with these settings, to save compiling them again.
+        what: What the bar says.
 
     Raises:
         InputError: What `model.assemble` refuses.
     """
-    equations = model.assemble(data) if equations is None else equations
+    with stages(progress):
+        return _sampled(model, data, sampling, equations, programs, progress, what)
+
+
+def _sampled(
+    model: Program,
+    data: Trajectories,
+    sampling: Sampling,
+    equations: Mapping[str, Equation] | None,
+    programs: Programs | None,
+    progress: bool,
+    what: str,
+) -> Posterior:
+    if equations is None:
+        with stage("Reading the rows"):
+            equations = model.assemble(data)
     designs = {name: equation.design for name, equation in equations.items()}
     programs = programs_for(model, designs, sampling) if programs is None else programs
     run_key, draw_key, prior_key = jax.random.split(jax.random.PRNGKey(sampling.seed), 3)
@@ -327,11 +359,13 @@ def sample_posterior(
     # Threads inside BLAS fight those of the chains over the cores, for matrices too small to share.
     with threadpool_limits(1):
         chains = programs.chains.run(
-            designs, draws=sampling.draws, chains=sampling.chains, key=run_key, progress=progress
+            designs, draws=sampling.draws, chains=sampling.chains, key=run_key, progress=progress, what=what
         )
-        drawn = programs.conditional(designs, chains.samples, draw_key)
-        prior = programs.prior(designs, prior_key)
-        densities = programs.log_prior(designs, {**chains.samples, **drawn})
+        with stage("Drawing coefficients and f"):
+            drawn = programs.conditional(designs, chains.samples, draw_key)
+        with stage("Drawing from the prior"):
+            prior = programs.prior(designs, prior_key)
+            densities = programs.log_prior(designs, {**chains.samples, **drawn})
     groups = {
         "posterior": user_units({**chains.samples, **drawn}, equations),
         "sample_stats": chains.stats,

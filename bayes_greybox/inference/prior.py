@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Array
 from numpyro.handlers import seed, substitute, trace
 
+from bayes_greybox.data.compiling import compiled
 from bayes_greybox.model.design import Design
 from bayes_greybox.model.likelihood import CollapsedNormal
 from bayes_greybox.model.sites import Sites
@@ -35,10 +36,10 @@ def prior_sampler(model: Callable, n_draw: int) -> Callable[..., dict[str, np.nd
         return drawn
 
     # One after another: a batch would hold a covariance matrix for each draw on the exact path.
-    compiled = jax.jit(lambda designs, keys: jax.lax.map(lambda key: one(designs, key), keys))
+    program = compiled(lambda designs, keys: jax.lax.map(lambda key: one(designs, key), keys), once=True)
 
     def draw(designs: Mapping[str, Design], key: Array) -> dict[str, np.ndarray]:
-        drawn = compiled(designs, jax.random.split(key, n_draw))
+        drawn = program(designs, jax.random.split(key, n_draw))
         return {name: np.asarray(value)[None] for name, value in drawn.items()}
 
     return draw
@@ -77,12 +78,12 @@ def log_prior(model: Callable) -> Callable[..., dict[str, np.ndarray]]:
                 out[own.gamma] = -jnp.sum(jnp.logaddexp(0.0, jnp.where(inside, -log_odds, log_odds)))
         return out
 
-    compiled = jax.jit(jax.vmap(one, in_axes=(None, 0)))
+    program = compiled(jax.vmap(one, in_axes=(None, 0)), once=True)
 
     def densities(designs: Mapping[str, Design], draws: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
         shape = next(iter(draws.values())).shape[:2]
         flat = {name: jnp.asarray(v.reshape(shape[0] * shape[1], *v.shape[2:])) for name, v in draws.items()}
-        return {name: np.asarray(value).reshape(shape) for name, value in compiled(designs, flat).items()}
+        return {name: np.asarray(value).reshape(shape) for name, value in program(designs, flat).items()}
 
     return densities
 

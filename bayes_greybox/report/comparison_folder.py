@@ -10,8 +10,8 @@ from typing import Any
 
 import pandas as pd
 
+from bayes_greybox.criticism.checks.kept import load_checked
 from bayes_greybox.data.errors import InputError
-from bayes_greybox.inference.netcdf import load
 from bayes_greybox.inference.posterior import Posterior
 
 from .folder import staged
@@ -106,7 +106,7 @@ def load_comparison(folder: Path) -> SavedComparison:
                 f'"{file}" has changed since it was compared in "{folder}": compare the fits again (bayes-greybox '
                 "compare)."
             )
-        fits[name] = load(file)
+        fits[name] = load_checked(file)
     config = folder / CONFIG
     text = config.read_text(encoding="utf-8") if "config" in record and config.is_file() else None
     return SavedComparison(fits, table, text)

@@ -4,8 +4,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from bayes_greybox.criticism.checks.kept import load_checked
 from bayes_greybox.criticism.cross_validation.compare import compare
-from bayes_greybox.inference.netcdf import load
 from bayes_greybox.inference.posterior import Posterior
 
 from .comparison_folder import PAGE, load_comparison
@@ -42,7 +42,7 @@ def saved_html(
         saved, page = load_comparison(file), path or file / PAGE
         comparison_html(saved.fits, saved.table, page, saved.config)
         return dict(saved.fits), page
-    fit, page = load(file), path or file.with_suffix(".html")
+    fit, page = load_checked(file), path or file.with_suffix(".html")
     fit_html(fit, page)
     return {file.stem: fit}, page
 
@@ -52,4 +52,4 @@ def load_fits(files: Sequence[Path]) -> dict[str, Posterior]:
     names = [file.resolve().parent.name if file.stem == "run" else file.stem for file in files]
     if len(set(names)) < len(names):
         names = [str(file) for file in files]
-    return dict(zip(names, map(load, files), strict=True))
+    return dict(zip(names, map(load_checked, files), strict=True))

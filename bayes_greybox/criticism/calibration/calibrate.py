@@ -16,8 +16,8 @@ from threadpoolctl import threadpool_limits
 
 from bayes_greybox.criticism.convergence import Verdict
 from bayes_greybox.data.errors import InputError
+from bayes_greybox.data.stages import stage, stages
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.inference.nuts import progress_bar
 from bayes_greybox.inference.posterior import Sampling
 from bayes_greybox.inference.prior_data import draw_truths, open_equation
 from bayes_greybox.inference.replicates import sample_replicates
@@ -173,14 +173,9 @@ def calibrate(
     designs = {name: part.equation.design for name, part in opened.items()}
     keys = jax.random.split(chain_key, replicates)
     # Threads inside BLAS fight those of the chains over the cores, for matrices too small to share.
-    with threadpool_limits(1), progress_bar(progress) as bar:
-        task = bar.add_task("Calibrating", total=replicates, note="")
-
-        def done(finished: int) -> None:
-            bar.advance(task, finished)
-
+    with threadpool_limits(1), stages(progress), stage("Calibrating", replicates) as line:
         found = sample_replicates(
-            model, designs, targets, keys, draws=draws, tune=tune, target_accept=target_accept, done=done
+            model, designs, targets, keys, draws=draws, tune=tune, target_accept=target_accept, done=line.advance
         )
     seconds = time.perf_counter() - start
 

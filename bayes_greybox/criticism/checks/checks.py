@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import pandas as pd
+from threadpoolctl import threadpool_limits
 
 from bayes_greybox.criticism.convergence import convergence
 from bayes_greybox.criticism.linearity import Linearity, linearity
@@ -54,6 +55,7 @@ class Checks:
 
 
 @remembered
+@threadpool_limits.wrap(limits=1)  # threads inside BLAS take ten times the work for matrices of this size
 def checks(posterior: Posterior) -> Checks:
     """Check what a fit claims: predictive distributions, white noise, and data that outweigh the prior.
 

@@ -9,6 +9,7 @@ from jaxtyping import Array, Float, Int
 from scipy.special import log_ndtr, ndtr
 
 from bayes_greybox.criticism.convergence import array_stats
+from bayes_greybox.data.compiling import compiled
 from bayes_greybox.inference.posterior import Posterior
 from bayes_greybox.model.design import Design, EquationDraws, WeightedRows
 from bayes_greybox.model.equation import Equation
@@ -156,7 +157,7 @@ def _parameters(draws: EquationDraws) -> tuple[Hyperparameters, Array, Array]:
     return hyper, jnp.asarray(draws.spread), jnp.asarray(draws.mean)
 
 
-@jax.jit
+@compiled
 def _terms(design: Design, rows: WeightedRows, parameters: tuple[Hyperparameters, Array, Array]) -> tuple[Array, Array]:
     """Diagonal of C⁻¹, and C⁻¹y, at the rows looked at, for every draw."""
 
@@ -168,7 +169,7 @@ def _terms(design: Design, rows: WeightedRows, parameters: tuple[Hyperparameters
     return jax.lax.map(one, parameters)
 
 
-@jax.jit
+@compiled
 def _inverse(
     design: Design,
     rows: WeightedRows,

@@ -12,6 +12,7 @@ from jax.scipy.special import logsumexp
 from jaxtyping import Array, Float
 
 from bayes_greybox.criticism.convergence import array_stats
+from bayes_greybox.data.compiling import compiled
 from bayes_greybox.inference.posterior import Posterior
 from bayes_greybox.model.algebra.collapsed import Regression, ridge
 from bayes_greybox.model.algebra.subsets import log_pattern_weights, patterns
@@ -200,7 +201,7 @@ def _evaluated(enumerated: bool, has_gamma: bool) -> Callable[..., Any]:
         collapsed = [value - total[0] + extra for value, extra in zip(total[1:], shift, strict=True)]
         return jnp.stack(joint), jnp.stack(collapsed), jnp.stack(probability)
 
-    return jax.jit(lambda design, items: jax.lax.map(lambda item: one(design, item), items))
+    return compiled(lambda design, items: jax.lax.map(lambda item: one(design, item), items), once=True)
 
 
 _SCALINGS = ((1.0, 1.0), (ALPHAS[0], 1.0), (ALPHAS[1], 1.0), (1.0, ALPHAS[0]), (1.0, ALPHAS[1]))

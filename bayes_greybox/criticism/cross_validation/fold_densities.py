@@ -10,6 +10,7 @@ import numpy as np
 from jax.scipy.special import logsumexp
 from jaxtyping import Array, Bool, Float, Int
 
+from bayes_greybox.data.compiling import compiled
 from bayes_greybox.inference.posterior import Posterior
 from bayes_greybox.model.algebra.collapsed import log_evidence, ridge
 from bayes_greybox.model.algebra.linalg import solve_lower
@@ -157,7 +158,7 @@ def _reach(folds: Members) -> int:
     return max(int(fold[-1] - fold[0]) for fold in folds) + 1
 
 
-@jax.jit
+@compiled
 def _mapped(design: Design, rows: WeightedRows, folds: _Fold, parameters: tuple[Hyperparameters, Scales]) -> Array:
     n_fold, size = folds.number.shape
     n_term = design.Phi.shape[1]
@@ -191,7 +192,7 @@ def _mapped(design: Design, rows: WeightedRows, folds: _Fold, parameters: tuple[
     return jax.lax.map(one, parameters)
 
 
-@jax.jit
+@compiled
 def _subset(design: Design, parameters: tuple[Hyperparameters, Scales]) -> Array:
     def one(item: tuple[Hyperparameters, Scales]) -> Array:
         hyper, scales = item

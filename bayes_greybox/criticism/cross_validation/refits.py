@@ -23,6 +23,7 @@ def refit_without(posterior: Posterior, equation: str, rows: Sequence[int], prog
         posterior.data,
         posterior.sampling,
         progress=progress,
+        what="Fitting without what is left out",
         equations=left,
         programs=posterior.programs,
     )

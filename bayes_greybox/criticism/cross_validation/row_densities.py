@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from bayes_greybox.data.compiling import compiled
 from bayes_greybox.inference.posterior import Posterior
 from bayes_greybox.model.design import Design, EquationDraws, WeightedRows
 from bayes_greybox.model.gp.hyper import Hyperparameters
@@ -92,7 +93,7 @@ def row_densities(
         yield part, np.asarray(_mapped(entry.design, weighted(padded), parameters))[:, : len(part)] - log_unit
 
 
-@jax.jit
+@compiled
 def _mapped(design: Design, rows: WeightedRows, parameters: tuple) -> Array:
     def one(item: tuple[Hyperparameters, Array, Array]) -> Array:
         hyper, sd, mean = item

@@ -23,6 +23,7 @@ import scipy.optimize
 from jax.scipy.special import logsumexp
 from jaxtyping import Array, Float
 
+from bayes_greybox.data.compiling import compiled
 from bayes_greybox.inference.bridge import Bridged, bridge
 from bayes_greybox.model.algebra.collapsed import scaled_solve
 from bayes_greybox.model.gp.hyper import Hyperparameters, HyperPrior
@@ -205,7 +206,7 @@ def _solved(hyper: Hyperparameters, a: dict[str, Any], kernel: str) -> tuple[Arr
     return log_det, projected, Z[:, 0]
 
 
-@partial(jax.jit, static_argnames="kernel")
+@partial(compiled, static_argnames="kernel")
 def _explained(eta: Array, a: dict[str, Any], kernel: str) -> Array:
     hyper = a["prior"].unpack(eta)
     log_S = log_spectral_density(KERNELS[kernel], a["frequency"], hyper.amplitude, hyper.length_scale)
@@ -213,11 +214,11 @@ def _explained(eta: Array, a: dict[str, Any], kernel: str) -> Array:
     return weight @ a["gram"] @ weight
 
 
-_value = jax.jit(log_joint, static_argnames="kernel")
-_value_and_slope = jax.jit(jax.value_and_grad(log_joint), static_argnames="kernel")
+_value = compiled(log_joint, static_argnames="kernel")
+_value_and_slope = compiled(jax.value_and_grad(log_joint), static_argnames="kernel")
 
 
-@partial(jax.jit, static_argnames="kernel")
+@partial(compiled, static_argnames="kernel")
 def _values(etas: Array, a: dict[str, Any], kernel: str) -> Array:
     return jax.lax.map(lambda eta: log_joint(eta, a, kernel), etas)
 

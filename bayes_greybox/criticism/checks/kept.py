@@ -1,0 +1,100 @@
+"""Checks in a saved fit, so that its page need not make them again."""
+
+import json
+import os
+from collections.abc import Mapping
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from bayes_greybox.inference.netcdf import load
+from bayes_greybox.inference.posterior import Posterior, recall, remember
+from bayes_greybox.physics.simulation.protocol import RightHandSide
+
+from .checks import Checks, checks
+from .loo_pit import LooPit
+from .whiteness import Whiteness
+
+KEPT = "checks"
+"""Root attribute of a saved fit that holds its checks, as JSON text."""
+
+FORMAT = 1
+"""Of that text; of another one nothing is read, and the checks are made again."""
+
+
+def kept_checks(posterior: Posterior) -> dict[str, str]:
+    """Attributes of a file with the checks of a posterior, where they were made.
+
+    Args:
+        posterior: Fitted model.
+    """
+    found = recall(posterior, checks)
+    if found is None:
+        return {}
+    record = {
+        "format": FORMAT,
+        "ok": found.ok,
+        "reasons": found.reasons,
+        "table": _columns(found.table),
+        "loo_pit": {name: _plain(asdict(each)) for name, each in found.loo_pit.items()},
+        "whiteness": {name: _plain(asdict(each)) for name, each in found.whiteness.items()},
+        "sensitivity": _columns(found.sensitivity),
+    }
+    return {KEPT: json.dumps(record)}
+
+
+def load_checked(path: str | os.PathLike[str], simulation: RightHandSide | None = None) -> Posterior:
+    """Read a saved fit with its checks, if they are in the file.
+
+    Args:
+        path: File.
+        simulation: The simulation's function, if the model had one.
+
+    Raises:
+        InputError: Whatever `inference.netcdf.load` refuses.
+    """
+    posterior = load(path, simulation)
+    _restore(posterior)
+    return posterior
+
+
+def _restore(posterior: Posterior) -> None:
+    text = posterior.idata.attrs.pop(KEPT, None)
+    record = {} if text is None else json.loads(text)
+    if record.get("format") != FORMAT:
+        return
+    found = Checks(
+        record["ok"],
+        tuple(record["reasons"]),
+        _table(record["table"]),
+        {name: LooPit(**_arrays(each, "row", "value")) for name, each in record["loo_pit"].items()},
+        {name: _whiteness(each) for name, each in record["whiteness"].items()},
+        _table(record["sensitivity"]),
+    )
+    remember(posterior, checks, found)
+
+
+def _whiteness(record: Mapping[str, Any]) -> Whiteness:
+    arrays = _arrays(record, "lag", "autocorrelation", "bound")
+    return Whiteness(**{**arrays, "standing_out": tuple(record["standing_out"])})
+
+
+def _plain(values: Mapping[str, Any]) -> dict[str, Any]:
+    return {name: np.asarray(value).tolist() for name, value in values.items()}
+
+
+def _arrays(values: Mapping[str, Any], *names: str) -> dict[str, Any]:
+    return {name: np.array(value) if name in names else value for name, value in values.items()}
+
+
+def _columns(table: pd.DataFrame) -> dict[str, Any]:
+    """A table by column, its index first, and how many columns that has."""
+    whole = table.reset_index()
+    return {"index": table.index.nlevels, "columns": {name: whole[name].tolist() for name in whole}}
+
+
+def _table(record: Mapping[str, Any]) -> pd.DataFrame:
+    whole = pd.DataFrame(record["columns"])
+    return whole.set_index(list(whole.columns[: record["index"]]))

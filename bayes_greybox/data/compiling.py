@@ -1,0 +1,121 @@
+"""How programs are compiled: in little time, and once for all processes of a user.
+
+Most of what a first fit waits for is XLA's compiler. Programs of this package are many and short, and what they spend
+is in BLAS and LAPACK; of the compiler's work only little pays. On a CPU, code by fusions of its former emitters
+takes half the time to make, and runs as fast. A program that runs once takes a third of that again without
+optimisation.
+
+What was compiled is kept in the user's cache folder, unless JAX was told of another one: `BAYES_GREYBOX_CACHE` names
+another folder, or is "off".
+"""
+
+import hashlib
+import os
+import platform
+from collections.abc import Callable
+from functools import cache, wraps
+from pathlib import Path
+from typing import Any, TypeVar, cast
+
+import jax
+
+FAST = {"xla_cpu_use_fusion_emitters": False}
+"""Options of XLA for programs that run often."""
+
+ONCE = {**FAST, "xla_backend_optimization_level": 0}
+"""For those that run once or twice."""
+
+FOLDER = "BAYES_GREYBOX_CACHE"
+"""Environment variable: folder for compiled programs, or "off"."""
+
+SHORTEST = 0.1
+"""Seconds of compilation from which on a program is kept."""
+
+LARGEST = 500_000_000
+"""Bytes of the folder; beyond them what was not used longest is deleted, when a process starts."""
+
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+
+def compiled(function: Function, *, once: bool = False, **options: Any) -> Function:
+    """`jax.jit` of a function that no other program calls; nothing happens before its first call.
+
+    Args:
+        function: What to compile.
+        once: Whether it will run once or twice.
+        **options: Of `jax.jit`.
+    """
+
+    @cache
+    def program() -> Any:
+        _keep()
+        return jax.jit(function, compiler_options=_known(once), **options)
+
+    @wraps(function)
+    def call(*args: Any, **named: Any) -> Any:
+        return program()(*args, **named)
+
+    return cast(Function, call)
+
+
+@cache
+def _known(once: bool) -> dict[str, Any] | None:
+    """The options, where this XLA has them."""
+    if jax.default_backend() != "cpu":
+        return None
+    wanted = ONCE if once else FAST
+    try:
+        jax.jit(lambda x: x + 1, compiler_options=wanted)(0.0)
+    except Exception:  # noqa: BLE001 - of many classes, by version; without these options all is right, but slow
+        return None
+    return wanted
+
+
+@cache
+def _keep() -> None:
+    """Have JAX keep what it compiles."""
+    said = os.environ.get(FOLDER, "")
+    if said.lower() in ("off", "0", "no") or getattr(jax.config, "jax_compilation_cache_dir", None) is not None:
+        return
+    folder = (Path(said) if said else _user_folder()) / _machine()
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        _prune(folder.parent)
+    except OSError:
+        # A home that cannot be written to costs time, and nothing else.
+        return
+    jax.config.update("jax_compilation_cache_dir", str(folder))
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", SHORTEST)
+
+
+def _user_folder() -> Path:
+    from platformdirs import user_cache_dir
+
+    return Path(user_cache_dir("bayes-greybox", appauthor=False)) / "compiled"
+
+
+def _machine() -> str:
+    """A name for processors that run the same programs: homes are shared, and instructions are not."""
+    said = [platform.machine(), platform.processor()]
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+        said += [line for line in lines if line.startswith(("flags", "Features"))][:1]
+    except OSError:
+        pass
+    return hashlib.sha256("\n".join(said).encode()).hexdigest()[:12]
+
+
+def _prune(folder: Path) -> None:
+    found = []
+    for file in folder.glob("*/*"):
+        try:
+            status = file.stat()
+        except OSError:
+            continue
+        found.append((max(status.st_atime, status.st_mtime), status.st_size, file))
+    left = sum(size for _, size, _ in found)
+    for _, size, file in sorted(found):
+        if left <= LARGEST:
+            return
+        file.unlink(missing_ok=True)
+        left -= size

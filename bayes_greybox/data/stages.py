@@ -1,0 +1,151 @@
+"""What long work is doing, on one display: a line for each stage, with a bar where its length is known.
+
+Whoever begins long work opens a display with `stages`; what works inside joins it with `stage`, however deep. Without a
+terminal each stage that took long is a line of text once it is over, so that a log says where the time went.
+"""
+
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, ProgressColumn, Task, TextColumn, TimeElapsedColumn
+from rich.text import Text
+
+WORTH_SAYING = 1.0
+"""Seconds from which on a log says how long a stage took."""
+
+_DISPLAY: ContextVar["Display | None"] = ContextVar("display", default=None)
+
+
+class Display:
+    """Lines of stages on stderr: bars in a terminal and in a notebook, what took long in words elsewhere."""
+
+    def __init__(self, console: Console) -> None:
+        """Show nothing yet."""
+        self.console = console
+        self.live = console.is_terminal or console.is_jupyter
+        self.bars = Progress(
+            TextColumn("{task.description}"),
+            BarColumn(bar_width=24),
+            _Count(),
+            TimeElapsedColumn(),
+            _Left(),
+            TextColumn("{task.fields[note]}"),
+            console=console,
+            disable=not self.live,
+            # What is printed beside goes above the bars, but never from a file into them.
+            redirect_stdout=sys.stdout.isatty(),
+        )
+
+    def __enter__(self) -> "Display":
+        self.bars.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.bars.stop()
+
+
+class Stage:
+    """One line of a display; every thread may move it."""
+
+    def __init__(self, display: Display | None, text: str, total: int | None) -> None:
+        """Show it, unless there is no display."""
+        self._display, self._text, self._total = display, text, total
+        self._begun = time.perf_counter()
+        self._task = None if display is None else display.bars.add_task(text, total=total, note="")
+
+    def advance(self, by: int = 1, note: str = "") -> None:
+        """Move the bar.
+
+        Args:
+            by: How far.
+            note: What to say beside it.
+        """
+        if self._display is not None and self._task is not None:
+            self._display.bars.update(self._task, advance=by, note=note)
+
+    def say(self, note: str) -> None:
+        """What the stage is at."""
+        self.advance(0, note)
+
+    def done(self, said: bool = True) -> None:
+        """Fill the bar and stop its clock, and say how long it took where there are no bars."""
+        if self._display is None or self._task is None:
+            return
+        if self._total is None:
+            # Nobody knew how long it is: now it is as long as it got.
+            self._display.bars.update(self._task, total=1, completed=1, note="")
+        self._display.bars.stop_task(self._task)
+        seconds = time.perf_counter() - self._begun
+        if said and not self._display.live and seconds >= WORTH_SAYING:
+            self._display.console.print(f"{self._text}: {seconds:.0f} s", highlight=False, markup=False)
+
+
+@contextmanager
+def stages(show: bool) -> Iterator[None]:
+    """A display of all stages of some work, or the one that is open around it.
+
+    Args:
+        show: Whether to show anything; without it what works inside is silent too.
+    """
+    if show and _DISPLAY.get() is not None:
+        yield
+        return
+    if not show:
+        token = _DISPLAY.set(None)
+        try:
+            yield
+        finally:
+            _DISPLAY.reset(token)
+        return
+    with Display(Console(stderr=True)) as display:
+        token = _DISPLAY.set(display)
+        try:
+            yield
+        finally:
+            _DISPLAY.reset(token)
+
+
+@contextmanager
+def stage(text: str, total: int | None = None, said: bool = True) -> Iterator[Stage]:
+    """One stage of some work; silent where no display is open.
+
+    Args:
+        text: What is done, such as "Sampling".
+        total: Of how many pieces, where that is known.
+        said: Whether a log is told how long it took.
+    """
+    display = _DISPLAY.get()
+    line = Stage(display, text, total)
+    try:
+        yield line
+    except BaseException:
+        line.done(said=False)
+        raise
+    line.done(said)
+
+
+def announce(text: str) -> None:
+    """A result that is there before the work is over, above the lines of the display; silent where none is open."""
+    display = _DISPLAY.get()
+    if display is not None:
+        display.console.print(text, highlight=False, markup=False)
+
+
+class _Count(ProgressColumn):
+    """Pieces done of all, where their number is known."""
+
+    def render(self, task: Task) -> Text:
+        known = task.total is not None and task.total > 1
+        return Text(f"{task.completed:.0f}/{task.total:.0f}" if known else "")
+
+
+class _Left(ProgressColumn):
+    """Time that is left, where it can be told and is worth telling."""
+
+    def render(self, task: Task) -> Text:
+        left = None if task.finished else task.time_remaining
+        return Text("" if left is None or left < 1 else f"{time.strftime('%M:%S', time.gmtime(left))} left", "dim")

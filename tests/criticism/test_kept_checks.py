@@ -1,0 +1,57 @@
+"""Checks in a saved fit: read back whole, made again where the file has none."""
+
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import bayes_greybox as bg
+from bayes_greybox.criticism.checks import kept
+from bayes_greybox.criticism.checks.checks import checks
+
+
+@pytest.fixture(scope="module")
+def fit():
+    data = bg.systems.oscillator().simulate(np.linspace(0.0, 30.0, 60), noise=0.02, seed=1)
+    return bg.GreyBox({"ydot": ["y**3", "ydot**3"]}, discrepancy=None).fit(
+        data, draws=50, tune=50, chains=2, progress=False
+    )
+
+
+def test_checks_come_back_with_the_fit(fit, tmp_path, monkeypatch):
+    made = fit.checks()
+    fit.save(tmp_path / "run.nc")
+    read = bg.load(tmp_path / "run.nc")
+    monkeypatch.setattr("bayes_greybox.criticism.checks.checks.loo_pit", lambda *_: pytest.fail("made again"))
+    found = read.checks()
+    assert str(found) == str(made) and found.ok == made.ok
+    pd.testing.assert_frame_equal(found.table, made.table)
+    pd.testing.assert_frame_equal(found.sensitivity, made.sensitivity)
+    for name in made.loo_pit:
+        np.testing.assert_array_equal(found.loo_pit[name].value, made.loo_pit[name].value)
+        assert found.loo_pit[name].wrong == made.loo_pit[name].wrong
+        np.testing.assert_array_equal(found.whiteness[name].bound, made.whiteness[name].bound)
+        assert found.whiteness[name].standing_out == made.whiteness[name].standing_out
+
+
+def test_without_checks_in_the_file_they_are_made(fit, tmp_path):
+    fit.memory.clear()
+    fit.save(tmp_path / "run.nc")
+    read = bg.load(tmp_path / "run.nc")
+    assert read.memory == {}
+    assert str(read.checks()) == str(checks(fit))
+
+
+def test_checks_of_another_format_are_not_read(fit, tmp_path, monkeypatch):
+    fit.checks()
+    monkeypatch.setattr(kept, "FORMAT", kept.FORMAT + 1)
+    text = kept.kept_checks(fit)[kept.KEPT]
+    monkeypatch.undo()
+    assert json.loads(text)["format"] != kept.FORMAT
+    fit.idata.attrs[kept.KEPT] = text
+    before = dict(fit.memory)
+    fit.memory.clear()
+    kept._restore(fit)
+    assert fit.memory == {} and kept.KEPT not in fit.idata.attrs
+    fit.memory.update(before)

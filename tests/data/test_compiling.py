@@ -1,0 +1,98 @@
+"""Compiled programs: right, lazy, quickly made where XLA knows how, and kept where the user wants them."""
+
+import os
+import subprocess
+import sys
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import pytest
+
+from bayes_greybox.data import compiling
+from bayes_greybox.data.compiling import compiled
+
+
+@pytest.mark.parametrize("once", [False, True])
+def test_values_are_those_of_the_function(once):
+    @partial(compiled, once=once, static_argnames="power")
+    def root(x, power):
+        return jnp.sum(jnp.abs(x) ** (1 / power))
+
+    x = jnp.arange(5.0)
+    assert float(root(x, power=2)) == pytest.approx(sum(i**0.5 for i in range(5)), rel=1e-14)
+
+
+def test_same_shapes_are_traced_once():
+    traced = []
+
+    @compiled
+    def double(x):
+        traced.append(x.shape)
+        return 2 * x
+
+    for shape in ((3,), (3,), (4,)):
+        double(jnp.ones(shape))
+    assert traced == [(3,), (4,)]
+
+
+def test_options_that_this_xla_does_not_know_are_left_out(monkeypatch):
+    monkeypatch.setattr(compiling, "FAST", {"xla_no_such_option": True})
+    compiling._known.cache_clear()
+    assert compiling._known(False) is None
+    assert float(compiled(lambda x: x + 1)(1.0)) == 2.0
+    compiling._known.cache_clear()
+
+
+PROGRAM = """
+import jax, jax.numpy as jnp
+from bayes_greybox.data import compiling
+compiling.SHORTEST = 0.0
+compiling.compiled(lambda x: jnp.linalg.cholesky(x @ x.T + jnp.eye(3)))(jnp.ones((3, 3)))
+print(jax.config.jax_compilation_cache_dir)
+"""
+
+
+def _kept(tmp_path, **environment):
+    own = {k: v for k, v in os.environ.items() if not k.startswith("JAX_")}
+    own |= {"HOME": str(tmp_path), "XDG_CACHE_HOME": str(tmp_path / "cache"), **environment}
+    found = subprocess.run([sys.executable, "-c", PROGRAM], env=own, capture_output=True, text=True, check=True)
+    return found.stdout.strip(), [file for file in tmp_path.rglob("*-cache") if file.is_file()]
+
+
+def test_programs_are_kept_in_the_users_cache(tmp_path):
+    folder, files = _kept(tmp_path)
+    assert folder.startswith(str(tmp_path)) and files
+
+
+def test_programs_are_kept_where_the_user_says_or_not_at_all(tmp_path):
+    folder, files = _kept(tmp_path, BAYES_GREYBOX_CACHE=str(tmp_path / "mine"))
+    assert folder.startswith(str(tmp_path / "mine")) and files
+    folder, files = _kept(tmp_path / "none", BAYES_GREYBOX_CACHE="off")
+    assert folder == "None" and not files
+
+
+def test_jax_keeps_programs_where_it_was_told(tmp_path):
+    folder, _ = _kept(tmp_path, JAX_COMPILATION_CACHE_DIR=str(tmp_path / "theirs"))
+    assert folder == str(tmp_path / "theirs")
+
+
+def test_a_cache_is_bounded(tmp_path, monkeypatch):
+    monkeypatch.setattr(compiling, "LARGEST", 250)
+    (tmp_path / "machine").mkdir()
+    for i in range(4):
+        file = tmp_path / "machine" / f"{i}-cache"
+        file.write_bytes(bytes(100))
+        os.utime(file, (1000 + i, 1000 + i))
+    compiling._prune(tmp_path)
+    assert sorted(file.name for file in tmp_path.glob("*/*")) == ["2-cache", "3-cache"]
+
+
+def test_a_home_that_cannot_be_written_to_is_no_error(tmp_path):
+    (tmp_path / "file").write_text("no folder")
+    folder, _ = _kept(tmp_path, BAYES_GREYBOX_CACHE=str(tmp_path / "file" / "below"))
+    assert folder == "None"
+
+
+def test_64_bits_stay(tmp_path):
+    assert compiled(lambda x: x + 1)(jnp.float64(1.0)).dtype == jax.dtypes.canonicalize_dtype("float64")

@@ -1,0 +1,64 @@
+"""Stages of long work: one display however deep, silence where it is asked for, words where there is no terminal."""
+
+import io
+import time
+
+import pytest
+from rich.console import Console
+
+from bayes_greybox.data import stages as module
+from bayes_greybox.data.stages import announce, stage, stages
+
+
+@pytest.fixture
+def shown(monkeypatch):
+    """What the display writes: to a terminal if asked for."""
+    out = io.StringIO()
+    terminal = {"force_terminal": False}
+    monkeypatch.setattr(module, "Console", lambda stderr: Console(file=out, width=100, **terminal))
+    out.terminal = terminal
+    return out
+
+
+def test_stages_within_join_the_display_around_them(shown):
+    shown.terminal["force_terminal"] = True
+    with stages(True), stage("Outer"), stages(True), stage("Inner", 3) as line:
+        line.advance(2, "2 divergences")
+    text = shown.getvalue()
+    assert "Outer" in text and "Inner" in text and "2/3" in text and "2 divergences" in text
+
+
+def test_what_is_asked_to_be_silent_is_silent_inside_a_display(shown):
+    with stages(True), stages(False), stage("Hidden"):
+        announce("nothing")
+    assert shown.getvalue() == ""
+
+
+def test_without_a_display_stages_cost_nothing_and_say_nothing(shown):
+    with stage("Alone", 5) as line:
+        line.advance()
+        announce("nothing")
+    assert shown.getvalue() == ""
+
+
+def test_a_log_says_how_long_took_what_took_long(shown, monkeypatch):
+    monkeypatch.setattr(module, "WORTH_SAYING", 0.05)
+    with stages(True):
+        with stage("Short"):
+            pass
+        with stage("Long"):
+            time.sleep(0.06)
+        with stage("Untold", said=False):
+            time.sleep(0.06)
+        with pytest.raises(ValueError, match="broken"), stage("Failed"):
+            time.sleep(0.06)
+            raise ValueError("broken")
+        announce("The answer")
+    assert shown.getvalue() == "Long: 0 s\nThe answer\n"
+
+
+def test_a_display_ends_with_what_opened_it(shown):
+    with pytest.raises(ValueError, match="broken"), stages(True):
+        raise ValueError("broken")
+    announce("late")
+    assert shown.getvalue() == ""
