@@ -3,6 +3,7 @@
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -23,6 +24,7 @@ from bayes_greybox.criticism.trade_off import TradeOff, strongest_trade_off
 from bayes_greybox.data.stages import stage, stages
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.inference import netcdf
+from bayes_greybox.inference.inference_data import to_inferencedata
 from bayes_greybox.inference.posterior import Posterior, Sampling, add_group, sample_posterior
 from bayes_greybox.inference.refinement.refine import refine
 from bayes_greybox.model.gp.discrepancy import OrthogonalGP
@@ -199,6 +201,15 @@ class Fit(Posterior):
         sampling = Sampling(draws, tune, chains, seed, target_accept, exact=True)
         refined = refine(self, sampling, starts, noise, progress)
         return Fit(refined.model, refined.data, sampling, refined.idata)
+
+    def to_inferencedata(self) -> Any:
+        """The groups of `idata` as what the functions of the installed `arviz` take.
+
+        Returns:
+            With ArviZ 0.2x, the newest for Python 3.11, an `arviz.InferenceData`; with ArviZ 1, which has no such
+            class, a `DataTree` like `idata` itself. The object is new, its arrays are those of the fit.
+        """
+        return to_inferencedata(self.idata)
 
     def save(self, path: str | os.PathLike) -> None:
         """Write posterior, data, model, settings, versions and seed to one netCDF file."""

@@ -87,7 +87,7 @@ def test_results_have_what_they_are_said_to_have(study):
         assert hasattr(fit, name)
     methods = """
         summary inclusion discrepancy discrepancy_grid trade_off predict simulate checks loo_pit whiteness sensitivity
-        save to_html
+        save to_html to_inferencedata drawn
     """.split()
     assert all(callable(getattr(bg.Fit, name)) for name in methods)
     assert all(callable(getattr(bg.Study, name)) for name in ("save", "to_html", "record", "free_run"))

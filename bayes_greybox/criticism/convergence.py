@@ -179,7 +179,7 @@ def array_stats() -> Any:
 
 
 def _judged(posterior: Posterior) -> Iterator[tuple[str, Float[np.ndarray, "n_chain n_draw"]]]:
-    group = posterior.idata["posterior"].dataset
+    group = posterior.drawn()
     # On exact paths the weights of f are sampled as everything else.
     drawn = _NOT_JUDGED[1:] if posterior.sampling.exact else _NOT_JUDGED
     left_out = {own[name] for own in posterior.sites.values() for name in drawn}

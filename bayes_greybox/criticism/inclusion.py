@@ -35,7 +35,7 @@ def inclusion(posterior: Posterior, level: float = 0.9, rope: float = ROPE) -> p
         raise InputError(f"level={level:g} must lie between 0 and 1.")
     if rope < 0:
         raise InputError(f"rope={rope:g} must not be negative.")
-    group = posterior.idata["posterior"].dataset
+    group = posterior.drawn()
     tables = []
     for name, learned in posterior.learned().items():
         frame, own, draws = learned.frame, posterior.sites[learned.block], learned.of(posterior.draws(learned.block))

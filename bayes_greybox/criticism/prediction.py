@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.inference.posterior import Posterior
+from bayes_greybox.inference.posterior import MOST_NUMBERS, Posterior
 from bayes_greybox.model.design import EquationDraws
 from bayes_greybox.model.equation import Equation
 
@@ -20,7 +20,7 @@ PREDICTION_DRAWS = 500
 """Posterior draws behind a prediction; bands change by less than their Monte Carlo error beyond."""
 
 PREDICTIVE_ROWS, PREDICTIVE_DRAWS = 2000, 1000
-"""Largest data set, and most draws, for which the posterior predictive group is kept."""
+"""Largest data set for which the posterior predictive group is kept, and most draws of it where they are thinned."""
 
 ROWS = 4096
 """Rows predicted at once."""
@@ -149,27 +149,33 @@ def predictive_group(
         source: Group whose draws are used: "posterior", or "prior" for the prior predictive.
 
     Returns:
-        `e_rate` by equation [n_chain, n_kept, n_obs], and the draws kept (at most PREDICTIVE_DRAWS over all chains);
-        None above PREDICTIVE_ROWS rows, where the group would dwarf everything else in the file.
+        `e_rate` by equation [n_chain, n_kept, n_obs], and the draws kept: all of them up to as many numbers as the
+        `log_likelihood` group may hold, as ArviZ's `loo_pit` needs both at every draw; beyond, at most
+        PREDICTIVE_DRAWS over all chains. None above PREDICTIVE_ROWS rows, where the group would dwarf everything else
+        in the file.
     """
-    data = posterior.data
+    data, equations = posterior.data, posterior.equations
     if data.n_obs > PREDICTIVE_ROWS:
         return None
     sizes = posterior.idata[source].sizes
     n_chain, n_draw = sizes["chain"], sizes["draw"]
-    kept = np.arange(0, n_draw, max(1, -(-n_chain * n_draw // PREDICTIVE_DRAWS)))
-    pick = (np.arange(n_chain)[:, None] * n_draw + kept).ravel()
+    kept = np.arange(n_draw)
+    if n_chain * n_draw * sum(equation.rows.n_row for equation in equations.values()) > MOST_NUMBERS:
+        kept = kept[:: max(1, -(-n_chain * n_draw // PREDICTIVE_DRAWS))]
     rng = np.random.default_rng(posterior.sampling.seed)
     groups = {}
-    for name, equation in posterior.equations.items():
+    for name, equation in equations.items():
         every = posterior.draws(name, group_name=source)
-        draws = jax.tree.map(lambda leaf: leaf[pick], every)
         Phi, Psi, _ = equation.parts()
-        mean = draws.theta @ Phi.T + equation.design.at_data(Psi, slice(None), draws)
-        noise = equation.rows.noise.correlated(rng.standard_normal(mean.shape))
-        measured = mean + np.asarray(draws.hyper.sigma)[:, None] * noise
-        rate = equation.rows.simulated + equation.frame.target_scale * measured
-        groups[posterior.sites[name].rate] = rate.reshape(n_chain, len(kept), -1)
+        rates = np.empty((n_chain, len(kept), equation.rows.n_row))
+        # One chain at a time, as each step holds as many numbers as its result.
+        for chain, rate in enumerate(rates):
+            draws = jax.tree.map(lambda leaf: leaf[chain * n_draw + kept], every)  # noqa: B023
+            mean = draws.theta @ Phi.T + equation.design.at_data(Psi, slice(None), draws)
+            noise = equation.rows.noise.correlated(rng.standard_normal(mean.shape))
+            measured = mean + np.asarray(draws.hyper.sigma)[:, None] * noise
+            rate[:] = equation.rows.simulated + equation.frame.target_scale * measured
+        groups[posterior.sites[name].rate] = rates
     return groups, kept
 
 

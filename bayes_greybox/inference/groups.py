@@ -12,6 +12,13 @@ from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.model.equation import Equation
 from bayes_greybox.model.sites import Sites
 
+DETAILS = {"posterior": "posterior_details", "prior": "prior_details"}
+"""Groups of draws, and the groups beside them that hold what would drown their plots and tables."""
+
+DETAILED = ("weight", "f", "prior_sd", "gamma", "inclusion")
+"""What those hold: hundreds of weights or values of f, and patterns and scales, of which many never change. ArviZ has
+no density or ranks of whole numbers that are all the same, nor a density of numbers that differ by rounding alone."""
+
 
 def user_units(samples: Mapping[str, np.ndarray], equations: Mapping[str, Equation]) -> dict[str, np.ndarray]:
     """Draws under their public names, user's units; raw coordinates that another site tells are left out."""
@@ -39,7 +46,7 @@ def user_units(samples: Mapping[str, np.ndarray], equations: Mapping[str, Equati
 
 
 def tree_of(groups: dict[str, dict[str, np.ndarray]], equations: Mapping[str, Equation]) -> xr.DataTree:
-    """Groups as a DataTree with dimensions named by equation."""
+    """Groups as a DataTree with dimensions named by equation, details apart."""
     import arviz_base  # three seconds, so not at the top
 
     dims: dict[str, list[str]] = {}
@@ -71,12 +78,37 @@ def tree_of(groups: dict[str, dict[str, np.ndarray]], equations: Mapping[str, Eq
             own = {var: own[var] for var in own if np.shape(variables[var])[2:] == shapes[var]}
         used = {dim: coords[dim] for var in own for dim in own[var] if dim in coords}
         tree[group] = arviz_base.from_dict({group: variables}, coords=used, dims=own)[group]
+    part_details(tree, Sites(equations))
     tree.attrs = {
         "inference_library": "bayes_greybox",
         "inference_library_version": importlib.metadata.version("bayes-greybox"),
         "python_version": platform.python_version(),
     }
     return tree
+
+
+def part_details(tree: xr.DataTree, sites: Sites) -> None:
+    """Move the details among the draws to groups of their own, in place.
+
+    Args:
+        tree: Groups; those of an older version's file have details among the others.
+        sites: Names of the variables.
+    """
+    for source, details in DETAILS.items():
+        if source not in tree.children:
+            continue
+        group = tree[source].dataset
+        names = [str(name) for name in group]
+        moved = {own[q] for e, own in sites.items() for q in sites.owned(e, names) if q in DETAILED}
+        if moved:
+            tree[details] = xr.DataTree(group[[name for name in names if name in moved]])
+            tree[source] = xr.DataTree(group[[name for name in names if name not in moved]])
+
+
+def drawn(tree: xr.DataTree, source: str) -> xr.Dataset:
+    """All variables of a group of draws, with its details if it has any."""
+    group, details = tree[source].dataset, DETAILS.get(source, "")
+    return group.assign(tree[details].dataset.data_vars) if details in tree.children else group
 
 
 def row_dimension(equation: Equation) -> tuple[str, np.ndarray]:

@@ -29,7 +29,7 @@ from bayes_greybox.physics.simulation.protocol import RightHandSide, Simulation
 from bayes_greybox.physics.simulation.reading import simulation_from, simulation_record
 from bayes_greybox.physics.terms import Term
 
-from .groups import data_table, rate_name
+from .groups import data_table, part_details, rate_name
 from .posterior import SLAB, Posterior, Sampling, slab_group
 
 SAMPLES, SAMPLE = "sensor_samples", "sample_id"
@@ -38,9 +38,10 @@ SAMPLES, SAMPLE = "sensor_samples", "sample_id"
 RECORD = "bayes_greybox"
 """Root attribute that holds everything but arrays, as JSON text (netCDF attributes know no bool, None or dict)."""
 
-FORMAT = 3
+FORMAT = 4
 """Version of the file's layout.
 
+Files of version 4 have the details of the draws in groups of their own, where an older reader would not find them.
 Files of version 3 may have outputs, draws of exact paths, and samples that a sensor clipped. In files of version 1
 `measure="empirical"` is what is called "unweighted" since, also on rows with correlated noise.
 """
@@ -132,7 +133,10 @@ def load(path: str | os.PathLike, simulation: RightHandSide | None = None) -> Po
     correlated = any(not data.row_noise(name).local for name in record["model"]["dictionary"])
     if record["format"] < 2 and correlated and gp is not None and gp["measure"] == "empirical":
         gp["measure"] = "unweighted"
-    return Posterior(rebuild(record["model"], simulation), data, Sampling(**record["sampling"]), tree)
+    model = rebuild(record["model"], simulation)
+    if record["format"] < 4:
+        part_details(tree, model.sites)
+    return Posterior(model, data, Sampling(**record["sampling"]), tree)
 
 
 def describe(model: Program, data: Trajectories) -> dict[str, Any]:

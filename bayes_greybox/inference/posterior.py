@@ -24,7 +24,7 @@ from bayes_greybox.model.sampling_program import Bare, SamplingProgram
 from bayes_greybox.model.sites import Sites
 
 from .draws import conditional_sampler
-from .groups import data_table, row_dimension, tree_of, user_units
+from .groups import data_table, drawn, row_dimension, tree_of, user_units
 from .kernel import posterior_kernel
 from .nuts import SAMPLING, Sampler
 from .prior import log_prior, prior_sampler
@@ -34,6 +34,9 @@ PRIOR_DRAWS = 500
 
 SHARED = 4
 """Fits of different kinds or shapes whose compiled programs are kept for the next of the same: some 100 MB each."""
+
+MOST_NUMBERS = 10_000_000
+"""Groups with a number for each observation and draw are kept up to so many numbers."""
 
 SLAB = "slab"
 """Group with the scales and odds that only a prior of the user's own can tell: a file cannot hold that prior."""
@@ -76,8 +79,9 @@ class Posterior:
         data: Training data.
         sampling: Settings of the run.
         idata: DataTree in the InferenceData schema. For each equation e the `posterior` group has `e_theta` (user's
-            units), `e_sigma`, `e_amplitude`, `e_length_scale` (user's units), `e_prior_sd` and the scales of the prior
-            (scaled units), `e_weight` or `e_f`, and under a spike-and-slab prior `e_gamma` and `e_inclusion`.
+            units), `e_sigma`, `e_amplitude`, `e_length_scale` (user's units) and the scales of the prior (scaled
+            units). The group `posterior_details`, of the same chains and draws, has `e_prior_sd` (scaled units),
+            `e_weight` or `e_f`, and under a spike-and-slab prior `e_gamma` and `e_inclusion`.
         made: What the run left beside its draws; None for a posterior read from a file.
         memory: What `remembered` functions found of it.
     """
@@ -108,6 +112,14 @@ class Posterior:
     def sites(self) -> Sites:
         """Names of the variables of each equation."""
         return self.model.sites
+
+    def drawn(self, group_name: str = "posterior") -> xr.Dataset:
+        """Every variable that was drawn, details among them.
+
+        Args:
+            group_name: "posterior", "prior", or another group of draws.
+        """
+        return drawn(self.idata, group_name)
 
     def draws(self, equation: str, at_most: int | None = None, group_name: str = "posterior") -> EquationDraws:
         """Draws of one equation in scaled units, chains flattened, evenly thinned to `at_most`.
@@ -207,7 +219,7 @@ class Posterior:
 
     def values(self, equation: str, at_most: int | None = None, group_name: str = "posterior") -> dict[str, np.ndarray]:
         """Variables of one equation by quantity, chains flattened, evenly thinned."""
-        group = self.idata[group_name].dataset
+        group = self.drawn(group_name)
         n_draw = group.sizes["chain"] * group.sizes["draw"]
         index = np.arange(n_draw)
         if at_most is not None and n_draw > at_most:

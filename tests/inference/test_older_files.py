@@ -45,9 +45,13 @@ def name(request):
 
 @pytest.fixture(scope="module")
 def fit(name, tmp_path_factory):
-    path = tmp_path_factory.mktemp("older") / f"{name}.nc"
+    return bg.load(write(name, tmp_path_factory.mktemp("older")))
+
+
+def write(name, folder):
+    path = folder / f"{name}.nc"
     path.write_bytes(gzip.decompress((FILES / f"{name}.nc.gz").read_bytes()))
-    return bg.load(path)
+    return path
 
 
 def test_the_tables_say_what_they_said(name, fit):
@@ -82,6 +86,17 @@ def test_a_boundary_for_each_variable_survives_a_file(fit):
     gp = bg.OrthogonalGP(variables=("y", "ydot"), boundary=(2.0, 4.8), features=4)
     model = dataclasses.replace(fit.model, discrepancy=gp)
     assert rebuild(json.loads(json.dumps(describe(model, fit.data)))).discrepancy == gp
+
+
+def test_their_details_are_put_apart_as_those_of_new_fits(name, fit, tmp_path):
+    moved = {"ydot_weight", "ydot_prior_sd", "ydot_gamma", "ydot_inclusion"}
+    with xr.open_datatree(write(name, tmp_path), engine="h5netcdf") as file:
+        assert moved <= set(file["posterior"]) and "posterior_details" not in file.children
+        held = {variable: file["posterior"][variable].load() for variable in file["posterior"]}
+    assert set(fit.idata["posterior_details"]) == moved
+    assert set(fit.idata["posterior"]) == set(held) - moved
+    for variable, values in held.items():
+        np.testing.assert_array_equal(fit.drawn()[variable], values)
 
 
 def test_saved_again_it_is_the_same(name, fit, tmp_path):

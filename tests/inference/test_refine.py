@@ -64,7 +64,7 @@ def test_where_rows_are_nearly_linear_it_is_their_posterior_given_the_terms_that
     model = bg.GreyBox({"v": ["y**3", "y**2"]}, simulation=SIMULATION, rows=bg.TrajectoryRows(), discrepancy=None)
     fit = model.fit(data, **FIT)
     refined = fit.refine(draws=200, tune=80, chains=2, progress=False)
-    group = fit.idata["posterior"].dataset
+    group = fit.drawn()
     alone = group["v_theta"].to_numpy()[group["v_gamma"].to_numpy()[..., 1] == 0][:, 0]
     theta = refined.idata["posterior"]["v_theta"].to_numpy()
     assert np.all(theta[..., 1] == 0)

@@ -123,7 +123,7 @@ def test_patterns_are_summed_beside_bounds(data):
     """P(γ | y) under a signed slab: weights of the draws without it, times P(sign | y, γ, η)/P(sign)."""
     prior = bg.SpikeAndSlab()
     free = model_of({}, prior=prior).fit(data, seed=2, **RUN | {"draws": 4000})
-    drawn, gamma = theta(free).reshape(-1, 3), free.idata["posterior"]["ydot_gamma"].to_numpy().reshape(-1, 3)
+    drawn, gamma = theta(free).reshape(-1, 3), free.drawn()["ydot_gamma"].to_numpy().reshape(-1, 3)
     # A slab restricted to half of its values is twice as high there.
     weight = np.where(gamma[:, 1] == 1, 2.0 * (drawn[:, 1] <= 0), 1.0)
     expected = np.average(gamma[:, 1], weights=weight)
@@ -132,7 +132,7 @@ def test_patterns_are_summed_beside_bounds(data):
     spread = np.sqrt(expected * (1 - expected))
     assert abs(got - expected) <= Z * spread * np.hypot(1 / np.sqrt(500), 1 / np.sqrt(1000))
     assert np.all(theta(fit)[..., 1] <= 0)
-    sampled = fit.idata["posterior"]["ydot_gamma"].to_numpy()
+    sampled = fit.drawn()["ydot_gamma"].to_numpy()
     assert np.array_equal(sampled == 0, theta(fit) == 0)
 
 

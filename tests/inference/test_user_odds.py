@@ -93,7 +93,7 @@ def test_inclusion_is_that_of_the_patterns_summed_one_by_one(fit):
     tau, sigma = float(summed.sd[i, 0]), float(draws.hyper.sigma[i])
     odds = np.array(ODDS)
     whole = log_density(Phi, y, tau, sigma, odds)
-    found = fit.idata["posterior"]["y_inclusion"].to_numpy().reshape(-1, 3)[i]
+    found = fit.idata["posterior_details"]["y_inclusion"].to_numpy().reshape(-1, 3)[i]
     for j in range(3):
         # p(y, γ_j = 1): odds so large that the term is always in, times its probability.
         certain = np.where(np.arange(3) == j, 700.0, odds)

@@ -58,23 +58,6 @@ def test_the_checks_are_on_the_page(fit, html):
     assert html.count("passed</td>") == int(found.table["ok"].sum())
 
 
-def test_arviz_works_on_the_tree_unchanged(fit):
-    import arviz_plots
-    import arviz_stats
-    from matplotlib import pyplot
-
-    n_obs = fit.data.n_obs
-    for group in ("prior_predictive", "posterior_predictive"):
-        assert fit.idata[group]["ydot_rate"].shape[2] == n_obs
-        arviz_plots.plot_ppc_dist(fit.idata, group=group, num_samples=20)
-    arviz_plots.plot_loo_pit(fit.idata)
-    arviz_plots.plot_prior_posterior(fit.idata, var_names=["ydot_sigma"])
-    pyplot.close("all")
-    assert set(fit.idata["prior"]) >= {"ydot_theta", "ydot_gamma", "ydot_weight", "ydot_sigma"}
-    found = arviz_stats.psense(fit.idata, var_names=["ydot_sigma"], group="prior")
-    assert float(found["ydot_sigma"]) >= 0
-
-
 def test_a_model_of_a_study_says_what_the_study_said(fit, tmp_path):
     fit.idata.attrs["missing_effects"] = '{"verdict": "named", "sentence": "It lacks a spring."}'
     try:

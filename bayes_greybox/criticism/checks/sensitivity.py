@@ -78,7 +78,7 @@ def sensitivity(posterior: Posterior) -> pd.DataFrame:
         powers = _powers(posterior, name, index)
         weights = _normalised(powers.joint)
         labels = equation.frame.labels
-        gamma = posterior.idata["posterior"].dataset.get(posterior.sites[name].gamma)
+        gamma = posterior.drawn().get(posterior.sites[name].gamma)
         included = np.ones(draws.theta.shape, bool) if gamma is None else draws.theta != 0.0
         for j, label in enumerate(labels):
             inside, theta = included[:, j], draws.theta[:, j]
@@ -146,7 +146,7 @@ def _powers(posterior: Posterior, equation: str, index: np.ndarray) -> _Powers:
     names = posterior.sites.owned(equation, map(str, log_prior)).values()
     sites = [log_prior[n].to_numpy().reshape(-1)[index] for n in names if n not in theta_level]
     top = np.sum(sites, axis=0) if sites else np.zeros(len(index))
-    has_gamma = own.gamma in posterior.idata["posterior"].dataset
+    has_gamma = own.gamma in posterior.drawn()
     n_term = draws.theta.shape[1]
     if slab_of_draws is not None and slab_of_draws.log_odds is not None:
         slab, odds = slab_of_draws.sd[index], slab_of_draws.log_odds[index]

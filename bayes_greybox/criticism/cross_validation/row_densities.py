@@ -9,14 +9,12 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from bayes_greybox.data.compiling import compiled
-from bayes_greybox.inference.posterior import Posterior
+from bayes_greybox.inference.posterior import MOST_NUMBERS, Posterior
 from bayes_greybox.model.design import Design, EquationDraws, WeightedRows
 from bayes_greybox.model.gp.hyper import Hyperparameters
 
 ROW_BLOCK = 4096
 """Rows handled at once; memory is bounded by draws × one block."""
-
-_GROUP_LIMIT = 10_000_000
 
 
 def pointwise_loo(posterior: Posterior, equation: str, at_most: int | None = None) -> Float[np.ndarray, "n_draw n_obs"]:
@@ -58,7 +56,7 @@ def log_likelihood_group(posterior: Posterior) -> dict[str, np.ndarray] | None:
     """
     group = posterior.idata["posterior"].dataset
     n_chain, n_draw = group.sizes["chain"], group.sizes["draw"]
-    if n_chain * n_draw * sum(entry.rows.n_row for entry in posterior.equations.values()) > _GROUP_LIMIT:
+    if n_chain * n_draw * sum(entry.rows.n_row for entry in posterior.equations.values()) > MOST_NUMBERS:
         return None
     return {
         posterior.sites[equation].rate: pointwise_loo(posterior, equation).reshape(n_chain, n_draw, -1)

@@ -21,9 +21,9 @@ from numpyro.infer.util import constrain_fn, potential_energy
 from threadpoolctl import threadpool_limits
 
 from bayes_greybox.data.errors import InputError
-from bayes_greybox.inference.groups import data_table, tree_of, user_units
+from bayes_greybox.inference.groups import DETAILS, data_table, tree_of, user_units
 from bayes_greybox.inference.nuts import Sampler
-from bayes_greybox.inference.posterior import Posterior, Sampling, add_group
+from bayes_greybox.inference.posterior import MOST_NUMBERS, Posterior, Sampling, add_group
 from bayes_greybox.inference.whole_rate import whole_rate
 from bayes_greybox.model.equation import Equation
 from bayes_greybox.model.exact_program import PREDICTED, SENSOR, START, ExactLikelihood, exact_model
@@ -34,9 +34,6 @@ from .exact_paths import ExactPaths
 
 MOST_CORRELATED = 2000
 """Rows whose noise is correlated, beyond which its dense whitening costs more than the paths."""
-
-MOST_NUMBERS = 10_000_000
-"""Predictions and densities of all rows at all draws are kept up to so many numbers."""
 
 RIDGE = 1e-6
 """Share of its variance by which a coordinate is known apart from the others, at least."""
@@ -120,7 +117,7 @@ def _path(posterior: Posterior) -> ReferencePath:
 
 def _active(posterior: Posterior, name: str) -> Bool[np.ndarray, " n_term"]:
     """Terms of the likeliest pattern."""
-    group, own = posterior.idata["posterior"].dataset, posterior.sites[name]
+    group, own = posterior.drawn(), posterior.sites[name]
     n_term = group[own.theta].shape[-1]
     if own.gamma not in group:
         return np.ones(n_term, bool)
@@ -260,12 +257,12 @@ def _result(
     active: Bool[np.ndarray, " n_term"], drawn: dict[str, np.ndarray], stats: dict[str, np.ndarray],
 ) -> Posterior:  # fmt: skip
     """The draws in the tree of a fit."""
-    before, data = posterior.idata, posterior.data
+    before, data = posterior.drawn(), posterior.data
     n_chain, n_draw = stats["lp"].shape
     predicted = drawn[own[PREDICTED]]
-    if own.gamma in before["posterior"]:
+    if own.gamma in before:
         # The pattern is given; how probable each term is, linear rows tell.
-        included = before["posterior"][own.inclusion].to_numpy().mean(axis=(0, 1))
+        included = before[own.inclusion].to_numpy().mean(axis=(0, 1))
         drawn[own.gamma] = np.broadcast_to(active, (n_chain, n_draw, len(active)))
         drawn[own.inclusion] = np.broadcast_to(included, (n_chain, n_draw, len(active)))
     floor = float(equation.design.noise_floor)
@@ -274,7 +271,7 @@ def _result(
     drawn.setdefault(own.placement, np.full(placed, 0.5))
     designs = {own.equation: equation.design}
     densities = posterior.programs.log_prior(designs, drawn) | likelihood.log_prior(drawn, own)
-    kept = {*map(str, before["posterior"]), own.theta_sd, own[START], own[SENSOR]}
+    kept = {*map(str, before), own.theta_sd, own[START], own[SENSOR]}
     groups = {
         "posterior": user_units({name: value for name, value in drawn.items() if name in kept}, posterior.equations),
         "sample_stats": stats,
@@ -283,10 +280,10 @@ def _result(
         "constant_data": data_table(data),
     }
     tree = tree_of(groups, posterior.equations)
-    for group in ("prior", "prior_predictive"):
+    for group in ("prior", DETAILS["prior"], "prior_predictive"):
         # Of other priors of noise and starts nothing was drawn.
-        if group in before.children and not likelihood.restated:
-            tree[group] = before[group].copy()
+        if group in posterior.idata.children and not likelihood.restated:
+            tree[group] = posterior.idata[group].copy()
     found = replace(posterior, sampling=sampling, idata=tree, made=None)
     if predicted.size <= MOST_NUMBERS:
         sigma = likelihood.sigma(drawn.get(own[SENSOR]), drawn[own.sigma])
