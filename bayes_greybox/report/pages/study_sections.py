@@ -12,6 +12,7 @@ from bayes_greybox.discovery.suspects.channels import DELAY
 from bayes_greybox.report import plots as figures
 from bayes_greybox.report.doubts import NOTABLE
 from bayes_greybox.report.formatting import estimate, formula, interval, number, percent_text, probability_text
+from bayes_greybox.report.plots.studies import gap_parts
 from bayes_greybox.report.study_words import (
     LIKELY,
     added,
@@ -48,8 +49,11 @@ def where(study: StudyResult) -> Section:
     measured = study.train.target_in_words(*study.maps)
     lead = (
         f"The gap is what the measured {measured} has beyond the model: its posterior mean by colour, with a bold "
-        "outline where it exceeds the threshold with probability 0.9. Both maps share one scale."
+        "outline where it exceeds the threshold with probability 0.9. Colours reach to the threshold at "
+        "least: what is pale is small beside the noise."
     )
+    if any(len(gap_parts(study, name)) > 1 for name in study.maps):
+        lead += " Before and after share one scale."
     if any(row["suspect"] == DELAY and row["status"] == IN_MODEL for row in study.instrument.to_dict("records")):
         lead += " Delays that are in the model are undone here, before and after."
     return Section("where", "Where simulation and measurement disagree", lead, blocks)
@@ -250,7 +254,7 @@ def _maps(study: StudyResult, equation: str) -> list[Picture]:
     gap = study.maps[equation]
     over = f"Gap in {_rate(study, equation)} over {' and '.join(gap.variables)}"
     if len(gap.variables) == 2:
-        parts = ("before", "after")
+        parts = gap_parts(study, equation)
         shown = [picture(figures.gap_map(study, equation, (part,)), f"{over}, {part}") for part in parts]
     else:
         shown = [picture(figures.gap_map(study, equation), f"{over}, before and after")]

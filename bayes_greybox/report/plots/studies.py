@@ -20,6 +20,12 @@ from bayes_greybox.report.study_words import LEAST_LEFT, added, answer, name_of,
 MOST_HYPOTHESES = 10
 """Hypotheses in the ranking's figure; a table has them all."""
 
+PARTS = ("before", "after")
+"""Maps of the gap."""
+
+SAME = 0.01
+"""Maps that differ by less, over what counts as a gap, are one."""
+
 
 def study_figures(study: StudyResult) -> dict[str, Figure]:
     """Every figure of a study, by file name: gap maps, gap over time, ranking, sets, coefficients, free runs.
@@ -44,15 +50,24 @@ def study_figures(study: StudyResult) -> dict[str, Figure]:
     return figures
 
 
-def gap_map(study: StudyResult, equation: str, parts: tuple[str, ...] = ("before", "after")) -> Figure:
+def gap_parts(study: StudyResult, equation: str) -> tuple[str, ...]:
+    """Which maps of the gap there are: "before" and "after", or the first alone where nothing was changed."""
+    gap = study.maps[equation]
+    return ("before",) if np.allclose(gap.after, gap.before, rtol=0.0, atol=SAME * gap.threshold) else PARTS
+
+
+def gap_map(study: StudyResult, equation: str, parts: tuple[str, ...] | None = None) -> Figure:
     """Gap over the state space before and after, on one scale; curves where it is over one variable.
+
+    Colours go to the threshold at least: what is small beside the noise is pale.
 
     Args:
         study: The study.
         equation: Learned state.
-        parts: Which of "before" and "after"; curves always show both.
+        parts: Which of "before" and "after", by default `gap_parts`; curves always show both.
     """
     gap = study.maps[equation]
+    parts = parts or gap_parts(study, equation)
     inside = support(gap)
     if len(gap.variables) == 1:
         values = (np.ravel(v) for v in (gap.before, gap.after, gap.probability, gap.after_probability))
@@ -62,7 +77,11 @@ def gap_map(study: StudyResult, equation: str, parts: tuple[str, ...] = ("before
             threshold=gap.threshold, unit=gap.unit, inside=inside, samples=np.ravel(gap.samples),
         )  # fmt: skip
     shown = {
-        "before": ("Before: the simulation as given", gap.before, gap.probability),
+        "before": (
+            f"{'Before: t' if len(gap_parts(study, equation)) > 1 else 'T'}he simulation as given",
+            gap.before,
+            gap.probability,
+        ),
         "after": ("After: the amended model", gap.after, gap.after_probability),
     }
     seen = inside if inside.any() else np.ones_like(inside)
@@ -71,7 +90,7 @@ def gap_map(study: StudyResult, equation: str, parts: tuple[str, ...] = ("before
         {shown[part][0]: shown[part][1:] for part in parts},
         variables=gap.variables, units=gap.units, threshold=gap.threshold, unit=gap.unit,
         # One scale for both, also where they are drawn as two figures.
-        limit=max(float(np.abs(values[seen]).max()) for values in (gap.before, gap.after)),
+        limit=max(float(gap.threshold), *(float(np.abs(values[seen]).max()) for values in (gap.before, gap.after))),
         inside=inside, samples=gap.samples,
     )  # fmt: skip
 
