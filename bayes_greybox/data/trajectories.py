@@ -32,7 +32,7 @@ from .runs import Runs
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Trajectories(Runs):
-    """Rows of one or several runs, stacked; build with `from_arrays` or `read_table`.
+    """Rows of one or several runs, stacked; build with `read` or `from_arrays`.
 
     Attributes:
         time: time stamps, strictly increasing within each run.
@@ -47,6 +47,7 @@ class Trajectories(Runs):
         dropped: rows left out so far (missing values, edges of filters).
         time_name: name of the time in expressions and tables.
         filter: what computed the derivatives; None if they were measured, or there are none.
+        remarks: what was done to the measurements, in order, in words; shown by repr.
         samples: what the sensors showed, where states are a path through it and rates are that path's; None where the
             states are the samples.
         unseen: rows at which a sensor was known to be at its end before the samples were put right; None where they
@@ -141,6 +142,7 @@ class Trajectories(Runs):
         time_name: str = "t",
         filter: Mapping[str, Any] | None = None,
         unseen: Sequence[int] | None = None,
+        remarks: Sequence[str] = (),
     ) -> "Trajectories":
         """Inverse of `to_frame`: `Trajectories.from_frame(data.to_frame(), **data.metadata())`.
 
@@ -157,6 +159,7 @@ class Trajectories(Runs):
             time_name: name of the time column.
             filter: plain record of the filter of the derivatives.
             unseen: rows at which a sensor was at its end, where the samples do not tell it.
+            remarks: what was done to the measurements.
 
         Returns:
             The data, equal to the last bit.
@@ -186,6 +189,7 @@ class Trajectories(Runs):
             time_name=time_name,
             filter=None if filter is None else RateFilter.from_dict(filter),
             unseen=None if unseen is None else np.isin(np.arange(len(frame)), unseen),
+            remarks=tuple(remarks),
         )
 
     def take(self, run: int | str) -> "Trajectories":
@@ -338,6 +342,7 @@ class Trajectories(Runs):
             "time_name": self.time_name,
             "filter": None if self.filter is None else self.filter.to_dict(),
             "unseen": None if self.unseen is None else np.flatnonzero(self.unseen).tolist(),
+            "remarks": list(self.remarks),
         }
 
     def to_frame(self) -> pd.DataFrame:
@@ -354,7 +359,8 @@ class Trajectories(Runs):
             "outputs": self.output_names,
         }  # fmt: skip
         parts = [f"{what} {', '.join(names)}" for what, names in every.items() if names]
-        return f"Trajectories({self.n_obs} rows in {self.n_run} {plural}{dropped}; {'; '.join(parts)})"
+        told = "".join(f"\n  {remark}" for remark in self.remarks)
+        return f"Trajectories({self.n_obs} rows in {self.n_run} {plural}{dropped}; {'; '.join(parts)}){told}"
 
     def _restrict(self, bounds: Sequence[tuple[int, int]]) -> "Trajectories":
         """Contiguous rows of each run, as half-open ranges; a run with an empty range is left out."""
