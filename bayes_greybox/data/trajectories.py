@@ -15,6 +15,7 @@ from .columns import (
     check_varying,
     derivative_label,
     name_runs,
+    number_runs,
     rate_unit,
     several,
     split_cuts,
@@ -137,7 +138,7 @@ class Trajectories(Runs):
         outputs: Sequence[str] = (),
         units: Mapping[str, str] | None = None,
         noise: Mapping[str, Mapping[str, Any]] | None = None,
-        run_names: Sequence[str] = ("0",),
+        run_names: Sequence[str] | None = None,
         dropped: int = 0,
         time_name: str = "t",
         filter: Mapping[str, Any] | None = None,
@@ -147,14 +148,15 @@ class Trajectories(Runs):
         """Inverse of `to_frame`: `Trajectories.from_frame(data.to_frame(), **data.metadata())`.
 
         Args:
-            frame: one row for each sample, columns named as `to_frame` names them.
+            frame: one row for each sample, columns named as `to_frame` names them; rows of a run lie together, and
+                its column "run" has its number or its name.
             states: names of the states.
             inputs: names of the inputs.
             derivatives: states whose derivative is in the table.
             outputs: names of the outputs.
             units: as in `from_arrays`.
             noise: plain records of the row noise, by state or output.
-            run_names: name of each run.
+            run_names: name of each run; those that the table has, in order, if left out.
             dropped: rows left out before.
             time_name: name of the time column.
             filter: plain record of the filter of the derivatives.
@@ -165,7 +167,7 @@ class Trajectories(Runs):
             The data, equal to the last bit.
 
         Raises:
-            InputError: if a column is not in the table.
+            InputError: if a column is not in the table, or its runs are not those of `run_names`.
         """
         rates = {k: derivative_label(k, time_name) for k in derivatives} | {k: k for k in outputs}
         wanted = [time_name, "run", *states, *inputs, *rates.values()]
@@ -176,15 +178,16 @@ class Trajectories(Runs):
         def column(name: str) -> np.ndarray:
             return frame[name].to_numpy(dtype=float, copy=True)
 
+        run, names = number_runs(frame["run"], run_names)
         return cls(
             time=column(time_name),
-            run=frame["run"].to_numpy(dtype=np.int64, copy=True),
+            run=run,
             states={k: column(k) for k in states},
             inputs={k: column(k) for k in inputs},
             derivatives={k: column(label) for k, label in rates.items()},
             units=dict(units or {}),
             noise={k: noise_from_dict(v) for k, v in (noise or {}).items()},
-            run_names=tuple(run_names),
+            run_names=names,
             dropped=dropped,
             time_name=time_name,
             filter=None if filter is None else RateFilter.from_dict(filter),

@@ -123,7 +123,7 @@ class Program(SamplingProgram):
                 near = difflib.get_close_matches(equation, (*states, *outputs), n=1)
                 hint = f" (did you mean {near[0]!r}?)" if near else ""
                 raise InputError(
-                    f"The dictionary has an equation for {equation!r}, {not_known(states, outputs, hint)}."
+                    f"The dictionary has an equation for {equation!r}, {not_known(equation, states, outputs, hint)}."
                 )
         parsed = {equation: self.stated(equation, data) for equation in self.equations}
         terms = {equation: stated.all.terms for equation, stated in parsed.items()}

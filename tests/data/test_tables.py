@@ -168,8 +168,23 @@ def test_contradictory_requests(tmp_path):
         ("run.csv", "# made on a Monday\n# t,y,F\n0,1,5\n1,2,6\n2,4,7\n"),
         ("run.csv", "# made on a Monday, twice\n\nt,y,F\n0,1,5\n1,2,6\n2,4,7\n"),
         ("run.tsv", "#t\ty\tF\n0\t1\t5\n1\t2\t6\n2\t4\t7\n"),
+        ("run.txt", "% made on a Monday, twice\n%\n% t y F\n0 1 5\n1 2 6\n2 4 7\n"),
+        ("run.csv", "% made on a Monday\nt,y,F\n0,1,5\n1,2,6\n2,4,7\n"),
+        ("run.txt", "% t y F\n% [s] [m] [N]\n0 1 5\n1 2 6\n2 4 7\n"),
     ],
-    ids=["plain", "semicolons", "delimiters at the end", "mark", "savetxt", "remark", "remark above names", "tabs"],
+    ids=[
+        "plain",
+        "semicolons",
+        "delimiters at the end",
+        "mark",
+        "savetxt",
+        "remark",
+        "remark above names",
+        "tabs",
+        "per cent",
+        "per cent above names",
+        "units behind per cent",
+    ],  # fmt: skip
 )
 def test_text_is_read_as_it_is_meant(tmp_path, name, text):
     path = tmp_path / name
