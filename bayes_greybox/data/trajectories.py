@@ -392,6 +392,20 @@ class Trajectories(Runs):
         )
 
 
+def require_measured(data: object) -> None:
+    """Refuse what is not measurements, such as a table that was not read.
+
+    Raises:
+        InputError: The class of the object, and how it is read.
+    """
+    if not isinstance(data, Trajectories):
+        raise InputError(
+            f"Models take bg.Trajectories, not a {type(data).__name__}, which does not say what is a state or an "
+            "input: read it with bg.read(table, time=..., states=[...], inputs=[...]); arrays with "
+            "bg.Trajectories.from_arrays(t, states={...})."
+        )
+
+
 def with_filter_of(test: Trajectories, train: Trajectories) -> Trajectories:
     """Held-out data as the training data are: differentiated by the same filter where they are not yet.
 
@@ -400,8 +414,9 @@ def with_filter_of(test: Trajectories, train: Trajectories) -> Trajectories:
         train: Training data.
 
     Raises:
-        InputError: Rates that another filter computed.
+        InputError: Rates that another filter computed; a table that was not read yet.
     """
+    require_measured(test)
     if train.filter is None or test.filter == train.filter:
         return test
     if test.filter is not None:
