@@ -12,9 +12,6 @@ from bayes_greybox.data.limits import OneOf, Rule
 
 from .section import Section, suggestion, wrong
 
-WITHOUT_MODELS = "without models"
-"""Context of a first look at a file, which leaves out what needs the rooms of models imported: half of a second."""
-
 
 class Derived(Section):
     """The fields of a class of the package; what the file leaves out has the default of the class."""
@@ -82,10 +79,8 @@ def table(section: Callable[[Any], type[Section]]) -> PlainValidator:
         section: Finds the section for what the file has there.
     """
 
-    def check(given: Any, info: Any) -> Any:
-        if isinstance(given, Section) or info.context == WITHOUT_MODELS:
-            return given
-        return section(given).model_validate(given)
+    def check(given: Any) -> Any:
+        return given if isinstance(given, Section) else section(given).model_validate(given)
 
     return PlainValidator(check)
 
