@@ -12,6 +12,9 @@ from bayes_greybox.data.errors import InputError
 
 from .table import Layout, Table, capital
 
+COMMA = r"[+-]?\d*,\d+([eE][+-]?\d+)?"
+"""A number with a comma for its decimal mark."""
+
 _CLOCK = re.compile(r"^\d{1,3}:\d{2}:\d{2}([.,]\d+)?$")
 _FRACTION = re.compile(r"(?<=:\d{2})[.,](?=\d)")
 
@@ -80,7 +83,7 @@ def _plain(cell: str, layout: Layout) -> str:
 def _remedy(cell: Any, layout: Layout) -> str:
     """What to do about a cell that is no number."""
     text = str(cell).strip()
-    if re.fullmatch(r"[+-]?\d*,\d+([eE][+-]?\d+)?", text) and layout.decimal == ".":
+    if re.fullmatch(COMMA, text) and layout.decimal == ".":
         return 'if the comma is its decimal mark, pass decimal=","'
     if re.fullmatch(r"[+-]?\d{1,3}(\.\d{3})+(,\d+)?", text):
         return 'if the comma is its decimal mark, pass decimal="," and thousands="."'
