@@ -379,6 +379,17 @@ def init(
 
 
 @app.command()
+def schema() -> int:
+    """Print the JSON schema of configuration files, for editors that complete and check keys."""
+    import json
+
+    from bayes_greybox.config.schema import json_schema
+
+    typer.echo(json.dumps(json_schema(), indent=2))
+    return DONE
+
+
+@app.command()
 def datasets() -> int:
     """List the measured benchmark data sets and where they were found."""
     from bayes_greybox.data.datasets import dataset_table

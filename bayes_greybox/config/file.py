@@ -11,6 +11,7 @@ from pydantic import PlainValidator, PrivateAttr, ValidationError, field_validat
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.limits import Count, Positive, Probability, Seed, Whole
 
+from .derived import AlsoAs
 from .parts import Coefficients, Dictionary, Discrepancy, Prior, Rows
 from .section import Section, sentences, wrong
 from .sources import Data
@@ -27,7 +28,7 @@ def _fit_or_positive(value: Any) -> Any:
     raise wrong('cannot be used; it must be "fit" or a number above 0')
 
 
-FitOrPositive = Annotated[Any, PlainValidator(_fit_or_positive)]
+FitOrPositive = Annotated[Any, PlainValidator(_fit_or_positive), AlsoAs((Literal["fit"], Positive), only=True)]
 
 
 class Noise(Section):
