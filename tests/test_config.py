@@ -174,8 +174,26 @@ def test_a_wrong_file_is_refused_with_the_place_and_the_remedy(tmp_path, text, s
     assert "\n" not in message and message.endswith((".", "?"))
 
 
-def test_mistakes_elsewhere_are_told_without_the_rooms_of_models(tmp_path):
-    path = write(tmp_path, BASE + '[prior]\nkind = "laplace"\n[discrepancy]\n[rows]\n[sampling]\ndraws = 0')
+def test_all_mistakes_are_told_at_once(tmp_path):
+    text = BASE.replace("stop", "stpo") + '[prior]\nkind = "laplase"\n[rows]\n[sampling]\ndraws = 0\nchain = 2\n'
+    with pytest.raises(InputError) as error:
+        config(tmp_path, text + '[dicrepancy]\nkernel = "x"')
+    said = [
+        "unknown key 'dicrepancy'; did you mean 'discrepancy'?",
+        "[data.t] unknown key 'stpo'; did you mean 'stop'?",
+        "[data.t] needs the key 'stop'.",
+        "[prior] kind = 'laplase' is not available; did you mean 'laplace'?",
+        "[rows] needs the key 'kind'; known: ",
+        "[sampling] unknown key 'chain'; did you mean 'chains'?",
+        "[sampling] draws = 0 cannot be used; ",
+    ]
+    message = str(error.value)
+    places = [message.index(each) for each in said]
+    assert places == sorted(places) and message.count("Also: ") == len(said) - 1
+
+
+def test_mistakes_are_told_without_the_rooms_of_models_where_no_section_needs_them(tmp_path):
+    path = write(tmp_path, BASE + "[sampling]\ndraws = 0")
     program = f"""
 import sys
 from bayes_greybox.config import load_config
@@ -349,6 +367,30 @@ def test_a_table_may_have_outputs_and_no_states(tmp_path):
     train, _ = config(tmp_path, text + '[dictionary]\nR = ["y"]\n').read_data()
     assert train.state_names == () and train.output_names == ("R",)
     np.testing.assert_allclose(train.rate("R"), frame["a"], rtol=1e-15)
+
+
+def test_the_table_of_a_file_has_every_option_of_read_under_its_name():
+    options = dict(inspect.signature(bg.read).parameters)
+    own = set(sources.TableSource.model_fields) - set(sources.Source.model_fields) - {"path", "trajectory"}
+    assert own - {"test"} == set(options) - {"source"}
+    for name in own - {"states", "test"}:
+        default = sources.TableSource.model_fields[name].default
+        assert (default or None) == (options[name].default or None)
+
+
+def test_a_table_is_read_through_the_same_door(tmp_path):
+    frame = table(tmp_path)
+    for number in (1, 2):
+        frame.to_csv(tmp_path / f"part{number}.csv", index=False, sep=";", decimal=",")
+    text = '[data]\npath = "part*.csv"\ntime = "t"\nstates = ["y"]\ndecimal = ","\nrates = { y = "v" }\n'
+    train, test = config(tmp_path, text + "test_fraction = 0.25" + DICTIONARY).read_data()
+    assert train.run_names == test.run_names == ("part1", "part2") and train.derivative_names == ("y", "v")
+    listed = text.replace('"part*.csv"', '["part2.csv"]')
+    assert config(tmp_path, listed + DICTIONARY).read_data()[0].run_names == ("part2",)
+    with pytest.raises(InputError, match="rates stands in"):
+        config(tmp_path, text + 'differentiate = { rates = { y = "w" } }\n' + DICTIONARY)
+    with pytest.raises(InputError, match="two names of one key"):
+        config(tmp_path, text + 'run = "id"\ntrajectory = "id"\n' + DICTIONARY)
 
 
 def test_no_test_data_means_none(tmp_path):

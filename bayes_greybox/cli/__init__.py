@@ -377,6 +377,48 @@ def benchmark(
 
 
 @app.command()
+def init(
+    data: Annotated[Path, typer.Argument(help="A table: text, Excel, Parquet, netCDF, MATLAB or LabVIEW.")],
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", help="The file to write, instead of NAME.toml here.")
+    ] = None,
+    sep: Annotated[str | None, typer.Option(help="What separates the values, if it is not found.")] = None,
+    decimal: Annotated[str, typer.Option(help="Decimal mark.")] = ".",
+    skiprows: Annotated[int, typer.Option(min=0, help="Lines before the names of columns.")] = 0,
+    sheet: Annotated[str | None, typer.Option(help="Sheet of an Excel file, the first by default.")] = None,
+) -> int:
+    """Write a first configuration for a table, with comments.
+
+    What columns are is guessed from their names and behaviour. The file runs as it is; what is known of the system and
+    the units are to be filled in.
+    """
+    from bayes_greybox.config.starting.starter import starter
+    from bayes_greybox.data.reading.table import Layout
+
+    config = output or Path(f"{data.stem}.toml")
+    if config.exists():
+        raise InputError(f'"{config}" is there already; choose another name with --output.')
+    text = starter(data, config, Layout(sep=sep, decimal=decimal, skiprows=skiprows, sheet=sheet))
+    try:
+        config.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise InputError(f'"{config}" cannot be written ({error.strerror}); choose another with --output.') from None
+    show(f"The configuration is {config}: check what was guessed, then bayes-greybox fit {config}.")
+    return DONE
+
+
+@app.command()
+def schema() -> int:
+    """Print the JSON schema of configuration files, for editors that complete and check keys."""
+    import json
+
+    from bayes_greybox.config.schema import json_schema
+
+    typer.echo(json.dumps(json_schema(), indent=2))
+    return DONE
+
+
+@app.command()
 def datasets() -> int:
     """List the measured benchmark data sets and where they were found."""
     from bayes_greybox.data.datasets import dataset_table

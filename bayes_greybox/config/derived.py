@@ -6,14 +6,12 @@ from functools import cache
 from types import UnionType
 from typing import Annotated, Any, ClassVar, Union, get_args, get_origin, get_type_hints
 
-from pydantic import BeforeValidator, PlainValidator, create_model
+from pydantic import BeforeValidator, TypeAdapter, create_model
+from pydantic_core import CoreSchema, core_schema
 
 from bayes_greybox.data.limits import OneOf, Rule
 
 from .section import Section, suggestion, wrong
-
-WITHOUT_MODELS = "without models"
-"""Context of a first look at a file, which leaves out what needs the rooms of models imported: half of a second."""
 
 
 class Derived(Section):
@@ -75,22 +73,29 @@ def section_of(part: type, base: type[Derived] = Derived) -> type[Derived]:
     return section
 
 
-def table(section: Callable[[Any], type[Section]]) -> PlainValidator:
+@dataclasses.dataclass(frozen=True)
+class Table:
     """Annotation of a table whose section is found when it is read, because that imports the room of models.
 
-    Args:
+    Attributes:
         section: Finds the section for what the file has there.
+        shown: JSON schema of all that a file may have there; None for that of the one section.
     """
 
-    def check(given: Any, info: Any) -> Any:
-        if isinstance(given, Section) or info.context == WITHOUT_MODELS:
-            return given
-        return section(given).model_validate(given)
+    section: Callable[[Any], type[Section]]
+    shown: Callable[[], dict[str, Any]] | None = None
 
-    return PlainValidator(check)
+    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> CoreSchema:
+        return core_schema.no_info_plain_validator_function(self._checked)
+
+    def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: Any) -> dict[str, Any]:
+        return self.section(None).model_json_schema() if self.shown is None else self.shown()
+
+    def _checked(self, given: Any) -> Any:
+        return given if isinstance(given, Section) else self.section(given).model_validate(given)
 
 
-def table_of_kinds(kinds: Callable[[], Mapping[str, type]], example: str) -> PlainValidator:
+def table_of_kinds(kinds: Callable[[], Mapping[str, type]], example: str) -> Table:
     """Annotation of a table whose key `kind` says which class of a registry it has the fields of.
 
     Args:
@@ -108,7 +113,30 @@ def table_of_kinds(kinds: Callable[[], Mapping[str, type]], example: str) -> Pla
             raise wrong(f"kind = {given['kind']!r} is not available; {suggestion(str(given['kind']), list(known))}")
         return section_of(known[given["kind"]], Kind)
 
-    return table(section)
+    def shown() -> dict[str, Any]:
+        each = {kind: section_of(made, Kind).model_json_schema() for kind, made in kinds().items()}
+        for kind, fields in each.items():
+            fields["properties"]["kind"] = {"const": kind}
+        return {"oneOf": list(each.values())}
+
+    return Table(section, shown)
+
+
+@dataclasses.dataclass(frozen=True)
+class AlsoAs:
+    """Annotation of a value that a file may write in other ways too, which a validator turns into the one.
+
+    Attributes:
+        types: Those ways.
+        only: Whether they are all.
+    """
+
+    types: tuple[Any, ...]
+    only: bool = False
+
+    def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: Any) -> dict[str, Any]:
+        own = [] if self.only else [handler(schema)]
+        return {"anyOf": [*(handler(TypeAdapter(each).core_schema) for each in self.types), *own]}
 
 
 def _in_toml(hint: Any) -> Any:
@@ -127,10 +155,24 @@ def _in_toml(hint: Any) -> Any:
 def _check(limit: Any) -> Any:
     """A limit as Pydantic checks it."""
     if isinstance(limit, OneOf):
-        return BeforeValidator(lambda value: _one_of(value, limit.known))
+        return _Choice(limit)
     if isinstance(limit, Rule):
         return BeforeValidator(lambda value: _kept(value, limit))
     return limit
+
+
+@dataclasses.dataclass(frozen=True)
+class _Choice:
+    """Annotation of a value that is one of the keys of a registry."""
+
+    limit: OneOf
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> CoreSchema:
+        known = self.limit.known
+        return core_schema.no_info_before_validator_function(lambda value: _one_of(value, known), handler(source))
+
+    def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: Any) -> dict[str, Any]:
+        return {**handler(schema), "enum": list(self.limit.known)}
 
 
 def _one_of(value: Any, known: Mapping[str, Any]) -> Any:

@@ -11,9 +11,9 @@ from pydantic import PlainValidator, PrivateAttr, ValidationError, field_validat
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.limits import Count, Positive, Probability, Seed, Whole
 
-from .derived import WITHOUT_MODELS
+from .derived import AlsoAs
 from .parts import Coefficients, Dictionary, Discrepancy, Prior, Rows
-from .section import Section, sentence, wrong
+from .section import Section, sentences, wrong
 from .sources import Data
 from .study import Study
 
@@ -28,7 +28,7 @@ def _fit_or_positive(value: Any) -> Any:
     raise wrong('cannot be used; it must be "fit" or a number above 0')
 
 
-FitOrPositive = Annotated[Any, PlainValidator(_fit_or_positive)]
+FitOrPositive = Annotated[Any, PlainValidator(_fit_or_positive), AlsoAs((Literal["fit"], Positive), only=True)]
 
 
 class Noise(Section):
@@ -250,8 +250,6 @@ def load_config(path: str | Path) -> Config:
     try:
         text = path.read_bytes().decode("utf-8-sig")
         content: Mapping[str, Any] = tomllib.loads(text)
-        # First without what imports half of the package, so that other mistakes are told at once.
-        Config.model_validate(content, context=WITHOUT_MODELS)
         config = Config.model_validate(content)
     except FileNotFoundError:
         raise InputError(f'There is no configuration file "{path}"; check the path.') from None
@@ -262,7 +260,7 @@ def load_config(path: str | Path) -> Config:
     except tomllib.TOMLDecodeError as error:
         raise InputError(f'"{path}" is not valid TOML: {error}; correct that line.') from None
     except ValidationError as error:
-        raise InputError(f'"{path}": {sentence(error)}') from None
+        raise InputError(f'"{path}": {sentences(error)}') from None
     config._path, config._text = path, text
     return config
 
@@ -276,4 +274,4 @@ def _replaced(section: Section, settings: Mapping[str, Any]) -> Any:
     try:
         return type(section).model_validate({**section.given(), **chosen})
     except ValidationError as error:
-        raise InputError(sentence(error)) from None
+        raise InputError(sentences(error)) from None

@@ -7,7 +7,7 @@ from pydantic import BeforeValidator
 
 from bayes_greybox.data.limits import Count
 
-from .derived import Switch, section_of, table, table_of_kinds
+from .derived import AlsoAs, Switch, Table, section_of, table_of_kinds
 from .section import Section
 
 if TYPE_CHECKING:
@@ -37,14 +37,14 @@ def _coefficient(given: Any) -> type[Section]:
     return section_of(Coefficient)
 
 
-Coefficients = dict[str, dict[str, Annotated[Any, table(_coefficient)]]]
+Coefficients = dict[str, dict[str, Annotated[Any, Table(_coefficient)]]]
 
 
 class Terms(Section):
     """The terms of one equation: those of the polynomial, then the listed ones."""
 
     polynomial: Monomials | None = None
-    terms: list[Annotated[Term, BeforeValidator(lambda v: {"expression": v} if isinstance(v, str) else v)]] = []
+    terms: list[Annotated[Term, BeforeValidator(lambda v: _as_term(v)), AlsoAs((str,))]] = []
 
     def build(self) -> "list[terms.Term]":
         """The terms of the package."""
@@ -54,11 +54,15 @@ class Terms(Section):
         return [*monomials, *(terms.Term(**term.given()) for term in self.terms)]
 
 
+def _as_term(given: Any) -> Any:
+    return {"expression": given} if isinstance(given, str) else given
+
+
 def _as_terms(given: Any) -> Any:
     return {"terms": [given] if isinstance(given, str) else given} if isinstance(given, str | list) else given
 
 
-Dictionary = dict[str, Annotated[Terms, BeforeValidator(_as_terms)]]
+Dictionary = dict[str, Annotated[Terms, BeforeValidator(_as_terms), AlsoAs((str, list[str | Term]))]]
 
 
 def _priors() -> Mapping[str, type]:
@@ -81,4 +85,4 @@ def _discrepancy(given: Any) -> type[Section]:
 
 Prior = Annotated[Any, table_of_kinds(_priors, "laplace")]
 Rows = Annotated[Any, table_of_kinds(_rows, "derivative")]
-Discrepancy = Annotated[Any, table(_discrepancy)]
+Discrepancy = Annotated[Any, Table(_discrepancy)]

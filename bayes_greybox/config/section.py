@@ -5,7 +5,8 @@ from collections.abc import Mapping
 from typing import Any
 
 from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
-from pydantic_core import PydanticCustomError
+from pydantic.functional_validators import ModelWrapValidatorHandler
+from pydantic_core import ErrorDetails, InitErrorDetails, PydanticCustomError
 
 
 class Section(BaseModel):
@@ -13,13 +14,23 @@ class Section(BaseModel):
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
 
-    @model_validator(mode="before")
+    @model_validator(mode="wrap")
     @classmethod
-    def _check_keys(cls, given: Any) -> Any:
-        for key in given if isinstance(given, Mapping) else ():
-            if key not in cls.model_fields:
-                raise wrong(f"unknown key {key!r}; {suggestion(str(key), list(cls.model_fields))}")
-        return given
+    def _check_keys(cls, given: Any, handler: ModelWrapValidatorHandler[Any]) -> Any:
+        """Unknown keys beside whatever else is wrong in the table, so that all is told at once."""
+        known = list(cls.model_fields)
+        unknown = [key for key in given if key not in known] if isinstance(given, Mapping) else []
+        if not unknown:
+            return handler(given)
+        told = [
+            InitErrorDetails(type=wrong(f"unknown key {key!r}; {suggestion(str(key), known)}"), input=given)
+            for key in unknown
+        ]
+        try:
+            handler({key: value for key, value in given.items() if key in known})
+        except ValidationError as error:
+            told += [_again(each) for each in error.errors()]
+        raise ValidationError.from_exception_data(cls.__name__, told)
 
     def given(self, *leave_out: str) -> dict[str, Any]:
         """The keys that the file has; for the others the package's own defaults hold."""
@@ -37,9 +48,20 @@ def suggestion(word: str, known: list[str]) -> str:
     return f"did you mean {near[0]!r}?" if near else f"known: {', '.join(known)}."
 
 
-def sentence(error: ValidationError) -> str:
-    """One sentence for the first thing that is wrong, starting with its place: [section] key."""
-    first = error.errors()[0]
+def sentences(error: ValidationError) -> str:
+    """A sentence for each thing that is wrong, starting with its place: [section] key."""
+    return " Also: ".join(dict.fromkeys(_sentence(each) for each in error.errors()))
+
+
+def _again(error: ErrorDetails) -> InitErrorDetails:
+    """An error that was raised before, to be raised with others."""
+    kind: Any = error["type"]
+    if kind == "config":
+        kind = wrong(str(error.get("ctx", {}).get("text", error["msg"])))
+    return InitErrorDetails(type=kind, loc=error["loc"], input=error["input"], ctx=error.get("ctx", {}))
+
+
+def _sentence(first: ErrorDetails) -> str:
     # Names in angle brackets tell the kinds of a section apart and are not in the file.
     place = [part for part in first["loc"] if not str(part).startswith("<")]
     message, given = first["msg"], first["input"]

@@ -1,5 +1,6 @@
 """[data]: measurements from a table, a benchmark data set or a simulated system."""
 
+import glob
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from pathlib import Path
@@ -8,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 
 from bayes_greybox.data.errors import InputError
-from bayes_greybox.data.limits import Count, NotNegative, Positive, Probability, Seed
+from bayes_greybox.data.limits import Count, NotNegative, Positive, Probability, Seed, Whole
 
 from .section import Section, wrong
 
@@ -47,15 +48,21 @@ class Source(Section, ABC):
         """Whether there is a table [data.test]."""
         return getattr(self, "test", None) is not None
 
+    @property
+    def filter_settings(self) -> dict[str, Any] | None:
+        """Arguments of `Trajectories.differentiate`; None where nothing is to be differentiated."""
+        return None if self.differentiate is None else self.differentiate.given()
+
     def read(self, folder: Path) -> "tuple[Trajectories, Trajectories | None]":
         """Training data and, where the file asks for them, held-out data."""
         first = self.load(folder, test=False)
         second = self.load(folder, test=True) if self.held_out else None
         if self.test_fraction is not None:
             first, second = first.split(1.0 - self.test_fraction, by=self.split_by)
-        if self.differentiate is not None:
+        settings = self.filter_settings
+        if settings is not None:
             # After the split, because filtered rows share samples with their neighbours.
-            first = first.differentiate(**self.differentiate.given())
+            first = first.differentiate(**settings)
             second = None if second is None else second.differentiate(like=first)
         return first, second
 
@@ -65,36 +72,64 @@ class Source(Section, ABC):
 
 
 class TableTest(Section):
-    """[data.test] of a table: another file with the same columns."""
+    """[data.test] of a table: another file, or files, with the same columns."""
 
-    path: str
+    path: Annotated[str | list[str], BeforeValidator(lambda v: _paths(v))]
 
 
 class TableSource(Source):
-    """[data] with path: arguments of `read_table`."""
+    """[data] with path: arguments of `read`."""
 
-    path: str
+    path: Annotated[str | list[str], BeforeValidator(lambda v: _paths(v))]
     time: str | None = None
     dt: Positive | None = None
     states: Annotated[list[str] | dict[str, str], BeforeValidator(lambda v: _names(v))]
     inputs: Annotated[list[str] | dict[str, str], BeforeValidator(lambda v: _names(v))] = []
     derivatives: dict[str, str] = {}
     outputs: Annotated[list[str] | dict[str, str], BeforeValidator(lambda v: _names(v))] = []
+    run: str | None = None
     trajectory: str | None = None
     units: dict[str, str] = {}
+    rates: dict[str, str] = {}
     missing: Literal["error", "drop"] = "error"
     constant: Literal["error", "keep"] = "error"
+    restart: Literal["error", "run"] = "error"
+    sep: str | None = None
+    decimal: str = "."
+    thousands: str | None = None
+    skiprows: Whole | list[Whole] = 0
+    encoding: str = "utf-8"
+    sheet: str | Whole | None = None
+    columns: list[str] | None = None
+    dayfirst: bool | None = None
     test: TableTest | None = None
+
+    @model_validator(mode="after")
+    def _check_names_of_keys(self) -> Any:
+        if self.trajectory is not None and self.run is not None:
+            raise wrong("run and trajectory are two names of one key; give run alone")
+        if self.rates and self.differentiate is not None and self.differentiate.rates:
+            raise wrong("rates stands in [data] and in [data.differentiate]; give it once")
+        return self
+
+    @property
+    def filter_settings(self) -> dict[str, Any] | None:
+        """Arguments of `Trajectories.differentiate`; None where nothing is to be differentiated."""
+        own = super().filter_settings
+        return own if not self.rates else {**(own or {}), "rates": self.rates}
 
     def load(self, folder: Path, *, test: bool) -> "Trajectories":
         """Read the file."""
-        from bayes_greybox.data.tables import read_table
+        from bayes_greybox.data.reading.door import read
 
-        settings = self.given("path", "test", "test_fraction", "split_by", "differentiate")
+        # Rates are computed after the split; the key trajectory is older than run.
+        settings = self.given("path", "test", "test_fraction", "split_by", "differentiate", "rates", "trajectory")
+        if self.trajectory is not None:
+            settings["run"] = self.trajectory
         if test and self.test is not None:
             # Held-out runs may well have an input switched off.
-            return read_table(folder / self.test.path, **{"constant": "keep", **settings})
-        return read_table(folder / self.path, **settings)
+            return read(_located(self.test.path, folder), **{"constant": "keep", **settings})
+        return read(_located(self.path, folder), **settings)
 
 
 class DatasetTest(Section):
@@ -197,6 +232,19 @@ def _check_kind(given: Any) -> Any:
 
 def _tag(given: Any) -> str:
     return f"<{_kinds(given)[0]}>" if isinstance(given, Mapping) else f"<{_kinds(type(given).model_fields)[0]}>"
+
+
+def _paths(value: Any) -> Any:
+    if isinstance(value, str) or (isinstance(value, list) and value and all(isinstance(item, str) for item in value)):
+        return value
+    raise wrong('should be the path of a file, a pattern such as "run*.csv", or a list of paths')
+
+
+def _located(path: str | list[str], folder: Path) -> Any:
+    """Paths from the folder of the configuration file, which is no pattern even if its name looks like one."""
+    if isinstance(path, list):
+        return [folder / each for each in path]
+    return folder / path if not glob.has_magic(path) else str(Path(glob.escape(str(folder))) / path)
 
 
 def _names(value: Any) -> Any:

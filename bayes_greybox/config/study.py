@@ -7,7 +7,7 @@ from pydantic import BeforeValidator
 
 from bayes_greybox.data.limits import Count
 
-from .derived import section_of, table
+from .derived import Table, section_of
 from .section import Section, wrong
 
 
@@ -17,7 +17,7 @@ def _odds(given: Any) -> type[Section]:
     return section_of(Odds)
 
 
-Odds = Annotated[Any, table(_odds)]
+Odds = Annotated[Any, Table(_odds)]
 
 
 class Study(Section):

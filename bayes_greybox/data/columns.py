@@ -43,6 +43,45 @@ def name_runs(given: Sequence[str] | None, n_run: int) -> tuple[str, ...]:
     return names
 
 
+def number_runs(labels: Any, given: Sequence[str] | None) -> tuple[np.ndarray, tuple[str, ...]]:
+    """Number of the run of each row, and the names of the runs.
+
+    Args:
+        labels: Numbers or names of runs; rows of a run lie together.
+        given: Names by number, or None for those of the rows in the order in which they come.
+    """
+    if labels.isna().any():
+        row = int(np.argmax(labels.isna().to_numpy()))
+        raise InputError(f'The column "run" names no run in row {row}; fill it in, or leave out that row.')
+    codes, values = pd.factorize(labels)
+    if np.any(np.diff(codes) < 0):
+        row = int(np.argmax(np.diff(codes) < 0)) + 1
+        raise InputError(
+            f"Rows of run {values[codes[row]]!r} do not lie together: row {row} comes after those of another run; sort "
+            'the table, frame.sort_values("run", kind="stable"), or read it with bg.read(frame, run="run", ...).'
+        )
+    names = [str(int(v)) if isinstance(v, float) and v.is_integer() else str(v) for v in values]
+    if given is None:
+        return codes.astype(np.int64), name_runs(names, len(names))
+    known = name_runs(given, len(given))
+    numbers = [known.index(name) if name in known else -1 for name in names]
+    if pd.api.types.is_numeric_dtype(labels) and all(value in range(len(known)) for value in values):
+        # As `to_frame` writes them.
+        numbers = [int(value) for value in values]
+    for name, number in zip(names, numbers, strict=True):
+        if number < 0:
+            raise InputError(
+                f'The column "run" has the run {name!r}, which run_names does not name: it has {", ".join(known)}; '
+                "name every run, or leave run_names out."
+            )
+    if numbers != list(range(len(known))):
+        raise InputError(
+            f'The column "run" has the runs {", ".join(names)}, but run_names names {", ".join(known)} in this order; '
+            "name the runs that there are, in the order of their rows, or leave run_names out."
+        )
+    return codes.astype(np.int64), known
+
+
 def check_names(
     states: Mapping[str, Any], inputs: Mapping[str, Any], derivatives: Mapping[str, Any], outputs: Mapping[str, Any]
 ) -> None:

@@ -29,6 +29,7 @@ class Runs:
     dropped: int = 0
     time_name: str = "t"
     filter: RateFilter | None = None
+    remarks: tuple[str, ...] = ()
 
     @property
     def n_obs(self) -> int:

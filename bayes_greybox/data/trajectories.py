@@ -1,6 +1,6 @@
 """Measured runs: time, states, inputs, measured derivatives and outputs, stacked row by row."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
@@ -15,6 +15,7 @@ from .columns import (
     check_varying,
     derivative_label,
     name_runs,
+    number_runs,
     rate_unit,
     several,
     split_cuts,
@@ -27,12 +28,13 @@ from .noise.protocol import WHITE_SHARE, RowNoise
 from .noise.white import WhiteNoise
 from .rates.differentiate import differentiate, uniform_step
 from .rates.rate_filter import RateFilter
+from .resampling import decimated, even_times, interpolated, rows_named
 from .runs import Runs
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Trajectories(Runs):
-    """Rows of one or several runs, stacked; build with `from_arrays` or `read_table`.
+    """Rows of one or several runs, stacked; build with `read` or `from_arrays`.
 
     Attributes:
         time: time stamps, strictly increasing within each run.
@@ -47,6 +49,7 @@ class Trajectories(Runs):
         dropped: rows left out so far (missing values, edges of filters).
         time_name: name of the time in expressions and tables.
         filter: what computed the derivatives; None if they were measured, or there are none.
+        remarks: what was done to the measurements, in order, in words; shown by repr.
         samples: what the sensors showed, where states are a path through it and rates are that path's; None where the
             states are the samples.
         unseen: rows at which a sensor was known to be at its end before the samples were put right; None where they
@@ -136,33 +139,36 @@ class Trajectories(Runs):
         outputs: Sequence[str] = (),
         units: Mapping[str, str] | None = None,
         noise: Mapping[str, Mapping[str, Any]] | None = None,
-        run_names: Sequence[str] = ("0",),
+        run_names: Sequence[str] | None = None,
         dropped: int = 0,
         time_name: str = "t",
         filter: Mapping[str, Any] | None = None,
         unseen: Sequence[int] | None = None,
+        remarks: Sequence[str] = (),
     ) -> "Trajectories":
         """Inverse of `to_frame`: `Trajectories.from_frame(data.to_frame(), **data.metadata())`.
 
         Args:
-            frame: one row for each sample, columns named as `to_frame` names them.
+            frame: one row for each sample, columns named as `to_frame` names them; rows of a run lie together, and
+                its column "run" has its number or its name.
             states: names of the states.
             inputs: names of the inputs.
             derivatives: states whose derivative is in the table.
             outputs: names of the outputs.
             units: as in `from_arrays`.
             noise: plain records of the row noise, by state or output.
-            run_names: name of each run.
+            run_names: name of each run; those that the table has, in order, if left out.
             dropped: rows left out before.
             time_name: name of the time column.
             filter: plain record of the filter of the derivatives.
             unseen: rows at which a sensor was at its end, where the samples do not tell it.
+            remarks: what was done to the measurements.
 
         Returns:
             The data, equal to the last bit.
 
         Raises:
-            InputError: if a column is not in the table.
+            InputError: if a column is not in the table, or its runs are not those of `run_names`.
         """
         rates = {k: derivative_label(k, time_name) for k in derivatives} | {k: k for k in outputs}
         wanted = [time_name, "run", *states, *inputs, *rates.values()]
@@ -173,19 +179,21 @@ class Trajectories(Runs):
         def column(name: str) -> np.ndarray:
             return frame[name].to_numpy(dtype=float, copy=True)
 
+        run, names = number_runs(frame["run"], run_names)
         return cls(
             time=column(time_name),
-            run=frame["run"].to_numpy(dtype=np.int64, copy=True),
+            run=run,
             states={k: column(k) for k in states},
             inputs={k: column(k) for k in inputs},
             derivatives={k: column(label) for k, label in rates.items()},
             units=dict(units or {}),
             noise={k: noise_from_dict(v) for k, v in (noise or {}).items()},
-            run_names=tuple(run_names),
+            run_names=names,
             dropped=dropped,
             time_name=time_name,
             filter=None if filter is None else RateFilter.from_dict(filter),
             unseen=None if unseen is None else np.isin(np.arange(len(frame)), unseen),
+            remarks=tuple(remarks),
         )
 
     def take(self, run: int | str) -> "Trajectories":
@@ -220,6 +228,106 @@ class Trajectories(Runs):
         kept = self._at(np.flatnonzero(rows), {})
         white = {name: WhiteNoise(kept.run_lengths) for name in self.noise}
         return replace(kept, noise=white, dropped=self.dropped + int(np.sum(~rows)))
+
+    def resample(self, step: float, method: Literal["cubic", "linear", "held"] = "cubic") -> "Trajectories":
+        """The same runs at evenly spaced times, each from its first sample on.
+
+        Noise of neighbouring rows is no longer independent: a row between two samples has part of the noise of both.
+
+        Args:
+            step: Distance of the times, at most 1.5 times the usual one of the samples; see `decimate` for larger ones.
+            method: "cubic" (spline through the samples), "linear" or "held", for all columns.
+
+        Returns:
+            Data whose `remarks` say what was done.
+
+        Raises:
+            InputError: Rates that were computed before; a gap, in which nothing is invented; a step that is too large.
+        """
+        if method not in ("cubic", "linear", "held"):
+            raise InputError(f'method must be "cubic", "linear" or "held", not {method!r}.')
+        if not step > 0.0:
+            raise InputError(f"step must be positive, not {step}.")
+        times = [even_times(self.time[rows], step, name) for name, rows in self._blocks("resample")]
+        by = {"cubic": "a cubic spline", "linear": "lines", "held": "holding each sample"}[method]
+        remark = f"resampled every {step:g} by {by} through the samples of each run: {self.n_obs} rows to "
+        return self._at_times(times, lambda i, t, x: interpolated(t, x, times[i], method), remark)
+
+    def decimate(self, factor: int) -> "Trajectories":
+        """Every so many rows of each run behind a low pass that keeps out what they could not show.
+
+        The filter is SciPy's finite one of `scipy.signal.decimate`, symmetric and therefore without delay: half the
+        amplitude at the new Nyquist frequency. The 10 rows at either edge of a run, where it has no samples, are left
+        out and counted in `dropped`.
+
+        Args:
+            factor: Rows that become one, 2 or more.
+
+        Returns:
+            Data whose `remarks` say what was done.
+
+        Raises:
+            InputError: Rates that were computed before; uneven stamps; a run too short.
+        """
+        if not isinstance(factor, int | np.integer) or isinstance(factor, bool) or factor < 2:
+            raise InputError(f"factor must be a whole number, 2 or more, not {factor!r}.")
+        found = [decimated(self.time[rows], [], int(factor), name) for name, rows in self._blocks("decimate")]
+        remark = f"decimated by {factor} behind a symmetric low pass, the rows at edges left out: {self.n_obs} rows to "
+        names = self.run_names
+        edges = sum(-(-n // int(factor)) - len(t) for n, (t, _) in zip(self.run_lengths, found, strict=True))
+        data = self._at_times(
+            [t for t, _ in found], lambda i, t, x: decimated(t, [x], int(factor), names[i])[1][0], remark
+        )
+        return replace(data, dropped=self.dropped + edges)
+
+    def trim(self, start: float | None = None, end: float | None = None) -> "Trajectories":
+        """Rows from one time to another, both included, of every run; a run that has none is left out.
+
+        Args:
+            start: First time; None for that of each run.
+            end: Last time; None for that of each run.
+
+        Returns:
+            Data whose `remarks` say what was done.
+
+        Raises:
+            InputError: No limit; no row within.
+        """
+        if start is None and end is None:
+            raise InputError("trim needs start, end or both, in the unit of the time.")
+        inside = np.ones(self.n_obs, dtype=bool)
+        inside &= self.time >= (-np.inf if start is None else start)
+        inside &= self.time <= (np.inf if end is None else end)
+        if not np.any(inside):
+            raise InputError(
+                f"No row lies between {start} and {end}: the times of the data run from {self.time.min():g} to "
+                f"{self.time.max():g}."
+            )
+        parts = [np.flatnonzero(inside[self.run == i]) for i in range(self.n_run)]
+        bounds = [(int(part[0]), int(part[-1]) + 1) if len(part) else (0, 0) for part in parts]
+        where = " ".join(f"{word} {at:g}" for word, at in (("from", start), ("to", end)) if at is not None)
+        kept = self._restrict(bounds)
+        return kept.remarked(f"trimmed to times {where}: {self.n_obs} rows to {kept.n_obs}")
+
+    def drop(self, rows: Any) -> "Trajectories":
+        """The data without some rows; see `keep`.
+
+        Args:
+            rows: Numbers of rows from 0, a slice, or whether each row is left out.
+
+        Returns:
+            Data whose `remarks` say what was done.
+
+        Raises:
+            InputError: Rows that there are not; all of them; rows of a filter, whose noise knows of their neighbours.
+        """
+        named = rows_named(rows, self.n_obs)
+        kept = self.keep(~named)
+        return kept.remarked(f"{int(np.sum(named))} of {self.n_obs} rows dropped on request") if np.any(named) else kept
+
+    def remarked(self, *remarks: str) -> "Trajectories":
+        """The same data with more to say of what was done to them."""
+        return replace(self, remarks=(*self.remarks, *remarks))
 
     def differentiate(
         self,
@@ -297,6 +405,7 @@ class Trajectories(Runs):
             noise=result.noise,
             filter=result.filter,
             dropped=self.dropped + self.n_obs - len(result.rows),
+            remarks=(*self.remarks, f"{result.filter.in_words}: {self.n_obs} rows to {len(result.rows)}"),
             unseen=None if self.unseen is None else self.unseen[result.rows],
         )
 
@@ -338,6 +447,7 @@ class Trajectories(Runs):
             "time_name": self.time_name,
             "filter": None if self.filter is None else self.filter.to_dict(),
             "unseen": None if self.unseen is None else np.flatnonzero(self.unseen).tolist(),
+            "remarks": list(self.remarks),
         }
 
     def to_frame(self) -> pd.DataFrame:
@@ -354,7 +464,41 @@ class Trajectories(Runs):
             "outputs": self.output_names,
         }  # fmt: skip
         parts = [f"{what} {', '.join(names)}" for what, names in every.items() if names]
-        return f"Trajectories({self.n_obs} rows in {self.n_run} {plural}{dropped}; {'; '.join(parts)})"
+        told = "".join(f"\n  {remark}" for remark in self.remarks)
+        return f"Trajectories({self.n_obs} rows in {self.n_run} {plural}{dropped}; {'; '.join(parts)}){told}"
+
+    def _blocks(self, what: str) -> list[tuple[str, np.ndarray]]:
+        """Name and rows of each run, of data that are still as they were measured."""
+        if self.noise or self.samples is not None or self.unseen is not None:
+            raise InputError(f"Rates of these data were computed from neighbouring rows: {what} before differentiate.")
+        return [(name, np.flatnonzero(self.run == i)) for i, name in enumerate(self.run_names)]
+
+    def _at_times(
+        self, times: Sequence[np.ndarray], column: Callable[[int, np.ndarray, np.ndarray], np.ndarray], remark: str
+    ) -> "Trajectories":
+        """Data at other times of each run.
+
+        Args:
+            times: New times of each run.
+            column: Values of a run at its new times, from its number, its stamps and its values.
+            remark: What was done, before the number of rows.
+        """
+        blocks = [np.flatnonzero(self.run == i) for i in range(self.n_run)]
+
+        def part(columns: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+            return {
+                name: np.concatenate([column(i, self.time[rows], values[rows]) for i, rows in enumerate(blocks)])
+                for name, values in columns.items()
+            }
+
+        return replace(
+            self,
+            time=np.concatenate(times),
+            run=np.repeat(np.arange(self.n_run), [len(each) for each in times]),
+            states=part(self.states),
+            inputs=part(self.inputs),
+            derivatives=part(self.derivatives),
+        ).remarked(f"{remark}{sum(map(len, times))}")
 
     def _restrict(self, bounds: Sequence[tuple[int, int]]) -> "Trajectories":
         """Contiguous rows of each run, as half-open ranges; a run with an empty range is left out."""
@@ -380,4 +524,18 @@ class Trajectories(Runs):
             run_names=tuple(self.run_names[i] for i in run),
             samples=None if self.samples is None else self.samples._at(rows, {}),
             unseen=None if self.unseen is None else self.unseen[rows],
+        )
+
+
+def require_measured(data: object) -> None:
+    """Refuse what is not measurements, such as a table that was not read.
+
+    Raises:
+        InputError: The class of the object, and how it is read.
+    """
+    if not isinstance(data, Trajectories):
+        raise InputError(
+            f"Models take bg.Trajectories, not a {type(data).__name__}, which does not say what is a state or an "
+            "input: read it with bg.read(table, time=..., states=[...], inputs=[...]); arrays with "
+            "bg.Trajectories.from_arrays(t, states={...})."
         )

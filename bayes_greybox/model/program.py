@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any, TypeVar
 
 from bayes_greybox.data.errors import InputError
-from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.data.trajectories import Trajectories, require_measured
 from bayes_greybox.model.estimate.near import near_estimate
 from bayes_greybox.physics.hidden_states import HiddenState
 from bayes_greybox.physics.simulation.protocol import RightHandSide, Simulation
@@ -123,7 +123,7 @@ class Program(SamplingProgram):
                 near = difflib.get_close_matches(equation, (*states, *outputs), n=1)
                 hint = f" (did you mean {near[0]!r}?)" if near else ""
                 raise InputError(
-                    f"The dictionary has an equation for {equation!r}, {not_known(states, outputs, hint)}."
+                    f"The dictionary has an equation for {equation!r}, {not_known(equation, states, outputs, hint)}."
                 )
         parsed = {equation: self.stated(equation, data) for equation in self.equations}
         terms = {equation: stated.all.terms for equation, stated in parsed.items()}
@@ -219,8 +219,9 @@ class Program(SamplingProgram):
         """Data with every state and the learned rates at every sample, as the kind of rows completes them.
 
         Raises:
-            InputError: See `RowKind.complete`.
+            InputError: See `RowKind.complete`; a table that was not read yet.
         """
+        require_measured(data)
         for equations in self.blocks.values():
             data = self.rows.complete_all(data, equations, self.simulator(data, lacking=True))
         return data
@@ -260,8 +261,10 @@ class Program(SamplingProgram):
             data: Training data.
 
         Raises:
-            InputError: What a model refuses of such rows, such as a discrepancy of several equations on samples.
+            InputError: What a model refuses of such rows, such as a discrepancy of several equations on samples; a
+                table that was not read yet.
         """
+        require_measured(data)
         return replace(self, rows=self.rows.chosen(data))
 
     def near(self, data: Trajectories) -> "tuple[Program, Trajectories]":

@@ -17,17 +17,10 @@ import sympy
 from bayes_greybox.data.columns import derivative_label
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.runs import Runs
+from bayes_greybox.data.unit_registry import registry
 from bayes_greybox.physics.formula.printing import to_text
 
 from .terms import Term
-
-
-@cache
-def registry() -> Any:
-    """Pint's table of units, built on first use (it takes a noticeable part of a second)."""
-    import pint
-
-    return pint.UnitRegistry()
 
 
 def parse_unit(text: str, what: str) -> Any:

@@ -168,8 +168,23 @@ def test_contradictory_requests(tmp_path):
         ("run.csv", "# made on a Monday\n# t,y,F\n0,1,5\n1,2,6\n2,4,7\n"),
         ("run.csv", "# made on a Monday, twice\n\nt,y,F\n0,1,5\n1,2,6\n2,4,7\n"),
         ("run.tsv", "#t\ty\tF\n0\t1\t5\n1\t2\t6\n2\t4\t7\n"),
+        ("run.txt", "% made on a Monday, twice\n%\n% t y F\n0 1 5\n1 2 6\n2 4 7\n"),
+        ("run.csv", "% made on a Monday\nt,y,F\n0,1,5\n1,2,6\n2,4,7\n"),
+        ("run.txt", "% t y F\n% [s] [m] [N]\n0 1 5\n1 2 6\n2 4 7\n"),
     ],
-    ids=["plain", "semicolons", "delimiters at the end", "mark", "savetxt", "remark", "remark above names", "tabs"],
+    ids=[
+        "plain",
+        "semicolons",
+        "delimiters at the end",
+        "mark",
+        "savetxt",
+        "remark",
+        "remark above names",
+        "tabs",
+        "per cent",
+        "per cent above names",
+        "units behind per cent",
+    ],  # fmt: skip
 )
 def test_text_is_read_as_it_is_meant(tmp_path, name, text):
     path = tmp_path / name
@@ -189,11 +204,14 @@ def test_rows_with_more_values_than_names_are_refused(tmp_path, text):
 
 
 @pytest.mark.parametrize("kind", ["dates", "durations"])
-def test_dates_are_refused_and_never_counted_in_nanoseconds(tmp_path, kind):
+def test_dates_are_seconds_and_never_counted_in_nanoseconds(tmp_path, kind):
     stamps = pd.to_datetime("2024-05-01") + pd.to_timedelta(T, unit="s")
     frame = pd.DataFrame({"time": stamps if kind == "dates" else stamps - stamps[0], "pos": np.sin(T)})
     frame.to_parquet(tmp_path / "run.parquet")
-    with pytest.raises(InputError, match=r'Column "time" .* holds dates; convert it to a number, such as seconds'):
-        read_table(tmp_path / "run.parquet", time="time", states=["pos"])
+    data = read_table(tmp_path / "run.parquet", time="time", states=["pos"])
+    np.testing.assert_array_equal(data.time, T)
+    assert data.unit("t") == "s"
+    with pytest.raises(InputError, match=r'Column "time" .* holds dates, which only the time may'):
+        read_table(tmp_path / "run.parquet", dt=0.5, states=["time"])
     with pytest.raises(InputError, match="holds dates"):
         Trajectories.from_arrays(frame["time"].to_numpy(), states={"pos": np.sin(T)})

@@ -101,6 +101,41 @@ def test_from_frame_names_an_absent_column():
         Trajectories.from_frame(one_run().to_frame(), states=["z"])
 
 
+@pytest.mark.parametrize("labels", [[0, 1], ["long", "short"], [3, 7], [0.0, 1.0]], ids=str)
+def test_from_frame_takes_the_runs_from_the_table(labels):
+    """With two runs in the table and none named, the data said that there was one, and could not be split."""
+    data = two_runs()
+    table = data.to_frame().assign(run=np.repeat(labels, data.run_lengths))
+    back = Trajectories.from_frame(table, states=["y"], inputs=["F"], derivatives=["y"])
+    assert back.run_names == tuple(str(int(x)) if isinstance(x, float) else str(x) for x in labels)
+    assert back.run_lengths == (11, 7) and "18 rows in 2 runs" in repr(back)
+    np.testing.assert_array_equal(back.run, data.run)
+    first, second = back.split(0.5)
+    assert first.n_obs + second.n_obs == 18
+    np.testing.assert_array_equal(back.take(back.run_names[1]).states["y"], data.take("short").states["y"])
+    named = Trajectories.from_frame(data.to_frame(), **data.metadata())
+    assert named.run_names == ("long", "short")
+    by_name = data.to_frame().assign(run=np.repeat(["long", "short"], data.run_lengths))
+    assert Trajectories.from_frame(by_name, **data.metadata()).metadata() == data.metadata()
+
+
+@pytest.mark.parametrize(
+    ("run", "names", "said"),
+    [
+        ([0, 1, 0], None, r"Rows of run .* do not lie together: row 2 .*sort_values.*bg\.read\("),
+        (["a", None, "b"], None, "names no run in row 1"),
+        ([0, 0, 1], ["0"], "has the run '1', which run_names does not name: it has 0"),
+        (["a", "a", "b"], ["a", "c"], "has the run 'b', which run_names does not name: it has a, c"),
+        ([1, 1, 1], ["a", "b"], "has the runs 1, but run_names names a, b in this order"),
+        (["b", "b", "a"], ["a", "b"], "has the runs b, a, but run_names names a, b in this order"),
+    ],
+)
+def test_from_frame_refuses_runs_that_it_cannot_number(run, names, said):
+    table = pd.DataFrame({"t": [0.0, 1.0, 2.0], "run": run, "y": [1.0, 2.0, 4.0]})
+    with pytest.raises(InputError, match=said):
+        Trajectories.from_frame(table, states=["y"], run_names=names)
+
+
 def test_missing_rows_are_dropped_with_a_count_on_request():
     y = np.sin(T)
     y[[3, 5]] = np.nan

@@ -38,6 +38,8 @@ def _data(n=40, derivatives=("v",), **changes):
     [
         ({"w": ["y"]}, {}, {}, "equation for 'w', which is not a state.*states: y, v"),
         ({"vv": ["y"]}, {}, {}, "did you mean 'v'"),
+        ({"a": ["y"]}, {}, {}, r"rate of y, or of another of them: data\.differentiate\(rates=\{'y': 'a'\}\)"),
+        ({"v": ["y"]}, {"simulation": {"a": "y"}}, {}, r"data\.differentiate\(rates=\{'y': 'a'\}\)"),
         ({"y": ["v"]}, {}, {}, r"no derivative of 'y'.*differentiate"),
         ({"v": ["y", "z"]}, {}, {}, "unknown name 'z'"),
         ({"v": ["y", "v", "y**2", "y*v"]}, {}, {"n": 3}, "4 terms but only 3 rows"),

@@ -190,7 +190,8 @@ def uniform_step(time: Float[np.ndarray, " n"], name: str) -> float:
     if deviation[worst] > STEP_TOLERANCE * step:
         raise InputError(
             f'Run "{name}" is not sampled evenly: the step after row {worst} is {np.diff(time)[worst]:.6g} '
-            f"where the mean step is {step:.6g}; resample the run evenly, or give measured derivatives."
+            f"where the mean step is {step:.6g}; resample the runs evenly, data.resample({step:.6g}), or give measured "
+            "derivatives."
         )
     return step
 

@@ -1,7 +1,7 @@
 """Held-out data as the training data are: with the same filter."""
 
 from bayes_greybox.data.errors import InputError
-from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.data.trajectories import Trajectories, require_measured
 
 
 def with_filter_of(test: Trajectories, train: Trajectories) -> Trajectories:
@@ -12,8 +12,9 @@ def with_filter_of(test: Trajectories, train: Trajectories) -> Trajectories:
         train: Training data.
 
     Raises:
-        InputError: Rates that another filter computed.
+        InputError: Rates that another filter computed; a table that was not read yet.
     """
+    require_measured(test)
     if train.filter is None or test.filter == train.filter:
         return test
     if test.filter is not None:

@@ -70,6 +70,13 @@ class RateFilter:
         return self.method != "spectral"
 
     @property
+    def in_words(self) -> str:
+        """What was done, such as "differentiated by savgol, window 21"."""
+        settings = {"window": self.window or None, "polyorder": self.polyorder, "band": self.band}
+        told = [f"{name} {value:g}" for name, value in settings.items() if value is not None]
+        return ", ".join([f"differentiated by {self.method}", *told])
+
+    @property
     def settings(self) -> dict[str, Any]:
         """Arguments of `Trajectories.differentiate` that give this filter on other data."""
         given = {"method": self.method, "band": self.band, "white_share": self.white_share, "rates": dict(self.rates)}

@@ -40,7 +40,9 @@ def simulation_of(
     given = given or {}
     unknown = [name for name in given if name not in (*states, *outputs)]
     if unknown:
-        raise InputError(f"The simulation has an equation for {unknown[0]!r}, {not_known(states, outputs)}.")
+        raise InputError(
+            f"The simulation has an equation for {unknown[0]!r}, {not_known(unknown[0], states, outputs)}."
+        )
     parsed = {name: parse_expression(str(text), (*states, *inputs)) for name, text in given.items()}
     return ExpressionSimulation(states, inputs, parsed)
 
@@ -60,16 +62,19 @@ def with_states(given: Mapping[str, str] | RightHandSide | None, states: Sequenc
     return {**(given or {}), **{state.name: state.rate for state in states}}
 
 
-def not_known(states: Sequence[str], outputs: Sequence[str], hint: str = "") -> str:
+def not_known(name: str, states: Sequence[str], outputs: Sequence[str], hint: str = "") -> str:
     """What is said of an equation for a name that the data do not have, with those that they have.
 
     Args:
+        name: The equation's.
         states: State names of the data.
         outputs: Output names of the data.
         hint: What may have been meant, in brackets.
     """
     if not outputs:
-        return f"which is not a state of the data{hint}; states: {', '.join(states)}"
+        of = f"{states[0]}, or of another of them" if len(states) > 1 else "".join(states)
+        remedy = f". If it is the rate of {of}: data.differentiate(rates={{{states[0]!r}: {name!r}}})" if states else ""
+        return f"which is not a state of the data{hint}; states: {', '.join(states)}{remedy}"
     known = [f"{what}: {', '.join(names)}" for what, names in (("states", states), ("outputs", outputs)) if names]
     return f"which is neither a state nor an output of the data{hint}; {'; '.join(known)}"
 

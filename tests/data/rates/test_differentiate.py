@@ -64,8 +64,9 @@ def test_spectral_band_removes_what_lies_above():
 
 
 @pytest.mark.parametrize("order", [0, 1, 2])
-@pytest.mark.parametrize("band", [0.05, 0.2, 0.4])
+@pytest.mark.parametrize("band", [0.0015, 0.05, 0.2, 0.4])
 def test_bandlimited_response_holds_over_the_pass_band(order, band):
+    # The narrowest has 6,700 taps, which took minutes with as many nodes of quadrature.
     # An 80 dB window leaves ripples of 1e-4 of the largest response; twice that for the moment correction.
     taps = filter_taps(order, "bandlimited", band=band)
     k = np.arange(len(taps)) - len(taps) // 2

@@ -1,0 +1,33 @@
+"""The JSON schema of configuration files, for editors: derived from the sections that check a file."""
+
+from typing import Any
+
+from .file import Config
+
+DIALECT = "https://json-schema.org/draft/2020-12/schema"
+
+
+def json_schema() -> dict[str, Any]:
+    """Keys, types, limits and choices of a configuration file, as JSON Schema has them.
+
+    What needs more than one key to be seen, such as `test_fraction` beside `test`, only the checker tells.
+    """
+    schema = {"$schema": DIALECT, **Config.model_json_schema(), "title": "Configuration of bayes-greybox"}
+    return _without_nothing(schema)
+
+
+def _without_nothing(schema: Any) -> Any:
+    """The schema without null, which TOML does not have: what a file leaves out has the package's default."""
+    if isinstance(schema, list):
+        return [_without_nothing(each) for each in schema if each != {"type": "null"}]
+    if not isinstance(schema, dict):
+        return schema
+    kept = {key: _without_nothing(value) for key, value in schema.items() if not (key == "default" and value is None)}
+    # Defaults of whole sections are those of their keys.
+    if isinstance(kept.get("default"), dict):
+        del kept["default"]
+    alternatives = kept.get("anyOf")
+    if isinstance(alternatives, list) and len(alternatives) == 1:
+        del kept["anyOf"]
+        return {**alternatives[0], **kept}
+    return kept

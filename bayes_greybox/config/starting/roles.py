@@ -1,0 +1,192 @@
+"""What the columns of a table probably are, from their names and their behaviour."""
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from jaxtyping import Float
+
+from bayes_greybox.data.errors import InputError
+from bayes_greybox.data.rates.filters import STEP_TOLERANCE
+from bayes_greybox.data.reading.cells import numbers, stamps
+from bayes_greybox.data.reading.table import Layout, Table
+
+TIME = re.compile(r"(?i)^(t|time|zeit|timestamp|date|datetime|datum|x_value|elapsed)([ _].*)?$")
+RUN = re.compile(r"(?i)^(run|trial|id|experiment|test|trajectory|segment|versuch|messung|rep)([ _].*)?$")
+INPUT = re.compile(
+    r"(?i)^(u|f|q|i|in|input|force|load|torque|voltage|current|command|cmd|valve|pump|kraft)(_?\d+|[ _].*)?$"
+)
+POSITION = re.compile(r"(?i)^(x|y|z|s|q|pos|position|disp|displacement|angle|theta|phi|weg|winkel)(_?\d+|[ _].*)?$")
+COUNTER = re.compile(r"(?i)^(index|no|nr|number|sample|row|unnamed: \d+)$")
+
+EXPLAINED = 0.95
+"""Share of a column that the integral of another one must explain, beside a line, to be its rate."""
+
+FACTOR = 1.25
+"""By how much, up or down, that integral may be off."""
+
+HELD = 0.3
+"""A column of which this share of samples repeats the one before is set by somebody, and not measured."""
+
+SAME = 0.99999
+"""Correlation from which on two columns are one."""
+
+
+@dataclass(frozen=True)
+class Guess:
+    """What columns probably are; names are those of the table.
+
+    Attributes:
+        time: Column of stamps; None for none.
+        run: Column that tells the runs apart.
+        restart: Whether the time goes back without such a column.
+        even: Whether the stamps of every run are evenly spaced.
+        missing: Rows with missing cells.
+        states: Columns of states.
+        inputs: Columns of inputs.
+        rate_of: Column of the rate by the state whose rate it is.
+        left_out: Why a column has no role.
+    """
+
+    time: str | None
+    run: str | None
+    restart: bool = False
+    even: bool = True
+    missing: int = 0
+    states: tuple[str, ...] = ()
+    inputs: tuple[str, ...] = ()
+    rate_of: dict[str, str] = field(default_factory=dict)
+    left_out: dict[str, str] = field(default_factory=dict)
+
+
+def guessed(table: Table, layout: Layout) -> Guess:
+    """Roles of the columns of a table.
+
+    Args:
+        table: What was read.
+        layout: How its cells are written.
+
+    Raises:
+        InputError: No column of numbers that changes.
+    """
+    names = [str(name) for name in table.frame.columns]
+    time = _time(table, names, layout)
+    run = next((name for name in names if name != time and _tells_runs(table.frame[name], name)), None)
+    left_out: dict[str, str] = {}
+    columns: dict[str, np.ndarray] = {}
+    for name in names:
+        if name in (time, run):
+            continue
+        reason = _unusable(table, name, layout, columns)
+        if reason is None:
+            columns[name] = numbers(table, name, layout)
+        else:
+            left_out[name] = reason
+    if not columns:
+        raise InputError(f"No column of {table.where} holds numbers that change; there is nothing to model.")
+    rows = table.frame[run].to_numpy() if run is not None else np.zeros(len(table.frame))
+    clock = stamps(table, time, layout)[0] if time is not None else np.arange(len(table.frame), dtype=float)
+    known = np.all([np.isfinite(values) for values in (clock, *columns.values())], axis=0)
+    # A new run wherever the label changes or the time goes back.
+    label = pd.factorize(rows)[0]
+    starts = np.flatnonzero((np.diff(label) != 0) | (np.diff(clock) < 0)) + 1
+    back = bool(np.any((np.diff(clock) < 0) & (np.diff(label) == 0)))
+    parts = [part[known[part]] for part in np.split(np.arange(len(clock)), starts)]
+    guess = Guess(time, run, back and time is not None, _even(clock, parts), int(np.sum(~known)), left_out=left_out)
+    return _with_roles(guess, clock, columns, [part for part in parts if len(part) > 3])
+
+
+def _time(table: Table, names: Sequence[str], layout: Layout) -> str | None:
+    """The column of stamps: by its name, else the first that holds dates, else the first that only increases."""
+    by_name = [name for name in names if TIME.match(name)]
+    others = [name for name in names if name not in by_name and not COUNTER.match(name)]
+    for name in (*by_name, *others):
+        try:
+            values, dated = stamps(table, name, layout)
+        except InputError:
+            continue
+        steps = np.diff(values[np.isfinite(values)])
+        if len(steps) and (name in by_name or dated or np.all(steps > 0)):
+            return name
+    return None
+
+
+def _tells_runs(column: Any, name: str) -> bool:
+    """Whether a column is a label of runs: by its name or being of words, with few values beside the rows."""
+    words = not pd.api.types.is_numeric_dtype(column) and not pd.api.types.is_datetime64_any_dtype(column)
+    few = column.nunique() <= max(1, len(column) // 10)
+    return bool(few and column.notna().all() and (RUN.match(name) or (words and column.nunique() > 1)))
+
+
+def _unusable(table: Table, name: str, layout: Layout, before: dict[str, np.ndarray]) -> str | None:
+    """Why a column can be neither state nor input; None if it can."""
+    if COUNTER.match(name):
+        return "counts the rows"
+    try:
+        values = numbers(table, name, layout)
+    except InputError:
+        return "holds words or dates"
+    known = values[np.isfinite(values)]
+    if len(known) < len(values) / 2:
+        return "is mostly empty"
+    if np.all(known == known[0]):
+        return "never changes"
+    for other, column in before.items():
+        both = np.isfinite(values) & np.isfinite(column)
+        if abs(np.corrcoef(values[both], column[both])[0, 1]) > SAME:
+            return f"is {other} again, but for a factor and an offset"
+    return None
+
+
+def _even(clock: Float[np.ndarray, " n"], parts: Sequence[np.ndarray]) -> bool:
+    steps = [np.diff(clock[part]) for part in parts if len(part) > 1]
+    return all(bool(np.all(np.abs(step - np.mean(step)) <= STEP_TOLERANCE * np.mean(step))) for step in steps)
+
+
+def _with_roles(
+    guess: Guess, clock: Float[np.ndarray, " n"], columns: dict[str, Float[np.ndarray, " n"]], parts: list[np.ndarray]
+) -> Guess:
+    """States, inputs and which column is whose rate."""
+    rate_of: dict[str, str] = {}
+    for state in columns:
+        fits = {name: _explained(clock, columns[state], columns[name], parts) for name in columns if name != state}
+        best = max(fits, key=lambda name: fits[name], default=None)
+        if best is not None and fits[best] > EXPLAINED:
+            rate_of[state] = best
+    moving = {*rate_of, *rate_of.values()}
+    held = {name for name, values in columns.items() if np.mean(np.diff(values) == 0) > HELD}
+    inputs = [name for name in columns if name not in moving and (name in held or INPUT.match(name))]
+    # The last rate of a chain of three is measured, and no state: y, v and a.
+    last = {rate for state, rate in rate_of.items() if rate not in rate_of and state in rate_of.values()}
+    states = [name for name in columns if name not in inputs and name not in last]
+    if not states:
+        states, inputs = inputs[:1], inputs[1:]
+    return replace(guess, states=tuple(states), inputs=tuple(inputs), rate_of=rate_of)
+
+
+def _explained(
+    clock: Float[np.ndarray, " n"],
+    state: Float[np.ndarray, " n"],
+    rate: Float[np.ndarray, " n"],
+    parts: Sequence[np.ndarray],
+) -> float:
+    """Share of a column, less a line in each run, that the integral of another one explains with a factor near one."""
+    moved, summed = [], []
+    for part in parts:
+        t, r = clock[part], rate[part]
+        integral = np.concatenate([[0.0], np.cumsum(0.5 * np.diff(t) * (r[1:] + r[:-1]))])
+        line = np.column_stack([np.ones(len(t)), t - t.mean()])
+        both = np.column_stack([state[part], integral])
+        rest = both - line @ np.linalg.lstsq(line, both, rcond=None)[0]
+        moved.append(rest[:, 0])
+        summed.append(rest[:, 1])
+    y, x = np.concatenate(moved or [np.zeros(0)]), np.concatenate(summed or [np.zeros(0)])
+    if not (np.any(x) and np.any(y)):
+        return 0.0
+    factor = float(x @ y) / float(x @ x)
+    if not 1 / FACTOR < factor < FACTOR:
+        return 0.0
+    return 1.0 - float(np.sum((y - factor * x) ** 2)) / float(y @ y)

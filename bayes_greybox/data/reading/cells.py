@@ -1,0 +1,154 @@
+"""Cells as numbers: decimal marks, dates as seconds, and what is said of a cell that is neither."""
+
+import datetime
+import re
+import warnings
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from jaxtyping import Float
+
+from bayes_greybox.data.errors import InputError
+
+from .table import Layout, Table, capital
+
+COMMA = r"[+-]?\d*,\d+([eE][+-]?\d+)?"
+"""A number with a comma for its decimal mark."""
+
+_CLOCK = re.compile(r"^\d{1,3}:\d{2}:\d{2}([.,]\d+)?$")
+_DATES = (datetime.date, datetime.time, datetime.timedelta, np.datetime64, np.timedelta64)
+_DATE = re.compile(r"^(\d{1,4}[-/.]\w{1,9}[-/.]\d{1,4}\b|\d{8}T|\w*[A-Za-z]{3}\w*[ ,.]+\d)")
+_GROUPED = re.compile(r"^[+-]?\d{1,3}(\.\d{3})+(,\d+)?$")
+_FRACTION = re.compile(r"(?<=:\d{2})[.,](?=\d)")
+
+
+def numbers(table: Table, name: str, layout: Layout) -> Float[np.ndarray, " n_row"]:
+    """A column as numbers, missing cells as NaN.
+
+    Raises:
+        InputError: No such column; dates; a cell that is no number, with its row.
+    """
+    column: Any = table.column(name)
+    if column.dtype.kind in "mM":
+        raise InputError(
+            f'Column "{name}" of {table.where} holds dates, which only the time may; choose another column, or convert '
+            "it to numbers."
+        )
+    found, bad = _as_numbers(column, layout)
+    if len(bad):
+        cell = column.iloc[bad[0]]
+        raise InputError(
+            f'Column "{name}" of {table.where} is not numeric: row {bad[0]} holds {cell!r}; {_remedy(cell, layout)}.'
+        )
+    return found
+
+
+def stamps(table: Table, name: str, layout: Layout) -> tuple[Float[np.ndarray, " n_row"], bool]:
+    """The column of time as numbers, dates and clock times as seconds since the earliest one.
+
+    Returns:
+        Numbers, NaN where a cell is missing, and whether they were dates or clock times.
+
+    Raises:
+        InputError: No such column; cells that are neither; dates whose day may be their month.
+    """
+    column: Any = table.column(name)
+    if column.dtype.kind not in "mM":
+        found, bad = _as_numbers(column, layout)
+        if not len(bad):
+            return found, False
+        column = _dates(column, table, name, layout, int(bad[0]))
+    start = column.min() if column.dtype.kind == "M" else pd.Timedelta(0)
+    return ((column - start) / pd.Timedelta(seconds=1)).to_numpy(dtype=float, na_value=np.nan), True
+
+
+def _as_numbers(column: Any, layout: Layout) -> tuple[np.ndarray, np.ndarray]:
+    """Numbers, and the rows whose cells are none."""
+    if pd.api.types.is_numeric_dtype(column):
+        return column.to_numpy(dtype=float, na_value=np.nan), np.array([], dtype=int)
+    text = column.map(lambda cell: _plain(cell, layout))
+    found: Any = pd.to_numeric(text, errors="coerce")
+    missing = text.isna() | text.map(lambda cell: isinstance(cell, str) and not cell)
+    bad = np.flatnonzero(found.isna().to_numpy() & ~missing.to_numpy())
+    if not len(bad) and not pd.api.types.is_numeric_dtype(found):
+        bad = np.array([0])
+    return (found.to_numpy(dtype=float, na_value=np.nan) if not len(bad) else np.array([])), bad
+
+
+def _plain(cell: Any, layout: Layout) -> Any:
+    """A number in words as Python writes it; a date in words, which pandas would count in ticks."""
+    if isinstance(cell, _DATES):
+        missing: Any = pd.isna(cell)
+        return cell if missing else str(cell)
+    if not isinstance(cell, str):
+        return cell
+    cell = cell.strip()
+    if layout.thousands:
+        cell = cell.replace(layout.thousands, "")
+    return cell.replace(layout.decimal, ".") if layout.decimal != "." else cell
+
+
+def _remedy(cell: Any, layout: Layout) -> str:
+    """What to do about a cell that is no number."""
+    text = str(cell).strip()
+    if re.fullmatch(COMMA, text) and layout.decimal == ".":
+        return 'if the comma is its decimal mark, pass decimal=","'
+    if re.fullmatch(r"[+-]?\d{1,3}(\.\d{3})+(,\d+)?", text):
+        return 'if the comma is its decimal mark, pass decimal="," and thousands="."'
+    if re.fullmatch(r"[+-]?\d{1,3}(,\d{3})+(\.\d+)?", text):
+        return 'if the comma groups its digits, pass thousands=","'
+    return "correct the cell or choose another column"
+
+
+def _dates(column: Any, table: Table, name: str, layout: Layout, bad: int) -> Any:
+    """A column of dates or clock times in words, as dates or durations."""
+    text = column.map(lambda cell: cell if pd.isna(cell) else str(cell).strip())
+    given = text.dropna()
+    if given.str.match(_CLOCK).all():
+        return pd.to_timedelta(text.str.replace(",", "."))
+    # pandas would read many a number with marks in it as a date.
+    dates = text.isna() | (text.str.match(_DATE) & ~text.str.match(_GROUPED)).fillna(False)
+    if not dates.all():
+        # The cell that is of no kind, before one that is only of another kind than the rest.
+        some = dates | text.str.match(_CLOCK).fillna(False) | pd.to_numeric(text, errors="coerce").notna()
+        odd = np.flatnonzero(~(dates if some.all() else some).to_numpy(dtype=bool))
+        raise _neither(column, table, name, layout, int(odd[0]))
+    # Writers leave out the fraction of a second where it is zero.
+    mixed = given.str.contains(_FRACTION).any()
+    text = text.str.replace(_FRACTION, ".", regex=True)
+    if mixed:
+        text = text.where(text.isna() | text.str.contains(_FRACTION), text + ".0")
+    # Years first need no guess.
+    found = [_parsed(text, format="ISO8601")]
+    if found[0] is None:
+        first = (False, True) if layout.dayfirst is None else (layout.dayfirst,)
+        found = [_parsed(text, dayfirst=dayfirst) for dayfirst in first]
+    read = [dates for dates in found if dates is not None]
+    if not read:
+        raise _neither(column, table, name, layout, bad)
+    if len(read) == 2 and not (read[0] - read[0].min()).equals(read[1] - read[1].min()):
+        raise InputError(
+            f'{capital(table.where)} has dates such as {given.iloc[0]!r} in column "{name}", in which the day may be '
+            "the month: pass dayfirst=True or dayfirst=False."
+        )
+    return read[0]
+
+
+def _neither(column: Any, table: Table, name: str, layout: Layout, row: int) -> InputError:
+    cell = column.iloc[row]
+    return InputError(
+        f'Column "{name}" of {table.where} holds neither numbers nor dates: row {row} holds {cell!r}; '
+        f"{_remedy(cell, layout)}."
+    )
+
+
+def _parsed(text: Any, **options: Any) -> Any:
+    """Dates, without their time zone; None if they are of another form."""
+    with warnings.catch_warnings():
+        # It warns where the day can only be the other number; then both readings agree.
+        warnings.simplefilter("ignore", UserWarning)
+        try:
+            return pd.to_datetime(text, utc=True, **options)
+        except (ValueError, OverflowError, TypeError):
+            return None

@@ -1,0 +1,66 @@
+"""xarray's data sets, and netCDF files: variables over shared dimensions, with units as attributes."""
+
+from pathlib import Path
+from typing import Any
+
+from bayes_greybox.data.errors import InputError
+
+from .table import Layout, Table
+
+
+def read_netcdf(path: Path, layout: Layout) -> Table:
+    """Read a netCDF file; stamps stay the numbers that they are in it.
+
+    Args:
+        path: The file.
+        layout: Not used.
+
+    Raises:
+        InputError: A saved fit; no variables over one dimension or two.
+    """
+    import h5py
+    import xarray as xr
+
+    if h5py.is_hdf5(path):
+        with h5py.File(path, "r") as file:
+            if "posterior" in file:
+                raise InputError(f'"{path}" is a saved fit, not a table; open it with bg.load.')
+    with xr.open_dataset(path, engine="h5netcdf", decode_times=False) as dataset:
+        return dataset_table(dataset, f'"{path}"')
+
+
+def dataset_table(dataset: Any, where: str) -> Table:
+    """The variables of a data set that share most of its values.
+
+    Variables over one dimension are columns. Where the longest have two, such as run and time, the dimensions are
+    columns too, one row for each pair, so that one of them can tell the runs apart.
+
+    Args:
+        dataset: An xarray Dataset.
+        where: What it is called in a sentence.
+
+    Raises:
+        InputError: No variables over one dimension or two.
+    """
+    variables = {**dict(dataset.coords), **dict(dataset.data_vars)}
+    held = {name: array for name, array in variables.items() if 1 <= array.ndim <= 2}
+    if not held:
+        raise InputError(f"{where} has no variable over one or two dimensions; select such with Dataset.sel.")
+    data = {name: array for name, array in dataset.data_vars.items() if name in held} or held
+    lengths = {frozenset(array.dims): array.size for array in data.values()}
+    counts = {dims: sum(dims == frozenset(array.dims) for array in data.values()) for dims in lengths}
+    shared = max(counts, key=lambda dims: (counts[dims], lengths[dims]))
+    names = [name for name, array in held.items() if set(array.dims) <= shared]
+    if len(shared) == 1:
+        frame = dataset[names].reset_coords().to_dataframe().reset_index()
+    else:
+        # Rows of one run together, whatever the order in which a variable has its dimensions.
+        order = sorted(shared, key=lambda dim: dataset.sizes[dim])
+        frame = dataset[names].reset_coords().to_dataframe(dim_order=order).reset_index()
+    kept = [name for name in frame.columns if name in variables or name in shared]
+    # A dimension without stamps is only a count.
+    kept = [name for name in kept if name in variables or len(shared) > 1]
+    units = {str(name): str(array.attrs["units"]) for name, array in variables.items() if "units" in array.attrs}
+    left = [str(name) for name in dataset.data_vars if name not in names]
+    remarks = (f"left out of {where}, being over other dimensions: {', '.join(left)}",) if left else ()
+    return Table(frame[kept].rename(columns=str), where, units, remarks=remarks)

@@ -1,0 +1,123 @@
+"""LabVIEW measurement files (.lvm): text with a header above each segment of samples."""
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from bayes_greybox.data.errors import InputError
+
+from .table import Layout, Table
+
+END = "***End_of_Header***"
+STAMPS = "X_Value"
+
+
+@dataclass
+class _Segment:
+    """One segment: its header by key, the names of its columns, its rows as cells."""
+
+    header: dict[str, list[str]]
+    names: list[str] = field(default_factory=list)
+    rows: list[list[str]] = field(default_factory=list)
+
+
+def read_lvm(path: Path, layout: Layout) -> Table:
+    """Read a LabVIEW measurement file.
+
+    Several segments are several runs, told apart by the column `segment`. Without a column of stamps these are
+    X0 + i Delta_X of the segment's header.
+
+    Args:
+        path: The file.
+        layout: Its encoding; separator and decimal mark stand in the file.
+
+    Raises:
+        InputError: No such file's header, a separator that is not known, no samples.
+    """
+    lines = path.read_text(encoding=layout.encoding).splitlines()
+    if not lines or not lines[0].startswith("LabVIEW Measurement"):
+        raise InputError(f'"{path}" is no LabVIEW measurement file; rename it to .txt if it is another kind of text.')
+    written = {key: value.strip("\t ") for key, value in re.findall(r"(?m)^(\w+)[\t,]([^\t]*)", "\n".join(lines[:40]))}
+    separator = {"Tab": "\t", "Comma": ","}.get(written.get("Separator", "Tab").rstrip(","))
+    if separator is None:
+        raise InputError(f'"{path}" has a separator that is neither Tab nor Comma; export the file with one of them.')
+    decimal = written.get("Decimal_Separator", ".")[:1] or "."
+    segments = [segment for segment in _segments(lines, separator) if segment.rows]
+    if not segments:
+        raise InputError(f'"{path}" has no samples below its header; export the file again.')
+    frames = [_frame(segment, decimal, path) for segment in segments]
+    for number, frame in enumerate(frames):
+        if len(frames) > 1:
+            frame.insert(0, "segment", number)
+    # Units stand beside the columns of samples, which follow the stamps.
+    first = segments[0]
+    channels = [name for name in first.names if name not in (STAMPS, "Comment") and not name.startswith(f"{STAMPS}.")]
+    units = dict(zip(channels, first.header.get("Y_Unit_Label", []), strict=False))
+    if (first.header.get("X_Dimension") or ["Time"])[0].strip() == "Time":
+        units[STAMPS] = "s"
+    several = len(frames) > 1
+    remarks = (f'the {len(frames)} segments of "{path}" are runs',) if several else ()
+    frame = pd.concat(frames, ignore_index=True)
+    return Table(frame, f'"{path}"', units, remarks=remarks, run="segment" if several else None)
+
+
+def _segments(lines: list[str], separator: str) -> Iterator[_Segment]:
+    """The file's segments, in order."""
+    header: dict[str, list[str]] = {}
+    segment: _Segment | None = None
+    for line in lines:
+        cells = line.rstrip("\r\n").split(separator)
+        if cells[0].strip() == END:
+            # The header of the file ends like that of a segment.
+            segment = _Segment(header)
+        elif cells[0].strip() == STAMPS and segment is not None:
+            segment.names = _distinct([cell.strip() for cell in cells])
+        elif segment is not None and segment.names and any(cell.strip() for cell in cells):
+            if _is_row(cells):
+                segment.rows.append(cells)
+                continue
+            yield segment
+            header, segment = {cells[0].strip(): cells[1:]}, None
+        elif segment is None or not segment.names:
+            header = {**header, cells[0].strip(): cells[1:]}
+    if segment is not None:
+        yield segment
+
+
+def _is_row(cells: list[str]) -> bool:
+    """Whether a line holds samples: a number, or nothing and then a number."""
+    return any(cell.strip()[:1] in "+-.0123456789" and cell.strip() for cell in cells[:1] if cell.strip()) or (
+        not cells[0].strip() and any(cell.strip() for cell in cells[1:])
+    )
+
+
+def _distinct(names: list[str]) -> list[str]:
+    """Names, later ones of the same name numbered."""
+    return [f"{name}.{names[:i].count(name)}" if name in names[:i] else name for i, name in enumerate(names)]
+
+
+def _frame(segment: _Segment, decimal: str, path: Path) -> pd.DataFrame:
+    """One segment as numbers, its stamps filled from its header where the file has none."""
+    kept = [i for i, name in enumerate(segment.names) if name and name != "Comment"]
+    try:
+        values = np.array(
+            [[_number(row[i] if i < len(row) else "", decimal) for i in kept] for row in segment.rows], dtype=float
+        )
+    except ValueError as error:
+        raise InputError(f'"{path}" has a cell that is no number ({error}); correct it.') from None
+    frame = pd.DataFrame(values, columns=[segment.names[i] for i in kept])
+    if np.isnan(frame[STAMPS].to_numpy()).all():
+        start, step = (_number((segment.header.get(key) or ["0"])[0], decimal) for key in ("X0", "Delta_X"))
+        if not step > 0.0:
+            raise InputError(f'"{path}" has neither stamps nor their spacing Delta_X; export it with a column of time.')
+        frame[STAMPS] = start + step * np.arange(len(frame))
+    return frame
+
+
+def _number(cell: str, decimal: str) -> float:
+    cell = cell.strip()
+    return float(cell.replace(decimal, ".")) if cell else float("nan")

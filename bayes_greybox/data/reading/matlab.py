@@ -1,0 +1,95 @@
+"""MATLAB files: vectors of one length, matrices whose columns are measurements, structures of such."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from bayes_greybox.data.errors import InputError
+
+from .table import Layout, Table
+
+REMEDY = (
+    'in MATLAB, save its columns as vectors, S = table2struct(T, ToScalar=true); save("run.mat", "-struct", "S"), or '
+    'write text, writetable(T, "run.csv")'
+)
+
+
+def read_mat(path: Path, layout: Layout) -> Table:
+    """Read a MATLAB file of any version.
+
+    The longest variables are the table: vectors under their names, columns of a matrix X as X_1, X_2, …, fields of a
+    structure S as S.name. Shorter variables are settings and labels.
+
+    Args:
+        path: The file.
+        layout: Not used.
+
+    Raises:
+        InputError: Nothing but objects (tables, timetables) or text in it.
+    """
+    import h5py
+    import scipy.io
+
+    if h5py.is_hdf5(path):
+        # Version 7.3, which SciPy does not read.
+        with h5py.File(path, "r") as file:
+            content = dict(_hdf5(file))
+            objects = any(item.attrs.get("MATLAB_object_decode") is not None for item in file.values())
+    else:
+        content = scipy.io.loadmat(path, struct_as_record=False, squeeze_me=False)
+        objects = any(type(value).__name__ == "MatlabOpaque" for value in content.values())
+    arrays = dict(_arrays({name: value for name, value in content.items() if not name.startswith("__")}))
+    if not arrays:
+        held = "tables or other objects" if objects else "no numbers in vectors or matrices"
+        raise InputError(f'"{path}" holds {held}, which cannot be read: {REMEDY}.')
+    n = max(max(values.shape) for values in arrays.values())
+    columns: dict[str, np.ndarray] = {}
+    groups, remarks = {}, []
+    for name, values in arrays.items():
+        if n not in values.shape:
+            continue
+        # Signals may lie along rows; a square matrix is taken as it is.
+        upright = values if values.shape[0] == n else values.T
+        if upright.shape[1] == 1:
+            columns[name] = upright[:, 0]
+            continue
+        parts = {f"{name}_{i + 1}": upright[:, i] for i in range(upright.shape[1])}
+        columns |= parts
+        groups[name] = tuple(parts)
+        lies = "columns" if upright is values else "rows"
+        remarks.append(f"the {lies} of {name} are {', '.join(parts)}")
+    return Table(pd.DataFrame(columns), f'"{path}"', remarks=tuple(remarks), groups=groups)
+
+
+def _hdf5(group: Any) -> list[tuple[str, Any]]:
+    """Variables of a file of version 7.3; it stores matrices transposed, and text as letters."""
+    import h5py
+
+    found: list[tuple[str, Any]] = []
+    for name, item in group.items():
+        if name.startswith("#") or item.attrs.get("MATLAB_object_decode") is not None:
+            continue
+        if isinstance(item, h5py.Group):
+            found.append((name, dict(_hdf5(item))))
+        elif item.attrs.get("MATLAB_class") not in (b"char", b"cell", "char", "cell"):
+            found.append((name, np.asarray(item).T))
+    return found
+
+
+def _arrays(content: Mapping[str, Any], prefix: str = "") -> list[tuple[str, np.ndarray]]:
+    """Numbers in vectors and matrices, those of structures under S.name."""
+    found: list[tuple[str, np.ndarray]] = []
+    for name, value in content.items():
+        if isinstance(value, Mapping):
+            found += _arrays(value, f"{prefix}{name}.")
+            continue
+        values = np.asarray(value)
+        if values.dtype == object and values.size == 1 and hasattr(values.item(), "_fieldnames"):
+            fields = {field: getattr(values.item(), field) for field in values.item()._fieldnames}
+            found += _arrays(fields, f"{prefix}{name}.")
+        elif values.dtype.kind in "biuf" and values.size > 1 and values.ndim <= 2:
+            found.append((prefix + name, values.reshape(len(values), -1)))
+    return found

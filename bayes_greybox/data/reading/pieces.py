@@ -1,0 +1,177 @@
+"""A table cut into runs: the columns that were asked for, stamps from zero where they were dates."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from jaxtyping import Float, Int
+
+from bayes_greybox.data.columns import derivative_label
+from bayes_greybox.data.errors import InputError
+
+from .cells import numbers, stamps
+from .table import Layout, Table
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What is asked of a table; see `read` for each.
+
+    Attributes:
+        kinds: Column by name for each of "state", "input", "derivative" and "output".
+        time: Column of time stamps.
+        dt: Sample spacing.
+        run: Column that tells the runs apart.
+        restart: What becomes of time that goes back.
+    """
+
+    kinds: Mapping[str, Mapping[str, str]]
+    time: str | None
+    dt: float | None
+    run: str | None
+    restart: str
+
+
+@dataclass(frozen=True)
+class Pieces:
+    """The runs of one source.
+
+    Attributes:
+        names: Name of each run.
+        columns: Values of each run by kind and name; the time's under ("time", "t").
+        units: Units that the source states, by name as `Trajectories` has them.
+        dated: Whether the stamps were dates or clock times.
+        where: What was read, in a sentence.
+        remarks: What was done that the source does not say itself.
+    """
+
+    names: list[str]
+    columns: dict[tuple[str, str], list[Float[np.ndarray, " _"]]]
+    units: dict[str, str]
+    dated: bool
+    where: str
+    remarks: tuple[str, ...]
+
+
+def cut(table: Table, asked: Asked, layout: Layout, label: str | None) -> Pieces:
+    """The runs of a table.
+
+    Args:
+        table: What was read.
+        asked: Columns and what tells runs apart.
+        layout: How cells are written.
+        label: Name of the source among several; None for the only one.
+
+    Raises:
+        InputError: A column that is not there or holds what it should not; rows that name no run; time that goes back.
+    """
+    remarks = list(table.remarks)
+    run = asked.run if asked.run is not None else table.run
+    groups, names = [np.arange(len(table.frame))], [label or "0"]
+    if run is not None:
+        groups, values = _grouped(table, run)
+        names = [f"{label}/{value}" if label else str(value) for value in values]
+    if asked.time is None:
+        time, dated = np.empty(0), False
+        stamped = [np.arange(len(rows)) * float(asked.dt or 0.0) for rows in groups]
+    else:
+        time, dated = stamps(table, asked.time, layout)
+        groups, names = _restarted(time, groups, names, asked.restart, table.where, remarks)
+        stamped = [time[rows] for rows in groups]
+    if dated:
+        stamped = [values - _earliest(values) for values in stamped]
+        first = table.column(str(asked.time)).dropna().iloc[0]
+        each = "the first of each run" if len(groups) > 1 else f"the first, {first}"
+        remarks.append(f"time {asked.time} of {table.where} was converted to seconds since {each}")
+    columns: dict[tuple[str, str], Any] = {("time", "t"): stamped}
+    units = {} if asked.time is None else {"t": table.units.get(table.known(asked.time))}
+    for kind, chosen in asked.kinds.items():
+        for name, column in chosen.items():
+            values = numbers(table, column, layout)
+            columns[kind, name] = [values[rows] for rows in groups]
+            units[derivative_label(name) if kind == "derivative" else name] = table.units.get(table.known(column))
+    if dated:
+        units["t"] = "s"
+    kept = {name: unit for name, unit in units.items() if unit}
+    return Pieces(names, columns, kept, dated, table.where, tuple(remarks))
+
+
+def stated_units(pieces: Sequence[Pieces], given: Mapping[str, str], time: str | None) -> dict[str, str]:
+    """Units of all sources together: as given, else as the sources state them.
+
+    Args:
+        pieces: Runs of all sources.
+        given: Units by name; "" for none. The time's under "t" or its column's name.
+        time: Column of time stamps.
+
+    Raises:
+        InputError: Sources that differ; dates whose seconds are to be something else.
+    """
+    chosen = {"t" if name == time else name: unit for name, unit in given.items()}
+    if pieces[0].dated and chosen.get("t", "s") != "s":
+        raise InputError(
+            f"Dates are converted to seconds, so the unit of the time cannot be {chosen['t']!r}; leave it out of units."
+        )
+    for other in pieces[1:]:
+        if other.dated != pieces[0].dated:
+            raise InputError(
+                f"The stamps of {pieces[0].where} and {other.where} differ, dates in only one of them: convert one."
+            )
+        for name in pieces[0].units.keys() | other.units.keys():
+            first, second = pieces[0].units.get(name), other.units.get(name)
+            if first != second and name not in chosen:
+                raise InputError(
+                    f"The unit of {name} is {first or 'not stated'} in {pieces[0].where} but {second or 'not stated'} "
+                    f'in {other.where}; convert one of them, or pass units={{"{name}": ...}} if both are the same.'
+                )
+    return {name: unit for name, unit in {**pieces[0].units, **chosen}.items() if unit}
+
+
+def _grouped(table: Table, run: str) -> tuple[list[Int[np.ndarray, " _"]], list[str]]:
+    """Rows of each run, in the order in which runs appear, so that they stay as they lie in the table."""
+    labels = table.column(run)
+    if labels.isna().any():
+        row = int(np.argmax(labels.isna().to_numpy()))
+        raise InputError(
+            f'Column "{run}" of {table.where} names no run in row {row}; fill it in, or leave out that row.'
+        )
+    codes, values = pd.factorize(labels)
+    # A whole number stays one, where an empty cell elsewhere made the column one of decimals.
+    names = [str(int(v)) if isinstance(v, float) and v.is_integer() else str(v) for v in values]
+    return [np.flatnonzero(codes == i) for i in range(len(values))], names
+
+
+def _restarted(
+    time: Float[np.ndarray, " n_row"],
+    groups: list[Int[np.ndarray, " _"]],
+    names: list[str],
+    restart: str,
+    where: str,
+    remarks: list[str],
+) -> tuple[list[Int[np.ndarray, " _"]], list[str]]:
+    """Rows of each run, cut wherever the time goes back, if that is asked for."""
+    parts: list[np.ndarray] = []
+    labels: list[str] = []
+    for rows, name in zip(groups, names, strict=True):
+        known = rows[np.isfinite(time[rows])]
+        back = known[1:][np.diff(time[known]) < 0]
+        if len(back) and restart == "error":
+            row = int(back[0])
+            raise InputError(
+                f"The time of {where} is not increasing, it goes back in row {row}, to {time[row]:g}: if another run "
+                'begins there, pass restart="run", or run= with the column that tells the runs apart; if the rows are '
+                "out of order, sort them."
+            )
+        pieces = np.split(rows, np.searchsorted(rows, back))
+        parts += pieces
+        numbered = [str(i) if name == "0" else f"{name}_{i}" for i in range(len(pieces))]
+        labels += numbered if len(pieces) > 1 else [name]
+    if len(parts) > len(groups):
+        remarks.append(f"a new run begins wherever the time of {where} goes back: {len(parts)} runs")
+    return parts, labels
+
+
+def _earliest(values: Float[np.ndarray, " n"]) -> float:
+    return float(np.nanmin(values)) if np.isfinite(values).any() else 0.0

@@ -1,0 +1,145 @@
+"""What can be read: files by their extension, tables in memory by what they offer."""
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from bayes_greybox.data.errors import InputError
+
+from .labelled import dataset_table, read_netcdf
+from .labview import read_lvm
+from .matlab import read_mat
+from .table import Layout, Table, tidy
+from .text import read_text
+
+INSTALL = 'install it with pip install "bayes-greybox[tables]"'
+
+SAVE_AS = {
+    ".xls": "save it as .xlsx",
+    ".xlsb": "save it as .xlsx",
+    ".ods": "save it as .xlsx",
+    ".tdms": "export it as text (.lvm or .csv)",
+    ".mdf": "export it as .csv or .parquet",
+    ".mf4": "export it as .csv or .parquet",
+    ".h5": "read it with pandas.read_hdf or h5py and pass the DataFrame",
+    ".hdf5": "read it with pandas.read_hdf or h5py and pass the DataFrame",
+    ".npy": "load it with numpy.load and pass bg.read({name: column, ...})",
+    ".npz": "load it with numpy.load and pass bg.read({name: column, ...})",
+    ".json": "read it with pandas.read_json and pass the DataFrame",
+}
+"""What to do with files that are not read."""
+
+
+def read_source(source: Any, layout: Layout) -> Table:
+    """Read one source and tidy it.
+
+    Args:
+        source: Path of a file, DataFrame, Series, xarray Dataset or a mapping of name to column.
+        layout: How it is laid out, where it does not tell itself.
+
+    Raises:
+        InputError: A file or an object that cannot be read; the message says which and what to do.
+    """
+    if isinstance(source, str | Path):
+        return tidy(_file(Path(source), layout), layout)
+    if hasattr(source, "data_vars"):
+        return tidy(dataset_table(source, "the data set"), layout)
+    if hasattr(source, "to_dataset") and hasattr(source, "dims"):
+        return tidy(dataset_table(source.to_dataset(name=source.name or "value"), "the data array"), layout)
+    if isinstance(source, pd.Series):
+        source = source.to_frame(source.name or "value")
+    if hasattr(source, "to_pandas"):
+        source = source.to_pandas()
+    if isinstance(source, Mapping):
+        try:
+            source = pd.DataFrame(dict(source))
+        except ValueError as error:
+            raise InputError(f"The columns do not make a table: {error}; give columns of one length.") from None
+    if not isinstance(source, pd.DataFrame):
+        raise InputError(
+            f"bg.read cannot read a {type(source).__name__}; give the path of a file, a pandas DataFrame, an xarray "
+            "Dataset, or a mapping of name to column (arrays: bg.Trajectories.from_arrays)."
+        )
+    return tidy(_frame_table(source, "the table"), layout)
+
+
+def _frame_table(frame: pd.DataFrame, where: str) -> Table:
+    """A DataFrame; an index that is more than a count is a column, under its name or "index"."""
+    if isinstance(frame.columns, pd.MultiIndex):
+        raise InputError(
+            f"{where[0].upper()}{where[1:]} has columns with several names each, such as {frame.columns[0]}; give each "
+            'one name: frame.columns = ["_".join(map(str, names)) for names in frame.columns].'
+        )
+    counts = isinstance(frame.index, pd.RangeIndex) or (frame.index.nlevels == 1 and frame.index.name is None)
+    if not counts or frame.index.dtype.kind in "mM":
+        frame = frame.reset_index()
+    return Table(frame.reset_index(drop=True), where)
+
+
+def _file(path: Path, layout: Layout) -> Table:
+    suffix = path.suffix.lower()
+    if path.is_dir():
+        raise InputError(f'"{path}" is a folder; name a file in it, or several by a pattern such as "{path}/*.csv".')
+    if suffix not in READERS:
+        remedy = f"; {SAVE_AS[suffix]}" if suffix in SAVE_AS else ""
+        raise InputError(f'"{path}" has an unknown extension; readable are {", ".join(READERS)}{remedy}.')
+    if not path.is_file():
+        raise InputError(f'There is no file "{path}".')
+    if path.stat().st_size == 0:
+        raise InputError(f'"{path}" is empty.')
+    try:
+        return READERS[suffix](path, layout)
+    except InputError:
+        raise
+    except Exception as error:
+        # Each library has its own exceptions for a damaged file; all mean the same to the user.
+        line = (str(error).strip().splitlines() or [type(error).__name__])[0].rstrip(".")
+        raise InputError(f'"{path}" cannot be read as {suffix.removeprefix(".")} ({line}); check the file.') from error
+
+
+def _read_parquet(path: Path, layout: Layout) -> Table:
+    try:
+        import pyarrow.parquet
+    except ImportError as error:
+        raise InputError(f'Reading "{path}" needs pyarrow; {INSTALL}.') from error
+    return _frame_table(pyarrow.parquet.read_table(path).to_pandas(), f'"{path}"')
+
+
+def _read_excel(path: Path, layout: Layout) -> Table:
+    """One sheet; rows and columns that are empty throughout are no part of the table."""
+    try:
+        import openpyxl  # noqa: F401 - pandas would name it in words of its own
+    except ImportError as error:
+        raise InputError(f'Reading "{path}" needs openpyxl; {INSTALL}.') from error
+    skipped = layout.skiprows if isinstance(layout.skiprows, int) else list(layout.skiprows)
+    with pd.ExcelFile(path, engine="openpyxl") as book:
+        sheets = book.sheet_names
+        sheet = sheets[0] if layout.sheet is None else layout.sheet
+        exists = 0 <= sheet < len(sheets) if isinstance(sheet, int) else sheet in sheets
+        if not exists:
+            raise InputError(f'"{path}" has no sheet {sheet!r}; its sheets are {", ".join(map(str, sheets))}.')
+        frame = pd.read_excel(book, sheet_name=sheet, skiprows=skipped)
+    unnamed = [name for name in frame.columns if str(name).startswith("Unnamed:") and np.all(frame[name].isna())]
+    frame = frame.drop(columns=unnamed).dropna(how="all").reset_index(drop=True)
+    of = f'read from the sheet "{sheet}" of "{path}", which has {len(sheets)}'
+    several = layout.sheet is None and len(sheets) > 1
+    hint = "" if layout.skiprows else " If the names stand further down the sheet, pass skiprows= the rows above them."
+    return Table(frame, f'"{path}"', remarks=(of,) if several else (), hint=hint)
+
+
+READERS: dict[str, Callable[[Path, Layout], Table]] = {
+    ".csv": read_text,
+    ".tsv": read_text,
+    ".txt": read_text,
+    ".dat": read_text,
+    ".xlsx": _read_excel,
+    ".xlsm": _read_excel,
+    ".parquet": _read_parquet,
+    ".mat": read_mat,
+    ".nc": read_netcdf,
+    ".lvm": read_lvm,
+}
+"""Readers by extension."""

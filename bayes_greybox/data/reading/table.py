@@ -1,0 +1,140 @@
+"""A table that was read, and how it is laid out."""
+
+import difflib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import pandas as pd
+
+from bayes_greybox.data.errors import InputError
+
+from .units import checked_units, is_number, split_header, unit_row
+
+
+@dataclass(frozen=True)
+class Layout:
+    """How a table is laid out, where it does not tell itself; see `read` for each."""
+
+    sep: str | None = None
+    decimal: str = "."
+    thousands: str | None = None
+    skiprows: int | tuple[int, ...] = 0
+    encoding: str = "utf-8-sig"
+    sheet: str | int | None = None
+    columns: tuple[str, ...] | None = None
+    dayfirst: bool | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Table:
+    """Named columns of one source.
+
+    Attributes:
+        frame: The columns; names are text.
+        where: What was read, in a sentence, such as '"run.csv"'.
+        units: Units that the source states, by column, as it writes them until `tidy` has checked them.
+        aliases: Column by the name that the source had for it with its unit, such as "pos [mm]".
+        remarks: What was done that the source does not say itself.
+        hint: What to try if a column is not there.
+        run: Column that tells runs apart, where the source has such by itself.
+        groups: Columns that belong together, by their name in the source, such as those of a matrix.
+    """
+
+    frame: pd.DataFrame
+    where: str
+    units: Mapping[str, str] = field(default_factory=dict)
+    aliases: Mapping[str, str] = field(default_factory=dict)
+    remarks: tuple[str, ...] = ()
+    hint: str = ""
+    run: str | None = None
+    groups: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+
+    def column(self, name: str) -> Any:
+        """One column.
+
+        Raises:
+            InputError: There is none of that name.
+        """
+        return self.frame[self.known(name)]
+
+    def known(self, name: str) -> str:
+        """The column of that name, as it is called here.
+
+        Raises:
+            InputError: There is none.
+        """
+        # Columns of a frame may be numbers.
+        name = self.aliases.get(str(name), str(name))
+        if name in self.frame.columns:
+            return name
+        known = [str(column) for column in self.frame.columns]
+        lowered = {column.lower(): column for column in reversed(known)}
+        near = [lowered[match] for match in difflib.get_close_matches(str(name).lower(), lowered, n=3, cutoff=0.5)]
+        guess = f" Did you mean {' or '.join(near)}?" if near else ""
+        columns = f"Its columns are {', '.join(known)}."
+        raise InputError(f'{capital(self.where)} has no column "{name}".{guess} {columns}{self.hint}')
+
+
+def capital(text: str) -> str:
+    """Text at the start of a sentence."""
+    return text[:1].upper() + text[1:]
+
+
+def tidy(table: Table, layout: Layout) -> Table:
+    """The table with names free of units, units checked, and no row of units among the measurements.
+
+    Raises:
+        InputError: Two columns of one name, no row.
+    """
+    frame = table.frame
+    names = [str(name).strip() for name in frame.columns]
+    if layout.columns is not None:
+        names = _renamed(names, layout.columns, table.where)
+    stated, aliases = dict(table.units), {}
+    plain = [split_header(name) for name in names]
+    short = [name for name, _ in plain]
+    for i, (name, unit) in enumerate(plain):
+        # A name that others have too without its unit stays as it is.
+        if unit is not None and short.count(name) == 1:
+            aliases[names[i]], stated[name] = name, unit
+            names[i] = name
+    twice = next((name for name in names if names.count(name) > 1), None)
+    if twice is not None:
+        raise InputError(
+            f'{capital(table.where)} has the column "{twice}" more than once; rename one, or name all columns with '
+            "columns=[...]."
+        )
+    frame = frame.set_axis(names, axis=1)
+    units = _row_of_units(frame, layout.decimal)
+    remarks = table.remarks
+    if units is not None:
+        frame = frame.iloc[1:].reset_index(drop=True)
+        stated |= {name: unit for name, unit in zip(names, units, strict=True) if unit}
+    if not len(frame):
+        raise InputError(f"{capital(table.where)} has no rows.")
+    known, unknown = checked_units(((name, unit) for name, unit in stated.items() if name in names), table.where)
+    if units is not None:
+        told = ", ".join(f"{name} in {unit}" for name, unit in known.items())
+        remarks = (*remarks, f"the first row of {table.where} was read as units: {told or 'none that is known'}")
+    return replace(table, frame=frame, units=known, aliases=aliases, remarks=(*remarks, *unknown))
+
+
+def _renamed(names: list[str], given: Sequence[str], where: str) -> list[str]:
+    if len(given) != len(names):
+        raise InputError(
+            f"columns names {len(given)} columns, but {where} has {len(names)}: {', '.join(names)}; give one name each."
+        )
+    return [str(name) for name in given]
+
+
+def _row_of_units(frame: pd.DataFrame, decimal: str) -> list[str] | None:
+    """Units in the first row, where it is one of units."""
+    if len(frame) < 2:
+        return None
+    first, second = ([_text(value) for value in frame.iloc[row]] for row in (0, 1))
+    return unit_row(first, [not cell or is_number(cell, decimal) or cell[0].isdigit() for cell in second])
+
+
+def _text(value: Any) -> str:
+    return "" if pd.isna(value) else str(value).strip()

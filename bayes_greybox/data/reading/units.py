@@ -1,0 +1,98 @@
+"""Units that a table states: behind the names of columns, in a row below them, or as attributes."""
+
+import re
+from collections.abc import Iterable, Sequence
+
+from bayes_greybox.data.unit_registry import registry
+
+# As instruments write them and pint does not read them, or reads them as something else ("Nm" as number times metre).
+_SPELLINGS = {"Nm": "N*m", "kNm": "kN*m", "mNm": "mN*m", "U/min": "rpm", "1/min": "1/min", "sek": "s", "Sek": "s"}
+_NONE = {"", "-", "--", "–", "none", "n/a"}
+_BRACKETED = re.compile(r"^\[(.*)\]$|^\((.*)\)$")
+_NAMED = re.compile(r"^(?P<name>.*?\S)\s*\[(?P<square>[^\[\]]*)\]$|^(?P<name2>.*?\S)\s+\((?P<round>[^()]*)\)$")
+
+
+def known_unit(text: str) -> str | None:
+    """A unit as the package reads it, such as "m/s"; None if it is not known.
+
+    Args:
+        text: As the table has it: "m/s", "m s-1", "Volts", "seconds since 2024-01-01".
+    """
+    text = re.sub(r" since .*$", "", text.strip())
+    if len(text) > 40 or not re.search(r"[^\W\d]|[%°\"1]", text):
+        return None
+    if text in _SPELLINGS:
+        return _SPELLINGS[text]
+    # Powers without a sign for them, as the CF conventions have: m s-2.
+    powers = re.sub(r"(?<=[A-Za-zµΩ])(-?\d)(?!\d)", r"^\1", text).replace(" ", "*")
+    for attempt in dict.fromkeys((text, powers, text.lower() if len(text) > 2 else text)):
+        try:
+            registry().parse_units(attempt)
+        except Exception:  # pint raises errors of many kinds on text that is no unit
+            continue
+        return attempt
+    return None
+
+
+def split_header(name: str) -> tuple[str, str | None]:
+    """Name and unit of a column's header, such as "pos [mm]" or "pos (mm)"; no unit where the brackets hold none."""
+    found = _NAMED.match(name)
+    if found is None:
+        return name, None
+    parts = found.groupdict()
+    if parts["name"] is not None:
+        # Square brackets mean a unit, even one that is not known; an index such as x[0] is none.
+        unit = parts["square"].strip()
+        return (name, None) if unit.isdigit() and unit != "1" else (parts["name"], unit)
+    unit = parts["round"].strip()
+    return (parts["name2"], unit) if not unit.isdigit() and (unit in _NONE or known_unit(unit)) else (name, None)
+
+
+def unit_row(cells: Sequence[str], below: Sequence[bool]) -> list[str] | None:
+    """Units of a row that holds nothing else; None if it is a row of measurements.
+
+    Args:
+        cells: Its cells as text, "" where they are empty.
+        below: Whether the next row has a number or a date there.
+    """
+    if len(cells) != len(below) or not any(cells):
+        return None
+    units = []
+    for cell, measured in zip(cells, below, strict=True):
+        bracketed = _BRACKETED.match(cell)
+        inside = next((part for part in bracketed.groups() if part is not None), "").strip() if bracketed else cell
+        if cell and not measured:
+            return None
+        if is_number(cell) or not (bracketed or cell in _NONE or known_unit(cell)):
+            return None
+        units.append(inside)
+    return units if any(unit not in _NONE for unit in units) else None
+
+
+def checked_units(stated: Iterable[tuple[str, str]], where: str) -> tuple[dict[str, str], tuple[str, ...]]:
+    """Units that are known, by column, and a remark on those that are not.
+
+    Args:
+        stated: Column and unit as the table has it.
+        where: What is read, for the remark.
+    """
+    units, unknown = {}, []
+    for name, text in stated:
+        if text.strip() in _NONE:
+            continue
+        unit = known_unit(text)
+        if unit is None:
+            unknown.append(f'"{text}" of {name}')
+        else:
+            units[name] = unit
+    remark = f"units of {where} that are not known were left out: {', '.join(unknown)}; give them with units="
+    return units, (remark,) if unknown else ()
+
+
+def is_number(cell: str, decimal: str = ".") -> bool:
+    """Whether a cell of text is a number."""
+    try:
+        float(cell.replace(decimal, ".") if decimal != "." else cell)
+    except ValueError:
+        return False
+    return True

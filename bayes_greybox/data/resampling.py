@@ -1,0 +1,113 @@
+"""Columns at other times: evenly spaced by interpolation, or fewer of them behind a filter that keeps aliases out."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Bool, Float
+from scipy.interpolate import CubicSpline
+from scipy.signal import decimate
+
+from .errors import InputError
+from .rates.differentiate import uniform_step
+
+GAP = 4.0
+"""A step this many times the usual one is a gap, in which interpolation would invent samples."""
+
+COARSER = 1.5
+"""A step this many times the usual one leaves out so much that what is faster would pass for something slower."""
+
+HALF_WINDOW = 10
+"""Rows at either edge of a decimated run whose filter reaches beyond it: SciPy's has 20 factor + 1 taps."""
+
+
+def even_times(time: Float[np.ndarray, " n"], step: float, name: str) -> Float[np.ndarray, " m"]:
+    """Evenly spaced times from the first sample of a run up to the last.
+
+    Args:
+        time: Stamps of the run, increasing.
+        step: Their new distance.
+        name: Of the run, for messages.
+
+    Raises:
+        InputError: Fewer than four samples; gaps; a step so large that it would alias, or longer than the run.
+    """
+    if len(time) < 4:
+        raise InputError(f'Run "{name}" has {len(time)} rows, too few to interpolate; leave it out.')
+    steps = np.diff(time)
+    usual, longest = float(np.median(steps)), int(np.argmax(steps))
+    if steps[longest] > GAP * usual:
+        gap = f"from {time[longest]:g} to {time[longest + 1]:g}"
+        raise InputError(
+            f'Run "{name}" has a gap {gap}, where its usual step is {usual:.3g}; nothing is invented there: cut the '
+            "run with data.trim(start, end), or read its parts as runs of their own."
+        )
+    if step > COARSER * usual:
+        raise InputError(
+            f'Run "{name}" has a sample every {usual:.6g}: at steps of {step:g} what is fast would pass for something '
+            f"slow. Resample it at {usual:.6g} first, then data.decimate({round(step / usual)}), which filters it."
+        )
+    # A last sample that lies on the grid but for rounding belongs to it.
+    count = int(np.floor((time[-1] - time[0]) / step * (1 + 1e-12))) + 1
+    if count < 2:
+        raise InputError(
+            f'Run "{name}" lasts {time[-1] - time[0]:g}, less than the step {step:g}; choose a smaller one.'
+        )
+    return np.minimum(time[0] + step * np.arange(count), time[-1])
+
+
+def interpolated(
+    time: Float[np.ndarray, " n"], values: Float[np.ndarray, " n"], at: Float[np.ndarray, " m"], method: str
+) -> Float[np.ndarray, " m"]:
+    """A column of one run at other times within it, by a cubic spline, lines, or held from each sample to the next."""
+    if method == "cubic":
+        return CubicSpline(time, values)(at)
+    if method == "linear":
+        return np.interp(at, time, values)
+    return values[np.searchsorted(time, at, side="right") - 1]
+
+
+def decimated(
+    time: Float[np.ndarray, " n"], columns: Sequence[Float[np.ndarray, " n"]], factor: int, name: str
+) -> tuple[Float[np.ndarray, " m"], list[Float[np.ndarray, " m"]]]:
+    """Every so many samples of a run behind a symmetric low pass (SciPy's, zero phase), its edges left out.
+
+    Args:
+        time: Stamps of the run, evenly spaced.
+        columns: Values at them.
+        factor: Samples that become one.
+        name: Of the run, for messages.
+
+    Raises:
+        InputError: Uneven stamps; a run too short for the filter.
+    """
+    uniform_step(time, name)
+    kept = slice(HALF_WINDOW, -(-len(time) // factor) - HALF_WINDOW)
+    # The last of them may still reach beyond the run.
+    last = (len(time) - 1 - HALF_WINDOW * factor) // factor
+    kept = slice(kept.start, min(kept.stop, last + 1))
+    if kept.stop - kept.start < 2:
+        raise InputError(
+            f'Run "{name}" has {len(time)} rows: by {factor} fewer than two would be left beside the {HALF_WINDOW} at '
+            "either edge, where the filter has no samples; choose a smaller factor, or leave the run out."
+        )
+    return time[::factor][kept], [decimate(values, factor, ftype="fir", zero_phase=True)[kept] for values in columns]
+
+
+def rows_named(rows: object, n_obs: int) -> Bool[np.ndarray, " n_obs"]:
+    """Whether each row is among those that are named by number, a slice, or one truth value each.
+
+    Raises:
+        InputError: Numbers of rows that there are not; truth values of another length.
+    """
+    named = np.zeros(n_obs, dtype=bool)
+    given = rows if isinstance(rows, slice) else np.asarray(rows)
+    if isinstance(given, np.ndarray):
+        if given.dtype == bool and given.shape != (n_obs,):
+            raise InputError(f"rows has {given.size} truth values, but the data have {n_obs} rows; give one for each.")
+        if given.dtype != bool and (given.dtype.kind not in "iu" and given.size):
+            raise InputError("rows must be numbers of rows from 0, a slice, or a truth value for each row.")
+        given = given if given.dtype == bool else given.astype(np.int64)
+        if given.dtype != bool and given.size and not (-n_obs <= given.min() and given.max() < n_obs):
+            raise InputError(f"There is no row {given.max()}; the data have {n_obs}, from 0 to {n_obs - 1}.")
+    named[given] = True
+    return named
