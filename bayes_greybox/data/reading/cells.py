@@ -1,5 +1,6 @@
 """Cells as numbers: decimal marks, dates as seconds, and what is said of a cell that is neither."""
 
+import datetime
 import re
 import warnings
 from typing import Any
@@ -16,6 +17,9 @@ COMMA = r"[+-]?\d*,\d+([eE][+-]?\d+)?"
 """A number with a comma for its decimal mark."""
 
 _CLOCK = re.compile(r"^\d{1,3}:\d{2}:\d{2}([.,]\d+)?$")
+_DATES = (datetime.date, datetime.time, datetime.timedelta, np.datetime64, np.timedelta64)
+_DATE = re.compile(r"^(\d{1,4}[-/.]\w{1,9}[-/.]\d{1,4}\b|\d{8}T|\w*[A-Za-z]{3}\w*[ ,.]+\d)")
+_GROUPED = re.compile(r"^[+-]?\d{1,3}(\.\d{3})+(,\d+)?$")
 _FRACTION = re.compile(r"(?<=:\d{2})[.,](?=\d)")
 
 
@@ -63,7 +67,7 @@ def _as_numbers(column: Any, layout: Layout) -> tuple[np.ndarray, np.ndarray]:
     """Numbers, and the rows whose cells are none."""
     if pd.api.types.is_numeric_dtype(column):
         return column.to_numpy(dtype=float, na_value=np.nan), np.array([], dtype=int)
-    text = column.map(lambda cell: _plain(cell, layout) if isinstance(cell, str) else cell)
+    text = column.map(lambda cell: _plain(cell, layout))
     found: Any = pd.to_numeric(text, errors="coerce")
     missing = text.isna() | text.map(lambda cell: isinstance(cell, str) and not cell)
     bad = np.flatnonzero(found.isna().to_numpy() & ~missing.to_numpy())
@@ -72,8 +76,13 @@ def _as_numbers(column: Any, layout: Layout) -> tuple[np.ndarray, np.ndarray]:
     return (found.to_numpy(dtype=float, na_value=np.nan) if not len(bad) else np.array([])), bad
 
 
-def _plain(cell: str, layout: Layout) -> str:
-    """A number as Python writes it."""
+def _plain(cell: Any, layout: Layout) -> Any:
+    """A number in words as Python writes it; a date in words, which pandas would count in ticks."""
+    if isinstance(cell, _DATES):
+        missing: Any = pd.isna(cell)
+        return cell if missing else str(cell)
+    if not isinstance(cell, str):
+        return cell
     cell = cell.strip()
     if layout.thousands:
         cell = cell.replace(layout.thousands, "")
@@ -98,11 +107,19 @@ def _dates(column: Any, table: Table, name: str, layout: Layout, bad: int) -> An
     given = text.dropna()
     if given.str.match(_CLOCK).all():
         return pd.to_timedelta(text.str.replace(",", "."))
+    # pandas would read many a number with marks in it as a date.
+    dates = text.isna() | (text.str.match(_DATE, na=False) & ~text.str.match(_GROUPED, na=False))
+    if not dates.all():
+        # The cell that is of no kind, before one that is only of another kind than the rest.
+        number: Any = pd.to_numeric(text, errors="coerce")
+        some = dates | text.str.match(_CLOCK, na=False) | number.notna()
+        odd = np.flatnonzero(~(dates if some.all() else some).to_numpy(dtype=bool))
+        raise _neither(column, table, name, layout, int(odd[0]))
     # Writers leave out the fraction of a second where it is zero.
     mixed = given.str.contains(_FRACTION).any()
     text = text.str.replace(_FRACTION, ".", regex=True)
     if mixed:
-        text = text.where(text.isna() | text.str.contains(_FRACTION), text + ".0")
+        text = text.where(text.isna() | text.str.contains(_FRACTION, na=False), text + ".0")
     # Years first need no guess.
     found = [_parsed(text, format="ISO8601")]
     if found[0] is None:
@@ -110,19 +127,21 @@ def _dates(column: Any, table: Table, name: str, layout: Layout, bad: int) -> An
         found = [_parsed(text, dayfirst=dayfirst) for dayfirst in first]
     read = [dates for dates in found if dates is not None]
     if not read:
-        words = np.flatnonzero([not str(cell)[:1].isdigit() and not pd.isna(cell) for cell in column])
-        bad = int(words[0]) if len(words) else bad
-        cell = column.iloc[bad]
-        raise InputError(
-            f'Column "{name}" of {table.where} holds neither numbers nor dates: row {bad} holds {cell!r}; '
-            f"{_remedy(cell, layout)}."
-        )
+        raise _neither(column, table, name, layout, bad)
     if len(read) == 2 and not (read[0] - read[0].min()).equals(read[1] - read[1].min()):
         raise InputError(
             f'{capital(table.where)} has dates such as {given.iloc[0]!r} in column "{name}", in which the day may be '
             "the month: pass dayfirst=True or dayfirst=False."
         )
     return read[0]
+
+
+def _neither(column: Any, table: Table, name: str, layout: Layout, row: int) -> InputError:
+    cell = column.iloc[row]
+    return InputError(
+        f'Column "{name}" of {table.where} holds neither numbers nor dates: row {row} holds {cell!r}; '
+        f"{_remedy(cell, layout)}."
+    )
 
 
 def _parsed(text: Any, **options: Any) -> Any:

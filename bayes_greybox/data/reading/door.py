@@ -87,6 +87,8 @@ def read(
         raise InputError(f"dt must be positive, not {dt}.")
     if restart not in ("error", "run"):
         raise InputError(f'restart must be "error" or "run", not {restart!r}.')
+    if np.any(np.asarray(skiprows) < 0):
+        raise InputError(f"skiprows counts lines, or numbers them from 0; it cannot be {skiprows}.")
     layout = Layout(
         sep=sep,
         decimal=decimal,
@@ -153,6 +155,14 @@ def _mapping(columns: Columns, what: str) -> dict[str, str]:
         raise InputError(f'{what} must be a list of names, such as ["{columns}"], not a single string.')
     if isinstance(columns, Mapping):
         return dict(columns)
+    for name in columns:
+        if not str(name).isidentifier():
+            plain = re.sub(r"\W+", "_", str(name)).strip("_")
+            plain = plain if plain.isidentifier() else f"x{plain}"
+            raise InputError(
+                f"{name!r} cannot be used as a name in expressions; give the column one there: "
+                f"{what}={{{plain!r}: {name!r}}}."
+            )
     return {name: name for name in columns}
 
 

@@ -160,9 +160,9 @@ def _restarted(
         if len(back) and restart == "error":
             row = int(back[0])
             raise InputError(
-                f"The time of {where} goes back in row {row}, to {time[row]:g}: if another run begins there, pass "
-                'restart="run", or run= with the column that tells the runs apart; if the rows are out of order, sort '
-                "them."
+                f"The time of {where} is not increasing, it goes back in row {row}, to {time[row]:g}: if another run "
+                'begins there, pass restart="run", or run= with the column that tells the runs apart; if the rows are '
+                "out of order, sort them."
             )
         pieces = np.split(rows, np.searchsorted(rows, back))
         parts += pieces

@@ -49,6 +49,8 @@ def read_source(source: Any, layout: Layout) -> Table:
         return tidy(dataset_table(source, "the data set"), layout)
     if hasattr(source, "to_dataset") and hasattr(source, "dims"):
         return tidy(dataset_table(source.to_dataset(name=source.name or "value"), "the data array"), layout)
+    if isinstance(source, pd.Series):
+        source = source.to_frame(source.name or "value")
     if hasattr(source, "to_pandas"):
         source = source.to_pandas()
     if isinstance(source, Mapping):
@@ -79,6 +81,8 @@ def _frame_table(frame: pd.DataFrame, where: str) -> Table:
 
 def _file(path: Path, layout: Layout) -> Table:
     suffix = path.suffix.lower()
+    if path.is_dir():
+        raise InputError(f'"{path}" is a folder; name a file in it, or several by a pattern such as "{path}/*.csv".')
     if suffix not in READERS:
         remedy = f"; {SAVE_AS[suffix]}" if suffix in SAVE_AS else ""
         raise InputError(f'"{path}" has an unknown extension; readable are {", ".join(READERS)}{remedy}.')

@@ -64,7 +64,8 @@ class Table:
         Raises:
             InputError: There is none.
         """
-        name = self.aliases.get(name, name)
+        # Columns of a frame may be numbers.
+        name = self.aliases.get(str(name), str(name))
         if name in self.frame.columns:
             return name
         known = [str(column) for column in self.frame.columns]

@@ -74,7 +74,9 @@ def read_text(path: Path, layout: Layout) -> Table:
                 thousands=layout.thousands,
                 encoding=layout.encoding,
             )
-    except (pd.errors.ParserError, pd.errors.ParserWarning, pd.errors.EmptyDataError) as error:
+    except pd.errors.EmptyDataError:
+        raise InputError(f'"{path}" has no table after its first {len(head.skipped)} lines; check skiprows.') from None
+    except (pd.errors.ParserError, pd.errors.ParserWarning) as error:
         if not elsewhere:
             raise
         raise InputError(f'"{path}" is no table from its first line on ({_first_line(error)}).{hint}') from error
@@ -93,7 +95,7 @@ def _head(lines: list[str], path: Path, layout: Layout) -> _Head:
     given = layout.skiprows
     skipped = set(range(given) if isinstance(given, int) else given)
     marked: list[str] = []
-    first = ""
+    i, first = 0, ""
     for i, first in enumerate(lines):
         if i in skipped:
             continue
@@ -101,7 +103,8 @@ def _head(lines: list[str], path: Path, layout: Layout) -> _Head:
             break
         marked += [first.lstrip("#% ").strip()] if first.strip() else []
         skipped.add(i)
-    sep = layout.sep or _separator(first, path.suffix.lower())
+    below = next((line for line in lines[i + 1 :] if line.strip()), first) if lines else first
+    sep = layout.sep or _separator(first, below, path.suffix.lower())
     cells = _cells(first, sep)
     every = tuple(sorted(skipped))
     nameless = all(is_number(cell, layout.decimal) for cell in cells)
@@ -123,12 +126,14 @@ def _head(lines: list[str], path: Path, layout: Layout) -> _Head:
     return _Head(every, sep, names, dict(zip(names, units or (), strict=False)))
 
 
-def _separator(line: str, suffix: str) -> str:
+def _separator(line: str, below: str, suffix: str) -> str:
     """What separates the values: tabs, semicolons, commas, or in other text than .csv blanks."""
     if suffix == ".tsv":
         return "\t"
-    order = (",", ";", "\t") if suffix == ".csv" else ("\t", ";", ",")
-    return next((mark for mark in order if mark in line), "," if suffix == ".csv" else r"\s+")
+    order = (",", ";", "\t", "|") if suffix == ".csv" else ("\t", ";", ",", "|")
+    # A comma may be part of a name, or the decimal mark: what separates does so in the row below as well.
+    found = next((mark for mark in order if len(_cells(line, mark)) == len(_cells(below, mark)) > 1), None)
+    return found or next((mark for mark in order if mark in line), "," if suffix == ".csv" else r"\s+")
 
 
 def _cells(line: str, sep: str) -> list[str]:

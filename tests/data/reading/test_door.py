@@ -289,3 +289,54 @@ def test_requests_that_cannot_be_met(changes, said):
         bg.read(FRAME, **{"time": "t", "states": ["y"]} | changes)
     with pytest.raises(bg.InputError, match="more than once"):
         bg.read(FRAME.set_axis(["t", "y", "y"], axis=1), time="t", states=["y"])
+
+
+def test_dates_in_cells_are_never_counted_in_ticks():
+    """A column of Python's own dates is one of objects, which pandas makes nanoseconds of."""
+    stamps = [pd.Timestamp("2024-05-01").to_pydatetime() + pd.Timedelta(seconds=t) for t in T]
+    table = FRAME.assign(t=pd.Series(stamps, dtype=object))
+    data = bg.read(table, time="t", states=["y"])
+    check(data)
+    assert data.unit("t") == "s"
+    with pytest.raises(bg.InputError, match="is not numeric: row 0 holds"):
+        bg.read(table, dt=0.25, states={"y": "t"})
+
+
+@pytest.mark.parametrize(
+    ("cells", "said"),
+    [
+        (["1.000,5", "1.001,5", "1.002,5"], 'pass decimal="," and thousands="."'),
+        (["1.000.000", "1.000.001", "1.000.002"], 'pass decimal="," and thousands="."'),
+        (["1,000.5", "1,001.5", "1,002.5"], 'pass thousands=","'),
+        (["0,5", "1,5", "2,5"], 'pass decimal=","'),
+        (["00:01.5", "00:02.5", "00:03.5"], "neither numbers nor dates"),
+        (["1", "2", "?"], r"row 2 holds '\?'"),
+    ],
+)
+def test_numbers_with_marks_are_no_dates(cells, said):
+    with pytest.raises(bg.InputError, match=said):
+        bg.read(pd.DataFrame({"t": cells, "y": [1.0, 2.0, 4.0]}), time="t", states=["y"])
+
+
+@pytest.mark.parametrize("separator", ["|", ";", "\t"])
+def test_what_separates_names_separates_values_too(tmp_path, separator):
+    names = separator.join(["t", '"y, filtered"', "v"])
+    path = tmp_path / "run.csv"
+    path.write_text(f"{names}\n{FRAME.to_csv(index=False, header=False, sep=separator)}")
+    check(bg.read(path, time="t", states={"y": "y, filtered"}))
+
+
+def test_what_is_nearly_a_request_is_answered_with_the_request(tmp_path):
+    (tmp_path / "run.csv").write_text(FRAME.to_csv(index=False))
+    with pytest.raises(bg.InputError, match=r"states=\{'my_y': 'my y'\}"):
+        bg.read(FRAME.rename(columns={"y": "my y"}), time="t", states=["my y"])
+    with pytest.raises(bg.InputError, match=r'is a folder; .*such as ".*/\*\.csv"'):
+        bg.read(tmp_path, time="t", states=["y"])
+    with pytest.raises(bg.InputError, match="has no table after its first 500 lines; check skiprows"):
+        bg.read(tmp_path / "run.csv", time="t", states=["y"], skiprows=500)
+    with pytest.raises(bg.InputError, match="it cannot be -1"):
+        bg.read(tmp_path / "run.csv", time="t", states=["y"], skiprows=-1)
+    with pytest.raises(bg.InputError, match="no column \"\\['t'\\]\""):
+        bg.read(FRAME, time=["t"], states=["y"])
+    check(bg.read(pd.DataFrame(FRAME.to_numpy()), time=0, states={"y": 1}))
+    check(bg.read(FRAME.set_index("t")["y"], time="t", states=["y"]))
