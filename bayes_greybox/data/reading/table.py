@@ -64,8 +64,7 @@ class Table:
         Raises:
             InputError: There is none.
         """
-        # Columns of a frame may be numbers.
-        name = self.aliases.get(str(name), str(name))
+        name = self.aliases.get(name, name)
         if name in self.frame.columns:
             return name
         known = [str(column) for column in self.frame.columns]
