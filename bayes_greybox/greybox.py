@@ -21,7 +21,6 @@ from bayes_greybox.criticism.inclusion import ROPE, inclusion
 from bayes_greybox.criticism.prediction import Prediction, predict, predictive_group
 from bayes_greybox.criticism.summary import summary
 from bayes_greybox.criticism.trade_off import TradeOff, strongest_trade_off
-from bayes_greybox.data.stages import stage, stages
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.inference import netcdf
 from bayes_greybox.inference.inference_data import to_inferencedata
@@ -31,6 +30,7 @@ from bayes_greybox.model.gp.discrepancy import OrthogonalGP
 from bayes_greybox.model.gp.features import HilbertBasis
 from bayes_greybox.model.program import Program
 from bayes_greybox.physics.simulation.protocol import RightHandSide
+from bayes_greybox.running.stages import stage, stages
 
 AGAIN = "Sampling again, with finer features"
 """What the bar says of a fit that is repeated."""

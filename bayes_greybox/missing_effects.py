@@ -10,7 +10,6 @@ from typing import Any
 from bayes_greybox.criticism.checks.kept import kept_checks
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.rates.held_out import with_filter_of
-from bayes_greybox.data.stages import announce, stages
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.amended import hidden_used
 from bayes_greybox.discovery.answer.gap.free_runs import FreePath, FreeRuns
@@ -20,6 +19,7 @@ from bayes_greybox.greybox import Fit, GreyBox
 from bayes_greybox.inference import netcdf
 from bayes_greybox.physics.catalogue.loading import CatalogueSpec
 from bayes_greybox.report.sentence import sentence
+from bayes_greybox.running.stages import announce, stages
 
 STUDY = "missing_effects"
 """Root attribute of a saved study that holds its record, as JSON text."""

@@ -53,7 +53,7 @@ def test_every_name_of_the_stub_resolves_and_is_listed():
     for name in NAMES:
         assert getattr(bg, name) is not None
     assert set(NAMES) <= set(dir(bg))
-    assert {*BEFORE, *RETURNED, "catalogue"} <= {*NAMES, "__version__"}
+    assert {*BEFORE, *RETURNED, "catalogue", "read"} <= {*NAMES, "__version__"}
     with pytest.raises(AttributeError, match="no_such_name"):
         bg.no_such_name  # noqa: B018
 

@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 from typing import TypeVar
 
-from bayes_greybox.data.stages import stage, stages
+from bayes_greybox.running.stages import stage, stages
 
 Piece = TypeVar("Piece")
 

@@ -18,8 +18,8 @@ from pathlib import Path
 
 import pandas as pd
 
-from bayes_greybox.data.compiling import FOLDER
 from bayes_greybox.data.errors import InputError
+from bayes_greybox.running.compiling import FOLDER
 
 COMMANDS = {
     "fit": ("fit", "configs/first.toml", "-o", "{folder}/fit"),

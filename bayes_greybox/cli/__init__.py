@@ -122,7 +122,7 @@ def fit(
     The folder gets run.nc (the whole fit), summary.json (verdict, coefficients, discrepancy), the figures
     and a copy of the configuration.
     """
-    from bayes_greybox.data.stages import stage, stages
+    from bayes_greybox.running.stages import stage, stages
 
     settings = _configured(config, seed=seed, draws=draws, tune=tune, chains=chains)
     progress = not (no_progress or quiet)
@@ -183,7 +183,7 @@ def discover(
     folder gets gap.html (the report), summary.json, study.nc (the amended model's posterior and the study's
     tables), the figures and a copy of the configuration.
     """
-    from bayes_greybox.data.stages import stage, stages
+    from bayes_greybox.running.stages import stage, stages
 
     settings = _configured(config, seed=seed, draws=draws, tune=tune, chains=chains)
     progress = not (no_progress or quiet)
@@ -250,7 +250,7 @@ def compare(
     """
     sampling = {"seed": seed, "draws": draws, "tune": tune, "chains": chains}
     folds = _given_folds(scheme, block, max_refits)
-    from bayes_greybox.data.stages import stage, stages
+    from bayes_greybox.running.stages import stage, stages
 
     progress = not (no_progress or quiet)
     with stages(progress), stage("Starting", said=False):
@@ -300,7 +300,7 @@ def report(
     if given and len(files) == 1:
         option = next(iter(given)).replace("_", "-")
         raise InputError(f"--{option} applies where several saved fits are compared; leave it out.")
-    from bayes_greybox.data.stages import stage, stages
+    from bayes_greybox.running.stages import stage, stages
 
     progress = not (no_progress or quiet)
     with stages(progress), stage("Writing the report", said=False):

@@ -9,11 +9,11 @@ from bayes_greybox.config import Config
 from bayes_greybox.criticism.cross_validation.compare import compare
 from bayes_greybox.criticism.cross_validation.folds import START, check_scheme, require_divisible
 from bayes_greybox.data.errors import InputError
-from bayes_greybox.data.stages import announce, stage, stages
 from bayes_greybox.report.comparison_folder import save_comparison
 from bayes_greybox.report.folder import output_folder, staged
 from bayes_greybox.report.saved import load_fits
 from bayes_greybox.report.terminal.comparison import comparison_tables
+from bayes_greybox.running.stages import announce, stage, stages
 
 from .ending import exit_code, show
 

@@ -1,11 +1,10 @@
 """What every table of a configuration file has in common, and the sentence for what is wrong in one."""
 
 import difflib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
-from pydantic.functional_validators import ModelWrapValidatorHandler
 from pydantic_core import ErrorDetails, InitErrorDetails, PydanticCustomError
 
 
@@ -16,7 +15,7 @@ class Section(BaseModel):
 
     @model_validator(mode="wrap")
     @classmethod
-    def _check_keys(cls, given: Any, handler: ModelWrapValidatorHandler[Any]) -> Any:
+    def _check_keys(cls, given: Any, handler: Callable[[Any], Any]) -> Any:
         """Unknown keys beside whatever else is wrong in the table, so that all is told at once."""
         known = list(cls.model_fields)
         unknown = [key for key in given if key not in known] if isinstance(given, Mapping) else []

@@ -12,7 +12,6 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Array, Float
 
-from bayes_greybox.data.compiling import compiled
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.starts import estimate_starts
 from bayes_greybox.data.trajectories import Trajectories
@@ -27,6 +26,7 @@ from bayes_greybox.physics.integrate import (
     joined,
     limits_of,
 )
+from bayes_greybox.running.compiling import compiled
 
 from .bands import Band, band_holds
 from .prediction import require_columns

@@ -7,7 +7,6 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from bayes_greybox.data.compiling import compiled
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.inference.draws import draw_given
 from bayes_greybox.inference.posterior import Posterior
@@ -17,6 +16,7 @@ from bayes_greybox.model.gp.hyper import Hyperparameters
 from bayes_greybox.model.likelihood import CollapsedNormal
 from bayes_greybox.model.priors import Scales
 from bayes_greybox.physics.units import coefficient_unit, target_unit
+from bayes_greybox.running.compiling import compiled
 
 from .prediction import PREDICTION_DRAWS
 

@@ -11,7 +11,6 @@ from threadpoolctl import threadpool_limits
 from bayes_greybox.data.columns import derivative_label
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.records import plain_rows
-from bayes_greybox.data.stages import stage, stages
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.inference.netcdf import versions
 from bayes_greybox.inference.posterior import Posterior
@@ -22,6 +21,7 @@ from bayes_greybox.physics.catalogue.loading import CatalogueSpec, load_catalogu
 from bayes_greybox.physics.catalogue.pairs import pairs_in_data
 from bayes_greybox.physics.catalogue.roles import bind_catalogue, roles_of, unbound
 from bayes_greybox.physics.simulation.reading import NO_STATES
+from bayes_greybox.running.stages import stage, stages
 
 from .amended import amended_program, corrected_data
 from .answer.adequacy import LAGS

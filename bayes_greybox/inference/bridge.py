@@ -10,8 +10,8 @@ import numpy as np
 from jaxtyping import Array, Float
 from numpyro.infer import NUTS
 
-from bayes_greybox.data.compiling import compiled
 from bayes_greybox.model.sites import VECTOR, density_model
+from bayes_greybox.running.compiling import compiled
 
 from .nuts import Sampler
 

@@ -9,13 +9,13 @@ from jax.scipy.special import logsumexp
 from jaxtyping import Array
 from numpyro.handlers import seed, substitute, trace
 
-from bayes_greybox.data.compiling import compiled
 from bayes_greybox.model.algebra.collapsed import ridge, spike_and_slab
 from bayes_greybox.model.algebra.linalg import solve_lower_transposed
 from bayes_greybox.model.algebra.subsets import patterns
 from bayes_greybox.model.design import Design
 from bayes_greybox.model.likelihood import CollapsedNormal
 from bayes_greybox.model.sites import Sites
+from bayes_greybox.running.compiling import compiled
 
 
 def conditional_sampler(model: Callable) -> Callable[..., dict[str, np.ndarray]]:

@@ -13,8 +13,8 @@ import numpy as np
 from jaxtyping import Array
 from numpyro.infer.hmc import HMCState
 
-from bayes_greybox.data.compiling import compiled
-from bayes_greybox.data.stages import stage, stages
+from bayes_greybox.running.compiling import compiled
+from bayes_greybox.running.stages import stage, stages
 
 CHUNK = 100
 """Iterations between two looks at the progress bar."""

@@ -12,7 +12,6 @@ import xarray as xr
 from threadpoolctl import threadpool_limits
 
 from bayes_greybox.data.errors import InputError
-from bayes_greybox.data.stages import stage, stages
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.model.design import Design, EquationDraws
 from bayes_greybox.model.equation import Equation
@@ -22,6 +21,7 @@ from bayes_greybox.model.priors import PRIORS, Scales
 from bayes_greybox.model.program import Program
 from bayes_greybox.model.sampling_program import Bare, SamplingProgram
 from bayes_greybox.model.sites import Sites
+from bayes_greybox.running.stages import stage, stages
 
 from .draws import conditional_sampler
 from .groups import data_table, drawn, row_dimension, tree_of, user_units

@@ -8,10 +8,10 @@ import numpy as np
 from jaxtyping import Array
 from numpyro.handlers import seed, substitute, trace
 
-from bayes_greybox.data.compiling import compiled
 from bayes_greybox.model.design import Design
 from bayes_greybox.model.likelihood import CollapsedNormal
 from bayes_greybox.model.sites import Sites
+from bayes_greybox.running.compiling import compiled
 
 
 def prior_sampler(model: Callable, n_draw: int) -> Callable[..., dict[str, np.ndarray]]:

@@ -9,11 +9,11 @@ from jaxtyping import Array, Float, Int
 from scipy.special import log_ndtr, ndtr
 
 from bayes_greybox.criticism.convergence import array_stats
-from bayes_greybox.data.compiling import compiled
 from bayes_greybox.inference.posterior import Posterior
 from bayes_greybox.model.design import Design, EquationDraws, WeightedRows
 from bayes_greybox.model.equation import Equation
 from bayes_greybox.model.gp.hyper import Hyperparameters
+from bayes_greybox.running.compiling import compiled
 
 from .p_values import combined_p
 

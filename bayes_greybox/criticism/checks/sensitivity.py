@@ -12,11 +12,11 @@ from jax.scipy.special import logsumexp
 from jaxtyping import Array, Float
 
 from bayes_greybox.criticism.convergence import array_stats
-from bayes_greybox.data.compiling import compiled
 from bayes_greybox.inference.posterior import Posterior
 from bayes_greybox.model.algebra.collapsed import Regression, ridge
 from bayes_greybox.model.algebra.subsets import log_pattern_weights, patterns
 from bayes_greybox.model.design import Design
+from bayes_greybox.running.compiling import compiled
 
 ALPHAS = (0.99, 1.01)
 """Powers that prior and likelihood are raised to, one at a time."""

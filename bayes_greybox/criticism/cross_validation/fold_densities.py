@@ -10,7 +10,6 @@ import numpy as np
 from jax.scipy.special import logsumexp
 from jaxtyping import Array, Bool, Float, Int
 
-from bayes_greybox.data.compiling import compiled
 from bayes_greybox.inference.posterior import Posterior
 from bayes_greybox.model.algebra.collapsed import log_evidence, ridge
 from bayes_greybox.model.algebra.linalg import solve_lower
@@ -18,6 +17,7 @@ from bayes_greybox.model.algebra.subsets import log_pattern_weights
 from bayes_greybox.model.design import Design, WeightedRows
 from bayes_greybox.model.gp.hyper import Hyperparameters
 from bayes_greybox.model.priors import Scales
+from bayes_greybox.running.compiling import compiled
 
 from .row_densities import ROW_BLOCK
 

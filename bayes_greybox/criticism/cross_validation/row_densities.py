@@ -8,10 +8,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from bayes_greybox.data.compiling import compiled
 from bayes_greybox.inference.posterior import MOST_NUMBERS, Posterior
 from bayes_greybox.model.design import Design, EquationDraws, WeightedRows
 from bayes_greybox.model.gp.hyper import Hyperparameters
+from bayes_greybox.running.compiling import compiled
 
 ROW_BLOCK = 4096
 """Rows handled at once; memory is bounded by draws × one block."""

@@ -108,17 +108,18 @@ def _dates(column: Any, table: Table, name: str, layout: Layout, bad: int) -> An
     if given.str.match(_CLOCK).all():
         return pd.to_timedelta(text.str.replace(",", "."))
     # pandas would read many a number with marks in it as a date.
-    dates = text.isna() | (text.str.match(_DATE) & ~text.str.match(_GROUPED)).fillna(False)
+    dates = text.isna() | (text.str.match(_DATE, na=False) & ~text.str.match(_GROUPED, na=False))
     if not dates.all():
         # The cell that is of no kind, before one that is only of another kind than the rest.
-        some = dates | text.str.match(_CLOCK).fillna(False) | pd.to_numeric(text, errors="coerce").notna()
+        number: Any = pd.to_numeric(text, errors="coerce")
+        some = dates | text.str.match(_CLOCK, na=False) | number.notna()
         odd = np.flatnonzero(~(dates if some.all() else some).to_numpy(dtype=bool))
         raise _neither(column, table, name, layout, int(odd[0]))
     # Writers leave out the fraction of a second where it is zero.
     mixed = given.str.contains(_FRACTION).any()
     text = text.str.replace(_FRACTION, ".", regex=True)
     if mixed:
-        text = text.where(text.isna() | text.str.contains(_FRACTION), text + ".0")
+        text = text.where(text.isna() | text.str.contains(_FRACTION, na=False), text + ".0")
     # Years first need no guess.
     found = [_parsed(text, format="ISO8601")]
     if found[0] is None:

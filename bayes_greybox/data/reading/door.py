@@ -16,7 +16,7 @@ from .pieces import Asked, cut, stated_units
 from .sources import read_source
 from .table import Layout, Table
 
-Columns = Sequence[str] | Mapping[str, str]
+Columns = Sequence[str] | Mapping[str, str] | Mapping[str, int]
 
 
 def read(
@@ -26,9 +26,9 @@ def read(
     inputs: Columns = (),
     derivatives: Mapping[str, str] | None = None,
     outputs: Columns = (),
-    time: str | None = None,
+    time: str | int | None = None,
     dt: float | None = None,
-    run: str | None = None,
+    run: str | int | None = None,
     units: Mapping[str, str] | None = None,
     rates: Mapping[str, str] | None = None,
     missing: Literal["error", "drop"] = "error",
@@ -106,6 +106,8 @@ def read(
         "derivative": dict(derivatives or {}),
         "output": _mapping(outputs, "outputs"),
     }
+    # Columns of a frame may be numbers.
+    time, run = (None if name is None else str(name) for name in (time, run))
     found = _sources(source)
     tables = [read_source(each, layout) for _, each in found]
     if time is None and dt is None:
@@ -154,7 +156,7 @@ def _mapping(columns: Columns, what: str) -> dict[str, str]:
     if isinstance(columns, str):
         raise InputError(f'{what} must be a list of names, such as ["{columns}"], not a single string.')
     if isinstance(columns, Mapping):
-        return dict(columns)
+        return {name: str(column) for name, column in columns.items()}
     for name in columns:
         if not str(name).isidentifier():
             plain = re.sub(r"\W+", "_", str(name)).strip("_")

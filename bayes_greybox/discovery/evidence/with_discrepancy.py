@@ -23,11 +23,11 @@ import scipy.optimize
 from jax.scipy.special import logsumexp
 from jaxtyping import Array, Float
 
-from bayes_greybox.data.compiling import compiled
 from bayes_greybox.inference.bridge import Bridged, bridge
 from bayes_greybox.model.algebra.collapsed import scaled_solve
 from bayes_greybox.model.gp.hyper import Hyperparameters, HyperPrior
 from bayes_greybox.model.gp.kernels import KERNELS, log_spectral_density
+from bayes_greybox.running.compiling import compiled
 
 IMPORTANCE_DRAWS = 200
 """Draws of the importance sampler over η."""

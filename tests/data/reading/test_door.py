@@ -1,3 +1,4 @@
+import os
 import re
 import sys
 
@@ -9,6 +10,9 @@ import xarray as xr
 
 import bayes_greybox as bg
 
+UNTYPED = pytest.mark.skipif(
+    os.environ.get("BAYES_GREYBOX_TYPECHECK", "0") == "1", reason="the checker of types answers first"
+)
 N = 40
 T = np.arange(N) * 0.25
 Y, V = np.sin(T), np.cos(T)
@@ -279,7 +283,7 @@ def test_runs_may_be_a_dimension_of_a_data_set():
     [
         ({"dt": 0.1}, "not both"),
         ({"time": None, "dt": -1.0}, "dt must be positive"),
-        ({"restart": "go"}, 'restart must be "error" or "run"'),
+        pytest.param({"restart": "go"}, 'restart must be "error" or "run"', marks=UNTYPED),
         ({"columns": ["a"]}, "columns names 1 columns, but the table has 3: t, y, v"),
         ({"run": "v", "time": "y", "states": "y"}, r'states must be a list of names, such as \["y"\]'),
     ],
@@ -336,7 +340,5 @@ def test_what_is_nearly_a_request_is_answered_with_the_request(tmp_path):
         bg.read(tmp_path / "run.csv", time="t", states=["y"], skiprows=500)
     with pytest.raises(bg.InputError, match="it cannot be -1"):
         bg.read(tmp_path / "run.csv", time="t", states=["y"], skiprows=-1)
-    with pytest.raises(bg.InputError, match="no column \"\\['t'\\]\""):
-        bg.read(FRAME, time=["t"], states=["y"])
     check(bg.read(pd.DataFrame(FRAME.to_numpy()), time=0, states={"y": 1}))
     check(bg.read(FRAME.set_index("t")["y"], time="t", states=["y"]))

@@ -6,8 +6,8 @@ import time
 import pytest
 from rich.console import Console
 
-from bayes_greybox.data import stages as module
-from bayes_greybox.data.stages import announce, stage, stages
+from bayes_greybox.running import stages as module
+from bayes_greybox.running.stages import announce, stage, stages
 
 
 @pytest.fixture

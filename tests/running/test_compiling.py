@@ -9,8 +9,8 @@ import jax
 import jax.numpy as jnp
 import pytest
 
-from bayes_greybox.data import compiling
-from bayes_greybox.data.compiling import compiled
+from bayes_greybox.running import compiling
+from bayes_greybox.running.compiling import compiled
 
 
 @pytest.mark.parametrize("once", [False, True])
@@ -46,7 +46,7 @@ def test_options_that_this_xla_does_not_know_are_left_out(monkeypatch):
 
 PROGRAM = """
 import jax, jax.numpy as jnp
-from bayes_greybox.data import compiling
+from bayes_greybox.running import compiling
 compiling.SHORTEST = 0.0
 compiling.compiled(lambda x: jnp.linalg.cholesky(x @ x.T + jnp.eye(3)))(jnp.ones((3, 3)))
 print(jax.config.jax_compilation_cache_dir)

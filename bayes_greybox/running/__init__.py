@@ -1,0 +1,1 @@
+"""How work runs: programs that are compiled and kept, and what a user sees of it meanwhile."""
