@@ -1,0 +1,243 @@
+"""Runs cut, thinned and put on other times: some of their rows, or as many as another step has."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Literal, TypeVar
+
+import numpy as np
+from jaxtyping import Bool, Int
+
+from .columns import split_cuts
+from .errors import InputError
+from .noise.protocol import RowNoise
+from .noise.white import WhiteNoise
+from .resampling import decimated, even_times, interpolated, rows_named
+from .runs import Runs
+
+AnyRuns = TypeVar("AnyRuns", bound="CutRuns")
+"""What is cut, and comes out of it."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class CutRuns(Runs):
+    """Runs of which parts can be taken; each part says in `remarks` what was done."""
+
+    def take(self: AnyRuns, run: int | str) -> AnyRuns:
+        """One run, by number or name.
+
+        Raises:
+            InputError: if there is no such run.
+        """
+        if isinstance(run, str) and run in self.run_names:
+            index = self.run_names.index(run)
+        elif isinstance(run, int | np.integer) and -self.n_run <= run < self.n_run:
+            index = run % self.n_run
+        else:
+            raise InputError(f"There is no run {run!r}; there are {', '.join(self.run_names)}.")
+        return self._restrict([(0, n if i == index else 0) for i, n in enumerate(self.run_lengths)])
+
+    def keep(self: AnyRuns, rows: Bool[np.ndarray, " n_obs"]) -> AnyRuns:
+        """Some rows; a run that has none of them is left out.
+
+        Args:
+            rows: Whether each row stays.
+
+        Raises:
+            InputError: None stays; rows of a filter, whose noise knows of their neighbours.
+        """
+        if np.all(rows):
+            return self
+        if not np.any(rows):
+            raise InputError("No row is left: keep at least one.")
+        if any(not noise.local for noise in self.noise.values()):
+            raise InputError("Rows of filtered rates hang together: leave rows out before data.differentiate().")
+        kept = self._at(np.flatnonzero(rows), {})
+        white = {name: WhiteNoise(kept.run_lengths) for name in self.noise}
+        return replace(kept, noise=white, dropped=self.dropped + int(np.sum(~rows)))
+
+    def resample(self: AnyRuns, step: float, method: Literal["cubic", "linear", "held"] = "cubic") -> AnyRuns:
+        """The same runs at evenly spaced times, each from its first sample on.
+
+        Noise of neighbouring rows is no longer independent: a row between two samples has part of the noise of both.
+
+        Args:
+            step: Distance of the times, at most 1.5 times the usual one of the samples; see `decimate` for larger ones.
+            method: "cubic" (spline through the samples), "linear" or "held", for all columns.
+
+        Returns:
+            Data whose `remarks` say what was done.
+
+        Raises:
+            InputError: Rates that were computed before; a gap, in which nothing is invented; a step that is too large.
+        """
+        if method not in ("cubic", "linear", "held"):
+            raise InputError(f'method must be "cubic", "linear" or "held", not {method!r}.')
+        if not step > 0.0:
+            raise InputError(f"step must be positive, not {step}.")
+        times = [even_times(self.time[rows], step, name) for name, rows in self._blocks("resample")]
+        by = {"cubic": "a cubic spline", "linear": "lines", "held": "holding each sample"}[method]
+        remark = f"resampled every {step:g} by {by} through the samples of each run: {self.n_obs} rows to "
+        return self._at_times(times, lambda i, t, x: interpolated(t, x, times[i], method), remark)
+
+    def decimate(self: AnyRuns, factor: int) -> AnyRuns:
+        """Every so many rows of each run behind a low pass that keeps out what they could not show.
+
+        The filter is SciPy's finite one of `scipy.signal.decimate`, symmetric and therefore without delay: half the
+        amplitude at the new Nyquist frequency. The 10 rows at either edge of a run, where it has no samples, are left
+        out and counted in `dropped`.
+
+        Args:
+            factor: Rows that become one, 2 or more.
+
+        Returns:
+            Data whose `remarks` say what was done.
+
+        Raises:
+            InputError: Rates that were computed before; uneven stamps; a run too short.
+        """
+        if not isinstance(factor, int | np.integer) or isinstance(factor, bool) or factor < 2:
+            raise InputError(f"factor must be a whole number, 2 or more, not {factor!r}.")
+        found = [decimated(self.time[rows], [], int(factor), name) for name, rows in self._blocks("decimate")]
+        remark = f"decimated by {factor} behind a symmetric low pass, the rows at edges left out: {self.n_obs} rows to "
+        names = self.run_names
+        edges = sum(-(-n // int(factor)) - len(t) for n, (t, _) in zip(self.run_lengths, found, strict=True))
+        data = self._at_times(
+            [t for t, _ in found], lambda i, t, x: decimated(t, [x], int(factor), names[i])[1][0], remark
+        )
+        return replace(data, dropped=self.dropped + edges)
+
+    def trim(self: AnyRuns, start: float | None = None, end: float | None = None) -> AnyRuns:
+        """Rows from one time to another, both included, of every run; a run that has none is left out.
+
+        Args:
+            start: First time; None for that of each run.
+            end: Last time; None for that of each run.
+
+        Returns:
+            Data whose `remarks` say what was done.
+
+        Raises:
+            InputError: No limit; no row within.
+        """
+        if start is None and end is None:
+            raise InputError("trim needs start, end or both, in the unit of the time.")
+        inside = np.ones(self.n_obs, dtype=bool)
+        inside &= self.time >= (-np.inf if start is None else start)
+        inside &= self.time <= (np.inf if end is None else end)
+        if not np.any(inside):
+            raise InputError(
+                f"No row lies between {start} and {end}: the times of the data run from {self.time.min():g} to "
+                f"{self.time.max():g}."
+            )
+        parts = [np.flatnonzero(inside[self.run == i]) for i in range(self.n_run)]
+        bounds = [(int(part[0]), int(part[-1]) + 1) if len(part) else (0, 0) for part in parts]
+        where = " ".join(f"{word} {at:g}" for word, at in (("from", start), ("to", end)) if at is not None)
+        kept = self._restrict(bounds)
+        return kept.remarked(f"trimmed to times {where}: {self.n_obs} rows to {kept.n_obs}")
+
+    def drop(self: AnyRuns, rows: Any) -> AnyRuns:
+        """The data without some rows; see `keep`.
+
+        Args:
+            rows: Numbers of rows from 0, a slice, or whether each row is left out.
+
+        Returns:
+            Data whose `remarks` say what was done.
+
+        Raises:
+            InputError: Rows that there are not; all of them; rows of a filter, whose noise knows of their neighbours.
+        """
+        named = rows_named(rows, self.n_obs)
+        kept = self.keep(~named)
+        return kept.remarked(f"{int(np.sum(named))} of {self.n_obs} rows dropped on request") if np.any(named) else kept
+
+    def remarked(self: AnyRuns, *remarks: str) -> AnyRuns:
+        """The same data with more to say of what was done to them."""
+        return replace(self, remarks=(*self.remarks, *remarks))
+
+    def split(self: AnyRuns, fraction: float, by: Literal["time", "trajectory"] = "time") -> tuple[AnyRuns, AnyRuns]:
+        """Split into a first part to fit and a second part to test.
+
+        Rows that a filter of width w computed share samples with their w − 1 neighbours on either side; split
+        before `differentiate` where the parts must not share any.
+
+        Args:
+            fraction: share of the first part, between 0 and 1.
+            by: "time" cuts every run once, keeping rows contiguous; "trajectory" gives whole runs, in order.
+
+        Returns:
+            First and second part.
+
+        Raises:
+            InputError: if a part would be empty, or the rows of a run cannot be parted.
+        """
+        lengths = self.run_lengths
+        cuts = split_cuts(lengths, self.run_names, fraction, by)
+        first = self._restrict([(0, cut) for cut in cuts])
+        second = self._restrict([(cut, n) for cut, n in zip(cuts, lengths, strict=True)])
+        return first, second
+
+    @property
+    def _computed(self) -> bool:
+        """Whether rates were computed from neighbouring rows."""
+        return bool(self.noise)
+
+    def _blocks(self, what: str) -> list[tuple[str, np.ndarray]]:
+        """Name and rows of each run, of data that are still as they were measured."""
+        if self._computed:
+            raise InputError(f"Rates of these data were computed from neighbouring rows: {what} before differentiate.")
+        return [(name, np.flatnonzero(self.run == i)) for i, name in enumerate(self.run_names)]
+
+    def _at_times(
+        self: AnyRuns,
+        times: Sequence[np.ndarray],
+        column: Callable[[int, np.ndarray, np.ndarray], np.ndarray],
+        remark: str,
+    ) -> AnyRuns:
+        """Data at other times of each run.
+
+        Args:
+            times: New times of each run.
+            column: Values of a run at its new times, from its number, its stamps and its values.
+            remark: What was done, before the number of rows.
+        """
+        blocks = [np.flatnonzero(self.run == i) for i in range(self.n_run)]
+
+        def part(columns: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+            return {
+                name: np.concatenate([column(i, self.time[rows], values[rows]) for i, rows in enumerate(blocks)])
+                for name, values in columns.items()
+            }
+
+        return replace(
+            self,
+            time=np.concatenate(times),
+            run=np.repeat(np.arange(self.n_run), [len(each) for each in times]),
+            states=part(self.states),
+            inputs=part(self.inputs),
+            derivatives=part(self.derivatives),
+        ).remarked(f"{remark}{sum(map(len, times))}")
+
+    def _restrict(self: AnyRuns, bounds: Sequence[tuple[int, int]]) -> AnyRuns:
+        """Contiguous rows of each run, as half-open ranges; a run with an empty range is left out."""
+        starts = np.concatenate([[0], np.cumsum(self.run_lengths)])
+        rows = np.concatenate([np.arange(starts[i] + a, starts[i] + b) for i, (a, b) in enumerate(bounds)])
+        return self._at(rows, {name: noise.restrict(bounds) for name, noise in self.noise.items()})
+
+    def _at(self: AnyRuns, rows: Int[np.ndarray, " n_row"], noise: Mapping[str, RowNoise]) -> AnyRuns:
+        """Some rows, in order, with the noise of their rates; a run that has none of them is left out."""
+        run, number = np.unique(self.run[rows], return_inverse=True)
+
+        def part(columns: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+            return {name: values[rows] for name, values in columns.items()}
+
+        return replace(
+            self,
+            time=self.time[rows],
+            run=number,
+            states=part(self.states),
+            inputs=part(self.inputs),
+            derivatives=part(self.derivatives),
+            noise=noise,
+            run_names=tuple(self.run_names[i] for i in run),
+        )
