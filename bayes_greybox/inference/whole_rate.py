@@ -82,18 +82,21 @@ class WholeRate:
         """
         numbers, parameters = args
         states, inputs = self._simulation.states, self._simulation.inputs
-        rate = self._simulation.rate(t, x, u)
-        columns = {name: value[None] for name, value in zip((*states, *inputs), (*x, *u), strict=True)}
+        # Scalars throughout: an integrator's step is one loop of them, which arrays would break up.
+        rate = list(self._simulation.rate(t, x, u))
+        columns = dict(zip((*states, *inputs), (*x, *u), strict=True))
         for name, (theta, weight) in parameters.items():
             scales, within = numbers[name]
             frame = replace(self._frames[name], **scales)
-            known = {_number(k): jnp.asarray(value)[None] for k, value in enumerate(within)}
-            Phi, Psi = frame.rows({**columns, **known})
-            # A product of so few numbers costs more to call than the numbers.
-            force = sum(Phi[0, j] * theta[j] for j in range(len(theta)))
-            force = force + Psi[0] @ weight if len(weight) else force
-            rate = rate.at[states.index(name)].add(frame.target_scale * force)
-        return rate
+            known = {_number(k): jnp.asarray(value) for k, value in enumerate(within)}
+            Phi = frame.dictionary_rows({**columns, **known})
+            force = sum(Phi[j] * theta[j] for j in range(len(theta)))
+            if len(weight):
+                psi = frame.plain_features({name: value[None] for name, value in columns.items()})
+                force = force + frame.orthogonal(Phi[None], psi)[0] @ weight
+            k = states.index(name)
+            rate[k] = rate[k] + frame.target_scale * force
+        return jnp.stack(rate)
 
 
 def whole_rate(
