@@ -105,9 +105,10 @@ class Paths(NamedTuple):
             if math.isfinite(error):
                 # Some draws of the linear rows have no path at all.
                 error = max(error, float(np.nanquantile(errors, USUAL, method="higher")))
-            if error <= MARGIN * ACCURATE:
+            following = self._finer(fine)
+            if error <= (ACCURATE if following is None else MARGIN * ACCURATE):
                 return fine, error
-            fine = self._finer(fine)
+            fine = following
         return None, error
 
     def _errors(
