@@ -9,7 +9,7 @@ import numpy as np
 import sympy
 from jaxtyping import Array, Float
 
-from bayes_greybox.model.frame import Frame
+from bayes_greybox.model.frame import Frame, held_features
 from bayes_greybox.physics.simulation.protocol import Simulation
 from bayes_greybox.physics.terms import Dictionary, Term
 
@@ -20,12 +20,20 @@ class Numbers(NamedTuple):
     """What the data say of the frame of a learned state.
 
     Attributes:
-        scales: Its arrays, by attribute.
+        target: Its `target_scale`.
+        terms: Its `term_scale`.
+        centre: Its own.
+        half_width: Its own.
+        projection: Of the features on the terms; zero where none is subtracted.
         within: Numbers within its formulas, such as the width of a dead zone or of a rounded jump.
     """
 
-    scales: dict[str, Array]
-    within: tuple[float, ...]
+    target: Float[Array, ""]
+    terms: Float[Array, " n_term"]
+    centre: Float[Array, " n_var"]
+    half_width: Float[Array, " n_var"]
+    projection: Float[Array, "n_term n_basis"]
+    within: tuple[Float[Array, ""], ...]
 
 
 class WholeRate:
@@ -51,17 +59,18 @@ class WholeRate:
             within = sorted(set().union(*(expr.atoms(sympy.Float) for expr in exprs)))
             names: dict[Any, Any] = {value: sympy.Symbol(_number(k), real=True) for k, value in enumerate(within)}
             dictionary = Dictionary(tuple(Term(expr.xreplace(names)) for expr in exprs))
-            arrays = ("centre", "half_width", "term_scale", "target_scale", "orthonormal", "moments")
             self._frames[name] = replace(frame, dictionary=dictionary)
+            n_basis = 0 if frame.basis is None else frame.basis.size
+            projection = frame.orthonormal @ frame.moments if frame.projected else np.zeros((len(exprs), n_basis))
+            scales = (frame.target_scale, frame.term_scale, frame.centre, frame.half_width, projection)
             self.numbers[name] = Numbers(
-                {key: jnp.asarray(getattr(frame, key)) for key in arrays}, tuple(map(float, within))
+                *map(jnp.asarray, scales), within=tuple(jnp.asarray(float(value)) for value in within)
             )
         formulas = [
             (name, tuple(str(term.expr) for term in frame.dictionary.terms), frame.variables, frame.basis)
             for name, frame in self._frames.items()
         ]
-        projected = tuple(frame.projected for frame in self._frames.values())
-        self._key = (self._simulation.key, tuple(formulas), projected)
+        self._key = (self._simulation.key, tuple(formulas))
 
     def __hash__(self) -> int:
         return hash(self._key)
@@ -86,16 +95,16 @@ class WholeRate:
         rate = list(self._simulation.rate(t, x, u))
         columns = dict(zip((*states, *inputs), (*x, *u), strict=True))
         for name, (theta, weight) in parameters.items():
-            scales, within = numbers[name]
-            frame = replace(self._frames[name], **scales)
-            known = {_number(k): jnp.asarray(value) for k, value in enumerate(within)}
-            Phi = frame.dictionary_rows({**columns, **known})
+            own, frame = numbers[name], self._frames[name]
+            known = {_number(k): value for k, value in enumerate(own.within)}
+            Phi = frame.dictionary.evaluate({**columns, **known}) / own.terms
             force = sum(Phi[j] * theta[j] for j in range(len(theta)))
-            if len(weight):
-                psi = frame.plain_features({name: value[None] for name, value in columns.items()})
-                force = force + frame.orthogonal(Phi[None], psi)[0] @ weight
+            if frame.basis is not None:
+                position = (jnp.stack([columns[each] for each in frame.variables]) - own.centre) / own.half_width
+                # ψ̃ = ψ − Φₒ ⟨Φₒ, ψᵀ⟩
+                force = force + (held_features(frame.basis, position[None])[0] - Phi @ own.projection) @ weight
             k = states.index(name)
-            rate[k] = rate[k] + frame.target_scale * force
+            rate[k] = rate[k] + own.target * force
         return jnp.stack(rate)
 
 

@@ -81,16 +81,16 @@ class ExactLikelihood:
     """
 
     predict: Callable[[Any, Array, Array, Any], Float[Array, " n_row"]] = field(metadata={"static": True})
-    measured: Float[np.ndarray, " n_row"]
-    sensor: Int[np.ndarray, " n_row"]
-    whiten: Float[np.ndarray, "n_row *n_row"]
-    log_det: float
-    unit: float
-    share: Float[np.ndarray, " n_sensor"]
-    start_mean: Float[np.ndarray, "n_segment n_state"]
-    start_sd: Float[np.ndarray, "n_segment n_state"]
+    measured: Float[Array | np.ndarray, " n_row"]
+    sensor: Int[Array | np.ndarray, " n_row"]
+    whiten: Float[Array | np.ndarray, "n_row *n_row"]
+    log_det: Float[Array, ""] | float
+    unit: Float[Array, ""] | float
+    share: Float[Array | np.ndarray, " n_sensor"]
+    start_mean: Float[Array | np.ndarray, "n_segment n_state"]
+    start_sd: Float[Array | np.ndarray, "n_segment n_state"]
     restated: bool = field(default=False, metadata={"static": True})
-    sensor_noise: Float[np.ndarray, "n_sensor 2"] | None = None
+    sensor_noise: Float[Array | np.ndarray, "n_sensor 2"] | None = None
     along: Any = None
 
     @property

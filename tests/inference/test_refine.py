@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from sampled_oscillator import SIMULATION, sampled
@@ -141,12 +142,12 @@ def test_paths_that_no_steps_follow_are_refused(monkeypatch):
 
 def test_steps_that_are_too_long_for_a_stiff_equation_are_halved_until_they_are_too_many():
     segment = Segment(np.arange(5.0), np.zeros((5, 0)), np.zeros((5, 0)))
-    method, start = FixedSteps(), np.ones((1, 1))
+    method, start = FixedSteps(), jnp.ones((1, 1))
     for rate, few in ((1.0, True), (30.0, True), (1e3, False)):
         grid, errors = method.grid([segment], False, np.ones(1)), []
         while grid is not None:
             found, finer = (
-                np.asarray(method.states(lambda t, x, u, p: -p * x, start, np.array([rate]), each))
+                np.asarray(method.states(lambda t, x, u, p: -p * x, start, jnp.array([rate]), each))
                 for each in (grid, method.beyond(grid))
             )
             errors.append(float(np.max(np.abs(found - finer))))

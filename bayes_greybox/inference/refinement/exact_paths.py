@@ -29,7 +29,7 @@ class Along(NamedTuple):
 
     numbers: Any
     grid: Any
-    at: Int[np.ndarray, "n_row 3"]
+    at: Int[Array | np.ndarray, "n_row 3"]
 
 
 @dataclass(frozen=True)
@@ -92,7 +92,7 @@ class Course(NamedTuple):
     segments: tuple[Segment, ...]
     held: bool
     sizes: Float[np.ndarray, " d"]
-    at: Int[np.ndarray, "n_row 3"]
+    at: Int[Array | np.ndarray, "n_row 3"]
 
     @classmethod
     def of(cls, path: ReferencePath, samples: Trajectories, interpolation: str | None) -> "Course":

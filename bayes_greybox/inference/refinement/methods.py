@@ -6,7 +6,7 @@ How fine a method is, is an argument of what is compiled, and is found by halvin
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import diffrax
 import jax
@@ -35,6 +35,7 @@ class Segment(NamedTuple):
     curvature: Float[np.ndarray, "n p"]
 
 
+@runtime_checkable
 class Method(Protocol):
     """A way to integrate. Two that are equal compile to the same; a grid is a pytree of arrays."""
 

@@ -74,7 +74,7 @@ class ExactPrograms:
 
     Args:
         asked: The question.
-        known: An argument, or what has its shapes.
+        known: An argument, for its shapes.
     """
 
     def __init__(self, asked: Asked, known: Known) -> None:
@@ -160,4 +160,5 @@ def exact_programs(asked: Asked, known: Known) -> ExactPrograms:
 
 @lru_cache(SHARED)
 def _shared(asked: Asked, tree: Any, shapes: tuple) -> ExactPrograms:
-    return ExactPrograms(asked, jax.tree.unflatten(tree, shapes))
+    known = jax.tree.unflatten(tree, [jnp.asarray(np.zeros(each.shape, each.dtype)) for each in shapes])
+    return ExactPrograms(asked, known)
