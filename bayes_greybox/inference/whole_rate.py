@@ -1,43 +1,126 @@
 """The rate of the whole model, simulation + dictionary + f, inside an integrator."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
+import jax.numpy as jnp
 import numpy as np
+import sympy
 from jaxtyping import Array, Float
 
+from bayes_greybox.model.frame import Frame, held_features
 from bayes_greybox.physics.simulation.protocol import Simulation
+from bayes_greybox.physics.terms import Dictionary, Term
 
 from .posterior import Learned
 
-WholeRate = Callable[[Array, Array, Array, Any], Array]
-"""(t, x [n_state], u [n_input], scaled (θ, weights of f) by learned state) -> dx/dt [n_state]."""
+
+class Numbers(NamedTuple):
+    """What the data say of the frame of a learned state.
+
+    Attributes:
+        target: Its `target_scale`.
+        terms: Its `term_scale`.
+        centre: Its own.
+        half_width: Its own.
+        projection: Of the features on the terms; zero where none is subtracted.
+        within: Numbers within its formulas, such as the width of a dead zone or of a rounded jump.
+    """
+
+    target: Float[Array, ""]
+    terms: Float[Array, " n_term"]
+    centre: Float[Array, " n_var"]
+    half_width: Float[Array, " n_var"]
+    projection: Float[Array, "n_term n_basis"]
+    within: tuple[Float[Array, ""], ...]
+
+
+class WholeRate:
+    """dx/dt = g(x, u) + e_k (Φ(x, u) θ_k + Ψ̃(x, u) w_k), summed over the learned states k; jumps are rounded.
+
+    Two rates of the same formulas are equal, whatever the data of their frames: `numbers` are an argument of the rate,
+    so that what is compiled for one serves the other.
+
+    Args:
+        simulation: g.
+        frames: By learned state.
+        columns: Values of states and inputs, which say how jumps are rounded.
+    """
+
+    def __init__(
+        self, simulation: Simulation, frames: Mapping[str, Frame], columns: Mapping[str, Float[np.ndarray, " n"]]
+    ) -> None:
+        self._simulation = simulation.rounded(columns)
+        self._frames: dict[str, Frame] = {}
+        self.numbers: dict[str, Numbers] = {}
+        for name, frame in frames.items():
+            exprs: list[Any] = [term.expr for term in frame.dictionary.rounded(columns).terms]
+            within = sorted(set().union(*(expr.atoms(sympy.Float) for expr in exprs)))
+            names: dict[Any, Any] = {value: sympy.Symbol(_number(k), real=True) for k, value in enumerate(within)}
+            dictionary = Dictionary(tuple(Term(expr.xreplace(names)) for expr in exprs))
+            self._frames[name] = replace(frame, dictionary=dictionary)
+            n_basis = 0 if frame.basis is None else frame.basis.size
+            projection = frame.orthonormal @ frame.moments if frame.projected else np.zeros((len(exprs), n_basis))
+            scales = (frame.target_scale, frame.term_scale, frame.centre, frame.half_width, projection)
+            self.numbers[name] = Numbers(
+                *map(jnp.asarray, scales), within=tuple(jnp.asarray(float(value)) for value in within)
+            )
+        formulas = [
+            (name, tuple(str(term.expr) for term in frame.dictionary.terms), frame.variables, frame.basis)
+            for name, frame in self._frames.items()
+        ]
+        self._key = (self._simulation.key, tuple(formulas))
+
+    def __hash__(self) -> int:
+        return hash(self._key)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, WholeRate) and self._key == other._key
+
+    def __call__(
+        self, t: Array, x: Array, u: Array, args: tuple[Mapping[str, Numbers], Mapping[str, tuple[Array, Array]]]
+    ) -> Array:
+        """Rates of all states.
+
+        Args:
+            t: Time.
+            x: States [n_state].
+            u: Inputs [n_input].
+            args: Numbers, and scaled (θ, weights of f), by learned state.
+        """
+        numbers, parameters = args
+        states, inputs = self._simulation.states, self._simulation.inputs
+        # Scalars throughout: an integrator's step is one loop of them, which arrays would break up.
+        rate = list(self._simulation.rate(t, x, u))
+        columns = dict(zip((*states, *inputs), (*x, *u), strict=True))
+        for name, (theta, weight) in parameters.items():
+            own, frame = numbers[name], self._frames[name]
+            known = {_number(k): value for k, value in enumerate(own.within)}
+            Phi = frame.dictionary.evaluate({**columns, **known}) / own.terms
+            force = sum(Phi[j] * theta[j] for j in range(len(theta)))
+            if frame.basis is not None:
+                position = (jnp.stack([columns[each] for each in frame.variables]) - own.centre) / own.half_width
+                # ψ̃ = ψ − Φₒ ⟨Φₒ, ψᵀ⟩
+                force = force + (held_features(frame.basis, position[None])[0] - Phi @ own.projection) @ weight
+            k = states.index(name)
+            rate[k] = rate[k] + own.target * force
+        return jnp.stack(rate)
 
 
 def whole_rate(
     simulation: Simulation, learned: Mapping[str, Learned], columns: Mapping[str, Float[np.ndarray, " n"]]
-) -> WholeRate:
-    """dx/dt = g(x, u) + e_k (Φ(x, u) θ_k + Ψ̃(x, u) w_k), summed over the learned states k; jumps are rounded.
+) -> Any:
+    """The rate of a fit: (t, x, u, scaled (θ, weights of f) by learned state) -> dx/dt.
 
     Args:
         simulation: g.
         learned: Frames by learned state.
         columns: Values of states and inputs, which say how jumps are rounded.
     """
-    smooth, states, inputs = simulation.rounded(columns), simulation.states, simulation.inputs
-    frames = {
-        name: replace(each.frame, dictionary=each.frame.dictionary.rounded(columns)) for name, each in learned.items()
-    }
+    rate = WholeRate(simulation, {name: each.frame for name, each in learned.items()}, columns)
+    return lambda t, x, u, parameters: rate(t, x, u, (rate.numbers, parameters))
 
-    def rate_of(t: Array, x: Array, u: Array, args: Mapping[str, tuple[Array, Array]]) -> Array:
-        rate = smooth.rate(t, x, u)
-        columns = {name: value[None] for name, value in zip((*states, *inputs), (*x, *u), strict=True)}
-        for name, (theta, weight) in args.items():
-            frame = frames[name]
-            Phi, Psi = frame.rows(columns)
-            added = frame.target_scale * (Phi[0] @ theta + Psi[0] @ weight)
-            rate = rate.at[states.index(name)].add(added)
-        return rate
 
-    return rate_of
+def _number(k: int) -> str:
+    return f"number_{k}"

@@ -2,9 +2,10 @@
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import numpyro
@@ -13,6 +14,9 @@ from jaxtyping import Array, Bool, Float, Int
 from numpyro.handlers import condition, scope
 from scipy.stats import lognorm, norm
 
+from bayes_greybox.physics.formula.expressions import namespace
+
+from .coefficient_priors import CoefficientPriors
 from .design import Design
 from .priors import Scales
 from .sampling_program import SamplingProgram
@@ -23,12 +27,44 @@ PREDICTED, START, SENSOR = "predicted", "start", "sensor_sigma"
 noise."""
 
 
-@dataclass(frozen=True, eq=False)
-class ExactLikelihood:
-    """Samples of sensors on exact paths.
+@dataclass(frozen=True)
+class GivenTerms:
+    """The pattern of terms that are in, and which of them have bounds: what the sites of θ are made of.
 
     Attributes:
-        predict: From scaled θ, scaled weights of f and the starts of the segments to the rows, the sensors' units.
+        active: Terms that are in.
+        bounded: Of the bounded terms among them the number, and whether there is a least and a largest value.
+    """
+
+    active: tuple[bool, ...]
+    bounded: tuple[tuple[int, bool, bool], ...]
+
+    @classmethod
+    def of(cls, active: Bool[np.ndarray, " n_term"], coefficients: CoefficientPriors) -> "GivenTerms":
+        """A pattern under priors of coefficients.
+
+        Args:
+            active: Terms that are in.
+            coefficients: Their priors.
+        """
+        limits = np.isfinite(np.stack([coefficients.lower, coefficients.upper], axis=-1)).tolist()
+        return cls(tuple(map(bool, active)), tuple((j, *limits[j]) for j in coefficients.bounded if active[j]))
+
+    @property
+    def free(self) -> Int[np.ndarray, " n_free"]:
+        """Terms that are in without bounds."""
+        bounded = {j for j, *_ in self.bounded}
+        return np.array([j for j in np.flatnonzero(self.active) if j not in bounded], int)
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True, eq=False)
+class ExactLikelihood:
+    """Samples of sensors on exact paths; a pytree, so that what is compiled for one serves others of the same shapes.
+
+    Attributes:
+        predict: From `along`, scaled θ, scaled weights of f and the starts of the segments to the rows, the sensors'
+            units.
         measured: The rows, the sensors' units.
         sensor: Number of the sensor of each row.
         whiten: W₀ with W₀ R₀ W₀ᵀ = I, R₀ over the square of the noise of a typical sensor; of independent rows its
@@ -41,19 +77,21 @@ class ExactLikelihood:
         restated: Whether starts or noise have other priors than in the collapsed model.
         sensor_noise: Median and logarithmic standard deviation of each sensor's σ, its own, [n_sensor, 2]; None where
             the sensors have one σ, in the proportions that R₀ says.
+        along: Arrays that `predict` needs.
     """
 
-    predict: Callable[[Array, Array, Any], Float[Array, " n_row"]]
-    measured: Float[np.ndarray, " n_row"]
-    sensor: Int[np.ndarray, " n_row"]
-    whiten: Float[np.ndarray, "n_row *n_row"]
-    log_det: float
-    unit: float
-    share: Float[np.ndarray, " n_sensor"]
-    start_mean: Float[np.ndarray, "n_segment n_state"]
-    start_sd: Float[np.ndarray, "n_segment n_state"]
-    restated: bool = False
-    sensor_noise: Float[np.ndarray, "n_sensor 2"] | None = None
+    predict: Callable[[Any, Array, Array, Any], Float[Array, " n_row"]] = field(metadata={"static": True})
+    measured: Float[Array | np.ndarray, " n_row"]
+    sensor: Int[Array | np.ndarray, " n_row"]
+    whiten: Float[Array | np.ndarray, "n_row *n_row"]
+    log_det: Float[Array, ""] | float
+    unit: Float[Array, ""] | float
+    share: Float[Array | np.ndarray, " n_sensor"]
+    start_mean: Float[Array | np.ndarray, "n_segment n_state"]
+    start_sd: Float[Array | np.ndarray, "n_segment n_state"]
+    restated: bool = field(default=False, metadata={"static": True})
+    sensor_noise: Float[Array | np.ndarray, "n_sensor 2"] | None = None
+    along: Any = None
 
     @property
     def independent(self) -> bool:
@@ -94,18 +132,18 @@ class ExactLikelihood:
             predicted: Rows without noise [..., n_row].
             sigma: From `sigma`.
         """
+        xp = namespace([predicted, sigma, self.measured])
         z = (self.measured - predicted) / sigma
         if self.independent:
-            z, log_det = z * self.whiten, -2 * np.log(self.whiten)
+            z, log_det = z * self.whiten, -2 * xp.log(self.whiten)
         else:
             z, log_det = z @ self.whiten.T, self.log_det / len(self.measured)
-        return -0.5 * z**2 - jnp.log(sigma) - 0.5 * (log_det + math.log(2 * math.pi))
+        return -0.5 * z**2 - xp.log(sigma) - 0.5 * (log_det + math.log(2 * math.pi))
 
 
 def exact_model(
-    program: SamplingProgram, block: str, design: Design, active: Bool[np.ndarray, " n_term"],
-    likelihood: ExactLikelihood,
-) -> Callable[[], None]:  # fmt: skip
+    program: SamplingProgram, block: str, design: Design, terms: GivenTerms, likelihood: ExactLikelihood
+) -> Callable[[], None]:
     """The NumPyro model, of no arguments, given the pattern of terms that are in.
 
         θ_j | scales as in the collapsed model,   x₀ ~ N(m, diag(s²)),   y ~ N(h(x(·; θ, f, x₀)), σ² R₀)
@@ -117,13 +155,10 @@ def exact_model(
         program: Priors.
         block: What the equations are called that share the rows.
         design: Of the rows, for its priors.
-        active: Terms that are in.
+        terms: That are in.
         likelihood: Of the samples.
     """
-    coefficients = design.coefficients
-    bounded = [j for j in coefficients.bounded if active[j]]
-    limits = {j: {"low": float(coefficients.lower[j]), "high": float(coefficients.upper[j])} for j in bounded}
-    free = np.array([j for j in np.flatnonzero(active) if j not in bounded], int)
+    coefficients, free, active = design.coefficients, terms.free, np.array(terms.active)
 
     def sigma_of() -> tuple[Array | None, Array]:
         """Scaled σ, where it is not the program's, and that of each sensor."""
@@ -138,9 +173,10 @@ def exact_model(
         theta = jnp.zeros(len(active))
         if len(free):
             theta = theta.at[free].set(site("theta_free", dist.Normal(mean[free], scales.sd[free]).to_event(1)))
-        for j in bounded:
-            finite: dict[str, Any] = {name: limit for name, limit in limits[j].items() if np.isfinite(limit)}
-            theta = theta.at[j].set(site(f"theta_{j}", dist.TruncatedNormal(mean[j], scales.sd[j], **finite)))
+        for j, below, above in terms.bounded:
+            limits: dict[str, Any] = {"low": coefficients.lower[j]} if below else {}
+            limits |= {"high": coefficients.upper[j]} if above else {}
+            theta = theta.at[j].set(site(f"theta_{j}", dist.TruncatedNormal(mean[j], scales.sd[j], **limits)))
         return theta
 
     def model() -> None:
@@ -155,7 +191,7 @@ def exact_model(
             shape = likelihood.start_mean.shape
             unit = site("start_unit", dist.Normal(0.0, 1.0).expand(shape).to_event(2))
             start = likelihood.start_mean + likelihood.start_sd * unit
-            predicted = likelihood.predict(theta, weight, start)
+            predicted = likelihood.predict(likelihood.along, theta, weight, start)
             density = jnp.sum(likelihood.log_density(predicted, likelihood.sigma(own, hyper.sigma)))
             # A path that leaves all bounds has no probability.
             numpyro.factor("samples", jnp.where(jnp.isfinite(density), density, -jnp.inf))

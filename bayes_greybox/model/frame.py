@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from bayes_greybox.physics.formula.expressions import namespace
 from bayes_greybox.physics.terms import Dictionary
@@ -77,6 +77,23 @@ class Frame:
             )
             found[state], start = Share(frame, columns), columns.stop
         return found
+
+    def of_terms(self, index: Int[np.ndarray, " n"]) -> "Frame":
+        """The frame with some of its terms only; one with features needs them all, and stays as it is.
+
+        Args:
+            index: Terms that stay, at least one.
+        """
+        if self.basis is not None:
+            return self
+        return replace(
+            self,
+            dictionary=Dictionary(tuple(self.dictionary.terms[j] for j in index)),
+            term_scale=self.term_scale[index],
+            orthonormal=np.zeros((len(index), 0)),
+            moments=np.zeros((0, 0)),
+            projected=False,
+        )
 
     @property
     def labels(self) -> list[tuple[str, str]]:

@@ -107,8 +107,8 @@ def follow_piece(
     args: Any,
     kinds: tuple[str, ...],
     *,
-    rtol: float = 1e-8,
-    atol: float = 1e-8,
+    rtol: Float[Array, ""] | float = 1e-8,
+    atol: Float[Array, ""] | float = 1e-8,
     max_steps: int = MOST_STEPS,
     solver: diffrax.AbstractSolver | None = None,
     adjoint: diffrax.AbstractAdjoint | None = None,
@@ -148,7 +148,7 @@ def follow_piece(
     def exploded(time, x, given, **_):
         return ~jnp.all(jnp.abs(x) < limit)
 
-    control = diffrax.PIDController(rtol=rtol, atol=atol * sizes, dtmin=_SMALLEST_STEP * span)
+    control = diffrax.PIDController(rtol=cast(Any, rtol), atol=atol * sizes, dtmin=_SMALLEST_STEP * span)
     if values.shape[1] and times.shape[0] > 2:
         # Inputs are not smooth at their samples; a step across one would waste many rejected attempts. A piece of two
         # rows has no inner sample, and the controller refuses an empty list.

@@ -2,14 +2,21 @@
 
 from dataclasses import replace
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from sampled_oscillator import SIMULATION, sampled
+from scipy.integrate import solve_ivp
+from scipy.interpolate import CubicSpline
 from scipy.stats import norm
 
 import bayes_greybox as bg
 from bayes_greybox.criticism.cross_validation.loo import loo
 from bayes_greybox.criticism.linearity import linearity
+from bayes_greybox.inference.refinement import accurate
+from bayes_greybox.inference.refinement.exact_paths import Course
+from bayes_greybox.inference.refinement.methods import AdaptiveSteps, FixedSteps, Segment
 from bayes_greybox.model.exact_program import ExactLikelihood
 
 FIT = {"draws": 200, "tune": 200, "chains": 2, "progress": False}
@@ -25,13 +32,25 @@ def linearity_of(fit):
     return linearity(fit, "x")
 
 
+EXACT = {"draws": 500, "tune": 150, "chains": 2, "progress": False}
+STATED = {"starts": {"x": (2.0, 0.5)}, "noise": {"x": (0.3, 0.5)}}
+
+
+def linear(**given):
+    stated = {"x": {"x": bg.priors.Coefficient(mean=-1.0, sd=0.5, upper=0.0)}}
+    model = bg.GreyBox({"x": ["x"]}, rows=bg.TrajectoryRows(), discrepancy=None, coefficients=stated)
+    return model.fit(decay(**given), **FIT)
+
+
 @pytest.fixture(scope="module")
 def bent():
     """A posterior that is far from that on linear rows: priors of rate, start and noise are stated."""
-    stated = {"x": {"x": bg.priors.Coefficient(mean=-1.0, sd=0.5, upper=0.0)}}
-    model = bg.GreyBox({"x": ["x"]}, rows=bg.TrajectoryRows(), discrepancy=None, coefficients=stated)
-    fit = model.fit(decay(), **FIT)
-    return fit.refine(draws=500, tune=150, chains=2, progress=False, starts={"x": (2.0, 0.5)}, noise={"x": (0.3, 0.5)})
+    return linear().refine(**EXACT, **STATED)
+
+
+def stepwise(course):
+    """The other method of integration alone."""
+    return (AdaptiveSteps(course.held, course.segments[0].inputs.shape[1]),)
 
 
 def by_quadrature():
@@ -49,7 +68,12 @@ def by_quadrature():
     return means, [float(np.sqrt(np.sum(weight * (q - m) ** 2))) for q, m in zip((k, x0, s), means, strict=True)]
 
 
-def test_it_is_the_posterior_that_quadrature_finds(bent):
+@pytest.mark.parametrize("method", ["given steps", "steps as they come"])
+def test_it_is_the_posterior_that_quadrature_finds(bent, method, monkeypatch):
+    if method == "steps as they come":
+        monkeypatch.setattr(Course, "methods", property(stepwise))
+        bent = linear().refine(**EXACT, **STATED)
+    assert 0 < bent.idata["sample_stats"]["path_error"].max() <= 1e-6
     (k, start, sigma), spread = by_quadrature()
     drawn = bent.idata["posterior"].dataset
     found = [-drawn["x_theta"], drawn["x_start"], drawn["x_sensor_sigma"]]
@@ -57,6 +81,81 @@ def test_it_is_the_posterior_that_quadrature_finds(bent):
         # Some 400 effective draws: a mean is good to a twentieth of its standard deviation.
         assert abs(float(values.mean()) - mean) < 0.25 * sd
         assert float(values.std()) == pytest.approx(sd, rel=0.2)
+
+
+def test_a_second_one_of_the_same_shapes_compiles_nothing(bent):
+    # Other data, another prior of the start, and terms of other size.
+    other = linear(seed=8, rate=0.1)
+    heard = []
+    jax.monitoring.register_event_duration_secs_listener(lambda name, seconds, **_: heard.append(name))
+    jax.jit(lambda x: x + 2)(0)
+    compiled = [event for event in heard if "compile" in event]
+    assert compiled
+    again = other.refine(**EXACT, starts={"x": (1.5, 0.7)}, noise={"x": (0.2, 0.4)})
+    assert [event for event in heard if "compile" in event] == compiled
+    rates = [-float(each.idata["posterior"]["x_theta"].mean()) for each in (bent, again)]
+    assert rates[1] < rates[0] - 0.3
+
+
+def test_its_paths_are_those_of_another_integrator():
+    data = sampled(lambda y, v: -0.5 * y**3, noise=0.02, n=60, step=0.3)
+    model = bg.GreyBox({"v": ["y**3"]}, simulation=SIMULATION, rows=bg.TrajectoryRows(), discrepancy=None)
+    fit = model.fit(data, **FIT).refine(draws=20, tune=60, chains=1, progress=False)
+    t, measured, size = data.time, data.states["y"], float(np.sqrt(np.mean(data.states["y"] ** 2)))
+    force = CubicSpline(t, data.inputs["F"])
+    drawn, said = fit.idata["posterior"].dataset.isel(chain=0), fit.idata["log_likelihood"]["v_rate"].to_numpy()[0]
+    for s in (0, 7, 19):
+        cubic, sigma = float(drawn["v_theta"][s, 0]), float(drawn["v_sigma"][s]) * fit.equations["v"].rows.gain
+        start = drawn["v_start"][s, 0].to_numpy()
+        path = solve_ivp(
+            lambda time, x, k=cubic: [x[1], force(time) - 2 * x[0] - 0.15 * x[1] + k * x[0] ** 3], (t[0], t[-1]),
+            start, t_eval=t, rtol=1e-12, atol=1e-12, max_step=0.3, method="DOP853",
+        ).y[0]  # fmt: skip
+        density = norm.logpdf(measured, path, sigma) + np.log(fit.equations["v"].rows.gain)
+        # A path that is off by ε moves a density by z ε/σ + ε²/2σ²; the error said is up to a share of what is left.
+        off = 1e-6 * (size + np.abs(path)) / sigma
+        allowed = np.abs(measured - path) / sigma * off + off**2 / 2 + 1e-9
+        assert np.all(np.abs(said[s] - density) <= allowed)
+
+
+def test_paths_that_turn_out_inaccurate_are_sampled_again_on_half_steps(monkeypatch):
+    runs, sampled_on = [], accurate.Paths._errors
+
+    def counted(self, rows, points, known):
+        runs.append((len(points), int(np.min(known.likelihood.along.grid.number))))
+        return sampled_on(self, rows, points, known)
+
+    monkeypatch.setattr(accurate, "MARGIN", 1e12)
+    monkeypatch.setattr(accurate.Paths, "_errors", counted)
+    fit = linear().refine(**EXACT, **STATED)
+    # One step a sample does at the draws of linear rows, where anything does, and not at the exact ones.
+    finest = max(steps for _, steps in runs)
+    assert [steps for n, steps in runs if n == 1000] == [2**k for k in range(int(np.log2(finest)) + 1)] and finest > 1
+    assert fit.idata["sample_stats"]["path_error"].max() <= 1e-6
+
+
+def test_paths_that_no_steps_follow_are_refused(monkeypatch):
+    monkeypatch.setattr(accurate, "ACCURATE", 1e-30)
+    with pytest.raises(bg.InputError, match="No steps that are allowed follow the exact paths accurately"):
+        linear().refine(**EXACT, **STATED)
+
+
+def test_steps_that_are_too_long_for_a_stiff_equation_are_halved_until_they_are_too_many():
+    segment = Segment(np.arange(5.0), np.zeros((5, 0)), np.zeros((5, 0)))
+    method, start = FixedSteps(), jnp.ones((1, 1))
+    for rate, few in ((1.0, True), (30.0, True), (1e3, False)):
+        grid, errors = method.grid([segment], False, np.ones(1)), []
+        while grid is not None:
+            found, finer = (
+                np.asarray(method.states(lambda t, x, u, p: -p * x, start, jnp.array([rate]), each))
+                for each in (grid, method.beyond(grid))
+            )
+            errors.append(float(np.max(np.abs(found - finer))))
+            truth = np.exp(-rate * np.arange(5.0))[None, :, None]
+            # What half steps change is the error, and more than what they leave.
+            assert not errors[-1] < 1e-2 or np.max(np.abs(finer - truth)) <= max(errors[-1], 1e-12)
+            grid = method.finer(grid)
+        assert (np.nanmin(errors) < 1e-6) == few
 
 
 def test_where_rows_are_nearly_linear_it_is_their_posterior_given_the_terms_that_are_in():

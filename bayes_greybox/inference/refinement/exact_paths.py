@@ -1,70 +1,106 @@
-"""Exact paths of a model over the segments of its rows, and the samples on them; JAX follows their derivatives."""
+"""Exact paths of a model over the segments of its rows, and the samples on them."""
 
 from dataclasses import dataclass
-from functools import partial
 from typing import Any, NamedTuple
 
-import diffrax
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float, Int
 
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.inference.whole_rate import WholeRate
 from bayes_greybox.model.rows.path.path_segments import WIDE
 from bayes_greybox.model.rows.path.reference_path import ReferencePath
-from bayes_greybox.physics.integrate import (
-    Limits,
-    Samples,
-    between_samples,
-    curvature_of,
-    cut,
-    follow_piece,
-    joined,
-    limits_of,
-)
+from bayes_greybox.physics.integrate import between_samples, curvature_of
 
-TOLERANCE = 1e-6
-"""Of the integrator, relative and over the states' sizes: below the noise of sensors, and a method of order 5 does."""
+from .methods import AdaptiveSteps, FixedSteps, Method, Segment
 
 
-class Segment(NamedTuple):
-    """Times and inputs of one segment with the second derivatives of their run's splines, filled up to the longest."""
+class Along(NamedTuple):
+    """What paths are followed along: arrays, so that what is compiled for some serves others of the same shapes.
 
-    time: Float[np.ndarray, " n"]
-    inputs: Float[np.ndarray, "n p"]
-    curvature: Float[np.ndarray, "n p"]
+    Attributes:
+        numbers: Of the rate.
+        grid: Of the method.
+        at: Segment, sample in it and state of each row.
+    """
+
+    numbers: Any
+    grid: Any
+    at: Int[Array | np.ndarray, "n_row 3"]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class ExactPaths:
-    """Samples on the paths that solve the equations from given starts.
+    """Samples on the paths that solve the equations from given starts. Two with the same formulas are equal.
 
     Attributes:
         rate: Of all states.
-        segments: All of the same length.
-        kinds: Interpolation of each input; lines are splines that are not curved.
+        method: Of integration.
+        columns: Which of the coefficients the rate of each learned state has.
+    """
+
+    rate: WholeRate
+    method: Method
+    columns: tuple[tuple[str, tuple[int, ...]], ...]
+
+    def __call__(self, along: Along, theta: Array, weight: Array, starts: Array) -> Float[Array, " n_row"]:
+        """Samples without noise, user's units, with their derivatives; NaN where a path is lost.
+
+        Derivatives are found forwards, beside the paths, each start's on its own segment alone, so that whoever
+        differentiates backwards pays for a product with them.
+
+        Args:
+            along: Numbers, grid and rows.
+            theta: Scaled coefficients, those of all learned states [n_term].
+            weight: Scaled weights of f [n_basis].
+            starts: States at the first sample of each segment [n_segment, d].
+        """
+        flat, unravel = self._parameters(theta, weight)
+        held, first = jax.lax.stop_gradient((flat, starts))
+        states, slopes = self.method.with_slopes(self._rate(along, unravel), first, held, along.grid)
+        segment, sample, state = along.at.T
+        # x(p, x₀) = x + ∂x/∂(p, x₀) · (p − p̄, x₀ − x̄₀) at p = p̄, x₀ = x̄₀
+        change = jnp.broadcast_to(flat - held, (len(segment), len(flat)))
+        away = jnp.concatenate([change, (starts - first)[segment]], axis=1)
+        return states[segment, sample, state] + jnp.sum(slopes[segment, sample, :, state] * away, axis=1)
+
+    def samples(self, along: Along, theta: Array, weight: Array, starts: Array) -> Float[Array, " n_row"]:
+        """The same without derivatives."""
+        flat, unravel = self._parameters(theta, weight)
+        return self.method.states(self._rate(along, unravel), starts, flat, along.grid)[tuple(along.at.T)]
+
+    def _parameters(self, theta: Array, weight: Array) -> tuple[Array, Any]:
+        return ravel_pytree({name: (theta[np.array(own, int)], weight) for name, own in self.columns})
+
+    def _rate(self, along: Along, unravel: Any) -> Any:
+        return lambda t, x, u, flat: self.rate(t, x, u, (along.numbers, unravel(flat)))
+
+
+class Course(NamedTuple):
+    """Segments of a reference path with the samples on them.
+
+    Attributes:
+        segments: Times and inputs.
+        held: Whether inputs are held between samples.
         sizes: Of the states.
         at: Segment, sample in it and state of each row.
     """
 
-    rate: WholeRate
     segments: tuple[Segment, ...]
-    kinds: tuple[str, ...]
+    held: bool
     sizes: Float[np.ndarray, " d"]
-    at: Int[np.ndarray, "n_row 3"]
+    at: Int[Array | np.ndarray, "n_row 3"]
 
     @classmethod
-    def along(
-        cls, path: ReferencePath, samples: Trajectories, rate: WholeRate, interpolation: str | None
-    ) -> "ExactPaths":
-        """Paths over the segments of a reference path.
+    def of(cls, path: ReferencePath, samples: Trajectories, interpolation: str | None) -> "Course":
+        """The course of a reference path.
 
         Args:
             path: The reference.
             samples: What it was found from.
-            rate: Of all states, inside an integrator.
             interpolation: Of the inputs between samples, each input's own by default.
         """
         every, end = path.ends, path.segments.end
@@ -74,52 +110,38 @@ class ExactPaths:
             # As the rows have them, by run.
             kind = interpolation or between_samples(samples.time[own], inputs[own])
             curvature[own] = curvature_of(jnp.asarray(samples.time[own]), jnp.asarray(inputs[own]), kind)[1]
-        kinds = ("zoh" if interpolation == "zoh" else "cubic",) * inputs.shape[1]
         rows = [np.flatnonzero(every[:, 0] == k) for k in range(path.n_segment)]
-        n = max(map(len, rows))
         place = np.empty(len(every), int)
         for own in rows:
             place[own] = np.arange(len(own))
         at = np.concatenate(
             [np.column_stack([end[:, 0], place[path.seen], np.full(len(end), k)]) for k in path.segments.outputs]
         )
-        segments = tuple(_filled(samples.time[own], inputs[own], curvature[own], n) for own in rows)
-        return cls(rate, segments, kinds, path.start_sd / WIDE, at)
+        segments = tuple(Segment(samples.time[own], inputs[own], curvature[own]) for own in rows)
+        return cls(segments, interpolation == "zoh", path.start_sd / WIDE, at)
 
-    def __call__(self, args: Any, starts: Float[Array, "n_segment d"]) -> Float[Array, " n_row"]:
-        """Samples without noise, user's units; NaN from where a path is lost.
+    @property
+    def methods(self) -> tuple[Method, ...]:
+        """In the order in which they are tried."""
+        return FixedSteps(), AdaptiveSteps(self.held, self.segments[0].inputs.shape[1])
+
+    def along(self, method: Method, rate: WholeRate) -> Along:
+        """What paths are followed along, on the coarsest grid of a method."""
+        return Along(rate.numbers, method.grid(self.segments, self.held, self.sizes), self.at)
+
+    def error(
+        self, rows: Float[np.ndarray, "n_draw n_row"], finer: Float[np.ndarray, "n_draw n_row"]
+    ) -> Float[np.ndarray, " n_draw"]:
+        """Largest error of each draw's path at the samples, over the size of the state and of the sample itself.
+
+        It is infinite where there is a path on finer steps alone, and NaN where there is none.
 
         Args:
-            args: Of the rate.
-            starts: States at the first sample of each segment.
+            rows: Samples on the paths.
+            finer: Those on paths whose own error is small against it.
         """
-        each = [self._cut(segment, x0) for segment, x0 in zip(self.segments, starts, strict=True)]
-        every = jax.tree.map(lambda *parts: jnp.stack(parts), *each)
-        states = jax.vmap(lambda one: self._path(args, *one))(every)
-        return states[tuple(self.at.T)]
-
-    def _cut(self, segment: Segment, x0: Array) -> tuple[Array, Samples, Limits]:
-        t = jnp.asarray(segment.time)
-        samples, _ = cut(t, segment.inputs, self.kinds, segment.curvature)
-        return t, samples, limits_of(t, x0, self.sizes)
-
-    def _path(self, args: Any, t: Array, samples: Samples, limits: Limits) -> Float[Array, "n d"]:
-        follow = partial(
-            follow_piece, self.rate, limits=limits, args=args, kinds=self.kinds, rtol=TOLERANCE, atol=TOLERANCE,
-            solver=diffrax.Tsit5(), adjoint=diffrax.ForwardMode(),
-        )  # fmt: skip
-        start = limits.x0, jnp.array(True)
-        _, pieces = jax.lax.scan(lambda start, piece: follow(start, Samples(*piece)), start, samples)
-        return joined(limits.x0, t, *pieces[:2])[0]
-
-
-def _filled(time: np.ndarray, inputs: np.ndarray, curvature: np.ndarray, n: int) -> Segment:
-    """Further samples after the last, which no row is at."""
-    more = n - len(time)
-    step = time[-1] - time[-2] if len(time) > 1 else 1.0
-    held = np.repeat(inputs[-1:], more, axis=0)
-    return Segment(
-        np.concatenate([time, time[-1] + step * np.arange(1, more + 1)]),
-        np.concatenate([inputs, held]),
-        np.concatenate([curvature, np.zeros_like(held)]),
-    )
+        size = self.sizes[self.at[:, 2]] + np.abs(finer)
+        with np.errstate(invalid="ignore", over="ignore"):
+            off = np.abs(rows - finer) / size
+        largest = np.max(np.where(np.isfinite(off), off, np.inf), axis=1)
+        return np.where(np.all(np.isfinite(finer), axis=1), largest, np.nan)

@@ -5,52 +5,37 @@ u = m + L η, and NUTS samples η, whose posterior is near N(0, I) where rows ar
 """
 
 import math
-from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.flatten_util import ravel_pytree
-from jaxtyping import Array, Bool, Float
-from numpyro.distributions import biject_to
-from numpyro.handlers import block, seed, trace
-from numpyro.infer import NUTS
-from numpyro.infer.util import constrain_fn, potential_energy
+from jaxtyping import Bool
 from threadpoolctl import threadpool_limits
 
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.inference.groups import DETAILS, data_table, tree_of, user_units
-from bayes_greybox.inference.nuts import Sampler
 from bayes_greybox.inference.posterior import MOST_NUMBERS, Posterior, Sampling, add_group
-from bayes_greybox.inference.whole_rate import whole_rate
+from bayes_greybox.inference.whole_rate import WholeRate
 from bayes_greybox.model.equation import Equation
-from bayes_greybox.model.exact_program import PREDICTED, SENSOR, START, ExactLikelihood, exact_model
+from bayes_greybox.model.exact_program import PREDICTED, SENSOR, START, ExactLikelihood, GivenTerms
 from bayes_greybox.model.rows.path.reference_path import ReferencePath
-from bayes_greybox.model.sites import VECTOR, EquationSites, density_model
+from bayes_greybox.model.sites import EquationSites
 
-from .exact_paths import ExactPaths
-
-MOST_CORRELATED = 2000
-"""Rows whose noise is correlated, beyond which its dense whitening costs more than the paths."""
-
-RIDGE = 1e-6
-"""Share of its variance by which a coordinate is known apart from the others, at least."""
-
-FEWEST = 3
-"""Draws per coordinate below which their covariance is that of its diagonal alone."""
-
-_OTHERWISE = ("theta", "prior_sd", "gamma", "inclusion", "weight", "f", "sigma", "amplitude", "length_scale")
-"""What the results of a fit have in other units, or under other names, than the exact model's sites."""
-
-Stated = Mapping[str, tuple[float, float]]
+from .accurate import Paths
+from .exact_paths import Course, ExactPaths
+from .linear_start import Stated, first_draws, likelihood_of
+from .methods import Method
+from .programs import Asked, Known, exact_programs
 
 
 def refine(
     posterior: Posterior, sampling: Sampling, starts: Stated | None, noise: Stated | None, progress: bool
 ) -> Posterior:
     """Sample the exact posterior.
+
+    Paths are followed on steps that are fine enough at the draws of the linear rows. At each exact draw its path is
+    followed once more on finer ones: where that moves a sample by more than `ACCURATE`, all is sampled again.
 
     Args:
         posterior: On linear rows.
@@ -61,43 +46,41 @@ def refine(
 
     Raises:
         InputError: Rows of rates; an unknown force; noise of one sensor alone; f without weights; no path at the
-            estimate.
+            estimate; paths that no steps follow accurately.
     """
     path = _path(posterior)
     name, equation = _only(posterior)
     own, active = posterior.sites[name], _active(posterior, name)
-    likelihood = _likelihood(posterior, equation, path, starts or {}, noise or {})
-    model = exact_model(posterior.model, name, equation.design, active, likelihood)
-    first = _first(posterior, equation, path, own, active, likelihood)
+    rate, columns = _rate(posterior, active)
+    course = Course.of(path, posterior.data.samples or posterior.data, posterior.model.rows.interpolation)
+    terms = GivenTerms.of(active, equation.design.coefficients)
+    asked = Asked(posterior.model.bare, name, terms, sampling.tune, sampling.target_accept)
+
+    def likelihood_by(method: Method) -> ExactLikelihood:
+        paths, along = ExactPaths(rate, method, columns), course.along(method, rate)
+        return likelihood_of(posterior, equation, path, starts or {}, noise or {}, paths, along)
+
+    likelihood = likelihood_by(course.methods[0])
+    first = first_draws(posterior, equation, path, own, active, likelihood)
+    error = math.inf
     with threadpool_limits(1):
-        mean, root, unravel = _coordinates(model, first)
-
-        def log_density(eta: Array, argument: tuple[Array, Array]) -> Array:
-            center, L = argument
-            # The sampler's own handlers would take the sites of the model for theirs.
-            with block():
-                return -jnp.asarray(potential_energy(model, (), {}, unravel(center + L @ eta)))
-
-        if not np.isfinite(log_density(jnp.zeros(len(mean)), (mean, root))):
-            raise InputError(
-                "The exact path at the fit's own estimate leaves all bounds, or takes more steps than are allowed, as "
-                "of stiff equations: nothing can be sampled around it."
-            )
-        program = density_model(log_density, len(mean))
-        kernel = NUTS(program, target_accept_prob=sampling.target_accept, forward_mode_differentiation=True)
-        chains = Sampler(lambda _: kernel, sampling.tune).run(
-            (mean, root), draws=sampling.draws, chains=sampling.chains, key=jax.random.PRNGKey(sampling.seed),
-            progress=progress,
-        )  # fmt: skip
-
-        def told(eta: Array) -> dict[str, Array]:
-            return constrain_fn(model, (), {}, unravel(mean + root @ eta), return_deterministic=True)
-
-        flat = jnp.asarray(chains.samples[VECTOR].reshape(-1, len(mean)))
-        values = jax.jit(lambda points: jax.lax.map(told, points))(flat)
-    shape = chains.samples[VECTOR].shape[:2]
-    drawn = {str(name): np.asarray(value).reshape(*shape, *value.shape[1:]) for name, value in values.items()}
-    return _result(posterior, sampling, equation, likelihood, own, active, drawn, chains.stats)
+        for method in course.methods:
+            known = jax.tree.map(jnp.asarray, Known(equation.design, likelihood_by(method)))
+            programs = exact_programs(asked, known)
+            found = Paths(method, course, programs, own[PREDICTED]).sampled(known, first, sampling, progress)
+            error = found.error
+            if found.drawn:
+                return _result(posterior, sampling, equation, likelihood, own, active, found.drawn, found.stats)
+    if math.isinf(error):
+        raise InputError(
+            "The exact path at the fit's own estimate leaves all bounds, or takes more steps than are allowed, as "
+            "of stiff equations: nothing can be sampled around it."
+        )
+    raise InputError(
+        f"No steps that are allowed follow the exact paths accurately: finer ones move a sample by {error:.1g} "
+        "of its size, as of stiff equations. Give friction or contacts a width of their own, or take a part of the "
+        "record."
+    )
 
 
 def _only(posterior: Posterior) -> tuple[str, Equation]:
@@ -125,131 +108,18 @@ def _active(posterior: Posterior, name: str) -> Bool[np.ndarray, " n_term"]:
     return patterns[np.argmax(count)].astype(bool)
 
 
-def _likelihood(
-    posterior: Posterior, equation: Equation, path: ReferencePath, starts: Stated, noise: Stated
-) -> ExactLikelihood:
-    data, rows, outputs = posterior.data, equation.rows, path.segments.outputs
-    samples = data.samples or data
-    simulation, learned = posterior.model.simulator(data), posterior.learned()
-    rate = whole_rate(simulation, learned, data.columns)
-    paths = ExactPaths.along(path, samples, rate, posterior.model.rows.interpolation)
-    columns = {name: each.columns for name, each in learned.items()}
-
-    def predict(theta: Array, weight: Array, start: Array) -> Array:
-        return paths({name: (theta[own], weight) for name, own in columns.items()}, start)
-
-    error = rows.noise.error
-    if not error.independent and rows.n_row > MOST_CORRELATED:
-        raise InputError(
-            f"refine() whitens at most {MOST_CORRELATED} rows of correlated noise, and there are {rows.n_row}: "
-            "take a part of the record."
-        )
-    whiten = np.sqrt(error.precision_diagonal()) if error.independent else error.whiten(np.eye(rows.n_row))
-    mean = path.segments.points[:, 0, 1 : 1 + len(simulation.states)].copy()
-    sd = np.tile(path.start_sd, (len(mean), 1))
-    for name, (expected, spread) in starts.items():
-        if not spread > 0:
-            raise InputError(f"starts={{{name!r}: ({expected:g}, {spread:g})}} needs a standard deviation above 0.")
-        if name not in simulation.states:
-            raise InputError(f"starts={{{name!r}: ...}} names no state; there are {', '.join(simulation.states)}.")
-        if path.n_segment > samples.n_run:
-            raise InputError("The path has several segments a run, whose starts are of no use for a prior of starts.")
-        k = simulation.states.index(name)
-        mean[:, k], sd[:, k] = expected, spread
-    return ExactLikelihood(
-        predict=predict,
-        measured=rows.measured * rows.gain,
-        sensor=np.repeat(np.arange(len(outputs)), rows.n_row // len(outputs)),
-        whiten=whiten,
-        log_det=float(error.log_det),
-        unit=equation.frame.target_scale * rows.gain,
-        share=path.sensor_sd / np.sqrt(np.mean(path.sensor_sd**2)),
-        start_mean=mean,
-        start_sd=sd,
-        restated=bool(starts or noise),
-        sensor_noise=_sensor_noise(noise, samples.state_names, independent=error.independent),
-    )
-
-
-def _sensor_noise(noise: Stated, sensors: tuple[str, ...], *, independent: bool) -> Float[np.ndarray, "n 2"] | None:
-    if not noise:
-        return None
-    if set(noise) != set(sensors):
-        raise InputError(
-            f"noise={{...}} must name every sensor, {', '.join(sensors)}: a median and the standard deviation of the "
-            "logarithm for each."
-        )
-    if not all(min(values) > 0 for values in noise.values()):
-        raise InputError("noise={...} needs medians and standard deviations of the logarithm above 0.")
-    if not independent:
-        raise InputError("The noise of this fit is correlated, and has no place for a noise of each sensor's own.")
-    return np.array([noise[name] for name in sensors], float)
-
-
-def _first(
-    posterior: Posterior, equation: Equation, path: ReferencePath, own: EquationSites,
-    active: Bool[np.ndarray, " n_term"], likelihood: ExactLikelihood,
-) -> dict[str, np.ndarray]:  # fmt: skip
-    """Draws of the linear rows' posterior with the likeliest pattern, by what the sites of the exact model are."""
-    rows, design, draws = equation.rows, equation.design, posterior.draws(own.equation)
-    with_pattern = np.flatnonzero(np.all((np.asarray(draws.prior_sd) > 0) == active, axis=1))
-    theta, weight = draws.theta[with_pattern], draws.weight[with_pattern]
-    hyper = jax.tree.map(lambda leaf: np.asarray(leaf)[with_pattern], draws.hyper)
-    found = {
-        quantity: value[with_pattern]
-        for quantity, value in posterior.values(own.equation).items()
-        if quantity not in _OTHERWISE
-    }
-    found["noise"] = np.sqrt(np.maximum(hyper.sigma**2 - float(design.noise_floor) ** 2, 1e-12))
-    if equation.frame.variables:
-        found |= {"amplitude": hyper.amplitude, "length_scale": hyper.length_scale}
-    bounded = [j for j in design.coefficients.bounded if active[j]]
-    free = [j for j in np.flatnonzero(active) if j not in bounded]
-    found |= {"theta_free": theta[:, free], **{f"theta_{j}": theta[:, j] for j in bounded}}
-    if weight.shape[1]:
-        fresh = np.random.default_rng(posterior.sampling.seed + 1).standard_normal(weight.shape)
-        found["z"] = np.asarray(jax.vmap(design.standardised)(jnp.asarray(weight), hyper, jnp.asarray(fresh)))
-    sigma = hyper.sigma * equation.frame.target_scale
-    typical = np.sqrt(np.mean(path.sensor_sd**2))
-    if likelihood.sensor_noise is not None:
-        found[SENSOR] = (hyper.sigma * likelihood.unit)[:, None] * likelihood.share
-    Phi, Psi, y = equation.parts()
-    left = (y[:, None] - Phi @ theta.T - Psi @ weight.T) * equation.frame.target_scale / sigma
-    white = np.random.default_rng(posterior.sampling.seed).standard_normal((rows.noise.n_start, len(theta)))
-    unit = (rows.noise.starts_given(left, white)[0] * sigma * rows.gain / typical).T
-    start = (
-        path.segments.points[:, 0, 1 : 1 + likelihood.start_sd.shape[1]]
-        + unit.reshape(-1, *likelihood.start_sd.shape) * path.start_sd
-    )
-    found["start_unit"] = (start - likelihood.start_mean) / likelihood.start_sd
-    return {own[quantity]: value for quantity, value in found.items()}
-
-
-def _coordinates(
-    model: Callable[[], None], first: Mapping[str, np.ndarray]
-) -> tuple[Array, Array, Callable[[Array], dict[str, Array]]]:
-    """m, L and the way from a vector to the sites on the real line."""
-    traced: dict[str, Any] = {}
-    # Shapes and supports are wanted, and no path.
-    jax.eval_shape(lambda: traced.update(trace(seed(model, 0)).get_trace()))
-    sites = {name: site for name, site in traced.items() if site["type"] == "sample" and not site["is_observed"]}
-    n_draw, real = len(next(iter(first.values()))), {}
-    for name, site in sites.items():
-        real[name] = jnp.zeros((n_draw, *np.shape(site["value"])))
-        if name in first:
-            real[name] = biject_to(site["fn"].support).inv(jnp.asarray(first[name]))
-    unravel = ravel_pytree(jax.tree.map(lambda leaf: leaf[0], real))[1]
-    points = np.asarray(jax.vmap(lambda each: ravel_pytree(each)[0])(real))
-    points = points[np.all(np.isfinite(points), axis=1)]
-    mean, sd = points.mean(axis=0), points.std(axis=0)
-    sd = np.where(sd > 0, sd, 1.0)
-    root = np.diag(sd)
-    if len(points) > FEWEST * len(mean):
-        correlation = np.cov(((points - mean) / sd).T, ddof=0).reshape(len(mean), -1)
-        # What no draw tells has no spread among them.
-        np.fill_diagonal(correlation, 1.0)
-        root = sd[:, None] * np.linalg.cholesky(correlation + RIDGE * np.eye(len(mean)))
-    return jnp.asarray(mean), jnp.asarray(root), unravel
+def _rate(
+    posterior: Posterior, active: Bool[np.ndarray, " n_term"]
+) -> tuple[WholeRate, tuple[tuple[str, tuple[int, ...]], ...]]:
+    """The rate of all states with the terms that are in, and which of all coefficients each learned state's has."""
+    frames, columns = {}, {}
+    for state, each in posterior.learned().items():
+        index = np.arange(len(active))[each.columns]
+        # Features have all terms projected out of them.
+        own = index[active[index]] if each.frame.basis is None and any(active[index]) else index
+        frames[state], columns[state] = each.frame.of_terms(own - index[0]), tuple(own.tolist())
+    rate = WholeRate(posterior.model.simulator(posterior.data), frames, posterior.data.columns)
+    return rate, tuple(columns.items())
 
 
 def _result(
@@ -292,6 +162,6 @@ def _result(
         noise = rows.noise.error.correlated(white).reshape(predicted.shape)
         add_group(found, "posterior_predictive", {own.rate: (predicted + sigma * noise) / rows.gain})
         if likelihood.independent:
-            density = np.asarray(likelihood.log_density(jnp.asarray(predicted), jnp.asarray(sigma)))
+            density = likelihood.log_density(predicted, sigma)
             add_group(found, "log_likelihood", {own.rate: density + math.log(rows.gain)})
     return found
