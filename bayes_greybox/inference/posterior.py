@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import xarray as xr
+from jaxtyping import Bool
 from threadpoolctl import threadpool_limits
 
 from bayes_greybox.data.errors import InputError
@@ -189,6 +190,18 @@ class Posterior:
                 f"{what} from the rows of a fit, which are linear, and these draws are of exact paths: ask the fit "
                 "that was refined."
             )
+
+    def likeliest_pattern(self, equation: str) -> Bool[np.ndarray, " n_term"]:
+        """Terms that are in, in the commonest pattern of the draws; all of them under a prior without inclusion.
+
+        Args:
+            equation: A key of `equations`.
+        """
+        values = self.values(equation)
+        if "gamma" not in values:
+            return np.ones(values["theta"].shape[1], bool)
+        patterns, count = np.unique(values["gamma"], axis=0, return_counts=True)
+        return patterns[np.argmax(count)].astype(bool)
 
     def learned(self) -> dict[str, "Learned"]:
         """Frames by learned state, also of those that share their rows with others."""

@@ -68,7 +68,7 @@ def refine(
     """
     path = _path(posterior)
     name, equation = _only(posterior)
-    own, active = posterior.sites[name], _active(posterior, name)
+    own, active = posterior.sites[name], posterior.likeliest_pattern(name)
     likelihood = _likelihood(posterior, equation, path, starts or {}, noise or {})
     model = exact_model(posterior.model, name, equation.design, active, likelihood)
     first = _first(posterior, equation, path, own, active, likelihood)
@@ -116,16 +116,6 @@ def _only(posterior: Posterior) -> tuple[str, Equation]:
 def _path(posterior: Posterior) -> ReferencePath:
     model, data = posterior.model, posterior.data
     return model.rows.path(data, model.equations, model.simulator(data))
-
-
-def _active(posterior: Posterior, name: str) -> Bool[np.ndarray, " n_term"]:
-    """Terms of the likeliest pattern."""
-    group, own = posterior.idata["posterior"].dataset, posterior.sites[name]
-    n_term = group[own.theta].shape[-1]
-    if own.gamma not in group:
-        return np.ones(n_term, bool)
-    patterns, count = np.unique(group[own.gamma].to_numpy().reshape(-1, n_term), axis=0, return_counts=True)
-    return patterns[np.argmax(count)].astype(bool)
 
 
 def _likelihood(
