@@ -1,6 +1,7 @@
 """The two objects that users hold: GreyBox, the model, and Fit, its posterior. Every method is one call into a room."""
 
 import json
+import logging
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -34,6 +35,8 @@ from bayes_greybox.physics.simulation.protocol import RightHandSide
 from bayes_greybox.report.equations.latex import equations_latex
 from bayes_greybox.report.equations.record import equations_record
 from bayes_greybox.report.equations.text import equations_text
+
+log = logging.getLogger(__name__)
 
 MOST_REFITS, MARGIN = 2, 1.15
 """How often a fit is repeated with more features, and by how much these exceed what the last posterior asked for."""
@@ -82,6 +85,7 @@ class GreyBox(Program):
                 refined = _refined(posterior.model, self.discrepancy, posterior)
                 if refined is None:
                     break
+                log.info("sampling again, with more features: %s", refined.discrepancy)
                 posterior = sample_posterior(refined, data, sampling, progress=progress)
             fit = Fit(posterior.model, data, sampling, posterior.idata, posterior.made)
             fit._complete()

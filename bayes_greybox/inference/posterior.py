@@ -1,5 +1,7 @@
 """The posterior: one NUTS run and its exact conditional draws, kept as an ArviZ DataTree in user's units."""
 
+import logging
+import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache, wraps
@@ -28,6 +30,8 @@ from .groups import data_table, row_dimension, tree_of, user_units
 from .kernel import posterior_kernel
 from .nuts import Sampler
 from .prior import log_prior, prior_sampler
+
+log = logging.getLogger(__name__)
 
 PRIOR_DRAWS = 500
 """Draws in the `prior` group."""
@@ -333,6 +337,13 @@ def sample_posterior(
         InputError: What `model.assemble` refuses.
     """
     equations = model.assemble(data) if equations is None else equations
+    for name, each in equations.items():
+        rows, frame = each.rows, each.frame
+        log.debug(
+            "%s: %d rows, %d terms, f of %s", name, rows.n_row, len(frame.dictionary), frame.variables or "nothing"
+        )
+    log.info("sampling %s: %d chains of %d + %d", ", ".join(equations), sampling.chains, sampling.tune, sampling.draws)
+    start = time.perf_counter()
     designs = {name: equation.design for name, equation in equations.items()}
     programs = programs_for(model, designs, sampling) if programs is None else programs
     run_key, draw_key, prior_key = jax.random.split(jax.random.PRNGKey(sampling.seed), 3)
@@ -345,6 +356,7 @@ def sample_posterior(
         drawn = programs.conditional(designs, chains.samples, draw_key)
         prior = programs.prior(designs, prior_key)
         densities = programs.log_prior(designs, {**chains.samples, **drawn})
+    log.info("sampled in %.1f s, %d divergences", time.perf_counter() - start, np.sum(chains.stats["diverging"]))
     groups = {
         "posterior": user_units({**chains.samples, **drawn}, equations),
         "sample_stats": chains.stats,
