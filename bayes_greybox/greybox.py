@@ -1,5 +1,7 @@
 """The two objects that users hold: GreyBox, the model, and Fit, its posterior. Every method is one call into a room."""
 
+import json
+import logging
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -7,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+import sympy
 from threadpoolctl import threadpool_limits
 
 from bayes_greybox.criticism.checks.checks import Checks, checks
@@ -16,6 +19,8 @@ from bayes_greybox.criticism.checks.whiteness import Whiteness
 from bayes_greybox.criticism.convergence import LARGEST_BASIS, Verdict, boundary_needed, convergence, features_needed
 from bayes_greybox.criticism.cross_validation.row_densities import log_likelihood_group
 from bayes_greybox.criticism.discrepancy import DiscrepancyGrid, discrepancy_grid, discrepancy_table
+from bayes_greybox.criticism.equations.of_posterior import fitted_system
+from bayes_greybox.criticism.equations.rates import LearnedRates, learned_rates
 from bayes_greybox.criticism.free_run import FreeRun, free_run
 from bayes_greybox.criticism.inclusion import ROPE, inclusion
 from bayes_greybox.criticism.prediction import Prediction, predict, predictive_group
@@ -30,7 +35,12 @@ from bayes_greybox.model.gp.discrepancy import OrthogonalGP
 from bayes_greybox.model.gp.features import HilbertBasis
 from bayes_greybox.model.program import Program
 from bayes_greybox.physics.simulation.protocol import RightHandSide
+from bayes_greybox.report.equations.latex import equations_latex
+from bayes_greybox.report.equations.record import equations_record
+from bayes_greybox.report.equations.text import equations_text
 from bayes_greybox.running.stages import stage, stages
+
+log = logging.getLogger(__name__)
 
 AGAIN = "Sampling again, with finer features"
 """What the bar says of a fit that is repeated."""
@@ -84,6 +94,7 @@ class GreyBox(Program):
                 refined = _refined(posterior.model, self.discrepancy, posterior)
                 if refined is None:
                     break
+                log.info("sampling again, with more features: %s", refined.discrepancy)
                 posterior = sample_posterior(refined, data, sampling, progress=progress, what=AGAIN)
             fit = Fit(posterior.model, data, sampling, posterior.idata, posterior.made)
             with stage("Predicting the measurements"):
@@ -211,6 +222,42 @@ class Fit(Posterior):
         """
         return to_inferencedata(self.idata)
 
+    def to_sympy(self) -> dict[str, sympy.Expr]:
+        """Right-hand sides of all equations by state or output, over real symbols with the names of the columns.
+
+            d(x_i)/dt = g_i(x, u) + Σ_j E[θ_ij] φ_ij(x, u) + f_i(x, u)
+
+        Terms and coefficients are those that `print(fit)` shows, with all digits. f is an undefined function
+        `f_name(...)` where it is left, and a simulation that is a function `g_name(t, x, u)`.
+        """
+        return fitted_system(self).to_sympy()
+
+    def to_latex(self) -> str:
+        """All equations in LaTeX, `aligned`, coefficients with their standard deviations: 1.23(4) is 1.23 ± 0.04."""
+        return equations_latex(fitted_system(self))
+
+    def to_callable(self, backend: str = "numpy", draws: int | None = None, discrepancy: bool = False) -> LearnedRates:
+        """The right-hand side as a function `rates(t, x, u)`, which `scipy` or `diffrax` can integrate.
+
+        x [*n, n_state] and u [*n, n_input] have the columns `rates.states` and `rates.inputs` along their last axis, in
+        the units of the data; t is a number or [*n]. What is returned, [*n, n_equation], are the rates of
+        `rates.equations` in `rates.units`: of all states where each has an equation, then outputs.
+
+        Args:
+            backend: "numpy", or "jax" for a function that can be compiled, mapped and differentiated.
+            draws: Posterior draws along a first axis, [draws, *n, n_equation], each with all the terms that it has;
+                `rates.draw(k)` is one of them. None: the equation that `print(fit)` shows, coefficients at their means.
+            discrepancy: Whether f is added, held beyond the features' domain; without it f is left out.
+
+        Raises:
+            InputError: An unknown backend; more draws than there are; f of a model on the exact path.
+        """
+        return learned_rates(fitted_system(self), backend, draws, discrepancy)
+
+    def to_json(self) -> str:
+        """The equations as JSON text: terms, coefficients with 90 % intervals and inclusion, units; see the guide."""
+        return json.dumps(equations_record(fitted_system(self)), indent=2, allow_nan=False, ensure_ascii=False)
+
     def save(self, path: str | os.PathLike) -> None:
         """Write posterior, data, model, settings, versions and seed to one netCDF file."""
         netcdf.save(self, path, kept_checks(self))
@@ -223,13 +270,14 @@ class Fit(Posterior):
         fit_html(self, path)
 
     def __repr__(self) -> str:
-        """Model in one line and the verdict in words."""
+        """Model in one line, the verdict in words, and the learned equations."""
         s = self.sampling
         terms = ", ".join(f"{name}: {len(e.frame.dictionary)} terms" for name, e in self.equations.items())
         exact = " of exact paths" if s.exact else ""
         rows = f"{self.data.n_obs} rows ({self.model.rows.in_words(self.data)})"
         about = f"{self.model.prior_text} prior; {rows}; {s.chains} x {s.draws} draws{exact}"
-        return "\n".join([f"Fit of {terms}; {about}", *self.model.rows.left_out(self.data), str(self.verdict)])
+        said = [f"Fit of {terms}; {about}", *self.model.rows.left_out(self.data), str(self.verdict)]
+        return "\n".join([*said, equations_text(fitted_system(self))])
 
     def _complete(self) -> None:
         """Add the groups that need more than one row at a time."""

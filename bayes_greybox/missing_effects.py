@@ -7,17 +7,24 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
+import sympy
+
 from bayes_greybox.criticism.checks.kept import kept_checks
+from bayes_greybox.criticism.equations.rates import LearnedRates, learned_rates
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.rates.held_out import with_filter_of
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.amended import hidden_used
 from bayes_greybox.discovery.answer.gap.free_runs import FreePath, FreeRuns
 from bayes_greybox.discovery.evidence.odds import Odds
+from bayes_greybox.discovery.learned import studied_system
 from bayes_greybox.discovery.study import StudyResult, investigate
 from bayes_greybox.greybox import Fit, GreyBox
 from bayes_greybox.inference import netcdf
 from bayes_greybox.physics.catalogue.loading import CatalogueSpec
+from bayes_greybox.report.equations.latex import equations_latex
+from bayes_greybox.report.equations.record import equations_record
+from bayes_greybox.report.equations.text import equations_text
 from bayes_greybox.report.sentence import sentence
 from bayes_greybox.running.stages import announce, stages
 
@@ -70,6 +77,37 @@ class Study(StudyResult):
             raise InputError("A state of the data has no equation to integrate: add it to the simulation.")
         return paths
 
+    def to_sympy(self) -> dict[str, sympy.Expr]:
+        """Right-hand sides of the amended model by state or output; as `Fit.to_sympy`.
+
+        Coefficients are those of the study's tables, as free runs and figures have them; those of NUTS are
+        `study.fit.to_sympy()`. f is in an equation where something is left that has no name.
+        """
+        return studied_system(self).to_sympy()
+
+    def to_latex(self) -> str:
+        """The amended model in LaTeX; as `Fit.to_latex`."""
+        return equations_latex(studied_system(self))
+
+    def to_callable(self, backend: str = "numpy", draws: int | None = None, discrepancy: bool = False) -> LearnedRates:
+        """The right-hand side of the amended model as a function `rates(t, x, u)`; as `Fit.to_callable`.
+
+        Each of the draws has inner parameters of its own.
+
+        Args:
+            backend: "numpy" or "jax".
+            draws: Posterior draws along a first axis; None: the equation that `print(study)` shows.
+            discrepancy: Whether what is left without a name is added, where there is something.
+
+        Raises:
+            InputError: An unknown backend; more draws than there are.
+        """
+        return learned_rates(studied_system(self), backend, draws, discrepancy)
+
+    def to_json(self) -> str:
+        """The amended model as JSON text; as `Fit.to_json`, with inner parameters and hidden states."""
+        return json.dumps(equations_record(studied_system(self)), indent=2, allow_nan=False, ensure_ascii=False)
+
     def save(self, path: str | os.PathLike) -> None:
         """Write the amended model's posterior and the study's tables to one netCDF file; it opens with `bg.load`.
 
@@ -91,8 +129,8 @@ class Study(StudyResult):
         study_html(self, path)
 
     def __repr__(self) -> str:
-        """The verdict in words."""
-        return f"Study: {self.verdict}\n{self.sentence}"
+        """The verdict in words, and the equations of the amended model."""
+        return f"Study: {self.verdict}\n{self.sentence}\n{equations_text(studied_system(self))}"
 
 
 def find_missing_effects(

@@ -6,6 +6,7 @@ import xarray as xr
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.inference.groups import data_table
 from bayes_greybox.inference.posterior import Posterior, Sampling
+from bayes_greybox.model.frame import Frame
 from bayes_greybox.model.program import Program
 
 
@@ -29,42 +30,13 @@ def fabricate(
     stats: dict[str, np.ndarray] | None = None,
     **scaled: np.ndarray,
 ) -> Posterior:
-    """A posterior of the equation for v with random draws, or those given, scaled [n_chain, n_draw, ...]."""
+    """A posterior with random draws, or those given for the first equation, scaled [n_chain, n_draw, ...]."""
     rng = np.random.default_rng(seed)
-    frame = model.assemble(data)["v"].frame
-    n_term, n_var = len(frame.dictionary), len(frame.variables)
-    shape = (chains, draws)
-    values = {
-        "sigma": 0.1 * np.exp(0.2 * rng.standard_normal(shape)),
-        "theta": rng.standard_normal((*shape, n_term)),
-        "prior_sd": np.exp(0.3 * rng.standard_normal((*shape, n_term))),
-    }
-    units = {"sigma": frame.target_scale, "theta": frame.coefficient_scale, "prior_sd": 1.0}
-    if n_var:
-        values["amplitude"] = 0.5 * np.exp(0.3 * rng.standard_normal(shape))
-        values["length_scale"] = np.exp(0.2 * rng.standard_normal((*shape, n_var)))
-        units |= {"amplitude": frame.target_scale, "length_scale": frame.half_width}
-    if "gamma" in scaled:
-        # What the odds of the patterns are computed from.
-        values |= {"pi": np.full(shape, 0.5), "tau": np.ones(shape)}
-    values |= scaled
-    dims = {
-        "theta": "v_term",
-        "prior_sd": "v_term",
-        "gamma": "v_term",
-        "inclusion": "v_term",
-        "length_scale": "v_variable",
-    }
-    coords = {"v_term": list(frame.dictionary.names), "v_variable": list(frame.variables)}
-    variables = {
-        f"v_{name}": (
-            ("chain", "draw", *((dims.get(name, f"v_{name}_dim"),) if value.ndim > 2 else ())),
-            value * units.get(name, 1.0),
-        )
-        for name, value in values.items()
-    }
-    used = {dim for dimensions, _ in variables.values() for dim in dimensions}
-    group = xr.Dataset(variables, coords={dim: labels for dim, labels in coords.items() if dim in used})
+    equations, shape = model.assemble(data), (chains, draws)
+    first = next(iter(equations))
+    group = xr.merge(
+        [_draws(name, each.frame, rng, shape, scaled if name == first else {}) for name, each in equations.items()]
+    )
     sampler = {
         "diverging": np.zeros(shape, bool),
         "energy": rng.standard_normal(shape),
@@ -78,3 +50,35 @@ def fabricate(
         }
     )
     return Posterior(model, data, Sampling(draws=draws, tune=1, chains=chains), tree)
+
+
+def _draws(
+    name: str, frame: Frame, rng: np.random.Generator, shape: tuple[int, int], scaled: dict[str, np.ndarray]
+) -> xr.Dataset:
+    n_term, n_var = len(frame.dictionary), len(frame.variables)
+    values = {
+        "sigma": 0.1 * np.exp(0.2 * rng.standard_normal(shape)),
+        "theta": rng.standard_normal((*shape, n_term)),
+        "prior_sd": np.exp(0.3 * rng.standard_normal((*shape, n_term))),
+    }
+    units = {"sigma": frame.target_scale, "theta": frame.coefficient_scale, "prior_sd": 1.0}
+    if n_var:
+        values["amplitude"] = 0.5 * np.exp(0.3 * rng.standard_normal(shape))
+        values["length_scale"] = np.exp(0.2 * rng.standard_normal((*shape, n_var)))
+        units |= {"amplitude": frame.target_scale, "length_scale": frame.half_width, "weight": frame.target_scale}
+    if "gamma" in scaled:
+        # What the odds of the patterns are computed from.
+        values |= {"pi": np.full(shape, 0.5), "tau": np.ones(shape)}
+    values |= scaled
+    dims = dict.fromkeys(("theta", "prior_sd", "gamma", "inclusion"), f"{name}_term")
+    dims["length_scale"] = f"{name}_variable"
+    coords = {f"{name}_term": list(frame.dictionary.names), f"{name}_variable": list(frame.variables)}
+    variables = {
+        f"{name}_{key}": (
+            ("chain", "draw", *((dims.get(key, f"{name}_{key}_dim"),) if value.ndim > 2 else ())),
+            value * units.get(key, 1.0),
+        )
+        for key, value in values.items()
+    }
+    used = {dim for dimensions, _ in variables.values() for dim in dimensions}
+    return xr.Dataset(variables, coords={dim: labels for dim, labels in coords.items() if dim in used})

@@ -1,4 +1,5 @@
 import json
+import logging
 import os
 import subprocess
 import sys
@@ -13,7 +14,7 @@ from shell import refuse
 
 import bayes_greybox as bg
 from bayes_greybox import cli
-from bayes_greybox.cli.ending import show
+from bayes_greybox.cli.ending import log_to_stderr, show
 
 ROOT = Path(__file__).parents[1]
 CONFIGS = ROOT / "configs"
@@ -169,6 +170,80 @@ def test_no_words_mean_help(capsys):
     assert "Usage: bayes-greybox" in capsys.readouterr().out
 
 
+COMMANDS = ["fit", "discover", "compare", "report", "benchmark", "datasets"]
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_command_has_a_short_way_to_its_help(command, capsys):
+    assert cli.main([command, "-h"]) == 0
+    short = capsys.readouterr().out
+    assert cli.main([command, "--help"]) == 0
+    assert capsys.readouterr().out == short and f"Usage: bayes-greybox {command}" in short
+    if command != "datasets":
+        assert all(option in short for option in ("-q, --quiet", "-v, --verbose"))
+
+
+def test_the_whole_has_a_short_way_to_its_help_and_lists_every_command(capsys):
+    assert cli.main(["-h"]) == 0
+    out = capsys.readouterr().out
+    assert all(f"  {command}" in out for command in COMMANDS) and "--install-completion" in out
+
+
+def test_the_version_is_that_of_the_package(capsys):
+    assert cli.main(["--version"]) == 0
+    assert capsys.readouterr().out == f"bayes-greybox {bg.__version__}\n"
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+def test_words_are_completed(shell):
+    command = "import sys; from bayes_greybox.cli import main; sys.exit(main())"
+    words = {"bash": "bayes-greybox d", "zsh": "bayes-greybox d", "fish": "bayes-greybox d"}[shell]
+    asked = {
+        "_BAYES_GREYBOX_COMPLETE": f"complete_{shell}", "COMP_WORDS": words, "COMP_CWORD": "1",
+        "_TYPER_COMPLETE_ARGS": words, "_TYPER_COMPLETE_FISH_ACTION": "get-args",
+    }  # fmt: skip
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), **asked}
+    done = subprocess.run([sys.executable, "-c", command], env=environment, capture_output=True, text=True)
+    assert "discover" in done.stdout and "datasets" in done.stdout and "compare" not in done.stdout
+
+
+def test_verbose_says_on_stderr_what_is_done_and_only_where_it_is_asked_for(capsys):
+    log = logging.getLogger("bayes_greybox.data")
+    said = {}
+    for verbose in (0, 1, 2, 0):
+        log_to_stderr(verbose)
+        log.debug("a detail")
+        log.info("a stage")
+        out, said[verbose] = capsys.readouterr()
+        assert out == ""
+    assert said[0] == "" and "INFO bayes_greybox.data: a stage" in said[1] and "detail" not in said[1]
+    assert "DEBUG bayes_greybox.data: a detail" in said[2] and said[2].count("a stage") == 1
+
+
+@pytest.mark.skipif(not hasattr(os, "openpty"), reason="needs a terminal that can be made up")
+@pytest.mark.parametrize("plain", [True, False])
+def test_a_terminal_gets_colours_unless_no_color_is_set(plain):
+    # NO_COLOR counts where it is not empty, by its own convention.
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), "TERM": "xterm-256color", "NO_COLOR": "1" if plain else ""}
+    master, terminal = os.openpty()
+    command = "import sys; from bayes_greybox.cli import main; sys.exit(main(['datasets']))"
+    with subprocess.Popen([sys.executable, "-c", command], env=environment, stdout=terminal) as running:
+        os.close(terminal)
+        seen = b""
+        while b"hudson_bay" not in seen:
+            seen += os.read(master, 4096)
+        running.kill()
+    os.close(master)
+    assert (b"\x1b[" not in seen) is plain
+
+
+def test_a_pipe_gets_no_colours():
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), "TERM": "xterm-256color"}
+    command = "import sys; from bayes_greybox.cli import main; sys.exit(main(['datasets']))"
+    done = subprocess.run([sys.executable, "-c", command], env=environment, capture_output=True, check=True)
+    assert b"hudson_bay" in done.stdout and b"\x1b[" not in done.stdout
+
+
 @pytest.fixture(scope="module")
 def first(tmp_path_factory):
     """The bundled example, sampled briefly; what it printed, and its folder."""
@@ -278,11 +353,11 @@ def test_every_model_is_checked_before_the_first_is_sampled(here, capsys):
     assert sorted(os.listdir(here)) == ["case.toml", "run.csv"]
 
 
-def test_quiet_prints_nothing(here, first, monkeypatch, capsys):
+def test_quiet_prints_where_the_results_are_and_nothing_else(here, first, monkeypatch, capsys):
     monkeypatch.setattr(bg.GreyBox, "fit", lambda *_, **__: bg.load(first.folder / "run.nc"))
     (here / "case.toml").write_text(CONFIG.replace('"out"', '"out"\nfigures = false'))
     assert cli.main(["fit", "case.toml", *SHORT, "--quiet"]) == 3
-    assert capsys.readouterr() == ("", "")
+    assert capsys.readouterr() == ("out\n", "")
     assert sorted(os.listdir("out")) == ["config.toml", "run.nc", "summary.json"]
 
 

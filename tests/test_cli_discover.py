@@ -135,10 +135,10 @@ def test_a_study_that_was_not_sampled_has_no_posterior_to_save(here, study, foun
     assert json.loads(Path("other/summary.json").read_text())["convergence"] is None
 
 
-def test_quiet_prints_nothing_and_figures_can_be_left_out(here, found, capsys):
+def test_quiet_prints_where_the_results_are_and_figures_can_be_left_out(here, found, capsys):
     (here / "case.toml").write_text(PLAIN)
     assert cli.main(["discover", "case.toml", "--quiet"]) == 0
-    assert capsys.readouterr() == ("", "")
+    assert capsys.readouterr() == ("out\n", "")
     assert not (here / "out" / "figures").exists()
 
 
@@ -215,7 +215,7 @@ def test_a_saved_fit_is_reported_beside_itself_or_where_asked(here, study, monke
         ([Path("runs/first/run.nc")], None, {}, True),
         ([Path("run.nc")], Path("page.html"), {}, False),
     ]
-    assert capsys.readouterr().out == "The report is runs/first/run.html.\n"
+    assert capsys.readouterr().out == "The report is runs/first/run.html.\npage.html\n"
 
 
 def test_a_fit_that_is_not_there_cannot_be_reported(here, capsys):

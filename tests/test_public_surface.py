@@ -87,12 +87,14 @@ def test_results_have_what_they_are_said_to_have(study):
         assert hasattr(fit, name)
     methods = """
         summary inclusion discrepancy discrepancy_grid trade_off predict simulate checks loo_pit whiteness sensitivity
-        save to_html to_inferencedata drawn
+        save to_html to_inferencedata drawn to_sympy to_latex to_callable to_json
     """.split()
     assert all(callable(getattr(bg.Fit, name)) for name in methods)
+    assert all(callable(getattr(bg.Study, name)) for name in ("to_sympy", "to_latex", "to_callable", "to_json"))
     assert all(callable(getattr(bg.Study, name)) for name in ("save", "to_html", "record", "free_run"))
     tables = {"verdict", "sentence", "effects", "hypotheses", "corrections", "where", "gap", "rounds", "ties", "model"}
     assert tables <= {*(field.name for field in fields(study)), "sentence"}
+    assert "\nd(ydot)/dt = F − y − 0.1·ydot − 0.8" in repr(study) and "\nd(ydot)/dt = " in repr(fit)
     assert study.sentence in repr(study) and study.record()["sentence"] == study.sentence
     assert list(study.record())[:2] == ["verdict", "sentence"]
     assert isinstance(fit.verdict, bg.Verdict) and isinstance(fit.predict(study.test), bg.Prediction)

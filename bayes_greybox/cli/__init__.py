@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from bayes_greybox.cli.ending import BAD_INPUT, DONE, NOT_CONVERGED, exit_code, show
+from bayes_greybox.cli.ending import BAD_INPUT, DONE, NOT_CONVERGED, exit_code, log_to_stderr, show
 from bayes_greybox.data.errors import InputError
 
 if TYPE_CHECKING:
@@ -18,9 +18,10 @@ if TYPE_CHECKING:
 
 app = typer.Typer(
     name="bayes-greybox",
-    help="Find, name and add the physics a simulation is missing, with honest uncertainty.",
     epilog="Exit codes: 0 done, 2 bad input, 3 done but the sampler did not converge.",
-    add_completion=False,
+    # Typer completes words in bash, zsh, fish and PowerShell by itself; no other library is needed.
+    add_completion=True,
+    context_settings={"help_option_names": ["-h", "--help"]},
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
 )
@@ -34,7 +35,10 @@ Draws = Annotated[int | None, typer.Option(help="Posterior draws of each chain."
 Tune = Annotated[int | None, typer.Option(help="Warm-up draws of each chain.")]
 Chains = Annotated[int | None, typer.Option(help="Number of chains.")]
 NoProgress = Annotated[bool, typer.Option("--no-progress", help="Show no progress bar.")]
-Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Show nothing but errors.")]
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Show nothing but errors, and where the results are.")]
+Verbose = Annotated[
+    int, typer.Option("--verbose", "-v", count=True, help="Say on stderr what is being done; -vv in more detail.")
+]
 
 
 class Scheme(StrEnum):
@@ -106,6 +110,24 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _refused(message())
 
 
+def _version(asked: bool) -> None:
+    if asked:
+        # Imported here because it is slow and seldom needed.
+        from importlib.metadata import version
+
+        typer.echo(f"bayes-greybox {version('bayes-greybox')}")
+        raise typer.Exit()
+
+
+@app.callback()
+def _whole(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Show the version and exit.")
+    ] = False,
+) -> None:
+    """Find, name and add the physics a simulation is missing, with honest uncertainty."""
+
+
 @app.command()
 def fit(
     config: ConfigFile,
@@ -116,12 +138,14 @@ def fit(
     chains: Chains = None,
     no_progress: NoProgress = False,
     quiet: Quiet = False,
+    verbose: Verbose = 0,
 ) -> int:
     """Fit the model of a configuration file and write the results to a folder.
 
     The folder gets run.nc (the whole fit), summary.json (verdict, coefficients, discrepancy), the figures
     and a copy of the configuration.
     """
+    log_to_stderr(verbose)
     from bayes_greybox.running.stages import stage, stages
 
     settings = _configured(config, seed=seed, draws=draws, tune=tune, chains=chains)
@@ -161,8 +185,7 @@ def fit(
                     from bayes_greybox.report.plots import fit_figures, save_figures
 
                     save_figures(fit_figures(result), folder / "figures")
-    if not quiet:
-        show("", str(checked), f"Results are in {folder}.")
+    show(*([folder] if quiet else ["", str(checked), f"Results are in {folder}."]))
     return DONE if result.verdict.ok else NOT_CONVERGED
 
 
@@ -176,6 +199,7 @@ def discover(
     chains: Chains = None,
     no_progress: NoProgress = False,
     quiet: Quiet = False,
+    verbose: Verbose = 0,
 ) -> int:
     """Find which effect a simulation is missing, and where.
 
@@ -183,6 +207,7 @@ def discover(
     folder gets gap.html (the report), summary.json, study.nc (the amended model's posterior and the study's
     tables), the figures and a copy of the configuration.
     """
+    log_to_stderr(verbose)
     from bayes_greybox.running.stages import stage, stages
 
     settings = _configured(config, seed=seed, draws=draws, tune=tune, chains=chains)
@@ -220,8 +245,7 @@ def discover(
                     from bayes_greybox.report.plots import save_figures, study_figures
 
                     save_figures(study_figures(study), folder / "figures")
-    if not quiet:
-        show(f"\nThe report is {folder / 'gap.html'}.")
+    show(folder if quiet else f"\nThe report is {folder / 'gap.html'}.")
     return DONE if study.fit is None or study.fit.verdict.ok else NOT_CONVERGED
 
 
@@ -241,6 +265,7 @@ def compare(
     chains: Chains = None,
     no_progress: NoProgress = False,
     quiet: Quiet = False,
+    verbose: Verbose = 0,
 ) -> int:
     """Compare models by how well they predict data that are left out.
 
@@ -248,6 +273,7 @@ def compare(
     comparison.html (the report), summary.json, a figure and a copy of the configuration. Saved fits are compared
     as they are; the report and its like are written if --output is given.
     """
+    log_to_stderr(verbose)
     sampling = {"seed": seed, "draws": draws, "tune": tune, "chains": chains}
     folds = _given_folds(scheme, block, max_refits)
     from bayes_greybox.running.stages import stage, stages
@@ -288,12 +314,14 @@ def report(
     max_refits: MaxRefits = None,
     no_progress: NoProgress = False,
     quiet: Quiet = False,
+    verbose: Verbose = 0,
 ) -> int:
     """Write the report of a saved fit or of a comparison, one HTML page.
 
     Several fits are compared first; a folder that compare wrote is shown as it is. The page holds all its
     figures and needs no network.
     """
+    log_to_stderr(verbose)
     given = _given_folds(scheme, block, max_refits)
     if any(file.is_dir() for file in files) and len(files) > 1:
         raise InputError("report takes one saved fit (*.nc), several, or one folder that compare wrote.")
@@ -307,8 +335,7 @@ def report(
         from bayes_greybox.report.saved import saved_html
 
         fits, page = saved_html(files, output, given, progress=progress)
-    if not quiet:
-        show(f"The report is {page}.")
+    show(page if quiet else f"The report is {page}.")
     return exit_code(fits)
 
 
@@ -343,6 +370,8 @@ def benchmark(
     ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the cases.")] = 0,
     no_progress: NoProgress = False,
+    quiet: Quiet = False,
+    verbose: Verbose = 0,
 ) -> int:
     """Run one of the package's benchmarks.
 
@@ -359,21 +388,24 @@ def benchmark(
     equations from noisy samples of all states, and weak-coverage counts their intervals. hudson-bay compares the exact
     trajectory posterior with a reference, and with the model written by hand.
     """
+    log_to_stderr(verbose)
     from bayes_greybox.cli.benchmarking import run_benchmark
 
     seen = "" if displacement is None else f"-displacement-{displacement:g}"
     folder = output or Path("runs") / f"benchmark-{name.value}{seen}"
-    return run_benchmark(
+    tables = run_benchmark(
         name.value,
         folder,
         cases=cases,
         workers=workers,
         replicates=replicates,
         seed=seed,
-        progress=not no_progress,
+        progress=not (no_progress or quiet),
         families=None if families is None else families.value,
         displacement=displacement,
     )
+    show(*([folder] if quiet else [*tables, f"\nResults are in {folder}."]))
+    return DONE
 
 
 @app.command()

@@ -2,14 +2,15 @@
 
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from bayes_greybox.data.errors import InputError
 
-from .ending import DONE, show
-
 if TYPE_CHECKING:
     from bayes_greybox.criticism.calibration.calibrate import Calibration
+
+Parts = list[Any]
+"""Tables to print, in order."""
 
 
 def run_benchmark(
@@ -23,8 +24,8 @@ def run_benchmark(
     progress: bool,
     families: str | None = None,
     displacement: float | None = None,
-) -> int:
-    """Run a benchmark by its name; options that it does not have are refused."""
+) -> Parts:
+    """Run a benchmark by its name, and return its tables; options that it does not have are refused."""
     if name != "hidden-effects" and workers is not None:
         raise InputError(f"--workers does not apply to {name}, which uses every core; leave it out.")
     if name != "hidden-effects" and families is not None:
@@ -79,11 +80,12 @@ def run_benchmark(
     chosen = (*kept, *broken)
     chosen = chosen if cases is None else subset(chosen, cases, seed)
     scores = run(folder, chosen, workers=workers or 2, progress=progress)
-    show(*benchmark_tables(scores), f"\nResults are in {folder}.")
-    return DONE
+    return [*benchmark_tables(scores)]
 
 
-def _displacement(folder: Path, noise: float, cases: int | None, workers: int | None, seed: int, progress: bool) -> int:
+def _displacement(
+    folder: Path, noise: float, cases: int | None, workers: int | None, seed: int, progress: bool
+) -> Parts:
     from bayes_greybox.benchmarks.hidden_effects.cases import subset
     from bayes_greybox.benchmarks.hidden_effects.run import run
     from bayes_greybox.benchmarks.hidden_effects.solvers import displacement_oracle, displacement_peers
@@ -100,11 +102,10 @@ def _displacement(folder: Path, noise: float, cases: int | None, workers: int | 
         folder, chosen, solve=solve, oracle=oracle, rivals=rivals, workers=workers or 2, peers=available(),
         progress=progress,
     )  # fmt: skip
-    show(*benchmark_tables(scores), f"\nResults are in {folder}.")
-    return DONE
+    return [*benchmark_tables(scores)]
 
 
-def _calibrate(folder: Path, cases: int | None, replicates: int, seed: int, progress: bool) -> int:
+def _calibrate(folder: Path, cases: int | None, replicates: int, seed: int, progress: bool) -> Parts:
     from bayes_greybox.benchmarks.calibration import run, subset
     from bayes_greybox.benchmarks.tables import calibration_tables
     from bayes_greybox.report.plots import calibration, save_figures
@@ -113,107 +114,96 @@ def _calibrate(folder: Path, cases: int | None, replicates: int, seed: int, prog
         save_figures({name: calibration(found)}, folder / "figures")
 
     table = run(folder, subset(cases), replicates=replicates, seed=seed, progress=progress, finished=finished)
-    show(*calibration_tables(table), f"\nResults are in {folder}.")
-    return DONE
+    return [*calibration_tables(table)]
 
 
-def _confounding(folder: Path, replicates: int | None, seed: int, progress: bool) -> int:
+def _confounding(folder: Path, replicates: int | None, seed: int, progress: bool) -> Parts:
     from bayes_greybox.benchmarks.confounding.run import REPLICATES, all_cells, run
     from bayes_greybox.benchmarks.tables import confounding_tables
     from bayes_greybox.report.plots import plot_confounding, save_figures
 
     scores = run(folder, all_cells(replicates or REPLICATES, seed), progress=progress)
     save_figures({"confounding": plot_confounding(scores.terms)}, folder)
-    show(*confounding_tables(scores), f"\nResults are in {folder}.")
-    return DONE
+    return [*confounding_tables(scores)]
 
 
-def _sampled_systems(folder: Path, cases: int | None, replicates: int | None, seed: int, progress: bool) -> int:
+def _sampled_systems(folder: Path, cases: int | None, replicates: int | None, seed: int, progress: bool) -> Parts:
     from bayes_greybox.benchmarks.sampled_systems.run import REPLICATES, run
     from bayes_greybox.benchmarks.sampled_systems.systems import systems
     from bayes_greybox.benchmarks.tables import sampled_tables
 
     names = list(systems())[:cases]
     table = run(folder, names, replicates=replicates or REPLICATES, seed=seed, progress=progress)
-    show(*sampled_tables(table), f"\nResults are in {folder}.")
-    return DONE
+    return [*sampled_tables(table)]
 
 
-def _sampled_traps(folder: Path, cases: int | None, seed: int, progress: bool) -> int:
+def _sampled_traps(folder: Path, cases: int | None, seed: int, progress: bool) -> Parts:
     from bayes_greybox.benchmarks.sampled_traps.run import run, traps
     from bayes_greybox.benchmarks.tables import trap_tables
 
     table = run(folder, cases=list(traps())[:cases], seed=seed, progress=progress)
-    show(*trap_tables(table), f"\nResults are in {folder}.")
-    return DONE
+    return [*trap_tables(table)]
 
 
-def _sampled_coverage(folder: Path, replicates: int | None, seed: int, progress: bool) -> int:
+def _sampled_coverage(folder: Path, replicates: int | None, seed: int, progress: bool) -> Parts:
     from bayes_greybox.benchmarks.sampled_systems.coverage import REPEATS, run
     from bayes_greybox.benchmarks.tables import coverage_tables
 
     table = run(folder, repeats=replicates or REPEATS, seed=seed, progress=progress)
-    show(*coverage_tables(table), f"\nResults are in {folder}.")
-    return DONE
+    return [*coverage_tables(table)]
 
 
-def _hudson_bay(folder: Path, seed: int, progress: bool) -> int:
+def _hudson_bay(folder: Path, seed: int, progress: bool) -> Parts:
     from bayes_greybox.benchmarks.hudson_bay.run import run
     from bayes_greybox.report.terminal.tables import frame_table
 
     quantities, samplers = run(folder, seed=seed, progress=progress)
     title = "Errors over the reference's standard deviations; standard deviations over its own"
-    show(frame_table(title, quantities), frame_table("Samplers", samplers), f"\nResults are in {folder}.")
-    return DONE
+    return [frame_table(title, quantities), frame_table("Samplers", samplers)]
 
 
-def _static_maps(folder: Path, cases: int | None, replicates: int | None, seed: int, progress: bool) -> int:
+def _static_maps(folder: Path, cases: int | None, replicates: int | None, seed: int, progress: bool) -> Parts:
     from bayes_greybox.benchmarks.static_maps.maps import maps
     from bayes_greybox.benchmarks.static_maps.run import REPLICATES, run
     from bayes_greybox.benchmarks.tables import map_tables
 
     table = run(folder, list(maps())[:cases], replicates=replicates or REPLICATES, seed=seed, progress=progress)
-    show(*map_tables(table), f"\nResults are in {folder}.")
-    return DONE
+    return [*map_tables(table)]
 
 
-def _memory_effects(folder: Path, cases: int | None, replicates: int | None, seed: int, progress: bool) -> int:
+def _memory_effects(folder: Path, cases: int | None, replicates: int | None, seed: int, progress: bool) -> Parts:
     from bayes_greybox.benchmarks.memory_effects.machines import machines
     from bayes_greybox.benchmarks.memory_effects.run import REPLICATES, run
     from bayes_greybox.benchmarks.tables import memory_tables
 
     names = list(machines())[:cases]
     table = run(folder, names, replicates=replicates or REPLICATES, seed=seed, progress=progress)
-    show(*memory_tables(table), f"\nResults are in {folder}.")
-    return DONE
+    return [*memory_tables(table)]
 
 
-def _weak_odes(folder: Path, cases: int | None, replicates: int | None, seed: int, progress: bool) -> int:
+def _weak_odes(folder: Path, cases: int | None, replicates: int | None, seed: int, progress: bool) -> Parts:
     from bayes_greybox.benchmarks.tables import weak_tables
     from bayes_greybox.benchmarks.weak_odes.run import REPLICATES, run
     from bayes_greybox.benchmarks.weak_odes.systems import weak_systems
 
     names = list(weak_systems())[:cases]
     table = run(folder, names, replicates=replicates or REPLICATES, seed=seed, progress=progress)
-    show(*weak_tables(table), f"\nResults are in {folder}.")
-    return DONE
+    return [*weak_tables(table)]
 
 
-def _weak_coverage(folder: Path, replicates: int | None, seed: int, progress: bool) -> int:
+def _weak_coverage(folder: Path, replicates: int | None, seed: int, progress: bool) -> Parts:
     from bayes_greybox.benchmarks.tables import weak_tables
     from bayes_greybox.benchmarks.weak_odes.run import COVERED, REPEATS, run
     from bayes_greybox.benchmarks.weak_odes.systems import NOISES
 
     counted = replicates or REPEATS
     table = run(folder, COVERED, noises=NOISES[:1], replicates=counted, seed=seed, progress=progress)
-    show(*weak_tables(table), f"\nResults are in {folder}.")
-    return DONE
+    return [*weak_tables(table)]
 
 
-def _published_odes(folder: Path, replicates: int | None, seed: int, progress: bool) -> int:
+def _published_odes(folder: Path, replicates: int | None, seed: int, progress: bool) -> Parts:
     from bayes_greybox.benchmarks.published_odes.run import REPLICATES, run
     from bayes_greybox.benchmarks.tables import ode_tables
 
     table = run(folder, replicates=replicates or REPLICATES, seed=seed, progress=progress)
-    show(*ode_tables(table), f"\nResults are in {folder}.")
-    return DONE
+    return [*ode_tables(table)]

@@ -78,6 +78,8 @@ def compare_saved(
 def _compared(fits: dict[str, Any], table: Any, folder: Path | None, quiet: bool) -> int:
     if not quiet:
         show(*comparison_tables(fits, table), *([] if folder is None else [f"Results are in {folder}."]))
+    elif folder is not None:
+        show(folder)
     return exit_code(fits)
 
 

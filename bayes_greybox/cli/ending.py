@@ -1,6 +1,8 @@
-"""How every command ends: what it shows, and its exit code."""
+"""What every command says and how it ends: tables, the log, its exit code."""
 
+import os
 from collections.abc import Mapping
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -8,6 +10,9 @@ if TYPE_CHECKING:
 
 DONE, BAD_INPUT, NOT_CONVERGED = 0, 2, 3
 """Exit codes; 3 means that results were written but the verdict on convergence is bad."""
+
+HANDLER = "bayes-greybox on stderr"
+"""Name of the handler that the commands give to the package's log."""
 
 
 def exit_code(fits: Mapping[str, "Posterior"]) -> int:
@@ -18,9 +23,32 @@ def exit_code(fits: Mapping[str, "Posterior"]) -> int:
 
 
 def show(*parts: Any) -> None:
-    """Print texts and tables."""
+    """Print texts and tables; a path as one word, whatever the width, so that a script can read it."""
     from rich.console import Console
 
-    console = Console(highlight=False, markup=False)
+    # Rich leaves bold letters where NO_COLOR asks for no colour; without a colour system it writes letters alone.
+    console = Console(highlight=False, markup=False, color_system=None if os.environ.get("NO_COLOR") else "auto")
     for part in parts:
-        console.print(part)
+        if isinstance(part, Path):
+            console.print(str(part), soft_wrap=True)
+        else:
+            console.print(part)
+
+
+def log_to_stderr(verbose: int) -> None:
+    """Show what the package logs: nothing but warnings at 0, its stages from 1 on, details from 2 on.
+
+    Args:
+        verbose: How often it was asked for.
+    """
+    import logging
+
+    logger = logging.getLogger("bayes_greybox")
+    for handler in [each for each in logger.handlers if each.name == HANDLER]:
+        logger.removeHandler(handler)
+    logger.setLevel({0: logging.NOTSET, 1: logging.INFO}.get(verbose, logging.DEBUG))
+    if verbose:
+        handler = logging.StreamHandler()
+        handler.name = HANDLER
+        handler.setFormatter(logging.Formatter("%(asctime)s %(levelname)s %(name)s: %(message)s", "%H:%M:%S"))
+        logger.addHandler(handler)

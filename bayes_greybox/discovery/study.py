@@ -1,5 +1,6 @@
 """The missing-effect study: gap, where, what, honesty, add, show. It samples nothing of the amended model."""
 
+import logging
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
@@ -40,6 +41,8 @@ from .suspects.channels import DELAY_STEPS, GAIN_SD, OFFSET_SD, ZERO_SD
 from .weighing.sets import OTHER_LAWS
 
 AnyProgram = TypeVar("AnyProgram", bound=Program)
+
+log = logging.getLogger(__name__)
 
 HELD = "the model or the data have a state with the name of its hidden state: the effect is in the model already"
 """Why an effect that a study found before is not weighed again."""
@@ -180,6 +183,7 @@ def investigate(
 
             def say(text: str, name: str = name) -> None:
                 line.say(f"{name}: {text}")
+                log.info("%s: %s", name, text)
 
             say("reading the data")
             columns = roles_of(
@@ -202,6 +206,7 @@ def investigate(
             left_out |= {(name, slug): why for slug, why in findings[name].statistics.left_out.items()}
         seconds["explain"] = time.perf_counter() - started
         line.say("measuring the gap before and after")
+        log.info("measuring the gap before and after")
         start = time.perf_counter()
         amendments = {name: found.amendment for name, found in findings.items()}
         parts = [("train", train), *([("test", test)] if test is not None else [])]

@@ -1,5 +1,7 @@
 """The posterior: one NUTS run and its exact conditional draws, kept as an ArviZ DataTree in user's units."""
 
+import logging
+import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache, wraps
@@ -9,6 +11,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import xarray as xr
+from jaxtyping import Bool
 from threadpoolctl import threadpool_limits
 
 from bayes_greybox.data.errors import InputError
@@ -28,6 +31,8 @@ from .groups import data_table, drawn, row_dimension, tree_of, user_units
 from .kernel import posterior_kernel
 from .nuts import SAMPLING, Sampler
 from .prior import log_prior, prior_sampler
+
+log = logging.getLogger(__name__)
 
 PRIOR_DRAWS = 500
 """Draws in the `prior` group."""
@@ -203,6 +208,18 @@ class Posterior:
                 "that was refined."
             )
 
+    def likeliest_pattern(self, equation: str) -> Bool[np.ndarray, " n_term"]:
+        """Terms that are in, in the commonest pattern of the draws; all of them under a prior without inclusion.
+
+        Args:
+            equation: A key of `equations`.
+        """
+        values = self.values(equation)
+        if "gamma" not in values:
+            return np.ones(values["theta"].shape[1], bool)
+        patterns, count = np.unique(values["gamma"], axis=0, return_counts=True)
+        return patterns[np.argmax(count)].astype(bool)
+
     def learned(self) -> dict[str, "Learned"]:
         """Frames by learned state, also of those that share their rows with others."""
         return {
@@ -364,6 +381,13 @@ def _sampled(
     if equations is None:
         with stage("Reading the rows"):
             equations = model.assemble(data)
+    for name, each in equations.items():
+        rows, frame = each.rows, each.frame
+        log.debug(
+            "%s: %d rows, %d terms, f of %s", name, rows.n_row, len(frame.dictionary), frame.variables or "nothing"
+        )
+    log.info("sampling %s: %d chains of %d + %d", ", ".join(equations), sampling.chains, sampling.tune, sampling.draws)
+    start = time.perf_counter()
     designs = {name: equation.design for name, equation in equations.items()}
     programs = programs_for(model, designs, sampling) if programs is None else programs
     run_key, draw_key, prior_key = jax.random.split(jax.random.PRNGKey(sampling.seed), 3)
@@ -378,6 +402,7 @@ def _sampled(
         with stage("Drawing from the prior"):
             prior = programs.prior(designs, prior_key)
             densities = programs.log_prior(designs, {**chains.samples, **drawn})
+    log.info("sampled in %.1f s, %d divergences", time.perf_counter() - start, np.sum(chains.stats["diverging"]))
     groups = {
         "posterior": user_units({**chains.samples, **drawn}, equations),
         "sample_stats": chains.stats,

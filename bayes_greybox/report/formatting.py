@@ -3,7 +3,7 @@
 import math
 import re
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -101,6 +101,50 @@ def estimate(mean: float, sd: float, unit: str = "") -> str:
         return f"{number(mean, digits)} ± {number(sd, 2)}{tail}"
     decimals = max(0, 1 - math.floor(math.log10(sd)))
     return f"{mean:.{decimals}f} ± {sd:.{decimals}f}".replace("-", "−") + tail
+
+
+class Concise(NamedTuple):
+    """Size and standard deviation of a number in one: digits 1.23(4) times a power of ten, 0 for none."""
+
+    digits: str
+    power: int
+
+    def __str__(self) -> str:
+        return f"{self.digits}·10{str(self.power).translate(_SUPERSCRIPT)}" if self.power else self.digits
+
+
+def concise(mean: float, sd: float) -> tuple[bool, Concise]:
+    """A coefficient with its standard deviation in units of the last digit: −1.001(2) is −1.001 ± 0.002.
+
+    The standard deviation has one digit, two where the first is 1, as rounding would change that too much.
+
+    Args:
+        mean: The number.
+        sd: Its standard deviation; nothing is put in brackets where it is zero or not known.
+
+    Returns:
+        Whether it is negative, and its size.
+    """
+    size = abs(mean)
+    if not (math.isfinite(mean) and math.isfinite(sd) and sd > 0):
+        if not math.isfinite(mean):
+            return False, Concise("–", 0)
+        mantissa, _, power = f"{size:.4g}".partition("e")
+        return mean < 0, Concise(mantissa, int(power or 0))
+    last = math.floor(math.log10(sd))
+    if round(sd / 10.0 ** (last - 1)) < 20:
+        last -= 1
+    if size > 0:
+        # Nobody reads more than nine digits; the standard deviation is then at most the last of them.
+        last = max(last, math.floor(math.log10(size)) - 8)
+    whole, off = round(size / 10.0**last), max(1, round(sd / 10.0**last))
+    top = last + len(str(max(whole, off))) - 1
+    # Zeros that are no digits are not written: neither before nor after the point.
+    power = top if last > 0 or not -3 <= top < 5 else 0
+    decimals = power - last
+    text = str(whole).rjust(decimals + 1, "0")
+    digits = f"{text[:-decimals]}.{text[-decimals:]}" if decimals else text
+    return mean < 0 and whole > 0, Concise(f"{digits}({off})", power)
 
 
 def figure_estimate(mean: float | np.floating, sd: float | np.floating, unit: str = "") -> str:

@@ -11,13 +11,16 @@ import pandas as pd
 from bayes_greybox.criticism.convergence import Verdict, convergence
 from bayes_greybox.criticism.cross_validation.compare import unreliable
 from bayes_greybox.criticism.discrepancy import discrepancy_table
+from bayes_greybox.criticism.equations.of_posterior import fitted_system
 from bayes_greybox.criticism.inclusion import inclusion
 from bayes_greybox.data.records import plain_rows, plain_values
+from bayes_greybox.discovery.learned import studied_system
 from bayes_greybox.discovery.study import StudyResult
 from bayes_greybox.inference.netcdf import versions
 from bayes_greybox.inference.posterior import Posterior
 
 from .doubts import doubts
+from .equations.record import equations_record
 from .sentence import sentence
 
 
@@ -33,11 +36,12 @@ def run_record(
         held_out: Normalised mean squared error on held-out data by equation, or None.
 
     Returns:
-        Verdict, coefficients, discrepancy, held-out error, data, settings, time and versions.
+        Verdict, equations, coefficients, discrepancy, held-out error, data, settings, time and versions.
     """
     data = fit.data
     return {
         "verdict": _verdict(convergence(fit)),
+        "equations": equations_record(fitted_system(fit)),
         "coefficients": plain_rows(inclusion(fit)),
         "discrepancy": plain_rows(discrepancy_table(fit)),
         "held_out_nmse": None if held_out is None else plain_values(held_out.to_dict()),
@@ -80,14 +84,15 @@ def study_record(study: StudyResult, sampling: Mapping[str, Any]) -> dict[str, A
         sampling: Settings of the sampler.
 
     Returns:
-        Verdict, its sentence, what speaks against it, convergence of the amended model's fit, every table, data and
-        settings.
+        Verdict, its sentence, the amended equations, what speaks against it, convergence of the amended model's fit,
+        every table, data and settings.
     """
     fit, test = study.fit, study.test
     return plain_values(
         {
             "verdict": study.verdict,
             "sentence": sentence(study),
+            "equations": equations_record(studied_system(study)),
             **study.record(),
             "doubts": [asdict(each) for each in doubts(study)],
             "convergence": None if fit is None else _verdict(convergence(fit)),

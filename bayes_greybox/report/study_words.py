@@ -1,7 +1,6 @@
-"""What figures, pages and terminal call things: explanations, measures of the gap, the amended simulation."""
+"""What figures, pages and terminal call things: explanations and measures of the gap."""
 
 import math
-import re
 from collections.abc import Iterable, Mapping
 from typing import Any
 
@@ -14,7 +13,6 @@ from bayes_greybox.discovery.study import StudyResult
 from bayes_greybox.discovery.suspects.channels import DELAY_STEPS, GAIN, GAIN_SD, OFFSET_SD
 from bayes_greybox.discovery.suspects.drift import DRIFT
 from bayes_greybox.discovery.suspects.memory import LAW
-from bayes_greybox.physics.simulation.reading import FUNCTION, simulation_record
 
 from .formatting import estimate, interval, nmse_text, number, percent_text, probability_text, unit_text
 
@@ -280,40 +278,7 @@ def concentration(row: Mapping[str, Any]) -> str:
     return f"{gap / samples:.1f}×" if samples > 0 and math.isfinite(gap) else "–"
 
 
-def amended_simulation(study: StudyResult) -> str:
-    """The simulation's expressions with the added effects and likely corrections, one line each; "" for a callable.
-
-    Digits are those that the posterior standard deviation justifies.
-    """
-    given = simulation_record(study.base.simulation)
-    if given == FUNCTION:
-        return ""
-    additions: dict[str, list[str]] = {}
-    hidden: dict[str, str] = {}
-    for row in study.effects.to_dict("records"):
-        if row["status"] == "added":
-            additions.setdefault(row["equation"], []).append(_product(row["mean"], row["sd"], row["expression"]))
-            hidden |= row.get("hidden") or {}
-    for (equation, term), row in zip(study.corrections.index, study.corrections.to_dict("records"), strict=True):
-        if row["probability"] > LIKELY:
-            additions.setdefault(str(equation), []).append(_product(row["mean"], row["sd"], str(term)))
-    lines = []
-    for equation, parts in additions.items():
-        start = str((given or {}).get(equation, ""))
-        text = f"{start} {' '.join(parts)}".strip().removeprefix("+ ")
-        lines.append(f'{equation} = "{text}"')
-    lines += [f'{name} = "{rate}"' for name, rate in hidden.items()]
-    return "\n".join(lines)
-
-
 def whole_term(row: Mapping[str, Any]) -> str:
     """An effect's formula with the rates of its hidden states, if it remembers."""
     rates = [f"d({name})/dt = {rate}" for name, rate in (row.get("hidden") or {}).items()]
     return ", ".join([row["expression"], *rates])
-
-
-def _product(mean: float, sd: float, expression: str) -> str:
-    size = max(abs(mean), 1e-300)
-    digits = 4 if not sd > 0 else min(8, max(2, math.ceil(math.log10(size / sd)) + 2))
-    factor = f"({expression})" if re.search(r"[-+]", re.sub(r"\([^()]*\)", "", expression)) else expression
-    return f"{'-' if mean < 0 else '+'} {abs(mean):.{digits}g}*{factor}"

@@ -36,6 +36,16 @@ def test_it_predicts_and_runs_free(fit):
     assert fit.simulate(other, draws=10).nrmse().max() < 0.05
 
 
+def test_its_equations_are_taken_out_as_one_system(fit):
+    x, y = np.random.default_rng(0).uniform(0.5, 4.0, (2, 6))
+    mean = fit.inclusion()["mean"]
+    by_hand = [mean["x", "x"] * x + mean["x", "x*y"] * x * y, mean["y", "x*y"] * x * y + mean["y", "y"] * y]
+    for backend in ("numpy", "jax"):
+        found = fit.to_callable(backend)(0.0, np.stack([x, y], axis=-1))
+        np.testing.assert_allclose(found, np.stack(by_hand, axis=-1), rtol=1e-8)
+    assert "\nd(x)/dt = " in repr(fit) and "\nd(y)/dt = " in repr(fit) and fit.to_latex().count("&=") == 2
+
+
 def test_it_is_saved_and_read(fit, tmp_path):
     fit.save(tmp_path / "fit.nc")
     read = bg.load(tmp_path / "fit.nc")

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import sympy
 from sampled_oscillator import SIMULATION, force
 from scipy.integrate import solve_ivp
 
@@ -94,6 +95,37 @@ def test_the_amended_model_has_the_hidden_state(hysteresis):
     assert model.discrepancy.variables == ("y", "v", "F")
     # The user's own model is as it was.
     assert set(hysteresis.base.simulation) == {"y", "v"}
+
+
+def test_the_equations_that_are_taken_out_have_the_hidden_state(hysteresis):
+    (name,) = hysteresis.effects.iloc[0]["hidden"]
+    rng = np.random.default_rng(0)
+    x, u = rng.uniform(-0.5, 0.5, (8, 3)), rng.uniform(-1, 1, (8, 1))
+    rates = hysteresis.to_callable()
+    assert rates.states == rates.equations == ("y", "v", name) and rates.inputs == ("F",)
+    (y, v, z), F = x.T, u[:, 0]
+    record = json.loads(hysteresis.to_json())
+    assert record["hidden_states"] == ["v", name]
+    own = {each["name"]: each for each in record["equations"]}
+    (term,), (inner,) = own["v"]["terms"], own["v"]["inner_parameters"]
+    assert (inner["effect"], inner["unit"]) == ("bouc-wen", "m") and inner["mean"] == pytest.approx(LIMIT, rel=0.05)
+    # Its rate by hand, with the value that the path has.
+    bend = v - (abs(v) * z + v * abs(z)) / (2 * inner["mean"])
+    by_hand = np.stack([v, F - 2 * y - 0.15 * v + term["mean"] * z, bend], axis=-1)
+    np.testing.assert_allclose(rates(0.0, x, u), by_hand, rtol=1e-8, atol=1e-8)
+    np.testing.assert_allclose(hysteresis.to_callable("jax")(0.0, x, u), by_hand, rtol=1e-8, atol=1e-8)
+    names = [sympy.Symbol(each, real=True) for each in (*rates.states, "F")]
+    found = [sympy.lambdify(names, e)(y, v, z, F) for e in hysteresis.to_sympy().values()]
+    np.testing.assert_allclose(np.stack(found, axis=-1), by_hand, rtol=1e-8, atol=1e-8)
+    # What free runs integrate, draw by draw.
+    added = hysteresis.amendments["v"].rates({"y": y, "v": v, "F": F, name: z}, 5)[1]
+    assert np.ptp(added, axis=0).max() > 1e-4
+    n = len(hysteresis.amendments["v"].alike)
+    every = hysteresis.amendments["v"].rates({"y": y, "v": v, "F": F, name: z}, n)[1]
+    drawn = hysteresis.to_callable(draws=n)(0.0, x, u)[..., 1]
+    np.testing.assert_allclose(drawn, F - 2 * y - 0.15 * v + every, rtol=1e-8, atol=1e-8)
+    shown = repr(hysteresis)
+    assert f"\nd({name})/dt = " in shown and "yield_displacement = 0." in shown
 
 
 def test_an_effect_that_the_model_has_already_is_not_weighed_again(hysteresis):

@@ -31,6 +31,7 @@ def test_the_page_of_a_fit_has_its_verdict_first_and_every_part(fit, html):
     head = html.split("<main>")[0]
     assert "Not converged" in head and "do not rely on these numbers" in head
     assert "In d(ydot)/dt, y³ and ydot³ matter" in head
+    assert 'aria-label="d(ydot)/dt = ' in head and "<math" in head and "<summary>LaTeX</summary>" in head
     anchors = re.findall(r'<section id="([\w-]+)"', html)
     assert anchors == ["numbers", "coefficients", "discrepancy", "predicted", "checks", "convergence", "settings"]
 

@@ -8,8 +8,14 @@ import pandas as pd
 import pytest
 from tiny_study import judged
 
+from bayes_greybox.criticism.equations.learned import Value
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.discovery.answer.finding import VERDICTS
+from bayes_greybox.discovery.learned import studied_system
+from bayes_greybox.physics.terms import Term
+from bayes_greybox.report.equations.latex import equations_latex
+from bayes_greybox.report.equations.mathml import equation_mathml
+from bayes_greybox.report.equations.text import as_simulation, equation_text, equations_text
 from bayes_greybox.report.formatting import (
     estimate,
     formula,
@@ -27,7 +33,7 @@ from bayes_greybox.report.pages.tables import settings_rows
 from bayes_greybox.report.plots import study_figures
 from bayes_greybox.report.record import study_record
 from bayes_greybox.report.sentence import sentence
-from bayes_greybox.report.study_words import amended_simulation, closed_text, metric_interval, metric_value
+from bayes_greybox.report.study_words import closed_text, metric_interval, metric_value
 from bayes_greybox.report.terminal.study import study_tables
 
 # Most of the time a page takes is that of its figures.
@@ -133,8 +139,8 @@ def test_every_rung_of_the_ladder_shows_its_numbers(study, html):
     text = Outline(html).text
     share, error = (study.gap.loc[("test", metric, "ydot")] for metric in ("unexplained share", "derivative NMSE"))
     added, second = study.effects.iloc[0], study.effects.iloc[1]
-    right = amended_simulation(study)
-    assert right.startswith('ydot = "F - y - 0.1*ydot - 0.8') and right.endswith('*y**3"')
+    right = as_simulation(studied_system(study))
+    assert right.startswith('y = "ydot"\nydot = "F - y - 0.1*ydot - 0.8') and right.endswith('*y**3"')
     for words in (
         percent_text(share["before"]), nmse_text(error["after"]), f"{percent_text(share['closed'])} of the gap closed",
         study.where.loc[0, "description"], percent_text(study.where.loc[0, "gap_share"]), "×",
@@ -193,6 +199,7 @@ def test_what_a_study_lacks_is_left_out_without_a_gap(study):
         "ties": [],
         "paths": {},
         "left_out": {},
+        "amendments": {},
     }
     page = outline(study, verdict="no gap", **nothing)
     anchors = [attributes["id"] for attributes in page.of("section")]
@@ -271,15 +278,30 @@ def test_a_page_is_written_whole_or_not_at_all(tmp_path, monkeypatch):
 
 def test_a_callable_simulation_is_not_printed(study):
     callable_base = replace(study.base, simulation=lambda t, x, u: x)
-    assert amended_simulation(replace(study, base=callable_base)) == ""
+    assert as_simulation(studied_system(replace(study, base=callable_base))) == ""
     assert "how-much" in render_of(study, base=callable_base, **PLAIN)
 
 
 def test_terms_that_are_sums_are_put_in_brackets(study):
-    table = study.effects.iloc[:1].copy()
-    table["expression"], table["mean"], table["sd"] = "y - 0.2", 1.5, 0.1
-    words = amended_simulation(replace(study, effects=table, corrections=study.corrections.iloc[:0]))
-    assert words == 'ydot = "F - y - 0.1*ydot + 1.5*(y - 0.2)"'
+    system = studied_system(study)
+    (cubic,) = system.learned["ydot"].terms
+    shifted = replace(cubic, term=Term("y - 0.2"), value=Value(1.5, 0.1, 1.3, 1.7))
+    system = replace(system, learned={"ydot": replace(system.learned["ydot"], terms=(shifted,))})
+    assert as_simulation(system).endswith('ydot = "F - y - 0.1*ydot + 1.5*(y - 0.2)"')
+    assert "+ 1.50(10) [1/m²/s²] (y − 0.2)" in equations_text(system)
+    assert r"\left(y - 0.2\right)" in equations_latex(system)
+    assert "<mo>(</mo>" in equation_mathml(system, "ydot")[-1]
+
+
+def test_the_amended_equation_is_at_the_top_in_letters_that_break_between_summands(study, html):
+    head = Outline(html.split("<main>")[0] + "</div></body></html>")
+    (equation,) = [a for _, a in head.tags if a.get("class") == "equation"]
+    text = equation_text(studied_system(study), "ydot")
+    assert equation["aria-label"] == text and text.startswith("d(ydot)/dt = F − y − 0.1·ydot − 0.8")
+    # The left-hand side, three of the simulation, one that was found; each is a formula of its own.
+    assert len(head.of("math")) == 5 and len(head.of("mfrac")) == 1 and len(head.of("msup")) == 1
+    assert r"\frac{\mathrm{d} \dot{y}}{\mathrm{d} t} &= F - y" in head.text
+    assert head.text.count("1.23(4) is 1.23 ± 0.04") == 1
 
 
 def test_the_figures_of_a_study_are_named_after_what_they_show(study):

@@ -217,6 +217,15 @@ class Amendment:
         position = scaled_position(columns, known.variables, known.centre, known.half_width)
         return held_features(known.basis, position)
 
+    def orthogonal_features(self, columns: Mapping[str, Array] | Mapping[str, np.ndarray]) -> Array | np.ndarray:
+        """Features of f less their projection on what was added, ψ − φ P; without f the features."""
+        psi, f = self.features(columns), self.discrepancy
+        for index, taken in zip(f.indices, f.projection, strict=True) if f is not None else ():
+            column = self.statistics.columns[index]
+            phi = column.formula.evaluate(columns) / column.scale
+            psi = psi - phi[:, None] * taken
+        return psi
+
     def _draws(self, n_draw: int) -> tuple[np.ndarray, np.ndarray]:
         """Scaled coefficients and inner columns of draws, see `pick`."""
         pick = self.pick(n_draw)

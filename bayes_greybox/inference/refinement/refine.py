@@ -50,7 +50,7 @@ def refine(
     """
     path = _path(posterior)
     name, equation = _only(posterior)
-    own, active = posterior.sites[name], _active(posterior, name)
+    own, active = posterior.sites[name], posterior.likeliest_pattern(name)
     rate, columns = _rate(posterior, active)
     course = Course.of(path, posterior.data.samples or posterior.data, posterior.model.rows.interpolation)
     terms = GivenTerms.of(active, equation.design.coefficients)
@@ -96,16 +96,6 @@ def _only(posterior: Posterior) -> tuple[str, Equation]:
 def _path(posterior: Posterior) -> ReferencePath:
     model, data = posterior.model, posterior.data
     return model.rows.path(data, model.equations, model.simulator(data))
-
-
-def _active(posterior: Posterior, name: str) -> Bool[np.ndarray, " n_term"]:
-    """Terms of the likeliest pattern."""
-    group, own = posterior.drawn(), posterior.sites[name]
-    n_term = group[own.theta].shape[-1]
-    if own.gamma not in group:
-        return np.ones(n_term, bool)
-    patterns, count = np.unique(group[own.gamma].to_numpy().reshape(-1, n_term), axis=0, return_counts=True)
-    return patterns[np.argmax(count)].astype(bool)
 
 
 def _rate(

@@ -1,20 +1,31 @@
-"""Formulas as text that reads back, and as LaTeX."""
+"""Formulas as text that reads back, as LaTeX and as MathML."""
+
+from typing import Any
 
 import sympy
+from sympy.printing.conventions import split_super_sub
 from sympy.printing.latex import LatexPrinter
+from sympy.printing.mathml import MathMLPresentationPrinter
+from sympy.printing.pretty.pretty_symbology import greek_unicode
 from sympy.printing.str import StrPrinter
 
 from bayes_greybox.physics.formula.functions import FUNCTIONS
 
 
-def to_text(expr: sympy.Basic) -> str:
-    """The expression as text without blanks that `parse_expression` reads back."""
-    return _TextPrinter().doprint(expr).replace(" ", "")
+def to_text(expr: sympy.Basic, blanks: bool = False) -> str:
+    """The expression as text that `parse_expression` reads back, with blanks around signs or without any."""
+    text = _TextPrinter().doprint(expr)
+    return text if blanks else text.replace(" ", "")
 
 
 def to_latex(expr: sympy.Basic) -> str:
     r"""The expression in LaTeX: `ydot` as \dot{y}, `tank_1` with a subscript, whole words upright."""
     return _FormulaPrinter().doprint(expr)
+
+
+def to_mathml(expr: sympy.Basic) -> str:
+    """The expression in MathML without the outer element, names as in LaTeX."""
+    return _MathMLPrinter().doprint(expr)
 
 
 class _TextPrinter(StrPrinter):
@@ -48,3 +59,69 @@ class _FormulaPrinter(LatexPrinter):
     def _print_Heaviside(self, expr, exp=None):  # noqa: N802
         latex = rf"H\left({self._print(expr.args[0])}\right)"
         return rf"{latex}^{{{exp}}}" if exp else latex
+
+
+class _MathMLPrinter(MathMLPresentationPrinter):
+    """SymPy's MathML, with dots over letters, words upright, this module's function names and H for the step."""
+
+    _ACCENTS = {"ddot": "\u00a8", "dot": "\u02d9", "hat": "^", "bar": "\u00af", "tilde": "~"}
+
+    def _print_Symbol(self, sym, style="plain"):  # noqa: N802
+        parts: Any = split_super_sub(sym.name)
+        name, above, below = parts
+        accent = next((a for a in self._ACCENTS if name.endswith(a) and len(name) > len(a)), "")
+        shown = self._letters(name.removesuffix(accent))
+        if accent:
+            shown = self._around("mover", shown, self._text("mo", self._ACCENTS[accent]))
+        for tag, words in (("msub", below), ("msup", above)):
+            if words:
+                shown = self._around(tag, shown, self._letters(" ".join(words)))
+        return shown
+
+    def _print_Function(self, expr):  # noqa: N802  # pyright: ignore[reportIncompatibleMethodOverride]
+        known = {function.node: name for name, function in FUNCTIONS.items() if function.node}
+        name = known.get(expr.func)
+        called = "H" if name == "heaviside" else name or expr.func.__name__
+        head = self._print_Symbol(sympy.Symbol(called))
+        args = FUNCTIONS[name].written(expr.args) if name else expr.args
+        inside = [self._text("mo", "(")]
+        for k, arg in enumerate(args):
+            inside += [self._text("mo", ",")] if k else []
+            shown: Any = self._print(arg)
+            inside.append(shown)
+        # U+2061, function application: read aloud as "of".
+        brackets = self._around("mrow", *inside, self._text("mo", ")"))
+        return self._around("mrow", head, self._text("mo", "\u2061"), brackets)
+
+    _print_Heaviside = _print_Max = _print_Min = _print_sign = _print_Function
+
+    def _print_exp(self, expr):  # noqa: N802
+        return self._around("msup", self._letters("e"), self._print(expr.args[0]))
+
+    def _print_Exp1(self, e):  # noqa: N802
+        return self._letters("e")
+
+    def _print_Float(self, expr):  # noqa: N802
+        mantissa, _, power = repr(float(expr)).partition("e")
+        if not power:
+            return self._text("mn", mantissa)
+        ten = self._around("msup", self._text("mn", "10"), self._text("mn", str(int(power)).replace("-", "\u2212")))
+        return self._around("mrow", self._text("mn", mantissa), self._text("mo", "\u00b7"), ten)
+
+    def _letters(self, text):
+        text = str(greek_unicode.get(text, text))
+        shown = self._text("mi", text)
+        if len(text) > 1:
+            shown.setAttribute("mathvariant", "normal")
+        return shown
+
+    def _text(self, tag, text):
+        node = self.dom.createElement(tag)
+        node.appendChild(self.dom.createTextNode(text))
+        return node
+
+    def _around(self, tag, *inside):
+        node = self.dom.createElement(tag)
+        for each in inside:
+            node.appendChild(each)
+        return node

@@ -7,10 +7,12 @@ from functools import partial
 import jax
 import jax.numpy as jnp
 import numpy as np
+import sympy
 from jaxtyping import Array, Float
 
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.physics.formula.grammar import symbol
 from bayes_greybox.physics.terms import Term
 
 from .protocol import RightHandSide, Simulation, finite
@@ -71,6 +73,12 @@ class CallableSimulation(Simulation):
             ]
             found = np.stack(differences, axis=-1) / (2 * np.diag(steps))
         return found.reshape(*x.shape, n_state)
+
+    def formula(self, name: str) -> sympy.Expr:
+        """An undefined function g_name(t, x, u) of a state: code cannot be read. It gives no outputs."""
+        if name not in self.states:
+            return sympy.S.Zero
+        return sympy.Function(f"g_{name}", real=True)(*map(symbol, ("t", *self.states, *self.inputs)))
 
     def additive_terms(self, state: str) -> list[tuple[Term, float]]:
         """None: code cannot be read."""

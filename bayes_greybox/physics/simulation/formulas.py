@@ -65,6 +65,10 @@ class ExpressionSimulation(Simulation):
                 found[..., k, :] = gradient(self.expressions[state], self.states, columns)
         return found
 
+    def formula(self, name: str) -> sympy.Expr:
+        """The expression; zero where there is none."""
+        return self.expressions.get(name, sympy.S.Zero)
+
     def additive_terms(self, state: str) -> list[tuple[Term, float]]:
         """The additive terms of an expression, each with its coefficient: F - 2*y gives (F, 1) and (y, -2)."""
         if state not in self.expressions:

@@ -3,9 +3,11 @@
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import cast
 
 import jax.numpy as jnp
 import numpy as np
+import sympy
 from jaxtyping import Array, Float
 
 from bayes_greybox.data.errors import InputError
@@ -58,6 +60,10 @@ class Simulation(ABC):
         self, t: Float[np.ndarray, "*n"], x: Float[np.ndarray, "*n n_state"], u: Float[np.ndarray, "*n n_input"]
     ) -> Float[np.ndarray, "*n n_state n_state"]:
         """∂g/∂x at points along paths, neighbours along the last axis of t."""
+
+    @abstractmethod
+    def formula(self, name: str) -> sympy.Expr:
+        """What is known of the rate of a state, or of an output, as a formula; code is an undefined function g_name."""
 
     @abstractmethod
     def additive_terms(self, state: str) -> list[tuple[Term, float]]:
@@ -171,6 +177,11 @@ class _WithTerms(Simulation):
             for term, value in terms:
                 found[..., k, :] += value * gradient(term.expr, self.states, columns)
         return found
+
+    def formula(self, name: str) -> sympy.Expr:
+        """That of the simulation, and the terms with their coefficients."""
+        added = [value * term.expr for term, value in self.known.get(name, ())]
+        return cast(sympy.Expr, sympy.Add(self.given.formula(name), *added))
 
     def additive_terms(self, state: str) -> list[tuple[Term, float]]:
         """Those of the simulation: the coefficients of the others are known, and nobody corrects them."""

@@ -10,6 +10,7 @@ import pandas as pd
 from bayes_greybox.criticism.checks.checks import checks
 from bayes_greybox.criticism.convergence import convergence
 from bayes_greybox.criticism.discrepancy import discrepancy_table
+from bayes_greybox.criticism.equations.of_posterior import fitted_system
 from bayes_greybox.criticism.inclusion import inclusion
 from bayes_greybox.criticism.prediction import predict
 from bayes_greybox.inference.posterior import Posterior
@@ -42,7 +43,7 @@ from .page import (
     picture,
     write_page,
 )
-from .tables import by_equation, fit_settings, footer, settings_table, verdict_blocks
+from .tables import by_equation, equations_block, fit_settings, footer, settings_table, verdict_blocks
 
 CLEAR = 0.5
 """Terms more probable than this are marked."""
@@ -94,6 +95,7 @@ def fit_page(fit: Posterior, config: str | None = None) -> Page:
         badges=[Badge("Converged", "good", "✓") if verdict.ok else Badge("Not converged", "bad", "!")],
         facts=_facts(fit),
         alerts=[] if verdict.ok else [" ".join([doubt, *verdict.reasons])],
+        equations=equations_block(fitted_system(fit)),
         cards=_cards(fit, shares),
         cards_title=f"Where the variance of the measured {fit.data.target_in_words(*fit.model.equations)} goes",
         sections=sections,

@@ -80,6 +80,31 @@ class Code:
 
 
 @dataclass(frozen=True)
+class Equation:
+    """A formula in parts, MathML of which a line may break between any two; `text` is the same in plain letters."""
+
+    parts: Sequence[str]
+    text: str
+
+
+@dataclass(frozen=True)
+class Equations:
+    """Learned equations.
+
+    Attributes:
+        equations: The equations.
+        notes: What goes with them, such as values of inner parameters.
+        rule: Which terms stand in them.
+        latex: All of them in LaTeX, to copy.
+    """
+
+    equations: Sequence[Equation]
+    notes: Sequence[str]
+    rule: str
+    latex: str
+
+
+@dataclass(frozen=True)
 class Table:
     """A table of texts.
 
@@ -152,6 +177,7 @@ class Page:
         badges: The verdict in a word, and what qualifies it.
         facts: What was analysed, in a few words each.
         alerts: What must be known before anything is believed.
+        equations: What was learned, as equations.
         findings: What speaks against the verdict and what does not, within the first screen.
         findings_title: What it is headed with.
         cards: Numbers that matter, before and after.
@@ -166,6 +192,7 @@ class Page:
     badges: Sequence[Badge] = ()
     facts: Sequence[str] = ()
     alerts: Sequence[str] = ()
+    equations: Equations | None = None
     findings: Sequence[Finding] = ()
     findings_title: str = ""
     cards: Sequence[Card] = ()

@@ -8,6 +8,7 @@ from bayes_greybox.criticism.convergence import convergence
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.answer.gap.denials import worsened
 from bayes_greybox.discovery.answer.gap.table import NO_SHARES
+from bayes_greybox.discovery.learned import studied_system
 from bayes_greybox.discovery.study import StudyResult
 from bayes_greybox.report.doubts import doubts
 from bayes_greybox.report.sentence import sentence
@@ -23,7 +24,7 @@ from bayes_greybox.report.study_words import (
 
 from . import study_sections as rungs
 from .page import Badge, Card, Finding, Page, write_page
-from .tables import footer
+from .tables import equations_block, footer
 
 BADGES = {
     "no gap": Badge("No gap", "good", "✓"),
@@ -79,6 +80,7 @@ def study_page(study: StudyResult, config: str | None = None) -> Page:
         badges=_badges(study),
         facts=_facts(study),
         alerts=_alerts(study),
+        equations=equations_block(studied_system(study)),
         findings=_findings(study),
         findings_title="What speaks against it",
         cards=_cards(study),

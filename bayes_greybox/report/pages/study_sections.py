@@ -7,16 +7,17 @@ import numpy as np
 import pandas as pd
 
 from bayes_greybox.discovery.answer.instrument import IN_MODEL, LISTED
+from bayes_greybox.discovery.learned import studied_system
 from bayes_greybox.discovery.study import StudyResult
 from bayes_greybox.discovery.suspects.channels import DELAY
 from bayes_greybox.report import plots as figures
 from bayes_greybox.report.doubts import NOTABLE
+from bayes_greybox.report.equations.text import as_simulation
 from bayes_greybox.report.formatting import estimate, formula, interval, number, percent_text, probability_text
 from bayes_greybox.report.plots.studies import gap_parts
 from bayes_greybox.report.study_words import (
     LIKELY,
     added,
-    amended_simulation,
     concentration,
     metric_interval,
     metric_value,
@@ -93,8 +94,9 @@ def how_much(study: StudyResult) -> Section:
     if added(study).size:
         alt = "Posterior distribution of the coefficient of each added effect"
         blocks = [Pictures([picture(figures.added_coefficients(study), alt)])]
-    text = amended_simulation(study)
-    if text:
+    system = studied_system(study)
+    text = as_simulation(system)
+    if text and any(each.terms for each in system.learned.values()):
         caption = "The simulation with what was found, posterior means put in, as [simulation] of a configuration:"
         blocks.append(Code(text, caption))
     return Section("how-much", "How much of it", "", blocks)

@@ -7,11 +7,15 @@ from typing import Any
 import numpy as np
 
 from bayes_greybox.criticism.convergence import convergence
+from bayes_greybox.criticism.equations.learned import LearnedSystem
 from bayes_greybox.criticism.summary import summary
 from bayes_greybox.inference.netcdf import describe
+from bayes_greybox.report.equations.latex import equations_latex
+from bayes_greybox.report.equations.mathml import equation_mathml
+from bayes_greybox.report.equations.text import equation_text, inner_text, note
 from bayes_greybox.report.formatting import formula, number
 
-from .page import Details, Items, Table, Words
+from .page import Details, Equation, Equations, Items, Table, Words
 
 
 def by_equation(
@@ -74,6 +78,19 @@ def verdict_blocks(fit: Any) -> list[Any]:
         return [Words("Every convergence check passed."), details]
     reasons = Items([("", reason) for reason in convergence(fit).reasons])
     return [Words("The sampler did not converge; what to try:", "alert"), reasons, details]
+
+
+def equations_block(system: LearnedSystem) -> Equations | None:
+    """Learned equations for the top of a page; None where nothing was learned.
+
+    Args:
+        system: The equations.
+    """
+    if not system.learned:
+        return None
+    shown = [Equation(equation_mathml(system, name), equation_text(system, name)) for name in system.shown]
+    notes = [text for name in system.learned for text in inner_text(system, name)]
+    return Equations(shown, notes, note(system), equations_latex(system))
 
 
 def footer(version: str | None) -> str:

@@ -7,8 +7,10 @@ from rich.console import Group, RenderableType
 from rich.text import Text
 
 from bayes_greybox.criticism.discrepancy import discrepancy_table
+from bayes_greybox.criticism.equations.of_posterior import fitted_system
 from bayes_greybox.criticism.inclusion import inclusion
 from bayes_greybox.inference.posterior import Posterior
+from bayes_greybox.report.equations.text import equations_text
 from bayes_greybox.report.formatting import (
     PROBABILITIES,
     level_text,
@@ -25,7 +27,7 @@ _LEVEL = 0.9
 
 
 def fit_tables(fit: Posterior, held_out: pd.Series | None) -> Iterator[RenderableType]:
-    """Verdict in words, then coefficients, discrepancy and error on held-out data.
+    """Verdict in words, then the learned equations, coefficients, discrepancy and error on held-out data.
 
     Args:
         fit: The fit.
@@ -36,6 +38,7 @@ def fit_tables(fit: Posterior, held_out: pd.Series | None) -> Iterator[Renderabl
     """
     yield verdict_text(fit)
     yield Text(f"{fit.data.n_obs} rows: {fit.model.rows.in_words(fit.data)}", style="dim")
+    yield Text(f"\n{equations_text(fitted_system(fit))}")
     table = inclusion(fit, _LEVEL)
     for equation in fit.model.equations:
         yield _coefficients(fit.data.target_label(equation), table.loc[equation])

@@ -9,8 +9,10 @@ from rich.text import Text
 
 from bayes_greybox.criticism.convergence import convergence
 from bayes_greybox.discovery.answer.instrument import IN_MODEL
+from bayes_greybox.discovery.learned import studied_system
 from bayes_greybox.discovery.study import StudyResult
 from bayes_greybox.report.doubts import NOTABLE, doubts
+from bayes_greybox.report.equations.text import equations_text
 from bayes_greybox.report.formatting import estimate, formula, percent_text, probability_text
 from bayes_greybox.report.sentence import sentence
 from bayes_greybox.report.study_words import metric_value, name_of, shown_part, suspect_size
@@ -30,7 +32,7 @@ SIGNS = {True: ("✗", "bold red"), False: ("✓", "green"), None: ("–", "dim"
 
 
 def study_tables(study: StudyResult) -> Iterator[RenderableType]:
-    """Verdict in words, what speaks against it, then the measurement, where, what, and the gap before and after.
+    """Verdict and equations, what speaks against it, the measurement, where, what, and the gap before and after.
 
     Args:
         study: The study.
@@ -42,6 +44,8 @@ def study_tables(study: StudyResult) -> Iterator[RenderableType]:
     if study.fit is not None and not convergence(study.fit).ok:
         yield Text(str(convergence(study.fit)), style="red")
     yield Text(f"{study.train.n_obs} rows: {study.base.rows.in_words(study.train)}", style="dim")
+    if study.amendments:
+        yield Text(f"\n{equations_text(studied_system(study))}")
     yield Group("", _against(study))
     if IN_MODEL in set(study.instrument["status"]):
         yield Group("", _measurement(study))

@@ -1,0 +1,206 @@
+"""Learned equations as plain parts, which text, LaTeX, JSON, SymPy and functions are made of.
+
+    d(x_i)/dt = g_i(x, u) + Σ_j θ_ij φ_ij(x, u) + f_i(x, u)
+
+An equation has the terms of the likeliest inclusion pattern alone, each coefficient with its posterior given that
+pattern, so that all that is printed or exported is one and the same model.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import cast
+
+import numpy as np
+import sympy
+from jaxtyping import Array, Float
+
+from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.physics.formula.expressions import symbol_names
+from bayes_greybox.physics.formula.grammar import symbol
+from bayes_greybox.physics.simulation.protocol import Simulation
+from bayes_greybox.physics.terms import Term
+
+LEVEL = 0.9
+"""Probability of the intervals."""
+
+Features = Callable[[Mapping[str, Array] | Mapping[str, np.ndarray]], Array | np.ndarray]
+"""Features of f [n_row, n_basis] at columns; of NumPy's arrays NumPy's."""
+
+
+@dataclass(frozen=True)
+class Value:
+    """Posterior of one number: mean, standard deviation (NaN of a single draw), equal-tailed interval."""
+
+    mean: float
+    sd: float
+    lower: float
+    upper: float
+
+    @classmethod
+    def of(cls, draws: Float[np.ndarray, " n_draw"]) -> "Value":
+        """Moments of draws."""
+        lower, upper = np.quantile(draws, [(1 - LEVEL) / 2, (1 + LEVEL) / 2])
+        sd = float(np.std(draws, ddof=1)) if len(draws) > 1 else np.nan
+        return cls(float(np.mean(draws)), sd, float(lower), float(upper))
+
+
+@dataclass(frozen=True)
+class LearnedTerm:
+    """A term with its coefficient.
+
+    Attributes:
+        name: What tables call it: the term's name, or the slug of an effect.
+        term: Its formula, inner parameters at their means.
+        value: Coefficient, in `unit`.
+        unit: "1" for a plain number, "" where it cannot be told.
+        probability: P(γ = 1 | y) of a term, or the probability of an effect; None under a prior without inclusion.
+    """
+
+    name: str
+    term: Term
+    value: Value
+    unit: str
+    probability: float | None
+
+
+@dataclass(frozen=True)
+class InnerValue:
+    """An inner parameter of an effect, such as the gap of a dead zone; `effect` is the effect's slug."""
+
+    name: str
+    effect: str
+    meaning: str
+    value: Value
+    unit: str
+
+
+@dataclass(frozen=True)
+class LearnedDiscrepancy:
+    """The f of one equation.
+
+    Attributes:
+        variables: What it depends on.
+        left: Whether it stands in the equation: whether something is left to it.
+        features: Its features; None where f has no finite expansion.
+        mean: Posterior mean of their weights beside the terms of the equation, user's units of the rate.
+    """
+
+    variables: tuple[str, ...]
+    left: bool
+    features: Features | None
+    mean: Float[np.ndarray, " n_basis"]
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """Posterior draws of one equation, of any pattern.
+
+    Attributes:
+        terms: All terms that any draw has.
+        coefficients: Theirs, user's units; zeros where a draw is without a term.
+        weights: Of the features of f, user's units of the rate; no columns without f.
+    """
+
+    terms: tuple[Term, ...]
+    coefficients: Float[np.ndarray, "n_draw n_term"]
+    weights: Float[np.ndarray, "n_draw n_basis"]
+
+
+@dataclass(frozen=True)
+class LearnedEquation:
+    """What was learned of one state's rate, or of an output.
+
+    Attributes:
+        terms: Terms of the equation.
+        left_out: Terms that are not in it; their coefficients are those of the whole posterior.
+        pattern: Probability of the pattern; None under a prior without inclusion.
+        discrepancy: f; None in a model without.
+        drawn: Posterior draws.
+        inner: Inner parameters of the terms.
+    """
+
+    terms: tuple[LearnedTerm, ...]
+    left_out: tuple[LearnedTerm, ...]
+    pattern: float | None
+    discrepancy: LearnedDiscrepancy | None
+    drawn: Drawn
+    inner: tuple[InnerValue, ...] = ()
+
+
+@dataclass(frozen=True)
+class LearnedSystem:
+    """All equations of a model, those learned and those of the simulation alone.
+
+    Attributes:
+        origin: "fit" or "study".
+        simulation: g, with hidden states and with terms whose coefficients are fixed.
+        data: Training data, for names, units and labels.
+        learned: What was learned, by state or output.
+        rule: Which terms stand in an equation, and when f does, in words.
+    """
+
+    origin: str
+    simulation: Simulation
+    data: Trajectories
+    learned: Mapping[str, LearnedEquation]
+    rule: str
+
+    @property
+    def states(self) -> tuple[str, ...]:
+        """Names of the states, in the order of x; hidden ones too."""
+        return self.simulation.states
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """Names of the inputs, in the order of u."""
+        return self.simulation.inputs
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """States and outputs that have an equation: the states in their order, then the outputs."""
+        known = (*self.simulation.equations, *self.learned)
+        states = tuple(name for name in self.states if name in known)
+        return (*states, *dict.fromkeys(name for name in known if name not in states))
+
+    @property
+    def hidden(self) -> tuple[str, ...]:
+        """States that no sensor shows."""
+        measured = (self.data.samples or self.data).state_names
+        return tuple(name for name in self.states if name not in measured)
+
+    @property
+    def shown(self) -> tuple[str, ...]:
+        """Equations that are printed: those learned, and those of hidden states that their terms use."""
+        found = list(self.learned)
+        for name in found:
+            used = {used for each in self._terms(name) for used in each.term.symbols}
+            # The rate of a hidden state may depend on another one.
+            used |= set(symbol_names(self.simulation.formula(name))) if name in self.hidden else set()
+            found += [state for state in self.hidden if state in used and state not in found]
+        return tuple(found)
+
+    def is_output(self, name: str) -> bool:
+        """Whether an equation gives a measured quantity, and no rate."""
+        return name not in self.states
+
+    def expression(self, name: str) -> sympy.Expr:
+        """Right-hand side of one equation: g + Σ E[θ_j] φ_j, and f as an undefined function where it is left.
+
+        Args:
+            name: A state or an output.
+        """
+        terms = [sympy.Float(each.value.mean) * each.term.expr for each in self._terms(name)]
+        return cast(sympy.Expr, sympy.Add(self.simulation.formula(name), *terms, self._f(name)))
+
+    def to_sympy(self) -> dict[str, sympy.Expr]:
+        """Right-hand sides by state or output."""
+        return {name: self.expression(name) for name in self.names}
+
+    def _terms(self, name: str) -> tuple[LearnedTerm, ...]:
+        return self.learned[name].terms if name in self.learned else ()
+
+    def _f(self, name: str) -> sympy.Expr:
+        f = self.learned[name].discrepancy if name in self.learned else None
+        if f is None or not f.left:
+            return sympy.S.Zero
+        return sympy.Function(f"f_{name}", real=True)(*map(symbol, f.variables))

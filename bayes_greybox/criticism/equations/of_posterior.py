@@ -1,0 +1,124 @@
+"""The equations that a posterior says: its likeliest pattern, with coefficients given that pattern."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from bayes_greybox.criticism.inclusion import ROPE, inclusion
+from bayes_greybox.criticism.prediction import PREDICTION_DRAWS
+from bayes_greybox.inference.posterior import Learned, Posterior, remembered
+from bayes_greybox.model.frame import Frame
+from bayes_greybox.physics.terms import Term
+
+from .learned import LEVEL, Drawn, Features, LearnedDiscrepancy, LearnedEquation, LearnedSystem, LearnedTerm, Value
+
+LIKELY = 0.5
+"""Under a prior without inclusion a term stands in the equation if it is likelier than this to matter."""
+
+ROWS = 500
+"""Rows, evenly spaced, on which f is told from zero."""
+
+TOLD = 2.0
+"""f is told from zero where its mean is so many of its standard deviations, as RMS over the rows.
+
+Where f is zero its posterior mean is less than its standard deviation, whatever its prior: with prior variance s² and
+variance n² of what the data say of a direction, E[mean²] = s⁴n²/(s²+n²)² < s²n²/(s²+n²) = sd².
+"""
+
+
+@remembered
+def fitted_system(posterior: Posterior) -> LearnedSystem:
+    """The equations of a fitted model.
+
+    Under a prior with inclusion the terms are those of the commonest pattern among the draws, jointly for equations
+    that share their rows, and coefficients are those of the draws that have this pattern. Under another prior all draws
+    count, and terms are left out that are unlikely to move the rate by more than one per cent of its RMS. f stands in
+    an equation where it moves the rate by more than that and is told from zero.
+
+    Args:
+        posterior: The fit.
+    """
+    table = inclusion(posterior, LEVEL)
+    patterned = "inclusion" in table
+    parts = {name: _Part.of(posterior, learned) for name, learned in posterior.learned().items()}
+    found = {}
+    for name, part in parts.items():
+        rows = table.loc[name].loc[list(part.learned.frame.dictionary.names)]
+        inside = part.active if patterned else (rows["outside_rope"] > LIKELY).to_numpy()
+        probability = rows["inclusion"].tolist() if patterned else [None] * len(rows)
+        every = part.terms(np.ones(len(part.theta), bool), rows["unit"].tolist(), probability)
+        given = part.terms(part.alike, rows["unit"].tolist(), probability)
+        found[name] = LearnedEquation(
+            terms=tuple(term for term, there in zip(given, inside, strict=True) if there),
+            left_out=tuple(term for term, there in zip(every, inside, strict=True) if not there),
+            pattern=float(np.mean(part.alike)) if patterned else None,
+            discrepancy=part.discrepancy(posterior),
+            drawn=Drawn(part.learned.frame.dictionary.terms, part.theta, part.weight),
+        )
+    terms = "Terms: those of the likeliest pattern"
+    if not patterned:
+        terms = "Terms: those likely to move the rate by over 1\u00a0% of its RMS"
+    f = "; f where the data tell it from zero and it moves the rate by over 1\u00a0%"
+    rule = f"{terms}{f if posterior.model.discrepancy is not None else ''}."
+    return LearnedSystem("fit", posterior.model.simulator(posterior.data, lacking=True), posterior.data, found, rule)
+
+
+@dataclass(frozen=True)
+class _Part:
+    """Draws of one learned state: coefficients and weights in user's units.
+
+    `active` are the terms of the likeliest pattern of its block, `alike` the draws that have it.
+    """
+
+    learned: Learned
+    theta: Float[np.ndarray, "n_draw n_term"]
+    weight: Float[np.ndarray, "n_draw n_basis"]
+    active: Bool[np.ndarray, " n_term"]
+    alike: Bool[np.ndarray, " n_draw"]
+
+    @classmethod
+    def of(cls, posterior: Posterior, learned: Learned) -> "_Part":
+        draws, frame = posterior.draws(learned.block), learned.frame
+        active = posterior.likeliest_pattern(learned.block)
+        patterns = posterior.values(learned.block).get("gamma", np.ones(draws.theta.shape, bool))
+        alike = np.all(patterns.astype(bool) == active, axis=1)
+        own = learned.of(draws)
+        weight = np.asarray(own.weight) * frame.target_scale
+        return cls(learned, own.theta * frame.coefficient_scale, weight, active[learned.columns], alike)
+
+    def terms(
+        self, rows: Bool[np.ndarray, " n_draw"], units: Sequence[str], probability: Sequence[float | None]
+    ) -> list[LearnedTerm]:
+        """All terms, with what some draws say of their coefficients."""
+        terms: tuple[Term, ...] = self.learned.frame.dictionary.terms
+        return [
+            LearnedTerm(term.name, term, Value.of(draws), unit, p)
+            for term, draws, unit, p in zip(terms, self.theta[rows].T, units, probability, strict=True)
+        ]
+
+    def discrepancy(self, posterior: Posterior) -> LearnedDiscrepancy | None:
+        """The f beside the terms; None without."""
+        frame, design = self.learned.frame, self.learned.equation.design
+        if not frame.variables:
+            return None
+        columns = self.learned.equation.rows.columns
+        n_row = len(next(iter(columns.values())))
+        index = np.unique(np.linspace(0, n_row - 1, min(n_row, ROWS)).astype(int))
+        some = self.learned.of(posterior.draws(self.learned.block, design.worthwhile(PREDICTION_DRAWS)))
+        f = np.asarray(design.at(frame, {name: column[index] for name, column in columns.items()}, some))
+        mean, variance = np.mean(f, axis=0), np.var(f, axis=0)
+        size = np.sqrt(np.mean(mean**2))
+        left = bool(size > max(ROPE, TOLD * np.sqrt(np.mean(variance))))
+        return LearnedDiscrepancy(frame.variables, left, self._features(), self.weight[self.alike].mean(axis=0))
+
+    def _features(self) -> Features | None:
+        return partial(_features_of, self.learned.frame) if self.learned.equation.design.expands else None
+
+
+def _features_of(frame: Frame, columns: Mapping[str, Any]) -> Array | np.ndarray:
+    """Ψ̃ at columns; what is remembered of a posterior can be pickled."""
+    return frame.rows(columns)[1]

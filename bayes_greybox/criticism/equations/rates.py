@@ -1,0 +1,179 @@
+"""The right-hand side of learned equations as a function, on NumPy's arrays or on JAX's."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from types import ModuleType
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from bayes_greybox.data.errors import InputError
+from bayes_greybox.physics.formula.expressions import evaluate
+from bayes_greybox.physics.simulation.protocol import Simulation
+from bayes_greybox.physics.terms import Term
+from bayes_greybox.physics.units import target_unit
+
+from .learned import Features, LearnedEquation, LearnedSystem
+
+BACKENDS: Mapping[str, ModuleType] = {"numpy": np, "jax": jnp}
+"""Array packages by name."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Added:
+    """What one equation adds to the simulation, a row of coefficients for each draw."""
+
+    terms: tuple[Term, ...]
+    coefficients: Float[np.ndarray, "n_draw n_term"]
+    features: Features | None
+    weights: Float[np.ndarray, "n_draw n_basis"]
+
+
+@dataclass(frozen=True, eq=False)
+class LearnedRates:
+    """(t, x, u) -> the rate of every state, as `GreyBox(simulation=...)` takes a function; made by `learned_rates`.
+
+    Jumps such as sign(v) are exact; an integrator wants steps that are short beside them, or an event.
+
+    Attributes:
+        states: Names of x, in order; units as in the data.
+        inputs: Names of u, in order; units as in the data.
+        equations: Names of what is returned, in order: the states that have an equation, then outputs. Where every
+            state has one and there are no outputs these are the states.
+        units: Units of what is returned, by name; "" where they are not known.
+        n_draw: Number of posterior draws, along the first axis of what is returned; None: one model, and no such axis.
+    """
+
+    states: tuple[str, ...]
+    inputs: tuple[str, ...]
+    equations: tuple[str, ...]
+    units: Mapping[str, str]
+    n_draw: int | None
+    simulation: Simulation
+    added: Mapping[str, _Added]
+    backend: str
+
+    def __call__(self, t: Any, x: Any, u: Any = None) -> Any:
+        """Rates at one point or at many.
+
+        Args:
+            t: Time, a number or an array [*n]; only a simulation that is code may use it.
+            x: States [*n, n_state].
+            u: Inputs [*n, n_input]; None for a model without inputs.
+
+        Returns:
+            Rates [*n, n_equation], or [n_draw, *n, n_equation] of posterior draws.
+
+        Raises:
+            InputError: States or inputs that are not as many as the model has.
+        """
+        xp = BACKENDS[self.backend]
+        x = xp.asarray(x, float)
+        u = xp.zeros((*x.shape[:-1], 0)) if u is None else xp.asarray(u, float)
+        for values, names, what in ((x, self.states, "states"), (u, self.inputs, "inputs")):
+            if values.ndim == 0 or values.shape[-1] != len(names):
+                has = values.shape[-1] if values.ndim else "a single number"
+                raise InputError(
+                    f"The last axis of the {what} must have {len(names)} values ({', '.join(names) or 'none'}), not "
+                    f"{has}: call rates(t, x, u)."
+                )
+        shape = np.broadcast_shapes(np.shape(t), x.shape[:-1], u.shape[:-1])
+        n = math.prod(shape)
+        rows = self._rows(
+            xp.broadcast_to(xp.asarray(t, float), shape).reshape(n),
+            xp.broadcast_to(x, (*shape, x.shape[-1])).reshape(n, x.shape[-1]),
+            xp.broadcast_to(u, (*shape, u.shape[-1])).reshape(n, u.shape[-1]),
+        )
+        found = rows.reshape(self.n_draw or 1, *shape, len(self.equations))
+        return found[0] if self.n_draw is None else found
+
+    def draw(self, k: int) -> "LearnedRates":
+        """The right-hand side of one posterior draw alone.
+
+        Args:
+            k: Its number, from 0 on.
+
+        Raises:
+            InputError: There is no such draw.
+        """
+        if self.n_draw is None or not 0 <= k < self.n_draw:
+            raise InputError(f"There is no draw {k}: ask for draws, to_callable(draws=...), and count them from 0.")
+        added = {
+            name: replace(each, coefficients=each.coefficients[[k]], weights=each.weights[[k]])
+            for name, each in self.added.items()
+        }
+        return replace(self, n_draw=None, added=added)
+
+    def _rows(self, t: Any, x: Any, u: Any) -> Any:
+        """Rates [n_draw, n, n_equation] at rows."""
+        xp = BACKENDS[self.backend]
+        columns = {name: x[:, i] for i, name in enumerate(self.states)}
+        columns |= {name: u[:, i] for i, name in enumerate(self.inputs)}
+        each = self.simulation.rates if xp is np else jax.vmap(self.simulation.rate)
+        simulated = each(t, x, u) if self.states else x
+        found = []
+        for name in self.equations:
+            if name in self.states:
+                rate = simulated[:, self.states.index(name)]
+            else:
+                rate = evaluate(self.simulation.formula(name), columns)
+            rate = xp.broadcast_to(rate, (self.n_draw or 1, len(t)))
+            added = self.added.get(name)
+            if added is not None and added.terms:
+                # Σ_j θ_j φ_j(x, u)
+                Phi = xp.stack([term.evaluate(columns) for term in added.terms], axis=-1)
+                rate = rate + xp.asarray(added.coefficients) @ Phi.T
+            if added is not None and added.features is not None:
+                # f(x) = Ψ̃(x) w
+                rate = rate + xp.asarray(added.weights) @ added.features(columns).T
+            found.append(rate)
+        return xp.stack(found, axis=-1)
+
+
+def learned_rates(
+    system: LearnedSystem, backend: str = "numpy", draws: int | None = None, discrepancy: bool = False
+) -> LearnedRates:
+    """The right-hand side of a system of learned equations.
+
+    Args:
+        system: The equations.
+        backend: "numpy" or "jax"; JAX's can be compiled, mapped and differentiated.
+        draws: Number of posterior draws, evenly spaced among all, each with terms and inner parameters of its own;
+            None: the equations as they are printed, coefficients at their means.
+        discrepancy: Whether f is added, where the model has one.
+
+    Raises:
+        InputError: An unknown backend; more draws than there are, or none; f is asked for and is dense.
+    """
+    if backend not in BACKENDS:
+        raise InputError(f"backend={backend!r} is not known: use {' or '.join(map(repr, BACKENDS))}.")
+    most = min((len(each.drawn.coefficients) for each in system.learned.values()), default=0)
+    if draws is not None and not 1 <= draws <= most:
+        raise InputError(f"draws={draws} must lie between 1 and {most}, the number of posterior draws.")
+    for name, each in system.learned.items():
+        if discrepancy and each.discrepancy is not None and each.discrepancy.features is None:
+            raise InputError(
+                f"The discrepancy of {name!r} has no finite expansion: fit with OrthogonalGP(path='hsgp'), or leave "
+                "out discrepancy=True."
+            )
+    return LearnedRates(
+        system.states, system.inputs, system.names, {name: target_unit(name, system.data) for name in system.names},
+        draws, system.simulation, {name: _added(each, draws, discrepancy) for name, each in system.learned.items()},
+        backend,
+    )  # fmt: skip
+
+
+def _added(equation: LearnedEquation, draws: int | None, with_f: bool) -> _Added:
+    f = equation.discrepancy if with_f else None
+    features = None if f is None else f.features
+    if draws is None:
+        mean = np.array([[each.value.mean for each in equation.terms]])
+        weights = np.zeros((1, 0)) if f is None else f.mean[None]
+        return _Added(tuple(each.term for each in equation.terms), mean, features, weights)
+    drawn = equation.drawn
+    pick = np.linspace(0, len(drawn.coefficients) - 1, draws).round().astype(int)
+    return _Added(drawn.terms, drawn.coefficients[pick], features, drawn.weights[pick])

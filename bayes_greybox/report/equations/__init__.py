@@ -1,0 +1,1 @@
+"""Learned equations as text, LaTeX, MathML and JSON."""

@@ -1,0 +1,54 @@
+"""Learned equations in MathML, for pages that fetch nothing.
+
+Browsers draw MathML themselves: letters grow with the reader's, are selected and read aloud, and need no script and no
+font from elsewhere, which a picture of LaTeX has none of. Each summand is a formula of its own, so that a long equation
+breaks between summands at the width of a phone.
+"""
+
+from html import escape
+
+from bayes_greybox.criticism.equations.learned import LearnedSystem
+from bayes_greybox.physics.formula.grammar import symbol
+from bayes_greybox.physics.formula.printing import to_mathml
+
+from .pieces import Piece, pieces
+
+_D = '<mi mathvariant="normal">d</mi>'
+
+
+def equation_mathml(system: LearnedSystem, name: str) -> list[str]:
+    """One equation as formulas that a line may break between: the left-hand side, then each summand with its sign.
+
+    Args:
+        system: The equations.
+        name: A state or an output.
+    """
+    shown = to_mathml(symbol(name))
+    if not system.is_output(name):
+        time = to_mathml(symbol(system.data.time_name))
+        shown = f"<mfrac><mrow>{_D}{shown}</mrow><mrow>{_D}{time}</mrow></mfrac>"
+    found = [_math(f"{shown}<mo>=</mo>")]
+    for k, piece in enumerate(pieces(system, name)):
+        # Without a summand before it a sign belongs to the number: "prefix" keeps it close.
+        form = ' form="prefix"' if k == 0 else ' form="infix"'
+        sign = f"<mo{form}>−</mo>" if piece.negative else "" if k == 0 else f"<mo{form}>+</mo>"
+        found.append(_math(sign + _piece(piece)))
+    return found if len(found) > 1 else [*found, _math("<mn>0</mn>")]
+
+
+def _piece(piece: Piece) -> str:
+    parts = []
+    if piece.factor is not None:
+        parts.append(f"<mn>{piece.factor.digits}</mn>")
+        if piece.factor.power:
+            parts.append(f"<mo>·</mo><msup><mn>10</mn><mn>{str(piece.factor.power).replace('-', '−')}</mn></msup>")
+        if piece.unit:
+            parts.append(f"<mtext>\u202f[{escape(piece.unit)}]\u202f</mtext>")
+    if piece.expr is not None:
+        shown = to_mathml(piece.expr)
+        parts.append(f"<mrow><mo>(</mo>{shown}<mo>)</mo></mrow>" if piece.bracketed else shown)
+    return "".join(parts)
+
+
+def _math(inside: str) -> str:
+    return f'<math displaystyle="true"><mrow>{inside}</mrow></math>'
