@@ -8,6 +8,7 @@ from .criticism.cross_validation.compare import compare as compare
 from .criticism.cross_validation.cross_validate import cross_validate as cross_validate
 from .criticism.cross_validation.loo import Loo as Loo
 from .criticism.discrepancy import DiscrepancyGrid as DiscrepancyGrid
+from .criticism.equations.rates import LearnedRates as LearnedRates
 from .criticism.free_run import FreeRun as FreeRun
 from .criticism.prediction import Prediction as Prediction
 from .criticism.trade_off import TradeOff as TradeOff

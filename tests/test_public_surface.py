@@ -29,6 +29,7 @@ RETURNED = [
     "DiscrepancyGrid",
     "Loo",
     "DerivativeRows",
+    "LearnedRates",
     "Noise",
     "priors",
 ]
@@ -92,6 +93,7 @@ def test_results_have_what_they_are_said_to_have(study):
     assert all(callable(getattr(bg.Fit, name)) for name in methods)
     assert all(callable(getattr(bg.Study, name)) for name in ("to_sympy", "to_latex", "to_callable", "to_json"))
     assert all(callable(getattr(bg.Study, name)) for name in ("save", "to_html", "record", "free_run"))
+    assert isinstance(fit.to_callable(), bg.LearnedRates) and isinstance(study.to_callable(draws=2), bg.LearnedRates)
     tables = {"verdict", "sentence", "effects", "hypotheses", "corrections", "where", "gap", "rounds", "ties", "model"}
     assert tables <= {*(field.name for field in fields(study)), "sentence"}
     assert "\nd(ydot)/dt = F − y − 0.1·ydot − 0.8" in repr(study) and "\nd(ydot)/dt = " in repr(fit)
