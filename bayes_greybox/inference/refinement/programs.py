@@ -22,6 +22,7 @@ from bayes_greybox.model.exact_program import ExactLikelihood, GivenTerms, exact
 from bayes_greybox.model.priors import PRIORS
 from bayes_greybox.model.sampling_program import Bare
 from bayes_greybox.model.sites import density_model
+from bayes_greybox.running.compiling import compiled
 
 TOGETHER = 32
 """Draws whose paths are followed together."""
@@ -99,8 +100,8 @@ class ExactPrograms:
             known = known._replace(likelihood=replace(known.likelihood, predict=paths.samples))
             return constrain_fn(asked.model(known), (), {}, self._unravel(u), return_deterministic=True)
 
-        self._told = jax.jit(jax.vmap(told, in_axes=(0, None)))
-        self._placed = jax.jit(self._place)
+        self._told = compiled(jax.vmap(told, in_axes=(0, None)), once=True)
+        self._placed = compiled(self._place, once=True)
 
     def tell(self, points: Float[np.ndarray, "n_draw n"], known: Known) -> dict[str, np.ndarray]:
         """Sites and what follows from them at points on the real line, each [n_draw, ...].
