@@ -100,7 +100,7 @@ class ExactPrograms:
             known = known._replace(likelihood=replace(known.likelihood, predict=paths.samples))
             return constrain_fn(asked.model(known), (), {}, self._unravel(u), return_deterministic=True)
 
-        self._told = compiled(jax.vmap(told, in_axes=(0, None)), once=True)
+        self._told = compiled(jax.vmap(told, in_axes=(0, None)))
         self._placed = compiled(self._place, once=True)
 
     def tell(self, points: Float[np.ndarray, "n_draw n"], known: Known) -> dict[str, np.ndarray]:
