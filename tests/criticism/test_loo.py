@@ -232,7 +232,7 @@ def test_one_run_equals_thirty_exact_refits():
     assert float(array_stats().mcse(influence, method="mean")) < 0.1 / 3
     assert abs(result.elpd - exact.sum()) < 0.1
     assert np.abs(result.pointwise - exact).max() < 0.05
-    assert 0.01 < group["v_gamma"].to_numpy()[..., 1].mean() < 0.99  # averaging over γ is part of it
+    assert 0.01 < posterior.drawn()["v_gamma"].to_numpy()[..., 1].mean() < 0.99  # averaging over γ is part of it
     # The correction matters: the same densities averaged over p(η | y) would be off by p_eff.
     assert result.p_eff > 0.3
 
@@ -270,7 +270,7 @@ def test_arviz_finds_the_same_from_the_log_likelihood_group():
 
 def test_large_groups_are_left_out(monkeypatch):
     model = Program(dictionary={"v": ["y"]}, discrepancy=None)
-    monkeypatch.setattr(pointwise, "_GROUP_LIMIT", 100)
+    monkeypatch.setattr(pointwise, "MOST_NUMBERS", 100)
     assert log_likelihood_group(fabricate(model, oscillator(30))) is None
 
 

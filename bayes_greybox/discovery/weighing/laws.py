@@ -34,7 +34,7 @@ def weigh_laws(near: Near, taken: Callable[[Near], Near]) -> None:
     if not any(places.values()):
         return
     # Only now: the laws are columns that were added on the way.
-    known = near.under_noise()
+    known, columns = near.under_noise(), near.base.statistics.columns
     level = known.parametric(core).all
     errors = tuple(j for j in core if columns[j].suspect is not None)
     for i, laws in places.items():
