@@ -74,6 +74,7 @@ def guessed(table: Table, layout: Layout) -> Guess:
     """
     names = [str(name) for name in table.frame.columns]
     time = _time(table, names, layout)
+    table = table.packed() if time is not None else table
     run = next((name for name in names if name != time and _tells_runs(table.frame[name], name)), None)
     left_out: dict[str, str] = {}
     columns: dict[str, np.ndarray] = {}

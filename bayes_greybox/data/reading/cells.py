@@ -12,6 +12,7 @@ from jaxtyping import Float
 from bayes_greybox.data.errors import InputError
 
 from .table import Layout, Table, capital
+from .units import is_number
 
 COMMA = r"[+-]?\d*,\d+([eE][+-]?\d+)?"
 """A number with a comma for its decimal mark."""
@@ -61,6 +62,12 @@ def stamps(table: Table, name: str, layout: Layout) -> tuple[Float[np.ndarray, "
         column = _dates(column, table, name, layout, int(bad[0]))
     start = column.min() if column.dtype.kind == "M" else pd.Timedelta(0)
     return ((column - start) / pd.Timedelta(seconds=1)).to_numpy(dtype=float, na_value=np.nan), True
+
+
+def is_measured(cell: str, layout: Layout) -> bool:
+    """Whether a cell of text is a number, a date or a clock time, and hence no name."""
+    plain = cell.replace(layout.thousands, "") if layout.thousands else cell
+    return is_number(plain, layout.decimal) or bool(_CLOCK.match(cell) or (cell[:1].isdigit() and _DATE.match(cell)))
 
 
 def _as_numbers(column: Any, layout: Layout) -> tuple[np.ndarray, np.ndarray]:

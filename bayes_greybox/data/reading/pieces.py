@@ -68,6 +68,7 @@ def cut(table: Table, asked: Asked, layout: Layout, label: str | None) -> Pieces
         InputError: A column that is not there or holds what it should not; rows that name no run; time that goes back.
     """
     remarks = list(table.remarks)
+    table = table.packed() if asked.time is not None else table
     run = asked.run if asked.run is not None else table.run
     groups, names = [np.arange(len(table.frame))], [label or "0"]
     if run is not None:

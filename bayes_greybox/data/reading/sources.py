@@ -9,10 +9,11 @@ import pandas as pd
 
 from bayes_greybox.data.errors import InputError
 
+from .cells import is_measured
 from .labelled import dataset_table, read_netcdf
 from .labview import read_lvm
 from .matlab import read_mat
-from .table import Layout, Table, tidy
+from .table import Layout, Table, require_distinct, tidy
 from .text import read_text
 
 INSTALL = 'install it with pip install "bayes-greybox[tables]"'
@@ -121,13 +122,27 @@ def _read_excel(path: Path, layout: Layout) -> Table:
         exists = 0 <= sheet < len(sheets) if isinstance(sheet, int) else sheet in sheets
         if not exists:
             raise InputError(f'"{path}" has no sheet {sheet!r}; its sheets are {", ".join(map(str, sheets))}.')
-        frame = pd.read_excel(book, sheet_name=sheet, skiprows=skipped)
+        # pandas numbers the second of two names.
+        first = pd.read_excel(book, sheet_name=sheet, skiprows=skipped, header=None, nrows=1)
+        names = ["" if pd.isna(cell) else str(cell).strip() for cell in first.to_numpy(dtype=object).ravel()]
+        measured = layout.columns is not None and any(is_measured(name, layout) for name in names)
+        if layout.columns is None:
+            require_distinct(names, f'"{path}"')
+        frame = pd.read_excel(book, sheet_name=sheet, skiprows=skipped, header=None if measured else 0)
+    if measured:
+        # Columns that are empty throughout are no part of the table.
+        frame = frame.dropna(axis=1, how="all") if len(frame.columns) != len(layout.columns or ()) else frame
     unnamed = [name for name in frame.columns if str(name).startswith("Unnamed:") and np.all(frame[name].isna())]
-    frame = frame.drop(columns=unnamed).dropna(how="all").reset_index(drop=True)
+    frame = frame.drop(columns=unnamed)
+    named = (
+        (f'the first row of "{path}" was read as measurements, its columns being named by columns=',)
+        if measured
+        else ()
+    )
     of = f'read from the sheet "{sheet}" of "{path}", which has {len(sheets)}'
     several = layout.sheet is None and len(sheets) > 1
     hint = "" if layout.skiprows else " If the names stand further down the sheet, pass skiprows= the rows above them."
-    return Table(frame, f'"{path}"', remarks=(of,) if several else (), hint=hint)
+    return Table(frame, f'"{path}"', remarks=(of, *named) if several else named, hint=hint, spaced=True)
 
 
 READERS: dict[str, Callable[[Path, Layout], Table]] = {

@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
 from bayes_greybox.data.errors import InputError
@@ -39,6 +40,7 @@ class Table:
         hint: What to try if a column is not there.
         run: Column that tells runs apart, where the source has such by itself.
         groups: Columns that belong together, by their name in the source, such as those of a matrix.
+        spaced: Whether rows without any value may only part the others, as in text and in sheets.
     """
 
     frame: pd.DataFrame
@@ -49,6 +51,7 @@ class Table:
     hint: str = ""
     run: str | None = None
     groups: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    spaced: bool = False
 
     def column(self, name: str) -> Any:
         """One column.
@@ -75,6 +78,10 @@ class Table:
         columns = f"Its columns are {', '.join(known)}."
         raise InputError(f'{capital(self.where)} has no column "{name}".{guess} {columns}{self.hint}')
 
+    def packed(self) -> "Table":
+        """The table without rows that only part the others, which measure nothing where stamps tell the time."""
+        return replace(self, frame=self.frame.dropna(how="all").reset_index(drop=True)) if self.spaced else self
+
 
 def capital(text: str) -> str:
     """Text at the start of a sentence."""
@@ -99,17 +106,14 @@ def tidy(table: Table, layout: Layout) -> Table:
         if unit is not None and short.count(name) == 1:
             aliases[names[i]], stated[name] = name, unit
             names[i] = name
-    twice = next((name for name in names if names.count(name) > 1), None)
-    if twice is not None:
-        raise InputError(
-            f'{capital(table.where)} has the column "{twice}" more than once; rename one, or name all columns with '
-            "columns=[...]."
-        )
+    require_distinct(names, table.where)
     frame = frame.set_axis(names, axis=1)
+    frame = _without_margins(frame) if table.spaced else frame
     units = _row_of_units(frame, layout.decimal)
     remarks = table.remarks
     if units is not None:
         frame = frame.iloc[1:].reset_index(drop=True)
+        frame = _without_margins(frame) if table.spaced else frame
         stated |= {name: unit for name, unit in zip(names, units, strict=True) if unit}
     if not len(frame):
         raise InputError(f"{capital(table.where)} has no rows.")
@@ -118,6 +122,32 @@ def tidy(table: Table, layout: Layout) -> Table:
         told = ", ".join(f"{name} in {unit}" for name, unit in known.items())
         remarks = (*remarks, f"the first row of {table.where} was read as units: {told or 'none that is known'}")
     return replace(table, frame=frame, units=known, aliases=aliases, remarks=(*remarks, *unknown))
+
+
+def require_distinct(names: Sequence[str], where: str) -> None:
+    """Refuse two columns of one name.
+
+    Args:
+        names: Names as the source has them; "" for none.
+        where: What is read, in a sentence.
+
+    Raises:
+        InputError: A name stands there twice.
+    """
+    twice = next((name for name in names if name and list(names).count(name) > 1), None)
+    if twice is not None:
+        raise InputError(
+            f'{capital(where)} has the column "{twice}" more than once; rename one, or name all columns with '
+            "columns=[...]."
+        )
+
+
+def _without_margins(frame: pd.DataFrame) -> pd.DataFrame:
+    """Rows from the first one with a value to the last."""
+    filled = np.flatnonzero(frame.notna().any(axis=1).to_numpy())
+    if len(filled) and len(filled) < len(frame):
+        frame = frame.iloc[filled[0] : filled[-1] + 1].reset_index(drop=True).infer_objects()
+    return frame if len(filled) else frame.iloc[:0]
 
 
 def _renamed(names: list[str], given: Sequence[str], where: str) -> list[str]:

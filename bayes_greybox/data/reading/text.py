@@ -1,7 +1,9 @@
 """Delimited text: what separates the values, where the names stand, and which lines are remarks."""
 
+import csv
 import re
 import warnings
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
@@ -10,11 +12,15 @@ import pandas as pd
 
 from bayes_greybox.data.errors import InputError
 
-from .table import Layout, Table
+from .cells import is_measured
+from .table import Layout, Table, require_distinct
 from .units import is_number, split_header, unit_row
 
 REMARKS = ("#", "%")
 """Signs at the start of lines that are remarks, as NumPy and MATLAB write them."""
+
+BLANKS = r"\s+"
+"""What separates values by any number of blanks or tabs."""
 
 LOOKED_AT = 400
 """Lines at the start of a file among which the names of the columns are looked for."""
@@ -57,6 +63,8 @@ def read_text(path: Path, layout: Layout) -> Table:
     usual = header in (None, 0, len(head.skipped)) or head.names is not None
     elsewhere = not usual and not layout.skiprows
     hint = f" If the names stand in line {(header or 0) + 1} of the file, pass skiprows={header}." if elsewhere else ""
+    if head.names is None:
+        _check_names(lines, head, path, layout, hint)
     try:
         with warnings.catch_warnings():
             # Rows with more values than names would lose the last ones.
@@ -70,6 +78,8 @@ def read_text(path: Path, layout: Layout) -> Table:
                 names=head.names,
                 # A delimiter at the end of each row would make the first column an index.
                 index_col=False,
+                # A row that is empty still takes its time, where there is no column of stamps.
+                skip_blank_lines=False,
                 decimal=layout.decimal,
                 thousands=layout.thousands,
                 encoding=layout.encoding,
@@ -81,13 +91,15 @@ def read_text(path: Path, layout: Layout) -> Table:
             raise
         raise InputError(f'"{path}" is no table from its first line on ({_first_line(error)}).{hint}') from error
     frame = frame.rename(columns=lambda name: str(name).strip())
+    if head.sep == BLANKS and frame.iloc[:, -1].isna().any():
+        _check_lengths(path, head, len(frame.columns), layout)
     remarks = ()
     if head.names is None and head.nameless:
         example = [f"c{i + 1}" for i in range(len(frame.columns))]
         hint = f" Its first row holds numbers: if it has no names, give them, such as columns={example}."
     elif head.names is not None and layout.columns is not None:
         remarks = (f'the first row of "{path}" was read as measurements, its columns being named by columns=',)
-    return Table(frame, f'"{path}"', head.units, remarks=remarks, hint=hint)
+    return Table(frame, f'"{path}"', head.units, remarks=remarks, hint=hint, spaced=True)
 
 
 def _head(lines: list[str], path: Path, layout: Layout) -> _Head:
@@ -103,12 +115,12 @@ def _head(lines: list[str], path: Path, layout: Layout) -> _Head:
             break
         marked += [first.lstrip("#% ").strip()] if first.strip() else []
         skipped.add(i)
-    below = next((line for line in lines[i + 1 :] if line.strip()), first) if lines else first
+    below = next((line for k, line in enumerate(lines) if k > i and k not in skipped and line.strip()), first)
     sep = layout.sep or _separator(first, below, path.suffix.lower())
     cells = _cells(first, sep)
     every = tuple(sorted(skipped))
     nameless = all(is_number(cell, layout.decimal) for cell in cells)
-    if layout.columns is not None and nameless:
+    if layout.columns is not None and any(is_measured(cell, layout) for cell in cells):
         return _Head(every, sep, list(layout.columns), {})
     if not marked or not nameless:
         return _Head(every, sep, None, {}, nameless)
@@ -133,12 +145,54 @@ def _separator(line: str, below: str, suffix: str) -> str:
     order = (",", ";", "\t", "|") if suffix == ".csv" else ("\t", ";", ",", "|")
     # A comma may be part of a name, or the decimal mark: what separates does so in the row below as well.
     found = next((mark for mark in order if len(_cells(line, mark)) == len(_cells(below, mark)) > 1), None)
-    return found or next((mark for mark in order if mark in line), "," if suffix == ".csv" else r"\s+")
+    return found or next((mark for mark in order if mark in line), "," if suffix == ".csv" else BLANKS)
+
+
+def _check_names(lines: list[str], head: _Head, path: Path, layout: Layout, hint: str) -> None:
+    """Refuse names of which two are the same, and more names than values, which pandas would number and shift."""
+    rows = _rows((line for i, line in enumerate(lines) if i not in head.skipped), head.sep)
+    names = next(rows, [])
+    names = names[:-1] if names[-1:] == [""] else names
+    if layout.columns is None and not head.nameless:
+        require_distinct(names, f'"{path}"')
+    values = next((row for row in rows if any(row)), None)
+    if values is not None and len(names) > len(values):
+        blanks = ", names with blanks being put in quotation marks" if head.sep == BLANKS else ""
+        remedy = f"correct the line of names{blanks}, or skip it with skiprows= and name them with columns=[...]"
+        raise InputError(
+            f'"{path}" names {len(names)} columns, but its first row has {len(values)} values: {remedy}.{hint}'
+        )
+
+
+def _check_lengths(path: Path, head: _Head, count: int, layout: Layout) -> None:
+    """Refuse a row with fewer values than names: between blanks, nobody sees which one is missing."""
+    with path.open(encoding=layout.encoding) as file:
+        for i, line in enumerate(file):
+            found = len(_cells(line, BLANKS)) if line.strip() and i not in head.skipped else count
+            if found < count:
+                raise InputError(
+                    f'"{path}" names {count} columns, but line {i + 1} has {found} values; write nan where one is '
+                    "missing."
+                )
+
+
+def _rows(lines: Iterable[str], sep: str) -> Iterator[list[str]]:
+    """Cells of lines; what stands in quotation marks is one."""
+    if sep == BLANKS:
+        rows: Iterable[list[str]] = csv.reader((" ".join(line.split()) for line in lines), delimiter=" ")
+    elif len(sep) == 1:
+        rows = csv.reader(
+            (f"{line.rstrip()}\n" if sep != "\t" else line for line in lines), delimiter=sep, skipinitialspace=True
+        )
+    else:
+        rows = (re.split(sep, line.strip()) for line in lines)
+    for row in rows:
+        yield [cell.strip().strip('"') for cell in row]
 
 
 def _cells(line: str, sep: str) -> list[str]:
-    cells = [cell.strip().strip('"') for cell in re.split(sep if len(sep) > 1 else re.escape(sep), line.strip())]
-    return cells[:-1] if cells[-1] == "" else cells
+    cells = next(_rows([line.strip()], sep), [""])
+    return cells[:-1] if cells and cells[-1] == "" else cells
 
 
 def _header(lines: list[str], sep: str) -> int | None:

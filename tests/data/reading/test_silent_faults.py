@@ -1,0 +1,99 @@
+"""Tables of which a column, a row or a digit could be lost without a word: each is read as it is, or refused."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import bayes_greybox as bg
+
+ASKED = {"time": "t", "states": ["y"]}
+
+
+def written(path, text):
+    path.write_text(text)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "said"),
+    [
+        (
+            "run.txt",
+            "Time (s) pos vel\n0 1 2\n1 2 4\n2 5 3\n",
+            "names 4 columns, but its first row has 3 values.*quotation",
+        ),
+        (
+            "run.csv",
+            "t,force, left,pos,vel\n0,1,2,3\n1,2,4,4\n2,5,3,4\n",
+            "names 5 columns, but its first row has 4 values",
+        ),
+        ("run.txt", "t pos vel\n0 1 2\n1 2\n2 5 3\n", "names 3 columns, but line 3 has 2 values; write nan"),
+    ],
+)
+def test_fewer_values_than_names_are_refused(tmp_path, name, text, said):
+    with pytest.raises(bg.InputError, match=said):
+        bg.read(written(tmp_path / name, text), dt=1.0, states=["pos"])
+
+
+def test_names_in_quotation_marks_and_empty_last_cells_are_counted_as_pandas_counts_them(tmp_path):
+    path = written(tmp_path / "run.csv", 't,"force, left",y,"rest\nof it"\n0,1,2,\n1,2,4,\n2,5,3,\n')
+    np.testing.assert_array_equal(bg.read(path, inputs={"F": "force, left"}, **ASKED).inputs["F"], [1, 2, 5])
+    path = written(tmp_path / "run.txt", '"Time (s)"  y v\n 0 2  1\n 1 4 2 \n 2 3 5\n')
+    np.testing.assert_array_equal(bg.read(path, time="Time", states=["y"]).states["y"], [2, 4, 3])
+    path = written(tmp_path / "run.tsv", "t\ty\tv\n0\t2\t\n1\t4\t\n2\t3\t7\n")
+    np.testing.assert_array_equal(bg.read(path, **ASKED).states["y"], [2, 4, 3])
+    names = written(tmp_path / "names.txt", "Time (s) pos vel\n0 1 2\n1 2 4\n2 5 3\n")
+    data = bg.read(names, skiprows=1, columns=["t", "y", "v"], **ASKED)
+    np.testing.assert_array_equal(data.states["y"], [1, 2, 5])
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".xlsx"])
+@pytest.mark.parametrize("name", ["y", "y [mm]"])
+def test_two_columns_of_one_name_are_refused(tmp_path, suffix, name):
+    frame = pd.DataFrame([[0, 1, 2], [1, 2, 4], [2, 5, 3]], columns=["t", name, name])
+    path = tmp_path / f"run{suffix}"
+    frame.to_csv(path, index=False) if suffix == ".csv" else frame.to_excel(path, index=False)
+    with pytest.raises(bg.InputError, match="more than once; rename one, or name all") as refused:
+        bg.read(path, **ASKED)
+    assert f'"{name}"' in str(refused.value)
+    np.testing.assert_array_equal(bg.read(path, columns=["t", "x", "y"], **ASKED).states["y"], [2, 4, 3])
+
+
+@pytest.mark.parametrize("kind", ["csv", "txt", "xlsx"])
+def test_an_empty_row_takes_its_time_where_there_are_no_stamps(tmp_path, kind):
+    y = [1.0, 2.0, np.nan, 5.0, 3.0]
+    margins = [np.nan]
+    cells = [*margins, *y, *margins, *margins]
+    if kind == "xlsx":
+        path = tmp_path / "run.xlsx"
+        pd.DataFrame({"y": cells, "v": cells}).to_excel(path, index=False)
+    else:
+        sep = "," if kind == "csv" else " "
+        rows = ["" if np.isnan(v) else f"{v}{sep}{v}" for v in cells]
+        path = written(tmp_path / f"run.{kind}", "\n".join([f"y{sep}v", *rows, ""]))
+    data = bg.read(path, dt=0.5, states=["y"], missing="drop")
+    np.testing.assert_array_equal(data.time, [0.0, 0.5, 1.5, 2.0])
+    assert data.dropped == 1
+    with pytest.raises(bg.InputError, match="missing"):
+        bg.read(path, dt=0.5, states=["y"])
+
+
+def test_an_empty_row_between_runs_with_stamps_parts_them_and_no_more(tmp_path):
+    path = written(tmp_path / "run.csv", "t,y\n0,1\n1,2\n2,4\n\n  \n0,3\n1,5\n2,4\n\n")
+    data = bg.read(path, restart="run", **ASKED)
+    assert data.run_lengths == (3, 3) and data.dropped == 0
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".xlsx"])
+def test_the_first_row_below_given_names_is_kept(tmp_path, suffix):
+    frame = pd.DataFrame({"t": ["2024-03-13 08:00:00", "2024-03-13 08:00:01", "2024-03-13 08:00:02"], "y": [1, 2, 4]})
+    frame["who"] = ["Al", "Al", "Bo"]
+    path = tmp_path / f"run{suffix}"
+    write = frame.to_csv if suffix == ".csv" else frame.to_excel
+    write(path, index=False, header=False)
+    data = bg.read(path, columns=["t", "y", "who"], **ASKED)
+    np.testing.assert_array_equal(data.states["y"], [1, 2, 4])
+    assert "was read as measurements" in repr(data)
+    # A row of names is none of measurements.
+    write(path, index=False)
+    np.testing.assert_array_equal(bg.read(path, columns=["t", "y", "Sensor 1"], **ASKED).states["y"], [1, 2, 4])
