@@ -133,3 +133,29 @@ def test_what_is_written_runs(name, here):
         # The truth is F - 4 y - 0.3 v.
         mean = table["mean"].to_numpy()
         np.testing.assert_allclose(np.sort(mean)[[0, 1, -1]], [-4.0, -0.3, 1.0], atol=0.1)
+
+
+def test_a_german_file_is_no_file_of_words(here):
+    table = position_alone().assign(y=lambda table: 1500.0 * table["y"], F=np.repeat([0.5, 1.5], N // 2))
+    text = table.to_csv(index=False, sep=";", decimal=",", float_format="%.3f")
+    lines = text.splitlines()
+    cells = [line.split(";") for line in lines[1:]]
+    for row in cells:
+        whole, part = row[1].split(",")
+        row[1] = f"{int(whole):,d}".replace(",", ".") + f",{part}" if abs(int(whole)) >= 1000 else row[1]
+    (here / "run.csv").write_text("\n".join([lines[0], *map(";".join, cells)]))
+    assert cli.main(["init", "run.csv"]) == 0
+    settings = load_config(here / "run.toml")
+    assert (settings.data.decimal, settings.data.thousands, settings.data.run) == (",", ".", None)
+    assert settings.data.inputs == ["F"]
+    read = bg.read(here / "run.csv", time="t", states=["y"], inputs=["F"], decimal=",", thousands=".")
+    np.testing.assert_allclose(read.states["y"], table["y"], atol=5e-4)
+
+
+def test_dates_that_cannot_be_told_are_asked_for(here, capsys):
+    days = pd.date_range("2024-03-04", periods=8)
+    pd.DataFrame({"day": days.strftime("%d/%m/%Y"), "y": np.arange(8.0) ** 2}).to_csv(here / "run.csv", index=False)
+    assert "pass dayfirst=True or dayfirst=False" in refuse(capsys, "init", "run.csv")
+    assert cli.main(["init", "run.csv", "--dayfirst"]) == 0
+    settings = load_config(here / "run.toml")
+    assert (settings.data.time, settings.data.dayfirst) == ("day", True)

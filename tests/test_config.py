@@ -558,3 +558,13 @@ def test_a_prior_of_a_coefficient_that_says_two_things_is_refused_when_the_model
     text = f"{BASE}\n[coefficients.ydot]\ny = {{ fixed = 1.0, sign = 1 }}\n"
     with pytest.raises(InputError, match="says two things"):
         load_config(write(tmp_path, text)).build_model()
+
+
+@pytest.mark.parametrize("key", ["rates", "differentiate = { rates"])
+def test_a_measured_rate_is_not_computed(tmp_path, key):
+    table(tmp_path)
+    columns = pd.read_csv(tmp_path / "run.csv").columns
+    settings = f'[data]\npath = "run.csv"\ntime = "{columns[0]}"\nstates = ["{columns[1]}"]\n'
+    rates = f'{key} = {{ {columns[1]} = "{columns[2]}" }}{" }" if "{" in key else ""}\n'
+    with pytest.raises(InputError, match=f'"{columns[2]}" was not measured, but .*run.csv" has that column'):
+        config(tmp_path, settings + rates + DICTIONARY).read_data()

@@ -418,6 +418,9 @@ def init(
     decimal: Annotated[str, typer.Option(help="Decimal mark.")] = ".",
     skiprows: Annotated[int, typer.Option(min=0, help="Lines before the names of columns.")] = 0,
     sheet: Annotated[str | None, typer.Option(help="Sheet of an Excel file, the first by default.")] = None,
+    dayfirst: Annotated[
+        bool | None, typer.Option("--dayfirst/--monthfirst", help="Whether 03.04.2024 is in April, if it is not found.")
+    ] = None,
 ) -> int:
     """Write a first configuration for a table, with comments.
 
@@ -430,7 +433,8 @@ def init(
     config = output or Path(f"{data.stem}.toml")
     if config.exists():
         raise InputError(f'"{config}" is there already; choose another name with --output.')
-    text = starter(data, config, Layout(sep=sep, decimal=decimal, skiprows=skiprows, sheet=sheet))
+    layout = Layout(sep=sep, decimal=decimal, skiprows=skiprows, sheet=sheet, dayfirst=dayfirst)
+    text = starter(data, config, layout)
     try:
         config.write_text(text, encoding="utf-8")
     except OSError as error:

@@ -120,7 +120,7 @@ class TableSource(Source):
 
     def load(self, folder: Path, *, test: bool) -> "Trajectories":
         """Read the file."""
-        from bayes_greybox.data.reading.door import read
+        from bayes_greybox.data.reading.door import read, require_computed
 
         # Rates are computed after the split; the key trajectory is older than run.
         settings = self.given("path", "test", "test_fraction", "split_by", "differentiate", "rates", "trajectory")
@@ -129,6 +129,9 @@ class TableSource(Source):
         if test and self.test is not None:
             # Held-out runs may well have an input switched off.
             return read(_located(self.test.path, folder), **{"constant": "keep", **settings})
+        rates = (self.filter_settings or {}).get("rates")
+        if rates:
+            require_computed(_located(self.path, folder), rates, settings)
         return read(_located(self.path, folder), **settings)
 
 

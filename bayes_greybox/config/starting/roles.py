@@ -11,7 +11,7 @@ from jaxtyping import Float
 
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.rates.filters import STEP_TOLERANCE
-from bayes_greybox.data.reading.cells import numbers, stamps
+from bayes_greybox.data.reading.cells import AmbiguousDates, numbers, stamps
 from bayes_greybox.data.reading.table import Layout, Table
 
 TIME = re.compile(r"(?i)^(t|time|zeit|timestamp|date|datetime|datum|x_value|elapsed)([ _].*)?$")
@@ -70,12 +70,12 @@ def guessed(table: Table, layout: Layout) -> Guess:
         layout: How its cells are written.
 
     Raises:
-        InputError: No column of numbers that changes.
+        InputError: No column of numbers that changes; dates whose day may be their month.
     """
     names = [str(name) for name in table.frame.columns]
     time = _time(table, names, layout)
     table = table.packed() if time is not None else table
-    run = next((name for name in names if name != time and _tells_runs(table.frame[name], name)), None)
+    run = next((name for name in names if name != time and _tells_runs(table, name, layout)), None)
     left_out: dict[str, str] = {}
     columns: dict[str, np.ndarray] = {}
     for name in names:
@@ -107,6 +107,8 @@ def _time(table: Table, names: Sequence[str], layout: Layout) -> str | None:
     for name in (*by_name, *others):
         try:
             values, dated = stamps(table, name, layout)
+        except AmbiguousDates:
+            raise
         except InputError:
             continue
         steps = np.diff(values[np.isfinite(values)])
@@ -115,11 +117,20 @@ def _time(table: Table, names: Sequence[str], layout: Layout) -> str | None:
     return None
 
 
-def _tells_runs(column: Any, name: str) -> bool:
+def _tells_runs(table: Table, name: str, layout: Layout) -> bool:
     """Whether a column is a label of runs: by its name or being of words, with few values beside the rows."""
-    words = not pd.api.types.is_numeric_dtype(column) and not pd.api.types.is_datetime64_any_dtype(column)
+    column: Any = table.frame[name]
+    words = not pd.api.types.is_datetime64_any_dtype(column) and not _is_numbers(table, name, layout)
     few = column.nunique() <= max(1, len(column) // 10)
     return bool(few and column.notna().all() and (RUN.match(name) or (words and column.nunique() > 1)))
+
+
+def _is_numbers(table: Table, name: str, layout: Layout) -> bool:
+    try:
+        numbers(table, name, layout)
+    except InputError:
+        return False
+    return True
 
 
 def _unusable(table: Table, name: str, layout: Layout, before: dict[str, np.ndarray]) -> str | None:

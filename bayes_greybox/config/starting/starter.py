@@ -6,6 +6,7 @@ import re
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from bayes_greybox.data.columns import derivative_label
 from bayes_greybox.data.errors import InputError
@@ -17,6 +18,12 @@ from bayes_greybox.physics.formula.grammar import check_name
 from .roles import POSITION, Guess, guessed
 
 PLACE = "..."
+
+OPTIONS = ("sep", "decimal", "thousands", "skiprows", "sheet", "dayfirst")
+"""What of the layout is written where it is not the usual."""
+
+GROUPS = r"[+-]?(\d+|[1-9]\d{0,2}(\.\d{3})+)(,\d+)?"
+"""A number with a comma for its decimal mark, whose digits may be grouped by points."""
 
 
 def starter(data: Path, config: Path, layout: Layout) -> str:
@@ -33,6 +40,10 @@ def starter(data: Path, config: Path, layout: Layout) -> str:
     table = read_source(data, layout)
     if layout.decimal == "." and _has_decimal_commas(table):
         layout = replace(layout, decimal=",")
+        table = read_source(data, layout)
+    if layout.decimal == "," and layout.thousands is None and _has_groups(table):
+        layout = replace(layout, thousands=".")
+        table = read_source(data, layout)
     guess = guessed(table, layout)
     names = _names((*guess.states, *guess.inputs, *guess.rate_of.values()))
     path = os.path.relpath(data, config.parent).replace(os.sep, "/")
@@ -169,7 +180,9 @@ def _dictionary(plan: _Plan) -> str:
 def _options(layout: Layout) -> list[tuple[str, object]]:
     """Options of the table that are not the usual ones."""
     usual = Layout()
-    chosen = [(name, getattr(layout, name)) for name in ("sep", "decimal", "skiprows", "sheet")]
+    chosen = [
+        (name, getattr(layout, name)) for name in ("sep", "decimal", "thousands", "skiprows", "sheet", "dayfirst")
+    ]
     return [(name, value) for name, value in chosen if value != getattr(usual, name)]
 
 
@@ -204,8 +217,19 @@ def _usable(name: str) -> bool:
 
 
 def _has_decimal_commas(table: Table) -> bool:
+    cells = [column for column in _words(table) if column.str.fullmatch(f"{COMMA}|{GROUPS}").all()]
+    return any(column.str.contains(",").any() for column in cells)
+
+
+def _has_groups(table: Table) -> bool:
+    """Whether a column of numbers has cells whose digits are grouped by points."""
+    cells = [column for column in _words(table) if column.str.fullmatch(f"{COMMA}|{GROUPS}").all()]
+    return any(column.str.contains(".", regex=False).any() for column in cells)
+
+
+def _words(table: Table) -> list[Any]:
     words = table.frame.select_dtypes(exclude="number")
-    return any(words[name].dropna().astype(str).str.strip().str.fullmatch(COMMA).all() for name in words)
+    return [column for name in words if len(column := words[name].dropna().astype(str).str.strip())]
 
 
 def _key(name: str) -> str:

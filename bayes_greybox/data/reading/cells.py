@@ -21,7 +21,13 @@ _CLOCK = re.compile(r"^\d{1,3}:\d{2}:\d{2}([.,]\d+)?$")
 _DATES = (datetime.date, datetime.time, datetime.timedelta, np.datetime64, np.timedelta64)
 _DATE = re.compile(r"^(\d{1,4}[-/.]\w{1,9}[-/.]\d{1,4}\b|\d{8}T|\w*[A-Za-z]{3}\w*[ ,.]+\d)")
 _GROUPED = re.compile(r"^[+-]?\d{1,3}(\.\d{3})+(,\d+)?$")
+_NO_NUMBER = "?"
+_SHORT = re.compile(r"^(\d{1,2})[-/.](\d{1,2})[-/.](\d{1,2})(?!\d)(.*)$")
 _FRACTION = re.compile(r"(?<=:\d{2})[.,](?=\d)")
+
+
+class AmbiguousDates(InputError):
+    """Dates of which nobody can tell what is day, month and year."""
 
 
 def numbers(table: Table, name: str, layout: Layout) -> Float[np.ndarray, " n_row"]:
@@ -58,10 +64,27 @@ def stamps(table: Table, name: str, layout: Layout) -> tuple[Float[np.ndarray, "
     if column.dtype.kind not in "mM":
         found, bad = _as_numbers(column, layout)
         if not len(bad):
-            return found, False
+            packed = _packed_stamps(found)
+            return (found, False) if packed is None else (packed, True)
+        if _is_grouped(column.iloc[bad[0]], layout):
+            raise _neither(column, table, name, layout, int(bad[0]))
         column = _dates(column, table, name, layout, int(bad[0]))
     start = column.min() if column.dtype.kind == "M" else pd.Timedelta(0)
     return ((column - start) / pd.Timedelta(seconds=1)).to_numpy(dtype=float, na_value=np.nan), True
+
+
+def _packed_stamps(values: np.ndarray) -> np.ndarray | None:
+    """Seconds since the earliest of stamps such as 20240305081500; None if the numbers are no such."""
+    known = np.isfinite(values)
+    if not known.any() or np.any((values[known] < 19e12) | (values[known] >= 21e12) | (values[known] % 1 != 0)):
+        return None
+    text = pd.Series([f"{value:.0f}" for value in values[known]])
+    dates: Any = pd.to_datetime(text, format="%Y%m%d%H%M%S", errors="coerce")
+    if dates.isna().any():
+        return None
+    seconds = np.full(len(values), np.nan)
+    seconds[known] = ((dates - dates.min()) / pd.Timedelta(seconds=1)).to_numpy(dtype=float)
+    return seconds
 
 
 def is_measured(cell: str, layout: Layout) -> bool:
@@ -78,6 +101,8 @@ def _as_numbers(column: Any, layout: Layout) -> tuple[np.ndarray, np.ndarray]:
     found: Any = pd.to_numeric(text, errors="coerce")
     missing = text.isna() | text.map(lambda cell: isinstance(cell, str) and not cell)
     bad = np.flatnonzero(found.isna().to_numpy() & ~missing.to_numpy())
+    grouped = np.flatnonzero(text.map(lambda cell: _is_grouped(cell, layout)).to_numpy(dtype=bool))
+    bad = grouped if len(grouped) else bad
     if not len(bad) and not pd.api.types.is_numeric_dtype(found):
         bad = np.array([0])
     return (found.to_numpy(dtype=float, na_value=np.nan) if not len(bad) else np.array([])), bad
@@ -91,9 +116,18 @@ def _plain(cell: Any, layout: Layout) -> Any:
     if not isinstance(cell, str):
         return cell
     cell = cell.strip()
-    if layout.thousands:
+    if layout.thousands and layout.thousands in cell:
+        mark, point = re.escape(layout.thousands), re.escape(layout.decimal)
+        if not re.fullmatch(rf"[+-]?\d{{1,3}}({mark}\d{{2,3}})*{mark}\d{{3}}({point}\d*)?([eE][+-]?\d+)?", cell):
+            return _NO_NUMBER
         cell = cell.replace(layout.thousands, "")
     return cell.replace(layout.decimal, ".") if layout.decimal != "." else cell
+
+
+def _is_grouped(cell: Any, layout: Layout) -> bool:
+    """Whether points of a cell probably group its digits, the comma being the decimal mark."""
+    alone = layout.decimal == "," and layout.thousands is None and isinstance(cell, str)
+    return alone and bool(re.fullmatch(r"[+-]?[1-9]\d{0,2}(\.\d{3})+", cell.strip()))
 
 
 def _remedy(cell: Any, layout: Layout) -> str:
@@ -102,7 +136,11 @@ def _remedy(cell: Any, layout: Layout) -> str:
     if re.fullmatch(COMMA, text) and layout.decimal == ".":
         return 'if the comma is its decimal mark, pass decimal=","'
     if re.fullmatch(r"[+-]?\d{1,3}(\.\d{3})+(,\d+)?", text):
-        return 'if the comma is its decimal mark, pass decimal="," and thousands="."'
+        return (
+            'if the point groups its digits, pass thousands="."'
+            if layout.decimal == ","
+            else 'if the comma is its decimal mark, pass decimal="," and thousands="."'
+        )
     if re.fullmatch(r"[+-]?\d{1,3}(,\d{3})+(\.\d+)?", text):
         return 'if the comma groups its digits, pass thousands=","'
     return "correct the cell or choose another column"
@@ -128,19 +166,39 @@ def _dates(column: Any, table: Table, name: str, layout: Layout, bad: int) -> An
     if mixed:
         text = text.where(text.isna() | text.str.contains(_FRACTION, na=False), text + ".0")
     # Years first need no guess.
-    found = [_parsed(text, format="ISO8601")]
-    if found[0] is None:
+    short = bool(given.str.match(_SHORT).all())
+    found = _short_dates(text, layout) if short else [_parsed(text, format="ISO8601")]
+    if not short and found[0] is None:
         first = (False, True) if layout.dayfirst is None else (layout.dayfirst,)
         found = [_parsed(text, dayfirst=dayfirst) for dayfirst in first]
     read = [dates for dates in found if dates is not None]
     if not read:
         raise _neither(column, table, name, layout, bad)
-    if len(read) == 2 and not (read[0] - read[0].min()).equals(read[1] - read[1].min()):
-        raise InputError(
-            f'{capital(table.where)} has dates such as {given.iloc[0]!r} in column "{name}", in which the day may be '
-            "the month: pass dayfirst=True or dayfirst=False."
+    if any(not (read[0] - read[0].min()).equals(other - other.min()) for other in read[1:]):
+        such = f'{capital(table.where)} has dates such as {given.iloc[0]!r} in column "{name}", in which the '
+        asked = "pass dayfirst=True or dayfirst=False"
+        raise AmbiguousDates(
+            f"{such}year may be first or last: write it with four digits, or {asked} where it is last."
+            if short
+            else f"{such}day may be the month: {asked}."
         )
     return read[0]
+
+
+def _short_dates(text: Any, layout: Layout) -> list[Any]:
+    """Dates with years of two digits, in each order of day, month and year that they may have."""
+    orders = {None: ("dmy", "mdy", "ymd"), True: ("dmy",), False: ("mdy",)}[layout.dayfirst]
+
+    def long(cell: Any, order: str) -> Any:
+        if pd.isna(cell):
+            return cell
+        *parts, rest = _SHORT.fullmatch(cell).groups()  # pyright: ignore[reportOptionalMemberAccess]
+        part = dict(zip(order, parts, strict=True))
+        # As POSIX reads them.
+        year = int(part["y"]) + (2000 if int(part["y"]) < 69 else 1900)
+        return f"{year}-{part['m']:0>2}-{part['d']:0>2}{rest}"
+
+    return [_parsed(text.map(lambda cell, order=order: long(cell, order)), dayfirst=False) for order in orders]
 
 
 def _neither(column: Any, table: Table, name: str, layout: Layout, row: int) -> InputError:

@@ -3,7 +3,7 @@
 import glob
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -87,17 +87,14 @@ def read(
         raise InputError(f"dt must be positive, not {dt}.")
     if restart not in ("error", "run"):
         raise InputError(f'restart must be "error" or "run", not {restart!r}.')
-    if np.any(np.asarray(skiprows) < 0):
-        raise InputError(f"skiprows counts lines, or numbers them from 0; it cannot be {skiprows}.")
-    layout = Layout(
+    layout = _layout(
         sep=sep,
         decimal=decimal,
         thousands=thousands,
-        skiprows=skiprows if isinstance(skiprows, int) else tuple(skiprows),
-        # With the mark of byte order that some programs write.
-        encoding="utf-8-sig" if encoding == "utf-8" else encoding,
+        skiprows=skiprows,
+        encoding=encoding,
         sheet=sheet,
-        columns=None if columns is None else tuple(columns),
+        columns=columns,
         dayfirst=dayfirst,
     )
     kinds = {
@@ -150,6 +147,47 @@ def read(
     data = replace(data, remarks=tuple(dict.fromkeys(remarks)))
     _require_computed(rates or {}, tables)
     return data.differentiate(rates=rates) if rates else data
+
+
+def require_computed(source: Any, rates: Mapping[str, str], settings: Mapping[str, Any]) -> None:
+    """Refuse to compute rates that a source has, where they are computed later than it is read.
+
+    Args:
+        source: As in `read`.
+        rates: As in `read`.
+        settings: Further arguments of `read`.
+
+    Raises:
+        InputError: A column of that name, or a source that cannot be read.
+    """
+    layout = _layout(**{field.name: settings[field.name] for field in fields(Layout) if field.name in settings})
+    _require_computed(rates, [read_source(each, layout) for _, each in _sources(source)])
+
+
+def _layout(
+    *, skiprows: Any = 0, encoding: str = "utf-8", columns: Sequence[str] | None = None, **given: Any
+) -> Layout:
+    """How tables are laid out, as `read` is told."""
+    if skiprows is None:
+        skiprows = 0
+    try:
+        lines = np.asarray(skiprows).astype(np.int64, casting="safe").tolist() if np.size(skiprows) else []
+    except (TypeError, ValueError):
+        raise InputError(f"skiprows counts lines, or numbers them from 0; it cannot be {skiprows!r}.") from None
+    if np.any(np.asarray(lines) < 0):
+        raise InputError(f"skiprows counts lines, or numbers them from 0; it cannot be {skiprows}.")
+    layout = Layout(
+        skiprows=lines if isinstance(lines, int) else tuple(lines),
+        # With the mark of byte order that some programs write.
+        encoding="utf-8-sig" if encoding == "utf-8" else encoding,
+        columns=None if columns is None else tuple(columns),
+        **given,
+    )
+    if layout.thousands == layout.decimal:
+        raise InputError(
+            f'decimal and thousands are both "{layout.decimal}"; give the decimal mark too, such as decimal=",".'
+        )
+    return layout
 
 
 def _mapping(columns: Columns, what: str) -> dict[str, str]:

@@ -51,16 +51,18 @@ def dataset_table(dataset: Any, where: str) -> Table:
     counts = {dims: sum(dims == frozenset(array.dims) for array in data.values()) for dims in lengths}
     shared = max(counts, key=lambda dims: (counts[dims], lengths[dims]))
     names = [name for name, array in held.items() if set(array.dims) <= shared]
+    dimensions: tuple[str, ...] = ()
     if len(shared) == 1:
         frame = dataset[names].reset_coords().to_dataframe().reset_index()
     else:
         # Rows of one run together, whatever the order in which a variable has its dimensions.
         order = sorted(shared, key=lambda dim: dataset.sizes[dim])
         frame = dataset[names].reset_coords().to_dataframe(dim_order=order).reset_index()
+        dimensions = tuple(str(dim) for dim in order if dataset.sizes[dim] > 1)
     kept = [name for name in frame.columns if name in variables or name in shared]
     # A dimension without stamps is only a count.
     kept = [name for name in kept if name in variables or len(shared) > 1]
     units = {str(name): str(array.attrs["units"]) for name, array in variables.items() if "units" in array.attrs}
     left = [str(name) for name in dataset.data_vars if name not in names]
     remarks = (f"left out of {where}, being over other dimensions: {', '.join(left)}",) if left else ()
-    return Table(frame[kept].rename(columns=str), where, units, remarks=remarks)
+    return Table(frame[kept].rename(columns=str), where, units, remarks=remarks, dimensions=dimensions)

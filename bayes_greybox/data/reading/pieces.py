@@ -12,7 +12,7 @@ from bayes_greybox.data.columns import derivative_label
 from bayes_greybox.data.errors import InputError
 
 from .cells import numbers, stamps
-from .table import Layout, Table
+from .table import Layout, Table, capital
 
 
 @dataclass(frozen=True)
@@ -74,6 +74,11 @@ def cut(table: Table, asked: Asked, layout: Layout, label: str | None) -> Pieces
     if run is not None:
         groups, values = _grouped(table, run)
         names = [f"{label}/{value}" if label else str(value) for value in values]
+    if asked.time is None and run is None and len(table.dimensions) > 1:
+        raise InputError(
+            f"{capital(table.where)} has the dimensions {' and '.join(table.dimensions)}, whose rows dt would put end "
+            f'to end: pass run="{table.dimensions[0]}" if each of its values is a run.'
+        )
     if asked.time is None:
         time, dated = np.empty(0), False
         stamped = [np.arange(len(rows)) * float(asked.dt or 0.0) for rows in groups]

@@ -41,6 +41,7 @@ class Table:
         run: Column that tells runs apart, where the source has such by itself.
         groups: Columns that belong together, by their name in the source, such as those of a matrix.
         spaced: Whether rows without any value may only part the others, as in text and in sheets.
+        dimensions: Dimensions of a data set of which each row has one pair, the shorter one first.
     """
 
     frame: pd.DataFrame
@@ -52,6 +53,7 @@ class Table:
     run: str | None = None
     groups: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     spaced: bool = False
+    dimensions: tuple[str, ...] = ()
 
     def column(self, name: str) -> Any:
         """One column.

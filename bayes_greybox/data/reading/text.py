@@ -80,8 +80,8 @@ def read_text(path: Path, layout: Layout) -> Table:
                 index_col=False,
                 # A row that is empty still takes its time, where there is no column of stamps.
                 skip_blank_lines=False,
+                # Marks of thousands are read with the cells: pandas would make a number of 01.02.2024.
                 decimal=layout.decimal,
-                thousands=layout.thousands,
                 encoding=layout.encoding,
             )
     except pd.errors.EmptyDataError:

@@ -3,6 +3,7 @@
 import numpy as np
 import pandas as pd
 import pytest
+import xarray as xr
 
 import bayes_greybox as bg
 
@@ -97,3 +98,57 @@ def test_the_first_row_below_given_names_is_kept(tmp_path, suffix):
     # A row of names is none of measurements.
     write(path, index=False)
     np.testing.assert_array_equal(bg.read(path, columns=["t", "y", "Sensor 1"], **ASKED).states["y"], [1, 2, 4])
+
+
+def test_points_that_group_digits_are_no_decimal_points(tmp_path):
+    path = written(tmp_path / "run.csv", "t;y;v\n0;999,5;1.234\n1;1.234;2.500\n2;2.500;1.000\n")
+    for name in ("y", "v"):
+        with pytest.raises(bg.InputError, match=r'if the point groups its digits, pass thousands="\."'):
+            bg.read(path, time="t", states={"y": name}, decimal=",")
+    data = bg.read(path, time="t", states=["y", "v"], decimal=",", thousands=".")
+    np.testing.assert_array_equal(data.states["y"], [999.5, 1234.0, 2500.0])
+    np.testing.assert_array_equal(data.states["v"], [1234.0, 2500.0, 1000.0])
+    with pytest.raises(bg.InputError, match='decimal and thousands are both "."'):
+        bg.read(path, thousands=".", **ASKED)
+    dated = path.read_text()
+    for i in range(3):
+        dated = dated.replace(f"\n{i};", f"\n{13 + i}.02.2024;")
+    data = bg.read(written(path, dated), time="t", states=["y"], decimal=",", thousands=".")
+    np.testing.assert_array_equal(data.time, 86_400.0 * np.arange(3))
+
+
+def test_a_data_set_of_several_runs_needs_one_of_its_dimensions():
+    y = np.array([[0.0, 1.0, 3.0], [2.0, 1.0, 0.0]])
+    runs = xr.Dataset({"y": (("trial", "i"), y)})
+    with pytest.raises(bg.InputError, match='has the dimensions trial and i.* pass run="trial"'):
+        bg.read(runs, dt=1.0, states=["y"])
+    assert bg.read(runs, dt=1.0, states=["y"], run="trial").run_lengths == (3, 3)
+    assert bg.read(runs.isel(trial=[0]), dt=1.0, states=["y"]).run_lengths == (3,)
+
+
+def test_years_of_two_digits_are_asked_for():
+    table = pd.DataFrame({"t": ["24-03-05", "24-03-06", "24-04-07"], "y": [1.0, 2.0, 4.0]})
+    with pytest.raises(bg.InputError, match="year may be first or last: write it with four digits"):
+        bg.read(table, **ASKED)
+    long = bg.read(table.assign(t="20" + table["t"]), **ASKED)
+    np.testing.assert_array_equal(long.time, np.array([0, 1, 33]) * 86_400.0)
+    # 24 March 2005, 24 March 2006, 24 April 2007.
+    data = bg.read(table, dayfirst=True, **ASKED)
+    np.testing.assert_array_equal(data.time, np.array([0, 365, 761]) * 86_400.0)
+    with pytest.raises(bg.InputError, match="neither numbers nor dates"):
+        bg.read(table, dayfirst=False, **ASKED)
+    # Within a day all readings agree.
+    clock = table.assign(t=["24-03-05 08:00:00", "24-03-05 08:00:01.5", "24-03-05 08:01:00"])
+    np.testing.assert_allclose(bg.read(clock, **ASKED).time, [0.0, 1.5, 60.0])
+
+
+@pytest.mark.parametrize("kind", [int, float, str])
+def test_stamps_without_any_mark_are_dates(kind):
+    stamps = [20240305235958, 20240305235959, 20240306000001]
+    table = pd.DataFrame({"t": [kind(t) for t in stamps], "y": [1.0, 2.0, 4.0]})
+    data = bg.read(table, **ASKED)
+    np.testing.assert_array_equal(data.time, [0.0, 1.0, 3.0])
+    assert data.unit("t") == "s"
+    # A count of that size is none.
+    counts = table.assign(t=[20240399000000, 20240399000001, 20240399000002])
+    np.testing.assert_array_equal(bg.read(counts, **ASKED).time, counts["t"])
