@@ -9,6 +9,7 @@ from jaxtyping import Bool, Int
 
 from .columns import split_cuts
 from .errors import InputError
+from .limits import is_finite
 from .noise.protocol import RowNoise
 from .noise.white import WhiteNoise
 from .resampling import decimated, even_times, interpolated, rows_named
@@ -72,8 +73,8 @@ class CutRuns(Runs):
         """
         if method not in ("cubic", "linear", "held"):
             raise InputError(f'method must be "cubic", "linear" or "held", not {method!r}.')
-        if not step > 0.0:
-            raise InputError(f"step must be positive, not {step}.")
+        if not (is_finite(step) and step > 0.0):
+            raise InputError(f"step must be positive and a number, not {step!r}.")
         times = [even_times(self.time[rows], step, name) for name, rows in self._blocks("resample")]
         by = {"cubic": "a cubic spline", "linear": "lines", "held": "holding each sample"}[method]
         remark = f"resampled every {step:g} by {by} through the samples of each run: {self.n_obs} rows to "
@@ -121,6 +122,9 @@ class CutRuns(Runs):
         """
         if start is None and end is None:
             raise InputError("trim needs start, end or both, in the unit of the time.")
+        for name, limit in (("start", start), ("end", end)):
+            if limit is not None and not is_finite(limit):
+                raise InputError(f"{name} must be a number, in the unit of the time, not {limit!r}.")
         inside = np.ones(self.n_obs, dtype=bool)
         inside &= self.time >= (-np.inf if start is None else start)
         inside &= self.time <= (np.inf if end is None else end)

@@ -4,6 +4,7 @@ A class refuses what is beyond them when it is made; the sections of configurati
 are derived from the same types.
 """
 
+import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from types import UnionType
@@ -40,6 +41,16 @@ Count = Annotated[int, Ge(1)]
 Whole = Annotated[int, Ge(0)]
 Seed = Whole
 Probability = Annotated[float, Gt(0), Lt(1)]
+
+
+def is_finite(value: Any) -> bool:
+    """Whether something is one finite number."""
+    if isinstance(value, str | bytes | bool):
+        return False
+    try:
+        return math.isfinite(float(value))
+    except (TypeError, ValueError, OverflowError):
+        return False
 
 
 def require_limits(part: object) -> None:

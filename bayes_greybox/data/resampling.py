@@ -109,5 +109,8 @@ def rows_named(rows: object, n_obs: int) -> Bool[np.ndarray, " n_obs"]:
         given = given if given.dtype == bool else given.astype(np.int64)
         if given.dtype != bool and given.size and not (-n_obs <= given.min() and given.max() < n_obs):
             raise InputError(f"There is no row {given.max()}; the data have {n_obs}, from 0 to {n_obs - 1}.")
-    named[given] = True
+    try:
+        named[given] = True
+    except (TypeError, ValueError):
+        raise InputError(f"{rows!r} names no rows: the limits of a slice must be numbers of rows from 0.") from None
     return named

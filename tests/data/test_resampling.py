@@ -84,6 +84,8 @@ def test_a_band_that_a_record_shows_many_times_over_is_the_same_behind_decimatio
 BAD = {
     "alias": (lambda d: d.resample(0.05), r"Resample it at 0\.01 first, then data\.decimate\(5\)"),
     "step": (lambda d: d.resample(0.0), "step must be positive"),
+    "endless step": (lambda d: d.resample(np.inf), "step must be positive and a number, not inf"),
+    "limit of no rows": (lambda d: d.drop(slice("a")), "names no rows"),
     "gap": (lambda d: d.drop(slice(100, 120)).resample(0.01), r'"long" has a gap from 0\.99 to 1\.2.*data\.trim'),
     "factor": (lambda d: d.decimate(1), "factor must be a whole number, 2 or more, not 1"),
     "short": (lambda d: d.decimate(100), 'Run "short" has 1500 rows: by 100 fewer than two'),
@@ -108,3 +110,7 @@ def test_what_cannot_be_done_is_said_with_what_can(make, words):
 def test_a_way_between_samples_that_there_is_not():
     with pytest.raises(bg.InputError, match='method must be "cubic", "linear" or "held"'):
         two_runs().resample(0.01, "quartic")
+    with pytest.raises(bg.InputError, match="step must be positive and a number, not '0.1'"):
+        two_runs().resample("0.1")
+    with pytest.raises(bg.InputError, match="start must be a number, in the unit of the time, not '1'"):
+        two_runs().trim("1")

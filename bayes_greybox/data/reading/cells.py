@@ -58,7 +58,7 @@ def stamps(table: Table, name: str, layout: Layout) -> tuple[Float[np.ndarray, "
         Numbers, NaN where a cell is missing, and whether they were dates or clock times.
 
     Raises:
-        InputError: No such column; cells that are neither; dates whose day may be their month.
+        InputError: No such column; no date at all; cells that are neither; dates whose day may be their month.
     """
     column: Any = table.column(name)
     if column.dtype.kind not in "mM":
@@ -69,6 +69,8 @@ def stamps(table: Table, name: str, layout: Layout) -> tuple[Float[np.ndarray, "
         if _is_grouped(column.iloc[bad[0]], layout):
             raise _neither(column, table, name, layout, int(bad[0]))
         column = _dates(column, table, name, layout, int(bad[0]))
+    if column.isna().all():
+        raise InputError(f'Column "{name}" of {table.where} has no time in any row; choose another, or pass dt=.')
     start = column.min() if column.dtype.kind == "M" else pd.Timedelta(0)
     return ((column - start) / pd.Timedelta(seconds=1)).to_numpy(dtype=float, na_value=np.nan), True
 

@@ -10,13 +10,14 @@ from typing import Any, Literal
 import numpy as np
 
 from bayes_greybox.data.errors import InputError
+from bayes_greybox.data.limits import is_finite
 from bayes_greybox.data.trajectories import Trajectories
 
 from .pieces import Asked, cut, stated_units
-from .sources import read_source
+from .sources import read_source, require_path
 from .table import Layout, Table
 
-Columns = Sequence[str] | Mapping[str, str] | Mapping[str, int]
+Columns = Sequence[str] | Mapping[str, str] | Mapping[str, int] | None
 
 
 def read(
@@ -37,7 +38,7 @@ def read(
     sep: str | None = None,
     decimal: str = ".",
     thousands: str | None = None,
-    skiprows: int | Sequence[int] = 0,
+    skiprows: int | Sequence[int] | None = 0,
     encoding: str = "utf-8",
     sheet: str | int | None = None,
     columns: Sequence[str] | None = None,
@@ -83,8 +84,12 @@ def read(
     """
     if time is not None and dt is not None:
         raise InputError("Give either time, the column of time stamps, or dt, the sample spacing, not both.")
-    if dt is not None and not dt > 0.0:
-        raise InputError(f"dt must be positive, not {dt}.")
+    if dt is not None and not (is_finite(dt) and dt > 0.0):
+        raise InputError(f"dt must be positive and a number, not {dt!r}.")
+    for what, given in (("derivatives", derivatives), ("units", units), ("rates", rates)):
+        if given is not None and not isinstance(given, Mapping):
+            example = {"derivatives": '{"y": "ydot"}', "units": '{"y": "m"}', "rates": '{"y": "ydot"}'}[what]
+            raise InputError(f"{what} must be a mapping, such as {what}={example}, not {given!r}.")
     if restart not in ("error", "run"):
         raise InputError(f'restart must be "error" or "run", not {restart!r}.')
     layout = _layout(
@@ -191,6 +196,8 @@ def _layout(
 
 
 def _mapping(columns: Columns, what: str) -> dict[str, str]:
+    if columns is None:
+        return {}
     if isinstance(columns, str):
         raise InputError(f'{what} must be a list of names, such as ["{columns}"], not a single string.')
     if isinstance(columns, Mapping):
@@ -231,6 +238,7 @@ def _require_computed(rates: Mapping[str, str], tables: Sequence[Table]) -> None
 def _sources(source: Any) -> list[tuple[str | None, Any]]:
     """What is to be read, with the name of its run: that of the file where there are several, None for the only one."""
     if isinstance(source, str | Path):
+        require_path(source)
         pattern = str(source)
         if not glob.has_magic(pattern) or Path(source).exists():
             return [(None, source)]

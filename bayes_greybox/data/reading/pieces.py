@@ -143,7 +143,8 @@ def _grouped(table: Table, run: str) -> tuple[list[Int[np.ndarray, " _"]], list[
         raise InputError(
             f'Column "{run}" of {table.where} names no run in row {row}; fill it in, or leave out that row.'
         )
-    codes, values = pd.factorize(labels)
+    # Blanks around a label are no part of it.
+    codes, values = pd.factorize(labels.map(lambda label: label.strip() if isinstance(label, str) else label))
     # A whole number stays one, where an empty cell elsewhere made the column one of decimals.
     names = [str(int(v)) if isinstance(v, float) and v.is_integer() else str(v) for v in values]
     return [np.flatnonzero(codes == i) for i in range(len(values))], names

@@ -45,6 +45,7 @@ def read_source(source: Any, layout: Layout) -> Table:
         InputError: A file or an object that cannot be read; the message says which and what to do.
     """
     if isinstance(source, str | Path):
+        require_path(source)
         return tidy(_file(Path(source), layout), layout)
     if hasattr(source, "data_vars"):
         return tidy(dataset_table(source, "the data set"), layout)
@@ -67,6 +68,25 @@ def read_source(source: Any, layout: Layout) -> Table:
     return tidy(_frame_table(source, "the table"), layout)
 
 
+def require_path(source: str | Path) -> None:
+    """Refuse text that cannot be the path of a file.
+
+    Raises:
+        InputError: Several lines, or a name that is too long.
+    """
+    text = str(source)
+    try:
+        Path(source).exists()
+        lines = text.splitlines()
+    except (OSError, ValueError):
+        lines = []
+    if len(lines) != 1:
+        raise InputError(
+            f"{text[:40]!r}... cannot be the path of a file; if it is the text of a table, pass "
+            "pandas.read_csv(io.StringIO(text))."
+        )
+
+
 def _frame_table(frame: pd.DataFrame, where: str) -> Table:
     """A DataFrame; an index that is more than a count is a column, under its name or "index"."""
     if isinstance(frame.columns, pd.MultiIndex):
@@ -74,6 +94,14 @@ def _frame_table(frame: pd.DataFrame, where: str) -> Table:
             f"{where[0].upper()}{where[1:]} has columns with several names each, such as {frame.columns[0]}; give each "
             'one name: frame.columns = ["_".join(map(str, names)) for names in frame.columns].'
         )
+    for name in {name for name in frame.index.names if name is not None and name in frame.columns}:
+        # What set_index(name, drop=False) leaves behind.
+        if not np.array_equal(frame.index.get_level_values(name), frame[name].to_numpy()):
+            raise InputError(
+                f'{where[0].upper()}{where[1:]} has both an index and a column "{name}", which differ; rename one.'
+            )
+        one = frame.index.nlevels == 1
+        frame = frame.reset_index(drop=True) if one else frame.reset_index(level=name, drop=True)
     counts = isinstance(frame.index, pd.RangeIndex) or (frame.index.nlevels == 1 and frame.index.name is None)
     if not counts or frame.index.dtype.kind in "mM":
         frame = frame.reset_index()

@@ -7,6 +7,19 @@ from bayes_greybox.data.unit_registry import registry
 
 # As instruments write them and pint does not read them, or reads them as something else ("Nm" as number times metre).
 _SPELLINGS = {"Nm": "N*m", "kNm": "kN*m", "mNm": "mN*m", "U/min": "rpm", "1/min": "1/min", "sek": "s", "Sek": "s"}
+_ONE = "volt ampere newton pascal watt joule kelvin ohm hertz second minute hour meter metre degree radian"
+_WORDS = {
+    *_ONE.split(),
+    *(f"{word}s" for word in _ONE.split()),
+    "bar",
+    "sec",
+    "min",
+    "amp",
+    "amps",
+    "rad",
+    "deg",
+    "rpm",
+}
 _NONE = {"", "-", "--", "–", "none", "n/a"}
 _BRACKETED = re.compile(r"^\[(.*)\]$|^\((.*)\)$")
 _NAMED = re.compile(r"^(?P<name>.*?\S)\s*\[(?P<square>[^\[\]]*)\]$|^(?P<name2>.*?\S)\s+\((?P<round>[^()]*)\)$")
@@ -25,7 +38,9 @@ def known_unit(text: str) -> str | None:
         return _SPELLINGS[text]
     # Powers without a sign for them, as the CF conventions have: m s-2.
     powers = re.sub(r"(?<=[A-Za-zµΩ])(-?\d)(?!\d)", r"^\1", text).replace(" ", "*")
-    for attempt in dict.fromkeys((text, powers, text.lower() if len(text) > 2 else text)):
+    # Whole words may begin with a capital; elsewhere it has a meaning: Nl is no nanolitre.
+    words = re.sub(r"[A-Za-z]+", lambda word: word[0].lower() if word[0].lower() in _WORDS else word[0], powers)
+    for attempt in dict.fromkeys((text, powers, words)):
         try:
             registry().parse_units(attempt)
         except Exception:  # pint raises errors of many kinds on text that is no unit

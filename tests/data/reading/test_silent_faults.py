@@ -1,5 +1,7 @@
 """Tables of which a column, a row or a digit could be lost without a word: each is read as it is, or refused."""
 
+import os
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -7,6 +9,9 @@ import xarray as xr
 
 import bayes_greybox as bg
 
+UNTYPED = pytest.mark.skipif(
+    os.environ.get("BAYES_GREYBOX_TYPECHECK", "0") == "1", reason="the checker of types answers first"
+)
 ASKED = {"time": "t", "states": ["y"]}
 
 
@@ -152,3 +157,70 @@ def test_stamps_without_any_mark_are_dates(kind):
     # A count of that size is none.
     counts = table.assign(t=[20240399000000, 20240399000001, 20240399000002])
     np.testing.assert_array_equal(bg.read(counts, **ASKED).time, counts["t"])
+
+
+FRAME = pd.DataFrame({"t": [0.0, 1.0, 2.0, 3.0], "y": [1.0, 2.0, 4.0, 3.0]})
+
+
+@UNTYPED
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"derivatives": ["ydot"]}, r"derivatives must be a mapping, such as derivatives=\{"),
+        ({"units": ["m"]}, r"units must be a mapping"),
+        ({"rates": ["y"]}, r"rates must be a mapping"),
+        ({"time": None, "dt": "0.1"}, "dt must be positive and a number, not '0.1'"),
+        ({"time": None, "dt": np.inf}, "dt must be positive and a number, not inf"),
+        ({"skiprows": "3"}, "skiprows counts lines"),
+        ({"skiprows": 1.5}, "skiprows counts lines"),
+    ],
+)
+def test_arguments_of_another_kind_are_refused_in_words(changes, said):
+    with pytest.raises(bg.InputError, match=said):
+        bg.read(FRAME, **ASKED | changes)
+
+
+def test_nothing_is_given_by_none_and_numbers_by_those_of_numpy(tmp_path):
+    FRAME.to_csv(tmp_path / "run.csv", index=False)
+    for skiprows in (None, np.int64(0), []):
+        data = bg.read(tmp_path / "run.csv", time="t", states=["y"], inputs=None, outputs=None, skiprows=skiprows)
+        np.testing.assert_array_equal(data.states["y"], FRAME["y"])
+    with pytest.raises(bg.InputError, match="give at least one column in states"):
+        bg.read(FRAME, time="t", states=None, outputs=["y"])
+
+
+def test_an_index_that_is_a_column_as_well_is_read_once():
+    data = bg.read(FRAME.set_index("t", drop=False), **ASKED)
+    np.testing.assert_array_equal(data.time, FRAME["t"])
+    two = FRAME.assign(run=["a", "a", "b", "b"]).set_index(["run", "t"], drop=False)
+    assert bg.read(two, run="run", **ASKED).run_names == ("a", "b")
+    with pytest.raises(bg.InputError, match='both an index and a column "t", which differ'):
+        bg.read(FRAME.set_index(FRAME["t"] + 1.0), **ASKED)
+
+
+def test_a_column_without_any_date_is_named():
+    with pytest.raises(bg.InputError, match='"t" of the table has no time in any row'):
+        bg.read(FRAME.assign(t=pd.NaT), **ASKED)
+
+
+@pytest.mark.parametrize("text", ["t,y\n0,1\n1,2\n", "x" * 300 + ".csv", "t,y\n" + "0,1\n" * 200, "run*" + "y" * 300])
+def test_text_that_is_no_path_is_said_to_be_none(text):
+    with pytest.raises(bg.InputError, match="cannot be the path of a file"):
+        bg.read(text, **ASKED)
+    with pytest.raises(bg.InputError, match="cannot be the path of a file"):
+        bg.read([text], **ASKED)
+
+
+def test_blanks_around_labels_of_runs_are_no_part_of_them():
+    table = FRAME.assign(run=["Run 1 ", "Run 1", " Run 2", "Run 2"])
+    assert bg.read(table, run="run", **ASKED).run_names == ("Run 1", "Run 2")
+
+
+@pytest.mark.parametrize(
+    ("stated", "known"),
+    [("Nl/min", None), ("Volts", "volts"), ("Bar", "bar"), ("Meter/Sec", "meter/sec"), ("mV", "mV"), ("MV", "MV")],
+)
+def test_capitals_of_units_have_a_meaning_but_in_words(stated, known):
+    data = bg.read(FRAME.rename(columns={"y": f"y [{stated}]"}), **ASKED)
+    assert data.unit("y") == known
+    assert bool(data.remarks) == (known is None)
