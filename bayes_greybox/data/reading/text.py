@@ -116,7 +116,7 @@ def _head(lines: list[str], path: Path, layout: Layout) -> _Head:
         marked += [first.lstrip("#% ").strip()] if first.strip() else []
         skipped.add(i)
     below = next((line for k, line in enumerate(lines) if k > i and k not in skipped and line.strip()), first)
-    sep = layout.sep or _separator(first, below, path.suffix.lower())
+    sep = layout.sep or _separator(first, below, path.suffix.lower(), layout.decimal)
     cells = _cells(first, sep)
     every = tuple(sorted(skipped))
     nameless = all(is_number(cell, layout.decimal) for cell in cells)
@@ -138,11 +138,12 @@ def _head(lines: list[str], path: Path, layout: Layout) -> _Head:
     return _Head(every, sep, names, dict(zip(names, units or (), strict=False)))
 
 
-def _separator(line: str, below: str, suffix: str) -> str:
+def _separator(line: str, below: str, suffix: str, decimal: str) -> str:
     """What separates the values: tabs, semicolons, commas, or in other text than .csv blanks."""
     if suffix == ".tsv":
         return "\t"
     order = (",", ";", "\t", "|") if suffix == ".csv" else ("\t", ";", ",", "|")
+    order = sorted(order, key=lambda mark: mark == decimal)
     # A comma may be part of a name, or the decimal mark: what separates does so in the row below as well.
     found = next((mark for mark in order if len(_cells(line, mark)) == len(_cells(below, mark)) > 1), None)
     return found or next((mark for mark in order if mark in line), "," if suffix == ".csv" else BLANKS)

@@ -100,6 +100,11 @@ def test_the_first_row_below_given_names_is_kept(tmp_path, suffix):
     data = bg.read(path, columns=["t", "y", "who"], **ASKED)
     np.testing.assert_array_equal(data.states["y"], [1, 2, 4])
     assert "was read as measurements" in repr(data)
+    if suffix == ".csv":
+        path = written(tmp_path / "comma.csv", "0;1,5\n1;2,5\n2;4,5\n")
+        data = bg.read(path, columns=["t", "y"], decimal=",", **ASKED)
+        np.testing.assert_array_equal(data.states["y"], [1.5, 2.5, 4.5])
+        path = tmp_path / "run.csv"
     # A row of names is none of measurements.
     write(path, index=False)
     np.testing.assert_array_equal(bg.read(path, columns=["t", "y", "Sensor 1"], **ASKED).states["y"], [1, 2, 4])
@@ -180,6 +185,7 @@ def test_arguments_of_another_kind_are_refused_in_words(changes, said):
         bg.read(FRAME, **ASKED | changes)
 
 
+@UNTYPED
 def test_nothing_is_given_by_none_and_numbers_by_those_of_numpy(tmp_path):
     FRAME.to_csv(tmp_path / "run.csv", index=False)
     for skiprows in (None, np.int64(0), []):
