@@ -123,7 +123,7 @@ class CutRuns(Runs):
         if start is None and end is None:
             raise InputError("trim needs start, end or both, in the unit of the time.")
         for name, limit in (("start", start), ("end", end)):
-            if limit is not None and not is_finite(limit):
+            if limit is not None and not (is_finite(limit) or limit in (-np.inf, np.inf)):
                 raise InputError(f"{name} must be a number, in the unit of the time, not {limit!r}.")
         inside = np.ones(self.n_obs, dtype=bool)
         inside &= self.time >= (-np.inf if start is None else start)

@@ -60,6 +60,7 @@ def test_trimming_and_dropping_leave_the_other_rows_as_they_are():
     data = two_runs()
     part = data.trim(10.0, 20.0)
     assert part.run_names == ("long", "short") and part.run_lengths == (1_001, 500)
+    assert data.trim(-np.inf, 20.0).run_lengths == data.trim(end=20.0).run_lengths
     assert data.trim(start=15.0).run_names == ("long",)
     assert "trimmed to times from 10 to 20: 5500 rows to 1501" in repr(part)
     fewer = part.drop([0, -1])
