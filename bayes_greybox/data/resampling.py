@@ -16,6 +16,9 @@ GAP = 4.0
 COARSER = 1.5
 """A step this many times the usual one leaves out so much that what is faster would pass for something slower."""
 
+ROUNDING = 1e-6
+"""Share of a step by which stamps may be off by rounding."""
+
 HALF_WINDOW = 10
 """Rows at either edge of a decimated run whose filter reaches beyond it: SciPy's has 20 factor + 1 taps."""
 
@@ -47,7 +50,7 @@ def even_times(time: Float[np.ndarray, " n"], step: float, name: str) -> Float[n
             f"slow. Resample it at {usual:.6g} first, then data.decimate({round(step / usual)}), which filters it."
         )
     # A last sample that lies on the grid but for rounding belongs to it.
-    count = int(np.floor((time[-1] - time[0]) / step * (1 + 1e-12))) + 1
+    count = int(np.floor((time[-1] - time[0]) / step + ROUNDING)) + 1
     if count < 2:
         raise InputError(
             f'Run "{name}" lasts {time[-1] - time[0]:g}, less than the step {step:g}; choose a smaller one.'
@@ -63,7 +66,9 @@ def interpolated(
         return CubicSpline(time, values)(at)
     if method == "linear":
         return np.interp(at, time, values)
-    return values[np.searchsorted(time, at, side="right") - 1]
+    # A time that is a stamp's but for rounding is after it.
+    slack = ROUNDING * float(np.median(np.diff(time)))
+    return values[np.searchsorted(time, at + slack, side="right") - 1]
 
 
 def decimated(
@@ -108,7 +113,8 @@ def rows_named(rows: object, n_obs: int) -> Bool[np.ndarray, " n_obs"]:
             raise InputError("rows must be numbers of rows from 0, a slice, or a truth value for each row.")
         given = given if given.dtype == bool else given.astype(np.int64)
         if given.dtype != bool and given.size and not (-n_obs <= given.min() and given.max() < n_obs):
-            raise InputError(f"There is no row {given.max()}; the data have {n_obs}, from 0 to {n_obs - 1}.")
+            odd = given.max() if given.max() >= n_obs else given.min()
+            raise InputError(f"There is no row {odd}; the data have {n_obs}, from 0 to {n_obs - 1}.")
     try:
         named[given] = True
     except (TypeError, ValueError):

@@ -2,14 +2,12 @@
 
 from collections.abc import Sequence
 
-import jax
-
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.model.noise.asked import Noise, check_asked
 from bayes_greybox.model.noise.suspicions import LEAST_ROWS
 from bayes_greybox.model.program import Program
-from bayes_greybox.physics.simulation.protocol import Simulation
+from bayes_greybox.physics.simulation.code import require_traceable
 from bayes_greybox.physics.units import check_units, same_unit
 
 
@@ -76,17 +74,4 @@ def check_data(
         for name in equations:
             check_asked(model.noise, model.equation_rows(train, name))
     if free_runs and whole:
-        _check_traceable(simulation)
-
-
-def _check_traceable(simulation: Simulation) -> None:
-    """Refuse a simulation that the integrator could not follow; rates of rows do with plain NumPy, free runs do not."""
-    x, u = (jax.ShapeDtypeStruct((len(names),), float) for names in (simulation.states, simulation.inputs))
-    try:
-        jax.eval_shape(simulation.rate, jax.ShapeDtypeStruct((), float), x, u)
-    except Exception as error:
-        # Plain NumPy, in-place assignment and Python branches fail under JAX with errors of many kinds.
-        raise InputError(
-            f"The simulation cannot be integrated, {type(error).__name__}: write it with jax.numpy, without in-place "
-            "assignment and without branches on its values, or leave the free runs out with free_runs=False."
-        ) from error
+        require_traceable(simulation, ", or leave the free runs out with free_runs=False")

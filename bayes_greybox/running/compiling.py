@@ -28,6 +28,12 @@ ONCE = {**FAST, "xla_backend_optimization_level": 0}
 FOLDER = "BAYES_GREYBOX_CACHE"
 """Environment variable: folder for compiled programs, or "off"."""
 
+OWN = "bayes-greybox-compiled"
+"""Folder within the one that the user names: nothing else in there is ours to delete."""
+
+ENDING = "-cache"
+"""Of the names that JAX gives to what it keeps."""
+
 SHORTEST = 0.1
 """Seconds of compilation from which on a program is kept."""
 
@@ -77,7 +83,7 @@ def _keep() -> None:
     said = os.environ.get(FOLDER, "")
     if said.lower() in ("off", "0", "no") or getattr(jax.config, "jax_compilation_cache_dir", None) is not None:
         return
-    folder = (Path(said) if said else _user_folder()) / _machine()
+    folder = (Path(said).expanduser() / OWN if said else _user_folder()) / _machine()
     try:
         folder.mkdir(parents=True, exist_ok=True)
         _prune(folder.parent)
@@ -111,6 +117,8 @@ def _prune(folder: Path) -> None:
         try:
             status = file.stat()
         except OSError:
+            continue
+        if not file.name.endswith(ENDING) or not file.is_file():
             continue
         found.append((max(status.st_atime, status.st_mtime), status.st_size, file))
     left = sum(size for _, size, _ in found)

@@ -9,6 +9,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
+from datetime import timedelta
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, ProgressColumn, Task, TextColumn, TimeElapsedColumn
@@ -89,7 +90,7 @@ def stages(show: bool) -> Iterator[None]:
     """A display of all stages of some work, or the one that is open around it.
 
     Args:
-        show: Whether to show anything; without it what works inside is silent too.
+        show: Whether to show anything; without it stages within belong to no display.
     """
     if show and _DISPLAY.get() is not None:
         yield
@@ -148,4 +149,4 @@ class _Left(ProgressColumn):
 
     def render(self, task: Task) -> Text:
         left = None if task.finished else task.time_remaining
-        return Text("" if left is None or left < 1 else f"{time.strftime('%M:%S', time.gmtime(left))} left", "dim")
+        return Text("" if left is None or left < 1 else f"{timedelta(seconds=round(left))} left", "dim")

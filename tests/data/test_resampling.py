@@ -115,3 +115,19 @@ def test_a_way_between_samples_that_there_is_not():
         two_runs().resample("0.1")
     with pytest.raises(bg.InputError, match="start must be a number, in the unit of the time, not '1'"):
         two_runs().trim("1")
+
+
+@pytest.mark.parametrize(("start", "step"), [(1.0, 0.02), (0.3, 0.05), (1.7e9, 0.01)])
+def test_held_columns_at_their_own_times_are_themselves(start, step):
+    t = start + step * np.arange(500)
+    u = (np.arange(500) // 7 % 2).astype(float)
+    data = bg.Trajectories.from_arrays(t, states={"y": np.sin(t)}, inputs={"u": u})
+    again = data.resample(step, "held")
+    assert again.n_obs == 500
+    np.testing.assert_array_equal(again.inputs["u"], u)
+
+
+def test_the_row_that_there_is_not_is_named():
+    data = bg.Trajectories.from_arrays(np.arange(10.0), states={"y": np.arange(10.0)})
+    with pytest.raises(bg.InputError, match="no row -50"):
+        data.drop([-50, 3])

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 import bayes_greybox as bg
+from bayes_greybox.physics.simulation.code import CallableSimulation
 from bayes_greybox.physics.simulation.reading import simulation_of
 from bayes_greybox.physics.terms import Term
 
@@ -55,3 +56,28 @@ def test_what_an_output_is_not():
     function = simulation_of(lambda t, x, u: -x, ("y",), (), ("R",))
     with pytest.raises(bg.InputError, match="rates of states and not the output 'R': give formulas"):
         function.on(data, "R")
+
+
+class _Spring:
+    """What a notebook may do: a number that is changed after the model was made, in an object that has no hash."""
+
+    __hash__ = None
+
+    def __init__(self, k):
+        self.k = k
+
+    def __call__(self, t, x, u):
+        return [x[1], -self.k * x[0]]
+
+
+def test_code_that_reads_another_number_is_another_simulation():
+    spring = _Spring(1.0)
+    simulation = CallableSimulation(("y", "v"), (), spring)
+    t, x, u = np.zeros(3), np.ones((3, 2)), np.zeros((3, 0))
+    before = simulation.key
+    assert simulation.key == before and hash(simulation.key) == hash(before)
+    np.testing.assert_allclose(simulation.jacobian(t, x, u)[0], [[0, 1], [-1, 0]])
+    spring.k = 5.0
+    assert simulation.key != before
+    np.testing.assert_allclose(simulation.rates(t, x, u)[:, 1], -5.0)
+    np.testing.assert_allclose(simulation.jacobian(t, x, u)[0], [[0, 1], [-5, 0]])

@@ -88,6 +88,19 @@ def test_a_cache_is_bounded(tmp_path, monkeypatch):
     assert sorted(file.name for file in tmp_path.glob("*/*")) == ["2-cache", "3-cache"]
 
 
+def test_what_is_not_ours_stays(tmp_path, monkeypatch):
+    monkeypatch.setattr(compiling, "LARGEST", 0)
+    (tmp_path / "machine" / "folder-cache").mkdir(parents=True)
+    (tmp_path / "machine" / "thesis.txt").write_bytes(bytes(100))
+    compiling._prune(tmp_path)
+    assert (tmp_path / "machine" / "thesis.txt").exists() and (tmp_path / "machine" / "folder-cache").exists()
+
+
+def test_a_folder_that_is_named_gets_one_of_ours_inside(tmp_path):
+    folder, _ = _kept(tmp_path, BAYES_GREYBOX_CACHE=str(tmp_path / "mine"))
+    assert folder.startswith(str(tmp_path / "mine" / compiling.OWN))
+
+
 def test_a_home_that_cannot_be_written_to_is_no_error(tmp_path):
     (tmp_path / "file").write_text("no folder")
     folder, _ = _kept(tmp_path, BAYES_GREYBOX_CACHE=str(tmp_path / "file" / "below"))

@@ -114,7 +114,9 @@ class ExactPrograms:
         for first in range(0, len(points), TOGETHER):
             part = points[first : first + TOGETHER]
             filled = np.pad(part, ((0, TOGETHER - len(part)), (0, 0)), "edge")
-            found.append({str(k): np.asarray(v)[: len(part)] for k, v in self._told(filled, known).items()})
+            found.append(
+                {str(k): np.asarray(v)[: len(part)] for k, v in self._told(jnp.asarray(filled), known).items()}
+            )
         return {name: np.concatenate([part[name] for part in found]) for name in found[0]}
 
     def place(self, first: Mapping[str, np.ndarray], known: Known) -> Float[np.ndarray, "n_draw n"]:
@@ -124,7 +126,7 @@ class ExactPrograms:
             first: Draws by site, each [n_draw, ...].
             known: The argument.
         """
-        return np.asarray(self._placed(dict(first), known))
+        return np.asarray(self._placed({name: jnp.asarray(value) for name, value in first.items()}, known))
 
     def _place(self, first: dict[str, Array], known: Known) -> Array:
         n_draw = len(next(iter(first.values())))

@@ -21,6 +21,7 @@ from bayes_greybox.model.equation import Equation
 from bayes_greybox.model.exact_program import PREDICTED, SENSOR, START, ExactLikelihood, GivenTerms
 from bayes_greybox.model.rows.path.reference_path import ReferencePath
 from bayes_greybox.model.sites import EquationSites
+from bayes_greybox.physics.simulation.code import require_traceable
 
 from .accurate import Paths
 from .exact_paths import Course, ExactPaths
@@ -108,6 +109,7 @@ def _rate(
         # Features have all terms projected out of them.
         own = index[active[index]] if each.frame.basis is None and any(active[index]) else index
         frames[state], columns[state] = each.frame.of_terms(own - index[0]), tuple(own.tolist())
+    require_traceable(posterior.model.simulator(posterior.data))
     rate = WholeRate(posterior.model.simulator(posterior.data), frames, posterior.data.columns)
     return rate, tuple(columns.items())
 

@@ -17,6 +17,9 @@ from bayes_greybox.physics.terms import Term
 
 from .protocol import RightHandSide, Simulation, finite
 
+PROBES = 3
+"""Points at which a function's values tell whether it still reads the same numbers."""
+
 DIFFERENCE = 6e-6
 """Step of central differences over the size of a state: the cube root of rounding."""
 
@@ -54,16 +57,16 @@ class CallableSimulation(Simulation):
     ) -> Float[np.ndarray, "*n n_state"]:
         """Values of g at many points."""
         n_state, n_input = x.shape[-1], u.shape[-1]
-        return self._at(t.ravel(), x.reshape(-1, n_state), u.reshape(-1, n_input)).reshape(x.shape)
+        return self._at(t.ravel(), x.reshape(t.size, n_state), u.reshape(t.size, n_input)).reshape(x.shape)
 
     def jacobian(
         self, t: Float[np.ndarray, "*n"], x: Float[np.ndarray, "*n n_state"], u: Float[np.ndarray, "*n n_input"]
     ) -> Float[np.ndarray, "*n n_state n_state"]:
         """∂g/∂x at points along paths: by JAX, or by central differences of a function that JAX cannot follow."""
         n_state, n_input = x.shape[-1], u.shape[-1]
-        flat = t.ravel(), x.reshape(-1, n_state), u.reshape(-1, n_input)
+        flat = t.ravel(), x.reshape(t.size, n_state), u.reshape(t.size, n_input)
         try:
-            found = np.asarray(_jacobians(self.function, *(jnp.asarray(each) for each in flat)))
+            found = np.asarray(_jacobians(self._now(), *(jnp.asarray(each) for each in flat)))
         except Exception:
             # As in `_at`.
             size = np.sqrt(np.mean(flat[1] ** 2, axis=0))
@@ -90,8 +93,11 @@ class CallableSimulation(Simulation):
 
     @property
     def key(self) -> Hashable:
-        """Names, and the very function."""
-        return self.states, self.inputs, self.function
+        """Names, and the very function with what it reads now."""
+        return self.states, self.inputs, self._now()
+
+    def _now(self) -> "_Now":
+        return _Now(self.function, len(self.states), len(self.inputs))
 
     def _call(self, data: Trajectories) -> np.ndarray:
         return self._at(data.time, data.matrix(self.states), data.matrix(self.inputs))
@@ -119,9 +125,55 @@ class CallableSimulation(Simulation):
             ) from error
 
 
-@partial(jax.jit, static_argnums=0)
-def _jacobians(function: RightHandSide, t: Array, x: Array, u: Array) -> Array:
-    def rate(t: Array, x: Array, u: Array) -> Array:
-        return jnp.asarray(function(t, x, u), float)
+def require_traceable(simulation: Simulation, otherwise: str = "") -> None:
+    """Refuse a simulation that an integrator could not follow; rates of rows do with plain NumPy, paths do not.
 
-    return jax.vmap(jax.jacfwd(rate, 1))(t, x, u)
+    Args:
+        simulation: The simulation.
+        otherwise: What else can be done, as the end of a sentence.
+
+    Raises:
+        InputError: It fails under JAX.
+    """
+    x, u = (jax.ShapeDtypeStruct((len(names),), float) for names in (simulation.states, simulation.inputs))
+    try:
+        jax.eval_shape(simulation.rate, jax.ShapeDtypeStruct((), float), x, u)
+    except Exception as error:
+        # Plain NumPy, in-place assignment and Python branches fail under JAX with errors of many kinds.
+        raise InputError(
+            f"The simulation cannot be integrated, {type(error).__name__}: write it with jax.numpy, without in-place "
+            f"assignment and without branches on its values{otherwise}."
+        ) from error
+
+
+class _Now:
+    """A function as it is now: another one, or the same that reads other numbers, is not equal to it.
+
+    What a function reads beside its arguments, such as a global of a notebook or an attribute of its object, may be
+    changed between two fits. Nobody can see that, but its values at a few points differ.
+    """
+
+    def __init__(self, function: RightHandSide, n_state: int, n_input: int) -> None:
+        self._function = function
+        points = np.random.default_rng(0).standard_normal((PROBES, 1 + n_state + n_input))
+        try:
+            values = [np.asarray(function(z[0], z[1 : 1 + n_state], z[1 + n_state :]), float) for z in points]
+            self._seen = b"".join(each.tobytes() for each in values)
+        except Exception:
+            # There it has no values, or it is wrong and is told so where it is used.
+            self._seen = b""
+
+    def __call__(self, t: Array, x: Array, u: Array) -> Array:
+        return jnp.asarray(self._function(t, x, u), float)
+
+    def __hash__(self) -> int:
+        # By identity: what users write need not be hashable.
+        return hash((id(self._function), self._seen))
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Now) and self._function is other._function and self._seen == other._seen
+
+
+@partial(jax.jit, static_argnums=0)
+def _jacobians(function: _Now, t: Array, x: Array, u: Array) -> Array:
+    return jax.vmap(jax.jacfwd(function, 1))(t, x, u)
