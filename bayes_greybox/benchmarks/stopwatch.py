@@ -25,7 +25,7 @@ COMMANDS = {
     "fit": ("fit", "configs/first.toml", "-o", "{folder}/fit"),
     "report": ("report", "{folder}/fit/run.nc", "-o", "{folder}/fit.html"),
     "discover": ("discover", "configs/discover_spring.toml", "-o", "{folder}/discover"),
-    "compare": ("compare", "configs/compare.toml", "-o", "{folder}/compare"),
+    "compare": ("compare", "configs/compare_priors.toml", "-o", "{folder}/compare"),
 }
 """Commands, from the folder of a checkout."""
 
