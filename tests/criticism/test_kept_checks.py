@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pandas as pd
 import pytest
+import xarray as xr
 
 import bayes_greybox as bg
 from bayes_greybox.criticism.checks import kept
@@ -55,3 +56,15 @@ def test_checks_of_another_format_are_not_read(fit, tmp_path, monkeypatch):
     kept._restore(fit)
     assert fit.memory == {} and kept.KEPT not in fit.idata.attrs
     fit.memory.update(before)
+
+
+def test_checks_are_not_those_of_other_draws(fit, tmp_path):
+    fit.checks()
+    fit.save(tmp_path / "run.nc")
+    with xr.open_datatree(tmp_path / "run.nc", engine="h5netcdf") as opened:
+        tree = opened.load()
+    theta = tree["posterior"]["ydot_theta"]
+    tree["posterior"]["ydot_theta"] = theta + 1.0
+    tree.to_netcdf(tmp_path / "changed.nc", engine="h5netcdf")
+    assert bg.load(tmp_path / "run.nc").memory
+    assert not bg.load(tmp_path / "changed.nc").memory

@@ -4,7 +4,9 @@ import json
 import os
 from collections.abc import Mapping
 from dataclasses import asdict
+from importlib.metadata import version
 from typing import Any
+from zlib import crc32
 
 import numpy as np
 import pandas as pd
@@ -35,6 +37,7 @@ def kept_checks(posterior: Posterior) -> dict[str, str]:
         return {}
     record = {
         "format": FORMAT,
+        "of": _of(posterior),
         "ok": found.ok,
         "reasons": found.reasons,
         "table": _columns(found.table),
@@ -63,7 +66,8 @@ def load_checked(path: str | os.PathLike[str], simulation: RightHandSide | None 
 def _restore(posterior: Posterior) -> None:
     text = posterior.idata.attrs.pop(KEPT, None)
     record = {} if text is None else json.loads(text)
-    if record.get("format") != FORMAT:
+    # Draws that somebody thinned or changed since have other checks, and so may have another version of the package.
+    if record.get("format") != FORMAT or record.get("of") != _of(posterior):
         return
     found = Checks(
         record["ok"],
@@ -74,6 +78,14 @@ def _restore(posterior: Posterior) -> None:
         _table(record["sensitivity"]),
     )
     remember(posterior, checks, found)
+
+
+def _of(posterior: Posterior) -> list[Any]:
+    """What checks are of: the version that made them, and the draws, by a sum of their bytes."""
+    group, total = posterior.idata["posterior"].dataset, 0
+    for name in sorted(map(str, group.data_vars)):
+        total = crc32(np.ascontiguousarray(group[name].to_numpy()).tobytes(), total)
+    return [version("bayes-greybox"), total]
 
 
 def _whiteness(record: Mapping[str, Any]) -> Whiteness:

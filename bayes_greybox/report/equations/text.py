@@ -99,5 +99,6 @@ def _readable(expr: Any) -> str:
 
 
 def _justified(size: float, sd: float) -> str:
-    digits = 4 if not sd > 0 else min(8, max(2, math.ceil(math.log10(max(size, 1e-300) / sd)) + 2))
+    # Without a spread nothing says which digits are idle.
+    digits = 10 if not sd > 0 else min(8, max(2, math.ceil(math.log10(max(size, 1e-300) / sd)) + 2))
     return f"{size:.{digits}g}"
