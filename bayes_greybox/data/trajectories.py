@@ -312,7 +312,8 @@ class Trajectories(CutRuns):
         return super()._computed or self.samples is not None or self.unseen is not None
 
     def _at(self, rows: Int[np.ndarray, " n_row"], noise: Mapping[str, RowNoise]) -> "Trajectories":
-        cut = super()._at(rows, noise)
+        # Without what has other rows yet.
+        cut = CutRuns._at(replace(self, samples=None, unseen=None), rows, noise)
         samples = None if self.samples is None else self.samples._at(rows, {})
         return replace(cut, samples=samples, unseen=None if self.unseen is None else self.unseen[rows])
 
