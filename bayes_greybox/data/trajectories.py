@@ -313,7 +313,7 @@ class Trajectories(CutRuns):
 
     def _at(self, rows: Int[np.ndarray, " n_row"], noise: Mapping[str, RowNoise]) -> "Trajectories":
         # Without what has other rows yet.
-        cut = CutRuns._at(replace(self, samples=None, unseen=None), rows, noise)
+        cut = super(Trajectories, replace(self, samples=None, unseen=None))._at(rows, noise)
         samples = None if self.samples is None else self.samples._at(rows, {})
         return replace(cut, samples=samples, unseen=None if self.unseen is None else self.unseen[rows])
 
