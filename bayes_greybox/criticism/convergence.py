@@ -9,7 +9,8 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Float
 
-from bayes_greybox.inference.posterior import Posterior, remembered
+from bayes_greybox.inference.posterior import Posterior
+from bayes_greybox.inference.remembering import remembered
 from bayes_greybox.model.gp.kernels import KERNELS
 
 MAX_R_HAT = 1.01

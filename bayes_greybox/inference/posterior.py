@@ -2,10 +2,10 @@
 
 import logging
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import cached_property, lru_cache, wraps
-from typing import Any, NamedTuple, TypeVar
+from functools import cached_property, lru_cache
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -276,37 +276,6 @@ class Made:
     data: Trajectories
     equations: Mapping[str, Equation]
     programs: "Programs"
-
-
-Result = TypeVar("Result")
-
-
-def remembered(function: Callable[[Posterior], Result]) -> Callable[[Posterior], Result]:
-    """Find something out about a posterior once; later calls return the same object."""
-    name = _name(function)
-
-    @wraps(function)
-    def once(posterior: Posterior) -> Result:
-        if name not in posterior.memory:
-            posterior.memory[name] = function(posterior)
-        return posterior.memory[name]
-
-    return once
-
-
-def recall(posterior: Posterior, function: Callable[[Posterior], Result]) -> Result | None:
-    """What a `remembered` function found of a posterior; None where it was not asked yet."""
-    return posterior.memory.get(_name(function))
-
-
-def remember(posterior: Posterior, function: Callable[[Posterior], Result], found: Result) -> None:
-    """Have a `remembered` function return what was found before, of a posterior that was read from a file."""
-    posterior.memory[_name(function)] = found
-
-
-def _name(function: Callable[..., Any]) -> str:
-    # A name, not the function: a posterior read from a file can be pickled, whatever it was asked.
-    return f"{function.__module__}.{function.__qualname__}"
 
 
 class Programs:

@@ -9,7 +9,8 @@ from threadpoolctl import threadpool_limits
 
 from bayes_greybox.criticism.convergence import convergence
 from bayes_greybox.criticism.linearity import Linearity, linearity
-from bayes_greybox.inference.posterior import Posterior, remembered
+from bayes_greybox.inference.posterior import Posterior
+from bayes_greybox.inference.remembering import remembered
 
 from .loo_pit import LooPit, loo_pit
 from .other_noise import suggestion

@@ -12,7 +12,8 @@ import numpy as np
 import pandas as pd
 
 from bayes_greybox.inference.netcdf import load
-from bayes_greybox.inference.posterior import Posterior, recall, remember
+from bayes_greybox.inference.posterior import Posterior
+from bayes_greybox.inference.remembering import recall, remember
 from bayes_greybox.physics.simulation.protocol import RightHandSide
 
 from .checks import Checks, checks

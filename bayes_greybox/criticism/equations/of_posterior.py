@@ -10,7 +10,8 @@ from jaxtyping import Array, Bool, Float
 
 from bayes_greybox.criticism.inclusion import ROPE, inclusion
 from bayes_greybox.criticism.prediction import PREDICTION_DRAWS
-from bayes_greybox.inference.posterior import Learned, Posterior, remembered
+from bayes_greybox.inference.posterior import Learned, Posterior
+from bayes_greybox.inference.remembering import remembered
 from bayes_greybox.model.frame import Frame
 from bayes_greybox.physics.terms import Term
 
