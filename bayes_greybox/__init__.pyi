@@ -16,7 +16,7 @@ from .data.datasets import dataset_table as dataset_table
 from .data.datasets import load_dataset as load_dataset
 from .data.errors import InputError as InputError
 from .data.reading.door import read as read
-from .data.tables import read_table as read_table
+from .data.reading.read_table import read_table as read_table
 from .data.trajectories import Trajectories as Trajectories
 from .discovery.evidence.odds import Odds as Odds
 from .greybox import Fit as Fit

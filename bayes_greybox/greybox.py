@@ -27,10 +27,13 @@ from bayes_greybox.criticism.prediction import Prediction, predict, predictive_g
 from bayes_greybox.criticism.summary import summary
 from bayes_greybox.criticism.trade_off import TradeOff, strongest_trade_off
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.inference import netcdf
-from bayes_greybox.inference.inference_data import to_inferencedata
-from bayes_greybox.inference.posterior import Posterior, Sampling, add_group, sample_posterior
+from bayes_greybox.inference.kept import netcdf
+from bayes_greybox.inference.kept.further_groups import add_group
+from bayes_greybox.inference.kept.inference_data import to_inferencedata
+from bayes_greybox.inference.posterior import Posterior
 from bayes_greybox.inference.refinement.refine import refine
+from bayes_greybox.inference.sampling import sample_posterior
+from bayes_greybox.inference.settings import Sampling
 from bayes_greybox.model.gp.discrepancy import OrthogonalGP
 from bayes_greybox.model.gp.features import HilbertBasis
 from bayes_greybox.model.program import Program

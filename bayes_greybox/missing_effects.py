@@ -19,14 +19,15 @@ from bayes_greybox.discovery.answer.gap.free_runs import FreePath, FreeRuns
 from bayes_greybox.discovery.evidence.odds import Odds
 from bayes_greybox.discovery.learned import studied_system
 from bayes_greybox.discovery.study import StudyResult, investigate
-from bayes_greybox.greybox import Fit, GreyBox
-from bayes_greybox.inference import netcdf
+from bayes_greybox.inference.kept import netcdf
 from bayes_greybox.physics.catalogue.loading import CatalogueSpec
 from bayes_greybox.report.equations.latex import equations_latex
 from bayes_greybox.report.equations.record import equations_record
 from bayes_greybox.report.equations.text import equations_text
 from bayes_greybox.report.sentence import sentence
 from bayes_greybox.running.stages import announce, stages
+
+from .greybox import Fit, GreyBox
 
 STUDY = "missing_effects"
 """Root attribute of a saved study that holds its record, as JSON text."""

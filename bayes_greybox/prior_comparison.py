@@ -12,8 +12,9 @@ from bayes_greybox.criticism.cross_validation.compare import compare
 from bayes_greybox.criticism.cross_validation.folds import START, check_scheme, require_divisible
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.greybox import Fit, GreyBox
 from bayes_greybox.model.priors import Laplace, Normal, Prior, RegularisedHorseshoe, SpikeAndSlab
+
+from .greybox import Fit, GreyBox
 
 FOUR_PRIORS: Mapping[str, Prior] = {
     "SpikeAndSlab": SpikeAndSlab(),

@@ -4,8 +4,9 @@ import numpy as np
 import xarray as xr
 
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.inference.groups import data_table
-from bayes_greybox.inference.posterior import Posterior, Sampling
+from bayes_greybox.inference.kept.groups import data_table
+from bayes_greybox.inference.posterior import Posterior
+from bayes_greybox.inference.settings import Sampling
 from bayes_greybox.model.frame import Frame
 from bayes_greybox.model.program import Program
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from bayes_greybox.data.sample_noise import sample_noise
+from bayes_greybox.data.samples.sample_noise import sample_noise
 from bayes_greybox.data.trajectories import Trajectories
 
 STEP = 0.05

@@ -11,7 +11,7 @@ import pytest
 import bayes_greybox as bg
 from bayes_greybox.config import load_config
 from bayes_greybox.data.limits import Count, Positive, require_limits
-from bayes_greybox.inference import netcdf
+from bayes_greybox.inference.kept import netcdf
 from bayes_greybox.model.gp.kernels import KERNELS, Kernel
 from bayes_greybox.model.priors import PRIORS, Scales
 from bayes_greybox.model.rows.derivative_rows import DerivativeRows

@@ -1,17 +1,32 @@
 """The command bayes-greybox; JAX and all that needs it are imported inside the commands."""
 
 import sys
-import time
 from collections.abc import Sequence
-from contextlib import ExitStack
-from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from bayes_greybox.cli.ending import BAD_INPUT, DONE, NOT_CONVERGED, exit_code, log_to_stderr, show
+from bayes_greybox.cli.options import (
+    Benchmark,
+    BlockOption,
+    Chains,
+    ConfigFile,
+    Draws,
+    Families,
+    MaxRefits,
+    NoProgress,
+    Output,
+    Quiet,
+    Scheme,
+    SchemeOption,
+    Seed,
+    Tune,
+    Verbose,
+)
 from bayes_greybox.data.errors import InputError
+
+from .ending import BAD_INPUT, DONE, exit_code, log_to_stderr, show
 
 if TYPE_CHECKING:
     from bayes_greybox.config import Config
@@ -25,65 +40,6 @@ app = typer.Typer(
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
 )
-
-ConfigFile = Annotated[Path, typer.Argument(help="Configuration file (TOML).")]
-Output = Annotated[
-    Path | None, typer.Option("--output", "-o", help="Folder for the results, instead of the config's own.")
-]
-Seed = Annotated[int | None, typer.Option(help="Seed, instead of the config's own.")]
-Draws = Annotated[int | None, typer.Option(help="Posterior draws of each chain.")]
-Tune = Annotated[int | None, typer.Option(help="Warm-up draws of each chain.")]
-Chains = Annotated[int | None, typer.Option(help="Number of chains.")]
-NoProgress = Annotated[bool, typer.Option("--no-progress", help="Show no progress bar.")]
-Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Show nothing but errors, and where the results are.")]
-Verbose = Annotated[
-    int, typer.Option("--verbose", "-v", count=True, help="Say on stderr what is being done; -vv in more detail.")
-]
-
-
-class Scheme(StrEnum):
-    """Cross-validation schemes."""
-
-    loo = "loo"
-    block = "block"
-    trajectory = "trajectory"
-    future = "future"
-
-
-class Benchmark(StrEnum):
-    """Benchmarks that come with the package."""
-
-    hidden_effects = "hidden-effects"
-    calibration = "calibration"
-    confounding = "confounding"
-    sampled_systems = "sampled-systems"
-    sampled_traps = "sampled-traps"
-    sampled_coverage = "sampled-coverage"
-    published_odes = "published-odes"
-    static_maps = "static-maps"
-    memory_effects = "memory-effects"
-    weak_odes = "weak-odes"
-    weak_coverage = "weak-coverage"
-    hudson_bay = "hudson-bay"
-
-
-class Families(StrEnum):
-    """Families of cases of hidden-effects."""
-
-    all = "all"
-    effects = "effects"
-    assumptions = "assumptions"
-
-
-SchemeOption = Annotated[
-    Scheme | None, typer.Option(help="What is left out: single rows (loo), blocks, trajectories, or the future.")
-]
-BlockOption = Annotated[
-    int | None, typer.Option(min=1, help="Rows of a block, or time stamps of a step into the future.")
-]
-MaxRefits = Annotated[
-    int | None, typer.Option(min=0, help="Most exact refits of what the draws cannot predict (10 by default).")
-]
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -150,43 +106,9 @@ def fit(
 
     settings = _configured(config, seed=seed, draws=draws, tune=tune, chains=chains)
     progress = not (no_progress or quiet)
-    with ExitStack() as work:
-        with stages(progress):
-            with stage("Starting", said=False):
-                from bayes_greybox.report.folder import output_folder, staged
-
-                folder = work.enter_context(output_folder(output or settings.folder))
-                train, test = settings.read_data()
-                model = settings.build_model()
-            start = time.perf_counter()
-            result = model.fit(train, **settings.sampling.model_dump(), progress=progress)
-            seconds = time.perf_counter() - start
-            with stage("Saving the fit"), staged(folder) as place:
-                # First, by itself: nothing that fails later may cost what the sampler found.
-                result.save(place / "run.nc")
-                (place / "config.toml").write_text(settings.text, encoding="utf-8", newline="")
-            with stage("Predicting held-out data"):
-                held_out = None if test is None else result.predict(test).nmse()
-        if not quiet:
-            from bayes_greybox.report.terminal.fit import fit_tables
-
-            show(*fit_tables(result, held_out))
-        with stages(progress):
-            with stage("Checking the model"):
-                checked = result.checks()
-            with stage("Writing the record"), staged(folder) as place:
-                from bayes_greybox.report.record import run_record, write_json
-
-                result.save(place / "run.nc")
-                record = run_record(result, settings.sampling.model_dump(), seconds, held_out)
-                write_json(place / "summary.json", {"config": settings.file, **record})
-            if settings.output.figures:
-                with stage("Drawing"):
-                    from bayes_greybox.report.plots import fit_figures, save_figures
-
-                    save_figures(fit_figures(result), folder / "figures")
-    show(*([folder] if quiet else ["", str(checked), f"Results are in {folder}."]))
-    return DONE if result.verdict.ok else NOT_CONVERGED
+    with stages(progress), stage("Starting", said=False):
+        from .fitting import fit_configured
+    return fit_configured(settings, output, progress, quiet)
 
 
 @app.command()
@@ -212,41 +134,9 @@ def discover(
 
     settings = _configured(config, seed=seed, draws=draws, tune=tune, chains=chains)
     progress = not (no_progress or quiet)
-    with ExitStack() as work:
-        with stages(progress):
-            with stage("Starting", said=False):
-                from bayes_greybox.missing_effects import find_missing_effects
-                from bayes_greybox.report.folder import output_folder, staged
-
-                folder = work.enter_context(output_folder(output or settings.folder))
-                arguments = settings.study_arguments()
-                model = settings.build_studied_model()
-                train, test = settings.read_data()
-            study = find_missing_effects(model, train, test, **arguments, progress=progress)
-            with stage("Saving the study"), staged(folder) as place:
-                # First, by itself: nothing that fails later may cost what was sampled.
-                if study.fit is not None:
-                    study.save(place / "study.nc")
-                (place / "config.toml").write_text(settings.text, encoding="utf-8", newline="")
-        if not quiet:
-            from bayes_greybox.report.terminal.study import study_tables
-
-            show(*study_tables(study))
-        with stages(progress):
-            with stage("Writing the report"), staged(folder) as place:
-                from bayes_greybox.report.pages.study_page import study_html
-                from bayes_greybox.report.record import study_record, write_json
-
-                record = study_record(study, settings.sampling.model_dump())
-                write_json(place / "summary.json", {"config": settings.file, **record})
-                study_html(study, place / "gap.html", settings.text)
-            if settings.output.figures:
-                with stage("Drawing"):
-                    from bayes_greybox.report.plots import save_figures, study_figures
-
-                    save_figures(study_figures(study), folder / "figures")
-    show(folder if quiet else f"\nThe report is {folder / 'gap.html'}.")
-    return DONE if study.fit is None or study.fit.verdict.ok else NOT_CONVERGED
+    with stages(progress), stage("Starting", said=False):
+        from .discovering import study_configured
+    return study_configured(settings, output, progress, quiet)
 
 
 @app.command()
@@ -280,7 +170,7 @@ def compare(
 
     progress = not (no_progress or quiet)
     with stages(progress), stage("Starting", said=False):
-        from bayes_greybox.cli.comparing import compare_configured, compare_saved
+        from .comparing import compare_configured, compare_saved
     saved = [file.suffix == ".nc" for file in files]
     if any(saved):
         if not all(saved) or len(files) < 2:
@@ -389,7 +279,7 @@ def benchmark(
     trajectory posterior with a reference, and with the model written by hand.
     """
     log_to_stderr(verbose)
-    from bayes_greybox.cli.benchmarking import run_benchmark
+    from .benchmarking import run_benchmark
 
     seen = "" if displacement is None else f"-displacement-{displacement:g}"
     folder = output or Path("runs") / f"benchmark-{name.value}{seen}"

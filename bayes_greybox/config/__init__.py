@@ -3,6 +3,6 @@
 Reading and checking a file is quick: the rest of the package is imported when data or models are built.
 """
 
-from bayes_greybox.config.file import Config, load_config
+from .file import Config, load_config
 
 __all__ = ["Config", "load_config"]

@@ -13,7 +13,7 @@ import pandas as pd
 from jaxtyping import Array, Float
 
 from bayes_greybox.data.errors import InputError
-from bayes_greybox.data.starts import estimate_starts
+from bayes_greybox.data.samples.starts import estimate_starts
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.inference.posterior import Posterior
 from bayes_greybox.inference.whole_rate import whole_rate

@@ -8,8 +8,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from bayes_greybox.data.errors import InputError
-from bayes_greybox.inference.draws import draw_given
 from bayes_greybox.inference.posterior import Posterior
+from bayes_greybox.inference.sampler.draws import draw_given
 from bayes_greybox.model.design import Design, EquationDraws
 from bayes_greybox.model.equation import Equation
 from bayes_greybox.model.gp.hyper import Hyperparameters

@@ -8,6 +8,8 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Bool, Int
 
+from bayes_greybox.data.runs.cut import CutRuns
+
 from .columns import (
     check_names,
     check_times,
@@ -21,7 +23,6 @@ from .columns import (
     stack,
     usable_rows,
 )
-from .cut_runs import CutRuns
 from .errors import InputError
 from .noise.files import noise_from_dict
 from .noise.protocol import WHITE_SHARE, RowNoise

@@ -13,7 +13,7 @@ from bayes_greybox.data.columns import derivative_label
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.records import plain_rows
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.inference.netcdf import versions
+from bayes_greybox.inference.kept.netcdf import versions
 from bayes_greybox.inference.posterior import Posterior
 from bayes_greybox.model.noise.asked import Noise
 from bayes_greybox.model.program import Program

@@ -10,10 +10,9 @@ import numpy as np
 from jaxtyping import Array, Float
 from numpyro.infer import NUTS
 
+from bayes_greybox.inference.sampler.nuts import Sampler
 from bayes_greybox.model.sites import VECTOR, density_model
 from bayes_greybox.running.compiling import compiled
-
-from .nuts import Sampler
 
 ITERATIONS, TOLERANCE = 200, 1e-8
 """Of the fixed point; it converges in about ten iterations."""

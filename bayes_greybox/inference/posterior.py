@@ -1,78 +1,34 @@
 """The posterior: one NUTS run and its exact conditional draws, kept as an ArviZ DataTree in user's units."""
 
-import logging
-import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import Any, NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 import xarray as xr
 from jaxtyping import Bool
-from threadpoolctl import threadpool_limits
 
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.model.design import Design, EquationDraws
+from bayes_greybox.model.design import EquationDraws
 from bayes_greybox.model.equation import Equation
 from bayes_greybox.model.frame import Frame
 from bayes_greybox.model.gp.hyper import Hyperparameters
-from bayes_greybox.model.priors import PRIORS, Scales
+from bayes_greybox.model.priors import Scales
 from bayes_greybox.model.program import Program
-from bayes_greybox.model.sampling_program import Bare, SamplingProgram
 from bayes_greybox.model.sites import Sites
-from bayes_greybox.running.stages import stage, stages
 
-from .draws import conditional_sampler
-from .groups import data_table, drawn, row_dimension, tree_of, user_units
-from .kernel import posterior_kernel
-from .nuts import SAMPLING, Sampler
-from .prior import log_prior, prior_sampler
-
-log = logging.getLogger(__name__)
-
-PRIOR_DRAWS = 500
-"""Draws in the `prior` group."""
-
-SHARED = 4
-"""Fits of different kinds or shapes whose compiled programs are kept for the next of the same: some 100 MB each."""
+from .kept.groups import drawn
+from .sampler.programs import Programs, programs_for
+from .settings import Sampling
 
 MOST_NUMBERS = 10_000_000
 """Groups with a number for each observation and draw are kept up to so many numbers."""
 
 SLAB = "slab"
 """Group with the scales and odds that only a prior of the user's own can tell: a file cannot hold that prior."""
-
-
-@dataclass(frozen=True)
-class Sampling:
-    """Settings of a run.
-
-    Attributes:
-        draws: Draws kept in each chain.
-        tune: Warm-up iterations of each chain.
-        chains: Number of chains.
-        seed: Seed of everything random in the run.
-        target_accept: Target acceptance probability of NUTS.
-        exact: Whether the draws are of the exact trajectory posterior (`Fit.refine`).
-    """
-
-    draws: int = 1000
-    tune: int = 1000
-    chains: int = 4
-    seed: int = 0
-    target_accept: float = 0.9
-    exact: bool = False
-
-    def __post_init__(self) -> None:
-        for name in ("draws", "tune", "chains"):
-            if getattr(self, name) < 1:
-                raise InputError(f"{name}={getattr(self, name)} must be at least 1.")
-        if not 0 < self.target_accept < 1:
-            raise InputError(f"target_accept={self.target_accept:g} must lie between 0 and 1.")
 
 
 @dataclass(frozen=True)
@@ -107,7 +63,7 @@ class Posterior:
         return self.model.assemble(self.data) if self._own is None else self._own.equations
 
     @cached_property
-    def programs(self) -> "Programs":
+    def programs(self) -> Programs:
         """The compiled programs of this fit, for fits to other data of the same shapes."""
         if self._own is not None:
             return self._own.programs
@@ -275,149 +231,4 @@ class Made:
     model: Program
     data: Trajectories
     equations: Mapping[str, Equation]
-    programs: "Programs"
-
-
-class Programs:
-    """What is compiled for a fit. Designs are arguments, so that others of the same shapes are not compiled again."""
-
-    def __init__(self, model: SamplingProgram, tune: int, target_accept: float) -> None:
-        """Compile nothing yet."""
-        self.chains = Sampler(lambda designs: posterior_kernel(model, designs, target_accept), tune)
-        self.conditional = conditional_sampler(model.numpyro_model)
-        self.prior = prior_sampler(model.numpyro_model, PRIOR_DRAWS)
-        self.log_prior = log_prior(model.numpyro_model)
-
-
-def programs_for(model: SamplingProgram, designs: Mapping[str, Design], sampling: Sampling) -> Programs:
-    """Programs for designs of these shapes: those of an earlier fit whose priors were equal, if there was one.
-
-    Args:
-        model: Model.
-        designs: Its argument.
-        sampling: Settings of the run.
-    """
-    bare, tune, accept = model.bare, sampling.tune, sampling.target_accept
-    if type(bare.prior) not in PRIORS.values():
-        # What a prior of the user's own reads may have changed since, whatever it says of being equal.
-        return Programs(bare, tune, accept)
-    leaves, tree = jax.tree.flatten(designs)
-    return _shared(bare, tune, accept, tree, tuple(map(jax.typeof, leaves)))
-
-
-@lru_cache(SHARED)
-def _shared(bare: Bare, tune: int, target_accept: float, tree: Any, shapes: tuple) -> Programs:
-    return Programs(bare, tune, target_accept)
-
-
-def sample_posterior(
-    model: Program,
-    data: Trajectories,
-    sampling: Sampling,
-    *,
-    progress: bool = True,
-    equations: Mapping[str, Equation] | None = None,
-    programs: Programs | None = None,
-    what: str = SAMPLING,
-) -> Posterior:
-    """Fit: assemble the designs, run NUTS on the hyperparameters, draw the rest exactly.
-
-    Args:
-        model: Model.
-        data: Training data.
-        sampling: Settings; the same seed gives the same posterior.
-        progress: Whether to show a progress bar.
-        equations: Frames and designs to use instead of `model.assemble(data)` (for refits that leave rows out).
-        programs: Those of another fit of this model with these settings, to save compiling them again.
-        what: What the bar says.
-
-    Raises:
-        InputError: What `model.assemble` refuses.
-    """
-    with stages(progress):
-        return _sampled(model, data, sampling, equations, programs, progress, what)
-
-
-def _sampled(
-    model: Program,
-    data: Trajectories,
-    sampling: Sampling,
-    equations: Mapping[str, Equation] | None,
-    programs: Programs | None,
-    progress: bool,
-    what: str,
-) -> Posterior:
-    if equations is None:
-        with stage("Reading the rows"):
-            equations = model.assemble(data)
-    for name, each in equations.items():
-        rows, frame = each.rows, each.frame
-        log.debug(
-            "%s: %d rows, %d terms, f of %s", name, rows.n_row, len(frame.dictionary), frame.variables or "nothing"
-        )
-    log.info("sampling %s: %d chains of %d + %d", ", ".join(equations), sampling.chains, sampling.tune, sampling.draws)
-    start = time.perf_counter()
-    designs = {name: equation.design for name, equation in equations.items()}
-    programs = programs_for(model, designs, sampling) if programs is None else programs
-    run_key, draw_key, prior_key = jax.random.split(jax.random.PRNGKey(sampling.seed), 3)
-
-    # Threads inside BLAS fight those of the chains over the cores, for matrices too small to share.
-    with threadpool_limits(1):
-        chains = programs.chains.run(
-            designs, draws=sampling.draws, chains=sampling.chains, key=run_key, progress=progress, what=what
-        )
-        with stage("Drawing coefficients and f"):
-            drawn = programs.conditional(designs, chains.samples, draw_key)
-        with stage("Drawing from the prior"):
-            prior = programs.prior(designs, prior_key)
-            densities = programs.log_prior(designs, {**chains.samples, **drawn})
-    log.info("sampled in %.1f s, %d divergences", time.perf_counter() - start, np.sum(chains.stats["diverging"]))
-    groups = {
-        "posterior": user_units({**chains.samples, **drawn}, equations),
-        "sample_stats": chains.stats,
-        "prior": user_units(prior, equations),
-        "log_prior": densities,
-        "observed_data": {model.sites[name].rate: equations[name].rows.measured for name in designs},
-        "constant_data": data_table(data),
-    }
-    return Posterior(model, data, sampling, tree_of(groups, equations), Made(model, data, equations, programs))
-
-
-def add_group(
-    posterior: Posterior, name: str, values: Mapping[str, np.ndarray], draw: np.ndarray | None = None
-) -> None:
-    """Put a group of draws for each observation [n_chain, n_draw, n_obs] into the DataTree.
-
-    Args:
-        posterior: Whose tree gets the group.
-        name: Name of the group.
-        values: Variables.
-        draw: Numbers of the draws, if not all were kept.
-    """
-    n_draw = next(iter(values.values())).shape[1]
-    rows = {posterior.sites[key].rate: row_dimension(entry) for key, entry in posterior.equations.items()}
-    variables, numbers = {}, {}
-    for key, value in values.items():
-        dimension, number = rows[key]
-        if value.shape[2] == len(number):
-            numbers[dimension] = number
-        else:
-            # Spectral noise leaves fewer observations than rows: whitened coefficients, which belong to no time.
-            dimension = f"{key}_coefficient"
-        variables[key] = (("chain", "draw", dimension), value)
-    coords = {
-        "chain": np.arange(next(iter(values.values())).shape[0]),
-        "draw": np.arange(n_draw) if draw is None else draw,
-    }
-    posterior.idata[name] = xr.DataTree(xr.Dataset(variables, coords=coords | numbers))
-
-
-def slab_group(posterior: Posterior) -> xr.Dataset:
-    """Scales and log odds of θ at the draws, of the equations whose inclusion patterns the sampler summed over."""
-    group, variables = posterior.idata["posterior"].dataset, {}
-    for name, own in posterior.sites.items():
-        slab = posterior.slab(name)
-        if slab is not None:
-            for variable, value in ((own.theta_sd, slab.sd), (own.log_odds, slab.log_odds)):
-                variables[variable] = group[own.theta].copy(data=np.asarray(value).reshape(group[own.theta].shape))
-    return xr.Dataset(variables)
+    programs: Programs

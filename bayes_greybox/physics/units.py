@@ -16,8 +16,8 @@ import sympy
 
 from bayes_greybox.data.columns import derivative_label
 from bayes_greybox.data.errors import InputError
-from bayes_greybox.data.runs import Runs
-from bayes_greybox.data.unit_registry import registry
+from bayes_greybox.data.reading.unit_registry import registry
+from bayes_greybox.data.runs.stacked import Runs
 from bayes_greybox.physics.formula.printing import to_text
 
 from .terms import Term

@@ -16,7 +16,7 @@ from bayes_greybox.criticism.inclusion import inclusion
 from bayes_greybox.data.records import plain_rows, plain_values
 from bayes_greybox.discovery.learned import studied_system
 from bayes_greybox.discovery.study import StudyResult
-from bayes_greybox.inference.netcdf import versions
+from bayes_greybox.inference.kept.netcdf import versions
 from bayes_greybox.inference.posterior import Posterior
 
 from .doubts import doubts

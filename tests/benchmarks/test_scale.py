@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 import bayes_greybox as bg
-from bayes_greybox.inference.posterior import Sampling, sample_posterior
+from bayes_greybox.inference.sampling import sample_posterior
+from bayes_greybox.inference.settings import Sampling
 from bayes_greybox.model.algebra.compression import CHUNK, triangular_factor
 
 

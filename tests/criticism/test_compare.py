@@ -9,7 +9,8 @@ from bayes_greybox.criticism.cross_validation.cross_validate import cross_valida
 from bayes_greybox.criticism.cross_validation.loo import Loo
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.inference.posterior import Sampling, sample_posterior
+from bayes_greybox.inference.sampling import sample_posterior
+from bayes_greybox.inference.settings import Sampling
 from bayes_greybox.model.gp.discrepancy import OrthogonalGP
 from bayes_greybox.model.priors import Normal
 from bayes_greybox.model.program import Program

@@ -7,7 +7,7 @@ from fabricated import fabricate
 
 from bayes_greybox.criticism.bands import band_holds
 from bayes_greybox.criticism.free_run import FreeRunner, free_run
-from bayes_greybox.data.starts import estimate_starts
+from bayes_greybox.data.samples.starts import estimate_starts
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.model.gp.discrepancy import OrthogonalGP
 from bayes_greybox.model.program import Program

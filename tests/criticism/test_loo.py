@@ -17,7 +17,8 @@ from bayes_greybox.criticism.cross_validation.loo import log_likelihood_group, l
 from bayes_greybox.criticism.cross_validation.refits import refit_without
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.inference.posterior import Sampling, sample_posterior
+from bayes_greybox.inference.sampling import sample_posterior
+from bayes_greybox.inference.settings import Sampling
 from bayes_greybox.model.gp.discrepancy import OrthogonalGP
 from bayes_greybox.model.gp.kernels import KERNELS, log_spectral_density
 from bayes_greybox.model.likelihood import CollapsedNormal

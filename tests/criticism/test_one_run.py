@@ -15,7 +15,8 @@ from bayes_greybox.criticism.cross_validation import loo
 from bayes_greybox.criticism.cross_validation.cross_validate import cross_validate
 from bayes_greybox.criticism.cross_validation.folds import make_folds
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.inference.posterior import Sampling, sample_posterior
+from bayes_greybox.inference.sampling import sample_posterior
+from bayes_greybox.inference.settings import Sampling
 from bayes_greybox.model.gp.discrepancy import OrthogonalGP
 from bayes_greybox.model.gp.kernels import KERNELS, log_spectral_density
 from bayes_greybox.model.priors import SpikeAndSlab

@@ -4,7 +4,7 @@ import numpy as np
 from bayes_greybox.criticism.calibration.coverage import places
 from bayes_greybox.criticism.calibration.quantities import quantities
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.inference.prior_data import draw_truths, open_equation
+from bayes_greybox.inference.sampler.prior_data import draw_truths, open_equation
 from bayes_greybox.model.gp.discrepancy import OrthogonalGP
 from bayes_greybox.model.priors import RegularisedHorseshoe
 from bayes_greybox.model.program import Program

@@ -6,7 +6,7 @@ import pytest
 from numpyro.handlers import seed, substitute, trace
 
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.inference.prior_data import draw_truths, open_equation
+from bayes_greybox.inference.sampler.prior_data import draw_truths, open_equation
 from bayes_greybox.model.gp.discrepancy import OrthogonalGP
 from bayes_greybox.model.priors import Laplace, Normal, SpikeAndSlab
 from bayes_greybox.model.program import Program

@@ -8,7 +8,7 @@ import numpyro.distributions as dist
 import pytest
 
 import bayes_greybox as bg
-from bayes_greybox.inference import posterior as module
+from bayes_greybox.inference.sampler import programs as module
 from bayes_greybox.model.priors import Scales
 
 RUN = {"draws": 30, "tune": 40, "chains": 1, "progress": False}

@@ -11,8 +11,8 @@ import numpy as np
 from bayes_greybox.criticism.convergence import MAX_R_HAT, MIN_ESS, array_stats
 from bayes_greybox.criticism.trade_off import trade_offs
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.inference.prior_data import open_equation
-from bayes_greybox.inference.replicates import sample_replicates
+from bayes_greybox.inference.sampler.prior_data import open_equation
+from bayes_greybox.inference.sampler.replicates import sample_replicates
 from bayes_greybox.model.design import EquationDraws
 from bayes_greybox.model.equation import Equation
 from bayes_greybox.model.gp.discrepancy import OrthogonalGP

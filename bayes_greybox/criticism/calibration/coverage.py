@@ -9,7 +9,7 @@ from jaxtyping import Float, Int
 from scipy.stats import qmc
 
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.inference.prior_data import OpenEquation
+from bayes_greybox.inference.sampler.prior_data import OpenEquation
 from bayes_greybox.model.frame import Frame
 from bayes_greybox.model.sites import EquationSites, Sites
 

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 from jaxtyping import Float
 
-from bayes_greybox.inference.prior_data import OpenEquation
+from bayes_greybox.inference.sampler.prior_data import OpenEquation
 from bayes_greybox.model.sites import EquationSites, Sites
 
 from .coverage import Places, f_at

@@ -11,7 +11,7 @@ from zlib import crc32
 import numpy as np
 import pandas as pd
 
-from bayes_greybox.inference.netcdf import load
+from bayes_greybox.inference.kept.netcdf import load
 from bayes_greybox.inference.posterior import Posterior
 from bayes_greybox.inference.remembering import recall, remember
 from bayes_greybox.physics.simulation.protocol import RightHandSide

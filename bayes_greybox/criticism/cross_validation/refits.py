@@ -2,7 +2,8 @@
 
 from collections.abc import Sequence
 
-from bayes_greybox.inference.posterior import Posterior, sample_posterior
+from bayes_greybox.inference.posterior import Posterior
+from bayes_greybox.inference.sampling import sample_posterior
 
 
 def refit_without(posterior: Posterior, equation: str, rows: Sequence[int], progress: bool = False) -> Posterior:

@@ -16,7 +16,7 @@ from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.noise.banded import fir_noise
 from bayes_greybox.data.noise.protocol import WHITE_SHARE, RowNoise
 from bayes_greybox.data.noise.spectral import SpectralNoise
-from bayes_greybox.data.sample_noise import sample_noise
+from bayes_greybox.data.samples.sample_noise import sample_noise
 
 from .filters import (
     STEP_TOLERANCE,

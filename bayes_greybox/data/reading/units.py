@@ -3,7 +3,7 @@
 import re
 from collections.abc import Iterable, Sequence
 
-from bayes_greybox.data.unit_registry import registry
+from .unit_registry import registry
 
 # As instruments write them and pint does not read them, or reads them as something else ("Nm" as number times metre).
 _SPELLINGS = {"Nm": "N*m", "kNm": "kN*m", "mNm": "mN*m", "U/min": "rpm", "1/min": "1/min", "sek": "s", "Sek": "s"}

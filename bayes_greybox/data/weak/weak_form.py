@@ -17,7 +17,8 @@ from scipy.sparse import csr_matrix, vstack
 from scipy.special import beta
 
 from bayes_greybox.data.rates.filters import STEP_TOLERANCE
-from bayes_greybox.data.weak.local_fits import Stretch
+
+from .local_fits import Stretch
 
 POWER = 8
 """p: at the ends of a bump its first seven derivatives vanish."""

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from bayes_greybox.data.clipping import clipped_in_words
+from bayes_greybox.data.samples.clipping import clipped_in_words
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.suspects.channels import DELAY, DELAY_STEPS, GAIN, STATES, ChannelSuspect
 from bayes_greybox.discovery.weighing.aligned import Aligned

@@ -14,7 +14,7 @@ from scipy.interpolate import make_smoothing_spline
 
 from bayes_greybox.data.rates.filters import STEP_TOLERANCE
 from bayes_greybox.data.rates.integral import running_integral
-from bayes_greybox.data.sample_noise import sample_noise
+from bayes_greybox.data.samples.sample_noise import sample_noise
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.physics.simulation.protocol import Simulation
 

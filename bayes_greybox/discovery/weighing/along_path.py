@@ -13,8 +13,8 @@ from functools import partial
 import numpy as np
 from jaxtyping import Float
 
-from bayes_greybox.data.clipping import clipped_states
 from bayes_greybox.data.errors import InputError
+from bayes_greybox.data.samples.clipping import clipped_states
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.evidence.odds import Odds
 from bayes_greybox.discovery.suspects.channels import DELAY, ChannelSuspect, as_shown

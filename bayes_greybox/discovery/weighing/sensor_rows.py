@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Bool
 
-from bayes_greybox.data.clipping import clipped
-from bayes_greybox.data.sample_noise import sample_noise
+from bayes_greybox.data.samples.clipping import clipped
+from bayes_greybox.data.samples.sample_noise import sample_noise
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.suspects.channels import Rate, measured_at, shifted, slope_along, within
 from bayes_greybox.discovery.suspects.late import Late

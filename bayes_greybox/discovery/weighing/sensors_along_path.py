@@ -11,8 +11,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
-from bayes_greybox.data.clipping import seen_samples
 from bayes_greybox.data.errors import InputError
+from bayes_greybox.data.samples.clipping import seen_samples
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.evidence.sufficient_statistics import SufficientStatistics
 from bayes_greybox.discovery.suspects.channels import (

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from bayes_greybox.inference.posterior import Sampling
+from bayes_greybox.inference.settings import Sampling
 from bayes_greybox.model.sites import VECTOR
 
 from .exact_paths import Course

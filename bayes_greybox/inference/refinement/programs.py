@@ -15,8 +15,8 @@ from numpyro.handlers import block, seed, trace
 from numpyro.infer import NUTS
 from numpyro.infer.util import constrain_fn, potential_energy
 
-from bayes_greybox.inference.nuts import Sampler
-from bayes_greybox.inference.posterior import SHARED
+from bayes_greybox.inference.sampler.nuts import Sampler
+from bayes_greybox.inference.sampler.programs import SHARED
 from bayes_greybox.model.design import Design
 from bayes_greybox.model.exact_program import ExactLikelihood, GivenTerms, exact_model
 from bayes_greybox.model.priors import PRIORS

@@ -14,8 +14,10 @@ from jaxtyping import Bool
 from threadpoolctl import threadpool_limits
 
 from bayes_greybox.data.errors import InputError
-from bayes_greybox.inference.groups import DETAILS, data_table, tree_of, user_units
-from bayes_greybox.inference.posterior import MOST_NUMBERS, Posterior, Sampling, add_group
+from bayes_greybox.inference.kept.further_groups import add_group
+from bayes_greybox.inference.kept.groups import DETAILS, data_table, tree_of, user_units
+from bayes_greybox.inference.posterior import MOST_NUMBERS, Posterior
+from bayes_greybox.inference.settings import Sampling
 from bayes_greybox.inference.whole_rate import WholeRate
 from bayes_greybox.model.equation import Equation
 from bayes_greybox.model.exact_program import PREDICTED, SENSOR, START, ExactLikelihood, GivenTerms

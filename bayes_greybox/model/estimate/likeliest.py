@@ -15,9 +15,10 @@ from jaxtyping import Float
 from scipy.special import betaln
 
 from bayes_greybox.model.equation import Equation
-from bayes_greybox.model.estimate.evidence import Spectrum, coefficients, marginal
 from bayes_greybox.model.gp.hyper import NoisePrior
 from bayes_greybox.physics.terms import Term
+
+from .evidence import Spectrum, coefficients, marginal
 
 Set = tuple[int, ...]
 """Terms of a set by number, in order."""

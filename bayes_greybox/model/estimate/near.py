@@ -9,7 +9,8 @@ import numpy as np
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.model.equation import Equation
-from bayes_greybox.model.estimate.likeliest import Likeliest, likeliest
+
+from .likeliest import Likeliest, likeliest
 
 STAYS = 0.3
 """Change of a coefficient of the likeliest terms, in its standard deviations, below which it stays."""

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from bayes_greybox.data.rates.rate_filter import RowOperator
-from bayes_greybox.data.sample_noise import sample_noise
+from bayes_greybox.data.samples.sample_noise import sample_noise
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.physics.simulation.protocol import Simulation
 

@@ -21,11 +21,11 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from bayes_greybox.data.clipping import clipped_in_words, clipped_states
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.noise.starts_noise import StartsNoise
 from bayes_greybox.data.noise.weighted import WeightedNoise
 from bayes_greybox.data.noise.white import WhiteNoise
+from bayes_greybox.data.samples.clipping import clipped_in_words, clipped_states
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.model.rows.path.exact_path import exact_samples
 from bayes_greybox.model.rows.path.forced_rate import Force, ForcedRate

@@ -27,7 +27,7 @@ from scipy.sparse import csr_matrix, diags, hstack, vstack
 
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.noise.overlapping import TOLD, OverlappingNoise, independent_rows, overlapping
-from bayes_greybox.data.sample_noise import sample_noise
+from bayes_greybox.data.samples.sample_noise import sample_noise
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.data.weak.local_fits import LocalFits, Stretch, chosen_half_widths, stretches
 from bayes_greybox.data.weak.weak_form import EVERY, FEWEST_STEPS, Bumps

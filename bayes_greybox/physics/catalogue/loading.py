@@ -14,12 +14,12 @@ from pathlib import Path
 from typing import Any
 
 from bayes_greybox.data.errors import InputError
-from bayes_greybox.data.toml_files import read_toml
 from bayes_greybox.physics.hidden_states import HiddenState
 
 from .effect_tables import effect_tables, keys_of, nearest
 from .effects import Effect
 from .inner_parameter import InnerParameter
+from .toml_files import read_toml
 
 DOMAINS = ("mechanical", "fluid", "population", "electrical")
 """Catalogues that come with the package."""

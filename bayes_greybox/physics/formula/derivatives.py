@@ -15,9 +15,9 @@ import numpy as np
 import sympy
 from jaxtyping import Float
 
-from bayes_greybox.physics.formula.expressions import evaluate
-from bayes_greybox.physics.formula.grammar import symbol
-from bayes_greybox.physics.formula.rounding import smooth_jump
+from .expressions import evaluate
+from .grammar import symbol
+from .rounding import smooth_jump
 
 WIDTH = 2.0
 """Half width of a rounded jump, in changes of its argument from node to node."""

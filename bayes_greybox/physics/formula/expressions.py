@@ -11,8 +11,9 @@ import sympy
 from jaxtyping import Array, Float
 
 from bayes_greybox.data.errors import InputError
-from bayes_greybox.physics.formula.functions import FUNCTIONS, NODES
-from bayes_greybox.physics.formula.grammar import check_known, check_name, check_size, function_list, read, symbol
+
+from .functions import FUNCTIONS, NODES
+from .grammar import check_known, check_name, check_size, function_list, read, symbol
 
 
 def parse_expression(text: str, names: Iterable[str] | None = None) -> sympy.Expr:

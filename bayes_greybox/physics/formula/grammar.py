@@ -18,7 +18,8 @@ from typing import Any, NoReturn
 import sympy
 
 from bayes_greybox.data.errors import InputError
-from bayes_greybox.physics.formula.functions import ALIASES, CONSTANTS, FUNCTIONS, NODES, Function
+
+from .functions import ALIASES, CONSTANTS, FUNCTIONS, NODES, Function
 
 MAX_LENGTH = 2000
 MAX_DEPTH = 50

@@ -9,7 +9,7 @@ from sympy.printing.mathml import MathMLPresentationPrinter
 from sympy.printing.pretty.pretty_symbology import greek_unicode
 from sympy.printing.str import StrPrinter
 
-from bayes_greybox.physics.formula.functions import FUNCTIONS
+from .functions import FUNCTIONS
 
 
 def to_text(expr: sympy.Basic, blanks: bool = False) -> str:

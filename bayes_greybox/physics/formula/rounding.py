@@ -10,7 +10,7 @@ import numpy as np
 import sympy
 from jaxtyping import Float
 
-from bayes_greybox.physics.formula.expressions import evaluate
+from .expressions import evaluate
 
 ROUNDED = 1e-4
 """Half width w of a jump that is integrated over, in RMS values of its argument: what sticks creeps so much slower than

@@ -10,7 +10,7 @@ import pandas as pd
 from bayes_greybox.criticism.convergence import convergence, convergence_table
 from bayes_greybox.criticism.cross_validation.compare import TIE_NATS, tied, unreliable
 from bayes_greybox.criticism.inclusion import inclusion
-from bayes_greybox.inference.netcdf import versions
+from bayes_greybox.inference.kept.netcdf import versions
 from bayes_greybox.inference.posterior import Posterior
 from bayes_greybox.report.formatting import (
     PROBABILITIES,

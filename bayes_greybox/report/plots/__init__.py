@@ -8,21 +8,6 @@ of the cell, and a loop that draws hundreds leaves nothing open. Hand over axes 
 figure of your own.
 """
 
-from bayes_greybox.report.plots.files import save_figures
-from bayes_greybox.report.plots.fits import (
-    autocorrelation,
-    calibration,
-    coefficients,
-    discrepancy_over_states,
-    discrepancy_over_time,
-    fit_figures,
-    loo_pit,
-    predicted,
-    predictive,
-    sensitivity,
-    simulated,
-    trade_off,
-)
 from bayes_greybox.report.plots.gap.before_after import plot_free_run, plot_gap_over_time
 from bayes_greybox.report.plots.gap.gap_map import plot_gap_curve, plot_gap_map
 from bayes_greybox.report.plots.gap.posteriors import Coefficient, plot_posteriors
@@ -41,7 +26,23 @@ from bayes_greybox.report.plots.posterior.over_states import plot_discrepancy_ov
 from bayes_greybox.report.plots.posterior.over_time import plot_discrepancy_over_time
 from bayes_greybox.report.plots.posterior.predicted import plot_predicted
 from bayes_greybox.report.plots.posterior.tradeoff import plot_tradeoff
-from bayes_greybox.report.plots.studies import (
+
+from .files import save_figures
+from .fits import (
+    autocorrelation,
+    calibration,
+    coefficients,
+    discrepancy_over_states,
+    discrepancy_over_time,
+    fit_figures,
+    loo_pit,
+    predicted,
+    predictive,
+    sensitivity,
+    simulated,
+    trade_off,
+)
+from .studies import (
     added_coefficients,
     free_run,
     gap_map,

@@ -10,7 +10,7 @@ from scipy.integrate import solve_ivp
 from tiny_equation import CUBE, DEAD_ZONE, SQUARE, tiny_data, tiny_evaluations, tiny_model
 
 from bayes_greybox.data.records import plain_rows
-from bayes_greybox.data.starts import Starts
+from bayes_greybox.data.samples.starts import Starts
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.answer.amendment import Amendment, Remainder
 from bayes_greybox.discovery.answer.coefficients import Coefficients

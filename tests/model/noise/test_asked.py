@@ -8,7 +8,7 @@ import bayes_greybox as bg
 from bayes_greybox.config import load_config
 from bayes_greybox.data.noise.state_space import StateSpaceNoise
 from bayes_greybox.data.noise.weighted import WeightedNoise
-from bayes_greybox.inference import netcdf
+from bayes_greybox.inference.kept import netcdf
 
 TRUTH, STEP = -0.8, 0.1
 SMALL = {"draws": 60, "tune": 60, "chains": 2, "progress": False}

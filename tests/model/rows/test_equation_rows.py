@@ -8,7 +8,8 @@ import pytest
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.noise.white import WhiteNoise
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.inference.posterior import Sampling, sample_posterior
+from bayes_greybox.inference.sampling import sample_posterior
+from bayes_greybox.inference.settings import Sampling
 from bayes_greybox.model.gp.discrepancy import OrthogonalGP
 from bayes_greybox.model.priors import Normal
 from bayes_greybox.model.program import Program

@@ -11,8 +11,8 @@ from jaxtyping import Array, Float
 
 from bayes_greybox.criticism.bands import Band, band_holds
 from bayes_greybox.criticism.free_run import FreeRunner
-from bayes_greybox.data.clipping import clipped_states
-from bayes_greybox.data.starts import Starts, estimate_starts
+from bayes_greybox.data.samples.clipping import clipped_states
+from bayes_greybox.data.samples.starts import Starts, estimate_starts
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.answer.amendment import Added, Amendment
 from bayes_greybox.discovery.suspects.channels import (

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from bayes_greybox.data.clipping import seen_samples
-from bayes_greybox.data.sample_noise import NORMAL_MEDIAN, sample_noise
-from bayes_greybox.data.starts import Starts
+from bayes_greybox.data.samples.clipping import seen_samples
+from bayes_greybox.data.samples.sample_noise import NORMAL_MEDIAN, sample_noise
+from bayes_greybox.data.samples.starts import Starts
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.answer.amendment import Amendment
 from bayes_greybox.model.program import Program

@@ -5,9 +5,10 @@ from collections.abc import Callable, Mapping
 import numpy as np
 from jaxtyping import Float
 
-from bayes_greybox.model.rows.path.forced_rate import ForcedRate
-from bayes_greybox.model.rows.path.reference_path import ReferencePath
 from bayes_greybox.physics.sensitivity import carried, forces, hermite, triples
+
+from .forced_rate import ForcedRate
+from .reference_path import ReferencePath
 
 TURNS = 12
 """Most corrections of a path; each is of the order of the one before times what the path has moved."""

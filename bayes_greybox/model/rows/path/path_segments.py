@@ -7,8 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
-from bayes_greybox.model.rows.path.forced_rate import ForcedRate
 from bayes_greybox.physics.sensitivity import Grid, Response, carried, forces, hermite, respond, triples
+
+from .forced_rate import ForcedRate
 
 WIDE = 10.0
 """Prior standard deviation of a start, over the size of its state."""

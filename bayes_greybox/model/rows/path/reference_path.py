@@ -9,15 +9,19 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.interpolate import CubicSpline, make_smoothing_spline
 
-from bayes_greybox.data.clipping import seen_samples
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.noise.forced_noise import Motion
-from bayes_greybox.data.sample_noise import sample_noise
+from bayes_greybox.data.samples.clipping import seen_samples
+from bayes_greybox.data.samples.sample_noise import sample_noise
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.model.rows.equation_rows import Acting, Unfollowed
-from bayes_greybox.model.rows.path.forced_rate import Force, ForcedRate
-from bayes_greybox.model.rows.path.path_grid import grid_of, runs_of, split
-from bayes_greybox.model.rows.path.path_segments import (
+from bayes_greybox.physics.sensitivity import Grid, carried
+from bayes_greybox.physics.simulation.protocol import Simulation
+from bayes_greybox.physics.smoothing import Observed
+
+from .forced_rate import Force, ForcedRate
+from .path_grid import grid_of, runs_of, split
+from .path_segments import (
     WIDE,
     Segments,
     gain_of,
@@ -27,10 +31,7 @@ from bayes_greybox.model.rows.path.path_segments import (
     responses_to_unit_starts,
     segments_of,
 )
-from bayes_greybox.model.rows.path.smoothed_path import LOST, RATIOS, smoothest
-from bayes_greybox.physics.sensitivity import Grid, carried
-from bayes_greybox.physics.simulation.protocol import Simulation
-from bayes_greybox.physics.smoothing import Observed
+from .smoothed_path import LOST, RATIOS, smoothest
 
 STEP = 0.1
 """Steps are so short, over the fastest time scale of the equations along the path, or the steps that were asked for."""

@@ -7,10 +7,11 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from bayes_greybox.data.errors import InputError
-from bayes_greybox.model.rows.path.forced_rate import ForcedRate
-from bayes_greybox.model.rows.path.path_segments import segments_of
 from bayes_greybox.physics.sensitivity import Grid, hermite
 from bayes_greybox.physics.smoothing import PARTS, Observed, filtered, log_likelihoods, smooth, steps_along
+
+from .forced_rate import ForcedRate
+from .path_segments import segments_of
 
 RATIOS = 10.0 ** np.arange(-10.0, 1.1)
 """Intensities of the unknown force that are tried, q² over that of a force as large as the path's own."""

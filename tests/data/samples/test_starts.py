@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from sampled_paths import noise_of, path, runs, steps
 
-from bayes_greybox.data.starts import Starts, estimate_starts
+from bayes_greybox.data.samples.starts import Starts, estimate_starts
 from bayes_greybox.data.trajectories import Trajectories
 
 

@@ -4,8 +4,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Literal
 
-from .reading.door import read
-from .trajectories import Trajectories
+from bayes_greybox.data.trajectories import Trajectories
+
+from .door import read
 
 
 def read_table(

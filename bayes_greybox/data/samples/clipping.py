@@ -6,8 +6,9 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float
 
+from bayes_greybox.data.trajectories import Trajectories
+
 from .sample_noise import sample_noise
-from .trajectories import Trajectories
 
 CLIPPED = 3
 """So many samples in a row at the very end of a sensor's range are clipped."""

@@ -16,6 +16,8 @@ import xarray as xr
 from bayes_greybox.data.columns import derivative_label
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.inference.posterior import SLAB, Posterior
+from bayes_greybox.inference.settings import Sampling
 from bayes_greybox.model.coefficient import Coefficient
 from bayes_greybox.model.gp.discrepancy import OrthogonalGP
 from bayes_greybox.model.noise.asked import Noise
@@ -29,8 +31,8 @@ from bayes_greybox.physics.simulation.protocol import RightHandSide, Simulation
 from bayes_greybox.physics.simulation.reading import simulation_from, simulation_record
 from bayes_greybox.physics.terms import Term
 
+from .further_groups import slab_group
 from .groups import data_table, part_details, rate_name
-from .posterior import SLAB, Posterior, Sampling, slab_group
 
 SAMPLES, SAMPLE = "sensor_samples", "sample_id"
 """Group of what the sensors showed, where the data are a path through it, and its dimension."""

@@ -7,13 +7,14 @@ from typing import Any, Literal, TypeVar
 import numpy as np
 from jaxtyping import Bool, Int
 
-from .columns import split_cuts
-from .errors import InputError
-from .limits import is_finite
-from .noise.protocol import RowNoise
-from .noise.white import WhiteNoise
+from bayes_greybox.data.columns import split_cuts
+from bayes_greybox.data.errors import InputError
+from bayes_greybox.data.limits import is_finite
+from bayes_greybox.data.noise.protocol import RowNoise
+from bayes_greybox.data.noise.white import WhiteNoise
+
 from .resampling import decimated, even_times, interpolated, rows_named
-from .runs import Runs
+from .stacked import Runs
 
 AnyRuns = TypeVar("AnyRuns", bound="CutRuns")
 """What is cut, and comes out of it."""

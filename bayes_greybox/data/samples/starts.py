@@ -9,8 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from bayes_greybox.data.trajectories import Trajectories
+
 from .sample_noise import sample_noise, windows
-from .trajectories import Trajectories
 
 WINDOWS = (5, 6, 8, 10, 13, 16, 20, 25, 32, 40, 50, 64, 80, 100)
 """Samples that a cubic is tried on; on four or fewer it passes through the first sample."""

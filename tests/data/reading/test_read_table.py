@@ -8,7 +8,7 @@ import scipy.io
 import xarray as xr
 
 from bayes_greybox.data.errors import InputError
-from bayes_greybox.data.tables import read_table
+from bayes_greybox.data.reading.read_table import read_table
 from bayes_greybox.data.trajectories import Trajectories
 
 N = 12

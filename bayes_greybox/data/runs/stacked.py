@@ -7,11 +7,11 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Float, Int
 
-from .columns import derivative_label, rate_unit, summary_table
-from .errors import InputError
-from .noise.protocol import RowNoise
-from .noise.white import WhiteNoise
-from .rates.rate_filter import RateFilter
+from bayes_greybox.data.columns import derivative_label, rate_unit, summary_table
+from bayes_greybox.data.errors import InputError
+from bayes_greybox.data.noise.protocol import RowNoise
+from bayes_greybox.data.noise.white import WhiteNoise
+from bayes_greybox.data.rates.rate_filter import RateFilter
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from sampled_paths import STEP, noise_of, path, paths, runs, steps
 
-from bayes_greybox.data.sample_noise import EXACT, FEWEST_DIFFERENCES, sample_noise
+from bayes_greybox.data.samples.sample_noise import EXACT, FEWEST_DIFFERENCES, sample_noise
 from bayes_greybox.data.trajectories import Trajectories
 
 

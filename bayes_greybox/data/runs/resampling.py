@@ -7,8 +7,8 @@ from jaxtyping import Bool, Float
 from scipy.interpolate import CubicSpline
 from scipy.signal import decimate
 
-from .errors import InputError
-from .rates.differentiate import uniform_step
+from bayes_greybox.data.errors import InputError
+from bayes_greybox.data.rates.differentiate import uniform_step
 
 GAP = 4.0
 """A step this many times the usual one is a gap, in which interpolation would invent samples."""

@@ -1,0 +1,48 @@
+"""The command fit."""
+
+import time
+from contextlib import ExitStack
+from pathlib import Path
+
+from bayes_greybox.cli.ending import DONE, NOT_CONVERGED, show
+from bayes_greybox.config import Config
+from bayes_greybox.report.folder import output_folder, staged
+from bayes_greybox.report.record import run_record, write_json
+from bayes_greybox.report.terminal.fit import fit_tables
+from bayes_greybox.running.stages import stage, stages
+
+
+def fit_configured(settings: Config, output: Path | None, progress: bool, quiet: bool) -> int:
+    """Fit the model of a configuration, and write the results to a folder."""
+    with ExitStack() as work:
+        with stages(progress):
+            with stage("Starting", said=False):
+                folder = work.enter_context(output_folder(output or settings.folder))
+                train, test = settings.read_data()
+                model = settings.build_model()
+            start = time.perf_counter()
+            result = model.fit(train, **settings.sampling.model_dump(), progress=progress)
+            seconds = time.perf_counter() - start
+            with stage("Saving the fit"), staged(folder) as place:
+                # First, by itself: nothing that fails later may cost what the sampler found.
+                result.save(place / "run.nc")
+                (place / "config.toml").write_text(settings.text, encoding="utf-8", newline="")
+            with stage("Predicting held-out data"):
+                held_out = None if test is None else result.predict(test).nmse()
+        if not quiet:
+            show(*fit_tables(result, held_out))
+        with stages(progress):
+            with stage("Checking the model"):
+                checked = result.checks()
+            with stage("Writing the record"), staged(folder) as place:
+                result.save(place / "run.nc")
+                record = run_record(result, settings.sampling.model_dump(), seconds, held_out)
+                write_json(place / "summary.json", {"config": settings.file, **record})
+            if settings.output.figures:
+                with stage("Drawing"):
+                    # Imported here because it is slow, and the verdict does not wait for it.
+                    from bayes_greybox.report.plots import fit_figures, save_figures
+
+                    save_figures(fit_figures(result), folder / "figures")
+    show(*([folder] if quiet else ["", str(checked), f"Results are in {folder}."]))
+    return DONE if result.verdict.ok else NOT_CONVERGED

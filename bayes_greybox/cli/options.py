@@ -1,0 +1,67 @@
+"""Options and arguments that several commands have, and the words that these may be."""
+
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+class Scheme(StrEnum):
+    """Cross-validation schemes."""
+
+    loo = "loo"
+    block = "block"
+    trajectory = "trajectory"
+    future = "future"
+
+
+class Benchmark(StrEnum):
+    """Benchmarks that come with the package."""
+
+    hidden_effects = "hidden-effects"
+    calibration = "calibration"
+    confounding = "confounding"
+    sampled_systems = "sampled-systems"
+    sampled_traps = "sampled-traps"
+    sampled_coverage = "sampled-coverage"
+    published_odes = "published-odes"
+    static_maps = "static-maps"
+    memory_effects = "memory-effects"
+    weak_odes = "weak-odes"
+    weak_coverage = "weak-coverage"
+    hudson_bay = "hudson-bay"
+
+
+class Families(StrEnum):
+    """Families of cases of hidden-effects."""
+
+    all = "all"
+    effects = "effects"
+    assumptions = "assumptions"
+
+
+ConfigFile = Annotated[Path, typer.Argument(help="Configuration file (TOML).")]
+Output = Annotated[
+    Path | None, typer.Option("--output", "-o", help="Folder for the results, instead of the config's own.")
+]
+Seed = Annotated[int | None, typer.Option(help="Seed, instead of the config's own.")]
+Draws = Annotated[int | None, typer.Option(help="Posterior draws of each chain.")]
+Tune = Annotated[int | None, typer.Option(help="Warm-up draws of each chain.")]
+Chains = Annotated[int | None, typer.Option(help="Number of chains.")]
+NoProgress = Annotated[bool, typer.Option("--no-progress", help="Show no progress bar.")]
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Show nothing but errors, and where the results are.")]
+Verbose = Annotated[
+    int, typer.Option("--verbose", "-v", count=True, help="Say on stderr what is being done; -vv in more detail.")
+]
+
+
+SchemeOption = Annotated[
+    Scheme | None, typer.Option(help="What is left out: single rows (loo), blocks, trajectories, or the future.")
+]
+BlockOption = Annotated[
+    int | None, typer.Option(min=1, help="Rows of a block, or time stamps of a step into the future.")
+]
+MaxRefits = Annotated[
+    int | None, typer.Option(min=0, help="Most exact refits of what the draws cannot predict (10 by default).")
+]

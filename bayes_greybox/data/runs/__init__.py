@@ -1,0 +1,1 @@
+"""Runs as they lie in memory, and as they are cut, thinned and put on other times."""

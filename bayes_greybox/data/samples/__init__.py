@@ -1,0 +1,1 @@
+"""What samples say of their sensor and of the starts of their runs."""

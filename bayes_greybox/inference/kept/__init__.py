@@ -1,0 +1,1 @@
+"""What is kept of a fit: groups of draws, the objects of ArviZ, the netCDF file."""
