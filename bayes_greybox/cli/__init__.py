@@ -307,6 +307,7 @@ def init(
     sep: Annotated[str | None, typer.Option(help="What separates the values, if it is not found.")] = None,
     decimal: Annotated[str, typer.Option(help="Decimal mark.")] = ".",
     skiprows: Annotated[int, typer.Option(min=0, help="Lines before the names of columns.")] = 0,
+    encoding: Annotated[str, typer.Option(help="Encoding of text, such as latin-1.")] = "utf-8",
     sheet: Annotated[str | None, typer.Option(help="Sheet of an Excel file, the first by default.")] = None,
     dayfirst: Annotated[
         bool | None, typer.Option("--dayfirst/--monthfirst", help="Whether 03.04.2024 is in April, if it is not found.")
@@ -318,12 +319,12 @@ def init(
     the units are to be filled in.
     """
     from bayes_greybox.config.starting.starter import starter
-    from bayes_greybox.data.reading.table import Layout
+    from bayes_greybox.data.reading.door import layout_of
 
     config = output or Path(f"{data.stem}.toml")
     if config.exists():
         raise InputError(f'"{config}" is there already; choose another name with --output.')
-    layout = Layout(sep=sep, decimal=decimal, skiprows=skiprows, sheet=sheet, dayfirst=dayfirst)
+    layout = layout_of(sep=sep, decimal=decimal, skiprows=skiprows, encoding=encoding, sheet=sheet, dayfirst=dayfirst)
     text = starter(data, config, layout)
     try:
         config.write_text(text, encoding="utf-8")

@@ -126,13 +126,14 @@ class TableSource(Source):
         settings = self.given("path", "test", "test_fraction", "split_by", "differentiate", "rates", "trajectory")
         if self.trajectory is not None:
             settings["run"] = self.trajectory
+        path = self.path
         if test and self.test is not None:
             # Held-out runs may well have an input switched off.
-            return read(_located(self.test.path, folder), **{"constant": "keep", **settings})
-        rates = (self.filter_settings or {}).get("rates")
+            path, settings = self.test.path, {"constant": "keep", **settings}
+        located, rates = _located(path, folder), (self.filter_settings or {}).get("rates")
         if rates:
-            require_computed(_located(self.path, folder), rates, settings)
-        return read(_located(self.path, folder), **settings)
+            require_computed(located, rates, settings)
+        return read(located, **settings)
 
 
 class DatasetTest(Section):
@@ -246,7 +247,7 @@ def _paths(value: Any) -> Any:
 def _located(path: str | list[str], folder: Path) -> Any:
     """Paths from the folder of the configuration file, which is no pattern even if its name looks like one."""
     if isinstance(path, list):
-        return [folder / each for each in path]
+        return [_located(each, folder) for each in path]
     return folder / path if not glob.has_magic(path) else str(Path(glob.escape(str(folder))) / path)
 
 

@@ -11,7 +11,8 @@ from jaxtyping import Float
 
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.rates.filters import STEP_TOLERANCE
-from bayes_greybox.data.reading.cells import AmbiguousDates, numbers, stamps
+from bayes_greybox.data.reading.cells import AmbiguousDates, is_packed_dates, numbers, stamps
+from bayes_greybox.data.reading.pieces import clock_set_back
 from bayes_greybox.data.reading.table import Layout, Table
 
 TIME = re.compile(r"(?i)^(t|time|zeit|timestamp|date|datetime|datum|x_value|elapsed)([ _].*)?$")
@@ -44,6 +45,7 @@ class Guess:
         run: Column that tells the runs apart.
         restart: Whether the time goes back without such a column.
         even: Whether the stamps of every run are evenly spaced.
+        set_back: Whether the time goes back by an hour, as clocks do when summer time ends.
         missing: Rows with missing cells.
         states: Columns of states.
         inputs: Columns of inputs.
@@ -56,6 +58,7 @@ class Guess:
     restart: bool = False
     even: bool = True
     missing: int = 0
+    set_back: bool = False
     states: tuple[str, ...] = ()
     inputs: tuple[str, ...] = ()
     rate_of: dict[str, str] = field(default_factory=dict)
@@ -89,14 +92,19 @@ def guessed(table: Table, layout: Layout) -> Guess:
     if not columns:
         raise InputError(f"No column of {table.where} holds numbers that change; there is nothing to model.")
     rows = table.frame[run].to_numpy() if run is not None else np.zeros(len(table.frame))
-    clock = stamps(table, time, layout)[0] if time is not None else np.arange(len(table.frame), dtype=float)
+    clock, dated = np.arange(len(table.frame), dtype=float), False
+    if time is not None:
+        clock, dated = stamps(table, time, layout)
     known = np.all([np.isfinite(values) for values in (clock, *columns.values())], axis=0)
     # A new run wherever the label changes or the time goes back.
     label = pd.factorize(rows)[0]
     starts = np.flatnonzero((np.diff(label) != 0) | (np.diff(clock) < 0)) + 1
     back = bool(np.any((np.diff(clock) < 0) & (np.diff(label) == 0)))
     parts = [part[known[part]] for part in np.split(np.arange(len(clock)), starts)]
-    guess = Guess(time, run, back and time is not None, _even(clock, parts), int(np.sum(~known)), left_out=left_out)
+    set_back = dated and any(clock_set_back(clock, row) for row in np.flatnonzero(np.diff(clock) < 0) + 1)
+    guess = Guess(
+        time, run, back and time is not None, _even(clock, parts), int(np.sum(~known)), set_back, left_out=left_out
+    )
     return _with_roles(guess, clock, columns, [part for part in parts if len(part) > 3])
 
 
@@ -112,7 +120,8 @@ def _time(table: Table, names: Sequence[str], layout: Layout) -> str | None:
         except InputError:
             continue
         steps = np.diff(values[np.isfinite(values)])
-        if len(steps) and (name in by_name or dated or np.all(steps > 0)):
+        # The date of a day stays the same beside the time of that day.
+        if np.any(steps) and (name in by_name or dated or np.all(steps > 0)):
             return name
     return None
 
@@ -142,6 +151,8 @@ def _unusable(table: Table, name: str, layout: Layout, before: dict[str, np.ndar
     except InputError:
         return "holds words or dates"
     known = values[np.isfinite(values)]
+    if is_packed_dates(values):
+        return "holds words or dates"
     if len(known) < len(values) / 2:
         return "is mostly empty"
     if np.all(known == known[0]):

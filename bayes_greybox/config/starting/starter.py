@@ -19,8 +19,14 @@ from .roles import POSITION, Guess, guessed
 
 PLACE = "..."
 
-OPTIONS = ("sep", "decimal", "thousands", "skiprows", "sheet", "dayfirst")
+OPTIONS = ("sep", "decimal", "thousands", "skiprows", "encoding", "sheet", "dayfirst")
 """What of the layout is written where it is not the usual."""
+
+_SET_BACK = [
+    "# It goes back by an hour, as clocks do when summer time ends: if no new run begins there, take the next line out",
+    "# and write the stamps in UTC or with their offset, such as 2024-10-27T02:00:00+01:00.",
+]
+"""What stands above `restart` where it may be a mistake."""
 
 GROUPS = r"[+-]?(\d+|[1-9]\d{0,2}(\.\d{3})+)(,\d+)?"
 """A number with a comma for its decimal mark, whose digits may be grouped by points."""
@@ -130,6 +136,7 @@ def _data(path: str, table: Table, layout: Layout, plan: _Plan) -> str:
     if guess.run is not None:
         lines.append(f"run = {_quoted(guess.run)}  # tells the runs apart")
     if guess.restart:
+        lines += _SET_BACK if guess.set_back else []
         lines.append('restart = "run"  # the time goes back: a new run begins there')
     lines.append(f"states = {_columns(plan, guess.states)}  # what has an equation of motion")
     if guess.inputs:
@@ -180,10 +187,7 @@ def _dictionary(plan: _Plan) -> str:
 def _options(layout: Layout) -> list[tuple[str, object]]:
     """Options of the table that are not the usual ones."""
     usual = Layout()
-    chosen = [
-        (name, getattr(layout, name)) for name in ("sep", "decimal", "thousands", "skiprows", "sheet", "dayfirst")
-    ]
-    return [(name, value) for name, value in chosen if value != getattr(usual, name)]
+    return [(name, value) for name in OPTIONS if (value := getattr(layout, name)) != getattr(usual, name)]
 
 
 def _columns(plan: _Plan, columns: Iterable[str]) -> str:

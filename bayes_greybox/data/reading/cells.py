@@ -19,9 +19,10 @@ COMMA = r"[+-]?\d*,\d+([eE][+-]?\d+)?"
 
 _CLOCK = re.compile(r"^\d{1,3}:\d{2}:\d{2}([.,]\d+)?$")
 _DATES = (datetime.date, datetime.time, datetime.timedelta, np.datetime64, np.timedelta64)
-_DATE = re.compile(r"^(\d{1,4}[-/.]\w{1,9}[-/.]\d{1,4}\b|\d{8}T|\w*[A-Za-z]{3}\w*[ ,.]+\d)")
+_DATE = re.compile(r"^(\d{1,4}[-/.]\w{1,9}[-/.]\d{1,4}(\b|T)|\d{8}T|\w*[A-Za-z]{3}\w*[ ,.]+\d)")
 _GROUPED = re.compile(r"^[+-]?\d{1,3}(\.\d{3})+(,\d+)?$")
 _NO_NUMBER = "?"
+_PACKED = {8: "%Y%m%d", 12: "%Y%m%d%H%M", 14: "%Y%m%d%H%M%S"}
 _SHORT = re.compile(r"^(\d{1,2})[-/.](\d{1,2})[-/.](\d{1,2})(?!\d)(.*)$")
 _FRACTION = re.compile(r"(?<=:\d{2})[.,](?=\d)")
 
@@ -75,13 +76,24 @@ def stamps(table: Table, name: str, layout: Layout) -> tuple[Float[np.ndarray, "
     return ((column - start) / pd.Timedelta(seconds=1)).to_numpy(dtype=float, na_value=np.nan), True
 
 
+def is_packed_dates(values: np.ndarray) -> bool:
+    """Whether numbers are dates such as 20240305: in no other column would every value be the date of a day."""
+    return _packed_stamps(values) is not None
+
+
 def _packed_stamps(values: np.ndarray) -> np.ndarray | None:
-    """Seconds since the earliest of stamps such as 20240305081500; None if the numbers are no such."""
+    """Seconds since the earliest of stamps such as 20240305 or 20240305081500; None if the numbers are no such."""
     known = np.isfinite(values)
-    if not known.any() or np.any((values[known] < 19e12) | (values[known] >= 21e12) | (values[known] % 1 != 0)):
+    if not known.any() or np.any(values[known] % 1 != 0):
+        return None
+    first = f"{values[known][0]:.0f}"
+    form = _PACKED.get(len(first))
+    if form is None or not first.startswith(("19", "20")):
         return None
     text = pd.Series([f"{value:.0f}" for value in values[known]])
-    dates: Any = pd.to_datetime(text, format="%Y%m%d%H%M%S", errors="coerce")
+    if not text.str.fullmatch(rf"(19|20)\d{{{len(first) - 2}}}").all():
+        return None
+    dates: Any = pd.to_datetime(text, format=form, errors="coerce")
     if dates.isna().any():
         return None
     seconds = np.full(len(values), np.nan)

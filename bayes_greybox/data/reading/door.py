@@ -4,6 +4,7 @@ import glob
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import fields, replace
+from itertools import count
 from pathlib import Path
 from typing import Any, Literal
 
@@ -52,7 +53,7 @@ def read(
         source: pandas DataFrame, xarray Dataset, mapping of name to column, or path of a file: .csv, .tsv, .txt and
             .dat (lines marked # or % above the rows are remarks, but for names above rows of numbers), .xlsx, .parquet,
             .nc, .mat (columns of a matrix X are X_1, X_2, …; fields of a structure S are S.name) or .lvm. A list of
-            these, or a path with * or ?, is one run or more for each.
+            these, or a path with * or ?, also in a list, is one run or more for each.
         states: names of state columns, or a mapping of state name to column.
         inputs: names of input columns, or a mapping of input name to column.
         derivatives: mapping of state name to the column of its measured derivative.
@@ -66,7 +67,8 @@ def read(
             `Trajectories.differentiate(rates=...)`, with its defaults.
         missing: as in `Trajectories.from_arrays`.
         constant: as in `Trajectories.from_arrays`.
-        restart: "run" begins a new run wherever the time goes back; "error" refuses that.
+        restart: "run" begins a new run wherever the time goes back, named 0, 1, …, or a/0, a/1, … where what is cut
+            has the name a; "error" refuses that.
         sep: what separates the values of text; found from the text by default.
         decimal: decimal mark.
         thousands: mark between groups of digits.
@@ -92,7 +94,7 @@ def read(
             raise InputError(f"{what} must be a mapping, such as {what}={example}, not {given!r}.")
     if restart not in ("error", "run"):
         raise InputError(f'restart must be "error" or "run", not {restart!r}.')
-    layout = _layout(
+    layout = layout_of(
         sep=sep,
         decimal=decimal,
         thousands=thousands,
@@ -111,7 +113,9 @@ def read(
     # Columns of a frame may be numbers.
     time, run = (None if name is None else str(name) for name in (time, run))
     found = _sources(source)
-    tables = [read_source(each, layout) for _, each in found]
+    asked = [*(column for chosen in kinds.values() for column in chosen.values()), time, run]
+    wanted = [name for name in asked if name is not None]
+    tables = [read_source(each, layout).holding(wanted) for _, each in found]
     if time is None and dt is None:
         first = tables[0]
         raise InputError(
@@ -165,11 +169,11 @@ def require_computed(source: Any, rates: Mapping[str, str], settings: Mapping[st
     Raises:
         InputError: A column of that name, or a source that cannot be read.
     """
-    layout = _layout(**{field.name: settings[field.name] for field in fields(Layout) if field.name in settings})
+    layout = layout_of(**{field.name: settings[field.name] for field in fields(Layout) if field.name in settings})
     _require_computed(rates, [read_source(each, layout) for _, each in _sources(source)])
 
 
-def _layout(
+def layout_of(
     *, skiprows: Any = 0, encoding: str = "utf-8", columns: Sequence[str] | None = None, **given: Any
 ) -> Layout:
     """How tables are laid out, as `read` is told."""
@@ -238,21 +242,51 @@ def _require_computed(rates: Mapping[str, str], tables: Sequence[Table]) -> None
 def _sources(source: Any) -> list[tuple[str | None, Any]]:
     """What is to be read, with the name of its run: that of the file where there are several, None for the only one."""
     if isinstance(source, str | Path):
-        require_path(source)
-        pattern = str(source)
-        if not glob.has_magic(pattern) or Path(source).exists():
+        if not _is_pattern(source):
             return [(None, source)]
-        source = sorted(glob.glob(pattern, recursive=True), key=_in_order)
-        if not source:
-            raise InputError(f'No file matches "{pattern}"; check the folder and the pattern.')
+        source = _matching(source)
     elif not isinstance(source, list | tuple):
         return [(None, source)]
+    elif any(isinstance(each, str | Path) and _is_pattern(each) for each in source):
+        source = _opened(source)
     if not source:
         raise InputError("There is nothing to read: the list of sources is empty.")
     stems = [Path(each).stem if isinstance(each, str | Path) else str(i) for i, each in enumerate(source)]
     if len(set(stems)) < len(stems):
         stems = [str(each) if isinstance(each, str | Path) else str(i) for i, each in enumerate(source)]
     return list(zip(stems, source, strict=True))
+
+
+def _is_pattern(source: str | Path) -> bool:
+    """Whether a path stands for all files that it matches."""
+    require_path(source)
+    return glob.has_magic(str(source)) and not Path(source).exists()
+
+
+def _matching(pattern: str | Path) -> list[Any]:
+    """The files of a pattern, run 2 before run 10.
+
+    Raises:
+        InputError: There is none.
+    """
+    found = sorted(glob.glob(str(pattern), recursive=True), key=_in_order)
+    if not found:
+        raise InputError(f'No file matches "{pattern}"; check the folder and the pattern.')
+    return found
+
+
+def _opened(sources: Sequence[Any]) -> list[Any]:
+    """Sources with patterns opened; a file that two of them match, or that is named besides, is read once."""
+    named = {Path(each) for each in sources if isinstance(each, str | Path) and not _is_pattern(each)}
+    opened: list[Any] = []
+    for each in sources:
+        if isinstance(each, str | Path) and _is_pattern(each):
+            files = [path for path in _matching(each) if Path(path) not in named]
+            named |= {Path(path) for path in files}
+            opened += files
+        else:
+            opened.append(each)
+    return opened
 
 
 def _in_order(name: str) -> list[tuple[int, str]]:
@@ -262,4 +296,8 @@ def _in_order(name: str) -> list[tuple[int, str]]:
 
 def _distinct(names: Sequence[str]) -> list[str]:
     """Names of runs, later ones of the same name numbered."""
-    return [f"{name}_{names[:i].count(name) + 1}" if name in names[:i] else name for i, name in enumerate(names)]
+    found: list[str] = []
+    for name in names:
+        numbered = (f"{name}_{i}" for i in count(2))
+        found.append(name if name not in found else next(each for each in numbered if each not in (*names, *found)))
+    return found

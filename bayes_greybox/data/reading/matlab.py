@@ -1,6 +1,7 @@
 """MATLAB files: vectors of one length, matrices whose columns are measurements, structures of such."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -20,8 +21,9 @@ REMEDY = (
 def read_mat(path: Path, layout: Layout) -> Table:
     """Read a MATLAB file of any version.
 
-    The longest variables are the table: vectors under their names, columns of a matrix X as X_1, X_2, …, fields of a
-    structure S as S.name. Shorter variables are settings and labels.
+    Variables of one length are a table: vectors under their names, columns of a matrix X as X_1, X_2, …, fields of a
+    structure S as S.name. It is that of the longest ones of which there are two columns or more, as a time and what
+    was measured; those of other lengths, such as settings, are tables beside it (see `Table.holding`).
 
     Args:
         path: The file.
@@ -45,7 +47,16 @@ def read_mat(path: Path, layout: Layout) -> Table:
     if not arrays:
         held = "tables or other objects" if objects else "no numbers in vectors or matrices"
         raise InputError(f'"{path}" holds {held}, which cannot be read: {REMEDY}.')
-    n = max(max(values.shape) for values in arrays.values())
+    every = {n: _of_length(n, arrays, path) for n in {max(values.shape) for values in arrays.values()}}
+    first, *others = sorted(every, key=lambda n: (len(every[n].frame.columns) > 1, n), reverse=True)
+    sizes = {name: " by ".join(str(n) for n in values.shape if n > 1) for name, values in arrays.items()}
+    apart = [f"{name} ({size})" for name, size in sizes.items() if first not in arrays[name].shape]
+    hint = f" Of other lengths than these are {', '.join(apart)}." if apart else ""
+    return replace(every[first], others=tuple(every[n] for n in others), hint=hint)
+
+
+def _of_length(n: int, arrays: Mapping[str, np.ndarray], path: Path) -> Table:
+    """The variables that have a length."""
     columns: dict[str, np.ndarray] = {}
     groups, remarks = {}, []
     for name, values in arrays.items():

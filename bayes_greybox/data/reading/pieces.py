@@ -84,7 +84,10 @@ def cut(table: Table, asked: Asked, layout: Layout, label: str | None) -> Pieces
         stamped = [np.arange(len(rows)) * float(asked.dt or 0.0) for rows in groups]
     else:
         time, dated = stamps(table, asked.time, layout)
-        groups, names = _restarted(time, groups, names, asked.restart, table.where, remarks)
+        if asked.restart == "error":
+            _require_forward(table, asked.time, time, dated, groups)
+        alone = label is None and run is None
+        groups, names = _restarted(time, groups, names, alone, table.where, remarks)
         stamped = [time[rows] for rows in groups]
     if dated:
         stamped = [values - _earliest(values) for values in stamped]
@@ -150,30 +153,61 @@ def _grouped(table: Table, run: str) -> tuple[list[Int[np.ndarray, " _"]], list[
     return [np.flatnonzero(codes == i) for i in range(len(values))], names
 
 
+def clock_set_back(time: Float[np.ndarray, " n_row"], row: int) -> bool:
+    """Whether stamps go back in a row by an hour less the usual step, as those of a clock that is set back do.
+
+    Args:
+        time: Seconds.
+        row: Where they go back.
+    """
+    steps = np.diff(time[np.isfinite(time)])
+    usual = float(np.median(steps[steps > 0])) if np.any(steps > 0) else 0.0
+    return bool(abs(time[row - 1] - time[row] + usual - 3600.0) <= min(usual, 900.0))
+
+
+def _require_forward(
+    table: Table,
+    name: str,
+    time: Float[np.ndarray, " n_row"],
+    dated: bool,
+    groups: Sequence[Int[np.ndarray, " _"]],
+) -> None:
+    """Refuse time that goes back within a run, with what to do about it."""
+    for rows in groups:
+        known = rows[np.isfinite(time[rows])]
+        back = known[1:][np.diff(time[known]) < 0]
+        if not len(back):
+            continue
+        row = int(back[0])
+        to = table.column(name).iloc[row] if dated else f"{time[row]:g}"
+        told = f"The time of {table.where} is not increasing, it goes back in row {row}, to {to}"
+        other = 'pass restart="run", or run= with the column that tells the runs apart'
+        if dated and clock_set_back(time[known], int(np.searchsorted(known, row))):
+            raise InputError(
+                f"{told}, by an hour, as clocks do when summer time ends: write the stamps in UTC or with their "
+                "offset, such as 2024-10-27T02:00:00+01:00, or give dt= in place of them if the rows are evenly "
+                f"spaced; if another run begins there, {other}."
+            )
+        raise InputError(f"{told}: if another run begins there, {other}; if the rows are out of order, sort them.")
+
+
 def _restarted(
     time: Float[np.ndarray, " n_row"],
     groups: list[Int[np.ndarray, " _"]],
     names: list[str],
-    restart: str,
+    alone: bool,
     where: str,
     remarks: list[str],
 ) -> tuple[list[Int[np.ndarray, " _"]], list[str]]:
-    """Rows of each run, cut wherever the time goes back, if that is asked for."""
+    """Rows of each run, cut wherever the time goes back; parts of a run that has a name have its name and a number."""
     parts: list[np.ndarray] = []
     labels: list[str] = []
     for rows, name in zip(groups, names, strict=True):
         known = rows[np.isfinite(time[rows])]
         back = known[1:][np.diff(time[known]) < 0]
-        if len(back) and restart == "error":
-            row = int(back[0])
-            raise InputError(
-                f"The time of {where} is not increasing, it goes back in row {row}, to {time[row]:g}: if another run "
-                'begins there, pass restart="run", or run= with the column that tells the runs apart; if the rows are '
-                "out of order, sort them."
-            )
         pieces = np.split(rows, np.searchsorted(rows, back))
         parts += pieces
-        numbered = [str(i) if name == "0" else f"{name}_{i}" for i in range(len(pieces))]
+        numbered = [str(i) if alone else f"{name}/{i}" for i in range(len(pieces))]
         labels += numbered if len(pieces) > 1 else [name]
     if len(parts) > len(groups):
         remarks.append(f"a new run begins wherever the time of {where} goes back: {len(parts)} runs")

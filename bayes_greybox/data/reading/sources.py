@@ -1,6 +1,6 @@
 """What can be read: files by their extension, tables in memory by what they offer."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -157,6 +157,9 @@ def _read_excel(path: Path, layout: Layout) -> Table:
         if layout.columns is None:
             require_distinct(names, f'"{path}"')
         frame = pd.read_excel(book, sheet_name=sheet, skiprows=skipped, header=None if measured else 0)
+        if len(frame.columns) == 1:
+            # pandas leaves out the empty cells of a column that is alone.
+            frame = _only_column(book, sheet, frame, () if isinstance(skipped, int) else skipped)
     if measured:
         # Columns that are empty throughout are no part of the table.
         frame = frame.dropna(axis=1, how="all") if len(frame.columns) != len(layout.columns or ()) else frame
@@ -171,6 +174,27 @@ def _read_excel(path: Path, layout: Layout) -> Table:
     several = layout.sheet is None and len(sheets) > 1
     hint = "" if layout.skiprows else " If the names stand further down the sheet, pass skiprows= the rows above them."
     return Table(frame, f'"{path}"', remarks=(of, *named) if several else named, hint=hint, spaced=True)
+
+
+def _only_column(book: pd.ExcelFile, sheet: Any, frame: pd.DataFrame, skipped: Sequence[int]) -> pd.DataFrame:
+    """The one column of a sheet with its empty cells.
+
+    Args:
+        book: The file.
+        sheet: Name or number of the sheet.
+        frame: What pandas read of it, from some row on.
+        skipped: Rows that were left out, from 0.
+    """
+    rows = (book.book.worksheets[sheet] if isinstance(sheet, int) else book.book[sheet]).iter_rows(values_only=True)
+    kept = (row for i, row in enumerate(rows) if i not in skipped)
+    filled = [next((cell for cell in row if cell is not None), None) for row in kept]
+    places = [i for i, cell in enumerate(filled) if cell is not None and str(cell).strip()]
+    # Below rows that are skipped it keeps them.
+    if len(frame) == 0 or frame.iloc[:, 0].isna().any() or len(places) < len(frame):
+        return frame
+    places = places[len(places) - len(frame) :]
+    inside = np.array(places) - places[0]
+    return frame.set_axis(inside, axis=0).reindex(range(inside[-1] + 1))
 
 
 READERS: dict[str, Callable[[Path, Layout], Table]] = {

@@ -1,7 +1,7 @@
 """A table that was read, and how it is laid out."""
 
 import difflib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -42,6 +42,7 @@ class Table:
         groups: Columns that belong together, by their name in the source, such as those of a matrix.
         spaced: Whether rows without any value may only part the others, as in text and in sheets.
         dimensions: Dimensions of a data set of which each row has one pair, the shorter one first.
+        others: Tables of other lengths in the same source.
     """
 
     frame: pd.DataFrame
@@ -54,6 +55,17 @@ class Table:
     groups: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     spaced: bool = False
     dimensions: tuple[str, ...] = ()
+    others: "tuple[Table, ...]" = ()
+
+    def holding(self, names: Iterable[str]) -> "Table":
+        """The table of the source that has all columns of these names; this one if none has."""
+        asked = list(names)
+        every = (self, *self.others)
+        return next((each for each in every if all(each.has(name) for name in asked)), self)
+
+    def has(self, name: str) -> bool:
+        """Whether there is such a column, or a group of columns."""
+        return self.aliases.get(name, name) in self.frame.columns or name in self.groups
 
     def column(self, name: str) -> Any:
         """One column.
@@ -123,7 +135,8 @@ def tidy(table: Table, layout: Layout) -> Table:
     if units is not None:
         told = ", ".join(f"{name} in {unit}" for name, unit in known.items())
         remarks = (*remarks, f"the first row of {table.where} was read as units: {told or 'none that is known'}")
-    return replace(table, frame=frame, units=known, aliases=aliases, remarks=(*remarks, *unknown))
+    others = tuple(tidy(other, layout) for other in table.others) if layout.columns is None else ()
+    return replace(table, frame=frame, units=known, aliases=aliases, remarks=(*remarks, *unknown), others=others)
 
 
 def require_distinct(names: Sequence[str], where: str) -> None:

@@ -26,6 +26,10 @@ LOOKED_AT = 400
 """Lines at the start of a file among which the names of the columns are looked for."""
 
 
+_QUOTED = re.compile(r'(?<![^\s,;|])"[^"]*"(?![^\s,;|])')
+"""What stands in quotation marks, which have a separator or nothing around them."""
+
+
 @dataclass(frozen=True)
 class _Head:
     """What stands above the measurements: lines before the names, the names where they are marked, their separator.
@@ -144,6 +148,8 @@ def _separator(line: str, below: str, suffix: str, decimal: str) -> str:
         return "\t"
     order = (",", ";", "\t", "|") if suffix == ".csv" else ("\t", ";", ",", "|")
     order = sorted(order, key=lambda mark: mark == decimal)
+    # What stands in quotation marks separates nothing.
+    line, below = (_QUOTED.sub("x", text) for text in (line, below))
     # A comma may be part of a name, or the decimal mark: what separates does so in the row below as well.
     found = next((mark for mark in order if len(_cells(line, mark)) == len(_cells(below, mark)) > 1), None)
     return found or next((mark for mark in order if mark in line), "," if suffix == ".csv" else BLANKS)
