@@ -560,6 +560,44 @@ def test_a_prior_of_a_coefficient_that_says_two_things_is_refused_when_the_model
         load_config(write(tmp_path, text)).build_model()
 
 
+STATING = "ydot = ['y', { expression = 'y**3', %s }]"
+
+
+@pytest.mark.parametrize(
+    ("said", "stated"),
+    [
+        ('sign = "-", prior = [-40, 10.0]', {"mean": -40.0, "sd": 10.0, "sign": -1}),
+        ("fixed = 2", {"fixed": 2.0}),
+        ("bounds = [-1.5, 3]", {"lower": -1.5, "upper": 3.0}),
+    ],
+)
+def test_terms_may_state_their_coefficients(tmp_path, said, stated):
+    base = BASE.split("[dictionary]")[0] + "[dictionary]\n"
+    expected = {"ydot": {"y**3": bg.priors.Coefficient(**stated)}}
+    assert config(tmp_path, base + STATING % said).build_model().coefficients == expected
+    listed = f"[dictionary.ydot]\nterms = {(STATING % said).split(' = ', 1)[1]}"
+    assert config(tmp_path, base.replace("[dictionary]\n", listed)).build_model().coefficients == expected
+
+
+@pytest.mark.parametrize(
+    ("said", "why"),
+    [
+        ('sign = "plus"', r"\[dictionary\.ydot\.terms\[1\]\] sign = 'plus' is not available; known: \+, -"),
+        ("prior = [1.0]", r"prior = \[1\.0\] must be mean and standard deviation of the coefficient"),
+        ("prior = [1.0, -1.0]", "above 0"),
+        ("bounds = [0.0, inf]", "use lower or upper of \\[coefficients\\]"),
+        ("bounds = [2.0, 1.0]", "wrong way round"),
+        ("fixed = nan", "finite number"),
+        ('fixed = 1.0, sign = "+"', r"terms\[1\]\] The term 'y\*\*3' has fixed=1 and sign='\+'"),
+        ('sign = "-", prior = [40.0, 10.0]', "mean is not possible with sign='-'"),
+        ('sgn = "+"', "unknown key 'sgn'; did you mean 'sign'"),
+    ],
+)
+def test_what_a_term_cannot_state_is_named_with_its_place(tmp_path, said, why):
+    with pytest.raises(InputError, match=why):
+        config(tmp_path, BASE.split("[dictionary]")[0] + "[dictionary]\n" + STATING % said)
+
+
 @pytest.mark.parametrize("key", ["rates", "differentiate = { rates"])
 def test_a_measured_rate_is_not_computed(tmp_path, key):
     table(tmp_path)

@@ -33,6 +33,8 @@ GOOD = [
     BASE,
     TABLE + '[dictionary]\nydot = "y"',
     TABLE + '[dictionary]\nydot = [{ expression = "y", name = "spring" }, "ydot"]',
+    TABLE + '[dictionary]\nydot = ["y", { expression = "y**3", sign = "-", prior = [-40, 10] }]',
+    TABLE + '[dictionary]\nydot = ["y", { expression = "y**3", bounds = [-40, 10] }, { expression = "1", fixed = 2 }]',
     BASE + '[noise]\ncorrelation = "fit"\ntails = 4.0',
     BASE + '[prior]\nkind = "laplace"\nscale = 0.5\n[rows]\nkind = "trajectory"\n[study.odds]\nno_gap = 0.5',
     BASE + '[coefficients.ydot]\ny = { mean = -2, sd = 0.1 }\n[models.a]\nprior = { kind = "normal" }',
@@ -51,6 +53,9 @@ BAD = [
     BASE.replace("oscillator", "oscilator"),
     TABLE.replace('["y", "ydot"]', '"y"'),
     TABLE + "skiprows = -1",
+    TABLE + '[dictionary]\nydot = [{ expression = "y", sign = "plus" }]',
+    TABLE + '[dictionary]\nydot = [{ expression = "y", prior = [1.0] }]',
+    TABLE + '[dictionary]\nydot = [{ expression = "y", fixed = "1" }]',
     "[dictionary]\nydot = 'y'",
 ]
 

@@ -1,14 +1,15 @@
 """[dictionary], [coefficients], [prior], [discrepancy] and [rows]: the parts of a model."""
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from pydantic import BeforeValidator
+from pydantic import BeforeValidator, Field, model_validator
 
-from bayes_greybox.data.limits import Count
+from bayes_greybox.data.errors import InputError
+from bayes_greybox.data.limits import Count, is_finite
 
 from .derived import AlsoAs, Switch, Table, section_of, table_of_kinds
-from .section import Section
+from .section import Section, wrong
 
 if TYPE_CHECKING:
     from bayes_greybox.physics import terms
@@ -23,16 +24,45 @@ class Monomials(Section):
     constant: bool = False
 
 
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+Pair = Annotated[list[Finite], Field(min_length=2, max_length=2)]
+
+
 class Term(Section):
-    """One term with a name or a unit of its own."""
+    """One term with a name or a unit of its own, or with what is known of its coefficient, in the data's units."""
 
     expression: str
     name: str = ""
     unit: str | None = None
+    sign: Literal["+", "-"] | None = None
+    prior: Annotated[Pair | None, BeforeValidator(lambda v: _pair(v, "mean and standard deviation"))] = None
+    fixed: Finite | None = None
+    bounds: Annotated[Pair | None, BeforeValidator(lambda v: _pair(v, "least and largest value"))] = None
+
+    @model_validator(mode="after")
+    def _check_stated(self) -> Any:
+        stated = self.given("expression", "name", "unit")
+        if stated:
+            from bayes_greybox.physics.coefficient import coefficient_of_term
+
+            said = [stated.get(key) for key in ("sign", "prior", "fixed", "bounds")]
+            try:
+                coefficient_of_term(self.name or self.expression, *said)
+            except InputError as error:
+                raise wrong(str(error)) from None
+        return self
+
+
+def _pair(given: Any, what: str) -> Any:
+    numbers = isinstance(given, list) and len(given) == 2 and all(map(is_finite, given))
+    if given is not None and not numbers:
+        example = "[-50.0, 0.0]; for one of them alone use lower or upper of [coefficients]"
+        raise wrong(f"must be {what} of the coefficient, such as {'[-40.0, 10.0]' if 'mean' in what else example}")
+    return given
 
 
 def _coefficient(given: Any) -> type[Section]:
-    from bayes_greybox.model.coefficient import Coefficient
+    from bayes_greybox.physics.coefficient import Coefficient
 
     return section_of(Coefficient)
 

@@ -26,7 +26,8 @@ def inclusion(posterior: Posterior, level: float = 0.9, rope: float = ROPE) -> p
 
     Returns:
         Table indexed by (equation, term): mean, sd, lower, upper, `inclusion` (spike-and-slab only), outside_rope,
-        shrinkage, unit; coefficients in user's units. Fixed coefficients come last, with sd 0.
+        shrinkage, unit; coefficients in user's units. Fixed coefficients come last, with sd 0. Where anything is stated
+        of single coefficients there is a column `stated` that has it in a few signs: "N(-40, 10²), ≤ 0", "= -1".
 
     Raises:
         InputError: If level is not a probability or rope is negative.
@@ -56,7 +57,8 @@ def inclusion(posterior: Posterior, level: float = 0.9, rope: float = ROPE) -> p
                 1 / (1 + n_obs * draws.prior_sd**2 / np.asarray(draws.hyper.sigma)[:, None] ** 2), axis=0
             ),
         }
-        known = posterior.model.stated(name, posterior.data).fixed
+        stated = posterior.model.stated(name, posterior.data)
+        known = stated.fixed
         table = pd.DataFrame(columns, index=list(frame.dictionary.names))
         for term, value in known:
             size = np.sqrt(np.mean(np.asarray(term.evaluate(learned.equation.rows.columns)) ** 2))
@@ -68,6 +70,8 @@ def inclusion(posterior: Posterior, level: float = 0.9, rope: float = ROPE) -> p
         target = target_unit(name, posterior.data)
         terms = (*frame.dictionary.terms, *(term for term, _ in known))
         table["unit"] = [coefficient_unit(target, term, units) for term in terms]
+        if any(posterior.model.coefficients.values()):
+            table["stated"] = [str(stated.priors.get(term.name, "")) for term in terms]
         table.index = pd.MultiIndex.from_product([[name], table.index], names=["equation", "term"])
         tables.append(table)
     return pd.concat(tables)

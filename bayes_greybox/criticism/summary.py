@@ -47,10 +47,11 @@ def summary(posterior: Posterior, level: float = 0.9) -> pd.DataFrame:
             if label[0] in learned and label not in quantities:
                 quantities[label] = (np.full(shape, terms.loc[label, "mean"]), terms.loc[label, "unit"])
         for quantity, (draws, unit) in quantities.items():
-            moving = draws.std() > 0
+            moving = np.ptp(draws) > 0
             rows[quantity] = {
-                "mean": draws.mean(),
-                "sd": draws.std(),
+                # The mean of many times one number is not quite that number.
+                "mean": draws.mean() if moving else float(draws.flat[0]),
+                "sd": draws.std() if moving else 0.0,
                 "lower": np.quantile(draws, tail),
                 "upper": np.quantile(draws, 1 - tail),
                 "unit": unit,

@@ -17,6 +17,7 @@ from bayes_greybox.criticism.equations.learned import (
 )
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.model.coefficient import StatedTerms
 from bayes_greybox.model.program import Program
 from bayes_greybox.physics.catalogue.effects import BoundEffect
 from bayes_greybox.physics.terms import Term
@@ -38,7 +39,7 @@ def studied_system(study: StudyResult) -> LearnedSystem:
     rows = study.effects.to_dict("records")
     known = {(row["equation"], row["slug"]): row["probability"] for row in rows if row["status"] == "added"}
     known |= dict(zip(study.corrections.index, study.corrections["probability"], strict=True))
-    return amended_system(study.base.centred(), study.train, study.amendments, known)
+    return amended_system(study.base, study.train, study.amendments, known)
 
 
 def amended_system(
@@ -54,19 +55,26 @@ def amended_system(
     corrected as in the commonest pattern of the draws.
 
     Args:
-        base: The model before, with what is expected of its coefficients in its simulation.
+        base: The model before.
         data: Training data.
         amendments: By equation.
         probabilities: Of effects by equation and slug, of corrections by equation and term.
     """
     for amendment in amendments.values():
         base = amendment.model(base) if amendment.hidden else base
-    learned = {name: _equation(name, each, data, probabilities) for name, each in amendments.items()}
+    learned = {
+        name: _equation(name, each, data, probabilities, base.stated(name, data) if name in base.dictionary else None)
+        for name, each in amendments.items()
+    }
     return LearnedSystem("study", base.simulator(data, lacking=True), data, learned, RULE)
 
 
 def _equation(
-    name: str, amendment: Amendment, data: Trajectories, probabilities: Mapping[tuple[str, str], float]
+    name: str,
+    amendment: Amendment,
+    data: Trajectories,
+    probabilities: Mapping[tuple[str, str], float],
+    stated: StatedTerms | None,
 ) -> LearnedEquation:
     statistics, after, n_own = amendment.statistics, amendment.after, amendment.n_own
     able = np.arange(len(after.draws)) if amendment.alike is None else amendment.alike
@@ -76,15 +84,20 @@ def _equation(
     likeliest = int(np.argmax(count))
     alike, active = able[np.ravel(which) == likeliest], patterns[likeliest]
     target, corrected = target_unit(name, data), False
+    priors = {} if stated is None else stated.priors
+    # A study learns what is left of a coefficient beside its mean.
+    expected = {term: prior.mean for term, prior in priors.items() if prior.mean is not None}
     terms, left_out, inner = [], [], []
 
     def found(called: str, term: Term, draws: Float[np.ndarray, " n_draw"]) -> LearnedTerm:
-        return LearnedTerm(called, term, Value.of(draws), _unit(target, term, data), probabilities.get((name, called)))
+        unit, probability = _unit(target, term, data), probabilities.get((name, called))
+        return LearnedTerm(called, term, Value.of(draws), unit, probability, priors.get(called))
 
     for k, (index, there) in enumerate(zip(after.indices[:n_own], active, strict=True)):
         column = statistics.columns[index]
         corrected = corrected or column.kind == "correction"
         draws = after.draws[alike if there else able, k] * statistics.target_scale / column.scale
+        draws = draws + expected.get(column.formula.name, 0.0) * (column.kind == "free")
         (terms if there else left_out).append(found(column.formula.name, column.formula, draws))
     for k in range(after.inner.shape[1]):
         columns = [statistics.columns[i] for i in after.inner[alike, k]]
@@ -102,8 +115,12 @@ def _equation(
         left_out=tuple(left_out),
         pattern=float(np.max(count) / np.sum(count)) if corrected else None,
         discrepancy=_discrepancy(amendment),
-        drawn=_drawn(amendment, able),
+        drawn=_drawn(amendment, able, expected),
         inner=tuple(inner),
+        given=tuple(
+            LearnedTerm(term.name, term, Value.exact(value), _unit(target, term, data), None, priors[term.name])
+            for term, value in (stated.fixed if stated is not None else ())
+        ),
     )
 
 
@@ -133,10 +150,11 @@ def _discrepancy(amendment: Amendment) -> LearnedDiscrepancy | None:
     return LearnedDiscrepancy(known.variables, True, amendment.orthogonal_features, known.target_scale * f.mean)
 
 
-def _drawn(amendment: Amendment, able: Bool[np.ndarray, " n"] | np.ndarray) -> Drawn:
-    """All draws that one model can have."""
+def _drawn(amendment: Amendment, able: Bool[np.ndarray, " n"] | np.ndarray, expected: Mapping[str, float]) -> Drawn:
+    """All draws that one model can have, coefficients with what is expected of them."""
     n_draw, f = len(able), amendment.discrepancy
     # Beside orthogonal features the coefficients are the effects' own.
     added = replace(amendment, discrepancy=None).added(0, n_draw)
     weights = added.weights if f is None else amendment.statistics.target_scale * f.weights(n_draw)
-    return Drawn(tuple(added.terms), added.coefficients, weights)
+    known = np.array([expected.get(term.name, 0.0) for term in added.terms])
+    return Drawn(tuple(added.terms), added.coefficients + known, weights)

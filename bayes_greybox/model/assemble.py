@@ -9,12 +9,12 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from bayes_greybox.data.errors import InputError
+from bayes_greybox.physics.coefficient import Coefficient
 from bayes_greybox.physics.formula.expressions import namespace
 from bayes_greybox.physics.terms import Dictionary
 
 from .algebra.compression import CHUNK, triangular_factor
 from .algebra.linalg import require_independent
-from .coefficient import Coefficient
 from .coefficient_priors import CoefficientPriors
 from .design import DenseDesign, FeatureDesign
 from .equation import Equation

@@ -1,142 +1,12 @@
-"""Priors of single coefficients, as a user states them of single terms."""
+"""The terms of an equation with the priors of their single coefficients, as a model was given them."""
 
 import difflib
-import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from numbers import Real
-from typing import Annotated, Any, NamedTuple
+from typing import Any, NamedTuple
 
 from bayes_greybox.data.errors import InputError
-from bayes_greybox.data.limits import Rule, require_limits
-from bayes_greybox.physics.terms import Dictionary, Term
-
-
-def _finite(value: Any) -> bool:
-    return isinstance(value, Real) and not isinstance(value, bool) and math.isfinite(value)
-
-
-_Finite = Annotated[float, Rule(_finite, "must be a finite number")]
-_Width = Annotated[float, Rule(lambda value: _finite(value) and value > 0, "must be a finite number above 0")]
-_Sign = Annotated[int, Rule(lambda value: _finite(value) and abs(value) == 1, "must be 1 or -1")]
-
-
-@dataclass(frozen=True)
-class Coefficient:
-    """Prior of one coefficient θ_j, in user's units, in place of the model's prior or as a limit to it.
-
-        mean, sd               θ_j ~ N(mean, sd²); the term is in whatever the data say
-        sign, lower, upper     the same, or else the model's own prior, restricted to lower ≤ θ_j ≤ upper
-        fixed                  θ_j = fixed: the term is a part of the simulation
-
-    A restriction of the model's prior p(θ_j | scale) is p(θ_j | scale) 1[lower ≤ θ_j ≤ upper] / P(lower ≤ θ_j ≤ upper |
-    scale). Under a spike-and-slab prior it is the slab that is restricted: the term may still be out. Where the bounds
-    keep zero out, the term is in.
-
-    Attributes:
-        mean: Its expected value.
-        sd: Standard deviation of what is known of it.
-        sign: 1: not negative; -1: not positive.
-        lower: Least value.
-        upper: Largest value.
-        fixed: Its value.
-
-    Raises:
-        InputError: Nothing stated, one of mean and sd without the other, bounds that leave no interval or contradict
-            the sign, or `fixed` with anything else.
-    """
-
-    mean: _Finite | None = None
-    sd: _Width | None = None
-    sign: _Sign | None = None
-    lower: _Finite | None = None
-    upper: _Finite | None = None
-    fixed: _Finite | None = None
-
-    def __post_init__(self) -> None:
-        require_limits(self)
-        stated = list(self.record())
-        if not stated:
-            raise InputError("Coefficient() says nothing: give mean and sd, sign, lower, upper, or fixed.")
-        if self.fixed is not None and len(stated) > 1:
-            raise InputError(
-                f"Coefficient(fixed={self.fixed:g}, {stated[0]}=...) says two things: a fixed coefficient has its "
-                "value and no prior."
-            )
-        if (self.mean is None) != (self.sd is None):
-            there, lacks = ("mean", "sd") if self.sd is None else ("sd", "mean")
-            raise InputError(
-                f"Coefficient({there}=...) needs {lacks} too: both, or neither for the model's own prior on the term."
-            )
-        low, high = self.interval
-        if not low < high:
-            raise InputError(
-                f"Coefficient(sign={self.sign}, lower={self.lower}, upper={self.upper}) leaves no interval between "
-                f"{low:g} and {high:g}: for a single value use fixed."
-            )
-
-    @property
-    def interval(self) -> tuple[float, float]:
-        """Least and largest value, infinite where there is none."""
-        low = -math.inf if self.lower is None else self.lower
-        high = math.inf if self.upper is None else self.upper
-        return (max(low, 0.0) if self.sign == 1 else low), (min(high, 0.0) if self.sign == -1 else high)
-
-    @property
-    def bounded(self) -> bool:
-        """Whether some values are ruled out."""
-        return self.fixed is None and self.interval != (-math.inf, math.inf)
-
-    @property
-    def learned(self) -> bool:
-        """Whether it is a coefficient of the dictionary; else a number of the simulation."""
-        return self.fixed is None
-
-    @property
-    def known(self) -> float:
-        """What the simulation has of the term."""
-        return 0.0 if self.fixed is None else self.fixed
-
-    def centred(self) -> "Coefficient":
-        """The prior of what is left of it when the simulation has the term with the mean."""
-        return self if self.mean is None else _Deviation(0.0, self.sd, known_part=self.mean)
-
-    def record(self) -> dict[str, Any]:
-        """What was stated, as plain values."""
-        stated = {name: getattr(self, name) for name in _FIELDS if getattr(self, name) is not None}
-        return {name: int(value) if name == "sign" else float(value) for name, value in stated.items()}
-
-    def __str__(self) -> str:
-        """What was stated, in a few signs: `N(-2, 0.1²) ≤ 0`."""
-        if self.fixed is not None:
-            return f"= {self.fixed:g}"
-        law = "" if self.mean is None else f"N({self.mean:g}, {self.sd:g}²)"
-        low, high = self.interval
-        limits = (f"≥ {low:g}" if math.isfinite(low) else "", f"≤ {high:g}" if math.isfinite(high) else "")
-        return ", ".join(part for part in (law, *limits) if part)
-
-
-_FIELDS = ("mean", "sd", "sign", "lower", "upper", "fixed")
-
-
-@dataclass(frozen=True)
-class _Deviation(Coefficient):
-    """What is left of a coefficient beside its mean, which the simulation has.
-
-    Attributes:
-        known_part: The mean.
-    """
-
-    known_part: float = 0.0
-
-    @property
-    def known(self) -> float:
-        """The mean."""
-        return self.known_part
-
-    def centred(self) -> "Coefficient":
-        """Itself."""
-        return self
+from bayes_greybox.physics.coefficient import Coefficient
+from bayes_greybox.physics.terms import Dictionary, Term, stating
 
 
 class StatedTerms(NamedTuple):
@@ -178,14 +48,14 @@ def stated_terms(terms: Any, stated: Mapping[str, Coefficient], names: Sequence[
 
 
 def read_coefficients(stated: Any, dictionary: Mapping[str, Any]) -> dict[str, dict[str, Coefficient]]:
-    """Priors of single coefficients as a model was given them, checked.
+    """Priors of single coefficients as a model was given them, and those that terms of its dictionary state, checked.
 
     Args:
         stated: Priors by equation and term.
         dictionary: Of the model.
 
     Raises:
-        InputError: No such equation, or not a mapping from terms to `Coefficient`.
+        InputError: No such equation, or not a mapping from terms to `Coefficient`; two priors of one term.
     """
     example = "{'ydot': {'y**3': bg.priors.Coefficient(sign=-1)}}"
     if not isinstance(stated, Mapping):
@@ -206,6 +76,15 @@ def read_coefficients(stated: Any, dictionary: Mapping[str, Any]) -> dict[str, d
                     "bg.priors.Coefficient(...)."
                 )
         found[equation] = dict(terms)
+    for equation, terms in dictionary.items():
+        for term in stating(terms):
+            assert term.stated is not None
+            own = found.setdefault(str(equation), {})
+            if own.setdefault(term.name, term.stated) != term.stated:
+                raise InputError(
+                    f"The coefficient of the term {term.name!r} of {equation!r} is stated twice, {term.stated} and "
+                    f"{own[term.name]}: state it once, in the term or in coefficients=...."
+                )
     return found
 
 
@@ -231,7 +110,7 @@ def matched(stated: Mapping[str, Coefficient], names: Sequence[str], equation: s
                 f"{equation!r}{hint}; terms: {', '.join(names)}."
             )
         if name in found:
-            raise InputError(f"GreyBox(coefficients=...) has two priors for the term {name!r} of {equation!r}.")
+            raise InputError(f"The term {name!r} of {equation!r} has two priors of its coefficient: state it once.")
         found[name] = prior
     return found
 

@@ -9,9 +9,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from bayes_greybox.physics.coefficient import Coefficient
+
 from .algebra.collapsed import Ridge
 from .algebra.truncated import BoundedPatterns, Bounds, bounded_patterns, log_mass, standardised, truncated_quantile
-from .coefficient import Coefficient
 from .priors import Scales
 
 CERTAIN = 1e3
@@ -54,14 +55,13 @@ class CoefficientPriors:
         own = [c is not None and c.mean is not None for c in stated]
         numbers = [(c.mean, c.sd) if c is not None and c.mean is not None else (0.0, 0.0) for c in stated]
         mean, sd = np.array(numbers, float).reshape(-1, 2).T / scale
-        outside = [c is not None and c.bounded and not c.interval[0] <= 0 <= c.interval[1] for c in stated]
         return cls(
             jnp.asarray(mean),
             jnp.asarray(np.where(own, sd, 1.0)),
             jnp.asarray(limits[:, 0]),
             jnp.asarray(limits[:, 1]),
             shared=tuple(j for j, has_own in enumerate(own) if not has_own),
-            certain=tuple(j for j, (has_own, out) in enumerate(zip(own, outside, strict=True)) if has_own or out),
+            certain=tuple(j for j, c in enumerate(stated) if c is not None and c.certain),
             bounded=tuple(j for j, c in enumerate(stated) if c is not None and c.bounded),
         )
 

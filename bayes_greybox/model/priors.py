@@ -14,8 +14,8 @@ from jaxtyping import Array, Float
 
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.limits import Positive, Whole, require_limits
+from bayes_greybox.physics.coefficient import Coefficient as Coefficient
 
-from .coefficient import Coefficient as Coefficient
 from .sites import site
 
 ENUMERATION_LIMIT = 12

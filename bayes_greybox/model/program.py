@@ -8,15 +8,16 @@ from typing import Any, TypeVar
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories, require_measured
 from bayes_greybox.model.estimate.near import near_estimate
+from bayes_greybox.physics.coefficient import Coefficient
 from bayes_greybox.physics.hidden_states import HiddenState
 from bayes_greybox.physics.simulation.protocol import RightHandSide, Simulation
 from bayes_greybox.physics.simulation.reading import not_known, simulation_of, with_states
-from bayes_greybox.physics.terms import Dictionary
+from bayes_greybox.physics.terms import Dictionary, stating, terms_of
 from bayes_greybox.physics.units import check_units
 
 from .assemble import assemble
 from .blocks import by_block, used_states
-from .coefficient import Coefficient, StatedTerms, centred, read_coefficients, stated_in_words, stated_terms
+from .coefficient import StatedTerms, centred, read_coefficients, stated_in_words, stated_terms
 from .design import Design
 from .equation import Equation
 from .gp.discrepancy import OrthogonalGP
@@ -40,7 +41,8 @@ class Program(SamplingProgram):
     The equation of an output has the output itself in the place of ẋ_i.
 
     Attributes:
-        dictionary: Candidate terms by learned state or output: strings, `Term`s, `polynomial(...)`, or a mix.
+        dictionary: Candidate terms by learned state or output: strings, `Term`s, which may state what is known of their
+            coefficients, `polynomial(...)`, or a mix.
         simulation: The known part: expressions by state or output, or a callable (t, x, u) -> dx/dt; None: zero.
         prior: Prior on θ.
         discrepancy: The Gaussian process f, or None to leave it out.
@@ -51,7 +53,8 @@ class Program(SamplingProgram):
         rows: What the rows of an equation say; by default rates at time stamps, or outputs, where the data have any,
             and else samples of a path.
         coefficients: Priors of single terms by equation and term, in user's units, in place of `prior` or as limits to
-            it. A term whose coefficient is fixed belongs to the simulation, and f need not be orthogonal to it.
+            it; those that terms of the dictionary state are added. A term whose coefficient is fixed belongs to the
+            simulation, and f need not be orthogonal to it.
     """
 
     dictionary: Mapping[str, Any] = field(default_factory=dict)
@@ -162,7 +165,14 @@ class Program(SamplingProgram):
         Raises:
             InputError: A coefficient has bounds, so that no evidence of the model has a closed form.
         """
-        return replace(self, coefficients=centred(self.coefficients)) if self.coefficients else self
+        if not self.coefficients:
+            return self
+        # What terms state themselves is replaced.
+        dictionary = {
+            name: [term.plain for term in terms_of(terms)] if stating(terms) else terms
+            for name, terms in self.dictionary.items()
+        }
+        return replace(self, dictionary=dictionary, coefficients=centred(self.coefficients))
 
     def simulator(self, data: Trajectories, lacking: bool = False) -> Simulation:
         """The simulation and the terms with fixed coefficients, read with the names of the data.

@@ -22,6 +22,7 @@ from bayes_greybox.physics.formula.grammar import MAX_EXPONENT, check_known, che
 from bayes_greybox.physics.formula.printing import to_latex, to_text
 from bayes_greybox.physics.formula.rounding import rounded
 
+from .coefficient import Bounds, Coefficient, coefficient_of_term
 from .hidden_states import HiddenState
 
 # Larger polynomial families than this are a slip in the degree or the variables.
@@ -30,7 +31,14 @@ _MAX_TERMS = 1000
 
 @dataclass(frozen=True)
 class Term:
-    """One candidate effect, a column of the dictionary.
+    """One candidate effect, a column of the dictionary, and what is known of its coefficient.
+
+        Term("y**3", sign="-")             the coefficient is not positive; how large it is the model's prior says
+        Term("y**3", prior=(-40, 10))      N(-40, 10²) in place of the model's prior; the term is in
+        Term("y**3", bounds=(-60, 0))      the one or the other, restricted to an interval
+        Term("y**3", fixed=-40)            given and not learned: the term belongs to the simulation
+
+    Coefficients are in your units; see `Coefficient` for what these mean beside each other and under each prior.
 
     Attributes:
         expression: The formula, as text or as a SymPy expression.
@@ -38,6 +46,11 @@ class Term:
         unit: The term's unit, where it cannot follow from the columns' (an inner parameter carries one).
         states: Hidden states that the formula uses beside columns, where it remembers; `Program.remembering` gives them
             to a simulation.
+        sign: "+" where the coefficient is not negative, "-" where it is not positive.
+        prior: Mean and standard deviation of what is known of it.
+        fixed: Its value.
+        bounds: Its least and largest value; None leaves an end open.
+        stated: The last four as one; None where they say nothing.
         expr: The SymPy expression over real symbols.
     """
 
@@ -45,10 +58,15 @@ class Term:
     name: str = ""
     unit: str | None = None
     states: tuple[HiddenState, ...] = ()
+    sign: str | None = None
+    prior: tuple[float, float] | None = None
+    fixed: float | None = None
+    bounds: Bounds | None = None
+    stated: Coefficient | None = field(init=False, repr=False, compare=False)
     expr: sympy.Expr = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        """Read the formula and fill in the name."""
+        """Read the formula and what is stated of its coefficient, and fill in the name."""
         if isinstance(self.expression, str):
             expr = parse_expression(self.expression)
             name = "".join(self.expression.split())
@@ -62,6 +80,12 @@ class Term:
             raise InputError(f"The term {name!r} is zero everywhere; remove it.")
         object.__setattr__(self, "expr", expr)
         object.__setattr__(self, "name", self.name or name)
+        stated = coefficient_of_term(self.name, self.sign, self.prior, self.fixed, self.bounds)
+        object.__setattr__(self, "stated", stated)
+        # As plain values: lists, as files have them, cannot be keys.
+        for key, plain in (("prior", _plain), ("fixed", float), ("bounds", _plain)):
+            given = getattr(self, key)
+            object.__setattr__(self, key, None if given is None else plain(given))
 
     @property
     def symbols(self) -> tuple[str, ...]:
@@ -77,6 +101,11 @@ class Term:
     def latex(self) -> str:
         """The formula in LaTeX, without dollar signs."""
         return to_latex(self.expr)
+
+    @property
+    def plain(self) -> "Term":
+        """The term without what is stated of its coefficient."""
+        return self if self.stated is None else replace(self, sign=None, prior=None, fixed=None, bounds=None)
 
     def evaluate(self, columns: Mapping[str, Float[Array | np.ndarray, "..."]]) -> Float[Array | np.ndarray, "..."]:
         """Value of the term, in the shape of the columns (see `expressions.evaluate`)."""
@@ -245,12 +274,26 @@ def terms_of(spec: object) -> tuple[Term, ...]:
     return tuple(_as_term(item) for item in _flat(spec))
 
 
+def stating(spec: object) -> tuple[Term, ...]:
+    """Terms of a term list that state something of their coefficients; formulas are not read."""
+    items = [spec] if isinstance(spec, Term | Dictionary) else spec if isinstance(spec, list | tuple) else ()
+    found: list[Term] = []
+    for item in items:
+        nested = item.terms if isinstance(item, Dictionary) else item if isinstance(item, list | tuple) else (item,)
+        found += [each for each in nested if isinstance(each, Term) and each.stated is not None]
+    return tuple(found)
+
+
 def _flat(spec: object) -> list[object]:
     """The items of a term list, with nested sequences opened one level deep."""
     items: list[object] = []
     for item in _items(spec):
         items.extend(_items(item))
     return items
+
+
+def _plain(pair: Iterable[float | None]) -> tuple[float | None, ...]:
+    return tuple(None if value is None else float(value) for value in pair)
 
 
 def _items(spec: object) -> list[object]:

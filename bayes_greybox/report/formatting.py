@@ -147,6 +147,18 @@ def concise(mean: float, sd: float) -> tuple[bool, Concise]:
     return mean < 0 and whole > 0, Concise(f"{digits}({off})", power)
 
 
+def exact(value: float) -> tuple[bool, Concise]:
+    """A number that is known, with all digits that it has: whether it is negative, and its size."""
+    mantissa, _, power = repr(abs(float(value))).partition("e")
+    return value < 0, Concise(mantissa.removesuffix(".0"), int(power or 0))
+
+
+def exact_text(value: float, unit: str = "") -> str:
+    """A number that is known, as a table has it: `−40 1/m²/s²`."""
+    negative, size = exact(value)
+    return f"{'−' if negative else ''}{size}{f' {unit_text(unit)}' if unit_text(unit) else ''}"
+
+
 def figure_estimate(mean: float | np.floating, sd: float | np.floating, unit: str = "") -> str:
     """`mean ± sd [unit]` for a figure: two significant digits of the sd, one common power of ten where needed."""
     mean, sd, shown = float(mean), float(sd), unit_text(unit)

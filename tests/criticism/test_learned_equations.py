@@ -263,7 +263,8 @@ def test_fixed_coefficients_are_part_of_the_equation():
     mean = own_rates(fit, t, x, u, slice(None))[0]
     np.testing.assert_allclose(by_sympy(fit.to_sympy(), ("y", "v", "F"), x, u), mean, **CLOSE)
     np.testing.assert_allclose(fit.to_callable()(t, x, u), mean, **CLOSE)
-    assert "− y³" in repr(fit)
+    # Exact, and marked as what it is.
+    assert "− 1(given) [1/m²/s²] y³" in repr(fit)
 
 
 def test_an_output_has_an_equation_without_a_rate():

@@ -10,6 +10,7 @@ from bayes_greybox.discovery.evidence.evaluations import Evaluations
 from bayes_greybox.discovery.evidence.odds import Odds
 from bayes_greybox.discovery.evidence.of_equation import sufficient_statistics
 from bayes_greybox.discovery.evidence.with_discrepancy import Evaluator
+from bayes_greybox.discovery.learned import studied_system
 from bayes_greybox.model.priors import Coefficient
 
 DICTIONARY = {"x": ["x", "x**2"]}
@@ -74,6 +75,14 @@ def test_a_study_names_what_is_missing_beside_them():
     assert study.base.coefficients == study.model.coefficients == model.coefficients
     assert set(study.model.dictionaries(data)["x"].names) == {"x", "x**3"}
     assert study.model.simulator(data).on(data, "x") == pytest.approx(np.zeros(80))
+    # The equation has the whole coefficient, not what is left of it beside its mean.
+    (linear,) = [term for term in studied_system(study).learned["x"].terms if term.name == "x"]
+    assert abs(linear.value.mean + 1.0) < 4.5 * 0.1 and linear.stated == Coefficient(mean=-1.0, sd=0.1)
+    x = np.linspace(-1, 1, 5)[:, None]
+    cube = next(term.value.mean for term in studied_system(study).learned["x"].terms if term.name != "x")
+    expected = linear.value.mean * x + cube * x**3
+    np.testing.assert_allclose(study.to_callable()(0.0, x), expected, rtol=1e-9)
+    assert np.allclose(study.to_callable(draws=50)(0.0, x).mean(axis=0), expected, atol=0.1)
 
 
 def test_bounds_are_refused_with_the_remedy():

@@ -32,6 +32,8 @@ def data():
         {"lower": 1.0, "upper": 1.0},
         {"sign": 1, "upper": -1.0},
         {"sign": -1, "lower": 0.0},
+        {"mean": 1.0, "sd": 1.0, "sign": -1},
+        {"mean": 1.0, "sd": 1.0, "lower": 2.0},
         {"fixed": 1.0, "sd": 0.1},
         {"fixed": 1.0, "sign": 1},
         {"fixed": float("inf")},

@@ -79,8 +79,8 @@ def refined(pelts: Trajectories, seed: int, progress: bool) -> dict[str, np.ndar
     """
     # Imported here: these bring JAX.
     from bayes_greybox.greybox import GreyBox
-    from bayes_greybox.model.coefficient import Coefficient
     from bayes_greybox.model.rows.trajectory_rows import TrajectoryRows
+    from bayes_greybox.physics.coefficient import Coefficient
 
     hare, lynx = (np.log(pelts.states[name]) for name in ("hare", "lynx"))
     data = Trajectories.from_arrays(pelts.time - pelts.time[0], states={"hare": hare, "lynx": lynx})

@@ -15,6 +15,7 @@ import sympy
 from jaxtyping import Array, Float
 
 from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.physics.coefficient import Coefficient
 from bayes_greybox.physics.formula.expressions import symbol_names
 from bayes_greybox.physics.formula.grammar import symbol
 from bayes_greybox.physics.simulation.protocol import Simulation
@@ -37,6 +38,11 @@ class Value:
     upper: float
 
     @classmethod
+    def exact(cls, number: float) -> "Value":
+        """A number that is known."""
+        return cls(number, 0.0, number, number)
+
+    @classmethod
     def of(cls, draws: Float[np.ndarray, " n_draw"]) -> "Value":
         """Moments of draws."""
         lower, upper = np.quantile(draws, [(1 - LEVEL) / 2, (1 + LEVEL) / 2])
@@ -54,6 +60,7 @@ class LearnedTerm:
         value: Coefficient, in `unit`.
         unit: "1" for a plain number, "" where it cannot be told.
         probability: P(γ = 1 | y) of a term, or the probability of an effect; None under a prior without inclusion.
+        stated: What was stated of the coefficient; None where nothing was.
     """
 
     name: str
@@ -61,6 +68,7 @@ class LearnedTerm:
     value: Value
     unit: str
     probability: float | None
+    stated: Coefficient | None = None
 
 
 @dataclass(frozen=True)
@@ -117,6 +125,7 @@ class LearnedEquation:
         discrepancy: f; None in a model without.
         drawn: Posterior draws.
         inner: Inner parameters of the terms.
+        given: Terms whose coefficients are fixed; the simulation of the system has them.
     """
 
     terms: tuple[LearnedTerm, ...]
@@ -125,6 +134,7 @@ class LearnedEquation:
     discrepancy: LearnedDiscrepancy | None
     drawn: Drawn
     inner: tuple[InnerValue, ...] = ()
+    given: tuple[LearnedTerm, ...] = ()
 
 
 @dataclass(frozen=True)

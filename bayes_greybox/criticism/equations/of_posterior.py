@@ -13,6 +13,7 @@ from bayes_greybox.criticism.prediction import PREDICTION_DRAWS
 from bayes_greybox.inference.posterior import Learned, Posterior
 from bayes_greybox.inference.remembering import remembered
 from bayes_greybox.model.frame import Frame
+from bayes_greybox.physics.coefficient import Coefficient
 from bayes_greybox.physics.terms import Term
 
 from .learned import LEVEL, Drawn, Features, LearnedDiscrepancy, LearnedEquation, LearnedSystem, LearnedTerm, Value
@@ -51,14 +52,20 @@ def fitted_system(posterior: Posterior) -> LearnedSystem:
         rows = table.loc[name].loc[list(part.learned.frame.dictionary.names)]
         inside = part.active if patterned else (rows["outside_rope"] > LIKELY).to_numpy()
         probability = rows["inclusion"].tolist() if patterned else [None] * len(rows)
-        every = part.terms(np.ones(len(part.theta), bool), rows["unit"].tolist(), probability)
-        given = part.terms(part.alike, rows["unit"].tolist(), probability)
+        stated = posterior.model.stated(name, posterior.data)
+        every = part.terms(np.ones(len(part.theta), bool), rows["unit"].tolist(), probability, stated.priors)
+        given = part.terms(part.alike, rows["unit"].tolist(), probability, stated.priors)
+        units = table.loc[name]["unit"]
         found[name] = LearnedEquation(
             terms=tuple(term for term, there in zip(given, inside, strict=True) if there),
             left_out=tuple(term for term, there in zip(every, inside, strict=True) if not there),
             pattern=float(np.mean(part.alike)) if patterned else None,
             discrepancy=part.discrepancy(posterior),
             drawn=Drawn(part.learned.frame.dictionary.terms, part.theta, part.weight),
+            given=tuple(
+                LearnedTerm(term.name, term, Value.exact(value), units[term.name], None, stated.priors[term.name])
+                for term, value in stated.fixed
+            ),
         )
     terms = "Terms: those of the likeliest pattern"
     if not patterned:
@@ -92,12 +99,16 @@ class _Part:
         return cls(learned, own.theta * frame.coefficient_scale, weight, active[learned.columns], alike)
 
     def terms(
-        self, rows: Bool[np.ndarray, " n_draw"], units: Sequence[str], probability: Sequence[float | None]
+        self,
+        rows: Bool[np.ndarray, " n_draw"],
+        units: Sequence[str],
+        probability: Sequence[float | None],
+        stated: Mapping[str, Coefficient],
     ) -> list[LearnedTerm]:
         """All terms, with what some draws say of their coefficients."""
         terms: tuple[Term, ...] = self.learned.frame.dictionary.terms
         return [
-            LearnedTerm(term.name, term, Value.of(draws), unit, p)
+            LearnedTerm(term.name, term, Value.of(draws), unit, p, stated.get(term.name))
             for term, draws, unit, p in zip(terms, self.theta[rows].T, units, probability, strict=True)
         ]
 

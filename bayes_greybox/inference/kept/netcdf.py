@@ -18,7 +18,6 @@ from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.inference.posterior import SLAB, Posterior
 from bayes_greybox.inference.settings import Sampling
-from bayes_greybox.model.coefficient import Coefficient
 from bayes_greybox.model.gp.discrepancy import OrthogonalGP
 from bayes_greybox.model.noise.asked import Noise
 from bayes_greybox.model.priors import PRIORS, CustomPrior
@@ -26,6 +25,7 @@ from bayes_greybox.model.program import Program
 from bayes_greybox.model.rows.equation_rows import EquationRows
 from bayes_greybox.model.rows.kinds import ROWS
 from bayes_greybox.model.rows.row_kind import RowKind
+from bayes_greybox.physics.coefficient import Coefficient
 from bayes_greybox.physics.formula.printing import to_text
 from bayes_greybox.physics.simulation.protocol import RightHandSide, Simulation
 from bayes_greybox.physics.simulation.reading import simulation_from, simulation_record
@@ -150,7 +150,9 @@ def describe(model: Program, data: Trajectories) -> dict[str, Any]:
     """
     stated = {equation: model.stated(equation, data) for equation in model.equations}
     terms = {
-        equation: [{"expression": to_text(t.expr), "name": t.name, "unit": t.unit} for t in part.all.terms]
+        equation: [
+            {"expression": to_text(t.expr), "name": t.name, "unit": t.unit, **_stated(t)} for t in part.all.terms
+        ]
         for equation, part in stated.items()
     }
     own = {equation: {term: c.record() for term, c in part.priors.items()} for equation, part in stated.items()}
@@ -188,6 +190,12 @@ def rebuild(record: Mapping[str, Any], simulation: RightHandSide | None = None) 
             for equation, priors in record.get("coefficients", {}).items()
         },
     )
+
+
+def _stated(term: Term) -> dict[str, Any]:
+    """What a term states of its own coefficient."""
+    said = {key: getattr(term, key) for key in ("sign", "prior", "fixed", "bounds")}
+    return {key: value for key, value in said.items() if value is not None}
 
 
 def _class_names(registry: Mapping[str, type]) -> dict[str, type]:

@@ -65,6 +65,10 @@ class Simulation(ABC):
     def formula(self, name: str) -> sympy.Expr:
         """What is known of the rate of a state, or of an output, as a formula; code is an undefined function g_name."""
 
+    def own_formula(self, name: str) -> sympy.Expr:
+        """The formula without terms beside the simulation (see `beside`)."""
+        return self.formula(name)
+
     @abstractmethod
     def additive_terms(self, state: str) -> list[tuple[Term, float]]:
         """The terms of a state's rate, or of an output, with coefficients; none where the simulation cannot be read."""
@@ -182,6 +186,10 @@ class _WithTerms(Simulation):
         """That of the simulation, and the terms with their coefficients."""
         added = [value * term.expr for term, value in self.known.get(name, ())]
         return cast(sympy.Expr, sympy.Add(self.given.formula(name), *added))
+
+    def own_formula(self, name: str) -> sympy.Expr:
+        """That of the simulation."""
+        return self.given.own_formula(name)
 
     def additive_terms(self, state: str) -> list[tuple[Term, float]]:
         """Those of the simulation: the coefficients of the others are known, and nobody corrects them."""

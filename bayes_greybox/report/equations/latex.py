@@ -39,6 +39,8 @@ def _piece(piece: Piece) -> str:
     words = []
     if piece.factor is not None:
         words.append(piece.factor.digits + (rf" \cdot 10^{{{piece.factor.power}}}" if piece.factor.power else ""))
+        if piece.given:
+            words.append(r"\,(\mathrm{given})\,")
         if piece.unit:
             words.append(rf"\,[\mathrm{{{_unit(piece.unit)}}}]\,")
     if piece.expr is not None:

@@ -42,6 +42,8 @@ def _piece(piece: Piece) -> str:
         parts.append(f"<mn>{piece.factor.digits}</mn>")
         if piece.factor.power:
             parts.append(f"<mo>·</mo><msup><mn>10</mn><mn>{str(piece.factor.power).replace('-', '−')}</mn></msup>")
+        if piece.given:
+            parts.append("<mtext>(given)</mtext>")
         if piece.unit:
             parts.append(f"<mtext>\u202f[{escape(piece.unit)}]\u202f</mtext>")
     if piece.expr is not None:

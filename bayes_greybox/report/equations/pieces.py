@@ -9,7 +9,7 @@ from sympy.core.function import AppliedUndef
 
 from bayes_greybox.criticism.equations.learned import LearnedSystem
 from bayes_greybox.physics.formula.grammar import symbol
-from bayes_greybox.report.formatting import Concise, concise, unit_text
+from bayes_greybox.report.formatting import Concise, concise, exact, unit_text
 
 DIGITS = 6
 """Significant digits of numbers within formulas; the mean of an inner parameter has no more that mean anything."""
@@ -24,12 +24,14 @@ class Piece:
         factor: The coefficient's size and standard deviation; None of a part of the simulation, and of f.
         unit: Of the coefficient, as people write it; "" for a plain number.
         expr: The formula; None where the coefficient stands alone.
+        given: Whether the coefficient was given and not estimated.
     """
 
     negative: bool
     factor: Concise | None
     unit: str
     expr: Any
+    given: bool = False
 
     @property
     def bracketed(self) -> bool:
@@ -40,24 +42,27 @@ class Piece:
 
 
 def pieces(system: LearnedSystem, name: str) -> Iterator[Piece]:
-    """Summands of the right-hand side of one equation: simulation, terms, f.
+    """Summands of the right-hand side of one equation: simulation, terms with given and with learned coefficients, f.
 
     Args:
         system: The equations.
         name: A state or an output.
     """
-    simulated: Any = system.simulation.formula(name)
+    simulated: Any = system.simulation.own_formula(name)
     for part in simulated.as_ordered_terms() if simulated != 0 else ():
         negative = bool(part.could_extract_minus_sign())
         yield Piece(negative, None, "", _short(-part if negative else part, system, name))
     learned = system.learned.get(name)
     if learned is None:
         return
-    for each in learned.terms:
-        negative, factor = concise(each.value.mean, each.value.sd)
+    # A term that is fixed at zero is out.
+    given = [each for each in learned.given if each.value.mean != 0]
+    for each in (*given, *learned.terms):
+        known = each in given
+        negative, factor = exact(each.value.mean) if known else concise(each.value.mean, each.value.sd)
         unit = unit_text(each.unit)
         expr = None if each.term.expr == 1 else _short(each.term.expr)
-        yield Piece(negative, factor, "" if unit == "1" else unit, expr)
+        yield Piece(negative, factor, "" if unit == "1" else unit, expr, known)
     f = learned.discrepancy
     if f is not None and f.left:
         yield Piece(False, None, "", _called("f", f.variables, system, name))

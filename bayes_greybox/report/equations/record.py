@@ -25,7 +25,8 @@ def equations_record(system: LearnedSystem) -> dict[str, Any]:
     """Equations with terms, coefficients, units, inner parameters and hidden states.
 
     The right-hand side of an equation is its `simulation` plus the sum of `mean` times `expression` over its `terms`,
-    plus f where `discrepancy` says that it is left. Formulas are those of configuration files.
+    plus f where `discrepancy` says that it is left. `given` lists the terms of the simulation whose coefficients were
+    fixed. Formulas are those of configuration files.
 
     Args:
         system: The equations.
@@ -64,6 +65,7 @@ def _equation(system: LearnedSystem, name: str) -> dict[str, Any]:
         "function": bool(coded),
         "learned": learned is not None,
         "pattern_probability": None if learned is None else learned.pattern,
+        "given": [] if learned is None else [_term(each) for each in learned.given],
         "terms": [] if learned is None else [_term(each) for each in learned.terms],
         "left_out": [] if learned is None else [_term(each) for each in learned.left_out],
         "inner_parameters": [] if learned is None else _inner(learned),
@@ -80,6 +82,7 @@ def _term(each: LearnedTerm) -> dict[str, Any]:
         **asdict(each.value),
         "unit": each.unit or None,
         "inclusion": each.probability,
+        "stated": None if each.stated is None else each.stated.record(),
     }
 
 

@@ -14,6 +14,12 @@ from .pieces import Piece, pieces
 NOTATION = "1.23(4) is 1.23 ± 0.04."
 """How a coefficient and its standard deviation are written."""
 
+MARK = "(given)"
+"""Stands where the standard deviation of a coefficient would, that was fixed."""
+
+MARKED = "2(given) was given, not estimated."
+"""What the mark means."""
+
 
 def equations_text(system: LearnedSystem) -> str:
     """The learned equations, a line each, with inner parameters, and the rule that says what stands in them.
@@ -52,7 +58,8 @@ def inner_text(system: LearnedSystem, name: str) -> list[str]:
 
 def note(system: LearnedSystem) -> str:
     """The rule that says what stands in the equations, and how numbers are written."""
-    return f"{system.rule} {NOTATION}"
+    known = any(piece.given for name in system.shown for piece in pieces(system, name))
+    return f"{system.rule} {NOTATION}{f' {MARKED}' if known else ''}"
 
 
 def as_simulation(system: LearnedSystem) -> str:
@@ -80,7 +87,9 @@ def as_simulation(system: LearnedSystem) -> str:
 
 
 def _piece(piece: Piece) -> str:
-    words = [] if piece.factor is None else [str(piece.factor), *([f"[{piece.unit}]"] if piece.unit else [])]
+    words = []
+    if piece.factor is not None:
+        words = [f"{piece.factor}{MARK if piece.given else ''}", *([f"[{piece.unit}]"] if piece.unit else [])]
     if piece.expr is not None:
         text = _expression(piece.expr)
         words.append(f"({text})" if piece.bracketed else text)

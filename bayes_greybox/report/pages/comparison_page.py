@@ -12,9 +12,11 @@ from bayes_greybox.criticism.cross_validation.compare import TIE_NATS, tied, unr
 from bayes_greybox.criticism.inclusion import inclusion
 from bayes_greybox.inference.kept.netcdf import versions
 from bayes_greybox.inference.posterior import Posterior
+from bayes_greybox.physics.coefficient import Coefficient
 from bayes_greybox.report.formatting import (
     PROBABILITIES,
     estimate,
+    exact_text,
     formula,
     interval,
     listed,
@@ -22,10 +24,10 @@ from bayes_greybox.report.formatting import (
     number,
     pareto,
     probability_column,
-    probability_text,
     weight_text,
 )
 from bayes_greybox.report.plots import plot_comparison
+from bayes_greybox.report.stated import term_probability
 
 from .page import Badge, Code, Details, Items, Page, Pictures, Section, Table, Words, picture, write_page
 from .tables import by_equation, fit_settings, footer, settings_rows, settings_table, summary_table
@@ -188,7 +190,9 @@ def _terms(fits: Mapping[str, Posterior]) -> Section:
     rows, marked = [], []
     for key in _keys(tables):
         cells = [
-            probability_text(tables[name].loc[key, columns[name]]) if key in tables[name].index else "–"
+            term_probability(tables[name].loc[key].to_dict(), columns[name], _prior(fits[name], key))
+            if key in tables[name].index
+            else "–"
             for name in fits
         ]
         first = next(iter(fits))
@@ -214,19 +218,27 @@ def _coefficients(fits: Mapping[str, Posterior]) -> Section:
     for key in _keys(tables):
         for name, table in tables.items():
             if key in table.index:
-                row = table.loc[key]
+                row, prior = table.loc[key], _prior(fits[name], key)
+                learned = prior is None or prior.learned
                 rows.append(
                     (
                         formula(key[1]),
                         _rate(fits, key[0]),
                         name,
-                        estimate(row["mean"], row["sd"], row["unit"]),
-                        interval(row["lower"], row["upper"]),
+                        estimate(row["mean"], row["sd"], row["unit"])
+                        if learned
+                        else f"{exact_text(row['mean'], row['unit'])} (given)",
+                        interval(row["lower"], row["upper"]) if learned else "–",
                     )
                 )
     heads = ("`term", "equation", "model", "#coefficient", "#90 % interval")
     lead = "Posterior mean, standard deviation and equal-tailed 90 % interval of each coefficient, in your units."
     return Section("coefficients", "Coefficients", lead, [by_equation(heads, rows, _equations(fits))])
+
+
+def _prior(fit: Posterior, key: tuple[str, str]) -> Coefficient | None:
+    """What was stated of the coefficient of a term."""
+    return fit.model.stated(key[0], fit.data).priors.get(key[1])
 
 
 def _convergence(fits: Mapping[str, Posterior]) -> Section:

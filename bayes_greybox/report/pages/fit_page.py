@@ -19,6 +19,7 @@ from bayes_greybox.report import plots as figures
 from bayes_greybox.report.formatting import (
     PROBABILITIES,
     estimate,
+    exact_text,
     formula,
     interval,
     listed,
@@ -26,9 +27,9 @@ from bayes_greybox.report.formatting import (
     number,
     percent_text,
     probability_column,
-    probability_text,
     unit_text,
 )
+from bayes_greybox.report.stated import stated_text, term_probability
 
 from .page import (
     Badge,
@@ -170,19 +171,23 @@ def _study(fit: Posterior) -> list[Section]:
 def _coefficients(fit: Posterior, table: pd.DataFrame) -> Section:
     column = probability_column(table)
     records = table.to_dict("records")
-    rows = [
-        (
+    priors = {name: fit.model.stated(name, fit.data).priors for name in fit.model.equations}
+    rows = []
+    for (name, term), row in zip(table.index, records, strict=True):
+        prior = priors[name].get(term)
+        learned = prior is None or prior.learned
+        cells = (
             formula(str(term)),
             _rate(fit, str(name)),
-            probability_text(row[column]),
-            estimate(row["mean"], row["sd"], row["unit"]),
-            interval(row["lower"], row["upper"]),
-            number(row["shrinkage"], 2),
+            term_probability(row, column, prior),
+            estimate(row["mean"], row["sd"], row["unit"]) if learned else exact_text(row["mean"], row["unit"]),
+            interval(row["lower"], row["upper"]) if learned else "–",
+            number(row["shrinkage"], 2) if learned else "–",
         )
-        for (name, term), row in zip(table.index, records, strict=True)
-    ]
+        rows.append((*cells, stated_text(prior)) if "stated" in table else cells)
     marked = [i for i, row in enumerate(records) if row[column] > CLEAR]
     heads = ("`term", "equation", f"#{PROBABILITIES[column]}", "#coefficient", "#90 % interval", "#shrinkage")
+    heads = (*heads, "stated") if "stated" in table else heads
     blocks = [
         Pictures([picture(figures.coefficients(fit), "Coefficients with intervals and probabilities", wide=True)]),
         by_equation(heads, rows, fit.model.equations, "Terms more likely to matter than not are marked", marked),

@@ -1,6 +1,6 @@
 """A fit as short tables for a terminal."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 import pandas as pd
 from rich.console import Group, RenderableType
@@ -10,16 +10,18 @@ from bayes_greybox.criticism.discrepancy import discrepancy_table
 from bayes_greybox.criticism.equations.of_posterior import fitted_system
 from bayes_greybox.criticism.inclusion import inclusion
 from bayes_greybox.inference.posterior import Posterior
+from bayes_greybox.physics.coefficient import Coefficient
 from bayes_greybox.report.equations.text import equations_text
 from bayes_greybox.report.formatting import (
     PROBABILITIES,
+    exact_text,
     level_text,
     nmse_text,
     number,
     percent_text,
     probability_column,
-    probability_text,
 )
+from bayes_greybox.report.stated import stated_text, term_probability
 
 from .tables import plain_table, verdict_text
 
@@ -41,7 +43,8 @@ def fit_tables(fit: Posterior, held_out: pd.Series | None) -> Iterator[Renderabl
     yield Text(f"\n{equations_text(fitted_system(fit))}")
     table = inclusion(fit, _LEVEL)
     for equation in fit.model.equations:
-        yield _coefficients(fit.data.target_label(equation), table.loc[equation])
+        priors = fit.model.stated(equation, fit.data).priors
+        yield _coefficients(fit.data.target_label(equation), table.loc[equation], priors)
     yield _discrepancy(discrepancy_table(fit, _LEVEL))
     if held_out is not None:
         errors = ", ".join(f"{name} {nmse_text(value)}" for name, value in held_out.items())
@@ -49,7 +52,7 @@ def fit_tables(fit: Posterior, held_out: pd.Series | None) -> Iterator[Renderabl
         yield Text(f"\nError on held-out data (NMSE{'' if outputs else ' of the derivative'}): {errors}")
 
 
-def _coefficients(label: str, table: pd.DataFrame) -> RenderableType:
+def _coefficients(label: str, table: pd.DataFrame, priors: Mapping[str, Coefficient]) -> RenderableType:
     rows = plain_table(f"Coefficients of {label}, with {level_text(_LEVEL)} intervals")
     probability = probability_column(table)
     rows.add_column("term", overflow="fold")
@@ -57,10 +60,15 @@ def _coefficients(label: str, table: pd.DataFrame) -> RenderableType:
         rows.add_column(title, justify="right", no_wrap=True)
     rows.add_column("unit", overflow="fold")
     rows.add_column(PROBABILITIES[probability], justify="right", no_wrap=True)
+    if priors:
+        rows.add_column("stated", overflow="fold")
     for term, entry in table.to_dict("index").items():
+        prior = priors.get(str(term))
         numbers = [number(entry[column], 4) for column in ("mean", "sd", "lower", "upper")]
-        cells = [term, *numbers, entry["unit"], probability_text(entry[probability])]
-        rows.add_row(*(Text(str(cell)) for cell in cells))
+        if prior is not None and not prior.learned:
+            numbers = [exact_text(entry["mean"]), "–", "–", "–"]
+        cells = [term, *numbers, entry["unit"], term_probability(entry, probability, prior)]
+        rows.add_row(*(Text(str(cell)) for cell in (*cells, *([stated_text(prior)] if priors else []))))
     return Group("", rows)
 
 

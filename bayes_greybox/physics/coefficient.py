@@ -1,0 +1,248 @@
+"""What is known of single coefficients, as a user states it of single terms."""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from numbers import Real
+from typing import Annotated, Any
+
+from bayes_greybox.data.errors import InputError
+from bayes_greybox.data.limits import Rule, require_limits
+
+
+def _finite(value: Any) -> bool:
+    return isinstance(value, Real) and not isinstance(value, bool) and math.isfinite(value)
+
+
+_Finite = Annotated[float, Rule(_finite, "must be a finite number")]
+_Width = Annotated[float, Rule(lambda value: _finite(value) and value > 0, "must be a finite number above 0")]
+_Sign = Annotated[int, Rule(lambda value: _finite(value) and abs(value) == 1, "must be 1 or -1")]
+
+
+@dataclass(frozen=True)
+class Coefficient:
+    """Prior of one coefficient θ_j, in user's units, in place of the model's prior or as a limit to it.
+
+        mean, sd               θ_j ~ N(mean, sd²); the term is in whatever the data say
+        sign, lower, upper     the same, or else the model's own prior, restricted to lower ≤ θ_j ≤ upper
+        fixed                  θ_j = fixed: the term is a part of the simulation
+
+    A restriction of the model's prior p(θ_j | scale) is p(θ_j | scale) 1[lower ≤ θ_j ≤ upper] / P(lower ≤ θ_j ≤ upper |
+    scale). Under a spike-and-slab prior it is the slab that is restricted: the term may still be out. Where the bounds
+    keep zero out, the term is in.
+
+    Attributes:
+        mean: Its expected value.
+        sd: Standard deviation of what is known of it.
+        sign: 1: not negative; -1: not positive.
+        lower: Least value.
+        upper: Largest value.
+        fixed: Its value.
+
+    Raises:
+        InputError: Nothing stated, one of mean and sd without the other, bounds that leave no interval or contradict
+            the sign, a mean that they rule out, or `fixed` with anything else.
+    """
+
+    mean: _Finite | None = None
+    sd: _Width | None = None
+    sign: _Sign | None = None
+    lower: _Finite | None = None
+    upper: _Finite | None = None
+    fixed: _Finite | None = None
+
+    def __post_init__(self) -> None:
+        require_limits(self)
+        stated = list(self.record())
+        if not stated:
+            raise InputError("Coefficient() says nothing: give mean and sd, sign, lower, upper, or fixed.")
+        if self.fixed is not None and len(stated) > 1:
+            raise InputError(
+                f"Coefficient(fixed={self.fixed:g}, {stated[0]}=...) says two things: a fixed coefficient has its "
+                "value and no prior."
+            )
+        if (self.mean is None) != (self.sd is None):
+            there, lacks = ("mean", "sd") if self.sd is None else ("sd", "mean")
+            raise InputError(
+                f"Coefficient({there}=...) needs {lacks} too: both, or neither for the model's own prior on the term."
+            )
+        low, high = self.interval
+        if not low < high:
+            raise InputError(
+                f"Coefficient(sign={self.sign}, lower={self.lower}, upper={self.upper}) leaves no interval between "
+                f"{low:g} and {high:g}: for a single value use fixed."
+            )
+        if self.mean is not None and not low <= self.mean <= high:
+            raise InputError(
+                f"Coefficient(mean={self.mean:g}) is expected where its bounds rule it out, from {low:g} to {high:g}: "
+                "move the mean between them, or leave mean and sd out for the model's own prior between the bounds."
+            )
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """Least and largest value, infinite where there is none."""
+        low = -math.inf if self.lower is None else self.lower
+        high = math.inf if self.upper is None else self.upper
+        return (max(low, 0.0) if self.sign == 1 else low), (min(high, 0.0) if self.sign == -1 else high)
+
+    @property
+    def bounded(self) -> bool:
+        """Whether some values are ruled out."""
+        return self.fixed is None and self.interval != (-math.inf, math.inf)
+
+    @property
+    def certain(self) -> bool:
+        """Whether the term is in whatever the data say, also under a prior with inclusion."""
+        return self.fixed is not None or self.mean is not None or not self.interval[0] <= 0 <= self.interval[1]
+
+    @property
+    def learned(self) -> bool:
+        """Whether it is a coefficient of the dictionary; else a number of the simulation."""
+        return self.fixed is None
+
+    @property
+    def known(self) -> float:
+        """What the simulation has of the term."""
+        return 0.0 if self.fixed is None else self.fixed
+
+    def centred(self) -> "Coefficient":
+        """The prior of what is left of it when the simulation has the term with the mean."""
+        return self if self.mean is None else _Deviation(0.0, self.sd, known_part=self.mean)
+
+    def record(self) -> dict[str, Any]:
+        """What was stated, as plain values."""
+        stated = {name: getattr(self, name) for name in _FIELDS if getattr(self, name) is not None}
+        return {name: int(value) if name == "sign" else float(value) for name, value in stated.items()}
+
+    def __str__(self) -> str:
+        """What was stated, in a few signs: `N(-2, 0.1²) ≤ 0`."""
+        if self.fixed is not None:
+            return f"= {self.fixed:g}"
+        law = "" if self.mean is None else f"N({self.mean:g}, {self.sd:g}²)"
+        low, high = self.interval
+        limits = (f"≥ {low:g}" if math.isfinite(low) else "", f"≤ {high:g}" if math.isfinite(high) else "")
+        return ", ".join(part for part in (law, *limits) if part)
+
+
+_FIELDS = ("mean", "sd", "sign", "lower", "upper", "fixed")
+
+
+@dataclass(frozen=True)
+class _Deviation(Coefficient):
+    """What is left of a coefficient beside its mean, which the simulation has.
+
+    Attributes:
+        known_part: The mean.
+    """
+
+    known_part: float = 0.0
+
+    @property
+    def known(self) -> float:
+        """The mean."""
+        return self.known_part
+
+    def centred(self) -> "Coefficient":
+        """Itself."""
+        return self
+
+
+SIGNS = {"+": 1, "-": -1}
+"""Signs as a term states them."""
+
+Bounds = tuple[float | None, float | None]
+"""Least and largest value, None where an end is open."""
+
+
+def coefficient_of_term(
+    term: str,
+    sign: str | None,
+    prior: Sequence[float] | None,
+    fixed: float | None,
+    bounds: Sequence[float | None] | None,
+) -> Coefficient | None:
+    """What a term states of its own coefficient.
+
+    Args:
+        term: Its name, for messages.
+        sign: "+": not negative; "-": not positive.
+        prior: Mean and standard deviation, user's units.
+        fixed: The value, user's units.
+        bounds: Least and largest value, user's units; None leaves an end open.
+
+    Returns:
+        The same as a `Coefficient`; None where nothing is stated.
+
+    Raises:
+        InputError: Values that are none; `fixed` with anything else; bounds the wrong way round or against the sign;
+            a mean that sign or bounds rule out.
+    """
+    given = {"sign": sign, "prior": prior, "fixed": fixed, "bounds": bounds}
+    given = {key: value for key, value in given.items() if value is not None}
+    if not given:
+        return None
+    said = f"The term {term!r} has "
+    for key, (holds, words) in _ASKED.items():
+        if key in given and not holds(given[key]):
+            raise InputError(f"{said}{key}={given[key]!r}: {words}.")
+    if fixed is not None and len(given) > 1:
+        other = next(key for key in given if key != "fixed")
+        raise InputError(
+            f"{said}fixed={fixed:g} and {other}={given[other]!r}: a fixed coefficient has its value and nothing is "
+            f"learned of it; leave out {other}, or fixed."
+        )
+    low, high = _ends(said, bounds)
+    if (sign == "+" and high <= 0) or (sign == "-" and low >= 0):
+        raise InputError(
+            f"{said}sign={sign!r} and bounds={tuple(bounds or ())!r}, between which no coefficient has that sign: "
+            "leave out one of them, or turn it round."
+        )
+    low, high = max(low, 0.0) if sign == "+" else low, min(high, 0.0) if sign == "-" else high
+    if prior is not None and not low <= prior[0] <= high:
+        limit = " and ".join(f"{key}={given[key]!r}" for key in ("sign", "bounds") if key in given)
+        raise InputError(
+            f"{said}prior={tuple(prior)!r}, whose mean is not possible with {limit}: move the mean to where the "
+            "coefficient may be, or correct the limit."
+        )
+    least, largest = bounds or (None, None)
+    mean, sd = prior or (None, None)
+    return Coefficient(mean, sd, None if sign is None else SIGNS[sign], least, largest, fixed)
+
+
+def _ends(said: str, bounds: Sequence[float | None] | None) -> tuple[float, float]:
+    """Bounds as numbers, infinite where an end is open.
+
+    Raises:
+        InputError: No end is given; the wrong way round; a single value.
+    """
+    if bounds is None:
+        return -math.inf, math.inf
+    least, largest = bounds
+    low, high = -math.inf if least is None else least, math.inf if largest is None else largest
+    if least is None and largest is None:
+        raise InputError(f"{said}bounds=(None, None), which rule out nothing: leave bounds out.")
+    if low == high:
+        raise InputError(f"{said}bounds={tuple(bounds)!r}, which leave a single value: write fixed={low:g}.")
+    if low > high:
+        raise InputError(f"{said}bounds={tuple(bounds)!r}, the wrong way round: write bounds=({high:g}, {low:g}).")
+    return low, high
+
+
+def _is_pair(value: Any) -> bool:
+    return isinstance(value, tuple | list) and len(value) == 2
+
+
+_ASKED: dict[str, tuple[Callable[[Any], bool], str]] = {
+    "sign": (lambda sign: sign in ("+", "-"), 'write "+" for not negative, or "-" for not positive'),
+    "prior": (
+        lambda prior: _is_pair(prior) and all(map(_finite, prior)) and prior[1] > 0,
+        "give mean and standard deviation of the coefficient, two finite numbers of which the second is above 0, such "
+        "as (-40, 10)",
+    ),
+    "fixed": (_finite, "give the coefficient, a finite number"),
+    "bounds": (
+        lambda bounds: _is_pair(bounds) and all(end is None or _finite(end) for end in bounds),
+        "give least and largest value of the coefficient, two finite numbers such as (-50, 0); None in place of one "
+        "leaves that end open",
+    ),
+}
