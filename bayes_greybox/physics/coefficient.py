@@ -117,11 +117,19 @@ class Coefficient:
     def __str__(self) -> str:
         """What was stated, in a few signs: `N(-2, 0.1²) ≤ 0`."""
         if self.fixed is not None:
-            return f"= {self.fixed:g}"
-        law = "" if self.mean is None else f"N({self.mean:g}, {self.sd:g}²)"
+            return f"= {_digits(self.fixed)}"
+        law = "" if self.mean is None or self.sd is None else f"N({_digits(self.mean)}, {_digits(self.sd)}²)"
         low, high = self.interval
-        limits = (f"≥ {low:g}" if math.isfinite(low) else "", f"≤ {high:g}" if math.isfinite(high) else "")
+        limits = (
+            f"≥ {_digits(low)}" if math.isfinite(low) else "",
+            f"≤ {_digits(high)}" if math.isfinite(high) else "",
+        )
         return ", ".join(part for part in (law, *limits) if part)
+
+
+def _digits(value: float) -> str:
+    """A number as it was stated, with all its digits."""
+    return repr(float(value)).removesuffix(".0")
 
 
 _FIELDS = ("mean", "sd", "sign", "lower", "upper", "fixed")

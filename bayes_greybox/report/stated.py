@@ -21,7 +21,5 @@ def term_probability(row: Mapping[Any, Any], column: str, prior: Coefficient | N
 
 
 def stated_text(prior: Coefficient | None) -> str:
-    """What was stated of a coefficient: "N(−40, 10²), ≤ 0"; "given" where it was fixed."""
-    if prior is None:
-        return ""
-    return str(prior).replace("-", "−") if prior.learned else "given"
+    """What was stated of a coefficient: "N(−40, 10²), ≤ 0", "= −2"."""
+    return "" if prior is None else str(prior).replace("-", "−")

@@ -94,3 +94,8 @@ def test_a_study_moves_means_into_the_simulation_and_refuses_bounds():
     assert around.stated("ydot", data).known[0][1] == -2.0
     with pytest.raises(InputError, match="no closed form with bounds"):
         bg.GreyBox({"ydot": [bg.Term("y", sign="-")]}).centred()
+
+
+def test_what_was_stated_is_told_with_all_its_digits():
+    assert str(bg.Term("y", fixed=-0.123456789).stated) == "= -0.123456789"
+    assert str(bg.Term("y", prior=(1234567.5, 3), bounds=(1e6, None)).stated) == "N(1234567.5, 3²), ≥ 1000000"

@@ -101,7 +101,7 @@ def guessed(table: Table, layout: Layout) -> Guess:
     starts = np.flatnonzero((np.diff(label) != 0) | (np.diff(clock) < 0)) + 1
     back = bool(np.any((np.diff(clock) < 0) & (np.diff(label) == 0)))
     parts = [part[known[part]] for part in np.split(np.arange(len(clock)), starts)]
-    set_back = dated and any(clock_set_back(clock, row) for row in np.flatnonzero(np.diff(clock) < 0) + 1)
+    set_back = dated and any(clock_set_back(clock, int(i) + 1) for i in np.flatnonzero(np.diff(clock) < 0))
     guess = Guess(
         time, run, back and time is not None, _even(clock, parts), int(np.sum(~known)), set_back, left_out=left_out
     )

@@ -176,10 +176,12 @@ def _simulation(plan: _Plan) -> str:
 
 
 def _dictionary(plan: _Plan) -> str:
-    terms = ", ".join(map(_quoted, ["1", *plan.variables]))
+    terms, example = ", ".join(map(_quoted, ["1", *plan.variables])), _quoted(plan.variables[0])
     lines = [
         "[dictionary]",
         "# What may be in the rate beside it: candidate terms, each with a coefficient to be learned.",
+        "# What is known of a coefficient stands in the place of its term:",
+        f'# {{ expression = {example}, sign = "-" }}, or prior = [mean, sd], bounds = [least, largest], fixed = value',
     ]
     return "\n".join([*lines, *(f"{_key(name)} = [{terms}]" for name in plan.equations)])
 

@@ -1,11 +1,9 @@
 """The door for measurements: any table that an engineer has, read into Trajectories."""
 
-import glob
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import fields, replace
 from itertools import count
-from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
@@ -14,8 +12,9 @@ from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.limits import is_finite
 from bayes_greybox.data.trajectories import Trajectories
 
+from .listed import listed
 from .pieces import Asked, cut, stated_units
-from .sources import read_source, require_path
+from .sources import read_source
 from .table import Layout, Table
 
 Columns = Sequence[str] | Mapping[str, str] | Mapping[str, int] | None
@@ -112,7 +111,7 @@ def read(
     }
     # Columns of a frame may be numbers.
     time, run = (None if name is None else str(name) for name in (time, run))
-    found = _sources(source)
+    found = listed(source)
     asked = [*(column for chosen in kinds.values() for column in chosen.values()), time, run]
     wanted = [name for name in asked if name is not None]
     tables = [read_source(each, layout).holding(wanted) for _, each in found]
@@ -170,7 +169,7 @@ def require_computed(source: Any, rates: Mapping[str, str], settings: Mapping[st
         InputError: A column of that name, or a source that cannot be read.
     """
     layout = layout_of(**{field.name: settings[field.name] for field in fields(Layout) if field.name in settings})
-    _require_computed(rates, [read_source(each, layout) for _, each in _sources(source)])
+    _require_computed(rates, [read_source(each, layout) for _, each in listed(source)])
 
 
 def layout_of(
@@ -237,61 +236,6 @@ def _require_computed(rates: Mapping[str, str], tables: Sequence[Table]) -> None
                 f'rates says that "{rate}" was not measured, but {where} has that column: if it is the measured rate '
                 f'of "{state}", pass derivatives={{"{state}": "{rate}"}}; if not, choose another name.'
             )
-
-
-def _sources(source: Any) -> list[tuple[str | None, Any]]:
-    """What is to be read, with the name of its run: that of the file where there are several, None for the only one."""
-    if isinstance(source, str | Path):
-        if not _is_pattern(source):
-            return [(None, source)]
-        source = _matching(source)
-    elif not isinstance(source, list | tuple):
-        return [(None, source)]
-    elif any(isinstance(each, str | Path) and _is_pattern(each) for each in source):
-        source = _opened(source)
-    if not source:
-        raise InputError("There is nothing to read: the list of sources is empty.")
-    stems = [Path(each).stem if isinstance(each, str | Path) else str(i) for i, each in enumerate(source)]
-    if len(set(stems)) < len(stems):
-        stems = [str(each) if isinstance(each, str | Path) else str(i) for i, each in enumerate(source)]
-    return list(zip(stems, source, strict=True))
-
-
-def _is_pattern(source: str | Path) -> bool:
-    """Whether a path stands for all files that it matches."""
-    require_path(source)
-    return glob.has_magic(str(source)) and not Path(source).exists()
-
-
-def _matching(pattern: str | Path) -> list[Any]:
-    """The files of a pattern, run 2 before run 10.
-
-    Raises:
-        InputError: There is none.
-    """
-    found = sorted(glob.glob(str(pattern), recursive=True), key=_in_order)
-    if not found:
-        raise InputError(f'No file matches "{pattern}"; check the folder and the pattern.')
-    return found
-
-
-def _opened(sources: Sequence[Any]) -> list[Any]:
-    """Sources with patterns opened; a file that two of them match, or that is named besides, is read once."""
-    named = {Path(each) for each in sources if isinstance(each, str | Path) and not _is_pattern(each)}
-    opened: list[Any] = []
-    for each in sources:
-        if isinstance(each, str | Path) and _is_pattern(each):
-            files = [path for path in _matching(each) if Path(path) not in named]
-            named |= {Path(path) for path in files}
-            opened += files
-        else:
-            opened.append(each)
-    return opened
-
-
-def _in_order(name: str) -> list[tuple[int, str]]:
-    """Key by which run 2 stands before run 10."""
-    return [(int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", name)]
 
 
 def _distinct(names: Sequence[str]) -> list[str]:

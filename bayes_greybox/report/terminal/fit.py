@@ -61,14 +61,16 @@ def _coefficients(label: str, table: pd.DataFrame, priors: Mapping[str, Coeffici
     rows.add_column("unit", overflow="fold")
     rows.add_column(PROBABILITIES[probability], justify="right", no_wrap=True)
     if priors:
-        rows.add_column("stated", overflow="fold")
+        # Below the table: beside it there is no room on a narrow terminal.
+        told = [f"{term} {stated_text(priors[str(term)])}" for term in table.index if str(term) in priors]
+        rows.caption, rows.caption_justify, rows.caption_style = Text(f"Stated: {'; '.join(told)}"), "left", "dim"
     for term, entry in table.to_dict("index").items():
         prior = priors.get(str(term))
         numbers = [number(entry[column], 4) for column in ("mean", "sd", "lower", "upper")]
         if prior is not None and not prior.learned:
             numbers = [exact_text(entry["mean"]), "–", "–", "–"]
         cells = [term, *numbers, entry["unit"], term_probability(entry, probability, prior)]
-        rows.add_row(*(Text(str(cell)) for cell in (*cells, *([stated_text(prior)] if priors else []))))
+        rows.add_row(*(Text(str(cell)) for cell in cells))
     return Group("", rows)
 
 

@@ -124,6 +124,7 @@ def test_a_first_configuration_of_text_in_another_encoding(tmp_path, monkeypatch
     assert cli.main(["init", "messung.csv", "--encoding", "latin-1"]) == 0
     text = (tmp_path / "messung.toml").read_text(encoding="utf-8")
     assert 'encoding = "latin-1"' in text
+    assert '{ expression = "' in text and "prior = [mean, sd]" in text
     train, _ = load_config(tmp_path / "messung.toml").read_data()
     assert "µm" in str(train.units.values())
 

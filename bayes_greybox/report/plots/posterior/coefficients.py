@@ -210,9 +210,14 @@ def _draw_bars(ax: Axes, block: pd.DataFrame, source: str | None) -> None:
         return
     rows = np.arange(len(block))
     probability = block[source].to_numpy(dtype=float)
-    ax.barh(rows, probability, height=0.55, color=BLUE)
+    stated = _column(block, "stated")
+    # Of a fixed coefficient nothing is learned; one with a mean of its own is in whatever the data say.
+    marks = ("= ", "N(") if source == "inclusion" else ("= ",)
+    given = np.array([stated.get(str(term), "").startswith(marks) for term in block.index])
+    ax.barh(rows[~given], probability[~given], height=0.55, color=BLUE)
     for row, value in enumerate(probability):
-        ax.text(1.04, row, probability_text(value), transform=ax.get_yaxis_transform(), va="center", fontsize=9)
+        text = "given" if given[row] else probability_text(value)
+        ax.text(1.04, row, text, transform=ax.get_yaxis_transform(), va="center", fontsize=9)
     ax.set_xlim(0, 1)
     ax.set_xticks([0, 0.5, 1], ["0", "0.5", "1"])
     ax.set_ylim(len(block) - 0.4, -0.6)
