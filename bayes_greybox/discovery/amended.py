@@ -29,7 +29,11 @@ def amended_program(model: AnyProgram, findings: Mapping[str, EquationStudy], tr
         added = [_formula(known.columns, i, found.amendment.hidden) for i in found.finding.base]
         # A dictionary needs a term; an offset is the least that can be asked for.
         stated = model.coefficients.get(name, {})
-        given = stated_terms(model.dictionary[name], stated, tuple(known.rows.columns), name).fixed if stated else []
+        parts = stated_terms(model.dictionary[name], stated, tuple(known.rows.columns), name) if stated else None
+        given = parts.fixed if parts is not None else []
+        # The study's own terms are without what they state, which a copy of the dictionary should have.
+        said = {term.name: term for term in parts.all.terms} if parts is not None else {}
+        own = [said.get(term.name, term) for term in own]
         dictionary[name] = [*(term for term, _ in given), *([*own, *added] or [Term("1")])]
         # A term of the dictionary is a plain formula: its hidden states are the simulation's.
         dictionary[name] = [replace(term, states=()) for term in dictionary[name]]

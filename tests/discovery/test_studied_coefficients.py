@@ -85,6 +85,14 @@ def test_a_study_names_what_is_missing_beside_them():
     assert np.allclose(study.to_callable(draws=50)(0.0, x).mean(axis=0), expected, atol=0.1)
 
 
+def test_the_amended_model_has_what_terms_state_in_its_own_terms():
+    data = tiny_data(hidden=lambda x: 2.0 * x**3, n=80)
+    terms = [bg.Term("x", prior=(-1.0, 0.1)), bg.Term("x**2", fixed=0.0)]
+    model = bg.GreyBox({"x": terms}, simulation={"x": "0"})
+    study = bg.find_missing_effects(model, data, roles={"position": "x"}, settle=False, free_runs=False, progress=False)
+    assert study.model.coefficients == model.coefficients == bg.GreyBox(study.model.dictionary).coefficients
+
+
 def test_bounds_are_refused_with_the_remedy():
     with pytest.raises(
         bg.InputError, match=r"no closed form with bounds on a coefficient, as on 'x' of 'x'.*mean and sd"
