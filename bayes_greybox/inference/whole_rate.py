@@ -1,17 +1,16 @@
 """The rate of the whole model, simulation + dictionary + f, inside an integrator."""
 
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
-import sympy
 from jaxtyping import Array, Float
 
 from bayes_greybox.model.frame import Frame, held_features
+from bayes_greybox.physics.formula.expressions import evaluate
+from bayes_greybox.physics.formula.numbers import as_columns, without_numbers
 from bayes_greybox.physics.simulation.protocol import Simulation
-from bayes_greybox.physics.terms import Dictionary, Term
 
 from .posterior import Learned
 
@@ -52,22 +51,17 @@ class WholeRate:
         self, simulation: Simulation, frames: Mapping[str, Frame], columns: Mapping[str, Float[np.ndarray, " n"]]
     ) -> None:
         self._simulation = simulation.rounded(columns)
-        self._frames: dict[str, Frame] = {}
+        self._frames, self._formulas = dict(frames), {}
         self.numbers: dict[str, Numbers] = {}
         for name, frame in frames.items():
-            exprs: list[Any] = [term.expr for term in frame.dictionary.rounded(columns).terms]
-            within = sorted(set().union(*(expr.atoms(sympy.Float) for expr in exprs)))
-            names: dict[Any, Any] = {value: sympy.Symbol(_number(k), real=True) for k, value in enumerate(within)}
-            dictionary = Dictionary(tuple(Term(expr.xreplace(names)) for expr in exprs))
-            self._frames[name] = replace(frame, dictionary=dictionary)
+            terms = frame.dictionary.rounded(columns).terms
+            self._formulas[name], within = without_numbers(term.expr for term in terms)
             n_basis = 0 if frame.basis is None else frame.basis.size
-            projection = frame.orthonormal @ frame.moments if frame.projected else np.zeros((len(exprs), n_basis))
+            projection = frame.orthonormal @ frame.moments if frame.projected else np.zeros((len(terms), n_basis))
             scales = (frame.target_scale, frame.term_scale, frame.centre, frame.half_width, projection)
-            self.numbers[name] = Numbers(
-                *map(jnp.asarray, scales), within=tuple(jnp.asarray(float(value)) for value in within)
-            )
+            self.numbers[name] = Numbers(*map(jnp.asarray, scales), within=tuple(map(jnp.asarray, within)))
         formulas = [
-            (name, tuple(str(term.expr) for term in frame.dictionary.terms), frame.variables, frame.basis)
+            (name, tuple(map(str, self._formulas[name])), frame.variables, frame.basis)
             for name, frame in self._frames.items()
         ]
         self._key = (self._simulation.key, tuple(formulas))
@@ -96,8 +90,8 @@ class WholeRate:
         columns = dict(zip((*states, *inputs), (*x, *u), strict=True))
         for name, (theta, weight) in parameters.items():
             own, frame = numbers[name], self._frames[name]
-            known = {_number(k): value for k, value in enumerate(own.within)}
-            Phi = frame.dictionary.evaluate({**columns, **known}) / own.terms
+            known = {**columns, **as_columns(own.within)}
+            Phi = jnp.stack([evaluate(formula, known) for formula in self._formulas[name]], axis=-1) / own.terms
             force = sum(Phi[j] * theta[j] for j in range(len(theta)))
             if frame.basis is not None:
                 position = (jnp.stack([columns[each] for each in frame.variables]) - own.centre) / own.half_width
@@ -120,7 +114,3 @@ def whole_rate(
     """
     rate = WholeRate(simulation, {name: each.frame for name, each in learned.items()}, columns)
     return lambda t, x, u, parameters: rate(t, x, u, (rate.numbers, parameters))
-
-
-def _number(k: int) -> str:
-    return f"number_{k}"

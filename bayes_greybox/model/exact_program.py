@@ -125,6 +125,16 @@ class ExactLikelihood:
             found[own.noise] = np.zeros(starts.shape[:2])
         return found
 
+    def whitened(self, change: Any, sigma: Any) -> Any:
+        """A change of the rows over their noise, W₀ change/σ [..., n_row].
+
+        Args:
+            change: The sensors' units [..., n_row].
+            sigma: From `sigma`.
+        """
+        z = change / sigma
+        return z * self.whiten if self.independent else z @ self.whiten.T
+
     def log_density(self, predicted: Any, sigma: Any) -> Any:
         """Of each row [..., n_row]; of rows that know of each other, of the innovations in their stead.
 
@@ -133,11 +143,8 @@ class ExactLikelihood:
             sigma: From `sigma`.
         """
         xp = namespace([predicted, sigma, self.measured])
-        z = (self.measured - predicted) / sigma
-        if self.independent:
-            z, log_det = z * self.whiten, -2 * xp.log(self.whiten)
-        else:
-            z, log_det = z @ self.whiten.T, self.log_det / len(self.measured)
+        z = self.whitened(self.measured - predicted, sigma)
+        log_det = -2 * xp.log(self.whiten) if self.independent else self.log_det / len(self.measured)
         return -0.5 * z**2 - xp.log(sigma) - 0.5 * (log_det + math.log(2 * math.pi))
 
 

@@ -5,9 +5,11 @@ import pytest
 
 from bayes_greybox.benchmarks.static_maps import run as module
 from bayes_greybox.benchmarks.static_maps.maps import CORRELATION, HIDDEN, NOISE, maps, measured
+from bayes_greybox.benchmarks.static_maps.oracle import FLOWS, FORCES, told
 from bayes_greybox.benchmarks.static_maps.run import run, score
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.physics.catalogue.table import catalogue
+from bayes_greybox.physics.formula.expressions import evaluate, parse_expression
 
 
 @pytest.mark.parametrize("name", maps())
@@ -34,6 +36,35 @@ def test_what_is_left_of_a_map_is_what_is_hidden_and_noise():
     assert made.noise == pytest.approx(NOISE * np.std(known + hidden))
 
 
+@pytest.mark.parametrize("output", ["F", "q"])
+def test_the_oracle_weighs_the_laws_of_the_catalogue(output):
+    domain, columns = (("mechanical", ("x", "v")), ("fluid", ("p",)))[output == "q"]
+    table = catalogue(domain).set_index("slug")
+    rng, laws = np.random.default_rng(0), FORCES if output == "F" else FLOWS
+    values = {name: rng.uniform(0.0 if output == "q" else -1.0, 1.0, 9) for name in columns}
+    roles = {"position": "x", "velocity": "v", "level": "p"}
+    by_role = {role: values[name] for role, name in roles.items() if name in values}
+    for slug, law in laws.items():
+        inner = {name: np.array(0.6) for name in ("gap", "creep_speed", "stribeck_speed", "brim", "crest")}
+        expected = evaluate(parse_expression(table.loc[slug, "expression"]), by_role | inner)
+        np.testing.assert_allclose(law.shape(values, 0.6), np.broadcast_to(expected, 9), rtol=1e-12)
+
+
+@pytest.mark.parametrize("sensor", ["white", "correlated"])
+def test_the_oracle_is_right_as_often_as_it_says(sensor):
+    """Of names with probability P the share P is right: 60 replicates, four standard errors of their sum."""
+    found = []
+    for name in ("drag", "valve", "force-control", "flow-control"):
+        each = maps()[f"{name}-{sensor}"]
+        found += [(next(iter(p)) == (each.hidden or ""), max(p.values())) for p in _weighed(each, 15)]
+    right, said = map(np.array, zip(*found, strict=True))
+    assert abs(np.sum(right - said)) < 4 * np.sqrt(np.sum(said * (1 - said))) + 1
+
+
+def _weighed(each, n):
+    return [told(each, measured(each, k, seed=0)) for k in range(n)]
+
+
 def test_correlated_noise_is_correlated_within_runs():
     known = maps()
     made = measured(known["force-control-correlated"], 0, seed=0).train
@@ -49,11 +80,11 @@ def test_a_map_that_does_not_exist_is_refused(tmp_path):
 
 def test_scores_count_names_controls_and_coverage():
     row = {"map": "a", "right": True, "tied": True, "named": True, "wrong": [], "covered": {"x": True}}
-    row |= {"correlated": False, "after": 2e-3, "noise_share": 1e-3, "seconds": 2.0}
-    table = score([row, {**row, "named": False, "wrong": ["q"], "covered": {"x": False}, "after": 4e-3}])
+    row |= {"correlated": False, "oracle": 0.95, "after": 2e-3, "noise_share": 1e-3, "seconds": 2.0}
+    table = score([row, {**row, "oracle": 0.8, "named": False, "wrong": ["q"], "covered": {"x": False}, "after": 4e-3}])
     assert table.loc["a"].to_dict() == {
         "replicates": 2, "right": 1.0, "tied": 1.0, "named": 0.5, "wrong": 0.5, "correlated": 0.0, "coverage": 0.5,
-        "found": 2, "left": 3.0, "seconds": 2.0,
+        "found": 2, "left": 3.0, "seconds": 2.0, "sure": 0.5,
     }  # fmt: skip
 
 
@@ -63,7 +94,7 @@ def test_a_run_goes_on(tmp_path, monkeypatch):
     def study(each, replicate, seed):
         studied.append((each.name, replicate, seed))
         row = {"map": each.name, "right": True, "tied": True, "named": True, "wrong": [], "covered": {}}
-        return row | {"correlated": False, "after": 1e-3, "noise_share": 1e-3, "seconds": 1.0}
+        return row | {"correlated": False, "oracle": 1.0, "after": 1e-3, "noise_share": 1e-3, "seconds": 1.0}
 
     monkeypatch.setattr(module, "study", study)
     for replicates in (1, 2):
@@ -75,4 +106,5 @@ def test_a_run_goes_on(tmp_path, monkeypatch):
 def test_a_replicate_is_studied():
     row = module.study(maps()["valve-white"], 1, 0)
     assert row["named"] and row["wrong"] == [] and set(row["covered"]) == {"torricelli-outflow"}
+    assert row["oracle"] > 0.9
     assert 0.8 < row["after"] / row["noise_share"] < 1.2 < row["before"] / row["noise_share"]

@@ -27,6 +27,7 @@ from bayes_greybox.model.design import FeatureDesign
 from bayes_greybox.model.gp.discrepancy import OrthogonalGP
 from bayes_greybox.model.priors import RegularisedHorseshoe
 from bayes_greybox.model.program import Program
+from bayes_greybox.model.rows.trajectory_rows import TrajectoryRows
 
 TERMS = ["y", "v", "y**3"]
 SIMULATION = {"v": "-0.2*v"}
@@ -254,6 +255,45 @@ def wave(n=400, period=40, noise=0.0):
     model = Program(dictionary={"v": ["y"]}, discrepancy=None)
     data = Trajectories.from_arrays(np.arange(n) * 0.1, states=states, derivatives={"v": rate})
     return fabricate(model, data, draws=20, theta=np.zeros((2, 20, 1)))
+
+
+@pytest.fixture(scope="module")
+def two_sensors():
+    """Samples of position and speed in three runs, of which the start of each is in the rows of both."""
+    rng, times, columns = np.random.default_rng(2), [], {"y": [], "v": []}
+    for n, start in ((9, 1.0), (12, -0.6), (7, 0.4)):
+        t = 0.4 * np.arange(n)
+        angle = np.exp(-0.1 * t) * np.exp(1j * np.sqrt(0.99) * t) * start
+        # d²y/dt² = −y − 0.2 dy/dt
+        for name, path in (("y", angle), ("v", (-0.1 + 1j * np.sqrt(0.99)) * angle)):
+            columns[name].append(path.real + 0.05 * rng.standard_normal(n))
+        times.append(t)
+    data = Trajectories.from_arrays(times, states=columns)
+    model = Program({"v": ["y", "v"]}, simulation={"y": "v"}, rows=TrajectoryRows(), discrepancy=None)
+    return fabricate(model, data)
+
+
+@pytest.mark.parametrize("scheme", ["trajectory", "block"])
+def test_what_is_left_out_is_left_out_of_every_sensor(two_sensors, scheme, monkeypatch):
+    entry, chosen = two_sensors.equations["v"], make_folds(two_sensors, scheme, 4 if scheme == "block" else None)
+    folds, sample = chosen.members["v"], entry.rows.operator.sample
+    assert np.array_equal(np.sort(np.concatenate(folds)), np.arange(entry.rows.n_row))
+    for fold in folds:
+        # Both sensors' rows of the same samples, which no other fold has, and of one run.
+        assert np.array_equal(sample[fold[: len(fold) // 2]], sample[fold[len(fold) // 2 :]])
+        assert len(set(two_sensors.data.run[sample[fold]])) == 1
+    assert len(folds) == (3 if scheme == "trajectory" else 8)
+    assert chosen.words == ("3 trajectories" if scheme == "trajectory" else "8 blocks of up to 4 rows of each sensor")
+    Phi, _, y = (np.asarray(part) for part in entry.parts())
+    draws, expected = two_sensors.draws("v"), []
+    for s in range(6):
+        C = (Phi * draws.prior_sd[s] ** 2) @ Phi.T + float(draws.hyper.sigma[s]) ** 2 * entry.rows.noise.covariance()
+        rest = [np.setdiff1d(np.arange(len(y)), fold) for fold in folds]
+        given = [conditional(C, y, fold, kept) for fold, kept in zip(folds, rest, strict=True)]
+        expected.append([v - len(f) * np.log(entry.frame.target_scale) for v, f in zip(given, folds, strict=True)])
+    for by_precision in (True, False):
+        monkeypatch.setattr(FeatureDesign, "removes", lambda *_, route=by_precision: not route)
+        np.testing.assert_allclose(values_of(two_sensors, folds), expected, rtol=1e-7, atol=1e-7)
 
 
 def test_blocks_are_as_long_as_the_residuals_are_correlated():

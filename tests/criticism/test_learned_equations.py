@@ -128,6 +128,22 @@ def test_all_ways_out_say_what_the_packages_own_right_hand_side_says(given):
     np.testing.assert_allclose(by_json(fit.to_json(), x, u), mean, **CLOSE)
 
 
+def test_columns_may_be_called_anything_beside_numbers_in_formulas():
+    renamed = {"y": "number_0", "F": "number_1", "v": "v"}
+    plain = data_of()
+    data = bg.Trajectories.from_arrays(
+        plain.time,
+        states={renamed[name]: values for name, values in plain.states.items()},
+        inputs={renamed["F"]: plain.inputs["F"]},
+        derivatives={"v": plain.derivatives["v"]},
+    )
+    model = bg.GreyBox(
+        simulation={"number_0": "v"}, dictionary={"v": ["sin(2.5*number_0)", "exp(0.3*number_1)*v"]}, discrepancy=None
+    )
+    fit, (t, x, u) = made(model, data), points()
+    np.testing.assert_allclose(own_rates(fit, t, x, u), fit.to_callable(draws=12)(t, x, u), **CLOSE)
+
+
 def test_the_function_takes_points_of_any_shape_and_single_draws_and_jax_follows_it():
     fit = made(bg.GreyBox(**ONE, discrepancy=bg.OrthogonalGP(features=3)))
     t, x, u = points(6)
@@ -218,6 +234,22 @@ def test_f_stands_where_the_data_tell_it_from_zero_and_only_there():
         names = {name: tuple(map(str, args)) for name, args in used.items()}
         assert names == ({"f_v": ("y", "v", "F")} if left else {})
         assert json.loads(fit.to_json())["equations"][1]["discrepancy"] == {"left": left, "variables": ["y", "v", "F"]}
+
+
+@pytest.mark.parametrize("beside_others", [0.0, 1.0])
+def test_f_is_told_from_zero_beside_the_terms_that_are_shown(beside_others):
+    """What f is beside other terms, it is not beside those of the likeliest pattern."""
+    size = made(bg.GreyBox(**ONE, discrepancy=bg.OrthogonalGP(features=3))).draws("v").weight.shape[1]
+    shape, shown = (2, 40), np.arange(80).reshape(2, 40, 1) % 2 == 0
+    gamma = np.where(shown, [1, 1, 0], np.where(np.arange(80).reshape(2, 40, 1) % 4 == 1, [0, 1, 0], [0, 1, 1]))
+    scatter = 0.02 * np.random.default_rng(2).standard_normal((*shape, size))
+    beside = np.where(np.arange(80).reshape(2, 40, 1) % 4 == 1, 1.0, -1.0 + 2 * beside_others)
+    weight = np.where(shown, 1.0 - beside_others, beside * (10.0 - 9.0 * beside_others)) + scatter
+    given = {"theta": gamma * 1.0, "gamma": gamma, "inclusion": gamma * 1.0, "weight": weight}
+    fit = made(bg.GreyBox(**ONE, discrepancy=bg.OrthogonalGP(features=3)), draws=40, **given)
+    equation = fitted_system(fit).learned["v"]
+    assert [each.name for each in equation.terms] == ["y", "y**3"] and equation.pattern == 0.5
+    assert equation.discrepancy.left is (beside_others == 0.0)
 
 
 def test_a_prior_without_inclusion_leaves_out_what_hardly_moves_the_rate():

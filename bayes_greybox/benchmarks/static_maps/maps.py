@@ -111,10 +111,10 @@ def measured(each: StaticMap, replicate: int, seed: int = 1) -> Measured:
     creep = bend * float(np.max(np.abs(first["v"]))) if "v" in first else 0.0
     size = 0.0
     if each.hidden is not None:
-        size = share * _rms(_known(each, first)) / _rms(_shape(each.hidden, first, creep))
+        size = share * rms(known(each, first)) / rms(_shape(each.hidden, first, creep))
 
     def run_of(columns: Columns) -> Float[np.ndarray, " n"]:
-        return _known(each, columns) + (size * _shape(each.hidden, columns, creep) if each.hidden else 0.0)
+        return known(each, columns) + (size * _shape(each.hidden, columns, creep) if each.hidden else 0.0)
 
     # One sensor: its noise is as large on test rows as on training rows.
     noise = NOISE * float(np.std(np.concatenate([run_of(columns) for columns in parts[0]])))
@@ -130,6 +130,25 @@ def measured(each: StaticMap, replicate: int, seed: int = 1) -> Measured:
             )
         )
     return Measured(*tables, truth={each.hidden: size} if each.hidden else {}, noise=noise)
+
+
+def known(each: StaticMap, columns: Columns) -> Float[np.ndarray, " n"]:
+    """What the simulation says.
+
+    Args:
+        each: The map.
+        columns: Of a run, or of several.
+    """
+    return LEAK * columns["p"] if each.output == "q" else STIFFNESS * columns["x"] + DAMPING * columns["v"]
+
+
+def rms(values: Float[np.ndarray, " n"]) -> float:
+    """Root of the mean square.
+
+    Args:
+        values: Any.
+    """
+    return float(np.sqrt(np.mean(values**2)))
 
 
 def _rig(part: int, rng: np.random.Generator) -> list[Columns]:
@@ -155,11 +174,6 @@ def _pump(part: int, rng: np.random.Generator) -> list[Columns]:
     return runs
 
 
-def _known(each: StaticMap, columns: Columns) -> Float[np.ndarray, " n"]:
-    """What the simulation says."""
-    return LEAK * columns["p"] if each.output == "q" else STIFFNESS * columns["x"] + DAMPING * columns["v"]
-
-
 def _shape(hidden: str, columns: Columns, creep: float) -> Float[np.ndarray, " n"]:
     """What is hidden, per unit of its coefficient."""
     if hidden == "smooth-friction":
@@ -169,10 +183,6 @@ def _shape(hidden: str, columns: Columns, creep: float) -> Float[np.ndarray, " n
 
 def _joined(part: Sequence[Columns]) -> Columns:
     return {name: np.concatenate([columns[name] for columns in part]) for name in part[0]}
-
-
-def _rms(values: Float[np.ndarray, " n"]) -> float:
-    return float(np.sqrt(np.mean(values**2)))
 
 
 def _noise(sensor: str, n: int, rng: np.random.Generator) -> Float[np.ndarray, " n"]:

@@ -8,10 +8,11 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from bayes_greybox.benchmarks.answers import Answer
+from bayes_greybox.benchmarks.answers import SURE, Answer
 from bayes_greybox.benchmarks.resumed import picked, tabled
 
 from .maps import StaticMap, maps, measured
+from .oracle import told
 
 REPLICATES = 10
 """Of each map, by default."""
@@ -92,6 +93,7 @@ def study(each: StaticMap, replicate: int, seed: int) -> dict[str, Any]:
         "tied": set(data.truth) <= answer.tied if data.truth else silent,
         "named": found.verdict == "named" and set(data.truth) == answer.names if data.truth else silent,
         "wrong": answer.wrong,
+        "oracle": told(each, data)[each.hidden or ""],
         "covered": answer.covered,
         "instrument": answer.instrument,
         "correlated": CORRELATED in answer.instrument,
@@ -110,9 +112,10 @@ def score(rows: Sequence[dict[str, Any]]) -> pd.DataFrame:
 
     Returns:
         replicates, right (what was hidden is in the model; of a control: nothing is missing), tied (or tied with what
-        is), named (with this very name), wrong (a wrong name, as `Answer.wrong` says), correlated
-        (correlated noise is said), coverage (of 90 % intervals of coefficients that were found), found (such
-        coefficients), left (median mean square error of held-out rows over that of their noise), seconds (median).
+        is), named (with this very name), wrong (a wrong name, as `Answer.wrong` says), correlated (correlated noise is
+        said), sure (an oracle has what is hidden, or that nothing is, above `SURE`), coverage (of 90 % intervals of
+        coefficients that were found), found (such coefficients), left (median mean square error of held-out rows over
+        that of their noise), seconds (median).
     """
     table = {}
     for name in dict.fromkeys(row["map"] for row in rows):
@@ -122,6 +125,7 @@ def score(rows: Sequence[dict[str, Any]]) -> pd.DataFrame:
         table[name] = {
             "replicates": len(own),
             **{key: float(np.mean([bool(row[key]) for row in own])) for key in shares},
+            "sure": float(np.mean([row["oracle"] >= SURE for row in own])),
             "coverage": float(np.mean(covered)) if covered else float("nan"),
             "found": len(covered),
             "left": float(np.median([row["after"] / row["noise_share"] for row in own])),

@@ -79,7 +79,7 @@ def fold_densities(
             rest = subset_density(entry.without(folds[i].tolist()).design, parameters)
             yield np.array([i]), (whole - rest - len(folds[i]) * unit)[:, None]
         return
-    weighted, blocks = entry.weighted(), entry.rows.precision_blocks(_reach(folds))
+    weighted, blocks = entry.weighted(), entry.rows.precision_blocks(folds)
     together = min(max(1, ROW_BLOCK // size), len(index))
     for start in range(0, len(index), together):
         part = index[start : start + together]
@@ -152,10 +152,6 @@ def _stack(
     """Rows of the folds, filled up to one size, and which of them count."""
     index = np.stack([np.concatenate([fold, np.full(size - len(fold), fold[-1])]) for fold in folds])
     return index, np.arange(size) < np.array([[len(fold)] for fold in folds])
-
-
-def _reach(folds: Members) -> int:
-    return max(int(fold[-1] - fold[0]) for fold in folds) + 1
 
 
 @compiled

@@ -10,6 +10,7 @@ from jaxtyping import Float, Int
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.inference.posterior import Posterior
+from bayes_greybox.model.rows.equation_rows import EquationRows
 
 SCHEMES = ("loo", "block", "trajectory", "future")
 """Cross-validation schemes: single rows, contiguous blocks, whole trajectories, leave-future-out."""
@@ -55,7 +56,8 @@ def make_folds(posterior: Posterior, scheme: str, block: int | None = None, star
 
     A block is contiguous rows of one run; every run is cut evenly. The future goes by time stamps: the past of a
     fold is every row, of whichever run, that was stamped before it. Runs that share a clock thus advance
-    together, runs that followed each other are predicted one after the other.
+    together, runs that followed each other are predicted one after the other. Where several sensors were sampled,
+    what is left out is left out of all of them.
 
     Args:
         posterior: Fitted model.
@@ -93,15 +95,16 @@ def make_folds(posterior: Posterior, scheme: str, block: int | None = None, star
         if block is None:
             block, reason = chosen_block(posterior)
             notes = (f"Blocks of {_count(block, 'row')} were chosen, {reason}.",)
-        lengths = first_rows.noise.run_lengths
-        starts = np.cumsum([0, *lengths])
+        stretches, runs = _stretches(first_rows, data)
+        # What one sensor shows, others that stay would give away.
         rows = tuple(
-            begin + piece
-            for begin, n in zip(starts, lengths, strict=False)
-            for piece in np.array_split(np.arange(n), math.ceil(n / block))
+            np.concatenate(parts)
+            for run in np.unique(runs)
+            for parts in zip(*(_cut(stretches[k], block) for k in np.flatnonzero(runs == run)), strict=True)
         )
         past = np.zeros(0, int)
-        words = f"{_count(len(rows), 'block')} of up to {_count(block, 'row')}"
+        each = " of each sensor" if len(stretches) > len(np.unique(runs)) else ""
+        words = f"{_count(len(rows), 'block')} of up to {_count(block, 'row')}{each}"
     if len(rows) < 2:
         raise InputError(f"block={block} leaves a single fold: give a smaller block.")
     names = tuple(posterior.equations)
@@ -181,15 +184,32 @@ def require_divisible(data: Trajectories, equations: Sequence[str], scheme: str)
 def _trajectories(posterior: Posterior) -> Folds:
     data = posterior.data
     members = {}
-    for name in posterior.equations:
-        lengths = posterior.equations[name].rows.noise.white_lengths
-        ends = np.cumsum(lengths)
-        members[name] = tuple(np.arange(end - n, end) for end, n in zip(ends, lengths, strict=True))
+    for name, entry in posterior.equations.items():
+        _, runs = _stretches(entry.rows, data)
+        white = np.array(entry.rows.noise.white_lengths)[np.array(entry.rows.noise.run_lengths) > 0]
+        of = np.repeat(runs, white)
+        members[name] = tuple(np.flatnonzero(of == run) for run in np.unique(of))
+    number = min(map(len, members.values()))
+    if number < 2:
+        raise InputError("Rows of one trajectory are all that there are: leave none of them out whole.")
     empty = dict.fromkeys(members, np.zeros(0, int))
     notes = ()
-    if data.n_run < LEAST_BLOCKS:
-        notes = (f"There are {data.n_run} trajectories: standard errors from so few are rough.",)
-    return Folds("trajectory", members, empty, None, f"{data.n_run} trajectories", notes)
+    if number < LEAST_BLOCKS:
+        notes = (f"There are {number} trajectories: standard errors from so few are rough.",)
+    return Folds("trajectory", members, empty, None, f"{number} trajectories", notes)
+
+
+def _stretches(
+    rows: EquationRows, data: Trajectories
+) -> tuple[list[Int[np.ndarray, " _"]], Int[np.ndarray, " n_stretch"]]:
+    """Rows of each stretch of the noise, a run of one sensor, and the run of the data that it is of."""
+    ends = np.cumsum(rows.noise.run_lengths)
+    stretches = [np.arange(end - n, end) for end, n in zip(ends, rows.noise.run_lengths, strict=True) if n]
+    return stretches, data.run[rows.sample[[stretch[0] for stretch in stretches]]]
+
+
+def _cut(rows: Int[np.ndarray, " n"], block: int) -> list[Int[np.ndarray, " _"]]:
+    return np.array_split(rows, math.ceil(len(rows) / block))
 
 
 def _residual(posterior: Posterior, equation: str) -> Float[np.ndarray, " n_row"]:

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
+import jax
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
@@ -12,6 +13,7 @@ from bayes_greybox.criticism.inclusion import ROPE, inclusion
 from bayes_greybox.criticism.prediction import PREDICTION_DRAWS
 from bayes_greybox.inference.posterior import Learned, Posterior
 from bayes_greybox.inference.remembering import remembered
+from bayes_greybox.model.design import EquationDraws
 from bayes_greybox.model.frame import Frame
 from bayes_greybox.physics.coefficient import Coefficient
 from bayes_greybox.physics.terms import Term
@@ -31,6 +33,9 @@ Where f is zero its posterior mean is less than its standard deviation, whatever
 variance n² of what the data say of a direction, E[mean²] = s⁴n²/(s²+n²)² < s²n²/(s²+n²) = sd².
 """
 
+FEWEST = 10
+"""Draws of the likeliest pattern below which f is told from zero by those of all patterns: so few have no spread."""
+
 
 @remembered
 def fitted_system(posterior: Posterior) -> LearnedSystem:
@@ -39,7 +44,8 @@ def fitted_system(posterior: Posterior) -> LearnedSystem:
     Under a prior with inclusion the terms are those of the commonest pattern among the draws, jointly for equations
     that share their rows, and coefficients are those of the draws that have this pattern. Under another prior all draws
     count, and terms are left out that are unlikely to move the rate by more than one per cent of its RMS. f stands in
-    an equation where it moves the rate by more than that and is told from zero.
+    an equation where it moves the rate by more than that and is told from zero, by the draws of the same pattern: what
+    f is beside other terms, it is not beside these.
 
     Args:
         posterior: The fit.
@@ -120,12 +126,22 @@ class _Part:
         columns = self.learned.equation.rows.columns
         n_row = len(next(iter(columns.values())))
         index = np.unique(np.linspace(0, n_row - 1, min(n_row, ROWS)).astype(int))
-        some = self.learned.of(posterior.draws(self.learned.block, design.worthwhile(PREDICTION_DRAWS)))
-        f = np.asarray(design.at(frame, {name: column[index] for name, column in columns.items()}, some))
+        f = np.asarray(
+            design.at(frame, {name: column[index] for name, column in columns.items()}, self._telling(posterior))
+        )
         mean, variance = np.mean(f, axis=0), np.var(f, axis=0)
         size = np.sqrt(np.mean(mean**2))
         left = bool(size > max(ROPE, TOLD * np.sqrt(np.mean(variance))))
         return LearnedDiscrepancy(frame.variables, left, self._features(), self.weight[self.alike].mean(axis=0))
+
+    def _telling(self, posterior: Posterior) -> EquationDraws:
+        """Draws that tell f from zero, of the likeliest pattern where there are enough, no more than are worthwhile."""
+        alike = np.flatnonzero(self.alike)
+        draws = alike if len(alike) >= FEWEST else np.arange(len(self.alike))
+        most = self.learned.equation.design.worthwhile(PREDICTION_DRAWS)
+        if len(draws) > most:
+            draws = draws[np.linspace(0, len(draws) - 1, most).round().astype(int)]
+        return jax.tree.map(lambda values: values[draws], self.learned.of(posterior.draws(self.learned.block)))
 
     def _features(self) -> Features | None:
         return partial(_features_of, self.learned.frame) if self.learned.equation.design.expands else None

@@ -113,8 +113,8 @@ def drawn(tree: xr.DataTree, source: str) -> xr.Dataset:
 
 def row_dimension(equation: Equation) -> tuple[str, np.ndarray]:
     """Dimension of the rows of an equation and their samples' numbers; all equations have rows at the same samples."""
-    operator = equation.rows.operator
-    return ("obs_id", np.arange(equation.rows.n_row)) if operator is None else ("row_id", operator.sample)
+    rows = equation.rows
+    return ("obs_id" if rows.operator is None else "row_id"), rows.sample
 
 
 def data_table(data: Trajectories) -> dict[str, np.ndarray]:

@@ -25,7 +25,7 @@ from bayes_greybox.model.rows.path.reference_path import ReferencePath
 from bayes_greybox.model.sites import EquationSites
 from bayes_greybox.physics.simulation.code import require_traceable
 
-from .accurate import Paths
+from .accurate import ACCURATE, ESTIMATE, MOVED, PATH_ERROR, Paths, Sampled
 from .exact_paths import Course, ExactPaths
 from .linear_start import Stated, first_draws, likelihood_of
 from .methods import Method
@@ -38,7 +38,8 @@ def refine(
     """Sample the exact posterior.
 
     Paths are followed on steps that are fine enough at the draws of the linear rows. At each exact draw its path is
-    followed once more on finer ones: where that moves a sample by more than `ACCURATE`, all is sampled again.
+    followed once more on finer ones: where that moves samples by more than `ACCURATE` of their sizes, or by more than
+    `MOVED` of their noise, all is sampled again.
 
     Args:
         posterior: On linear rows.
@@ -65,25 +66,31 @@ def refine(
 
     likelihood = likelihood_by(course.methods[0])
     first = first_draws(posterior, equation, path, own, active, likelihood)
-    error = math.inf
+    tried = []
     with threadpool_limits(1):
         for method in course.methods:
             known = jax.tree.map(jnp.asarray, Known(equation.design, likelihood_by(method)))
             programs = exact_programs(asked, known)
-            found = Paths(method, course, programs, own[PREDICTED]).sampled(known, first, sampling, progress)
-            error = found.error
+            found = Paths(method, course, programs, own).sampled(known, first, sampling, progress)
             if found.drawn:
                 return _result(posterior, sampling, equation, likelihood, own, active, found.drawn, found.stats)
-    if math.isinf(error):
-        raise InputError(
-            "The exact path at the fit's own estimate leaves all bounds, or takes more steps than are allowed, as "
-            "of stiff equations: nothing can be sampled around it."
+            tried.append(found)
+    raise InputError(_refused(min(tried, key=lambda each: each.error)))
+
+
+def _refused(found: Sampled) -> str:
+    """Why no draws are accurate, by the method that came nearest."""
+    if math.isfinite(found.error):
+        return (
+            f"No steps that are allowed follow the exact paths {found.where} accurately: finer ones move samples by "
+            f"{found.error:.2g} times what they may, which is {ACCURATE:g} of the sizes of state and sample and "
+            f"{MOVED:g} standard deviations of the noise of all samples together. So it is of stiff equations: give "
+            "friction or contacts a width of their own, or take a part of the record."
         )
-    raise InputError(
-        f"No steps that are allowed follow the exact paths accurately: finer ones move a sample by {error:.1g} "
-        "of its size, as of stiff equations. Give friction or contacts a width of their own, or take a part of the "
-        "record."
-    )
+    lost = f"Exact paths {found.where} leave all bounds, or take more steps than are allowed, as of stiff equations"
+    if found.where == ESTIMATE:
+        return f"{lost}: nothing can be sampled around it."
+    return f"{lost}: state what is known of coefficients (coefficients=...) or of starts, or take a part of the record."
 
 
 def _only(posterior: Posterior) -> tuple[str, Equation]:
@@ -144,6 +151,10 @@ def _result(
         "constant_data": data_table(data),
     }
     tree = tree_of(groups, posterior.equations)
+    tree["sample_stats"][PATH_ERROR].attrs |= {
+        "units": "1",
+        "long_name": "error of the path at all samples together, in standard deviations of their noise",
+    }
     for group in ("prior", DETAILS["prior"], "prior_predictive"):
         # Of other priors of noise and starts nothing was drawn.
         if group in posterior.idata.children and not likelihood.restated:

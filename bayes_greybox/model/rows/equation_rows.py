@@ -183,6 +183,11 @@ class EquationRows:
         """Samples that terms are evaluated at."""
         return len(next(iter(self.columns.values())))
 
+    @property
+    def sample(self) -> Int[np.ndarray, " n_row"]:
+        """The sample of the data that each row is at."""
+        return np.arange(self.n_row) if self.operator is None else self.operator.sample
+
     def at(self, index: Int[np.ndarray, " n"] | slice) -> dict[str, Float[np.ndarray, " n"]]:
         """States and inputs at some samples."""
         return {name: column[index] for name, column in self.columns.items()}
@@ -235,16 +240,20 @@ class EquationRows:
         return (lambda index: weighted[index]), (lambda index: precision[index, None])
 
     def precision_blocks(
-        self, reach: int
+        self, folds: Sequence[Int[np.ndarray, " _"]]
     ) -> Callable[[Int[np.ndarray, "n_fold size"]], Float[np.ndarray, "n_fold size size"]]:
-        """(R⁻¹)_FF of folds of observations.
+        """(R⁻¹)_FF of folds of observations, by their numbers.
 
         Args:
-            reach: Largest distance within a fold, plus one.
+            folds: All that will be asked for, each in increasing order.
         """
         if self.noise.local or not self.noise.square:
             return lambda index: np.broadcast_to(np.eye(index.shape[1]), (*index.shape, index.shape[1]))
-        band = self.noise.precision_band(reach)
+        stretch = np.repeat(np.arange(len(self.noise.run_lengths)), self.noise.run_lengths)
+        if any(stretch[fold[0]] != stretch[fold[-1]] for fold in folds):
+            # Sensors of one run share its start, and a band knows of one stretch alone.
+            return lambda index: np.stack([self.noise.precision_at(each) for each in index])
+        band = self.noise.precision_band(max(int(fold[-1] - fold[0]) for fold in folds) + 1)
 
         def blocks(index: np.ndarray) -> np.ndarray:
             low, high = np.minimum(index[:, :, None], index[:, None]), np.maximum(index[:, :, None], index[:, None])

@@ -67,7 +67,8 @@ def test_weighted_rows_are_those_of_the_inverse_covariance(rows):
         inverse = np.linalg.inv(rows.noise.covariance())
         np.testing.assert_allclose(values(index), (inverse @ table)[index], rtol=1e-8, atol=1e-10)
         np.testing.assert_allclose(precision(index)[:, 0], np.diag(inverse)[index], rtol=1e-8)
-        blocks = rows.precision_blocks(3)(np.array([[4, 5, 6], [9, 10, 11]]))
+        folds = np.array([[4, 5, 6], [9, 10, 11]])
+        blocks = rows.precision_blocks(list(folds))(folds)
         np.testing.assert_allclose(blocks[1], inverse[9:12, 9:12], rtol=1e-7, atol=1e-10)
         np.testing.assert_allclose(rows.noise.precision_at(index), inverse[np.ix_(index, index)], rtol=1e-7, atol=1e-9)
     else:

@@ -5,10 +5,10 @@ from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
-import sympy
 from jaxtyping import Array, Float
 
 from bayes_greybox.physics.formula.expressions import evaluate
+from bayes_greybox.physics.formula.numbers import as_columns, without_numbers
 from bayes_greybox.physics.simulation.protocol import Simulation
 from bayes_greybox.physics.terms import Term
 
@@ -41,10 +41,9 @@ class ForcedRate:
         self.whole = simulation.beside(by_state)
         formulas, numbers = [], []
         for term, coefficient, _ in added:
-            within = sorted(term.expr.atoms(sympy.Float))
-            names = {number: sympy.Symbol(f"number_{k}", real=True) for k, number in enumerate(within)}
-            formulas.append(term.expr.xreplace(names))
-            numbers.append([coefficient, *(float(number) for number in within)])
+            (formula,), within = without_numbers([term.expr])
+            formulas.append(formula)
+            numbers.append([coefficient, *within])
         self.formulas = tuple(formulas)
         self.args = tuple(jnp.array(each) for each in numbers)
         self._key = (simulation.key, driven, tuple(map(str, formulas)), tuple(force.state for force in added))
@@ -61,8 +60,7 @@ class ForcedRate:
         columns = dict(zip(self.names, (*x, *u), strict=True))
         forces = dict.fromkeys(self.driven, 0.0 * t)
         for (*_, state), formula, (coefficient, *numbers) in zip(self.added, self.formulas, args, strict=True):
-            known = {f"number_{k}": number for k, number in enumerate(numbers)}
-            forces[state] = forces[state] + coefficient * evaluate(formula, {**columns, **known})
+            forces[state] = forces[state] + coefficient * evaluate(formula, {**columns, **as_columns(numbers)})
         for state, force in forces.items():
             rate = rate.at[state].add(force)
         return rate
