@@ -72,7 +72,7 @@ def found(study, monkeypatch):
 def test_the_folder_has_the_report_the_record_the_study_the_figures_and_the_configuration(here, study, found, capsys):
     assert cli.main(["discover", "case.toml", "--no-progress"]) == 0
     assert sorted(os.listdir("out")) == ["config.toml", "figures", "gap.html", "study.nc", "summary.json"]
-    assert Path("out/config.toml").read_text() == CONFIG
+    assert Path("out/config.toml").read_text().endswith(f'copied_from = "../case.toml"\n\n{CONFIG}')
     assert escape(study.sentence) in Path("out/gap.html").read_text(encoding="utf-8")
     assert "effects_at_most = 2" in Path("out/gap.html").read_text(encoding="utf-8")
     assert {"gap_map.png", "ranking.png", "free_run_y.png"} <= set(os.listdir("out/figures"))
@@ -127,12 +127,18 @@ def test_a_fit_that_did_not_converge_ends_with_code_3(here, study, found, capsys
     assert (here / "out" / "gap.html").exists()
 
 
-def test_a_study_that_was_not_sampled_has_no_posterior_to_save(here, study, found):
+def test_a_study_that_was_not_sampled_is_saved_and_shown_without_a_posterior(here, study, found, capsys):
     (here / "case.toml").write_text(PLAIN)
     found["study"] = replace(study, fit=None)
     assert cli.main(["discover", "case.toml", "--quiet", "-o", "other"]) == 0
-    assert sorted(os.listdir("other")) == ["config.toml", "gap.html", "summary.json"]
+    assert sorted(os.listdir("other")) == ["config.toml", "gap.html", "study.nc", "summary.json"]
     assert json.loads(Path("other/summary.json").read_text())["convergence"] is None
+    page = Path("other/gap.html").read_bytes()
+    Path("other/gap.html").unlink()
+    assert cli.main(["report", "other", "--quiet"]) == 0
+    assert Path("other/gap.html").read_bytes() == page
+    capsys.readouterr()
+    assert "not sampled" in refuse(capsys, "compare", "other/study.nc", "other/study.nc")
 
 
 def test_quiet_prints_where_the_results_are_and_figures_can_be_left_out(here, found, capsys):
