@@ -48,20 +48,27 @@ def trial_section(fit: Posterior) -> Section:
     """
     found = trial(fit)
     run = found.run
-    part = "held-out data" if found.held_out else "training data, as none were held out"
     rows = [
-        *((f"error of the predicted {_rate(fit, name)}", nmse_text(error)) for name, error in found.nmse.items()),
-        *(((f"error of the free run of {name}", percent_text(error)) for name, error in _errors(found).items())),
+        *(
+            (f"mean square error of the predicted {_rate(fit, name)}, over its variance", nmse_text(error))
+            for name, error in found.nmse.items()
+        ),
+        *(
+            (f"RMS error of the free run of {name}, over its standard deviation", percent_text(error))
+            for name, error in _errors(found).items()
+        ),
     ]
-    about = " Of rates and outputs: mean square error over their variance." if found.nmse else ""
-    about += " Of a free run: RMS error over the standard deviation of the measurement." if run else ""
     blocks: list[Any] = [Table(("measure", "#value"), rows)] if rows else []
     if run is None:
         blocks.append(Words(f"There is no free run. {found.why}"))
     else:
         blocks += [Words(text) for text in _failures(found)]
-    runs = f" in {found.n_run} runs" if found.n_run > 1 else ""
-    lead = f"On the {part}: {number(found.n_obs)} rows{runs}.{about}"
+    size = f"{number(found.n_obs)} rows{f' in {found.n_run} runs' if found.n_run > 1 else ''}"
+    lead = (
+        f"{size} that the model did not learn from."
+        if found.held_out
+        else (f"On the training data, {size}, as none were held out.")
+    )
     lead += " The model is started where the measurements start and then left alone." if run else ""
     drawn = {} if run is None else {state: partial(figures.simulated, run, state) for state in run.states}
     title = "How does it do on held-out data?" if found.held_out else "Does it follow the measurements by itself?"
