@@ -21,9 +21,9 @@ from .data.trajectories import Trajectories as Trajectories
 from .discovery.evidence.odds import Odds as Odds
 from .greybox import Fit as Fit
 from .greybox import GreyBox as GreyBox
-from .greybox import load as load
 from .missing_effects import Study as Study
 from .missing_effects import find_missing_effects as find_missing_effects
+from .missing_effects import load as load
 from .model import priors as priors
 from .model.gp.discrepancy import OrthogonalGP as OrthogonalGP
 from .model.noise.asked import Noise as Noise

@@ -13,7 +13,6 @@ import sympy
 from threadpoolctl import threadpool_limits
 
 from bayes_greybox.criticism.checks.checks import Checks, checks
-from bayes_greybox.criticism.checks.kept import kept_checks, load_checked
 from bayes_greybox.criticism.checks.loo_pit import LooPit
 from bayes_greybox.criticism.checks.whiteness import Whiteness
 from bayes_greybox.criticism.convergence import LARGEST_BASIS, Verdict, boundary_needed, convergence, features_needed
@@ -23,11 +22,12 @@ from bayes_greybox.criticism.equations.of_posterior import fitted_system
 from bayes_greybox.criticism.equations.rates import LearnedRates, learned_rates
 from bayes_greybox.criticism.free_run import FreeRun, free_run
 from bayes_greybox.criticism.inclusion import ROPE, inclusion
+from bayes_greybox.criticism.kept import save_checked
 from bayes_greybox.criticism.prediction import Prediction, predict, predictive_group
 from bayes_greybox.criticism.summary import summary
 from bayes_greybox.criticism.trade_off import TradeOff, strongest_trade_off
+from bayes_greybox.criticism.trial import try_on
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.inference.kept import netcdf
 from bayes_greybox.inference.kept.further_groups import add_group
 from bayes_greybox.inference.kept.inference_data import to_inferencedata
 from bayes_greybox.inference.posterior import Posterior
@@ -37,7 +37,6 @@ from bayes_greybox.inference.settings import Sampling
 from bayes_greybox.model.gp.discrepancy import OrthogonalGP
 from bayes_greybox.model.gp.features import HilbertBasis
 from bayes_greybox.model.program import Program
-from bayes_greybox.physics.simulation.protocol import RightHandSide
 from bayes_greybox.report.equations.latex import equations_latex
 from bayes_greybox.report.equations.record import equations_record
 from bayes_greybox.report.equations.text import equations_text
@@ -261,12 +260,32 @@ class Fit(Posterior):
         """The equations as JSON text: terms, coefficients with 90 % intervals and inclusion, units; see the guide."""
         return json.dumps(equations_record(fitted_system(self)), indent=2, allow_nan=False, ensure_ascii=False)
 
-    def save(self, path: str | os.PathLike) -> None:
-        """Write posterior, data, model, settings, versions and seed to one netCDF file."""
-        netcdf.save(self, path, kept_checks(self))
+    def save(self, path: str | os.PathLike, test: Trajectories | None = None) -> None:
+        """Write posterior, data, model, settings, versions and seed to one netCDF file.
 
-    def to_html(self, path: str | os.PathLike) -> None:
-        """Write the report as one self-contained page."""
+        Args:
+            path: Destination.
+            test: Held-out data, whose error and free run go into the file, for its page.
+
+        Raises:
+            InputError: The destination cannot be written; held-out data that lack a column.
+        """
+        if test is not None:
+            try_on(self, test)
+        save_checked(self, path)
+
+    def to_html(self, path: str | os.PathLike, test: Trajectories | None = None) -> None:
+        """Write the report as one self-contained page.
+
+        Args:
+            path: Destination.
+            test: Held-out data, whose error and free run are shown; else the free run is that over the training data.
+
+        Raises:
+            InputError: The destination cannot be written; held-out data that lack a column.
+        """
+        if test is not None:
+            try_on(self, test)
         # Matplotlib is imported only where a page is wanted.
         from bayes_greybox.report.pages.fit_page import fit_html
 
@@ -294,21 +313,15 @@ class Fit(Posterior):
                 add_group(self, f"{source}_predictive", values, draw=kept)
 
 
-def load(path: str | os.PathLike, simulation: RightHandSide | None = None) -> Fit:
-    """Read a fit that `Fit.save` wrote.
+def greybox_of(program: Program) -> GreyBox:
+    """A model in users' hands."""
+    return GreyBox(**{field: getattr(program, field) for field in program.__dataclass_fields__})
 
-    Args:
-        path: The netCDF file.
-        simulation: The simulation's function, if the model had one; a file cannot hold code.
 
-    Raises:
-        InputError: No such file, or not a fit saved by this package; a function is needed.
-    """
-    loaded = load_checked(path, simulation)
-    program = loaded.model
-    model = GreyBox(**{field: getattr(program, field) for field in program.__dataclass_fields__})
-    fit = Fit(model, loaded.data, loaded.sampling, loaded.idata)
-    fit.memory.update(loaded.memory)
+def fit_of(posterior: Posterior) -> Fit:
+    """A posterior that was read from a file, in users' hands."""
+    fit = Fit(greybox_of(posterior.model), posterior.data, posterior.sampling, posterior.idata)
+    fit.memory.update(posterior.memory)
     return fit
 
 

@@ -9,28 +9,27 @@ from typing import Any
 
 import sympy
 
-from bayes_greybox.criticism.checks.kept import kept_checks
 from bayes_greybox.criticism.equations.rates import LearnedRates, learned_rates
+from bayes_greybox.criticism.kept import checked_of
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.rates.held_out import with_filter_of
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.amended import hidden_used
 from bayes_greybox.discovery.answer.gap.free_runs import FreePath, FreeRuns
 from bayes_greybox.discovery.evidence.odds import Odds
+from bayes_greybox.discovery.kept.study_file import holds_study, save_study, study_of
 from bayes_greybox.discovery.learned import studied_system
 from bayes_greybox.discovery.study import StudyResult, investigate
 from bayes_greybox.inference.kept import netcdf
 from bayes_greybox.physics.catalogue.loading import CatalogueSpec
+from bayes_greybox.physics.simulation.protocol import RightHandSide
 from bayes_greybox.report.equations.latex import equations_latex
 from bayes_greybox.report.equations.record import equations_record
 from bayes_greybox.report.equations.text import equations_text
 from bayes_greybox.report.sentence import sentence
 from bayes_greybox.running.stages import announce, stages
 
-from .greybox import Fit, GreyBox
-
-STUDY = "missing_effects"
-"""Root attribute of a saved study that holds its record, as JSON text."""
+from .greybox import Fit, GreyBox, fit_of, greybox_of
 
 
 @dataclass(frozen=True, repr=False)
@@ -110,17 +109,15 @@ class Study(StudyResult):
         return json.dumps(equations_record(studied_system(self)), indent=2, allow_nan=False, ensure_ascii=False)
 
     def save(self, path: str | os.PathLike) -> None:
-        """Write the amended model's posterior and the study's tables to one netCDF file; it opens with `bg.load`.
+        """Write the study to one netCDF file: tables, data, models, equations and free runs, and the posterior.
+
+        `bg.load` reads it, `bayes-greybox report` writes its page, and ArviZ reads the posterior of the amended model,
+        which is missing where nothing was sampled (settle=False).
 
         Raises:
-            InputError: The study has no posterior (settle=False); the destination cannot be written.
+            InputError: The destination cannot be written.
         """
-        if self.fit is None:
-            raise InputError(
-                "This study has no posterior to save: with settle=False nothing is sampled and study.fit is None. Run "
-                "find_missing_effects with settle=True, or sample the amended model: study.model.fit(study.train)."
-            )
-        netcdf.save(self.fit, path, {STUDY: json.dumps(self.record(), default=float), **kept_checks(self.fit)})
+        save_study(self, path, self.record())
 
     def to_html(self, path: str | os.PathLike) -> None:
         """Write the report as one self-contained page."""
@@ -132,6 +129,28 @@ class Study(StudyResult):
     def __repr__(self) -> str:
         """The verdict in words, and the equations of the amended model."""
         return f"Study: {self.verdict}\n{self.sentence}\n{equations_text(studied_system(self))}"
+
+
+def load(path: str | os.PathLike, simulation: RightHandSide | None = None) -> Any:
+    """Read what `Fit.save` or `Study.save` wrote.
+
+    Args:
+        path: The netCDF file.
+        simulation: The simulation's function, if the model had one; a file cannot hold code.
+
+    Returns:
+        A `Fit`, or a `Study` with its tables and its fit. A study's file of version 0.1.0 holds the fit alone.
+
+    Raises:
+        InputError: No such file, or nothing saved by this package; a function is needed.
+    """
+    tree = netcdf.read(path)
+    if not holds_study(tree):
+        return fit_of(checked_of(tree, simulation))
+    found = study_of(tree, simulation)
+    parts = {field.name: getattr(found, field.name) for field in fields(found)}
+    fit = None if found.fit is None else fit_of(found.fit)
+    return Study(**{**parts, "base": greybox_of(found.base), "model": greybox_of(found.model), "fit": fit})
 
 
 def find_missing_effects(
@@ -172,8 +191,8 @@ def find_missing_effects(
         effects_at_most: Largest number of effects added to one equation.
         odds: Prior probabilities of the explanations.
         settle: Whether to sample the amended model by NUTS, and, where importance sampling is unsure of a finalist's
-            evidence, to find that by NUTS and bridge sampling. With False `study.fit` is None and the study cannot be
-            saved: tables, figures and page show the Laplace approximation.
+            evidence, to find that by NUTS and bridge sampling. With False `study.fit` is None: tables, figures
+            and page show the Laplace approximation.
         free_runs: Whether to integrate simulation and amended model over the data.
         interpolation: Of the inputs between samples in free runs: "linear", "cubic" or "zoh" (held), for all or one
             for each. By default each input's own, linear or cubic, whichever predicts its samples better.

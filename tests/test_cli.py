@@ -99,8 +99,8 @@ def test_a_mistake_in_a_file_without_parts_of_models_is_found_without_importing_
         (["report"], "Missing argument"),
         (["report", "a.nc"], "There is no file 'a.nc'"),
         (["report", "a.nc", "b.nc"], "There is no file 'a.nc'"),
-        (["report", "."], '"." is not a folder that compare wrote'),
-        (["report", ".", "a.nc"], "report takes one saved fit (*.nc), several, or one folder"),
+        (["report", "."], '"." is not a folder that fit, discover or compare wrote'),
+        (["report", ".", "a.nc"], "report takes one saved fit or study (*.nc), several fits, or one folder"),
         (["report", ".", "--scheme", "block"], "--scheme applies where several saved fits are compared"),
         (["report", "a.nc", "--block", "5"], "--block applies where several saved fits are compared"),
         (["report", "a.nc", "--max-refits", "5"], "--max-refits applies where several saved fits are compared"),
@@ -263,7 +263,9 @@ def test_a_run_that_is_too_short_ends_with_code_3_and_says_so_first(first):
 
 def test_the_folder_has_the_fit_the_record_the_figures_and_the_configuration(first):
     assert sorted(os.listdir(first.folder)) == ["config.toml", "figures", "run.nc", "summary.json"]
-    assert (first.folder / "config.toml").read_bytes() == (CONFIGS / "first.toml").read_bytes()
+    copy, given = (first.folder / "config.toml").read_bytes(), (CONFIGS / "first.toml").read_bytes()
+    # All that its author wrote, below the line that says where its paths start.
+    assert copy.endswith(b"\n\n" + given) and copy.removesuffix(given).count(b"\n") == 3
     figures = list((first.folder / "figures").iterdir())
     assert figures and all(path.suffix == ".png" and path.stat().st_size > 5000 for path in figures)
 

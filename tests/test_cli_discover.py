@@ -65,14 +65,14 @@ def found(study, monkeypatch):
         asked.update(model=model, train=train, test=test, **settings)
         return asked.get("study") or study
 
-    monkeypatch.setattr("bayes_greybox.missing_effects.find_missing_effects", find)
+    monkeypatch.setattr("bayes_greybox.cli.discovering.find_missing_effects", find)
     return asked
 
 
 def test_the_folder_has_the_report_the_record_the_study_the_figures_and_the_configuration(here, study, found, capsys):
     assert cli.main(["discover", "case.toml", "--no-progress"]) == 0
     assert sorted(os.listdir("out")) == ["config.toml", "figures", "gap.html", "study.nc", "summary.json"]
-    assert Path("out/config.toml").read_text() == CONFIG
+    assert Path("out/config.toml").read_text().endswith(f'copied_from = "../case.toml"\n\n{CONFIG}')
     assert escape(study.sentence) in Path("out/gap.html").read_text(encoding="utf-8")
     assert "effects_at_most = 2" in Path("out/gap.html").read_text(encoding="utf-8")
     assert {"gap_map.png", "ranking.png", "free_run_y.png"} <= set(os.listdir("out/figures"))
@@ -127,12 +127,18 @@ def test_a_fit_that_did_not_converge_ends_with_code_3(here, study, found, capsys
     assert (here / "out" / "gap.html").exists()
 
 
-def test_a_study_that_was_not_sampled_has_no_posterior_to_save(here, study, found):
+def test_a_study_that_was_not_sampled_is_saved_and_shown_without_a_posterior(here, study, found, capsys):
     (here / "case.toml").write_text(PLAIN)
     found["study"] = replace(study, fit=None)
     assert cli.main(["discover", "case.toml", "--quiet", "-o", "other"]) == 0
-    assert sorted(os.listdir("other")) == ["config.toml", "gap.html", "summary.json"]
+    assert sorted(os.listdir("other")) == ["config.toml", "gap.html", "study.nc", "summary.json"]
     assert json.loads(Path("other/summary.json").read_text())["convergence"] is None
+    page = Path("other/gap.html").read_bytes()
+    Path("other/gap.html").unlink()
+    assert cli.main(["report", "other", "--quiet"]) == 0
+    assert Path("other/gap.html").read_bytes() == page
+    capsys.readouterr()
+    assert "not sampled" in refuse(capsys, "compare", "other/study.nc", "other/study.nc")
 
 
 def test_quiet_prints_where_the_results_are_and_figures_can_be_left_out(here, found, capsys):
@@ -146,7 +152,7 @@ def test_a_failure_leaves_no_folder(here, monkeypatch, capsys):
     def fail(*_, **__):
         raise InputError("There is no catalogue 'x'; there are mechanical.")
 
-    monkeypatch.setattr("bayes_greybox.missing_effects.find_missing_effects", fail)
+    monkeypatch.setattr("bayes_greybox.cli.discovering.find_missing_effects", fail)
     assert "no catalogue 'x'" in refuse(capsys, "discover", "case.toml")
     assert sorted(os.listdir(here)) == ["case.toml", "run.csv"]
 
@@ -269,3 +275,40 @@ def test_every_command_explains_itself(capsys):
     for command in ("discover", "report", "benchmark"):
         assert cli.main([command, "--help"]) == 0
         assert f"Usage: bayes-greybox {command}" in capsys.readouterr().out
+
+
+def test_results_of_another_command_are_left_alone(here, found, capsys):
+    (here / "case.toml").write_text(PLAIN)
+    held = here / "out"
+    held.mkdir()
+    (held / "summary.json").write_text('{"command": "fit"}')
+    assert cli.main(["discover", "case.toml", "--quiet"]) == 0
+    assert capsys.readouterr().out == "out-discover\n"
+    assert os.listdir(held) == ["summary.json"] and (held / "summary.json").read_text() == '{"command": "fit"}'
+    assert json.loads(Path("out-discover/summary.json").read_text())["command"] == "discover"
+    found.clear()
+    assert "holds results of fit" in refuse(capsys, "discover", "case.toml", "-o", "out")
+    assert not found
+
+
+def test_a_study_is_reported_from_its_folder_its_copy_s_folder_or_its_file(here, study, found, capsys):
+    (here / "case.toml").write_text(PLAIN)
+    assert cli.main(["discover", "case.toml", "--quiet"]) == 0
+    made = Path("out/gap.html").read_text(encoding="utf-8")
+    # The verdict on a hundred draws was made up; all else is that of the file.
+    assert cli.main(["report", "out", "--quiet"]) in (0, 3)
+    assert cli.main(["report", "out/study.nc", "-o", "page.html", "--quiet"]) in (0, 3)
+    assert Path("page.html").read_bytes() == Path("out/gap.html").read_bytes()
+    shown = Path("out/gap.html").read_text(encoding="utf-8")
+    figures = [page.count("data:image/svg+xml") for page in (made, shown)]
+    assert figures[0] == figures[1] > 0 and escape(study.sentence) in shown and "effects_at_most = 2" in shown
+    found.clear()
+    os.chdir("out")
+    assert cli.main(["discover", "config.toml", "--quiet"]) == 0
+    assert found["train"].n_obs == 30 and found["catalogue"] == ["mechanical", str(here / "own.toml")]
+    assert sorted(os.listdir(".")) == ["config.toml", "gap.html", "study.nc", "summary.json"]
+    assert Path("config.toml").read_text().endswith(f'copied_from = "../case.toml"\n\n{PLAIN}')
+    capsys.readouterr()
+    assert "one study at a time" in refuse(capsys, "report", "study.nc", "study.nc")
+    Path("study.nc").unlink()
+    assert "study.nc is missing" in refuse(capsys, "report", ".")

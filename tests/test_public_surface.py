@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 import bayes_greybox as bg
+from bayes_greybox.criticism.kept import load_checked
 
 ROOT = Path(bg.__file__).parent
 STUB = ast.parse((ROOT / "__init__.pyi").read_text(encoding="utf-8"))
@@ -77,8 +78,10 @@ def test_one_door_has_every_figure_and_the_old_doors_lead_to_it():
 
 
 def test_a_study_that_was_not_sampled_says_that_it_has_no_fit_and_how_to_get_one(study, tmp_path):
-    with pytest.raises(bg.InputError, match=r"settle=False nothing is sampled.*study\.model\.fit"):
-        replace(study, fit=None).save(tmp_path / "study.nc")
+    replace(study, fit=None).save(tmp_path / "study.nc")
+    with pytest.raises(bg.InputError, match=r"not sampled \(settle=False\).*study\.model\.fit"):
+        load_checked(tmp_path / "study.nc")
+    assert bg.load(tmp_path / "study.nc").fit is None
     assert "settle=False" in bg.Study.__doc__ and "`study.fit` is None" in bg.find_missing_effects.__doc__
 
 

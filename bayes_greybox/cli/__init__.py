@@ -99,7 +99,7 @@ def fit(
     """Fit the model of a configuration file and write the results to a folder.
 
     The folder gets run.nc (the whole fit), summary.json (verdict, coefficients, discrepancy), the figures
-    and a copy of the configuration.
+    and a copy of the configuration, which can be run again where it lies. bayes-greybox report FOLDER writes its page.
     """
     log_to_stderr(verbose)
     from bayes_greybox.running.stages import stage, stages
@@ -126,8 +126,8 @@ def discover(
     """Find which effect a simulation is missing, and where.
 
     The gap is measured before and after the effect is added, on held-out data where the file names some. The
-    folder gets gap.html (the report), summary.json, study.nc (the amended model's posterior and the study's
-    tables), the figures and a copy of the configuration.
+    folder gets gap.html (the report), summary.json, study.nc (the study, and the amended model's posterior), the
+    figures and a copy of the configuration.
     """
     log_to_stderr(verbose)
     from bayes_greybox.running.stages import stage, stages
@@ -189,14 +189,17 @@ def compare(
 def report(
     files: Annotated[
         list[Path],
-        typer.Argument(help="A saved fit (.nc), several to compare, or a folder that compare wrote."),
+        typer.Argument(
+            help="A saved fit or study (.nc), several fits to compare, or a folder that fit, discover or compare wrote."
+        ),
     ],
     output: Annotated[
         Path | None,
         typer.Option(
             "--output",
             "-o",
-            help="The page to write, instead of FILE.html beside the fit, or comparison.html here or in the folder.",
+            help="The page to write, instead of FILE.html beside the file; in a folder run.html of a fit, gap.html of "
+            "a study, comparison.html of a comparison, which is written here for several fits.",
         ),
     ] = None,
     scheme: SchemeOption = None,
@@ -206,15 +209,15 @@ def report(
     quiet: Quiet = False,
     verbose: Verbose = 0,
 ) -> int:
-    """Write the report of a saved fit or of a comparison, one HTML page.
+    """Write the report of a saved fit, of a study or of a comparison, one HTML page.
 
-    Several fits are compared first; a folder that compare wrote is shown as it is. The page holds all its
-    figures and needs no network.
+    Several fits are compared first; a folder that fit, discover or compare wrote is shown as it is. The page holds
+    all its figures and needs no network.
     """
     log_to_stderr(verbose)
     given = _given_folds(scheme, block, max_refits)
     if any(file.is_dir() for file in files) and len(files) > 1:
-        raise InputError("report takes one saved fit (*.nc), several, or one folder that compare wrote.")
+        raise InputError("report takes one saved fit or study (*.nc), several fits, or one folder of results.")
     if given and len(files) == 1:
         option = next(iter(given)).replace("_", "-")
         raise InputError(f"--{option} applies where several saved fits are compared; leave it out.")

@@ -11,11 +11,13 @@ from bayes_greybox.criticism.cross_validation.folds import START, check_scheme, 
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.report.comparison_folder import save_comparison
 from bayes_greybox.report.folder import output_folder, staged
+from bayes_greybox.report.holding import require_own
 from bayes_greybox.report.saved import load_fits
 from bayes_greybox.report.terminal.comparison import comparison_tables
 from bayes_greybox.running.stages import announce, stage, stages
 
 from .ending import exit_code, show
+from .places import place_of
 
 
 def compare_configured(settings: Config, output: Path | None, progress: bool, quiet: bool) -> int:
@@ -27,7 +29,7 @@ def compare_configured(settings: Config, output: Path | None, progress: bool, qu
         )
     given = settings.compare.given()
     check_scheme(settings.compare.scheme, settings.compare.block, settings.compare.start or START)
-    with output_folder(output or settings.folder) as folder:
+    with output_folder(place_of(settings, "compare", output)) as folder:
         train, _ = settings.read_data()
         models = {name: settings.build_model(name) for name in settings.models}
         for name, model in models.items():
@@ -52,7 +54,7 @@ def compare_configured(settings: Config, output: Path | None, progress: bool, qu
                     table,
                     {name: folder / f"{name}.nc" for name in fits},
                     sampling=settings.sampling.model_dump(),
-                    config=(settings.file, settings.text),
+                    config=(settings.origin, settings.text),
                     figures=settings.output.figures,
                 )
     return _compared(fits, table, folder, quiet)
@@ -67,6 +69,7 @@ def compare_saved(
         with stages(progress), stage("Comparing"):
             table = compare(fits, **given, progress=progress)
         return _compared(fits, table, None, quiet)
+    require_own(output, "compare")
     with output_folder(output) as folder, stages(progress):
         with stage("Comparing"):
             table = compare(fits, **given, progress=progress)

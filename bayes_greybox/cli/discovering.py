@@ -1,9 +1,11 @@
 """The command discover."""
 
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 
 from bayes_greybox.cli.ending import DONE, NOT_CONVERGED, show
+from bayes_greybox.cli.places import place_of
 from bayes_greybox.config import Config
 from bayes_greybox.missing_effects import find_missing_effects
 from bayes_greybox.report.folder import output_folder, staged
@@ -17,16 +19,16 @@ def study_configured(settings: Config, output: Path | None, progress: bool, quie
     with ExitStack() as work:
         with stages(progress):
             with stage("Starting", said=False):
-                folder = work.enter_context(output_folder(output or settings.folder))
+                folder = work.enter_context(output_folder(place_of(settings, "discover", output)))
                 arguments = settings.study_arguments()
                 model = settings.build_studied_model()
                 train, test = settings.read_data()
             study = find_missing_effects(model, train, test, **arguments, progress=progress)
+            study = replace(study, config=settings.text)
             with stage("Saving the study"), staged(folder) as place:
                 # First, by itself: nothing that fails later may cost what was sampled.
-                if study.fit is not None:
-                    study.save(place / "study.nc")
-                (place / "config.toml").write_text(settings.text, encoding="utf-8", newline="")
+                study.save(place / "study.nc")
+                settings.copy_to(folder, place)
         if not quiet:
             show(*study_tables(study))
         with stages(progress):
@@ -35,8 +37,8 @@ def study_configured(settings: Config, output: Path | None, progress: bool, quie
                 from bayes_greybox.report.pages.study_page import study_html
 
                 record = study_record(study, settings.sampling.model_dump())
-                write_json(place / "summary.json", {"config": settings.file, **record})
-                study_html(study, place / "gap.html", settings.text)
+                write_json(place / "summary.json", {"command": "discover", "config": settings.file, **record})
+                study_html(study, place / "gap.html")
             if settings.output.figures:
                 with stage("Drawing"):
                     from bayes_greybox.report.plots import save_figures, study_figures

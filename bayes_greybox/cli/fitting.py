@@ -5,7 +5,10 @@ from contextlib import ExitStack
 from pathlib import Path
 
 from bayes_greybox.cli.ending import DONE, NOT_CONVERGED, show
+from bayes_greybox.cli.places import place_of
 from bayes_greybox.config import Config
+from bayes_greybox.criticism.trial import trial, try_on
+from bayes_greybox.report.copies import CONFIGURATION
 from bayes_greybox.report.folder import output_folder, staged
 from bayes_greybox.report.record import run_record, write_json
 from bayes_greybox.report.terminal.fit import fit_tables
@@ -17,16 +20,17 @@ def fit_configured(settings: Config, output: Path | None, progress: bool, quiet:
     with ExitStack() as work:
         with stages(progress):
             with stage("Starting", said=False):
-                folder = work.enter_context(output_folder(output or settings.folder))
+                folder = work.enter_context(output_folder(place_of(settings, "fit", output)))
                 train, test = settings.read_data()
                 model = settings.build_model()
             start = time.perf_counter()
             result = model.fit(train, **settings.sampling.model_dump(), progress=progress)
             seconds = time.perf_counter() - start
+            result.idata.attrs[CONFIGURATION] = settings.text
             with stage("Saving the fit"), staged(folder) as place:
                 # First, by itself: nothing that fails later may cost what the sampler found.
                 result.save(place / "run.nc")
-                (place / "config.toml").write_text(settings.text, encoding="utf-8", newline="")
+                settings.copy_to(folder, place)
             with stage("Predicting held-out data"):
                 held_out = None if test is None else result.predict(test).nmse()
         if not quiet:
@@ -34,10 +38,13 @@ def fit_configured(settings: Config, output: Path | None, progress: bool, quiet:
         with stages(progress):
             with stage("Checking the model"):
                 checked = result.checks()
+            with stage("Following the model by itself"):
+                # Its page shows them; the file keeps them.
+                tried = trial(result) if test is None else try_on(result, test)
             with stage("Writing the record"), staged(folder) as place:
                 result.save(place / "run.nc")
-                record = run_record(result, settings.sampling.model_dump(), seconds, held_out)
-                write_json(place / "summary.json", {"config": settings.file, **record})
+                record = run_record(result, settings.sampling.model_dump(), seconds, held_out, tried)
+                write_json(place / "summary.json", {"command": "fit", "config": settings.file, **record})
             if settings.output.figures:
                 with stage("Drawing"):
                     # Imported here because it is slow, and the verdict does not wait for it.

@@ -10,6 +10,8 @@ from pydantic import PlainValidator, PrivateAttr, ValidationError, field_validat
 
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.limits import Count, Positive, Probability, Seed, Whole
+from bayes_greybox.report.copies import author_text, copy_of
+from bayes_greybox.report.holding import CONFIG, command_of
 
 from .derived import AlsoAs
 from .parts import Coefficients, Dictionary, Discrepancy, Prior, Rows
@@ -94,8 +96,13 @@ class Model(Section):
 
 
 class Config(Section):
-    """A configuration file, checked; read one with `load_config`."""
+    """A configuration file, checked; read one with `load_config`.
 
+    Attributes:
+        copied_from: Of a copy beside results, the file that it is from: relative paths start from that one's folder.
+    """
+
+    copied_from: str | None = None
     data: Data
     simulation: dict[str, str] = {}
     dictionary: Dictionary = {}
@@ -135,18 +142,38 @@ class Config(Section):
 
     @property
     def file(self) -> str:
-        """Name of the file."""
-        return self._path.name
+        """Name of the file; of a copy that of the original."""
+        return self.origin.name
 
     @property
     def text(self) -> str:
-        """The file as it was read."""
-        return self._text
+        """The file as its author wrote it."""
+        return self._text if self.copied_from is None else author_text(self._text)
+
+    @property
+    def origin(self) -> Path:
+        """The file itself, or the one that it is a copy of: paths in it start from its folder."""
+        return self._path if self.copied_from is None else (self._path.resolve().parent / self.copied_from).resolve()
 
     @property
     def folder(self) -> Path:
-        """Where results go: as the file says, else runs/<name>."""
+        """Where results go: as the file says, else runs/<name>; of a copy beside results, where these are."""
+        if self.copied_from is not None and self._path.name == CONFIG:
+            if command_of(self._path.parent) is not None:
+                return self._path.parent
+            # Taken elsewhere it is a file as any other.
+            return Path("runs") / self.origin.stem
         return Path(self.output.folder or Path("runs") / self._path.stem)
+
+    def copy_to(self, folder: Path, place: Path | None = None) -> None:
+        """Write a copy that can be run again where it lies.
+
+        Args:
+            folder: Where it will lie.
+            place: Where it is written first; by default in the folder.
+        """
+        text = copy_of(self.text, self.origin, folder)
+        ((place or folder) / CONFIG).write_text(text, encoding="utf-8", newline="")
 
     def read_data(self) -> "tuple[Trajectories, Trajectories | None]":
         """Training data and, where the file asks for them, held-out data.
@@ -154,7 +181,7 @@ class Config(Section):
         Raises:
             InputError: If the data cannot be read or used.
         """
-        return self.data.read(self._path.parent)
+        return self.data.read(self.origin.parent)
 
     def build_model(self, name: str | None = None) -> "GreyBox":
         """The model of the file, or one of its [models].
@@ -198,7 +225,7 @@ class Config(Section):
         if "target_accept" in self.sampling.model_fields_set:
             raise InputError(f'"{self._path}": [sampling] target_accept does not apply to discover; leave it out.')
         sampling = self.sampling.model_dump(exclude={"target_accept"})
-        return {**self.study.arguments(self._path.parent), **sampling}
+        return {**self.study.arguments(self.origin.parent), **sampling}
 
     def _dictionary(self, model: Model) -> Dictionary:
         return self.dictionary if model.dictionary is None else model.dictionary

@@ -84,6 +84,7 @@ class StudyResult:
         left_out: Effects that were not weighed, by (equation, slug), with the reason.
         settings: Seed, catalogue, prior odds, thresholds, versions and seconds.
         amendments: Coefficients before and after, by equation.
+        config: Text of the configuration file that asked for it; empty where none did.
     """
 
     base: Program
@@ -111,6 +112,7 @@ class StudyResult:
     left_out: Mapping[tuple[str, str], str] = field(default_factory=dict)
     settings: Mapping[str, Any] = field(default_factory=dict)
     amendments: Mapping[str, Amendment] = field(default_factory=dict)
+    config: str = ""
 
     def record(self) -> dict[str, Any]:
         """Verdict, tables and settings as plain values, ready for JSON."""

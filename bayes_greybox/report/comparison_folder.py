@@ -10,16 +10,18 @@ from typing import Any
 
 import pandas as pd
 
-from bayes_greybox.criticism.checks.kept import load_checked
+from bayes_greybox.criticism.kept import load_checked
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.inference.posterior import Posterior
 
+from .copies import author_text, copy_of
 from .folder import staged
+from .holding import CONFIG, RECORD
 from .pages.comparison_page import comparison_html
 from .plots import plot_comparison, save_figures
 from .record import comparison_record, write_json
 
-PAGE, RECORD, CONFIG = "comparison.html", "summary.json", "config.toml"
+PAGE = "comparison.html"
 
 
 @dataclass(frozen=True)
@@ -44,7 +46,7 @@ def save_comparison(
     files: Mapping[str, Path],
     *,
     sampling: Mapping[str, Any] | None = None,
-    config: tuple[str, str] | None = None,
+    config: tuple[str | Path, str] | None = None,
     figures: bool = True,
 ) -> None:
     """Write record, page, figure and configuration of a comparison.
@@ -55,7 +57,7 @@ def save_comparison(
         table: What `compare` returned for them.
         files: Where each fit is saved, which the record remembers.
         sampling: Settings of the sampler, if the fits were made for this comparison.
-        config: Name and text of the configuration file, if there is one.
+        config: Path and text of the configuration file, if there is one.
         figures: Whether to draw the figure.
 
     Raises:
@@ -63,11 +65,13 @@ def save_comparison(
     """
     record = {"fits": {name: _whereabouts(file, folder) for name, file in files.items()}}
     record |= comparison_record(fits, table, sampling)
+    named = {} if config is None else {"config": Path(config[0]).name}
     # The record first, by itself: nothing that fails later may cost the comparison.
     with staged(folder) as place:
-        write_json(place / RECORD, record if config is None else {"config": config[0], **record})
+        write_json(place / RECORD, {"command": "compare", **named, **record})
         if config is not None:
-            (place / CONFIG).write_text(config[1], encoding="utf-8", newline="")
+            text = copy_of(config[1], Path(config[0]), folder)
+            (place / CONFIG).write_text(text, encoding="utf-8", newline="")
     with staged(folder) as place:
         comparison_html(fits, table, place / PAGE, None if config is None else config[1])
     if figures:
@@ -108,7 +112,7 @@ def load_comparison(folder: Path) -> SavedComparison:
             )
         fits[name] = load_checked(file)
     config = folder / CONFIG
-    text = config.read_text(encoding="utf-8") if "config" in record and config.is_file() else None
+    text = author_text(config.read_text(encoding="utf-8")) if "config" in record and config.is_file() else None
     return SavedComparison(fits, table, text)
 
 

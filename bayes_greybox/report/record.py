@@ -13,6 +13,7 @@ from bayes_greybox.criticism.cross_validation.compare import unreliable
 from bayes_greybox.criticism.discrepancy import discrepancy_table
 from bayes_greybox.criticism.equations.of_posterior import fitted_system
 from bayes_greybox.criticism.inclusion import inclusion
+from bayes_greybox.criticism.trial import Trial
 from bayes_greybox.data.records import plain_rows, plain_values
 from bayes_greybox.discovery.learned import studied_system
 from bayes_greybox.discovery.study import StudyResult
@@ -25,7 +26,11 @@ from .sentence import sentence
 
 
 def run_record(
-    fit: Posterior, sampling: Mapping[str, Any], seconds: float, held_out: pd.Series | None
+    fit: Posterior,
+    sampling: Mapping[str, Any],
+    seconds: float,
+    held_out: pd.Series | None,
+    tried: Trial | None = None,
 ) -> dict[str, Any]:
     """What a fit found, and with what.
 
@@ -34,9 +39,10 @@ def run_record(
         sampling: Settings of the sampler, the seed among them.
         seconds: Wall time of the fit.
         held_out: Normalised mean squared error on held-out data by equation, or None.
+        tried: Its free run, over held-out data or else over the training data.
 
     Returns:
-        Verdict, equations, coefficients, discrepancy, held-out error, data, settings, time and versions.
+        Verdict, equations, coefficients, discrepancy, held-out error, free run, data, settings, time and versions.
     """
     data = fit.data
     return {
@@ -45,6 +51,7 @@ def run_record(
         "coefficients": plain_rows(inclusion(fit)),
         "discrepancy": plain_rows(discrepancy_table(fit)),
         "held_out_nmse": None if held_out is None else plain_values(held_out.to_dict()),
+        "free_run": None if tried is None else _free_run(tried),
         "data": {"rows": data.n_obs, "of": fit.model.rows.in_words(data), "runs": data.n_run, "dropped": data.dropped},
         "sampling": dict(sampling),
         "seconds": round(seconds, 3),
@@ -109,6 +116,15 @@ def study_record(study: StudyResult, sampling: Mapping[str, Any]) -> dict[str, A
 def write_json(path: Path, record: Mapping[str, Any]) -> None:
     """Write a record; numbers that are not finite become null, which JSON lacks otherwise."""
     path.write_text(json.dumps(record, indent=2, allow_nan=False, ensure_ascii=False) + "\n", encoding="utf-8")
+
+
+def _free_run(tried: Trial) -> dict[str, Any]:
+    if tried.run is None:
+        return {"of": None, "why": tried.why}
+    return {
+        "of": "held-out data" if tried.held_out else "training data",
+        "nrmse": plain_values(tried.run.nrmse().to_dict()),
+    }
 
 
 def _verdict(verdict: Verdict) -> dict[str, Any]:

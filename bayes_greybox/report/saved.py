@@ -1,17 +1,23 @@
-"""Pages of what was saved before: a fit, several of them, or the folder of a comparison."""
+"""Pages of what was saved before: a fit, several of them, a study, or the folder of a command."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from bayes_greybox.criticism.checks.kept import load_checked
 from bayes_greybox.criticism.cross_validation.compare import compare
+from bayes_greybox.criticism.kept import checked_of, load_checked
+from bayes_greybox.data.errors import InputError
+from bayes_greybox.discovery.kept.study_file import holds_study, study_of
+from bayes_greybox.inference.kept import netcdf
 from bayes_greybox.inference.posterior import Posterior
 
 from .comparison_folder import PAGE, load_comparison
+from .copies import author_text
+from .holding import CONFIG, OWN, command_of
 from .pages.comparison_page import comparison_html
 from .pages.fit_page import fit_html
 from .pages.page import require_place
+from .pages.study_page import study_html
 
 
 def saved_html(
@@ -20,9 +26,9 @@ def saved_html(
     """Write the report of saved results.
 
     Args:
-        files: One saved fit; several, which are compared; or one folder that `save_comparison` filled, which is shown
-            as it is.
-        path: Destination; None: beside the fit, in the folder, or for several fits in the current folder.
+        files: One saved fit or study; several fits, which are compared; or one folder that fit, discover or compare
+            filled, which is shown as it is.
+        path: Destination; None: beside the file, in the folder, or for several fits in the current folder.
         folds: Arguments of `compare` for several fits.
         progress: Whether exact refits show their progress.
 
@@ -30,21 +36,33 @@ def saved_html(
         The fits by name, and where the page is.
 
     Raises:
-        InputError: Whatever `load`, `load_comparison` and `compare` refuse; the destination cannot be written.
+        InputError: Whatever `load`, `load_comparison` and `compare` refuse; a study among several files; a folder
+            without results; the destination cannot be written.
     """
     if len(files) > 1:
+        _require_fits(files)
         fits, page = load_fits(files), path or Path(PAGE)
         require_place(page)
         comparison_html(fits, compare(fits, **folds, progress=progress), page)
         return fits, page
     (file,) = files
-    if file.is_dir():
+    if not file.is_dir():
+        return _file_html(file, path or file.with_suffix(".html"))
+    command = command_of(file)
+    if command == "compare":
         saved, page = load_comparison(file), path or file / PAGE
         comparison_html(saved.fits, saved.table, page, saved.config)
         return dict(saved.fits), page
-    fit, page = load_checked(file), path or file.with_suffix(".html")
-    fit_html(fit, page)
-    return {file.stem: fit}, page
+    result = next((file / name for name in OWN.get(command or "", ()) if name.endswith(".nc")), None)
+    if result is None or not result.is_file():
+        lacks = f"its {result.name} is missing" if result else "there is no summary.json of theirs in it"
+        raise InputError(
+            f'"{file}" is not a folder that fit, discover or compare wrote: {lacks}. Name such a folder, or saved '
+            "results (*.nc)."
+        )
+    config = file / CONFIG
+    text = author_text(config.read_text(encoding="utf-8")) if config.is_file() else None
+    return _file_html(result, path, text)
 
 
 def load_fits(files: Sequence[Path]) -> dict[str, Posterior]:
@@ -53,3 +71,25 @@ def load_fits(files: Sequence[Path]) -> dict[str, Posterior]:
     if len(set(names)) < len(names):
         names = [str(file) for file in files]
     return dict(zip(names, map(load_checked, files), strict=True))
+
+
+def _file_html(file: Path, path: Path | None, config: str | None = None) -> tuple[dict[str, Posterior], Path]:
+    """The page of a saved fit or study; by default where the command that saved it puts its own."""
+    tree = netcdf.read(file)
+    if holds_study(tree):
+        study, page = study_of(tree), path or file.with_name("gap.html")
+        study_html(study, page, config)
+        return {} if study.fit is None else {file.stem: study.fit}, page
+    fit, page = checked_of(tree), path or file.with_suffix(".html")
+    fit_html(fit, page, config)
+    return {file.stem: fit}, page
+
+
+def _require_fits(files: Sequence[Path]) -> None:
+    """Refuse studies among several files, whose fits alone could be compared."""
+    studies = [str(file) for file in files if holds_study(netcdf.read(file))]
+    if studies:
+        raise InputError(
+            f'"{studies[0]}" holds a study, and report shows one study at a time: name it alone, or compare the fits '
+            "in these files with bayes-greybox compare."
+        )

@@ -53,7 +53,7 @@ def test_checks_of_another_format_are_not_read(fit, tmp_path, monkeypatch):
     fit.idata.attrs[kept.KEPT] = text
     before = dict(fit.memory)
     fit.memory.clear()
-    kept._restore(fit)
+    kept.restore_checks(fit)
     assert fit.memory == {} and kept.KEPT not in fit.idata.attrs
     fit.memory.update(before)
 

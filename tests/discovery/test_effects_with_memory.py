@@ -171,7 +171,9 @@ def test_a_study_with_a_memory_is_sampled_saved_and_loaded(tmp_path):
     theta = found.fit.summary().loc[("v", row["expression"])]
     assert abs(theta["mean"] - HIDDEN["maxwell-damper"][0]) < 5 * theta["sd"]
     found.save(tmp_path / "study.nc")
-    again = bg.load(tmp_path / "study.nc")
+    read = bg.load(tmp_path / "study.nc")
+    assert read.to_json() == found.to_json() and read.amendments["v"].hidden == found.amendments["v"].hidden
+    again = read.fit
     assert dict(again.model.simulation) == dict(found.model.simulation)
     assert again.model.rows.at_rest == found.model.rows.at_rest
     held_out = samples("maxwell-damper", n=200, phase=1.0, seed=1)

@@ -33,7 +33,16 @@ def test_the_page_of_a_fit_has_its_verdict_first_and_every_part(fit, html):
     assert "In d(ydot)/dt, y³ and ydot³ matter" in head
     assert 'aria-label="d(ydot)/dt = ' in head and "<math" in head and "<summary>LaTeX</summary>" in head
     anchors = re.findall(r'<section id="([\w-]+)"', html)
-    assert anchors == ["numbers", "coefficients", "discrepancy", "predicted", "checks", "convergence", "settings"]
+    assert anchors == [
+        "numbers",
+        "coefficients",
+        "discrepancy",
+        "predicted",
+        "free-run",
+        "checks",
+        "convergence",
+        "settings",
+    ]
 
 
 def test_the_numbers_are_those_of_the_fit(fit, html):

@@ -1,7 +1,6 @@
 """Checks in a saved fit, so that its page need not make them again."""
 
 import json
-import os
 from collections.abc import Mapping
 from dataclasses import asdict
 from importlib.metadata import version
@@ -11,10 +10,8 @@ from zlib import crc32
 import numpy as np
 import pandas as pd
 
-from bayes_greybox.inference.kept.netcdf import load
 from bayes_greybox.inference.posterior import Posterior
 from bayes_greybox.inference.remembering import recall, remember
-from bayes_greybox.physics.simulation.protocol import RightHandSide
 
 from .checks import Checks, checks
 from .loo_pit import LooPit
@@ -49,22 +46,12 @@ def kept_checks(posterior: Posterior) -> dict[str, str]:
     return {KEPT: json.dumps(record)}
 
 
-def load_checked(path: str | os.PathLike[str], simulation: RightHandSide | None = None) -> Posterior:
-    """Read a saved fit with its checks, if they are in the file.
+def restore_checks(posterior: Posterior) -> None:
+    """Have a posterior that was read from a file know the checks that the file has, if they are its own.
 
     Args:
-        path: File.
-        simulation: The simulation's function, if the model had one.
-
-    Raises:
-        InputError: Whatever `inference.netcdf.load` refuses.
+        posterior: With all root attributes of the file.
     """
-    posterior = load(path, simulation)
-    _restore(posterior)
-    return posterior
-
-
-def _restore(posterior: Posterior) -> None:
     text = posterior.idata.attrs.pop(KEPT, None)
     record = {} if text is None else json.loads(text)
     # Draws that somebody thinned or changed since have other checks, and so may have another version of the package.
@@ -82,11 +69,20 @@ def _restore(posterior: Posterior) -> None:
 
 
 def _of(posterior: Posterior) -> list[Any]:
-    """What checks are of: the version that made them, and the draws, by a sum of their bytes."""
+    """What checks are of: the version that made them, and the draws."""
+    return [version("bayes-greybox"), draws_sum(posterior)]
+
+
+def draws_sum(posterior: Posterior) -> int:
+    """A sum of the bytes of all draws: what was found out about a posterior is of these and of no others.
+
+    Args:
+        posterior: Fitted model.
+    """
     group, total = posterior.idata["posterior"].dataset, 0
     for name in sorted(map(str, group.data_vars)):
         total = crc32(np.ascontiguousarray(group[name].to_numpy()).tobytes(), total)
-    return [version("bayes-greybox"), total]
+    return total
 
 
 def _whiteness(record: Mapping[str, Any]) -> Whiteness:

@@ -159,9 +159,9 @@ class SufficientStatistics:
         if kept:
             at_rows = np.zeros((self.rows.n_row, len(kept)))
             plain = [k for k in range(len(kept)) if k not in known]
-            evaluated = partial(_evaluated, [(kept[k].formula, kept[k].scale) for k in plain])
+            plainly = partial(evaluated, [(kept[k].formula, kept[k].scale) for k in plain])
             if plain:
-                at_rows[:, plain] = self.rows.table(evaluated)(np.arange(self.rows.n_row))
+                at_rows[:, plain] = self.rows.table(plainly)(np.arange(self.rows.n_row))
             if known:
                 at_rows[:, list(known)] = self.rows.operate(np.column_stack(list(known.values())))
                 kept = [
@@ -282,7 +282,7 @@ class SufficientStatistics:
         self, indices: Sequence[int], columns: Mapping[str, np.ndarray]
     ) -> Float[np.ndarray, "n_row n_column"]:
         """Chosen columns at any samples, scaled; suspects are known at the rows of the equation only."""
-        return _evaluated([(self.columns[i].formula, self.columns[i].scale) for i in indices], columns)
+        return evaluated([(self.columns[i].formula, self.columns[i].scale) for i in indices], columns)
 
     def at_rows(self, indices: Sequence[int]) -> Float[np.ndarray, "n_row n_column"]:
         """Chosen columns at the rows of the equation, scaled."""
@@ -360,7 +360,7 @@ class SufficientStatistics:
         return self.at_rows(range(len(self.columns)))
 
 
-def _evaluated(chosen: Sequence[tuple[Term, float]], columns: Mapping[str, np.ndarray]) -> Float[np.ndarray, "n k"]:
+def evaluated(chosen: Sequence[tuple[Term, float]], columns: Mapping[str, np.ndarray]) -> Float[np.ndarray, "n k"]:
     """Terms over their scales."""
     parts = [np.asarray(term.evaluate(columns)) / scale for term, scale in chosen]
     return np.column_stack(parts) if parts else np.zeros((len(next(iter(columns.values()))), 0))

@@ -37,6 +37,15 @@ from .groups import data_table, part_details, rate_name
 SAMPLES, SAMPLE = "sensor_samples", "sample_id"
 """Group of what the sensors showed, where the data are a path through it, and its dimension."""
 
+STUDIED = "missing_effects"
+"""Group of a file with what a study keeps beside the posterior, and root attribute that holds the study's record."""
+
+TRIED = "trial"
+"""Group of a file with how the fit does on data."""
+
+BESIDE = (STUDIED, TRIED)
+"""Groups that a posterior is read without."""
+
 RECORD = "bayes_greybox"
 """Root attribute that holds everything but arrays, as JSON text (netCDF attributes know no bool, None or dict)."""
 
@@ -55,7 +64,12 @@ def versions() -> dict[str, str]:
     return {"python": platform.python_version(), **{name: importlib.metadata.version(name) for name in packages}}
 
 
-def save(posterior: Posterior, path: str | os.PathLike, attributes: Mapping[str, str] | None = None) -> None:
+def save(
+    posterior: Posterior,
+    path: str | os.PathLike,
+    attributes: Mapping[str, str] | None = None,
+    groups: Mapping[str, xr.Dataset] | None = None,
+) -> None:
     """Write a posterior to a netCDF file that `load` and `arviz.from_netcdf` open.
 
     The file is written beside its destination and renamed, so that it is whole or not there.
@@ -64,11 +78,11 @@ def save(posterior: Posterior, path: str | os.PathLike, attributes: Mapping[str,
         posterior: What to save.
         path: Destination, usually `*.nc`.
         attributes: Further root attributes of the file.
+        groups: Further groups of the file, of those that are `BESIDE` a posterior.
 
     Raises:
         InputError: The destination cannot be written.
     """
-    path = Path(path)
     record = {
         "format": FORMAT,
         "model": describe(posterior.model, posterior.data),
@@ -84,6 +98,38 @@ def save(posterior: Posterior, path: str | os.PathLike, attributes: Mapping[str,
         columns = {name: (SAMPLE, values) for name, values in data_table(samples).items()}
         tree[SAMPLES] = xr.DataTree(xr.Dataset(columns))
     tree.attrs = {**posterior.idata.attrs, **(attributes or {}), RECORD: json.dumps(record)}
+    for name, group in (groups or {}).items():
+        tree[name] = xr.DataTree(group)
+    write(tree, path)
+
+
+def save_unsampled(path: str | os.PathLike, attributes: Mapping[str, str], groups: Mapping[str, xr.Dataset]) -> None:
+    """Write what a study keeps to a netCDF file without any posterior, as its amended model was not sampled.
+
+    Args:
+        path: Destination, usually `*.nc`.
+        attributes: Root attributes of the file.
+        groups: What the study keeps.
+
+    Raises:
+        InputError: The destination cannot be written.
+    """
+    tree = xr.DataTree(children={name: xr.DataTree(group) for name, group in groups.items()})
+    tree.attrs = {**attributes, RECORD: json.dumps({"format": FORMAT, "versions": versions()})}
+    write(tree, path)
+
+
+def write(tree: xr.DataTree, path: str | os.PathLike) -> None:
+    """Write groups to a netCDF file beside its destination, then rename: it is whole or not there.
+
+    Args:
+        tree: Groups.
+        path: Destination.
+
+    Raises:
+        InputError: The destination cannot be written.
+    """
+    path = Path(path)
     try:
         handle, temporary = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
     except OSError as error:
@@ -107,7 +153,22 @@ def load(path: str | os.PathLike, simulation: RightHandSide | None = None) -> Po
         simulation: The simulation's function, if the model had one; a file cannot hold code.
 
     Raises:
-        InputError: No such file; not netCDF, or not one of ours; written by a newer version; a function is needed.
+        InputError: No such file; not netCDF, or not one of ours; written by a newer version; a function is needed; the
+            file of a study whose model was not sampled.
+    """
+    tree = read(path)
+    require_sampled(tree, path)
+    return posterior_of(tree, simulation)
+
+
+def read(path: str | os.PathLike) -> xr.DataTree:
+    """The groups of a file that `save` or `save_unsampled` wrote.
+
+    Args:
+        path: File.
+
+    Raises:
+        InputError: No such file; not netCDF, or not one of ours; written by a newer version.
     """
     path = Path(path)
     if not path.is_file():
@@ -121,12 +182,51 @@ def load(path: str | os.PathLike, simulation: RightHandSide | None = None) -> Po
         raise InputError(
             f"{str(path)!r} is a netCDF file, but not a fit saved by bayes_greybox; use arviz.from_netcdf."
         )
-    record = json.loads(tree.attrs.pop(RECORD))
+    record = json.loads(tree.attrs[RECORD])
     if record["format"] > FORMAT:
         raise InputError(
             f"{str(path)!r} was saved by bayes_greybox {record['versions']['bayes-greybox']}, which is newer than this "
             "one: upgrade with pip install --upgrade bayes-greybox."
         )
+    return tree
+
+
+def sampled(tree: xr.DataTree) -> bool:
+    """Whether the groups of a file hold a posterior."""
+    return "model" in json.loads(tree.attrs[RECORD])
+
+
+def require_sampled(tree: xr.DataTree, path: str | os.PathLike) -> None:
+    """Refuse the groups of a file without a posterior.
+
+    Args:
+        tree: What `read` returned.
+        path: The file.
+
+    Raises:
+        InputError: It holds a study whose model was not sampled.
+    """
+    if not sampled(tree):
+        raise InputError(
+            f"{str(path)!r} holds a study whose amended model was not sampled (settle=False), so there is no fit in "
+            "it: bg.load and bayes-greybox report show the study; sample its model with study.model.fit(study.train)."
+        )
+
+
+def posterior_of(tree: xr.DataTree, simulation: RightHandSide | None = None) -> Posterior:
+    """The posterior that the groups of a file hold; they become its own.
+
+    Args:
+        tree: What `read` returned.
+        simulation: The simulation's function, if the model had one.
+
+    Raises:
+        InputError: A function is needed.
+    """
+    record = json.loads(tree.attrs.pop(RECORD))
+    for name in BESIDE:
+        if name in tree.children:
+            del tree[name]
     data = _read_data(tree["constant_data"].dataset, record["data"])
     if SAMPLES in tree.children:
         data = dataclasses.replace(data, samples=_read_data(tree[SAMPLES].dataset, record["samples"]))

@@ -16,6 +16,7 @@ from bayes_greybox.criticism.prediction import predict
 from bayes_greybox.inference.posterior import Posterior
 from bayes_greybox.physics.units import target_unit
 from bayes_greybox.report import plots as figures
+from bayes_greybox.report.copies import CONFIGURATION
 from bayes_greybox.report.formatting import (
     PROBABILITIES,
     estimate,
@@ -31,6 +32,7 @@ from bayes_greybox.report.formatting import (
 )
 from bayes_greybox.report.stated import stated_text, term_probability
 
+from .free_run_section import trial_section
 from .page import (
     Badge,
     Card,
@@ -63,7 +65,7 @@ def fit_html(fit: Posterior, path: str | os.PathLike[str], config: str | None = 
     Args:
         fit: The fit.
         path: Destination.
-        config: Text of the configuration file that asked for it.
+        config: Text of the configuration file that asked for it; what the fit knows of it by default.
 
     Raises:
         InputError: The destination cannot be written.
@@ -76,7 +78,7 @@ def fit_page(fit: Posterior, config: str | None = None) -> Page:
 
     Args:
         fit: The fit.
-        config: Text of the configuration file that asked for it.
+        config: Text of the configuration file that asked for it; what the fit knows of it by default.
     """
     verdict, terms, shares = convergence(fit), inclusion(fit), discrepancy_table(fit)
     sections = [
@@ -84,9 +86,10 @@ def fit_page(fit: Posterior, config: str | None = None) -> Page:
         _coefficients(fit, terms),
         *([] if fit.model.discrepancy is None else [_discrepancy(fit, shares)]),
         _predicted(fit),
+        trial_section(fit),
         _checks(fit),
         Section("convergence", "Can the sampler be trusted?", "", verdict_blocks(fit)),
-        _settings(fit, config),
+        _settings(fit, config or fit.idata.attrs.get(CONFIGURATION)),
     ]
     doubt = "The sampler did not converge; do not rely on these numbers."
     return Page(

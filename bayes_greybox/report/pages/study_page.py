@@ -44,7 +44,7 @@ def study_html(study: StudyResult, path: str | os.PathLike[str], config: str | N
     Args:
         study: The study.
         path: Destination.
-        config: Text of the configuration file that asked for it.
+        config: Text of the configuration file that asked for it; that of the study by default.
 
     Raises:
         InputError: The destination cannot be written.
@@ -57,7 +57,7 @@ def study_page(study: StudyResult, config: str | None = None) -> Page:
 
     Args:
         study: The study.
-        config: Text of the configuration file that asked for it.
+        config: Text of the configuration file that asked for it; that of the study by default.
     """
     sections = [
         rungs.where(study),
@@ -70,7 +70,7 @@ def study_page(study: StudyResult, config: str | None = None) -> Page:
         rungs.convergence(study),
         rungs.corrections(study),
         rungs.ties(study),
-        rungs.settings(study, config),
+        rungs.settings(study, config or study.config),
     ]
     measured_on = "held-out data" if shown_part(study) == "test" else "the training data (none were held out)"
     return Page(

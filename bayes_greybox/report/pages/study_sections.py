@@ -1,6 +1,7 @@
 """The ladder of evidence of a missing-effect study, rung by rung, each a section of its page."""
 
 from collections.abc import Iterator, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -30,6 +31,7 @@ from bayes_greybox.report.study_words import (
     whole_term,
 )
 
+from .free_run_section import free_run_section
 from .page import Code, Details, Items, Picture, Pictures, Section, Table, Words, picture, time_picture
 from .tables import by_equation, settings_table, verdict_blocks
 
@@ -106,25 +108,15 @@ def free_runs(study: StudyResult) -> Section | None:
     """Each state as measured, and as the models run it before and after."""
     if not study.paths:
         return None
-    shown = [
-        time_picture(
-            lambda width, state=state: figures.free_run(study, state, width),
-            f"Free run of {state} before and after, against the measurements",
-        )
-        for state in study.paths
-    ]
+    drawn = {state: partial(figures.free_run, study, state) for state in study.paths}
     part = "held-out data" if shown_part(study) == "test" else "training data"
-    lead = (
-        f"Each model is started where the measurements start and then left alone, on the {part}. Bands hold 90 % of "
-        f"the posterior draws{_varied(study)}; a cross marks where a run failed."
+    return free_run_section(
+        "Does the simulation now follow the measurements?",
+        f"Each model is started where the measurements start and then left alone, on the {part}.",
+        drawn,
+        [path.holds for path in study.paths.values()],
+        shown="before and after, against the measurements",
     )
-    return Section("free-run", "Does the simulation now follow the measurements?", lead, [Pictures(shown)])
-
-
-def _varied(study: StudyResult) -> str:
-    """What varies between the draws of the free runs, as a clause."""
-    held = {path.holds.partition(": ")[2] for path in study.paths.values()} - {""}
-    return f", which vary in {held.pop()}" if held else ""
 
 
 def gap_numbers(study: StudyResult) -> Section:

@@ -1,0 +1,105 @@
+"""What is kept of an equation's statistics once it was studied: columns of the model after, and the features of f."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import cast
+
+import numpy as np
+from jaxtyping import Float
+
+from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.discovery.answer.amendment import Amendment
+from bayes_greybox.discovery.evidence.columns import Column
+from bayes_greybox.discovery.evidence.sufficient_statistics import SufficientStatistics, evaluated
+from bayes_greybox.model.frame import held_features, scaled_position
+from bayes_greybox.model.gp.features import HilbertBasis
+from bayes_greybox.model.rows.kinds import ROWS
+
+
+@dataclass(frozen=True)
+class KnownColumns:
+    """Stands for the `SufficientStatistics` of an `Amendment` wherever its columns and features are evaluated.
+
+    Rows and products, which explanations are weighed on, are not kept.
+
+    Attributes:
+        equation: The learned state or output.
+        columns: Terms of the model before and after.
+        variables: What f depends on.
+        centre, half_width: Their box in the data, user's units.
+        basis: Features of f.
+        target_scale: RMS of the measured rate less the simulation, user's units.
+        path: States and inputs where terms were evaluated, on rows of samples.
+    """
+
+    equation: str
+    columns: list[Column]
+    variables: tuple[str, ...]
+    centre: Float[np.ndarray, " n_var"]
+    half_width: Float[np.ndarray, " n_var"]
+    basis: HilbertBasis
+    target_scale: float
+    path: Trajectories | None = None
+
+    def of_kind(self, kind: str) -> list[int]:
+        """Indices of the columns of one kind."""
+        return [i for i, column in enumerate(self.columns) if column.kind == kind]
+
+    def evaluate(
+        self, indices: Sequence[int], columns: Mapping[str, np.ndarray]
+    ) -> Float[np.ndarray, "n_row n_column"]:
+        """Chosen columns at any samples, scaled."""
+        return evaluated([(self.columns[i].formula, self.columns[i].scale) for i in indices], columns)
+
+    def evaluate_features(self, columns: Mapping[str, np.ndarray]) -> Float[np.ndarray, "n_row n_basis"]:
+        """Features of f at any rows."""
+        return np.asarray(
+            held_features(self.basis, scaled_position(columns, self.variables, self.centre, self.half_width))
+        )
+
+
+def kept_amendment(amendment: Amendment) -> Amendment:
+    """An amendment with what equations, free runs and predictions are made of, and nothing that weighs explanations.
+
+    Args:
+        amendment: Of a study. What undoes errors of its sensors in rows, a function, is not kept; their sizes are.
+    """
+    given, after, f = amendment.statistics, amendment.after, amendment.discrepancy
+    used = {*given.of_kind("free"), *after.indices, *after.inner.ravel().tolist(), *(f.indices if f else ())}
+    place = {index: k for k, index in enumerate(sorted(used))}
+
+    def moved(indices: Sequence[int]) -> tuple[int, ...]:
+        return tuple(place[int(index)] for index in indices)
+
+    known = KnownColumns(
+        given.equation,
+        # Values at rows and suspects belong to rows.
+        [replace(given.columns[index], values=None) for index in place],
+        given.variables,
+        given.centre,
+        given.half_width,
+        given.basis,
+        given.target_scale,
+        given.path,
+    )
+    statistics = cast(SufficientStatistics, known)
+    inner = np.array([moved(draw) for draw in after.inner], int).reshape(after.inner.shape)
+    return replace(
+        amendment,
+        statistics=statistics,
+        after=after._replace(
+            indices=moved(after.indices),
+            inner=inner,
+            suspects=(),
+            suspect_draws=np.zeros((len(after.draws), 0)),
+        ),
+        discrepancy=None if f is None else replace(f, statistics=statistics, indices=moved(f.indices)),
+        corrected=lost,
+        # A file cannot hold the code of a kind of rows of the user's own.
+        rows=amendment.rows if type(amendment.rows) in ROWS.values() else None,
+    )
+
+
+def lost(data: Trajectories) -> Trajectories:
+    """Stands for what undoes errors of sensors in rows."""
+    raise NotImplementedError("A study that was read from a file knows its sensors' errors, not how rows lose them.")

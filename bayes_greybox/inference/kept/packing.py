@@ -1,0 +1,207 @@
+"""Results as text and arrays, and back: what a file keeps of objects that are no draws.
+
+Values become JSON with a tag for each kind that JSON lacks; arrays are put aside under names, for the file to hold as
+such. Only classes that the caller lists are made again, so that a file can do nothing but fill their fields.
+"""
+
+import dataclasses
+import re
+from collections.abc import Callable, Collection, Iterable, Mapping
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+
+from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.physics.terms import Term
+
+KIND = "~"
+"""Key of a tagged value; no name of a column, a state or a setting, which start with letters."""
+
+FEW = 8
+"""Arrays of so many numbers stand in the text."""
+
+
+TEXT = "packed"
+"""Attribute of a group that holds the text, its arrays being the group's variables."""
+
+
+def as_group(text: str, arrays: Mapping[str, np.ndarray]) -> xr.Dataset:
+    """Text and arrays as a group of a file.
+
+    Args:
+        text: JSON.
+        arrays: What `Packer` put aside.
+    """
+    variables = {name: (tuple(f"{name}_{k}" for k in range(each.ndim)), each) for name, each in arrays.items()}
+    return xr.Dataset(variables, attrs={TEXT: text})
+
+
+def group_arrays(group: xr.Dataset) -> tuple[str, dict[str, np.ndarray]]:
+    """Text and arrays of such a group."""
+    return str(group.attrs[TEXT]), {str(name): group[name].to_numpy() for name in group.data_vars}
+
+
+class Packer:
+    """Makes values plain and puts their arrays aside.
+
+    Args:
+        classes: Dataclasses and named tuples that values may be.
+        leave_out: Names of fields that have their default again.
+
+    Attributes:
+        arrays: Arrays by name.
+    """
+
+    def __init__(self, classes: Iterable[type], leave_out: Collection[str] = ()) -> None:
+        self.arrays: dict[str, np.ndarray] = {}
+        self._leave_out = leave_out
+        self._names = {each: each.__name__ for each in classes}
+        self._data: list[Trajectories] = []
+
+    def pack(self, value: Any, place: str) -> Any:
+        """A value as JSON can hold it, `Unpacker.unpack` its inverse.
+
+        Args:
+            value: Numbers, texts, arrays, tables, data, terms, the listed classes, and tuples, lists and mappings of
+                these.
+            place: Where it stands, which its arrays are named after.
+
+        Raises:
+            TypeError: A class that is not listed.
+        """
+        if value is None or isinstance(value, bool | int | float | str):
+            return value
+        if isinstance(value, np.generic):
+            return value.item()
+        if isinstance(value, np.ndarray):
+            return self._array(value, place)
+        if isinstance(value, pd.DataFrame):
+            return self._table(value, place)
+        if isinstance(value, Trajectories):
+            return self._measurements(value, place)
+        if isinstance(value, Term):
+            states = self.pack(value.states, place)
+            return {KIND: "term", "expression": value.text, "name": value.name, "unit": value.unit, "states": states}
+        if type(value) in self._names:
+            return {KIND: self._names[type(value)], **self._fields(value, place)}
+        if isinstance(value, Mapping):
+            if all(isinstance(key, str) for key in value):
+                return {key: self.pack(each, f"{place}.{key}") for key, each in value.items()}
+            pairs = [
+                [self.pack(key, place), self.pack(each, f"{place}.{k}")] for k, (key, each) in enumerate(value.items())
+            ]
+            return {KIND: "pairs", "of": pairs}
+        if isinstance(value, tuple | list):
+            of = [self.pack(each, f"{place}.{k}") for k, each in enumerate(value)]
+            return of if isinstance(value, list) else {KIND: "tuple", "of": of}
+        raise TypeError(f"{type(value).__name__} at {place} is no kind of value that a file can hold.")
+
+    def _fields(self, value: Any, place: str) -> dict[str, Any]:
+        if isinstance(value, tuple):
+            named = dict(zip(value._fields, value, strict=True))  # type: ignore[attr-defined]
+        else:
+            named = {each.name: getattr(value, each.name) for each in dataclasses.fields(value) if each.init}
+        kept = {name: each for name, each in named.items() if name not in self._leave_out}
+        return {name: self.pack(each, f"{place}.{name}") for name, each in kept.items()}
+
+    def _array(self, value: np.ndarray, place: str) -> dict[str, Any]:
+        about = {"dtype": value.dtype.str, "shape": list(value.shape)}
+        if value.size <= FEW:
+            return {KIND: "numbers", "of": value.ravel().tolist(), **about}
+        # netCDF has letters, digits and underscores for sure; a derivative is called d(y)/dt.
+        name = stem = re.sub(r"\W+", "_", place).strip("_")
+        while name in self.arrays:
+            name = f"{stem}_{len(self.arrays)}"
+        # It knows no truth values either.
+        self.arrays[name] = value.astype(np.int8) if value.dtype == bool else value
+        return {KIND: "array", "name": name, **about}
+
+    def _table(self, value: pd.DataFrame, place: str) -> dict[str, Any]:
+        levels = range(0 if isinstance(value.index, pd.RangeIndex) else value.index.nlevels)
+        return {
+            KIND: "table",
+            "index": [self._column(value.index.get_level_values(k), value.index.names[k], place) for k in levels],
+            "columns": [self._column(value[name], name, place) for name in value],
+            "rows": len(value),
+        }
+
+    def _column(self, values: Any, name: Any, place: str) -> dict[str, Any]:
+        return {"name": name, "dtype": str(values.dtype), "of": [self.pack(each, place) for each in values.tolist()]}
+
+    def _measurements(self, value: Trajectories, place: str) -> dict[str, Any]:
+        for number, known in enumerate(self._data):
+            if known is value:
+                return {KIND: "same data", "number": number}
+        samples = self.pack(value.samples, f"{place}.samples")
+        self._data.append(value)
+        frame = value.to_frame()
+        columns = {str(name): self._array(frame[name].to_numpy(), f"{place}.{name}") for name in frame}
+        return {KIND: "data", "columns": columns, "about": value.metadata(), "samples": samples}
+
+
+class Unpacker:
+    """Makes values again.
+
+    Args:
+        classes: As for `Packer`.
+        arrays: Arrays by name.
+    """
+
+    def __init__(self, classes: Iterable[type], arrays: Mapping[str, np.ndarray]) -> None:
+        self._arrays = arrays
+        self._data: list[Trajectories] = []
+        self._readers: dict[str, Callable[[dict[str, Any]], Any]] = {
+            "numbers": self._numbers,
+            "array": self._array,
+            "tuple": lambda value: tuple(self.unpack(each) for each in value["of"]),
+            "pairs": lambda value: {self.unpack(key): self.unpack(each) for key, each in value["of"]},
+            "term": self._term,
+            "table": self._table,
+            "data": self._measurements,
+            "same data": lambda value: self._data[value["number"]],
+            **{each.__name__: self._made(each) for each in classes},
+        }
+
+    def unpack(self, value: Any) -> Any:
+        """The value that `Packer.pack` made this of."""
+        if isinstance(value, list):
+            return [self.unpack(each) for each in value]
+        if not isinstance(value, dict):
+            return value
+        if KIND not in value:
+            return {key: self.unpack(each) for key, each in value.items()}
+        return self._readers[value[KIND]](value)
+
+    def _made(self, kind: type) -> Callable[[dict[str, Any]], Any]:
+        return lambda value: kind(**{key: self.unpack(each) for key, each in value.items() if key != KIND})
+
+    def _numbers(self, value: dict[str, Any]) -> np.ndarray:
+        return np.array(value["of"], np.dtype(value["dtype"])).reshape(value["shape"])
+
+    def _array(self, value: dict[str, Any]) -> np.ndarray:
+        return np.asarray(self._arrays[value["name"]]).astype(np.dtype(value["dtype"]))
+
+    def _term(self, value: dict[str, Any]) -> Term:
+        return Term(value["expression"], value["name"], value["unit"], self.unpack(value["states"]))
+
+    def _table(self, value: dict[str, Any]) -> pd.DataFrame:
+        columns = {each["name"]: self._column(each) for each in value["columns"]}
+        table = pd.DataFrame(columns, index=pd.RangeIndex(value["rows"]))
+        levels, names = [self._column(each) for each in value["index"]], [each["name"] for each in value["index"]]
+        if len(levels) > 1:
+            table.index = pd.MultiIndex.from_arrays(levels, names=names)
+        elif levels:
+            table.index = pd.Index(levels[0], name=names[0])
+        return table
+
+    def _column(self, value: dict[str, Any]) -> pd.Series:
+        return pd.Series([self.unpack(each) for each in value["of"]], dtype=value["dtype"])
+
+    def _measurements(self, value: dict[str, Any]) -> Trajectories:
+        samples = self.unpack(value["samples"])
+        table = pd.DataFrame({name: self.unpack(column) for name, column in value["columns"].items()})
+        data = dataclasses.replace(Trajectories.from_frame(table, **value["about"]), samples=samples)
+        self._data.append(data)
+        return data

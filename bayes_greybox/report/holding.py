@@ -1,0 +1,71 @@
+"""Whose results a folder holds, so that no command overwrites those of another."""
+
+import json
+from pathlib import Path
+
+from bayes_greybox.data.errors import InputError
+
+RECORD, CONFIG = "summary.json", "config.toml"
+"""Files that every command writes."""
+
+OWN = {"fit": ("run.nc",), "discover": ("study.nc", "gap.html"), "compare": ("comparison.html",)}
+"""Files that one command writes."""
+
+SAID = {"fit": "coefficients", "discover": "effects", "compare": "comparison"}
+"""Key of the record that one command alone has; records of version 0.1.0 do not name it."""
+
+
+def command_of(folder: Path) -> str | None:
+    """The command whose results a folder holds; None where it holds none that another command would overwrite.
+
+    Args:
+        folder: A folder, which need not exist.
+    """
+    try:
+        record = json.loads((folder / RECORD).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        record = None
+    if isinstance(record, dict):
+        if record.get("command") in OWN:
+            return record["command"]
+        return next((command for command, key in SAID.items() if key in record), None)
+    # A run that was stopped has no record yet.
+    if not (folder / CONFIG).is_file():
+        return None
+    return next((command for command, names in OWN.items() if any((folder / name).is_file() for name in names)), None)
+
+
+def free_folder(folder: Path, command: str) -> Path:
+    """Where the results of a command go: the folder, or FOLDER-COMMAND if it holds those of another command.
+
+    Args:
+        folder: Where they are to go.
+        command: "fit", "discover" or "compare".
+
+    Raises:
+        InputError: FOLDER-COMMAND holds another command's results, too.
+    """
+    if command_of(folder) in (None, command):
+        return folder
+    folder = folder if folder.name not in ("", "..") else folder.resolve()
+    other = folder.with_name(f"{folder.name}-{command}")
+    require_own(other, command)
+    return other
+
+
+def require_own(folder: Path, command: str) -> None:
+    """Refuse a folder that holds the results of another command.
+
+    Args:
+        folder: Where results are to go.
+        command: Whose.
+
+    Raises:
+        InputError: It holds those of another command.
+    """
+    holds = command_of(folder)
+    if holds not in (None, command):
+        raise InputError(
+            f'"{folder}" holds results of {holds}, which those of {command} would overwrite: choose another folder '
+            "with --output, or remove that one."
+        )

@@ -1,0 +1,86 @@
+"""How a fit does on data: on held-out ones where they were given, kept in its file, found once."""
+
+import numpy as np
+import pytest
+
+import bayes_greybox as bg
+from bayes_greybox.criticism import trial as module
+from bayes_greybox.criticism.kept_trial import kept_trial, restore_trial
+from bayes_greybox.criticism.trial import trial, try_on
+from bayes_greybox.data.errors import InputError
+from bayes_greybox.greybox import Fit
+
+
+@pytest.fixture(scope="module")
+def parts():
+    data = bg.systems.oscillator().simulate(np.linspace(0.0, 30.0, 90), noise=0.02, seed=1)
+    return data.split(0.7)
+
+
+@pytest.fixture(scope="module")
+def made(parts):
+    model = bg.GreyBox({"ydot": ["y**3", "ydot**3"]}, simulation={"y": "ydot"}, discrepancy=None)
+    return model.fit(parts[0], draws=50, tune=50, chains=2, progress=False)
+
+
+@pytest.fixture
+def fit(made):
+    """The fit, of which nothing is known yet."""
+    return Fit(made.model, made.data, made.sampling, made.idata)
+
+
+def test_without_held_out_data_it_is_the_free_run_over_the_training_data(fit):
+    found = trial(fit)
+    assert (found.held_out, found.nmse, found.n_obs) == (False, {}, fit.data.n_obs)
+    assert found.run.nrmse().equals(fit.simulate(fit.data).nrmse()) and trial(fit) is found
+
+
+def test_held_out_data_take_their_place(fit, parts):
+    trial(fit)
+    found = try_on(fit, parts[1])
+    assert trial(fit) is found and found.held_out and found.n_obs == parts[1].n_obs
+    assert found.nmse == fit.predict(parts[1]).nmse().to_dict()
+    # The true terms, and 2 % noise on the rate alone.
+    assert found.run.nrmse()["y"] < 0.05
+    with pytest.raises(InputError, match="unknown name 'ydot'"):
+        try_on(fit, bg.Trajectories.from_arrays(parts[1].time, states={"y": parts[1].states["y"]}))
+
+
+def test_the_file_keeps_it_so_that_nothing_is_integrated_again(fit, parts, tmp_path, monkeypatch):
+    fit.save(tmp_path / "run.nc", test=parts[1])
+    monkeypatch.setattr(module, "free_run", lambda *_: pytest.fail("integrated again"))
+    read = bg.load(tmp_path / "run.nc")
+    found, kept = trial(read), trial(fit)
+    assert (found.held_out, found.nmse, found.run.holds) == (True, kept.nmse, kept.run.holds)
+    for name, band in kept.run.states.items():
+        for part in ("mean", "sd", "lower", "upper"):
+            np.testing.assert_array_equal(getattr(found.run.states[name], part), getattr(band, part))
+    np.testing.assert_array_equal(found.run.failed_at, kept.run.failed_at)
+    assert found.run.data.metadata() == kept.run.data.metadata() and "trial" not in read.idata.children
+    read.to_html(tmp_path / "read.html")
+    fit.to_html(tmp_path / "made.html")
+    assert (tmp_path / "read.html").read_bytes() == (tmp_path / "made.html").read_bytes()
+
+
+def test_it_is_not_that_of_other_draws(fit, parts, tmp_path):
+    try_on(fit, parts[1])
+    thinned = fit.idata.copy()
+    thinned["posterior"] = thinned["posterior"].isel(draw=slice(0, 20))
+    other = Fit(fit.model, fit.data, fit.sampling, thinned)
+    text = kept_trial(fit)["trial"]
+    restore_trial(other, text)
+    assert other.memory == {}
+    fit.memory.clear()
+    restore_trial(fit, text)
+    assert trial(fit).held_out
+
+
+def test_where_there_is_no_free_run_it_says_why(fit, parts, monkeypatch, tmp_path):
+    open_ended = Fit(bg.GreyBox({"ydot": ["y**3", "ydot**3"]}, discrepancy=None), fit.data, fit.sampling, fit.idata)
+    assert trial(open_ended).run is None and "'y' has no equation to integrate" in trial(open_ended).why
+    assert try_on(open_ended, parts[1]).nmse["ydot"] == pytest.approx(fit.predict(parts[1]).nmse()["ydot"])
+    open_ended.to_html(tmp_path / "page.html")
+    page = (tmp_path / "page.html").read_text(encoding="utf-8")
+    assert "There is no free run. State" in page and "error of the predicted d(ydot)/dt" in page
+    monkeypatch.setattr(module, "MOST_ROWS", 10)
+    assert "fit.simulate(data) makes it" in trial(fit).why
