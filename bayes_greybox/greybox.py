@@ -41,6 +41,7 @@ from bayes_greybox.physics.simulation.protocol import RightHandSide
 from bayes_greybox.report.equations.latex import equations_latex
 from bayes_greybox.report.equations.record import equations_record
 from bayes_greybox.report.equations.text import equations_text
+from bayes_greybox.running.compiling import keep_programs
 from bayes_greybox.running.stages import stage, stages
 
 log = logging.getLogger(__name__)
@@ -86,6 +87,7 @@ class GreyBox(Program):
         Raises:
             InputError: Data or settings that cannot be used; the message names what and the remedy.
         """
+        keep_programs()
         sampling = Sampling(draws, tune, chains, seed, target_accept)
         # One thread as in `sample_posterior`, here also for what completes the fit.
         with threadpool_limits(1), stages(progress):
@@ -304,6 +306,7 @@ def load(path: str | os.PathLike, simulation: RightHandSide | None = None) -> Fi
     Raises:
         InputError: No such file, or not a fit saved by this package; a function is needed.
     """
+    keep_programs()
     loaded = load_checked(path, simulation)
     program = loaded.model
     model = GreyBox(**{field: getattr(program, field) for field in program.__dataclass_fields__})
