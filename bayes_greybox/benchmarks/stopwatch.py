@@ -117,7 +117,8 @@ def stopwatch(folder: Path, names: Sequence[str] = tuple(COMMANDS)) -> tuple[pd.
     """
     if not Path("configs/first.toml").is_file():
         raise InputError("The stopwatch runs the configurations of a checkout: start it from its folder.")
-    table, accounts = {}, {}
+    table: dict[tuple[str, str], dict[str, float]] = {}
+    accounts: dict[tuple[str, str], dict[str, float]] = {}
     folder.mkdir(parents=True, exist_ok=True)
     for name in names:
         words = [word.format(folder=folder) for word in COMMANDS[name]]
@@ -131,7 +132,7 @@ def stopwatch(folder: Path, names: Sequence[str] = tuple(COMMANDS)) -> tuple[pd.
     return _table(table), _table(accounts).fillna(0.0)
 
 
-def _table(rows: Mapping[tuple[str, str], Mapping[str, float]]) -> pd.DataFrame:
+def _table(rows: dict[tuple[str, str], dict[str, float]]) -> pd.DataFrame:
     return pd.DataFrame.from_dict(rows, orient="index").rename_axis(["command", "programs"])
 
 
