@@ -306,7 +306,6 @@ def load(path: str | os.PathLike, simulation: RightHandSide | None = None) -> Fi
     Raises:
         InputError: No such file, or not a fit saved by this package; a function is needed.
     """
-    keep_programs()
     loaded = load_checked(path, simulation)
     program = loaded.model
     model = GreyBox(**{field: getattr(program, field) for field in program.__dataclass_fields__})

@@ -10,7 +10,7 @@ from jaxtyping import Array, Float
 
 from bayes_greybox.data.errors import InputError
 
-from .solvers import diffrax
+from .solvers import diffrax, ordered_times
 
 INTERPOLATIONS = ("linear", "zoh", "cubic")
 """What an input may do between its samples."""
@@ -156,21 +156,22 @@ def follow_piece(
         # rows has no inner sample, and the controller refuses an empty list.
         inner, held = times[1:-1], "zoh" in kinds
         control = dfx.ClipStepSizeController(control, step_ts=None if held else inner, jump_ts=inner if held else None)
-    solution = dfx.diffeqsolve(
-        dfx.ODETerm(field),
-        dfx.Dopri8() if solver is None else solver,
-        t0=times[0],
-        t1=times[-1],
-        dt0=None,
-        y0=x,
-        args=(alive, samples, args),
-        saveat=dfx.SaveAt(subs=(dfx.SubSaveAt(ts=times), dfx.SubSaveAt(t1=True))),
-        stepsize_controller=control,
-        event=dfx.Event(exploded),
-        max_steps=max_steps,
-        adjoint=dfx.RecursiveCheckpointAdjoint() if adjoint is None else adjoint,
-        throw=False,
-    )
+    with ordered_times():
+        solution = dfx.diffeqsolve(
+            dfx.ODETerm(field),
+            dfx.Dopri8() if solver is None else solver,
+            t0=times[0],
+            t1=times[-1],
+            dt0=None,
+            y0=x,
+            args=(alive, samples, args),
+            saveat=dfx.SaveAt(subs=(dfx.SubSaveAt(ts=times), dfx.SubSaveAt(t1=True))),
+            stepsize_controller=control,
+            event=dfx.Event(exploded),
+            max_steps=max_steps,
+            adjoint=dfx.RecursiveCheckpointAdjoint() if adjoint is None else adjoint,
+            throw=False,
+        )
     (states, _), (_, (stopped_at,)) = cast(Any, solution.ys), cast(Any, solution.ts)
     reached = solution.result == dfx.RESULTS.successful
     good = alive & (reached | (times <= stopped_at)) & jnp.all(jnp.isfinite(states), axis=-1)
