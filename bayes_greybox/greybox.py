@@ -40,6 +40,7 @@ from bayes_greybox.model.program import Program
 from bayes_greybox.report.equations.latex import equations_latex
 from bayes_greybox.report.equations.record import equations_record
 from bayes_greybox.report.equations.text import equations_text
+from bayes_greybox.running.compiling import keep_programs
 from bayes_greybox.running.stages import stage, stages
 
 log = logging.getLogger(__name__)
@@ -85,6 +86,7 @@ class GreyBox(Program):
         Raises:
             InputError: Data or settings that cannot be used; the message names what and the remedy.
         """
+        keep_programs()
         sampling = Sampling(draws, tune, chains, seed, target_accept)
         # One thread as in `sample_posterior`, here also for what completes the fit.
         with threadpool_limits(1), stages(progress):

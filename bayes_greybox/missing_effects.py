@@ -27,6 +27,7 @@ from bayes_greybox.report.equations.latex import equations_latex
 from bayes_greybox.report.equations.record import equations_record
 from bayes_greybox.report.equations.text import equations_text
 from bayes_greybox.report.sentence import sentence
+from bayes_greybox.running.compiling import keep_programs
 from bayes_greybox.running.stages import announce, stages
 
 from .greybox import Fit, GreyBox, fit_of, greybox_of
@@ -204,6 +205,7 @@ def find_missing_effects(
     Raises:
         InputError: Data, model or catalogue that cannot be used; the message names what and the remedy.
     """
+    keep_programs()
     with stages(progress):
         return _found(
             model, train, test, settle=settle, draws=draws, tune=tune, chains=chains, seed=seed, progress=progress,

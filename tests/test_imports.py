@@ -28,7 +28,8 @@ def imports(path: Path) -> list[str]:
 @pytest.mark.parametrize("path", FILES, ids=lambda path: path.relative_to(PACKAGE).as_posix())
 def test_no_room_hides_an_import_or_imports_the_root(path):
     assert "bayes_greybox" not in imports(path)
-    if path != PACKAGE / "__init__.py":
+    # What times imports names what imports.
+    if path not in (PACKAGE / "__init__.py", PACKAGE / "benchmarks" / "account.py"):
         # A package that may be missing, such as PySINDy, is looked for by its name.
         assert not HIDDEN.search(FOREIGN.sub("", path.read_text(encoding="utf-8")))
 

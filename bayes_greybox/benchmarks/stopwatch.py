@@ -1,12 +1,14 @@
-"""How long the commands keep a user waiting: to the first line, the first bar, the verdict and the end.
+"""How long the commands keep a user waiting, to the first line, the first bar, the verdict and the end, and for what.
 
     python -m bayes_greybox.benchmarks.stopwatch --folder runs/stopwatch
 
 Every command runs in a terminal of its own, once with nothing compiled before (cold) and once again (warm). What it
-shows is read as it comes; silence is the time in which no character comes, also none of a bar's clock.
+shows is read as it comes; silence is the time in which no character comes, also none of a bar's clock. A second table
+says where the seconds went (see `account`); "CPU" is those of all cores, which a busy machine stretches less.
 """
 
 import argparse
+import json
 import os
 import re
 import select
@@ -18,6 +20,7 @@ from pathlib import Path
 
 import pandas as pd
 
+from bayes_greybox.benchmarks.account import ACCOUNT
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.running.compiling import FOLDER
 
@@ -37,8 +40,18 @@ VERDICT = {
 }
 """What says that the answer is there."""
 
-PROGRAM = "import sys; from bayes_greybox.cli import main; sys.exit(main())"
-"""What the command bayes-greybox is."""
+PROGRAM = """
+import sys
+from bayes_greybox.benchmarks.account import run
+
+def command():
+    from bayes_greybox.cli import main
+
+    return main()
+
+sys.exit(run(command))
+"""
+"""The command bayes-greybox, with an account of its seconds."""
 
 BAR = "━"
 """Character of bars."""
@@ -92,8 +105,8 @@ def waited(words: Sequence[str], verdict: str, environment: Mapping[str, str]) -
     }  # fmt: skip
 
 
-def stopwatch(folder: Path, names: Sequence[str] = tuple(COMMANDS)) -> pd.DataFrame:
-    """Every command cold and warm.
+def stopwatch(folder: Path, names: Sequence[str] = tuple(COMMANDS)) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Every command cold and warm: how long one waits, and where the seconds go.
 
     Args:
         folder: For results and compiled programs; what is in it of an earlier run goes.
@@ -104,14 +117,23 @@ def stopwatch(folder: Path, names: Sequence[str] = tuple(COMMANDS)) -> pd.DataFr
     """
     if not Path("configs/first.toml").is_file():
         raise InputError("The stopwatch runs the configurations of a checkout: start it from its folder.")
-    table = {}
+    table: dict[tuple[str, str], dict[str, float]] = {}
+    accounts: dict[tuple[str, str], dict[str, float]] = {}
+    folder.mkdir(parents=True, exist_ok=True)
     for name in names:
         words = [word.format(folder=folder) for word in COMMANDS[name]]
         cache = folder / "compiled" / name
         shutil.rmtree(cache, ignore_errors=True)
         for state in ("cold", "warm"):
-            table[name, state] = waited(words, VERDICT[name], {FOLDER: str(cache)})
-    return pd.DataFrame.from_dict(table, orient="index").rename_axis(["command", "programs"])
+            file = folder / f"{name}-{state}.json"
+            file.unlink(missing_ok=True)
+            table[name, state] = waited(words, VERDICT[name], {FOLDER: str(cache), ACCOUNT: str(file.resolve())})
+            accounts[name, state] = json.loads(file.read_text(encoding="utf-8")) if file.exists() else {}
+    return _table(table), _table(accounts).fillna(0.0)
+
+
+def _table(rows: dict[tuple[str, str], dict[str, float]]) -> pd.DataFrame:
+    return pd.DataFrame.from_dict(rows, orient="index").rename_axis(["command", "programs"])
 
 
 if __name__ == "__main__":
@@ -119,4 +141,5 @@ if __name__ == "__main__":
     parser.add_argument("--folder", type=Path, default=Path("runs/stopwatch"))
     parser.add_argument("names", nargs="*", default=list(COMMANDS))
     given = parser.parse_args()
-    print(stopwatch(given.folder, given.names).round(1).to_string())
+    for found in stopwatch(given.folder, given.names):
+        print(found.round(1).to_string(), end="\n\n")

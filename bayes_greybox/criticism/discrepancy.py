@@ -103,7 +103,7 @@ def discrepancy_table(posterior: Posterior, level: float = 0.9) -> pd.DataFrame:
             "discrepancy_lower": float(np.quantile(black, tail)),
             "discrepancy_upper": float(np.quantile(black, 1 - tail)),
             "rms": float(np.sqrt(np.mean(f**2))),
-            "sigma": float(np.mean(draws.hyper.sigma) * frame.target_scale),
+            "sigma": float(np.mean(np.asarray(draws.hyper.sigma)) * frame.target_scale),
             "overlap": float(own.overlap.max()),
             "correlation": float(np.abs(own.correlation).max()),
             "term": frame.dictionary.names[worst],

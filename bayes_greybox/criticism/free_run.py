@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
-import diffrax
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -26,6 +25,7 @@ from bayes_greybox.physics.integrate import (
     joined,
     limits_of,
 )
+from bayes_greybox.physics.solvers import diffrax
 from bayes_greybox.running.compiling import compiled
 
 from .bands import Band, band_holds
@@ -34,8 +34,8 @@ from .prediction import require_columns
 FREE_RUN_DRAWS = 50
 """Posterior draws that a free run integrates."""
 
-STIFF, MOST_STIFF = diffrax.Kvaerno5(), 100_000
-"""Method for equations that an explicit one spends its steps on, and its own of a piece."""
+MOST_STIFF = 100_000
+"""Steps of a piece of the method for equations that an explicit one spends its steps on."""
 
 
 @dataclass(frozen=True)
@@ -159,7 +159,7 @@ class FreeRunner:
         ) -> Any:
             def one(start: Any, x0: Array, args: Any) -> Any:
                 own = limits._replace(x0=x0)
-                more = {"solver": STIFF, "max_steps": MOST_STIFF} if stiff else {}
+                more = {"solver": diffrax().Kvaerno5(), "max_steps": MOST_STIFF} if stiff else {}
                 return follow_piece(right_hand_side, start, samples, own, args, kinds, **{**options, **more})
 
             return jax.vmap(one)(start, limits.x0, parameters)

@@ -165,7 +165,8 @@ def predictive_group(
     rng = np.random.default_rng(posterior.sampling.seed)
     groups = {}
     for name, equation in equations.items():
-        every = posterior.draws(name, group_name=source)
+        # As NumPy's: JAX compiles a program for each shape that it indexes.
+        every = jax.tree.map(np.asarray, posterior.draws(name, group_name=source))
         Phi, Psi, _ = equation.parts()
         rates = np.empty((n_chain, len(kept), equation.rows.n_row))
         # One chain at a time, as each step holds as many numbers as its result.

@@ -165,7 +165,8 @@ class SamplingProgram:
             return self.scales(design, sigma)
 
         with seed(rng_seed=0), trace() as sites:
-            if program(1.0).log_odds is None:
+            # Whether there are odds, and of what: for that nothing needs to be computed.
+            if jax.eval_shape(program, 1.0).log_odds is None:
                 return None
         drawn = [str(name) for name, site in sites.items() if site["type"] == "sample" and not site["is_observed"]]
         missing = [name for name in drawn if name not in values]

@@ -10,17 +10,15 @@ another over the steps in each, whose numbers are arguments. How far the path is
 from collections.abc import Callable
 from typing import NamedTuple
 
-import diffrax
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from .solvers import diffrax
+
 Rate = Callable[[Array, Array, Array, Array], Array]
 """(t, x [d], u [p], parameters [q]) -> dx/dt [d]."""
-
-TABLEAU = diffrax.Tsit5.tableau
-"""Its last stage is the next step's first, and is of no use without a step that may be rejected."""
 
 
 class Intervals(NamedTuple):
@@ -108,17 +106,20 @@ def follow_with_slopes(
 def _loop(
     rate: Callable[[Array, Array, Array], Array], start: Array, intervals: Intervals, steps: Array
 ) -> Float[Array, "n_sample k d"]:
+    # Its last stage is the next step's first, and is of no use without a step that may be rejected.
+    tableau = diffrax().Tsit5.tableau
+
     def interval(x: Array, given: tuple[Intervals, Array]) -> tuple[Array, Array]:
         (begin, length, inputs), count = given
 
         def step(k: Array, x: Array) -> Array:
             h, stages = length / count, []
-            for a, c in zip([(), *TABLEAU.a_lower[:-1]], [0.0, *TABLEAU.c[:-1]], strict=True):
+            for a, c in zip([(), *tableau.a_lower[:-1]], [0.0, *tableau.c[:-1]], strict=True):
                 b = (k + c) / count
                 u = inputs[0] + b * (inputs[1] + b * (inputs[2] + b * inputs[3]))
                 at = x + h * sum(weight * stage for weight, stage in zip(a, stages, strict=True)) if stages else x
                 stages.append(rate(begin + b * length, at, u))
-            return x + h * sum(weight * stage for weight, stage in zip(TABLEAU.b_sol[:-1], stages, strict=True))
+            return x + h * sum(weight * stage for weight, stage in zip(tableau.b_sol[:-1], stages, strict=True))
 
         x = jax.lax.fori_loop(0, count, step, x)
         return x, x

@@ -3,13 +3,14 @@
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, cast
 
-import diffrax
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 from bayes_greybox.data.errors import InputError
+
+from .solvers import diffrax, ordered_times
 
 INTERPOLATIONS = ("linear", "zoh", "cubic")
 """What an input may do between its samples."""
@@ -110,8 +111,8 @@ def follow_piece(
     rtol: Float[Array, ""] | float = 1e-8,
     atol: Float[Array, ""] | float = 1e-8,
     max_steps: int = MOST_STEPS,
-    solver: diffrax.AbstractSolver | None = None,
-    adjoint: diffrax.AbstractAdjoint | None = None,
+    solver: Any = None,
+    adjoint: Any = None,
 ) -> tuple[tuple[Float[Array, " d"], Array], tuple[Float[Array, "rows d"], Float[Array, ""], Array]]:
     """Integrate over one piece: what is compiled, for runs of any length; works under jit and vmap.
 
@@ -130,13 +131,14 @@ def follow_piece(
         rtol: Relative tolerance.
         atol: Absolute tolerance, as a share of the states' sizes.
         max_steps: The run has failed where the piece takes more steps than this.
-        solver: Another method.
-        adjoint: How it is differentiated; backwards by default.
+        solver: Another method of Diffrax.
+        adjoint: How it is differentiated, by Diffrax; backwards by default.
 
     Returns:
         The start of the next piece; states at all but the first of the times, the time of a failure or NaN, and whether
         it was for want of steps.
     """
+    dfx = diffrax()
     x0, end, span, sizes, limit = limits
     (x, alive), (times, values, _) = start, samples
 
@@ -148,37 +150,36 @@ def follow_piece(
     def exploded(time, x, given, **_):
         return ~jnp.all(jnp.abs(x) < limit)
 
-    control = diffrax.PIDController(rtol=cast(Any, rtol), atol=atol * sizes, dtmin=_SMALLEST_STEP * span)
+    control = dfx.PIDController(rtol=cast(Any, rtol), atol=atol * sizes, dtmin=_SMALLEST_STEP * span)
     if values.shape[1] and times.shape[0] > 2:
         # Inputs are not smooth at their samples; a step across one would waste many rejected attempts. A piece of two
         # rows has no inner sample, and the controller refuses an empty list.
         inner, held = times[1:-1], "zoh" in kinds
-        control = diffrax.ClipStepSizeController(
-            control, step_ts=None if held else inner, jump_ts=inner if held else None
+        control = dfx.ClipStepSizeController(control, step_ts=None if held else inner, jump_ts=inner if held else None)
+    with ordered_times():
+        solution = dfx.diffeqsolve(
+            dfx.ODETerm(field),
+            dfx.Dopri8() if solver is None else solver,
+            t0=times[0],
+            t1=times[-1],
+            dt0=None,
+            y0=x,
+            args=(alive, samples, args),
+            saveat=dfx.SaveAt(subs=(dfx.SubSaveAt(ts=times), dfx.SubSaveAt(t1=True))),
+            stepsize_controller=control,
+            event=dfx.Event(exploded),
+            max_steps=max_steps,
+            adjoint=dfx.RecursiveCheckpointAdjoint() if adjoint is None else adjoint,
+            throw=False,
         )
-    solution = diffrax.diffeqsolve(
-        diffrax.ODETerm(field),
-        diffrax.Dopri8() if solver is None else solver,
-        t0=times[0],
-        t1=times[-1],
-        dt0=None,
-        y0=x,
-        args=(alive, samples, args),
-        saveat=diffrax.SaveAt(subs=(diffrax.SubSaveAt(ts=times), diffrax.SubSaveAt(t1=True))),
-        stepsize_controller=control,
-        event=diffrax.Event(exploded),
-        max_steps=max_steps,
-        adjoint=diffrax.RecursiveCheckpointAdjoint() if adjoint is None else adjoint,
-        throw=False,
-    )
     (states, _), (_, (stopped_at,)) = cast(Any, solution.ys), cast(Any, solution.ts)
-    reached = solution.result == diffrax.RESULTS.successful
+    reached = solution.result == dfx.RESULTS.successful
     good = alive & (reached | (times <= stopped_at)) & jnp.all(jnp.isfinite(states), axis=-1)
     # Once a row is lost, all later ones are; a lost run stands still at its start.
     good = jnp.cumprod(good.astype(int)).astype(bool)
     last = (jnp.where(good[-1], states[-1], x0), good[-1])
     failed_at = jnp.where(reached | ~alive, jnp.nan, stopped_at)
-    exhausted = alive & (solution.result == diffrax.RESULTS.max_steps_reached)
+    exhausted = alive & (solution.result == dfx.RESULTS.max_steps_reached)
     return last, (jnp.where(good[1:, None], states[1:], jnp.nan), failed_at, exhausted)
 
 

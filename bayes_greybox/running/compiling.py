@@ -34,8 +34,8 @@ OWN = "bayes-greybox-compiled"
 ENDING = "-cache"
 """Of the names that JAX gives to what it keeps."""
 
-SHORTEST = 0.1
-"""Seconds of compilation from which on a program is kept."""
+SHORTEST = 0.0
+"""Seconds of compilation from which on a program is kept: a hundred that each take a hundredth are a second too."""
 
 LARGEST = 500_000_000
 """Bytes of the folder; beyond them what was not used longest is deleted, when a process starts."""
@@ -54,7 +54,7 @@ def compiled(function: Function, *, once: bool = False, **options: Any) -> Funct
 
     @cache
     def program() -> Any:
-        _keep()
+        keep_programs()
         return jax.jit(function, compiler_options=_known(once), **options)
 
     @wraps(function)
@@ -78,8 +78,8 @@ def _known(once: bool) -> dict[str, Any] | None:
 
 
 @cache
-def _keep() -> None:
-    """Have JAX keep what it compiles."""
+def keep_programs() -> None:
+    """Have JAX keep what it compiles from now on; of whatever begins with single operations, the first line."""
     said = os.environ.get(FOLDER, "")
     if said.lower() in ("off", "0", "no") or getattr(jax.config, "jax_compilation_cache_dir", None) is not None:
         return

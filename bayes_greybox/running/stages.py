@@ -4,6 +4,7 @@ Whoever begins long work opens a display with `stages`; what works inside joins 
 terminal each stage that took long is a line of text once it is over, so that a log says where the time went.
 """
 
+import logging
 import sys
 import time
 from collections.abc import Iterator
@@ -17,6 +18,8 @@ from rich.text import Text
 
 WORTH_SAYING = 1.0
 """Seconds from which on a log says how long a stage took."""
+
+log = logging.getLogger(__name__)
 
 _DISPLAY: ContextVar["Display | None"] = ContextVar("display", default=None)
 
@@ -74,13 +77,14 @@ class Stage:
 
     def done(self, said: bool = True) -> None:
         """Fill the bar and stop its clock, and say how long it took where there are no bars."""
+        seconds = time.perf_counter() - self._begun
+        log.debug("%s: %.3f s", self._text, seconds)
         if self._display is None or self._task is None:
             return
         if self._total is None:
             # Nobody knew how long it is: now it is as long as it got.
             self._display.bars.update(self._task, total=1, completed=1, note="")
         self._display.bars.stop_task(self._task)
-        seconds = time.perf_counter() - self._begun
         if said and not self._display.live and seconds >= WORTH_SAYING:
             self._display.console.print(f"{self._text}: {seconds:.0f} s", highlight=False, markup=False)
 

@@ -12,6 +12,7 @@ from jax.scipy.special import logsumexp
 
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.model.algebra.collapsed import constraint_directions, scaled_solve, symmetric_solve
+from bayes_greybox.model.algebra.linalg import LEAF, inverse_lower
 from bayes_greybox.model.gp.discrepancy import OrthogonalGP
 from bayes_greybox.model.gp.hyper import Hyperparameters
 from bayes_greybox.model.gp.kernels import KERNELS, gram, log_spectral_density
@@ -313,3 +314,12 @@ def test_noise_free_data_keep_their_digits(sigma, tolerance):
     log_prob = jax.jit(lambda design: CollapsedNormal(design, hyper, Scales(SD)).log_prob(design.y))
     got = float(log_prob(equation.design))
     assert abs(got - expected) <= tolerance
+
+
+@pytest.mark.parametrize("size", [1, LEAF, LEAF + 1, 3 * LEAF + 5])
+def test_inverses_by_halves_are_inverses(size):
+    rng = np.random.default_rng(size)
+    factor = np.linalg.cholesky(np.eye(size) + np.cov(rng.normal(size=(size, 2 * size + 2))).reshape(size, size))
+    inverse = np.asarray(inverse_lower(jnp.asarray(factor)))
+    assert np.array_equal(np.triu(inverse, 1), np.zeros((size, size)))
+    assert np.abs(inverse @ factor - np.eye(size)).max() < 1e-13 * size

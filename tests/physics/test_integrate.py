@@ -8,7 +8,8 @@ from integration import integrate
 from scipy.interpolate import CubicSpline
 
 from bayes_greybox.data.errors import InputError
-from bayes_greybox.physics.integrate import PIECE, _at, between_samples, curvature_of
+from bayes_greybox.physics.integrate import PIECE, Limits, Samples, _at, between_samples, curvature_of, follow_piece
+from bayes_greybox.physics.solvers import ordered_times
 
 
 def interpolant(t, values, kind="linear"):
@@ -165,3 +166,23 @@ def test_a_run_of_two_rows_has_no_inner_sample_to_step_on(kind):
     path = integrate(lambda t, x, u, args: u, np.array([0.0, 0.5]), np.zeros(1), np.array([[1.0], [3.0]]), None,
                      interpolation=kind)  # fmt: skip
     assert float(path.states[1, 0]) == pytest.approx(0.5 if kind == "zoh" else 1.0) and np.isnan(path.failed_at)
+
+
+def test_a_path_calls_no_python_so_that_its_program_can_be_kept():
+    def follow(x0, times):
+        limits = Limits(x0, times[-1], times[-1] - times[0], jnp.ones(2), jnp.asarray(1e6))
+        samples = Samples(times, jnp.zeros((len(times), 0)), jnp.zeros((len(times), 0)))
+        return follow_piece(_harmonic, (x0, jnp.array(True)), samples, limits, 1.0, ())
+
+    program = jax.jit(follow).lower(jnp.array([1.0, 0.0]), jnp.linspace(0.0, 1.0, 11)).as_text()
+    assert "while" in program and "callback" not in program
+
+
+def test_diffrax_tests_the_times_of_others():
+    from equinox import internal
+
+    before = internal.error_if
+    with pytest.raises(KeyError), ordered_times():
+        assert internal.error_if is not before
+        raise KeyError
+    assert internal.error_if is before

@@ -133,12 +133,13 @@ def _test(
 ) -> tuple[float, np.ndarray, np.ndarray]:
     """p-value of uniformity; largest gap of the distribution function, and share outside, of the replicates."""
     draws = posterior.draws(entry.rows.equation, TEST_DRAWS)
+    parameters = jax.tree.map(np.asarray, _parameters(draws))
     inverse_R = jnp.asarray(entry.rows.noise.precision_at(index))
     rng = np.random.default_rng(posterior.sampling.seed)
     steps = np.arange(len(index) + 1) / len(index)
     p, gaps, outside = [], [], []
     for s in range(len(draws.theta)):
-        given = jax.tree.map(lambda leaf: leaf[s], _parameters(draws))  # noqa: B023
+        given = jax.tree.map(lambda leaf: jnp.asarray(leaf[s]), parameters)  # noqa: B023
         g, inverse = (np.asarray(part) for part in _inverse(entry.design, rows, inverse_R, *given))
         scale = np.sqrt(np.diag(inverse))
         values, vectors = np.linalg.eigh(inverse / np.outer(scale, scale))

@@ -149,7 +149,7 @@ def _powers(posterior: Posterior, equation: str, index: np.ndarray) -> _Powers:
     has_gamma = own.gamma in posterior.drawn()
     n_term = draws.theta.shape[1]
     if slab_of_draws is not None and slab_of_draws.log_odds is not None:
-        slab, odds = slab_of_draws.sd[index], slab_of_draws.log_odds[index]
+        slab, odds = (jnp.asarray(np.asarray(part)[index]) for part in (slab_of_draws.sd, slab_of_draws.log_odds))
     else:
         # Of a pattern that is a site only its own odds count, which do not depend on the term.
         slab, odds = jnp.ones((len(index), n_term)), jnp.zeros((len(index), n_term))
@@ -157,7 +157,7 @@ def _powers(posterior: Posterior, equation: str, index: np.ndarray) -> _Powers:
             pi = posterior.idata["posterior"][own.pi].to_numpy().reshape(-1)[index]
             odds = jnp.broadcast_to(jnp.asarray(np.log(pi) - np.log1p(-pi))[:, None], odds.shape)
     items = (
-        jax.tree.map(lambda leaf: jnp.asarray(leaf)[index], draws.hyper),
+        jax.tree.map(lambda leaf: jnp.asarray(np.asarray(leaf)[index]), draws.hyper),
         jnp.asarray(draws.theta[index]),
         jnp.asarray(draws.prior_sd[index]),
         jnp.asarray(top),

@@ -187,9 +187,9 @@ def log_joint(eta: Array, a: dict[str, Any], kernel: str) -> Array:
     """Log p(y, η), η packed as `HyperPrior` says, prior included, of what `Evaluator.arrays` holds."""
     prior: HyperPrior = a["prior"]
     hyper = prior.unpack(eta)
-    s2 = hyper.sigma**2
+    s2 = jnp.square(hyper.sigma)
     # Patterns of the parametric part, as in Spectrum.log_density
-    rest = a["square"] - jnp.sum(a["loading"] ** 2 / (s2 + a["eigenvalues"]), axis=-1)
+    rest = a["square"] - jnp.sum(jnp.square(a["loading"]) / (s2 + a["eigenvalues"]), axis=-1)
     log_det = jnp.sum(jnp.log1p(a["eigenvalues"] / s2), axis=-1)
     patterns = logsumexp(a["log_prior"] - 0.5 * (log_det + rest / s2))
     log_det_f, projected, z = _solved(hyper, a, kernel)

@@ -30,6 +30,7 @@ from bayes_greybox.physics.formula.printing import to_text
 from bayes_greybox.physics.simulation.protocol import RightHandSide, Simulation
 from bayes_greybox.physics.simulation.reading import simulation_from, simulation_record
 from bayes_greybox.physics.terms import Term
+from bayes_greybox.running.compiling import keep_programs
 
 from .further_groups import slab_group
 from .groups import data_table, part_details, rate_name
@@ -170,6 +171,7 @@ def read(path: str | os.PathLike) -> xr.DataTree:
     Raises:
         InputError: No such file; not netCDF, or not one of ours; written by a newer version.
     """
+    keep_programs()
     path = Path(path)
     if not path.is_file():
         raise InputError(f"There is no file {str(path)!r}.")

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
-import diffrax
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -16,6 +15,7 @@ from jaxtyping import Array, Float, Int
 
 from bayes_greybox.physics.fixed_steps import Intervals, Rate, follow, follow_with_slopes, intervals_of
 from bayes_greybox.physics.integrate import Limits, Samples, cut, follow_piece, joined
+from bayes_greybox.physics.solvers import diffrax
 
 MOST = 64
 """Steps in an interval of typical length beyond which steps as they come are fewer."""
@@ -162,7 +162,7 @@ class AdaptiveSteps:
             limits = Limits(x0, times[-1], times[-1] - times[0], grid.sizes, 1e12 * jnp.max(grid.sizes))
             follow = partial(
                 follow_piece, rate, limits=limits, args=parameters, kinds=self._kinds, rtol=grid.tolerance,
-                atol=grid.tolerance, solver=diffrax.Tsit5(), adjoint=diffrax.ForwardMode(),
+                atol=grid.tolerance, solver=diffrax().Tsit5(), adjoint=diffrax().ForwardMode(),
             )  # fmt: skip
             _, pieces = jax.lax.scan(
                 lambda start, piece: follow(start, Samples(*piece)), (x0, jnp.array(True)), samples

@@ -34,7 +34,8 @@ def conditional_sampler(model: Callable) -> Callable[..., dict[str, np.ndarray]]
         γ_j = 1 given the hyperparameters where the patterns are summed, else γ_j itself.
     """
 
-    def draw_all_of(designs: Mapping[str, Design], flat: dict[str, Array], keys: Array) -> dict[str, Array]:
+    def draw_all_of(designs: Mapping[str, Design], flat: dict[str, Array], key: Array) -> dict[str, Array]:
+        keys = jax.random.split(key, len(next(iter(flat.values()))))
         return jax.lax.map(lambda item: conditional_draw(model, designs, item[0], item[1]), (flat, keys))
 
     draw_all = compiled(draw_all_of, once=True)
@@ -42,7 +43,7 @@ def conditional_sampler(model: Callable) -> Callable[..., dict[str, np.ndarray]]
     def draw(designs: Mapping[str, Design], samples: Mapping[str, np.ndarray], key: Array) -> dict[str, np.ndarray]:
         shape = next(iter(samples.values())).shape[:2]
         flat = {name: jnp.asarray(value.reshape(-1, *value.shape[2:])) for name, value in samples.items()}
-        drawn = draw_all(designs, flat, jax.random.split(key, shape[0] * shape[1]))
+        drawn = draw_all(designs, flat, key)
         return {name: np.asarray(value).reshape(*shape, *value.shape[1:]) for name, value in drawn.items()}
 
     return draw

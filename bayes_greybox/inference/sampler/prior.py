@@ -36,10 +36,13 @@ def prior_sampler(model: Callable, n_draw: int) -> Callable[..., dict[str, np.nd
         return drawn
 
     # One after another: a batch would hold a covariance matrix for each draw on the exact path.
-    program = compiled(lambda designs, keys: jax.lax.map(lambda key: one(designs, key), keys), once=True)
+    def draw_all(designs: Mapping[str, Design], key: Array) -> dict[str, Array]:
+        return jax.lax.map(lambda each: one(designs, each), jax.random.split(key, n_draw))
+
+    program = compiled(draw_all, once=True)
 
     def draw(designs: Mapping[str, Design], key: Array) -> dict[str, np.ndarray]:
-        drawn = program(designs, jax.random.split(key, n_draw))
+        drawn = program(designs, key)
         return {name: np.asarray(value)[None] for name, value in drawn.items()}
 
     return draw

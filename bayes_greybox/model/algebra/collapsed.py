@@ -12,7 +12,7 @@ import jax.numpy as jnp
 from jax.scipy.special import logsumexp
 from jaxtyping import Array, Float
 
-from .linalg import jittered_cholesky, solve_lower, solve_lower_transposed
+from .linalg import inverse_lower, jittered_cholesky, solve_lower, solve_lower_transposed
 from .subsets import log_pattern_weights
 
 
@@ -131,7 +131,7 @@ def _scaled_solve_reverse(saved: tuple, cotangents: tuple) -> tuple:
     L, X, right = saved
     log_det_bar, X_bar, _ = cotangents
     V = solve_lower_transposed(L, solve_lower(L, X_bar))
-    inverse_diagonal = jnp.sum(solve_lower(L, jnp.eye(len(L))) ** 2, axis=0)
+    inverse_diagonal = jnp.sum(jnp.square(inverse_lower(L)), axis=0)
     log_s_bar = 2 * log_det_bar * (1 - inverse_diagonal) - jnp.sum(V * (right - X) + X * (X_bar - V), axis=1)
     return jnp.zeros_like(L), log_s_bar, V
 
@@ -168,7 +168,7 @@ def _symmetric_solve_reverse(saved: tuple, cotangents: tuple) -> tuple:
     L, X = saved
     log_det_bar, X_bar, _ = cotangents
     V = solve_lower_transposed(L, solve_lower(L, X_bar))
-    root = solve_lower(L, jnp.eye(len(L)))
+    root = inverse_lower(L)
     return log_det_bar * root.T @ root - 0.5 * (V @ X.T + X @ V.T), V
 
 
@@ -200,7 +200,7 @@ def ridge(regression: Regression, sd: Float[Array, " n_term"], n_obs: Float[Arra
     T = regression.T * sd
     L = jnp.linalg.cholesky(jnp.eye(T.shape[1]) + T.T @ T)
     mean = solve_lower_transposed(L, solve_lower(L, T.T @ regression.q))
-    squares = jnp.sum((regression.q - T @ mean) ** 2) + jnp.sum(mean**2)
+    squares = jnp.sum(jnp.square(regression.q - T @ mean)) + jnp.sum(jnp.square(mean))
     log_det = regression.log_det + 2 * jnp.sum(jnp.log(jnp.diag(L)))
     return Ridge(mean, L, -0.5 * (squares + log_det + n_obs * math.log(2 * math.pi)))
 

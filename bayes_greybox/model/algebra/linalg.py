@@ -13,6 +13,9 @@ from bayes_greybox.data.errors import InputError
 JITTER = 1e-12
 """Relative jitter: a matrix that needs one gets JITTER x (the scale its entries would have) on the diagonal."""
 
+LEAF = 128
+"""Triangular matrices up to this size are inverted by solving for the identity."""
+
 RANK_TOLERANCE = 1e-7
 """A unit-norm dictionary column whose part orthogonal to the others is shorter than this is collinear."""
 
@@ -36,6 +39,19 @@ def solve_lower(factor: Float[Array, "n n"], right: Float[Array, "n ..."]) -> Fl
 def solve_lower_transposed(factor: Float[Array, "n n"], right: Float[Array, "n ..."]) -> Float[Array, "n ..."]:
     """L⁻ᵀ B for a lower triangular L."""
     return solve_triangular(factor, right, lower=True, trans=1)
+
+
+def inverse_lower(factor: Float[Array, "n n"]) -> Float[Array, "n n"]:
+    """L⁻¹ of a lower triangular L, by halves: [[A, 0], [B, C]]⁻¹ = [[A⁻¹, 0], [−C⁻¹ B A⁻¹, C⁻¹]].
+
+    Solving for the identity does three times the work, since it does not know that half of the result is zero.
+    """
+    n = factor.shape[0]
+    if n <= LEAF:
+        return solve_lower(factor, jnp.eye(n))
+    k = n // 2
+    A, C = inverse_lower(factor[:k, :k]), inverse_lower(factor[k:, k:])
+    return jnp.block([[A, jnp.zeros((k, n - k))], [-C @ (factor[k:, :k] @ A), C]])
 
 
 def singular_root(covariance: Float[Array, "n n"]) -> Float[Array, "n n"]:

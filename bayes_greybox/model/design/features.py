@@ -150,10 +150,10 @@ class FeatureDesign(Design):
 
     def plain(self, frame: Frame) -> "FeatureDesign":
         """The features before the dictionary was projected out of them, unconstrained."""
-        Psi = self.Psi
+        Psi = np.asarray(self.Psi)
         if frame.projected:
-            Psi = Psi + self.Phi @ frame.orthonormal @ frame.moments
-        return replace(self, Psi=Psi, gram=Psi.T @ Psi, constraints=None)
+            Psi = Psi + np.asarray(self.Phi) @ frame.orthonormal @ frame.moments
+        return replace(self, Psi=jnp.asarray(Psi), gram=jnp.asarray(Psi.T @ Psi), constraints=None)
 
     def weighted(
         self, frame: Frame, rows: EquationRows, table: Table

@@ -75,7 +75,7 @@ class HyperPrior:
         if sigma is None:
             noise = site("noise", dist.HalfNormal(self.noise.scale))
             # σ² = floor² + s²
-            sigma = jnp.sqrt(self.noise.floor**2 + noise**2)
+            sigma = jnp.sqrt(jnp.square(self.noise.floor) + jnp.square(noise))
         sigma = jnp.asarray(numpyro.deterministic("sigma", sigma))
         if self.n_var is None:
             return Hyperparameters(sigma, jnp.ones(()), jnp.ones(0))

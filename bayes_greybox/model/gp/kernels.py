@@ -64,7 +64,7 @@ def log_spectral_density(
 
     log S(ω) = 2 log amplitude + Σ_d log ℓ_d + log shape(Σ_d ℓ_d² ω_d²)   (Solin & Särkkä 2020, Eq. 4 and 20).
     """
-    scaled = jnp.sum((frequency * length_scale) ** 2, axis=-1)
+    scaled = jnp.sum(jnp.square(frequency * length_scale), axis=-1)
     shape = kernel.log_spectral_shape(scaled, frequency.shape[-1])
     return 2 * jnp.log(amplitude) + jnp.sum(jnp.log(length_scale)) + shape
 

@@ -18,6 +18,7 @@ import matplotlib as mpl
 from matplotlib.figure import Figure
 
 from bayes_greybox.data.errors import InputError
+from bayes_greybox.report.plots.style import laid_out
 
 NARROW = 4.6
 """Width in inches of figures along time on a phone, where a wide one would be too small to read."""
@@ -271,7 +272,7 @@ def _unwritable(path: str | os.PathLike[str], error: OSError) -> InputError:
 def _data_uri(figure: Figure) -> str:
     text = io.BytesIO()
     # A fixed salt and no date: the same results make the same file. Text as outlines: no fonts are needed.
-    with mpl.rc_context({"svg.hashsalt": "bayes_greybox", "svg.fonttype": "path"}):
+    with mpl.rc_context({"svg.hashsalt": "bayes_greybox", "svg.fonttype": "path"}), laid_out(figure):
         figure.savefig(text, format="svg", dpi=150, metadata={"Date": None, "Creator": None})
     return "data:image/svg+xml," + quote(_short(text.getvalue().decode()), safe="=/:;,!*?-_.@+$")
 

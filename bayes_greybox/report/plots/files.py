@@ -8,6 +8,8 @@ from matplotlib.figure import Figure
 
 from bayes_greybox.data.errors import InputError
 
+from .style import laid_out
+
 
 def save_figures(figures: Mapping[str, Figure], folder: str | os.PathLike[str]) -> dict[str, Path]:
     """Write each figure as `folder/name.png`, beside its final name first and then renamed.
@@ -37,7 +39,8 @@ def save_figures(figures: Mapping[str, Figure], folder: str | os.PathLike[str]) 
 def _save(figure: Figure, path: Path) -> Path:
     beside = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
-        figure.savefig(beside, format="png", dpi=150)
+        with laid_out(figure):
+            figure.savefig(beside, format="png", dpi=150)
         os.replace(beside, path)
     finally:
         beside.unlink(missing_ok=True)

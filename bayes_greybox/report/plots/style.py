@@ -1,8 +1,10 @@
 """What all figures share: colours, text with units, and figures that pyplot does not keep."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any
 
+import matplotlib as mpl
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.artist import Artist
@@ -48,6 +50,22 @@ def new_figure(width: float, height: float) -> Figure:
     # Left open, a notebook would show it twice: as the value of the cell and as an open figure.
     plt.close(figure)
     return figure
+
+
+@contextmanager
+def laid_out(figure: Figure) -> Iterator[None]:
+    """A figure with its layout settled: saving it would draw everything twice otherwise, first for the layout alone."""
+    engine = figure.get_layout_engine()
+    if engine is None:
+        yield
+        return
+    engine.execute(figure)
+    with mpl.rc_context({"figure.autolayout": False, "figure.constrained_layout.use": False}):
+        figure.set_layout_engine(None)
+    try:
+        yield
+    finally:
+        figure.set_layout_engine(engine)
 
 
 def figure_of(ax: Axes) -> Figure:
