@@ -19,6 +19,9 @@ from bayes_greybox.physics.terms import Term
 KIND = "~"
 """Key of a tagged value; no name of a column, a state or a setting, which start with letters."""
 
+TERM = ("name", "unit", "states", "sign", "prior", "fixed", "bounds")
+"""What is kept of a term beside its formula."""
+
 FEW = 8
 """Arrays of so many numbers stand in the text."""
 
@@ -82,8 +85,8 @@ class Packer:
         if isinstance(value, Trajectories):
             return self._measurements(value, place)
         if isinstance(value, Term):
-            states = self.pack(value.states, place)
-            return {KIND: "term", "expression": value.text, "name": value.name, "unit": value.unit, "states": states}
+            known = {name: self.pack(getattr(value, name), place) for name in TERM}
+            return {KIND: "term", "expression": value.text, **known}
         if type(value) in self._names:
             return {KIND: self._names[type(value)], **self._fields(value, place)}
         if isinstance(value, Mapping):
@@ -184,7 +187,8 @@ class Unpacker:
         return np.asarray(self._arrays[value["name"]]).astype(np.dtype(value["dtype"]))
 
     def _term(self, value: dict[str, Any]) -> Term:
-        return Term(value["expression"], value["name"], value["unit"], self.unpack(value["states"]))
+        # Files of earlier versions say nothing of coefficients.
+        return Term(value["expression"], **{name: self.unpack(value[name]) for name in TERM if name in value})
 
     def _table(self, value: dict[str, Any]) -> pd.DataFrame:
         columns = {each["name"]: self._column(each) for each in value["columns"]}
