@@ -85,6 +85,7 @@ def test_a_run_goes_on(tmp_path, monkeypatch):
 
 
 @pytest.mark.slow
-def test_a_replicate_is_studied():
-    found = module.study(machines()["actuator-lag-0.05"], 0, 0)
-    assert found["right"] and found["wrong"] == [] and set(found["covered"]) == {"actuator-lag"}
+@pytest.mark.parametrize("slug", ["actuator-lag", "absorber", "lugre-friction"])
+def test_a_replicate_is_studied(slug):
+    found = module.study(machines()[f"{slug}-0.01"], 0, 0)
+    assert found["right"] and found["wrong"] == [] and set(found["covered"]) == {slug}

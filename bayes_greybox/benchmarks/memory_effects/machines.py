@@ -41,8 +41,9 @@ INSET = 1.15
 MOVING = 0.7
 """Standard deviation of the start of a mass that moves, over the RMS of the linear host's position and its speed."""
 
-TURNS = 3
-"""How often a machine is integrated until its inner parameter is the share of its own motion that was drawn."""
+TURNS, SETTLED = 20, 0.01
+"""How often a machine is integrated, at most, until its inner parameters are the shares of its own motion that were
+drawn, to this precision: strong friction changes the motion that it is scaled by."""
 
 ACCURATE = {"method": "DOP853", "rtol": 1e-8, "atol": 1e-10}
 
@@ -204,8 +205,10 @@ def measured(machine: Machine, replicate: int, seed: int) -> Measured:
     t, x = integrated(forces[0], SAMPLES)
     if own is not None:
         for _ in range(TURNS):
-            inner = shares * [_size(scale, x, step) for scale, _, _ in own.inner]
+            before, inner = inner, shares * [_size(scale, x, step) for scale, _, _ in own.inner]
             t, x = integrated(forces[0], SAMPLES)
+            if np.all(np.abs(np.log(inner / before)) < SETTLED):
+                break
     F = np.array([forces[0](each) for each in t])
     hid = [0.0]
     if own is not None:

@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.stats import norm, qmc
 
-POINTS = 32
+POINTS = 64
 """Points of a cloud."""
 
 TRIED_FOR_ONE = 8

@@ -19,7 +19,7 @@ SPANS = 0.2
 ZOOMS, ZOOM_NODES = 4, 9
 """How often the grid over an inner parameter is refined around its best value, and by how many values."""
 
-CLOUDS, STEPS = 2, 4
+CLOUDS, STEPS = 3, 4
 """Clouds around the mode of several inner parameters, and steps towards it, at most."""
 
 EFFECTIVE = 12.0
