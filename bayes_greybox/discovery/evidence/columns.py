@@ -70,9 +70,11 @@ class Column:
 
     @property
     def called(self) -> str:
-        """An error by its key, an effect on its columns, or a term."""
+        """An error by its key, an effect on its columns, a memory by what it is, or a term."""
         if self.suspect is not None:
             return self.suspect.key
+        if self.memory is not None:
+            return self.memory.text
         return self.formula.text if self.effect is None else self.effect.label
 
     @property
