@@ -208,7 +208,7 @@ class Program(SamplingProgram):
         return (*data.state_names, *self.rows.hidden(rates, data))
 
     def remembering(self: AnyProgram, states: Sequence[HiddenState], data: Trajectories) -> AnyProgram:
-        """The model with more hidden states in its simulation, at rest where a run starts; f does not depend on them.
+        """The model with more hidden states in its simulation; f does not depend on them.
 
         Args:
             states: Hidden states, of formulas that are to be added.
@@ -222,7 +222,8 @@ class Program(SamplingProgram):
         discrepancy = self.discrepancy
         if discrepancy is not None and discrepancy.variables is None:
             discrepancy = replace(discrepancy, variables=(*self.states(data), *data.input_names))
-        rows = self.rows.resting({state.name: state.unit_of for state in states})
+        starts = {state.name: state.start for state in states if state.start}
+        rows = self.rows.resting({state.name: state.unit_of for state in states}, starts)
         return replace(self, simulation=with_states(self.simulation, states), discrepancy=discrepancy, rows=rows)
 
     def complete(self, data: Trajectories) -> Trajectories:

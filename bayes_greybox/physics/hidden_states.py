@@ -35,19 +35,22 @@ LEAST = 8
 
 @dataclass(frozen=True)
 class HiddenState:
-    """A state that no sensor shows, at rest, which is zero, where a run starts.
+    """A state that no sensor shows.
 
     Attributes:
         name: Its name in formulas.
         rate: Formula of its rate, over columns (of an effect of the catalogue: roles) and hidden states.
         unit_of: Column, or role, whose unit it has, and whose size about.
         meaning: What it is, in a few words.
+        start: Column, or role, whose value it has where a run starts, as what moves along with a body has; "": at rest,
+            which is zero.
     """
 
     name: str
     rate: str
     unit_of: str
     meaning: str = ""
+    start: str = ""
 
     def __post_init__(self) -> None:
         """Refuse a name or a rate that formulas cannot have."""
@@ -69,19 +72,22 @@ def along(
     Args:
         systems: Hidden states that are integrated together.
         time: Of the nodes, in order within a run; equal times where an input leaps.
-        columns: States and inputs at the nodes; of a hidden state itself, what it is where a run starts.
+        columns: States and inputs at the nodes; of a hidden state itself, what it is where a run starts, in place of
+            what its `start` says.
         fresh: Nodes at which a run starts.
 
     Returns:
         Values at the nodes by name, for each system; not finite where a rate is not.
     """
-    alike: dict[_Rates, list[tuple[int, list[float]]]] = {}
+    alike: dict[tuple[_Rates, tuple[str, ...]], list[tuple[int, list[float]]]] = {}
     for k, states in enumerate(systems):
         rates, numbers = _Rates.of(states)
-        alike.setdefault(rates, []).append((k, numbers))
+        alike.setdefault((rates, tuple(state.start for state in states)), []).append((k, numbers))
     found: list[dict[str, np.ndarray]] = [{} for _ in systems]
-    for rates, members in alike.items():
-        values = _integrated(rates, np.array([n for _, n in members]).T, time, columns, fresh)
+    for (rates, _), members in alike.items():
+        begun = {state.name: columns.get(state.name, columns.get(state.start)) for state in systems[members[0][0]]}
+        starts = np.column_stack([np.zeros(len(time)) if x is None else x for x in begun.values()])
+        values = _integrated(rates, np.array([n for _, n in members]).T, time, columns, starts, fresh)
         for place, (k, _) in enumerate(members):
             found[k] = {name: values[:, i, place] for i, name in enumerate(rates.names)}
     return found
@@ -116,13 +122,16 @@ class _Rates:
 
 
 def _integrated(
-    rates: _Rates, numbers: np.ndarray, time: np.ndarray, columns: Mapping[str, np.ndarray], fresh: np.ndarray
+    rates: _Rates,
+    numbers: np.ndarray,
+    time: np.ndarray,
+    columns: Mapping[str, np.ndarray],
+    start: np.ndarray,
+    fresh: np.ndarray,
 ) -> Float[np.ndarray, "n n_hidden n_system"]:
     n, n_system = len(time), numbers.shape[1]
     c = np.column_stack([columns[name] for name in rates.columns] or [np.zeros((n, 0))])
     h = np.where(fresh[1:], 0.0, np.diff(time))
-    nothing = np.zeros(n)
-    start = np.column_stack([columns.get(name, nothing) for name in rates.names])
     more, wider = _power_of_two(n - 1) - (n - 1), _power_of_two(n_system) - n_system
     steps = [np.pad(h, (0, more))]
     for part in (c[:-1], _halfway(h, c), c[1:]):

@@ -23,7 +23,7 @@ SOME = {
 FEW = [replace(e, confusions=tuple(SOME & {*e.confusions})) for e in load_catalogue("mechanical") if e.slug in SOME]
 """Enough to be told apart from; the others cost time and tell no more."""
 
-MEMORIES = {"bouc-wen", "dahl-friction", "maxwell-damper", "actuator-lag", "absorber"}
+MEMORIES = {"bouc-wen", "dahl-friction", "maxwell-damper", "actuator-lag", "absorber", "lugre-friction"}
 
 LIMIT, TAU = 0.3, 0.8
 
@@ -85,6 +85,28 @@ def test_relaxation_and_lag_are_named(slug):
     row = named(study(samples(slug)), slug)
     (inner,) = row["inner"].values()
     assert inner == pytest.approx(TAU, rel=0.05)
+
+
+def test_an_input_that_is_late_is_no_lag():
+    """Both leave less of the input, and later; along the path of a lag a delay fits worse than along its own."""
+    t, late = 0.1 * np.arange(400), 0.15
+
+    def other(time):
+        return 0.8 * np.sin(0.9 * time + 0.4) + 0.6 * np.sin(2.1 * time)
+
+    def rates(time, x):
+        return [x[1], force(time) + 0.7 * other(time - late) - 2 * x[0] - 0.15 * x[1]]
+
+    x = solve_ivp(rates, (0, t[-1]), [0.0, 0.0], t_eval=t, rtol=1e-9, atol=1e-10, max_step=0.1).y
+    y = x[0] + 0.01 * np.std(x[0]) * np.random.default_rng(0).standard_normal(len(t))
+    data = Trajectories.from_arrays(t, states={"y": y}, inputs={"F": force(t), "G": other(t)})
+    model = bg.GreyBox(simulation={"y": "v", "v": "F + 0.7*G - 2*y - 0.15*v"}, rows=bg.TrajectoryRows())
+    found = study(data, model=model, catalogue=[e for e in FEW if e.slug in ("actuator-lag", "cubic-input")])
+    row = found.instrument.iloc[0]
+    assert (row["suspect"], row["channel"], row["status"]) == ("delay", "G", "in the model"), found.sentence
+    assert "actuator-lag" not in set(found.effects.loc[found.effects["status"] == "added", "slug"])
+    # The input was recorded before it acted.
+    assert abs(row["mean"] + late) < 4 * row["sd"] < 0.1
 
 
 def test_the_amended_model_has_the_hidden_state(hysteresis):

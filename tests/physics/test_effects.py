@@ -585,7 +585,7 @@ def test_a_role_that_nobody_knows_is_refused_when_it_is_bound(tmp_path):
         (
             "[effect.inner.onset]",
             '[effect.inner.pace]\nmeaning = "x"\nof = "velocity"\nlow = 0.1\nhigh = 1\n[effect.inner.onset]',
-            r"2 inner parameters \(pace, onset\)",
+            r"'pace' does not occur",
         ),
         (
             "[effect.inner.onset]",
@@ -654,8 +654,11 @@ def test_wrong_catalogues_are_refused(tmp_path):
 
 def test_effects_made_in_python_are_checked():
     onset = InnerParameter("onset", "speed", "velocity", 0.1, 1.0, "velocity")
-    with pytest.raises(InputError, match="2 inner parameters"):
-        Effect("a", "A", "own", "velocity*onset*pace", (onset, dataclasses.replace(onset, name="pace")))
+    names = ("onset", "pace", "third", "fourth", "fifth")
+    several = tuple(dataclasses.replace(onset, name=name) for name in names)
+    assert Effect("a", "A", "own", "velocity*onset*pace", several[:2]).roles == ("velocity",)
+    with pytest.raises(InputError, match="5 inner parameters"):
+        Effect("a", "A", "own", f"velocity*{'*'.join(names)}", several)
     plain = dataclasses.replace(onset, unit_of="")
     assert Effect("a", "A", "own", "velocity**onset", (plain,)).roles == ("velocity",)
 

@@ -74,6 +74,18 @@ def test_each_run_starts_at_rest_or_where_the_column_says():
     assert moved["z"][0] == moved["z"][200] == 0.1
 
 
+def test_what_moves_along_starts_where_the_path_does():
+    t = 0.4 + STEP * np.arange(300)
+    start = [float(x[0]) for x in path(t)]
+    rates = HiddenState("z", "w", "y", start="y"), HiddenState("w", "-2.25*(z - y) - 0.15*(w - v)", "v", start="v")
+    twice, fresh = np.concatenate([t, t]), np.isin(np.arange(600), (0, 300))
+    (found,) = along([rates], twice, columns(twice), fresh)
+    exact = solved(lambda y, v, z: [z[1], -2.25 * (z[0] - y) - 0.15 * (z[1] - v)], t, start)
+    for z, each in zip(found.values(), exact, strict=True):
+        np.testing.assert_allclose(z, np.concatenate([each, each]), atol=TOLD * np.max(np.abs(each)))
+    assert abs(found["w"][0]) > 0.1
+
+
 def test_an_input_that_leaps_is_felt_from_then_on():
     """A lag behind a step: 1 - exp(-(t - 2)/tau), where the time of the leap stands twice."""
     t = np.sort(np.append(np.linspace(0.0, 6.0, 61), 2.0))

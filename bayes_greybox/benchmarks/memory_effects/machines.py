@@ -1,8 +1,12 @@
 """The machines: forced oscillators, what is hidden in them, and what a sensor shows; by NumPy and SciPy alone.
 
 A mass on a spring, y″ = F − ω₀² y − 2ζω₀ y′ − β y³ + θ φ(y, y′, z), is driven by ten waves. z is what remembers, at
-rest where a run starts as the mass is. The simulation knows all but θφ. How stiff and damped the host is, the force,
-how large what is hidden is and its inner parameter differ from replicate to replicate; every other host is Duffing's.
+rest where a run starts as the mass is; an absorber starts with a mass that moves, and moves along with it. The
+simulation knows all but θφ. How stiff and damped the host is, the force, how large what is hidden is and its inner
+parameters differ from replicate to replicate; every other host is Duffing's.
+
+LuGre's friction is σ₀ z + σ₁ z′ + σ₂ y′, z′ = y′ − σ₀ |y′| z/(F_c + (F_s − F_c) exp(−(y′/v_s)²)); its σ₂ is part of the
+2ζω₀ that the simulation knows.
 """
 
 from collections.abc import Callable, Mapping
@@ -34,13 +38,21 @@ AMPLITUDE, NATURAL, DAMPED, BENT = (0.5, 2.0), (0.8, 2.0), (0.02, 0.1), (0.1, 0.
 INSET = 1.15
 """Inner parameters keep this factor off the ends of the catalogue's ranges."""
 
-TURNS = 3
-"""How often a machine is integrated until its inner parameter is the share of its own motion that was drawn."""
+MOVING = 0.7
+"""Standard deviation of the start of a mass that moves, over the RMS of the linear host's position and its speed."""
+
+TURNS, SETTLED = 20, 0.01
+"""How often a machine is integrated, at most, until its inner parameters are the shares of its own motion that were
+drawn, to this precision: strong friction changes the motion that it is scaled by."""
 
 ACCURATE = {"method": "DOP853", "rtol": 1e-8, "atol": 1e-10}
 
-Rates = Callable[[float, float, float, np.ndarray, float], list[float]]
-"""Rates of what is hidden, from y, y′, F, z and the inner parameter."""
+Rates = Callable[[float, float, float, np.ndarray, np.ndarray], list[float]]
+"""Rates of what is hidden, from y, y′, F, z and the inner parameters."""
+
+Range = tuple[str, float, float]
+"""What an inner parameter is a share of: "position", "velocity", "period" (of the position), "period of v",
+"frequency" or "number"; and its least and largest share."""
 
 
 @dataclass(frozen=True)
@@ -49,9 +61,7 @@ class Hidden:
 
     Attributes:
         name: Slug in the catalogue, or a name of its own where the catalogue does not have it.
-        scale: What its inner parameter is a share of: "position", "period" (of the position), "period of v", or
-            "frequency".
-        share: Least and largest share.
+        inner: Ranges of its inner parameters.
         size: Least and largest θ over ω₀² if `stiff`, else θ itself; its logarithm is uniform.
         stiff: Whether θ is a stiffness.
         sign: Of θ.
@@ -59,18 +69,19 @@ class Hidden:
         rates: Theirs.
         force: φ, of the same arguments.
         known: Whether the catalogue has it.
+        moves: Whether the mass moves where a run starts, and what is hidden (its position, its velocity) along with it.
     """
 
     name: str
-    scale: str
-    share: tuple[float, float]
+    inner: tuple[Range, ...]
     size: tuple[float, float]
     stiff: bool
     sign: int
     states: int
     rates: Rates
-    force: Callable[[float, float, float, np.ndarray, float], float]
+    force: Callable[[float, float, float, np.ndarray, np.ndarray], float]
     known: bool = True
+    moves: bool = False
 
 
 @dataclass(frozen=True)
@@ -98,7 +109,7 @@ class Measured:
         simulation: What the study is given.
         train, test: Samples to learn from and others.
         truth: Coefficient of what is hidden, by slug; empty where the catalogue does not have it.
-        inner: Its inner parameter.
+        inner: Its inner parameters.
         share: RMS of what is hidden over that of the spring's force.
     """
 
@@ -106,7 +117,7 @@ class Measured:
     train: Trajectories
     test: Trajectories
     truth: Mapping[str, float]
-    inner: float
+    inner: tuple[float, ...]
     share: float
 
 
@@ -118,22 +129,28 @@ def hidden() -> tuple[Hidden, ...]:
 
     stiff: dict[str, Any] = {"stiff": True, "sign": -1, "states": 1, "force": pulled}
     return (
-        Hidden("bouc-wen", "position", (0.05, 1.0), (0.2, 1.0), rates=_bouc_wen(1), **stiff),
-        Hidden("dahl-friction", "position", (0.05, 0.6), (0.2, 1.0), rates=_dahl, **stiff),
-        Hidden("maxwell-damper", "period", (0.05, 1.0), (0.1, 1.0), rates=_relaxing, **stiff),
+        Hidden("bouc-wen", (("position", 0.05, 1.0),), (0.2, 1.0), rates=_bouc_wen(1), **stiff),
+        Hidden("dahl-friction", (("position", 0.05, 0.6),), (0.2, 1.0), rates=_dahl, **stiff),
         Hidden(
-            "actuator-lag", "period of v", (0.03, 0.6), (1.0, 1.0), False, 1, 1,
-            lambda y, v, F, z, tau: [(F - z[0]) / tau], lambda y, v, F, z, tau: z[0] - F,
+            "lugre-friction",
+            (("position", 0.03, 0.6), ("velocity", 0.05, 0.6), ("number", 0.1, 1.5), ("period", 0.002, 0.1)),
+            (0.4, 2.0), True, -1, 1, lambda y, v, F, z, p: [_bending(v, z[0], p)],
+            lambda y, v, F, z, p: z[0] + p[3] * _bending(v, z[0], p),
+        ),
+        Hidden("maxwell-damper", (("period", 0.05, 1.0),), (0.1, 1.0), rates=_relaxing, **stiff),
+        Hidden(
+            "actuator-lag", (("period of v", 0.03, 0.6),), (1.0, 1.0), False, 1, 1,
+            lambda y, v, F, z, p: [(F - z[0]) / p[0]], lambda y, v, F, z, p: z[0] - F,
         ),
         Hidden(
-            "absorber", "frequency", (0.4, 2.5), (0.02, 0.2), False, 1, 2,
-            lambda y, v, F, z, w: [z[1], -_pull(y, v, z, w)], lambda y, v, F, z, w: _pull(y, v, z, w),
+            "absorber", (("frequency", 0.4, 2.5), ("number", 0.01, 0.3)), (0.02, 0.2), False, 1, 2,
+            lambda y, v, F, z, p: [z[1], -_pull(y, v, z, p)], lambda y, v, F, z, p: _pull(y, v, z, p), moves=True,
         ),
-        Hidden("bouc-wen-3", "position", (0.1, 0.6), (0.2, 1.0), rates=_bouc_wen(3), **stiff, known=False),
-        Hidden("elastic-plastic", "position", (0.1, 0.6), (0.2, 1.0), rates=_held, **stiff, known=False),
+        Hidden("bouc-wen-3", (("position", 0.1, 0.6),), (0.2, 1.0), rates=_bouc_wen(3), **stiff, known=False),
+        Hidden("elastic-plastic", (("position", 0.1, 0.6),), (0.2, 1.0), rates=_held, **stiff, known=False),
         Hidden(
-            "two-branches", "period", (0.05, 0.1), (0.2, 1.0), True, -1, 2,
-            lambda y, v, F, z, tau: [v - z[0] / tau, v - z[1] / (10 * tau)], lambda y, v, F, z, tau: z[0] + z[1],
+            "two-branches", (("period", 0.05, 0.1),), (0.2, 1.0), True, -1, 2,
+            lambda y, v, F, z, p: [v - z[0] / p[0], v - z[1] / (10 * p[0])], lambda y, v, F, z, p: z[0] + z[1],
             known=False,
         ),
     )  # fmt: skip
@@ -166,10 +183,14 @@ def measured(machine: Machine, replicate: int, seed: int) -> Measured:
     level = amplitude * np.sqrt(2) / np.linalg.norm(1 / np.abs(w0**2 - frequency**2 + 2j * zeta * w0 * frequency))
     forces = [_waves(frequency, rng.uniform(0, 2 * pi, WAVES), level) for _ in range(2)]
     own, step = machine.hidden, 2 * pi / w0 / A_PERIOD
-    theta, inner, share = 0.0, 1.0, 1.0
+    theta, inner, shares = 0.0, np.ones(len(own.inner) if own is not None else 1), np.ones(1)
+    begun = np.zeros(2 + (own.states if own is not None else 0))
     if own is not None:
         theta = own.sign * _drawn(rng, *own.size) * (w0**2 if own.stiff else 1.0)
-        share = _drawn(rng, own.share[0] * INSET, own.share[1] / INSET)
+        shares = np.array([_drawn(rng, low * INSET, high / INSET) for _, low, high in own.inner])
+        if own.moves:
+            begun[:2] = MOVING * amplitude * rng.standard_normal(2) * [1.0, w0]
+            begun[2:] = begun[:2]
 
     def integrated(force: Callable, n: int) -> tuple[np.ndarray, np.ndarray]:
         def motion(t: float, x: np.ndarray) -> list[float]:
@@ -178,14 +199,16 @@ def measured(machine: Machine, replicate: int, seed: int) -> Measured:
             known = F - w0**2 * y - 2 * zeta * w0 * v - beta * y**3
             return [v, known + pull, *(own.rates(y, v, F, z, inner) if own is not None else ())]
 
-        t, start = step * np.arange(n), np.zeros(2 + (own.states if own is not None else 0))
-        return t, solve_ivp(motion, (0, t[-1]), start, t_eval=t, max_step=step, **ACCURATE).y
+        t = step * np.arange(n)
+        return t, solve_ivp(motion, (0, t[-1]), begun, t_eval=t, max_step=step, **ACCURATE).y
 
     t, x = integrated(forces[0], SAMPLES)
     if own is not None:
         for _ in range(TURNS):
-            inner = share * _size(own, x, step)
+            before, inner = inner, shares * [_size(scale, x, step) for scale, _, _ in own.inner]
             t, x = integrated(forces[0], SAMPLES)
+            if np.all(np.abs(np.log(inner / before)) < SETTLED):
+                break
     F = np.array([forces[0](each) for each in t])
     hid = [0.0]
     if own is not None:
@@ -199,7 +222,7 @@ def measured(machine: Machine, replicate: int, seed: int) -> Measured:
         parts.append(Trajectories.from_arrays(time, states={"y": shown}, inputs=inputs, units=units))
     truth = {own.name: theta} if own is not None and own.known else {}
     of_spring = float(np.sqrt(np.mean(np.square(hid)))) / (w0**2 * float(np.sqrt(np.mean(x[0] ** 2))))
-    return Measured(simulation, parts[0], parts[1], truth, inner, of_spring)
+    return Measured(simulation, parts[0], parts[1], truth, tuple(map(float, inner)), of_spring)
 
 
 def _drawn(rng: np.random.Generator, low: float, high: float) -> float:
@@ -211,38 +234,46 @@ def _waves(frequency: np.ndarray, phase: np.ndarray, level: float) -> Callable[[
     return lambda t: float(level * np.sum(np.sin(frequency * t + phase)))
 
 
-def _size(own: Hidden, x: Float[np.ndarray, "n_state n"], step: float) -> float:
+def _size(scale: str, x: Float[np.ndarray, "n_state n"], step: float) -> float:
     """What the share of an inner parameter is of, by the motion itself."""
     y, v = x[0], x[1]
-    if own.scale == "position":
-        return float(np.max(np.abs(y)))
-    if own.scale == "frequency":
+    if scale == "number":
+        return 1.0
+    if scale in ("position", "velocity"):
+        return float(np.max(np.abs(y if scale == "position" else v)))
+    if scale == "frequency":
         return float(np.sqrt(np.mean(v**2)) / np.std(y))
-    if own.scale == "period":
+    if scale == "period":
         return float(2 * pi * np.std(y) / np.sqrt(np.mean(v**2)))
     return float(2 * pi * np.std(v) / np.sqrt(np.mean(np.gradient(v, step) ** 2)))
 
 
 def _bouc_wen(n: int) -> Rates:
-    def rates(y, v, F, z, limit):
-        return [v - (abs(v) * abs(z[0]) ** (n - 1) * z[0] + v * abs(z[0]) ** n) / (2 * limit**n)]
+    def rates(y, v, F, z, p):
+        return [v - (abs(v) * abs(z[0]) ** (n - 1) * z[0] + v * abs(z[0]) ** n) / (2 * p[0] ** n)]
 
     return rates
 
 
-def _dahl(y, v, F, z, limit):
-    return [v - abs(v) * z[0] / limit]
+def _dahl(y, v, F, z, p):
+    return [v - abs(v) * z[0] / p[0]]
 
 
-def _relaxing(y, v, F, z, tau):
-    return [v - z[0] / tau]
+def _bending(v, z, p):
+    """Rate of LuGre's asperities, from F_c/σ₀, v_s, F_s/F_c − 1 and σ₁/σ₀."""
+    presliding, stribeck, excess, _ = p
+    return v - abs(v) * z / (presliding * (1 + excess * np.exp(-((v / stribeck) ** 2))))
 
 
-def _held(y, v, F, z, limit):
+def _relaxing(y, v, F, z, p):
+    return [v - z[0] / p[0]]
+
+
+def _held(y, v, F, z, p):
     """An elastic element that slides at its limit."""
-    return [0.0 if abs(z[0]) >= limit and z[0] * v > 0 else v]
+    return [0.0 if abs(z[0]) >= p[0] and z[0] * v > 0 else v]
 
 
-def _pull(y, v, z, w):
-    """Of a mass on a spring and a damper of 5 % of the critical one, over its mass."""
-    return w**2 * (z[0] - y) + 0.1 * w * (z[1] - v)
+def _pull(y, v, z, p):
+    """Of a mass on a spring and a damper, over its mass, from its frequency and its damping ratio."""
+    return p[0] ** 2 * (z[0] - y) + 2 * p[1] * p[0] * (z[1] - v)

@@ -2,14 +2,31 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from itertools import product
 
 import numpy as np
+from jaxtyping import Float
 
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.suspects.channels import ChannelSuspect
 from bayes_greybox.discovery.suspects.memory import Memory
 from bayes_greybox.physics.catalogue.effects import BoundEffect
 from bayes_greybox.physics.terms import Term
+
+from .clouds import Cloud
+
+
+@dataclass(frozen=True)
+class Nearer:
+    """What a column gains on rows near itself, where it stands in the place of another.
+
+    Attributes:
+        gain: Nats.
+        rival: What the other is called; beside it nothing is gained.
+    """
+
+    gain: float
+    rival: str
 
 
 @dataclass(frozen=True)
@@ -27,11 +44,13 @@ class Column:
         nominal: The simulation's own coefficient, of a correction; that of an input which acts otherwise, of an effect.
         expected: What the coefficient of such an effect is about as large as, scaled units; 0 where nothing is known.
         effect: The catalogue's entry, of an effect.
-        inner: Values of its inner parameter.
+        inner: Values of its inner parameters.
         log_weight: Log prior weight of these values.
         suspect: The channel that is suspected, of a suspect.
         memory: What it is an element of, of a memory; which law it is.
         values: At the rows, scaled, of a suspect or a memory, and of an effect that remembers.
+        drawn: Where the values of several inner parameters were drawn from; None: they are on the first grid.
+        nearer: What it gains on rows near itself.
     """
 
     kind: str
@@ -46,6 +65,17 @@ class Column:
     suspect: ChannelSuspect | None = None
     memory: Memory | None = None
     values: np.ndarray | None = None
+    drawn: Cloud | None = None
+    nearer: Nearer | None = None
+
+    @property
+    def called(self) -> str:
+        """An error by its key, an effect on its columns, a memory by what it is, or a term."""
+        if self.suspect is not None:
+            return self.suspect.key
+        if self.memory is not None:
+            return self.memory.text
+        return self.formula.text if self.effect is None else self.effect.label
 
     @property
     def formula(self) -> Term:
@@ -55,38 +85,56 @@ class Column:
 
 
 def nodes(
-    effect: BoundEffect, columns: Mapping[str, np.ndarray], values: np.ndarray | None = None,
-    path: Trajectories | None = None, known: float | None = None,
+    effect: BoundEffect, columns: Mapping[str, np.ndarray], path: Trajectories | None = None,
+    known: Mapping[str, float] | None = None,
 ) -> list[tuple[Term, dict]]:  # fmt: skip
-    """The columns of one effect: one, or one for each value of its inner parameter with that value's prior weight.
+    """The columns of one effect: one, or one for each value of its inner parameters with that value's prior weight.
 
     Args:
         effect: Effect bound to columns.
-        columns: States and inputs, whose range scales the inner parameter's prior.
-        values: Increasing values of the inner parameter; its own grid by default.
+        columns: States and inputs, whose range scales the inner parameters' priors.
         path: The same columns with their times, for inner parameters that are times or frequencies.
-        known: A value of the inner parameter that is to be on its own grid.
+        known: Values of the inner parameters that are to be among the first ones.
 
     Returns:
-        Terms, each with what its column carries beside; none where the inner parameter is a share of nothing.
+        Terms, each with what its column carries beside; none where an inner parameter is a share of nothing.
     """
-    if not effect.effect.inner:
+    inner = effect.effect.inner
+    if not inner:
         return [(effect.term(), {"effect": effect})]
-    (inner,) = effect.effect.inner
-    low, high = limits(effect, columns, path)
-    if high == 0:
+    least, most = limits(effect, columns, path)
+    if not np.all(most > 0):
         return []
-    if values is None:
-        values = inner.nodes(high / inner.high)[0]
-        if known is not None and low < known < high:
-            values = np.union1d(values, known)
-    return [
-        (
-            effect.term({inner.name: float(v)}),
-            {"effect": effect, "inner": {inner.name: float(v)}, "log_weight": float(w)},
-        )
-        for v, w in zip(values, log_weights(values, low, high), strict=True)
-    ]
+    values = [each.nodes(high / each.high)[0] for each, high in zip(inner, most, strict=True)]
+    points = np.array(list(product(*values)))
+    if known is not None:
+        point = np.array([known[each.name] for each in inner])
+        if np.all((least < point) & (point < most)) and not np.any(np.all(points == point, axis=1)):
+            points = np.vstack([points, point])
+    if len(inner) == 1:
+        points = np.sort(points, axis=0)
+        weights = log_weights(points[:, 0], float(least[0]), float(most[0]))
+    else:
+        weights = np.full(len(points), -np.log(len(points)))
+    return at_values(effect, points, weights)
+
+
+def at_values(
+    effect: BoundEffect, points: Float[np.ndarray, "n_point n_inner"], weights: Float[np.ndarray, " n_point"], **about
+) -> list[tuple[Term, dict]]:
+    """An effect with chosen values of its inner parameters.
+
+    Args:
+        effect: Effect bound to columns.
+        points: Values, in the order of its inner parameters.
+        weights: Log prior weights of these.
+        about: What else their columns carry.
+    """
+    found = []
+    for point, weight in zip(points, weights, strict=True):
+        inner = {each.name: float(value) for each, value in zip(effect.effect.inner, point, strict=True)}
+        found.append((effect.term(inner), {"effect": effect, "inner": inner, "log_weight": float(weight), **about}))
+    return found
 
 
 def log_weights(values: np.ndarray, low: float, high: float) -> np.ndarray:
@@ -104,15 +152,15 @@ def log_weights(values: np.ndarray, low: float, high: float) -> np.ndarray:
 
 def limits(
     effect: BoundEffect, columns: Mapping[str, np.ndarray], path: Trajectories | None = None
-) -> tuple[float, float]:
-    """Least and largest value of an effect's inner parameter, shares of what the column that it is of says.
+) -> tuple[Float[np.ndarray, " n_inner"], Float[np.ndarray, " n_inner"]]:
+    """Least and largest values of an effect's inner parameters, shares of what the columns that they are of say.
 
     Args:
-        effect: Effect bound to columns, with an inner parameter.
+        effect: Effect bound to columns, with inner parameters.
         columns: States and inputs.
         path: The same columns with their times, where there are any.
     """
-    (inner,) = effect.effect.inner
     time, run = (None, None) if path is None else (path.time, path.run)
-    size = inner.size(columns[effect.names[inner.of]], time, run)
-    return inner.low * size, inner.high * size
+    inner = effect.effect.inner
+    size = np.array([each.size(columns[effect.names[each.of]], time, run) for each in inner])
+    return np.array([each.low for each in inner]) * size, np.array([each.high for each in inner]) * size

@@ -180,8 +180,11 @@ class Evaluations:
         return self._with_f[effects]
 
     def inner_weight(self, effects: Sequence[int]) -> float:
-        """Log prior weight of the inner parameters of these columns."""
-        return float(sum(self.statistics.columns[i].log_weight for i in effects))
+        """Log prior weight of the inner parameters of these columns, and what they gain on rows near themselves."""
+        own = [self.statistics.columns[i] for i in effects]
+        gained = [column.nearer for column in own if column.nearer is not None]
+        there = {column.called for column in own} if gained else set()
+        return float(sum(column.log_weight for column in own) + sum(g.gain for g in gained if g.rival not in there))
 
     def name(self, index: int) -> str:
         """Slug of the effect that a column stands for."""

@@ -1,11 +1,16 @@
-"""Refinement of the grid over an inner parameter of an effect, such as the width of a dead zone."""
+"""Refinement of the values of inner parameters of an effect, such as the width of a dead zone."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
-from .columns import limits, log_weights, nodes
+from bayes_greybox.physics.catalogue.effects import BoundEffect
+
+from .clouds import Cloud, weights_of
+from .columns import Column, at_values, limits, log_weights
 from .evaluations import Evaluations
 
 SPANS = 0.2
@@ -14,9 +19,31 @@ SPANS = 0.2
 ZOOMS, ZOOM_NODES = 4, 9
 """How often the grid over an inner parameter is refined around its best value, and by how many values."""
 
+CLOUDS, STEPS = 3, 4
+"""Clouds around the mode of several inner parameters, and steps towards it, at most."""
+
+EFFECTIVE = 12.0
+"""Effective number of values of several inner parameters, 1/Σp², from which on intervals are smooth."""
+
+SHORTER = (1.0, 0.6, 0.35, 0.2, 0.1, 0.04)
+"""Shares of a step that are tried: where the mode is far the evidence is no parabola."""
+
+SIDE = 0.01
+"""How far aside, in shares of their log ranges, slopes over inner parameters are taken, and how near the ends they
+stay."""
+
+FLAT = 12.0
+"""Precision of a uniform prior, that of a normal one of the same variance: what bounds a cloud where data do not."""
+
+WIDER = 1.5
+"""Width of a cloud over that of the posterior as its slopes have it."""
+
+THERE = 0.1
+"""Squared length of a step, in posterior standard deviations, below which the mode is found."""
+
 
 def refine(evaluations: Evaluations, base: Sequence[int], group: Sequence[int]) -> tuple[int, ...]:
-    """Refine the grid over an effect's inner parameter until its posterior spans several values.
+    """Refine the values of an effect's inner parameters until their posterior spans several of them.
 
     Args:
         evaluations: Evidence; new columns are added to its statistics.
@@ -26,12 +53,21 @@ def refine(evaluations: Evaluations, base: Sequence[int], group: Sequence[int]) 
     Returns:
         All columns of the effect, old and new.
     """
-    statistics, found = evaluations.statistics, list(group)
-    column = statistics.columns[found[0]]
+    column = evaluations.statistics.columns[group[0]]
     if not column.inner or column.effect is None:
-        return tuple(found)
-    (key,) = column.inner
-    least, most = limits(column.effect, statistics.rows.columns, statistics.path)
+        return tuple(group)
+    if len(column.inner) == 1:
+        return _zoomed(evaluations, base, group, column.effect)
+    return _drawn(evaluations, base, group, column.effect)
+
+
+def _zoomed(
+    evaluations: Evaluations, base: Sequence[int], group: Sequence[int], effect: BoundEffect
+) -> tuple[int, ...]:
+    """The grid over one inner parameter, finer around its best value."""
+    statistics, found = evaluations.statistics, list(group)
+    (key,) = statistics.columns[found[0]].inner
+    least, most = (float(end[0]) for end in limits(effect, statistics.rows.columns, statistics.path))
     for _ in range(ZOOMS):
         values = np.array([statistics.columns[i].inner[key] for i in found])
         log_z = np.array([v.all for v in evaluations.parametric([(*base, i) for i in found])])
@@ -52,11 +88,153 @@ def refine(evaluations: Evaluations, base: Sequence[int], group: Sequence[int]) 
         weights = dict(zip(merged.tolist(), log_weights(merged, least, most).tolist(), strict=True))
         for i in found:
             statistics.columns[i] = replace(statistics.columns[i], log_weight=weights[statistics.columns[i].inner[key]])
-        new = [
-            (t, {**about, "log_weight": weights[about["inner"][key]], "nominal": column.nominal})
-            for t, about in nodes(column.effect, statistics.rows.columns, fresh, statistics.path)
-        ]
-        before = len(statistics.columns)
-        statistics.add("effect", new)
+        known, before = np.array([weights[value] for value in fresh]), len(statistics.columns)
+        statistics.add("effect", at_values(effect, fresh[:, None], known, **_carried(statistics.columns[found[0]])))
         found += range(before, len(statistics.columns))
     return tuple(found)
+
+
+def _drawn(evaluations: Evaluations, base: Sequence[int], group: Sequence[int], effect: BoundEffect) -> tuple[int, ...]:
+    """Values of several inner parameters, more of them drawn around their mode."""
+    statistics, found = evaluations.statistics, list(group)
+    ranges = _Ranges(effect, *limits(effect, statistics.rows.columns, statistics.path))
+    carried, mean, covariance = _carried(statistics.columns[found[0]]), None, np.eye(len(ranges.names))
+    for _ in range(CLOUDS):
+        log_z = np.array([v.all for v in evaluations.parametric([(*base, i) for i in found])])
+        posterior = np.exp(log_z - np.logaddexp.reduce(log_z))
+        if 1 / np.sum(posterior**2) > EFFECTIVE or len(found) == 1:
+            break
+        known = np.array([ranges.shares(statistics.columns[i].inner) for i in found])
+        if mean is None:
+            alone = log_z - np.array([statistics.columns[i].log_weight for i in found])
+            mean, covariance = _mode(evaluations, base, ranges, known[int(np.argmax(alone))], carried)
+        else:
+            # Where the first cloud says that the posterior is.
+            mean = posterior @ known
+        cloud = Cloud.around(mean, covariance)
+        if not len(cloud.points):
+            break
+        at = np.vstack([known, cloud.points])
+        drawn = [*(statistics.columns[i].drawn for i in found), *[cloud] * len(cloud.points)]
+        weights = weights_of(at, drawn)
+        for i, weight in zip(found, weights, strict=False):
+            statistics.columns[i] = replace(statistics.columns[i], log_weight=float(weight))
+        values, fresh, before = ranges.values(cloud.points), weights[len(found) :], len(statistics.columns)
+        statistics.add("effect", at_values(effect, values, fresh, drawn=cloud, **carried))
+        found += range(before, len(statistics.columns))
+    return tuple(found)
+
+
+def _carried(column: Column) -> dict[str, Any]:
+    """What all columns of an effect have in common."""
+    return {"nominal": column.nominal, "nearer": column.nearer}
+
+
+class _Ranges:
+    """Inner parameters of an effect by the shares of their log ranges."""
+
+    def __init__(self, effect: BoundEffect, least: np.ndarray, most: np.ndarray) -> None:
+        self.effect, self.low, self.width = effect, np.log(least), np.log(most / least)
+        self.names = tuple(each.name for each in effect.effect.inner)
+
+    def shares(self, inner: Mapping[str, float]) -> Float[np.ndarray, " d"]:
+        """Of values by name."""
+        return (np.log([inner[name] for name in self.names]) - self.low) / self.width
+
+    def values(self, shares: Float[np.ndarray, "n d"]) -> Float[np.ndarray, "n d"]:
+        """Of shares."""
+        return np.exp(self.low + self.width * shares)
+
+
+def _mode(
+    evaluations: Evaluations,
+    base: Sequence[int],
+    ranges: _Ranges,
+    start: Float[np.ndarray, " d"],
+    carried: Mapping[str, Any],
+) -> tuple[Float[np.ndarray, " d"], Float[np.ndarray, "d d"]]:
+    """Where several inner parameters are likeliest, and how wide a cloud around it is: by steps of Gauss and Newton.
+
+    Near s the effect is θ (φ(s) + Σ_k δ_k ∂φ/∂s_k): linear in δ, as coefficients are, given θ.
+    """
+    at, d = np.clip(start, SIDE, 1 - SIDE), len(start)
+    information = np.zeros((d, d))
+    for turn in range(STEPS):
+        sides = SIDE * np.where(at > 0.5, -1.0, 1.0)
+        found = _slopes(evaluations, base, ranges, np.vstack([at, at + np.diag(sides)]), sides, carried)
+        if found is None:
+            break
+        information, pull = found
+        step = np.linalg.solve(information + FLAT * np.eye(d), pull)
+        if step @ information @ step < THERE or turn == STEPS - 1:
+            break
+        tried = np.clip(at + np.outer(SHORTER, step), SIDE, 1 - SIDE)
+        points = np.vstack([at, tried])
+        with _Tried(evaluations, ranges, points, carried) as columns:
+            if columns is None:
+                break
+            log_z = [v.all for v in evaluations.parametric([(*base, i) for i in columns])]
+        best = int(np.argmax(log_z))
+        if best == 0:
+            break
+        at = points[best]
+    return at, WIDER**2 * np.linalg.inv(information + FLAT * np.eye(d))
+
+
+def _slopes(
+    evaluations: Evaluations,
+    base: Sequence[int],
+    ranges: _Ranges,
+    points: np.ndarray,
+    sides: np.ndarray,
+    carried: Mapping[str, Any],
+) -> tuple[np.ndarray, np.ndarray] | None:
+    """What the rows tell of steps of the inner parameters, and where they pull; None where the effect is nothing."""
+    statistics = evaluations.statistics
+    with _Tried(evaluations, ranges, points, carried) as columns:
+        if columns is None:
+            return None
+        own = [*statistics.of_kind("free"), *base]
+        every = [*own, *columns]
+        scale = np.array([statistics.columns[i].scale for i in columns])
+        G, g = statistics.products[np.ix_(every, every)], statistics.with_target[every]
+        square, n = statistics.square, statistics.n_obs
+    # Columns in one unit, then the effect itself and its slopes.
+    n_own, size = len(own), scale / scale[0]
+    T = np.eye(len(every))
+    T[n_own:, n_own:] = np.diag(size)
+    turn = np.eye(len(every))
+    turn[n_own, n_own + 1 :] = -1 / sides
+    turn[n_own + 1 :, n_own + 1 :] = np.diag(1 / sides)
+    T = T @ turn
+    G, g = T.T @ G @ T, T.T @ g
+    first = slice(0, n_own + 1)
+    theta = np.linalg.lstsq(G[first, first], g[first], rcond=1e-10)[0]
+    if theta[-1] == 0:
+        return None
+    variance = max(square - theta @ g[first], 1e-12 * square) / n
+    rest = slice(n_own + 1, len(every))
+    taken = np.linalg.lstsq(G[first, first], G[first, rest], rcond=1e-10)[0]
+    information = theta[-1] ** 2 * (G[rest, rest] - G[rest, first] @ taken) / variance
+    pull = theta[-1] * (g[rest] - taken.T @ g[first]) / variance
+    return (information + information.T) / 2, pull
+
+
+class _Tried:
+    """Columns of an effect that are there for a moment; None if some of them cannot serve."""
+
+    def __init__(
+        self, evaluations: Evaluations, ranges: _Ranges, points: np.ndarray, carried: Mapping[str, Any]
+    ) -> None:
+        self._statistics, self._ranges, self._points = evaluations.statistics, ranges, points
+        self._carried, self._before = carried, len(evaluations.statistics.columns)
+
+    def __enter__(self) -> range | None:
+        values = self._ranges.values(self._points)
+        items = at_values(self._ranges.effect, values, np.zeros(len(values)), **self._carried)
+        self._statistics.add("effect", items)
+        columns = range(self._before, len(self._statistics.columns))
+        return columns if len(columns) == len(self._points) else None
+
+    def __exit__(self, *_: object) -> None:
+        self._statistics.forget(self._before)

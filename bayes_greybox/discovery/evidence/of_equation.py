@@ -23,7 +23,7 @@ left after it was added, and no chain has to pay for them."""
 
 def sufficient_statistics(
     model: Program, data: Trajectories, equation: str, effects: Sequence[BoundEffect],
-    shown: Float[np.ndarray, " n_row"] | float = 0.0, found: Mapping[str, float] | None = None,
+    shown: Float[np.ndarray, " n_row"] | float = 0.0, found: Mapping[str, Mapping[str, float]] | None = None,
 ) -> SufficientStatistics:  # fmt: skip
     """Free terms, corrections and effects of one equation, evaluated and multiplied out.
 

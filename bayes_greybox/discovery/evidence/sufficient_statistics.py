@@ -256,6 +256,10 @@ class SufficientStatistics:
         """Forget the columns of one kind."""
         self._keep([i for i, column in enumerate(self.columns) if column.kind != kind])
 
+    def forget(self, first: int) -> None:
+        """Forget the columns from this one on."""
+        self._keep(list(range(first)))
+
     def with_noise(self, noise: RowNoise) -> "SufficientStatistics":
         """The same columns under another noise of the rows."""
         again = replace(self, rows=replace(self.rows, noise=noise), columns=[], left_out=dict(self.left_out), twins={})

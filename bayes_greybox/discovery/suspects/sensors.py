@@ -7,7 +7,7 @@ A sensor that shows (1 + κ) y(t − d) + o + drift adds to its rows, to first o
 and an input that is wrong acts as a force along the path, see `channels`.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from jaxtyping import Float
@@ -59,23 +59,29 @@ def sensor_columns(
     return found
 
 
-def input_columns(nodes: Trajectories, rate: Rate, step: float) -> list[tuple[ChannelSuspect, np.ndarray]]:
-    """Suspects about every input with the force that they stand for along the path.
+def input_columns(
+    nodes: Trajectories, names: Sequence[str], rate: Rate, step: float
+) -> list[tuple[ChannelSuspect, np.ndarray]]:
+    """Suspects about inputs with the force that they stand for along the path.
 
     Args:
         nodes: States and inputs along the path.
+        names: Inputs that are suspected.
         rate: The whole modelled rate.
         step: Between two samples.
     """
     found, ones = [], np.ones(nodes.n_obs)
-    for name in nodes.input_names:
+
+    def slope(name: str, direction: np.ndarray) -> np.ndarray:
+        return slope_along(nodes, rate, name, direction)
+
+    for name in names:
         u = nodes.column(name)
-        slope = slope_along(nodes, rate, name, ones)
         change = np.concatenate([_gradient(nodes.time[own], u[own]) for own in _runs(nodes)])
         size = float(np.sqrt(np.mean(u**2)))
-        found.append((ChannelSuspect(DELAY, name, DELAY_STEPS * step, step), slope * change))
-        found.append((ChannelSuspect(GAIN, name, GAIN_SD), -slope * u))
-        found.append((ChannelSuspect(OFFSET, name, ZERO_SD * size), -slope * ones))
+        found.append((ChannelSuspect(DELAY, name, DELAY_STEPS * step, step), slope(name, change)))
+        found.append((ChannelSuspect(GAIN, name, GAIN_SD), -slope(name, u)))
+        found.append((ChannelSuspect(OFFSET, name, ZERO_SD * size), -slope(name, ones)))
     return [(suspect, column) for suspect, column in found if np.all(np.isfinite(column)) and np.any(column != 0)]
 
 

@@ -204,7 +204,7 @@ def _anew(
         return before
     fresh = sufficient_statistics(model, data, equation, [])
     effects = [
-        (c.term, {"effect": c.effect, "inner": c.inner, "log_weight": c.log_weight})
+        (c.term, {"effect": c.effect, "inner": c.inner, "log_weight": c.log_weight, "drawn": c.drawn})
         for c in before.columns
         if c.kind == "effect" and c.term is not None
     ]

@@ -26,6 +26,7 @@ from bayes_greybox.physics.terms import Term
 
 from .aligned import Aligned
 from .alignment import modelled_rate
+from .lags import weigh_lags
 from .laws import weigh_laws
 from .near import Near, hidden_states, remembering, weigh_near
 from .sensors_along_path import put_right
@@ -128,6 +129,7 @@ def follow(
         noise = worlds(near.base, quantities(near), report, near.noise)[0].model
         nearer = partial(taken, suspected=suspected, noise=noise)
         near = _settled(near, nearer)
+    near = weigh_lags(near, nearer, partial(_settled, taken=nearer))
     weigh_laws(near, nearer)
     used = np.ones(near.data.n_obs, bool)
     bare = modelled_rate(near.model, near.data, equation, ())

@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 
 from bayes_greybox.data.errors import InputError
-from bayes_greybox.discovery.evidence.columns import Column
 from bayes_greybox.physics.terms import Term
 
 from .near import Near, acting, estimate
@@ -39,7 +38,7 @@ def weigh_laws(near: Near, taken: Callable[[Near], Near]) -> None:
     errors = tuple(j for j in core if columns[j].suspect is not None)
     for i, laws in places.items():
         # Beside the errors alone: off its own path a law needs the company of others.
-        names = [_label(columns[j]) for j in (*errors, i)]
+        names = [columns[j].called for j in (*errors, i)]
         for law in laws:
             if known.parametric((*errors, law)).all < level - CLOSE:
                 continue
@@ -60,7 +59,7 @@ def _of_law(near: Near, names: Sequence[str], law: str) -> tuple[float, tuple[tu
     Raises:
         LookupError: One of them is no column of these rows.
     """
-    own = {_label(c): i for i, c in enumerate(near.base.statistics.columns) if c.kind in ("effect", "suspect")}
+    own = {c.called: i for i, c in enumerate(near.base.statistics.columns) if c.kind in ("effect", "suspect")}
     core = [own[name] for name in names]
     each = near.base.laws(core[-1])
     columns = near.base.statistics.columns
@@ -71,10 +70,3 @@ def _of_law(near: Near, names: Sequence[str], law: str) -> tuple[float, tuple[tu
     value = sets.parametric(core).all - sum(columns[i].log_weight for i in core)
     value -= 0.5 * near.noise.noise.log_det + sets.statistics.rows.n_row * math.log(unit)
     return value, acting(estimated, values)
-
-
-def _label(column: Column) -> str:
-    """An error, or an effect on its columns."""
-    if column.suspect is not None:
-        return column.suspect.key
-    return column.formula.text if column.effect is None else column.effect.label

@@ -62,7 +62,7 @@ class Near(NamedTuple):
     found: tuple[tuple[Term, float], ...]
     sensors: Mapping[ChannelSuspect, float]
     log_evidence: float
-    inner: Mapping[str, float]
+    inner: Mapping[str, Mapping[str, float]]
     hidden: tuple[HiddenState, ...]
 
     def under_noise(self) -> Sets:
@@ -83,8 +83,8 @@ class Near(NamedTuple):
 
 def weigh_near(
     model: Program, train: Trajectories, equation: str, effects: Sequence[BoundEffect], odds: Odds, most: int,
-    added: Sequence[tuple[Term, float]], sensors: Mapping[ChannelSuspect, float], inner: Mapping[str, float],
-    suspected: bool, noise: NoiseModel | None, refuted: Collection[str] = (),
+    added: Sequence[tuple[Term, float]], sensors: Mapping[ChannelSuspect, float],
+    inner: Mapping[str, Mapping[str, float]], suspected: bool, noise: NoiseModel | None, refuted: Collection[str] = (),
 ) -> Near:  # fmt: skip
     """Weigh all explanations on rows near one model.
 
@@ -122,7 +122,7 @@ def weigh_near(
         data = near.rows.complete(right, equation, simulation)
     rate = modelled_rate(near, data, equation, added)
     if suspected:
-        beside = Suspected.of(near, data, equation, added, sensors, rate)
+        beside = Suspected.of(near, data, equation, added, sensors, rate, hidden)
         statistics = sufficient_statistics(near, data, equation, effects, beside.shown, inner)
         told = [each for each in beside.told(statistics) if each[0].key not in refuted]
         statistics.suspect(told, at_rows=True)
@@ -150,10 +150,16 @@ def weigh_near(
     )
     columns, values, sd = estimate(sets, sets.likeliest())
     names, bent = tuple(map(_named, columns)), np.array([bool(c.inner) for c in columns])
-    off = {c.suspect: float(v) for c, v in zip(columns, values, strict=True) if c.suspect is not None}
-    values_of = {c.effect.label: next(iter(c.inner.values())) for c in columns if c.effect is not None and c.inner}
-    found = acting(columns, values)
+    found, off, values_of = acting(columns, values), errors(columns, values), inner_values(columns)
     return Near(near, data, base, noise, rate, names, values, sd, bent, found, off, log_evidence, values_of, hidden)
+
+
+def evidence_of(near: Near, core: Sequence[int]) -> float:
+    """Log evidence of a set on rows near a model, as that of the likeliest one; for paths with the same gains."""
+    sets = near.under_noise()
+    statistics = sets.statistics
+    unit = statistics.target_scale * statistics.rows.gain
+    return _log_evidence(sets, near.noise, core) - statistics.rows.n_row * math.log(unit)
 
 
 def hidden_states(added: Sequence[tuple[Term, float]]) -> tuple[HiddenState, ...]:
@@ -184,6 +190,16 @@ def acting(columns: Sequence[Column], values: Float[np.ndarray, " n_column"]) ->
     return tuple((c.term, float(v)) for c, v in zip(columns, values, strict=True) if c.term is not None and v != 0)
 
 
+def errors(columns: Sequence[Column], values: Float[np.ndarray, " n_column"]) -> dict[ChannelSuspect, float]:
+    """Errors of sensors and inputs, of a unit of their size."""
+    return {c.suspect: float(v) for c, v in zip(columns, values, strict=True) if c.suspect is not None}
+
+
+def inner_values(columns: Sequence[Column]) -> dict[str, Mapping[str, float]]:
+    """Values of inner parameters by the effect's label."""
+    return {c.effect.label: c.inner for c in columns if c.effect is not None and c.inner}
+
+
 def _named(column: Column) -> str:
     if column.suspect is not None:
         return column.suspect.key
@@ -198,9 +214,9 @@ def _unfollowed(rows: EquationRows) -> list[NoiseModel]:
     return [NoiseModel(rows.noise.forced(rows.unfollowed.intensity), (PROCESS,), about=about)]
 
 
-def _log_evidence(sets: Sets, noise: NoiseModel) -> float:
-    """Of the likeliest set without a rest, prior included; summed over values of inner parameters, one at a time."""
-    core, known = sets.likeliest(), sets.evaluations
+def _log_evidence(sets: Sets, noise: NoiseModel, core: Sequence[int] | None = None) -> float:
+    """Of a set without a rest, prior included, by default the likeliest; summed over values of each inner parameter."""
+    core, known = sets.likeliest() if core is None else tuple(core), sets.evaluations
     top = sets.parametric(core).all
     total = top + sets.log_prior(core) - 0.5 * noise.noise.log_det
     for index in core:

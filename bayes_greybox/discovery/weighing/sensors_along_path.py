@@ -29,6 +29,7 @@ from bayes_greybox.discovery.suspects.channels import (
 from bayes_greybox.discovery.suspects.sensors import input_columns, sensor_columns
 from bayes_greybox.model.program import Program
 from bayes_greybox.model.rows.equation_rows import EquationRows
+from bayes_greybox.physics.hidden_states import HiddenState, along
 from bayes_greybox.physics.simulation.protocol import Simulation
 from bayes_greybox.physics.terms import Term
 
@@ -116,7 +117,7 @@ class Suspected(NamedTuple):
     @classmethod
     def of(
         cls, near: Program, data: Trajectories, equation: str, added: Sequence[tuple[Term, float]],
-        sizes: Mapping[ChannelSuspect, float], rate: Rate,
+        sizes: Mapping[ChannelSuspect, float], rate: Rate, hidden: Sequence[HiddenState] = (),
     ) -> "Suspected":  # fmt: skip
         """Take the columns along a path.
 
@@ -127,6 +128,7 @@ class Suspected(NamedTuple):
             added: What was found beside the simulation.
             sizes: The errors so far.
             rate: The whole modelled rate.
+            hidden: Hidden states of what was found, which follow an input that moves.
         """
         simulation, samples = near.simulator(data), data.samples
         assert samples is not None
@@ -138,9 +140,10 @@ class Suspected(NamedTuple):
         sensors = [(suspect, column[at_rows]) for suspect, column in sensor_columns(samples, modelled, late)]
         step = float(np.median(np.diff(samples.time)[np.diff(samples.run) == 0]))
         # An input that drives other states as well is another force on each of them, which no column here is.
-        others = [name for name in simulation.equations if name != equation]
+        own = {equation, *(state.name for state in hidden)}
+        others = [name for name in simulation.equations if name not in own]
         alone = [u for u in nodes.input_names if not any(_drives(u, simulation, name, nodes) for name in others)]
-        inputs = [column for column in input_columns(nodes, rate, step) if column[0].channel in alone]
+        inputs = input_columns(nodes, alone, _followed(rate, hidden, alone), step)
         known = {suspect.key: size for suspect, size in sizes.items()}
         if not (len(samples.state_names) > 1 or nodes.input_names or _dated(simulation, nodes, step)):
             # Nothing is late against anything: nothing was undone.
@@ -170,6 +173,19 @@ class Suspected(NamedTuple):
             if np.linalg.norm(noise.without_starts(column[:, None])) > TOLD * np.linalg.norm(column)
             and not (suspect.kind == GAIN and unitless)
         ]
+
+
+def _followed(rate: Rate, hidden: Sequence[HiddenState], inputs: Sequence[str]) -> Rate:
+    """A rate in which hidden states follow the inputs along a path that stays: a lag is driven by a late input too."""
+    if not any(name in state.symbols for state in hidden for name in inputs):
+        return rate
+
+    def at(data: Trajectories) -> np.ndarray:
+        fresh = np.diff(data.run, prepend=-1) != 0
+        (values,) = along([hidden], data.time, data.columns, fresh)
+        return rate(replace(data, states={**data.states, **values}))
+
+    return at
 
 
 def _modelled(rows: EquationRows, data: Trajectories, added: Sequence[tuple[Term, float]]) -> Trajectories:

@@ -149,11 +149,12 @@ class RowKind(ABC):
         """
         return self
 
-    def resting(self, states: Mapping[str, str]) -> "RowKind":
+    def resting(self, states: Mapping[str, str], starts: Mapping[str, str]) -> "RowKind":
         """The rows, if they may have hidden states, where some are at rest where a run starts.
 
         Args:
             states: These, each with the column that it is about as large as.
+            starts: Those of them that move along with a column where a run starts, with that column.
         """
         return self
 

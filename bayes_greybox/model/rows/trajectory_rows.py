@@ -62,6 +62,7 @@ class TrajectoryRows(RowKind):
         force: Intensity λ = q²/σ² of an unknown force that is part of the noise, as `bg.Noise(force="fit")` finds it.
         at_rest: Hidden states that are at rest where a run starts, or nearly: zero give or take their size, each with
             the column that it is about as large as. Other hidden states may start anywhere.
+        moving: Those of them that start about where a sampled column does, with that column.
     """
 
     substeps: int | None = None
@@ -72,12 +73,14 @@ class TrajectoryRows(RowKind):
     same_noise: bool = False
     force: float = 0.0
     at_rest: tuple[tuple[str, str], ...] = ()
+    moving: tuple[tuple[str, str], ...] = ()
 
     def __post_init__(self) -> None:
         # Files have lists for tuples.
         object.__setattr__(self, "added", tuple((str(text), float(value)) for text, value in self.added))
         object.__setattr__(self, "added_to", tuple(self.added_to))
         object.__setattr__(self, "at_rest", tuple((str(name), str(column)) for name, column in self.at_rest))
+        object.__setattr__(self, "moving", tuple((str(name), str(column)) for name, column in self.moving))
         if self.substeps is not None and not 1 <= self.substeps <= 1000:
             raise InputError(f"TrajectoryRows(substeps={self.substeps}) must be between 1 and 1000.")
         if not 0 <= self.force < math.inf:
@@ -131,9 +134,10 @@ class TrajectoryRows(RowKind):
         """Rows linear near the model with these terms."""
         return replace(self, added=tuple((term.text, float(value)) for term, value in added), added_to=tuple(to))
 
-    def resting(self, states: Mapping[str, str]) -> "TrajectoryRows":
-        """Rows with more hidden states that are at rest where a run starts."""
-        return replace(self, at_rest=tuple({**dict(self.at_rest), **states}.items()))
+    def resting(self, states: Mapping[str, str], starts: Mapping[str, str]) -> "TrajectoryRows":
+        """Rows with more hidden states that are at rest where a run starts, or move along with a column."""
+        at_rest, moving = {**dict(self.at_rest), **states}, {**dict(self.moving), **starts}
+        return replace(self, at_rest=tuple(at_rest.items()), moving=tuple(moving.items()))
 
     def moved_by(self, intensity: float) -> "TrajectoryRows":
         """Rows with an unknown force in their noise."""
@@ -235,5 +239,6 @@ class TrajectoryRows(RowKind):
                 self.process_noise,
                 self.same_noise,
                 dict(self.at_rest),
+                dict(self.moving),
             )
         return known[key]

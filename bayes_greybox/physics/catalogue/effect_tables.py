@@ -1,6 +1,6 @@
 """The layout of a catalogue file: tables of text and numbers, checked, before they become effects.
 
-A file has `[[effect]]` tables with the fields of `Effect`, and optionally one inner parameter as
+A file has `[[effect]]` tables with the fields of `Effect`, and optionally inner parameters as
 `[effect.inner.NAME]` with the fields of `InnerParameter`, and hidden states as `[effect.hidden.NAME]` with those of
 `HiddenState`. The keys and their types are read from the classes; a file
 explains itself, so that it needs the meaning too.
@@ -55,15 +55,14 @@ def effect_tables(content: Mapping[str, Any], effect: Keys, parts: Mapping[str, 
     Args:
         content: The file, as TOML reads it.
         effect: Keys of an effect.
-        parts: Keys of what it has tables of: "inner", its inner parameter, and "hidden", its hidden states.
+        parts: Keys of what it has tables of: "inner", its inner parameters, and "hidden", its hidden states.
 
     Returns:
         One table for each effect, complete and with values of the right kind; `inner` and `hidden` are lists of
         tables that carry their name.
 
     Raises:
-        InputError: An unknown or missing key, a value of the wrong kind, no effects, a slug twice, or more
-            than one inner parameter of an effect.
+        InputError: An unknown or missing key, a value of the wrong kind, no effects, or a slug twice.
     """
     _check_keys(content, _FILE, "")
     tables = content.get("effect", [])
@@ -92,12 +91,6 @@ def _effect_table(table: Any, place: int, effect: Keys, parts: Mapping[str, Keys
     confusions = table.get("confusions", [])
     if not all(isinstance(item, str) for item in confusions):
         raise InputError(f"{where}confusions = {confusions!r} cannot be used; it must be a list of slugs in quotes.")
-    tables = table.get("inner", {})
-    if len(tables) > 1 and all(isinstance(item, Mapping) for item in tables.values()):
-        raise InputError(
-            f"{where}has {len(tables)} inner parameters ({', '.join(tables)}); one at most can be integrated over: "
-            "fix the others at numbers in the expression."
-        )
     read = {
         part: [_part_table(part, name, each, where, keys) for name, each in table.get(part, {}).items()]
         for part, keys in parts.items()

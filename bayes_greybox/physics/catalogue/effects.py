@@ -19,7 +19,7 @@ from bayes_greybox.physics.formula.printing import to_latex
 from bayes_greybox.physics.hidden_states import HiddenState
 from bayes_greybox.physics.terms import Term
 
-from .inner_parameter import InnerParameter
+from .inner_parameter import MOST, InnerParameter
 
 _SLUG = re.compile(r"[a-z0-9]+(-[a-z0-9]+)*")
 _NAME = re.compile(r"(?<![\w.])[^\W\d]\w*")
@@ -33,8 +33,8 @@ class Effect:
         slug: Short name for tables and files, such as "dead-zone".
         name: Plain name.
         domain: Catalogue that it belongs to.
-        expression: Formula over roles, the inner parameter and the hidden states.
-        inner: Its inner parameter, if it has one.
+        expression: Formula over roles, the inner parameters and the hidden states.
+        inner: Its inner parameters.
         hidden: Hidden states, by whose rates it remembers; none of an effect without memory.
         meaning: What happens physically, in one sentence.
         latex: The formula in LaTeX, in customary symbols; by default in the names of the roles.
@@ -73,9 +73,9 @@ class Effect:
         expr = parse_expression(self.expression)
         if expr.is_zero:
             raise InputError(f"The expression {self.expression!r} is zero everywhere; remove the effect.")
-        if len(self.inner) > 1:
+        if len(self.inner) > MOST:
             raise InputError(
-                f"{self.slug!r} has {len(self.inner)} inner parameters; one at most can be integrated over."
+                f"{self.slug!r} has {len(self.inner)} inner parameters; {MOST} at most can be integrated over."
             )
         hidden = tuple(replace(state, rate=unicodedata.normalize("NFC", state.rate)) for state in self.hidden)
         object.__setattr__(self, "hidden", hidden)
@@ -85,6 +85,7 @@ class Effect:
         if hidden:
             # An effect without memory is a function of its roles alone; the rest only says how large things are.
             used |= {role for part in (*self.inner, *hidden) if (role := getattr(part, "of", part.unit_of))}
+            used |= {state.start for state in hidden if state.start}
         roles = tuple(sorted(used))
         if self.nominal and self.nominal not in roles:
             raise InputError(
@@ -181,7 +182,11 @@ class BoundEffect:
         exact = {name: repr(float(value)) for name, value in values.items()}
         states = tuple(
             HiddenState(
-                self._hidden[state.name], self._written(state.rate, exact), self.names[state.unit_of], state.meaning
+                self._hidden[state.name],
+                self._written(state.rate, exact),
+                self.names[state.unit_of],
+                state.meaning,
+                self.names.get(state.start, ""),
             )
             for state in self.effect.hidden
         )
@@ -234,8 +239,8 @@ def _check_hidden(effect: Effect, names: Collection[str]) -> None:
             raise InputError(
                 f"The hidden state {state.name!r} occurs neither in {effect.expression!r} nor in a rate; remove it."
             )
-        if not state.unit_of or state.unit_of in own:
-            raise InputError(
-                f"The hidden state {state.name!r} has unit_of = {state.unit_of!r}; it must be a role, such as "
-                "'position'."
-            )
+        for key, role in (("unit_of", state.unit_of), ("start", state.start or "rest")):
+            if not role or role in own:
+                raise InputError(
+                    f"The hidden state {state.name!r} has {key} = {role!r}; it must be a role, such as 'position'."
+                )

@@ -15,8 +15,12 @@ SCALES = {
     "size": "the largest |{}|",
     "period": "the period of a wave with the spread of {} and of its rate",
     "frequency": "the angular frequency of a wave with the spread of {} and of its rate",
+    "number": "one",
 }
 """What the range of an inner parameter may be in shares of, in words with the role."""
+
+MOST = 4
+"""Inner parameters of an effect, at most: their first values are all combinations of values of each."""
 
 
 @dataclass(frozen=True)
@@ -77,6 +81,8 @@ class InnerParameter:
         """
         if self.scale == "size":
             return float(np.max(np.abs(x)))
+        if self.scale == "number":
+            return 1.0
         if time is None or run is None:
             return 0.0
         step, moved = np.diff(time), np.diff(x)

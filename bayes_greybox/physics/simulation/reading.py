@@ -11,7 +11,10 @@ from .code import CallableSimulation
 from .formulas import ExpressionSimulation
 from .protocol import RightHandSide, Simulation
 
-NO_STATES = "the simulation is a function, which no hidden states can be added to: give it as formulas"
+NO_STATES = (
+    "the simulation is a function, which no hidden states can be added to: give it as formulas, one for each state, "
+    "simulation={'y': 'v', 'v': 'F - 2*y'}"
+)
 """Why what remembers is left out beside such a simulation."""
 
 FUNCTION = "function"

@@ -1,5 +1,6 @@
 """Evidence of sets of effects: patterns of corrections, sums over them, f beside them, and what is remembered."""
 
+from dataclasses import replace
 from itertools import combinations
 from types import SimpleNamespace
 
@@ -7,8 +8,10 @@ import numpy as np
 import pytest
 from tiny_equation import CUBE, DEAD_ZONE, SQUARE, integrated, tiny_evaluations
 
+from bayes_greybox.discovery.evidence.columns import Nearer
 from bayes_greybox.discovery.evidence.evaluations import MOST_PATTERNS, _patterns, one_pattern
 from bayes_greybox.discovery.evidence.odds import Odds
+from bayes_greybox.discovery.suspects.memory import HYSTERESIS, Memory
 from bayes_greybox.model.estimate.evidence import Spectrum, marginal
 from bayes_greybox.physics.catalogue.effects import Effect
 
@@ -289,3 +292,16 @@ def test_the_best_column_of_an_effect_is_at_the_value_in_the_data():
 def test_odds_of_a_correction_are_those_that_were_given():
     rare, usual = (tiny_evaluations(odds=Odds(correction=p)).patterns()[1] for p in (0.01, 0.4))
     assert np.exp(rare[1]) == pytest.approx(0.01) and np.exp(usual[1]) == pytest.approx(0.4)
+
+
+def test_what_is_gained_on_rows_near_itself_counts_in_the_place_of_the_rival_alone():
+    """Beside a memory, which has no formula, too."""
+    known = tiny_evaluations([CUBE, SQUARE], lambda x: -(x**3))
+    statistics = known.statistics
+    cube, square = statistics.of_kind("effect")
+    statistics.remember([(Memory(HYSTERESIS, "x"), np.sin(3 * statistics.rows.columns["x"])[:, None])])
+    (memory,) = statistics.of_kind("memory")
+    columns = statistics.columns
+    columns[cube] = replace(columns[cube], nearer=Nearer(2.5, columns[square].called))
+    assert known.inner_weight((cube,)) == known.inner_weight((cube, memory)) == 2.5
+    assert known.inner_weight((cube, square)) == known.inner_weight((square, memory)) == 0.0

@@ -26,7 +26,7 @@ def whole(data):
 @pytest.mark.parametrize("name", ["F", "u"])
 def test_the_column_of_an_inputs_error_is_what_right_inputs_change_of_the_rate(kind, name):
     data, size = path(), 1e-5
-    columns = {suspect.key: column for suspect, column in input_columns(data, whole, 0.05)}
+    columns = {suspect.key: column for suspect, column in input_columns(data, data.input_names, whole, 0.05)}
     right = freed(data, "v", {ChannelSuspect(kind, name, 1.0): size}, data)
     assert not np.array_equal(right.inputs[name], data.inputs[name])
     change = (whole(right) - whole(data)) / size

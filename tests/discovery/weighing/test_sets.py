@@ -7,7 +7,8 @@ import pytest
 from tiny_equation import CUBE, DEAD_ZONE, SQUARE, on, tiny_data, tiny_evaluations, tiny_model
 
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.discovery.evidence.columns import nodes
+from bayes_greybox.discovery.evidence.columns import at_values, limits
+from bayes_greybox.discovery.evidence.columns import log_weights as widths
 from bayes_greybox.discovery.evidence.evaluations import Evaluations
 from bayes_greybox.discovery.evidence.inner_parameters import SPANS, ZOOM_NODES, ZOOMS, refine
 from bayes_greybox.discovery.evidence.odds import Odds
@@ -399,7 +400,9 @@ def test_refining_brings_the_evidence_to_its_integral_over_the_prior():
     effects = known.statistics.of_kind("effect")
     coarse, fine = summed(effects), summed(refined(known))
     start = len(known.statistics.columns)
-    known.statistics.add("effect", nodes(on(DEAD_ZONE), known.statistics.rows.columns, np.geomspace(0.1, 0.9, 60)))
+    values = np.geomspace(0.1, 0.9, 60)
+    (least,), (most,) = limits(on(DEAD_ZONE), known.statistics.rows.columns)
+    known.statistics.add("effect", at_values(on(DEAD_ZONE), values[:, None], widths(values, least, most)))
     integral = summed(range(start, len(known.statistics.columns)))
     assert fine == pytest.approx(integral, abs=0.05)
     assert abs(coarse - integral) > 0.3

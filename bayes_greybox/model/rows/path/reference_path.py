@@ -133,7 +133,7 @@ class ReferencePath:
 def follow_samples(
     samples: Trajectories, equations: tuple[str, ...], simulation: Simulation, added: Sequence[Force],
     substeps: int | None, interpolation: str | None, process_noise: bool = True,
-    same_noise: bool = False, at_rest: Mapping[str, str] | None = None,
+    same_noise: bool = False, at_rest: Mapping[str, str] | None = None, moving: Mapping[str, str] | None = None,
 ) -> ReferencePath:  # fmt: skip
     """Smooth the samples, and take everything along the smoothed path.
 
@@ -147,6 +147,7 @@ def follow_samples(
         process_noise: Whether an unknown force may act, as strong as the samples say.
         same_noise: Whether the noise of all sensors is the same.
         at_rest: Hidden states that are at rest where a run starts, each with the column that it is as large as.
+        moving: Those of them that start where a sampled column does, with that column.
 
     Raises:
         InputError: See `TrajectoryRows.path`.
@@ -166,7 +167,7 @@ def follow_samples(
     runs = runs_of(samples)
     first = _first_path(samples, seen, simulation, s, slow)
     grid, end = grid_of(samples, runs, substeps or _steps_needed(rate, samples, first, s), interpolation)
-    observed = _observed(rate, samples, seen, simulation, grid, end, outputs, s, sizes, at_rest)
+    observed = _observed(rate, samples, seen, simulation, grid, end, outputs, s, sizes, at_rest, moving or {})
     largest = max(sizes[k] for k in driven)
     learned = {name: float(sizes[k] / largest) for name, k in zip(equations, driven, strict=True)}
     # An unknown force is as large as its state.
@@ -277,7 +278,7 @@ def _sizes(samples: Trajectories, simulation: Simulation, at_rest: Mapping[str, 
 
 def _observed(
     rate: ForcedRate, samples: Trajectories, seen: np.ndarray, simulation: Simulation, grid: Grid, end: np.ndarray,
-    outputs: tuple[int, ...], s: np.ndarray, sizes: np.ndarray, at_rest: Mapping[str, str],
+    outputs: tuple[int, ...], s: np.ndarray, sizes: np.ndarray, at_rest: Mapping[str, str], moving: Mapping[str, str],
 ) -> Observed:  # fmt: skip
     n_segment, n_node = grid.time.shape
     values = np.full((n_segment, n_node // 2 + 1, len(outputs)), np.nan)
@@ -288,6 +289,8 @@ def _observed(
     for k, name in enumerate(simulation.states):
         if k in outputs:
             mean[:, k] = measured[:, outputs.index(k)]
+        elif moving.get(name) in samples.state_names:
+            mean[:, k] = measured[:, samples.state_names.index(moving[name])]
         elif name not in at_rest and not any(simulation.rate_name(m) == name for m in simulation.states):
             # Nothing is known of it but that it is a state like the others.
             hidden.append(k)
