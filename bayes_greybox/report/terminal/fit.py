@@ -13,12 +13,14 @@ from bayes_greybox.inference.posterior import Posterior
 from bayes_greybox.report.equations.text import equations_text
 from bayes_greybox.report.formatting import (
     PROBABILITIES,
+    estimate,
+    formula,
     level_text,
-    nmse_text,
     number,
-    percent_text,
     probability_column,
     probability_text,
+    share_text,
+    unit_text,
 )
 
 from .tables import plain_table, verdict_text
@@ -44,7 +46,7 @@ def fit_tables(fit: Posterior, held_out: pd.Series | None) -> Iterator[Renderabl
         yield _coefficients(fit.data.target_label(equation), table.loc[equation])
     yield _discrepancy(discrepancy_table(fit, _LEVEL))
     if held_out is not None:
-        errors = ", ".join(f"{name} {nmse_text(value)}" for name, value in held_out.items())
+        errors = ", ".join(f"{name} {share_text(value)}" for name, value in held_out.items())
         outputs = any(fit.data.is_output(name) for name in fit.model.equations)
         yield Text(f"\nError on held-out data (NMSE{'' if outputs else ' of the derivative'}): {errors}")
 
@@ -53,14 +55,14 @@ def _coefficients(label: str, table: pd.DataFrame) -> RenderableType:
     rows = plain_table(f"Coefficients of {label}, with {level_text(_LEVEL)} intervals")
     probability = probability_column(table)
     rows.add_column("term", overflow="fold")
-    for title in ("mean", "sd", "lower", "upper"):
+    for title in (PROBABILITIES[probability], "coefficient", "lower", "upper"):
         rows.add_column(title, justify="right", no_wrap=True)
     rows.add_column("unit", overflow="fold")
-    rows.add_column(PROBABILITIES[probability], justify="right", no_wrap=True)
     for term, entry in table.to_dict("index").items():
-        numbers = [number(entry[column], 4) for column in ("mean", "sd", "lower", "upper")]
-        cells = [term, *numbers, entry["unit"], probability_text(entry[probability])]
-        rows.add_row(*(Text(str(cell)) for cell in cells))
+        ends = [number(entry[end]) for end in ("lower", "upper")]
+        size = estimate(entry["mean"], entry["sd"])
+        cells = [formula(str(term)), probability_text(entry[probability]), size, *ends, unit_text(entry["unit"])]
+        rows.add_row(*map(Text, cells))
     return Group("", rows)
 
 
@@ -72,6 +74,6 @@ def _discrepancy(table: pd.DataFrame) -> RenderableType:
         rows.add_column(title, justify="right", no_wrap=True)
     entries = table.to_dict("index")
     for equation, entry in entries.items():
-        rows.add_row(Text(str(equation)), *(Text(percent_text(entry[part])) for part in parts))
-    trades = ", ".join(f"{number(entry['correlation'], 2)} ({entry['term']})" for entry in entries.values())
+        rows.add_row(Text(str(equation)), *(Text(share_text(entry[part])) for part in parts))
+    trades = ", ".join(f"{number(entry['correlation'], 2)} ({formula(entry['term'])})" for entry in entries.values())
     return Group("", rows, Text(f"Largest correlation of a coefficient with the discrepancy: {trades}"))
