@@ -314,7 +314,7 @@ def _rate(fits: Mapping[str, Posterior], name: str) -> str:
     return next(iter(fits.values())).data.target_label(name)
 
 
-def _worst(column: pd.Series, pick: Any) -> float:
+def _worst(column: Any, pick: Any) -> float:
     known = column.to_numpy(float)
     known = known[~np.isnan(known)]
     return float(pick(known)) if len(known) else float("nan")

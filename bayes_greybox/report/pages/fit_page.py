@@ -198,8 +198,8 @@ def _coefficients(fit: Posterior, table: pd.DataFrame) -> Section:
         ]
     if absent:
         few = f"{len(absent)} terms" if len(absent) > 1 else "1 term"
-        table = by_equation(heads, absent, fit.model.equations, "Terms that are likely absent, or too small to matter")
-        blocks.append(Details(f"{few} no more likely to matter than not", [table]))
+        folded = by_equation(heads, absent, fit.model.equations, "Terms that are likely absent, or too small to matter")
+        blocks.append(Details(f"{few} no more likely to matter than not", [folded]))
     lead = "Posterior mean, standard deviation and equal-tailed 90 % interval of each coefficient, in your units."
     return Section("coefficients", "Coefficients", lead, blocks)
 
