@@ -201,7 +201,7 @@ def test_text_and_latex_have_the_terms_their_numbers_and_units_and_the_rule_once
     assert text.count("likeliest pattern") == 1 and text.count("1.23(4) is 1.23 ± 0.04") == 1
     assert latex.startswith(r"\begin{aligned}") and r"\frac{\mathrm{d} y}{\mathrm{d} t} &= v \\" in latex
     assert r"\frac{\mathrm{d} v}{\mathrm{d} t} &= F - 0.3 v + " in latex and latex.endswith("y^{3}\n\\end{aligned}")
-    assert r"[\mathrm{1/m^{2}/s^{2}}]" in latex
+    assert r"[\mathrm{1/(m^{2}\cdot s^{2})}]" in latex
     assert as_simulation(fitted_system(fit)).startswith('y = "v"\nv = "F - 0.3*v + ')
 
 
