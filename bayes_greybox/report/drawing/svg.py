@@ -120,6 +120,9 @@ class _Drawing:
                     yield name, _rounded(value, 2)
             elif name in ("x", "y", "width", "height"):
                 yield name, _rounded(value, 1 if tag != "image" else 3)
+            elif name == "fill" and value.lower() in COLOURS and "style" not in one.attrib:
+                # As a hatching has its ground.
+                yield "style", f"fill:var(--{COLOURS[value.lower()]})"
             elif tag == "image" or not name.startswith("{"):
                 yield name, str(escape(value))
 
