@@ -292,7 +292,7 @@ def test_even_a_short_run_finds_the_two_terms_and_predicts_held_out_data(first):
 
 
 def test_the_terminal_shows_units_intervals_inclusion_shares_and_held_out_error(first):
-    for text in ("y**3", "1/m²/s²", "P(included)", "lower", "discrepancy", "held-out data"):
+    for text in ("y³", "1/(m²·s²)", "P(included)", "lower", "discrepancy", "held-out data"):
         assert text in first.out
     # Long paths are wrapped.
     assert str(first.folder) in first.out.replace("\n", "")

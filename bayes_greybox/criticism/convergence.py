@@ -13,6 +13,8 @@ from bayes_greybox.inference.posterior import Posterior
 from bayes_greybox.inference.remembering import remembered
 from bayes_greybox.model.gp.kernels import KERNELS
 
+from .judged import in_words, judged
+
 MAX_R_HAT = 1.01
 MIN_ESS = 400
 MIN_E_BFMI = 0.3
@@ -33,8 +35,6 @@ to 34 %. Of a variable that f does not depend on the length scale has no upper e
 
 LARGEST_BASIS = 400
 """Automatic refits stop at this many features."""
-
-_NOT_JUDGED = ("weight", "f", "prior_sd", "inclusion")
 
 
 @dataclass(frozen=True)
@@ -68,8 +68,13 @@ def convergence(posterior: Posterior) -> Verdict:
     The weights or values of f are not judged: given the hyperparameters they are drawn exactly and
     independently, and the largest of hundreds of R̂ would exceed 1.01 by chance alone. A quantity that never
     varies, such as the coefficient of a term that no draw includes, has no R̂ and is left out.
+
+    What is judged is what answers rest on (see `judged.judged`). Where the noise hides f in every chain its amplitude
+    and length scales have no say, as the data do not tell them; f at two rows stands in their place. A chain that has
+    found an f of its own brings them back.
     """
     table = convergence_table(posterior)
+    table.index = pd.Index([in_words(posterior, str(name)) for name in table.index], name="variable")
     varying = table.loc[table["varies"]]
     stats = posterior.idata["sample_stats"].dataset
     reasons = [
@@ -92,7 +97,7 @@ def convergence_table(posterior: Posterior) -> pd.DataFrame:
     """
     stats = array_stats()
     rows = {}
-    for name, draws in _judged(posterior):
+    for name, draws in judged(posterior):
         varies = bool(np.ptp(draws) > 0)
         if varies and draws.shape[1] >= 4:
             sd = draws.std()
@@ -177,23 +182,6 @@ def array_stats() -> Any:
     from arviz_stats.base.array import array_stats  # three seconds, so not at the top
 
     return array_stats
-
-
-def _judged(posterior: Posterior) -> Iterator[tuple[str, Float[np.ndarray, "n_chain n_draw"]]]:
-    group = posterior.drawn()
-    # On exact paths the weights of f are sampled as everything else.
-    drawn = _NOT_JUDGED[1:] if posterior.sampling.exact else _NOT_JUDGED
-    left_out = {own[name] for own in posterior.sites.values() for name in drawn}
-    for name, variable in group.data_vars.items():
-        if name in left_out:
-            continue
-        values = variable.to_numpy().astype(float)
-        if values.ndim == 2:
-            yield str(name), values
-            continue
-        labels = group[variable.dims[2]].to_numpy() if values.ndim == 3 else np.arange(values[0, 0].size)
-        for label, column in zip(labels, np.moveaxis(values.reshape(*values.shape[:2], -1), -1, 0), strict=True):
-            yield f"{name}[{label}]", column
 
 
 def _mixing(table: pd.DataFrame, n_chain: int, n_draw: int) -> Iterator[str]:

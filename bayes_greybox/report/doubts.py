@@ -13,7 +13,7 @@ from bayes_greybox.discovery.answer.weighed import STOPS
 from bayes_greybox.discovery.study import StudyResult, left_in_words, worse_in_words
 from bayes_greybox.discovery.suspects.channels import DELAY_STEPS
 
-from .formatting import listed, number, percent_text, probability_text
+from .formatting import listed, number, p_text, probability_text, share_text
 from .study_words import (
     added,
     answer,
@@ -25,7 +25,6 @@ from .study_words import (
     not_weighed,
     remembered,
     rows_of,
-    share_text,
     worse_runs,
 )
 
@@ -165,7 +164,7 @@ def _free_run(study: StudyResult) -> Doubt:
 
     def change(names: Any) -> str:
         parts = [
-            f"{name} {percent_text(errors.loc[name, 'before'])} → {percent_text(errors.loc[name, 'after'])}"
+            f"{name} {share_text(errors.loc[name, 'before'])} → {share_text(errors.loc[name, 'after'])}"
             for name in names
         ]
         return f"{where}: {', '.join(parts)}"
@@ -204,9 +203,3 @@ def _sampler(study: StudyResult) -> Doubt:
     if verdict.ok:
         return Doubt("Sampler", "every convergence check of the amended model's fit passed", False)
     return Doubt("Sampler", f"the amended model's fit did not converge: {' '.join(verdict.reasons)}", True)
-
-
-def p_text(p: float) -> str:
-    """A p-value as it is said: p = 0.337, p < 0.001."""
-    text = probability_text(p)
-    return f"p {text}" if text[0] in "<>" else f"p = {number(float(p), 2)}"

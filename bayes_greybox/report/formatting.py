@@ -1,4 +1,7 @@
-"""How numbers, probabilities, shares, units and formulas are printed: one way for every page, figure and terminal."""
+"""How numbers, probabilities, shares, units and formulas are printed: one way for every page, figure and terminal.
+
+Units and formulas are written by `data.writing`, which the sentences of the rooms before this one use too.
+"""
 
 import math
 import re
@@ -8,11 +11,43 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
+from bayes_greybox.data.writing import formula, unit_text
+
+__all__ = [
+    "PROBABILITIES",
+    "Concise",
+    "concise",
+    "count_text",
+    "estimate",
+    "formula",
+    "interval",
+    "level_text",
+    "listed",
+    "nats",
+    "number",
+    "p_text",
+    "pareto",
+    "percent_text",
+    "probability_column",
+    "probability_text",
+    "quantity",
+    "share_interval",
+    "share_text",
+    "unit_text",
+    "weight_text",
+]
+
 PROBABILITIES = {"inclusion": "P(included)", "outside_rope": "P(|θ| > ROPE)"}
 """What the probability of a term is called; continuous priors have no inclusion."""
 
 _LEAST = 1e-3
 """Probabilities nearer than this to 0 or 1 are not told from each other, and never rounded to certainty."""
+
+_LEAST_SHARE = 1e-4
+"""Shares below it are not told from each other: that none is left of anything is not known so well."""
+
+_SMALL, _LARGE = 1e-3, 1e5
+"""Numbers below the first and from the second on are written with a power of ten."""
 
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
@@ -37,7 +72,7 @@ def percent_text(share: float | np.floating, digits: int | None = None) -> str:
         return "–"
     percent = 100 * float(share)
     if digits is None:
-        if 0 < abs(percent) < 0.01:
+        if 0 < abs(percent) < 100 * _LEAST_SHARE:
             return "<\u00a00.01\u00a0%" if percent > 0 else "0\u00a0%"
         # All but what floating point loses is all.
         if 99.95 <= percent < 100 - 1e-9:
@@ -51,9 +86,19 @@ def level_text(level: float | np.floating) -> str:
     return percent_text(level, 0)
 
 
-def nmse_text(value: float | np.floating) -> str:
-    """A mean square error over the variance of the measurements: the share that was not predicted."""
-    return percent_text(value)
+def share_text(share: float | np.floating) -> str:
+    """A share of something, in percent; what does not show is not said to be nothing, but less than shows."""
+    return f"<\u00a0{_LEAST_SHARE:.2%}".replace("%", "\u00a0%") if abs(share) < _LEAST_SHARE else percent_text(share)
+
+
+def share_interval(lower: float | np.floating, upper: float | np.floating) -> str:
+    """The interval of a share, `1.2 to 3.4 %`; one text where both ends read alike."""
+    ends = [share_text(lower), share_text(upper)]
+    if ends[0] == ends[1]:
+        return ends[0]
+    # Nothing but an end below what shows is the end of an interval at nothing.
+    low = "0" if abs(lower) < _LEAST_SHARE else ends[0].removesuffix("\u00a0%")
+    return f"{low} to {ends[1]}"
 
 
 def number(value: Any, digits: int = 3) -> str:
@@ -70,9 +115,29 @@ def number(value: Any, digits: int = 3) -> str:
         return "∞" if value > 0 else "−∞"
     if float(value) == int(value) and abs(value) < 1e6:
         return f"{int(value)}".replace("-", "−")
-    text = f"{float(value):.{digits}g}".replace("-", "−")
-    mantissa, _, power = text.partition("e")
-    return f"{mantissa}·10{str(int(power.replace('−', '-'))).translate(_SUPERSCRIPT)}" if power else text
+    rounded = float(f"{float(value):.{digits}g}")
+    if _SMALL <= abs(rounded) < _LARGE:
+        whole = math.floor(math.log10(abs(rounded))) + 1
+        # Digits before the point are all written.
+        return (f"{float(value):.0f}" if whole > digits else f"{rounded:.{digits}g}").replace("-", "−")
+    power = math.floor(math.log10(abs(rounded)))
+    return f"{float(f'{rounded / 10.0**power:.{digits}g}'):.{digits}g}{_times(power)}".replace("-", "−")
+
+
+def quantity(value: Any, unit: str | None, digits: int = 3) -> str:
+    """A number with its unit."""
+    return f"{number(value, digits)} {unit_text(unit)}".rstrip()
+
+
+def count_text(value: float) -> str:
+    """A number of things, such as an effective sample size; a dash where it is not known."""
+    return f"{value:.0f}" if math.isfinite(value) else "–"
+
+
+def p_text(p: float) -> str:
+    """A p-value as it is said: p = 0.337, p < 0.001."""
+    text = probability_text(p)
+    return f"p\u00a0{text}" if text[0] in "<>" else f"p\u00a0= {number(float(p), 2)}"
 
 
 def nats(value: float) -> str:
@@ -90,17 +155,46 @@ def weight_text(weight: float) -> str:
     return f"{weight:.2f}"
 
 
-def estimate(mean: float, sd: float, unit: str = "") -> str:
-    """`mean ± sd unit`, to two significant digits of the sd."""
+def estimate(mean: float | np.floating, sd: float | np.floating, unit: str | None = "") -> str:
+    """`mean ± sd unit`, to two significant digits of the sd, with one power of ten for both where one is needed."""
+    mean, sd = float(mean), float(sd)
     tail = f" {unit_text(unit)}" if unit_text(unit) else ""
     if not (math.isfinite(mean) and math.isfinite(sd)):
         return number(mean) + tail
     size = max(abs(mean), sd)
-    if sd <= 0 or not 1e-4 < size < 1e5 or sd < 1e-6 * size:
-        digits = 4 if sd <= 0 else min(8, max(2, math.ceil(math.log10(size / sd)) + 2))
+    if sd <= 0 or sd < 1e-7 * size:
+        digits = 4 if sd <= 0 else 10
         return f"{number(mean, digits)} ± {number(sd, 2)}{tail}"
-    decimals = max(0, 1 - math.floor(math.log10(sd)))
-    return f"{mean:.{decimals}f} ± {sd:.{decimals}f}".replace("-", "−") + tail
+    power = _power(size)
+    sd, mean = sd / 10.0**power, mean / 10.0**power
+    decimals = max(0, 1 - math.floor(math.log10(float(f"{sd:.2g}"))))
+    # A mean that rounds to zero carries no sign.
+    text = re.sub(r"^-(?=[0.]+ )", "", f"{mean:.{decimals}f} ± {sd:.{decimals}f}").replace("-", "−")
+    return (f"({text}){_times(power)}" if power else text) + tail
+
+
+def _power(size: float) -> int:
+    """The power of ten that numbers of this size are written with; 0 for none."""
+    return 0 if size == 0 or _SMALL <= size < _LARGE else math.floor(math.log10(size))
+
+
+def _times(power: int) -> str:
+    return f"·10{str(power).translate(_SUPERSCRIPT)}"
+
+
+def _alike(lower: float, upper: float, decimals: int) -> tuple[str, str]:
+    """Both ends with the same decimals, without zeros that neither needs; nothing is a plain zero."""
+    while (
+        decimals > 0
+        and round(lower, decimals - 1) == round(lower, decimals)
+        and (round(upper, decimals - 1) == round(upper, decimals))
+    ):
+        decimals -= 1
+    decimals = max(decimals, 0)
+    low, high = (
+        "0" if round(end, decimals) == 0 else f"{end:.{decimals}f}".replace("-", "−") for end in (lower, upper)
+    )
+    return low, high
 
 
 class Concise(NamedTuple):
@@ -110,7 +204,7 @@ class Concise(NamedTuple):
     power: int
 
     def __str__(self) -> str:
-        return f"{self.digits}·10{str(self.power).translate(_SUPERSCRIPT)}" if self.power else self.digits
+        return f"{self.digits}{_times(self.power)}" if self.power else self.digits
 
 
 def concise(mean: float, sd: float) -> tuple[bool, Concise]:
@@ -159,32 +253,19 @@ def exact_text(value: float, unit: str = "") -> str:
     return f"{'−' if negative else ''}{size}{f' {unit_text(unit)}' if unit_text(unit) else ''}"
 
 
-def figure_estimate(mean: float | np.floating, sd: float | np.floating, unit: str = "") -> str:
-    """`mean ± sd [unit]` for a figure: two significant digits of the sd, one common power of ten where needed."""
-    mean, sd, shown = float(mean), float(sd), unit_text(unit)
-    tail = f" [{shown}]" if shown else ""
-    size = max(abs(mean), sd)
-    if sd == 0.0 or not np.isfinite(size):
-        return number(mean) + tail
-    power = int(np.floor(np.log10(size)))
-    power = power if power >= 5 or power <= -4 else 0
-    decimals = max(0, 1 - int(np.floor(np.log10(sd / 10.0**power))))
-    if decimals <= 6:
-        body = f"{mean / 10.0**power:.{decimals}f} ± {sd / 10.0**power:.{decimals}f}"
-    else:
-        body = f"{mean / 10.0**power:.6f} ± {sd / 10.0**power:.0e}"
-    # A mean that rounds to zero carries no sign.
-    body = re.sub(r"^-(?=[0.]+ )", "", body).replace("-", "−")
-    return (f"({body})$\\times 10^{{{power}}}$" if power else body) + tail
-
-
 def interval(lower: float, upper: float) -> str:
-    """`lower to upper`, with digits enough to tell them apart."""
+    """`lower to upper`, with digits enough to tell them apart and one power of ten for both where one is needed."""
     if not (math.isfinite(lower) and math.isfinite(upper)):
         return "–"
     width, size = upper - lower, max(abs(lower), abs(upper))
     digits = 3 if width <= 0 else min(8, max(3, math.ceil(math.log10(size / width)) + 2))
-    return f"{number(lower, digits)} to {number(upper, digits)}"
+    power = _power(size)
+    # What does not show beside the other end is nothing.
+    decimals = digits - 1 - (math.floor(math.log10(size)) - power if size else 0)
+    low, high = _alike(lower / 10.0**power, upper / 10.0**power, decimals)
+    if low == high:
+        return number(lower, digits)
+    return f"({low} to {high}){_times(power)}" if power else f"{low} to {high}"
 
 
 def probability_column(inclusion: pd.DataFrame) -> str:
@@ -195,17 +276,3 @@ def probability_column(inclusion: pd.DataFrame) -> str:
 def listed(words: Sequence[str]) -> str:
     """Words as a sentence lists them: a, b and c."""
     return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
-
-
-def unit_text(unit: str | None) -> str:
-    """A unit as people write it: `m/s**2` becomes m/s², `N*m` becomes N·m, nothing stays empty."""
-    if not unit or unit == "dimensionless":
-        return ""
-    raised = re.sub(r"(?:\*\*|\^)(-?\d+)(?![\d.])", lambda found: found[1].translate(_SUPERSCRIPT), unit)
-    return re.sub(r"(?<!\*)\s*\*\s*(?!\*)", "·", raised)
-
-
-def formula(expression: str) -> str:
-    """A formula as people write it: y**3*ydot becomes y³·ydot."""
-    raised = re.sub(r"\*\*(-?\d+)(?![\d.])", lambda found: found[1].translate(_SUPERSCRIPT), expression)
-    return re.sub(r"\s*(?<!\*)\*(?!\*)\s*", "·", raised).replace("-", "−")

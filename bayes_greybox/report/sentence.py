@@ -11,8 +11,8 @@ from bayes_greybox.discovery.answer.instrument import IN_MODEL
 from bayes_greybox.discovery.study import StudyResult, worse_in_words
 from bayes_greybox.discovery.suspects.channels import KINDS
 
-from .formatting import listed, number, percent_text, probability_text
-from .study_words import LIKELY, MOST_CLOSED, answer, name_of, not_helped, not_weighed, remembered
+from .formatting import formula, listed, number, percent_text, probability_text, share_text
+from .study_words import LIKELY, answer, closed_share, name_of, not_helped, not_weighed, remembered
 
 TWICE = 2.0
 """From this ratio on a rise is said as a multiple: hundreds of per cent are hard to read."""
@@ -128,7 +128,7 @@ def _corrections(study: StudyResult, least: float) -> list[dict[str, Any]]:
 
 def _should_be(row: Mapping[str, Any], label: str) -> str:
     right, wrong = number(row["nominal"] + row["mean"], 4), number(row["nominal"], 4)
-    return f"{row['term']} in {label} should have {right}, not {wrong}"
+    return f"{formula(row['term'])} in {label} should have {right}, not {wrong}"
 
 
 def closed_in_words(gap: pd.DataFrame, what: str = "the rate") -> str:
@@ -147,7 +147,7 @@ def closed_in_words(gap: pd.DataFrame, what: str = "the rate") -> str:
     before, after = shares[parts == ("test" if held_out else "train")].sum()
     if not before > 0:
         if after > 0:
-            return f"leaves {percent_text(after)} of {what} on {where} unexplained, where nothing was before"
+            return f"leaves {share_text(after)} of {what} on {where} unexplained, where nothing was before"
         return f"closes no gap on {where}, which show none"
     worse, idle = worsened(gap), not_helped(gap)
     if worse or idle:
@@ -156,11 +156,11 @@ def closed_in_words(gap: pd.DataFrame, what: str = "the rate") -> str:
         runs = runs or f"the free run of {listed(idle)} does not get better"
         if after > before:
             return f"raises what is unexplained of {what} on {where} {risen(after / before)}, and {runs}"
-        size = percent_text(min(1 - after / before, MOST_CLOSED))
+        size = closed_share(1 - after / before)
         return f"lowers what is unexplained of {what} on {where} by {size}, but {runs}"
     if after > before:
         return f"widens the gap on {where} {risen(after / before)}"
-    return f"closes {percent_text(min(1 - after / before, MOST_CLOSED))} of the gap on {where}"
+    return f"closes {closed_share(1 - after / before)} of the gap on {where}"
 
 
 def risen(ratio: float) -> str:

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterable, Mapping
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -13,8 +14,18 @@ from bayes_greybox.discovery.study import StudyResult
 from bayes_greybox.discovery.suspects.channels import DELAY_STEPS, GAIN, GAIN_SD, OFFSET_SD
 from bayes_greybox.discovery.suspects.drift import DRIFT
 from bayes_greybox.discovery.suspects.memory import LAW
+from bayes_greybox.physics.catalogue.loading import load_catalogue
 
-from .formatting import estimate, interval, nmse_text, number, percent_text, probability_text, unit_text
+from .formatting import (
+    estimate,
+    interval,
+    number,
+    percent_text,
+    probability_text,
+    quantity,
+    share_interval,
+    share_text,
+)
 
 METRICS: dict[str, tuple[str, str]] = {
     "unexplained share": (
@@ -59,12 +70,11 @@ LIKELY = 0.5
 GIVEN = ("position", "stored", "velocity", "level", "population", "state")
 """Roles whose column may well be in the data where none was recognised; another body's need not be there."""
 
+LEAST_CLOSED = 1e-4
+"""A gap that changes by less than this share of it is as it was."""
+
 MOST_CLOSED = 0.9999
 """Nobody is told that all of a gap is closed: what is left may only be less than the noise shows."""
-
-
-LEAST_LEFT = 1e-9
-"""So little of a gap is left at least, wherever it is printed."""
 
 
 def added(study: StudyResult) -> np.ndarray:
@@ -89,11 +99,18 @@ def remembered(study: StudyResult, equation: str) -> str:
 
 
 def name_of(study: StudyResult, slug: str) -> str:
-    """Plain name of an explanation; the slug itself for an effect that the study's table does not have."""
+    """Plain name of an explanation; that of the catalogue for an effect that the study's table does not have."""
     named = dict(zip(study.effects["slug"], study.effects["name"], strict=True))
     if slug in NAMES:
         return NAMES[slug]
-    return " + ".join(named.get(part, part) for part in slug.split(" + "))
+    return " + ".join(named.get(part) or _catalogued(part) for part in slug.split(" + "))
+
+
+@cache
+def _catalogued(slug: str) -> str:
+    """Name in the package's catalogue; of an effect of a user's own file its slug as words."""
+    known = {effect.slug: effect.name for effect in load_catalogue("all")}
+    return known.get(slug, slug.replace("-", " ").capitalize())
 
 
 def answer(study: StudyResult, equation: str) -> str:
@@ -199,16 +216,13 @@ def metric_words(study: StudyResult, metric: str, variable: str) -> tuple[str, s
 def metric_value(study: StudyResult, metric: str, value: float) -> str:
     """A value of a measure of the gap as it is read."""
     if metric == "time to failure":
-        unit = study.train.unit("t") or ""
-        return "never" if not math.isfinite(value) else f"{number(value)} {unit}".strip()
-    if metric == MISFIT:
-        return number(value, 3)
-    return nmse_text(value) if metric in ("derivative NMSE", "output NMSE", "sample NMSE") else percent_text(value)
+        return quantity(value, study.train.unit("t")) if math.isfinite(value) else "never"
+    return number(value, 3) if metric == MISFIT else share_text(value)
 
 
-def share_text(share: float) -> str:
-    """A share of the gap that is left; what does not show is not said to be nothing."""
-    return percent_text(share if math.isnan(share) else max(share, LEAST_LEFT))
+def closed_share(closed: float) -> str:
+    """The share of the gap that is closed, never all of it; what was widened is below nothing."""
+    return "unchanged" if abs(closed) < LEAST_CLOSED else percent_text(min(closed, MOST_CLOSED))
 
 
 def closed_text(closed: float, denied: bool = False) -> str:
@@ -224,7 +238,7 @@ def closed_text(closed: float, denied: bool = False) -> str:
         return f"the gap grew by {percent_text(-closed)}"
     if closed < 0.005:
         return "unchanged"
-    size = percent_text(min(closed, MOST_CLOSED))
+    size = closed_share(closed)
     return f"lower by {size}" if denied else f"{size} of the gap closed"
 
 
@@ -236,7 +250,7 @@ def metric_interval(study: StudyResult, metric: str, lower: float, upper: float)
         return " to ".join(dict.fromkeys(ends))
     if math.isnan(lower) or math.isnan(upper):
         return "–"
-    return f"{metric_value(study, metric, lower)} to {metric_value(study, metric, upper)}"
+    return interval(lower, upper) if metric == MISFIT else share_interval(lower, upper)
 
 
 def suspect_size(row: Mapping[str, Any]) -> tuple[str, str, str]:
@@ -245,7 +259,7 @@ def suspect_size(row: Mapping[str, Any]) -> tuple[str, str, str]:
         span = f"{percent_text(row['lower'])} to {percent_text(row['upper'])}"
         return f"{percent_text(row['mean'])} ± {percent_text(row['sd'])}", span, "–"
     if math.isnan(row["sd"]):
-        return (f"{number(row['mean'], 2)} {unit_text(row['unit'])}" if row["unit"] else "–"), "–", "–"
+        return (quantity(row["mean"], row["unit"], 2) if row["unit"] else "–"), "–", "–"
     span, samples = interval(row["lower"], row["upper"]), "–"
     if math.isfinite(row["samples"]):
         samples = f"{number(row['samples'], 2)} ({interval(row['lower_samples'], row['upper_samples'])})"

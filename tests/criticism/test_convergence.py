@@ -42,7 +42,7 @@ def test_a_chain_elsewhere_is_named(model, data):
     sigma[2] *= 1.5
     verdict = verdict_of(model, data, sigma=sigma)
     assert not verdict.ok
-    assert "v_sigma" in verdict.reasons[0]
+    assert "the noise's standard deviation" in verdict.reasons[0]
     assert "R̂" in verdict.reasons[0] and "tune" in verdict.reasons[0]
     assert str(verdict).startswith("Not converged")
 
@@ -55,7 +55,7 @@ def test_slow_mixing_asks_for_more_draws(model, data):
         x[:, i] = 0.95 * x[:, i - 1] + rng.standard_normal(CHAINS)
     verdict = verdict_of(model, data, sigma=0.1 * np.exp(0.02 * x))
     (reason,) = [r for r in verdict.reasons if "bulk" in r]
-    assert "v_sigma" in reason
+    assert "the noise's standard deviation" in reason
     needed = int(reason.split("about ")[1].rstrip("."))
     assert 2500 < needed < 10_000
 
@@ -105,12 +105,73 @@ def test_chains_stuck_at_different_values_fail(model, data):
     gamma = np.ones((CHAINS, DRAWS, 3), int)
     gamma[0, :, 1] = 0
     verdict = verdict_of(model, data, gamma=gamma)
-    assert any("v_gamma[v]" in reason and "inf" in reason for reason in verdict.reasons)
+    assert any("whether v is in the model" in reason and "inf" in reason for reason in verdict.reasons)
+
+
+def weights(model, data, size, seed=6):
+    """Independent weights of f [n_chain, n_draw, n_basis] with RMS of f at the data in units of the target's scale."""
+    equation = model.assemble(data)["v"]
+    Psi = equation.parts()[1]
+    draws = np.random.default_rng(seed).standard_normal((CHAINS, DRAWS, Psi.shape[1]))
+    return draws * np.broadcast_to(size, (CHAINS, DRAWS))[..., None] / np.sqrt(np.mean(np.sum(Psi**2, axis=1)))
+
+
+def wandering(seed=5, spread=0.5):
+    """Chains that mix slowly, as AR(1) with φ = 0.9: ESS 210 of 4000."""
+    rng, x = np.random.default_rng(seed), np.zeros((CHAINS, DRAWS))
+    for i in range(1, DRAWS):
+        x[:, i] = 0.9 * x[:, i - 1] + np.sqrt(1 - 0.9**2) * rng.standard_normal(CHAINS)
+    return np.exp(spread * x)
 
 
 def test_weights_are_not_judged(model, data):
-    weight = np.repeat(np.arange(CHAINS, dtype=float)[:, None], DRAWS, axis=1)[..., None] * np.ones(5)
-    assert verdict_of(model, data, weight=weight).ok
+    # Chains that differ, each around a value of its own; f is told from zero.
+    each = weights(model, data, 0.0) + np.arange(1.0, CHAINS + 1)[:, None, None]
+    assert verdict_of(model, data, weight=each).ok
+
+
+def test_hyperparameters_of_a_discrepancy_that_the_noise_hides_do_not_ring(model, data):
+    """They wander over their prior; f itself, the coefficients and the noise are as sure as can be."""
+    size = 0.01 * wandering()
+    lengths = np.stack([wandering(7), wandering(8)], axis=-1)
+    nil = {"amplitude": size, "length_scale": 4.0 + lengths, "weight": weights(model, data, size)}
+    posterior = fabricate(model, data, chains=CHAINS, draws=DRAWS, **nil)
+    table = convergence_table(posterior)
+    assert convergence(posterior).ok
+    assert not {"v_amplitude", "v_length_scale[y]"} & set(table.index)
+    assert {"v_discrepancy[where it is largest]", "v_discrepancy[where it is least certain]"} < set(table.index)
+    # The same hyperparameters ring where f is not hidden: as large as five times the noise, and told from zero.
+    large = weights(model, data, 0.05) + 1.0
+    seen = fabricate(model, data, chains=CHAINS, draws=DRAWS, **{**nil, "weight": large})
+    assert {"v_amplitude", "v_length_scale[y]"} < set(convergence_table(seen).index)
+    assert any("along" in reason or "amplitude of f" in reason for reason in convergence(seen).reasons)
+
+
+@pytest.mark.parametrize("quantity", ["sigma", "theta"])
+def test_a_hidden_discrepancy_hides_no_other_quantity(model, data, quantity):
+    nil = {"amplitude": 0.01 * wandering(), "weight": weights(model, data, 0.01)}
+    bad = scalar() if quantity == "sigma" else np.random.default_rng(1).standard_normal((CHAINS, DRAWS, 3))
+    bad[2] = 1.5 * bad[2] if quantity == "sigma" else bad[2] + 1.0
+    assert not verdict_of(model, data, **nil, **{quantity: bad}).ok
+
+
+def test_one_chain_that_found_a_discrepancy_rings(model, data):
+    """Three chains have none and one has one: on the mean of all it is smaller than its spread."""
+    size = np.full((CHAINS, DRAWS), 0.01) * np.exp(0.1 * np.random.default_rng(4).standard_normal((CHAINS, DRAWS)))
+    size[3] *= 30
+    weight = weights(model, data, 0.01)
+    weight[3] += 1.0
+    reasons = verdict_of(model, data, amplitude=size, weight=weight).reasons
+    assert any("the amplitude of f" in reason and "R̂" in reason for reason in reasons)
+
+
+def test_chains_that_hold_different_hidden_discrepancies_ring(model, data):
+    """Each too small to be told from zero, but chains that mix have the same."""
+    weight = weights(model, data, 0.04)
+    sign = np.array([1.0, 1.0, -1.0, -1.0])[:, None, None]
+    weight = weight + sign * weights(model, data, 0.04).std()
+    reasons = verdict_of(model, data, amplitude=scalar(3), weight=weight).reasons
+    assert any("f where it is" in reason for reason in reasons)
 
 
 def test_length_scales_too_short_for_the_basis_ask_for_features(model, data):

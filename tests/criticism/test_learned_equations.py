@@ -213,11 +213,11 @@ def test_text_and_latex_have_the_terms_their_numbers_and_units_and_the_rule_once
     (y, cubic) = fitted_system(fit).learned["v"].terms
     line = next(each for each in text.splitlines() if each.startswith("d(v)/dt"))
     assert line.startswith("d(v)/dt = F − 0.3·v + ") and "v³" not in line
-    assert f"{cubic.value.mean:.3f}".lstrip("-")[:4] in line and "[1/m²/s²] y³" in line and " [1/s²] y −" in line
+    assert f"{cubic.value.mean:.3f}".lstrip("-")[:4] in line and "[1/(m²·s²)] y³" in line and " [1/s²] y −" in line
     assert text.count("likeliest pattern") == 1 and text.count("1.23(4) is 1.23 ± 0.04") == 1
     assert latex.startswith(r"\begin{aligned}") and r"\frac{\mathrm{d} y}{\mathrm{d} t} &= v \\" in latex
     assert r"\frac{\mathrm{d} v}{\mathrm{d} t} &= F - 0.3 v + " in latex and latex.endswith("y^{3}\n\\end{aligned}")
-    assert r"[\mathrm{1/m^{2}/s^{2}}]" in latex
+    assert r"[\mathrm{1/(m^{2}\cdot s^{2})}]" in latex
     assert as_simulation(fitted_system(fit)).startswith('y = "v"\nv = "F - 0.3*v + ')
 
 

@@ -1,7 +1,9 @@
+import json
 import re
 from html import escape, unescape
 
 import numpy as np
+import page_rules
 import pytest
 
 import bayes_greybox as bg
@@ -54,9 +56,28 @@ def test_the_numbers_are_those_of_the_fit(fit, html):
 
 
 def test_nothing_is_fetched_and_every_figure_has_words(html):
-    targets = re.findall(r'(?:src|srcset|href)="([^"]{0,30})', html)
-    assert targets and all(target.startswith(("data:image/svg+xml", "#")) for target in targets)
-    assert len(re.findall(r"<img ", html)) == 9 == len(re.findall(r'<img [^>]*alt="[^"]{20,}"', html))
+    assert page_rules.broken(html) == []
+    assert len(re.findall(r"<figure ", html)) == 9 == len(re.findall(r'<svg [^>]*aria-label="[^"]{20,}"', html))
+
+
+def test_what_a_figure_shows_can_be_read_off_it(html):
+    """A line of the drawing, by the box and the limits of its axes, is the line that was drawn."""
+    drawn = r'aria-label="Discrepancy in d\(ydot\)/dt {}" viewBox="[^"]*" data-axes="([^"]*)">(.*?)</svg>'
+    found = re.search(drawn.format("along time"), html)
+    (axes,) = json.loads(unescape(found[1]))
+    assert axes["names"] == ["time [s]", "discrepancy f [m/s²]"] and list(axes["lines"].values()) == ["mean"]
+    (line,) = axes["lines"]
+    commands = re.search(rf'id="{line}">.*?d="M([^"]*)"', found[2])[1]
+    start, steps = commands.split("l")
+    points = np.cumsum(np.array([start.split(), *np.reshape(steps.split(), (-1, 2))], float), axis=0)
+    left, top, width, height = axes["box"]
+    time = axes["x"][0] + (points[:, 0] - left) / width * np.subtract(*axes["x"][::-1])
+    assert time[0] == pytest.approx(0.0, abs=0.02) and time[-1] == pytest.approx(20.0, abs=0.02)
+    assert np.all(np.diff(time) >= 0)
+    maps = re.search(drawn.format("over the states"), html)
+    shown = [one["map"] for one in json.loads(unescape(maps[1]))]
+    assert [one["name"] for one in shown] == ["mean of f [m/s²]", "sd of f [m/s²]"]
+    assert all(len(one["values"]) == 2 * one["across"] ** 2 for one in shown)
 
 
 def test_the_checks_are_on_the_page(fit, html):

@@ -18,7 +18,7 @@ RATE = re.compile(r"d\(R\)|derivative|\brates?\b", re.IGNORECASE)
 def words(page):
     """What a page says, texts of its pictures included; not what its settings are called."""
     page = replace(page, sections=[section for section in page.sections if section.anchor != "settings"])
-    html = re.sub(r"<style.*?</style>|data:image[^\"']*", "", render(page), flags=re.DOTALL)
+    html = re.sub(r"<style.*?</style>|<script.*?</script>|data:image[^\"']*", "", render(page), flags=re.DOTALL)
     return html.replace("\u00a0", " ")
 
 

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from bayes_greybox.criticism.discrepancy import DiscrepancyGrid
 from bayes_greybox.data.errors import InputError
-from bayes_greybox.report.formatting import figure_estimate, unit_text
+from bayes_greybox.report.formatting import estimate, formula, unit_text
 from bayes_greybox.report.plots import (
     plot_coefficients,
     plot_comparison,
@@ -53,8 +53,24 @@ def test_forest_has_a_point_an_interval_and_a_bar_for_each_term(n_term):
     np.testing.assert_allclose([bar.get_width() for bar in bars.patches], table["inclusion"])
     assert bars.get_xlim() == (0, 1)
     shown = texts(figure)
-    assert sum("[1/s²]" in text for text in shown) == n_term
-    assert [label.get_text() for label in forest.get_yticklabels()] == [term for _, term in table.index]
+    # The axis has the unit of all its terms.
+    assert [text for text in shown if "1/s²" in text] == ["coefficient [1/s²]"]
+    assert [label.get_text() for label in forest.get_yticklabels()] == [formula(term) for _, term in table.index]
+
+
+def test_coefficients_of_different_units_have_an_axis_each():
+    units = ["1/s**2", "1/m²/s²", "1/s^2", "1"]
+    figure = plot_coefficients(coefficient_table(4, unit=units, inclusion=[0.9] * 4))
+    forests = figure.axes[::2]
+    assert [ax.get_xlabel() for ax in forests] == ["coefficient [1/s²]", "coefficient [1/(m²·s²)]", "coefficient"]
+    assert [len(ax.get_yticks()) for ax in forests] == [2, 1, 1]
+    titles = [ax.get_title(loc="left") for ax in forests]
+    assert titles == ["Coefficients in the equation for ydot", "", ""]
+    # The caller's axes hold what they were given for.
+    given = plt.Figure().subplots(1, 2)
+    plot_coefficients(coefficient_table(4, unit=units, inclusion=[0.9] * 4), axes=given)
+    assert given[0].get_xlabel() == "coefficient, each in its own unit"
+    assert any(text.endswith("1/(m²·s²)") for text in texts(given[0].figure))
 
 
 def test_forest_reads_from_top_to_bottom_with_bars_beside_their_terms():
@@ -87,11 +103,11 @@ def test_truth_and_units_are_matched_by_equation_and_term(nested):
     truth = {"y": {term: 3.5}} if nested else {("y", term): 3.5}
     units = {"y": {term: "N*m"}} if nested else {("y", term): "N*m"}
     figure = plot_coefficients(table, truth=truth, units=units)
-    first, second = figure.axes
+    first, other, second = figure.axes
     diamonds = line(second, "true value")
-    np.testing.assert_array_equal(diamonds.get_xdata(), [np.nan, 3.5])
+    np.testing.assert_array_equal(diamonds.get_xdata(), [3.5])
     assert diamonds.get_markerfacecolor() == "none"
-    assert "true value" not in [found.get_label() for found in first.get_lines()]
+    assert "true value" not in [found.get_label() for ax in (first, other) for found in ax.get_lines()]
     assert sum("[N·m]" in text for text in texts(figure)) == 1
     assert "true value" in texts(figure)
     assert second.get_xlim()[1] > 3.5
@@ -129,7 +145,7 @@ def test_exact_zeros_everywhere_are_drawn_at_zero():
     for scale in ("auto", "symlog"):
         forest = plot_coefficients(table, scale=scale).axes[0]
         assert forest.get_xlim()[0] < 0 < forest.get_xlim()[1]
-        assert "0" in texts(forest.figure)
+        assert "0 ± 0" in texts(forest.figure)
 
 
 def test_forest_accepts_a_mean_outside_its_interval():
@@ -141,7 +157,7 @@ def test_forest_accepts_a_mean_outside_its_interval():
 def test_formulas_are_drawn_where_they_can_be_and_names_elsewhere():
     table = coefficient_table(3, latex=[r"\dot{y}^{2}", r"\nosuchmacro{y}", None])
     labels = [label.get_text() for label in plot_coefficients(table).axes[0].get_yticklabels()]
-    assert labels == [r"$\dot{y}^{2}$", "y**1*ydot", "y**2*ydot"]
+    assert labels == [r"$\dot{y}^{2}$", "y¹·ydot", "y²·ydot"]
     assert formula_or_name("cost_$", None) == r"cost_\$"
 
 
@@ -164,20 +180,50 @@ def test_bad_tables_are_named():
         (-1.0034, 0.0212, "−1.003 ± 0.021"),
         (-0.0004, 0.83, "0.00 ± 0.83"),
         (1234.5, 67.0, "1234 ± 67"),
-        (0.0, 0.0, "0"),
-        (-4e-4, 2e-5, "(−4.00 ± 0.20)$\\times 10^{-4}$"),
-        (1.0, 3e-9, "1.000000 ± 3e−09"),
+        (0.0, 0.0, "0 ± 0"),
+        (-4e-4, 2e-5, "(−4.00 ± 0.20)·10⁻⁴"),
+        (1.0, 3e-9, "1 ± 3·10⁻⁹"),
     ],
 )
 def test_estimates_show_two_digits_of_their_uncertainty(mean, sd, expected):
-    assert figure_estimate(mean, sd) == expected
-    assert figure_estimate(mean, sd, "m/s**2") == expected + " [m/s²]"
+    assert estimate(mean, sd) == expected
+    assert estimate(mean, sd, "m/s**2") == expected + " m/s²"
 
 
-def test_units_read_as_people_write_them():
-    assert unit_text("kg*m**2/s**-3") == "kg·m²/s⁻³"
-    assert unit_text("m**0.5") == "m**0.5"
-    assert unit_text(None) == unit_text("dimensionless") == unit_text("") == ""
+@pytest.mark.parametrize(
+    ("spelt", "written"),
+    [
+        *[(text, "m/s²") for text in ("m/s/s", "m/s**2", "m/s^2", "m s⁻²", "m*s**-2", "m/(s*s)", "m/s**(2)")],
+        *[(text, "1/(m²·s²)") for text in ("1/m²/s²", "1/m**2/s**2", "1/(m**2*s**2)", "1/(m²·s²)", "m^-2 s^-2")],
+        ("kg*m**2/s**-3", "kg·m²·s³"),
+        ("m/(s*(kg/m))", "m²/(s·kg)"),
+        ("m**0.5", "m^0.5"),
+        ("m⁰⋅⁵", "m^0.5"),
+        ("m per second", "m/second"),
+        ("N*m", "N·m"),
+        ("°C", "°C"),
+        *[(text, "") for text in ("", "1", "dimensionless", "m/m")],
+        # What is no product of powers stays as it is.
+        *[(text, text) for text in ("10 m", "m/", "m**", "m**2**3", "a1/s", "m)", "(m", "m**(1/0)")],
+    ],
+)
+def test_a_unit_is_written_one_way_however_it_is_spelt(spelt, written):
+    assert unit_text(spelt) == written == unit_text(written)
+
+
+def test_no_unit_is_no_text():
+    assert unit_text(None) == ""
+
+
+def test_a_discrepancy_that_is_small_beside_the_noise_is_pale():
+    grid = map_grid()
+    noise = 50.0 * max(float(np.abs(grid.mean).max()), float(grid.sd.max()))
+    for ax in plot_discrepancy_over_states(grid, noise=noise).axes[:2]:
+        mesh = next(c for c in ax.collections if isinstance(c, QuadMesh))
+        assert mesh.get_clim()[1] == noise
+        # Within a twentieth of white at the place where f is largest.
+        colours = mesh.cmap(mesh.norm(mesh.get_array()[grid.inside.T.reshape(mesh.get_array().shape)]))
+        assert np.min(colours[..., :3]) > 0.9
 
 
 def curve_grid() -> DiscrepancyGrid:

@@ -9,6 +9,7 @@ from threadpoolctl import threadpool_limits
 
 from bayes_greybox.criticism.convergence import convergence
 from bayes_greybox.criticism.linearity import Linearity, linearity
+from bayes_greybox.data.writing import formula
 from bayes_greybox.inference.posterior import Posterior
 from bayes_greybox.inference.remembering import remembered
 
@@ -152,6 +153,6 @@ def _prior_reasons(equation: str, table: pd.DataFrame) -> Iterator[str]:
         ),
     ):
         given = table["diagnosis"].to_numpy(str) == diagnosis
-        found = [str(key[1]) for key in table.index[given]]
+        found = [formula(str(key[1])) for key in table.index[given]]
         if found:
             yield f"In {equation!r}, for {', '.join(found)} {words}: {hint}."

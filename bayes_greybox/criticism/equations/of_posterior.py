@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from bayes_greybox.criticism.inclusion import ROPE, inclusion
+from bayes_greybox.criticism.judged import TOLD
 from bayes_greybox.criticism.prediction import PREDICTION_DRAWS
 from bayes_greybox.inference.posterior import Learned, Posterior
 from bayes_greybox.inference.remembering import remembered
@@ -25,13 +26,6 @@ LIKELY = 0.5
 
 ROWS = 500
 """Rows, evenly spaced, on which f is told from zero."""
-
-TOLD = 2.0
-"""f is told from zero where its mean is so many of its standard deviations, as RMS over the rows.
-
-Where f is zero its posterior mean is less than its standard deviation, whatever its prior: with prior variance s² and
-variance n² of what the data say of a direction, E[mean²] = s⁴n²/(s²+n²)² < s²n²/(s²+n²) = sd².
-"""
 
 FEWEST = 10
 """Draws of the likeliest pattern below which f is told from zero by those of all patterns: so few have no spread."""

@@ -7,6 +7,7 @@ from functools import partial
 import numpy as np
 
 from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.data.writing import unit_text
 from bayes_greybox.discovery.evidence.odds import Odds
 from bayes_greybox.discovery.suspects.channels import calibrated, slope_along
 from bayes_greybox.discovery.weighing.aligned import Aligned
@@ -125,7 +126,7 @@ def with_noisy_states(finding: Finding, aligned: Aligned, unit: str) -> Finding:
     if not spurious > REGRESSORS * left:
         return finding
     names, rows = ", ".join(aligned.sample_noise), world.evaluations.statistics.rows
-    size = f"{spurious * scale:.2g} {unit}".rstrip()
+    size = f"{spurious * scale:.2g} {unit_text(unit)}".rstrip()
     like = f"{size} of {rows.equation}" if rows.output else f"a force of {size}"
     return finding.capped([f"noise on the samples of {names} acts like {like}"])
 

@@ -10,6 +10,7 @@ import pandas as pd
 
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.data.writing import unit_text
 from bayes_greybox.discovery.evidence.evaluations import Evaluations
 from bayes_greybox.discovery.evidence.sufficient_statistics import SufficientStatistics
 from bayes_greybox.discovery.weighing.aligned import Aligned
@@ -263,7 +264,7 @@ def _advice(found: EquationStudy, index: int, rivals: Sequence[int], data: Traje
             ]
             apart = max(float(np.max(np.abs(curves[0] - other))) for other in curves[1:])
             if np.isfinite(apart) and apart * statistics.target_scale > 4 * found.amendment.sigma:
-                unit = f" {data.unit(v)}" if data.unit(v) and data.unit(v) != "1" else ""
+                unit = f" {unit_text(data.unit(v))}" if unit_text(data.unit(v)) else ""
                 parted.append((reach, f"measure up to |{v}| = {reach * top:.3g}{unit} (the data reach {top:.3g})"))
                 break
     if not parted:

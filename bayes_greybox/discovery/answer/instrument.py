@@ -8,6 +8,7 @@ import pandas as pd
 
 from bayes_greybox.data.samples.clipping import clipped_in_words
 from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.data.writing import unit_text
 from bayes_greybox.discovery.suspects.channels import DELAY, DELAY_STEPS, GAIN, STATES, ChannelSuspect
 from bayes_greybox.discovery.weighing.aligned import Aligned
 from bayes_greybox.model.noise.noise_model import CORRELATED, HEAVY, PROCESS, VARYING
@@ -101,7 +102,7 @@ def instrument_table(
                 name,
                 1.0,
                 IN_MODEL,
-                f"samples of {name} have noise of {noise.sd:.2g} {unit}".rstrip(),
+                f"samples of {name} have noise of {noise.sd:.2g} {unit_text(unit)}".rstrip(),
             )
             | {"mean": noise.sd, "unit": unit}
         )
@@ -161,7 +162,7 @@ def _row(
         unit = target_unit(equation, data) if rate else data.unit(suspect.channel)
         row |= {
             "unit": unit or "",
-            "text": f"{channel} has {_article(suspect.kind)} of {mean:.3g} {unit or ''}".rstrip(),
+            "text": f"{channel} has {_article(suspect.kind)} of {mean:.3g} {unit_text(unit)}".rstrip(),
         }
     return row
 

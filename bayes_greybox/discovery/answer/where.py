@@ -9,6 +9,7 @@ from jaxtyping import Float, Int
 from scipy.special import ndtr
 
 from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.data.writing import unit_text
 from bayes_greybox.discovery.evidence.sufficient_statistics import SufficientStatistics
 from bayes_greybox.discovery.evidence.with_discrepancy import Evaluator, WithDiscrepancy
 from bayes_greybox.model.estimate.evidence import Spectrum
@@ -234,7 +235,7 @@ def _regions(
 
 
 def _rules(name: str, x: np.ndarray, unit: str) -> Iterator[tuple[str, np.ndarray]]:
-    unit = f" {unit}" if unit and unit != "1" else ""
+    unit = f" {unit_text(unit)}" if unit_text(unit) else ""
     levels = np.linspace(0.05, 0.95, CUTS)
     for c in np.unique(np.quantile(x, levels)):
         yield f"{name} > {c:.3g}{unit}", x > c

@@ -51,4 +51,4 @@ def _piece(piece: Piece) -> str:
 
 def _unit(unit: str) -> str:
     raised = re.sub("[⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+", lambda found: f"^{{{found[0].translate(_POWERS)}}}", unit)
-    return raised.replace("·", r"\cdot ").replace("%", r"\%").replace(" ", r"\ ")
+    return raised.replace("%", r"\%").replace(" ", r"\ ").replace("·", r"\cdot ")

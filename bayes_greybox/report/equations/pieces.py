@@ -62,7 +62,7 @@ def pieces(system: LearnedSystem, name: str) -> Iterator[Piece]:
         negative, factor = exact(each.value.mean) if known else concise(each.value.mean, each.value.sd)
         unit = unit_text(each.unit)
         expr = None if each.term.expr == 1 else _short(each.term.expr)
-        yield Piece(negative, factor, "" if unit == "1" else unit, expr, known)
+        yield Piece(negative, factor, unit, expr, known)
     f = learned.discrepancy
     if f is not None and f.left:
         yield Piece(False, None, "", _called("f", f.variables, system, name))

@@ -51,7 +51,7 @@ def inner_text(system: LearnedSystem, name: str) -> list[str]:
     for each in system.learned[name].inner:
         negative, size = concise(each.value.mean, each.value.sd)
         unit = unit_text(each.unit)
-        text = f"{each.name} = {'−' if negative else ''}{size}{f' {unit}' if unit not in ('', '1') else ''}"
+        text = f"{each.name} = {'−' if negative else ''}{size}{f' {unit}' if unit else ''}"
         found.append(f"{text} ({each.effect})")
     return found
 

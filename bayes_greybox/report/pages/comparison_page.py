@@ -15,6 +15,7 @@ from bayes_greybox.inference.posterior import Posterior
 from bayes_greybox.physics.coefficient import Coefficient
 from bayes_greybox.report.formatting import (
     PROBABILITIES,
+    count_text,
     estimate,
     exact_text,
     formula,
@@ -185,55 +186,66 @@ _LEAD = "Every model is judged on data that its prediction did not use: how prob
 
 def _terms(fits: Mapping[str, Posterior]) -> Section:
     """How probable each term is, one column for each model."""
-    tables = {name: inclusion(fit) for name, fit in fits.items()}
+    tables: dict[str, Any] = {name: inclusion(fit) for name, fit in fits.items()}
     columns = {name: probability_column(table) for name, table in tables.items()}
-    rows, marked = [], []
+    first, rows, absent, marked = next(iter(fits)), [], [], []
     for key in _keys(tables):
+        found = {name: float(table.loc[key, columns[name]]) for name, table in tables.items() if key in table.index}
         cells = [
             term_probability(tables[name].loc[key].to_dict(), columns[name], _prior(fits[name], key))
-            if key in tables[name].index
+            if name in found
             else "–"
             for name in fits
         ]
-        first = next(iter(fits))
-        if key in tables[first].index and float(tables[first].loc[key, columns[first]]) > LIKELY:
-            marked.append(len(rows))
-        rows.append((formula(key[1]), _rate(fits, key[0]), *cells))
+        row = (formula(key[1]), _rate(fits, key[0]), *cells)
+        if max(found.values()) > LIKELY:
+            if found.get(first, 0.0) > LIKELY:
+                marked.append(len(rows))
+            rows.append(row)
+        else:
+            absent.append(row)
     heads = ("`term", "equation", *(f"#{name}: {PROBABILITIES[columns[name]]}" for name in fits))
-    block = by_equation(
-        heads, rows, _equations(fits), "Marked: terms more likely to matter than not, best model", marked
-    )
+    blocks: list[Any] = [Words("Under no model is a term more likely to matter than not.")]
+    if rows:
+        caption = "Terms more likely to matter than not under some model; those of the best one are marked"
+        blocks = [by_equation(heads, rows, _equations(fits), caption, marked)]
+    if absent:
+        table = by_equation(heads, absent, _equations(fits), "Terms that are likely absent under every model")
+        few = f"{len(absent)} terms" if len(absent) > 1 else "1 term"
+        blocks.append(Details(f"{few} likely absent under every model", [table]))
     moved = next(iter(fits.values())).data.target_in_words(*_equations(fits), article="the ")
     lead = (
         "Probability that a term matters. Only a spike-and-slab prior can leave a term out, and has P(included); for "
         f"the others it is the probability of moving {moved} by more than 1 % of its RMS. A dash: not in the model."
     )
-    return Section("terms", "Which terms matter under each model?", lead, [block])
+    return Section("terms", "Which terms matter under each model?", lead, blocks)
 
 
 def _coefficients(fits: Mapping[str, Posterior]) -> Section:
     """Estimates of each term under each model that has it, one below the other."""
-    tables = {name: inclusion(fit) for name, fit in fits.items()}
-    rows = []
+    tables: dict[str, Any] = {name: inclusion(fit) for name, fit in fits.items()}
+    columns = {name: probability_column(table) for name, table in tables.items()}
+    rows, absent = [], []
     for key in _keys(tables):
-        for name, table in tables.items():
-            if key in table.index:
-                row, prior = table.loc[key], _prior(fits[name], key)
-                learned = prior is None or prior.learned
-                rows.append(
-                    (
-                        formula(key[1]),
-                        _rate(fits, key[0]),
-                        name,
-                        estimate(row["mean"], row["sd"], row["unit"])
-                        if learned
-                        else f"{exact_text(row['mean'], row['unit'])} (given)",
-                        interval(row["lower"], row["upper"]) if learned else "–",
-                    )
-                )
+        models = {name: table.loc[key] for name, table in tables.items() if key in table.index}
+        likely = max(float(row[columns[name]]) for name, row in models.items()) > LIKELY
+        for name, row in models.items():
+            prior = _prior(fits[name], key)
+            learned = prior is None or prior.learned
+            size = estimate(row["mean"], row["sd"], row["unit"]) if learned else exact_text(row["mean"], row["unit"])
+            ends = interval(row["lower"], row["upper"]) if learned else "–"
+            cells = (size if learned else f"{size} (given)", ends)
+            (rows if likely else absent).append((formula(key[1]), _rate(fits, key[0]), name, *cells))
     heads = ("`term", "equation", "model", "#coefficient", "#90 % interval")
+    blocks: list[Any] = []
+    if rows:
+        caption = "Coefficients of the terms more likely to matter than not under some model"
+        blocks.append(by_equation(heads, rows, _equations(fits), caption))
+    if absent:
+        table = by_equation(heads, absent, _equations(fits), "Coefficients of the other terms")
+        blocks.append(Details("Coefficients of terms likely absent under every model", [table]))
     lead = "Posterior mean, standard deviation and equal-tailed 90 % interval of each coefficient, in your units."
-    return Section("coefficients", "Coefficients", lead, [by_equation(heads, rows, _equations(fits))])
+    return Section("coefficients", "Coefficients", lead, blocks)
 
 
 def _prior(fit: Posterior, key: tuple[str, str]) -> Coefficient | None:
@@ -250,16 +262,17 @@ def _convergence(fits: Mapping[str, Posterior]) -> Section:
             (
                 name,
                 "converged" if convergence(fit).ok else "not converged",
-                _worst(judged["r_hat"].to_numpy(float), np.max, ".3f"),
-                _worst(judged["ess_bulk"].to_numpy(float), np.min, ".0f"),
-                _worst(judged["ess_tail"].to_numpy(float), np.min, ".0f"),
+                number(_worst(judged["r_hat"], np.max), 4),
+                count_text(_worst(judged["ess_bulk"], np.min)),
+                count_text(_worst(judged["ess_tail"], np.min)),
                 number(divergences),
             )
         )
         reasons += [(name, reason) for reason in convergence(fit).reasons]
     heads = ("model", "result", "#largest R̂", "#least bulk ESS", "#least tail ESS", "#divergences")
     failed = [i for i, fit in enumerate(fits.values()) if not convergence(fit).ok]
-    blocks: list[Any] = [Table(heads, rows, "Marked: not converged" if failed else "", failed)]
+    caption = f"How well each model was sampled{'; marked: not converged' if failed else ''}"
+    blocks: list[Any] = [Table(heads, rows, caption, failed)]
     if reasons:
         blocks += [Words("The sampler did not converge; what to try:", "alert"), Items(reasons)]
     blocks += [
@@ -280,12 +293,14 @@ def _settings(fits: Mapping[str, Posterior], made: Mapping[str, str], config: st
     shared = [(key, row[0]) for key, row in everywhere.items() if len(set(row)) == 1]
     heads = ("setting", *fits)
     same = Words("Prior, kernel, data and sampler are the same for all models.")
-    blocks: list[Any] = [Table(heads, differ) if differ or partly else same]
+    blocks: list[Any] = [Table(heads, differ, "Settings that differ")] if differ else [] if partly else [same]
     if partly:
-        blocks.append(Details("Settings that only some of the models have", [Table(heads, partly)]))
+        blocks.append(
+            Details("Settings that only some of the models have", [Table(heads, partly, "Settings of some models")])
+        )
     blocks += [
-        Details("Settings that all models share", [Table(("setting", "value"), shared)]),
-        Details("Versions that made the comparison", [settings_table(made)]),
+        Details("Settings that all models share", [Table(("setting", "value"), shared, "Settings of all models")]),
+        Details("Versions that made the comparison", [settings_table(made, "Versions by package")]),
     ]
     if config:
         blocks.append(Details("Configuration file", [Code(config)]))
@@ -315,6 +330,7 @@ def _rate(fits: Mapping[str, Posterior], name: str) -> str:
     return next(iter(fits.values())).data.target_label(name)
 
 
-def _worst(values: np.ndarray, pick: Any, form: str) -> str:
-    known = values[~np.isnan(values)]
-    return format(float(pick(known)), form) if len(known) else "–"
+def _worst(column: Any, pick: Any) -> float:
+    known = column.to_numpy(float)
+    known = known[~np.isnan(known)]
+    return float(pick(known)) if len(known) else float("nan")

@@ -24,11 +24,12 @@ from bayes_greybox.report.formatting import (
     formula,
     interval,
     listed,
-    nmse_text,
     number,
-    percent_text,
     probability_column,
-    unit_text,
+    probability_text,
+    quantity,
+    share_interval,
+    share_text,
 )
 from bayes_greybox.report.stated import stated_text, term_probability
 
@@ -57,6 +58,9 @@ _CHECKS = {
     "linearity": "Samples are linear enough in what was learned",
     "prior sensitivity": "The data decide, not the prior",
 }
+
+_TESTS = ("LOO-PIT", "whiteness")
+"""Checks whose value is a p-value."""
 
 
 def fit_html(fit: Posterior, path: str | os.PathLike[str], config: str | None = None) -> None:
@@ -116,7 +120,7 @@ def _headline(fit: Posterior, table: pd.DataFrame, shares: pd.DataFrame) -> str:
         found = f"{listed(terms)} matter" if len(terms) > 1 else f"{terms[0]} matters" if terms else "no term matters"
         discrepancy = ""
         if fit.model.discrepancy:
-            left = percent_text(max(float(shares.loc[name, "discrepancy"]), 0.0))
+            left = share_text(max(float(shares.loc[name, "discrepancy"]), 0.0))
             discrepancy = f"; {left} of the variance is left to the discrepancy"
         sentences.append(f"In {_rate(fit, name)}, {found}{discrepancy}.")
     return " ".join(sentences)
@@ -128,7 +132,7 @@ def _rate(fit: Posterior, name: str) -> str:
 
 
 def _with_unit(value: float, fit: Posterior, name: str) -> str:
-    return f"{number(value)} {unit_text(target_unit(name, fit.data))}".strip()
+    return quantity(value, target_unit(name, fit.data))
 
 
 def _facts(fit: Posterior) -> list[str]:
@@ -151,13 +155,13 @@ def _cards(fit: Posterior, shares: pd.DataFrame) -> list[Card]:
     for name, row in zip(shares.index, shares.to_dict("records"), strict=True):
         where = f" in {_rate(fit, str(name))}" if several else ""
         if row["simulation"] != 0:
-            cards.append(Card(f"Simulation{where}", "Share of the variance.", percent_text(row["simulation"])))
-        cards.append(Card(f"Dictionary{where}", "Share of the variance.", percent_text(row["dictionary"])))
+            cards.append(Card(f"Simulation{where}", "Share of the variance.", share_text(row["simulation"])))
+        cards.append(Card(f"Dictionary{where}", "Share of the variance.", share_text(row["dictionary"])))
         if fit.model.discrepancy is not None:
-            low, high = (percent_text(row[f"discrepancy_{end}"]) for end in ("lower", "upper"))
-            about = f"Share of the variance that no term explains; 90 % interval {low} to {high}."
-            cards.append(Card(f"Discrepancy{where}", about, percent_text(row["discrepancy"])))
-        cards.append(Card(f"Noise{where}", "Share of the variance.", percent_text(row["noise"])))
+            span = share_interval(row["discrepancy_lower"], row["discrepancy_upper"])
+            about = f"Share of the variance that no term explains; 90\u00a0% interval {span}."
+            cards.append(Card(f"Discrepancy{where}", about, share_text(row["discrepancy"])))
+        cards.append(Card(f"Noise{where}", "Share of the variance.", share_text(row["noise"])))
     return cards
 
 
@@ -188,13 +192,23 @@ def _coefficients(fit: Posterior, table: pd.DataFrame) -> Section:
             number(row["shrinkage"], 2) if learned else "–",
         )
         rows.append((*cells, stated_text(prior)) if "stated" in table else cells)
-    marked = [i for i, row in enumerate(records) if row[column] > CLEAR]
+    clear = [bool(row[column] > CLEAR) for row in records]
     heads = ("`term", "equation", f"#{PROBABILITIES[column]}", "#coefficient", "#90 % interval", "#shrinkage")
     heads = (*heads, "stated") if "stated" in table else heads
-    blocks = [
-        Pictures([picture(figures.coefficients(fit), "Coefficients with intervals and probabilities", wide=True)]),
-        by_equation(heads, rows, fit.model.equations, "Terms more likely to matter than not are marked", marked),
-    ]
+    shown, absent = (
+        [row for row, is_clear in zip(rows, clear, strict=True) if is_clear is kept] for kept in (True, False)
+    )
+    blocks: list[Any] = [Words("No term is more likely to matter than not.")]
+    if shown:
+        drawn = figures.coefficients(fit, least=CLEAR)
+        blocks = [
+            Pictures([picture(drawn, "Coefficients with intervals and probabilities", wide=True)]),
+            by_equation(heads, shown, fit.model.equations, "Terms more likely to matter than not"),
+        ]
+    if absent:
+        few = f"{len(absent)} terms" if len(absent) > 1 else "1 term"
+        folded = by_equation(heads, absent, fit.model.equations, "Terms that are likely absent, or too small to matter")
+        blocks.append(Details(f"{few} no more likely to matter than not", [folded]))
     lead = "Posterior mean, standard deviation and equal-tailed 90 % interval of each coefficient, in your units."
     return Section("coefficients", "Coefficients", lead, blocks)
 
@@ -211,8 +225,8 @@ def _discrepancy(fit: Posterior, shares: pd.DataFrame) -> Section:
     rows = [
         (
             _rate(fit, str(name)),
-            percent_text(row["discrepancy"]),
-            f"{percent_text(row['discrepancy_lower'])} to {percent_text(row['discrepancy_upper'])}",
+            share_text(row["discrepancy"]),
+            share_interval(row["discrepancy_lower"], row["discrepancy_upper"]),
             _with_unit(row["rms"], fit, str(name)),
             _with_unit(row["sigma"], fit, str(name)),
             f"{number(row['correlation'], 2)} ({formula(row['term'])})",
@@ -229,13 +243,16 @@ def _discrepancy(fit: Posterior, shares: pd.DataFrame) -> Section:
         "#trade-off with θ",
         "#without orthogonality",
     )
-    blocks.append(by_equation(heads, rows, fit.model.equations))
+    blocks.append(by_equation(heads, rows, fit.model.equations, "The discrepancy beside the noise and the terms"))
     trades = [
         picture(figures.trade_off(fit, name), f"Posterior trade-off of f with a coefficient of {_rate(fit, name)}")
         for name in fit.model.equations
     ]
     blocks.append(Details("Trade-off between coefficients and discrepancy", [Pictures(trades)]))
-    lead = "What neither the simulation nor any term explains: the posterior of f over the states and along the record."
+    lead = (
+        "What neither the simulation nor any term explains: the posterior of f over the states and along the record. "
+        "Colours reach to the standard deviation of the noise at least: what is pale is small beside it."
+    )
     return Section("discrepancy", "What no term explains", lead, blocks)
 
 
@@ -245,7 +262,7 @@ def _predicted(fit: Posterior) -> Section:
         for name in fit.model.equations
     ]
     errors = predict(fit, fit.data).nmse()
-    text = ", ".join(f"{_rate(fit, str(name))} {nmse_text(value)}" for name, value in errors.items())
+    text = ", ".join(f"{_rate(fit, str(name))} {share_text(value)}" for name, value in errors.items())
     words = Words(f"Mean square error over the variance of the measurements, training data: {text}.")
     return Section("predicted", "Predicted and measured", "", [Pictures(shown), words])
 
@@ -257,7 +274,7 @@ def _checks(fit: Posterior) -> Section:
             _CHECKS[str(check)],
             _rate(fit, str(name)),
             "not known" if math.isnan(row["value"]) else "passed" if row["ok"] else "look at this",
-            "" if math.isnan(row["value"]) else number(row["value"], 2),
+            "" if math.isnan(row["value"]) else (probability_text if check in _TESTS else _two)(row["value"]),
             "" if math.isnan(row["limit"]) else number(row["limit"], 2),
         )
         for (name, check), row in zip(found.table.index, found.table.to_dict("records"), strict=True)
@@ -290,13 +307,17 @@ def _checks(fit: Posterior) -> Section:
     ]
     heads = ("`quantity", "equation", "#to the prior", "#to the likelihood", "diagnosis")
     shown = [picture(figures.sensitivity(fit), "Sensitivity of each quantity to prior and likelihood", wide=True)]
-    scaled = by_equation(heads, table, fit.model.equations)
+    scaled = by_equation(heads, table, fit.model.equations, "Change for each doubling of the weight")
     blocks.append(Details("Sensitivity to prior and likelihood", [Pictures(shown), scaled]))
     lead = (
         "Two tests, each wrong about at most one in a hundred correct models (p-value below its limit), and how much "
         "the answers would change if the prior counted more or less."
     )
     return Section("checks", "Do the data support the model?", lead, blocks)
+
+
+def _two(value: float) -> str:
+    return number(value, 2)
 
 
 def _settings(fit: Posterior, config: str | None) -> Section:

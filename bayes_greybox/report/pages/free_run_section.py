@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from bayes_greybox.criticism.trial import Trial, trial
 from bayes_greybox.inference.posterior import Posterior
 from bayes_greybox.report import plots as figures
-from bayes_greybox.report.formatting import listed, nmse_text, number, percent_text
+from bayes_greybox.report.formatting import listed, number, percent_text, share_text
 
 from .page import Pictures, Section, Table, Words, time_picture
 
@@ -50,7 +50,7 @@ def trial_section(fit: Posterior) -> Section:
     run = found.run
     rows = [
         *(
-            (f"mean square error of the predicted {_rate(fit, name)}, over its variance", nmse_text(error))
+            (f"mean square error of the predicted {_rate(fit, name)}, over its variance", share_text(error))
             for name, error in found.nmse.items()
         ),
         *(

@@ -3,25 +3,25 @@
 The pages of a study and of a fit are lists of sections, each a list of blocks; one template draws them all.
 """
 
-import io
+import base64
+import hashlib
 import os
-import re
 import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 from typing import Any
-from urllib.parse import quote
 
-import matplotlib as mpl
 from matplotlib.figure import Figure
 
 from bayes_greybox.data.errors import InputError
-from bayes_greybox.report.plots.style import laid_out
+from bayes_greybox.report.drawing.svg import drawing
 
 NARROW = 4.6
 """Width in inches of figures along time on a phone, where a wide one would be too small to read."""
+
+_TEMPLATES = Path(__file__).parent / "templates"
 
 
 @dataclass(frozen=True)
@@ -111,7 +111,7 @@ class Table:
 
     Attributes:
         columns: Headings; one that starts with "#" heads numbers, one that starts with "`" formulas.
-        rows: Cells.
+        rows: Cells; the first of each heads its row.
         caption: What it shows.
         marked: Numbers of the rows to stress.
     """
@@ -131,9 +131,9 @@ class Table:
 
 @dataclass(frozen=True)
 class Picture:
-    """A figure as a data URI; `narrow` is another drawing of it for a phone, `wide` keeps it from shrinking there."""
+    """A figure as SVG; `narrow` is another drawing of it for a phone, `wide` keeps it from shrinking there."""
 
-    source: str
+    drawing: str
     alt: str
     caption: str = ""
     narrow: str = ""
@@ -203,8 +203,13 @@ class Page:
 
 
 def render(page: Page) -> str:
-    """The page as HTML: style and figures inside, no script, nothing fetched."""
-    return _template().render(page=page)
+    """The page as HTML: style, figures and the script that reads values off them inside, nothing fetched.
+
+    No other script than that runs, by the page's own policy: it names its digest.
+    """
+    script = (_TEMPLATES / "hover.js").read_text(encoding="utf-8")
+    digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
+    return _template().render(page=page, script=script, digest=digest)
 
 
 def require_place(path: str | os.PathLike[str]) -> None:
@@ -251,7 +256,7 @@ def write_page(page: Page, path: str | os.PathLike[str]) -> None:
 
 def picture(figure: Figure, alt: str, caption: str = "", *, wide: bool = False) -> Picture:
     """A figure for the page."""
-    return Picture(_data_uri(figure), alt, caption, wide=wide)
+    return Picture(drawing(figure, alt), alt, caption, wide=wide)
 
 
 def time_picture(draw: Callable[[float], Figure], alt: str, caption: str = "") -> Picture:
@@ -262,45 +267,19 @@ def time_picture(draw: Callable[[float], Figure], alt: str, caption: str = "") -
         alt: What it shows, for those who cannot see it.
         caption: What stands below it.
     """
-    return Picture(_data_uri(draw(9.0)), alt, caption, narrow=_data_uri(draw(NARROW)), wide=True)
+    return Picture(drawing(draw(9.0), alt), alt, caption, narrow=drawing(draw(NARROW), alt), wide=True)
 
 
 def _unwritable(path: str | os.PathLike[str], error: OSError) -> InputError:
     return InputError(f'Cannot write "{os.fspath(path)}" ({error.strerror or error}); choose another place.')
 
 
-def _data_uri(figure: Figure) -> str:
-    text = io.BytesIO()
-    # A fixed salt and no date: the same results make the same file. Text as outlines: no fonts are needed.
-    with mpl.rc_context({"svg.hashsalt": "bayes_greybox", "svg.fonttype": "path"}), laid_out(figure):
-        figure.savefig(text, format="svg", dpi=150, metadata={"Date": None, "Creator": None})
-    return "data:image/svg+xml," + quote(_short(text.getvalue().decode()), safe="=/:;,!*?-_.@+$")
-
-
-def _short(svg: str) -> str:
-    """The same picture in fewer characters: hundredths of a point are below any screen's."""
-    svg = re.sub(r"<!--.*?-->|<metadata>.*?</metadata>|<!DOCTYPE.*?>", "", svg, flags=re.DOTALL)
-    svg = re.sub(r' (?:x|y|x1|y1|x2|y2|points)="[^"]*"', lambda found: _rounded(found.group()), svg)
-    svg = re.sub(r' d="([^"]*)"', lambda found: f' d="{_path(found.group(1))}"', svg)
-    return re.sub(r"\s+", " ", svg).replace("> <", "><")
-
-
-def _path(commands: str) -> str:
-    commands = re.sub(r"\s*([A-Za-z])\s*", r"\1", _rounded(commands).strip())
-    return re.sub(r"\s+", ",", commands)
-
-
-def _rounded(text: str) -> str:
-    return re.sub(r"-?\d+\.\d{3,}", lambda number: f"{float(number.group()):.2f}", text)
-
-
 @cache
 def _template() -> Any:
     import jinja2  # only pages need it
 
-    folder = Path(__file__).parent / "templates"
     environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(folder),
+        loader=jinja2.FileSystemLoader(_TEMPLATES),
         autoescape=True,
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,

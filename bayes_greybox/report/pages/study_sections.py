@@ -4,7 +4,6 @@ from collections.abc import Iterator, Sequence
 from functools import partial
 from typing import Any
 
-import numpy as np
 import pandas as pd
 
 from bayes_greybox.discovery.answer.instrument import IN_MODEL, LISTED
@@ -14,17 +13,27 @@ from bayes_greybox.discovery.suspects.channels import DELAY
 from bayes_greybox.report import plots as figures
 from bayes_greybox.report.doubts import NOTABLE
 from bayes_greybox.report.equations.text import as_simulation
-from bayes_greybox.report.formatting import estimate, formula, interval, number, percent_text, probability_text
+from bayes_greybox.report.formatting import (
+    estimate,
+    formula,
+    interval,
+    number,
+    percent_text,
+    probability_text,
+    quantity,
+    share_text,
+)
 from bayes_greybox.report.plots.studies import gap_parts
 from bayes_greybox.report.study_words import (
     LIKELY,
     added,
+    closed_share,
     concentration,
     metric_interval,
     metric_value,
+    metric_words,
     name_of,
     set_label,
-    share_text,
     shown_part,
     suspect_size,
     suspects_weighed,
@@ -34,9 +43,6 @@ from bayes_greybox.report.study_words import (
 from .free_run_section import free_run_section
 from .page import Code, Details, Items, Picture, Pictures, Section, Table, Words, picture, time_picture
 from .tables import by_equation, settings_table, verdict_blocks
-
-MOST_EFFECTS = 8
-"""Effects that are shown unfolded."""
 
 MOST_TIED = 3
 """Effects that another is tied with, as the table names them."""
@@ -69,18 +75,23 @@ def what(study: StudyResult) -> Section:
         for name in _equations(study.hypotheses)
     ]
     if len(study.effects):
-        first = max(MOST_EFFECTS, len(added(study)))
-        blocks.append(_effects(study, study.effects.iloc[:first]))
-        rest = study.effects.iloc[first:]
+        notable = (study.effects["status"] != "") | (study.effects["probability"] >= NOTABLE)
+        effects: Any = study.effects
+        shown, rest = effects[notable], effects[~notable]
+        text = f"No effect of the catalogue is as probable as {probability_text(NOTABLE)}."
+        blocks.append(_effects(study, shown) if len(shown) else Words(text))
         if len(rest):
-            blocks.append(Details(f"{len(rest)} less probable effects", [_effects(study, rest)]))
+            blocks.append(Details(f"{_counted(len(rest), 'less probable effect')}", [_effects(study, rest)]))
     if len(study.hypotheses):
         table = _hypotheses(study)
-        blocks.append(Details(f"All {len(table.rows)} hypotheses", [table]))
+        blocks.append(Details("All hypotheses" if len(table.rows) > 1 else "The only hypothesis", [table]))
     if study.left_out:
-        rows = [(slug, _rate(study, equation), reason) for (equation, slug), reason in study.left_out.items()]
-        left_out = _table(study, ("effect", "equation", "reason"), rows)
-        blocks.append(Details(f"{len(rows)} effects that were not weighed, and why", [left_out]))
+        rows = [
+            (name_of(study, slug), _rate(study, equation), reason)
+            for (equation, slug), reason in study.left_out.items()
+        ]
+        left_out = _table(study, ("effect", "equation", "reason"), rows, "Effects that were not weighed, and why")
+        blocks.append(Details(f"{_counted(len(rows), 'effect')} not weighed, and why", [left_out]))
     lead = (
         "Hypotheses are sets of effects, and what needs none; their probabilities sum to one. The probability of an "
         "effect is the sum over all sets that hold it; beside a rest that carries the share s of the gap a set counts "
@@ -150,7 +161,8 @@ def sets(study: StudyResult) -> Section | None:
         "Effects are weighed as sets: the likeliest one with no effect, with one, with two, and what the columns of "
         "each leave of the gap. Effects that show only together are found together."
     )
-    return Section("sets", "The likeliest sets of effects", lead, [Pictures(shown), _table(study, columns, rows)])
+    table = _table(study, columns, rows, "The likeliest set of each size, and the runner-up")
+    return Section("sets", "The likeliest sets of effects", lead, [Pictures(shown), table])
 
 
 def measurement(study: StudyResult) -> Section:
@@ -180,7 +192,12 @@ def measurement(study: StudyResult) -> Section:
         blocks.append(Words(text))
     odds = suspects_weighed(study)
     if odds:
-        blocks.append(Details("What was weighed, and with which prior odds", [Table(("suspect", "prior"), odds)]))
+        blocks.append(
+            Details(
+                "What was weighed, and with which prior odds",
+                [Table(("suspect", "prior"), odds, "Prior probability and size of each suspect")],
+            )
+        )
     lead = (
         "Sensors and noise are suspects like the effects: channels that are late, scaled or offset, and noise that is "
         "correlated, depends on the state or has outliers. What is in the model is taken for true beside the effects."
@@ -212,14 +229,19 @@ def corrections(study: StudyResult) -> Section | None:
         )
         for (equation, term), row in _records(study.corrections)
     ]
-    marked = np.flatnonzero(study.corrections["probability"].to_numpy() > LIKELY).tolist()
+    off = (study.corrections["probability"] > LIKELY).tolist()
     columns = ("`term", "equation", "#in the simulation", "#P(it is off)", "#correction", "#90 % interval")
+    likely, rest = ([row for row, is_off in zip(rows, off, strict=True) if is_off is kept] for kept in (True, False))
+    blocks: list[Any] = [Words("None of them is more likely off than not.")]
+    if likely:
+        blocks = [_table(study, columns, likely, "Coefficients that are more likely off than not")]
+    if rest:
+        table = _table(study, columns, rest, "Coefficients that are likely right")
+        blocks.append(Details(f"{_counted(len(rest), 'coefficient')} likely right", [table]))
     lead = (
-        "Each coefficient of the simulation may be off: the correction is exactly zero unless the data say otherwise. "
-        "Marked are those more likely off than not."
+        "Each coefficient of the simulation may be off: the correction is exactly zero unless the data say otherwise."
     )
-    table = _table(study, columns, rows, marked=marked)
-    return Section("corrections", "The simulation's own coefficients", lead, [table])
+    return Section("corrections", "The simulation's own coefficients", lead, blocks)
 
 
 def ties(study: StudyResult) -> Section | None:
@@ -254,11 +276,11 @@ def _maps(study: StudyResult, equation: str) -> list[Picture]:
         shown = [picture(figures.gap_map(study, equation), f"{over}, before and after")]
     if equation not in study.traces:
         return shown
-    event = f"|gap| > {number(gap.threshold)} {gap.unit}".strip()
+    event = f"|gap| > {quantity(gap.threshold, gap.unit)}"
     along = time_picture(
         lambda width: figures.gap_over_time(study, equation, width),
         f"Gap in {_rate(study, equation)} along the training data, before and after",
-        f"Bands hold 90 %. Black bars at the bottom: P({event}) > 0.9 for the simulation as given.",
+        f"Bands hold 90\u00a0%. Thick bars at the bottom: P({event}) > 0.9 for the simulation as given.",
     )
     return [*shown, along]
 
@@ -269,8 +291,8 @@ def _regions(study: StudyResult) -> Table:
             row["description"],
             _rate(study, row["equation"]),
             probability_text(row["probability"]),
-            percent_text(row["gap_share"]),
-            percent_text(row["sample_share"]),
+            share_text(row["gap_share"]),
+            share_text(row["sample_share"]),
             concentration(row),
             row["kind"],
         )
@@ -302,7 +324,9 @@ def _effects(study: StudyResult, effects: pd.DataFrame) -> Table:
     columns = ["effect", "equation", "#probability", "#coefficient", "#90 % interval", "`term", "tied with"]
     columns += ["status"] if several else []
     alone = "coefficients of the others are those that each would have alone"
-    caption = f"Effects of the catalogue, best first; those added to the model are marked, {alone}" if marked else ""
+    caption = "Effects of the catalogue, best first"
+    if marked:
+        caption += f"; those added to the model are marked, {alone}"
     return _table(study, columns, rows, caption, marked)
 
 
@@ -324,16 +348,17 @@ def _hypotheses(study: StudyResult) -> Table:
         )
         for (equation, slug), row in _records(table)
     ]
-    return _table(study, ("hypothesis", "equation", "#probability", "#log evidence [nat]", "#gap left"), rows)
+    heads = ("hypothesis", "equation", "#probability", "#log evidence [nat]", "#gap left")
+    return _table(study, heads, rows, "Every hypothesis, best first")
 
 
 def _gap(study: StudyResult, part: str, caption: str) -> Table:
     rows = [
         (
-            f"{metric}, {variable}",
+            metric_words(study, metric, str(variable))[0],
             metric_value(study, metric, row["before"]),
             metric_value(study, metric, row["after"]),
-            percent_text(row["closed"]),
+            closed_share(row["closed"]),
             metric_interval(study, metric, row["lower"], row["upper"]),
         )
         for (metric, variable), row in _records(study.gap.xs(part, level=0))
@@ -343,6 +368,10 @@ def _gap(study: StudyResult, part: str, caption: str) -> Table:
 
 def _table(study: StudyResult, columns: Any, rows: Any, caption: str = "", marked: Any = ()) -> Table:
     return by_equation(columns, rows, list(study.maps), caption, marked)
+
+
+def _counted(count: int, what: str) -> str:
+    return f"{count} {what}" if count == 1 else f"{count} {what}s"
 
 
 def _records(table: pd.DataFrame) -> Iterator[tuple[Any, dict[Any, Any]]]:

@@ -4,16 +4,15 @@ import dataclasses
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-import numpy as np
-
 from bayes_greybox.criticism.convergence import convergence
 from bayes_greybox.criticism.equations.learned import LearnedSystem
+from bayes_greybox.criticism.judged import quantity_name
 from bayes_greybox.criticism.summary import summary
 from bayes_greybox.inference.kept.netcdf import describe
 from bayes_greybox.report.equations.latex import equations_latex
 from bayes_greybox.report.equations.mathml import equation_mathml
 from bayes_greybox.report.equations.text import equation_text, inner_text, note
-from bayes_greybox.report.formatting import formula, number
+from bayes_greybox.report.formatting import count_text, number, unit_text
 
 from .page import Details, Equation, Equations, Items, Table, Words
 
@@ -38,9 +37,9 @@ def by_equation(
     return Table([columns[i] for i in kept], [[row[i] for i in kept] for row in rows], caption, marked)
 
 
-def settings_table(settings: Mapping[str, Any]) -> Table:
+def settings_table(settings: Mapping[str, Any], caption: str = "Settings by name") -> Table:
     """Nested settings as rows of name and value."""
-    return Table(("setting", "value"), settings_rows(settings))
+    return Table(("setting", "value"), settings_rows(settings), caption)
 
 
 def settings_rows(settings: Mapping[str, Any]) -> list[tuple[str, str]]:
@@ -65,10 +64,11 @@ def summary_table(fit: Any) -> Table:
     for (equation, quantity), row in zip(table.index, table.to_dict("records"), strict=True):
         cells = [_cell(column, value) for column, value in row.items()]
         rate = fit.data.target_label(equation) if equation in fit.model.equations else "the samples"
-        rows.append((formula(str(quantity)), rate, *cells))
+        rows.append((quantity_name(str(quantity)), rate, *cells))
     heads = [column if column == "unit" else f"#{_HEADS.get(column, column)}" for column in table.columns]
     equations = list(dict.fromkeys(table.index.get_level_values(0)))
-    return by_equation(("`quantity", "equation", *heads), rows, equations)
+    caption = "Posterior mean, standard deviation and 90\u00a0% interval, and how well each was sampled"
+    return by_equation(("quantity", "equation", *heads), rows, equations, caption)
 
 
 def verdict_blocks(fit: Any) -> list[Any]:
@@ -102,9 +102,9 @@ _HEADS = {"r_hat": "R̂", "ess_bulk": "bulk ESS", "ess_tail": "tail ESS"}
 
 
 def _cell(column: str, value: Any) -> str:
-    if column.startswith("ess"):
-        return "–" if np.isnan(value) else f"{value:.0f}"
-    return number(value, 4)
+    if column == "unit":
+        return unit_text(value) or "–"
+    return count_text(value) if column.startswith("ess") else number(value, 4)
 
 
 def _flat(value: Any, path: tuple[str, ...]) -> Iterator[tuple[tuple[str, ...], str]]:

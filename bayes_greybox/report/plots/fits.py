@@ -1,6 +1,7 @@
 """Figures of a fit: they draw the numbers of `criticism`."""
 
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -17,6 +18,7 @@ from bayes_greybox.criticism.trade_off import strongest_trade_off
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.inference.posterior import Posterior
 from bayes_greybox.physics.units import target_unit
+from bayes_greybox.report.formatting import formula, probability_column
 from bayes_greybox.report.plots.gap.before_after import plot_free_run
 from bayes_greybox.report.plots.posterior.calibration import plot_calibration
 from bayes_greybox.report.plots.posterior.checks import (
@@ -52,15 +54,20 @@ def fit_figures(fit: Posterior) -> dict[str, Figure]:
     return figures
 
 
-def coefficients(fit: Posterior, truth: Mapping | None = None, level: float = 0.9) -> Figure:
+def coefficients(fit: Posterior, truth: Mapping | None = None, level: float = 0.9, least: float = 0.0) -> Figure:
     """Forest of the coefficients with inclusion, beside the true values if they are known.
 
     Args:
         fit: Fit.
         truth: True coefficients, {equation: {term: value}}.
         level: Probability of the intervals.
+        least: Terms that are less probable are not drawn.
+
+    Raises:
+        InputError: No term is as probable as that.
     """
-    return plot_coefficients(inclusion(fit, level), truth=truth)
+    table: Any = inclusion(fit, level)
+    return plot_coefficients(table[table[probability_column(table)] >= least], truth=truth)
 
 
 def calibration(found: Calibration) -> Figure:
@@ -108,22 +115,22 @@ def discrepancy_over_states(
     fit: Posterior, equation: str | None = None, variables: tuple[str, ...] | None = None, level: float = 0.9
 ) -> Figure:
     """Posterior of f over one or two of its variables."""
-    grid = discrepancy_grid(fit, equation or next(iter(fit.equations)), variables, level=level)
-    return plot_discrepancy_over_states(grid)
+    equation = equation or next(iter(fit.equations))
+    grid = discrepancy_grid(fit, equation, variables, level=level)
+    return plot_discrepancy_over_states(grid, noise=_noise(fit, equation))
 
 
 def discrepancy_over_time(fit: Posterior, equation: str | None = None, level: float = 0.9) -> Figure:
     """Posterior of f along the training data, against the noise level."""
     equation = equation or next(iter(fit.equations))
     band: Band = predict(fit, fit.data, level)[equation].discrepancy
-    sigma = float(np.mean(fit.idata["posterior"][fit.sites[equation].sigma].to_numpy()))
     return plot_discrepancy_over_time(
         fit.data.time,
         band.mean,
         band.lower,
         band.upper,
         equation=equation,
-        sigma=sigma,
+        sigma=_noise(fit, equation),
         level=level,
         **_runs(fit),
         **_units(fit, equation),
@@ -136,7 +143,7 @@ def trade_off(fit: Posterior, equation: str | None = None) -> Figure:
     return plot_tradeoff(
         pair.theta,
         pair.projection,
-        term=pair.term,
+        term=formula(pair.term),
         equation=pair.equation,
         correlation=pair.correlation,
         unit=pair.unit,
@@ -188,6 +195,11 @@ def sensitivity(fit: Posterior) -> Figure:
     """Power-scaling sensitivity of coefficients and inclusion probabilities."""
     labels = {name: fit.data.target_label(name) for name in fit.equations}
     return plot_sensitivity(checks(fit).sensitivity, threshold=THRESHOLD, labels=labels)
+
+
+def _noise(fit: Posterior, equation: str) -> float:
+    """Posterior mean of the noise's standard deviation."""
+    return float(np.mean(fit.idata["posterior"][fit.sites[equation].sigma].to_numpy()))
 
 
 def _runs(fit: Posterior) -> dict:

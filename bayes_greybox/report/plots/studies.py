@@ -15,10 +15,13 @@ from bayes_greybox.report.plots.gap.gap_map import plot_gap_curve, plot_gap_map
 from bayes_greybox.report.plots.gap.posteriors import Coefficient, plot_posteriors
 from bayes_greybox.report.plots.gap.ranking import plot_hypotheses, plot_rounds
 from bayes_greybox.report.study_numbers import added_draws, normal_band, support
-from bayes_greybox.report.study_words import LEAST_LEFT, added, answer, name_of, set_label, shown_part, tied_sets
+from bayes_greybox.report.study_words import added, answer, name_of, set_label, shown_part, tied_sets
 
-MOST_HYPOTHESES = 10
+MOST_HYPOTHESES, FEWEST_HYPOTHESES = 10, 3
 """Hypotheses in the ranking's figure; a table has them all."""
+
+LEAST_PROBABLE = 0.001
+"""Beyond the fewest, hypotheses that are less probable are not drawn."""
 
 PARTS = ("before", "after")
 """Maps of the gap."""
@@ -107,11 +110,13 @@ def gap_over_time(study: StudyResult, equation: str, width: float = 9.0) -> Figu
 
 def ranking(study: StudyResult, equation: str) -> Figure:
     """Hypotheses about one equation, most probable first."""
-    table = study.hypotheses.xs(equation, level=0).sort_values("probability", ascending=False).head(MOST_HYPOTHESES)
+    table: Any = study.hypotheses.xs(equation, level=0).sort_values("probability", ascending=False)
+    likely = int((table["probability"] >= LEAST_PROBABLE).sum())
+    table = table.head(min(MOST_HYPOTHESES, max(likely, FEWEST_HYPOTHESES)))
     tied = tied_sets(study, equation)
     return plot_hypotheses(
         [name_of(study, slug) for slug in table.index],
-        table["probability"].to_numpy(float), table["share_left"].clip(LEAST_LEFT).to_numpy(float),
+        table["probability"].to_numpy(float), table["share_left"].to_numpy(float),
         chosen=[name_of(study, answer(study, equation))], tied=[name_of(study, slug) for slug in tied],
         title=f"Hypotheses about {study.train.target_label(equation)}",
     )  # fmt: skip
@@ -124,7 +129,7 @@ def rounds(study: StudyResult, equation: str) -> Figure:
     for row in table.to_dict("records"):
         if row["verdict"] != "no gap":
             labels.append(set_label(study, row["verdict"]))
-            left.append(np.maximum(row["share_left"], LEAST_LEFT))
+            left.append(float(row["share_left"]))
     title = f"Likeliest sets of each size, {study.train.target_label(equation)}"
     return plot_rounds(labels, np.array(left, float), title=title)
 

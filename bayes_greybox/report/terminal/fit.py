@@ -14,12 +14,14 @@ from bayes_greybox.physics.coefficient import Coefficient
 from bayes_greybox.report.equations.text import equations_text
 from bayes_greybox.report.formatting import (
     PROBABILITIES,
+    estimate,
     exact_text,
+    formula,
     level_text,
-    nmse_text,
     number,
-    percent_text,
     probability_column,
+    share_text,
+    unit_text,
 )
 from bayes_greybox.report.stated import stated_text, term_probability
 
@@ -47,7 +49,7 @@ def fit_tables(fit: Posterior, held_out: pd.Series | None) -> Iterator[Renderabl
         yield _coefficients(fit.data.target_label(equation), table.loc[equation], priors)
     yield _discrepancy(discrepancy_table(fit, _LEVEL))
     if held_out is not None:
-        errors = ", ".join(f"{name} {nmse_text(value)}" for name, value in held_out.items())
+        errors = ", ".join(f"{name} {share_text(value)}" for name, value in held_out.items())
         outputs = any(fit.data.is_output(name) for name in fit.model.equations)
         yield Text(f"\nError on held-out data (NMSE{'' if outputs else ' of the derivative'}): {errors}")
 
@@ -56,21 +58,20 @@ def _coefficients(label: str, table: pd.DataFrame, priors: Mapping[str, Coeffici
     rows = plain_table(f"Coefficients of {label}, with {level_text(_LEVEL)} intervals")
     probability = probability_column(table)
     rows.add_column("term", overflow="fold")
-    for title in ("mean", "sd", "lower", "upper"):
+    for title in (PROBABILITIES[probability], "coefficient", "lower", "upper"):
         rows.add_column(title, justify="right", no_wrap=True)
     rows.add_column("unit", overflow="fold")
-    rows.add_column(PROBABILITIES[probability], justify="right", no_wrap=True)
     if priors:
         # Below the table: beside it there is no room on a narrow terminal.
-        told = [f"{term} {stated_text(priors[str(term)])}" for term in table.index if str(term) in priors]
+        told = [f"{formula(str(term))} {stated_text(priors[str(term)])}" for term in table.index if str(term) in priors]
         rows.caption, rows.caption_justify, rows.caption_style = Text(f"Stated: {'; '.join(told)}"), "left", "dim"
     for term, entry in table.to_dict("index").items():
         prior = priors.get(str(term))
-        numbers = [number(entry[column], 4) for column in ("mean", "sd", "lower", "upper")]
+        numbers = [estimate(entry["mean"], entry["sd"]), *(number(entry[end]) for end in ("lower", "upper"))]
         if prior is not None and not prior.learned:
-            numbers = [exact_text(entry["mean"]), "–", "–", "–"]
-        cells = [term, *numbers, entry["unit"], term_probability(entry, probability, prior)]
-        rows.add_row(*(Text(str(cell)) for cell in cells))
+            numbers = [exact_text(entry["mean"]), "–", "–"]
+        cells = [formula(str(term)), term_probability(entry, probability, prior), *numbers, unit_text(entry["unit"])]
+        rows.add_row(*map(Text, cells))
     return Group("", rows)
 
 
@@ -82,6 +83,6 @@ def _discrepancy(table: pd.DataFrame) -> RenderableType:
         rows.add_column(title, justify="right", no_wrap=True)
     entries = table.to_dict("index")
     for equation, entry in entries.items():
-        rows.add_row(Text(str(equation)), *(Text(percent_text(entry[part])) for part in parts))
-    trades = ", ".join(f"{number(entry['correlation'], 2)} ({entry['term']})" for entry in entries.values())
+        rows.add_row(Text(str(equation)), *(Text(share_text(entry[part])) for part in parts))
+    trades = ", ".join(f"{number(entry['correlation'], 2)} ({formula(entry['term'])})" for entry in entries.values())
     return Group("", rows, Text(f"Largest correlation of a coefficient with the discrepancy: {trades}"))

@@ -13,9 +13,9 @@ from bayes_greybox.discovery.learned import studied_system
 from bayes_greybox.discovery.study import StudyResult
 from bayes_greybox.report.doubts import NOTABLE, doubts
 from bayes_greybox.report.equations.text import equations_text
-from bayes_greybox.report.formatting import estimate, formula, percent_text, probability_text
+from bayes_greybox.report.formatting import estimate, formula, probability_text, share_text
 from bayes_greybox.report.sentence import sentence
-from bayes_greybox.report.study_words import metric_value, name_of, shown_part, suspect_size
+from bayes_greybox.report.study_words import closed_share, metric_value, name_of, shown_part, suspect_size
 
 from .tables import plain_table
 
@@ -92,8 +92,8 @@ def _where(study: StudyResult) -> Table:
             row["description"],
             row["equation"],
             probability_text(row["probability"]),
-            percent_text(row["gap_share"]),
-            percent_text(row["sample_share"]),
+            share_text(row["gap_share"]),
+            share_text(row["sample_share"]),
         )
         for row in study.where.to_dict("records")
     ]
@@ -126,7 +126,7 @@ def _gap(study: StudyResult) -> Table:
             variable,
             metric_value(study, metric, row["before"]),
             metric_value(study, metric, row["after"]),
-            percent_text(row["closed"]),
+            closed_share(row["closed"]),
         )
         for (metric, variable), row in zip(table.index, table.to_dict("records"), strict=True)
     ]

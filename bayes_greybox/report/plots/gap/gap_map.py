@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from bayes_greybox.report.formatting import number, unit_text
+from bayes_greybox.report.formatting import quantity
 from bayes_greybox.report.plots.posterior.over_states import fade_outside, outline
 from bayes_greybox.report.plots.style import (
     BLUE,
@@ -81,7 +81,7 @@ def plot_gap_map(
         ax.set_xlabel(with_unit(variables[0], units[0]))
         ax.set_ylabel(with_unit(variables[1], units[1]))
         ax.set_title(title)
-    event = f"|gap| > {number(threshold)} {unit_text(unit)}".rstrip()
+    event = f"|gap| > {quantity(threshold, unit)}"
     _explain(panels[0], bold, event, samples is not None, not seen.all(), axes is None)
     return figure_of(panels[0])
 

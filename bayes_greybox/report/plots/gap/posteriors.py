@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from bayes_greybox.data.errors import InputError
-from bayes_greybox.report.formatting import figure_estimate, level_text
+from bayes_greybox.report.formatting import estimate, level_text
 from bayes_greybox.report.plots.style import (
     BLUE,
     DARK,
@@ -107,5 +107,5 @@ def _draw(ax: Axes, item: Coefficient) -> None:
     ax.xaxis.set_major_locator(MaxNLocator(5))
     ax.set_xlabel(with_unit(f"coefficient of {item.term}", item.unit))
     ax.set_title(plain(item.name))
-    text = figure_estimate(item.mean, item.sd)
+    text = estimate(item.mean, item.sd)
     ax.text(1.0, 1.0, text, transform=ax.transAxes, ha="right", va="bottom", fontsize=9, color=DARK)

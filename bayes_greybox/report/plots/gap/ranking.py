@@ -9,7 +9,7 @@ from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from bayes_greybox.report.formatting import percent_text, probability_text
+from bayes_greybox.report.formatting import probability_text, share_text
 from bayes_greybox.report.plots.style import (
     BLUE,
     DARK,
@@ -56,7 +56,7 @@ def plot_hypotheses(
     labels = [f"{name}  (tied)" if name in tied else name for name in names]
     columns = {
         "P": [probability_text(value) for value in probability],
-        "gap left": [percent_text(value) for value in share_left],
+        "gap left": [share_text(value) for value in share_left],
     }
     return _bars(labels, probability, colours, columns, title, "probability", axes)
 
@@ -80,7 +80,7 @@ def plot_rounds(
     Returns:
         The figure.
     """
-    columns = {"gap left": [percent_text(value) for value in share_left]}
+    columns = {"gap left": [share_text(value) for value in share_left]}
     return _bars(labels, share_left, [BLUE] * len(labels), columns, title, "share of the gap left", axes)
 
 

@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from bayes_greybox.report.formatting import number
+from bayes_greybox.report.formatting import formula, p_text
 from bayes_greybox.report.plots.style import (
     BLUE,
     DARK,
@@ -107,7 +107,7 @@ def plot_loo_pit(
     ax.set_xlim(0.0, 1.0)
     ax.set_xlabel("LOO-PIT value")
     ax.set_ylabel("share below, less uniform")
-    ax.set_title(f"Leave-one-out predictions of {plain(equation)} (p = {number(p, 2)})")
+    ax.set_title(f"Leave-one-out predictions of {plain(equation)} ({p_text(float(p))})")
     place_legend(ax, axes is None)
     return figure_of(ax)
 
@@ -150,7 +150,7 @@ def plot_autocorrelation(
     ax.xaxis.set_major_locator(MaxNLocator(integer=True))
     ax.set_xlabel("lag [frequencies]" if by_frequency else "lag [rows]")
     ax.set_ylabel("autocorrelation")
-    ax.set_title(f"Whitened residuals of {plain(equation)} (p = {number(p, 2)})")
+    ax.set_title(f"Whitened residuals of {plain(equation)} ({p_text(float(p))})")
     place_legend(ax, axes is None)
     return figure_of(ax)
 
@@ -179,7 +179,9 @@ def plot_sensitivity(
     equations = list(dict.fromkeys(table.index.get_level_values(0)))
     labels = {name: f"d({name})/dt" for name in equations} | dict(labels or {})
     several = len(equations) > 1
-    names = [f"{quantity} in {labels[equation]}" if several else str(quantity) for equation, quantity in table.index]
+    names = [formula(str(quantity)) for _, quantity in table.index]
+    if several:
+        names = [f"{name} in {labels[equation]}" for name, (equation, _) in zip(names, table.index, strict=True)]
     ax.hlines(rows, 0, 1, transform=ax.get_yaxis_transform(), color=LIGHT, linewidth=0.6, zorder=0)
     ax.axvline(float(threshold), color=DARK, linewidth=1.0, linestyle=(0, (4, 3)), label="threshold")
     likelihood, prior = table["likelihood"].to_numpy(float), table["prior"].to_numpy(float)

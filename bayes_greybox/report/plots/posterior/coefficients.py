@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, MaxNLocator
 
 from bayes_greybox.data.errors import InputError
-from bayes_greybox.report.formatting import PROBABILITIES, figure_estimate, probability_text
+from bayes_greybox.report.formatting import PROBABILITIES, estimate, formula, number, probability_text, unit_text
 from bayes_greybox.report.plots.style import (
     BLUE,
     DARK,
@@ -25,6 +25,7 @@ from bayes_greybox.report.plots.style import (
     new_figure,
     place_legend,
     plain,
+    with_unit,
 )
 
 # Beyond this ratio of the largest to the smallest clear coefficient a linear axis hides the small ones.
@@ -45,8 +46,9 @@ def plot_coefficients(
 ) -> Figure:
     """Mean and interval of each coefficient, its value in figures, and the probability that it matters.
 
-    One row of panels an equation. The bars show `inclusion` where the table has it, and otherwise
-    `outside_rope` under its own name; without either column there are no bars.
+    One row of panels for each unit of an equation, as numbers of different units have no common axis. The bars show
+    `inclusion` where the table has it, and otherwise `outside_rope` under its own name; without either column there
+    are no bars.
 
     Args:
         table: indexed (equation, term) with columns mean, sd, lower, upper and, where known, inclusion or
@@ -56,8 +58,8 @@ def plot_coefficients(
             one get no marker.
         units: units of the coefficients, keyed as `truth`; they go before the table's own column.
         scale: axis of the coefficients; `auto` is linear unless the clear ones span orders of magnitude.
-        axes: axes to draw into, in reading order: per equation the coefficients and, where there are
-            probabilities, the bars.
+        axes: axes to draw into, in reading order: per equation the coefficients, whatever their units, and, where
+            there are probabilities, the bars.
 
     Returns:
         The figure.
@@ -67,16 +69,22 @@ def plot_coefficients(
     """
     names = _equations(table, equation)
     blocks = [table.xs(name, level=0) for name in names]
+    if axes is None:
+        names, blocks = _by_unit(names, blocks, units)
     sources = [_probability_column(block) for block in blocks]
     with_bars = any(source is not None for source in sources)
     pairs = _own_axes(blocks, with_bars) if axes is None else _their_axes(axes, len(names), with_bars)
-    for name, block, source, (forest, bars) in zip(names, blocks, sources, pairs, strict=True):
+    for k, (name, block, source, (forest, bars)) in enumerate(zip(names, blocks, sources, pairs, strict=True)):
         true = _for_equation(truth, name)
-        unit = {**_column(block, "unit"), **_for_equation(units, name)}
-        _draw_forest(forest, block, true, unit, scale)
-        forest.set_title(f"Coefficients in the equation for {plain(name)}")
+        _draw_forest(forest, block, true, _units_of(name, block, units), scale)
+        if k == 0 or names[k - 1] != name:
+            forest.set_title(f"Coefficients in the equation for {plain(name)}")
         if bars is not None:
             _draw_bars(bars, block, source)
+            if k + 1 < len(names) and names[k + 1] == name:
+                # The axis below says it for all units of the equation.
+                bars.set_xlabel("")
+                bars.set_xticklabels([])
     marks = [mark for forest, _ in pairs for mark in forest.get_lines() if mark.get_label() == "true value"]
     if marks:
         place_legend(pairs[0][0], axes is None, marks[:1])
@@ -95,6 +103,22 @@ def _equations(table: pd.DataFrame, equation: str | None) -> list[str]:
     return known if equation is None else [equation]
 
 
+def _by_unit(
+    names: list[str], blocks: list[pd.DataFrame], units: Mapping[Any, Any] | None
+) -> tuple[list[str], list[pd.DataFrame]]:
+    """Each equation's terms by the unit of their coefficients, in the order in which the units come."""
+    parts = []
+    for name, block in zip(names, blocks, strict=True):
+        known = _units_of(name, block, units)
+        of = [unit_text(known.get(str(term))) for term in block.index]
+        parts += [(name, block[[other == unit for other in of]]) for unit in dict.fromkeys(of)]
+    return [name for name, _ in parts], [block for _, block in parts]
+
+
+def _units_of(name: str, block: pd.DataFrame, units: Mapping[Any, Any] | None) -> dict[str, Any]:
+    return {**_column(block, "unit"), **_for_equation(units, name)}
+
+
 def _probability_column(block: pd.DataFrame) -> str | None:
     for column in PROBABILITIES:
         if column in block.columns and not np.isnan(block[column].to_numpy(dtype=float)).any():
@@ -103,7 +127,7 @@ def _probability_column(block: pd.DataFrame) -> str | None:
 
 
 def _own_axes(blocks: list[pd.DataFrame], with_bars: bool) -> list[tuple[Axes, Axes | None]]:
-    heights = [0.29 * len(block) + 0.95 for block in blocks]
+    heights = [0.29 * len(block) + 0.8 for block in blocks]
     longest = max(len(str(term)) for block in blocks for term in block.index)
     width = min(8.0 + 0.05 * max(0, longest - 12), 11.0) + (0.0 if with_bars else -1.6)
     figure = new_figure(width, sum(heights) + 0.35)
@@ -143,7 +167,10 @@ def _draw_forest(ax: Axes, block: pd.DataFrame, truth: dict[str, Any], units: di
     if threshold is None and scale == "symlog":
         threshold = _power_of_ten(0.01 * float(np.max(np.abs([mean, lower, upper]))) or 1.0)
     values = np.concatenate([mean, lower, upper, true[np.isfinite(true)], [0.0]])
-    label = _set_scale(ax, float(values.min()), float(values.max()), threshold)
+    shown = {unit_text(units.get(term)) for term in terms}
+    about = with_unit("coefficient", shown.pop()) if len(shown) == 1 else "coefficient, each in its own unit"
+    label = _set_scale(ax, float(values.min()), float(values.max()), threshold, about)
+    several = "each in its own" in about
     ax.axvline(0.0, color=GREY, linewidth=0.8, zorder=0)
     ax.hlines(rows, 0, 1, transform=ax.get_yaxis_transform(), color=LIGHT, linewidth=0.6, zorder=0)
     ax.hlines(rows, lower, upper, color=BLUE, linewidth=2.2, zorder=2)
@@ -160,18 +187,17 @@ def _draw_forest(ax: Axes, block: pd.DataFrame, truth: dict[str, Any], units: di
             label="true value",
         )
     for row, (term, value, sd) in enumerate(zip(terms, mean, block["sd"], strict=True)):
-        text = figure_estimate(value, sd, plain(units.get(term) or ""))
+        text = plain(estimate(value, sd, units.get(term) if several else ""))
         ax.text(1.02, row, text, transform=ax.get_yaxis_transform(), va="center", fontsize=9, color=DARK)
-    ax.set_yticks(rows, [formula_or_name(term, latex.get(term)) for term in terms])
+    ax.set_yticks(rows, [formula_or_name(formula(term), latex.get(term)) for term in terms])
     ax.set_ylim(len(terms) - 0.4, -0.6)
     ax.tick_params(axis="y", length=0)
     ax.spines["left"].set_visible(False)
     ax.set_xlabel(label)
 
 
-def _set_scale(ax: Axes, low: float, high: float, threshold: float | None) -> str:
-    """Scale, limits and ticks of the coefficients' axis, which spans low ≤ 0 ≤ high; returns its label."""
-    label = "coefficient, each in its own unit"
+def _set_scale(ax: Axes, low: float, high: float, threshold: float | None, label: str) -> str:
+    """Scale, limits and ticks of the coefficients' axis, which spans low ≤ 0 ≤ high; returns its whole label."""
     if threshold is None:
         pad = 0.08 * (high - low) or 1.0
         ax.set_xlim(low - pad, high + pad)
@@ -188,7 +214,7 @@ def _set_scale(ax: Axes, low: float, high: float, threshold: float | None) -> st
     ticks = [-(10.0 ** (first + i)) for i in range(nearest, below + 1, step)]
     ticks += [0.0] + [10.0 ** (first + i) for i in range(nearest, above + 1, step)]
     ax.xaxis.set_major_locator(FixedLocator(sorted(ticks)))
-    return f"{label}\n(linear between $\\pm 10^{{{first}}}$, logarithmic beyond)"
+    return f"{label}\n(linear between ± {number(10.0**first)}, logarithmic beyond)"
 
 
 def _power_of_ten(value: float) -> float:

@@ -1,6 +1,7 @@
 """Models side by side: expected log predictive density, differences, weights."""
 
 from collections.abc import Sequence
+from textwrap import fill
 
 import matplotlib as mpl
 import numpy as np
@@ -27,6 +28,8 @@ from bayes_greybox.report.plots.style import (
 # Above this Pareto shape the importance sampling behind an elpd is not to be trusted, however many draws there are
 # (Vehtari, Simpson, Gelman, Yao & Gabry 2024); with few draws the table names a smaller one.
 _WORST_K = 0.7
+# Characters below a panel.
+_LINE = 40
 
 
 @mpl.rc_context(STYLE)
@@ -64,7 +67,8 @@ def plot_comparison(table: pd.DataFrame, *, axes: Sequence[Axes] | np.ndarray | 
     _draw_intervals(left, rows, elpd, se, suspect, threshold)
     _draw_intervals(right, rows, difference, diff_se, suspect, threshold)
     left.set_yticks(rows, [plain(str(name)) for name in table.index])
-    left_out = f"\nleaving out {table.attrs['folds']}" if "folds" in table.attrs else ""
+    # A longer line would run on below the other panel.
+    left_out = f"\n{fill('leaving out ' + table.attrs['folds'], _LINE)}" if "folds" in table.attrs else ""
     left.set_xlabel(f"elpd ± se [nat]{left_out}\nhigher is better")
     right.set_yticks([])
     right.axvline(0.0, color=GREY, linewidth=0.8, zorder=0)

@@ -37,6 +37,7 @@ def plot_discrepancy_over_states(
     grid: DiscrepancyGrid,
     *,
     data: Float[np.ndarray, "n_obs n_var"] | None = None,
+    noise: float | np.floating = 0.0,
     axes: Sequence[Axes] | np.ndarray | None = None,
 ) -> Figure:
     """Posterior of the discrepancy f over one variable (curve with band) or two (maps of mean and sd).
@@ -47,6 +48,8 @@ def plot_discrepancy_over_states(
     Args:
         grid: the posterior of f on the grid.
         data: positions of the data rows to mark, one column a variable; the grid's own points by default.
+        noise: noise standard deviation, in the unit of f: colours of maps reach to it at least, so that what is small
+            beside the noise is pale.
         axes: axes to draw into: one for one variable; mean and sd for two.
 
     Returns:
@@ -67,7 +70,7 @@ def plot_discrepancy_over_states(
     if n_variable == 1:
         _draw_curve(panels[0], grid, points, axes is None)
     else:
-        _draw_maps(panels, grid, points, axes is None)
+        _draw_maps(panels, grid, points, float(noise), axes is None)
     return figure_of(panels[0])
 
 
@@ -115,12 +118,12 @@ def _draw_curve(ax: Axes, grid: DiscrepancyGrid, points: np.ndarray, own: bool) 
     place_legend(ax, own, [known[label] for label in wanted])
 
 
-def _draw_maps(panels: list[Axes], grid: DiscrepancyGrid, points: np.ndarray, own: bool) -> None:
+def _draw_maps(panels: list[Axes], grid: DiscrepancyGrid, points: np.ndarray, noise: float, own: bool) -> None:
     x, y = grid.axes
     seen = grid.inside if grid.inside.any() else np.ones_like(grid.inside)
-    limit = _first_positive(np.abs(grid.mean[seen]), np.abs(grid.sd[seen]))
+    limit = max(noise, _first_positive(np.abs(grid.mean[seen]), np.abs(grid.sd[seen])))
     _draw_map(panels[0], grid, grid.mean, "RdBu_r", (-limit, limit), with_unit("mean of f", grid.unit))
-    largest = _first_positive(grid.sd[seen])
+    largest = max(noise, _first_positive(grid.sd[seen]))
     _draw_map(panels[1], grid, grid.sd, _pale_map(), (0.0, largest), with_unit("sd of f", grid.unit))
     levels = np.linspace(-limit, limit, 9)
     _lines(panels[0], grid, grid.mean, levels, 0.6)

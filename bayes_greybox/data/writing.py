@@ -1,0 +1,103 @@
+"""How units and formulas are written: one way, however a file, a user or a calculation spells them."""
+
+import re
+from collections.abc import Iterator
+from fractions import Fraction
+
+_SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+_PLAIN = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹⋅", "-0123456789.")
+_RAISED = "⁻⁰¹²³⁴⁵⁶⁷⁸⁹⋅"
+_TOKEN = re.compile(
+    rf"\s*(?:(?P<over>/|\bper\b)|(?P<name>(?:(?![{_RAISED}])[^\W\d]|[°%])+|1(?![\d.]))"
+    rf"|(?P<power>(?:\*\*|\^)\s*(?:-?[\d.]+|\(\s*-?[\d./]+\s*\))|[{_RAISED}]+)"
+    r"|(?P<times>[*·⋅])|(?P<open>\()|(?P<close>\)))\s*"
+)
+
+
+def unit_text(unit: str | None) -> str:
+    """A unit as people write it: powers as superscripts, a product after at most one stroke.
+
+    `m/s/s`, `m/s**2`, `m/s^2` and `m s⁻²` all become m/s²; `1/m²/s²` becomes 1/(m²·s²); `N*m` becomes N·m. What has no
+    unit, "", "1" or "dimensionless", stays empty, and text that is no product of powers stays as it is.
+
+    Args:
+        unit: The unit.
+    """
+    if not unit or unit.strip() in ("1", "dimensionless"):
+        return ""
+    try:
+        factors = _factors(unit)
+    except (ValueError, ZeroDivisionError):  # a power that is no number
+        factors = None
+    if factors is None:
+        return unit.strip()
+    above = [_power(name, power) for name, power in factors.items() if power > 0]
+    below = [_power(name, -power) for name, power in factors.items() if power < 0]
+    if not below:
+        return "·".join(above)
+    under = "·".join(below)
+    return f"{'·'.join(above) or '1'}/{f'({under})' if len(below) > 1 else under}"
+
+
+def formula(expression: str) -> str:
+    """A formula as people write it: y**3*ydot becomes y³·ydot.
+
+    Args:
+        expression: The formula, or the name of a term, which mostly is one.
+    """
+    whole = r"\*\*(?:(-?\d+)(?![\d.])|\((-?\d+)\))"
+    raised = re.sub(whole, lambda found: (found[1] or found[2]).translate(_SUPERSCRIPT), expression)
+    return re.sub(r"\s*\*\s*", "·", raised.replace("**", "^")).replace("-", "−")
+
+
+def _power(name: str, power: Fraction) -> str:
+    if power == 1:
+        return name
+    return f"{name}{str(power).translate(_SUPERSCRIPT)}" if power.denominator == 1 else f"{name}^{float(power):g}"
+
+
+def _factors(unit: str) -> dict[str, Fraction] | None:
+    """Names and their powers, in the order of the text; None of what is no product of powers."""
+    tokens = list(_tokens(unit))
+    if not tokens:
+        return None
+    found: dict[str, Fraction] = {}
+    # Signs that each open bracket puts on what stands in it; the last one is of where we are.
+    signs, sign, last, before = [1], 1, "", ""
+    for kind, text in [*tokens, ("end", "")]:
+        if before in ("times", "over", "open") and kind not in ("name", "open"):
+            return None
+        if text == "1" and before in ("name", "power", "close"):
+            return None
+        before = kind
+        if kind == "name":
+            last = text
+            if text != "1":
+                found[text] = found.get(text, Fraction(0)) + signs[-1] * sign
+        elif kind == "power" and last not in ("", "1"):
+            power = Fraction(text.translate(_PLAIN).strip("*^() "))
+            found[last] += signs[-1] * sign * (power - 1)
+            last = ""
+        elif kind == "open":
+            signs.append(signs[-1] * sign)
+            sign, last = 1, ""
+        elif kind == "close" and len(signs) > 1:
+            signs.pop()
+            last = ""
+        elif kind in ("times", "over"):
+            sign, last = (-1 if kind == "over" else 1), ""
+        elif kind != "end":
+            return None
+    return {name: power for name, power in found.items() if power} if len(signs) == 1 else None
+
+
+def _tokens(unit: str) -> Iterator[tuple[str, str]]:
+    """Kinds and texts of the parts of a unit; an unknown part is of the kind "other"."""
+    at = 0
+    while at < len(unit):
+        match = _TOKEN.match(unit, at)
+        if match is None:
+            yield "other", unit[at:]
+            return
+        yield str(match.lastgroup), match[0].strip()
+        at = match.end()

@@ -1,0 +1,1 @@
+"""Figures as drawings that stand in a page: small, in the page's colours, with values to hover over."""

@@ -1,0 +1,150 @@
+"""A figure as SVG to stand in the text of a page.
+
+Letters stay letters, colours are the page's own, so that they follow it into the dark, and coordinates have a tenth of
+a point. Nothing of it names a font, a colour or an id that the rest of the page could trip over.
+"""
+
+import hashlib
+import io
+import json
+import re
+from xml.etree import ElementTree
+from xml.etree.ElementTree import Element
+
+import matplotlib as mpl
+from markupsafe import escape
+from matplotlib.figure import Figure
+
+from bayes_greybox.report.plots.style import laid_out
+
+from .hover import readings
+from .paths import dots, short_path
+
+COLOURS = {
+    "#000000": "ink",
+    "#222222": "ink",
+    "#555555": "edge",
+    "#767676": "grey",
+    "#d9d9d9": "light",
+    "#f3f3f3": "faint",
+    "#ffffff": "paper",
+    "#0072b2": "blue",
+    "#d55e00": "orange",
+    "#56b4e9": "sky",
+    "#67001f": "most",
+    "#053061": "least",
+}
+"""Colours of `plots.style`, and the ends of the colour map of signed numbers, by their names in the page's style."""
+
+_SPACE = "{http://www.w3.org/2000/svg}"
+_LINK = "{http://www.w3.org/1999/xlink}href"
+_IDLE = {"font-family", "stroke-linejoin", "stroke-miterlimit"}
+_DEFAULT = {("text-anchor", "start"), ("stroke-linecap", "butt"), ("fill-opacity", "1"), ("stroke-opacity", "1")}
+
+
+def drawing(figure: Figure, alt: str) -> str:
+    """The figure as an `svg` element.
+
+    Args:
+        figure: The figure.
+        alt: What it shows, for those who cannot see it.
+    """
+    text = io.BytesIO()
+    # A fixed salt and no date: the same results make the same file.
+    with laid_out(figure), mpl.rc_context({"svg.hashsalt": "bayes_greybox", "svg.fonttype": "none"}):
+        read = readings(figure)
+        figure.savefig(text, format="svg", dpi=100, facecolor="none", metadata={"Date": None, "Creator": None})
+    # Ids are those of the page that it stands in: no other drawing may have them.
+    prefix = f"f{hashlib.sha256(text.getvalue() + alt.encode()).hexdigest()[:6]}-"
+    root = ElementTree.fromstring(text.getvalue())
+    box = root.get("viewBox", "")
+    inside = _Drawing(root, prefix, [line for axes in read for line in axes.get("lines", {})])
+    body = "".join(inside.written(child) for child in root)
+    seen = f' data-axes="{escape(json.dumps(inside.renamed(read), ensure_ascii=False))}"' if read else ""
+    return f'<svg class="drawing" role="img" aria-label="{escape(alt)}" viewBox="{box}"{seen}>{body}</svg>'
+
+
+class _Drawing:
+    """What is referred to within one drawing, and how its elements are written."""
+
+    def __init__(self, root: Element, prefix: str, kept: list[str]) -> None:
+        self._shapes = {one.get("id", ""): one for one in root.iter() if one.get("id")}
+        used = [name for one in root.iter() for name in _references(one)]
+        self._names = {name: f"{prefix}{k}" for k, name in enumerate(dict.fromkeys([*used, *kept]))}
+
+    def renamed(self, read: list[dict]) -> list[dict]:
+        """Readings with the ids that their lines have in the page."""
+        return [
+            {**axes, "lines": {self._names[line]: label for line, label in axes["lines"].items()}}
+            if "lines" in axes
+            else axes
+            for axes in read
+        ]
+
+    def written(self, one: Element) -> str:
+        """An element with all that is in it; nothing where nothing is left of it."""
+        tag = one.tag.removeprefix(_SPACE)
+        if tag in ("metadata", "style") or not isinstance(one.tag, str):
+            return ""
+        uses = [child for child in one if child.tag == f"{_SPACE}use"]
+        inside = str(escape((one.text or "").strip())) if tag in ("text", "tspan") else ""
+        merged = dots(uses, self._shapes, _LINK) if len(uses) > 1 else None
+        for child in one:
+            if merged is not None and child in uses:
+                if child is uses[0]:
+                    path, style = merged
+                    inside += f'<path d="{path}" style="{_style(style)}"/>'
+            else:
+                inside += self.written(child)
+        about = "".join(f' {name}="{value}"' for name, value in self._attributes(tag, one))
+        if tag in ("g", "defs") and (not inside or not about and tag == "g"):
+            return inside
+        if tag == "path" and one.get("id") in self._shapes and one.get("id") not in self._names:
+            return ""
+        return f"<{tag}{about}>{inside}</{tag}>" if inside else f"<{tag}{about}/>"
+
+    def _attributes(self, tag: str, one: Element):
+        for name, value in one.attrib.items():
+            if name == "id":
+                if value in self._names:
+                    yield "id", self._names[value]
+            elif name == _LINK:
+                yield "href", value if value.startswith("data:") else f"#{self._names[value[1:]]}"
+            elif name == "clip-path":
+                yield name, f"url(#{self._names[value[5:-1]]})"
+            elif name == "d":
+                yield name, short_path(value)
+            elif name == "style":
+                if style := _style(value):
+                    yield name, re.sub(r"url\(#([\w-]+)\)", lambda found: f"url(#{self._names[found[1]]})", style)
+            elif name == "transform":
+                if not value.startswith("rotate(-0 "):
+                    yield name, _rounded(value, 2)
+            elif name in ("x", "y", "width", "height"):
+                yield name, _rounded(value, 1 if tag != "image" else 3)
+            elif name == "fill" and value.lower() in COLOURS and "style" not in one.attrib:
+                # As a hatching has its ground.
+                yield "style", f"fill:var(--{COLOURS[value.lower()]})"
+            elif tag == "image" or not name.startswith("{"):
+                yield name, str(escape(value))
+
+
+def _references(one: Element) -> list[str]:
+    inside = f"{one.get('clip-path', '')} {one.get('style', '')}"
+    return [one.get(_LINK, "")[1:]] * one.get(_LINK, "").startswith("#") + re.findall(r"url\(#([\w-]+)\)", inside)
+
+
+def _style(text: str) -> str:
+    parts = [tuple(part.strip() for part in one.split(":", 1)) for one in text.split(";") if ":" in one]
+    kept = []
+    for name, value in parts:
+        if name == "font":
+            name, value = "font-size", re.findall(r"[\d.]+px", value)[0]
+        if name not in _IDLE and (name, value) not in _DEFAULT:
+            colour = COLOURS.get(value.lower())
+            kept.append(f"{name}:{f'var(--{colour})' if colour else _rounded(value, 2)}")
+    return str(escape(";".join(kept)))
+
+
+def _rounded(text: str, decimals: int) -> str:
+    return re.sub(r"-?\d+\.\d+", lambda found: f"{round(float(found[0]), decimals):g}", text)
