@@ -25,7 +25,7 @@ class Trial:
         n_run: Their runs.
         nmse: Normalised mean square error of the predicted rate or output on held-out data, by equation.
         run: Free run over the data; None where there is none.
-        why: Why there is none, in words.
+        why: Why there is none, in words; empty where outputs alone were learned, which move nothing.
     """
 
     held_out: bool
@@ -65,7 +65,9 @@ def try_on(posterior: Posterior, data: Trajectories) -> Trial:
 
 
 def _free_run(posterior: Posterior, data: Trajectories) -> tuple[FreeRun | None, str]:
-    """The free run, or why there is none."""
+    """The free run, or why there is none; no word where what was learned moves nothing."""
+    if all(posterior.data.is_output(name) for name in posterior.learned()):
+        return None, ""
     if data.n_obs > MOST_ROWS:
         return None, f"Over {data.n_obs:,} rows it would take long: fit.simulate(data) makes it."
     try:

@@ -33,7 +33,7 @@ from bayes_greybox.report.formatting import (
 )
 from bayes_greybox.report.stated import stated_text, term_probability
 
-from .free_run_section import trial_section
+from .free_run_section import trial_sections
 from .page import (
     Badge,
     Card,
@@ -90,7 +90,7 @@ def fit_page(fit: Posterior, config: str | None = None) -> Page:
         _coefficients(fit, terms),
         *([] if fit.model.discrepancy is None else [_discrepancy(fit, shares)]),
         _predicted(fit),
-        trial_section(fit),
+        *trial_sections(fit),
         _checks(fit),
         Section("convergence", "Can the sampler be trusted?", "", verdict_blocks(fit)),
         _settings(fit, config or fit.idata.attrs.get(CONFIGURATION)),

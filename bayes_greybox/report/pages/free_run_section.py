@@ -40,11 +40,14 @@ def free_run_section(
     return Section(ANCHOR, title, lead + (bands if pictures else ""), blocks)
 
 
-def trial_section(fit: Posterior) -> Section:
+def trial_sections(fit: Posterior) -> list[Section]:
     """How a fit does on held-out data, and its free run over them; over the training data where none were held out.
 
     Args:
         fit: The fit.
+
+    Returns:
+        The section; none for outputs alone, of which none were held out.
     """
     found = trial(fit)
     run = found.run
@@ -58,9 +61,12 @@ def trial_section(fit: Posterior) -> Section:
             for name, error in _errors(found).items()
         ),
     ]
+    if run is None and not (rows or found.why):
+        return []
     blocks: list[Any] = [Table(("measure", "#value"), rows)] if rows else []
     if run is None:
-        blocks.append(Words(f"There is no free run. {found.why}"))
+        if found.why:
+            blocks.append(Words(f"There is no free run. {found.why}"))
     else:
         blocks += [Words(text) for text in _failures(found)]
     size = f"{number(found.n_obs)} rows{f' in {found.n_run} runs' if found.n_run > 1 else ''}"
@@ -72,7 +78,7 @@ def trial_section(fit: Posterior) -> Section:
     lead += " The model is started where the measurements start and then left alone." if run else ""
     drawn = {} if run is None else {state: partial(figures.simulated, run, state) for state in run.states}
     title = "How does it do on held-out data?" if found.held_out else "Does it follow the measurements by itself?"
-    return free_run_section(title, lead, drawn, [] if run is None else [run.holds], blocks)
+    return [free_run_section(title, lead, drawn, [] if run is None else [run.holds], blocks)]
 
 
 def _errors(found: Trial) -> dict[str, float]:
