@@ -162,7 +162,7 @@ class Config(Section):
             if command_of(self._path.parent) is not None:
                 return self._path.parent
             # Taken elsewhere it is a file as any other.
-            return Path("runs") / self.origin.stem
+            return Path(self.output.folder or Path("runs") / self.origin.stem)
         return Path(self.output.folder or Path("runs") / self._path.stem)
 
     def copy_to(self, folder: Path, place: Path | None = None) -> None:
@@ -172,6 +172,10 @@ class Config(Section):
             folder: Where it will lie.
             place: Where it is written first; by default in the folder.
         """
+        own = folder / CONFIG
+        if self.copied_from is None and own.exists() and own.samefile(self._path):
+            # The results lie beside the file itself, which stays as its author wrote it.
+            return
         text = copy_of(self.text, self.origin, folder)
         ((place or folder) / CONFIG).write_text(text, encoding="utf-8", newline="")
 

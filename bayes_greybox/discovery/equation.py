@@ -17,6 +17,7 @@ from .answer.amendment import Amendment, Remainder
 from .answer.coefficients import Coefficients, draw_coefficients, plain, sensor_errors
 from .answer.contradictions import contradictions, noise_as_force, with_noisy_states
 from .answer.doubt import Doubt
+from .answer.ends import at_ends
 from .answer.equation_study import EquationStudy
 from .answer.finding import Finding, decide
 from .answer.linearity import check_linearity
@@ -37,7 +38,7 @@ DRAWS = 2000
 """Posterior draws of the coefficients behind tables and bands."""
 
 ON_PATH = 0.1
-"""Share of the draws from which on they are those with the path's own value of an inner parameter."""
+"""Draws with the path's own value of an inner parameter, over those with the commonest, from which on it is taken."""
 
 WITHIN, MOST_WITHIN = 3.0, 0.5
 """A path is within a sensor's range by more than so many standard deviations of its noise; it speaks against an answer
@@ -93,9 +94,9 @@ def study_equation(
         finding, checks = decided([*denials, *others])
         amendment = _amendment(finding, aligned, train, seed)
     motion = judged.get(finding.kind, next(iter(judged.values())))
-    finding = finding.capped([check.text for check in motion if not check.ok])
     statistics, evaluator = finding.world.evaluations.statistics, finding.world.evaluations.evaluator
     coefficients = amendment.after
+    finding = finding.capped([*(check.text for check in motion if not check.ok), *at_ends(statistics, coefficients)])
     if finding.open_ended:
         # Where not all of it has a name, the model after holds what remains as f.
         amendment = replace(amendment, discrepancy=Remainder.of(statistics, evaluator, coefficients))
@@ -184,7 +185,8 @@ def _of_one_memory(
         states = {int(i): statistics.columns[i].formula.states for i in columns}
         if not any(states.values()):
             continue
-        share = dict(zip(map(int, columns), count / np.sum(count), strict=True))
+        # Of many values drawn around a mode none has much.
+        share = dict(zip(map(int, columns), count / np.max(count), strict=True))
         on_path = [
             i
             for i, own in states.items()

@@ -63,7 +63,7 @@ def amended_system(
     for amendment in amendments.values():
         base = amendment.model(base) if amendment.hidden else base
     learned = {
-        name: _equation(name, each, data, probabilities, base.stated(name, data) if name in base.dictionary else None)
+        name: _equation(name, each, data, probabilities, base.stated(name, data) if base.dictionary.get(name) else None)
         for name, each in amendments.items()
     }
     return LearnedSystem("study", base.simulator(data, lacking=True), data, learned, RULE)

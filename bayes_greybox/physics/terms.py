@@ -276,12 +276,11 @@ def terms_of(spec: object) -> tuple[Term, ...]:
 
 def stating(spec: object) -> tuple[Term, ...]:
     """Terms of a term list that state something of their coefficients; formulas are not read."""
-    items = [spec] if isinstance(spec, Term | Dictionary) else spec if isinstance(spec, list | tuple) else ()
-    found: list[Term] = []
-    for item in items:
-        nested = item.terms if isinstance(item, Dictionary) else item if isinstance(item, list | tuple) else (item,)
-        found += [each for each in nested if isinstance(each, Term) and each.stated is not None]
-    return tuple(found)
+    if isinstance(spec, str | sympy.Expr | Mapping) or not isinstance(spec, Iterable | Term | Dictionary):
+        return ()
+    items = _items(spec)
+    nested = [each if isinstance(each, Term | Dictionary | list | tuple) else () for each in items]
+    return tuple(t for each in nested for t in _items(each) if isinstance(t, Term) and t.stated is not None)
 
 
 def _flat(spec: object) -> list[object]:

@@ -248,7 +248,7 @@ def exact(value: float) -> tuple[bool, Concise]:
 
 
 def exact_text(value: float, unit: str = "") -> str:
-    """A number that is known, as a table has it: `−40 1/m²/s²`."""
+    """A number that is known, as a table has it: `−40 1/(m²·s²)`."""
     negative, size = exact(value)
     return f"{'−' if negative else ''}{size}{f' {unit_text(unit)}' if unit_text(unit) else ''}"
 

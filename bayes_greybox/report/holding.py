@@ -67,5 +67,5 @@ def require_own(folder: Path, command: str) -> None:
     if holds not in (None, command):
         raise InputError(
             f'"{folder}" holds results of {holds}, which those of {command} would overwrite: choose another folder '
-            "with --output, or remove that one."
+            "with --output, or remove those results."
         )

@@ -42,7 +42,8 @@ def measurement_in_words(study: StudyResult) -> list[str]:
     """What the study takes for true about sensors and noise."""
     if not len(study.instrument):
         return []
-    return list(study.instrument.loc[study.instrument["status"] == IN_MODEL, "text"])
+    # Several equations may be judged on the samples of one sensor.
+    return list(dict.fromkeys(study.instrument.loc[study.instrument["status"] == IN_MODEL, "text"]))
 
 
 def _answer(study: StudyResult) -> str:

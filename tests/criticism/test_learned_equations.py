@@ -296,7 +296,7 @@ def test_fixed_coefficients_are_part_of_the_equation():
     np.testing.assert_allclose(by_sympy(fit.to_sympy(), ("y", "v", "F"), x, u), mean, **CLOSE)
     np.testing.assert_allclose(fit.to_callable()(t, x, u), mean, **CLOSE)
     # Exact, and marked as what it is.
-    assert "− 1(given) [1/m²/s²] y³" in repr(fit)
+    assert "− 1(given) [1/(m²·s²)] y³" in repr(fit)
 
 
 def test_an_output_has_an_equation_without_a_rate():

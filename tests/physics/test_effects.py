@@ -88,7 +88,9 @@ def test_entries_are_complete_and_their_formulas_work(effect):
     columns = {f"the_{role}": np.append(rng.uniform(-2.0, 2.0, 50), 0.0) for role in ROLES}
     if effect.domain in ("fluid", "population"):
         columns = {name: np.abs(column) for name, column in columns.items()}
-    for inner in [{i.name: float(value)} for i in effect.inner for value in i.nodes(2.0)[0]] or [{}]:
+    # Each value of one inner parameter beside the middle ones of the others.
+    middle = {i.name: float(np.median(i.nodes(2.0)[0])) for i in effect.inner}
+    for inner in [middle | {i.name: float(value)} for i in effect.inner for value in i.nodes(2.0)[0]] or [{}]:
         term = bound.term(inner)
         assert all(state.meaning and state.unit_of in columns for state in term.states)
         rates = [parse_expression(state.rate, (*columns, *(s.name for s in term.states))) for state in term.states]
@@ -323,7 +325,7 @@ def test_one_degree_of_freedom():
     assert roles["other_position"] == roles["other_velocity"] == ()
     found = texts("mechanical", roles)
     assert {("cubic-stiffness", "y**3"), ("coulomb-friction", "sign(ydot)"), ("input-gain", "F")} <= found
-    assert len(found) == 27 and not any(slug.startswith("coupling") for slug, _ in found)
+    assert len(found) == 28 and not any(slug.startswith("coupling") for slug, _ in found)
     assert not any(
         slug.endswith("-input") or slug == "input-gain" for slug, _ in texts("mechanical", {**roles, "input": ()})
     )
@@ -629,7 +631,7 @@ def test_a_file_has_the_fields_of_the_classes_as_keys():
         "meaning": str, "of": str, "low": float, "high": float, "unit_of": str, "scale": str, "values": int,
     }  # fmt: skip
     assert keys.needed == ("meaning", "of", "low", "high")
-    assert keys_of(HiddenState, "name").types == {"rate": str, "unit_of": str, "meaning": str}
+    assert keys_of(HiddenState, "name").types == {"rate": str, "unit_of": str, "meaning": str, "start": str}
     # Where nothing else is said, the parameter has the unit of what it is a share of.
     assert InnerParameter("onset", "speed", "velocity", 0.1, 1.0).unit_of == "velocity"
 

@@ -86,10 +86,9 @@ def draw_coefficients(
     """
     rng = np.random.default_rng(seed)
     suspects = tuple(suspects)
-    most = MOST_CHOICES ** (1 / max(1, sum(len(evaluations.group(i)) > 1 for i in base)))
-    choices = list(product(*(_likely(evaluations, suspects, base, i, int(most)) for i in base))) if base else [()]
+    choices, drawn_as = _choices(evaluations, suspects, base, rng)
     evaluated = evaluations.parametric([(*suspects, *c) for c in choices])
-    logs = np.array([[*np.ravel(v.by_pattern)] for v in evaluated])
+    logs = np.array([[*np.ravel(v.by_pattern)] for v in evaluated]) + drawn_as[:, None]
     n_pattern = logs.shape[1]
     flat = np.exp(logs - np.logaddexp.reduce(logs, axis=None)).ravel()
     picks = rng.choice(len(flat), size=n_draw, p=flat / flat.sum())
@@ -130,12 +129,35 @@ def sensor_errors(statistics: SufficientStatistics, coefficients: Coefficients) 
     }
 
 
+def _choices(
+    evaluations: Evaluations, suspects: tuple[int, ...], base: Sequence[int], rng: np.random.Generator
+) -> tuple[list[tuple[int, ...]], Float[np.ndarray, " n_choice"]]:
+    """Combinations of values of inner parameters that carry their posterior, and what each weighs for being drawn.
+
+    All of them where they are few. Else combinations are drawn from the product of the posteriors of each effect beside
+    the others, and weigh how often they were drawn over how often they would be: the heaviest alone would be those of
+    the middle, and intervals too short.
+    """
+    if not base:
+        return [()], np.zeros(1)
+    each = [_likely(evaluations, suspects, base, i) for i in base]
+    if np.prod([float(len(values)) for values, _ in each]) <= MOST_CHOICES:
+        every = list(product(*(values for values, _ in each)))
+        return every, np.zeros(len(every))
+    places = np.column_stack([rng.choice(len(values), MOST_CHOICES, p=weight) for values, weight in each])
+    found, count = np.unique(places, axis=0, return_counts=True)
+    expected = sum(np.log(weight)[found[:, k]] for k, (_, weight) in enumerate(each))
+    choices = [tuple(values[i] for i, (values, _) in zip(row, each, strict=True)) for row in found.tolist()]
+    return choices, np.log(count) - expected
+
+
 def _likely(
-    evaluations: Evaluations, suspects: tuple[int, ...], base: Sequence[int], index: int, most: int
-) -> list[int]:
-    """Columns of one added effect that carry its posterior over the inner parameter, at most so many."""
+    evaluations: Evaluations, suspects: tuple[int, ...], base: Sequence[int], index: int
+) -> tuple[list[int], Float[np.ndarray, " n_value"]]:
+    """Columns of one added effect that carry its posterior over the inner parameters, and their shares of it."""
     group = evaluations.group(index)
     order = [(*suspects, *(i if j == index else j for j in base)) for i in group]
     log_z = np.array([v.all for v in evaluations.parametric(order)])
     weight = np.exp(log_z - np.logaddexp.reduce(log_z))
-    return [group[k] for k in np.argsort(-weight)[:most] if weight[k] > 1e-3]
+    kept = [k for k in np.argsort(-weight)[:MOST_CHOICES] if weight[k] > 1e-3]
+    return [group[k] for k in kept], weight[kept] / np.sum(weight[kept])

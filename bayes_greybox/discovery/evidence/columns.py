@@ -18,15 +18,15 @@ from .clouds import Cloud
 
 @dataclass(frozen=True)
 class Nearer:
-    """What a column gains on rows near itself, where it stands in the place of another.
+    """What a set gains on rows near itself by a column that stands in the place of another.
 
     Attributes:
         gain: Nats.
-        rival: What the other is called; beside it nothing is gained.
+        beside: What the set's other columns are called; no other set gains anything.
     """
 
     gain: float
-    rival: str
+    beside: frozenset[str] = frozenset()
 
 
 @dataclass(frozen=True)

@@ -179,12 +179,23 @@ class Evaluations:
                 self._with_f[effects] = found._replace(log_evidence=again.log_evidence, se=again.se)
         return self._with_f[effects]
 
-    def inner_weight(self, effects: Sequence[int]) -> float:
-        """Log prior weight of the inner parameters of these columns, and what they gain on rows near themselves."""
+    def inner_weight(self, effects: Sequence[int], gains: bool = True) -> float:
+        """Log prior weight of the inner parameters of these columns, and what their set gains on rows near itself.
+
+        Args:
+            effects: Columns of the set.
+            gains: Whether to add the gain: not where something beside the columns has taken it up already.
+        """
         own = [self.statistics.columns[i] for i in effects]
-        gained = [column.nearer for column in own if column.nearer is not None]
-        there = {column.called for column in own} if gained else set()
-        return float(sum(column.log_weight for column in own) + sum(g.gain for g in gained if g.rival not in there))
+        total = sum(column.log_weight for column in own)
+        if gains and any(column.nearer is not None for column in own):
+            there = {column.called for column in own}
+            for column in own:
+                near = column.nearer
+                # Any other column could have taken up what the gain is for, and would be paid twice.
+                if near is not None and there - {column.called} == near.beside:
+                    total += near.gain
+        return float(total)
 
     def name(self, index: int) -> str:
         """Slug of the effect that a column stands for."""

@@ -39,21 +39,21 @@ def weigh_lags(near: Near, taken: Callable[[Near], Near], settled: Callable[[Nea
         taken: From an explanation to the likeliest one on rows near it.
         settled: From an explanation to the one that stays.
     """
-    core, columns = near.under_noise().likeliest(), near.under_noise().statistics.columns
-    for lag in (columns[i] for i in core if columns[i].effect is not None and _late(columns[i])):
+    core, columns = near.sets.likeliest(), near.sets.statistics.columns
+    for lag in [columns[i] for i in core if _late(columns[i])]:
         suspect = _delay_of(_late(lag), near)
         if suspect is None:
             continue
         delayed = _delayed(near, taken, lag, suspect)
         if delayed is None:
             continue
-        own = evidence_of(near, near.under_noise().likeliest())
+        names = _beside(near, lag) + [lag.called]
+        own = evidence_of(near, _places(near.sets.statistics.columns, names, near))
         if delayed.log_evidence > own:
-            names = [columns[i].called for i in core if not _is_delay(columns[i])]
             near = settled(delayed.near)
-            _raise(near, names, lag.called, suspect.key, own)
+            _raise(near, names, lag.called, own)
         else:
-            _raise(near, delayed.names, suspect.key, lag.called, delayed.log_evidence)
+            _raise(near, delayed.names, suspect.key, delayed.log_evidence)
     return near
 
 
@@ -62,6 +62,12 @@ def _late(column: Column) -> str:
     if column.effect is None:
         return ""
     return column.effect.names.get(column.effect.effect.nominal, "")
+
+
+def _beside(near: Near, lag: Column) -> list[str]:
+    """What stands beside a lag in the likeliest set, but for delays."""
+    columns = [near.sets.statistics.columns[i] for i in near.sets.likeliest()]
+    return [column.called for column in columns if column.called != lag.called and not _is_delay(column)]
 
 
 def _is_delay(column: Column) -> bool:
@@ -79,9 +85,9 @@ def _delay_of(name: str, near: Near) -> ChannelSuspect | None:
 
 def _delayed(near: Near, taken: Callable[[Near], Near], lag: Column, suspect: ChannelSuspect) -> _Delayed | None:
     """A delay in the place of a lag, on rows near itself; None where no path with it is near the samples."""
-    core, columns = near.under_noise().likeliest(), near.under_noise().statistics.columns
-    names = [columns[i].called for i in core if columns[i] is not lag and not _is_delay(columns[i])]
-    names.append(suspect.key)
+    if len(lag.inner) != 1:
+        return None
+    names = [*_beside(near, lag), suspect.key]
     lagging = {state.name for state in lag.formula.states}
     found = tuple((term, value) for term, value in near.found if not lagging & {state.name for state in term.states})
     (time,) = lag.inner.values()
@@ -92,9 +98,8 @@ def _delayed(near: Near, taken: Callable[[Near], Near], lag: Column, suspect: Ch
     for _ in range(TURNS):
         try:
             here = taken(before)
-            sets = here.under_noise()
-            at = _places(sets.statistics.columns, names, before)
-            columns, values, _ = estimate(sets, at)
+            at = _places(here.sets.statistics.columns, names, before)
+            columns, values, _ = estimate(here.sets, at)
             value = evidence_of(here, at)
         except (InputError, LookupError, np.linalg.LinAlgError):
             break
@@ -125,15 +130,16 @@ def _places(columns: Sequence[Column], names: Sequence[str], near: Near) -> tupl
     return tuple(sorted(every[name] for name in names))
 
 
-def _raise(near: Near, names: Sequence[str], name: str, rival: str, there: float) -> None:
+def _raise(near: Near, names: Sequence[str], name: str, there: float) -> None:
     """Put an explanation on these rows on equal footing with what it is on its own."""
-    sets = near.under_noise()
     try:
-        core = _places(sets.statistics.columns, names, near)
+        core = _places(near.sets.statistics.columns, names, near)
     except LookupError:
         return
-    gained = max(there - evidence_of(near, core), 0.0)
-    columns = near.base.statistics.columns
-    for i, column in enumerate(columns):
-        if column.kind in ("effect", "suspect") and column.called == name:
-            columns[i] = replace(column, nearer=Nearer(gained, rival))
+    nearer = Nearer(max(there - evidence_of(near, core), 0.0), frozenset(names) - {name})
+    for sets in {id(each): each for each in (near.base, near.sets)}.values():
+        columns = sets.statistics.columns
+        for i, column in enumerate(columns):
+            if column.kind in ("effect", "suspect") and column.called == name:
+                columns[i] = replace(column, nearer=nearer)
+        sets.reweigh()

@@ -25,7 +25,7 @@ def weigh_laws(near: Near, taken: Callable[[Near], Near]) -> None:
         near: The explanation that stays.
         taken: From an explanation to the likeliest one on rows near it.
     """
-    core, columns = near.under_noise().likeliest(), near.base.statistics.columns
+    core, columns = near.sets.likeliest(), near.base.statistics.columns
     # Finer values of an inner parameter are columns that sets under another noise may have for themselves.
     if any(i >= len(columns) or columns[i].inner for i in core):
         return
@@ -51,6 +51,7 @@ def weigh_laws(near: Near, taken: Callable[[Near], Near]) -> None:
                 # Rows near another law may not have what stands beside it; it stays where it is.
                 continue
             columns[law] = replace(column, log_weight=max(there - here, 0.0))
+    near.base.reweigh()
 
 
 def _of_law(near: Near, names: Sequence[str], law: str) -> tuple[float, tuple[tuple[Term, float], ...]]:

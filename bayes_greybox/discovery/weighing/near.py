@@ -46,8 +46,10 @@ class Near(NamedTuple):
     `base` are sets under the noise that rows come with; `noise` is the one that the likeliest was found under; `found`
     are terms beside the simulation, `sensors` errors of sensors and inputs, which the path is without: beside an offset
     of a sensor a force is another one. `log_evidence` is that of the likeliest, of the samples in user's units, so that
-    paths can be compared. `names` are without values of inner parameters; `bent` are columns that have one, `inner`
-    their values by the effect's label; `hidden` are hidden states of the model, of what was found before.
+    paths can be compared: `unit_nats` are those that its unit and the gains of sensors make. `sets` are those that the
+    likeliest was found among, under that noise and with columns of their own. `names` are without values of inner
+    parameters; `bent` are columns that have one, `inner` their values by the effect's label; `hidden` are hidden states
+    of the model, of what was found before.
     """
 
     model: Program
@@ -64,9 +66,11 @@ class Near(NamedTuple):
     log_evidence: float
     inner: Mapping[str, Mapping[str, float]]
     hidden: tuple[HiddenState, ...]
+    sets: Sets
+    unit_nats: float
 
     def under_noise(self) -> Sets:
-        """Sets under the noise that the likeliest was found under, with the columns that there are by now."""
+        """Sets under that noise made anew, with the columns that `base` has by now."""
         return under(self.base, self.noise) if self.noise.names else self.base
 
     def stays(self, before: "Near") -> bool:
@@ -142,24 +146,24 @@ def weigh_near(
     each = [(under(base, known) if known.names else base, known) for known in tried]
     sets, noise = max(each, key=lambda pair: _log_evidence(*pair))
     unit = statistics.target_scale * statistics.rows.gain
-    log_evidence = _log_evidence(sets, noise) - statistics.rows.n_row * math.log(unit)
     # Of the samples as they came: those freed of a gain are over it.
     gains = [size for suspect, size in sensors.items() if suspect.kind == GAIN and suspect.channel in train.state_names]
-    log_evidence -= (
-        statistics.rows.n_row / len((train.samples or train).state_names) * sum(math.log1p(size) for size in gains)
-    )
+    over = sum(math.log1p(size) for size in gains) / len((train.samples or train).state_names)
+    unit_nats = statistics.rows.n_row * (math.log(unit) + over)
+    log_evidence = _log_evidence(sets, noise) - unit_nats
     columns, values, sd = estimate(sets, sets.likeliest())
     names, bent = tuple(map(_named, columns)), np.array([bool(c.inner) for c in columns])
     found, off, values_of = acting(columns, values), errors(columns, values), inner_values(columns)
-    return Near(near, data, base, noise, rate, names, values, sd, bent, found, off, log_evidence, values_of, hidden)
+    return Near(
+        near, data, base, noise, rate, names, values, sd, bent, found, off, log_evidence, values_of, hidden, sets,
+        unit_nats,
+    )  # fmt: skip
 
 
 def evidence_of(near: Near, core: Sequence[int]) -> float:
-    """Log evidence of a set on rows near a model, as that of the likeliest one; for paths with the same gains."""
-    sets = near.under_noise()
-    statistics = sets.statistics
-    unit = statistics.target_scale * statistics.rows.gain
-    return _log_evidence(sets, near.noise, core) - statistics.rows.n_row * math.log(unit)
+    """Log evidence of one of the `sets` near a model, as that of the likeliest: inner parameters refined as there."""
+    near.sets.refine(core)
+    return _log_evidence(near.sets, near.noise, core) - near.unit_nats
 
 
 def hidden_states(added: Sequence[tuple[Term, float]]) -> tuple[HiddenState, ...]:

@@ -83,6 +83,11 @@ class Search:
                     found += [tuple(sorted((*rest, k))) for k in self.evaluations.group(i)]
         return list(dict.fromkeys(found))
 
+    def forget(self) -> None:
+        """Weights of columns have changed: sets are screened anew."""
+        self._rough.clear()
+        self.version += 1
+
     def log_prior(self, core: Sequence[int]) -> float:
         """Log prior of a set: of its suspects, of its number of effects, and of these among all of as many."""
         core = tuple(core)
@@ -210,8 +215,7 @@ class Search:
         # Weights of old values change with new ones, whether these bring columns of their own or not.
         changed = [column.log_weight for column in self.statistics.columns] != before
         if changed:
-            self._rough.clear()
-            self.version += 1
+            self.forget()
         return changed
 
     def _label(self, index: int) -> str:

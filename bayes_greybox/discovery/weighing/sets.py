@@ -13,6 +13,7 @@ from math import log
 import numpy as np
 
 from bayes_greybox.discovery.evidence.evaluations import Evaluations, Parametric, one_pattern
+from bayes_greybox.discovery.evidence.inner_parameters import refine
 from bayes_greybox.discovery.evidence.ranges import limited, log_ranges
 from bayes_greybox.discovery.suspects.memory import LAW, Memory
 from bayes_greybox.model.estimate.evidence import coefficients
@@ -131,6 +132,20 @@ class Sets:
         real = [(1 - imitated(e.share_left)) * bool(set(columns) & set(e.columns)) for e in explanations]
         return float(weight @ real / weight.sum())
 
+    def refine(self, core: Sequence[int]) -> None:
+        """Refine the values of inner parameters of a set as the search does those of the likeliest."""
+        columns = self.statistics.columns
+        before = [column.log_weight for column in columns]
+        for i in core:
+            if columns[i].inner:
+                refine(self.evaluations, (*self.always, *(j for j in core if j != i)), self.evaluations.group(i))
+        if [column.log_weight for column in columns] != before:
+            self.reweigh()
+
+    def reweigh(self) -> None:
+        """Weights of columns have changed: evidences of sets are found anew."""
+        self.search.forget()
+
     def parametric(self, columns: Sequence[int]) -> Parametric:
         """Evidence of a set without a rest, all patterns of corrections."""
         self._sum_patterns([columns])
@@ -192,11 +207,15 @@ class Sets:
     def _with_rest(self, cores: Sequence[tuple[int, ...]], plain: Sequence[Explanation]) -> list[Explanation]:
         """Explanations with f beside the set: at the mode that f has beside the user's own terms, then in full."""
         known = self.evaluations
-        weight, best = self._likely(cores, plain)
+        weight, best, others = self._likely(cores, plain)
         common = known.integrated(self.always)
         gain = common.log_evidence - known.evaluator.at(known.with_features(self.always), common.mode)
         at_mode = {
-            c: gain + known.evaluator.at(known.with_features((*self.always, *c)), common.mode) + known.inner_weight(c)
+            # What a column gains on rows near itself f has for the most part taken up already.
+            c: gain
+            + known.evaluator.at(known.with_features((*self.always, *c)), common.mode)
+            + known.inner_weight(c, gains=False)
+            + others[c]
             for c in best
         }
         prior = {c: self.log_prior(c) + self._log_rest(c, REST) for c in best}
@@ -209,7 +228,7 @@ class Sets:
             close = max(weight.get(c, -np.inf), at_mode[c] + prior[c]) > top - WINDOW
             if c == () or (c in finalists and close):
                 integrated = known.settled((*self.always, *c), SURE) if close else known.integrated((*self.always, *c))
-                value = integrated.log_evidence + known.inner_weight(c)
+                value = integrated.log_evidence + known.inner_weight(c, gains=False) + others[c]
                 share = known.share((*self.always, *c), integrated)
             suspects, effects = self._parted(c)
             ranges = self._ranges(c)
@@ -224,7 +243,7 @@ class Sets:
         for i in statistics.of_kind("memory"):
             if (memory := statistics.columns[i].memory) is not None:
                 groups.setdefault(memory, []).append(i)
-        best = self._likely(cores, plain)[1]
+        _, best, others = self._likely(cores, plain)
         self._sum_patterns([(*self.always, *c, *group) for c in best for group in groups.values()])
         found = []
         # Each memory has the same prior, in whatever number of ways its elements are taken together.
@@ -232,7 +251,7 @@ class Sets:
         for c, (memory, members) in product(best, groups.items()):
             group = tuple(members)
             fitted = self._full[(*self.always, *c, *group)]
-            value = fitted.all + self._ranges((*c, *group))
+            value = fitted.all + self._ranges((*c, *group)) + others[c]
             prior = self.log_prior(c) + self._log_rest(c, MEMORY) - log(len(ways) * ways[memory.text])
             share = known.carried(fitted, group)
             found.append(Explanation(*self._parted(c), MEMORY, value + prior, value, share, group))
@@ -279,13 +298,31 @@ class Sets:
 
     def _likely(
         self, cores: Sequence[tuple[int, ...]], plain: Sequence[Explanation]
-    ) -> tuple[dict[tuple[int, ...], float], list[tuple[int, ...]]]:
-        """Log weights of sets without a rest, and the sets that are weighed with one."""
+    ) -> tuple[dict[tuple[int, ...], float], list[tuple[int, ...]], dict[tuple[int, ...], float]]:
+        """Log weights of sets without a rest, sets that are weighed with one, and what these stand for beside.
+
+        Where inner parameters have many values, some stand for all: the log of the weight of all values over that of
+        those that are weighed is added to each.
+        """
         weight = {tuple(sorted(set(e.columns) - set(self.always))): e.log_weight for e in reversed(plain)}
-        best = sorted(cores, key=lambda c: -weight.get(c, -np.inf))[:WITH_REST]
+        order = sorted(cores, key=lambda c: -weight.get(c, -np.inf))
+        alike: dict[tuple[str, ...], list[tuple[int, ...]]] = {}
+        for c in order:
+            alike.setdefault(tuple(self.statistics.columns[i].called for i in c), []).append(c)
+        # The best values of the likeliest names first: many values of one would leave no place for another.
+        leaders = [group[0] for group in alike.values()][: WITH_REST // 2]
+        best = sorted(list(dict.fromkeys([*leaders, *order]))[:WITH_REST], key=order.index)
         # Beside the likeliest suspects without effects, and beside the likeliest sets
         bare = [c for c in best if not self._parted(c)[1]][:2]
-        return weight, list(dict.fromkeys([(), *bare, *best]))
+        best = list(dict.fromkeys([(), *bare, *best]))
+        others = dict.fromkeys(best, 0.0)
+        for group in alike.values():
+            if weighed := [c for c in group if c in others and c in weight]:
+                every, some = (
+                    float(np.logaddexp.reduce([weight[c] for c in each if c in weight])) for each in (group, weighed)
+                )
+                others |= dict.fromkeys(weighed, every - some)
+        return weight, best, others
 
     def _log_rest(self, core: Sequence[int], kind: str) -> float:
         """Log prior of a rest of one sort beside a set."""

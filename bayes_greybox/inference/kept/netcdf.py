@@ -250,7 +250,8 @@ def describe(model: Program, data: Trajectories) -> dict[str, Any]:
         model: Model.
         data: Data that it was fitted to, whose names its expressions use.
     """
-    stated = {equation: model.stated(equation, data) for equation in model.equations}
+    # A study may learn an equation of which it was given no term.
+    stated = {equation: model.stated(equation, data) for equation in model.equations if model.dictionary[equation]}
     terms = {
         equation: [
             {"expression": to_text(t.expr), "name": t.name, "unit": t.unit, **_stated(t)} for t in part.all.terms
@@ -259,7 +260,7 @@ def describe(model: Program, data: Trajectories) -> dict[str, Any]:
     }
     own = {equation: {term: c.record() for term, c in part.priors.items()} for equation, part in stated.items()}
     return {
-        "dictionary": terms,
+        "dictionary": {equation: terms.get(equation, []) for equation in model.equations},
         "simulation": simulation_record(model.simulation),
         "prior": _describe_part(model.prior, _class_names(PRIORS)),
         "discrepancy": None if model.discrepancy is None else dataclasses.asdict(model.discrepancy),

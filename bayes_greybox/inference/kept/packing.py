@@ -7,6 +7,7 @@ such. Only classes that the caller lists are made again, so that a file can do n
 import dataclasses
 import re
 from collections.abc import Callable, Collection, Iterable, Mapping
+from itertools import count
 from typing import Any
 
 import numpy as np
@@ -37,13 +38,20 @@ def as_group(text: str, arrays: Mapping[str, np.ndarray]) -> xr.Dataset:
         text: JSON.
         arrays: What `Packer` put aside.
     """
-    variables = {name: (tuple(f"{name}_{k}" for k in range(each.ndim)), each) for name, each in arrays.items()}
+    variables = {name: (_dimensions(each.shape), each) for name, each in arrays.items()}
     return xr.Dataset(variables, attrs={TEXT: text})
 
 
 def group_arrays(group: xr.Dataset) -> tuple[str, dict[str, np.ndarray]]:
     """Text and arrays of such a group."""
-    return str(group.attrs[TEXT]), {str(name): group[name].to_numpy() for name in group.data_vars}
+    # All variables: in files of before, an array that was called as a dimension of another came back as its coordinate.
+    return str(group.attrs[TEXT]), {str(name): group[name].to_numpy() for name in group.variables}
+
+
+def _dimensions(shape: tuple[int, ...]) -> tuple[str, ...]:
+    """Dimensions by their sizes, which arrays share; of one with two alike each has a name of its own."""
+    alike = len(set(shape)) < len(shape)
+    return tuple(f"~{size}_{k}" if alike else f"~{size}" for k, size in enumerate(shape))
 
 
 class Packer:
@@ -115,8 +123,10 @@ class Packer:
             return {KIND: "numbers", "of": value.ravel().tolist(), **about}
         # netCDF has letters, digits and underscores for sure; a derivative is called d(y)/dt.
         name = stem = re.sub(r"\W+", "_", place).strip("_")
-        while name in self.arrays:
-            name = f"{stem}_{len(self.arrays)}"
+        for further in count(1):
+            if name not in self.arrays:
+                break
+            name = f"{stem}_{further}"
         # It knows no truth values either.
         self.arrays[name] = value.astype(np.int8) if value.dtype == bool else value
         return {KIND: "array", "name": name, **about}

@@ -36,7 +36,7 @@ def equations_text(system: LearnedSystem) -> str:
 
 
 def equation_text(system: LearnedSystem, name: str) -> str:
-    """One equation: `d(v)/dt = F − y − 0.80(2) [1/m²/s²] y³ + f`."""
+    """One equation: `d(v)/dt = F − y − 0.80(2) [1/(m²·s²)] y³ + f`."""
     parts = [("−" if piece.negative else "+", _piece(piece)) for piece in pieces(system, name)]
     if not parts:
         return f"{system.data.target_label(name)} = 0"

@@ -160,7 +160,7 @@ def _cards(fit: Posterior, shares: pd.DataFrame) -> list[Card]:
         if fit.model.discrepancy is not None:
             span = share_interval(row["discrepancy_lower"], row["discrepancy_upper"])
             about = f"Share of the variance that no term explains; 90\u00a0% interval {span}."
-            cards.append(Card(f"Discrepancy{where}", about, share_text(row["discrepancy"])))
+            cards.append(Card(f"Discrepancy{where}", about, share_text(max(row["discrepancy"], 0.0))))
         cards.append(Card(f"Noise{where}", "Share of the variance.", share_text(row["noise"])))
     return cards
 

@@ -88,7 +88,7 @@ def predicted(fit: Posterior, equation: str | None = None, level: float = 0.9) -
         shown.measurement.lower,
         shown.measurement.upper,
         equation=equation,
-        label=fit.data.target_label(equation),
+        label=_label(fit, equation),
         level=level,
         **_runs(fit),
         **_units(fit, equation),
@@ -167,7 +167,7 @@ def predictive(fit: Posterior, equation: str | None = None) -> Figure:
         source: fit.idata[f"{source}_predictive"][fit.sites[equation].rate].to_numpy().reshape(-1, len(measured))
         for source in ("posterior", "prior")
     }
-    label, unit = fit.data.target_label(equation), target_unit(equation, fit.data)
+    label, unit = _label(fit, equation), target_unit(equation, fit.data)
     return plot_predictive(measured, **drawn, equation=equation, label=label, unit=unit)
 
 
@@ -193,8 +193,13 @@ def autocorrelation(fit: Posterior, equation: str | None = None) -> Figure:
 
 def sensitivity(fit: Posterior) -> Figure:
     """Power-scaling sensitivity of coefficients and inclusion probabilities."""
-    labels = {name: fit.data.target_label(name) for name in fit.equations}
+    labels = {name: _label(fit, name) for name in fit.equations}
     return plot_sensitivity(checks(fit).sensitivity, threshold=THRESHOLD, labels=labels)
+
+
+def _label(fit: Posterior, name: str) -> str:
+    """What rows are of: a rate, an output, or samples that several equations share."""
+    return fit.data.target_label(name) if name in fit.model.equations else "samples"
 
 
 def _noise(fit: Posterior, equation: str) -> float:

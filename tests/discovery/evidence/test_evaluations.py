@@ -294,14 +294,18 @@ def test_odds_of_a_correction_are_those_that_were_given():
     assert np.exp(rare[1]) == pytest.approx(0.01) and np.exp(usual[1]) == pytest.approx(0.4)
 
 
-def test_what_is_gained_on_rows_near_itself_counts_in_the_place_of_the_rival_alone():
-    """Beside a memory, which has no formula, too."""
+def test_what_a_set_gains_on_rows_near_itself_no_other_set_gains():
+    """What stands beside could have taken up what the gain is for: an effect, or a memory, which has no formula."""
     known = tiny_evaluations([CUBE, SQUARE], lambda x: -(x**3))
     statistics = known.statistics
     cube, square = statistics.of_kind("effect")
     statistics.remember([(Memory(HYSTERESIS, "x"), np.sin(3 * statistics.rows.columns["x"])[:, None])])
     (memory,) = statistics.of_kind("memory")
     columns = statistics.columns
-    columns[cube] = replace(columns[cube], nearer=Nearer(2.5, columns[square].called))
-    assert known.inner_weight((cube,)) == known.inner_weight((cube, memory)) == 2.5
-    assert known.inner_weight((cube, square)) == known.inner_weight((square, memory)) == 0.0
+    columns[cube] = replace(columns[cube], nearer=Nearer(2.5))
+    assert known.inner_weight((cube,)) == 2.5 and known.inner_weight((cube,), gains=False) == 0.0
+    assert (
+        known.inner_weight((cube, square)) == known.inner_weight((cube, memory)) == known.inner_weight((square,)) == 0
+    )
+    columns[cube] = replace(columns[cube], nearer=Nearer(2.5, frozenset({columns[square].called})))
+    assert known.inner_weight((cube, square)) == 2.5 and known.inner_weight((cube,)) == 0.0
