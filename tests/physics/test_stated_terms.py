@@ -1,5 +1,7 @@
 """What a term may state of its own coefficient, and what is refused with the remedy."""
 
+from collections import deque
+
 import numpy as np
 import pytest
 
@@ -99,3 +101,9 @@ def test_a_study_moves_means_into_the_simulation_and_refuses_bounds():
 def test_what_was_stated_is_told_with_all_its_digits():
     assert str(bg.Term("y", fixed=-0.123456789).stated) == "= -0.123456789"
     assert str(bg.Term("y", prior=(1234567.5, 3), bounds=(1e6, None)).stated) == "N(1234567.5, 3²), ≥ 1000000"
+
+
+@pytest.mark.parametrize("held", [tuple, lambda terms: {str(k): t for k, t in enumerate(terms)}.values(), deque])
+def test_statements_are_heard_whatever_holds_the_terms(held):
+    model = bg.GreyBox(dictionary={"v": held([bg.Term("y", fixed=-2.0), bg.Term("v", sign="-")])})
+    assert set(model.coefficients["v"]) == {"y", "v"}

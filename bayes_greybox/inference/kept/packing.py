@@ -51,7 +51,7 @@ def group_arrays(group: xr.Dataset) -> tuple[str, dict[str, np.ndarray]]:
 def _dimensions(shape: tuple[int, ...]) -> tuple[str, ...]:
     """Dimensions by their sizes, which arrays share; of one with two alike each has a name of its own."""
     alike = len(set(shape)) < len(shape)
-    return tuple(f"~{size}_{k}" if alike else f"~{size}" for k, size in enumerate(shape))
+    return tuple(f"size_{size}_{k}" if alike else f"size_{size}" for k, size in enumerate(shape))
 
 
 class Packer:

@@ -16,5 +16,5 @@ def test_what_has_an_inner_parameter_has_no_laws_next_to_it(core):
     columns = [SimpleNamespace(inner=()), SimpleNamespace(inner=(("limit", 0.5),))]
     never = lambda *_: pytest.fail("asked for laws")  # noqa: E731
     base = SimpleNamespace(statistics=SimpleNamespace(columns=columns), laws=never)
-    near = SimpleNamespace(base=base, under_noise=lambda: SimpleNamespace(likeliest=lambda: core))
+    near = SimpleNamespace(base=base, sets=SimpleNamespace(likeliest=lambda: core))
     weigh_laws(near, never)

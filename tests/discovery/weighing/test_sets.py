@@ -1,5 +1,6 @@
 """Sets of effects and suspects, against sums over all of them with dense covariances."""
 
+from dataclasses import replace
 from itertools import chain, combinations, product
 
 import numpy as np
@@ -7,7 +8,7 @@ import pytest
 from tiny_equation import CUBE, DEAD_ZONE, SQUARE, on, tiny_data, tiny_evaluations, tiny_model
 
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.discovery.evidence.columns import at_values, limits
+from bayes_greybox.discovery.evidence.columns import Nearer, at_values, limits
 from bayes_greybox.discovery.evidence.columns import log_weights as widths
 from bayes_greybox.discovery.evidence.evaluations import Evaluations
 from bayes_greybox.discovery.evidence.inner_parameters import SPANS, ZOOM_NODES, ZOOMS, refine
@@ -532,3 +533,34 @@ def test_a_memory_weighs_its_prior_times_its_evidence(in_time):
             assert e.log_weight == pytest.approx(np.log(prior * share / n_memory) + evidence, abs=1e-4)
             seen.add(e.columns)
     assert {(), (statistics.of_kind("effect")[0],)} <= seen
+
+
+def test_what_a_column_gains_after_the_search_moves_the_likeliest_set():
+    known = tiny_evaluations([CUBE, SQUARE], cubic)
+    cube, square = known.statistics.of_kind("effect")
+    sets = Sets(known, 1)
+    assert sets.likeliest() == (cube,)
+    columns, before = known.statistics.columns, sets.parametric((square,)).all
+    columns[square] = replace(columns[square], nearer=Nearer(500.0))
+    sets.reweigh()
+    assert sets.likeliest() == (square,)
+    assert sets.parametric((square,)).all == pytest.approx(before + 500.0)
+    # Beside f, which has taken up what is gained near itself, nothing is.
+    found = {(e.effects, e.kind): e.log_evidence for e in sets.weigh()}
+    assert found[(square,), REST] < found[(square,), PLAIN] - 300.0
+
+
+def test_values_that_are_not_weighed_beside_f_are_stood_for_by_those_that_are(monkeypatch):
+    monkeypatch.setattr("bayes_greybox.discovery.weighing.sets.WITH_REST", 4)
+    known = tiny_evaluations([DEAD_ZONE], lambda x: -np.sign(x) * np.maximum(np.abs(x) - 0.3, 0), noise=0.2)
+    sets = Sets(known, 1)
+    sets.likeliest()
+    cores = sets.search.siblings(sets.search.near())
+    plain = sets._plain(cores)
+    weight, best, others = sets._likely(cores, plain)
+    values = [c for c in cores if c]
+    weighed = [c for c in best if c]
+    assert len(weighed) < len(values)
+    whole = np.logaddexp.reduce([weight[c] for c in values])
+    assert np.logaddexp.reduce([weight[c] + others[c] for c in weighed]) == pytest.approx(whole)
+    assert others[()] == 0.0

@@ -7,9 +7,10 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 import pytest
+import xarray as xr
 
 import bayes_greybox as bg
-from bayes_greybox.inference.kept.packing import Packer, Unpacker
+from bayes_greybox.inference.kept.packing import Packer, Unpacker, as_group, group_arrays
 from bayes_greybox.physics.hidden_states import HiddenState
 
 
@@ -87,3 +88,23 @@ def test_a_field_that_is_left_out_has_its_default_again():
 def test_a_class_that_is_not_listed_is_refused():
     with pytest.raises(TypeError, match="object at x is no kind of value"):
         Packer((Pair,)).pack(object(), "x")
+
+
+def test_columns_may_be_called_as_dimensions_are(tmp_path):
+    """A file's dimensions share its names with variables: columns x and x_0 were lost."""
+    data = bg.Trajectories.from_arrays(
+        np.arange(20) * 0.1,
+        states={name: np.sin(np.arange(20) + k) for k, name in enumerate(("x", "x_0", "x_1"))},
+        derivatives={"x": np.cos(np.arange(20))},
+    )
+    packer = Packer(())
+    text = json.dumps(packer.pack({"data": data, "square": np.eye(20)}, "train"))
+    as_group(text, packer.arrays).to_netcdf(tmp_path / "group.nc", engine="h5netcdf")
+    stored, arrays = group_arrays(xr.load_dataset(tmp_path / "group.nc", engine="h5netcdf"))
+    found = Unpacker((), arrays).unpack(json.loads(stored))
+    assert found["data"].to_frame().equals(data.to_frame()) and np.array_equal(found["square"], np.eye(20))
+
+
+def test_what_a_term_states_is_kept():
+    term = bg.Term("y**3", sign="-", prior=(-40, 10), bounds=(-60, None))
+    assert through(term) == term and through(term).stated == term.stated
