@@ -162,7 +162,7 @@ class Config(Section):
             if command_of(self._path.parent) is not None:
                 return self._path.parent
             # Taken elsewhere it is a file as any other.
-            return Path(self.output.folder or Path("runs") / self.origin.stem)
+            return Path("runs") / self.origin.stem
         return Path(self.output.folder or Path("runs") / self._path.stem)
 
     def copy_to(self, folder: Path, place: Path | None = None) -> None:

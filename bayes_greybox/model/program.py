@@ -1,7 +1,7 @@
 """The probabilistic program: simulation + sparse dictionary + orthogonal discrepancy, as a NumPyro model."""
 
 import difflib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, TypeVar
 
@@ -72,6 +72,10 @@ class Program(SamplingProgram):
                 "GreyBox(dictionary=...) must map each learned state to its candidate terms, for example "
                 "{'ydot': ['y', 'y**3']}."
             )
+        # What can be read only once is read here.
+        lists = {name: [*terms] if isinstance(terms, Iterator) else terms for name, terms in self.dictionary.items()}
+        if any(lists[name] is not terms for name, terms in self.dictionary.items()):
+            object.__setattr__(self, "dictionary", lists)
         object.__setattr__(self, "coefficients", read_coefficients(self.coefficients, self.dictionary))
         if isinstance(self.prior, type) or not isinstance(self.prior, Prior):
             raise InputError(f"GreyBox(prior={self.prior!r}) is not a prior: give one such as bg.Laplace(scale=0.5).")

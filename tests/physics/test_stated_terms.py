@@ -103,7 +103,7 @@ def test_what_was_stated_is_told_with_all_its_digits():
     assert str(bg.Term("y", prior=(1234567.5, 3), bounds=(1e6, None)).stated) == "N(1234567.5, 3²), ≥ 1000000"
 
 
-@pytest.mark.parametrize("held", [tuple, lambda terms: {str(k): t for k, t in enumerate(terms)}.values(), deque])
+@pytest.mark.parametrize("held", [tuple, iter, lambda terms: {str(k): t for k, t in enumerate(terms)}.values(), deque])
 def test_statements_are_heard_whatever_holds_the_terms(held):
     model = bg.GreyBox(dictionary={"v": held([bg.Term("y", fixed=-2.0), bg.Term("v", sign="-")])})
     assert set(model.coefficients["v"]) == {"y", "v"}
