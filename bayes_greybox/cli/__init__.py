@@ -66,7 +66,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _refused(message())
 
 
-def _version(asked: bool) -> None:
+def _version(asked: bool | None) -> None:
     if asked:
         # Imported here because it is slow and seldom needed.
         from importlib.metadata import version
@@ -78,8 +78,8 @@ def _version(asked: bool) -> None:
 @app.callback()
 def _whole(
     version: Annotated[
-        bool, typer.Option("--version", callback=_version, is_eager=True, help="Show the version and exit.")
-    ] = False,
+        bool | None, typer.Option("--version", callback=_version, is_eager=True, help="Show the version and exit.")
+    ] = None,
 ) -> None:
     """Find, name and add the physics a simulation is missing, with honest uncertainty."""
 

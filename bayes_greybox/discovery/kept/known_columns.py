@@ -83,7 +83,7 @@ def kept_amendment(amendment: Amendment) -> Amendment:
         given.path,
     )
     statistics = cast(SufficientStatistics, known)
-    inner = np.array([moved(draw) for draw in after.inner], int).reshape(after.inner.shape)
+    inner = np.array([moved(draw.tolist()) for draw in after.inner], int).reshape(after.inner.shape)
     return replace(
         amendment,
         statistics=statistics,
