@@ -1,6 +1,7 @@
 """The names that users hold: all of them resolve, old ones too, and results have what they are said to have."""
 
 import ast
+import os
 import subprocess
 import sys
 from dataclasses import fields, replace
@@ -77,6 +78,10 @@ def test_one_door_has_every_figure_and_the_old_doors_lead_to_it():
     assert bg.study_figures.coefficients is bg.plots.added_coefficients
 
 
+@pytest.mark.skipif(
+    os.environ.get("BAYES_GREYBOX_TYPECHECK", "0") == "1",
+    reason="what a file keeps of columns stands in the place of statistics",
+)
 def test_a_study_that_was_not_sampled_says_that_it_has_no_fit_and_how_to_get_one(study, tmp_path):
     replace(study, fit=None).save(tmp_path / "study.nc")
     with pytest.raises(bg.InputError, match=r"not sampled \(settle=False\).*study\.model\.fit"):
