@@ -12,11 +12,11 @@ _named, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 
 # The stub's loader reads names from modules; a submodule that nobody has imported yet is no such name.
 _MODULES = {
-    "figures": "report",
-    "plots": "report",
-    "priors": "model",
-    "study_figures": "report",
-    "systems": "physics",
+    "figures": "report.plots",  # its older name
+    "plots": "report.plots",
+    "priors": "model.priors",
+    "study_figures": "report.study_figures",
+    "systems": "physics.systems",
 }
 
 
@@ -27,5 +27,5 @@ def __getattr__(name: str) -> Any:
 
         return version("bayes-greybox")
     if name in _MODULES:
-        return importlib.import_module(f"{__name__}.{_MODULES[name]}.{name}")
+        return importlib.import_module(f"{__name__}.{_MODULES[name]}")
     return _named(name)

@@ -42,8 +42,8 @@ from .physics.terms import Term as Term
 from .physics.terms import polynomial as polynomial
 from .prior_comparison import PriorComparison as PriorComparison
 from .prior_comparison import compare_priors as compare_priors
-from .report import figures as figures
 from .report import plots as plots
 from .report import study_figures as study_figures
 
+figures = plots
 __version__: str

@@ -26,7 +26,7 @@ from bayes_greybox.physics.simulation.protocol import RightHandSide
 from bayes_greybox.report.equations.latex import equations_latex
 from bayes_greybox.report.equations.record import equations_record
 from bayes_greybox.report.equations.text import equations_text
-from bayes_greybox.report.sentence import sentence
+from bayes_greybox.report.words.sentence import sentence
 from bayes_greybox.running.compiling import keep_programs
 from bayes_greybox.running.stages import announce, stages
 

@@ -369,7 +369,7 @@ def test_what_cannot_work_is_refused_before_the_work(here, first, tmp_path, monk
     models = "[models]\nnormal = { prior = { kind = 'normal' } }\nlaplace = { prior = { kind = 'laplace' } }\n"
     (here / "case.toml").write_text(CONFIG + models)
     assert "block=20 does not apply to scheme='loo'" in refuse(capsys, "compare", "case.toml", "--block", "20")
-    monkeypatch.setattr("bayes_greybox.report.saved.compare", never)
+    monkeypatch.setattr("bayes_greybox.report.folders.saved.compare", never)
     files = [str(first.folder / "run.nc")] * 2
     assert "Cannot write" in refuse(capsys, "report", *files, "-o", str(tmp_path / "absent" / "page.html"))
 

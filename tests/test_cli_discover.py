@@ -214,7 +214,7 @@ def test_a_saved_fit_is_reported_beside_itself_or_where_asked(here, study, monke
         asked.append((files, path, folds, progress))
         return {"run": judged(study.fit, False)}, path or files[0].with_suffix(".html")
 
-    monkeypatch.setattr("bayes_greybox.report.saved.saved_html", saved_html)
+    monkeypatch.setattr("bayes_greybox.report.folders.saved.saved_html", saved_html)
     assert cli.main(["report", "runs/first/run.nc"]) == 3
     assert cli.main(["report", "run.nc", "-o", "page.html", "--quiet"]) == 3
     assert asked == [

@@ -1,7 +1,6 @@
 """The names that users hold: all of them resolve, old ones too, and results have what they are said to have."""
 
 import ast
-import os
 import subprocess
 import sys
 from dataclasses import fields, replace
@@ -56,7 +55,7 @@ def test_every_name_of_the_stub_resolves_and_is_listed():
     for name in NAMES:
         assert getattr(bg, name) is not None
     assert set(NAMES) <= set(dir(bg))
-    assert {*BEFORE, *RETURNED, "catalogue", "read"} <= {*NAMES, "__version__"}
+    assert {*BEFORE, *RETURNED, "catalogue", "read"} <= {*NAMES, "figures", "__version__"}
     with pytest.raises(AttributeError, match="no_such_name"):
         bg.no_such_name  # noqa: B018
 
@@ -70,18 +69,13 @@ def test_one_door_has_every_figure_and_the_old_doors_lead_to_it():
     assert {*PLOTS, *FIGURES, "gap_map", "free_run", "ranking", "added_coefficients"} <= set(bg.plots.__all__)
     for name in bg.plots.__all__:
         assert callable(getattr(bg.plots, name))
-    for name in FIGURES:
-        assert getattr(bg.figures, name) is getattr(bg.plots, name)
+    assert bg.figures is bg.plots
     for name in STUDY_FIGURES:
         new = {"coefficients": "added_coefficients"}.get(name, name)
         assert getattr(bg.study_figures, name) is getattr(bg.plots, new, getattr(bg.study_figures, name))
     assert bg.study_figures.coefficients is bg.plots.added_coefficients
 
 
-@pytest.mark.skipif(
-    os.environ.get("BAYES_GREYBOX_TYPECHECK", "0") == "1",
-    reason="what a file keeps of columns stands in the place of statistics",
-)
 def test_a_study_that_was_not_sampled_says_that_it_has_no_fit_and_how_to_get_one(study, tmp_path):
     replace(study, fit=None).save(tmp_path / "study.nc")
     with pytest.raises(bg.InputError, match=r"not sampled \(settle=False\).*study\.model\.fit"):

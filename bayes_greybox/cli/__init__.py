@@ -225,7 +225,7 @@ def report(
 
     progress = not (no_progress or quiet)
     with stages(progress), stage("Writing the report", said=False):
-        from bayes_greybox.report.saved import saved_html
+        from bayes_greybox.report.folders.saved import saved_html
 
         fits, page = saved_html(files, output, given, progress=progress)
     show(page if quiet else f"The report is {page}.")

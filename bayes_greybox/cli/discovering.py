@@ -8,8 +8,8 @@ from bayes_greybox.cli.ending import DONE, NOT_CONVERGED, show
 from bayes_greybox.cli.places import place_of
 from bayes_greybox.config import Config
 from bayes_greybox.missing_effects import find_missing_effects
-from bayes_greybox.report.folder import output_folder, staged
-from bayes_greybox.report.record import study_record, write_json
+from bayes_greybox.report.folders.record import study_record, write_json
+from bayes_greybox.report.folders.writing import output_folder, staged
 from bayes_greybox.report.terminal.study import study_tables
 from bayes_greybox.running.stages import stage, stages
 

@@ -8,9 +8,9 @@ from bayes_greybox.cli.ending import DONE, NOT_CONVERGED, show
 from bayes_greybox.cli.places import place_of
 from bayes_greybox.config import Config
 from bayes_greybox.criticism.trial import trial, try_on
-from bayes_greybox.report.copies import CONFIGURATION
-from bayes_greybox.report.folder import output_folder, staged
-from bayes_greybox.report.record import run_record, write_json
+from bayes_greybox.report.folders.copies import CONFIGURATION
+from bayes_greybox.report.folders.record import run_record, write_json
+from bayes_greybox.report.folders.writing import output_folder, staged
 from bayes_greybox.report.terminal.fit import fit_tables
 from bayes_greybox.running.stages import stage, stages
 

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from bayes_greybox.config import Config
-from bayes_greybox.report.holding import free_folder, require_own
+from bayes_greybox.report.folders.holding import free_folder, require_own
 
 
 def place_of(settings: Config, command: str, output: Path | None) -> Path:

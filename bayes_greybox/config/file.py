@@ -1,7 +1,6 @@
 """The whole file: sections, and what is built from them."""
 
 import math
-import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -10,8 +9,9 @@ from pydantic import PlainValidator, PrivateAttr, ValidationError, field_validat
 
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.limits import Count, Positive, Probability, Seed, Whole
-from bayes_greybox.report.copies import author_text, copy_of
-from bayes_greybox.report.holding import CONFIG, command_of
+from bayes_greybox.data.reading.toml_files import read_toml
+from bayes_greybox.report.folders.copies import author_text, copy_of
+from bayes_greybox.report.folders.holding import CONFIG, command_of
 
 from .derived import AlsoAs
 from .parts import Coefficients, Dictionary, Discrepancy, Prior, Rows
@@ -278,18 +278,9 @@ def load_config(path: str | Path) -> Config:
             used; the message names the file and the place.
     """
     path = Path(path)
+    content, text = read_toml(path, "configuration")
     try:
-        text = path.read_bytes().decode("utf-8-sig")
-        content: Mapping[str, Any] = tomllib.loads(text)
         config = Config.model_validate(content)
-    except FileNotFoundError:
-        raise InputError(f'There is no configuration file "{path}"; check the path.') from None
-    except OSError as error:
-        raise InputError(f'"{path}" cannot be read ({error.strerror}); give a TOML file.') from None
-    except UnicodeDecodeError as error:
-        raise InputError(f'"{path}" is not UTF-8 text (at byte {error.start}); give a TOML file.') from None
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f'"{path}" is not valid TOML: {error}; correct that line.') from None
     except ValidationError as error:
         raise InputError(f'"{path}": {sentences(error)}') from None
     config._path, config._text = path, text

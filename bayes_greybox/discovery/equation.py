@@ -109,7 +109,7 @@ def study_equation(
     drawn = gap_map(aligned.data, before, after, statistics.variables[:2], threshold, unit)
     where = where_table(aligned.data, statistics.variables, trace)
     rest = finding.open_ended or finding.world.leaves_rest(finding.explanation)
-    linear = [] if rest else check_linearity(amendment, train.input_names)
+    linear = [] if rest else check_linearity(amendment, statistics, train.input_names)
     return EquationStudy(aligned, finding, (*checks, *motion, *linear), coefficients, amendment, drawn, trace, where)
 
 
@@ -163,7 +163,7 @@ def _amendment(finding: Finding, aligned: Aligned, train: Trajectories, seed: in
     alike, hidden = _of_one_memory(statistics, coefficients, aligned.hidden)
     return Amendment(
         statistics, plain(evaluations), coefficients, sigma, None, put_right, aligned.rows, sensors, train, hidden,
-        alike,
+        alike, statistics.rows.gain, statistics.rows.noise.moved,
     )  # fmt: skip
 
 

@@ -2,8 +2,8 @@
 
 from .plots import added_coefficients as coefficients
 from .plots import free_run, gap_map, gap_over_time, ranking, rounds, study_figures
-from .study_numbers import support
-from .study_words import added, marked, name_of
+from .plots.study_numbers import support
+from .words.study import added, marked, name_of
 
 __all__ = [
     "added",

@@ -12,7 +12,7 @@ from numpyro.handlers import seed
 from scipy.stats import norm
 
 import bayes_greybox as bg
-from bayes_greybox.report.record import run_record
+from bayes_greybox.report.folders.record import run_record
 from bayes_greybox.report.terminal.fit import fit_tables
 
 Z = 4.5

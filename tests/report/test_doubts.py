@@ -10,14 +10,14 @@ import pandas as pd
 import pytest
 from tiny_study import DELAYED, judged, varied
 
-from bayes_greybox.report.doubts import doubts, p_text
-from bayes_greybox.report.formatting import percent_text, probability_text
+from bayes_greybox.report.folders.record import study_record
 from bayes_greybox.report.pages.page import render
 from bayes_greybox.report.pages.study_page import study_page
-from bayes_greybox.report.record import study_record
-from bayes_greybox.report.sentence import sentence
-from bayes_greybox.report.study_words import answer, suspect_size, suspects_weighed, tied_sets
 from bayes_greybox.report.terminal.study import study_tables
+from bayes_greybox.report.words.doubts import doubts, p_text
+from bayes_greybox.report.words.formatting import percent_text, probability_text
+from bayes_greybox.report.words.sentence import sentence
+from bayes_greybox.report.words.study import answer, suspect_size, suspects_weighed, tied_sets
 
 PLAIN = {"maps": {}, "traces": {}, "paths": {}}
 

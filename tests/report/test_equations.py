@@ -6,7 +6,7 @@ import pytest
 
 from bayes_greybox.physics.formula.expressions import parse_expression
 from bayes_greybox.physics.formula.printing import to_mathml, to_text
-from bayes_greybox.report.formatting import concise
+from bayes_greybox.report.words.formatting import concise
 
 
 @pytest.mark.parametrize(

@@ -3,7 +3,7 @@ import os
 import pytest
 
 from bayes_greybox.data.errors import InputError
-from bayes_greybox.report.folder import output_folder, staged
+from bayes_greybox.report.folders.writing import output_folder, staged
 
 
 def names(folder):

@@ -7,7 +7,7 @@ import pytest
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.answer.instrument import IN_MODEL
 from bayes_greybox.discovery.study import StudyResult
-from bayes_greybox.report.sentence import sentence
+from bayes_greybox.report.words.sentence import sentence
 
 INDEX = ["data", "metric", "variable"]
 

@@ -18,7 +18,13 @@ from bayes_greybox.physics.terms import Term
 from bayes_greybox.report.equations.latex import equations_latex
 from bayes_greybox.report.equations.mathml import equation_mathml
 from bayes_greybox.report.equations.text import as_simulation, equation_text, equations_text
-from bayes_greybox.report.formatting import (
+from bayes_greybox.report.folders.record import study_record
+from bayes_greybox.report.pages.page import Page, Section, Table, render, write_page
+from bayes_greybox.report.pages.study_page import BADGES, study_html, study_page
+from bayes_greybox.report.pages.tables import settings_rows
+from bayes_greybox.report.plots import study_figures
+from bayes_greybox.report.terminal.study import study_tables
+from bayes_greybox.report.words.formatting import (
     estimate,
     formula,
     interval,
@@ -30,14 +36,8 @@ from bayes_greybox.report.formatting import (
     share_interval,
     share_text,
 )
-from bayes_greybox.report.pages.page import Page, Section, Table, render, write_page
-from bayes_greybox.report.pages.study_page import BADGES, study_html, study_page
-from bayes_greybox.report.pages.tables import settings_rows
-from bayes_greybox.report.plots import study_figures
-from bayes_greybox.report.record import study_record
-from bayes_greybox.report.sentence import sentence
-from bayes_greybox.report.study_words import closed_share, closed_text, metric_interval, metric_value, name_of
-from bayes_greybox.report.terminal.study import study_tables
+from bayes_greybox.report.words.sentence import sentence
+from bayes_greybox.report.words.study import closed_share, closed_text, metric_interval, metric_value, name_of
 
 # Most of the time a page takes is that of its figures.
 PLAIN = {"maps": {}, "traces": {}, "paths": {}}

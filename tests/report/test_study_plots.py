@@ -6,7 +6,6 @@ from matplotlib.contour import ContourSet
 from matplotlib.figure import Figure
 
 from bayes_greybox.data.errors import InputError
-from bayes_greybox.report.formatting import percent_text, probability_text
 from bayes_greybox.report.plots import (
     Coefficient,
     plot_free_run,
@@ -18,6 +17,7 @@ from bayes_greybox.report.plots import (
     plot_rounds,
 )
 from bayes_greybox.report.plots.style import BLUE, SKY
+from bayes_greybox.report.words.formatting import percent_text, probability_text
 
 
 def texts(figure: Figure) -> list[str]:

@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.discovery.evidence.columns import EvaluatedColumns
 from bayes_greybox.discovery.evidence.sufficient_statistics import SufficientStatistics
 from bayes_greybox.discovery.evidence.with_discrepancy import Evaluator, WithDiscrepancy
 from bayes_greybox.discovery.suspects.channels import ChannelSuspect
@@ -39,7 +40,7 @@ class Remainder:
         root: Factor of its covariance, W with WᵀW = cov.
     """
 
-    statistics: SufficientStatistics
+    statistics: EvaluatedColumns
     indices: tuple[int, ...]
     projection: Float[np.ndarray, "n_column n_basis"]
     mean: Float[np.ndarray, " n_basis"]
@@ -115,7 +116,7 @@ class Amendment:
         statistics: Of the equation.
         before: Coefficients of the user's own dictionary alone, scaled [n_free].
         after: Draws of all coefficients, with the effects that were added.
-        sigma: Noise standard deviation after, user's units.
+        sigma: Noise standard deviation of the rows after, user's units; with `gain` that of the sensor.
         discrepancy: What remains beside them; None where nothing does, or nothing that is to be shown.
         corrected: Data of the same sensors with what was found of them undone.
         rows: Rows near the model after, where rows are linear only near one; None: those of the model before.
@@ -123,9 +124,11 @@ class Amendment:
         clock: Data that drifts were found on; None: those that are compared.
         hidden: Hidden states of the model after, beside those of the model before.
         alike: Draws whose hidden states have these rates; None: all.
+        gain: From rows to the sensor they are of.
+        forced: Whether an unknown force moves the rows' noise.
     """
 
-    statistics: SufficientStatistics
+    statistics: EvaluatedColumns
     before: Float[np.ndarray, " n_free"]
     after: Coefficients
     sigma: float
@@ -136,6 +139,8 @@ class Amendment:
     clock: Trajectories | None = None
     hidden: tuple[HiddenState, ...] = ()
     alike: Int[np.ndarray, " n"] | None = None
+    gain: float = 1.0
+    forced: bool = False
 
     def pick(self, n_draw: int) -> Int[np.ndarray, " n_draw"]:
         """Draws that one model can have, evenly thinned or repeated to `n_draw`."""

@@ -14,7 +14,6 @@ from bayes_greybox.discovery.weighing.aligned import Aligned
 from bayes_greybox.model.program import Program
 
 from .amendment import Amendment
-from .coefficients import sensor_errors
 from .doubt import Doubt, contradicted
 from .finding import Finding
 from .gap.table import RATE_DRAWS
@@ -58,7 +57,7 @@ def contradictions(
     if not aligned.rates_measured:
         # What was computed from the samples agrees with them.
         return [], []
-    sensors = sensor_errors(amendment.statistics, amendment.after)
+    sensors = amendment.sensors
     measured = aligned.moved(train)
     data = calibrated(measured, name, sensors, train)
     simulation, left = model.simulator(data), {k: noise.left for k, noise in aligned.sample_noise.items()}

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bayes_greybox.criticism.linearity import Linearity, draws_followed, linearity_of_paths
+from bayes_greybox.discovery.evidence.sufficient_statistics import SufficientStatistics
 from bayes_greybox.model.rows.equation_rows import Columns
 
 from .adequacy import Check
@@ -36,7 +37,9 @@ class LinearityCheck(Check):
         return self.found.ok
 
 
-def check_linearity(amendment: Amendment, inputs: Collection[str]) -> list[LinearityCheck]:
+def check_linearity(
+    amendment: Amendment, statistics: SufficientStatistics, inputs: Collection[str]
+) -> list[LinearityCheck]:
     """Exact paths at draws of the model after; nothing where rows are linear, or where it is not known.
 
     It is not known beside an unknown force, beside errors of inputs, which act along the path, and where the path was
@@ -44,9 +47,10 @@ def check_linearity(amendment: Amendment, inputs: Collection[str]) -> list[Linea
 
     Args:
         amendment: What was added, with draws of its coefficients and of the sensors' errors; nothing remains beside it.
+        statistics: What it was weighed on.
         inputs: Their names.
     """
-    statistics, after = amendment.statistics, amendment.after
+    after = amendment.after
     rows, suspects = statistics.rows, [statistics.columns[i].suspect for i in after.suspects]
     driven = any(each is not None and each.channel in inputs for each in suspects)
     if rows.exact is None or rows.noise.moved or driven:

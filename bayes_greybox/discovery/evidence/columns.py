@@ -1,8 +1,9 @@
 """Columns that a hypothesis may hold: the user's terms, corrections, suspects, and effects by inner parameter."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import product
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float
@@ -10,6 +11,7 @@ from jaxtyping import Float
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.suspects.channels import ChannelSuspect
 from bayes_greybox.discovery.suspects.memory import Memory
+from bayes_greybox.model.gp.features import HilbertBasis
 from bayes_greybox.physics.catalogue.effects import BoundEffect
 from bayes_greybox.physics.terms import Term
 
@@ -164,3 +166,65 @@ def limits(
     inner = effect.effect.inner
     size = np.array([each.size(columns[effect.names[each.of]], time, run) for each in inner])
     return np.array([each.low for each in inner]) * size, np.array([each.high for each in inner]) * size
+
+
+@runtime_checkable
+class EvaluatedColumns(Protocol):
+    """Columns of an equation and features of its f, at any samples: what equations and free runs are made of.
+
+    `SufficientStatistics` are such columns; a study that was read has them without rows and products.
+    """
+
+    @property
+    def equation(self) -> str:
+        """The learned state or output."""
+        ...
+
+    @property
+    def columns(self) -> list[Column]:
+        """Terms of the model before and after."""
+        ...
+
+    @property
+    def variables(self) -> tuple[str, ...]:
+        """What f depends on."""
+        ...
+
+    @property
+    def centre(self) -> Float[np.ndarray, " n_var"]:
+        """Of the box that the data fill, user's units."""
+        ...
+
+    @property
+    def half_width(self) -> Float[np.ndarray, " n_var"]:
+        """Of the same box."""
+        ...
+
+    @property
+    def basis(self) -> HilbertBasis:
+        """Features of f."""
+        ...
+
+    @property
+    def target_scale(self) -> float:
+        """RMS of the measured rate less the simulation, user's units."""
+        ...
+
+    @property
+    def path(self) -> Trajectories | None:
+        """States and inputs where terms are evaluated, on rows of samples."""
+        ...
+
+    def of_kind(self, kind: str) -> list[int]:
+        """Indices of the columns of one kind."""
+        ...
+
+    def evaluate(
+        self, indices: Sequence[int], columns: Mapping[str, np.ndarray]
+    ) -> Float[np.ndarray, "n_row n_column"]:
+        """Chosen columns at any samples, scaled."""
+        ...
+
+    def evaluate_features(self, columns: Mapping[str, np.ndarray]) -> Float[np.ndarray, "n_row n_basis"]:
+        """Features of f at any rows."""
+        ...

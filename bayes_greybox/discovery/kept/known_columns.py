@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import cast
 
 import numpy as np
 from jaxtyping import Float
@@ -10,7 +9,7 @@ from jaxtyping import Float
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.answer.amendment import Amendment
 from bayes_greybox.discovery.evidence.columns import Column
-from bayes_greybox.discovery.evidence.sufficient_statistics import SufficientStatistics, evaluated
+from bayes_greybox.discovery.evidence.sufficient_statistics import evaluated
 from bayes_greybox.model.frame import held_features, scaled_position
 from bayes_greybox.model.gp.features import HilbertBasis
 from bayes_greybox.model.rows.kinds import ROWS
@@ -18,7 +17,7 @@ from bayes_greybox.model.rows.kinds import ROWS
 
 @dataclass(frozen=True)
 class KnownColumns:
-    """Stands for the `SufficientStatistics` of an `Amendment` wherever its columns and features are evaluated.
+    """The `EvaluatedColumns` of an `Amendment` that was read.
 
     Rows and products, which explanations are weighed on, are not kept.
 
@@ -71,7 +70,7 @@ def kept_amendment(amendment: Amendment) -> Amendment:
     def moved(indices: Sequence[int]) -> tuple[int, ...]:
         return tuple(place[int(index)] for index in indices)
 
-    known = KnownColumns(
+    statistics = KnownColumns(
         given.equation,
         # Values at rows and suspects belong to rows.
         [replace(given.columns[index], values=None) for index in place],
@@ -82,7 +81,6 @@ def kept_amendment(amendment: Amendment) -> Amendment:
         given.target_scale,
         given.path,
     )
-    statistics = cast(SufficientStatistics, known)
     inner = np.array([moved(draw.tolist()) for draw in after.inner], int).reshape(after.inner.shape)
     return replace(
         amendment,

@@ -14,12 +14,12 @@ from pathlib import Path
 from typing import Any
 
 from bayes_greybox.data.errors import InputError
+from bayes_greybox.data.reading.toml_files import read_toml
 from bayes_greybox.physics.hidden_states import HiddenState
 
 from .effect_tables import effect_tables, keys_of, nearest
 from .effects import Effect
 from .inner_parameter import InnerParameter
-from .toml_files import read_toml
 
 DOMAINS = ("mechanical", "fluid", "population", "electrical")
 """Catalogues that come with the package."""
@@ -90,7 +90,7 @@ def _own(path: str | os.PathLike[str]) -> tuple[Effect, ...]:
         raise InputError(
             f"There is no catalogue {path!r}: {nearest(path, [*DOMAINS, 'all'])} Or give the path of a TOML file."
         )
-    content = read_toml(given, "catalogue")
+    content, _ = read_toml(given, "catalogue")
     try:
         return _effects(content, given.stem)
     except InputError as error:

@@ -9,7 +9,7 @@ from sympy.core.function import AppliedUndef
 
 from bayes_greybox.criticism.equations.learned import LearnedSystem
 from bayes_greybox.physics.formula.grammar import symbol
-from bayes_greybox.report.formatting import Concise, concise, exact, unit_text
+from bayes_greybox.report.words.formatting import Concise, concise, exact, unit_text
 
 DIGITS = 6
 """Significant digits of numbers within formulas; the mean of an inner parameter has no more that mean anything."""

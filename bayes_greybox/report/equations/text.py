@@ -7,7 +7,7 @@ from sympy.core.function import AppliedUndef
 
 from bayes_greybox.criticism.equations.learned import LearnedSystem
 from bayes_greybox.physics.formula.printing import to_text
-from bayes_greybox.report.formatting import concise, formula, unit_text
+from bayes_greybox.report.words.formatting import concise, formula, unit_text
 
 from .pieces import Piece, pieces
 

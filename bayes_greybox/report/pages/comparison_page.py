@@ -13,7 +13,8 @@ from bayes_greybox.criticism.inclusion import inclusion
 from bayes_greybox.inference.kept.netcdf import versions
 from bayes_greybox.inference.posterior import Posterior
 from bayes_greybox.physics.coefficient import Coefficient
-from bayes_greybox.report.formatting import (
+from bayes_greybox.report.plots import plot_comparison
+from bayes_greybox.report.words.formatting import (
     PROBABILITIES,
     count_text,
     estimate,
@@ -27,8 +28,7 @@ from bayes_greybox.report.formatting import (
     probability_column,
     weight_text,
 )
-from bayes_greybox.report.plots import plot_comparison
-from bayes_greybox.report.stated import term_probability
+from bayes_greybox.report.words.stated import term_probability
 
 from .page import Badge, Code, Details, Items, Page, Pictures, Section, Table, Words, picture, write_page
 from .tables import by_equation, fit_settings, footer, settings_rows, settings_table, summary_table

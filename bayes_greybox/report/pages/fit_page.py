@@ -16,8 +16,8 @@ from bayes_greybox.criticism.prediction import predict
 from bayes_greybox.inference.posterior import Posterior
 from bayes_greybox.physics.units import target_unit
 from bayes_greybox.report import plots as figures
-from bayes_greybox.report.copies import CONFIGURATION
-from bayes_greybox.report.formatting import (
+from bayes_greybox.report.folders.copies import CONFIGURATION
+from bayes_greybox.report.words.formatting import (
     PROBABILITIES,
     estimate,
     exact_text,
@@ -31,7 +31,7 @@ from bayes_greybox.report.formatting import (
     share_interval,
     share_text,
 )
-from bayes_greybox.report.stated import stated_text, term_probability
+from bayes_greybox.report.words.stated import stated_text, term_probability
 
 from .free_run_section import trial_sections
 from .page import (

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from bayes_greybox.criticism.trial import Trial, trial
 from bayes_greybox.inference.posterior import Posterior
 from bayes_greybox.report import plots as figures
-from bayes_greybox.report.formatting import listed, number, percent_text, share_text
+from bayes_greybox.report.words.formatting import listed, number, percent_text, share_text
 
 from .page import Pictures, Section, Table, Words, time_picture
 

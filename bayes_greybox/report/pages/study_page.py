@@ -10,9 +10,9 @@ from bayes_greybox.discovery.answer.gap.denials import worsened
 from bayes_greybox.discovery.answer.gap.table import NO_SHARES
 from bayes_greybox.discovery.learned import studied_system
 from bayes_greybox.discovery.study import StudyResult
-from bayes_greybox.report.doubts import doubts
-from bayes_greybox.report.sentence import sentence
-from bayes_greybox.report.study_words import (
+from bayes_greybox.report.words.doubts import doubts
+from bayes_greybox.report.words.sentence import sentence
+from bayes_greybox.report.words.study import (
     METRICS,
     added,
     closed_text,

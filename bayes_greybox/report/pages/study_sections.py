@@ -11,9 +11,10 @@ from bayes_greybox.discovery.learned import studied_system
 from bayes_greybox.discovery.study import StudyResult
 from bayes_greybox.discovery.suspects.channels import DELAY
 from bayes_greybox.report import plots as figures
-from bayes_greybox.report.doubts import NOTABLE
 from bayes_greybox.report.equations.text import as_simulation
-from bayes_greybox.report.formatting import (
+from bayes_greybox.report.plots.studies import gap_parts
+from bayes_greybox.report.words.doubts import NOTABLE
+from bayes_greybox.report.words.formatting import (
     estimate,
     formula,
     interval,
@@ -23,8 +24,7 @@ from bayes_greybox.report.formatting import (
     quantity,
     share_text,
 )
-from bayes_greybox.report.plots.studies import gap_parts
-from bayes_greybox.report.study_words import (
+from bayes_greybox.report.words.study import (
     LIKELY,
     added,
     closed_share,

@@ -12,7 +12,7 @@ from bayes_greybox.inference.kept.netcdf import describe
 from bayes_greybox.report.equations.latex import equations_latex
 from bayes_greybox.report.equations.mathml import equation_mathml
 from bayes_greybox.report.equations.text import equation_text, inner_text, note
-from bayes_greybox.report.formatting import count_text, number, unit_text
+from bayes_greybox.report.words.formatting import count_text, number, unit_text
 
 from .page import Details, Equation, Equations, Items, Table, Words
 

@@ -18,7 +18,6 @@ from bayes_greybox.criticism.trade_off import strongest_trade_off
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.inference.posterior import Posterior
 from bayes_greybox.physics.units import target_unit
-from bayes_greybox.report.formatting import formula, probability_column
 from bayes_greybox.report.plots.gap.before_after import plot_free_run
 from bayes_greybox.report.plots.posterior.calibration import plot_calibration
 from bayes_greybox.report.plots.posterior.checks import (
@@ -32,6 +31,7 @@ from bayes_greybox.report.plots.posterior.over_states import plot_discrepancy_ov
 from bayes_greybox.report.plots.posterior.over_time import plot_discrepancy_over_time
 from bayes_greybox.report.plots.posterior.predicted import plot_predicted
 from bayes_greybox.report.plots.posterior.tradeoff import plot_tradeoff
+from bayes_greybox.report.words.formatting import formula, probability_column
 
 
 def fit_figures(fit: Posterior) -> dict[str, Figure]:

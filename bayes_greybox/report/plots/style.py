@@ -14,7 +14,7 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.mathtext import MathTextParser
 
 from bayes_greybox.data.errors import InputError
-from bayes_greybox.report.formatting import unit_text
+from bayes_greybox.report.words.formatting import unit_text
 
 # Okabe & Ito's colour-blind-safe palette; blue and orange also differ in lightness.
 BLUE = "#0072B2"

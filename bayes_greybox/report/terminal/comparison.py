@@ -8,7 +8,7 @@ from rich.console import Group, RenderableType
 from rich.text import Text
 
 from bayes_greybox.inference.posterior import Posterior
-from bayes_greybox.report.formatting import nats, number, pareto, weight_text
+from bayes_greybox.report.words.formatting import nats, number, pareto, weight_text
 
 from .tables import plain_table, verdict_text
 

@@ -12,18 +12,19 @@ from bayes_greybox.criticism.inclusion import inclusion
 from bayes_greybox.inference.posterior import Posterior
 from bayes_greybox.physics.coefficient import Coefficient
 from bayes_greybox.report.equations.text import equations_text
-from bayes_greybox.report.formatting import (
+from bayes_greybox.report.words.formatting import (
     PROBABILITIES,
     estimate,
     exact_text,
     formula,
+    interval,
     level_text,
     number,
     probability_column,
     share_text,
     unit_text,
 )
-from bayes_greybox.report.stated import stated_text, term_probability
+from bayes_greybox.report.words.stated import stated_text, term_probability
 
 from .tables import plain_table, verdict_text
 
@@ -55,10 +56,10 @@ def fit_tables(fit: Posterior, held_out: pd.Series | None) -> Iterator[Renderabl
 
 
 def _coefficients(label: str, table: pd.DataFrame, priors: Mapping[str, Coefficient]) -> RenderableType:
-    rows = plain_table(f"Coefficients of {label}, with {level_text(_LEVEL)} intervals")
+    rows = plain_table(f"Coefficients of {label}")
     probability = probability_column(table)
     rows.add_column("term", overflow="fold")
-    for title in (PROBABILITIES[probability], "coefficient", "lower", "upper"):
+    for title in (PROBABILITIES[probability], "coefficient", f"{level_text(_LEVEL)} interval"):
         rows.add_column(title, justify="right", no_wrap=True)
     rows.add_column("unit", overflow="fold")
     if priors:
@@ -67,9 +68,9 @@ def _coefficients(label: str, table: pd.DataFrame, priors: Mapping[str, Coeffici
         rows.caption, rows.caption_justify, rows.caption_style = Text(f"Stated: {'; '.join(told)}"), "left", "dim"
     for term, entry in table.to_dict("index").items():
         prior = priors.get(str(term))
-        numbers = [estimate(entry["mean"], entry["sd"]), *(number(entry[end]) for end in ("lower", "upper"))]
+        numbers = [estimate(entry["mean"], entry["sd"]), interval(entry["lower"], entry["upper"])]
         if prior is not None and not prior.learned:
-            numbers = [exact_text(entry["mean"]), "–", "–"]
+            numbers = [exact_text(entry["mean"]), "–"]
         cells = [formula(str(term)), term_probability(entry, probability, prior), *numbers, unit_text(entry["unit"])]
         rows.add_row(*map(Text, cells))
     return Group("", rows)

@@ -11,11 +11,11 @@ from bayes_greybox.criticism.convergence import convergence
 from bayes_greybox.discovery.answer.instrument import IN_MODEL
 from bayes_greybox.discovery.learned import studied_system
 from bayes_greybox.discovery.study import StudyResult
-from bayes_greybox.report.doubts import NOTABLE, doubts
 from bayes_greybox.report.equations.text import equations_text
-from bayes_greybox.report.formatting import estimate, formula, probability_text, share_text
-from bayes_greybox.report.sentence import sentence
-from bayes_greybox.report.study_words import closed_share, metric_value, name_of, shown_part, suspect_size
+from bayes_greybox.report.words.doubts import NOTABLE, doubts
+from bayes_greybox.report.words.formatting import estimate, formula, probability_text, share_text
+from bayes_greybox.report.words.sentence import sentence
+from bayes_greybox.report.words.study import closed_share, metric_value, name_of, shown_part, suspect_size
 
 from .tables import plain_table
 

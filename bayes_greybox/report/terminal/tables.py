@@ -6,7 +6,7 @@ from rich.text import Text
 
 from bayes_greybox.criticism.convergence import convergence
 from bayes_greybox.inference.posterior import Posterior
-from bayes_greybox.report.formatting import number
+from bayes_greybox.report.words.formatting import number
 
 
 def plain_table(title: str) -> Table:

@@ -9,7 +9,7 @@ from sampled_oscillator import SIMULATION, sampled
 import bayes_greybox as bg
 from bayes_greybox.model.rows.as_measured import AsMeasured
 from bayes_greybox.physics.catalogue.loading import load_catalogue
-from bayes_greybox.report.record import run_record
+from bayes_greybox.report.folders.record import run_record
 
 SHORT = {"draws": 100, "tune": 100, "chains": 1, "progress": False}
 

@@ -72,8 +72,8 @@ def gap_rows(
         after = measured.operate(amendment.rates(measured.columns, RATE_DRAWS)[1].T).T
         # In the unit of the sensor: rows near another model are over another gain.
         variance = float(np.var(measured.measured)) * measured.gain**2
-        noise = (amendment.sigma * amendment.statistics.rows.gain) ** 2
-        allowed = max(noise, _own_noise(data)) * (FORCED**2 if amendment.statistics.rows.noise.moved else 1.0)
+        noise = (amendment.sigma * amendment.gain) ** 2
+        allowed = max(noise, _own_noise(data)) * (FORCED**2 if amendment.forced else 1.0)
         allowed += measured.gain**2 * float(np.mean(np.var(after, axis=0)))
 
         def squares(added: np.ndarray, rows=measured) -> np.ndarray:

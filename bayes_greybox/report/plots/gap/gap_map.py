@@ -11,7 +11,6 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from bayes_greybox.report.formatting import quantity
 from bayes_greybox.report.plots.posterior.over_states import fade_outside, outline
 from bayes_greybox.report.plots.style import (
     BLUE,
@@ -27,6 +26,7 @@ from bayes_greybox.report.plots.style import (
     with_unit,
 )
 from bayes_greybox.report.plots.thinning import every_nth
+from bayes_greybox.report.words.formatting import quantity
 
 SURE = 0.9
 """Probability from which a gap counts as there, in every figure."""

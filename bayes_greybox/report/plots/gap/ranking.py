@@ -9,7 +9,6 @@ from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from bayes_greybox.report.formatting import probability_text, share_text
 from bayes_greybox.report.plots.style import (
     BLUE,
     DARK,
@@ -22,6 +21,7 @@ from bayes_greybox.report.plots.style import (
     new_figure,
     plain,
 )
+from bayes_greybox.report.words.formatting import probability_text, share_text
 
 # Points between the columns of text, and the width of a character in them.
 _GAP, _CHARACTER = 8.0, 6.0

@@ -11,8 +11,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from bayes_greybox.data.errors import InputError
-from bayes_greybox.report.formatting import number
 from bayes_greybox.report.plots.style import BLUE, DARK, GREY, LIGHT, ORANGE, STYLE, new_figure, plain
+from bayes_greybox.report.words.formatting import number
 
 _ACROSS = 4
 """Panels in a row."""

@@ -10,7 +10,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from bayes_greybox.report.formatting import formula, p_text
 from bayes_greybox.report.plots.style import (
     BLUE,
     DARK,
@@ -26,6 +25,7 @@ from bayes_greybox.report.plots.style import (
     plain,
     with_unit,
 )
+from bayes_greybox.report.words.formatting import formula, p_text
 
 _MOST_CURVES = 60
 

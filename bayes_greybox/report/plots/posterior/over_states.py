@@ -14,7 +14,6 @@ from matplotlib.patches import Patch
 
 from bayes_greybox.criticism.discrepancy import DiscrepancyGrid
 from bayes_greybox.data.errors import InputError
-from bayes_greybox.report.formatting import level_text, number
 from bayes_greybox.report.plots.style import (
     BLUE,
     DARK,
@@ -28,6 +27,7 @@ from bayes_greybox.report.plots.style import (
     with_unit,
 )
 from bayes_greybox.report.plots.thinning import every_nth
+from bayes_greybox.report.words.formatting import level_text, number
 
 _MOST_POINTS = 2000
 

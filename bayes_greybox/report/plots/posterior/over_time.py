@@ -8,7 +8,6 @@ from jaxtyping import Float, Int
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from bayes_greybox.report.formatting import level_text
 from bayes_greybox.report.plots.style import (
     BLUE,
     DARK,
@@ -22,6 +21,7 @@ from bayes_greybox.report.plots.style import (
     with_unit,
 )
 from bayes_greybox.report.plots.thinning import extreme_rows, outer_band
+from bayes_greybox.report.words.formatting import level_text
 
 MOST_PANELS = 6
 # Bins of a long record: about one a pixel column of a notebook figure.

@@ -9,7 +9,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from bayes_greybox.report.formatting import number
 from bayes_greybox.report.plots.style import (
     BLUE,
     DARK,
@@ -23,6 +22,7 @@ from bayes_greybox.report.plots.style import (
     with_unit,
 )
 from bayes_greybox.report.plots.thinning import every_nth
+from bayes_greybox.report.words.formatting import number
 
 _MOST_POINTS = 4000
 _N_BIN = 40

@@ -13,13 +13,13 @@ import pandas as pd
 from bayes_greybox.criticism.kept import load_checked
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.inference.posterior import Posterior
+from bayes_greybox.report.pages.comparison_page import comparison_html
+from bayes_greybox.report.plots import plot_comparison, save_figures
 
 from .copies import author_text, copy_of
-from .folder import staged
 from .holding import CONFIG, RECORD
-from .pages.comparison_page import comparison_html
-from .plots import plot_comparison, save_figures
 from .record import comparison_record, write_json
+from .writing import staged
 
 PAGE = "comparison.html"
 

@@ -10,14 +10,14 @@ from bayes_greybox.data.errors import InputError
 from bayes_greybox.discovery.kept.study_file import holds_study, study_of
 from bayes_greybox.inference.kept import netcdf
 from bayes_greybox.inference.posterior import Posterior
+from bayes_greybox.report.pages.comparison_page import comparison_html
+from bayes_greybox.report.pages.fit_page import fit_html
+from bayes_greybox.report.pages.page import require_place
+from bayes_greybox.report.pages.study_page import study_html
 
-from .comparison_folder import PAGE, load_comparison
+from .comparison import PAGE, load_comparison
 from .copies import author_text
 from .holding import CONFIG, OWN, command_of
-from .pages.comparison_page import comparison_html
-from .pages.fit_page import fit_html
-from .pages.page import require_place
-from .pages.study_page import study_html
 
 
 def saved_html(

@@ -14,7 +14,7 @@ from bayes_greybox.discovery.study import StudyResult, left_in_words, worse_in_w
 from bayes_greybox.discovery.suspects.channels import DELAY_STEPS
 
 from .formatting import listed, number, p_text, probability_text, share_text
-from .study_words import (
+from .study import (
     added,
     answer,
     free_run_errors,

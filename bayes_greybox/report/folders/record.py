@@ -19,10 +19,9 @@ from bayes_greybox.discovery.learned import studied_system
 from bayes_greybox.discovery.study import StudyResult
 from bayes_greybox.inference.kept.netcdf import versions
 from bayes_greybox.inference.posterior import Posterior
-
-from .doubts import doubts
-from .equations.record import equations_record
-from .sentence import sentence
+from bayes_greybox.report.equations.record import equations_record
+from bayes_greybox.report.words.doubts import doubts
+from bayes_greybox.report.words.sentence import sentence
 
 
 def run_record(

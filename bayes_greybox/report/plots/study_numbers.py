@@ -6,8 +6,7 @@ from jaxtyping import Bool, Float
 from bayes_greybox.criticism import discrepancy
 from bayes_greybox.discovery.answer.where import GapMap
 from bayes_greybox.discovery.study import StudyResult
-
-from .study_words import added
+from bayes_greybox.report.words.study import added
 
 REACH = 1.6449
 """Standard deviations on either side of the mean that hold 90 % of a normal distribution."""

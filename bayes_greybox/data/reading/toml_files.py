@@ -8,7 +8,7 @@ from typing import Any
 from bayes_greybox.data.errors import InputError
 
 
-def read_toml(path: str | os.PathLike[str], what: str) -> dict[str, Any]:
+def read_toml(path: str | os.PathLike[str], what: str) -> tuple[dict[str, Any], str]:
     """Read a TOML file.
 
     Args:
@@ -16,13 +16,14 @@ def read_toml(path: str | os.PathLike[str], what: str) -> dict[str, Any]:
         what: What it should hold, for messages, such as "catalogue".
 
     Returns:
-        Its content.
+        Its content and its text.
 
     Raises:
         InputError: No such file, one that cannot be read, or one that is not TOML.
     """
     try:
-        return tomllib.loads(Path(path).read_bytes().decode("utf-8-sig"))
+        text = Path(path).read_bytes().decode("utf-8-sig")
+        return tomllib.loads(text), text
     except FileNotFoundError:
         raise InputError(f'There is no {what} file "{path}"; check the path.') from None
     except OSError as error:

@@ -12,7 +12,7 @@ from bayes_greybox.discovery.study import StudyResult, worse_in_words
 from bayes_greybox.discovery.suspects.channels import KINDS
 
 from .formatting import formula, listed, number, percent_text, probability_text, share_text
-from .study_words import LIKELY, answer, closed_share, name_of, not_helped, not_weighed, remembered
+from .study import LIKELY, answer, closed_share, name_of, not_helped, not_weighed, remembered
 
 TWICE = 2.0
 """From this ratio on a rise is said as a multiple: hundreds of per cent are hard to read."""

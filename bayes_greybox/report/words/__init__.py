@@ -1,0 +1,1 @@
+"""Words and numbers as tables, pages and the terminal write them."""
