@@ -11,7 +11,8 @@ from jaxtyping import Float
 
 from bayes_greybox.inference.posterior import Posterior
 from bayes_greybox.inference.remembering import remembered
-from bayes_greybox.model.gp.kernels import KERNELS
+from bayes_greybox.model.gp.features import HilbertBasis
+from bayes_greybox.model.gp.kernels import KERNELS, log_spectral_density
 
 from .judged import in_words, judged
 
@@ -24,6 +25,16 @@ SATURATED_SHARE = 0.01
 
 NEGLIGIBLE_AMPLITUDE = 0.1
 """Below this multiple of σ the discrepancy's length scales are those of their prior and are not judged."""
+
+UNSEEN = 1.0
+"""Mean square of what finer features would add to f, in units of σ² and summed over the rows, below which no row shows
+whether it is there: a single feature of this size gains half a nat."""
+
+FINER = 4
+"""Of features that are called for, as many times those of the basis are looked at for this."""
+
+THINNED = 200
+"""Draws on which it is found."""
 
 QUANTILE = 0.05
 """The basis must resolve all but the shortest five percent of each length scale's posterior."""
@@ -123,7 +134,8 @@ def features_needed(posterior: Posterior, boundary: tuple[float, ...] | None = N
 
     m ≥ a L/ℓ resolves the length scale ℓ, with a from Riutort-Mayol et al. 2023, Sec. 4.2, and ℓ the 5 % quantile of
     its posterior in half-widths of the box. Where the discrepancy is negligible its length scales are those of the
-    prior, and nothing is called for.
+    prior, and where the rows cannot show what finer features add (`UNSEEN`) these would change nothing: then nothing is
+    called for.
 
     Args:
         posterior: Fitted model.
@@ -145,7 +157,11 @@ def features_needed(posterior: Posterior, boundary: tuple[float, ...] | None = N
         per_variable = np.array(basis.per_variable)
         half_widths = basis.half_widths if boundary is None else np.array(boundary)
         required = np.ceil(per_unit * half_widths / shortest).astype(int)
-        if np.any(required > per_variable):
+        if not np.any(required > per_variable):
+            continue
+        held = HilbertBasis(boundary or basis.boundary, basis.per_variable)
+        finer = HilbertBasis(held.boundary, tuple(np.clip(required, per_variable, FINER * per_variable).tolist()))
+        if _added(posterior, name, held, finer) > UNSEEN:
             needed[name] = tuple(int(m) for m in np.maximum(required, per_variable))
     return needed
 
@@ -268,3 +284,24 @@ def _negligible(posterior: Posterior, equation: str) -> bool:
     """Whether f is too small to matter, so that its length scales are left to their prior."""
     hyper = posterior.draws(equation).hyper
     return bool(np.median(hyper.amplitude) < NEGLIGIBLE_AMPLITUDE * np.median(hyper.sigma))
+
+
+def _added(posterior: Posterior, equation: str, held: HilbertBasis, finer: HilbertBasis) -> float:
+    """Expected square of what finer features add to f, over σ² and summed over the rows.
+
+    The features' variances are the spectral density at their frequencies: f has Σ_j S(√λ_j) ⟨ψ_j²⟩ on average over the
+    box.
+    """
+    gp, hyper = posterior.model.discrepancy, posterior.draws(equation).hyper
+    assert gp is not None
+    pick = np.linspace(0, len(hyper.sigma) - 1, min(THINNED, len(hyper.sigma))).astype(int)
+
+    def variance(basis: HilbertBasis) -> np.ndarray:
+        frequency, square = np.asarray(basis.frequency), basis.mean_square
+        log_density = [
+            log_spectral_density(KERNELS[gp.kernel], frequency, hyper.amplitude[i] / hyper.sigma[i], length)
+            for i, length in zip(pick, hyper.length_scale[pick], strict=True)
+        ]
+        return np.exp(np.asarray(log_density)) @ square
+
+    return posterior.data.n_obs * float(np.mean(np.maximum(0.0, variance(finer) - variance(held))))

@@ -187,6 +187,14 @@ def test_length_scales_too_short_for_the_basis_ask_for_features(model, data):
     assert verdict_of(model, data, length_scale=short, amplitude=negligible).ok
 
 
+def test_features_that_no_row_would_show_are_not_asked_for(model, data):
+    """Finer ones add a tenth to the variance of an f with ℓ = (0.25, 1): 40 rows show it of σ, and not of σ/7."""
+    sigma = scalar()
+    for n, size, needed in ((40, 1.0, True), (40, 0.15, False), (2000, 0.15, True), (2000, 0.03, False)):
+        posterior = fabricate(model, oscillator(n), **scattered([0.25, 1.0], sigma=sigma, amplitude=size * sigma))
+        assert bool(features_needed(posterior)) is needed
+
+
 def scattered(centres, seed=3, **more):
     values = np.exp(0.05 * np.random.default_rng(seed).standard_normal((CHAINS, DRAWS, len(centres)))) * centres
     return {"chains": CHAINS, "draws": DRAWS, "length_scale": values, **more}

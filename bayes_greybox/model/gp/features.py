@@ -63,6 +63,14 @@ class HilbertBasis:
         """√λ_j in every direction."""
         return jnp.asarray(self.indices * np.pi / (2 * self.half_widths))
 
+    @property
+    def mean_square(self) -> Float[np.ndarray, " n_basis"]:
+        """Mean of ψ_j² over the data's box: with their variances, that of f over it."""
+        L = self.half_widths
+        # The mean of cos²(ω(x + L)) over [−1, 1] is ½ + ½ cos(2ωL) sin(2ω)/(2ω), and 2ωL = jπ.
+        turn = np.where(self.indices % 2, -1.0, 1.0) * np.sinc(self.indices / L)
+        return np.prod(np.where(self.indices == 0, 0.5, 1.0) / L * (1 + turn) / 2, axis=1)
+
     def __call__(self, x: Float[Array | np.ndarray, "n_row n_var"]) -> Float[Array | np.ndarray, "n_row n_basis"]:
         """ψ(x) for points in scaled units."""
         xp = namespace([x])

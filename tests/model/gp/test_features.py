@@ -138,3 +138,13 @@ def test_many_variables_cost_what_is_kept_and_not_what_is_cut():
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert peak < 2e8
+
+
+@pytest.mark.parametrize(("boundary", "size"), [(1.5, (6,)), ((2.0, 3.0), (5, 7)), (2.0, (4, 4, 4))])
+def test_the_mean_square_is_that_over_the_box(boundary, size):
+    basis = HilbertBasis(boundary, size)
+    # Gauss-Legendre quadrature is exact for such waves.
+    node, weight = np.polynomial.legendre.leggauss(24)
+    x = np.stack(np.meshgrid(*[node] * len(size), indexing="ij"), -1).reshape(-1, len(size))
+    w = np.prod(np.stack(np.meshgrid(*[weight / 2] * len(size), indexing="ij"), -1).reshape(-1, len(size)), axis=1)
+    np.testing.assert_allclose(w @ np.asarray(basis(x)) ** 2, basis.mean_square, rtol=1e-10)
