@@ -377,3 +377,10 @@ def test_what_cannot_work_is_refused_before_the_work(here, first, tmp_path, monk
 def test_paths_are_no_markup(capsys):
     show("Results are in runs/[old]/x and [/x].")
     assert capsys.readouterr().out == "Results are in runs/[old]/x and [/x].\n"
+
+
+def test_the_package_is_run_as_a_module_too():
+    def run(*words):
+        return subprocess.run([sys.executable, "-m", "bayes_greybox", *words], capture_output=True, text=True)
+
+    assert run("--version").stdout.startswith("bayes-greybox ") and run("fit", "nowhere.toml").returncode == 2

@@ -13,7 +13,7 @@ from .fold_densities import fold_densities, fold_parameters
 from .folds import Folds
 from .psis import count_draws, khat_threshold, log_mean, relative_efficiency, smoothed
 from .refits import refit_without
-from .row_densities import log_likelihood_group, pointwise_loo, row_densities
+from .row_densities import kept_densities, log_likelihood_group, pointwise_loo, row_densities
 
 __all__ = ["Loo", "leave_folds_out", "log_likelihood_group", "loo", "pointwise_loo", "refitted_without", "result"]
 
@@ -135,6 +135,9 @@ def leave_folds_out(
     names = tuple(posterior.equations)
 
     def blocks(run: Posterior, name: str, index: np.ndarray | None = None) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+        kept = kept_densities(run, name) if folds is None and index is None and at_most is None else None
+        if kept is not None:
+            return iter([(np.arange(kept.shape[1]), kept)])
         if folds is None:
             return row_densities(posterior, name, run.draws(name, at_most), index)
         return fold_densities(posterior, name, fold_parameters(run, name, at_most), folds.members[name], index)

@@ -64,6 +64,14 @@ def log_likelihood_group(posterior: Posterior) -> dict[str, np.ndarray] | None:
     }
 
 
+def kept_densities(posterior: Posterior, equation: str) -> Float[np.ndarray, "n_draw n_obs"] | None:
+    """What `log_likelihood_group` left with the fit; None if it left nothing."""
+    if "log_likelihood" not in posterior.idata.children:
+        return None
+    values = posterior.idata["log_likelihood"].dataset.get(posterior.sites[equation].rate)
+    return None if values is None else values.to_numpy().reshape(-1, values.shape[-1])
+
+
 def row_densities(
     posterior: Posterior, equation: str, draws: EquationDraws, index: Int[np.ndarray, " n_row"] | None = None
 ) -> Iterator[tuple[Int[np.ndarray, " n_block"], Float[np.ndarray, "n_draw n_block"]]]:
