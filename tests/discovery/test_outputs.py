@@ -134,4 +134,4 @@ def test_tables_of_a_fit_call_an_output_by_its_name(fit):
     for table in fit_tables(fit, fit.predict(rig(1)).nmse()):
         console.print(table)
     text = console.export_text()
-    assert "Coefficients of R, with" in text and "Error on held-out data (NMSE): R" in text
+    assert "Coefficients of R" in text and "Error on held-out data (NMSE): R" in text

@@ -170,7 +170,7 @@ def test_tables_say_what_was_stated(fit, tmp_path):
     shown = console.export_text()
     for words in map(str.split, shown.splitlines()):
         lines.setdefault(words[0] if words else "", words)
-    assert lines["y"] == ["y", "given", "−0.13", "–", "–", "1/s²"]
+    assert lines["y"] == ["y", "given", "−0.13", "–", "1/s²"]
     # That a term with a normal prior of its own is in was not learned.
     assert lines["ydot"][1] == "given" and "given" not in lines["ydot³"]
     said = "Stated: ydot N(−0.2, 0.1²), ≤ 0; ydot³ ≥ −0.5, ≤ 0.1; y = −0.13; y³ = −0.8"

@@ -38,7 +38,7 @@ def log_ranges(columns: Sequence[Column], mean: Float[np.ndarray, " k"], covaria
     """What signs and limits add to the log evidence of a set.
 
         log 2 (p₊ P(θ has the physical sign | y) + p₋ P(it has the other | y)),    log P(|θ| ≤ limit | y),
-        log ∫ p(θ | y) N(θ; b, (`EXPECTED` b)²)/N(θ; 0, s²) dθ where θ is about b
+        log ∫ p(θ | y) N₊(θ; b, (`EXPECTED` b)²)/N(θ; 0, s²) dθ where θ is about b, N₊ nothing on the other side of zero
 
     Args:
         columns: Of the set.
@@ -60,12 +60,17 @@ def log_ranges(columns: Sequence[Column], mean: Float[np.ndarray, " k"], covaria
 
 
 def _near_size(at: float, variance: float, expected: float, prior: float) -> float:
-    """Log ∫ N(θ; m, v) N(θ; b, w)/N(θ; 0, s²) dθ, whose exponents add up to one of a Gaussian."""
+    """Log ∫ N(θ; m, v) N₊(θ; b, w)/N(θ; 0, s²) dθ, whose exponents add up to one of a Gaussian.
+
+    With the other sign it would be another thing: what a lag takes away, a lead adds.
+    """
     wide = (EXPECTED * expected) ** 2
     # A posterior is no wider than its prior, but for rounding.
     precision = max(1 / variance - 1 / prior, 0.0) + 1 / wide
     linear, square = at / variance + expected / wide, at**2 / variance + expected**2 / wide
-    return 0.5 * (log(prior) - log(variance * wide * precision)) - 0.5 * (square - linear**2 / precision)
+    side = np.sign(expected)
+    same = log_ndtr(side * linear / np.sqrt(precision)) - log_ndtr(1 / EXPECTED)
+    return float(same) + 0.5 * (log(prior) - log(variance * wide * precision)) - 0.5 * (square - linear**2 / precision)
 
 
 def small(
