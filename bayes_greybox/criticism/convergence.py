@@ -297,7 +297,7 @@ def _added(posterior: Posterior, equation: str, held: HilbertBasis, finer: Hilbe
     pick = np.linspace(0, len(hyper.sigma) - 1, min(THINNED, len(hyper.sigma))).astype(int)
 
     def variance(basis: HilbertBasis) -> np.ndarray:
-        frequency, square = np.asarray(basis.frequency), basis.mean_square
+        frequency, square = basis.frequency, basis.mean_square
         log_density = [
             log_spectral_density(KERNELS[gp.kernel], frequency, hyper.amplitude[i] / hyper.sigma[i], length)
             for i, length in zip(pick, hyper.length_scale[pick], strict=True)
