@@ -44,7 +44,7 @@ def texts(catalogue, roles, units=None):
 
 def middle(effect, scale=1.0):
     """A value of the inner parameter in the middle of its prior."""
-    return {inner.name: float(inner.nodes(scale, 1)[0][0]) for inner in effect.inner}
+    return {inner.name: float(inner.nodes(inner.low * scale, inner.high * scale, 1)[0][0]) for inner in effect.inner}
 
 
 def write(tmp_path, text):
@@ -82,15 +82,16 @@ def test_entries_are_complete_and_their_formulas_work(effect):
     assert set(effect.roles) <= set(ROLES)
     MathTextParser("path").parse(f"${effect.latex}$")
     for inner in effect.inner:
-        assert inner.unit_of == (inner.of if inner.scale == "size" else "") and inner.meaning
+        assert inner.unit_of == (inner.of if inner.scale in ("size", "threshold") else "") and inner.meaning
     bound = effect.bind({role: f"the_{role}" for role in ROLES})
     rng = np.random.default_rng(0)
     columns = {f"the_{role}": np.append(rng.uniform(-2.0, 2.0, 50), 0.0) for role in ROLES}
     if effect.domain in ("fluid", "population"):
         columns = {name: np.abs(column) for name, column in columns.items()}
     # Each value of one inner parameter beside the middle ones of the others.
-    middle = {i.name: float(np.median(i.nodes(2.0)[0])) for i in effect.inner}
-    for inner in [middle | {i.name: float(value)} for i in effect.inner for value in i.nodes(2.0)[0]] or [{}]:
+    values = {i.name: i.nodes(2.0 * i.low, 2.0 * i.high)[0] for i in effect.inner}
+    middle = {name: float(np.median(each)) for name, each in values.items()}
+    for inner in [middle | {name: float(value)} for name, each in values.items() for value in each] or [{}]:
         term = bound.term(inner)
         assert all(state.meaning and state.unit_of in columns for state in term.states)
         rates = [parse_expression(state.rate, (*columns, *(s.name for s in term.states))) for state in term.states]
@@ -264,16 +265,29 @@ def test_inner_parameters_keep_to_their_stated_ranges():
 
 def test_nodes_are_the_middles_of_equal_parts_of_a_log_uniform_prior():
     gap = BY_SLUG["dead-zone"].inner[0]
-    values, weights = gap.nodes(3.0)
+    values, weights = gap.nodes(0.3, 2.4)
     assert len(values) == 8 and np.isclose(weights.sum(), 1.0)
     np.testing.assert_allclose(np.diff(np.log(values)), np.log(8.0) / 8)
     np.testing.assert_allclose([values[0], values[-1]], [0.3 * 8 ** (1 / 16), 2.4 * 8 ** (-1 / 16)])
     # The prior mean of the value is scale (high - low) / log(high / low).
-    fine, weight = gap.nodes(3.0, 2000)
+    fine, weight = gap.nodes(0.3, 2.4, 2000)
     np.testing.assert_allclose(fine @ weight, 3.0 * 0.7 / np.log(8.0), rtol=1e-6)
-    for scale, count in ((0.0, 8), (np.inf, 8), (np.nan, 8), (1.0, 0)):
+    for *ends, count in ((0.0, 1.0, 8), (1.0, np.inf, 8), (np.nan, 1.0, 8), (1.0, 1.0, 8), (1.0, 2.0, 0)):
         with pytest.raises(InputError):
-            gap.nodes(scale, count)
+            gap.nodes(*ends, count)
+
+
+def test_a_threshold_has_the_column_on_both_sides_of_it():
+    """Below the lowest level an edge never shows: the smooth law that is left would pass for a weir."""
+    brim = BY_SLUG["overflow"].inner[0]
+    least, most = brim.ends(np.array([0.1, 2.0]), None, None)
+    assert (least, most) == pytest.approx((1.0, 1.9))
+    assert brim.ends(np.array([-2.0, -1.4]), None, None) == pytest.approx((1.4, 1.9))
+    assert brim.ends(np.array([1.95, 2.0]), None, None) == (0.0, 0.0)
+    # What is no threshold may lie anywhere.
+    scarcity = BY_SLUG["allee"].inner[0]
+    low, high = scarcity.low, scarcity.high
+    assert scarcity.ends(np.array([1.9, 2.0]), None, None) == pytest.approx((2 * low, 2 * high))
 
 
 # ---------------------------------------------------------------- binding

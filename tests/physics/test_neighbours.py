@@ -4,32 +4,57 @@ import numpy as np
 import pytest
 
 from bayes_greybox.physics.catalogue.loading import load_catalogue
-from bayes_greybox.physics.catalogue.neighbours import neighbours, powers
+from bayes_greybox.physics.catalogue.neighbours import between, neighbours, powers
 from bayes_greybox.physics.terms import Term
 
 
 @pytest.mark.parametrize(
     ("law", "near"),
     [
-        ("x**2*v", {"v*abs(x)", "v*x**2*abs(x)", "v*x**2*abs(v)"}),
-        ("v*abs(v)", {"v", "v**3"}),
-        ("x**3", {"x*abs(x)", "x**3*abs(x)"}),
-        ("sign(v)", {"v"}),
-        ("abs(v)", {"v**2"}),
-        ("-3*x**2", {"abs(x)", "x**2*abs(x)"}),
-        ("sqrt(max(x, 0))", set()),
-        ("max(x - 0.3, 0)", set()),
-        ("sin(x)", set()),
-        ("1/x", set()),
-        ("1", set()),
+        ("x**2*v", "v*abs(x) v*abs(x)**1.5 v*abs(x)**2.5 v*x**2*abs(x) v*x**2*abs(v)**0.5 v*x**2*abs(v)"),
+        ("v*abs(v)", "v v*abs(v)**0.5 v*abs(v)**1.5 v**3"),
+        ("x**3", "x*abs(x) x*abs(x)**1.5 x*abs(x)**2.5 x**3*abs(x)"),
+        ("x*abs(x)**1.5", "x*abs(x)**0.5 x*abs(x) x**3 x*abs(x)**2.5"),
+        ("sign(v)", "v"),
+        ("abs(v)", "v**2 abs(v)**1.5"),
+        ("-3*x**2", "abs(x) abs(x)**1.5 abs(x)**2.5 x**2*abs(x)"),
+        ("sqrt(max(x, 0))", ""),
+        ("max(x - 0.3, 0)", ""),
+        ("sin(x)", ""),
+        ("1/x", ""),
+        ("1", ""),
     ],
 )
 def test_one_exponent_goes_up_or_down_and_signs_stay(law, near):
-    assert {term.text for term in neighbours(Term(law), [])} == {Term(text).text for text in near}
+    assert {term.text for term in neighbours(Term(law), [])} == {Term(text).text for text in near.split()}
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "laws"),
+    [
+        ("x*abs(x)", "x**3", "x*abs(x)**1.25 x*abs(x)**1.5 x*abs(x)**1.75"),
+        ("x**3", "x*abs(x)", "x*abs(x)**1.25 x*abs(x)**1.5 x*abs(x)**1.75"),
+        ("sign(v)", "v*abs(v)", "v v*abs(v)**0.25 v*abs(v)**0.5 v*abs(v)**0.75"),
+        ("x**2*v", "v*abs(x)", "v*abs(x)**1.25 v*abs(x)**1.5 v*abs(x)**1.75"),
+        # Of another sign, another variable, two exponents, or the same law: nothing lies between.
+        ("x**2", "x**3", ""),
+        ("x**3", "v**3", ""),
+        ("x*abs(v)", "x**3*v**2", ""),
+        ("x**3", "-2*x**3", ""),
+        ("sin(x)", "x", ""),
+    ],
+)
+def test_between_two_laws_are_those_whose_exponent_lies_between(first, second, laws):
+    assert {term.text for term in between(Term(first), Term(second), [])} == {Term(text).text for text in laws.split()}
 
 
 def test_a_law_that_stands_for_itself_is_no_neighbour():
-    assert [term.text for term in neighbours(Term("x**3"), [Term("-2*x*abs(x)")])] == [Term("x**3*abs(x)").text]
+    known = [Term("-2*x*abs(x)"), Term("x*abs(x)**1.5")]
+    near = {Term("x*abs(x)**2.5").text, Term("x**3*abs(x)").text}
+    assert {term.text for term in neighbours(Term("x**3"), known)} == near
+    assert [term.text for term in between(Term("sign(x)"), Term("x**3"), [*known, Term("x")])][:2] == [
+        Term("x*abs(x)**0.25").text, Term("x*abs(x)**0.5").text,
+    ]  # fmt: skip
 
 
 @pytest.mark.parametrize("effect", load_catalogue("all"), ids=lambda e: e.slug)
@@ -41,5 +66,5 @@ def test_powers_are_those_of_the_formula(effect):
     at = {name: rng.uniform(0.5, 2, 5) for name in found}
     term = Term(effect.expr)
     for name, (degree, odd) in found.items():
-        np.testing.assert_allclose(term.evaluate({**at, name: 3 * at[name]}), 3.0**degree * term.evaluate(at))
+        np.testing.assert_allclose(term.evaluate({**at, name: 3 * at[name]}), 3.0 ** float(degree) * term.evaluate(at))
         np.testing.assert_allclose(term.evaluate({**at, name: -at[name]}), (-1.0) ** odd * term.evaluate(at))

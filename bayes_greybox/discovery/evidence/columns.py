@@ -107,7 +107,7 @@ def nodes(
     least, most = limits(effect, columns, path)
     if not np.all(most > 0):
         return []
-    values = [each.nodes(high / each.high)[0] for each, high in zip(inner, most, strict=True)]
+    values = [each.nodes(*ends)[0] for each, *ends in zip(inner, least, most, strict=True)]
     points = np.array(list(product(*values)))
     if known is not None:
         point = np.array([known[each.name] for each in inner])
@@ -164,8 +164,8 @@ def limits(
     """
     time, run = (None, None) if path is None else (path.time, path.run)
     inner = effect.effect.inner
-    size = np.array([each.size(columns[effect.names[each.of]], time, run) for each in inner])
-    return np.array([each.low for each in inner]) * size, np.array([each.high for each in inner]) * size
+    ends = np.array([each.ends(columns[effect.names[each.of]], time, run) for each in inner]).reshape(-1, 2)
+    return ends[:, 0], ends[:, 1]
 
 
 @runtime_checkable

@@ -7,7 +7,7 @@ simulation's coefficients are summed over within each set. Which sets are weighe
 from collections import Counter
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
-from itertools import product
+from itertools import combinations, product
 from math import log
 
 import numpy as np
@@ -17,7 +17,7 @@ from bayes_greybox.discovery.evidence.inner_parameters import refine
 from bayes_greybox.discovery.evidence.ranges import limited, log_ranges
 from bayes_greybox.discovery.suspects.memory import LAW, Memory
 from bayes_greybox.model.estimate.evidence import coefficients
-from bayes_greybox.physics.catalogue.neighbours import neighbours
+from bayes_greybox.physics.catalogue.neighbours import between, neighbours
 
 from .search import WINDOW, Search
 
@@ -258,36 +258,41 @@ class Sets:
         return found
 
     def _with_laws(self, plain: Sequence[Explanation]) -> list[Explanation]:
-        """Explanations in which a law that is in no catalogue stands in the place of its neighbour's."""
+        """Explanations in which a law that is in no catalogue stands in the place of its neighbour's, or of two's."""
         # However well f does beside them: it takes what a law leaves that is nearly right.
         named = sorted((e for e in plain if e.kind == PLAIN and e.effects), key=lambda e: -e.log_weight)[:WITH_REST]
         named = [e for e in named if e.log_weight > named[0].log_weight - WINDOW]
-        places, found = {e: {i: self.laws(i) for i in e.effects} for e in named}, []
-        # Columns that are new change the number of all sets.
-        for e, laws in places.items():
+        places: list[tuple[tuple[int, ...], tuple[int, ...], tuple[int, ...]]] = []
+        for e in named:
             core = tuple(i for i in e.columns if i not in self.always)
-            for i, near in laws.items():
-                others = tuple(j for j in core if j != i)
-                self._sum_patterns([(*self.always, *others, law) for law in near])
-                for law in near:
-                    fitted = self._full[(*self.always, *others, law)]
-                    value = fitted.all + self._ranges((*others, law))
-                    rest = self._log_rest(core, PLAIN) if self.in_time else log(1 - self.odds.remainder)
-                    prior = self.log_prior(core) + rest + log(OTHER_LAWS / len(near))
-                    suspects, effects = self._parted(others)
-                    share = self.evaluations.carried(fitted, (law,))
-                    found.append(Explanation(suspects, effects, LAWFUL, value + prior, value, share, (law,)))
-        return found
+            places += [(core, (i,), self.laws(i)) for i in e.effects]
+            places += [(core, pair, self.laws(*pair)) for pair in combinations(e.effects, 2)]
+        found = []
+        # Columns that are new change the number of all sets, so the last one comes before the first evidence.
+        for core, replaced, near in places:
+            others = tuple(j for j in core if j not in replaced)
+            # One law in the place of two is as likely beforehand as a neighbour of either alone.
+            alike = (*others, replaced[0])
+            self._sum_patterns([(*self.always, *others, law) for law in near])
+            for law in near:
+                fitted = self._full[(*self.always, *others, law)]
+                value = fitted.all + self._ranges((*others, law))
+                rest = self._log_rest(alike, PLAIN) if self.in_time else log(1 - self.odds.remainder)
+                prior = self.log_prior(alike) + rest + log(OTHER_LAWS / len(near))
+                suspects, effects = self._parted(others)
+                share = self.evaluations.carried(fitted, (law,))
+                found.append(Explanation(suspects, effects, LAWFUL, value + prior, value, share, (law,)))
+        return list({(e.columns, e.memory): e for e in sorted(found, key=lambda e: e.log_weight)}.values())
 
-    def laws(self, effect: int) -> tuple[int, ...]:
-        """Columns of the laws next to an effect's."""
+    def laws(self, effect: int, other: int | None = None) -> tuple[int, ...]:
+        """Columns of the laws next to an effect's, or between two effects'."""
         statistics = self.statistics
-        column = statistics.columns[effect]
-        if column.inner or column.term is None or column.term.states:
+        terms = [c.term for c in (statistics.columns[i] for i in (effect, other) if i is not None) if not c.inner]
+        if len(terms) < 1 + (other is not None) or any(term is None or term.states for term in terms):
             return ()
         known = {c.memory.channel: i for i, c in enumerate(statistics.columns) if c.kind == "law" and c.memory}
         weighed = [c.term for c in statistics.columns if c.term is not None and c.kind != "law"]
-        wanted = neighbours(column.term, weighed)
+        wanted = neighbours(terms[0], weighed) if other is None else between(*terms, weighed)
         for term in wanted:
             if term.text not in known:
                 before = len(statistics.columns)

@@ -13,6 +13,7 @@ from .effect_tables import nearest
 
 SCALES = {
     "size": "the largest |{}|",
+    "threshold": "the largest |{}|, and no less than the smallest",
     "period": "the period of a wave with the spread of {} and of its rate",
     "frequency": "the angular frequency of a wave with the spread of {} and of its rate",
     "number": "one",
@@ -79,7 +80,7 @@ class InnerParameter:
             time: Of its values, where a time scale asks for it.
             run: Of its values, likewise.
         """
-        if self.scale == "size":
+        if self.scale in ("size", "threshold"):
             return float(np.max(np.abs(x)))
         if self.scale == "number":
             return 1.0
@@ -98,28 +99,50 @@ class InnerParameter:
             return 0.0
         return 2 * math.pi * spread / speed if self.scale == "period" else speed / spread
 
+    def ends(
+        self, x: Float[np.ndarray, " n"], time: Float[np.ndarray, " n"] | None, run: Int[np.ndarray, " n"] | None
+    ) -> tuple[float, float]:
+        """Least and largest value; a threshold is one only where the column is on both sides of it.
+
+        Args:
+            x: The column of `of`.
+            time: Of its values, where a time scale asks for it.
+            run: Of its values, likewise.
+
+        Returns:
+            Both in that column's unit, or that of time; 0 and 0 where there is no such value.
+        """
+        size = self.size(x, time, run)
+        least, most = self.low * size, self.high * size
+        if self.scale == "threshold":
+            # Below the smallest |x| it would never switch: any smooth law would pass for it.
+            least = max(least, float(np.min(np.abs(x))))
+        return (least, most) if least < most else (0.0, 0.0)
+
     def nodes(
-        self, scale: float, count: int | None = None
+        self, least: float, most: float, count: int | None = None
     ) -> tuple[Float[np.ndarray, " node"], Float[np.ndarray, " node"]]:
         """Values that stand for the prior: the middles of parts of equal probability.
 
         Args:
-            scale: What `size` says of the column of `of`.
+            least: What `ends` says of the column of `of`.
+            most: Likewise.
             count: Number of values; `values` by default.
 
         Returns:
             The values, increasing, in that unit; and their prior weights, which add up to one.
 
         Raises:
-            InputError: A scale that is not positive and finite, or no values.
+            InputError: Ends that are not positive, finite and apart, or no values.
         """
-        if not 0.0 < scale < math.inf:
+        if not 0.0 < least < most < math.inf:
             raise InputError(
-                f"{self.name} is a share of {self.scaled_by}, which is {scale:g} on the data; leave the effect out."
+                f"{self.name} is a share of {self.scaled_by}, which leaves it from {least:g} to {most:g} on the data; "
+                f"leave the effect out."
             )
         count = self.values if count is None else count
         if count < 1:
             raise InputError(f"{self.name} needs at least one value, not {count}.")
         share = (np.arange(count) + 0.5) / count
-        # log value = log low + share (log high - log low)
-        return scale * self.low * (self.high / self.low) ** share, np.full(count, 1.0 / count)
+        # log value = log least + share (log most - log least)
+        return least * (most / least) ** share, np.full(count, 1.0 / count)

@@ -448,7 +448,7 @@ def test_an_effect_is_none_of_its_neighbours():
     found = Sets(lawful(lambda x: -0.4 * x**3, CUBE), 2).weigh()
     assert found[0].kind == PLAIN and found[0].effects
     laws = [e for e in found if e.kind == LAWFUL]
-    assert len(laws) == 2 and all(e.log_weight < found[0].log_weight - 3 for e in laws)
+    assert len(laws) == 4 and all(e.log_weight < found[0].log_weight - 3 for e in laws)
 
 
 def test_a_neighbouring_law_weighs_a_share_of_its_effects_prior_times_its_own_evidence():
@@ -463,8 +463,21 @@ def test_a_neighbouring_law_weighs_a_share_of_its_effects_prior_times_its_own_ev
             np.log1p(-odds.correction) + dense(known, e.memory),
             np.log(odds.correction) + dense(known, (correction, *e.memory)),
         )
-        prior = odds.effects / 2 * (1 - odds.remainder) * OTHER_LAWS / 2
+        prior = odds.effects / 2 * (1 - odds.remainder) * OTHER_LAWS / 4
         assert e.log_weight == pytest.approx(np.log(prior) + evidence, abs=1e-4)
+
+
+def test_a_law_between_two_effects_is_not_the_two_together():
+    """x|x| and x³ together follow the curve of x|x|^1.5 to within the noise, and one law is simpler than two."""
+    signed = Effect(slug="signed-square", name="Signed square", domain="test", expression="r*abs(r)")
+    found = Sets(lawful(lambda x: -0.4 * x * np.abs(x) ** 1.5, CUBE, signed), 2).weigh()
+    assert found[0].kind == LAWFUL and not found[0].effects
+    both = [e for e in found if e.kind == PLAIN and len(e.effects) == 2]
+    assert both and found[0].log_weight > both[0].log_weight
+    # Two that are there stay two: no law between fits.
+    fifth = Effect(slug="fifth", name="Fifth power", domain="test", expression="r**5")
+    found = Sets(lawful(lambda x: -0.4 * x * np.abs(x) - 0.5 * x**5, fifth, signed), 2).weigh()
+    assert found[0].kind == PLAIN and len(found[0].effects) == 2
 
 
 # Forces that remember

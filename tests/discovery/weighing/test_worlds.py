@@ -120,8 +120,8 @@ def test_a_worlds_total_is_its_evidence_under_a_dense_covariance(names):
             np.log(ODDS.effects * (1 - ODDS.remainder)) + beside[1],
             *(e.log_weight + world.offset - prior - 0.7 for e in world.explanations if e.kind == REST),
         ]
-    assert len(laws) == 2
-    parts += [np.log(ODDS.effects * rest * OTHER_LAWS / 2) + each for each in beside_laws]
+    assert len(laws) == 4
+    parts += [np.log(ODDS.effects * rest * OTHER_LAWS / 4) + each for each in beside_laws]
     assert world.total == pytest.approx(np.logaddexp.reduce(parts) + prior + 0.7, abs=2e-3)
 
 
