@@ -10,11 +10,11 @@ import pandas as pd
 from bayes_greybox.data.errors import InputError
 
 from .cells import is_measured
-from .labelled import dataset_table, read_netcdf
-from .labview import read_lvm
-from .matlab import read_mat
+from .formats.labelled import dataset_table, read_netcdf
+from .formats.labview import read_lvm
+from .formats.matlab import read_mat
+from .formats.text import read_text
 from .table import Layout, Table, require_distinct, tidy
-from .text import read_text
 
 INSTALL = 'install it with pip install "bayes-greybox[tables]"'
 

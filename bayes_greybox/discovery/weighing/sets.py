@@ -284,15 +284,16 @@ class Sets:
                 found.append(Explanation(suspects, effects, LAWFUL, value + prior, value, share, (law,)))
         return list({(e.columns, e.memory): e for e in sorted(found, key=lambda e: e.log_weight)}.values())
 
-    def laws(self, effect: int, other: int | None = None) -> tuple[int, ...]:
+    def laws(self, *effects: int) -> tuple[int, ...]:
         """Columns of the laws next to an effect's, or between two effects'."""
         statistics = self.statistics
-        terms = [c.term for c in (statistics.columns[i] for i in (effect, other) if i is not None) if not c.inner]
-        if len(terms) < 1 + (other is not None) or any(term is None or term.states for term in terms):
+        each = [statistics.columns[i] for i in effects]
+        terms = [c.term for c in each if c.term is not None and not c.inner and not c.term.states]
+        if len(terms) < len(effects):
             return ()
         known = {c.memory.channel: i for i, c in enumerate(statistics.columns) if c.kind == "law" and c.memory}
         weighed = [c.term for c in statistics.columns if c.term is not None and c.kind != "law"]
-        wanted = neighbours(terms[0], weighed) if other is None else between(*terms, weighed)
+        wanted = between(terms[0], terms[1], weighed) if len(terms) == 2 else neighbours(terms[0], weighed)
         for term in wanted:
             if term.text not in known:
                 before = len(statistics.columns)

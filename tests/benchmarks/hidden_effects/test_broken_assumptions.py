@@ -13,14 +13,10 @@ import pytest
 
 from bayes_greybox.benchmarks.hidden_effects.assumptions.case import AssumptionCase
 from bayes_greybox.benchmarks.hidden_effects.assumptions.cases import assumption_cases
-from bayes_greybox.benchmarks.hidden_effects.assumptions.families import (
-    FAMILIES,
-    bent_sensors,
-    for_a_moment,
-    heavy_tails,
-    smooth_friction,
-)
-from bayes_greybox.benchmarks.hidden_effects.assumptions.families.correlated import autoregressive
+from bayes_greybox.benchmarks.hidden_effects.assumptions.families import FAMILIES
+from bayes_greybox.benchmarks.hidden_effects.assumptions.families.measurement import bent_sensors, heavy_tails
+from bayes_greybox.benchmarks.hidden_effects.assumptions.families.measurement.correlated import autoregressive
+from bayes_greybox.benchmarks.hidden_effects.assumptions.families.physics import for_a_moment, smooth_friction
 from bayes_greybox.benchmarks.hidden_effects.assumptions.generate import generate
 from bayes_greybox.benchmarks.hidden_effects.assumptions.hosts import EFFECTS, PLACES, placed
 from bayes_greybox.benchmarks.hidden_effects.assumptions.score import assumption_scores, claim_denied
@@ -75,7 +71,7 @@ def beside_what_is_hidden(data):
 
 def test_cases_follow_from_the_seed_and_old_ones_stay():
     assert assumption_cases() == CASES
-    assert len({case.key for case in CASES}) == len(CASES) == 392
+    assert len({case.key for case in CASES}) == len(CASES) == 412
     assert not {case.seed for case in CASES} & {case.seed for case in assumption_cases(1)}
     assert len(all_cases()) == 388 and not {case.family for case in all_cases()} & set(FAMILIES)
 
@@ -257,6 +253,16 @@ def test_smooth_friction_may_be_called_coulombs_where_it_is_sharp():
     assert accept(one("smooth friction", size=0.4, hides=True), "smooth-friction") == ("smooth-friction",)
 
 
+def test_laws_that_the_catalogue_nearly_has_act_with_their_exponents():
+    data = made(one("other laws", "drag 1.75", hides=False))
+    v, gap = data.exact["train"].columns[data.case.system.roles["velocity"]], data.gap()
+    # The gap is −c |v|^1.75 with the sign of v, and nothing of the catalogue's is as near.
+    law = np.sign(v) * np.abs(v) ** 1.75
+    size = -float(law @ gap / (law @ law))
+    assert size > 0 and rms(gap + size * law) < 1e-6 * rms(gap)
+    assert rms(gap) == pytest.approx(0.3 * data.sigma / data.case.noise, rel=0.05)
+
+
 def test_of_two_effects_much_is_cancelled():
     data = made(one("only together", hides=True, host="biased-machine"))
     parts = [truth.coefficient * value for truth, value in zip(data.effects, data.exact["train"].values, strict=True)]
@@ -265,8 +271,8 @@ def test_of_two_effects_much_is_cancelled():
 
 
 def test_families_that_came_later_follow_those_that_were_there():
-    assert list(FAMILIES)[-2:] == ["bent sensors", "for a moment"]
-    assert {case.family for case in CASES[:360]} == set(list(FAMILIES)[:-2])
+    assert list(FAMILIES)[-3:] == ["bent sensors", "for a moment", "other laws"]
+    assert {case.family for case in CASES[:360]} == set(list(FAMILIES)[:-3])
     seeds = "\n".join(f"{case.seed}" for case in CASES[:360])
     assert hashlib.sha1(seeds.encode(), usedforsecurity=False).hexdigest() == "6a985201323b446bb7b4e1b9bc0e44e91df8c248"
 

@@ -4,21 +4,17 @@ from collections.abc import Mapping
 
 from bayes_greybox.benchmarks.hidden_effects.assumptions.case import Family
 
-from . import (
+from .measurement import (
     bent_sensors,
     correlated,
     delay,
     filtered,
-    for_a_moment,
     heavy_tails,
-    memory,
-    missing_state,
     noisy_states,
     sensor,
-    smooth_friction,
     state_dependent,
-    together,
 )
+from .physics import for_a_moment, memory, missing_state, other_laws, smooth_friction, together
 
 FAMILIES: Mapping[str, Family] = {
     module.FAMILY.name: module.FAMILY
@@ -36,6 +32,7 @@ FAMILIES: Mapping[str, Family] = {
         missing_state,
         bent_sensors,
         for_a_moment,
+        other_laws,
     )
 }
 """All families by name."""

@@ -21,8 +21,7 @@ from bayes_greybox.benchmarks.hidden_effects.assumptions.case import (
     seen,
     white,
 )
-
-from .smooth_friction import either_friction
+from bayes_greybox.benchmarks.hidden_effects.assumptions.families.physics.smooth_friction import either_friction
 
 POSITION, SPEED = "position compresses", "speed compresses"
 """Read too small by a cubic; the size is the share that is lost at the largest value of the training data."""

@@ -11,10 +11,9 @@ from pathlib import Path
 import pandas as pd
 
 from bayes_greybox.data.errors import InputError
-
-from .cells import is_measured
-from .table import Layout, Table, require_distinct
-from .units import is_number, split_header, unit_row
+from bayes_greybox.data.reading.cells import is_measured
+from bayes_greybox.data.reading.table import Layout, Table, require_distinct
+from bayes_greybox.data.reading.units import is_number, split_header, unit_row
 
 REMARKS = ("#", "%")
 """Signs at the start of lines that are remarks, as NumPy and MATLAB write them."""

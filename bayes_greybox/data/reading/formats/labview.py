@@ -9,8 +9,7 @@ import numpy as np
 import pandas as pd
 
 from bayes_greybox.data.errors import InputError
-
-from .table import Layout, Table
+from bayes_greybox.data.reading.table import Layout, Table
 
 END = "***End_of_Header***"
 STAMPS = "X_Value"

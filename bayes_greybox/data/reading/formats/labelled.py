@@ -4,8 +4,7 @@ from pathlib import Path
 from typing import Any
 
 from bayes_greybox.data.errors import InputError
-
-from .table import Layout, Table
+from bayes_greybox.data.reading.table import Layout, Table
 
 
 def read_netcdf(path: Path, layout: Layout) -> Table:

@@ -1,0 +1,59 @@
+"""Laws that the catalogue nearly has: powers between its own, and a resistance that fades otherwise than its own do.
+
+Two of its entries together, or one with its inner parameter bent, follow each of them closely; every name is wrong.
+"""
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from bayes_greybox.benchmarks.hidden_effects.assumptions.case import AssumptionCase, Family, Setting, white
+from bayes_greybox.benchmarks.hidden_effects.assumptions.hosts import SMOOTH_EFFECTS
+from bayes_greybox.benchmarks.hidden_effects.systems.hidden import Hidden, Inner
+from bayes_greybox.benchmarks.hidden_effects.systems.search import Wanted
+
+NOISE = (0.01, 0.05)
+"""Noise over the RMS of the rate."""
+
+SHARE = 0.3
+"""RMS of the force over that of the rate."""
+
+FADES_AT = (0.3, 0.6)
+"""Speed at which a stalled resistance fades, as a share of the largest."""
+
+
+def power(role: str, exponent: float) -> Hidden:
+    """An odd law of one column: sign(x) |x|^p."""
+    return Hidden(f"power-{exponent:g}", (role,), lambda c, _: np.sign(c[role]) * np.abs(c[role]) ** exponent)
+
+
+def _stall(speed: Any, at: Any) -> Any:
+    return speed * np.exp(-((speed / at) ** 4))
+
+
+LAWS = {
+    "stiffness 1.5": power("position", 1.5),
+    "stiffness 2.3": power("position", 2.3),
+    "drag 1.6": power("velocity", 1.6),
+    "drag 1.75": power("velocity", 1.75),
+    "stall": Hidden("stall", ("velocity",), lambda c, at: _stall(c["velocity"], at), Inner("velocity", *FADES_AT)),
+}
+
+
+def _settings() -> Iterator[Setting]:
+    hosts = ("machine", "forced-oscillator", "swept-oscillator")
+    for turn, breach in enumerate(LAWS):
+        for place, noise in enumerate(NOISE):
+            effect = SMOOTH_EFFECTS[(2 * turn + place) % len(SMOOTH_EFFECTS)]
+            yield Setting(breach, SHARE, hosts[(turn + place) % 3], noise, effects=(effect,))
+
+
+def _beside(case: AssumptionCase, rng: np.random.Generator) -> tuple[Wanted, ...]:
+    effect = LAWS[case.breach]
+    inner = effect.inner
+    fraction = float("nan") if inner is None else float(np.exp(rng.uniform(np.log(inner.low), np.log(inner.high))))
+    return (Wanted(effect, case.size, -1.0, fraction),)
+
+
+FAMILY = Family("other laws", _settings, white, beside=_beside, silent=lambda case: ())
