@@ -60,7 +60,8 @@ def test_a_fixed_coefficient_is_as_in_the_simulation():
 
 
 def test_a_study_names_what_is_missing_beside_them():
-    data = tiny_data(hidden=lambda x: 2.0 * x**3, n=80)
+    # With 80 rows of this seed |x|^2.75 follows them better than x³ by three nats, and the study says so.
+    data = tiny_data(hidden=lambda x: 2.0 * x**3, n=160)
     model = stated_model(linear=Coefficient(mean=-1.0, sd=0.1), square=Coefficient(fixed=0.0))
     study = bg.find_missing_effects(
         bg.GreyBox(**{name: getattr(model, name) for name in model.__dataclass_fields__}),
@@ -74,7 +75,7 @@ def test_a_study_names_what_is_missing_beside_them():
     assert best["slug"] == "cubic-stiffness" and abs(best["mean"] - 2.0) < 4.5 * best["sd"]
     assert study.base.coefficients == study.model.coefficients == model.coefficients
     assert set(study.model.dictionaries(data)["x"].names) == {"x", "x**3"}
-    assert study.model.simulator(data).on(data, "x") == pytest.approx(np.zeros(80))
+    assert study.model.simulator(data).on(data, "x") == pytest.approx(np.zeros(160))
     # The equation has the whole coefficient, not what is left of it beside its mean.
     (linear,) = [term for term in studied_system(study).learned["x"].terms if term.name == "x"]
     assert abs(linear.value.mean + 1.0) < 4.5 * 0.1 and linear.stated == Coefficient(mean=-1.0, sd=0.1)
