@@ -224,6 +224,8 @@ def _found(
         test = with_filter_of(test, train)
     found = investigate(model, train, test, seed=seed, settle=settle, progress=progress, **weighing)
     hidden = [state for amendment in found.amendments.values() for state in amendment.hidden]
+    # What inputs do between their samples may have been found.
+    model = replace(model, rows=found.base.rows)
     amended = replace(model, dictionary=found.model.dictionary, noise=found.model.noise)
     # What the path was found along beside them is no part of the answer.
     amended = amended.remembering(hidden_used(found.model.dictionary, hidden), found.train)
@@ -249,4 +251,4 @@ def _found(
     seconds["total"] = time.perf_counter() - started
     parts = {field.name: getattr(found, field.name) for field in fields(found)}
     settings = {**found.settings, "seconds": seconds}
-    return Study(**{**parts, "base": model, "model": amended, "fit": fit, "settings": settings})
+    return Study(**{**parts, "model": amended, "fit": fit, "settings": settings})

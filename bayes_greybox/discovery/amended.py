@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import TypeVar
 
 import numpy as np
 
@@ -10,14 +9,12 @@ from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.model.coefficient import stated_terms
 from bayes_greybox.model.noise.asked import FIT, Noise
 from bayes_greybox.model.noise.noise_model import CORRELATED, HEAVY, PROCESS, VARYING
-from bayes_greybox.model.program import Program
+from bayes_greybox.model.program import AnyProgram
 from bayes_greybox.physics.hidden_states import HiddenState
 from bayes_greybox.physics.terms import Term
 
 from .answer.equation_study import EquationStudy
 from .evidence.columns import Column
-
-AnyProgram = TypeVar("AnyProgram", bound=Program)
 
 
 def amended_program(model: AnyProgram, findings: Mapping[str, EquationStudy], train: Trajectories) -> AnyProgram:

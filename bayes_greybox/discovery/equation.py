@@ -29,8 +29,8 @@ from .suspects.channels import Rate
 from .suspects.samples import Smoother, known_rates
 from .weighing.aligned import Aligned
 from .weighing.alignment import align
-from .weighing.along_path import follow
-from .weighing.near import Near
+from .weighing.path.follow import follow
+from .weighing.path.near import Near
 from .weighing.sets import RECALIBRATED, Sets
 from .weighing.worlds import World, worlds
 
@@ -66,6 +66,8 @@ def study_equation(
         say: Told in words what is being done.
     """
     aligned, found = _weighed(model, train, name, effects, odds, most, seed if settle else None, say)
+    model = aligned.with_inputs(model)
+    train = model.rows.complete(train, name, model.simulator(train))
     bounded = _within(aligned, train)
     unit, unit_of_time = target_unit(name, train), train.units.get("t", "")
 

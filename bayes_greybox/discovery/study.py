@@ -4,7 +4,7 @@ import logging
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
-from typing import Any, TypeVar
+from typing import Any
 
 import pandas as pd
 from threadpoolctl import threadpool_limits
@@ -16,7 +16,7 @@ from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.inference.kept.netcdf import versions
 from bayes_greybox.inference.posterior import Posterior
 from bayes_greybox.model.noise.asked import Noise
-from bayes_greybox.model.program import Program
+from bayes_greybox.model.program import AnyProgram, Program
 from bayes_greybox.model.rows.row_warnings import row_warnings
 from bayes_greybox.physics.catalogue.loading import CatalogueSpec, load_catalogue
 from bayes_greybox.physics.catalogue.pairs import pairs_in_data
@@ -40,12 +40,15 @@ from .refusals import check_data, check_rows
 from .suspects.channels import DELAY_STEPS, GAIN_SD, OFFSET_SD, ZERO_SD
 from .weighing.sets import OTHER_LAWS
 
-AnyProgram = TypeVar("AnyProgram", bound=Program)
-
 log = logging.getLogger(__name__)
 
-HELD = "the model or the data have a state with the name of its hidden state: the effect is in the model already"
+IN_MODEL = "the model or the data have a state with the name of its hidden state: the effect is in the model already"
 """Why an effect that a study found before is not weighed again."""
+
+HELD_INPUTS = (
+    "The samples are likelier with inputs that are held from each sample to the next than with lines or splines "
+    "between them, and so they were taken. Say what they do: GreyBox(rows=bg.TrajectoryRows(interpolation=...))."
+)
 
 
 @dataclass(frozen=True)
@@ -201,11 +204,16 @@ def investigate(
                 bound = tuple(effect for effect in bound if not effect.effect.hidden)
             taken = {*train.columns, *model.states(train)}
             known_already = [effect for effect in bound if taken & set(effect.hidden())]
-            left_out |= {(name, effect.slug): HELD for effect in known_already}
+            left_out |= {(name, effect.slug): IN_MODEL for effect in known_already}
             bound = tuple(effect for effect in bound if effect not in known_already)
             each = odds.of_each(len(equations))
             findings[name] = study_equation(model, train, name, bound, each, effects_at_most, seed, settle, say)
             left_out |= {(name, slug): why for slug, why in findings[name].statistics.left_out.items()}
+        asked, model = model, _with_inputs(model, findings)
+        if model is not asked:
+            # The path between the samples is another one.
+            given, train = _with_inputs(given, findings), _completed(model, equations, train)
+            test = None if test is None else _completed(model, equations, test)
         seconds["explain"] = time.perf_counter() - started
         line.say("measuring the gap before and after")
         log.info("measuring the gap before and after")
@@ -230,7 +238,8 @@ def investigate(
     warnings = tuple(
         text for name in filtered for text in row_warnings(model.rows, train, name, model.simulator(train))
     )
-    warnings = (*_said_of(model, train, settle), *lost, *warnings)
+    held = () if model is asked else (HELD_INPUTS,)
+    warnings = (*held, *_said_of(model, train, settle), *lost, *warnings)
     unfollowed = ("no path of the amended model follows held-out samples",) if lost else ()
     labels = {name: train.target_label(name) for name in findings}
     verdict, against = verdict_of({name: found.finding for name, found in findings.items()}, gap, unfollowed, labels)
@@ -281,6 +290,13 @@ def investigate(
         },
         amendments=amendments,
     )
+
+
+def _with_inputs(model: AnyProgram, findings: Mapping[str, EquationStudy]) -> AnyProgram:
+    """A model with what inputs do between their samples as the studies of its equations found it."""
+    for found in findings.values():
+        model = found.aligned.with_inputs(model)
+    return model
 
 
 def _memoryless(model: Program, data: Trajectories, equation: str) -> str:

@@ -30,7 +30,7 @@ from .rows.row_kind import RowKind
 from .sampling_program import SamplingProgram
 from .sites import Sites
 
-AnyProgram = TypeVar("AnyProgram", bound=Any)
+AnyProgram = TypeVar("AnyProgram", bound="Program")
 """A `Program` of whatever class."""
 
 

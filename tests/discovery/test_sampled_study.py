@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from sampled_oscillator import SIMULATION, sampled
+from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 
 import bayes_greybox as bg
@@ -64,6 +65,33 @@ def test_free_runs_hold_inputs_where_the_rows_do():
     )
     np.testing.assert_array_equal(own, held)
     assert np.max(np.abs(own - linear)) > 0.01 * np.std(data.states["y"])
+
+
+def held(hidden, n=150, step=0.2):
+    """Samples of an oscillator whose force stays until the next sample."""
+    t = step * np.arange(n)
+    force = np.convolve(np.random.default_rng(3).standard_normal(n + 4), np.ones(5) / 2, "valid")
+    x, y = np.array([0.3, 0.0]), np.zeros(n)
+    for k in range(n):
+        y[k] = x[0]
+        x = solve_ivp(
+            lambda _, x, k=k: [x[1], force[k] - 2 * x[0] - 0.15 * x[1] + hidden(*x)], (0, step), x, rtol=1e-9
+        ).y[:, -1]
+    y += 0.01 * np.std(y) * np.random.default_rng(4).standard_normal(n)
+    return bg.Trajectories.from_arrays(t, states={"y": y}, inputs={"F": force}, units={"t": "s", "y": "m"})
+
+
+def test_inputs_that_are_held_are_no_lag_of_the_actuator():
+    data, lag = held(CUBIC["hidden"]), [e for e in load_catalogue("mechanical") if e.slug == "actuator-lag"]
+    found = study(data, catalogue=[*FEW, *(replace(e, confusions=()) for e in lag)])
+    assert found.verdict == "named", found.sentence
+    assert [row["slug"] for _, row in found.effects.iterrows() if row["status"] == "added"] == ["cubic-stiffness"]
+    assert found.model.rows.interpolation == found.base.rows.interpolation == "zoh"
+    assert any("held" in text for text in found.warnings)
+    # What was said is taken as said, and nothing is said of it.
+    model = bg.GreyBox(simulation=SIMULATION, rows=bg.TrajectoryRows(interpolation="zoh"))
+    said = bg.find_missing_effects(model, data, catalogue=FEW, settle=False, free_runs=False, progress=False)
+    assert said.model.rows.interpolation == "zoh" and not any("held" in text for text in said.warnings)
 
 
 def test_what_held_out_samples_deny_is_not_named(cubic):

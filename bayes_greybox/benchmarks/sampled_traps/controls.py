@@ -9,7 +9,7 @@ from .trap import Trap, generator, multisine, noisy, path, staircase
 
 def controls() -> list[Trap]:
     """All of them."""
-    return [_nothing(), _cubic(), _coulomb(), _literal()]
+    return [_nothing(), _cubic(), _coulomb(), _literal(), _digital_loop()]
 
 
 def _nothing() -> Trap:
@@ -102,4 +102,34 @@ def _literal() -> Trap:
         control=True,
         wanted=frozenset({"linear-stiffness"}),
         answer="recalibrate",
+    )
+
+
+def _digital_loop() -> Trap:
+    def data(seed: int) -> Trajectories:
+        rng = generator(seed, 25)
+        n, step = 800, 0.1
+        t = step * np.arange(n)
+        wanted, shown, u = multisine(rng, 0.3, 3.0, 12, 1.5), np.zeros(n), np.zeros(n)
+        x, error = np.zeros(2), 0.02 * rng.standard_normal(n)
+        for k in range(n):
+            # What was measured is what the controller knows.
+            shown[k] = x[0] + error[k]
+            u[k] = wanted(t[k]) - 1.5 * shown[k] - 0.3 * x[1]
+
+            def rates(_: float, x: np.ndarray, u: float) -> tuple[float, float]:
+                return x[1], -2 * x[0] - 0.15 * x[1] - 0.8 * x[0] * abs(x[0]) + u
+
+            x = path(rates, tuple(x), np.array([0.0, step]), lambda _, u=u[k]: u)[:, -1]
+        return Trajectories.from_arrays(t, states={"x": shown}, inputs={"u": u})
+
+    return Trap(
+        "control-digital-loop",
+        "A controller whose output stays until its next sample, which nobody says: between straight lines the force is "
+        "half a step early, as if the actuator lagged.",
+        {"x": "v", "v": "-2*x - 0.15*v + u"},
+        "v",
+        data,
+        control=True,
+        wanted=frozenset({"signed-quadratic-stiffness"}),
     )

@@ -12,6 +12,7 @@ from bayes_greybox.discovery.suspects.channels import ChannelSuspect, Rate, cali
 from bayes_greybox.discovery.suspects.late import Late
 from bayes_greybox.discovery.suspects.samples import SampleNoise
 from bayes_greybox.model.noise.noise_model import NoiseModel
+from bayes_greybox.model.program import AnyProgram
 from bayes_greybox.model.rows.row_kind import RowKind
 from bayes_greybox.physics.hidden_states import HiddenState
 
@@ -88,6 +89,14 @@ class Aligned:
             return self._moved(data)
         better, slips = mended(data, self._equation, self.bare) if self.misread else (data, {})
         return self._moved(better, *at_end(data, self._equation).values(), *slips.values())
+
+    def with_inputs(self, program: AnyProgram) -> AnyProgram:
+        """A model with what inputs do between their samples as it was found: rows of rates do not ask.
+
+        Args:
+            program: Any model of the same equations.
+        """
+        return program
 
     def shown(self, name: str) -> Float[np.ndarray, " n_obs"]:
         """What the sensor of a state shows on the path that was followed."""

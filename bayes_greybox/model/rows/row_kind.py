@@ -185,3 +185,7 @@ class RowKind(ABC):
     def unforced(self) -> "RowKind":
         """The rows, if they follow a path that an unknown force may move, along one that the model allows."""
         return self
+
+    def held(self) -> "RowKind":
+        """The rows, if they take inputs between samples, with every input held from each sample to the next."""
+        return self

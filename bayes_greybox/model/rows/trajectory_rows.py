@@ -158,6 +158,10 @@ class TrajectoryRows(RowKind):
         """Rows without process noise."""
         return replace(self, process_noise=False)
 
+    def held(self) -> "TrajectoryRows":
+        """Rows whose inputs are held."""
+        return replace(self, interpolation="zoh")
+
     def complete(self, data: Trajectories, equation: str, simulation: Simulation) -> Trajectories:
         """Data with the reference path for states and its rate for the learned state's; samples go along."""
         return self.complete_all(data, (equation,), simulation)

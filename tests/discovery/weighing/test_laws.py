@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from bayes_greybox.discovery.weighing.laws import weigh_laws
+from bayes_greybox.discovery.weighing.path.laws import weigh_laws
 
 
 @pytest.mark.skipif(

@@ -28,10 +28,10 @@ from bayes_greybox.physics.catalogue.effects import BoundEffect
 from bayes_greybox.physics.hidden_states import HiddenState
 from bayes_greybox.physics.terms import Term
 
-from .alignment import modelled_rate
-from .sensors_along_path import Suspected, freed
-from .sets import Sets
-from .worlds import under
+from ..alignment import modelled_rate
+from ..sets import Sets
+from ..worlds import under
+from .sensors import Suspected, freed
 
 STAYS = 0.3
 """Coefficients that move by less than this share of their posterior standard deviation stay."""

@@ -8,7 +8,6 @@ followed along its path.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
 
 import numpy as np
 from jaxtyping import Float
@@ -18,26 +17,15 @@ from bayes_greybox.data.samples.clipping import clipped_states
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.evidence.odds import Odds
 from bayes_greybox.discovery.suspects.channels import DELAY, ChannelSuspect, as_shown
-from bayes_greybox.model.estimate.near import near_estimate
-from bayes_greybox.model.noise.noise_model import NoiseModel
-from bayes_greybox.model.program import Program
+from bayes_greybox.model.program import AnyProgram, Program
 from bayes_greybox.physics.catalogue.effects import BoundEffect
-from bayes_greybox.physics.terms import Term
 
-from .aligned import Aligned
-from .alignment import modelled_rate
-from .lags import weigh_lags
+from ..aligned import Aligned
+from ..alignment import modelled_rate
 from .laws import weigh_laws
-from .near import Near, hidden_states, remembering, weigh_near
-from .sensors_along_path import put_right
-from .worlds import worlds
-
-TURNS = 5
-"""How often rows are taken anew near what was found."""
-
-FALLS = 3.0
-"""Nats by which the evidence may be less on rows near an error of a sensor than it was without: odds of twenty. Beyond,
-the error looked likely only near something else."""
+from .near import Near, hidden_states, remembering
+from .sensors import put_right
+from .turns import Turns
 
 
 @dataclass(frozen=True)
@@ -71,6 +59,12 @@ class Followed(Aligned):
     def rates_measured(self) -> bool:
         """No: rates are those of the path."""
         return False
+
+    def with_inputs(self, program: AnyProgram) -> AnyProgram:
+        """That model, its inputs held where they were found to be."""
+        if program.rows.interpolation == self.model.rows.interpolation:
+            return program
+        return replace(program, rows=program.rows.held())
 
     def shown(self, name: str) -> Float[np.ndarray, " n_obs"]:
         """The path with the errors of its sensor."""
@@ -110,26 +104,8 @@ def follow(
         most: Largest number of effects.
         report: Told in words what is being done.
     """
-
-    def taken(
-        before: Near, suspected: bool = False, noise: NoiseModel | None = None, refuted: frozenset[str] = frozenset()
-    ) -> Near:
-        report("following it with what was found")
-        found = before.found, before.sensors, before.inner
-        return weigh_near(model, train, equation, effects, odds, most, *found, suspected, noise, refuted)
-
     report("following the path of the samples")
-    # Twice before noise is weighed: far from the right model a small change of the path goes on otherwise than the
-    # equations say, which looks like noise that hangs together.
-    near = weigh_near(model, train, equation, effects, odds, most, _own_terms(model, train), {}, {}, False, None)
-    near = taken(near)
-    for suspected in (False, True):
-        # Far from the right model the rows are not quite linear, which looks like a sensor that is a little off:
-        # sensors are suspected once a path nearer by shows nothing else.
-        noise = worlds(near.base, quantities(near), report, near.noise)[0].model
-        nearer = partial(taken, suspected=suspected, noise=noise)
-        near = _settled(near, nearer)
-    near = weigh_lags(near, nearer, partial(_settled, taken=nearer))
+    model, near, nearer = Turns(quantities, model, train, equation, effects, odds, most, report).settled()
     weigh_laws(near, nearer)
     used = np.ones(near.data.n_obs, bool)
     bare = modelled_rate(near.model, near.data, equation, ())
@@ -146,47 +122,3 @@ def follow(
         rows=after.rows, noise=near.noise, hidden=hidden, model=near.model, after=after, sensors=near.sensors,
         clock=train,
     )  # fmt: skip
-
-
-def _own_terms(model: Program, train: Trajectories) -> tuple[tuple[Term, float], ...]:
-    """The model's own terms with their estimate: where all of an equation is learned, nothing else follows a path."""
-    if not model.dictionary:
-        return ()
-    try:
-        (equation,) = near_estimate(model, train).assemble(train).values()
-    except (InputError, np.linalg.LinAlgError):
-        # The study follows the samples all the same, if less surely.
-        return ()
-    return tuple(equation.ridge())
-
-
-def _settled(near: Near, taken: Callable[..., Near]) -> Near:
-    """The explanation that stays, rows taken anew near it in turns.
-
-    On rows near one model an error of a sensor may look likely that is no explanation near itself, as a late sensor
-    does beside an actuator that lags: its column is a slope along the wrong path. Such an error is left out.
-
-    Args:
-        near: The explanation before.
-        taken: From an explanation, and the keys of errors that are left out, to the likeliest one on rows near it.
-    """
-    best, earlier, refuted, turns = None, None, frozenset(), 0
-    while turns < TURNS:
-        before = near
-        near = taken(before, refuted=refuted)
-        fresh = _errors(before) - _errors(earlier) if earlier is not None else frozenset()
-        if earlier is not None and fresh and near.log_evidence < earlier.log_evidence - FALLS:
-            near, best, refuted = earlier, None, refuted | fresh
-            earlier = None
-            continue
-        earlier, turns = before, turns + 1
-        best = near if best is None or near.log_evidence > best.log_evidence else best
-        if near.stays(before):
-            return near
-    # Two explanations may lead to each other by turns.
-    return best or near
-
-
-def _errors(near: Near) -> frozenset[str]:
-    """Keys of the errors of sensors that were found."""
-    return frozenset(suspect.key for suspect in near.sensors)

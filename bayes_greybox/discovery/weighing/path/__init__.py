@@ -1,0 +1,1 @@
+"""Explanations weighed along the path of a system: rows near a model, and turns towards the one that stays."""
