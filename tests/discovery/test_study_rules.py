@@ -116,7 +116,9 @@ class Told(EquationStudy):
             "finding": finding(verdict, 0, (f"{name} is odd",)),
             "where": self.frame(),
             "known": known,
-            "aligned": SimpleNamespace(delays={}, data=tiny_data(), rows=None, n_sensor=1),
+            "aligned": SimpleNamespace(
+                delays={}, data=tiny_data(), rows=None, n_sensor=1, with_inputs=lambda program: program
+            ),
         }
 
     @property
