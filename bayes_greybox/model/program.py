@@ -30,10 +30,6 @@ from .rows.row_kind import RowKind
 from .sampling_program import SamplingProgram
 from .sites import Sites
 
-AnyProgram = TypeVar("AnyProgram", bound="Program")
-"""A `Program` of whatever class."""
-
-
 @dataclass(frozen=True)
 class Program(SamplingProgram):
     """ẋ_i = g_i(x, u) + Φ_i(x, u)ᵀ θ_i + f_i(x, u) + ε, ε ~ N(0, σ² R), for each learned state i.
@@ -211,7 +207,7 @@ class Program(SamplingProgram):
             rates = {**rates, **dict.fromkeys(used_states(self.dictionary, rates, data.columns), "")}
         return (*data.state_names, *self.rows.hidden(rates, data))
 
-    def remembering(self: AnyProgram, states: Sequence[HiddenState], data: Trajectories) -> AnyProgram:
+    def remembering(self: "AnyProgram", states: Sequence[HiddenState], data: Trajectories) -> "AnyProgram":
         """The model with more hidden states in its simulation; f does not depend on them.
 
         Args:
@@ -269,7 +265,7 @@ class Program(SamplingProgram):
         each = [self.stated(equation, data) for equation in self.blocks[block]]
         return [stated.priors.get(term.name) for stated in each for term in stated.learned]
 
-    def on(self: AnyProgram, data: Trajectories) -> AnyProgram:
+    def on(self: "AnyProgram", data: Trajectories) -> "AnyProgram":
         """The model with the kind of rows that data have, where that is left to them.
 
         Args:
@@ -333,3 +329,7 @@ class Program(SamplingProgram):
     def designs(self, data: Trajectories) -> dict[str, Design]:
         """The argument of `numpyro_model`: one design per equation."""
         return {name: equation.design for name, equation in self.assemble(data).items()}
+
+
+AnyProgram = TypeVar("AnyProgram", bound=Program)
+"""A `Program` of whatever class."""

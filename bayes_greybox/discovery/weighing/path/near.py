@@ -16,7 +16,7 @@ from bayes_greybox.discovery.evidence.evaluations import Evaluations, one_patter
 from bayes_greybox.discovery.evidence.odds import Odds
 from bayes_greybox.discovery.evidence.of_equation import sufficient_statistics
 from bayes_greybox.discovery.evidence.with_discrepancy import Evaluator
-from bayes_greybox.discovery.suspects.channels import GAIN, ChannelSuspect, Rate
+from bayes_greybox.discovery.suspects.channels import DELAY, GAIN, ChannelSuspect, Rate
 from bayes_greybox.discovery.suspects.drift import drift_columns
 from bayes_greybox.discovery.suspects.memory import memory_columns
 from bayes_greybox.model.estimate.evidence import coefficients
@@ -152,8 +152,9 @@ def weigh_near(
     unit_nats = statistics.rows.n_row * (math.log(unit) + over)
     log_evidence = _log_evidence(sets, noise) - unit_nats
     columns, values, sd = estimate(sets, sets.likeliest())
-    names, bent = tuple(map(_named, columns)), np.array([bool(c.inner) for c in columns])
     found, off, values_of = acting(columns, values), errors(columns, values), inner_values(columns)
+    names, bent = tuple(map(_named, columns)), np.array([bool(c.inner) for c in columns])
+    names, values = _of_one_clock(columns, names, values, train)
     return Near(
         near, data, base, noise, rate, names, values, sd, bent, found, off, log_evidence, values_of, hidden, sets,
         unit_nats,
@@ -208,6 +209,21 @@ def _named(column: Column) -> str:
     if column.suspect is not None:
         return column.suspect.key
     return column.formula.text if column.effect is None else column.effect.text()
+
+
+def _of_one_clock(
+    columns: Sequence[Column], names: tuple[str, ...], values: Float[np.ndarray, " n_column"], train: Trajectories
+) -> tuple[tuple[str, ...], Float[np.ndarray, " n_column"]]:
+    """Names and coefficients, a delay of the only input as that of the only sensor: late is one against the other."""
+    samples = train.samples or train
+    if not len(samples.state_names) == len(samples.input_names) == 1:
+        return names, values
+    late = np.array([c.suspect is not None and c.suspect.kind == DELAY for c in columns], dtype=bool)
+    sign = [-1.0 if c.suspect is not None and c.suspect.channel in samples.input_names else 1.0 for c in columns]
+    return (
+        tuple(DELAY if is_late else name for name, is_late in zip(names, late, strict=True)),
+        np.where(late, sign, 1.0) * values,
+    )
 
 
 def _unfollowed(rows: EquationRows) -> list[NoiseModel]:
