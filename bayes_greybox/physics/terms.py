@@ -76,7 +76,8 @@ class Term:
         else:
             kind = type(self.expression).__name__
             raise InputError(f"A term must be text or a SymPy expression, not {kind}; write for example 'y**2'.")
-        if expr.is_zero:
+        # In SymPy's canonical form zero is the number; to ask for more takes longer than to read the formula.
+        if expr == 0:
             raise InputError(f"The term {name!r} is zero everywhere; remove it.")
         object.__setattr__(self, "expr", expr)
         object.__setattr__(self, "name", self.name or name)

@@ -104,6 +104,9 @@ class InnerParameter:
     ) -> tuple[float, float]:
         """Least and largest value; a threshold is one only where the column is on both sides of it.
 
+        They are shares of a size in two digits: a path that moved a little asks for the values of the last one, whose
+        formulas are not read again.
+
         Args:
             x: The column of `of`.
             time: Of its values, where a time scale asks for it.
@@ -112,7 +115,7 @@ class InnerParameter:
         Returns:
             Both in that column's unit, or that of time; 0 and 0 where there is no such value.
         """
-        size = self.size(x, time, run)
+        size = float(f"{self.size(x, time, run):.1e}")
         least, most = self.low * size, self.high * size
         if self.scale == "threshold":
             # Below the smallest |x| it would never switch: any smooth law would pass for it.

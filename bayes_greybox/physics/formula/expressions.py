@@ -1,7 +1,7 @@
 """Formulas written as text: read through a whitelist into SymPy, evaluated with NumPy or JAX."""
 
 from collections.abc import Iterable, Mapping
-from functools import reduce
+from functools import lru_cache, reduce
 from typing import Any
 
 import jax
@@ -13,7 +13,7 @@ from jaxtyping import Array, Float
 from bayes_greybox.data.errors import InputError
 
 from .functions import FUNCTIONS, NODES
-from .grammar import check_known, check_name, check_size, function_list, read, symbol
+from .grammar import REMEMBERED, check_known, check_name, check_size, function_list, read, symbol
 
 
 def parse_expression(text: str, names: Iterable[str] | None = None) -> sympy.Expr:
@@ -58,6 +58,7 @@ def check_expression(expr: sympy.Expr) -> sympy.Expr:
     return real
 
 
+@lru_cache(REMEMBERED)
 def symbol_names(expr: sympy.Expr) -> tuple[str, ...]:
     """Names of the columns in an expression, sorted."""
     return tuple(sorted(s.name for s in expr.atoms(sympy.Symbol)))
@@ -81,7 +82,7 @@ def evaluate(
     Raises:
         InputError: A column of the expression is missing.
     """
-    check_known(symbol_names(expr), columns, str(expr))
+    check_known(symbol_names(expr), columns, expr)
     xp = namespace(columns.values())
     values: dict[sympy.Basic, Any] = {}
     # What is not finite is for the caller to judge, as under JAX.

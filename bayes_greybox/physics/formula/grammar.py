@@ -96,20 +96,20 @@ def check_name(name: str) -> str:
     return name
 
 
-def check_known(used: Iterable[str], names: Iterable[str], text: str) -> None:
+def check_known(used: Iterable[str], names: Iterable[str], formula: str | sympy.Expr) -> None:
     """Refuse names that are not columns.
 
     Args:
         used: Names that appear in the formula.
         names: Names that exist.
-        text: The formula, for the message.
+        formula: For the message; as text only there, since SymPy takes a millisecond to write one.
 
     Raises:
         InputError: Names the unknown one, the nearest known ones and the list.
     """
     known = tuple(names)
     for name in sorted(set(used) - set(known)):
-        raise InputError(_unknown_name(name, known, text))
+        raise InputError(_unknown_name(name, known, str(formula)))
 
 
 def check_size(expr: sympy.Expr, text: str) -> None:
