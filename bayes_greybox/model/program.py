@@ -30,6 +30,7 @@ from .rows.row_kind import RowKind
 from .sampling_program import SamplingProgram
 from .sites import Sites
 
+
 @dataclass(frozen=True)
 class Program(SamplingProgram):
     """ẋ_i = g_i(x, u) + Φ_i(x, u)ᵀ θ_i + f_i(x, u) + ε, ε ~ N(0, σ² R), for each learned state i.
