@@ -14,9 +14,11 @@ if "PYTEST_XDIST_WORKER" in os.environ:
     os.environ["JAX_DISABLE_MOST_OPTIMIZATIONS"] = "1"
     if (0, 7) <= tuple(map(int, version("jaxlib").split(".")[:2])) <= (0, 10):
         # Half the time to compile; XLA ends the process at a flag that it does not know, as later ones do not.
-        os.environ.setdefault("XLA_FLAGS", "--xla_cpu_use_fusion_emitters=false")
+        os.environ.setdefault(
+            "XLA_FLAGS", "--xla_cpu_use_fusion_emitters=false --xla_cpu_parallel_codegen_split_count=1"
+        )
     os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(Path(__file__).parents[1] / ".pytest_cache" / "compiled"))
-    os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
+    os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.1")
     # Tracing makes millions of objects that stay; looking for cycles among them so often took a tenth of the time.
     gc.set_threshold(20_000, 10, 10)
 

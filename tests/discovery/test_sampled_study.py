@@ -150,7 +150,7 @@ def test_nothing_missing_is_no_gap(seed, catalogue):
     ids=["offset", "delay"],
 )
 def test_what_the_sensor_does_is_no_missing_effect(bend, kind):
-    found = study(sampled(noise=0.01, bend=bend, n=600))
+    found = study(sampled(noise=0.01, bend=bend))
     assert found.verdict in ("instrument", "recalibrate", "no gap", "unknown")
     assert not (found.effects.status == "added").any()
     if found.verdict == "instrument":

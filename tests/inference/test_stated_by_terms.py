@@ -1,6 +1,7 @@
 """Fits whose terms state their coefficients: posteriors under every prior against sums on a grid, and what is shown."""
 
 import json
+from functools import partial
 from io import StringIO
 
 import jax
@@ -45,15 +46,20 @@ def stating_model(prior, **parts):
     return bg.GreyBox({"ydot": terms}, prior=prior, **({"discrepancy": None} | parts))
 
 
-def prior_on_grid(prior, sigma, grid, n_obs, key, n=2000):
-    """Density of the bounded coefficient on a grid, and P(in): the mean over draws of its scale, restricted each."""
-
+@partial(jax.jit, static_argnums=(0, 2))
+def drawn_scales(prior, sigma, n_obs, keys):
     def scale(key):
         with seed(rng_seed=key):
             drawn = prior.scales(1, n_obs, sigma)
         return drawn.sd[0], jax.nn.sigmoid(drawn.log_odds[0]) if drawn.log_odds is not None else 1.0
 
-    sd, inside = (np.asarray(x)[:, None] for x in jax.vmap(scale)(jax.random.split(key, n)))
+    return jax.vmap(scale)(keys)
+
+
+def prior_on_grid(prior, sigma, grid, n_obs, key, n=2000):
+    """Density of the bounded coefficient on a grid, and P(in): the mean over draws of its scale, restricted each."""
+
+    sd, inside = (np.asarray(x)[:, None] for x in drawn_scales(prior, sigma, n_obs, jax.random.split(key, n)))
     mass = norm.cdf(grid[-1] / sd) - norm.cdf(grid[0] / sd)
     return np.mean(inside * norm.pdf(grid, 0, sd) / mass, axis=0), float(np.mean(inside))
 

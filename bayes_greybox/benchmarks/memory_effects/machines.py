@@ -11,7 +11,7 @@ LuGre's friction is σ₀ z + σ₁ z′ + σ₂ y′, z′ = y′ − σ₀ |y�
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from math import log, pi
+from math import exp, log, pi
 from typing import Any
 
 import numpy as np
@@ -231,7 +231,8 @@ def _drawn(rng: np.random.Generator, low: float, high: float) -> float:
 
 
 def _waves(frequency: np.ndarray, phase: np.ndarray, level: float) -> Callable[[float], float]:
-    return lambda t: float(level * np.sum(np.sin(frequency * t + phase)))
+    weights = np.full(len(phase), level)
+    return lambda t: float(weights @ np.sin(frequency * t + phase))
 
 
 def _size(scale: str, x: Float[np.ndarray, "n_state n"], step: float) -> float:
@@ -262,7 +263,7 @@ def _dahl(y, v, F, z, p):
 def _bending(v, z, p):
     """Rate of LuGre's asperities, from F_c/σ₀, v_s, F_s/F_c − 1 and σ₁/σ₀."""
     presliding, stribeck, excess, _ = p
-    return v - abs(v) * z / (presliding * (1 + excess * np.exp(-((v / stribeck) ** 2))))
+    return v - abs(v) * z / (presliding * (1 + excess * exp(-((v / stribeck) ** 2))))
 
 
 def _relaxing(y, v, F, z, p):
