@@ -43,12 +43,7 @@ class CollapsedNormal(dist.Distribution):
 
     def log_prob(self, value: Any, intermediates: Any = None) -> Float[Array, ""]:
         """Log p(y | η, scales) of a target [n_row]."""
-        design, scales = self.design, self.scales
-        regression = design.remove_discrepancy(value, self.hyper)[0].beside(scales.mean)
-        if scales.uniform is None:
-            return log_evidence(regression, scales.sd, scales.log_odds, design.n_obs, design.coefficients.certain)
-        full = ridge(regression, scales.sd, design.n_obs)
-        return full.log_evidence + logsumexp(design.coefficients.placed(full, scales).log_weight)
+        return _log_density(self.design, self.hyper, self.scales, value)
 
     def sample(self, key: Array | None, sample_shape: tuple[int, ...] = ()) -> Array:
         """Draw targets; the last compressed row stands for all directions outside the columns.
@@ -72,3 +67,15 @@ class CollapsedNormal(dist.Distribution):
             return one(key)
         draws = jax.lax.map(one, jax.random.split(key, math.prod(sample_shape)))
         return draws.reshape(*sample_shape, *self.event_shape)
+
+
+@jax.jit
+def _log_density(
+    design: Design, hyper: Hyperparameters, scales: Scales, value: Float[Array, " n_row"]
+) -> Float[Array, ""]:
+    # A program of its own, which is traced once for all that sampling makes of it: most of what a warm fit waits for.
+    regression = design.remove_discrepancy(value, hyper)[0].beside(scales.mean)
+    if scales.uniform is None:
+        return log_evidence(regression, scales.sd, scales.log_odds, design.n_obs, design.coefficients.certain)
+    full = ridge(regression, scales.sd, design.n_obs)
+    return full.log_evidence + logsumexp(design.coefficients.placed(full, scales).log_weight)

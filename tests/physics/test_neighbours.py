@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from bayes_greybox.physics.catalogue.loading import load_catalogue
-from bayes_greybox.physics.catalogue.neighbours import between, neighbours, powers
+from bayes_greybox.physics.catalogue.neighbours import bent, between, neighbours, powers
 from bayes_greybox.physics.terms import Term
 
 
@@ -55,6 +55,14 @@ def test_a_law_that_stands_for_itself_is_no_neighbour():
     assert [term.text for term in between(Term("sign(x)"), Term("x**3"), [*known, Term("x")])][:2] == [
         Term("x*abs(x)**0.25").text, Term("x*abs(x)**0.5").text,
     ]  # fmt: skip
+
+
+def test_neighbours_of_a_law_that_bends_bend_where_it_does():
+    fading = Term("sign(v)*exp(-v**2/0.25)")
+    wanted = [Term("sign(v)*abs(v)**0.5*exp(-4*v**2)").expr, Term("sign(v)*abs(v)*exp(-4*v**2)").expr]
+    assert [term.expr for term in bent(fading, ["v", "v"], [])] == wanted
+    assert [term.expr for term in bent(fading, ["v"], [Term("sign(v)*abs(v)*exp(-4*v**2)")])] == wanted[:1]
+    assert bent(fading, ["x"], []) == []
 
 
 @pytest.mark.parametrize("effect", load_catalogue("all"), ids=lambda e: e.slug)

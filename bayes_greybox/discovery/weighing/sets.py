@@ -17,7 +17,7 @@ from bayes_greybox.discovery.evidence.inner_parameters import refine
 from bayes_greybox.discovery.evidence.ranges import limited, log_ranges
 from bayes_greybox.discovery.suspects.memory import LAW, Memory
 from bayes_greybox.model.estimate.evidence import coefficients
-from bayes_greybox.physics.catalogue.neighbours import between, neighbours
+from bayes_greybox.physics.catalogue.neighbours import bent, between, neighbours
 
 from .search import WINDOW, Search
 
@@ -273,10 +273,12 @@ class Sets:
             others = tuple(j for j in core if j not in replaced)
             # One law in the place of two is as likely beforehand as a neighbour of either alone.
             alike = (*others, replaced[0])
+            # A law at a value of an inner parameter is as likely as that value.
+            at_value = sum(self.statistics.columns[j].log_weight for j in replaced if self.statistics.columns[j].inner)
             self._sum_patterns([(*self.always, *others, law) for law in near])
             for law in near:
                 fitted = self._full[(*self.always, *others, law)]
-                value = fitted.all + self._ranges((*others, law))
+                value = fitted.all + self._ranges((*others, law)) + at_value
                 rest = self._log_rest(alike, PLAIN) if self.in_time else log(1 - self.odds.remainder)
                 prior = self.log_prior(alike) + rest + log(OTHER_LAWS / len(near))
                 suspects, effects = self._parted(others)
@@ -288,12 +290,18 @@ class Sets:
         """Columns of the laws next to an effect's, or between two effects'."""
         statistics = self.statistics
         each = [statistics.columns[i] for i in effects]
-        terms = [c.term for c in each if c.term is not None and not c.inner and not c.term.states]
-        if len(terms) < len(effects):
+        terms = [c.term for c in each if c.term is not None and not c.term.states]
+        if len(terms) < len(effects) or (len(effects) > 1 and any(c.inner for c in each)):
             return ()
         known = {c.memory.channel: i for i, c in enumerate(statistics.columns) if c.kind == "law" and c.memory}
         weighed = [c.term for c in statistics.columns if c.term is not None and c.kind != "law"]
-        wanted = between(terms[0], terms[1], weighed) if len(terms) == 2 else neighbours(terms[0], weighed)
+        if len(terms) == 2:
+            wanted = between(terms[0], terms[1], weighed)
+        elif each[0].inner and each[0].effect is not None:
+            effect = each[0].effect
+            wanted = bent(terms[0], [effect.names[inner.of] for inner in effect.effect.inner], weighed)
+        else:
+            wanted = neighbours(terms[0], weighed)
         for term in wanted:
             if term.text not in known:
                 before = len(statistics.columns)

@@ -2,7 +2,8 @@
 
 A catalogue has x²v and not |x|v, y|y| and y³ and not what lies between. On data that see one orbit such laws are nearly
 the same, and of entries that are nearly right the nearest one wins however sure the data are that it is not that; or
-two of them together make the law between. Its neighbours say whether its form is told.
+two of them together make the law between. Its neighbours say whether its form is told. A law that bends where an inner
+parameter says has no exponents; its neighbours are that law times a power of what it bends with.
 """
 
 from collections.abc import Iterable, Mapping
@@ -60,6 +61,20 @@ def between(first: Term, second: Term, known: Iterable[Term]) -> list[Term]:
     steps = int((high - low) / BETWEEN)
     wanted = [{**one, name: (low + k * BETWEEN, odd)} for k in range(1, steps) if low + k * BETWEEN >= 1]
     return _laws(wanted, known)
+
+
+def bent(term: Term, variables: Iterable[str], known: Iterable[Term]) -> list[Term]:
+    """Laws next to one with inner parameters, at the same values of these: times the root of |x|, and times |x|.
+
+    Args:
+        term: The law.
+        variables: What its inner parameters are of.
+        known: Terms that are weighed or in the model anyway.
+    """
+    own, taken = set(term.symbols), {each.expr for each in known}
+    factors = [f"abs({x}){power}" for x in dict.fromkeys(variables) if x in own for power in ("**0.5", "")]
+    found = [Term(f"({term.text})*{factor}") for factor in factors]
+    return [each for each in found if each.expr not in taken]
 
 
 def powers(expr: sympy.Expr) -> Powers | None:

@@ -21,6 +21,8 @@ from bayes_greybox.discovery.suspects.memory import HYSTERESIS, LAW, RELAXATION,
 from bayes_greybox.discovery.weighing.search import SUSPECTS_AT_MOST
 from bayes_greybox.discovery.weighing.sets import LAWFUL, MEMORY, OTHER_LAWS, PLAIN, RECALIBRATED, REST, Sets
 from bayes_greybox.physics.catalogue.effects import Effect
+from bayes_greybox.physics.catalogue.inner_parameter import InnerParameter
+from bayes_greybox.physics.terms import Term
 
 COSINE = Effect(slug="cosine", name="Cosine", domain="test", expression="cos(5*r)")
 TWO_TERMS = {"simulation": {"x": "-x + 0.3*cos(x)"}}
@@ -478,6 +480,49 @@ def test_a_law_between_two_effects_is_not_the_two_together():
     fifth = Effect(slug="fifth", name="Fifth power", domain="test", expression="r**5")
     found = Sets(lawful(lambda x: -0.4 * x * np.abs(x) - 0.5 * x**5, fifth, signed), 2).weigh()
     assert found[0].kind == PLAIN and len(found[0].effects) == 2
+
+
+FADING = Effect(
+    slug="fading", name="Fading friction", domain="test", expression="sign(r)*exp(-r**2/s**2)",
+    inner=(InnerParameter("s", "where it fades", of="r", low=0.1, high=1.0),),
+)  # fmt: skip
+
+
+def test_an_effect_with_an_inner_parameter_is_none_of_its_neighbours():
+    """A law that rises before it fades is no friction that begins with a jump, and the other way round."""
+    known = lawful(lambda x: -0.6 * x * np.exp(-(x**2) / 0.25), FADING)
+    found = Sets(known, 1).weigh()
+    assert found[0].kind == LAWFUL and not found[0].effects
+    found = Sets(lawful(lambda x: -0.4 * np.sign(x) * np.exp(-(x**2) / 0.25), FADING), 1).weigh()
+    assert found[0].kind == PLAIN and found[0].effects
+
+
+def test_a_law_at_a_value_of_an_inner_parameter_is_as_likely_as_that_value():
+    known = lawful(lambda x: -0.4 * np.sign(x) * np.exp(-(x**2) / 0.25), FADING)
+    statistics, odds = known.statistics, known.odds
+    found = Sets(known, 1).weigh()
+    values = {statistics.columns[i].inner["s"]: i for i in statistics.of_kind("effect")}
+    laws = [e for e in found if e.kind == LAWFUL]
+    (correction,) = statistics.of_kind("correction")
+    assert laws and len(laws) % 2 == 0
+    for e in laws:
+        expr = statistics.columns[e.memory[0]].formula.expr
+        (value,) = [s for s, i in values.items() if expr in (times_root(statistics, i), times_size(statistics, i))]
+        evidence = np.logaddexp(
+            np.log1p(-odds.correction) + dense(known, e.memory),
+            np.log(odds.correction) + dense(known, (correction, *e.memory)),
+        )
+        prior = odds.effects * (1 - odds.remainder) * OTHER_LAWS / 2
+        weight = statistics.columns[values[value]].log_weight
+        assert e.log_weight == pytest.approx(np.log(prior) + weight + evidence, abs=1e-4)
+
+
+def times_root(statistics, i):
+    return Term(f"({statistics.columns[i].formula.text})*abs(x)**0.5").expr
+
+
+def times_size(statistics, i):
+    return Term(f"({statistics.columns[i].formula.text})*abs(x)").expr
 
 
 # Forces that remember
