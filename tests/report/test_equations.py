@@ -37,6 +37,8 @@ def test_a_standard_deviation_stands_in_units_of_the_last_digit(mean, sd, text):
     [
         ("ydot**2", "<msup><mover><mi>y</mi><mo>˙</mo></mover><mn>2</mn></msup>"),
         ("tank_1", '<msub><mi mathvariant="normal">tank</mi><mi>1</mi></msub>'),
+        ("predator*y", '<mo rspace="0.17em">\u2062</mo><mi>y</mi>'),
+        ("x*y", "<mi>x</mi><mo>\u2062</mo><mi>y</mi>"),
         ("heaviside(y)", "<mi>H</mi>"),
         ("max(abs(y) - 0.3, 0)*sign(y)", '<mi mathvariant="normal">max</mi>'),
         ("omega*1e-7", "<msup><mn>10</mn><mn>−7</mn></msup>"),

@@ -1,5 +1,6 @@
 """Formulas as text that reads back, as LaTeX and as MathML."""
 
+import re
 from typing import Any
 
 import sympy
@@ -10,6 +11,9 @@ from sympy.printing.pretty.pretty_symbology import greek_unicode
 from sympy.printing.str import StrPrinter
 
 from .functions import FUNCTIONS
+
+GAP = "0.17em"
+"""Between a word and another factor, as TeX's thin space."""
 
 
 def to_text(expr: sympy.Basic, blanks: bool = False) -> str:
@@ -26,6 +30,10 @@ def to_latex(expr: sympy.Basic) -> str:
 def to_mathml(expr: sympy.Basic) -> str:
     """The expression in MathML without the outer element, names as in LaTeX."""
     return _MathMLPrinter().doprint(expr)
+
+
+_WORD = r"\\mathrm\{[A-Za-z]+\}(?:_\{[^{}]*\})?(?:\^\{[^{}]*\})?"
+"""An upright word in LaTeX with its indices."""
 
 
 class _TextPrinter(StrPrinter):
@@ -54,7 +62,12 @@ class _FormulaPrinter(LatexPrinter):
 
     def _print_Symbol(self, expr, style="plain"):  # noqa: N802
         latex = super()._print_Symbol(expr, style)
-        return rf"\mathrm{{{latex}}}" if latex.isalpha() and len(latex) > 1 else latex
+        return re.sub(r"^([A-Za-z]{2,})(?=$|[_^])", r"\\mathrm{\1}", latex)
+
+    def _print_Mul(self, expr):  # noqa: N802
+        # TeX sets factors without a gap, and two words would be read as one.
+        latex = re.sub(r"(?<=[\w})]) (?=\\mathrm\{)", r" \\, ", super()._print_Mul(expr))
+        return re.sub(rf"({_WORD}) (?!\\,)(?=[\\\w])", r"\1 \\, ", latex)
 
     def _print_Heaviside(self, expr, exp=None):  # noqa: N802
         latex = rf"H\left({self._print(expr.args[0])}\right)"
@@ -76,6 +89,14 @@ class _MathMLPrinter(MathMLPresentationPrinter):
         for tag, words in (("msub", below), ("msup", above)):
             if words:
                 shown = self._around(tag, shown, self._letters(" ".join(words)))
+        return shown
+
+    def _print_Mul(self, expr):  # noqa: N802
+        shown = super()._print_Mul(expr)
+        for times in shown.childNodes:
+            beside = [each.toxml() for each in (times.previousSibling, times.nextSibling) if each is not None]
+            if times.nodeName == "mo" and "Times" in times.toxml() and any("normal" in each for each in beside):
+                times.setAttribute("rspace", GAP)
         return shown
 
     def _print_Function(self, expr):  # noqa: N802  # pyright: ignore[reportIncompatibleMethodOverride]

@@ -45,6 +45,8 @@ def _piece(piece: Piece) -> str:
             words.append(rf"\,[\mathrm{{{_unit(piece.unit)}}}]\,")
     if piece.expr is not None:
         shown = to_latex(piece.expr)
+        if words and not piece.unit and shown.startswith(r"\mathrm"):
+            words.append(r"\,")
         words.append(rf"\left({shown}\right)" if piece.bracketed else shown)
     return " ".join(words)
 

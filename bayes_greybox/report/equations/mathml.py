@@ -9,7 +9,7 @@ from html import escape
 
 from bayes_greybox.criticism.equations.learned import LearnedSystem
 from bayes_greybox.physics.formula.grammar import symbol
-from bayes_greybox.physics.formula.printing import to_mathml
+from bayes_greybox.physics.formula.printing import GAP, to_mathml
 
 from .pieces import Piece, pieces
 
@@ -46,6 +46,8 @@ def _piece(piece: Piece) -> str:
             parts.append("<mtext>(given)</mtext>")
         if piece.unit:
             parts.append(f"<mtext>\u202f[{escape(piece.unit)}]\u202f</mtext>")
+        elif piece.expr is not None:
+            parts.append(f'<mspace width="{GAP}"/>')
     if piece.expr is not None:
         shown = to_mathml(piece.expr)
         parts.append(f"<mrow><mo>(</mo>{shown}<mo>)</mo></mrow>" if piece.bracketed else shown)

@@ -331,7 +331,10 @@ def test_latex_is_readable():
     cases = {
         "ydot**3": r"\dot{y}^{3}",
         "y*abs(y)": r"y \left|{y}\right|",
-        "tank_1*level": r"\mathrm{level} tank_{1}",
+        "tank_1*level": r"\mathrm{level} \, \mathrm{tank}_{1}",
+        "0.4*predator*prey": r"0.4 \, \mathrm{predator} \, \mathrm{prey}",
+        "prey**2*x/(level + x)": r"\frac{\mathrm{prey}^{2} \, x}{\mathrm{level} + x}",
+        "omega_n*v": r"\omega_{n} v",
         "sin(theta)": r"\sin{\left(\theta \right)}",
         "heaviside(y-1)": r"H\left(y - 1\right)",
         "0.5*y": "0.5 y",
