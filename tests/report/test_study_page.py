@@ -30,6 +30,7 @@ from bayes_greybox.report.words.formatting import (
     interval,
     nats,
     number,
+    numbers_in,
     pareto,
     percent_text,
     probability_text,
@@ -371,3 +372,17 @@ def test_small_numbers_keep_their_digits_in_the_record(study):
     tiny = replace(study, effects=study.effects.assign(mean=1.23456789e-13, sd=float("nan")))
     (row, *_) = study_record(tiny, {})["effects"]
     assert row["mean"] == 1.23456789e-13 and row["sd"] is None
+
+
+@pytest.mark.parametrize(
+    ("text", "shown"),
+    [
+        ("y < -0.434 m and v > -0.243 m/s", "y < −0.434 m and v > −0.243 m/s"),
+        ("|y_1| > 1e-05 1/s²", "|y_1| > 1·10⁻⁵ 1/s²"),
+        ("t = 3.01 to 4.548 s", "t = 3.01 to 4.548 s"),
+        ("-3.5 < x2 < 2", "−3.5 < x2 < 2"),
+        ("everywhere", "everywhere"),
+    ],
+)
+def test_numbers_in_a_region_are_written_as_elsewhere(text, shown):
+    assert numbers_in(text) == shown

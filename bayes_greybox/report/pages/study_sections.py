@@ -19,6 +19,7 @@ from bayes_greybox.report.words.formatting import (
     formula,
     interval,
     number,
+    numbers_in,
     percent_text,
     probability_text,
     quantity,
@@ -288,7 +289,7 @@ def _maps(study: StudyResult, equation: str) -> list[Picture]:
 def _regions(study: StudyResult) -> Table:
     rows = [
         (
-            row["description"],
+            numbers_in(row["description"]),
             _rate(study, row["equation"]),
             probability_text(row["probability"]),
             share_text(row["gap_share"]),

@@ -13,7 +13,7 @@ from bayes_greybox.discovery.learned import studied_system
 from bayes_greybox.discovery.study import StudyResult
 from bayes_greybox.report.equations.text import equations_text
 from bayes_greybox.report.words.doubts import NOTABLE, doubts
-from bayes_greybox.report.words.formatting import estimate, formula, probability_text, share_text
+from bayes_greybox.report.words.formatting import estimate, formula, numbers_in, probability_text, share_text
 from bayes_greybox.report.words.sentence import sentence
 from bayes_greybox.report.words.study import closed_share, metric_value, name_of, shown_part, suspect_size
 
@@ -89,7 +89,7 @@ def _measurement(study: StudyResult) -> Table:
 def _where(study: StudyResult) -> Table:
     rows = [
         (
-            row["description"],
+            numbers_in(row["description"]),
             row["equation"],
             probability_text(row["probability"]),
             share_text(row["gap_share"]),

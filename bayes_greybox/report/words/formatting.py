@@ -124,6 +124,11 @@ def number(value: Any, digits: int = 3) -> str:
     return f"{float(f'{rounded / 10.0**power:.{digits}g}'):.{digits}g}{_times(power)}".replace("-", "−")
 
 
+def numbers_in(text: str) -> str:
+    """Text such as "y < -0.43 m" with its numbers written as pages write them; names and units stay."""
+    return re.sub(r"(?<![\w.-])-?\d+(?:\.\d+)?(?:e[+-]?\d+)?(?!\w)", lambda found: number(float(found[0]), 4), text)
+
+
 def quantity(value: Any, unit: str | None, digits: int = 3) -> str:
     """A number with its unit."""
     return f"{number(value, digits)} {unit_text(unit)}".rstrip()
