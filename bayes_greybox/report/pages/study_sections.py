@@ -173,7 +173,7 @@ def measurement(study: StudyResult) -> Section:
         records = study.instrument.to_dict("records")
         rows = [
             (
-                row["text"],
+                numbers_in(row["text"]),
                 _rate(study, row["equation"]),
                 probability_text(row["probability"]),
                 row["suspect"],

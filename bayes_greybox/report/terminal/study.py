@@ -74,7 +74,7 @@ def _measurement(study: StudyResult) -> Table:
     rows = [
         (
             "+" if row["status"] == IN_MODEL else "",
-            row["text"],
+            numbers_in(row["text"]),
             row["equation"],
             probability_text(row["probability"]),
             *suspect_size(row)[:2],
