@@ -58,7 +58,6 @@ def drawn_scales(prior, sigma, n_obs, keys):
 
 def prior_on_grid(prior, sigma, grid, n_obs, key, n=2000):
     """Density of the bounded coefficient on a grid, and P(in): the mean over draws of its scale, restricted each."""
-
     sd, inside = (np.asarray(x)[:, None] for x in drawn_scales(prior, sigma, n_obs, jax.random.split(key, n)))
     mass = norm.cdf(grid[-1] / sd) - norm.cdf(grid[0] / sd)
     return np.mean(inside * norm.pdf(grid, 0, sd) / mass, axis=0), float(np.mean(inside))
