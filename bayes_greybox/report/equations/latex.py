@@ -26,7 +26,8 @@ def left_latex(system: LearnedSystem, name: str) -> str:
     shown = to_latex(symbol(name))
     if system.is_output(name):
         return shown
-    return rf"\frac{{\mathrm{{d}} {shown}}}{{\mathrm{{d}} {to_latex(symbol(system.data.time_name))}}}"
+    gap = r"\, " if shown.startswith(r"\mathrm") else ""
+    return rf"\frac{{\mathrm{{d}} {gap}{shown}}}{{\mathrm{{d}} {to_latex(symbol(system.data.time_name))}}}"
 
 
 def right_latex(system: LearnedSystem, name: str) -> str:

@@ -26,7 +26,9 @@ def equation_mathml(system: LearnedSystem, name: str) -> list[str]:
     shown = to_mathml(symbol(name))
     if not system.is_output(name):
         time = to_mathml(symbol(system.data.time_name))
-        shown = f"<mfrac><mrow>{_D}{shown}</mrow><mrow>{_D}{time}</mrow></mfrac>"
+        # A word after the d would be read as one with it.
+        gap = f'<mspace width="{GAP}"/>' if "normal" in shown else ""
+        shown = f"<mfrac><mrow>{_D}{gap}{shown}</mrow><mrow>{_D}{time}</mrow></mfrac>"
     found = [_math(f"{shown}<mo>=</mo>")]
     for k, piece in enumerate(pieces(system, name)):
         # Without a summand before it a sign belongs to the number: "prefix" keeps it close.

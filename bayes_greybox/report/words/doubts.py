@@ -13,7 +13,7 @@ from bayes_greybox.discovery.answer.weighed import STOPS
 from bayes_greybox.discovery.study import StudyResult, left_in_words, worse_in_words
 from bayes_greybox.discovery.suspects.channels import DELAY_STEPS
 
-from .formatting import listed, number, p_text, probability_text, share_text
+from .formatting import listed, number, numbers_in, p_text, probability_text, share_text
 from .study import (
     added,
     answer,
@@ -127,11 +127,13 @@ def _measurement(study: StudyResult, equation: str) -> Iterator[Doubt]:
     rows = [row for row in study.instrument.to_dict("records") if row["equation"] == equation]
     odd = [row for row in rows if row["status"] == IN_MODEL and abs(row["samples"]) > FAR * DELAY_STEPS]
     if odd:
-        texts = "; ".join(row["text"] for row in odd)
+        texts = "; ".join(numbers_in(row["text"]) for row in odd)
         yield Doubt("Measurement", f"more than {FAR * DELAY_STEPS:g} samples are hardly a delay: {texts}", True)
     likely = [row for row in rows if row["status"] != IN_MODEL and row["probability"] >= NOTABLE]
     if likely:
-        texts = "; ".join(f"{row['text']} (probability {probability_text(row['probability'])})" for row in likely)
+        texts = "; ".join(
+            f"{numbers_in(row['text'])} (probability {probability_text(row['probability'])})" for row in likely
+        )
         yield Doubt("Measurement", f"not taken for true, but possible: {texts}", True)
     elif not odd:
         yield Doubt("Measurement", f"no further suspect is as likely as {probability_text(NOTABLE)}", False)

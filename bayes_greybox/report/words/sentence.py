@@ -11,7 +11,7 @@ from bayes_greybox.discovery.answer.instrument import IN_MODEL
 from bayes_greybox.discovery.study import StudyResult, worse_in_words
 from bayes_greybox.discovery.suspects.channels import KINDS
 
-from .formatting import formula, listed, number, percent_text, probability_text, share_text
+from .formatting import formula, listed, number, numbers_in, percent_text, probability_text, share_text
 from .study import LIKELY, answer, closed_share, name_of, not_helped, not_weighed, remembered
 
 TWICE = 2.0
@@ -43,7 +43,8 @@ def measurement_in_words(study: StudyResult) -> list[str]:
     if not len(study.instrument):
         return []
     # Several equations may be judged on the samples of one sensor.
-    return list(dict.fromkeys(study.instrument.loc[study.instrument["status"] == IN_MODEL, "text"]))
+    found = study.instrument.loc[study.instrument["status"] == IN_MODEL, "text"]
+    return [numbers_in(text) for text in dict.fromkeys(found)]
 
 
 def _answer(study: StudyResult) -> str:
