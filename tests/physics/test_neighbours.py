@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 
+from bayes_greybox.physics.catalogue.effects import Effect
+from bayes_greybox.physics.catalogue.inner_parameter import InnerParameter
 from bayes_greybox.physics.catalogue.loading import load_catalogue
 from bayes_greybox.physics.catalogue.neighbours import bent, between, neighbours, powers
 from bayes_greybox.physics.terms import Term
@@ -57,12 +59,26 @@ def test_a_law_that_stands_for_itself_is_no_neighbour():
     ]  # fmt: skip
 
 
-def test_neighbours_of_a_law_that_bends_bend_where_it_does():
-    fading = Term("sign(v)*exp(-v**2/0.25)")
-    wanted = [Term("sign(v)*abs(v)**0.5*exp(-4*v**2)").expr, Term("sign(v)*abs(v)*exp(-4*v**2)").expr]
-    assert [term.expr for term in bent(fading, ["v", "v"], [])] == wanted
-    assert [term.expr for term in bent(fading, ["v"], [Term("sign(v)*abs(v)*exp(-4*v**2)")])] == wanted[:1]
-    assert bent(fading, ["x"], []) == []
+def test_neighbours_of_a_law_that_bends_have_its_inner_parameters():
+    fading = Effect(
+        slug="fading", name="Fading friction", domain="test", expression="sign(r)*exp(-r**2/s**2)",
+        inner=(InnerParameter("s", "where it fades", of="r", low=0.1, high=1.0),), sign=-1, reverse="feeds energy in",
+    ).bind({"r": "v"})  # fmt: skip
+    near = bent(fading)
+    assert [law.term({"s": 0.5}).expr for law in near] == [
+        Term("sign(v)*abs(v)**0.5*exp(-v**2/0.5**2)").expr,
+        Term("sign(v)*abs(v)*exp(-v**2/0.5**2)").expr,
+    ]
+    assert all(law.effect.inner == fading.effect.inner and law.effect.sign == 0 for law in near)
+    assert len({law.label for law in (*near, fading)}) == 3
+
+
+def test_a_law_that_does_not_depend_on_what_its_inner_parameter_is_of_has_no_neighbours():
+    clock = Effect(
+        slug="clock", name="Clock", domain="test", expression="r*exp(-q/s)",
+        inner=(InnerParameter("s", "scale", of="q", low=0.1, high=1.0),),
+    ).bind({"r": "v", "q": "x"})  # fmt: skip
+    assert [law.effect.expression for law in bent(clock)] == ["(r*exp(-q/s))*abs(q)**0.5", "(r*exp(-q/s))*abs(q)"]
 
 
 @pytest.mark.parametrize("effect", load_catalogue("all"), ids=lambda e: e.slug)

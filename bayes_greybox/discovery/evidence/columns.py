@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import product
-from typing import Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float
@@ -53,6 +53,7 @@ class Column:
         values: At the rows, scaled, of a suspect or a memory, and of an effect that remembers.
         drawn: Where the values of several inner parameters were drawn from; None: they are on the first grid.
         nearer: What it gains on rows near itself.
+        law: What a law with inner parameters is at their values: an effect that is in no catalogue.
     """
 
     kind: str
@@ -69,6 +70,12 @@ class Column:
     values: np.ndarray | None = None
     drawn: Cloud | None = None
     nearer: Nearer | None = None
+    law: BoundEffect | None = None
+
+    @property
+    def shape(self) -> BoundEffect | None:
+        """What the column is at its values of inner parameters: the catalogue's entry, or a law next to it."""
+        return self.effect or self.law
 
     @property
     def called(self) -> str:
@@ -87,24 +94,25 @@ class Column:
 
 
 def nodes(
-    effect: BoundEffect, columns: Mapping[str, np.ndarray], path: Trajectories | None = None,
-    known: Mapping[str, float] | None = None,
+    shape: BoundEffect, columns: Mapping[str, np.ndarray], /, path: Trajectories | None = None,
+    known: Mapping[str, float] | None = None, **about: Any,
 ) -> list[tuple[Term, dict]]:  # fmt: skip
     """The columns of one effect: one, or one for each value of its inner parameters with that value's prior weight.
 
     Args:
-        effect: Effect bound to columns.
+        shape: Effect bound to columns.
         columns: States and inputs, whose range scales the inner parameters' priors.
         path: The same columns with their times, for inner parameters that are times or frequencies.
         known: Values of the inner parameters that are to be among the first ones.
+        about: What else their columns carry; see `at_values`.
 
     Returns:
         Terms, each with what its column carries beside; none where an inner parameter is a share of nothing.
     """
-    inner = effect.effect.inner
+    inner = shape.effect.inner
     if not inner:
-        return [(effect.term(), {"effect": effect})]
-    least, most = limits(effect, columns, path)
+        return [(shape.term(), {"effect": shape, **about})]
+    least, most = limits(shape, columns, path)
     if not np.all(most > 0):
         return []
     values = [each.nodes(*ends)[0] for each, *ends in zip(inner, least, most, strict=True)]
@@ -118,24 +126,25 @@ def nodes(
         weights = log_weights(points[:, 0], float(least[0]), float(most[0]))
     else:
         weights = np.full(len(points), -np.log(len(points)))
-    return at_values(effect, points, weights)
+    return at_values(shape, points, weights, **about)
 
 
 def at_values(
-    effect: BoundEffect, points: Float[np.ndarray, "n_point n_inner"], weights: Float[np.ndarray, " n_point"], **about
-) -> list[tuple[Term, dict]]:
+    shape: BoundEffect, points: Float[np.ndarray, "n_point n_inner"], weights: Float[np.ndarray, " n_point"], /,
+    **about: Any,
+) -> list[tuple[Term, dict]]:  # fmt: skip
     """An effect with chosen values of its inner parameters.
 
     Args:
-        effect: Effect bound to columns.
+        shape: Effect bound to columns.
         points: Values, in the order of its inner parameters.
         weights: Log prior weights of these.
-        about: What else their columns carry.
+        about: What else their columns carry; a law does so instead of an effect (`effect=None, law=shape`).
     """
     found = []
     for point, weight in zip(points, weights, strict=True):
-        inner = {each.name: float(value) for each, value in zip(effect.effect.inner, point, strict=True)}
-        found.append((effect.term(inner), {"effect": effect, "inner": inner, "log_weight": float(weight), **about}))
+        inner = {each.name: float(value) for each, value in zip(shape.effect.inner, point, strict=True)}
+        found.append((shape.term(inner), {"effect": shape, "inner": inner, "log_weight": float(weight), **about}))
     return found
 
 

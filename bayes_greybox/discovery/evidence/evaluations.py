@@ -210,9 +210,9 @@ class Evaluations:
         return effect.label
 
     def group(self, index: int) -> tuple[int, ...]:
-        """All columns of the effect that a column belongs to, one for each value of its inner parameter."""
-        own, columns = self.binding(index), self.statistics.columns
-        return tuple(i for i, c in enumerate(columns) if c.effect is not None and c.effect.label == own)
+        """All columns of the effect, or law, that a column belongs to, one for each value of its inner parameters."""
+        own = self.statistics.columns[index]
+        return tuple(i for i, c in enumerate(self.statistics.columns) if c.kind == own.kind and c.called == own.called)
 
     def best_of(self, slug: str) -> int:
         """The column of an effect that fits best alone."""

@@ -43,7 +43,7 @@ THERE = 0.1
 
 
 def refine(evaluations: Evaluations, base: Sequence[int], group: Sequence[int]) -> tuple[int, ...]:
-    """Refine the values of an effect's inner parameters until their posterior spans several of them.
+    """Refine the values of the inner parameters of an effect, or of a law, until their posterior spans several of them.
 
     Args:
         evaluations: Evidence; new columns are added to its statistics.
@@ -54,11 +54,11 @@ def refine(evaluations: Evaluations, base: Sequence[int], group: Sequence[int]) 
         All columns of the effect, old and new.
     """
     column = evaluations.statistics.columns[group[0]]
-    if not column.inner or column.effect is None:
+    if not column.inner or column.shape is None:
         return tuple(group)
     if len(column.inner) == 1:
-        return _zoomed(evaluations, base, group, column.effect)
-    return _drawn(evaluations, base, group, column.effect)
+        return _zoomed(evaluations, base, group, column.shape)
+    return _drawn(evaluations, base, group, column.shape)
 
 
 def _zoomed(
@@ -89,7 +89,8 @@ def _zoomed(
         for i in found:
             statistics.columns[i] = replace(statistics.columns[i], log_weight=weights[statistics.columns[i].inner[key]])
         known, before = np.array([weights[value] for value in fresh]), len(statistics.columns)
-        statistics.add("effect", at_values(effect, fresh[:, None], known, **_carried(statistics.columns[found[0]])))
+        first = statistics.columns[found[0]]
+        statistics.add(first.kind, at_values(effect, fresh[:, None], known, **_carried(first)))
         found += range(before, len(statistics.columns))
     return tuple(found)
 
@@ -98,7 +99,7 @@ def _drawn(evaluations: Evaluations, base: Sequence[int], group: Sequence[int], 
     """Values of several inner parameters, more of them drawn around their mode."""
     statistics, found = evaluations.statistics, list(group)
     ranges = _Ranges(effect, *limits(effect, statistics.rows.columns, statistics.path))
-    carried, mean, covariance = _carried(statistics.columns[found[0]]), None, np.eye(len(ranges.names))
+    first, mean, covariance = statistics.columns[found[0]], None, np.eye(len(ranges.names))
     for _ in range(CLOUDS):
         log_z = np.array([v.all for v in evaluations.parametric([(*base, i) for i in found])])
         posterior = np.exp(log_z - np.logaddexp.reduce(log_z))
@@ -107,7 +108,7 @@ def _drawn(evaluations: Evaluations, base: Sequence[int], group: Sequence[int], 
         known = np.array([ranges.shares(statistics.columns[i].inner) for i in found])
         if mean is None:
             alone = log_z - np.array([statistics.columns[i].log_weight for i in found])
-            mean, covariance = _mode(evaluations, base, ranges, known[int(np.argmax(alone))], carried)
+            mean, covariance = _mode(evaluations, base, ranges, known[int(np.argmax(alone))], first)
         else:
             # Where the first cloud says that the posterior is.
             mean = posterior @ known
@@ -120,14 +121,14 @@ def _drawn(evaluations: Evaluations, base: Sequence[int], group: Sequence[int], 
         for i, weight in zip(found, weights, strict=False):
             statistics.columns[i] = replace(statistics.columns[i], log_weight=float(weight))
         values, fresh, before = ranges.values(cloud.points), weights[len(found) :], len(statistics.columns)
-        statistics.add("effect", at_values(effect, values, fresh, drawn=cloud, **carried))
+        statistics.add(first.kind, at_values(effect, values, fresh, drawn=cloud, **_carried(first)))
         found += range(before, len(statistics.columns))
     return tuple(found)
 
 
 def _carried(column: Column) -> dict[str, Any]:
     """What all columns of an effect have in common."""
-    return {"nominal": column.nominal, "nearer": column.nearer}
+    return {name: getattr(column, name) for name in ("effect", "law", "memory", "nominal", "nearer")}
 
 
 class _Ranges:
@@ -151,7 +152,7 @@ def _mode(
     base: Sequence[int],
     ranges: _Ranges,
     start: Float[np.ndarray, " d"],
-    carried: Mapping[str, Any],
+    first: Column,
 ) -> tuple[Float[np.ndarray, " d"], Float[np.ndarray, "d d"]]:
     """Where several inner parameters are likeliest, and how wide a cloud around it is: by steps of Gauss and Newton.
 
@@ -161,7 +162,7 @@ def _mode(
     information = np.zeros((d, d))
     for turn in range(STEPS):
         sides = SIDE * np.where(at > 0.5, -1.0, 1.0)
-        found = _slopes(evaluations, base, ranges, np.vstack([at, at + np.diag(sides)]), sides, carried)
+        found = _slopes(evaluations, base, ranges, np.vstack([at, at + np.diag(sides)]), sides, first)
         if found is None:
             break
         information, pull = found
@@ -170,7 +171,7 @@ def _mode(
             break
         tried = np.clip(at + np.outer(SHORTER, step), SIDE, 1 - SIDE)
         points = np.vstack([at, tried])
-        with _Tried(evaluations, ranges, points, carried) as columns:
+        with _Tried(evaluations, ranges, points, first) as columns:
             if columns is None:
                 break
             log_z = [v.all for v in evaluations.parametric([(*base, i) for i in columns])]
@@ -187,11 +188,11 @@ def _slopes(
     ranges: _Ranges,
     points: np.ndarray,
     sides: np.ndarray,
-    carried: Mapping[str, Any],
+    first: Column,
 ) -> tuple[np.ndarray, np.ndarray] | None:
     """What the rows tell of steps of the inner parameters, and where they pull; None where the effect is nothing."""
     statistics = evaluations.statistics
-    with _Tried(evaluations, ranges, points, carried) as columns:
+    with _Tried(evaluations, ranges, points, first) as columns:
         if columns is None:
             return None
         own = [*statistics.of_kind("free"), *base]
@@ -208,31 +209,29 @@ def _slopes(
     turn[n_own + 1 :, n_own + 1 :] = np.diag(1 / sides)
     T = T @ turn
     G, g = T.T @ G @ T, T.T @ g
-    first = slice(0, n_own + 1)
-    theta = np.linalg.lstsq(G[first, first], g[first], rcond=1e-10)[0]
+    alone = slice(0, n_own + 1)
+    theta = np.linalg.lstsq(G[alone, alone], g[alone], rcond=1e-10)[0]
     if theta[-1] == 0:
         return None
-    variance = max(square - theta @ g[first], 1e-12 * square) / n
+    variance = max(square - theta @ g[alone], 1e-12 * square) / n
     rest = slice(n_own + 1, len(every))
-    taken = np.linalg.lstsq(G[first, first], G[first, rest], rcond=1e-10)[0]
-    information = theta[-1] ** 2 * (G[rest, rest] - G[rest, first] @ taken) / variance
-    pull = theta[-1] * (g[rest] - taken.T @ g[first]) / variance
+    taken = np.linalg.lstsq(G[alone, alone], G[alone, rest], rcond=1e-10)[0]
+    information = theta[-1] ** 2 * (G[rest, rest] - G[rest, alone] @ taken) / variance
+    pull = theta[-1] * (g[rest] - taken.T @ g[alone]) / variance
     return (information + information.T) / 2, pull
 
 
 class _Tried:
     """Columns of an effect that are there for a moment; None if some of them cannot serve."""
 
-    def __init__(
-        self, evaluations: Evaluations, ranges: _Ranges, points: np.ndarray, carried: Mapping[str, Any]
-    ) -> None:
+    def __init__(self, evaluations: Evaluations, ranges: _Ranges, points: np.ndarray, first: Column) -> None:
         self._statistics, self._ranges, self._points = evaluations.statistics, ranges, points
-        self._carried, self._before = carried, len(evaluations.statistics.columns)
+        self._first, self._before = first, len(evaluations.statistics.columns)
 
     def __enter__(self) -> range | None:
         values = self._ranges.values(self._points)
-        items = at_values(self._ranges.effect, values, np.zeros(len(values)), **self._carried)
-        self._statistics.add("effect", items)
+        items = at_values(self._ranges.effect, values, np.zeros(len(values)), **_carried(self._first))
+        self._statistics.add(self._first.kind, items)
         columns = range(self._before, len(self._statistics.columns))
         return columns if len(columns) == len(self._points) else None
 

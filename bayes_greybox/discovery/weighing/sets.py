@@ -15,10 +15,10 @@ import numpy as np
 from bayes_greybox.discovery.evidence.evaluations import Evaluations, Parametric, one_pattern
 from bayes_greybox.discovery.evidence.inner_parameters import refine
 from bayes_greybox.discovery.evidence.ranges import limited, log_ranges
-from bayes_greybox.discovery.suspects.memory import LAW, Memory
+from bayes_greybox.discovery.suspects.memory import Memory
 from bayes_greybox.model.estimate.evidence import coefficients
-from bayes_greybox.physics.catalogue.neighbours import bent, between, neighbours
 
+from .laws import Laws
 from .search import WINDOW, Search
 
 PLAIN, RECALIBRATED, REST, MEMORY, LAWFUL = "plain", "recalibrated", "rest", "memory", "lawful"
@@ -36,6 +36,9 @@ REMEMBERS = {False: 0.5, True: 0.25}
 
 WITH_REST, FINALISTS = 24, 4
 """Sets whose evidence with a rest is taken at a common mode, and those whose is integrated, at most."""
+
+TOLD = 6
+"""Likeliest sets beside which inner parameters of laws are refined; beside others they have the values they have."""
 
 SURE = 0.15
 """Standard error of a log evidence above which chains settle it, where chains may run."""
@@ -96,7 +99,7 @@ class Sets:
     def __init__(self, evaluations: Evaluations, most: int, in_time: bool = False, always: Sequence[int] = ()) -> None:
         self.evaluations, self.statistics, self.odds = evaluations, evaluations.statistics, evaluations.odds
         self.most, self.in_time, self.always = most, in_time, tuple(always)
-        self.search = Search(evaluations, most, self.always)
+        self.search, self.laws = Search(evaluations, most, self.always), Laws(evaluations, self.always)
         self._full: dict[tuple[int, ...], Parametric] = {}
         self._version = 0
 
@@ -119,6 +122,17 @@ class Sets:
     def log_prior(self, core: Sequence[int]) -> float:
         """Log prior of a set: of its suspects, of its number of effects, and of these among all of as many."""
         return self.search.log_prior(core)
+
+    def log_beside(self, core: Sequence[int]) -> float:
+        """Log prior that nothing but corrections stands beside a set, or under a process in time that alone.
+
+        Args:
+            core: Columns of the set.
+        """
+        if self.in_time:
+            return self._log_rest(core, PLAIN)
+        odds = self.odds
+        return log(1 - odds.remainder) if self._parted(core)[1] else log(odds.no_gap + odds.recalibrate)
 
     def probability(self, columns: Collection[int]) -> float:
         """Probability that one of these columns is in, among the sets that matter, corrections summed in full.
@@ -193,13 +207,13 @@ class Sets:
         suspects = tuple(i for i in core if columns[i].suspect is not None)
         return (*self.always, *suspects), tuple(i for i in core if columns[i].effect is not None)
 
-    def _ranges(self, core: Sequence[int]) -> float:
+    def _ranges(self, core: Sequence[int], fitted: Parametric | None = None) -> float:
         """What signs of effects and limits of suspects add; see `log_ranges`."""
         key = (*self.always, *core)
         columns = [self.statistics.columns[i] for i in key]
         if not any(limited(column) for column in columns):
             return 0.0
-        fitted = self._full[key]
+        fitted = self._full[key] if fitted is None else fitted
         mean, covariance = coefficients(*one_pattern(fitted, int(np.argmax(fitted.by_pattern))))
         start = len(mean) - len(key)
         return log_ranges(columns, mean[start:], covariance[start:, start:])
@@ -262,53 +276,31 @@ class Sets:
         # However well f does beside them: it takes what a law leaves that is nearly right.
         named = sorted((e for e in plain if e.kind == PLAIN and e.effects), key=lambda e: -e.log_weight)[:WITH_REST]
         named = [e for e in named if e.log_weight > named[0].log_weight - WINDOW]
-        places: list[tuple[tuple[int, ...], tuple[int, ...], tuple[int, ...]]] = []
+        # A law has inner parameters of its own: it stands in the place of all values of an effect's, once.
+        columns = self.statistics.columns
+        places: dict[tuple, tuple[tuple[int, ...], tuple[int, ...]]] = {}
         for e in named:
             core = tuple(i for i in e.columns if i not in self.always)
-            places += [(core, (i,), self.laws(i)) for i in e.effects]
-            places += [(core, pair, self.laws(*pair)) for pair in combinations(e.effects, 2)]
-        found = []
+            for replaced in [*((i,) for i in e.effects), *combinations(e.effects, 2)]:
+                others = tuple(j for j in core if j not in replaced)
+                places.setdefault((others, *(columns[j].called for j in replaced)), (others, replaced))
         # Columns that are new change the number of all sets, so the last one comes before the first evidence.
-        for core, replaced, near in places:
-            others = tuple(j for j in core if j not in replaced)
+        weighed = [(*place, self.laws.beside(*place, told=k < TOLD)) for k, place in enumerate(places.values())]
+        found = []
+        for others, replaced, laws in weighed:
             # One law in the place of two is as likely beforehand as a neighbour of either alone.
             alike = (*others, replaced[0])
-            # A law at a value of an inner parameter is as likely as that value.
-            at_value = sum(self.statistics.columns[j].log_weight for j in replaced if self.statistics.columns[j].inner)
-            self._sum_patterns([(*self.always, *others, law) for law in near])
-            for law in near:
-                fitted = self._full[(*self.always, *others, law)]
-                value = fitted.all + self._ranges((*others, law)) + at_value
-                rest = self._log_rest(alike, PLAIN) if self.in_time else log(1 - self.odds.remainder)
-                prior = self.log_prior(alike) + rest + log(OTHER_LAWS / len(near))
-                suspects, effects = self._parted(others)
-                share = self.evaluations.carried(fitted, (law,))
-                found.append(Explanation(suspects, effects, LAWFUL, value + prior, value, share, (law,)))
+            prior = self.log_prior(alike) + self.log_beside(alike) + log(OTHER_LAWS / max(len(laws), 1))
+            suspects, effects = self._parted(others)
+            for law in laws:
+                # Not by `_sum_patterns`: weights of a law's values change whenever it is told beside others.
+                fitted = self.evaluations.parametric([(*self.always, *others, i) for i in law])
+                best = int(np.argmax([each.all for each in fitted]))
+                own = (*others, law[best])
+                value = float(np.logaddexp.reduce([each.all for each in fitted])) + self._ranges(own, fitted[best])
+                share = self.evaluations.carried(fitted[best], own[-1:])
+                found.append(Explanation(suspects, effects, LAWFUL, value + prior, value, share, own[-1:]))
         return list({(e.columns, e.memory): e for e in sorted(found, key=lambda e: e.log_weight)}.values())
-
-    def laws(self, *effects: int) -> tuple[int, ...]:
-        """Columns of the laws next to an effect's, or between two effects'."""
-        statistics = self.statistics
-        each = [statistics.columns[i] for i in effects]
-        terms = [c.term for c in each if c.term is not None and not c.term.states]
-        if len(terms) < len(effects) or (len(effects) > 1 and any(c.inner for c in each)):
-            return ()
-        known = {c.memory.channel: i for i, c in enumerate(statistics.columns) if c.kind == "law" and c.memory}
-        weighed = [c.term for c in statistics.columns if c.term is not None and c.kind != "law"]
-        if len(terms) == 2:
-            wanted = between(terms[0], terms[1], weighed)
-        elif each[0].inner and each[0].effect is not None:
-            effect = each[0].effect
-            wanted = bent(terms[0], [effect.names[inner.of] for inner in effect.effect.inner], weighed)
-        else:
-            wanted = neighbours(terms[0], weighed)
-        for term in wanted:
-            if term.text not in known:
-                before = len(statistics.columns)
-                statistics.add("law", [(term, {"memory": Memory(LAW, term.text)})])
-                if len(statistics.columns) > before:
-                    known[term.text] = before
-        return tuple(known[term.text] for term in wanted if term.text in known)
 
     def _likely(
         self, cores: Sequence[tuple[int, ...]], plain: Sequence[Explanation]

@@ -16,6 +16,7 @@ from jaxtyping import Float
 
 from bayes_greybox.data.noise.protocol import RowNoise
 from bayes_greybox.discovery.evidence.evaluations import Evaluations, one_pattern
+from bayes_greybox.discovery.evidence.odds import Odds
 from bayes_greybox.model.estimate.evidence import coefficients, log_white
 from bayes_greybox.model.noise.noise_model import PROCESS, NoiseModel, Suspicion
 from bayes_greybox.model.noise.suspicions import suspicions
@@ -199,6 +200,18 @@ def under(sets: Sets, model: NoiseModel, evaluations: Evaluations | None = None)
     return Sets(again, sets.most, PROCESS in model.names, sets.always)
 
 
+def log_noise(model: NoiseModel, odds: Odds) -> float:
+    """What a noise adds to every log weight under it: its prior, its constant and −½ log|R|.
+
+    Args:
+        model: The noise.
+        odds: Prior odds.
+    """
+    suspects = sum(name != PROCESS for name in model.names)
+    prior = suspects * log(odds.noise) + (3 - suspects) * float(np.log1p(-odds.noise))
+    return prior + model.constant - 0.5 * model.noise.log_det
+
+
 def _likelier(world: World) -> RowNoise | None:
     """The likeliest alternative of the rows' noise on a world's best residual, if it is likelier than theirs."""
     statistics = world.evaluations.statistics
@@ -213,10 +226,7 @@ def _likelier(world: World) -> RowNoise | None:
 
 
 def _world(sets: Sets, model: NoiseModel, report: Callable[[str], None] = lambda text: None) -> World:
-    explanations, odds = tuple(sets.weigh(report)), sets.odds
-    suspects = [name for name in model.names if name != PROCESS]
-    prior = len(suspects) * log(odds.noise) + (3 - len(suspects)) * float(np.log1p(-odds.noise))
-    return World(model, sets.evaluations, explanations, prior + model.constant - 0.5 * model.noise.log_det)
+    return World(model, sets.evaluations, tuple(sets.weigh(report)), log_noise(model, sets.odds))
 
 
 def _suspected(world: World, base: RowNoise, quantities: Mapping[str, np.ndarray]) -> list[tuple[Suspicion, float]]:

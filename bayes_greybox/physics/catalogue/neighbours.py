@@ -7,11 +7,16 @@ parameter says has no exponents; its neighbours are that law times a power of wh
 """
 
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from fractions import Fraction
+from functools import lru_cache
 
 import sympy
 
+from bayes_greybox.physics.formula.expressions import symbol_names
 from bayes_greybox.physics.terms import Term
+
+from .effects import BoundEffect
 
 Powers = dict[str, tuple[Fraction, bool]]
 """Degree in each variable, and whether the sign changes with it."""
@@ -63,18 +68,24 @@ def between(first: Term, second: Term, known: Iterable[Term]) -> list[Term]:
     return _laws(wanted, known)
 
 
-def bent(term: Term, variables: Iterable[str], known: Iterable[Term]) -> list[Term]:
-    """Laws next to one with inner parameters, at the same values of these: times the root of |x|, and times |x|.
+@lru_cache(256)
+def bent(effect: BoundEffect) -> tuple[BoundEffect, ...]:
+    """Laws next to one with inner parameters: times the root of the size of what these are of, and times that size.
+
+    Their inner parameters are free again: where such a law bends is not where the effect would.
 
     Args:
-        term: The law.
-        variables: What its inner parameters are of.
-        known: Terms that are weighed or in the model anyway.
+        effect: Bound to columns.
     """
-    own, taken = set(term.symbols), {each.expr for each in known}
-    factors = [f"abs({x}){power}" for x in dict.fromkeys(variables) if x in own for power in ("**0.5", "")]
-    found = [Term(f"({term.text})*{factor}") for factor in factors]
-    return [each for each in found if each.expr not in taken]
+    own = effect.effect
+    used = symbol_names(own.expr)
+    roles = [role for role in dict.fromkeys(inner.of for inner in own.inner) if role in used]
+    factors = [f"abs({role}){power}" for role in roles for power in ("**0.5", "")]
+    plain = replace(own, latex="", confusions=(), sign=0, reverse="", nominal="")
+    return tuple(
+        BoundEffect(replace(plain, slug=f"{own.slug}-{k}", expression=f"({own.expression})*{factor}"), effect.names)
+        for k, factor in enumerate(factors, start=1)
+    )
 
 
 def powers(expr: sympy.Expr) -> Powers | None:

@@ -1,20 +1,52 @@
-"""Laws next to what was found, where there are none to weigh."""
+"""Laws next to what was found along a path: each is weighed on rows near itself, and gains alone."""
 
-import os
-from types import SimpleNamespace
+from dataclasses import replace
 
-import pytest
+import numpy as np
+from sampled_oscillator import SIMULATION, sampled
 
-from bayes_greybox.discovery.weighing.path.laws import weigh_laws
+import bayes_greybox as bg
+from bayes_greybox.discovery.weighing.path import follow as follow_module
+from bayes_greybox.physics.catalogue.loading import load_catalogue
+
+FEW = [
+    replace(e, confusions=())
+    for e in load_catalogue("mechanical")
+    if e.slug in ("stribeck-friction", "cubic-stiffness")
+]
 
 
-@pytest.mark.skipif(
-    os.environ.get("BAYES_GREYBOX_TYPECHECK", "0") == "1", reason="what stands for explanations has no types"
-)
-@pytest.mark.parametrize("core", [(1,), (0, 2)], ids=["an inner parameter", "a finer value that only noise asked for"])
-def test_what_has_an_inner_parameter_has_no_laws_next_to_it(core):
-    columns = [SimpleNamespace(inner=()), SimpleNamespace(inner=(("limit", 0.5),))]
-    never = lambda *_: pytest.fail("asked for laws")  # noqa: E731
-    base = SimpleNamespace(statistics=SimpleNamespace(columns=columns), laws=never)
-    near = SimpleNamespace(base=base, sets=SimpleNamespace(likeliest=lambda: core))
-    weigh_laws(near, never)
+def study(hidden, monkeypatch, noise=0.01, seed=0):
+    """A study of samples, and the columns of laws that it weighed along the path."""
+    kept = []
+
+    def weighed(near, taken):
+        weigh_laws(near, taken)
+        kept.extend(c for c in near.base.statistics.columns if c.kind == "law")
+
+    weigh_laws = follow_module.weigh_laws
+    monkeypatch.setattr(follow_module, "weigh_laws", weighed)
+    model = bg.GreyBox(simulation=SIMULATION, rows=bg.TrajectoryRows(interpolation="cubic"))
+    data = sampled(hidden, noise=noise, seed=seed)
+    return bg.find_missing_effects(model, data, catalogue=FEW, free_runs=False, settle=False, progress=False), kept
+
+
+def test_a_law_next_to_a_bent_effect_is_followed_along_a_path_of_its_own(monkeypatch):
+    """A viscous force that stalls is no Stribeck friction, however near its curve: it begins without a jump."""
+    found, laws = study(lambda y, v: -0.9 * v * np.exp(-((v / 0.5) ** 4)), monkeypatch)
+    assert found.verdict == "unknown" and "another law" in found.sentence
+    gained = {c.called: c.nearer for c in laws if c.nearer is not None}
+    assert gained and all(nearer.gain >= 0 and nearer.beside == frozenset() for nearer in gained.values())
+    assert all(c.log_weight <= 0 for c in laws if c.inner)
+
+
+def test_a_bent_effect_is_none_of_the_laws_next_to_it(monkeypatch):
+    found, _ = study(lambda y, v: -0.3 * np.tanh(v / 1e-3) * np.exp(-((v / 0.4) ** 2)), monkeypatch)
+    assert found.effects.iloc[0]["slug"] == "stribeck-friction"
+    assert found.effects.iloc[0]["probability"] > 0.9
+
+
+def test_laws_next_to_an_effect_are_weighed_beside_a_bent_one_too(monkeypatch):
+    hidden = lambda y, v: -0.5 * y**3 - 0.3 * np.tanh(v / 1e-3) * np.exp(-((v / 0.4) ** 2))  # noqa: E731
+    _, laws = study(hidden, monkeypatch)
+    assert any(not c.inner for c in laws) and any(c.inner for c in laws)

@@ -18,11 +18,11 @@ from bayes_greybox.discovery.evidence.ranges import WRONG_SIGN
 from bayes_greybox.discovery.evidence.with_discrepancy import Evaluator
 from bayes_greybox.discovery.suspects.channels import DELAY, GAIN, OFFSET, ChannelSuspect
 from bayes_greybox.discovery.suspects.memory import HYSTERESIS, LAW, RELAXATION, Memory, memory_columns
+from bayes_greybox.discovery.weighing.laws import Laws
 from bayes_greybox.discovery.weighing.search import SUSPECTS_AT_MOST
 from bayes_greybox.discovery.weighing.sets import LAWFUL, MEMORY, OTHER_LAWS, PLAIN, RECALIBRATED, REST, Sets
 from bayes_greybox.physics.catalogue.effects import Effect
 from bayes_greybox.physics.catalogue.inner_parameter import InnerParameter
-from bayes_greybox.physics.terms import Term
 
 COSINE = Effect(slug="cosine", name="Cosine", domain="test", expression="cos(5*r)")
 TWO_TERMS = {"simulation": {"x": "-x + 0.3*cos(x)"}}
@@ -431,8 +431,8 @@ def test_weighing_refines_the_inner_parameter_and_sums_over_its_values():
 # Laws that are in no catalogue
 
 
-def lawful(hidden, *effects):
-    data = tiny_data(hidden, noise=0.01, n=200)
+def lawful(hidden, *effects, noise=0.01, seed=1):
+    data = tiny_data(hidden, noise=noise, n=200, seed=seed)
     statistics = sufficient_statistics(tiny_model(), data, "x", [on(e) for e in effects])
     return Evaluations(
         statistics, ODDS, Evaluator(statistics.prior, statistics.kernel, np.asarray(statistics.basis.frequency))
@@ -497,32 +497,46 @@ def test_an_effect_with_an_inner_parameter_is_none_of_its_neighbours():
     assert found[0].kind == PLAIN and found[0].effects
 
 
-def test_a_law_at_a_value_of_an_inner_parameter_is_as_likely_as_that_value():
-    known = lawful(lambda x: -0.4 * np.sign(x) * np.exp(-(x**2) / 0.25), FADING)
+@pytest.mark.parametrize(("noise", "seed"), [(0.02, 1), (0.1, 2)])
+def test_a_law_next_to_a_bent_effect_is_summed_over_values_of_its_own(noise, seed):
+    """The effect fits best where the law does not: at its values the law is nothing like as likely as at its own."""
+    known = lawful(
+        lambda x: -0.6 * np.sign(x) * np.sqrt(np.abs(x)) * np.exp(-(x**2) / 0.2), FADING, noise=noise, seed=seed
+    )
     statistics, odds = known.statistics, known.odds
     found = Sets(known, 1).weigh()
-    values = {statistics.columns[i].inner["s"]: i for i in statistics.of_kind("effect")}
-    laws = [e for e in found if e.kind == LAWFUL]
-    (correction,) = statistics.of_kind("correction")
-    assert laws and len(laws) % 2 == 0
-    for e in laws:
-        expr = statistics.columns[e.memory[0]].formula.expr
-        (value,) = [s for s, i in values.items() if expr in (times_root(statistics, i), times_size(statistics, i))]
-        evidence = np.logaddexp(
-            np.log1p(-odds.correction) + dense(known, e.memory),
-            np.log(odds.correction) + dense(known, (correction, *e.memory)),
-        )
-        prior = odds.effects * (1 - odds.remainder) * OTHER_LAWS / 2
-        weight = statistics.columns[values[value]].log_weight
-        assert e.log_weight == pytest.approx(np.log(prior) + weight + evidence, abs=1e-4)
+    assert found[0].kind == LAWFUL and not found[0].effects
+    laws = {statistics.columns[e.memory[0]].law.effect.expression: e for e in found if e.kind == LAWFUL}
+    assert len(laws) == 2
+    (law,) = (e for expression, e in laws.items() if expression.endswith("**0.5"))
+    # Its evidence by a sum over a fine grid of its own, with the weights of a uniform prior on log s.
+    shape = statistics.columns[law.memory[0]].law
+    (least,), (most,) = limits(shape, statistics.rows.columns)
+    values, start = np.geomspace(least * 1.001, most * 0.999, 120), len(statistics.columns)
+    items = at_values(shape, values[:, None], widths(values, least, most), effect=None, law=shape)
+    statistics.add("law", items)
+    integral = np.logaddexp.reduce([v.all for v in known.parametric([(i,) for i in range(start, start + 120)])])
+    prior = odds.effects * (1 - odds.remainder) * OTHER_LAWS / 2
+    assert law.log_weight == pytest.approx(np.log(prior) + integral, abs=0.3)
 
 
-def times_root(statistics, i):
-    return Term(f"({statistics.columns[i].formula.text})*abs(x)**0.5").expr
-
-
-def times_size(statistics, i):
-    return Term(f"({statistics.columns[i].formula.text})*abs(x)").expr
+def test_a_bent_law_that_is_an_effect_at_some_values_is_none_there():
+    """Far below what the data see, tanh(x/s) |x| is x: the catalogue has that."""
+    smooth = Effect(
+        slug="smooth", name="Smooth friction", domain="test", expression="tanh(r/s)",
+        inner=(InnerParameter("s", "width", of="r", low=0.001, high=1.0),),
+    )  # fmt: skip
+    line = Effect(slug="line", name="Line", domain="test", expression="r*abs(r)**0.0001")
+    known = lawful(lambda x: -0.4 * x, smooth, line)
+    (first, *_) = (i for i in known.statistics.of_kind("effect") if known.name(i) == "smooth")
+    laws = Laws(known)
+    every = {known.statistics.columns[law[0]].called: law for law in laws.next_to(first)}
+    own = {known.statistics.columns[law[0]].called: law for law in laws.beside((), (first,), told=False)}
+    (name,) = (each for each in every if each.endswith("abs(x)"))
+    dropped = set(every[name]) - set(own[name])
+    assert dropped and own[name]
+    low = max(known.statistics.columns[i].inner["s"] for i in dropped)
+    assert low < min(known.statistics.columns[i].inner["s"] for i in own[name])
 
 
 # Forces that remember

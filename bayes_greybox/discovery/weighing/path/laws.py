@@ -7,8 +7,11 @@ from dataclasses import replace
 import numpy as np
 
 from bayes_greybox.data.errors import InputError
+from bayes_greybox.discovery.evidence.columns import Nearer
+from bayes_greybox.discovery.evidence.inner_parameters import refine
 from bayes_greybox.physics.terms import Term
 
+from ..worlds import log_noise
 from .near import Near, acting, estimate
 
 CLOSE = 100.0
@@ -19,39 +22,46 @@ def weigh_laws(near: Near, taken: Callable[[Near], Near]) -> None:
     """Put the laws next to what was found on equal footing with it: each is weighed on rows near itself.
 
     A law that fits as well has a path of its own; on rows near another one it fits worse. What rows near itself say
-    more of it is added to its weight.
+    more of it is gained by its set with the errors that it was weighed beside, and by no other.
 
     Args:
         near: The explanation that stays.
         taken: From an explanation to the likeliest one on rows near it.
     """
-    core, columns = near.sets.likeliest(), near.base.statistics.columns
-    # Finer values of an inner parameter are columns that sets under another noise may have for themselves.
-    if any(i >= len(columns) or columns[i].inner for i in core):
-        return
-    places = {i: near.base.laws(i) for i in core}
-    if not any(places.values()):
+    found, core = near.sets.statistics.columns, near.sets.likeliest()
+    # Finer values of an inner parameter are columns that sets under another noise may have for themselves, so that
+    # columns are known by what they are called.
+    errors = tuple(found[i].called for i in core if found[i].suspect is not None)
+    effects = tuple(found[i].called for i in core if found[i].effect is not None)
+    places = {name: laws for name in effects if (laws := near.base.laws.next_to(_places(near)[name]))}
+    if not places:
         return
     # Only now: the laws are columns that were added on the way.
-    known, columns = near.under_noise(), near.base.statistics.columns
-    level = known.parametric(core).all
-    errors = tuple(j for j in core if columns[j].suspect is not None)
-    for i, laws in places.items():
-        # Beside the errors alone: off its own path a law needs the company of others.
-        names = [columns[j].called for j in (*errors, i)]
+    known = near.under_noise()
+    level = near.sets.parametric(core).all
+    beside = tuple(_places(near)[name] for name in errors)
+    for name, laws in places.items():
         for law in laws:
-            if known.parametric((*errors, law)).all < level - CLOSE:
+            # Beside the errors alone: off its own path a law needs the company of others.
+            if max(known.parametric((*beside, i)).all for i in law) < level - CLOSE:
                 continue
-            column = columns[law]
+            called = known.statistics.columns[law[0]].called
             try:
-                here, found = _of_law(near, names, column.formula.text)
-                there, found = _of_law(taken(near._replace(found=found)), names, column.formula.text)
-                there, _ = _of_law(taken(near._replace(found=found)), names, column.formula.text)
+                here, path = _of_law(near, (*errors, name), called)
+                _, path = _of_law(taken(near._replace(found=path)), (*errors, name), called)
+                there, _ = _of_law(taken(near._replace(found=path)), (*errors, name), called)
             except (InputError, LookupError, np.linalg.LinAlgError):
                 # Rows near another law may not have what stands beside it; it stays where it is.
                 continue
-            columns[law] = replace(column, log_weight=max(there - here, 0.0))
+            nearer, columns = Nearer(max(there - here, 0.0), frozenset(errors)), near.base.statistics.columns
+            for i in near.base.evaluations.group(law[0]):
+                columns[i] = replace(columns[i], nearer=nearer)
     near.base.reweigh()
+
+
+def _places(near: Near) -> dict[str, int]:
+    """Columns of effects and errors on rows near a model, by what they are called: any of those by inner parameter."""
+    return {c.called: i for i, c in enumerate(near.base.statistics.columns) if c.kind in ("effect", "suspect")}
 
 
 def _of_law(near: Near, names: Sequence[str], law: str) -> tuple[float, tuple[tuple[Term, float], ...]]:
@@ -60,14 +70,13 @@ def _of_law(near: Near, names: Sequence[str], law: str) -> tuple[float, tuple[tu
     Raises:
         LookupError: One of them is no column of these rows.
     """
-    own = {c.called: i for i, c in enumerate(near.base.statistics.columns) if c.kind in ("effect", "suspect")}
-    core = [own[name] for name in names]
-    each = near.base.laws(core[-1])
-    columns = near.base.statistics.columns
-    core[-1] = {columns[i].formula.text: i for i in each}[law]
+    *beside, effect = [_places(near)[name] for name in names]
+    laws = near.base.laws.next_to(effect)
+    group = {near.base.statistics.columns[each[0]].called: each for each in laws}[law]
     sets = near.under_noise()
-    estimated, values, _ = estimate(sets, core)
+    group = refine(sets.evaluations, beside, group)
+    each = [fitted.all for fitted in sets.evaluations.parametric([(*beside, i) for i in group])]
+    estimated, values, _ = estimate(sets, (*beside, group[int(np.argmax(each))]))
     unit = sets.statistics.target_scale * sets.statistics.rows.gain
-    value = sets.parametric(core).all - sum(columns[i].log_weight for i in core)
-    value -= 0.5 * near.noise.noise.log_det + sets.statistics.rows.n_row * math.log(unit)
-    return value, acting(estimated, values)
+    value = float(np.logaddexp.reduce(each)) + log_noise(near.noise, sets.odds)
+    return value - sets.statistics.rows.n_row * math.log(unit), acting(estimated, values)

@@ -30,7 +30,7 @@ from bayes_greybox.physics.terms import Term
 
 from ..alignment import modelled_rate
 from ..sets import Sets
-from ..worlds import under
+from ..worlds import log_noise, under
 from .sensors import Suspected, freed
 
 STAYS = 0.3
@@ -235,10 +235,10 @@ def _unfollowed(rows: EquationRows) -> list[NoiseModel]:
 
 
 def _log_evidence(sets: Sets, noise: NoiseModel, core: Sequence[int] | None = None) -> float:
-    """Of a set without a rest, prior included, by default the likeliest; summed over values of each inner parameter."""
+    """Of a set without a rest, all priors included, by default the likeliest; inner parameters are summed over."""
     core, known = sets.likeliest() if core is None else tuple(core), sets.evaluations
     top = sets.parametric(core).all
-    total = top + sets.log_prior(core) - 0.5 * noise.noise.log_det
+    total = top + sets.log_prior(core) + sets.log_beside(core) + log_noise(noise, sets.odds)
     for index in core:
         if sets.statistics.columns[index].inner:
             values = [tuple(other if i == index else i for i in core) for other in known.group(index)]

@@ -11,7 +11,7 @@ import numpy as np
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.evidence.odds import Odds
-from bayes_greybox.discovery.suspects.channels import ChannelSuspect
+from bayes_greybox.discovery.suspects.channels import DELAY, ChannelSuspect
 from bayes_greybox.model.estimate.near import near_estimate
 from bayes_greybox.model.noise.noise_model import NoiseModel
 from bayes_greybox.model.program import Program
@@ -28,6 +28,11 @@ TURNS = 5
 FALLS = 3.0
 """Nats by which the evidence may be less on rows near an error of a sensor than it was without: odds of twenty. Beyond,
 the error looked likely only near something else."""
+
+
+BEHIND = 3.0
+"""Nats by which held inputs may be behind straight lines before noise and sensors are suspected, and still be followed
+to the end: odds of twenty."""
 
 
 class Settled(NamedTuple):
@@ -86,12 +91,17 @@ class Turns:
         other = replace(self, model=replace(self.model, rows=self.model.rows.held()))
         try:
             held = other._begun()
-            # Errors of sensors are not suspected yet, and one of them may be what looks like held inputs.
-            other_end = other._ended(held) if self._likelier(held, begun) else None
+            # What decides is not known yet: either's noise, and errors of sensors, of which one may be what looks like
+            # held inputs, or like inputs that are not. So prior odds do not count here.
+            other_end = other._ended(held) if held.log_evidence > begun.log_evidence - BEHIND else None
         except (InputError, np.linalg.LinAlgError):
             other_end = None
         ended = self._ended(begun)
-        return other_end if other_end is not None and self._likelier(other_end.near, ended.near) else ended
+        if other_end is None or not self._likelier(other_end.near, ended.near):
+            return ended
+        # Half a step late is what holding does: inputs that are held and early are not held.
+        undone = _delayed(other_end.near) and not _delayed(ended.near)
+        return ended if undone else other_end
 
     def _begun(self) -> Near:
         """The likeliest explanation on rows near the one that was likeliest on rows near the model.
@@ -174,6 +184,11 @@ def _stayed(near: Near, taken: Callable[..., Near]) -> Near:
             return near
     # Two explanations may lead to each other by turns.
     return best or near
+
+
+def _delayed(near: Near) -> bool:
+    """Whether a delay was found."""
+    return any(suspect.kind == DELAY for suspect in near.sensors)
 
 
 def _errors(near: Near) -> frozenset[str]:
