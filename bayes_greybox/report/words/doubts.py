@@ -178,8 +178,13 @@ def _free_run(study: StudyResult) -> Doubt:
         return Doubt("Free run", "; ".join([*texts, *([f"{failing} {where}"] if failing else [])]), True)
     idle = not_helped(study.gap)
     if not added(study).size and study.verdict in ("no gap", "instrument", "unknown"):
-        if set(idle) == set(errors.index):
+        # What the integrator alone makes of it is no change.
+        alike = all(share_text(row["before"]) == share_text(row["after"]) for row in errors.to_dict("records"))
+        if alike or set(idle) == set(errors.index):
             return Doubt("Free run", f"nothing was added, so it stays as it is {change(errors.index)}", False)
+        if study.verdict == "instrument":
+            text = f"no effect was added, and what was found of the sensors does this {change(errors.index)}"
+            return Doubt("Free run", text, False)
         # Where nothing has a name the model after holds f.
         return Doubt("Free run", f"no name was added, and f of any shape does this {change(errors.index)}", False)
     if idle:
