@@ -258,3 +258,13 @@ def test_probabilities_are_never_rounded_to_certainty():
     assert [spaced(percent_text(s)) for s in shares] == [
         "100 %", "> 99.9 %", "45.7 %", "1.2 %", "0.46 %", "< 0.01 %", "0 %", "−50.0 %", "–",
     ]  # fmt: skip
+
+
+def test_a_gap_that_stayed_as_it_was_is_drawn_once():
+    t = np.linspace(0, 10, 101)
+    figure = plot_gap_over_time(
+        t, bands(np.sin(t)), bands(np.sin(t)), equation="v", threshold=2.0, probability=np.zeros(101)
+    )
+    labels = {text.get_text() for text in figure.legends[0].get_texts()}
+    # Nothing is in the legend that is not in the figure.
+    assert labels == {"before and after", "± threshold"}

@@ -76,17 +76,22 @@ def plot_gap_over_time(
     """
     rows, note = rows_of_runs(len(time), run)
     panels = _panels(rows, width, axes)
+    # One line over the other would hide it, and the legend speak of what nobody sees.
+    same = np.allclose(before, after, rtol=1e-6, atol=1e-6 * float(np.nanmax(np.abs(after))), equal_nan=True)
     for index, (ax, chosen) in enumerate(zip(panels, rows, strict=True)):
         ax.axhline(0.0, color=GREY, linewidth=0.8, zorder=0)
         draw_threshold(ax, threshold)
-        _draw_band(ax, time[chosen], before[:, chosen], ORANGE, "before")
-        _draw_band(ax, time[chosen], after[:, chosen], BLUE, "after")
+        if same:
+            _draw_band(ax, time[chosen], after[:, chosen], BLUE, "before and after")
+        else:
+            _draw_band(ax, time[chosen], before[:, chosen], ORANGE, "before")
+            _draw_band(ax, time[chosen], after[:, chosen], BLUE, "after")
         if probability is not None:
             sure = probability[chosen] > SURE
             stretches = _stretches(time[chosen], sure)
-            at = np.full(len(stretches), 0.02)
+            at, label = np.full(len(stretches), 0.02), f"P(beyond threshold) > {SURE:g}"
             ax.hlines(at, stretches[:, 0], stretches[:, 1], transform=ax.get_xaxis_transform(), color=DARK,
-                      linewidth=5, label=f"P(beyond threshold) > {SURE:g}")  # fmt: skip
+                      linewidth=5, label=label if len(stretches) else None)  # fmt: skip
         if len(rows) > 1:
             name_run(ax, index, run_names)
         ax.margins(x=0.01, y=0.12)
@@ -225,7 +230,8 @@ def _label(panels: list[Axes], quantity: str, time: str, own: bool) -> None:
     else:
         panels[0].set_ylabel(quantity)
     handles = {str(h.get_label()): h for ax in reversed(panels) for h in ax.get_legend_handles_labels()[0]}
-    order = [label for label in ("measured", "before", "after", "model", "± threshold") if label in handles]
+    first = ("measured", "before", "after", "before and after", "model", "± threshold")
+    order = [label for label in first if label in handles]
     order += [label for label in handles if label not in order]
     # What a band holds is a long label.
     widest = _NARROW + 0.06 * max(0, sum(map(len, order)) - 50)
