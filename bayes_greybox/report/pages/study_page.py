@@ -129,7 +129,9 @@ def _alerts(study: StudyResult) -> list[str]:
 
 def _cards(study: StudyResult) -> list[Card]:
     table = study.gap.xs(shown_part(study), level=0)
-    cards, denied = [], bool(added(study).size and (worsened(study.gap) or not_helped(study.gap)))
+    # f of any shape takes up a gap and explains nothing, and a free run may see none of it.
+    denied = study.verdict == "unknown" or bool(added(study).size and (worsened(study.gap) or not_helped(study.gap)))
+    cards = []
     for metric in METRICS:
         if metric not in table.index.get_level_values(0):
             continue
