@@ -395,6 +395,7 @@ def test_what_is_folded_or_scrolled_is_printed():
     printed = style.split("@media print {")[1].split("</style>")[0]
     assert "details::details-content { content-visibility: visible" in printed
     assert ".scroll, .equation, pre { overflow: visible; }" in printed and "white-space: pre-wrap" in printed
+    assert "@page { margin: 14mm 12mm; }" in printed
     # What is longer than a sheet cannot stay together.
     assert "section" not in printed
 
