@@ -31,6 +31,8 @@ from .gap_map import SURE, draw_threshold
 _CLOSE = 1 / 400
 # Width in inches below which four labels of a legend do not fit in a row.
 _NARROW = 6.0
+# Characters of three labels that fit in a row there.
+_WIDE = 45
 # Characters of a label that fit beside another one there.
 _LABEL = 34
 # Rows up to which measurements are drawn as points.
@@ -236,4 +238,9 @@ def _label(panels: list[Axes], quantity: str, time: str, own: bool) -> None:
     # What a band holds is a long label.
     widest = _NARROW + 0.06 * max(0, sum(map(len, order)) - 50)
     narrow = figure_of(panels[0]).get_figwidth() < widest
-    place_legend(panels[0], own, [handles[label] for label in order], 2 if narrow and len(order) > 3 else None)
+    place_legend(
+        panels[0],
+        own,
+        [handles[label] for label in order],
+        2 if narrow and (len(order) > 3 or sum(map(len, order)) > _WIDE) else None,
+    )
