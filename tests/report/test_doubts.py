@@ -246,3 +246,12 @@ def test_a_free_run_that_nothing_changed_is_not_said_to_be_the_work_of_f(study):
     assert "what was found of the sensors does this" in run.text
     (run,) = by_topic(replace(study, verdict="unknown", **idle), "Free run")
     assert "f of any shape does this" in run.text
+
+
+def test_a_sampler_that_disagrees_with_the_tables_is_said_to(study):
+    assert "disagrees" not in by_topic(study, "Sampler")[0].text
+    effects = study.effects.copy()
+    off = (effects["status"] != "").to_numpy()
+    effects.loc[off, "mean"] = effects.loc[off, "mean"] + 100 * effects.loc[off, "sd"]
+    (sampler,) = by_topic(replace(study, effects=effects), "Sampler")
+    assert sampler.against and "fit disagrees with the tables: its coefficient of cubic stiffness is" in sampler.text

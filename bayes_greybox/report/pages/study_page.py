@@ -11,6 +11,7 @@ from bayes_greybox.discovery.answer.gap.table import NO_SHARES
 from bayes_greybox.discovery.learned import studied_system
 from bayes_greybox.discovery.study import StudyResult
 from bayes_greybox.report.words.doubts import doubts
+from bayes_greybox.report.words.formatting import unbroken
 from bayes_greybox.report.words.sentence import sentence
 from bayes_greybox.report.words.study import (
     METRICS,
@@ -76,7 +77,7 @@ def study_page(study: StudyResult, config: str | None = None) -> Page:
     return Page(
         title=f"Missing-effect study: {study.verdict}",
         kind="bayes_greybox · missing-effect study",
-        headline=sentence(study),
+        headline=unbroken(sentence(study)),
         badges=_badges(study),
         facts=_facts(study),
         alerts=_alerts(study),
@@ -104,7 +105,7 @@ def _badges(study: StudyResult) -> list[Badge]:
 def _findings(study: StudyResult) -> list[Finding]:
     """What speaks against the verdict first."""
     tones = {True: "bad", None: "quiet", False: "good"}
-    found = [Finding(each.topic, each.text, tones[each.against]) for each in doubts(study)]
+    found = [Finding(each.topic, unbroken(each.text), tones[each.against]) for each in doubts(study)]
     return sorted(found, key=lambda finding: finding.tone != "bad")
 
 

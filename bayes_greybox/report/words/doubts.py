@@ -14,6 +14,7 @@ from bayes_greybox.discovery.study import StudyResult, left_in_words, worse_in_w
 from bayes_greybox.discovery.suspects.channels import DELAY_STEPS
 
 from .formatting import listed, number, numbers_in, p_text, probability_text, share_text
+from .sampled import sampled_elsewhere
 from .study import (
     added,
     answer,
@@ -206,7 +207,12 @@ def _fails_sooner(study: StudyResult) -> str:
 def _sampler(study: StudyResult) -> Doubt:
     if study.fit is None:
         return Doubt("Sampler", "not sampled: coefficients are those of the closed form", None)
-    verdict = convergence(study.fit)
+    verdict, elsewhere = convergence(study.fit), sampled_elsewhere(study)
+    if elsewhere:
+        also = "" if verdict.ok else f", and it did not converge: {' '.join(verdict.reasons)}"
+        return Doubt(
+            "Sampler", f"the amended model's fit disagrees with the tables: {'; '.join(elsewhere)}{also}", True
+        )
     if verdict.ok:
         return Doubt("Sampler", "every convergence check of the amended model's fit passed", False)
     return Doubt("Sampler", f"the amended model's fit did not converge: {' '.join(verdict.reasons)}", True)
