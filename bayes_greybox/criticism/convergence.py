@@ -207,9 +207,9 @@ def _mixing(table: pd.DataFrame, n_chain: int, n_draw: int) -> Iterator[str]:
     if high:
         worst = max(high, key=lambda name: high[name])
         yield (
-            f"R̂ is {high[worst]:.3g} for {worst}{_others(high)}, above {MAX_R_HAT}: the chains disagree; "
-            "raise tune and draws, and if it stays, look at the chains for several modes (a kernel that is "
-            "not orthogonal to the dictionary makes them)."
+            f"R̂ is {_beyond(high[worst], MAX_R_HAT)} for {worst}, above {MAX_R_HAT}{_others(high)}: "
+            "the chains disagree; raise tune and draws, and if it stays, look at the chains for several modes (a "
+            "kernel that is not orthogonal to the dictionary makes them)."
         )
     if n_chain * n_draw < MIN_ESS:
         yield (
@@ -224,8 +224,8 @@ def _mixing(table: pd.DataFrame, n_chain: int, n_draw: int) -> Iterator[str]:
             # As many draws as would bring the worst one to the threshold, with a quarter to spare.
             needed = math.ceil(1.25 * n_draw * MIN_ESS / max(low[worst], 1.0) / 100) * 100
             yield (
-                f"The {what} effective sample size is {low[worst]:.0f} for {worst}{_others(low)}, below "
-                f"{MIN_ESS}: raise draws to about {needed}."
+                f"The {what} effective sample size is {low[worst]:.0f} for {worst}, below {MIN_ESS}{_others(low)}: "
+                f"raise draws to about {needed}."
             )
 
 
@@ -235,7 +235,13 @@ def _values(table: pd.DataFrame, column: str) -> Iterator[tuple[str, float]]:
 
 def _others(found: dict) -> str:
     count = len(found) - 1
-    return f" and beyond the limit for {count} more" if count else ""
+    return f", as it is for {count} more" if count else ""
+
+
+def _beyond(value: float, limit: float) -> str:
+    """A number with digits enough to be seen beyond its limit: 1.0103, not 1.01, above 1.01."""
+    texts = [f"{value:.{digits}g}" for digits in range(3, 9)]
+    return next((text for text in texts if float(text) > limit), texts[-1])
 
 
 def _divergences(diverging: np.ndarray) -> Iterator[str]:

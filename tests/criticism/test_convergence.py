@@ -5,7 +5,13 @@ import pytest
 from fabricated import fabricate, oscillator
 
 from bayes_greybox import greybox
-from bayes_greybox.criticism.convergence import boundary_needed, convergence, convergence_table, features_needed
+from bayes_greybox.criticism.convergence import (
+    _beyond,
+    boundary_needed,
+    convergence,
+    convergence_table,
+    features_needed,
+)
 from bayes_greybox.model.gp.discrepancy import OrthogonalGP
 from bayes_greybox.model.program import Program
 
@@ -250,3 +256,7 @@ def test_features_that_a_wider_domain_needs_may_be_too_many(data, monkeypatch):
     # Nothing but what is asked for on the wider domain, (12, 15), is beyond this.
     monkeypatch.setattr(greybox, "LARGEST_BASIS", 150)
     assert greybox._refined(model, gp, posterior) is None
+
+
+def test_a_number_is_seen_beyond_its_limit():
+    assert _beyond(1.0103, 1.01) == "1.0103" and _beyond(1.224, 1.01) == "1.22"

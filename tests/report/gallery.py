@@ -152,7 +152,7 @@ MADE: dict[str, Callable[[], Any]] = {
     "instrument": lambda: _pair(late=0.08),
     "one-of": lambda: _pair(missing=_cubic, size=0.5, noise=0.3, n=150),
     "unknown": lambda: _pair(missing=_bump, n=150),
-    "partly-named": lambda: _pair(missing=lambda y, v: 3.0 * v * abs(v) + _bump(y, v), n=150),
+    "partly-named": lambda: _pair(missing=lambda y, v: 3.0 * v * abs(v) + 0.1 * _bump(y, v), n=150),
     "fit": _fit,
     "fit-not-converged": lambda: _fit(draws=40),
     "comparison": _compared,

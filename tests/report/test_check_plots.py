@@ -51,3 +51,6 @@ def test_predictive_draws_stand_beside_the_measured_rows():
     np.testing.assert_array_equal(line(right, "measured").get_xdata(), np.sort(measured))
     assert left.get_xlim()[0] <= measured.min() and left.get_xlim()[1] >= measured.max()
     assert len(right.get_lines()) == 61
+    # One of many pale curves is not to be seen alone.
+    predicted = figure.legends[0].legend_handles[0]
+    assert predicted.get_label() == "predicted" and predicted.get_alpha() == 1.0

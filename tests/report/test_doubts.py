@@ -230,3 +230,28 @@ def test_suspects_have_a_size_in_their_unit_and_in_samples(study):
     weighed = dict(suspects_weighed(study))
     assert spaced(weighed["Delay of d(ydot)/dt, all states together, y, ydot, F"]) == "0.020 each; size ± 2 samples"
     assert suspects_weighed(replace(study, settings={})) == []
+
+
+def test_a_free_run_that_nothing_changed_is_not_said_to_be_the_work_of_f(study):
+    gap = study.gap.copy()
+    runs = gap.index.get_level_values("metric") == "free-run NRMSE"
+    # Nothing but what the integrator makes of it.
+    gap.loc[runs, ["before", "after"]] = (3e-6, 2e-6)
+    idle = {"gap": gap, "effects": study.effects.assign(status="")}
+    for verdict in ("no gap", "instrument", "unknown"):
+        (run,) = by_topic(replace(study, verdict=verdict, **idle), "Free run")
+        assert run.against is False and run.text.startswith("Nothing was added, so it stays as it is")
+    gap.loc[runs, ["before", "after"]] = (0.3, 0.2)
+    (run,) = by_topic(replace(study, verdict="instrument", **idle), "Free run")
+    assert "what was found of the sensors does this" in run.text
+    (run,) = by_topic(replace(study, verdict="unknown", **idle), "Free run")
+    assert "f of any shape does this" in run.text
+
+
+def test_a_sampler_that_disagrees_with_the_tables_is_said_to(study):
+    assert "disagrees" not in by_topic(study, "Sampler")[0].text
+    effects = study.effects.copy()
+    off = (effects["status"] != "").to_numpy()
+    effects.loc[off, "mean"] = effects.loc[off, "mean"] + 100 * effects.loc[off, "sd"]
+    (sampler,) = by_topic(replace(study, effects=effects), "Sampler")
+    assert sampler.against and "fit disagrees with the tables: its coefficient of cubic stiffness is" in sampler.text

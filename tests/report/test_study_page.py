@@ -36,6 +36,7 @@ from bayes_greybox.report.words.formatting import (
     probability_text,
     share_interval,
     share_text,
+    unbroken,
 )
 from bayes_greybox.report.words.sentence import sentence
 from bayes_greybox.report.words.study import closed_share, closed_text, metric_interval, metric_value, name_of
@@ -318,6 +319,7 @@ def test_the_terminal_has_the_sentence_first_and_fits_80_columns(study):
         (number(20240101), "20240101"),
         (settings_rows({"seed": 20240101, "runs": [1234567, 2]}), [("seed", "20240101"), ("runs", "1234567, 2")]),
         (nats(-12345.67), "−12345.7"),
+        (nats(-432.0, 2), "−432.00"),
         (pareto(float("-inf")), "–"),
         (number(1.23e-7), "1.23·10⁻⁷"),
         (number(np.float64(0.12345)), "0.123"),
@@ -386,3 +388,41 @@ def test_small_numbers_keep_their_digits_in_the_record(study):
 )
 def test_numbers_in_a_region_are_written_as_elsewhere(text, shown):
     assert numbers_in(text) == shown
+
+
+def test_what_is_folded_or_scrolled_is_printed():
+    style = render(Page("", "", "", sections=[Section("one", "One", "", [Table(("a",), [("b",)], "c")])]))
+    printed = style.split("@media print {")[1].split("</style>")[0]
+    assert "details::details-content { content-visibility: visible" in printed
+    assert ".scroll, .equation, pre { overflow: visible; }" in printed and "white-space: pre-wrap" in printed
+    assert "@page { margin: 14mm 12mm; }" in printed
+    # What is longer than a sheet cannot stay together.
+    assert "section" not in printed
+
+
+def test_a_hypothesis_has_one_probability_on_a_page(study):
+    table = study.hypotheses.copy()
+    (equation, size), row = next(iter(study.rounds.iterrows()))
+    table.loc[(equation, row["verdict"]), "probability"] = 0.123
+    page = outline(study, hypotheses=table, **PLAIN)
+    sets = page.text.split("The likeliest set of each size, and the runner-up")[1]
+    assert "0.123" in sets.split("Can the sampler be trusted?")[0]
+    # Two measures, two names.
+    assert "left by its columns" in sets and "gap left" not in sets
+
+
+def test_f_of_any_shape_closes_nothing(study):
+    unnamed = {"verdict": "unknown", "effects": study.effects.assign(status=""), "ties": []}
+    page = outline(study, **unnamed, **PLAIN)
+    assert "of the gap closed" not in page.text and "lower by" in page.text
+    assert "taken up by f" in page.text and "taken up by f" not in outline(study, **PLAIN).text
+
+
+def test_errors_of_free_runs_and_their_intervals_are_explained(study):
+    assert "may thus lie below its interval" in outline(study, **PLAIN).text
+
+
+def test_a_line_does_not_end_between_a_number_and_its_unit():
+    assert unbroken("t = 0 to 2.475 s") == "t = 0 to 2.475\u00a0s"
+    assert unbroken("y < −0.4 m and v > 2 m/s") == "y < −0.4\u00a0m and v > 2\u00a0m/s"
+    assert unbroken("0.1 < y < 2") == "0.1 < y < 2"

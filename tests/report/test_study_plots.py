@@ -126,10 +126,11 @@ def test_stretches_that_nearly_touch_are_one():
 
 
 @pytest.mark.parametrize("width", [9.0, 4.6])
-def test_labels_of_the_legend_stay_inside_the_figure(width):
+@pytest.mark.parametrize("left", [0.0, 1.0])
+def test_labels_of_the_legend_stay_inside_the_figure(width, left):
     t = np.linspace(0, 10, 101)
     figure = plot_gap_over_time(
-        t, bands(np.sin(t)), bands(0 * t), equation="v", threshold=0.2, probability=np.ones(101), width=width
+        t, bands(np.sin(t)), bands(left * np.sin(t)), equation="v", threshold=0.2, probability=np.ones(101), width=width
     )
     figure.canvas.draw()
     box = figure.legends[0].get_window_extent()
@@ -258,3 +259,13 @@ def test_probabilities_are_never_rounded_to_certainty():
     assert [spaced(percent_text(s)) for s in shares] == [
         "100 %", "> 99.9 %", "45.7 %", "1.2 %", "0.46 %", "< 0.01 %", "0 %", "−50.0 %", "–",
     ]  # fmt: skip
+
+
+def test_a_gap_that_stayed_as_it_was_is_drawn_once():
+    t = np.linspace(0, 10, 101)
+    figure = plot_gap_over_time(
+        t, bands(np.sin(t)), bands(np.sin(t)), equation="v", threshold=2.0, probability=np.zeros(101)
+    )
+    labels = {text.get_text() for text in figure.legends[0].get_texts()}
+    # Nothing is in the legend that is not in the figure.
+    assert labels == {"before and after", "± threshold"}

@@ -11,6 +11,7 @@ from bayes_greybox.discovery.answer.gap.table import NO_SHARES
 from bayes_greybox.discovery.learned import studied_system
 from bayes_greybox.discovery.study import StudyResult
 from bayes_greybox.report.words.doubts import doubts
+from bayes_greybox.report.words.formatting import unbroken
 from bayes_greybox.report.words.sentence import sentence
 from bayes_greybox.report.words.study import (
     METRICS,
@@ -76,7 +77,7 @@ def study_page(study: StudyResult, config: str | None = None) -> Page:
     return Page(
         title=f"Missing-effect study: {study.verdict}",
         kind="bayes_greybox · missing-effect study",
-        headline=sentence(study),
+        headline=unbroken(sentence(study)),
         badges=_badges(study),
         facts=_facts(study),
         alerts=_alerts(study),
@@ -104,7 +105,7 @@ def _badges(study: StudyResult) -> list[Badge]:
 def _findings(study: StudyResult) -> list[Finding]:
     """What speaks against the verdict first."""
     tones = {True: "bad", None: "quiet", False: "good"}
-    found = [Finding(each.topic, each.text, tones[each.against]) for each in doubts(study)]
+    found = [Finding(each.topic, unbroken(each.text), tones[each.against]) for each in doubts(study)]
     return sorted(found, key=lambda finding: finding.tone != "bad")
 
 
@@ -129,7 +130,9 @@ def _alerts(study: StudyResult) -> list[str]:
 
 def _cards(study: StudyResult) -> list[Card]:
     table = study.gap.xs(shown_part(study), level=0)
-    cards, denied = [], bool(added(study).size and (worsened(study.gap) or not_helped(study.gap)))
+    # f of any shape takes up a gap and explains nothing, and a free run may see none of it.
+    denied = study.verdict == "unknown" or bool(added(study).size and (worsened(study.gap) or not_helped(study.gap)))
+    cards = []
     for metric in METRICS:
         if metric not in table.index.get_level_values(0):
             continue

@@ -12,18 +12,21 @@ from bayes_greybox.discovery.study import StudyResult
 from bayes_greybox.discovery.suspects.channels import DELAY
 from bayes_greybox.report import plots as figures
 from bayes_greybox.report.equations.text import as_simulation
+from bayes_greybox.report.plots.gap.gap_map import SURE
 from bayes_greybox.report.plots.studies import gap_parts
 from bayes_greybox.report.words.doubts import NOTABLE
 from bayes_greybox.report.words.formatting import (
     estimate,
     formula,
     interval,
+    nats,
     number,
     numbers_in,
     percent_text,
     probability_text,
     quantity,
     share_text,
+    unbroken,
 )
 from bayes_greybox.report.words.study import (
     LIKELY,
@@ -136,7 +139,12 @@ def gap_numbers(study: StudyResult) -> Section:
     captions = {"test": "On held-out data", "train": "On the training data"}
     known = set(study.gap.index.get_level_values(0))
     blocks = [_gap(study, part, caption) for part, caption in captions.items() if part in known]
-    return Section("gap", "The gap in numbers", "", blocks)
+    lead = "Before and after are of the mean over the posterior draws, intervals of single draws."
+    if "free-run NRMSE" in study.gap.index.get_level_values("metric"):
+        lead += " Errors of single draws cancel in the mean of a free run, whose own may thus lie below its interval."
+    if not added(study).size and study.verdict == "unknown":
+        lead += " Nothing was named: what is lower after is taken up by f, which may have any shape."
+    return Section("gap", "The gap in numbers", lead, blocks)
 
 
 def sets(study: StudyResult) -> Section | None:
@@ -145,24 +153,27 @@ def sets(study: StudyResult) -> Section | None:
         return None
     alt = "Share of the gap that the likeliest set of each size leaves"
     shown = [picture(figures.rounds(study, name), f"{alt}, {_rate(study, name)}") for name in _equations(study.rounds)]
+    known = study.hypotheses["probability"].to_dict()
     rows = [
         (
             _rate(study, equation),
             str(k - 1),
             set_label(study, row["verdict"]),
-            probability_text(row["probability"]),
+            # What is unknown has more than the sets without an effect: all that others may imitate.
+            probability_text(known.get((equation, row["verdict"]), row["probability"])),
             share_text(row["share_left"]),
             name_of(study, row["runner_up"]) or "–",
-            probability_text(row["runner_up_probability"]),
+            probability_text(known.get((equation, row["runner_up"]), row["runner_up_probability"])),
         )
         for (equation, k), row in _records(study.rounds)
     ]
-    columns = ("equation", "#effects", "likeliest", "#probability", "#gap left", "runner-up", "#its probability")
+    heads = ("equation", "#effects", "likeliest", "#probability", "#left by its columns", "runner-up")
     lead = (
         "Effects are weighed as sets: the likeliest one with no effect, with one, with two, and what the columns of "
-        "each leave of the gap. Effects that show only together are found together."
+        "each leave of the gap where they take all that they can. Beside a rest of any shape they may take less, which "
+        "the “gap left” above counts. Effects that show only together are found together."
     )
-    table = _table(study, columns, rows, "The likeliest set of each size, and the runner-up")
+    table = _table(study, (*heads, "#its probability"), rows, "The likeliest set of each size, and the runner-up")
     return Section("sets", "The likeliest sets of effects", lead, [Pictures(shown), table])
 
 
@@ -277,11 +288,14 @@ def _maps(study: StudyResult, equation: str) -> list[Picture]:
         shown = [picture(figures.gap_map(study, equation), f"{over}, before and after")]
     if equation not in study.traces:
         return shown
-    event = f"|gap| > {quantity(gap.threshold, gap.unit)}"
+    event = f"P(|gap| > {quantity(gap.threshold, gap.unit)}) > {SURE:g}"
+    probability = study.traces[equation].probability
+    sure = probability is not None and bool((probability > SURE).any())
+    bars = f"Thick bars at the bottom: {event}" if sure else f"Nowhere is {event}"
     along = time_picture(
         lambda width: figures.gap_over_time(study, equation, width),
         f"Gap in {_rate(study, equation)} along the training data, before and after",
-        f"Bands hold 90\u00a0%. Thick bars at the bottom: P({event}) > 0.9 for the simulation as given.",
+        f"Bands hold 90\u00a0%. {bars} for the simulation as given.",
     )
     return [*shown, along]
 
@@ -289,7 +303,7 @@ def _maps(study: StudyResult, equation: str) -> list[Picture]:
 def _regions(study: StudyResult) -> Table:
     rows = [
         (
-            numbers_in(row["description"]),
+            unbroken(numbers_in(row["description"])),
             _rate(study, row["equation"]),
             probability_text(row["probability"]),
             share_text(row["gap_share"]),
@@ -344,7 +358,7 @@ def _hypotheses(study: StudyResult) -> Table:
             name_of(study, slug),
             _rate(study, equation),
             probability_text(row["probability"]),
-            number(row["log_evidence"], 5),
+            nats(row["log_evidence"], 2),
             share_text(row["share_left"]),
         )
         for (equation, slug), row in _records(table)

@@ -1,6 +1,7 @@
 """What the pages of studies, fits and comparisons have in common: settings, convergence, the last line."""
 
 import dataclasses
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
@@ -104,6 +105,8 @@ _HEADS = {"r_hat": "R̂", "ess_bulk": "bulk ESS", "ess_tail": "tail ESS"}
 def _cell(column: str, value: Any) -> str:
     if column == "unit":
         return unit_text(value) or "–"
+    if column == "r_hat" and math.isfinite(value):
+        return f"{value:.3f}"
     return count_text(value) if column.startswith("ess") else number(value, 4)
 
 

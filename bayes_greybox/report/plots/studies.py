@@ -13,8 +13,9 @@ from bayes_greybox.report.plots.gap.before_after import plot_free_run, plot_gap_
 from bayes_greybox.report.plots.gap.gap_map import plot_gap_curve, plot_gap_map
 from bayes_greybox.report.plots.gap.posteriors import Coefficient, plot_posteriors
 from bayes_greybox.report.plots.gap.ranking import plot_hypotheses, plot_rounds
-from bayes_greybox.report.plots.study_numbers import added_draws, normal_band, support
+from bayes_greybox.report.plots.study_numbers import normal_band, support
 from bayes_greybox.report.words.formatting import formula
+from bayes_greybox.report.words.sampled import added_draws
 from bayes_greybox.report.words.study import added, answer, name_of, set_label, shown_part, tied_sets
 
 MOST_HYPOTHESES, FEWEST_HYPOTHESES = 10, 3

@@ -11,6 +11,7 @@ from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
+from matplotlib.lines import Line2D
 from matplotlib.mathtext import MathTextParser
 
 from bayes_greybox.data.errors import InputError
@@ -87,9 +88,14 @@ def place_legend(ax: Axes, own: bool, handles: Sequence[Artist] | None = None, c
     shown = list(handles) if handles is not None else ax.get_legend_handles_labels()[0]
     labels = [str(handle.get_label()) for handle in shown]
     if own:
-        figure_of(ax).legend(shown, labels, loc="outside lower left", ncols=columns or len(shown), columnspacing=1.5)
+        place = {"loc": "outside lower left", "ncols": columns or len(shown), "columnspacing": 1.5}
+        legend = figure_of(ax).legend(shown, labels, **place)
     else:
-        ax.legend(shown, labels, loc="best")
+        legend = ax.legend(shown, labels, loc="best")
+    for handle in legend.legend_handles:
+        # One of many curves is pale, and its line in the legend alone: not to be seen where the page is dark.
+        if isinstance(handle, Line2D):
+            handle.set_alpha(1.0)
 
 
 def given_axes(axes: Sequence[Axes] | np.ndarray, needed: int, order: str) -> list[Axes]:

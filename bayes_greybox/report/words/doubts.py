@@ -14,6 +14,7 @@ from bayes_greybox.discovery.study import StudyResult, left_in_words, worse_in_w
 from bayes_greybox.discovery.suspects.channels import DELAY_STEPS
 
 from .formatting import listed, number, numbers_in, p_text, probability_text, share_text
+from .sampled import sampled_elsewhere
 from .study import (
     added,
     answer,
@@ -178,8 +179,13 @@ def _free_run(study: StudyResult) -> Doubt:
         return Doubt("Free run", "; ".join([*texts, *([f"{failing} {where}"] if failing else [])]), True)
     idle = not_helped(study.gap)
     if not added(study).size and study.verdict in ("no gap", "instrument", "unknown"):
-        if set(idle) == set(errors.index):
+        # What the integrator alone makes of it is no change.
+        alike = all(share_text(row["before"]) == share_text(row["after"]) for row in errors.to_dict("records"))
+        if alike or set(idle) == set(errors.index):
             return Doubt("Free run", f"nothing was added, so it stays as it is {change(errors.index)}", False)
+        if study.verdict == "instrument":
+            text = f"no effect was added, and what was found of the sensors does this {change(errors.index)}"
+            return Doubt("Free run", text, False)
         # Where nothing has a name the model after holds f.
         return Doubt("Free run", f"no name was added, and f of any shape does this {change(errors.index)}", False)
     if idle:
@@ -201,7 +207,12 @@ def _fails_sooner(study: StudyResult) -> str:
 def _sampler(study: StudyResult) -> Doubt:
     if study.fit is None:
         return Doubt("Sampler", "not sampled: coefficients are those of the closed form", None)
-    verdict = convergence(study.fit)
+    verdict, elsewhere = convergence(study.fit), sampled_elsewhere(study)
+    if elsewhere:
+        also = "" if verdict.ok else f", and it did not converge: {' '.join(verdict.reasons)}"
+        return Doubt(
+            "Sampler", f"the amended model's fit disagrees with the tables: {'; '.join(elsewhere)}{also}", True
+        )
     if verdict.ok:
         return Doubt("Sampler", "every convergence check of the amended model's fit passed", False)
     return Doubt("Sampler", f"the amended model's fit did not converge: {' '.join(verdict.reasons)}", True)

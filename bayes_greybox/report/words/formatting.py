@@ -33,6 +33,7 @@ __all__ = [
     "quantity",
     "share_interval",
     "share_text",
+    "unbroken",
     "unit_text",
     "weight_text",
 ]
@@ -129,6 +130,11 @@ def numbers_in(text: str) -> str:
     return re.sub(r"(?<![\w.-])-?\d+(?:\.\d+)?(?:e[+-]?\d+)?(?!\w)", lambda found: number(float(found[0]), 4), text)
 
 
+def unbroken(text: str) -> str:
+    """Text such as "t = 0 to 2.5 s" whose lines do not end between a number and its unit."""
+    return re.sub(r"(?<=\d) (?=(?!to\b|and\b|or\b)[^\W\d_])", "\u00a0", text)
+
+
 def quantity(value: Any, unit: str | None, digits: int = 3) -> str:
     """A number with its unit."""
     return f"{number(value, digits)} {unit_text(unit)}".rstrip()
@@ -145,9 +151,9 @@ def p_text(p: float) -> str:
     return f"p\u00a0{text}" if text[0] in "<>" else f"p\u00a0= {number(float(p), 2)}"
 
 
-def nats(value: float) -> str:
-    """A log density, to a tenth of a nat."""
-    return f"{value:.1f}".replace("-", "−") if math.isfinite(value) else number(value)
+def nats(value: float, digits: int = 1) -> str:
+    """A log density in nats, to some decimals: columns of them stand point under point."""
+    return f"{value:.{digits}f}".replace("-", "−") if math.isfinite(value) else number(value)
 
 
 def pareto(k: float) -> str:

@@ -30,7 +30,7 @@ from .formatting import (
 METRICS: dict[str, tuple[str, str]] = {
     "unexplained share": (
         "Unexplained part of {target}",
-        "Share of the measured {rate} that neither the model's physics nor the noise explains.",
+        "Share of the measured {rate} that neither the model nor the noise explains.",
     ),
     "free-run NRMSE": (
         "Error of a free run, {variable}",
@@ -230,7 +230,7 @@ def closed_text(closed: float, denied: bool = False) -> str:
 
     Args:
         closed: Share that is closed.
-        denied: Whether the free run does not see it closed: then nothing is called so.
+        denied: Whether the free run does not see it closed, or nothing has a name: then nothing is called so.
     """
     if not math.isfinite(closed):
         return ""
@@ -276,10 +276,10 @@ def suspects_weighed(study: StudyResult) -> list[tuple[str, str]]:
     delays = [*rates, *(["all states together"] if inputs else []), *(states if len(states) > 1 else ()), *inputs]
     channels = [*rates, *states, *inputs]
     each, noise = (probability_text(odds[key]) for key in ("suspect", "noise"))
-    of_rms = f"size ± {percent_text(OFFSET_SD, 0)} of the channel's RMS"
+    of_rms = f"size ±\u00a0{percent_text(OFFSET_SD, 0)} of the channel's RMS"
     return [
-        (f"Delay of {', '.join(delays)}", f"{each} each; size ± {DELAY_STEPS:g} samples"),
-        (f"Gain of {', '.join(channels)}", f"{each} each; size ± {percent_text(GAIN_SD, 0)}"),
+        (f"Delay of {', '.join(delays)}", f"{each} each; size ±\u00a0{DELAY_STEPS:g}\u00a0samples"),
+        (f"Gain of {', '.join(channels)}", f"{each} each; size ±\u00a0{percent_text(GAIN_SD, 0)}"),
         (f"Offset of {', '.join(channels)}", f"{each} each; {of_rms}"),
         (f"Drift of {', '.join(rates)}", f"{each} each; {of_rms}"),
         ("Noise that is correlated, that depends on the state, that has outliers", f"{noise} each"),

@@ -31,6 +31,8 @@ from .gap_map import SURE, draw_threshold
 _CLOSE = 1 / 400
 # Width in inches below which four labels of a legend do not fit in a row.
 _NARROW = 6.0
+# Characters of three labels that fit in a row there.
+_WIDE = 45
 # Characters of a label that fit beside another one there.
 _LABEL = 34
 # Rows up to which measurements are drawn as points.
@@ -76,17 +78,22 @@ def plot_gap_over_time(
     """
     rows, note = rows_of_runs(len(time), run)
     panels = _panels(rows, width, axes)
+    # One line over the other would hide it, and the legend speak of what nobody sees.
+    same = np.allclose(before, after, rtol=1e-6, atol=1e-6 * float(np.nanmax(np.abs(after))), equal_nan=True)
     for index, (ax, chosen) in enumerate(zip(panels, rows, strict=True)):
         ax.axhline(0.0, color=GREY, linewidth=0.8, zorder=0)
         draw_threshold(ax, threshold)
-        _draw_band(ax, time[chosen], before[:, chosen], ORANGE, "before")
-        _draw_band(ax, time[chosen], after[:, chosen], BLUE, "after")
+        if same:
+            _draw_band(ax, time[chosen], after[:, chosen], BLUE, "before and after")
+        else:
+            _draw_band(ax, time[chosen], before[:, chosen], ORANGE, "before")
+            _draw_band(ax, time[chosen], after[:, chosen], BLUE, "after")
         if probability is not None:
             sure = probability[chosen] > SURE
             stretches = _stretches(time[chosen], sure)
-            at = np.full(len(stretches), 0.02)
+            at, label = np.full(len(stretches), 0.02), f"P(beyond threshold) > {SURE:g}"
             ax.hlines(at, stretches[:, 0], stretches[:, 1], transform=ax.get_xaxis_transform(), color=DARK,
-                      linewidth=5, label=f"P(beyond threshold) > {SURE:g}")  # fmt: skip
+                      linewidth=5, label=label if len(stretches) else None)  # fmt: skip
         if len(rows) > 1:
             name_run(ax, index, run_names)
         ax.margins(x=0.01, y=0.12)
@@ -225,9 +232,15 @@ def _label(panels: list[Axes], quantity: str, time: str, own: bool) -> None:
     else:
         panels[0].set_ylabel(quantity)
     handles = {str(h.get_label()): h for ax in reversed(panels) for h in ax.get_legend_handles_labels()[0]}
-    order = [label for label in ("measured", "before", "after", "model", "± threshold") if label in handles]
+    first = ("measured", "before", "after", "before and after", "model", "± threshold")
+    order = [label for label in first if label in handles]
     order += [label for label in handles if label not in order]
     # What a band holds is a long label.
     widest = _NARROW + 0.06 * max(0, sum(map(len, order)) - 50)
     narrow = figure_of(panels[0]).get_figwidth() < widest
-    place_legend(panels[0], own, [handles[label] for label in order], 2 if narrow and len(order) > 3 else None)
+    place_legend(
+        panels[0],
+        own,
+        [handles[label] for label in order],
+        2 if narrow and (len(order) > 3 or sum(map(len, order)) > _WIDE) else None,
+    )

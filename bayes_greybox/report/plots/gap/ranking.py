@@ -80,7 +80,7 @@ def plot_rounds(
     Returns:
         The figure.
     """
-    columns = {"gap left": [share_text(value) for value in share_left]}
+    columns = {"left by columns": [share_text(value) for value in share_left]}
     return _bars(labels, share_left, [BLUE] * len(labels), columns, title, "share of the gap left", axes)
 
 

@@ -111,7 +111,8 @@ def _draw_pairs(
             x, y = theta[kept][chosen[kept]], projection[kept][chosen[kept]]
             ax.plot(x, y, "o", color=colour, markersize=3, alpha=0.25, markeredgewidth=0, label=label)
     _draw_contours(ax, theta[~zero], projection[~zero], width)
-    legend = ax.legend(loc="upper right", handletextpad=0.4)
+    # θ + f = constant falls to the right, and leaves this corner.
+    legend = ax.legend(loc="lower left", handletextpad=0.4)
     for handle in legend.legend_handles:
         if handle is not None:
             handle.set_alpha(1.0)
