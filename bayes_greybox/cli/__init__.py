@@ -113,7 +113,20 @@ def fit(
 
 @app.command()
 def discover(
-    config: ConfigFile,
+    config: Annotated[Path | None, typer.Argument(help="Configuration file (TOML).")] = None,
+    fleet: Annotated[
+        Path | None,
+        typer.Option(
+            help="A folder of assets, to be studied one by one and put together: data files, all under CONFIG, or, "
+            "without CONFIG, configuration files."
+        ),
+    ] = None,
+    workers: Annotated[
+        int | None, typer.Option(min=1, help="With --fleet: processes of this machine; as many as cores by default.")
+    ] = None,
+    scheduler: Annotated[
+        str | None, typer.Option(help="With --fleet: address of a Dask scheduler, such as tcp://host:8786.")
+    ] = None,
     output: Output = None,
     seed: Seed = None,
     draws: Draws = None,
@@ -128,12 +141,23 @@ def discover(
     The gap is measured before and after the effect is added, on held-out data where the file names some. The
     folder gets gap.html (the report), summary.json, study.nc (the study, and the amended model's posterior), the
     figures and a copy of the configuration.
+
+    With --fleet every asset of a folder is studied, and fleet.html ranks them by their gap, groups them by what they
+    lack, and says whether that is one cause. Assets that were studied before are not studied again.
     """
     log_to_stderr(verbose)
     from bayes_greybox.running.stages import stage, stages
 
-    settings = _configured(config, seed=seed, draws=draws, tune=tune, chains=chains)
-    progress = not (no_progress or quiet)
+    progress, sampling = not (no_progress or quiet), {"seed": seed, "draws": draws, "tune": tune, "chains": chains}
+    if fleet is not None:
+        with stages(progress), stage("Starting", said=False):
+            from .fleets import study_folder
+        return study_folder(config, fleet, output, sampling, workers, scheduler, progress, quiet)
+    if config is None:
+        raise InputError("discover needs a configuration file, or --fleet FOLDER.")
+    if workers is not None or scheduler is not None:
+        raise InputError("--workers and --scheduler are for a fleet: give --fleet FOLDER.")
+    settings = _configured(config, **sampling)
     with stages(progress), stage("Starting", said=False):
         from .discovering import study_configured
     return study_configured(settings, output, progress, quiet)

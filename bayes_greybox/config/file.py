@@ -16,7 +16,7 @@ from bayes_greybox.report.folders.holding import CONFIG, command_of
 from .derived import AlsoAs
 from .parts import Coefficients, Dictionary, Discrepancy, Prior, Rows
 from .section import Section, sentences, wrong
-from .sources import Data
+from .sources import Data, TableSource
 from .study import Study
 
 if TYPE_CHECKING:
@@ -100,9 +100,12 @@ class Config(Section):
 
     Attributes:
         copied_from: Of a copy beside results, the file that it is from: relative paths start from that one's folder.
+        asset: Of a copy beside results of a fleet's asset, the file that is read in place of [data] path, from the
+            folder of the copy.
     """
 
     copied_from: str | None = None
+    asset: str | None = None
     data: Data
     simulation: dict[str, str] = {}
     dictionary: Dictionary = {}
@@ -119,6 +122,7 @@ class Config(Section):
 
     _path: Path = PrivateAttr(default=Path("config.toml"))
     _text: str = PrivateAttr(default="")
+    _asset: Path | None = PrivateAttr(default=None)
 
     @field_validator("models")
     @classmethod
@@ -155,6 +159,25 @@ class Config(Section):
         """The file itself, or the one that it is a copy of: paths in it start from its folder."""
         return self._path if self.copied_from is None else (self._path.resolve().parent / self.copied_from).resolve()
 
+    def of_asset(self, file: Path) -> "Config":
+        """The same configuration for another data file.
+
+        Args:
+            file: What is read in place of [data] path.
+
+        Raises:
+            InputError: [data] reads no table.
+        """
+        if not isinstance(self.data, TableSource):
+            raise InputError(f'"{self._path}": [data] reads no table (path), so no other file can stand in its place.')
+        if self.data.held_out:
+            raise InputError(
+                f'"{self._path}": [data.test] is one file, and each asset needs its own: give test_fraction instead.'
+            )
+        again = self.model_copy(update={"data": self.data.model_copy(update={"path": str(file.resolve())})})
+        again._asset = file
+        return again
+
     @property
     def folder(self) -> Path:
         """Where results go: as the file says, else runs/<name>; of a copy beside results, where these are."""
@@ -176,7 +199,7 @@ class Config(Section):
         if self.copied_from is None and own.exists() and own.samefile(self._path):
             # The results lie beside the file itself, which stays as its author wrote it.
             return
-        text = copy_of(self.text, self.origin, folder)
+        text = copy_of(self.text, self.origin, folder, self._asset)
         ((place or folder) / CONFIG).write_text(text, encoding="utf-8", newline="")
 
     def read_data(self) -> "tuple[Trajectories, Trajectories | None]":
@@ -284,7 +307,7 @@ def load_config(path: str | Path) -> Config:
     except ValidationError as error:
         raise InputError(f'"{path}": {sentences(error)}') from None
     config._path, config._text = path, text
-    return config
+    return config if config.asset is None else config.of_asset(path.resolve().parent / config.asset)
 
 
 def _built(coefficients: Coefficients) -> dict[str, dict[str, Any]]:

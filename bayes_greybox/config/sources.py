@@ -66,6 +66,14 @@ class Source(Section, ABC):
             second = None if second is None else second.differentiate(like=first)
         return first, second
 
+    def files(self, folder: Path) -> list[Path]:
+        """Files of measurements that are read; none where they are computed or come with the package.
+
+        Args:
+            folder: Where paths start.
+        """
+        return []
+
     @abstractmethod
     def load(self, folder: Path, *, test: bool) -> "Trajectories":
         """The measurements as they are, of the training or of the held-out data."""
@@ -117,6 +125,12 @@ class TableSource(Source):
         """Arguments of `Trajectories.differentiate`; None where nothing is to be differentiated."""
         own = super().filter_settings
         return own if not self.rates else {**(own or {}), "rates": self.rates}
+
+    def files(self, folder: Path) -> list[Path]:
+        """The tables."""
+        given = [*_each(self.path), *(_each(self.test.path) if self.test is not None else ())]
+        located = [str(folder / path) for path in given]
+        return [Path(f) for path in located for f in (sorted(glob.glob(path)) if glob.has_magic(path) else [path])]
 
     def load(self, folder: Path, *, test: bool) -> "Trajectories":
         """Read the file."""
@@ -242,6 +256,10 @@ def _paths(value: Any) -> Any:
     if isinstance(value, str) or (isinstance(value, list) and value and all(isinstance(item, str) for item in value)):
         return value
     raise wrong('should be the path of a file, a pattern such as "run*.csv", or a list of paths')
+
+
+def _each(path: str | list[str]) -> list[str]:
+    return path if isinstance(path, list) else [path]
 
 
 def _located(path: str | list[str], folder: Path) -> Any:

@@ -9,21 +9,25 @@ CONFIGURATION = "configuration_file"
 """Root attribute of a fit that holds the text of the configuration file that asked for it."""
 
 _SCHEMA = re.compile(r"\A#:schema[^\n]*\n")
-_ORIGIN = re.compile(r"^(?:# A copy of [^\n]*\n)?copied_from[ \t]*=[^\n]*\n(?:\r?\n)?", re.MULTILINE)
+_ORIGIN = re.compile(
+    r"^(?:# A copy of [^\n]*\n)?copied_from[ \t]*=[^\n]*\n(?:asset[ \t]*=[^\n]*\n)?(?:\r?\n)?", re.MULTILINE
+)
 
 
-def copy_of(text: str, origin: Path, folder: Path) -> str:
+def copy_of(text: str, origin: Path, folder: Path, asset: Path | None = None) -> str:
     """A copy that can be run where it lies: relative paths in it start where those of the original do.
 
     Args:
         text: The author's text, every character of which is kept.
         origin: The file that it is from.
         folder: Where the copy will lie.
+        asset: File that is read in place of the original's own data.
     """
     end = "\r\n" if "\r\n" in text else "\n"
     lines = [
         f"# A copy of {origin.name}, written by bayes-greybox. Relative paths start from the folder of this file:",
         f"copied_from = {json.dumps(_path(origin, folder), ensure_ascii=False)}",
+        *([] if asset is None else [f"asset = {json.dumps(_path(asset, folder), ensure_ascii=False)}"]),
         "",
         "",
     ]

@@ -8,7 +8,9 @@ from bayes_greybox.data.errors import InputError
 RECORD, CONFIG = "summary.json", "config.toml"
 """Files that every command writes."""
 
-OWN = {"fit": ("run.nc",), "discover": ("study.nc", "gap.html"), "compare": ("comparison.html",)}
+OWN = {
+    "fit": ("run.nc",), "discover": ("study.nc", "gap.html"), "compare": ("comparison.html",), "fleet": ("fleet.html",),
+}  # fmt: skip
 """Files that one command writes."""
 
 SAID = {"fit": "coefficients", "discover": "effects", "compare": "comparison"}
@@ -40,7 +42,7 @@ def free_folder(folder: Path, command: str) -> Path:
 
     Args:
         folder: Where they are to go.
-        command: "fit", "discover" or "compare".
+        command: "fit", "discover", "compare" or "fleet".
 
     Raises:
         InputError: FOLDER-COMMAND holds another command's results, too.

@@ -114,12 +114,14 @@ class Table:
         rows: Cells; the first of each heads its row.
         caption: What it shows.
         marked: Numbers of the rows to stress.
+        links: Where the head of each row leads, from the folder of the page; "" where it leads nowhere.
     """
 
     columns: Sequence[str]
     rows: Sequence[Sequence[str]]
     caption: str = ""
     marked: Sequence[int] = ()
+    links: Sequence[str] = ()
     kind: str = "table"
 
     @property

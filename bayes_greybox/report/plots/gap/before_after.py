@@ -93,7 +93,7 @@ def plot_gap_over_time(
             stretches = _stretches(time[chosen], sure)
             at, label = np.full(len(stretches), 0.02), f"P(beyond threshold) > {SURE:g}"
             ax.hlines(at, stretches[:, 0], stretches[:, 1], transform=ax.get_xaxis_transform(), color=DARK,
-                      linewidth=5, label=label if len(stretches) else None)  # fmt: skip
+                      linewidth=5, label=label if len(stretches) else "")  # fmt: skip
         if len(rows) > 1:
             name_run(ax, index, run_names)
         ax.margins(x=0.01, y=0.12)

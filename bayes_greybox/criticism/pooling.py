@@ -1,0 +1,99 @@
+"""One coefficient in many assets: what it is on the whole, and how much it differs between them.
+
+    b_i ~ N(β_i, s_i²),   β_i ~ N(μ, τ²),   p(μ) ∝ 1,   τ ~ HalfNormal(r/3),   r² = mean of b_i²
+
+with b_i and s_i the posterior mean and standard deviation of each asset. Given τ all is Gaussian, so that one integral
+over τ is left (Gelman et al. 2013, Bayesian Data Analysis, 3rd ed., section 5.4, Eqs. 5.17 to 5.21).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import cast
+
+import numpy as np
+from scipy.optimize import brentq
+from scipy.special import ndtr
+
+from bayes_greybox.data.errors import InputError
+
+NODES = 800
+"""Values of τ that are summed over."""
+
+LEAST, MOST = 1e-4, 8.0
+"""First value of τ above nothing over the smallest s_i, and the last one over the scale of its prior."""
+
+DIFFER = 1 / 3
+"""Scale of the prior of τ over r, the size of the coefficients: assets of one kind differ by less than they have."""
+
+
+@dataclass(frozen=True)
+class Pooled:
+    """A coefficient over many assets; intervals hold 90 %.
+
+    Attributes:
+        mean, sd, lower, upper: Of μ, the coefficient on the whole.
+        between, between_lower, between_upper: Median and interval of τ, the standard deviation between assets.
+        same: Probability that all have one coefficient, τ = 0, which has 0.5 beforehand.
+        each: Posterior mean of each asset's own β_i.
+        each_sd: Its standard deviation.
+    """
+
+    mean: float
+    sd: float
+    lower: float
+    upper: float
+    between: float
+    between_lower: float
+    between_upper: float
+    same: float
+    each: tuple[float, ...]
+    each_sd: tuple[float, ...]
+
+
+def pooled(mean: Sequence[float], sd: Sequence[float]) -> Pooled:
+    """Pool a coefficient partially.
+
+    Args:
+        mean: Posterior mean of it in each asset, one unit for all.
+        sd: Its posterior standard deviation, that of a flat prior as nearly as may be.
+
+    Raises:
+        InputError: Fewer than two assets, or one without a finite mean and a standard deviation above zero.
+    """
+    b, s = np.asarray(mean, float), np.asarray(sd, float)
+    if len(b) < 2 or len(b) != len(s):
+        raise InputError("A coefficient is pooled over two assets or more, each with a mean and a standard deviation.")
+    if not (np.all(np.isfinite(b)) and np.all(s > 0) and np.all(np.isfinite(s))):
+        raise InputError("Every asset needs a finite mean and a standard deviation above zero to be pooled.")
+    scale = DIFFER * max(float(np.sqrt(np.mean(b**2))), float(np.min(s)))
+    tau = np.concatenate([[0.0], np.geomspace(LEAST * float(np.min(s)), MOST * scale, NODES)])
+    variance = s**2 + tau[:, None] ** 2
+    precision = np.sum(1 / variance, axis=1)
+    # μ | τ, b ~ N(μ̂, V)  (5.20)
+    centre, V = np.sum(b / variance, axis=1) / precision, 1 / precision
+    # p(b | τ) ∝ V^½ Π (s_i² + τ²)^-½ exp(−(b_i − μ̂)²/2(s_i² + τ²))  (5.21)
+    log_b = 0.5 * np.log(V) - 0.5 * np.sum(np.log(variance) + (b - centre[:, None]) ** 2 / variance, axis=1)
+    log_prior = np.log(2) - 0.5 * np.log(2 * np.pi) - np.log(scale) - 0.5 * (tau / scale) ** 2
+    edges = np.concatenate([[0.0], (tau[1:] + tau[:-1]) / 2, [tau[-1]]])
+    log_weight = log_b + log_prior + np.log(np.diff(edges))
+    log_differ = float(np.logaddexp.reduce(log_weight))
+    weight = np.exp(log_weight - log_differ)
+    on_the_whole = float(weight @ centre)
+    spread = float(np.sqrt(weight @ (V + (centre - on_the_whole) ** 2)))
+    lower, upper = (_quantile(p, weight, centre, np.sqrt(V)) for p in (0.05, 0.95))
+    low, middle, high = np.interp([0.05, 0.5, 0.95], np.cumsum(weight), edges[1:])
+    # β_i | τ, b: a share s_i²/(s_i² + τ²) of the whole's
+    share = s**2 / variance
+    own = (1 - share) * b + share * centre[:, None]
+    own_variance = (1 - share) * s**2 + share**2 * V[:, None]
+    each = weight @ own
+    each_sd = np.sqrt(weight @ (own_variance + (own - each) ** 2))
+    same = float(1 / (1 + np.exp(np.clip(log_differ - log_b[0], -700, 700))))
+    whole = (on_the_whole, spread, lower, upper, float(middle), float(low), float(high), same)
+    return Pooled(*whole, tuple(each.tolist()), tuple(each_sd.tolist()))
+
+
+def _quantile(p: float, weight: np.ndarray, centre: np.ndarray, sd: np.ndarray) -> float:
+    """Of a mixture of Gaussians."""
+    ends = float(np.min(centre - 8 * sd)), float(np.max(centre + 8 * sd))
+    return float(cast(float, brentq(lambda x: weight @ ndtr((x - centre) / sd) - p, *ends)))

@@ -1,0 +1,136 @@
+"""A fleet's studies: each asset's results in a folder of its own, those of all together above them."""
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from bayes_greybox.data.errors import InputError
+from bayes_greybox.data.records import plain_rows, plain_values
+from bayes_greybox.discovery.fleet import Fleet, fleet_of
+from bayes_greybox.inference.kept.netcdf import versions
+from bayes_greybox.report.folders.record import write_json
+from bayes_greybox.report.folders.writing import output_folder, staged
+from bayes_greybox.report.words.fleet import fleet_sentence
+from bayes_greybox.running.stages import announce, stage, stages
+
+from .assets import Asset
+from .study import PAGE, study_into
+from .tasks import run_tasks
+
+ASSETS, MARK, FLEET_PAGE = "assets", "asset.json", "fleet.html"
+"""Folder of the assets' folders, what says in one that its study is whole, and the page of all."""
+
+
+def study_fleet(
+    assets: list[Asset],
+    place: Path,
+    sampling: Mapping[str, int | None],
+    *,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    progress: bool = True,
+) -> Fleet:
+    """Study all assets, or those that were not studied before, and write what they say together.
+
+    Args:
+        assets: The assets.
+        place: Folder for the results.
+        sampling: Settings that stand in place of the configurations' own; None: they stand.
+        workers: Processes of this machine; see `tasks.run_tasks`.
+        scheduler: Address of a Dask scheduler, whose workers see the same files.
+        progress: Whether to show what is being done.
+
+    Returns:
+        The fleet.
+
+    Raises:
+        InputError: The folder cannot be written to; no scheduler answers. What one asset lacks costs that asset alone.
+    """
+    with output_folder(place) as folder, stages(progress):
+        records: dict[str, dict[str, Any]] = {}
+        failed: dict[str, str] = {}
+        tasks: dict[str, tuple] = {}
+        for asset in assets:
+            own = folder.resolve() / ASSETS / asset.name
+            try:
+                mark = _mark(asset, sampling)
+            except (InputError, OSError) as error:
+                failed[asset.name] = str(error)
+                continue
+            before = _studied(own, mark)
+            if before is None:
+                tasks[asset.name] = (asset, str(own), dict(sampling), mark)
+            else:
+                records[asset.name] = before
+        with stage("Studying assets", len(assets)) as line:
+            line.advance(len(records) + len(failed))
+            for done in run_tasks(study_asset, tasks, workers=workers, scheduler=scheduler) if tasks else ():
+                if done.failed:
+                    failed[done.name] = done.failed
+                else:
+                    records[done.name] = done.result
+                announce(f"{done.name}: {done.failed or done.result['sentence']}")
+                line.advance(1)
+        order = [asset.name for asset in assets]
+        fleet = fleet_of({n: records[n] for n in order if n in records}, {n: failed[n] for n in order if n in failed})
+        with stage("Writing the report"), staged(folder) as part:
+            from bayes_greybox.report.pages.fleet_page import fleet_html
+
+            fleet.table().to_csv(part / "assets.csv")
+            write_json(part / "summary.json", _record(fleet))
+            pages = {name: f"{ASSETS}/{name}/{PAGE}" for name in records}
+            fleet_html(fleet, part / FLEET_PAGE, pages)
+    return fleet
+
+
+def study_asset(asset: Asset, place: str, sampling: Mapping[str, int | None], mark: str) -> dict[str, Any]:
+    """One asset's study, on whatever machine; its record.
+
+    Args:
+        asset: The asset.
+        place: Its folder.
+        sampling: Settings in place of the configuration's own.
+        mark: What says that its study is whole.
+    """
+    folder = Path(place)
+    settings = asset.settings().with_sampling(**sampling)
+    study_into(settings, folder, progress=False)
+    record = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
+    with staged(folder) as part:
+        (part / MARK).write_text(mark, encoding="utf-8")
+    return record
+
+
+def _record(fleet: Fleet) -> dict[str, Any]:
+    return plain_values(
+        {
+            "command": "fleet",
+            "sentence": fleet_sentence(fleet),
+            "assets": plain_rows(fleet.table()),
+            "shared": [asdict(each) for each in fleet.shared],
+            "versions": versions(),
+        }
+    )
+
+
+def _mark(asset: Asset, sampling: Mapping[str, int | None]) -> str:
+    """What an asset's results are of: its configuration, its data, the sampler's settings and this version."""
+    settings = asset.settings()
+    digest = hashlib.sha256(settings.text.encode())
+    for file in settings.data.files(settings.origin.parent):
+        digest.update(hashlib.sha256(file.read_bytes()).digest())
+    digest.update(json.dumps([dict(sampling), versions()], sort_keys=True).encode())
+    return digest.hexdigest()
+
+
+def _studied(folder: Path, mark: str) -> dict[str, Any] | None:
+    """The record of a study that was done before and is of the same."""
+    try:
+        if (folder / MARK).read_text(encoding="utf-8") != mark:
+            return None
+        return json.loads((folder / "summary.json").read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return None

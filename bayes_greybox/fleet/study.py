@@ -1,0 +1,57 @@
+"""The study that a configuration asks for, with its results in a folder."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+from bayes_greybox.config import Config
+from bayes_greybox.missing_effects import Study, find_missing_effects
+from bayes_greybox.report.folders.record import study_record, write_json
+from bayes_greybox.report.folders.writing import output_folder, staged
+from bayes_greybox.running.stages import stage, stages
+
+PAGE = "gap.html"
+"""Name of a study's page."""
+
+
+def study_into(
+    settings: Config, place: Path, *, progress: bool = True, found: Callable[[Study], None] = lambda _: None
+) -> Study:
+    """Study what the simulation of a configuration misses, and write the results to a folder.
+
+    Args:
+        settings: The configuration.
+        place: The folder.
+        progress: Whether to show what is being done.
+        found: Told of the study before its page is drawn.
+
+    Raises:
+        InputError: Data, model or folder cannot be used.
+    """
+    with output_folder(place) as folder:
+        with stages(progress):
+            with stage("Starting", said=False):
+                arguments = settings.study_arguments()
+                model = settings.build_studied_model()
+                train, test = settings.read_data()
+            study = find_missing_effects(model, train, test, **arguments, progress=progress)
+            study = replace(study, config=settings.text)
+            with stage("Saving the study"), staged(folder) as part:
+                # First, by itself: nothing that fails later may cost what was sampled.
+                study.save(part / "study.nc")
+                settings.copy_to(folder, part)
+        found(study)
+        with stages(progress):
+            with stage("Writing the report"), staged(folder) as part:
+                # Imported here because it is slow, and the verdict does not wait for it.
+                from bayes_greybox.report.pages.study_page import study_html
+
+                record = study_record(study, settings.sampling.model_dump())
+                write_json(part / "summary.json", {"command": "discover", "config": settings.file, **record})
+                study_html(study, part / PAGE)
+            if settings.output.figures:
+                with stage("Drawing"):
+                    from bayes_greybox.report.plots import save_figures, study_figures
+
+                    save_figures(study_figures(study), folder / "figures")
+    return study

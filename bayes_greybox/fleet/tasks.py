@@ -1,0 +1,117 @@
+"""Many tasks of one kind: one after another, in processes of this machine, or on the workers of a Dask scheduler.
+
+A task is a function of plain values, so that it can go to another process. What comes of it does not depend on where it
+ran. A worker that dies costs its task, which another worker begins again.
+"""
+
+import os
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+from importlib.util import find_spec
+from typing import Any, cast
+
+from bayes_greybox.data.errors import InputError
+
+DEATHS = 3
+"""Workers that may die over one task before it is given up: what kills every worker is the task's own fault."""
+
+
+@dataclass(frozen=True)
+class Done:
+    """What came of a task.
+
+    Attributes:
+        name: Of the task.
+        result: What it returned; None where it failed.
+        failed: Why it failed, in one sentence; empty where it did not.
+    """
+
+    name: str
+    result: Any = None
+    failed: str = ""
+
+
+def run_tasks(
+    function: Callable[..., Any],
+    tasks: Mapping[str, Sequence[Any]],
+    *,
+    workers: int | None = None,
+    scheduler: str | None = None,
+) -> Iterator[Done]:
+    """Run a function on many arguments; what is done comes as it is done.
+
+    Args:
+        function: Of a module, so that a worker finds it.
+        tasks: Its arguments by the name of the task.
+        workers: Processes of this machine; by default as many as it has cores, where Dask is there, else one. With one
+            tasks run here, one after another.
+        scheduler: Address of a Dask scheduler, such as "tcp://host:8786", whose workers have this package.
+
+    Yields:
+        Each task once. One that fails costs itself alone.
+
+    Raises:
+        InputError: There is no Dask, or no scheduler answers; workers beside a scheduler.
+    """
+    if scheduler is not None and workers is not None:
+        raise InputError("A scheduler has workers of its own: give --scheduler or --workers, not both.")
+    if scheduler is None and workers is None:
+        workers = min(os.cpu_count() or 1, len(tasks)) if find_spec("distributed") else 1
+    if scheduler is None and (workers == 1 or len(tasks) < 2):
+        for name, arguments in tasks.items():
+            yield _done(name, lambda arguments=arguments: function(*arguments))
+        return
+    with ExitStack() as open_:
+        yield from _on_workers(open_, function, tasks, workers, scheduler)
+
+
+def _on_workers(
+    open_: ExitStack,
+    function: Callable[..., Any],
+    tasks: Mapping[str, Sequence[Any]],
+    workers: int | None,
+    scheduler: str | None,
+) -> Iterator[Done]:
+    if find_spec("distributed") is None:
+        raise InputError('Several workers need Dask: pip install "bayes-greybox[distributed]", or give --workers 1.')
+    from dask.config import set as configured
+    from distributed import Client, LocalCluster, as_completed
+
+    open_.enter_context(configured({"distributed.scheduler.allowed-failures": DEATHS}))
+    if scheduler is None:
+        # One task at a time in each process: a study has threads of its own. Memory is the machine's to watch.
+        place: Any = open_.enter_context(
+            LocalCluster(
+                n_workers=workers,
+                threads_per_worker=1,
+                processes=True,
+                memory_limit=0,
+                dashboard_address=cast(Any, None),
+                silence_logs=50,
+            )
+        )
+    else:
+        place = scheduler
+    try:
+        client = open_.enter_context(Client(place, timeout=5))
+    except (OSError, ValueError) as error:
+        raise InputError(
+            f"No Dask scheduler answers at {scheduler!r} ({error}); start one with dask scheduler."
+        ) from None
+    futures = {
+        client.submit(function, *arguments, key=f"{name}-{k}", pure=False): name
+        for k, (name, arguments) in enumerate(tasks.items())
+    }
+    for future in as_completed(futures):
+        yield _done(futures[future], future.result)
+        future.release()
+
+
+def _done(name: str, result: Callable[[], Any]) -> Done:
+    try:
+        return Done(name, result())
+    except InputError as error:
+        return Done(name, failed=str(error))
+    except Exception as error:  # noqa: BLE001 - whatever it is, the other tasks go on
+        return Done(name, failed=f"{type(error).__name__}: {error}")

@@ -1,0 +1,43 @@
+"""One coefficient in every asset that has it, beside what it is on the whole."""
+
+from collections.abc import Sequence
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.figure import Figure
+
+from bayes_greybox.criticism.pooling import Pooled
+from bayes_greybox.report.plots.style import BLUE, DARK, LIGHT, STYLE, new_figure, plain
+
+MOST = 60
+"""Assets in one figure; of more the first."""
+
+
+@mpl.rc_context(STYLE)
+def plot_pooled(names: Sequence[str], mean: Sequence[float], sd: Sequence[float], whole: Pooled, label: str) -> Figure:
+    """A forest of one coefficient: each asset's own estimate, what it is once all are known, and the whole.
+
+    Args:
+        names: Of the assets.
+        mean: Posterior mean in each.
+        sd: Its standard deviation.
+        whole: Their pooling.
+        label: Of the axis, with the unit.
+    """
+    order = np.argsort(mean)[:MOST]
+    figure = new_figure(6.4, 1.3 + 0.24 * len(order))
+    ax = figure.add_subplot()
+    place = np.arange(len(order))
+    ax.axvspan(whole.lower, whole.upper, color=LIGHT, alpha=0.6, lw=0, label="on the whole, 90 %")
+    wide = 1.645
+    own = np.asarray(mean)[order]
+    ax.errorbar(own, place + 0.13, xerr=wide * np.asarray(sd)[order], fmt="o", ms=3.5, color=BLUE, label="its own data")
+    ax.errorbar(
+        np.asarray(whole.each)[order], place - 0.13, xerr=wide * np.asarray(whole.each_sd)[order], fmt="s", ms=3,
+        color=DARK, label="pooled",
+    )  # fmt: skip
+    ax.set_yticks(place, [plain(str(names[int(i)])) for i in order])
+    ax.set_ylim(-0.7, len(order) - 0.3)
+    ax.set_xlabel(plain(label))
+    figure.legend(loc="outside lower left", ncols=3)
+    return figure

@@ -1,0 +1,174 @@
+"""A fleet of studies from the shell: assets, their results, what they say together."""
+
+import json
+import re
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import bayes_greybox as bg
+from bayes_greybox.cli import main
+from bayes_greybox.data.errors import InputError
+from bayes_greybox.discovery.fleet import fleet_of
+from bayes_greybox.fleet.assets import assets_of
+from bayes_greybox.report.pages.fleet_page import fleet_page
+from bayes_greybox.report.pages.page import render
+from bayes_greybox.report.words.fleet import fleet_sentence
+
+CONFIG = """
+[data]
+path = "any.csv"
+time = "t"
+states = ["y", "ydot"]
+inputs = ["F"]
+derivatives = { ydot = "a" }
+test_fraction = 0.3
+
+[simulation]
+y = "ydot"
+ydot = "F - 10*y - 0.5*ydot"
+
+[discrepancy]
+variables = ["y"]
+
+[study]
+catalogue = "few.toml"
+settle = false
+free_runs = false
+
+[output]
+figures = false
+"""
+
+CATALOGUE = """
+[[effect]]
+slug = "cubic-stiffness"
+name = "Cubic stiffness"
+expression = "position**3"
+meaning = "The spring hardens."
+
+[[effect]]
+slug = "quadratic-stiffness"
+name = "Quadratic stiffness"
+expression = "position**2"
+meaning = "The spring is not the same both ways."
+"""
+
+
+def write_asset(path, k3, seed):
+    data = bg.systems.duffing(k3=k3).simulate(t=np.linspace(0, 20, 161), noise=0.05, seed=seed)
+    columns = {"t": data.time, "y": data.column("y"), "ydot": data.column("ydot"), "F": data.column("F")}
+    pd.DataFrame({**columns, "a": data.derivatives["ydot"]}).to_csv(path, index=False)
+
+
+@pytest.fixture(scope="module")
+def fleet(tmp_path_factory):
+    """Three pumps, of which one lacks nothing, and a file that is none; studied with two workers."""
+    folder = tmp_path_factory.mktemp("fleet")
+    (folder / "pumps").mkdir()
+    (folder / "all.toml").write_text(CONFIG, encoding="utf-8")
+    (folder / "few.toml").write_text(CATALOGUE, encoding="utf-8")
+    for k, k3 in enumerate((40.0, 0.0, 44.0)):
+        write_asset(folder / "pumps" / f"pump {k}.csv", k3, seed=k)
+    (folder / "pumps" / "bad <b>.csv").write_text("t,y\n0,x\n", encoding="utf-8")
+    code = main(["discover", str(folder / "all.toml"), "--fleet", str(folder / "pumps"), "-o", str(folder / "out"),
+                 "--workers", "2", "-q"])  # fmt: skip
+    assert code == 0
+    return folder
+
+
+def test_assets_are_ranked_and_say_one_cause(fleet):
+    record = json.loads((fleet / "out" / "summary.json").read_text(encoding="utf-8"))
+    assert [row["verdict"] for row in record["assets"]][2:] == ["no gap", "failed"]
+    assert {row["lacks"] for row in record["assets"][:2]} == {"Cubic stiffness"}
+    assert "2 of 3 assets lack cubic stiffness" in record["sentence"] and "1 of 4 files" in record["sentence"]
+    (shared,) = record["shared"]
+    assert shared["assets"] == ["pump 0", "pump 2"] and abs(shared["whole"]["mean"] + 42) < 8
+    table = pd.read_csv(fleet / "out" / "assets.csv", index_col="asset")
+    assert list(table.index)[-1] == "bad <b>" and "correct the cell" in table.loc["bad <b>", "sentence"]
+
+
+def test_its_page_leads_to_those_of_the_assets_and_escapes_their_names(fleet):
+    page = (fleet / "out" / "fleet.html").read_text(encoding="utf-8")
+    assert "bad &lt;b&gt;" in page and "bad <b>" not in page
+    links = re.findall(r'href="(assets/[^"]+)"', page)
+    assert len(links) == 3 and "assets/pump%200/gap.html" in links
+    assert all((fleet / "out" / link.replace("%20", " ")).is_file() for link in links)
+
+
+def test_one_after_another_gives_the_same(fleet, tmp_path):
+    folder = tmp_path / "serial"
+    assert main(["discover", str(fleet / "all.toml"), "--fleet", str(fleet / "pumps"), "-o", str(folder),
+                 "--workers", "1", "-q"]) == 0  # fmt: skip
+    for name in ("pump 0", "pump 1", "pump 2"):
+        one, other = (
+            json.loads((place / "assets" / name / "summary.json").read_text(encoding="utf-8"))
+            for place in (folder, fleet / "out")
+        )
+        for record in (one, other):
+            del record["settings"]["seconds"]
+        assert one == other
+
+
+def test_what_was_studied_is_not_studied_again(fleet, monkeypatch, capsys):
+    monkeypatch.setattr("bayes_greybox.fleet.study.find_missing_effects", lambda *_, **__: pytest.fail("studied again"))
+    before = (fleet / "out" / "summary.json").read_text(encoding="utf-8")
+    assert main(["discover", str(fleet / "all.toml"), "--fleet", str(fleet / "pumps"), "-o", str(fleet / "out"),
+                 "--workers", "1"]) == 0  # fmt: skip
+    assert (fleet / "out" / "summary.json").read_text(encoding="utf-8") == before
+    assert "pump 2" in capsys.readouterr().out
+
+
+def test_a_copy_of_an_assets_configuration_reads_its_data(fleet):
+    from bayes_greybox.config import load_config
+
+    own = fleet / "out" / "assets" / "pump 2"
+    settings = load_config(own / "config.toml")
+    train, _ = settings.read_data()
+    measured = pd.read_csv(fleet / "pumps" / "pump 2.csv")["y"].to_numpy()
+    np.testing.assert_array_equal(train.column("y"), measured[: train.n_obs])
+    assert settings.text == CONFIG and settings.folder == own
+
+
+def test_folders_without_assets_are_refused(tmp_path, fleet):
+    with pytest.raises(InputError, match="no folder"):
+        assets_of(tmp_path / "none", None)
+    with pytest.raises(InputError, match="no configuration files"):
+        assets_of(fleet / "pumps", None)
+    (tmp_path / "a.csv").touch()
+    (tmp_path / "a.txt").touch()
+    with pytest.raises(InputError, match="two files that are called 'a'"):
+        assets_of(tmp_path, fleet / "all.toml")
+    assert main(["discover", "--workers", "2"]) == 2
+    assert main(["discover", str(fleet / "all.toml"), "--workers", "2"]) == 2
+
+
+def record(verdict, effects=(), before=0.5):
+    rows = [
+        {"equation": "v", "slug": slug, "name": slug.title(), "expression": "y", "unit": "1/s²", "mean": mean, "sd": sd,
+         "status": "added"}
+        for slug, mean, sd in effects
+    ]  # fmt: skip
+    gap = [{"data": "train", "metric": "unexplained share", "before": before, "after": 0.1}]
+    return {"verdict": verdict, "sentence": "…", "effects": rows, "gap": gap, "convergence": None}
+
+
+def test_causes_that_differ_are_said_to():
+    fleet = fleet_of({"a": record("named", [("drag", 1.0, 0.1)]), "b": record("named", [("lag", 2.0, 0.1)])}, {})
+    assert fleet.cause is None and "differs" in fleet_sentence(fleet)
+    assert all(shared.whole is None for shared in fleet.shared)
+    assert "Several causes" in render(fleet_page(fleet, {}))
+
+
+def test_fleets_of_nothing_have_a_page_too():
+    assert "Nothing is missing in any of 2 assets" in fleet_sentence(
+        fleet_of({"a": record("no gap", before=None), "b": record("instrument")}, {})
+    )
+    none = fleet_of({}, {"a": "no such column"})
+    assert "None of 1 assets" in fleet_sentence(none) and "Nothing studied" in render(fleet_page(none, {}))
+
+
+def test_an_unknown_gap_is_no_cause():
+    fleet = fleet_of({name: record("unknown") for name in "abc"}, {})
+    assert fleet.with_gap == 3 and fleet.cause is None and "3 of 3 assets have a gap" in fleet_sentence(fleet)
