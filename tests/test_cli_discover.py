@@ -65,7 +65,7 @@ def found(study, monkeypatch):
         asked.update(model=model, train=train, test=test, **settings)
         return asked.get("study") or study
 
-    monkeypatch.setattr("bayes_greybox.cli.discovering.find_missing_effects", find)
+    monkeypatch.setattr("bayes_greybox.fleet.study.find_missing_effects", find)
     return asked
 
 
@@ -152,7 +152,7 @@ def test_a_failure_leaves_no_folder(here, monkeypatch, capsys):
     def fail(*_, **__):
         raise InputError("There is no catalogue 'x'; there are mechanical.")
 
-    monkeypatch.setattr("bayes_greybox.cli.discovering.find_missing_effects", fail)
+    monkeypatch.setattr("bayes_greybox.fleet.study.find_missing_effects", fail)
     assert "no catalogue 'x'" in refuse(capsys, "discover", "case.toml")
     assert sorted(os.listdir(here)) == ["case.toml", "run.csv"]
 

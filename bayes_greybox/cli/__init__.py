@@ -154,7 +154,7 @@ def discover(
             from .fleets import study_folder
         return study_folder(config, fleet, output, sampling, workers, scheduler, progress, quiet)
     if config is None:
-        raise InputError("discover needs a configuration file, or --fleet FOLDER.")
+        raise InputError("Missing argument 'CONFIG': give a configuration file, or --fleet FOLDER for many assets.")
     if workers is not None or scheduler is not None:
         raise InputError("--workers and --scheduler are for a fleet: give --fleet FOLDER.")
     settings = _configured(config, **sampling)

@@ -8,7 +8,6 @@ import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
-from importlib.util import find_spec
 from typing import Any, cast
 
 from bayes_greybox.data.errors import InputError
@@ -57,7 +56,7 @@ def run_tasks(
     if scheduler is not None and workers is not None:
         raise InputError("A scheduler has workers of its own: give --scheduler or --workers, not both.")
     if scheduler is None and workers is None:
-        workers = min(os.cpu_count() or 1, len(tasks)) if find_spec("distributed") else 1
+        workers = min(os.cpu_count() or 1, len(tasks)) if _has_dask() else 1
     if scheduler is None and (workers == 1 or len(tasks) < 2):
         for name, arguments in tasks.items():
             yield _done(name, lambda arguments=arguments: function(*arguments))
@@ -73,7 +72,7 @@ def _on_workers(
     workers: int | None,
     scheduler: str | None,
 ) -> Iterator[Done]:
-    if find_spec("distributed") is None:
+    if not _has_dask():
         raise InputError('Several workers need Dask: pip install "bayes-greybox[distributed]", or give --workers 1.')
     from dask.config import set as configured
     from distributed import Client, LocalCluster, as_completed
@@ -106,6 +105,14 @@ def _on_workers(
     for future in as_completed(futures):
         yield _done(futures[future], future.result)
         future.release()
+
+
+def _has_dask() -> bool:
+    try:
+        import distributed  # noqa: F401
+    except ImportError:
+        return False
+    return True
 
 
 def _done(name: str, result: Callable[[], Any]) -> Done:

@@ -2,6 +2,7 @@
 
 import os
 import signal
+import sys
 from pathlib import Path
 
 import pytest
@@ -55,7 +56,7 @@ def test_bad_places_are_refused_in_a_sentence():
 
 
 def test_without_dask_tasks_run_here(monkeypatch):
-    monkeypatch.setattr("bayes_greybox.fleet.tasks.find_spec", lambda name: None)
+    monkeypatch.setitem(sys.modules, "distributed", None)
     assert [done.result for done in run_tasks(squared, {"a": (1,), "b": (2,)})] == [1, 4]
     with pytest.raises(InputError, match="pip install"):
         list(run_tasks(squared, {"a": (1,), "b": (2,)}, workers=2))

@@ -32,7 +32,8 @@ def _of(cause: Shared) -> str:
     if whole.same > ONE_CAUSE:
         return f", with one coefficient in all of them: {size} (probability {probability_text(whole.same)})"
     if whole.same < 1 - ONE_CAUSE:
-        return f", with coefficients that differ: {size} on the whole, a standard deviation of {number(whole.between)} between them"
+        between = f"a standard deviation of {number(whole.between)} between them"
+        return f", with coefficients that differ: {size} on the whole, {between}"
     return f", with a coefficient of {size} on the whole; whether it differs between them these data do not tell"
 
 
