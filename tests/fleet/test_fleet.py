@@ -6,8 +6,8 @@ import re
 import numpy as np
 import pandas as pd
 import pytest
+from pumps import CONFIG, pumps
 
-import bayes_greybox as bg
 from bayes_greybox.cli import main
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.discovery.fleet import fleet_of
@@ -16,61 +16,11 @@ from bayes_greybox.report.pages.fleet_page import fleet_page
 from bayes_greybox.report.pages.page import render
 from bayes_greybox.report.words.fleet import fleet_sentence
 
-CONFIG = """
-[data]
-path = "any.csv"
-time = "t"
-states = ["y", "ydot"]
-inputs = ["F"]
-derivatives = { ydot = "a" }
-test_fraction = 0.3
-
-[simulation]
-y = "ydot"
-ydot = "F - 10*y - 0.5*ydot"
-
-[discrepancy]
-variables = ["y"]
-
-[study]
-catalogue = "few.toml"
-settle = false
-free_runs = false
-
-[output]
-figures = false
-"""
-
-CATALOGUE = """
-[[effect]]
-slug = "cubic-stiffness"
-name = "Cubic stiffness"
-expression = "position**3"
-meaning = "The spring hardens."
-
-[[effect]]
-slug = "quadratic-stiffness"
-name = "Quadratic stiffness"
-expression = "position**2"
-meaning = "The spring is not the same both ways."
-"""
-
-
-def write_asset(path, k3, seed):
-    data = bg.systems.duffing(k3=k3).simulate(t=np.linspace(0, 20, 161), noise=0.05, seed=seed)
-    columns = {"t": data.time, "y": data.column("y"), "ydot": data.column("ydot"), "F": data.column("F")}
-    pd.DataFrame({**columns, "a": data.derivatives["ydot"]}).to_csv(path, index=False)
-
 
 @pytest.fixture(scope="module")
 def fleet(tmp_path_factory):
     """Three pumps, of which one lacks nothing, and a file that is none; studied with two workers."""
-    folder = tmp_path_factory.mktemp("fleet")
-    (folder / "pumps").mkdir()
-    (folder / "all.toml").write_text(CONFIG, encoding="utf-8")
-    (folder / "few.toml").write_text(CATALOGUE, encoding="utf-8")
-    for k, k3 in enumerate((40.0, 0.0, 44.0)):
-        write_asset(folder / "pumps" / f"pump {k}.csv", k3, seed=k)
+    folder = pumps(tmp_path_factory.mktemp("fleet"))
     (folder / "pumps" / "bad <b>.csv").write_text("t,y\n0,x\n", encoding="utf-8")
     code = main(["discover", str(folder / "all.toml"), "--fleet", str(folder / "pumps"), "-o", str(folder / "out"),
                  "--workers", "2", "-q"])  # fmt: skip
