@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from bayes_greybox.cli.ending import BAD_INPUT, DONE, NOT_CONVERGED, show
+from bayes_greybox.data.errors import InputError
 from bayes_greybox.fleet.assets import assets_of
 from bayes_greybox.fleet.run import FLEET_PAGE, study_fleet
 from bayes_greybox.report.folders.holding import free_folder, require_own
@@ -15,9 +16,15 @@ def study_folder(
     workers: int | None, scheduler: str | None, progress: bool, quiet: bool,
 ) -> int:  # fmt: skip
     """Study every asset of a folder, and write what they say together."""
+    place = Path("runs") / (folder.resolve().name or "fleet")
     if output is not None:
         require_own(output, "fleet")
-    place = output or free_folder(Path("runs") / (folder.resolve().name or "fleet"), "fleet")
+        place = output
+    elif place.resolve() == folder.resolve():
+        place = place.with_name(f"{place.name}-fleet")
+    place = free_folder(place, "fleet") if output is None else place
+    if place.resolve() == folder.resolve():
+        raise InputError(f'Results in "{place}" would lie among the files of the fleet: choose another --output.')
     assets = assets_of(folder, config)
     fleet = study_fleet(assets, place, sampling, workers=workers, scheduler=scheduler, progress=progress)
     if not quiet:

@@ -133,6 +133,12 @@ class Config(Section):
         return models
 
     @model_validator(mode="after")
+    def _check_asset(self) -> Any:
+        if self.asset is not None and self.copied_from is None:
+            raise wrong("asset stands in copies beside results of a fleet (see copied_from); leave it out")
+        return self
+
+    @model_validator(mode="after")
     def _check_equations(self) -> Any:
         learned = {name: set(self._dictionary(model)) for name, model in self.models.items()}
         for name, states in learned.items():

@@ -129,8 +129,13 @@ class TableSource(Source):
     def files(self, folder: Path) -> list[Path]:
         """The tables."""
         given = [*_each(self.path), *(_each(self.test.path) if self.test is not None else ())]
-        located = [str(folder / path) for path in given]
-        return [Path(f) for path in located for f in (sorted(glob.glob(path)) if glob.has_magic(path) else [path])]
+        found = []
+        for path in given:
+            # As they are read: a file of that very name first.
+            whole = folder / path
+            pattern = glob.has_magic(path) and not whole.exists()
+            found += sorted(map(Path, glob.glob(str(_located(path, folder))))) if pattern else [whole]
+        return found
 
     def load(self, folder: Path, *, test: bool) -> "Trajectories":
         """Read the file."""

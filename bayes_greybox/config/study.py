@@ -34,6 +34,15 @@ class Study(Section):
     free_runs: bool = True
     interpolation: Literal["linear", "cubic", "zoh"] | None = None
 
+    def files(self, folder: Path) -> list[Path]:
+        """Catalogues that are files.
+
+        Args:
+            folder: Where their paths start.
+        """
+        names = [self.catalogue] if isinstance(self.catalogue, str) else self.catalogue
+        return [folder / name for name in names if name.endswith(".toml")]
+
     def arguments(self, folder: Path) -> dict[str, Any]:
         """Arguments of `find_missing_effects`, for the keys that the file has.
 

@@ -1,6 +1,6 @@
 """One coefficient in many assets: what it is on the whole, and how much it differs between them.
 
-    b_i ~ N(β_i, s_i²),   β_i ~ N(μ, τ²),   p(μ) ∝ 1,   τ ~ HalfNormal(r/3),   r² = mean of b_i²
+    b_i ~ N(β_i, s_i²),   β_i ~ N(μ, τ²),   p(μ) ∝ 1,   τ = 0 or τ ~ HalfNormal(r/3), evenly,   r² = mean of b_i²
 
 with b_i and s_i the posterior mean and standard deviation of each asset. Given τ all is Gaussian, so that one integral
 over τ is left (Gelman et al. 2013, Bayesian Data Analysis, 3rd ed., section 5.4, Eqs. 5.17 to 5.21).
@@ -77,18 +77,19 @@ def pooled(mean: Sequence[float], sd: Sequence[float]) -> Pooled:
     edges = np.concatenate([[0.0], (tau[1:] + tau[:-1]) / 2, [tau[-1]]])
     log_weight = log_b + log_prior + np.log(np.diff(edges))
     log_differ = float(np.logaddexp.reduce(log_weight))
-    weight = np.exp(log_weight - log_differ)
+    same = float(1 / (1 + np.exp(np.clip(log_differ - log_b[0], -700, 700))))
+    weight = (1 - same) * np.exp(log_weight - log_differ)
+    weight[0] += same
     on_the_whole = float(weight @ centre)
     spread = float(np.sqrt(weight @ (V + (centre - on_the_whole) ** 2)))
     lower, upper = (_quantile(p, weight, centre, np.sqrt(V)) for p in (0.05, 0.95))
-    low, middle, high = np.interp([0.05, 0.5, 0.95], np.cumsum(weight), edges[1:])
+    low, middle, high = np.interp([0.05, 0.5, 0.95], np.cumsum(weight), np.concatenate([[0.0], edges[2:]]))
     # β_i | τ, b: a share s_i²/(s_i² + τ²) of the whole's
     share = s**2 / variance
     own = (1 - share) * b + share * centre[:, None]
     own_variance = (1 - share) * s**2 + share**2 * V[:, None]
     each = weight @ own
     each_sd = np.sqrt(weight @ (own_variance + (own - each) ** 2))
-    same = float(1 / (1 + np.exp(np.clip(log_differ - log_b[0], -700, 700))))
     whole = (on_the_whole, spread, lower, upper, float(middle), float(low), float(high), same)
     return Pooled(*whole, tuple(each.tolist()), tuple(each_sd.tolist()))
 

@@ -1,7 +1,8 @@
 """What a fleet of studies says together: assets by their gap, and what they lack, pooled over those that lack it."""
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+import re
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
 from typing import Any
 
@@ -12,6 +13,14 @@ from bayes_greybox.criticism.pooling import Pooled, pooled
 
 SHARE = "unexplained share"
 """Metric by which assets are ranked."""
+
+ADDED, POSSIBLE = "added", "one of"
+"""Status of an effect that is in a study's model, and of one that could stand in the place of another."""
+
+ALIKE = 1.25
+"""Largest over smallest value of an inner parameter up to which coefficients beside it are of one kind."""
+
+_NAME = re.compile(r"[^\W\d]\w*")
 
 FAILED = "failed"
 """Verdict on an asset that could not be studied."""
@@ -27,9 +36,12 @@ class Shared:
 
     Attributes:
         equation, slug, name, expression, unit: The effect, and the unit of its coefficient.
+        inner: Range over the assets of each inner parameter.
         assets: Those in whose amended model it is.
-        mean, sd: Its coefficient in each.
-        whole: The coefficients together; None where one asset alone has it.
+        possible: Those whose data do not tell it from what is in their model.
+        mean, sd: Its coefficient in each of the assets; NaN where it is not known.
+        whole: The coefficients together; None where one alone is known, or inner parameters differ too much for their
+            coefficients to be of one kind.
     """
 
     equation: str
@@ -37,7 +49,9 @@ class Shared:
     name: str
     expression: str
     unit: str
+    inner: Mapping[str, tuple[float, float]]
     assets: tuple[str, ...]
+    possible: tuple[str, ...]
     mean: tuple[float, ...]
     sd: tuple[float, ...]
     whole: Pooled | None
@@ -104,12 +118,13 @@ class Fleet:
         return all(each.converged is not False for each in self.studied)
 
     @property
-    def cause(self) -> Shared | None:
-        """The effect that nearly every asset with a gap lacks; None where there is no such one, or one asset alone."""
-        first = next(iter(self.shared), None)
-        if first is None or len(first.assets) < 2 or len(first.assets) < ONE_CAUSE * self.with_gap:
-            return None
-        return first
+    def causes(self) -> tuple[Shared, ...]:
+        """Effects that nearly every asset with a gap lacks, or may lack as well as what was found; two surely."""
+        return tuple(
+            each
+            for each in self.shared
+            if len(each.assets) > 1 and len({*each.assets, *each.possible}) >= ONE_CAUSE * self.with_gap
+        )
 
     def table(self) -> pd.DataFrame:
         """The assets as a table, indexed by asset."""
@@ -140,25 +155,38 @@ def _study(name: str, record: Mapping[str, Any]) -> AssetStudy:
     return AssetStudy(name, record["verdict"], lacks, before, after, record["sentence"], ok)
 
 
-def _shared(records: Mapping[str, Mapping[str, Any]]) -> Iterator[Shared]:
-    found: dict[tuple[str, str, str], list[tuple[str, Mapping[str, Any]]]] = {}
+def _shared(records: Mapping[str, Mapping[str, Any]]) -> list[Shared]:
+    """Effects by equation, name, columns and unit, those that most assets have first."""
+    sure: dict[tuple, dict[str, Mapping[str, Any]]] = {}
+    possible: dict[tuple, list[str]] = {}
     for name, record in records.items():
-        for effect in _added(record):
-            found.setdefault((effect["equation"], effect["slug"], effect["unit"]), []).append((name, effect))
-    for (equation, slug, unit), each in sorted(found.items(), key=lambda item: (-len(item[1]), item[0])):
-        first = each[0][1]
-        mean, sd = (tuple(float(effect[key]) for _, effect in each) for key in ("mean", "sd"))
-        together = pooled(mean, sd) if len(each) > 1 and _poolable(mean, sd) else None
-        names = tuple(name for name, _ in each)
-        yield Shared(equation, slug, first["name"], first["expression"], unit, names, mean, sd, together)
+        for effect in record["effects"]:
+            columns = tuple(sorted(set(_NAME.findall(effect["expression"]))))
+            key = (effect["equation"], effect["slug"], columns, effect["unit"] or "")
+            if effect["status"] == ADDED:
+                sure.setdefault(key, {})[name] = effect
+            elif effect["status"] == POSSIBLE:
+                possible.setdefault(key, []).append(name)
+    found = [_of_effect(key, each, possible.get(key, [])) for key, each in sure.items()]
+    return sorted(found, key=lambda each: (-len(each.assets), each.equation, each.slug))
 
 
-def _poolable(mean: Sequence[float], sd: Sequence[float]) -> bool:
-    return bool(np.all(np.isfinite(mean)) and np.all(np.isfinite(sd)) and np.all(np.asarray(sd) > 0))
+def _of_effect(key: tuple, each: Mapping[str, Mapping[str, Any]], possible: Sequence[str]) -> Shared:
+    first = next(iter(each.values()))
+    mean, sd = (np.array([_number(effect[name]) for effect in each.values()]) for name in ("mean", "sd"))
+    values = {name: [float(effect["inner"][name]) for effect in each.values()] for name in first["inner"]}
+    inner = {name: (min(own), max(own)) for name, own in values.items()}
+    known = np.isfinite(mean) & np.isfinite(sd) & (sd > 0)
+    alike = all(high <= ALIKE * low for low, high in inner.values())
+    whole = pooled(mean[known].tolist(), sd[known].tolist()) if alike and known.sum() > 1 and known.all() else None
+    return Shared(
+        key[0], key[1], first["name"], first["expression"], key[3], inner, tuple(each), tuple(possible),
+        tuple(mean.tolist()), tuple(sd.tolist()), whole,
+    )  # fmt: skip
 
 
 def _added(record: Mapping[str, Any]) -> list[Mapping[str, Any]]:
-    return [effect for effect in record["effects"] if effect["status"] == "added"]
+    return [effect for effect in record["effects"] if effect["status"] == ADDED]
 
 
 def _number(value: Any) -> float:

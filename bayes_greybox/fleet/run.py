@@ -11,6 +11,7 @@ from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.records import plain_rows, plain_values
 from bayes_greybox.discovery.fleet import Fleet, fleet_of
 from bayes_greybox.inference.kept.netcdf import versions
+from bayes_greybox.report.folders.holding import RECORD
 from bayes_greybox.report.folders.record import write_json
 from bayes_greybox.report.folders.writing import output_folder, staged
 from bayes_greybox.report.words.fleet import fleet_sentence
@@ -80,7 +81,7 @@ def study_fleet(
             from bayes_greybox.report.pages.fleet_page import fleet_html
 
             fleet.table().to_csv(part / "assets.csv")
-            write_json(part / "summary.json", _record(fleet))
+            write_json(part / RECORD, _record(fleet))
             pages = {name: f"{ASSETS}/{name}/{PAGE}" for name in records}
             fleet_html(fleet, part / FLEET_PAGE, pages)
     return fleet
@@ -93,15 +94,16 @@ def study_asset(asset: Asset, place: str, sampling: Mapping[str, int | None], ma
         asset: The asset.
         place: Its folder.
         sampling: Settings in place of the configuration's own.
-        mark: What says that its study is whole.
+        mark: What its results are of.
     """
     folder = Path(place)
     settings = asset.settings().with_sampling(**sampling)
     study_into(settings, folder, progress=False)
-    record = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
+    text = (folder / RECORD).read_bytes()
     with staged(folder) as part:
-        (part / MARK).write_text(mark, encoding="utf-8")
-    return record
+        # Last, and of this very record: results of another run in this folder are not taken for this one's.
+        write_json(part / MARK, {"of": mark, "record": hashlib.sha256(text).hexdigest()})
+    return json.loads(text)
 
 
 def _record(fleet: Fleet) -> dict[str, Any]:
@@ -117,20 +119,23 @@ def _record(fleet: Fleet) -> dict[str, Any]:
 
 
 def _mark(asset: Asset, sampling: Mapping[str, int | None]) -> str:
-    """What an asset's results are of: its configuration, its data, the sampler's settings and this version."""
-    settings = asset.settings()
+    """What an asset's results are of: its configuration, data and catalogues, the sampler's settings, this version."""
+    settings = asset.settings().with_sampling(**sampling)
     digest = hashlib.sha256(settings.text.encode())
-    for file in settings.data.files(settings.origin.parent):
-        digest.update(hashlib.sha256(file.read_bytes()).digest())
-    digest.update(json.dumps([dict(sampling), versions()], sort_keys=True).encode())
+    folder = settings.origin.parent
+    for file in (*settings.data.files(folder), *settings.study.files(folder)):
+        # One that is not there is the study's to refuse.
+        digest.update(hashlib.sha256(file.read_bytes() if file.is_file() else b"").digest())
+    digest.update(json.dumps([settings.sampling.model_dump(), versions()], sort_keys=True).encode())
     return digest.hexdigest()
 
 
 def _studied(folder: Path, mark: str) -> dict[str, Any] | None:
     """The record of a study that was done before and is of the same."""
     try:
-        if (folder / MARK).read_text(encoding="utf-8") != mark:
+        said, text = json.loads((folder / MARK).read_text(encoding="utf-8")), (folder / RECORD).read_bytes()
+        if said != {"of": mark, "record": hashlib.sha256(text).hexdigest()}:
             return None
-        return json.loads((folder / "summary.json").read_text(encoding="utf-8"))
+        return json.loads(text)
     except (OSError, ValueError):
         return None

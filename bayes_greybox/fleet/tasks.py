@@ -8,12 +8,17 @@ import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
-from typing import Any, cast
+from typing import Any
+from uuid import uuid4
 
 from bayes_greybox.data.errors import InputError
 
 DEATHS = 3
 """Workers that may die over one task before it is given up: what kills every worker is the task's own fault."""
+
+
+WORKERS = 20
+"""Seconds that a scheduler's first worker is waited for."""
 
 
 @dataclass(frozen=True)
@@ -86,7 +91,7 @@ def _on_workers(
                 threads_per_worker=1,
                 processes=True,
                 memory_limit=0,
-                dashboard_address=cast(Any, None),
+                dashboard_address="127.0.0.1:0",
                 silence_logs=50,
             )
         )
@@ -94,15 +99,22 @@ def _on_workers(
         place = scheduler
     try:
         client = open_.enter_context(Client(place, timeout=5))
+        if scheduler is not None:
+            client.wait_for_workers(1, timeout=WORKERS)
+    except TimeoutError:
+        raise InputError(f"The Dask scheduler at {scheduler!r} has no workers; start some with dask worker.") from None
     except (OSError, ValueError) as error:
         raise InputError(
             f"No Dask scheduler answers at {scheduler!r} ({error}); start one with dask scheduler."
         ) from None
     futures = {
-        client.submit(function, *arguments, key=f"{name}-{k}", pure=False): name
-        for k, (name, arguments) in enumerate(tasks.items())
+        # A scheduler serves others too: a key that is not ours alone would bring what was another's.
+        client.submit(function, *arguments, key=f"{name}-{uuid4().hex}", pure=False): name
+        for name, arguments in tasks.items()
     }
     for future in as_completed(futures):
+        if future.cancelled():
+            raise InputError("The Dask scheduler was lost. What is done is kept: give the same command again.")
         yield _done(futures[future], future.result)
         future.release()
 

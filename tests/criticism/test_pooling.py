@@ -21,6 +21,12 @@ def on_a_grid(b, s):
     p = np.exp(log_p - log_p.max())
     p[0] /= 2
     p /= p.sum()
+    # As likely beforehand: one coefficient for all.
+    one = norm.logpdf(b, mu[:, None], s).sum(axis=1)
+    area = np.exp(log_p - log_p.max()).sum() * (tau[1] - tau[0]) * 2
+    same = np.exp(one - log_p.max()).sum() / (np.exp(one - log_p.max()).sum() + area)
+    p *= 1 - same
+    p[0] += same * np.exp(one - one.max()) / np.exp(one - one.max()).sum()
     mean = (p.sum(axis=0) * mu).sum()
     sd = np.sqrt((p.sum(axis=0) * (mu - mean) ** 2).sum())
     quantiles = np.interp([0.05, 0.5, 0.95], np.cumsum(p.sum(axis=1)), tau)
@@ -36,6 +42,13 @@ def test_eight_schools_agree_with_sums_over_both_unknowns():
     assert (found.between_lower, found.between, found.between_upper) == pytest.approx(tuple(quantiles), abs=0.03)
     np.testing.assert_allclose(found.each, own, atol=0.03)
     assert found.lower < found.mean < found.upper
+
+
+def test_one_coefficient_is_known_as_well_as_all_data_tell_it():
+    found = pooled([-40.003, -40.01, -39.996], [0.01, 0.01, 0.01])
+    assert found.same > 0.99 and found.between_upper == 0
+    assert found.mean == pytest.approx(-40.003, abs=1e-3)
+    assert found.upper - found.lower < 5 * 0.01
 
 
 def test_the_probability_of_one_coefficient_is_a_ratio_of_densities():

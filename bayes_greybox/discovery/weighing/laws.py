@@ -46,16 +46,33 @@ class Laws:
         wanted = between(terms[0], terms[1], weighed) if len(terms) == 2 else neighbours(terms[0], weighed)
         return tuple(filter(None, (self._columns(term.text, lambda term=term: [(term, {})]) for term in wanted)))
 
-    def beside(self, others: Sequence[int], effects: Sequence[int], told: bool = True) -> list[tuple[int, ...]]:
-        """Laws in the place of effects, beside others.
+    def tell(self, others: Sequence[int], effects: Sequence[int]) -> bool:
+        """Refine the inner parameters of laws in the place of effects, beside others, once.
 
         Args:
             others: Columns of the set without the effects.
             effects: One or two.
-            told: Whether the values of inner parameters are refined there.
+
+        Returns:
+            Whether there was anything to refine.
         """
-        found = [self._told(others, law) if told else law for law in self.next_to(*effects)]
-        return [law for law in map(self._nameless, found) if law]
+        names = tuple(sorted(self.statistics.columns[j].called for j in others))
+        fresh = False
+        for law in self.next_to(*effects):
+            first = self.statistics.columns[law[0]]
+            if first.inner and (first.called, names) not in self._refined:
+                self._refined.add((first.called, names))
+                refine(self.evaluations, (*self.always, *others), law)
+                fresh = True
+        return fresh
+
+    def nameless(self, *effects: int) -> list[tuple[int, ...]]:
+        """Laws next to effects where they are none of the catalogue's: far from where it bends one may become another.
+
+        Args:
+            effects: One or two.
+        """
+        return [law for law in map(self._nameless, self.next_to(*effects)) if law]
 
     def _bent(self, law: BoundEffect) -> tuple[int, ...]:
         rows = self.statistics.rows
@@ -71,17 +88,7 @@ class Laws:
         self.statistics.add("law", [(term, {**about, "memory": memory}) for term, about in items()])
         return tuple(range(before, len(self.statistics.columns)))
 
-    def _told(self, others: Sequence[int], law: tuple[int, ...]) -> tuple[int, ...]:
-        """A law with the values of its inner parameters refined beside others, once."""
-        columns = self.statistics.columns
-        key = (columns[law[0]].called, tuple(sorted(columns[j].called for j in others)))
-        if key in self._refined:
-            return law
-        self._refined.add(key)
-        return refine(self.evaluations, (*self.always, *others), law)
-
     def _nameless(self, law: tuple[int, ...]) -> tuple[int, ...]:
-        """A law where it is none of the effects: far from where it bends it may become one."""
         statistics = self.statistics
         if not statistics.columns[law[0]].inner:
             return law

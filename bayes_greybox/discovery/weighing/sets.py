@@ -284,8 +284,12 @@ class Sets:
             for replaced in [*((i,) for i in e.effects), *combinations(e.effects, 2)]:
                 others = tuple(j for j in core if j not in replaced)
                 places.setdefault((others, *(columns[j].called for j in replaced)), (others, replaced))
-        # Columns that are new change the number of all sets, so the last one comes before the first evidence.
-        weighed = [(*place, self.laws.beside(*place, told=k < TOLD)) for k, place in enumerate(places.values())]
+        # Columns that are new change the number of all sets, and values that are new the weights of the old ones: the
+        # last of both come before the first evidence.
+        told = 0
+        for others, replaced in places.values():
+            told += told < TOLD and self.laws.tell(others, replaced)
+        weighed = [(*place, self.laws.nameless(*place[1])) for place in places.values()]
         found = []
         for others, replaced, laws in weighed:
             # One law in the place of two is as likely beforehand as a neighbour of either alone.

@@ -53,6 +53,8 @@ def saved_html(
         saved, page = load_comparison(file), path or file / PAGE
         comparison_html(saved.fits, saved.table, page, saved.config)
         return dict(saved.fits), page
+    if command == "fleet":
+        raise InputError(f'"{file}" holds a fleet: its page is {OWN["fleet"][0]}, and each of its assets has a folder.')
     result = next((file / name for name in OWN.get(command or "", ()) if name.endswith(".nc")), None)
     if result is None or not result.is_file():
         lacks = f"its {result.name} is missing" if result else "there is no summary.json of theirs in it"

@@ -36,23 +36,32 @@ def fleet_page(fleet: Fleet, pages: dict[str, str]) -> Page:
     """
     alerts = [f"{each.asset} could not be studied: {each.sentence}" for each in fleet.failed]
     alerts += [f"The sampler did not converge for {e.asset}." for e in fleet.studied if e.converged is False]
-    cause = fleet.cause
-    if not fleet.with_gap:
-        badge = Badge("No gap", "good", "✓") if fleet.studied else Badge("Nothing studied", "bad", "!")
-    else:
-        badge = Badge("One cause", "good", "✓") if cause else Badge("Several causes", "warn", "≈")
+    cause = fleet.causes[0] if len(fleet.causes) == 1 else None
+    badge = _badge(fleet)
     return Page(
         title=f"Fleet: {badge.text.lower()}",
         kind="bayes_greybox · fleet of studies",
         headline=fleet_sentence(fleet),
         badges=[badge],
-        facts=[f"{len(fleet.assets)} assets", f"{fleet.with_gap} with a gap", f"{len(fleet.failed)} failed"],
+        facts=[f"Assets: {len(fleet.assets)}", f"with a gap: {fleet.with_gap}", f"failed: {len(fleet.failed)}"],
         alerts=alerts,
         cards=_cards(cause),
         cards_title="" if cause is None else shared_text(cause),
         sections=[_shared(fleet), _assets(fleet, pages)],
         footer=footer(versions()["bayes-greybox"]),
     )
+
+
+def _badge(fleet: Fleet) -> Badge:
+    if not fleet.studied:
+        return Badge("Nothing studied", "bad", "!")
+    if not fleet.with_gap:
+        return Badge("No gap", "good", "✓")
+    if not fleet.shared:
+        return Badge("No name", "warn", "?")
+    if fleet.causes:
+        return Badge("One cause" if len(fleet.causes) == 1 else "Causes in common", "good", "✓")
+    return Badge("One asset", "warn", "1") if fleet.with_gap == 1 else Badge("Several causes", "warn", "≈")
 
 
 def _cards(cause: Shared | None) -> list[Card]:
@@ -68,7 +77,7 @@ def _cards(cause: Shared | None) -> list[Card]:
         ),
         Card(
             "Between assets",
-            "standard deviation of their own coefficients, 90 % interval",
+            "standard deviation of their coefficients, 90 % interval",
             f"{number(whole.between)}{unit}",
             note=f"{number(whole.between_lower)} to {number(whole.between_upper)}",
         ),
@@ -79,14 +88,16 @@ def _cards(cause: Shared | None) -> list[Card]:
 def _shared(fleet: Fleet) -> Section:
     if not fleet.shared:
         return Section("lacks", "What they lack", blocks=[Words("No effect was added to the model of any asset.")])
-    head = ("effect", "equation", "#assets", "#on the whole", "#between assets", "#P(one for all)", "unit")
+    head = ("effect", "equation", "#assets", "#mean", "#between assets", "#P(one for all)", "inner parameters", "unit")
     rows = []
     for each in fleet.shared:
         whole = each.whole
         numbers = ("–", "–", "–")
         if whole is not None:
             numbers = estimate(whole.mean, whole.sd), number(whole.between), probability_text(whole.same)
-        rows.append((each.name, each.equation, str(len(each.assets)), *numbers, unit_text(each.unit) or "–"))
+        inner = ", ".join(f"{name} {_range(*ends)}" for name, ends in each.inner.items()) or "–"
+        count = f"{len(each.assets)}{f' to {len({*each.assets, *each.possible})}' if each.possible else ''}"
+        rows.append((each.name, each.equation, count, *numbers, inner, unit_text(each.unit) or "–"))
     drawn = [
         picture(
             plot_pooled(
@@ -99,9 +110,10 @@ def _shared(fleet: Fleet) -> Section:
         if each.whole is not None
     ]
     lead = (
-        "Effects that were added to the models of assets. A coefficient is pooled over those that have it: each one's "
-        "own is drawn towards that of the whole as far as its data leave it open. Assets whose data do not tell the "
-        "effect are not in the pool."
+        "Effects that were added to the models of assets; “3 to 5” are three that surely have it and two that may. A "
+        "coefficient is pooled over those that have it: each one's own is drawn towards their mean as far as its data "
+        "leave it open. Assets with too little of it to be found are not in the mean, which is therefore one of those "
+        "that lack it, and not of the fleet; nor is anything pooled where inner parameters differ."
     )
     return Section(
         "lacks", "What they lack", lead, [Table(head, rows, "Effects and their coefficients"), Pictures(drawn)]
@@ -120,6 +132,10 @@ def _assets(fleet: Fleet, pages: dict[str, str]) -> Section:
     )
     links = [pages.get(each.asset, "") for each in fleet.assets]
     return Section("assets", "Assets by their gap", lead, [Table(head, rows, "All assets", links=links)])
+
+
+def _range(low: float, high: float) -> str:
+    return number(low) if number(low) == number(high) else f"{number(low)} to {number(high)}"
 
 
 def _share(value: float) -> str:

@@ -1,4 +1,4 @@
-"""One coefficient in every asset that has it, beside what it is on the whole."""
+"""One coefficient in every asset that has it, beside their mean."""
 
 from collections.abc import Sequence
 
@@ -10,7 +10,10 @@ from bayes_greybox.criticism.pooling import Pooled
 from bayes_greybox.report.plots.style import BLUE, DARK, LIGHT, STYLE, new_figure, plain
 
 MOST = 60
-"""Assets in one figure; of more the first."""
+"""Assets in one figure; of more, as many from the smallest to the largest."""
+
+LONG = 28
+"""Letters of a name in a figure."""
 
 
 @mpl.rc_context(STYLE)
@@ -24,11 +27,13 @@ def plot_pooled(names: Sequence[str], mean: Sequence[float], sd: Sequence[float]
         whole: Their pooling.
         label: Of the axis, with the unit.
     """
-    order = np.argsort(mean)[:MOST]
+    order = np.argsort(mean)
+    order = order[np.unique(np.linspace(0, len(order) - 1, min(MOST, len(order))).round().astype(int))]
+    shown = [name if len(name) <= LONG else f"{name[: LONG - 1]}…" for name in map(str, names)]
     figure = new_figure(6.4, 1.3 + 0.24 * len(order))
     ax = figure.add_subplot()
     place = np.arange(len(order))
-    ax.axvspan(whole.lower, whole.upper, color=LIGHT, alpha=0.6, lw=0, label="on the whole, 90 %")
+    ax.axvspan(whole.lower, whole.upper, color=LIGHT, alpha=0.6, lw=0, label="mean, 90 %")
     wide = 1.645
     own = np.asarray(mean)[order]
     ax.errorbar(own, place + 0.13, xerr=wide * np.asarray(sd)[order], fmt="o", ms=3.5, color=BLUE, label="its own data")
@@ -36,7 +41,7 @@ def plot_pooled(names: Sequence[str], mean: Sequence[float], sd: Sequence[float]
         np.asarray(whole.each)[order], place - 0.13, xerr=wide * np.asarray(whole.each_sd)[order], fmt="s", ms=3,
         color=DARK, label="pooled",
     )  # fmt: skip
-    ax.set_yticks(place, [plain(str(names[int(i)])) for i in order])
+    ax.set_yticks(place, [plain(shown[int(i)]) for i in order])
     ax.set_ylim(-0.7, len(order) - 0.3)
     ax.set_xlabel(plain(label))
     figure.legend(loc="outside lower left", ncols=3)

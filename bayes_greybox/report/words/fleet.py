@@ -7,21 +7,38 @@ from .formatting import formula, listed, number, probability_text, quantity
 
 def fleet_sentence(fleet: Fleet) -> str:
     """The fleet in one sentence: how many assets lack what, and whether that is one cause."""
-    n, gap, failed = len(fleet.studied), fleet.with_gap, len(fleet.failed)
-    rest = f" {failed} of {n + failed} files could not be studied." if failed else ""
+    n, failed = len(fleet.studied), len(fleet.failed)
     if not n:
-        return f"None of {failed} assets could be studied."
+        return f"None of {_assets(failed)} could be studied."
+    return f"{_found(fleet)}.{f' {failed} of {n + failed} files could not be studied.' if failed else ''}"
+
+
+def shared_text(shared: Shared) -> str:
+    """An effect's heading: its name, formula and equation."""
+    return f"{shared.name}, {formula(shared.expression)}, in the equation of {shared.equation}"
+
+
+def _found(fleet: Fleet) -> str:
+    n, gap = len(fleet.studied), fleet.with_gap
     if not gap:
-        return f"Nothing is missing in {'the one asset' if n == 1 else f'any of {n} assets'}.{rest}"
-    cause = fleet.cause
-    if cause is None:
-        lacking = [f"{s.name.lower()} ({len(s.assets)})" for s in fleet.shared[:4]]
-        what = f"; what they lack differs: {listed(lacking)}" if lacking else ""
-        return f"{gap} of {n} {'asset has' if n == 1 else 'assets have'} a gap{what}.{rest}"
-    return (
-        f"{len(cause.assets)} of {n} assets lack {cause.name.lower()} in the equation of {cause.equation}"
-        f"{_of(cause)}.{rest}"
-    )
+        return f"Nothing is missing in {'the one asset' if n == 1 else f'any of {n} assets'}"
+    have = f"{gap} of {_assets(n)} {'has' if gap == 1 else 'have'} a gap"
+    if not fleet.shared:
+        return f"{have}, which no effect of the catalogue closes"
+    if not fleet.causes:
+        lacking = [f"{each.name.lower()} ({len(each.assets)})" for each in fleet.shared[:4]]
+        if gap == 1:
+            return f"{have}: {fleet.shared[0].assets[0]} lacks {listed([each.name.lower() for each in fleet.shared])}"
+        return f"{have}; what they lack differs: {listed(lacking)}"
+    first, *others = fleet.causes
+    names = listed([f"{each.name.lower()} in the equation of {each.equation}" for each in fleet.causes])
+    of = "" if others else _of(first)
+    return f"{len(first.assets)} of {_assets(n)} lack {names}{_maybe(first)}{of}"
+
+
+def _maybe(cause: Shared) -> str:
+    """Those whose data tell no more than that it may be this."""
+    return f" ({len(cause.possible)} more may)" if cause.possible else ""
 
 
 def _of(cause: Shared) -> str:
@@ -33,10 +50,9 @@ def _of(cause: Shared) -> str:
         return f", with one coefficient in all of them: {size} (probability {probability_text(whole.same)})"
     if whole.same < 1 - ONE_CAUSE:
         between = f"a standard deviation of {number(whole.between)} between them"
-        return f", with coefficients that differ: {size} on the whole, {between}"
-    return f", with a coefficient of {size} on the whole; whether it differs between them these data do not tell"
+        return f", with coefficients that differ: {size} in their mean, {between}"
+    return f", with a coefficient of {size} in their mean; whether it differs between them these data do not tell"
 
 
-def shared_text(shared: Shared) -> str:
-    """An effect's heading: its name, formula and equation."""
-    return f"{shared.name}, {formula(shared.expression)}, in the equation of {shared.equation}"
+def _assets(n: int) -> str:
+    return f"{n} asset" if n == 1 else f"{n} assets"

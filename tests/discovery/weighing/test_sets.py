@@ -531,7 +531,7 @@ def test_a_bent_law_that_is_an_effect_at_some_values_is_none_there():
     (first, *_) = (i for i in known.statistics.of_kind("effect") if known.name(i) == "smooth")
     laws = Laws(known)
     every = {known.statistics.columns[law[0]].called: law for law in laws.next_to(first)}
-    own = {known.statistics.columns[law[0]].called: law for law in laws.beside((), (first,), told=False)}
+    own = {known.statistics.columns[law[0]].called: law for law in laws.nameless(first)}
     (name,) = (each for each in every if each.endswith("abs(x)"))
     dropped = set(every[name]) - set(own[name])
     assert dropped and own[name]

@@ -35,6 +35,10 @@ BEHIND = 3.0
 to the end: odds of twenty."""
 
 
+HALF = 0.25
+"""Steps within which a delay is half a step."""
+
+
 class Settled(NamedTuple):
     """The explanation that stays, and how rows are taken near any other one, under the same noise.
 
@@ -99,8 +103,8 @@ class Turns:
         ended = self._ended(begun)
         if other_end is None or not self._likelier(other_end.near, ended.near):
             return ended
-        # Half a step late is what holding does: inputs that are held and early are not held.
-        undone = _delayed(other_end.near) and not _delayed(ended.near)
+        # Half a step late is what holding does: what is held, and half a step off besides, is not held.
+        undone = any(abs(each - 0.5) < HALF for each in _delays(other_end.near)) and not _delays(ended.near)
         return ended if undone else other_end
 
     def _begun(self) -> Near:
@@ -186,9 +190,9 @@ def _stayed(near: Near, taken: Callable[..., Near]) -> Near:
     return best or near
 
 
-def _delayed(near: Near) -> bool:
-    """Whether a delay was found."""
-    return any(suspect.kind == DELAY for suspect in near.sensors)
+def _delays(near: Near) -> list[float]:
+    """Delays that were found, either way, in steps."""
+    return [abs(size) / suspect.step for suspect, size in near.sensors.items() if suspect.kind == DELAY]
 
 
 def _errors(near: Near) -> frozenset[str]:
