@@ -38,10 +38,10 @@ def test_same_shapes_are_traced_once():
 
 def test_options_that_this_xla_does_not_know_are_left_out(monkeypatch):
     monkeypatch.setattr(compiling, "FAST", {"xla_no_such_option": True})
-    compiling._known.cache_clear()
-    assert compiling._known(False) is None
+    compiling.compile_options.cache_clear()
+    assert compiling.compile_options(False) is None
     assert float(compiled(lambda x: x + 1)(1.0)) == 2.0
-    compiling._known.cache_clear()
+    compiling.compile_options.cache_clear()
 
 
 PROGRAM = """
