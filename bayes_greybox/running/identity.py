@@ -3,9 +3,11 @@
 A trace taken for another one would give wrong posteriors and say nothing. So the name is a digest of all that a trace
 is made of, stated in one way only; where something of it cannot be stated, there is no name, and nothing is kept:
 
-    the source of this package, and versions of what it calls     what the program calls itself, its static settings
-    what the modules in memory hold: constants, whose functions   shapes and types of its arguments, static parts of them
-    JAX's configuration and NumPyro's                             the backend
+    the source of this package, and versions of what it calls
+    what its modules hold in memory: constants, and where functions come from
+    what the program is called, and its static settings
+    shapes and types of its arguments, and what is static in them
+    configuration of JAX and NumPyro, the backend
 
 What no name can see is a function of JAX or NumPyro that was replaced in memory.
 """
@@ -31,9 +33,7 @@ ROOMS = ("model", "inference.sampler")
 LIBRARIES = ("jax", "jaxlib", "numpy", "numpyro", "scipy")
 """What traces call: of other versions they are others."""
 
-TRUSTED = frozenset(sys.stdlib_module_names | {PACKAGE, *LIBRARIES, "annotated_types", "beartype", "jaxtyping"}) - {
-    "unittest"
-}
+TRUSTED = {PACKAGE, *LIBRARIES, *sys.stdlib_module_names, "annotated_types", "beartype", "jaxtyping"} - {"unittest"}
 """Where functions come from whose versions or source the name has."""
 
 FRESH = 2.0

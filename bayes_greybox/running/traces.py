@@ -29,21 +29,7 @@ CHECKED = "BAYES_GREYBOX_TYPECHECK"
 
 DIGEST = hashlib.sha256().digest_size
 
-LAPACK = (
-    "potrf",
-    "geqrf",
-    "geqp3",
-    "orgqr",
-    "ormqr",
-    "syevd",
-    "geev",
-    "gesdd",
-    "getrf",
-    "sytrd",
-    "gehrd",
-    "trsm",
-    "gtsv",
-)
+LAPACK = "potrf geqrf geqp3 orgqr ormqr syevd geev gesdd getrf sytrd gehrd trsm gtsv".split()
 """Routines that a trace may call by name: JAX promises some of them for years, and a name here is for one version."""
 
 Function = TypeVar("Function", bound=Callable[..., Any])
