@@ -20,7 +20,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import fields, is_dataclass
 from pathlib import Path
 from types import BuiltinFunctionType, FunctionType, ModuleType
-from typing import Any
+from typing import Any, cast
 
 import jax
 import numpy as np
@@ -57,6 +57,8 @@ def name_of(name: str, module: str, identity: Any, leaves: list[Any], tree: Any)
         tree: Of its arguments, as `jax.tree.flatten` says it.
     """
     try:
+        if module.partition(".")[0] != PACKAGE:
+            raise Unkept(module)
         facts = (
             name,
             module,
@@ -86,18 +88,18 @@ def told(value: Any, other: Callable[[Any], Any] = _refused) -> Any:
     Raises:
         Unkept: There is something else in it.
     """
-    kind = type(value)
+    kind, parts = type(value), cast(Any, value)
     if kind in PLAIN:
         return kind.__name__, repr(value)
     if isinstance(value, np.ndarray | np.generic) and kind.__module__ == "numpy" and value.dtype.kind in "biufcSU":
         digest = hashlib.sha256(np.ascontiguousarray(value).tobytes()).hexdigest()
         return kind.__name__, value.dtype.str, value.shape, digest
     if kind in (tuple, list) or (isinstance(value, tuple) and _is_ours(kind)):
-        return kind.__qualname__, *(told(each, other) for each in value)
+        return kind.__qualname__, *(told(each, other) for each in parts)
     if kind is dict:
-        return "dict", *((told(key, other), told(each, other)) for key, each in value.items())
+        return "dict", *((told(key, other), told(each, other)) for key, each in parts.items())
     if kind in (set, frozenset):
-        return kind.__name__, *sorted((told(each, other) for each in value), key=repr)
+        return kind.__name__, *sorted((told(each, other) for each in parts), key=repr)
     if is_dataclass(value) and _is_ours(kind):
         own = ((field.name, told(getattr(value, field.name), other)) for field in fields(value))
         return kind.__module__, kind.__qualname__, *own

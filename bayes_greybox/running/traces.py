@@ -56,7 +56,7 @@ def kept(function: Function, identity: Any, name: str, *, once: bool = False) ->
     @wraps(function)
     def call(*args: Any) -> Any:
         leaves, tree = jax.tree.flatten(args)
-        if any(isinstance(leaf, jax.core.Tracer) for leaf in leaves) or os.environ.get(CHECKED) == "1":
+        if os.environ.get(CHECKED) == "1":
             return plain(*args)
         try:
             key = (tree, tuple(map(jax.typeof, leaves)), settings())
@@ -136,11 +136,17 @@ def _read(file: Path, key: str) -> Any:
 def _write(file: Path, key: str, content: bytes) -> None:
     """Write a file that is there as a whole, or not."""
     try:
+        # What a process that ends here leaves behind has an ending by which it is deleted some day.
         with tempfile.NamedTemporaryFile(dir=file.parent, suffix=TRACE, delete=False) as opened:
             opened.write(_digest(key, content) + content)
+    except OSError as error:
+        log.debug("a trace could not be written (%s)", error)
+        return
+    try:
         os.replace(opened.name, file)
     except OSError as error:
         log.debug("a trace could not be written (%s)", error)
+        Path(opened.name).unlink(missing_ok=True)
 
 
 def _digest(key: str, content: bytes) -> bytes:
