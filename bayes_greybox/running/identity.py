@@ -18,6 +18,7 @@ import os
 import sys
 from collections.abc import Callable, Iterator
 from dataclasses import fields, is_dataclass
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from types import BuiltinFunctionType, FunctionType, ModuleType
 from typing import Any, cast
@@ -27,13 +28,13 @@ import numpy as np
 
 PACKAGE = __name__.partition(".")[0]
 
-ROOMS = ("model", "inference.sampler")
-"""Modules that traces run through, besides the one of the program itself."""
-
-LIBRARIES = ("jax", "jaxlib", "numpy", "numpyro", "scipy")
+LIBRARIES = ("jax", "jaxlib", "numpy", "numpyro", "scipy", "sympy", "diffrax", "equinox", "lineax", "optimistix")
 """What traces call: of other versions they are others."""
 
-TRUSTED = {PACKAGE, *LIBRARIES, *sys.stdlib_module_names, "annotated_types", "beartype", "jaxtyping"} - {"unittest"}
+PLAINER = ("annotated_types", "beartype", "jaxtyping")
+"""What only says what may be given."""
+
+TRUSTED = {PACKAGE, *LIBRARIES, *PLAINER, *sys.stdlib_module_names} - {"unittest"}
 """Where functions come from whose versions or source the name has."""
 
 FRESH = 2.0
@@ -46,27 +47,27 @@ class Unkept(Exception):
     """Something that cannot be stated, and what."""
 
 
-def name_of(name: str, module: str, identity: Any, leaves: list[Any], tree: Any) -> str | None:
+def name_of(name: str, modules: tuple[str, ...], identity: Any, leaves: list[Any], tree: Any) -> str | None:
     """A digest of all that the trace of a program depends on; None where that is not certain.
 
     Args:
         name: Of the program, within the package.
-        module: Where its function is defined.
+        modules: Where its function is defined, and modules and packages that its trace runs through.
         identity: What the function holds beside its arguments.
         leaves: Of its arguments.
         tree: Of its arguments, as `jax.tree.flatten` says it.
     """
     try:
-        if module.partition(".")[0] != PACKAGE:
-            raise Unkept(module)
+        if any(module.partition(".")[0] != PACKAGE for module in modules):
+            raise Unkept(modules)
         facts = (
             name,
-            module,
+            modules,
             told(identity),
             structure(tree),
             tuple(map(_shape, leaves)),
             sources(),
-            tuple(in_memory(module)),
+            tuple(in_memory(modules)),
             surroundings(),
         )
     except (Unkept, OSError, RecursionError):
@@ -173,20 +174,20 @@ def _contents(paths: tuple[str, ...], _: Any) -> str:
     return digest.hexdigest()
 
 
-def in_memory(module: str) -> Iterator[Any]:
+def in_memory(modules: tuple[str, ...]) -> Iterator[Any]:
     """What modules hold: constants, kernels, and of functions and classes where they come from.
 
     A constant that was set to another value, or a function that was replaced, makes a program another one.
 
     Args:
-        module: One to look at besides those of `ROOMS`.
+        modules: Their names, or those of packages, all of whose modules that were imported are looked at.
 
     Raises:
         Unkept: A function comes from somewhere else.
     """
-    rooms = tuple(f"{PACKAGE}.{room}" for room in ROOMS)
+    within = tuple(f"{name}." for name in modules)
     for name, each in sorted(sys.modules.items()):
-        if name == module or name.startswith(rooms):
+        if name in modules or name.startswith(within):
             # Which modules of a package were imported, it holds too.
             held = (
                 (k, v)
@@ -243,12 +244,22 @@ def surroundings() -> Any:
     Raises:
         Unkept: A program runs inside a handler of NumPyro, which may change what it does.
     """
-    versions = [(name, str(getattr(sys.modules.get(name), "__version__", None))) for name in LIBRARIES]
+    # A library that says another version than the one that was installed is a checkout.
+    loaded = [str(getattr(sys.modules.get(name), "__version__", None)) for name in LIBRARIES[:4]]
+    versions = *loaded, *map(_installed, LIBRARIES)
     primitives, distributions = (sys.modules.get(f"numpyro.{name}") for name in ("primitives", "distributions"))
     if getattr(primitives, "_PYRO_STACK", None):
         raise Unkept("handlers")
     validated = getattr(getattr(distributions, "Distribution", None), "_validate_args", None)
-    return tuple(versions), sys.version_info[:2], jax.default_backend(), settings(), repr(validated)
+    return versions, sys.version_info[:2], jax.default_backend(), settings(), repr(validated)
+
+
+@functools.cache
+def _installed(library: str) -> str:
+    try:
+        return version(library)
+    except PackageNotFoundError:
+        return ""
 
 
 def settings() -> Any:

@@ -22,10 +22,13 @@ import jax
 import jax.numpy as jnp
 
 from .compiling import TRACE, compile_options, compiled, keep_programs
-from .identity import Unkept, name_of, settings
+from .identity import PACKAGE, Unkept, name_of, settings
 
 CHECKED = "BAYES_GREYBOX_TYPECHECK"
 """Environment variable: "1" has shapes and types checked."""
+
+SAMPLER = ("model", "inference.sampler")
+"""Where what a sampler traces is."""
 
 DIGEST = hashlib.sha256().digest_size
 
@@ -37,7 +40,9 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 log = logging.getLogger(__name__)
 
 
-def kept(function: Function, identity: Any, name: str, *, once: bool = False) -> Function:
+def kept(
+    function: Function, identity: Any, name: str, *, once: bool = False, rooms: tuple[str, ...] = SAMPLER
+) -> Function:
     """`compiled`, with the trace kept for later processes.
 
     Args:
@@ -46,6 +51,7 @@ def kept(function: Function, identity: Any, name: str, *, once: bool = False) ->
         identity: What it depends on, of values that `identity.told` takes; None: keep no trace.
         name: Of the program, in the package.
         once: Whether it will run once or twice.
+        rooms: Modules and packages of ours that it is traced through, besides its own.
     """
     plain = compiled(function, once=once)
     if identity is None:
@@ -65,7 +71,7 @@ def kept(function: Function, identity: Any, name: str, *, once: bool = False) ->
         with one_at_a_time:
             program = programs.get(key)
             if program is None:
-                found = _found(function, identity, name, once, leaves, tree)
+                found = _found(function, identity, name, once, rooms, leaves, tree)
                 try:
                     done = plain(*args) if found is None else found(*leaves)
                 except Exception as error:  # noqa: BLE001 - whatever it is, a trace must not be the reason
@@ -81,13 +87,20 @@ def kept(function: Function, identity: Any, name: str, *, once: bool = False) ->
 
 
 def _found(
-    function: Callable[..., Any], identity: Any, name: str, once: bool, leaves: list[Any], tree: Any
+    function: Callable[..., Any],
+    identity: Any,
+    name: str,
+    once: bool,
+    rooms: tuple[str, ...],
+    leaves: list[Any],
+    tree: Any,
 ) -> Callable[..., Any] | None:
     """The program from its trace, of the leaves of its arguments; None where it has none."""
     from jax import export
 
     folder = keep_programs()
-    key = name_of(name, function.__module__, identity, leaves, tree) if folder is not None else None
+    modules = (function.__module__, *(f"{PACKAGE}.{room}" for room in rooms))
+    key = name_of(name, modules, identity, leaves, tree) if folder is not None else None
     if folder is None or key is None:
         log.debug("%s: no trace is kept", name)
         return None

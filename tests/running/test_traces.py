@@ -19,15 +19,19 @@ import bayes_greybox as bg
 from bayes_greybox.inference.sampler import nuts
 from bayes_greybox.inference.sampler.programs import programs_for
 from bayes_greybox.inference.settings import Sampling
+from bayes_greybox.inference.whole_rate import whole_rate
 from bayes_greybox.model import priors
 from bayes_greybox.model.algebra import linalg
 from bayes_greybox.model.gp import kernels
 from bayes_greybox.model.program import Program
+from bayes_greybox.physics.simulation.reading import simulation_of
 from bayes_greybox.running import compiling, identity, traces
 from bayes_greybox.running.traces import kept
 
 MODULE = "bayes_greybox.model.gp.hyper"
 """Where the functions of these tests say that they are: of others no trace is kept."""
+
+MODULES = (nuts.__name__, "bayes_greybox.model", "bayes_greybox.inference.sampler")
 
 FIT = """
 import json, logging, jax, numpy as np
@@ -47,14 +51,19 @@ data = bg.Trajectories.from_arrays(x, states={"x": x}, derivatives={"x": np.sin(
 model = bg.GreyBox({"x": ["x", "x**3"]}, prior=bg.Normal(), discrepancy=bg.OrthogonalGP(features=4))
 fit = model.fit(data, draws=20, tune=20, chains=2, seed=1, progress=False)
 fit.checks()
+followed = fit.simulate(data).states["x"].mean
 values = {
     f"{group}/{name}": np.asarray(value, float).tobytes().hex()
     for group in ("posterior", "prior", "sample_stats", "log_prior")
     for name, value in fit.idata[group].dataset.data_vars.items()
 }
+values["free run"] = np.asarray(followed).tobytes().hex()
 names = [str(more.get("fun_name")) for event, more in traced if event.endswith("jaxpr_trace_duration")]
 print(json.dumps({"values": values, "said": said, "traced": names}))
 """
+
+TRACED = {"first", "advance", "constrain", "draw_all_of", "draw_all", "one", "every", "follow"}
+"""Functions that these are made of, and the programs of checks and free runs."""
 
 PROGRAMS = ["start", "advance", "constrain", "conditional", "prior", "log_prior"]
 
@@ -74,13 +83,16 @@ def _files(tmp_path):
 def test_a_later_process_traces_nothing_and_draws_the_same(tmp_path):
     without = _fit(tmp_path, BAYES_GREYBOX_CACHE="off")
     assert not _files(tmp_path)
-    assert {"first", "advance"} <= set(without["traced"])
+    assert TRACED <= set(without["traced"])
     first = _fit(tmp_path)
     assert first["said"][:6] == [f"{name}: traced now" for name in PROGRAMS]
     second = _fit(tmp_path)
     assert second["said"][:6] == [f"{name}: the trace was kept" for name in PROGRAMS]
+    assert {"sensitivity: the trace was kept", "follow: the trace was kept"} <= set(second["said"])
     assert all(said.endswith("the trace was kept") for said in second["said"])
-    assert not {"first", "advance", "constrain", "draw_all_of", "draw_all", "one"} & set(second["traced"])
+    assert not {"first", "advance", "constrain", "draw_all_of", "draw_all", "one", "every", "follow"} & set(
+        second["traced"]
+    )
     # The program is the same; whether it is inlined or called, the compiler makes the same of it.
     assert without["values"] == first["values"] == second["values"]
 
@@ -220,7 +232,7 @@ def design():
 
 def _name(*arguments, model=MODEL, name="start", tune=100):
     leaves, tree = jax.tree.flatten(arguments)
-    return identity.name_of(name, nuts.__name__, (model.bare, tune, 0.8), leaves, tree)
+    return identity.name_of(name, MODULES, (model.bare, tune, 0.8), leaves, tree)
 
 
 def test_what_a_trace_depends_on_is_in_its_name(folder, design, monkeypatch):
@@ -308,6 +320,17 @@ def test_source_is_in_the_name(folder, tmp_path, monkeypatch):
     monkeypatch.setattr(bg, "_SINCE", time.time() - 60)
     with pytest.raises(identity.Unkept):
         identity.sources()
+
+
+def test_the_rate_of_a_free_run_is_told_to_the_last_digit_and_code_is_not():
+    columns = {"x": np.linspace(-1, 1, 5)}
+    keys = []
+    for number in ("0.3", "0.30000000000000004"):
+        simulation = simulation_of({"x": f"-{number}*x"}, ("x",), ())
+        keys.append(whole_rate(simulation, {}, columns).identity)
+    assert identity.told(keys[0]) != identity.told(keys[1])
+    with pytest.raises(identity.Unkept):
+        identity.told(whole_rate(simulation_of(lambda t, x, u: -x, ("x",), ()), {}, columns).identity)
 
 
 @pytest.mark.parametrize(
