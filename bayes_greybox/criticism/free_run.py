@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cache
 from typing import Any
 
 import jax
@@ -26,13 +26,16 @@ from bayes_greybox.physics.integrate import (
     limits_of,
 )
 from bayes_greybox.physics.solvers import diffrax
-from bayes_greybox.running.compiling import compiled
+from bayes_greybox.running.traces import kept
 
 from .bands import Band, band_holds
 from .prediction import require_columns
 
 FREE_RUN_DRAWS = 50
 """Posterior draws that a free run integrates."""
+
+ROOMS = ("inference.whole_rate", "model", "physics.formula", "physics.integrate", "physics.simulation")
+"""Modules that a free run is traced through."""
 
 MOST_STIFF = 100_000
 """Steps of a piece of the method for equations that an explicit one spends its steps on."""
@@ -120,7 +123,7 @@ def free_run(
 
     rate = whole_rate(simulation, learned, data.columns)
     kinds = posterior.model.rows.interpolation if interpolation is None else interpolation
-    states, failed_at = FreeRunner(rate, kinds)(data, parameters, starts.draws(len(pick), rng))
+    states, failed_at = FreeRunner(rate, kinds, rate.identity)(data, parameters, starts.draws(len(pick), rng))
     bands = {name: Band.surviving(states[:, :, i], level) for i, name in enumerate(data.state_names)}
     lost = [times[np.isfinite(times)] for times in failed_at]
     failed = np.array([len(times) / len(every) for times, every in zip(lost, failed_at, strict=True)])
@@ -142,6 +145,7 @@ class FreeRunner:
         right_hand_side: (t, x, u, one draw of the parameters) -> dx/dt.
         interpolation: Of the inputs between samples: "linear", "zoh" (held) or "cubic", for all or one for each. By
             default each input's own, linear or cubic, by `physics.integrate.between_samples`.
+        identity: What the right-hand side depends on beside its arguments, for `traces.kept`; None: keep no trace.
         **options: Tolerances of `physics.integrate.follow_piece`.
     """
 
@@ -149,22 +153,25 @@ class FreeRunner:
         self,
         right_hand_side: Callable[[Array, Array, Array, Any], Array],
         interpolation: str | Sequence[str] | None = None,
+        identity: Any = None,
         **options: Any,
     ) -> None:
         self.interpolation = interpolation
 
-        @partial(compiled, static_argnames=("kinds", "stiff"))
-        def follow(
-            start: Any, samples: Samples, limits: Limits, parameters: Any, kinds: tuple[str, ...], stiff: bool
-        ) -> Any:
-            def one(start: Any, x0: Array, args: Any) -> Any:
-                own = limits._replace(x0=x0)
-                more = {"solver": diffrax().Kvaerno5(), "max_steps": MOST_STIFF} if stiff else {}
-                return follow_piece(right_hand_side, start, samples, own, args, kinds, **{**options, **more})
+        @cache
+        def follower(kinds: tuple[str, ...], stiff: bool) -> Callable[..., Any]:
+            def follow(start: Any, samples: Samples, limits: Limits, parameters: Any) -> Any:
+                def one(start: Any, x0: Array, args: Any) -> Any:
+                    own = limits._replace(x0=x0)
+                    more = {"solver": diffrax().Kvaerno5(), "max_steps": MOST_STIFF} if stiff else {}
+                    return follow_piece(right_hand_side, start, samples, own, args, kinds, **{**options, **more})
 
-            return jax.vmap(one)(start, limits.x0, parameters)
+                return jax.vmap(one)(start, limits.x0, parameters)
 
-        self._follow = follow
+            known = None if identity is None else (identity, kinds, stiff, options)
+            return kept(follow, known, "follow", rooms=ROOMS)
+
+        self._follower = follower
 
     def __call__(
         self,
@@ -212,7 +219,7 @@ class FreeRunner:
             start, pieces = (x0, jnp.ones(len(x0), bool)), []
             for i in range(len(samples.times)):
                 piece = Samples(*(part[i] for part in samples))
-                start, found = self._follow(start, piece, limits, parameters, kinds, stiff)
+                start, found = self._follower(kinds, stiff)(start, piece, limits, parameters)
                 pieces.append(found)
             states, failed_at, exhausted = (jnp.stack(parts, axis=1) for parts in zip(*pieces, strict=True))
             return states, failed_at, jnp.any(exhausted, axis=1)

@@ -1,10 +1,13 @@
 """The rate of the whole model, simulation + dictionary + f, inside an integrator."""
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
+import sympy
 from jaxtyping import Array, Float
 
 from bayes_greybox.model.frame import Frame, held_features
@@ -61,16 +64,16 @@ class WholeRate:
             scales = (frame.target_scale, frame.term_scale, frame.centre, frame.half_width, projection)
             self.numbers[name] = Numbers(*map(jnp.asarray, scales), within=tuple(map(jnp.asarray, within)))
         formulas = [
-            (name, tuple(map(str, self._formulas[name])), frame.variables, frame.basis)
+            (name, tuple(map(sympy.srepr, self._formulas[name])), frame.variables, frame.basis)
             for name, frame in self._frames.items()
         ]
-        self._key = (self._simulation.key, tuple(formulas))
+        self.key = (self._simulation.key, tuple(formulas))
 
     def __hash__(self) -> int:
-        return hash(self._key)
+        return hash(self.key)
 
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, WholeRate) and self._key == other._key
+        return isinstance(other, WholeRate) and self.key == other.key
 
     def __call__(
         self, t: Array, x: Array, u: Array, args: tuple[Mapping[str, Numbers], Mapping[str, tuple[Array, Array]]]
@@ -102,15 +105,30 @@ class WholeRate:
         return jnp.stack(rate)
 
 
+@dataclass(frozen=True)
+class RateOfFit:
+    """The rate of a fit: (t, x, u, scaled (θ, weights of f) by learned state) -> dx/dt."""
+
+    rate: WholeRate
+
+    def __call__(self, t: Array, x: Array, u: Array, parameters: Mapping[str, tuple[Array, Array]]) -> Array:
+        """Rates of all states; arguments as those of `WholeRate`, but for its numbers."""
+        return self.rate(t, x, u, (self.rate.numbers, parameters))
+
+    @property
+    def identity(self) -> Any:
+        """What a program with this rate depends on, for `traces.kept`."""
+        return self.rate.key, jax.tree.map(np.asarray, self.rate.numbers)
+
+
 def whole_rate(
     simulation: Simulation, learned: Mapping[str, Learned], columns: Mapping[str, Float[np.ndarray, " n"]]
-) -> Any:
-    """The rate of a fit: (t, x, u, scaled (θ, weights of f) by learned state) -> dx/dt.
+) -> RateOfFit:
+    """The rate of a fit.
 
     Args:
         simulation: g.
         learned: Frames by learned state.
         columns: Values of states and inputs, which say how jumps are rounded.
     """
-    rate = WholeRate(simulation, {name: each.frame for name, each in learned.items()}, columns)
-    return lambda t, x, u, parameters: rate(t, x, u, (rate.numbers, parameters))
+    return RateOfFit(WholeRate(simulation, {name: each.frame for name, each in learned.items()}, columns))

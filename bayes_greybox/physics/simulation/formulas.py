@@ -93,5 +93,5 @@ class ExpressionSimulation(Simulation):
 
     @property
     def key(self) -> Hashable:
-        """Names and formulas."""
-        return self.states, self.inputs, tuple((name, str(e)) for name, e in self.expressions.items())
+        """Names and formulas, with all digits of their numbers."""
+        return self.states, self.inputs, tuple((name, sympy.srepr(e)) for name, e in self.expressions.items())

@@ -207,5 +207,5 @@ class _WithTerms(Simulation):
     @property
     def key(self) -> Hashable:
         """That of the simulation, and the terms."""
-        texts = tuple((s, tuple((term.text, value) for term, value in terms)) for s, terms in self.known.items())
-        return self.given.key, texts
+        known = ((s, tuple((sympy.srepr(t.expr), value) for t, value in terms)) for s, terms in self.known.items())
+        return self.given.key, tuple(known)
