@@ -4,9 +4,13 @@ The public names are listed in the stub beside this file; each is imported when 
 """
 
 import importlib
+import time
 from typing import Any
 
 import lazy_loader
+
+_SINCE = time.time()
+"""When this process began to read the package: what is younger in its files may not be what runs."""
 
 _named, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 

@@ -17,10 +17,11 @@ if "PYTEST_XDIST_WORKER" in os.environ:
         os.environ.setdefault(
             "XLA_FLAGS", "--xla_cpu_use_fusion_emitters=false --xla_cpu_parallel_codegen_split_count=1"
         )
-    os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(Path(__file__).parents[1] / ".pytest_cache" / "compiled"))
     os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.1")
     # Tracing makes millions of objects that stay; looking for cycles among them so often took a tenth of the time.
     gc.set_threshold(20_000, 10, 10)
+# Where JAX has a folder of its own no traces are kept: tests replace what is traced, and count it.
+os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(Path(__file__).parents[1] / ".pytest_cache" / "compiled"))
 
 import pkgutil
 from importlib.util import find_spec

@@ -16,7 +16,7 @@ from bayes_greybox.model.gp.hyper import Hyperparameters
 from bayes_greybox.model.likelihood import CollapsedNormal
 from bayes_greybox.model.priors import Scales
 from bayes_greybox.physics.units import coefficient_unit, target_unit
-from bayes_greybox.running.compiling import compiled
+from bayes_greybox.running.traces import kept
 
 from .prediction import PREDICTION_DRAWS
 
@@ -112,11 +112,14 @@ def redrawn(design: Design, draws: EquationDraws) -> EquationDraws:
     """θ and f drawn anew given the hyperparameters and prior scales of other draws, coefficients without bounds."""
     keys = jax.random.split(jax.random.PRNGKey(0), len(draws.theta))
 
-    def one(item: tuple[Array, Hyperparameters, Array]) -> dict[str, Array]:
-        key, hyper, sd = item
-        return draw_given(key, CollapsedNormal(design, hyper, Scales(sd, mean=design.coefficients.mean)))
+    def every(design: Design, items: tuple[Array, Hyperparameters, Array]) -> dict[str, Array]:
+        def one(item: tuple[Array, Hyperparameters, Array]) -> dict[str, Array]:
+            key, hyper, sd = item
+            return draw_given(key, CollapsedNormal(design, hyper, Scales(sd, mean=design.coefficients.mean)))
+
+        return jax.lax.map(one, items)
 
     hyper = Hyperparameters(*(jnp.asarray(value) for value in draws.hyper))
-    drawn = compiled(lambda items: jax.lax.map(one, items), once=True)((keys, hyper, jnp.asarray(draws.prior_sd)))
+    drawn = kept(every, (), "redrawn", once=True)(design, (keys, hyper, jnp.asarray(draws.prior_sd)))
     found = {name: np.asarray(drawn[name]) for name in ("theta", "weight", "f") if name in drawn}
     return draws._replace(**found)

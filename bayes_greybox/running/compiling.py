@@ -6,7 +6,7 @@ takes half the time to make, and runs as fast. A program that runs once takes a 
 optimisation.
 
 What was compiled is kept in the user's cache folder, unless JAX was told of another one: `BAYES_GREYBOX_CACHE` names
-another folder, or is "off".
+another folder, or is "off". Beside it are traces, see `traces`.
 """
 
 import hashlib
@@ -31,8 +31,8 @@ FOLDER = "BAYES_GREYBOX_CACHE"
 OWN = "bayes-greybox-compiled"
 """Folder within the one that the user names: nothing else in there is ours to delete."""
 
-ENDING = "-cache"
-"""Of the names that JAX gives to what it keeps."""
+PROGRAM, TRACE = "-cache", "-trace"
+"""Endings of names: those that JAX gives to what it keeps, and of traces."""
 
 SHORTEST = 0.0
 """Seconds of compilation from which on a program is kept: a hundred that each take a hundredth are a second too."""
@@ -55,7 +55,7 @@ def compiled(function: Function, *, once: bool = False, **options: Any) -> Funct
     @cache
     def program() -> Any:
         keep_programs()
-        return jax.jit(function, compiler_options=_known(once), **options)
+        return jax.jit(function, compiler_options=compile_options(once), **options)
 
     @wraps(function)
     def call(*args: Any, **named: Any) -> Any:
@@ -65,8 +65,12 @@ def compiled(function: Function, *, once: bool = False, **options: Any) -> Funct
 
 
 @cache
-def _known(once: bool) -> dict[str, Any] | None:
-    """The options, where this XLA has them."""
+def compile_options(once: bool) -> dict[str, Any] | None:
+    """The options, where this XLA has them.
+
+    Args:
+        once: Whether the program will run once or twice.
+    """
     if jax.default_backend() != "cpu":
         return None
     wanted = ONCE if once else FAST
@@ -78,20 +82,26 @@ def _known(once: bool) -> dict[str, Any] | None:
 
 
 @cache
-def keep_programs() -> None:
-    """Have JAX keep what it compiles from now on; of whatever begins with single operations, the first line."""
-    said = os.environ.get(FOLDER, "")
-    if said.lower() in ("off", "0", "no") or getattr(jax.config, "jax_compilation_cache_dir", None) is not None:
-        return
+def keep_programs() -> Path | None:
+    """Have JAX keep what it compiles from now on; of whatever begins with single operations, the first line.
+
+    Returns:
+        The folder that is ours; None if there is none. Of two folders, one told to us and one to JAX, each is used.
+    """
+    said, theirs = os.environ.get(FOLDER, ""), getattr(jax.config, "jax_compilation_cache_dir", None)
+    if said.lower() in ("off", "0", "no") or (theirs is not None and not said):
+        return None
     folder = (Path(said).expanduser() / OWN if said else _user_folder()) / _machine()
     try:
         folder.mkdir(parents=True, exist_ok=True)
         _prune(folder.parent)
     except OSError:
         # A home that cannot be written to costs time, and nothing else.
-        return
-    jax.config.update("jax_compilation_cache_dir", str(folder))
-    jax.config.update("jax_persistent_cache_min_compile_time_secs", SHORTEST)
+        return None
+    if theirs is None:
+        jax.config.update("jax_compilation_cache_dir", str(folder))
+        jax.config.update("jax_persistent_cache_min_compile_time_secs", SHORTEST)
+    return folder
 
 
 def _user_folder() -> Path:
@@ -118,7 +128,7 @@ def _prune(folder: Path) -> None:
             status = file.stat()
         except OSError:
             continue
-        if not file.name.endswith(ENDING) or not file.is_file():
+        if not file.name.endswith((PROGRAM, TRACE)) or not file.is_file():
             continue
         found.append((max(status.st_atime, status.st_mtime), status.st_size, file))
     left = sum(size for _, size, _ in found)

@@ -38,10 +38,10 @@ def test_same_shapes_are_traced_once():
 
 def test_options_that_this_xla_does_not_know_are_left_out(monkeypatch):
     monkeypatch.setattr(compiling, "FAST", {"xla_no_such_option": True})
-    compiling._known.cache_clear()
-    assert compiling._known(False) is None
+    compiling.compile_options.cache_clear()
+    assert compiling.compile_options(False) is None
     assert float(compiled(lambda x: x + 1)(1.0)) == 2.0
-    compiling._known.cache_clear()
+    compiling.compile_options.cache_clear()
 
 
 PROGRAM = """
@@ -81,11 +81,11 @@ def test_a_cache_is_bounded(tmp_path, monkeypatch):
     monkeypatch.setattr(compiling, "LARGEST", 250)
     (tmp_path / "machine").mkdir()
     for i in range(4):
-        file = tmp_path / "machine" / f"{i}-cache"
+        file = tmp_path / "machine" / f"{i}-{'trace' if i % 2 else 'cache'}"
         file.write_bytes(bytes(100))
         os.utime(file, (1000 + i, 1000 + i))
     compiling._prune(tmp_path)
-    assert sorted(file.name for file in tmp_path.glob("*/*")) == ["2-cache", "3-cache"]
+    assert sorted(file.name for file in tmp_path.glob("*/*")) == ["2-cache", "3-trace"]
 
 
 def test_what_is_not_ours_stays(tmp_path, monkeypatch):

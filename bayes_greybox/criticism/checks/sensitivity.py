@@ -16,7 +16,7 @@ from bayes_greybox.inference.posterior import Posterior
 from bayes_greybox.model.algebra.collapsed import Regression, ridge
 from bayes_greybox.model.algebra.subsets import log_pattern_weights, patterns
 from bayes_greybox.model.design import Design
-from bayes_greybox.running.compiling import compiled
+from bayes_greybox.running.traces import kept
 
 ALPHAS = (0.99, 1.01)
 """Powers that prior and likelihood are raised to, one at a time."""
@@ -201,7 +201,10 @@ def _evaluated(enumerated: bool, has_gamma: bool) -> Callable[..., Any]:
         collapsed = [value - total[0] + extra for value, extra in zip(total[1:], shift, strict=True)]
         return jnp.stack(joint), jnp.stack(collapsed), jnp.stack(probability)
 
-    return compiled(lambda design, items: jax.lax.map(lambda item: one(design, item), items), once=True)
+    def every(design: Design, items: tuple) -> tuple[Array, Array, Array]:
+        return jax.lax.map(lambda item: one(design, item), items)
+
+    return kept(every, (enumerated, has_gamma), "sensitivity", once=True)
 
 
 _SCALINGS = ((1.0, 1.0), (ALPHAS[0], 1.0), (ALPHAS[1], 1.0), (1.0, ALPHAS[0]), (1.0, ALPHAS[1]))

@@ -1,6 +1,7 @@
 """Exact draws of what was integrated out: inclusion patterns, coefficients, weights or values of f."""
 
 from collections.abc import Callable, Mapping
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -15,10 +16,10 @@ from bayes_greybox.model.algebra.subsets import patterns
 from bayes_greybox.model.design import Design
 from bayes_greybox.model.likelihood import CollapsedNormal
 from bayes_greybox.model.sites import Sites
-from bayes_greybox.running.compiling import compiled
+from bayes_greybox.running.traces import kept
 
 
-def conditional_sampler(model: Callable) -> Callable[..., dict[str, np.ndarray]]:
+def conditional_sampler(model: Callable, identity: Any = None) -> Callable[..., dict[str, np.ndarray]]:
     """A function (designs, samples, key) that draws γ, θ and f given each posterior draw of the hyperparameters.
 
     They are still exact posterior draws. The function compiles once for designs and samples of the same shapes.
@@ -26,6 +27,7 @@ def conditional_sampler(model: Callable) -> Callable[..., dict[str, np.ndarray]]
     Args:
         model: The collapsed NumPyro model. Of the function, `designs` is the model's argument and `samples` its
             sites, each [n_chain, n_draw, ...].
+        identity: What the model depends on beside its argument, for `traces.kept`; None: keep no trace.
 
     Returns:
         The function. It returns for each equation e, in scaled units: `e_theta`, `e_theta_sd` (prior standard deviation
@@ -38,7 +40,7 @@ def conditional_sampler(model: Callable) -> Callable[..., dict[str, np.ndarray]]
         keys = jax.random.split(key, len(next(iter(flat.values()))))
         return jax.lax.map(lambda item: conditional_draw(model, designs, item[0], item[1]), (flat, keys))
 
-    draw_all = compiled(draw_all_of, once=True)
+    draw_all = kept(draw_all_of, identity, "conditional", once=True)
 
     def draw(designs: Mapping[str, Design], samples: Mapping[str, np.ndarray], key: Array) -> dict[str, np.ndarray]:
         shape = next(iter(samples.values())).shape[:2]

@@ -13,8 +13,8 @@ import numpy as np
 from jaxtyping import Array
 from numpyro.infer.hmc import HMCState
 
-from bayes_greybox.running.compiling import compiled
 from bayes_greybox.running.stages import stage, stages
+from bayes_greybox.running.traces import kept
 
 CHUNK = 100
 """Iterations between two looks at the progress bar."""
@@ -44,12 +44,14 @@ class Sampler:
     step do the same; a chain's draws depend on its own key alone.
     """
 
-    def __init__(self, make_kernel: Callable[[Any], Any], tune: int) -> None:
+    def __init__(self, make_kernel: Callable[[Any], Any], tune: int, identity: Any = None) -> None:
         """Compile nothing yet.
 
         Args:
             make_kernel: From the model's argument, traced, to `NUTS` or `HMCGibbs` around the model.
             tune: Iterations of warm-up.
+            identity: What the kernel depends on beside its argument, `tune` included, for `traces.kept`; None: keep no
+                traces.
         """
         self._tune = tune
 
@@ -57,9 +59,14 @@ class Sampler:
             kernel = make_kernel(argument)
             return kernel, kernel.init(key, tune, None, (argument,), {})
 
-        def advance(state: Any, argument: Any, length: Array | int) -> tuple[Any, dict[str, Array]]:
+        # Between two programs a state is its leaves: a trace that is kept knows nothing of NumPyro's classes.
+        def first(key: Array, argument: Any) -> list[Array]:
+            return jax.tree.leaves(start(key, argument)[1])
+
+        def advance(leaves: list[Array], argument: Any, length: Array | int) -> tuple[list[Array], dict[str, Array]]:
             # A kernel can only step once it was started; XLA throws this start away.
-            kernel, _ = start(jax.random.PRNGKey(0), argument)
+            kernel, like = start(jax.random.PRNGKey(0), argument)
+            state = jax.tree.unflatten(jax.tree.structure(like), leaves)
             record = jax.tree.map(lambda leaf: jnp.zeros((CHUNK, *leaf.shape), leaf.dtype), hmc_record(state))
 
             def body(i: Array, carry: tuple) -> tuple:
@@ -67,15 +74,16 @@ class Sampler:
                 state = kernel.sample(state, (argument,), {})
                 return state, jax.tree.map(lambda buffer, leaf: buffer.at[i].set(leaf), record, hmc_record(state))
 
-            return jax.lax.fori_loop(0, length, body, (state, record))
+            state, record = jax.lax.fori_loop(0, length, body, (state, record))
+            return jax.tree.leaves(state), record
 
         def constrain(values: Any, argument: Any) -> dict[str, Array]:
             kernel, _ = start(jax.random.PRNGKey(0), argument)
             return jax.vmap(jax.vmap(kernel.postprocess_fn((argument,), {})))(values)
 
-        self._start = compiled(lambda key, argument: start(key, argument)[1], once=True)
-        self._advance = compiled(advance)
-        self._constrain = compiled(constrain, once=True)
+        self._start = kept(first, identity, "start", once=True)
+        self._advance = kept(advance, identity, "advance")
+        self._constrain = kept(constrain, identity, "constrain", once=True)
 
     def run(
         self, argument: Any, *, draws: int, chains: int, key: Array, progress: bool, what: str = SAMPLING

@@ -1,6 +1,7 @@
 """Draws from the prior, θ, γ and f among them, and the log prior density of every posterior draw."""
 
 from collections.abc import Callable, Mapping
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -11,15 +12,16 @@ from numpyro.handlers import seed, substitute, trace
 from bayes_greybox.model.design import Design
 from bayes_greybox.model.likelihood import CollapsedNormal
 from bayes_greybox.model.sites import Sites
-from bayes_greybox.running.compiling import compiled
+from bayes_greybox.running.traces import kept
 
 
-def prior_sampler(model: Callable, n_draw: int) -> Callable[..., dict[str, np.ndarray]]:
+def prior_sampler(model: Callable, n_draw: int, identity: Any = None) -> Callable[..., dict[str, np.ndarray]]:
     """A function (designs, key) that draws every site of the model but the target from the prior, and θ, γ and f.
 
     Args:
         model: The collapsed NumPyro model; `designs` is its argument.
         n_draw: Number of draws.
+        identity: What the model depends on beside its argument, for `traces.kept`; None: keep no trace.
 
     Returns:
         The function. It returns variables in scaled units under the names of the posterior's, each [1, n_draw, ...].
@@ -39,7 +41,7 @@ def prior_sampler(model: Callable, n_draw: int) -> Callable[..., dict[str, np.nd
     def draw_all(designs: Mapping[str, Design], key: Array) -> dict[str, Array]:
         return jax.lax.map(lambda each: one(designs, each), jax.random.split(key, n_draw))
 
-    program = compiled(draw_all, once=True)
+    program = kept(draw_all, None if identity is None else (identity, n_draw), "prior", once=True)
 
     def draw(designs: Mapping[str, Design], key: Array) -> dict[str, np.ndarray]:
         drawn = program(designs, key)
@@ -48,12 +50,13 @@ def prior_sampler(model: Callable, n_draw: int) -> Callable[..., dict[str, np.nd
     return draw
 
 
-def log_prior(model: Callable) -> Callable[..., dict[str, np.ndarray]]:
+def log_prior(model: Callable, identity: Any = None) -> Callable[..., dict[str, np.ndarray]]:
     """A function (designs, draws) that gives log p of each site at each posterior draw, and of θ given its scales.
 
     Args:
         model: The collapsed NumPyro model. Of the function, `designs` is the model's argument and `draws` its sites,
             and `e_theta`, `e_theta_sd` of each equation in scaled units, each [n_chain, n_draw, ...].
+        identity: What the model depends on beside its argument, for `traces.kept`; None: keep no trace.
 
     Returns:
         The function. It returns one array [n_chain, n_draw] for each site (events summed); `e_theta` is
@@ -81,7 +84,7 @@ def log_prior(model: Callable) -> Callable[..., dict[str, np.ndarray]]:
                 out[own.gamma] = -jnp.sum(jnp.logaddexp(0.0, jnp.where(inside, -log_odds, log_odds)))
         return out
 
-    program = compiled(jax.vmap(one, in_axes=(None, 0)), once=True)
+    program = kept(jax.vmap(one, in_axes=(None, 0)), identity, "log_prior", once=True)
 
     def densities(designs: Mapping[str, Design], draws: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
         shape = next(iter(draws.values())).shape[:2]

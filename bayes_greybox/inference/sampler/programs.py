@@ -26,12 +26,20 @@ SHARED = 4
 class Programs:
     """What is compiled for a fit. Designs are arguments, so that others of the same shapes are not compiled again."""
 
-    def __init__(self, model: SamplingProgram, tune: int, target_accept: float) -> None:
-        """Compile nothing yet."""
-        self.chains = Sampler(lambda designs: posterior_kernel(model, designs, target_accept), tune)
-        self.conditional = conditional_sampler(model.numpyro_model)
-        self.prior = prior_sampler(model.numpyro_model, PRIOR_DRAWS)
-        self.log_prior = log_prior(model.numpyro_model)
+    def __init__(self, model: SamplingProgram, tune: int, target_accept: float, *, keep: bool = False) -> None:
+        """Compile nothing yet.
+
+        Args:
+            model: Model.
+            tune: Iterations of warm-up.
+            target_accept: Target acceptance probability of NUTS.
+            keep: Whether these three are all that the programs depend on beside designs, so that traces can be kept.
+        """
+        identity = (model, tune, target_accept) if keep else None
+        self.chains = Sampler(lambda designs: posterior_kernel(model, designs, target_accept), tune, identity)
+        self.conditional = conditional_sampler(model.numpyro_model, model if keep else None)
+        self.prior = prior_sampler(model.numpyro_model, PRIOR_DRAWS, model if keep else None)
+        self.log_prior = log_prior(model.numpyro_model, model if keep else None)
 
 
 def programs_for(model: SamplingProgram, designs: Mapping[str, Design], sampling: Sampling) -> Programs:
@@ -52,4 +60,4 @@ def programs_for(model: SamplingProgram, designs: Mapping[str, Design], sampling
 
 @lru_cache(SHARED)
 def _shared(bare: Bare, tune: int, target_accept: float, tree: Any, shapes: tuple) -> Programs:
-    return Programs(bare, tune, target_accept)
+    return Programs(bare, tune, target_accept, keep=True)

@@ -1,0 +1,153 @@
+"""Programs whose traces are kept, too: in a process that finds its programs compiled, half of the wait is tracing.
+
+A trace lies beside what was compiled of it, in a format of JAX's own (`jax.export`): a program without any code of
+Python, so that no file of the folder can make Python run something. It bears the name of all that it depends on, see
+`identity`; where that is not certain, or a trace cannot be written down, a program is traced as ever.
+
+Nothing is kept while shapes are checked, which happens in traces, and none of ours goes into a folder that only JAX
+was told of.
+"""
+
+import hashlib
+import logging
+import os
+import tempfile
+import threading
+from collections.abc import Callable
+from functools import wraps
+from pathlib import Path
+from typing import Any, TypeVar, cast
+
+import jax
+import jax.numpy as jnp
+
+from .compiling import TRACE, compile_options, compiled, keep_programs
+from .identity import Unkept, name_of, settings
+
+CHECKED = "BAYES_GREYBOX_TYPECHECK"
+"""Environment variable: "1" has shapes and types checked."""
+
+DIGEST = hashlib.sha256().digest_size
+
+LAPACK = "potrf geqrf geqp3 orgqr ormqr syevd geev gesdd getrf sytrd gehrd trsm gtsv".split()
+"""Routines that a trace may call by name: JAX promises some of them for years, and a name here is for one version."""
+
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+log = logging.getLogger(__name__)
+
+
+def kept(function: Function, identity: Any, name: str, *, once: bool = False) -> Function:
+    """`compiled`, with the trace kept for later processes.
+
+    Args:
+        function: What to compile. Its positional arguments are pytrees of arrays, what it returns are arrays in
+            dicts, lists and tuples, and beside its arguments it depends on nothing but `identity`.
+        identity: What it depends on, of values that `identity.told` takes; None: keep no trace.
+        name: Of the program, in the package.
+        once: Whether it will run once or twice.
+    """
+    plain = compiled(function, once=once)
+    if identity is None:
+        return plain
+    programs: dict[Any, Callable[..., Any]] = {}
+    one_at_a_time = threading.Lock()
+
+    @wraps(function)
+    def call(*args: Any) -> Any:
+        leaves, tree = jax.tree.flatten(args)
+        if os.environ.get(CHECKED) == "1":
+            return plain(*args)
+        try:
+            key = (tree, tuple(map(jax.typeof, leaves)), settings())
+        except Unkept:
+            return plain(*args)
+        with one_at_a_time:
+            program = programs.get(key)
+            if program is None:
+                found = _found(function, identity, name, once, leaves, tree)
+                try:
+                    done = plain(*args) if found is None else found(*leaves)
+                except Exception as error:  # noqa: BLE001 - whatever it is, a trace must not be the reason
+                    if found is None:
+                        raise
+                    log.debug("%s: the trace does not run (%s)", name, error)
+                    found, done = None, plain(*args)
+                programs[key] = plain if found is None else lambda *args: found(*jax.tree.leaves(args))
+                return done
+        return program(*args)
+
+    return cast(Function, call)
+
+
+def _found(
+    function: Callable[..., Any], identity: Any, name: str, once: bool, leaves: list[Any], tree: Any
+) -> Callable[..., Any] | None:
+    """The program from its trace, of the leaves of its arguments; None where it has none."""
+    from jax import export
+
+    folder = keep_programs()
+    key = name_of(name, function.__module__, identity, leaves, tree) if folder is not None else None
+    if folder is None or key is None:
+        log.debug("%s: no trace is kept", name)
+        return None
+    file = folder / f"{key}{TRACE}"
+    trace = _read(file, key)
+    log.debug("%s: %s", name, "traced now" if trace is None else "the trace was kept")
+    if trace is None:
+        try:
+            content = bytes(_traced(function, leaves, tree).serialize())
+            # What later processes will read, so that all run the same.
+            trace = export.deserialize(bytearray(content))
+        except Exception as error:  # noqa: BLE001 - of many classes; the program as it is says what is wrong with it
+            log.debug("%s: no trace can be kept (%s)", name, error)
+            return None
+        _write(file, key, content)
+    return jax.jit(trace.call, compiler_options=compile_options(once))
+
+
+def _traced(function: Callable[..., Any], leaves: list[Any], tree: Any) -> Any:
+    from jax import export
+
+    def flat(*leaves: Any) -> Any:
+        # Whether a type is weak is not kept, and must not depend on which process asks.
+        out = function(*jax.tree.unflatten(tree, leaves))
+        return jax.tree.map(lambda leaf: jax.lax.convert_element_type(leaf, jnp.result_type(leaf)), out)
+
+    routines = (f"lapack_{precision}{routine}_ffi" for precision in "sd" for routine in LAPACK)
+    allowed = [export.DisabledSafetyCheck.custom_call(routine) for routine in routines]
+    shapes = [jax.ShapeDtypeStruct(t.shape, t.dtype, weak_type=t.weak_type) for t in map(jax.typeof, leaves)]
+    return export.export(jax.jit(flat), disabled_checks=allowed)(*shapes)
+
+
+def _read(file: Path, key: str) -> Any:
+    """A trace from its file; None where there is none, or something else."""
+    from jax import export
+
+    try:
+        content = file.read_bytes()
+        if content[:DIGEST] != _digest(key, content[DIGEST:]):
+            return None
+        return export.deserialize(bytearray(content[DIGEST:]))
+    except Exception:  # noqa: BLE001 - a file that is damaged costs a trace, and nothing else
+        return None
+
+
+def _write(file: Path, key: str, content: bytes) -> None:
+    """Write a file that is there as a whole, or not."""
+    try:
+        # What a process that ends here leaves behind has an ending by which it is deleted some day.
+        with tempfile.NamedTemporaryFile(dir=file.parent, suffix=TRACE, delete=False) as opened:
+            opened.write(_digest(key, content) + content)
+    except OSError as error:
+        log.debug("a trace could not be written (%s)", error)
+        return
+    try:
+        os.replace(opened.name, file)
+    except OSError as error:
+        log.debug("a trace could not be written (%s)", error)
+        Path(opened.name).unlink(missing_ok=True)
+
+
+def _digest(key: str, content: bytes) -> bytes:
+    return hashlib.sha256(key.encode() + content).digest()
