@@ -1,7 +1,7 @@
 """The command compare: models of a file, or fits that were saved."""
 
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -18,9 +18,10 @@ from bayes_greybox.running.stages import announce, stage, stages
 
 from .ending import exit_code, show
 from .places import place_of
+from .resuming import resumable
 
 
-def compare_configured(settings: Config, output: Path | None, progress: bool, quiet: bool) -> int:
+def compare_configured(settings: Config, output: Path | None, progress: bool, quiet: bool, resume: bool) -> int:
     """Fit the models of a configuration file, compare them, and fill the folder."""
     if len(settings.models) < 2:
         raise InputError(
@@ -29,7 +30,7 @@ def compare_configured(settings: Config, output: Path | None, progress: bool, qu
         )
     given = settings.compare.given()
     check_scheme(settings.compare.scheme, settings.compare.block, settings.compare.start or START)
-    with output_folder(place_of(settings, "compare", output)) as folder:
+    with output_folder(place_of(settings, "compare", output)) as folder, ExitStack() as work:
         train, _ = settings.read_data()
         models = {name: settings.build_model(name) for name in settings.models}
         for name, model in models.items():
@@ -37,11 +38,13 @@ def compare_configured(settings: Config, output: Path | None, progress: bool, qu
             with _about(name):
                 model.on(train).designs(train)
                 require_divisible(train, model.equations, settings.compare.scheme)
+        kept = {name: work.enter_context(resumable(folder, settings, resume, name)) for name in models}
         fits = {}
         with stages(progress):
             for name, model in models.items():
                 announce(f"Model {name}")
-                fits[name] = model.fit(train, **settings.sampling.model_dump(), progress=progress)
+                sampling = settings.sampling.model_dump()
+                fits[name] = model.fit(train, **sampling, progress=progress, checkpoint=kept[name])
                 # Each as soon as it is there: a later failure costs no finished fit.
                 with staged(folder) as place:
                     fits[name].save(place / f"{name}.nc")
@@ -57,6 +60,8 @@ def compare_configured(settings: Config, output: Path | None, progress: bool, qu
                     config=(settings.origin, settings.text),
                     figures=settings.output.figures,
                 )
+        for each in kept.values():
+            each.complete()
     return _compared(fits, table, folder, quiet)
 
 

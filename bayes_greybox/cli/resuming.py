@@ -1,0 +1,42 @@
+"""Runs that are stopped, and go on."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import typer
+
+from bayes_greybox.config import Config
+from bayes_greybox.data.errors import InputError
+from bayes_greybox.inference.checkpoint import Checkpoint, checkpoint_in
+
+CHECKPOINT = "checkpoint"
+"""Folder in that of the results, while a run is not complete."""
+
+
+@contextmanager
+def resumable(folder: Path, settings: Config, resume: bool, name: str = "") -> Iterator[Checkpoint]:
+    """The checkpoint of a command; whoever is stopped or refused while it holds draws is told how to go on.
+
+    Args:
+        folder: Of the results.
+        settings: The configuration.
+        resume: Whether to go on with what is there.
+        name: Of the model, where the command fits several.
+
+    Raises:
+        InputError: What `checkpoint_in` refuses.
+    """
+    place, every = folder / CHECKPOINT / name, settings.output.checkpoint_every
+    with checkpoint_in(place, resume=resume, every=every) as checkpoint:
+        try:
+            yield checkpoint
+        except KeyboardInterrupt:
+            kept = checkpoint.began and checkpoint.holds_draws
+            said = f'the draws so far are in "{place}"; the same command with --resume goes on.'
+            typer.echo(f"Stopped: {said if kept else 'there were no draws yet.'}", err=True)
+            raise
+        except InputError as error:
+            if not (checkpoint.began and checkpoint.holds_draws):
+                raise
+            raise InputError(f"{error} The draws are kept: the same command with --resume goes on.") from error
