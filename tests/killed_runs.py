@@ -3,7 +3,7 @@
     python tests/killed_runs.py KILLS [SEED]
 
 The command runs in forks of this process, which has imported the package and woken nothing, so that a run takes
-seconds; a kill is a SIGKILL at a moment drawn evenly over the time that a whole run takes.
+seconds; a kill is a SIGKILL at a moment drawn evenly over the processor time that a whole run takes.
 """
 
 import json
@@ -27,7 +27,7 @@ CONFIG = """
 [data]
 path = "run.csv"
 time = "t"
-states = ["y"]
+states = ["y", "z"]
 derivatives = { y = "rate" }
 
 [dictionary]
@@ -37,12 +37,13 @@ y = ["y"]
 kind = "normal"
 
 [discrepancy]
+variables = ["y"]
 features = 4
 boundary = 1.5
 
 [sampling]
 draws = %d
-tune = 150
+tune = 1200
 chains = 2
 
 [output]
@@ -50,14 +51,18 @@ folder = "out"
 figures = false
 checkpoint_every = 0.0
 """
-"""A checkpoint after every piece: as many moments as there can be at which one is being written."""
+"""A checkpoint after every piece: as many moments as there can be at which one is being written.
+
+The second state has no equation, so that nothing is integrated, which would take longer than the sampling.
+"""
 
 
-def prepare(folder: Path, draws: int = 300) -> None:
+def prepare(folder: Path, draws: int = 600) -> None:
     """A table and a configuration."""
     y = np.linspace(-1.0, 1.0, 20)
     rate = -y + 0.05 * np.random.default_rng(0).standard_normal(len(y))
-    pd.DataFrame({"t": np.arange(len(y)) * 0.1, "y": y, "rate": rate}).to_csv(folder / "run.csv", index=False)
+    columns = {"t": np.arange(len(y)) * 0.1, "y": y, "z": y**2, "rate": rate}
+    pd.DataFrame(columns).to_csv(folder / "run.csv", index=False)
     (folder / "case.toml").write_text(CONFIG % draws)
 
 
@@ -77,6 +82,23 @@ def finish(process: int) -> None:
     """Wait for a run that must succeed."""
     status = os.waitpid(process, 0)[1]
     assert os.waitstatus_to_exitcode(status) == 0, status
+
+
+def kill_at(moment: float, process: int) -> bool:
+    """Kill a run once it has worked for so many seconds; False where it was done before."""
+    while True:
+        ended, status = os.waitpid(process, os.WNOHANG)
+        if ended:
+            assert os.waitstatus_to_exitcode(status) == 0, status
+            return False
+        stat = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()
+        if (int(stat[11]) + int(stat[12])) / os.sysconf("SC_CLK_TCK") >= moment:
+            # Clocks of processes tick a hundred times a second.
+            time.sleep(0.01 * (moment * 1e4 % 1))
+            os.kill(process, signal.SIGKILL)
+            os.waitpid(process, 0)
+            return True
+        time.sleep(0.01)
 
 
 def require_whole(folder: Path) -> None:
@@ -104,7 +126,7 @@ def require_same(folder: Path, reference: Path) -> None:
         assert one[group].to_dataset().equals(other[group].to_dataset()), group
 
 
-def killed(kills: int, seed: int, draws: int = 300, at_most: int = 5) -> list[float]:
+def killed(kills: int, seed: int, draws: int = 600, at_most: int = 8) -> list[float]:
     """Moments of so many kills, as shares of a whole run, after each of which the run went on to the same draws.
 
     Args:
@@ -115,28 +137,23 @@ def killed(kills: int, seed: int, draws: int = 300, at_most: int = 5) -> list[fl
     """
     prepare(Path(), draws)
     finish(start("--output", "warm"))
-    begin = time.perf_counter()
+    begin = os.times()
     finish(start("--output", "reference"))
-    whole, moments, generator = time.perf_counter() - begin, [], np.random.default_rng(seed)
+    end = os.times()
+    whole = end.children_user + end.children_system - begin.children_user - begin.children_system
+    moments, generator = [], np.random.default_rng(seed)
     while len(moments) < kills:
         folder = Path(f"run-{len(moments)}")
         resume: list[str] = []
-        for _ in range(at_most):
-            process = start("--output", str(folder), *resume)
+        for _ in range(min(at_most, kills - len(moments))):
             moment = generator.uniform(0.0, whole)
-            time.sleep(moment)
-            ended, status = os.waitpid(process, os.WNOHANG)
-            if ended:
-                assert os.waitstatus_to_exitcode(status) == 0, status
+            if not kill_at(moment, start("--output", str(folder), *resume)):
                 break
-            os.kill(process, signal.SIGKILL)
-            os.waitpid(process, 0)
             moments.append(moment / whole)
             resume = ["--resume"]
             require_whole(folder)
-            if len(moments) == kills:
-                break
-        finish(start("--output", str(folder), *resume))
+        else:
+            finish(start("--output", str(folder), *resume))
         require_same(folder, Path("reference"))
         print(f"{len(moments)} of {len(moments)} kills: the same draws", flush=True)
     return moments

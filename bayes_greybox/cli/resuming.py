@@ -39,4 +39,4 @@ def resumable(folder: Path, settings: Config, resume: bool, name: str = "") -> I
         except InputError as error:
             if not (checkpoint.began and checkpoint.holds_draws):
                 raise
-            raise InputError(f"{error} The draws are kept: the same command with --resume goes on.") from error
+            raise InputError(f"{error} Then the same command with --resume goes on with the draws so far.") from error

@@ -54,7 +54,7 @@ class ChainFile:
         """
         self.path, self._every, self._name = path, every, name
         self._last = time.monotonic()
-        self.failed = False
+        self._failed = False
 
     def read(self) -> SoFar | None:
         """The chain that the file holds; None where there is none.
@@ -103,10 +103,10 @@ class ChainFile:
                 np.savez(opened, **about, **arrays)  # pyright: ignore[reportArgumentType]
         except OSError as error:
             # Hours of sampling are worth more than a copy of them: what was kept before is still there.
-            if not self.failed:
-                announce(f'Sampling goes on, but cannot be kept in "{self.path.parent}" ({error.strerror or error}).')
-            log.warning("%s cannot be written: %s", self.path, error)
-            self.failed = True
+            if not self._failed:
+                announce(f'Sampling goes on, but cannot be kept in "{self.path}" ({error.strerror or error}).')
+            log.info("%s cannot be written: %s", self.path, error)
+            self._failed = True
         self._last = time.monotonic()
 
 

@@ -82,14 +82,21 @@ def staged(folder: Path) -> Iterator[Path]:
             put(file, target)
     except OSError as error:
         raise _unwritable(folder, error) from error
+    except InputError as error:
+        # Of what was to be written to the place, whose name nobody knows.
+        if isinstance(error.__cause__, OSError | RuntimeError):
+            raise _unwritable(folder, error.__cause__) from error
+        raise
     finally:
         if place is not None:
             shutil.rmtree(place, ignore_errors=True)
 
 
-def _unwritable(folder: Path, error: OSError) -> InputError:
-    reason = error.strerror or str(error)
-    remedy = "make room, or choose another one" if error.errno in FULL else "choose another one"
+def _unwritable(folder: Path, error: Exception) -> InputError:
+    number = getattr(error, "errno", None)
+    # HDF5 puts pages of its own behind the number.
+    reason = os.strerror(number) if number else str(error)
+    remedy = "make room, or choose another one" if number in FULL else "choose another one"
     return InputError(f'Cannot write to the folder "{folder}" ({reason}); {remedy}.')
 
 
