@@ -12,9 +12,13 @@ from bayes_greybox.data.locking import LOCK, locked
 from bayes_greybox.data.whole import PART, remove_parts, whole_file, write_text
 
 ROOT = Path(__file__).parents[2]
-HOLD = (
-    "import pathlib, sys; from bayes_greybox.data.locking import locked\nwith locked(pathlib.Path(sys.argv[1])):\n    "
-)
+HOLD = """
+import pathlib, sys
+from bayes_greybox.data.locking import locked
+with locked(pathlib.Path(sys.argv[1])):
+    print("held", flush=True)
+    sys.stdin.read()
+"""
 
 
 def held_by_another(folder: Path) -> subprocess.Popen:

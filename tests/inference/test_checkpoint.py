@@ -104,23 +104,24 @@ def test_other_data_are_refused(stopped):
         model().fit(tiny_data(n=20, seed=2), **SETTINGS, checkpoint=stopped(5), resume=True)
 
 
-def test_a_prior_of_ones_own_that_reads_otherwise_is_refused(data, tmp_path):
-    """Nothing tells two programs from each other but what they compute."""
-
-    def fit(scale: float, **further) -> None:
-        import numpyro
-        import numpyro.distributions as dist
-
-        def program(n_term):
-            return numpyro.sample("wide", dist.HalfNormal(scale).expand([n_term]).to_event(1))
-
-        model(prior=bg.CustomPrior(program)).fit(data, **SETTINGS, checkpoint=checkpoint, **further)
-
-    with checkpoint_in(tmp_path / "kept", every=0) as checkpoint:
-        fit(1.0)
-    with checkpoint_in(tmp_path / "kept", resume=True) as checkpoint:
-        with pytest.raises(InputError, match="is the chain of another model"):
-            fit(3.0)
+def test_a_chain_that_starts_elsewhere_is_another_one(tmp_path):
+    """Of a prior of one's own nothing tells what it is but what it computes."""
+    state, argument = [np.zeros(2), np.float32(3.0)], {"x": np.arange(3)}
+    names = {
+        chain_file.name_of(argument, state, 10, 20),
+        chain_file.name_of(argument, [np.zeros(2), np.float32(3.0000002)], 10, 20),
+        chain_file.name_of({"x": np.arange(4)}, state, 10, 20),
+        chain_file.name_of(argument, state, 20, 10),
+    }
+    assert len(names) == 4
+    one, *others = (chain_file.ChainFile(tmp_path / "chain-1-0.npz", 0, name) for name in sorted(names))
+    one.write(chain_file.SoFar(state, 7), now=True)
+    found = one.read()
+    assert found is not None and found.done == 7 and found.records == () and found.divergences == 0
+    assert all(np.array_equal(kept, leaf) for kept, leaf in zip(found.state, state, strict=True))
+    for other in others:
+        with pytest.raises(InputError, match="is the chain of another model or other data"):
+            other.read()
 
 
 def test_without_resuming_a_run_begins_anew(data, reference, stopped):

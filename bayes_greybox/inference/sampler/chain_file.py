@@ -3,6 +3,7 @@
 import hashlib
 import logging
 import time
+import zipfile
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -65,11 +66,11 @@ class ChainFile:
         if not self.path.is_file():
             return None
         try:
-            with np.load(self.path, allow_pickle=False) as found:
+            with self.path.open("rb") as opened, np.load(opened, allow_pickle=False) as found:
                 name, done, names = str(found["name"]), int(found["done"]), [str(each) for each in found["names"]]
                 state = [found[f"state_{k}"] for k in range(int(found["leaves"]))]
                 record = {each: found[f"record_{k}"] for k, each in enumerate(names)}
-        except (OSError, ValueError, KeyError, EOFError) as error:
+        except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
             raise InputError(
                 f'"{self.path}" is damaged ({error}): remove it, and its chain is sampled from the beginning.'
             ) from error
