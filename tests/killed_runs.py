@@ -119,9 +119,14 @@ def require_whole(folder: Path) -> None:
 
 
 def require_same(folder: Path, reference: Path) -> None:
-    """The files of a complete run, and in them the draws of the other one to the last bit."""
+    """The files of a complete run, and in them the draws of the other one."""
     assert sorted(path.name for path in folder.iterdir()) == ["config.toml", "run.nc", "summary.json"]
-    one, other = (xr.open_datatree(place / "run.nc", engine="h5netcdf").load() for place in (folder, reference))
+    require_same_draws(folder / "run.nc", reference / "run.nc")
+
+
+def require_same_draws(file: Path, reference: Path) -> None:
+    """The draws of two files are the same to the last bit."""
+    one, other = (xr.open_datatree(each, engine="h5netcdf").load() for each in (file, reference))
     for group in ("posterior", "sample_stats", "prior", "log_prior"):
         assert one[group].to_dataset().equals(other[group].to_dataset()), group
 

@@ -4,13 +4,17 @@ import os
 import subprocess
 import sys
 import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
 import xarray as xr
-from killed_runs import prepare, require_same, require_whole
+from killed_runs import prepare, require_same, require_same_draws, require_whole
 from shell import refuse
+from tiny_study import SIMULATION, oscillator
 
+import bayes_greybox as bg
 from bayes_greybox import cli
 from bayes_greybox.data.locking import locked
 from bayes_greybox.inference.sampler import chain_file
@@ -43,7 +47,7 @@ needs_forks = pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="t
 
 
 @needs_forks
-def test_a_killed_fit_goes_on_to_the_same_draws(tmp_path_factory, request):
+def test_a_killed_fit_goes_on_to_the_same_draws(request):
     cache = Path(request.config.rootpath) / ".pytest_cache" / "killed"
     assert kills_survived(2, 0, cache) == "2 of 2 kills: the same draws"
 
@@ -54,20 +58,32 @@ def test_fifty_killed_fits_go_on_to_the_same_draws(tmp_path):
     assert kills_survived(50, 1, tmp_path) == "50 of 50 kills: the same draws"
 
 
-def test_ctrl_c_keeps_the_draws_and_says_how_to_go_on(here, capsys, monkeypatch):
+@pytest.fixture
+def interrupted(monkeypatch):
+    """Ctrl-C once so many pieces of chains were kept, for as long as the context lasts."""
+
+    @contextmanager
+    def at(pieces: int) -> Iterator[None]:
+        seen, lock, write = [0], threading.Lock(), chain_file.ChainFile.write
+
+        def written(self, chain, *, now=False):
+            write(self, chain, now=now)
+            with lock:
+                seen[0] += 1
+                if seen[0] == pieces:
+                    raise KeyboardInterrupt
+
+        with monkeypatch.context() as patch:
+            patch.setattr(chain_file.ChainFile, "write", written)
+            yield
+
+    return at
+
+
+def test_ctrl_c_keeps_the_draws_and_says_how_to_go_on(here, capsys, interrupted):
     assert cli.main([*FIT, "-o", "reference"]) in (0, 3)
-    seen, lock, write = [0], threading.Lock(), chain_file.ChainFile.write
-
-    def interrupted(self, chain, *, now=False):
-        write(self, chain, now=now)
-        with lock:
-            seen[0] += 1
-            if seen[0] == 5:
-                raise KeyboardInterrupt
-
     capsys.readouterr()
-    with monkeypatch.context() as patch:
-        patch.setattr(chain_file.ChainFile, "write", interrupted)
+    with interrupted(5):
         assert cli.main(FIT) == 130
     told = capsys.readouterr().err.strip()
     kept = Path("out", "checkpoint")
@@ -78,6 +94,41 @@ def test_ctrl_c_keeps_the_draws_and_says_how_to_go_on(here, capsys, monkeypatch)
     assert "are of another run: seed is 1 and was 0." in refuse(capsys, *FIT, "--resume", "--seed", "1")
     assert cli.main([*FIT, "--resume"]) in (0, 3)
     require_same(here / "out", here / "reference")
+
+
+def test_a_comparison_goes_on_with_the_model_that_it_was_at(here, capsys, interrupted):
+    with (here / "case.toml").open("a") as file:
+        file.write('[models.narrow]\nprior = { kind = "normal" }\n[models.wide]\nprior = { kind = "laplace" }\n')
+    words = ["compare", "case.toml", "--quiet", "--draws", "50", "--tune", "100", "--max-refits", "0"]
+    assert cli.main([*words, "-o", "reference"]) in (0, 3)
+    capsys.readouterr()
+    # Each model has two chains of some eight pieces.
+    with interrupted(22):
+        assert cli.main(words) == 130
+    kept = Path("out", "checkpoint", "wide")
+    assert capsys.readouterr().err.strip().splitlines() == [
+        f'Stopped: the draws so far are in "{kept}"; the same command with --resume goes on.'
+    ]
+    assert (here / "out" / "narrow.nc").is_file() and not (here / "out" / "wide.nc").exists()
+    assert cli.main([*words, "--resume"]) in (0, 3)
+    assert sorted(os.listdir("out")) == sorted(os.listdir("reference"))
+    for name in ("narrow.nc", "wide.nc"):
+        require_same_draws(here / "out" / name, here / "reference" / name)
+
+
+def test_a_study_goes_on_with_the_sampling_of_its_amended_model(study, tmp_path, interrupted):
+    model = bg.GreyBox(simulation=SIMULATION, discrepancy=bg.OrthogonalGP(variables=("y", "ydot"), features=4))
+    settings = {"draws": 60, "tune": 60, "chains": 2, "progress": False, "checkpoint": tmp_path / "kept"}
+    data = oscillator(), oscillator(seed=1)
+    with interrupted(5), pytest.raises(KeyboardInterrupt):
+        bg.find_missing_effects(model, *data, **settings)
+    assert {"of-study.json", "of-fit.json", "chain-1-0.npz"} <= set(os.listdir(tmp_path / "kept"))
+    with pytest.raises(bg.InputError, match="effects_at_most is 2 and was 3"):
+        bg.find_missing_effects(model, *data, **settings, resume=True, effects_at_most=2)
+    resumed = bg.find_missing_effects(model, *data, **settings, resume=True)
+    for group in ("posterior", "sample_stats"):
+        assert resumed.fit.idata[group].to_dataset().equals(study.fit.idata[group].to_dataset())
+    assert not (tmp_path / "kept").exists()
 
 
 def test_ctrl_c_before_there_are_draws_leaves_nothing(here, capsys, monkeypatch):

@@ -1,7 +1,7 @@
 """The command compare: models of a file, or fits that were saved."""
 
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +18,7 @@ from bayes_greybox.running.stages import announce, stage, stages
 
 from .ending import exit_code, show
 from .places import place_of
-from .resuming import resumable
+from .resuming import complete, resumable
 
 
 def compare_configured(settings: Config, output: Path | None, progress: bool, quiet: bool, resume: bool) -> int:
@@ -30,7 +30,7 @@ def compare_configured(settings: Config, output: Path | None, progress: bool, qu
         )
     given = settings.compare.given()
     check_scheme(settings.compare.scheme, settings.compare.block, settings.compare.start or START)
-    with output_folder(place_of(settings, "compare", output)) as folder, ExitStack() as work:
+    with output_folder(place_of(settings, "compare", output)) as folder:
         train, _ = settings.read_data()
         models = {name: settings.build_model(name) for name in settings.models}
         for name, model in models.items():
@@ -38,16 +38,16 @@ def compare_configured(settings: Config, output: Path | None, progress: bool, qu
             with _about(name):
                 model.on(train).designs(train)
                 require_divisible(train, model.equations, settings.compare.scheme)
-        kept = {name: work.enter_context(resumable(folder, settings, resume, name)) for name in models}
         fits = {}
         with stages(progress):
             for name, model in models.items():
                 announce(f"Model {name}")
                 sampling = settings.sampling.model_dump()
-                fits[name] = model.fit(train, **sampling, progress=progress, checkpoint=kept[name])
-                # Each as soon as it is there: a later failure costs no finished fit.
-                with staged(folder) as place:
-                    fits[name].save(place / f"{name}.nc")
+                with resumable(folder, settings, resume, name) as checkpoint:
+                    fits[name] = model.fit(train, **sampling, progress=progress, checkpoint=checkpoint)
+                    # Each as soon as it is there: a later failure costs no finished fit.
+                    with staged(folder) as place:
+                        fits[name].save(place / f"{name}.nc")
             with stage("Comparing"):
                 table = compare(fits, **given, progress=progress)
             with stage("Writing the report"):
@@ -60,8 +60,7 @@ def compare_configured(settings: Config, output: Path | None, progress: bool, qu
                     config=(settings.origin, settings.text),
                     figures=settings.output.figures,
                 )
-        for each in kept.values():
-            each.complete()
+        complete(folder, models)
     return _compared(fits, table, folder, quiet)
 
 

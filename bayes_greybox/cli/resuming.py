@@ -1,7 +1,7 @@
 """Runs that are stopped, and go on."""
 
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import typer
@@ -32,11 +32,25 @@ def resumable(folder: Path, settings: Config, resume: bool, name: str = "") -> I
         try:
             yield checkpoint
         except KeyboardInterrupt:
-            kept = checkpoint.began and checkpoint.holds_draws
+            kept = checkpoint.accepted and checkpoint.holds_draws
             said = f'the draws so far are in "{place}"; the same command with --resume goes on.'
             typer.echo(f"Stopped: {said if kept else 'there were no draws yet.'}", err=True)
             raise
         except InputError as error:
-            if not (checkpoint.began and checkpoint.holds_draws):
+            if not (checkpoint.accepted and checkpoint.holds_draws):
                 raise
             raise InputError(f"{error} Then the same command with --resume goes on with the draws so far.") from error
+
+
+def complete(folder: Path, names: Iterable[str]) -> None:
+    """Remove the checkpoints of several models, whose results are all written.
+
+    Args:
+        folder: Of the results.
+        names: Of the models.
+    """
+    for name in names:
+        with checkpoint_in(folder / CHECKPOINT / name, resume=True) as checkpoint:
+            checkpoint.complete()
+    with suppress(OSError):
+        (folder / CHECKPOINT).rmdir()

@@ -38,7 +38,7 @@ class Checkpoint:
     """The folder of one run, which may sample more than once; made by `checkpoint_in`.
 
     Attributes:
-        began: Whether chains in it are, or will be, of what was said last.
+        accepted: Whether chains in it are, or will be, of what was said last.
     """
 
     def __init__(self, folder: Path, resume: bool, every: float) -> None:
@@ -51,7 +51,7 @@ class Checkpoint:
         """
         self.folder, self.resume, self.every = folder, resume, every
         self._runs, self._begun, self._complete = 0, False, False
-        self.began = False
+        self.accepted = False
 
     def require(self, what: str, record: Mapping[str, Any]) -> None:
         """Say what is about to be sampled, which must be what was sampled before.
@@ -64,7 +64,7 @@ class Checkpoint:
             InputError: The folder holds the chains of something else; it cannot be written to.
         """
         self._begin()
-        self.began = False
+        self.accepted = False
         file, now = self.folder / f"of-{what}.json", json.loads(json.dumps(record, default=str))
         try:
             before = json.loads(file.read_text(encoding="utf-8")) if file.is_file() else None
@@ -79,7 +79,7 @@ class Checkpoint:
                 f'The draws in "{self.folder}" are of another run: {said}. Go on with what it was, or start anew '
                 "without resuming."
             )
-        self.began = True
+        self.accepted = True
 
     def next_run(self) -> "RunFiles":
         """Files for the next time that chains are run."""
