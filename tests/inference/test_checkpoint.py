@@ -72,7 +72,7 @@ def same(fit: bg.Fit, other: bg.Fit) -> bool:
 @pytest.mark.parametrize("pieces", [1, 5, 9])
 def test_a_stopped_run_goes_on_to_the_same_draws_and_leaves_nothing(data, reference, stopped, pieces):
     folder = stopped(pieces)
-    assert "of-fit.json" in os.listdir(folder) and "chain-1-0.npz" in os.listdir(folder)
+    assert "of-fit.json" in os.listdir(folder) and any(name.endswith(".npz") for name in os.listdir(folder))
     assert same(model().fit(data, **SETTINGS, checkpoint=folder, resume=True), reference)
     assert not os.path.exists(folder)
 
@@ -171,9 +171,9 @@ def test_a_folder_that_cannot_be_written_to_or_is_taken_is_refused_before_sampli
 
 def test_a_damaged_chain_is_named(data, stopped):
     folder = stopped(5)
-    with open(f"{folder}/chain-1-0.npz", "r+b") as file:
-        file.truncate(100)
-    with pytest.raises(InputError, match="chain-1-0.npz. is damaged .*: remove it"):
+    chain = next(Path(folder).glob("*.npz"))
+    chain.write_bytes(chain.read_bytes()[:100])
+    with pytest.raises(InputError, match=f"{chain.name}. is damaged .*: remove it"):
         model().fit(data, **SETTINGS, checkpoint=folder, resume=True)
 
 
