@@ -28,6 +28,7 @@ from bayes_greybox.criticism.summary import summary
 from bayes_greybox.criticism.trade_off import TradeOff, strongest_trade_off
 from bayes_greybox.criticism.trial import try_on
 from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.inference.checkpoint import EVERY, Checkpoint, given_checkpoint, run_facts
 from bayes_greybox.inference.kept.further_groups import add_group
 from bayes_greybox.inference.kept.inference_data import to_inferencedata
 from bayes_greybox.inference.posterior import Posterior
@@ -68,6 +69,9 @@ class GreyBox(Program):
         seed: int = 0,
         progress: bool = True,
         target_accept: float = 0.9,
+        checkpoint: str | os.PathLike[str] | Checkpoint | None = None,
+        resume: bool = False,
+        checkpoint_every: float = EVERY,
     ) -> "Fit":
         """Sample the posterior with NUTS; the same seed gives the same posterior.
 
@@ -82,24 +86,35 @@ class GreyBox(Program):
             seed: Seed of everything random in the run.
             progress: Whether to show a progress bar.
             target_accept: Target acceptance probability of NUTS.
+            checkpoint: A folder that keeps the chains while they run, for `resume`; it goes when the fit is there.
+            resume: Whether the chains in that folder go on: the draws are those of a run that was never stopped.
+            checkpoint_every: Seconds between two times that a chain is kept.
 
         Raises:
-            InputError: Data or settings that cannot be used; the message names what and the remedy.
+            InputError: Data or settings that cannot be used; a folder that cannot be written to, that another process
+                writes to, or that holds the chains of something else; the message names what and the remedy.
         """
+        with given_checkpoint(checkpoint, resume, checkpoint_every) as held:
+            return self._fit(data, Sampling(draws, tune, chains, seed, target_accept), progress, held)
+
+    def _fit(self, data: Trajectories, sampling: Sampling, progress: bool, checkpoint: Checkpoint | None) -> "Fit":
         keep_programs()
-        sampling = Sampling(draws, tune, chains, seed, target_accept)
         # One thread as in `sample_posterior`, here also for what completes the fit.
         with threadpool_limits(1), stages(progress):
             with stage("Reading the data"):
                 model, data = self.near(data)
                 model, data = model.with_noise_found(data)
-            posterior = sample_posterior(model, data, sampling, progress=progress)
+                if checkpoint is not None:
+                    checkpoint.require("fit", run_facts(model, data, sampling))
+            files = None if checkpoint is None else checkpoint.next_run()
+            posterior = sample_posterior(model, data, sampling, progress=progress, files=files)
             for _ in range(MOST_REFITS):
                 refined = _refined(posterior.model, self.discrepancy, posterior)
                 if refined is None:
                     break
                 log.info("sampling again, with more features: %s", refined.discrepancy)
-                posterior = sample_posterior(refined, data, sampling, progress=progress, what=AGAIN)
+                files = None if checkpoint is None else checkpoint.next_run()
+                posterior = sample_posterior(refined, data, sampling, progress=progress, what=AGAIN, files=files)
             fit = Fit(posterior.model, data, sampling, posterior.idata, posterior.made)
             with stage("Predicting the measurements"):
                 fit._complete()

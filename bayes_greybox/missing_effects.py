@@ -20,7 +20,9 @@ from bayes_greybox.discovery.evidence.odds import Odds
 from bayes_greybox.discovery.kept.study_file import holds_study, save_study, study_of
 from bayes_greybox.discovery.learned import studied_system
 from bayes_greybox.discovery.study import StudyResult, investigate
+from bayes_greybox.inference.checkpoint import EVERY, Checkpoint, data_facts, given_checkpoint, run_facts
 from bayes_greybox.inference.kept import netcdf
+from bayes_greybox.inference.settings import Sampling
 from bayes_greybox.physics.catalogue.loading import CatalogueSpec
 from bayes_greybox.physics.simulation.protocol import RightHandSide
 from bayes_greybox.report.equations.latex import equations_latex
@@ -171,6 +173,9 @@ def find_missing_effects(
     tune: int = 1000,
     chains: int = 4,
     progress: bool = True,
+    checkpoint: str | os.PathLike[str] | Checkpoint | None = None,
+    resume: bool = False,
+    checkpoint_every: float = EVERY,
 ) -> Study:
     """Find what a simulation lacks: where it disagrees with the data, which effect is missing, and the gap after.
 
@@ -201,27 +206,34 @@ def find_missing_effects(
         tune: Warm-up iterations of each chain.
         chains: Chains.
         progress: Whether to show progress.
+        checkpoint: A folder that keeps the chains of the amended model while they run; it goes when the study is there.
+        resume: Whether the chains in that folder go on; explanations are weighed again, with the same outcome.
+        checkpoint_every: Seconds between two times that a chain is kept.
 
     Raises:
         InputError: Data, model or catalogue that cannot be used; the message names what and the remedy.
     """
     keep_programs()
-    with stages(progress):
+    with given_checkpoint(checkpoint, resume, checkpoint_every) as held, stages(progress):
         return _found(
             model, train, test, settle=settle, draws=draws, tune=tune, chains=chains, seed=seed, progress=progress,
             catalogue=catalogue, roles=roles, effects_at_most=effects_at_most, odds=odds, free_runs=free_runs,
-            interpolation=interpolation,
+            interpolation=interpolation, checkpoint=held,
         )  # fmt: skip
 
 
 def _found(
     model: GreyBox, train: Trajectories, test: Trajectories | None, *, settle: bool, draws: int, tune: int, chains: int,
-    seed: int, progress: bool, **weighing: Any,
+    seed: int, progress: bool, checkpoint: Checkpoint | None, **weighing: Any,
 ) -> Study:  # fmt: skip
     started = time.perf_counter()
     model = model.on(train)
     if test is not None:
         test = with_filter_of(test, train)
+    if checkpoint is not None:
+        # Before the weighing, which takes longer than to be told that the draws are of something else.
+        facts = run_facts(model, train, Sampling(draws, tune, chains, seed), test=data_facts(test), **weighing)
+        checkpoint.require("study", facts)
     found = investigate(model, train, test, seed=seed, settle=settle, progress=progress, **weighing)
     hidden = [state for amendment in found.amendments.values() for state in amendment.hidden]
     # What inputs do between their samples may have been found.
@@ -238,7 +250,10 @@ def _found(
         announce(f"{found.verdict.upper()}: {sentence(found)}")
         start = time.perf_counter()
         try:
-            fit = amended.fit(found.corrected, draws=draws, tune=tune, chains=chains, seed=seed, progress=progress)
+            fit = amended.fit(
+                found.corrected, draws=draws, tune=tune, chains=chains, seed=seed, progress=progress,
+                checkpoint=checkpoint,
+            )  # fmt: skip
         except InputError as error:
             # What the study found stands.
             if found.model.rows.rates_measured:

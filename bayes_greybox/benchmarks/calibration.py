@@ -18,11 +18,12 @@ from bayes_greybox.criticism.calibration.calibrate import FEWEST_REPLICATES, Cal
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.records import plain_rows, plain_values
 from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.data.whole import write_text
 from bayes_greybox.model.gp.discrepancy import OrthogonalGP
 from bayes_greybox.model.priors import Laplace, Normal, RegularisedHorseshoe, SpikeAndSlab
 from bayes_greybox.model.program import Program
 
-from .files import unwritable, write_tables, write_whole
+from .files import unwritable, write_tables
 
 PRIORS = {
     "spike-and-slab": SpikeAndSlab(),
@@ -109,8 +110,8 @@ def run(
                 found = calibrate(model, problem(), replicates=replicates, seed=seed, progress=progress)
                 finished(name, found)
                 records[name] = plain_values({**settings, **record(found)})
-                write_whole(folder / f"{name}.csv", found.pit.to_csv(index=False))
-                write_whole(folder / f"{name}.json", json.dumps(records[name], indent=2, allow_nan=False) + "\n")
+                write_text(folder / f"{name}.csv", found.pit.to_csv(index=False))
+                write_text(folder / f"{name}.json", json.dumps(records[name], indent=2, allow_nan=False) + "\n")
         table = pd.DataFrame.from_dict({name: _row(part) for name, part in records.items()}, orient="index")
         table.index.name = "variant"
         write_tables(folder, {"calibration": table}, {**settings, "variants": plain_rows(table)})

@@ -1,7 +1,6 @@
 """Files of benchmarks: whole or absent."""
 
 import json
-import os
 from collections.abc import Mapping
 from importlib.metadata import version
 from pathlib import Path
@@ -10,13 +9,7 @@ from typing import Any
 import pandas as pd
 
 from bayes_greybox.data.errors import InputError
-
-
-def write_whole(file: Path, text: str) -> None:
-    """Write all of a file or nothing of it."""
-    part = file.with_name(f".{file.name}.part")
-    part.write_text(text, encoding="utf-8", newline="")
-    os.replace(part, file)
+from bayes_greybox.data.whole import write_text
 
 
 def write_tables(folder: Path, tables: Mapping[str, pd.DataFrame], about: Mapping[str, Any]) -> None:
@@ -28,9 +21,9 @@ def write_tables(folder: Path, tables: Mapping[str, pd.DataFrame], about: Mappin
         about: Size, seed and whatever else belongs beside them.
     """
     for name, table in tables.items():
-        write_whole(folder / f"{name}.csv", table.reset_index().to_csv(index=False))
+        write_text(folder / f"{name}.csv", table.reset_index().to_csv(index=False))
     summary = {"version": version("bayes-greybox"), **about}
-    write_whole(folder / "summary.json", json.dumps(summary, indent=2) + "\n")
+    write_text(folder / "summary.json", json.dumps(summary, indent=2) + "\n")
 
 
 def opened(file: Path) -> dict[str, dict[str, Any]]:
@@ -48,7 +41,7 @@ def opened(file: Path) -> dict[str, dict[str, Any]]:
             continue
         if row.get("version") == version("bayes-greybox"):
             rows[row["key"]] = row
-    write_whole(file, "".join(json.dumps(row) + "\n" for row in rows.values()))
+    write_text(file, "".join(json.dumps(row) + "\n" for row in rows.values()))
     return rows
 
 

@@ -18,6 +18,7 @@ from bayes_greybox.cli.options import (
     NoProgress,
     Output,
     Quiet,
+    Resume,
     Scheme,
     SchemeOption,
     Seed,
@@ -33,7 +34,7 @@ if TYPE_CHECKING:
 
 app = typer.Typer(
     name="bayes-greybox",
-    epilog="Exit codes: 0 done, 2 bad input, 3 done but the sampler did not converge.",
+    epilog="Exit codes: 0 done, 2 bad input, 3 done but the sampler did not converge, 130 stopped.",
     # Typer completes words in bash, zsh, fish and PowerShell by itself; no other library is needed.
     add_completion=True,
     context_settings={"help_option_names": ["-h", "--help"]},
@@ -92,6 +93,7 @@ def fit(
     draws: Draws = None,
     tune: Tune = None,
     chains: Chains = None,
+    resume: Resume = False,
     no_progress: NoProgress = False,
     quiet: Quiet = False,
     verbose: Verbose = 0,
@@ -100,6 +102,7 @@ def fit(
 
     The folder gets run.nc (the whole fit), summary.json (verdict, coefficients, discrepancy), the figures
     and a copy of the configuration, which can be run again where it lies. bayes-greybox report FOLDER writes its page.
+    A run that was stopped goes on with --resume: its draws are those of a run that was not.
     """
     log_to_stderr(verbose)
     from bayes_greybox.running.stages import stage, stages
@@ -108,7 +111,7 @@ def fit(
     progress = not (no_progress or quiet)
     with stages(progress), stage("Starting", said=False):
         from .fitting import fit_configured
-    return fit_configured(settings, output, progress, quiet)
+    return fit_configured(settings, output, progress, quiet, resume)
 
 
 @app.command()
@@ -132,6 +135,7 @@ def discover(
     draws: Draws = None,
     tune: Tune = None,
     chains: Chains = None,
+    resume: Resume = False,
     no_progress: NoProgress = False,
     quiet: Quiet = False,
     verbose: Verbose = 0,
@@ -160,7 +164,7 @@ def discover(
     settings = _configured(config, **sampling)
     with stages(progress), stage("Starting", said=False):
         from .discovering import study_configured
-    return study_configured(settings, output, progress, quiet)
+    return study_configured(settings, output, progress, quiet, resume)
 
 
 @app.command()
@@ -177,6 +181,7 @@ def compare(
     draws: Draws = None,
     tune: Tune = None,
     chains: Chains = None,
+    resume: Resume = False,
     no_progress: NoProgress = False,
     quiet: Quiet = False,
     verbose: Verbose = 0,
@@ -199,14 +204,14 @@ def compare(
     if any(saved):
         if not all(saved) or len(files) < 2:
             raise InputError("compare takes one configuration file, or two or more saved fits (*.nc).")
-        given = [f"--{name}" for name, value in sampling.items() if value is not None]
+        given = [f"--{name}" for name, value in sampling.items() if value is not None] + ["--resume"] * resume
         if given:
             raise InputError(f"{given[0]} does not apply to saved fits, which are not sampled again; leave it out.")
         return compare_saved(files, output, folds, progress, quiet)
     if len(files) > 1:
         raise InputError("compare takes one configuration file, or two or more saved fits (*.nc).")
     settings = _configured(files[0], **sampling).with_comparison(**folds)
-    return compare_configured(settings, output, progress, quiet)
+    return compare_configured(settings, output, progress, quiet, resume)
 
 
 @app.command()
@@ -347,6 +352,7 @@ def init(
     """
     from bayes_greybox.config.starting.starter import starter
     from bayes_greybox.data.reading.door import layout_of
+    from bayes_greybox.data.whole import write_text
 
     config = output or Path(f"{data.stem}.toml")
     if config.exists():
@@ -354,7 +360,7 @@ def init(
     layout = layout_of(sep=sep, decimal=decimal, skiprows=skiprows, encoding=encoding, sheet=sheet, dayfirst=dayfirst)
     text = starter(data, config, layout)
     try:
-        config.write_text(text, encoding="utf-8")
+        write_text(config, text)
     except OSError as error:
         raise InputError(f'"{config}" cannot be written ({error.strerror}); choose another with --output.') from None
     show(f"The configuration is {config}: check what was guessed, then bayes-greybox fit {config}.")

@@ -18,9 +18,10 @@ from bayes_greybox.running.stages import announce, stage, stages
 
 from .ending import exit_code, show
 from .places import place_of
+from .resuming import complete, resumable
 
 
-def compare_configured(settings: Config, output: Path | None, progress: bool, quiet: bool) -> int:
+def compare_configured(settings: Config, output: Path | None, progress: bool, quiet: bool, resume: bool) -> int:
     """Fit the models of a configuration file, compare them, and fill the folder."""
     if len(settings.models) < 2:
         raise InputError(
@@ -41,10 +42,12 @@ def compare_configured(settings: Config, output: Path | None, progress: bool, qu
         with stages(progress):
             for name, model in models.items():
                 announce(f"Model {name}")
-                fits[name] = model.fit(train, **settings.sampling.model_dump(), progress=progress)
-                # Each as soon as it is there: a later failure costs no finished fit.
-                with staged(folder) as place:
-                    fits[name].save(place / f"{name}.nc")
+                sampling = settings.sampling.model_dump()
+                with resumable(folder, settings, resume, name) as checkpoint:
+                    fits[name] = model.fit(train, **sampling, progress=progress, checkpoint=checkpoint)
+                    # Each as soon as it is there: a later failure costs no finished fit.
+                    with staged(folder) as place:
+                        fits[name].save(place / f"{name}.nc")
             with stage("Comparing"):
                 table = compare(fits, **given, progress=progress)
             with stage("Writing the report"):
@@ -57,6 +60,7 @@ def compare_configured(settings: Config, output: Path | None, progress: bool, qu
                     config=(settings.origin, settings.text),
                     figures=settings.output.figures,
                 )
+        complete(folder, models)
     return _compared(fits, table, folder, quiet)
 
 

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from bayes_greybox.cli.ending import DONE, NOT_CONVERGED, show
 from bayes_greybox.cli.places import place_of
+from bayes_greybox.cli.resuming import resumable
 from bayes_greybox.config import Config
 from bayes_greybox.criticism.trial import trial, try_on
 from bayes_greybox.report.folders.copies import CONFIGURATION
@@ -15,7 +16,7 @@ from bayes_greybox.report.terminal.fit import fit_tables
 from bayes_greybox.running.stages import stage, stages
 
 
-def fit_configured(settings: Config, output: Path | None, progress: bool, quiet: bool) -> int:
+def fit_configured(settings: Config, output: Path | None, progress: bool, quiet: bool, resume: bool) -> int:
     """Fit the model of a configuration, and write the results to a folder."""
     with ExitStack() as work:
         with stages(progress):
@@ -23,8 +24,9 @@ def fit_configured(settings: Config, output: Path | None, progress: bool, quiet:
                 folder = work.enter_context(output_folder(place_of(settings, "fit", output)))
                 train, test = settings.read_data()
                 model = settings.build_model()
+                checkpoint = work.enter_context(resumable(folder, settings, resume))
             start = time.perf_counter()
-            result = model.fit(train, **settings.sampling.model_dump(), progress=progress)
+            result = model.fit(train, **settings.sampling.model_dump(), progress=progress, checkpoint=checkpoint)
             seconds = time.perf_counter() - start
             result.idata.attrs[CONFIGURATION] = settings.text
             with stage("Saving the fit"), staged(folder) as place:
@@ -51,5 +53,6 @@ def fit_configured(settings: Config, output: Path | None, progress: bool, quiet:
                     from bayes_greybox.report.plots import fit_figures, save_figures
 
                     save_figures(fit_figures(result), folder / "figures")
+        checkpoint.complete()
     show(*([folder] if quiet else ["", str(checked), f"Results are in {folder}."]))
     return DONE if result.verdict.ok else NOT_CONVERGED

@@ -49,6 +49,7 @@ Seed = Annotated[int | None, typer.Option(help="Seed, instead of the config's ow
 Draws = Annotated[int | None, typer.Option(help="Posterior draws of each chain.")]
 Tune = Annotated[int | None, typer.Option(help="Warm-up draws of each chain.")]
 Chains = Annotated[int | None, typer.Option(help="Number of chains.")]
+Resume = Annotated[bool, typer.Option("--resume", help="Go on with the draws of a run that was stopped.")]
 NoProgress = Annotated[bool, typer.Option("--no-progress", help="Show no progress bar.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Show nothing but errors, and where the results are.")]
 Verbose = Annotated[

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from pydantic import PlainValidator, PrivateAttr, ValidationError, field_validator, model_validator
 
 from bayes_greybox.data.errors import InputError
-from bayes_greybox.data.limits import Count, Positive, Probability, Seed, Whole
+from bayes_greybox.data.limits import Count, NotNegative, Positive, Probability, Seed, Whole
 from bayes_greybox.data.reading.toml_files import read_toml
 from bayes_greybox.report.folders.copies import author_text, copy_of
 from bayes_greybox.report.folders.holding import CONFIG, command_of
@@ -65,10 +65,15 @@ class Sampling(Section):
 
 
 class Output(Section):
-    """[output]: where results go, relative to the folder that the command is run in."""
+    """[output]: where results go, relative to the folder that the command is run in.
+
+    Attributes:
+        checkpoint_every: Seconds between two times that what was sampled is kept.
+    """
 
     folder: str | None = None
     figures: bool = True
+    checkpoint_every: NotNegative = 10.0
 
 
 class Compare(Section):

@@ -1,10 +1,12 @@
 """The study that a configuration asks for, with its results in a folder."""
 
 from collections.abc import Callable
+from contextlib import AbstractContextManager, ExitStack
 from dataclasses import replace
 from pathlib import Path
 
 from bayes_greybox.config import Config
+from bayes_greybox.inference.checkpoint import Checkpoint
 from bayes_greybox.missing_effects import Study, find_missing_effects
 from bayes_greybox.report.folders.record import study_record, write_json
 from bayes_greybox.report.folders.writing import output_folder, staged
@@ -15,7 +17,12 @@ PAGE = "gap.html"
 
 
 def study_into(
-    settings: Config, place: Path, *, progress: bool = True, found: Callable[[Study], None] = lambda _: None
+    settings: Config,
+    place: Path,
+    *,
+    progress: bool = True,
+    found: Callable[[Study], None] = lambda _: None,
+    kept: Callable[[Path], AbstractContextManager[Checkpoint]] | None = None,
 ) -> Study:
     """Study what the simulation of a configuration misses, and write the results to a folder.
 
@@ -24,17 +31,20 @@ def study_into(
         place: The folder.
         progress: Whether to show what is being done.
         found: Told of the study before its page is drawn.
+        kept: From the folder to the checkpoint of its draws, which is complete once all is written; None: none is kept.
 
     Raises:
         InputError: Data, model or folder cannot be used.
     """
-    with output_folder(place) as folder:
+    with ExitStack() as work:
         with stages(progress):
             with stage("Starting", said=False):
+                folder = work.enter_context(output_folder(place))
                 arguments = settings.study_arguments()
                 model = settings.build_studied_model()
                 train, test = settings.read_data()
-            study = find_missing_effects(model, train, test, **arguments, progress=progress)
+                checkpoint = None if kept is None else work.enter_context(kept(folder))
+            study = find_missing_effects(model, train, test, **arguments, progress=progress, checkpoint=checkpoint)
             study = replace(study, config=settings.text)
             with stage("Saving the study"), staged(folder) as part:
                 # First, by itself: nothing that fails later may cost what was sampled.
@@ -54,4 +64,6 @@ def study_into(
                     from bayes_greybox.report.plots import save_figures, study_figures
 
                     save_figures(study_figures(study), folder / "figures")
+        if checkpoint is not None:
+            checkpoint.complete()
     return study

@@ -15,7 +15,7 @@ from bayes_greybox.running.stages import stage, stages
 
 from .kept.groups import data_table, tree_of, user_units
 from .posterior import Made, Posterior
-from .sampler.nuts import SAMPLING
+from .sampler.nuts import SAMPLING, Files
 from .sampler.programs import Programs, programs_for
 from .settings import Sampling
 
@@ -31,6 +31,7 @@ def sample_posterior(
     equations: Mapping[str, Equation] | None = None,
     programs: Programs | None = None,
     what: str = SAMPLING,
+    files: Files | None = None,
 ) -> Posterior:
     """Fit: assemble the designs, run NUTS on the hyperparameters, draw the rest exactly.
 
@@ -42,12 +43,13 @@ def sample_posterior(
         equations: Frames and designs to use instead of `model.assemble(data)` (for refits that leave rows out).
         programs: Those of another fit of this model with these settings, to save compiling them again.
         what: What the bar says.
+        files: Where chains are kept, and go on if they are there.
 
     Raises:
-        InputError: What `model.assemble` refuses.
+        InputError: What `model.assemble` refuses; files that hold other chains.
     """
     with stages(progress):
-        return _sampled(model, data, sampling, equations, programs, progress, what)
+        return _sampled(model, data, sampling, equations, programs, progress, what, files)
 
 
 def _sampled(
@@ -58,6 +60,7 @@ def _sampled(
     programs: Programs | None,
     progress: bool,
     what: str,
+    files: Files | None,
 ) -> Posterior:
     if equations is None:
         with stage("Reading the rows"):
@@ -76,7 +79,13 @@ def _sampled(
     # Threads inside BLAS fight those of the chains over the cores, for matrices too small to share.
     with threadpool_limits(1):
         chains = programs.chains.run(
-            designs, draws=sampling.draws, chains=sampling.chains, key=run_key, progress=progress, what=what
+            designs,
+            draws=sampling.draws,
+            chains=sampling.chains,
+            key=run_key,
+            progress=progress,
+            what=what,
+            files=files,
         )
         with stage("Drawing coefficients and f"):
             drawn = programs.conditional(designs, chains.samples, draw_key)

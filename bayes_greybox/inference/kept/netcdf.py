@@ -5,7 +5,6 @@ import importlib.metadata
 import json
 import os
 import platform
-import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -16,6 +15,7 @@ import xarray as xr
 from bayes_greybox.data.columns import derivative_label
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.data.whole import whole_file
 from bayes_greybox.inference.posterior import SLAB, Posterior
 from bayes_greybox.inference.settings import Sampling
 from bayes_greybox.model.gp.discrepancy import OrthogonalGP
@@ -130,20 +130,13 @@ def write(tree: xr.DataTree, path: str | os.PathLike) -> None:
     Raises:
         InputError: The destination cannot be written.
     """
-    path = Path(path)
     try:
-        handle, temporary = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
-    except OSError as error:
-        raise InputError(f"Cannot write {str(path)!r}: {error.strerror or error}. Choose a writable folder.") from error
-    os.close(handle)
-    try:
-        tree.to_netcdf(temporary, engine="h5netcdf", encoding=_compression(tree))
-        os.chmod(temporary, 0o666 & ~_umask())
-        os.replace(temporary, path)
-    except OSError as error:
-        raise InputError(f"Cannot write {str(path)!r}: {error.strerror or error}. Choose a writable folder.") from error
-    finally:
-        Path(temporary).unlink(missing_ok=True)
+        with whole_file(path) as part:
+            tree.to_netcdf(part, engine="h5netcdf", encoding=_compression(tree))
+    except (OSError, RuntimeError) as error:
+        # HDF5 says of a full disk in either class.
+        reason = os.strerror(error.errno) if isinstance(error, OSError) and error.errno else str(error)
+        raise InputError(f"Cannot write {str(path)!r}: {reason}. Choose a writable folder with room.") from error
 
 
 def load(path: str | os.PathLike, simulation: RightHandSide | None = None) -> Posterior:
@@ -371,9 +364,3 @@ class _LostRows(RowKind):
         raise InputError(
             "The model's rows were of a class of your own, which a file cannot hold: build the model again and fit it."
         )
-
-
-def _umask() -> int:
-    current = os.umask(0)
-    os.umask(current)
-    return current

@@ -2,10 +2,11 @@
 
 import os
 import threading
+import time
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 import jax
 import jax.numpy as jnp
@@ -16,8 +17,13 @@ from numpyro.infer.hmc import HMCState
 from bayes_greybox.running.stages import stage, stages
 from bayes_greybox.running.traces import kept
 
+from .chain_file import ChainFile, SoFar, name_of
+
 CHUNK = 100
-"""Iterations between two looks at the progress bar."""
+"""Most iterations between two looks at the progress bar, at the clock and at whether to stop."""
+
+PACE, GROWTH = 1.0, 4
+"""Seconds that such iterations are to take, and how many times as many they are at most as those before."""
 
 SAMPLING = "Sampling"
 """What the bar says, by default."""
@@ -34,6 +40,14 @@ class Chains:
 
     samples: dict[str, np.ndarray]
     stats: dict[str, np.ndarray]
+
+
+class Files(Protocol):
+    """Where chains are kept while they run."""
+
+    def chain(self, chain: int, name: str) -> ChainFile:
+        """The file of a chain of what has this name."""
+        ...
 
 
 class Sampler:
@@ -61,7 +75,7 @@ class Sampler:
 
         # Between two programs a state is its leaves: a trace that is kept knows nothing of NumPyro's classes.
         def first(key: Array, argument: Any) -> list[Array]:
-            return jax.tree.leaves(start(key, argument)[1])
+            return _leaves(start(key, argument)[1])
 
         def advance(leaves: list[Array], argument: Any, length: Array | int) -> tuple[list[Array], dict[str, Array]]:
             # A kernel can only step once it was started; XLA throws this start away.
@@ -75,7 +89,7 @@ class Sampler:
                 return state, jax.tree.map(lambda buffer, leaf: buffer.at[i].set(leaf), record, hmc_record(state))
 
             state, record = jax.lax.fori_loop(0, length, body, (state, record))
-            return jax.tree.leaves(state), record
+            return _leaves(state), record
 
         def constrain(values: Any, argument: Any) -> dict[str, Array]:
             kernel, _ = start(jax.random.PRNGKey(0), argument)
@@ -86,7 +100,15 @@ class Sampler:
         self._constrain = kept(constrain, identity, "constrain", once=True)
 
     def run(
-        self, argument: Any, *, draws: int, chains: int, key: Array, progress: bool, what: str = SAMPLING
+        self,
+        argument: Any,
+        *,
+        draws: int,
+        chains: int,
+        key: Array,
+        progress: bool,
+        what: str = SAMPLING,
+        files: Files | None = None,
     ) -> Chains:
         """Run all chains.
 
@@ -97,34 +119,50 @@ class Sampler:
             key: Random key, split into one for each chain.
             progress: Whether to show a progress bar.
             what: What the bar says.
+            files: Where chains are kept, and go on if they are there.
+
+        Raises:
+            InputError: The files hold other chains.
         """
         with stages(progress):
-            return self._run(argument, draws, chains, key, what)
+            return self._run(argument, draws, chains, key, what, files)
 
-    def _run(self, argument: Any, draws: int, chains: int, key: Array, what: str) -> Chains:
+    def _run(self, argument: Any, draws: int, chains: int, key: Array, what: str, files: Files | None) -> Chains:
         with stage("Compiling the sampler"):
             states = [self._start(key, argument) for key in jax.random.split(key, chains)]
             # Compiled here, by a run of no iterations, so that the threads do not each do it.
             self._advance(states[0], argument, 0)
-        stop = threading.Event()
+            begun = [SoFar(state, 0) for state in states]
+            kept = [None] * chains
+            if files is not None:
+                kept = [files.chain(k, name_of(argument, states[k], self._tune, draws)) for k in range(chains)]
+                begun = [file.read() or chain for file, chain in zip(kept, begun, strict=True)]
+        stop, total = threading.Event(), self._tune + draws
 
-        with stage(what, chains * (self._tune + draws)) as line:
-            divergences = np.zeros(chains, int)
+        with stage(what, chains * total) as line:
+            divergences = np.array([chain.divergences for chain in begun])
+            line.advance(sum(chain.done for chain in begun))
 
-            def one_chain(chain: int) -> dict[str, np.ndarray]:
-                state = states[chain]
-                kept = []
-                for start, length in [*_chunks(0, self._tune), *_chunks(self._tune, self._tune + draws)]:
-                    if stop.is_set():
-                        break
-                    state, record = self._advance(state, argument, length)
-                    record = {name: np.asarray(value)[:length] for name, value in record.items()}
+            def one_chain(k: int) -> dict[str, np.ndarray]:
+                chain, file, most = begun[k], kept[k], 1
+                while chain.done < total and not stop.is_set():
+                    start, begin = chain.done, time.perf_counter()
+                    length = min(most, (self._tune if start < self._tune else total) - start)
+                    state, record = self._advance(chain.state, argument, length)
+                    records = chain.records
                     if start >= self._tune:
-                        kept.append(record)
-                        divergences[chain] += int(record["diverging"].sum())
-                    total = int(divergences.sum())
-                    line.advance(length, f"{total} divergences" if total else "")
-                return {name: np.concatenate([part[name] for part in kept]) for name in kept[0]}
+                        record = {name: np.asarray(value)[:length] for name, value in record.items()}
+                        records = (*records, record)
+                        divergences[k] += int(record["diverging"].sum())
+                    chain = SoFar(jax.block_until_ready(state), start + length, records)
+                    if file is not None:
+                        file.write(chain)
+                    found = int(divergences.sum())
+                    line.advance(length, f"{found} divergences" if found else "")
+                    most = _paced(length, time.perf_counter() - begin)
+                if file is not None and chain.done > begun[k].done:
+                    file.write(chain, now=True)
+                return chain.record() if chain.done == total else {}
 
             with ThreadPoolExecutor(min(chains, os.cpu_count() or 1)) as pool:
                 try:
@@ -156,5 +194,11 @@ def hmc_record(state: Any) -> dict[str, Array]:
     }
 
 
-def _chunks(start: int, stop: int) -> list[tuple[int, int]]:
-    return [(i, min(CHUNK, stop - i)) for i in range(start, stop, CHUNK)]
+def _leaves(state: Any) -> list[Array]:
+    """Leaves whose types are what arrays from a file have, so that both are input of one program."""
+    return [jax.lax.convert_element_type(leaf, jnp.result_type(leaf)) for leaf in jax.tree.leaves(state)]
+
+
+def _paced(length: int, seconds: float) -> int:
+    """How many iterations come next; how they are divided changes no draw."""
+    return max(1, min(CHUNK, GROWTH * length, int(length * PACE / max(seconds, 1e-9))))

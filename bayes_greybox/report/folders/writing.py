@@ -1,20 +1,30 @@
 """The folder of a run: checked before the work, filled after it, nothing in it ever half-written."""
 
+import errno
 import os
 import shutil
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 from bayes_greybox.data.errors import InputError
+from bayes_greybox.data.locking import locked
+from bayes_greybox.data.whole import PART, put, remove_parts
+
+ROOM = 4_000_000
+"""Bytes that a disk must have room for before hours of work, about what a fit and its figures take."""
+
+FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+"""Numbers of errors that more room would mend."""
 
 
 @contextmanager
 def output_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
-    """A folder that can be written to, made where it is missing, for as long as the work for it lasts.
+    """A folder that can be written to, made where it is missing, held for as long as the work for it lasts.
 
-    If the work fails, the folders that were made for it and are still empty go again.
+    What a killed process left half-written is removed. If the work fails, the folders that were made for it and are
+    still empty go again.
 
     Args:
         path: The folder.
@@ -23,22 +33,30 @@ def output_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
         The folder.
 
     Raises:
-        InputError: If it cannot be made or written to; raised before any work.
+        InputError: If it cannot be made or written to, has no room, or another process writes to it; raised before
+            any work.
     """
     folder = Path(path)
     missing = [place for place in (folder, *folder.parents) if not place.exists()]
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=folder):
-            pass
-    except OSError as error:
-        _remove_empty(missing)
-        raise _unwritable(folder, error) from None
-    try:
-        yield folder
-    except BaseException:
-        _remove_empty(missing)
-        raise
+    with ExitStack() as held:
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            held.enter_context(locked(folder))
+            remove_parts(folder)
+            with tempfile.TemporaryFile(dir=folder, prefix=PART) as trial:
+                trial.write(bytes(ROOM))
+                trial.flush()
+                os.fsync(trial.fileno())
+        except OSError as error:
+            held.close()
+            _remove_empty(missing)
+            raise _unwritable(folder, error) from None
+        try:
+            yield folder
+        except BaseException:
+            held.close()
+            _remove_empty(missing)
+            raise
 
 
 @contextmanager
@@ -56,23 +74,30 @@ def staged(folder: Path) -> Iterator[Path]:
     """
     place = None
     try:
-        place = Path(tempfile.mkdtemp(prefix=".part-", dir=folder))
+        place = Path(tempfile.mkdtemp(prefix=PART, dir=folder))
         yield place
         for file in sorted(file for file in place.rglob("*") if file.is_file()):
             target = folder / file.relative_to(place)
             target.parent.mkdir(parents=True, exist_ok=True)
-            # A rename within one file system: readers see the old file or the new one, never a part of it.
-            os.replace(file, target)
+            put(file, target)
     except OSError as error:
         raise _unwritable(folder, error) from error
+    except InputError as error:
+        # Of what was to be written to the place, whose name nobody knows.
+        if isinstance(error.__cause__, OSError | RuntimeError):
+            raise _unwritable(folder, error.__cause__) from error
+        raise
     finally:
         if place is not None:
             shutil.rmtree(place, ignore_errors=True)
 
 
-def _unwritable(folder: Path, error: OSError) -> InputError:
-    reason = error.strerror or str(error)
-    return InputError(f'Cannot write to the folder "{folder}" ({reason}); choose another one.')
+def _unwritable(folder: Path, error: Exception) -> InputError:
+    number = getattr(error, "errno", None)
+    # HDF5 puts pages of its own behind the number.
+    reason = os.strerror(number) if number else str(error)
+    remedy = "make room, or choose another one" if number in FULL else "choose another one"
+    return InputError(f'Cannot write to the folder "{folder}" ({reason}); {remedy}.')
 
 
 def _remove_empty(folders: list[Path]) -> None:

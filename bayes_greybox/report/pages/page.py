@@ -16,6 +16,7 @@ from typing import Any
 from matplotlib.figure import Figure
 
 from bayes_greybox.data.errors import InputError
+from bayes_greybox.data.whole import write_text
 from bayes_greybox.report.drawing.svg import drawing
 
 NARROW = 4.6
@@ -240,20 +241,11 @@ def write_page(page: Page, path: str | os.PathLike[str]) -> None:
     Raises:
         InputError: The destination cannot be written.
     """
-    path = Path(path)
     text = render(page)
     try:
-        handle, temporary = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
-        try:
-            with os.fdopen(handle, "w", encoding="utf-8", newline="\n") as file:
-                file.write(text)
-            # Private until here, as temporary files are; readable from here on, as files of a report are.
-            os.chmod(temporary, 0o644)
-            os.replace(temporary, path)
-        finally:
-            Path(temporary).unlink(missing_ok=True)
+        write_text(path, text)
     except OSError as error:
-        raise _unwritable(path, error) from error
+        raise _unwritable(Path(path), error) from error
 
 
 def picture(figure: Figure, alt: str, caption: str = "", *, wide: bool = False) -> Picture:

@@ -7,6 +7,7 @@ from pathlib import Path
 from matplotlib.figure import Figure
 
 from bayes_greybox.data.errors import InputError
+from bayes_greybox.data.whole import whole_file
 
 from .style import laid_out
 
@@ -37,11 +38,6 @@ def save_figures(figures: Mapping[str, Figure], folder: str | os.PathLike[str]) 
 
 
 def _save(figure: Figure, path: Path) -> Path:
-    beside = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        with laid_out(figure):
-            figure.savefig(beside, format="png", dpi=150)
-        os.replace(beside, path)
-    finally:
-        beside.unlink(missing_ok=True)
+    with whole_file(path) as part, laid_out(figure):
+        figure.savefig(part, format="png", dpi=150)
     return path
