@@ -6,7 +6,7 @@ import json
 import os
 import platform
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -32,8 +32,11 @@ from bayes_greybox.physics.simulation.reading import simulation_from, simulation
 from bayes_greybox.physics.terms import Term
 from bayes_greybox.running.compiling import keep_programs
 
+from .damage import REMEDY, SEALS, damaged, made_of, require_sealed, seal
+from .draws import require_draws
 from .further_groups import slab_group
 from .groups import data_table, part_details, rate_name
+from .packing import TEXT
 
 SAMPLES, SAMPLE = "sensor_samples", "sample_id"
 """Group of what the sensors showed, where the data are a path through it, and its dimension."""
@@ -101,7 +104,7 @@ def save(
     tree.attrs = {**posterior.idata.attrs, **(attributes or {}), RECORD: json.dumps(record)}
     for name, group in (groups or {}).items():
         tree[name] = xr.DataTree(group)
-    write(tree, path)
+    write(tree, path, (RECORD, *(attributes or {})))
 
 
 def save_unsampled(path: str | os.PathLike, attributes: Mapping[str, str], groups: Mapping[str, xr.Dataset]) -> None:
@@ -117,20 +120,24 @@ def save_unsampled(path: str | os.PathLike, attributes: Mapping[str, str], group
     """
     tree = xr.DataTree(children={name: xr.DataTree(group) for name, group in groups.items()})
     tree.attrs = {**attributes, RECORD: json.dumps({"format": FORMAT, "versions": versions()})}
-    write(tree, path)
+    write(tree, path, (RECORD, *attributes))
 
 
-def write(tree: xr.DataTree, path: str | os.PathLike) -> None:
+def write(tree: xr.DataTree, path: str | os.PathLike, texts: Sequence[str] = (RECORD,)) -> None:
     """Write groups to a netCDF file beside its destination, then rename: it is whole or not there.
 
     Args:
         tree: Groups.
         path: Destination.
+        texts: Root attributes that are sealed.
 
     Raises:
         InputError: The destination cannot be written.
     """
     path = Path(path)
+    packed = {f"/{name}": [TEXT] for name, group in tree.children.items() if TEXT in group.attrs}
+    tree = tree.copy()
+    tree.attrs = {**tree.attrs, SEALS: seal(tree, {"/": list(texts), **packed})}
     try:
         handle, temporary = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
     except OSError as error:
@@ -159,7 +166,8 @@ def load(path: str | os.PathLike, simulation: RightHandSide | None = None) -> Po
     """
     tree = read(path)
     require_sampled(tree, path)
-    return posterior_of(tree, simulation)
+    with made_of(path):
+        return posterior_of(tree, simulation)
 
 
 def read(path: str | os.PathLike) -> xr.DataTree:
@@ -178,19 +186,30 @@ def read(path: str | os.PathLike) -> xr.DataTree:
     try:
         with xr.open_datatree(path, engine="h5netcdf") as opened:
             tree = opened.load()
-    except (OSError, ValueError, KeyError, RuntimeError) as error:
-        raise InputError(f"{str(path)!r} is not a readable netCDF file: it is damaged or of another kind.") from error
+    except Exception as error:
+        # HDF5 and its readers are all that runs here; on a damaged file they raise whatever they stumble on.
+        raise InputError(
+            f"{str(path)!r} is not a readable netCDF file: it is damaged or of another kind; {REMEDY}."
+        ) from error
     if RECORD not in tree.attrs:
         raise InputError(
             f"{str(path)!r} is a netCDF file, but not a fit saved by bayes_greybox; use arviz.from_netcdf."
         )
-    record = json.loads(tree.attrs[RECORD])
-    if record["format"] > FORMAT:
+    if _format(tree, path) > FORMAT:
         raise InputError(
-            f"{str(path)!r} was saved by bayes_greybox {record['versions']['bayes-greybox']}, which is newer than this "
-            "one: upgrade with pip install --upgrade bayes-greybox."
+            f"{str(path)!r} was saved by a bayes_greybox that is newer than this one: upgrade with pip install "
+            "--upgrade bayes-greybox."
         )
+    require_sealed(tree, path)
     return tree
+
+
+def _format(tree: xr.DataTree, path: Path) -> int:
+    with made_of(path):
+        found = json.loads(tree.attrs[RECORD])["format"]
+        if type(found) is not int:
+            raise damaged(path, f"{found!r} is no version of a layout")
+        return found
 
 
 def sampled(tree: xr.DataTree) -> bool:
@@ -240,7 +259,9 @@ def posterior_of(tree: xr.DataTree, simulation: RightHandSide | None = None) -> 
     model = rebuild(record["model"], simulation)
     if record["format"] < 4:
         part_details(tree, model.sites)
-    return Posterior(model, data, Sampling(**record["sampling"]), tree)
+    sampling = Sampling(**record["sampling"])
+    require_draws(tree, model, data)
+    return Posterior(model, data, sampling, tree)
 
 
 def describe(model: Program, data: Trajectories) -> dict[str, Any]:

@@ -1,0 +1,78 @@
+"""Whether the draws that a file holds are those of the model that it states."""
+
+import numpy as np
+import xarray as xr
+
+from bayes_greybox.data.errors import InputError
+from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.model.program import Program
+
+from .groups import DETAILS
+
+DRAWS = ("chain", "draw")
+"""Dimensions that every variable of draws begins with."""
+
+TOGETHER = ("posterior", DETAILS["posterior"], "sample_stats", "log_prior")
+"""Groups with something for every draw."""
+
+BY_TERM = ("theta", "prior_sd", "gamma", "inclusion")
+"""Quantities with a number for each term."""
+
+POSITIVE = ("sigma", "length_scale")
+"""Quantities that nothing can be divided by at zero."""
+
+NEEDED = ("theta", "sigma", "prior_sd")
+"""Quantities that every equation has."""
+
+
+def require_draws(tree: xr.DataTree, model: Program, data: Trajectories) -> None:
+    """Refuse groups of draws that do not fit each other or the model.
+
+    Args:
+        tree: Groups of a file.
+        model: The model that it states.
+        data: The data that it holds.
+
+    Raises:
+        InputError: A group or a variable is missing, has another shape, or has values that no draw can have.
+    """
+    sizes = _sizes(tree)
+    terms = {name: len(each) for name, each in model.dictionaries(data).items()}
+    group = xr.merge([tree[name].dataset for name in TOGETHER[:2] if name in tree.children], compat="override")
+    names = [str(name) for name in group]
+    for block, equations in model.blocks.items():
+        own = model.sites.owned(block, names)
+        for quantity in NEEDED:
+            if quantity not in own:
+                raise InputError(f"the file is damaged: it has no draws {model.sites[block][quantity]!r}.")
+        for quantity, name in own.items():
+            _require_variable(name, group[name], quantity, sum(terms[each] for each in equations), sizes)
+
+
+def _sizes(tree: xr.DataTree) -> tuple[int, int]:
+    """Numbers of chains and of draws, in which groups agree."""
+    found = {}
+    for name in TOGETHER:
+        if name in tree.children:
+            for variable in tree[name].dataset.values():
+                if variable.dims[:2] != DRAWS:
+                    raise InputError(f"the file is damaged: {variable.name} has no chains and draws.")
+            found[name] = tuple(tree[name].sizes.get(dimension, 0) for dimension in DRAWS)
+    if "posterior" not in found or "sample_stats" not in found:
+        raise InputError("the file is damaged: it lacks the group of draws, or that of the sampler's statistics.")
+    if len(set(found.values())) > 1 or 0 in found["posterior"]:
+        raise InputError(f"the file is damaged: its groups have {found} chains and draws.")
+    return found["posterior"]
+
+
+def _require_variable(name: str, values: xr.DataArray, quantity: str, n_term: int, sizes: tuple[int, int]) -> None:
+    """Refuse draws of one quantity that cannot be those of the model."""
+    if values.dtype.kind not in "biuf" or values.shape[:2] != sizes:
+        raise InputError(f"the file is damaged: {name} is not numbers by chain and draw.")
+    if quantity in BY_TERM and values.shape[2:] != (n_term,):
+        raise InputError(f"the file is damaged: {name} is not of the {n_term} terms of the model.")
+    numbers = values.to_numpy()
+    if quantity in (*BY_TERM, "sigma", "amplitude", "length_scale", "weight", "f") and not np.all(np.isfinite(numbers)):
+        raise InputError(f"the file is damaged: {name} has draws that are no numbers.")
+    if quantity in POSITIVE and np.any(numbers <= 0):
+        raise InputError(f"the file is damaged: {name} has draws that are not positive.")
