@@ -120,6 +120,9 @@ def check_size(expr: sympy.Expr, text: str) -> None:
             raise InputError(f"{_shown(text)} reaches a power of {node.exp}; exponents go up to {MAX_EXPONENT}.")
         if node.is_Number and not _finite(float(node)) or node in (sympy.zoo, sympy.nan):
             raise InputError(f"{_shown(text)} contains a number that is not finite; check its constants.")
+        if node.is_Number and not node.is_zero and float(node) == 0.0:
+            # SymPy's numbers go on where those of the computer end, and would be printed as zero.
+            raise InputError(f"{_shown(text)} contains a number too small to tell from zero; check its constants.")
 
 
 def function_list() -> str:
