@@ -85,10 +85,13 @@ def expression(text: str) -> None:
     with soon():
         to_latex(found)
         printed = to_text(found)
-    if len(printed) <= 2000:
-        assert parse_expression(printed, NAMES) == found, (text, printed)
     with np.errstate(all="ignore"):
-        assert np.shape(evaluate(found, COLUMNS)) == np.shape(COLUMNS["y"])
+        values = evaluate(found, COLUMNS)
+        assert np.shape(values) == np.shape(COLUMNS["y"])
+        if len(printed) <= 2000:
+            # -200.0 is read as the whole number that it is.
+            again = evaluate(parse_expression(printed, NAMES), COLUMNS)
+            np.testing.assert_allclose(again, values, rtol=1e-9, err_msg=f"{text} is printed {printed}")
 
 
 def config(text: bytes, folder: Path) -> None:
@@ -127,7 +130,12 @@ def saved(file: Path) -> None:
     with no_code():
         try:
             found = netcdf.load(file)
-            assert found.draws(next(iter(found.equations))).theta.ndim == 2
         except bg.InputError as error:
-            assert file.name in sentence(error) or "damaged" in str(error) or "file" in str(error), error
+            assert str(file) in sentence(error)
+            found = None
+        try:
+            # Numbers may have become others that no model can be fitted to.
+            assert found is None or found.draws(next(iter(found.equations))).theta.ndim == 2
+        except bg.InputError as error:
+            sentence(error)
     assert {each: os.stat(each).st_mtime_ns for each in file.parent.iterdir()} == before

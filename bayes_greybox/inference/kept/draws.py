@@ -36,6 +36,8 @@ def require_draws(tree: xr.DataTree, model: Program, data: Trajectories) -> None
     Raises:
         InputError: A group or a variable is missing, has another shape, or has values that no draw can have.
     """
+    # What the simulation says is read where it is first used; what is wrong with it is to be said with the file's name.
+    model.simulator(data, lacking=True)
     sizes = _sizes(tree)
     terms = {name: len(each) for name, each in model.dictionaries(data).items()}
     group = xr.merge([tree[name].dataset for name in TOGETHER[:2] if name in tree.children], compat="override")

@@ -10,6 +10,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import h5py
+import numpy as np
 import pandas as pd
 import xarray as xr
 
@@ -184,8 +186,15 @@ def read(path: str | os.PathLike) -> xr.DataTree:
     if not path.is_file():
         raise InputError(f"There is no file {str(path)!r}.")
     try:
-        with xr.open_datatree(path, engine="h5netcdf") as opened:
-            tree = opened.load()
+        # A Python file is closed at the end whatever happens; what HDF5 opens itself may stay open once reading failed.
+        with path.open("rb") as raw:
+            # What is no HDF5 file, or has broken attributes, fails here: h5netcdf would leave a broken object behind.
+            with h5py.File(raw, "r") as file:
+                dict(file.attrs)
+            raw.seek(0)
+            # Arrays without named dimensions get some; `require_draws` refuses them, and no warning is printed.
+            with xr.open_datatree(raw, engine="h5netcdf", phony_dims="access") as opened:
+                tree = opened.load()
     except Exception as error:
         # HDF5 and its readers are all that runs here; on a damaged file they raise whatever they stumble on.
         raise InputError(
@@ -360,6 +369,9 @@ def _fields(record: Mapping[str, Any]) -> dict[str, Any]:
 
 def _read_data(table: xr.Dataset, metadata: Mapping[str, Any]) -> Trajectories:
     time_name = metadata["time_name"]
+    for name, values in table.variables.items():
+        if values.dtype.kind not in "biuf" or values.ndim != 1 or not np.all(np.isfinite(values.to_numpy())):
+            raise InputError(f"the file is damaged: its column {str(name)!r} is not one of finite numbers.")
     columns = {time_name: table["t"].to_numpy(), "run": table["run"].to_numpy()}
     # Files from before there were outputs have none.
     known = (*metadata["states"], *metadata["inputs"], *metadata.get("outputs", ()))
