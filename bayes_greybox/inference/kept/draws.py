@@ -21,6 +21,12 @@ BY_TERM = ("theta", "prior_sd", "gamma", "inclusion")
 POSITIVE = ("sigma", "length_scale")
 """Quantities that nothing can be divided by at zero."""
 
+BY_ROW = ("log_likelihood", "posterior_predictive", "prior_predictive")
+"""Groups, where they are kept, with a number for each row of each equation and draw."""
+
+STATISTICS = ("diverging", "energy", "n_steps")
+"""What the verdict on convergence needs of the sampler."""
+
 NEEDED = ("theta", "sigma", "prior_sd")
 """Quantities that every equation has."""
 
@@ -43,6 +49,8 @@ def require_draws(tree: xr.DataTree, model: Program, data: Trajectories) -> None
     group = xr.merge([tree[name].dataset for name in TOGETHER[:2] if name in tree.children], compat="override")
     names = [str(name) for name in group]
     for block, equations in model.blocks.items():
+        for name in BY_ROW:
+            _require_rows(tree, name, model.sites[block].rate)
         own = model.sites.owned(block, names)
         for quantity in NEEDED:
             if quantity not in own:
@@ -62,9 +70,20 @@ def _sizes(tree: xr.DataTree) -> tuple[int, int]:
             found[name] = tuple(tree[name].sizes.get(dimension, 0) for dimension in DRAWS)
     if "posterior" not in found or "sample_stats" not in found:
         raise InputError("the file is damaged: it lacks the group of draws, or that of the sampler's statistics.")
+    for name in STATISTICS:
+        if name not in tree["sample_stats"].dataset or tree["sample_stats"][name].dtype.kind not in "biuf":
+            raise InputError(f"the file is damaged: it has no {name!r} of the sampler.")
     if len(set(found.values())) > 1 or 0 in found["posterior"]:
         raise InputError(f"the file is damaged: its groups have {found} chains and draws.")
     return found["posterior"]
+
+
+def _require_rows(tree: xr.DataTree, group: str, name: str) -> None:
+    """Refuse a group of numbers for every row that has none of an equation."""
+    if group in tree.children:
+        values = tree[group].dataset.get(name)
+        if values is None or values.dtype.kind not in "biuf" or values.dims[:2] != DRAWS or values.ndim != 3:
+            raise InputError(f"the file is damaged: {group} has no numbers {name!r} for each chain, draw and row.")
 
 
 def _require_variable(name: str, values: xr.DataArray, quantity: str, n_term: int, sizes: tuple[int, int]) -> None:
