@@ -11,7 +11,25 @@ from probes import NAMES
 ROOT = Path(__file__).parents[2]
 
 ATOMS = st.sampled_from(
-    (*NAMES, "pi", "0", "1", "2", "100", "101", "1e308", "1e-320", "0.1", "9**9", "1/3", "ｙ", "y²", "1j", "__import__", "open('pwned')")
+    (
+        *NAMES,
+        "pi",
+        "0",
+        "1",
+        "2",
+        "100",
+        "101",
+        "1e308",
+        "1e-320",
+        "0.1",
+        "9**9",
+        "1/3",
+        "ｙ",
+        "y²",
+        "1j",
+        "__import__",
+        "open('pwned')",
+    )
 )
 FUNCTIONS = ("sin", "log", "sqrt", "abs", "sign", "min", "max", "exp", "tan", "heaviside", "asin", "eval", "open")
 
@@ -34,8 +52,8 @@ WORDS = st.one_of(st.text(max_size=40), st.text("y+-*/()^.,0123456789eE_'\"\\\0[
 
 VALUES = st.sampled_from(
     [
-        None, True, -1, 0, 10**30, 2**63, 1e308, float("nan"), float("inf"), "", "x", "../../x", "\0", "y" * 3000, [], {},
-        [[]], [None], {"": 1}, {"a": {"b": {}}}, "open('pwned', 'w')", "1e999999999", "9**9**9", "\ud800",
+        None, True, -1, 0, 10**30, 2**63, 1e308, float("nan"), float("inf"), "", "x", "../../x", "\0", "y" * 3000, [],
+        {}, [[]], [None], {"": 1}, {"a": {"b": {}}}, "open('pwned', 'w')", "1e999999999", "9**9**9", "\ud800",
         "$(touch pwned)", "{{ 7 * 7 }}", "%s%n", ["y", "y"], [1, "y"],
     ]
 )  # fmt: skip

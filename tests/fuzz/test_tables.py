@@ -12,7 +12,24 @@ SETTINGS = settings(derandomize=True, deadline=None, max_examples=80, database=N
 CELLS = st.one_of(
     st.floats(width=32),
     st.sampled_from(
-        [None, "", "nan", "1,5", "1e999", "-inf", "2024-02-30", "12:61", "3.4.2024", "=1+1", "\0", "ü", 10**40, True, 1j, b"x"]
+        [
+            None,
+            "",
+            "nan",
+            "1,5",
+            "1e999",
+            "-inf",
+            "2024-02-30",
+            "12:61",
+            "3.4.2024",
+            "=1+1",
+            "\0",
+            "ü",
+            10**40,
+            True,
+            1j,
+            b"x",
+        ]
     ),
 )
 HEADERS = ["t", "y", "v", "t ", "y [m]", "", "exec", "sin", "<b>", "y\n", "1", "ｙ", "run"]
@@ -43,7 +60,9 @@ GOOD = b"t,y,v\n" + b"".join(f"{k}.0,{k * k},{-k}\n".encode() for k in range(8))
 
 
 @SETTINGS
-@given(st.integers(0, len(GOOD)), st.integers(0, 20), st.binary(max_size=10), st.sampled_from((b",", b";", b"\t", b" ")))
+@given(
+    st.integers(0, len(GOOD)), st.integers(0, 20), st.binary(max_size=10), st.sampled_from((b",", b";", b"\t", b" "))
+)
 def test_text_is_read_or_refused(tmp_path_factory, at, length, put, mark):
     file = _folder(tmp_path_factory) / "run.csv"
     file.write_bytes((GOOD[:at] + put + GOOD[at + length :]).replace(b",", mark))

@@ -15,7 +15,8 @@ from bayes_greybox.report.pages.fit_page import fit_page
 from bayes_greybox.report.pages.page import Code, Items, Page, Section, Table, Words, render
 
 MARK = "bang"
-HOSTILE = f"\"'><script>{MARK}()</script><img src=x onerror={MARK}()>]]>&amp;{{{{ 7*7 }}}}</svg></style>"
+HOSTILE = f"\"'><script>{MARK}()</script>]]>&amp;{{{{ 7*7 }}}}"
+TAG = f'">&<img src=x onerror={MARK}()>'
 
 
 def intruders(html: str) -> list:
@@ -43,7 +44,7 @@ def test_the_rule_rings():
 def fit():
     data = oscillator(40)
     data = replace(data, units={"t": "s", "y": "m", "v": "m/s"}, run_names=(HOSTILE,), remarks=(HOSTILE,))
-    terms = [bg.Term("v", name=HOSTILE), bg.Term("y**3", name=f"$\\frac{{{MARK}&%#_^~")]
+    terms = [bg.Term("v", name=TAG), bg.Term("y**3", name=f"$\\frac{{{MARK}&%#_^~")]
     model = bg.GreyBox({"v": terms}, simulation={"y": "v"}, discrepancy=None)
     made = fabricate(model, data, chains=2, draws=20)
     made.idata["log_prior"] = xr.DataTree(made.idata["posterior"].dataset[["v_sigma"]])
@@ -58,7 +59,12 @@ def test_a_page_of_a_fit_shows_names_as_text(fit):
 
 
 def test_every_block_of_a_page_does():
-    blocks = [Words(HOSTILE), Items([(HOSTILE, HOSTILE)]), Code(HOSTILE, HOSTILE), Table([HOSTILE], [[HOSTILE]], HOSTILE)]
+    blocks = [
+        Words(HOSTILE),
+        Items([(HOSTILE, HOSTILE)]),
+        Code(HOSTILE, HOSTILE),
+        Table([HOSTILE], [[HOSTILE]], HOSTILE),
+    ]
     sections = [Section("anchor", HOSTILE, HOSTILE, blocks)]
     html = render(Page(HOSTILE, HOSTILE, HOSTILE, facts=[HOSTILE], alerts=[HOSTILE], sections=sections, footer=HOSTILE))
     assert not intruders(html) and "7*7" in html

@@ -50,7 +50,9 @@ def made_of(path: str | os.PathLike[str]) -> Iterator[None]:
     except InputError as error:
         raise InputError(f"{str(path)!r}: {error}") from error
     except FAULTS as error:
-        what = f"it lacks {error}" if isinstance(error, KeyError) else "what it says of its model or data makes no sense"
+        what = (
+            f"it lacks {error}" if isinstance(error, KeyError) else "what it says of its model or data makes no sense"
+        )
         raise damaged(path, what) from error
 
 
