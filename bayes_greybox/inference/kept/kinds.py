@@ -28,8 +28,8 @@ def fits(value: Any, hint: Any) -> bool:
 
     Args:
         value: Any.
-        hint: A type as annotations state it. Shapes and kinds of numbers in arrays are looked at, sizes that arrays share
-            are not.
+        hint: A type as annotations state it. Of arrays their kinds of numbers and their dimensions are looked at, sizes
+            that they share are not.
     """
     origin, args = get_origin(hint), get_args(hint)
     if origin is Annotated:
