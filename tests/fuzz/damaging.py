@@ -7,6 +7,7 @@ from pathlib import Path
 
 import h5py
 import numpy as np
+import xarray as xr
 from fabricated import fabricate, oscillator
 from inputs import changed
 
@@ -24,7 +25,10 @@ OTHERS = [
 def small(path: Path) -> Path:
     """Save a fit of made-up draws; without seals, as files of earlier versions are, so that reading goes on."""
     model = bg.GreyBox({"v": ["v", "y**3"]}, simulation={"y": "v"}, discrepancy=bg.OrthogonalGP(features=3))
-    netcdf.save(fabricate(model, oscillator(12), chains=1, draws=2), path)
+    weight = np.random.default_rng(0).normal(size=(1, 2, 9))
+    made = fabricate(model, oscillator(12), chains=1, draws=2, weight=weight)
+    made.idata["log_prior"] = xr.DataTree(made.idata["posterior"].dataset[["v_sigma"]])
+    netcdf.save(made, path)
     with h5py.File(path, "r+") as file:
         del file.attrs[SEALS]
     return path

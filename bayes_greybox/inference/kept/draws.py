@@ -18,6 +18,9 @@ TOGETHER = ("posterior", DETAILS["posterior"], "sample_stats", "log_prior")
 BY_TERM = ("theta", "prior_sd", "gamma", "inclusion")
 """Quantities with a number for each term."""
 
+AXES = {**dict.fromkeys(BY_TERM, 3), "sigma": 2, "amplitude": 2, "length_scale": 3, "weight": 3, "f": 3}
+"""How many dimensions quantities have that the package itself draws."""
+
 POSITIVE = ("sigma", "length_scale")
 """Quantities that nothing can be divided by at zero."""
 
@@ -52,11 +55,21 @@ def require_draws(tree: xr.DataTree, model: Program, data: Trajectories) -> None
         for name in BY_ROW:
             _require_rows(tree, name, model.sites[block].rate)
         own = model.sites.owned(block, names)
-        for quantity in NEEDED:
+        for quantity in (*NEEDED, *_of_f(model)):
             if quantity not in own:
                 raise InputError(f"the file is damaged: it has no draws {model.sites[block][quantity]!r}.")
+        for quantity, dimension in (("theta", "term"), ("length_scale", "variable")):
+            if quantity in own and group[own[quantity]].dims[2:] != (model.sites[block][dimension],):
+                raise InputError(f"the file is damaged: {own[quantity]} is not of each {dimension} of {block!r}.")
         for quantity, name in own.items():
             _require_variable(name, group[name], quantity, sum(terms[each] for each in equations), sizes)
+
+
+def _of_f(model: Program) -> tuple[str, ...]:
+    """Quantities that an equation with a discrepancy has."""
+    if model.discrepancy is None:
+        return ()
+    return ("amplitude", "length_scale", "weight" if model.discrepancy.path == "hsgp" else "f")
 
 
 def _sizes(tree: xr.DataTree) -> tuple[int, int]:
@@ -92,8 +105,10 @@ def _require_variable(name: str, values: xr.DataArray, quantity: str, n_term: in
         raise InputError(f"the file is damaged: {name} is not numbers by chain and draw.")
     if quantity in BY_TERM and values.shape[2:] != (n_term,):
         raise InputError(f"the file is damaged: {name} is not of the {n_term} terms of the model.")
+    if values.ndim != AXES.get(quantity, values.ndim):
+        raise InputError(f"the file is damaged: {name} has {values.ndim} dimensions.")
     numbers = values.to_numpy()
-    if quantity in (*BY_TERM, "sigma", "amplitude", "length_scale", "weight", "f") and not np.all(np.isfinite(numbers)):
+    if quantity in AXES and not np.all(np.isfinite(numbers)):
         raise InputError(f"the file is damaged: {name} has draws that are no numbers.")
     if quantity in POSITIVE and np.any(numbers <= 0):
         raise InputError(f"the file is damaged: {name} has draws that are not positive.")
