@@ -37,3 +37,18 @@ def test_a_text_that_was_changed_is_refused(whole, tmp_path):
         file.attrs[netcdf.RECORD] = text.replace('"noise_floor": 0.0001', '"noise_floor": 0.0003')
     with pytest.raises(bg.InputError, match=r"run\.nc' is damaged.* 'bayes_greybox' is not what was written; take"):
         bg.load(path)
+
+
+def test_a_changed_byte_is_found_before_the_file_is_opened(whole, tmp_path):
+    path = tmp_path / "run.nc"
+    netcdf.save(netcdf.load(whole), path)
+    raw = path.read_bytes()
+    for at in range(0, len(raw) - 40, len(raw) // 40):
+        path.write_bytes(raw[:at] + bytes([raw[at] ^ 1]) + raw[at + 1 :])
+        with pytest.raises(bg.InputError, match=r"run\.nc' is damaged.*bytes are not those that were written"):
+            bg.load(path)
+    path.write_bytes(raw)
+    with h5py.File(path, "r+") as file:
+        file.attrs["note"] = "mine"
+    # What another program changed is no damage.
+    assert bg.load(path).idata.attrs["note"] == "mine"

@@ -19,6 +19,12 @@ from bayes_greybox.data.errors import InputError
 SEALS = "bayes_greybox_seals"
 """Root attribute with a sum of each text that the package wrote: {path of the group: {attribute: CRC-32}}."""
 
+END = b"\nbayes_greybox crc32 "
+"""What stands after the last byte of HDF5, which heeds nothing there, with the sum of all bytes before it.
+
+HDF5 itself may never come back from an attribute of a damaged file. A program that changes a file drops its end.
+"""
+
 REMEDY = "take another copy of the file, or fit and save again"
 
 FAULTS = (ArithmeticError, AttributeError, LookupError, RecursionError, TypeError, ValueError)
@@ -54,6 +60,36 @@ def made_of(path: str | os.PathLike[str]) -> Iterator[None]:
             f"it lacks {error}" if isinstance(error, KeyError) else "what it says of its model or data makes no sense"
         )
         raise damaged(path, what) from error
+
+
+def put_end(path: str | os.PathLike[str]) -> None:
+    """Write the sum of a file's bytes behind them.
+
+    Args:
+        path: A file that is whole.
+    """
+    with open(path, "r+b") as file:
+        total = _sum_of_bytes(file.read())
+        file.write(END + total)
+
+
+def require_end(raw: bytes, path: str | os.PathLike[str]) -> None:
+    """Refuse a file whose bytes are not those that were written, if it says which these were.
+
+    Args:
+        raw: All of it.
+        path: The file.
+
+    Raises:
+        InputError: A byte was changed.
+    """
+    content, said = raw[: -len(END) - 8], raw[-len(END) - 8 :]
+    if said.startswith(END) and said.removeprefix(END) != _sum_of_bytes(content):
+        raise damaged(path, "its bytes are not those that were written")
+
+
+def _sum_of_bytes(content: bytes) -> bytes:
+    return f"{crc32(content):08x}".encode()
 
 
 def seal(tree: xr.DataTree, names: dict[str, list[str]]) -> str:

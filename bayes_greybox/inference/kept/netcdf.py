@@ -34,7 +34,7 @@ from bayes_greybox.physics.simulation.reading import simulation_from, simulation
 from bayes_greybox.physics.terms import Term
 from bayes_greybox.running.compiling import keep_programs
 
-from .damage import REMEDY, SEALS, damaged, made_of, require_sealed, seal
+from .damage import REMEDY, SEALS, damaged, made_of, put_end, require_end, require_sealed, seal
 from .draws import require_draws
 from .further_groups import slab_group
 from .groups import data_table, part_details, rate_name
@@ -147,6 +147,7 @@ def write(tree: xr.DataTree, path: str | os.PathLike, texts: Sequence[str] = (RE
     os.close(handle)
     try:
         tree.to_netcdf(temporary, engine="h5netcdf", encoding=_compression(tree))
+        put_end(temporary)
         os.chmod(temporary, 0o666 & ~_umask())
         os.replace(temporary, path)
     except OSError as error:
@@ -188,6 +189,8 @@ def read(path: str | os.PathLike) -> xr.DataTree:
     try:
         # A Python file is closed at the end whatever happens; what HDF5 opens itself may stay open once reading failed.
         with path.open("rb") as raw:
+            require_end(raw.read(), path)
+            raw.seek(0)
             # What is no HDF5 file, or has broken attributes, fails here: h5netcdf would leave a broken object behind.
             with h5py.File(raw, "r") as file:
                 dict(file.attrs)
@@ -195,6 +198,8 @@ def read(path: str | os.PathLike) -> xr.DataTree:
             # Arrays without named dimensions get some; `require_draws` refuses them, and no warning is printed.
             with xr.open_datatree(raw, engine="h5netcdf", phony_dims="access") as opened:
                 tree = opened.load()
+    except InputError:
+        raise
     except Exception as error:
         # HDF5 and its readers are all that runs here; on a damaged file they raise whatever they stumble on.
         raise InputError(
