@@ -22,6 +22,7 @@ from bayes_greybox.discovery.learned import studied_system
 from bayes_greybox.discovery.study import StudyResult, investigate
 from bayes_greybox.inference.checkpoint import EVERY, Checkpoint, data_facts, given_checkpoint, run_facts
 from bayes_greybox.inference.kept import netcdf
+from bayes_greybox.inference.kept.damage import made_of
 from bayes_greybox.inference.settings import Sampling
 from bayes_greybox.physics.catalogue.loading import CatalogueSpec
 from bayes_greybox.physics.simulation.protocol import RightHandSide
@@ -148,9 +149,10 @@ def load(path: str | os.PathLike, simulation: RightHandSide | None = None) -> An
         InputError: No such file, or nothing saved by this package; a function is needed.
     """
     tree = netcdf.read(path)
-    if not holds_study(tree):
-        return fit_of(checked_of(tree, simulation))
-    found = study_of(tree, simulation)
+    with made_of(path):
+        if not holds_study(tree):
+            return fit_of(checked_of(tree, simulation))
+        found = study_of(tree, simulation)
     parts = {field.name: getattr(found, field.name) for field in fields(found)}
     fit = None if found.fit is None else fit_of(found.fit)
     return Study(**{**parts, "base": greybox_of(found.base), "model": greybox_of(found.model), "fit": fit})

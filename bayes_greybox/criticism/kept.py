@@ -5,6 +5,7 @@ import os
 import xarray as xr
 
 from bayes_greybox.inference.kept import netcdf
+from bayes_greybox.inference.kept.damage import made_of
 from bayes_greybox.inference.posterior import Posterior
 from bayes_greybox.physics.simulation.protocol import RightHandSide
 
@@ -46,7 +47,8 @@ def load_checked(path: str | os.PathLike[str], simulation: RightHandSide | None 
     """
     tree = netcdf.read(path)
     netcdf.require_sampled(tree, path)
-    return checked_of(tree, simulation)
+    with made_of(path):
+        return checked_of(tree, simulation)
 
 
 def checked_of(tree: xr.DataTree, simulation: RightHandSide | None = None) -> Posterior:

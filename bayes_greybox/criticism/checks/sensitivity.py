@@ -12,6 +12,7 @@ from jax.scipy.special import logsumexp
 from jaxtyping import Array, Float
 
 from bayes_greybox.criticism.convergence import array_stats
+from bayes_greybox.data.errors import InputError
 from bayes_greybox.inference.posterior import Posterior
 from bayes_greybox.model.algebra.collapsed import Regression, ridge
 from bayes_greybox.model.algebra.subsets import log_pattern_weights, patterns
@@ -141,6 +142,11 @@ def _powers(posterior: Posterior, equation: str, index: np.ndarray) -> _Powers:
     draws = posterior.draws(equation)
     summed, slab_of_draws = posterior.summed(equation), posterior.slab(equation)
     own = posterior.sites[equation]
+    if "log_prior" not in posterior.idata.children:
+        raise InputError(
+            "The fit lacks the group 'log_prior', without which prior and data cannot be told apart: its file was "
+            "changed since it was saved; fit and save again."
+        )
     log_prior = posterior.idata["log_prior"].dataset
     theta_level = (own.theta, own.gamma)
     names = posterior.sites.owned(equation, map(str, log_prior)).values()

@@ -109,6 +109,8 @@ def is_measured(cell: str, layout: Layout) -> bool:
 
 def _as_numbers(column: Any, layout: Layout) -> tuple[np.ndarray, np.ndarray]:
     """Numbers, and the rows whose cells are none."""
+    if column.dtype.kind == "c":
+        return np.array([]), np.array([0])
     if pd.api.types.is_numeric_dtype(column):
         return column.to_numpy(dtype=float, na_value=np.nan), np.array([], dtype=int)
     text = column.map(lambda cell: _plain(cell, layout))
@@ -117,7 +119,7 @@ def _as_numbers(column: Any, layout: Layout) -> tuple[np.ndarray, np.ndarray]:
     bad = np.flatnonzero(found.isna().to_numpy() & ~missing.to_numpy())
     grouped = np.flatnonzero(text.map(lambda cell: _is_grouped(cell, layout)).to_numpy(dtype=bool))
     bad = grouped if len(grouped) else bad
-    if not len(bad) and not pd.api.types.is_numeric_dtype(found):
+    if not len(bad) and (not pd.api.types.is_numeric_dtype(found) or found.dtype.kind == "c"):
         bad = np.array([0])
     return (found.to_numpy(dtype=float, na_value=np.nan) if not len(bad) else np.array([])), bad
 

@@ -24,6 +24,7 @@ from bayes_greybox.discovery.study import StudyResult
 from bayes_greybox.discovery.suspects.channels import ChannelSuspect
 from bayes_greybox.discovery.suspects.memory import Memory
 from bayes_greybox.inference.kept import netcdf
+from bayes_greybox.inference.kept.kinds import require_kinds
 from bayes_greybox.inference.kept.packing import Packer, Unpacker, as_group, group_arrays
 from bayes_greybox.model.gp.features import HilbertBasis
 from bayes_greybox.model.rows.kinds import ROWS
@@ -101,4 +102,6 @@ def study_of(tree: xr.DataTree, simulation: RightHandSide | None = None) -> Stud
         fit = replace(read, data=values["corrected"]) if record["same_data"] else read
         fit.memory.update(read.memory)
     values["amendments"] = {name: replace(each, corrected=lost) for name, each in values["amendments"].items()}
-    return StudyResult(**{**values, **models, "fit": fit})
+    found = StudyResult(**{**values, **models, "fit": fit})
+    require_kinds(found)
+    return found

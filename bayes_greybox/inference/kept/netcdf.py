@@ -5,10 +5,12 @@ import importlib.metadata
 import json
 import os
 import platform
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import h5py
+import numpy as np
 import pandas as pd
 import xarray as xr
 
@@ -32,8 +34,11 @@ from bayes_greybox.physics.simulation.reading import simulation_from, simulation
 from bayes_greybox.physics.terms import Term
 from bayes_greybox.running.compiling import keep_programs
 
+from .damage import REMEDY, SEALS, damaged, made_of, put_end, require_end, require_sealed, seal
+from .draws import require_draws
 from .further_groups import slab_group
 from .groups import data_table, part_details, rate_name
+from .packing import TEXT
 
 SAMPLES, SAMPLE = "sensor_samples", "sample_id"
 """Group of what the sensors showed, where the data are a path through it, and its dimension."""
@@ -101,7 +106,7 @@ def save(
     tree.attrs = {**posterior.idata.attrs, **(attributes or {}), RECORD: json.dumps(record)}
     for name, group in (groups or {}).items():
         tree[name] = xr.DataTree(group)
-    write(tree, path)
+    write(tree, path, (RECORD, *(attributes or {})))
 
 
 def save_unsampled(path: str | os.PathLike, attributes: Mapping[str, str], groups: Mapping[str, xr.Dataset]) -> None:
@@ -117,22 +122,28 @@ def save_unsampled(path: str | os.PathLike, attributes: Mapping[str, str], group
     """
     tree = xr.DataTree(children={name: xr.DataTree(group) for name, group in groups.items()})
     tree.attrs = {**attributes, RECORD: json.dumps({"format": FORMAT, "versions": versions()})}
-    write(tree, path)
+    write(tree, path, (RECORD, *attributes))
 
 
-def write(tree: xr.DataTree, path: str | os.PathLike) -> None:
+def write(tree: xr.DataTree, path: str | os.PathLike, texts: Sequence[str] = (RECORD,)) -> None:
     """Write groups to a netCDF file beside its destination, then rename: it is whole or not there.
 
     Args:
         tree: Groups.
         path: Destination.
+        texts: Root attributes that are sealed.
 
     Raises:
         InputError: The destination cannot be written.
     """
+    path = Path(path)
+    packed = {f"/{name}": [TEXT] for name, group in tree.children.items() if TEXT in group.attrs}
+    tree = tree.copy()
+    tree.attrs = {**tree.attrs, SEALS: seal(tree, {"/": list(texts), **packed})}
     try:
         with whole_file(path) as part:
             tree.to_netcdf(part, engine="h5netcdf", encoding=_compression(tree))
+            put_end(part)
     except (OSError, RuntimeError) as error:
         # HDF5 says of a full disk in either class.
         reason = os.strerror(error.errno) if isinstance(error, OSError) and error.errno else str(error)
@@ -152,7 +163,8 @@ def load(path: str | os.PathLike, simulation: RightHandSide | None = None) -> Po
     """
     tree = read(path)
     require_sampled(tree, path)
-    return posterior_of(tree, simulation)
+    with made_of(path):
+        return posterior_of(tree, simulation)
 
 
 def read(path: str | os.PathLike) -> xr.DataTree:
@@ -169,21 +181,43 @@ def read(path: str | os.PathLike) -> xr.DataTree:
     if not path.is_file():
         raise InputError(f"There is no file {str(path)!r}.")
     try:
-        with xr.open_datatree(path, engine="h5netcdf") as opened:
-            tree = opened.load()
-    except (OSError, ValueError, KeyError, RuntimeError) as error:
-        raise InputError(f"{str(path)!r} is not a readable netCDF file: it is damaged or of another kind.") from error
+        # A Python file is closed at the end whatever happens; what HDF5 opens itself may stay open once reading failed.
+        with path.open("rb") as raw:
+            require_end(raw.read(), path)
+            raw.seek(0)
+            # What is no HDF5 file, or has broken attributes, fails here: h5netcdf would leave a broken object behind.
+            with h5py.File(raw, "r") as file:
+                dict(file.attrs)
+            raw.seek(0)
+            # Arrays without named dimensions get some; `require_draws` refuses them, and no warning is printed.
+            with xr.open_datatree(raw, engine="h5netcdf", phony_dims="access") as opened:
+                tree = opened.load()
+    except InputError:
+        raise
+    except Exception as error:
+        # HDF5 and its readers are all that runs here; on a damaged file they raise whatever they stumble on.
+        raise InputError(
+            f"{str(path)!r} is not a readable netCDF file: it is damaged or of another kind; {REMEDY}."
+        ) from error
     if RECORD not in tree.attrs:
         raise InputError(
             f"{str(path)!r} is a netCDF file, but not a fit saved by bayes_greybox; use arviz.from_netcdf."
         )
-    record = json.loads(tree.attrs[RECORD])
-    if record["format"] > FORMAT:
+    if _format(tree, path) > FORMAT:
         raise InputError(
-            f"{str(path)!r} was saved by bayes_greybox {record['versions']['bayes-greybox']}, which is newer than this "
-            "one: upgrade with pip install --upgrade bayes-greybox."
+            f"{str(path)!r} was saved by a bayes_greybox that is newer than this one: upgrade with pip install "
+            "--upgrade bayes-greybox."
         )
+    require_sealed(tree, path)
     return tree
+
+
+def _format(tree: xr.DataTree, path: Path) -> int:
+    with made_of(path):
+        found = json.loads(tree.attrs[RECORD])["format"]
+        if type(found) is not int:
+            raise damaged(path, f"{found!r} is no version of a layout")
+        return found
 
 
 def sampled(tree: xr.DataTree) -> bool:
@@ -233,7 +267,9 @@ def posterior_of(tree: xr.DataTree, simulation: RightHandSide | None = None) -> 
     model = rebuild(record["model"], simulation)
     if record["format"] < 4:
         part_details(tree, model.sites)
-    return Posterior(model, data, Sampling(**record["sampling"]), tree)
+    sampling = Sampling(**record["sampling"])
+    require_draws(tree, model, data)
+    return Posterior(model, data, sampling, tree)
 
 
 def describe(model: Program, data: Trajectories) -> dict[str, Any]:
@@ -332,6 +368,9 @@ def _fields(record: Mapping[str, Any]) -> dict[str, Any]:
 
 def _read_data(table: xr.Dataset, metadata: Mapping[str, Any]) -> Trajectories:
     time_name = metadata["time_name"]
+    for name, values in table.variables.items():
+        if values.dtype.kind not in "biuf" or values.ndim != 1 or not np.all(np.isfinite(values.to_numpy())):
+            raise InputError(f"the file is damaged: its column {str(name)!r} is not one of finite numbers.")
     columns = {time_name: table["t"].to_numpy(), "run": table["run"].to_numpy()}
     # Files from before there were outputs have none.
     known = (*metadata["states"], *metadata["inputs"], *metadata.get("outputs", ()))

@@ -17,6 +17,8 @@ import xarray as xr
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.physics.terms import Term
 
+from .kinds import require_kinds
+
 KIND = "~"
 """Key of a tagged value; no name of a column, a state or a setting, which start with letters."""
 
@@ -188,7 +190,13 @@ class Unpacker:
         return self._readers[value[KIND]](value)
 
     def _made(self, kind: type) -> Callable[[dict[str, Any]], Any]:
-        return lambda value: kind(**{key: self.unpack(each) for key, each in value.items() if key != KIND})
+        def read(value: dict[str, Any]) -> Any:
+            fields = {key: self.unpack(each) for key, each in value.items() if key != KIND}
+            made = kind(**fields)
+            require_kinds(made)
+            return made
+
+        return read
 
     def _numbers(self, value: dict[str, Any]) -> np.ndarray:
         return np.array(value["of"], np.dtype(value["dtype"])).reshape(value["shape"])

@@ -120,6 +120,9 @@ def check_size(expr: sympy.Expr, text: str) -> None:
             raise InputError(f"{_shown(text)} reaches a power of {node.exp}; exponents go up to {MAX_EXPONENT}.")
         if node.is_Number and not _finite(float(node)) or node in (sympy.zoo, sympy.nan):
             raise InputError(f"{_shown(text)} contains a number that is not finite; check its constants.")
+        if node.is_Number and not node.is_zero and float(node) == 0.0:
+            # SymPy's numbers go on where those of the computer end, and would be printed as zero.
+            raise InputError(f"{_shown(text)} contains a number too small to tell from zero; check its constants.")
 
 
 def function_list() -> str:
@@ -248,14 +251,14 @@ class _Builder:
         self, base: sympy.Expr, exponent: sympy.Expr, value_base: float | None, value: float | None
     ) -> sympy.Expr:
         if value is None:
-            return self.checked(base**exponent)
+            return self.real(base**exponent)
         if abs(value) > MAX_EXPONENT:
             self.refuse(f"has an exponent of {value:g}; exponents go up to {MAX_EXPONENT}")
         if isinstance(exponent, sympy.Float):
             exact = sympy.Rational(*Fraction(value).limit_denominator(1000).as_integer_ratio())
             exponent = exact if float(exact) == value else exponent
         if value_base is None:
-            return self.checked(base**exponent)
+            return self.real(base**exponent)
         try:
             result = value_base**value
         except (OverflowError, ZeroDivisionError):
@@ -265,6 +268,12 @@ class _Builder:
         if base.is_Rational and _bits(base) * max(abs(value), 1.0) > _MAX_BITS:
             return _from_float(result)
         return self.checked(base**exponent)
+
+    def real(self, power: sympy.Expr) -> sympy.Expr:
+        # SymPy takes factors out of a power, and the root of a negative one has an imaginary part.
+        if power.has(sympy.I):
+            self.refuse("raises a negative number to a power that is not whole; take abs(...) of it")
+        return self.checked(power)
 
     def call(self, node: ast.Call, depth: int) -> sympy.Expr:
         if not isinstance(node.func, ast.Name):

@@ -8,7 +8,9 @@ from bayes_greybox.criticism.cross_validation.compare import compare
 from bayes_greybox.criticism.kept import checked_of, load_checked
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.discovery.kept.study_file import holds_study, study_of
+from bayes_greybox.discovery.study import StudyResult
 from bayes_greybox.inference.kept import netcdf
+from bayes_greybox.inference.kept.damage import made_of
 from bayes_greybox.inference.posterior import Posterior
 from bayes_greybox.report.pages.comparison_page import comparison_html
 from bayes_greybox.report.pages.fit_page import fit_html
@@ -78,18 +80,26 @@ def load_fits(files: Sequence[Path]) -> dict[str, Posterior]:
 def _file_html(file: Path, path: Path | None, config: str | None = None) -> tuple[dict[str, Posterior], Path]:
     """The page of a saved fit or study; by default where the command that saved it puts its own."""
     tree = netcdf.read(file)
-    if holds_study(tree):
-        study, page = study_of(tree), path or file.with_name("gap.html")
-        study_html(study, page, config)
-        return {} if study.fit is None else {file.stem: study.fit}, page
-    fit, page = checked_of(tree), path or file.with_suffix(".html")
-    fit_html(fit, page, config)
-    return {file.stem: fit}, page
+    with made_of(file):
+        found = study_of(tree) if holds_study(tree) else checked_of(tree)
+    if isinstance(found, StudyResult):
+        page = path or file.with_name("gap.html")
+        study_html(found, page, config)
+        return {} if found.fit is None else {file.stem: found.fit}, page
+    page = path or file.with_suffix(".html")
+    fit_html(found, page, config)
+    return {file.stem: found}, page
+
+
+def _is_study(file: Path) -> bool:
+    tree = netcdf.read(file)
+    with made_of(file):
+        return holds_study(tree)
 
 
 def _require_fits(files: Sequence[Path]) -> None:
     """Refuse studies among several files, whose fits alone could be compared."""
-    studies = [str(file) for file in files if holds_study(netcdf.read(file))]
+    studies = [str(file) for file in files if _is_study(file)]
     if studies:
         raise InputError(
             f'"{studies[0]}" holds a study, and report shows one study at a time: name it alone, or compare the fits '

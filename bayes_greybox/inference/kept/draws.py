@@ -1,0 +1,114 @@
+"""Whether the draws that a file holds are those of the model that it states."""
+
+import numpy as np
+import xarray as xr
+
+from bayes_greybox.data.errors import InputError
+from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.model.program import Program
+
+from .groups import DETAILS
+
+DRAWS = ("chain", "draw")
+"""Dimensions that every variable of draws begins with."""
+
+TOGETHER = ("posterior", DETAILS["posterior"], "sample_stats", "log_prior")
+"""Groups with something for every draw."""
+
+BY_TERM = ("theta", "prior_sd", "gamma", "inclusion")
+"""Quantities with a number for each term."""
+
+AXES = {**dict.fromkeys(BY_TERM, 3), "sigma": 2, "amplitude": 2, "length_scale": 3, "weight": 3, "f": 3}
+"""How many dimensions quantities have that the package itself draws."""
+
+POSITIVE = ("sigma", "length_scale")
+"""Quantities that nothing can be divided by at zero."""
+
+BY_ROW = ("log_likelihood", "posterior_predictive", "prior_predictive")
+"""Groups, where they are kept, with a number for each row of each equation and draw."""
+
+STATISTICS = ("diverging", "energy", "n_steps")
+"""What the verdict on convergence needs of the sampler."""
+
+NEEDED = ("theta", "sigma", "prior_sd")
+"""Quantities that every equation has."""
+
+
+def require_draws(tree: xr.DataTree, model: Program, data: Trajectories) -> None:
+    """Refuse groups of draws that do not fit each other or the model.
+
+    Args:
+        tree: Groups of a file.
+        model: The model that it states.
+        data: The data that it holds.
+
+    Raises:
+        InputError: A group or a variable is missing, has another shape, or has values that no draw can have.
+    """
+    # What the simulation says is read where it is first used; what is wrong with it is to be said with the file's name.
+    model.simulator(data, lacking=True)
+    sizes = _sizes(tree)
+    terms = {name: len(each) for name, each in model.dictionaries(data).items()}
+    group = xr.merge([tree[name].dataset for name in TOGETHER[:2] if name in tree.children], compat="override")
+    names = [str(name) for name in group]
+    for block, equations in model.blocks.items():
+        for name in BY_ROW:
+            _require_rows(tree, name, model.sites[block].rate)
+        own = model.sites.owned(block, names)
+        for quantity in (*NEEDED, *_of_f(model)):
+            if quantity not in own:
+                raise InputError(f"the file is damaged: it has no draws {model.sites[block][quantity]!r}.")
+        for quantity, dimension in (("theta", "term"), ("length_scale", "variable")):
+            if quantity in own and group[own[quantity]].dims[2:] != (model.sites[block][dimension],):
+                raise InputError(f"the file is damaged: {own[quantity]} is not of each {dimension} of {block!r}.")
+        for quantity, name in own.items():
+            _require_variable(name, group[name], quantity, sum(terms[each] for each in equations), sizes)
+
+
+def _of_f(model: Program) -> tuple[str, ...]:
+    """Quantities that an equation with a discrepancy has."""
+    if model.discrepancy is None:
+        return ()
+    return ("amplitude", "length_scale", "weight" if model.discrepancy.path == "hsgp" else "f")
+
+
+def _sizes(tree: xr.DataTree) -> tuple[int, int]:
+    """Numbers of chains and of draws, in which groups agree."""
+    found = {}
+    for name in TOGETHER:
+        if name in tree.children:
+            for variable in tree[name].dataset.values():
+                if variable.dims[:2] != DRAWS:
+                    raise InputError(f"the file is damaged: {variable.name} has no chains and draws.")
+            found[name] = tuple(tree[name].sizes.get(dimension, 0) for dimension in DRAWS)
+    if "posterior" not in found or "sample_stats" not in found:
+        raise InputError("the file is damaged: it lacks the group of draws, or that of the sampler's statistics.")
+    for name in STATISTICS:
+        if name not in tree["sample_stats"].dataset or tree["sample_stats"][name].dtype.kind not in "biuf":
+            raise InputError(f"the file is damaged: it has no {name!r} of the sampler.")
+    if len(set(found.values())) > 1 or 0 in found["posterior"]:
+        raise InputError(f"the file is damaged: its groups have {found} chains and draws.")
+    return found["posterior"]
+
+
+def _require_rows(tree: xr.DataTree, group: str, name: str) -> None:
+    """Refuse a group of numbers for every row that has none of an equation."""
+    if group in tree.children:
+        values = tree[group].dataset.get(name)
+        if values is None or values.dtype.kind not in "biuf" or values.dims[:2] != DRAWS or values.ndim != 3:
+            raise InputError(f"the file is damaged: {group} has no numbers {name!r} for each chain, draw and row.")
+
+
+def _require_variable(name: str, values: xr.DataArray, quantity: str, n_term: int, sizes: tuple[int, int]) -> None:
+    """Refuse draws of one quantity that cannot be those of the model."""
+    if values.dtype.kind not in "biuf" or values.shape[:2] != sizes:
+        raise InputError(f"the file is damaged: {name} is not numbers by chain and draw.")
+    if quantity in BY_TERM and values.shape[2:] != (n_term,):
+        raise InputError(f"the file is damaged: {name} is not of the {n_term} terms of the model.")
+    if values.ndim != AXES.get(quantity, values.ndim):
+        raise InputError(f"the file is damaged: {name} has {values.ndim} dimensions.")
+    numbers = values.to_numpy()
+    if quantity in AXES and not np.all(np.isfinite(numbers)):
+        raise InputError(f"the file is damaged: {name} has draws that are no numbers.")
+    if quantity in POSITIVE and np.any(numbers <= 0):
+        raise InputError(f"the file is damaged: {name} has draws that are not positive.")

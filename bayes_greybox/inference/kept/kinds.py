@@ -1,0 +1,63 @@
+"""Whether values are of the kinds that the fields of their class state: text of a file can say anything."""
+
+import dataclasses
+from collections.abc import Callable, Collection, Mapping, Sequence, Set
+from types import UnionType
+from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
+
+from bayes_greybox.data.errors import InputError
+
+
+def require_kinds(made: Any, leave_out: Collection[str] = ()) -> None:
+    """Refuse an object whose fields are not of their kinds.
+
+    Args:
+        made: A dataclass or a named tuple.
+        leave_out: Fields that are not looked at.
+
+    Raises:
+        InputError: The first such field.
+    """
+    for name, hint in get_type_hints(type(made), include_extras=True).items():
+        if name not in leave_out and hasattr(made, name) and not fits(getattr(made, name), hint):
+            raise InputError(f"the file is damaged: {name} of {type(made).__name__} is not what it must be.")
+
+
+def fits(value: Any, hint: Any) -> bool:
+    """Whether a value is of a kind, with all that is in it.
+
+    Args:
+        value: Any.
+        hint: A type as annotations state it. Of arrays their kinds of numbers and their dimensions are looked at, sizes
+            that they share are not.
+    """
+    origin, args = get_origin(hint), get_args(hint)
+    if origin is Annotated:
+        return fits(value, args[0])
+    if origin in (Union, UnionType):
+        return any(fits(value, each) for each in args)
+    if origin is Literal:
+        return any(type(value) is type(each) and value == each for each in args)
+    if hint is Any or hint is None:
+        return hint is Any or value is None
+    if origin in (tuple, list, frozenset, Sequence, Set):
+        return _all_fit(value, origin, args)
+    if origin in (Mapping, dict):
+        return isinstance(value, Mapping) and all(fits(k, args[0]) and fits(v, args[1]) for k, v in value.items())
+    if hint in (Callable, callable) or origin is Callable:
+        return callable(value)
+    if hint in (int, float):
+        return isinstance(value, int if hint is int else int | float) and not isinstance(value, bool)
+    # typing.is_protocol is of Python 3.13.
+    if getattr(hint, "_is_protocol", False):
+        return dataclasses.is_dataclass(value)
+    return not isinstance(hint, type) or isinstance(value, hint)
+
+
+def _all_fit(value: Any, origin: Any, args: tuple[Any, ...]) -> bool:
+    """The same of what holds several."""
+    if isinstance(value, str) or not isinstance(value, (tuple, list) if origin is Sequence else origin):
+        return False
+    if origin is tuple and args[-1:] != (...,):
+        return len(value) == len(args) and all(map(fits, value, args))
+    return all(fits(each, args[0]) for each in value)
