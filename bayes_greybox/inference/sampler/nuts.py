@@ -133,10 +133,10 @@ class Sampler:
             # Compiled here, by a run of no iterations, so that the threads do not each do it.
             self._advance(states[0], argument, 0)
             begun = [SoFar(state, 0) for state in states]
-            kept = [None] * chains
+            own: list[ChainFile | None] = [None] * chains
             if files is not None:
-                kept = [files.chain(k, name_of(argument, states[k], self._tune, draws)) for k in range(chains)]
-                begun = [file.read() or chain for file, chain in zip(kept, begun, strict=True)]
+                own = [files.chain(k, name_of(argument, states[k], self._tune, draws)) for k in range(chains)]
+                begun = [(file and file.read()) or chain for file, chain in zip(own, begun, strict=True)]
         stop, total = threading.Event(), self._tune + draws
 
         with stage(what, chains * total) as line:
@@ -144,14 +144,15 @@ class Sampler:
             line.advance(sum(chain.done for chain in begun))
 
             def one_chain(k: int) -> dict[str, np.ndarray]:
-                chain, file, most = begun[k], kept[k], 1
+                chain, file, most = begun[k], own[k], 1
                 while chain.done < total and not stop.is_set():
                     start, begin = chain.done, time.perf_counter()
                     length = min(most, (self._tune if start < self._tune else total) - start)
                     state, record = self._advance(chain.state, argument, length)
                     records = chain.records
                     if start >= self._tune:
-                        record = {name: np.asarray(value)[:length] for name, value in record.items()}
+                        # Copied, for a part keeps the whole, which may be a hundred times as much.
+                        record = {name: np.asarray(value)[:length].copy() for name, value in record.items()}
                         records = (*records, record)
                         divergences[k] += int(record["diverging"].sum())
                     chain = SoFar(jax.block_until_ready(state), start + length, records)
