@@ -296,7 +296,8 @@ def test_sampling_has_the_defaults_of_the_package():
 
 def test_a_study_has_the_arguments_and_defaults_of_the_package():
     arguments = dict(inspect.signature(bg.find_missing_effects).parameters)
-    own = set(arguments) - {"model", "train", "test", "progress"}
+    # Where draws are kept is said by [output] and --resume.
+    own = set(arguments) - {"model", "train", "test", "progress", "checkpoint", "checkpoint_every", "resume"}
     assert set(study.Study.model_fields) | set(Sampling.model_fields) - {"target_accept"} == own
     for name, field in study.Study.model_fields.items():
         assert arguments[name].default == field.default or (name == "roles" and field.default == {})

@@ -27,9 +27,12 @@ def fits():
     spike = bg.GreyBox({"v": ["y", "v", "y**3"]}, noise_floor=0.01)
     laplace = bg.GreyBox({"v": ["v", "y**3"]}, prior=bg.Laplace(), noise_floor=0.01)
     gamma = np.broadcast_to([0, 1, 1], (*shape, 3))
+    nil = {"weight": np.zeros((*shape, laplace.assemble(data)["v"].frame.basis.size))}
     made = (
-        fabricate(spike, data, draws=20, seed=1, gamma=gamma, inclusion=np.broadcast_to([0.1, 0.9, 1.0], (*shape, 3))),
-        fabricate(laplace, data, draws=20, seed=2),
+        fabricate(
+            spike, data, draws=20, seed=1, gamma=gamma, inclusion=np.broadcast_to([0.1, 0.9, 1.0], (*shape, 3)), **nil
+        ),
+        fabricate(laplace, data, draws=20, seed=2, **nil),
     )
     return {name: Fit(one.model, one.data, one.sampling, one.idata) for name, one in zip(NAMES, made, strict=True)}
 

@@ -76,6 +76,7 @@ class SufficientStatistics:
     twins: dict[str, str] = field(default_factory=dict)
     shared: dict[str, tuple[Columns, np.ndarray]] = field(default_factory=dict, repr=False)
     path: Trajectories | None = field(default=None, repr=False)
+    _kinds: tuple[list[Column], int, dict[str, list[int]]] | None = field(default=None, init=False, repr=False)
 
     def __post_init__(self) -> None:
         p, m = 0, self.basis.size
@@ -120,7 +121,14 @@ class SufficientStatistics:
 
     def of_kind(self, kind: str) -> list[int]:
         """Indices of the columns of one kind."""
-        return [i for i, column in enumerate(self.columns) if column.kind == kind]
+        # Asked of thousands of columns, thousands of times; a column that is replaced stays of its kind.
+        known = self._kinds
+        if known is None or known[0] is not self.columns or known[1] != len(self.columns):
+            kinds: dict[str, list[int]] = {}
+            for i, column in enumerate(self.columns):
+                kinds.setdefault(column.kind, []).append(i)
+            known = self._kinds = self.columns, len(self.columns), kinds
+        return list(known[2].get(kind, ()))
 
     def add(self, kind: str, items: Sequence[tuple[Term, dict]]) -> None:
         """Evaluate terms and extend the products by their columns; a term that cannot serve is left out, with a reason.
@@ -341,6 +349,8 @@ class SufficientStatistics:
         return None
 
     def _keep(self, keep: list[int]) -> None:
+        if len(keep) == len(self.columns):
+            return
         self.columns = [self.columns[i] for i in keep]
         self.products = self.products[np.ix_(keep, keep)]
         self.with_target = self.with_target[keep]

@@ -55,7 +55,9 @@ def require_draws(tree: xr.DataTree, model: Program, data: Trajectories) -> None
         for name in BY_ROW:
             _require_rows(tree, name, model.sites[block].rate)
         own = model.sites.owned(block, names)
-        for quantity in (*NEEDED, *_of_f(model)):
+        # An equation whose f depends on nothing has none of it.
+        of_f = tuple(quantity for quantity in _of_f(model) if set(_of_f(model)) & set(own))
+        for quantity in (*NEEDED, *of_f):
             if quantity not in own:
                 raise InputError(f"the file is damaged: it has no draws {model.sites[block][quantity]!r}.")
         for quantity, dimension in (("theta", "term"), ("length_scale", "variable")):

@@ -497,12 +497,18 @@ def test_an_effect_with_an_inner_parameter_is_none_of_its_neighbours():
     assert found[0].kind == PLAIN and found[0].effects
 
 
-@pytest.mark.parametrize(("noise", "seed"), [(0.02, 1), (0.1, 2)])
-def test_a_law_next_to_a_bent_effect_is_summed_over_values_of_its_own(noise, seed):
+FADED = lambda x: -0.6 * np.sign(x) * np.sqrt(np.abs(x)) * np.exp(-(x**2) / 0.2)  # noqa: E731
+DEADENED = lambda x: -np.sign(x) * np.maximum(np.abs(x) - 0.4, 0) * np.sqrt(np.abs(x))  # noqa: E731
+
+
+@pytest.mark.parametrize(
+    ("effect", "hidden", "noise", "seed"),
+    [(FADING, FADED, 0.02, 1), (FADING, FADED, 0.1, 2), (DEAD_ZONE, DEADENED, 0.02, 1)],
+    ids=["fading", "fading, much noise", "dead zone"],
+)
+def test_a_law_next_to_a_bent_effect_is_summed_over_values_of_its_own(effect, hidden, noise, seed):
     """The effect fits best where the law does not: at its values the law is nothing like as likely as at its own."""
-    known = lawful(
-        lambda x: -0.6 * np.sign(x) * np.sqrt(np.abs(x)) * np.exp(-(x**2) / 0.2), FADING, noise=noise, seed=seed
-    )
+    known = lawful(hidden, effect, noise=noise, seed=seed)
     statistics, odds = known.statistics, known.odds
     found = Sets(known, 1).weigh()
     assert found[0].kind == LAWFUL and not found[0].effects
