@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import jax
 import jax.numpy as jnp
@@ -42,6 +42,7 @@ class Chains:
     stats: dict[str, np.ndarray]
 
 
+@runtime_checkable
 class Files(Protocol):
     """Where chains are kept while they run."""
 
