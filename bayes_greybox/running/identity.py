@@ -233,8 +233,9 @@ def _function(value: Any, module: str) -> Any:
     return type(value).__name__, *(str(getattr(value, key, None)) for key in ("__module__", "__qualname__"))
 
 
-def _trust(module: str) -> None:
-    if module.partition(".")[0] not in TRUSTED:
+def _trust(module: str | None) -> None:
+    # A function that was made of a text may say of no module that it is from there.
+    if module is None or module.partition(".")[0] not in TRUSTED:
         raise Unkept(module)
 
 

@@ -28,6 +28,10 @@ from bayes_greybox.physics.simulation.reading import simulation_of
 from bayes_greybox.running import compiling, identity, traces
 from bayes_greybox.running.traces import kept
 
+pytestmark = pytest.mark.skipif(
+    os.environ.get(traces.CHECKED) == "1", reason="no traces are kept while shapes and types are checked in them"
+)
+
 MODULE = "bayes_greybox.model.gp.hyper"
 """Where the functions of these tests say that they are: of others no trace is kept."""
 
@@ -367,3 +371,12 @@ def test_the_folder_is_the_one_of_compiled_programs(tmp_path, monkeypatch):
     assert compiling.keep_programs.__wrapped__().parent == Path(tmp_path) / compiling.OWN
     monkeypatch.setenv(compiling.FOLDER, "off")
     assert compiling.keep_programs.__wrapped__() is None
+
+
+def test_a_function_of_no_module_is_not_trusted():
+    def function(x):
+        return x
+
+    function.__module__ = None
+    with pytest.raises(identity.Unkept):
+        identity._function(function, MODULE)
