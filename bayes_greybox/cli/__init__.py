@@ -154,6 +154,8 @@ def discover(
 
     progress, sampling = not (no_progress or quiet), {"seed": seed, "draws": draws, "tune": tune, "chains": chains}
     if fleet is not None:
+        if resume:
+            raise InputError("A fleet goes on with the assets that are left by itself: leave --resume out.")
         with stages(progress), stage("Starting", said=False):
             from .fleets import study_folder
         return study_folder(config, fleet, output, sampling, workers, scheduler, progress, quiet)

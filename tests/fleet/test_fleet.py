@@ -120,6 +120,7 @@ def test_folders_without_assets_are_refused(tmp_path, fleet):
     with pytest.raises(InputError, match="two files that are called 'a'"):
         assets_of(tmp_path, fleet / "all.toml")
     assert main(["discover", "--workers", "2"]) == 2
+    assert main(["discover", str(fleet / "all.toml"), "--fleet", str(fleet / "pumps"), "--resume"]) == 2
     assert main(["discover", str(fleet / "all.toml"), "--workers", "2"]) == 2
 
 
