@@ -43,6 +43,8 @@ def test_assets_are_ranked_and_say_one_cause(fleet):
 def test_its_page_leads_to_those_of_the_assets_and_escapes_their_names(fleet):
     page = (fleet / "out" / "fleet.html").read_text(encoding="utf-8")
     assert "bad &lt;b&gt;" in page and "bad <b>" not in page
+    # Assets that lack too little of it to be found are not in the mean.
+    assert "of the assets that lack it" in page and "mean of the fleet" not in page
     links = re.findall(r'href="(assets/[^"]+)"', page)
     assert len(links) == 3 and "assets/pump%200/gap.html" in links
     assert all((fleet / "out" / link.replace("%20", " ")).is_file() for link in links)

@@ -70,8 +70,8 @@ def _cards(cause: Shared | None) -> list[Card]:
     whole, unit = cause.whole, f" {unit_text(cause.unit)}".rstrip()
     return [
         Card(
-            "On the whole",
-            "mean of the fleet, 90 % interval",
+            "Mean",
+            "of the assets that lack it, 90 % interval",
             f"{number(whole.mean)}{unit}",
             note=interval(whole.lower, whole.upper),
         ),
