@@ -62,7 +62,7 @@ class Asked:
         if self.missing == "error":
             return np.ones(len(frame), bool)
         numbers = frame.select_dtypes("number").to_numpy(float)
-        return np.isfinite(numbers).all(axis=1)
+        return np.asarray(np.isfinite(numbers).all(axis=1))
 
     def formed(self, table: Any, where: str, first: int, dropped: int) -> Iterator[Trajectories]:
         """Rows of a piece as data; none where all were left out.

@@ -48,8 +48,9 @@ class Sizes:
         return cls(terms, float(np.sum(rows.target**2)), float(np.sum(rows.measured**2)), _few(rows.measured))
 
     def __add__(self, other: "Sizes") -> "Sizes":
-        few = self.levels is not None and other.levels is not None
-        levels = _few(np.concatenate([self.levels, other.levels])) if few else None
+        levels = None
+        if self.levels is not None and other.levels is not None:
+            levels = _few(np.concatenate([self.levels, other.levels]))
         return Sizes(self.terms + other.terms, self.target + other.target, self.measured + other.measured, levels)
 
 
