@@ -250,8 +250,9 @@ class Program(SamplingProgram):
         """Read the data into rows, frames and designs by block: all the work that grows with the rows.
 
         Raises:
-            InputError: See `dictionaries`, `equation_rows` and `assemble.assemble`.
+            InputError: See `dictionaries`, `equation_rows` and `assemble.assemble`; a table that was not read yet.
         """
+        require_measured(data)
         dictionaries = by_block(self.blocks, self.dictionaries(data))
         rows = {equation: self.equation_rows(data, equation) for equation in dictionaries}
         found = self._find_noise(rows, dictionaries)

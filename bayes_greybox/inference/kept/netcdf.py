@@ -25,6 +25,7 @@ from bayes_greybox.model.noise.asked import Noise
 from bayes_greybox.model.priors import PRIORS, CustomPrior
 from bayes_greybox.model.program import Program
 from bayes_greybox.model.rows.kinds import ROWS
+from bayes_greybox.model.streams.statistics import equations_of
 from bayes_greybox.physics.coefficient import Coefficient
 from bayes_greybox.physics.formula.printing import to_text
 from bayes_greybox.physics.simulation.protocol import RightHandSide
@@ -280,11 +281,10 @@ def posterior_of(tree: xr.DataTree, simulation: RightHandSide | None = None) -> 
     if "all_rows" not in record:
         return Posterior(model, data, sampling, tree)
     whole = whole_from(record["all_rows"], tree[STATISTICS].dataset)
+    # Statistics of another model are the file's fault.
+    equations_of(model, data, whole)
     del tree[STATISTICS]
-    posterior = Posterior(model, data, sampling, tree, whole=whole)
-    # Made here, where statistics of another model are the file's fault.
-    _ = posterior.equations
-    return posterior
+    return Posterior(model, data, sampling, tree, whole=whole)
 
 
 def describe(model: Program, data: Trajectories) -> dict[str, Any]:

@@ -1,6 +1,6 @@
 """What a first pass over the rows finds: how many there are, and in which ranges and sizes."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import reduce
 
@@ -87,7 +87,7 @@ class Extent:
         )
 
 
-def together(extents: "list[Extent]") -> Extent:
+def together(extents: Iterable[Extent]) -> Extent:
     """Of several parts, added in their order.
 
     Raises:

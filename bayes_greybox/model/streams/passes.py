@@ -121,7 +121,7 @@ def whole_of(stream: RowStream, model: Program, sample: Trajectories) -> Whole:
     Raises:
         InputError: Chunks that cannot be read; a column that is the same everywhere.
     """
-    return Whole(stream, sample, together(list(_over_parts(stream, _extent_of_part, RANGES, model, sample))))
+    return Whole(stream, sample, together(_over_parts(stream, _extent_of_part, RANGES, model, sample)))
 
 
 def _terms(model: Program, whole: Whole) -> Any:

@@ -44,7 +44,7 @@ def taken(model: Program, data: Trajectories | RowStream) -> Taken:
     whole = whole_of(data, model, sample)
     said = (
         f"{whole.extent.n_row:,} rows of {data.source.where} were read in chunks; of these, {sample.n_obs} rows in "
-        f"{sample.n_run} stretches, evenly spaced, are looked at one by one"
+        f"{sample.n_run} stretches, evenly spaced over its parts, are looked at one by one"
     )
     dropped = whole.extent.dropped
     left_out = (f"{dropped:,} rows with missing values were left out",) if dropped else ()
