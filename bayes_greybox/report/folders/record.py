@@ -53,7 +53,7 @@ def run_record(
         "free_run": None if tried is None else _free_run(tried),
         "data": {
             "rows": fit.n_obs,
-            "looked_at": data.n_obs,
+            **({} if fit.whole is None else {"looked_at": data.n_obs}),
             "of": fit.model.rows.in_words(data),
             "runs": data.n_run,
             "dropped": data.dropped,
