@@ -17,6 +17,8 @@ from .data.datasets import load_dataset as load_dataset
 from .data.errors import InputError as InputError
 from .data.reading.door import read as read
 from .data.reading.read_table import read_table as read_table
+from .data.streams.door import stream as stream
+from .data.streams.row_stream import RowStream as RowStream
 from .data.trajectories import Trajectories as Trajectories
 from .discovery.evidence.odds import Odds as Odds
 from .greybox import Fit as Fit

@@ -27,6 +27,7 @@ from bayes_greybox.criticism.prediction import Prediction, predict, predictive_g
 from bayes_greybox.criticism.summary import summary
 from bayes_greybox.criticism.trade_off import TradeOff, strongest_trade_off
 from bayes_greybox.criticism.trial import try_on
+from bayes_greybox.data.streams.row_stream import RowStream
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.inference.checkpoint import EVERY, Checkpoint, given_checkpoint, run_facts
 from bayes_greybox.inference.kept.further_groups import add_group
@@ -38,6 +39,7 @@ from bayes_greybox.inference.settings import Sampling
 from bayes_greybox.model.gp.discrepancy import OrthogonalGP
 from bayes_greybox.model.gp.features import HilbertBasis
 from bayes_greybox.model.program import Program
+from bayes_greybox.model.streams.taken import taken
 from bayes_greybox.report.equations.latex import equations_latex
 from bayes_greybox.report.equations.record import equations_record
 from bayes_greybox.report.equations.text import equations_text
@@ -61,7 +63,7 @@ class GreyBox(Program):
 
     def fit(
         self,
-        data: Trajectories,
+        data: Trajectories | RowStream,
         *,
         draws: int = 1000,
         tune: int = 1000,
@@ -79,7 +81,8 @@ class GreyBox(Program):
         features resolve is sampled again with as many as it needs.
 
         Args:
-            data: Training data, with the derivative of each learned state.
+            data: Training data, with the derivative of each learned state; or a `stream` of more rows than memory
+                holds, of which all decide the posterior, and those of its sample are looked at one by one.
             draws: Draws kept in each chain.
             tune: Warm-up iterations of each chain.
             chains: Number of chains, run in parallel threads.
@@ -97,25 +100,31 @@ class GreyBox(Program):
         with given_checkpoint(checkpoint, resume, checkpoint_every) as held:
             return self._fit(data, Sampling(draws, tune, chains, seed, target_accept), progress, held)
 
-    def _fit(self, data: Trajectories, sampling: Sampling, progress: bool, checkpoint: Checkpoint | None) -> "Fit":
+    def _fit(
+        self, given: Trajectories | RowStream, sampling: Sampling, progress: bool, checkpoint: Checkpoint | None
+    ) -> "Fit":
         keep_programs()
         # One thread as in `sample_posterior`, here also for what completes the fit.
         with threadpool_limits(1), stages(progress):
             with stage("Reading the data"):
-                model, data = self.near(data)
-                model, data = model.with_noise_found(data)
-                if checkpoint is not None:
-                    checkpoint.require("fit", run_facts(model, data, sampling))
+                model, data, rows = taken(self, given)
+            whole = None if rows is None else rows.statistics(model)
+            if checkpoint is not None:
+                further = {} if whole is None else {"all rows": {name: each.digest for name, each in whole.items()}}
+                checkpoint.require("fit", run_facts(model, data, sampling, **further))
             files = None if checkpoint is None else checkpoint.next_run()
-            posterior = sample_posterior(model, data, sampling, progress=progress, files=files)
+            posterior = sample_posterior(model, data, sampling, progress=progress, files=files, whole=whole)
             for _ in range(MOST_REFITS):
                 refined = _refined(posterior.model, self.discrepancy, posterior)
                 if refined is None:
                     break
                 log.info("sampling again, with more features: %s", refined.discrepancy)
                 files = None if checkpoint is None else checkpoint.next_run()
-                posterior = sample_posterior(refined, data, sampling, progress=progress, what=AGAIN, files=files)
-            fit = Fit(posterior.model, data, sampling, posterior.idata, posterior.made)
+                whole = None if rows is None else rows.statistics(refined)
+                posterior = sample_posterior(
+                    refined, data, sampling, progress=progress, what=AGAIN, files=files, whole=whole
+                )
+            fit = Fit(posterior.model, data, sampling, posterior.idata, posterior.made, whole)
             with stage("Predicting the measurements"):
                 fit._complete()
         return fit
@@ -313,8 +322,7 @@ class Fit(Posterior):
         s = self.sampling
         terms = ", ".join(f"{name}: {len(e.frame.dictionary)} terms" for name, e in self.equations.items())
         exact = " of exact paths" if s.exact else ""
-        rows = f"{self.data.n_obs} rows ({self.model.rows.in_words(self.data)})"
-        about = f"{self.model.prior_text} prior; {rows}; {s.chains} x {s.draws} draws{exact}"
+        about = f"{self.model.prior_text} prior; {self.rows_in_words}; {s.chains} x {s.draws} draws{exact}"
         said = [f"Fit of {terms}; {about}", *self.model.rows.left_out(self.data), str(self.verdict)]
         return "\n".join([*said, equations_text(fitted_system(self))])
 
@@ -337,7 +345,7 @@ def greybox_of(program: Program) -> GreyBox:
 
 def fit_of(posterior: Posterior) -> Fit:
     """A posterior that was read from a file, in users' hands."""
-    fit = Fit(greybox_of(posterior.model), posterior.data, posterior.sampling, posterior.idata)
+    fit = Fit(greybox_of(posterior.model), posterior.data, posterior.sampling, posterior.idata, whole=posterior.whole)
     fit.memory.update(posterior.memory)
     return fit
 

@@ -11,7 +11,7 @@ from rich.console import Console
 from bayes_greybox.criticism.cross_validation.compare import compare
 from bayes_greybox.criticism.cross_validation.folds import START, check_scheme, require_divisible
 from bayes_greybox.data.errors import InputError
-from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.data.trajectories import Trajectories, require_measured
 from bayes_greybox.model.priors import Laplace, Normal, Prior, RegularisedHorseshoe, SpikeAndSlab
 
 from .greybox import Fit, GreyBox
@@ -108,6 +108,7 @@ def compare_priors(
         InputError: Something that is not a prior; fewer than two priors; whatever `fit` and `compare` refuse.
     """
     check_scheme(scheme, block, start)
+    require_measured(data)
     require_divisible(data, model.equations, scheme)
     chosen = {name: prior for name, prior in {**FOUR_PRIORS, **(priors or {})}.items() if prior is not None}
     for name, prior in chosen.items():

@@ -373,6 +373,10 @@ def test_a_table_may_have_outputs_and_no_states(tmp_path):
 def test_the_table_of_a_file_has_every_option_of_read_under_its_name():
     options = dict(inspect.signature(bg.read).parameters)
     own = set(sources.TableSource.model_fields) - set(sources.Source.model_fields) - {"path", "trajectory"}
+    # What rows in chunks have beside, and nothing that `stream` does not take.
+    streamed = set(sources.STREAMED) - {"path", "trajectory", "stream", "test"}
+    assert streamed == set(inspect.signature(bg.stream).parameters) - {"source"}
+    own -= {"stream", *sources.STREAMING}
     assert own - {"test"} == set(options) - {"source"}
     for name in own - {"states", "test"}:
         default = sources.TableSource.model_fields[name].default

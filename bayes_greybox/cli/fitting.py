@@ -22,7 +22,7 @@ def fit_configured(settings: Config, output: Path | None, progress: bool, quiet:
         with stages(progress):
             with stage("Starting", said=False):
                 folder = work.enter_context(output_folder(place_of(settings, "fit", output)))
-                train, test = settings.read_data()
+                train, test = settings.read_rows()
                 model = settings.build_model()
                 checkpoint = work.enter_context(resumable(folder, settings, resume))
             start = time.perf_counter()

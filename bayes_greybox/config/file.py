@@ -20,6 +20,7 @@ from .sources import Data, TableSource
 from .study import Study
 
 if TYPE_CHECKING:
+    from bayes_greybox.data.streams.row_stream import RowStream
     from bayes_greybox.data.trajectories import Trajectories
     from bayes_greybox.greybox import GreyBox
 
@@ -215,6 +216,19 @@ class Config(Section):
 
     def read_data(self) -> "tuple[Trajectories, Trajectories | None]":
         """Training data and, where the file asks for them, held-out data.
+
+        Raises:
+            InputError: If the data cannot be read or used, or are read in chunks.
+        """
+        from bayes_greybox.data.trajectories import require_measured
+
+        train: Any
+        train, test = self.read_rows()
+        require_measured(train)
+        return train, test
+
+    def read_rows(self) -> "tuple[Trajectories | RowStream, Trajectories | None]":
+        """The same for a fit, which may read its rows in chunks.
 
         Raises:
             InputError: If the data cannot be read or used.

@@ -14,6 +14,7 @@ from bayes_greybox.data.limits import Count, NotNegative, Positive, Probability,
 from .section import Section, wrong
 
 if TYPE_CHECKING:
+    from bayes_greybox.data.streams.row_stream import RowStream
     from bayes_greybox.data.trajectories import Trajectories
 
 
@@ -53,9 +54,9 @@ class Source(Section, ABC):
         """Arguments of `Trajectories.differentiate`; None where nothing is to be differentiated."""
         return None if self.differentiate is None else self.differentiate.given()
 
-    def read(self, folder: Path) -> "tuple[Trajectories, Trajectories | None]":
+    def read(self, folder: Path) -> "tuple[Trajectories | RowStream, Trajectories | None]":
         """Training data and, where the file asks for them, held-out data."""
-        first = self.load(folder, test=False)
+        first: Any = self.load(folder, test=False)
         second = self.load(folder, test=True) if self.held_out else None
         if self.test_fraction is not None:
             first, second = first.split(1.0 - self.test_fraction, by=self.split_by)
@@ -85,6 +86,16 @@ class TableTest(Section):
     path: Annotated[str | list[str], BeforeValidator(lambda v: _paths(v))]
 
 
+STREAMING = ("sample", "workers", "scheduler")
+"""Keys of a table that only rows in chunks have."""
+
+STREAMED = (
+    "path", "time", "states", "inputs", "derivatives", "outputs", "run", "trajectory", "units", "missing", "stream",
+    "test", *STREAMING,
+)  # fmt: skip
+"""Keys that they may have."""
+
+
 class TableSource(Source):
     """[data] with path: arguments of `read`."""
 
@@ -110,6 +121,10 @@ class TableSource(Source):
     sheet: str | Whole | None = None
     columns: list[str] | None = None
     dayfirst: bool | None = None
+    stream: bool = False
+    sample: Count | None = None
+    workers: Count | None = None
+    scheduler: str | None = None
     test: TableTest | None = None
 
     @model_validator(mode="after")
@@ -118,6 +133,23 @@ class TableSource(Source):
             raise wrong("run and trajectory are two names of one key; give run alone")
         if self.rates and self.differentiate is not None and self.differentiate.rates:
             raise wrong("rates stands in [data] and in [data.differentiate]; give it once")
+        return self
+
+    @model_validator(mode="after")
+    def _check_stream(self) -> Any:
+        given = self.model_fields_set
+        if not self.stream:
+            alone = next((key for key in STREAMING if key in given), None)
+            if alone is not None:
+                raise wrong(f"{alone} is for rows that are read in chunks; give stream = true with it")
+            return self
+        if self.test_fraction is not None:
+            raise wrong("a stream is not split: leave test_fraction out, and give held-out rows as [data.test] path")
+        beyond = next((key for key in given if key not in STREAMED), None)
+        if beyond is not None:
+            raise wrong(f"{beyond} does not apply to rows that are read in chunks; leave it out, or leave out stream")
+        if self.workers is not None and self.scheduler is not None:
+            raise wrong("a scheduler has workers of its own; give scheduler or workers, not both")
         return self
 
     @property
@@ -137,8 +169,8 @@ class TableSource(Source):
             found += sorted(map(Path, glob.glob(str(_located(path, folder))))) if pattern else [whole]
         return found
 
-    def load(self, folder: Path, *, test: bool) -> "Trajectories":
-        """Read the file."""
+    def load(self, folder: Path, *, test: bool) -> "Any":
+        """Read the file, or open it as a stream."""
         from bayes_greybox.data.reading.door import read, require_computed
 
         # Rates are computed after the split; the key trajectory is older than run.
@@ -149,6 +181,11 @@ class TableSource(Source):
         if test and self.test is not None:
             # Held-out runs may well have an input switched off.
             path, settings = self.test.path, {"constant": "keep", **settings}
+        if self.stream and not test:
+            from bayes_greybox.data.streams.door import stream
+
+            return stream(_located(path, folder), **{key: settings[key] for key in settings if key != "stream"})
+        settings = {key: value for key, value in settings.items() if key not in ("stream", *STREAMING)}
         located, rates = _located(path, folder), (self.filter_settings or {}).get("rates")
         if rates:
             require_computed(located, rates, settings)

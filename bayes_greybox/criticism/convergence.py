@@ -310,4 +310,4 @@ def _added(posterior: Posterior, equation: str, held: HilbertBasis, finer: Hilbe
         ]
         return np.exp(np.asarray(log_density)) @ square
 
-    return posterior.data.n_obs * float(np.mean(np.maximum(0.0, variance(finer) - variance(held))))
+    return posterior.n_obs * float(np.mean(np.maximum(0.0, variance(finer) - variance(held))))

@@ -326,8 +326,10 @@ def require_measured(data: object) -> None:
         InputError: The class of the object, and how it is read.
     """
     if not isinstance(data, Trajectories):
+        # What measures more than memory holds says itself what to give in its place.
         raise InputError(
-            f"Models take bg.Trajectories, not a {type(data).__name__}, which does not say what is a state or an "
+            getattr(data, "instead", "")
+            or f"Models take bg.Trajectories, not a {type(data).__name__}, which does not say what is a state or an "
             "input: read it with bg.read(table, time=..., states=[...], inputs=[...]); arrays with "
             "bg.Trajectories.from_arrays(t, states={...})."
         )

@@ -9,6 +9,7 @@ from typing import Any
 
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.records import plain_rows, plain_values
+from bayes_greybox.data.tasks import run_tasks
 from bayes_greybox.discovery.fleet import Fleet, fleet_of
 from bayes_greybox.inference.kept.netcdf import versions
 from bayes_greybox.report.folders.holding import RECORD
@@ -19,7 +20,6 @@ from bayes_greybox.running.stages import announce, stage, stages
 
 from .assets import Asset
 from .study import PAGE, study_into
-from .tasks import run_tasks
 
 ASSETS, MARK, FLEET_PAGE = "assets", "asset.json", "fleet.html"
 """Folder of the assets' folders, what says in one that its study is whole, and the page of all."""
@@ -40,7 +40,7 @@ def study_fleet(
         assets: The assets.
         place: Folder for the results.
         sampling: Settings that stand in place of the configurations' own; None: they stand.
-        workers: Processes of this machine; see `tasks.run_tasks`.
+        workers: Processes of this machine; see `data.tasks.run_tasks`.
         scheduler: Address of a Dask scheduler, whose workers see the same files.
         progress: Whether to show what is being done.
 

@@ -19,6 +19,7 @@ from bayes_greybox.model.gp.hyper import Hyperparameters
 from bayes_greybox.model.priors import Scales
 from bayes_greybox.model.program import Program
 from bayes_greybox.model.sites import Sites
+from bayes_greybox.model.streams.statistics import RowStatistics, equations_of
 
 from .kept.groups import drawn
 from .sampler.programs import Programs, programs_for
@@ -44,6 +45,7 @@ class Posterior:
             units). The group `posterior_details`, of the same chains and draws, has `e_prior_sd` (scaled units),
             `e_weight` or `e_f`, and under a spike-and-slab prior `e_gamma` and `e_inclusion`.
         made: What the run left beside its draws; None for a posterior read from a file.
+        whole: What all rows say, by equation, where `data` are some of them that are looked at; else None.
         memory: What `remembered` functions found of it.
     """
 
@@ -52,6 +54,7 @@ class Posterior:
     sampling: Sampling
     idata: xr.DataTree
     made: "Made | None" = field(default=None, repr=False, compare=False)
+    whole: Mapping[str, RowStatistics] | None = field(default=None, repr=False, compare=False)
     memory: dict[str, Any] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     @cached_property
@@ -60,7 +63,22 @@ class Posterior:
 
         They are rebuilt from the data if the posterior was read from a file.
         """
-        return self.model.assemble(self.data) if self._own is None else self._own.equations
+        if self._own is not None:
+            return self._own.equations
+        return self.model.assemble(self.data) if self.whole is None else equations_of(self.model, self.data, self.whole)
+
+    @property
+    def n_obs(self) -> int:
+        """Rows that the draws are of."""
+        return self.data.n_obs if self.whole is None else max(each.n_row for each in self.whole.values())
+
+    @property
+    def rows_in_words(self) -> str:
+        """How many rows the draws are of, how many of them are looked at, and what they are."""
+        said = self.model.rows.in_words(self.data)
+        if self.whole is None:
+            return f"{self.data.n_obs} rows ({said})"
+        return f"{self.n_obs:,} rows ({said}), of which {self.data.n_obs} are looked at one by one"
 
     @cached_property
     def programs(self) -> Programs:

@@ -11,6 +11,7 @@ from threadpoolctl import threadpool_limits
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.model.equation import Equation
 from bayes_greybox.model.program import Program
+from bayes_greybox.model.streams.statistics import RowStatistics, equations_of
 from bayes_greybox.running.stages import stage, stages
 
 from .kept.groups import data_table, tree_of, user_units
@@ -32,6 +33,7 @@ def sample_posterior(
     programs: Programs | None = None,
     what: str = SAMPLING,
     files: Files | None = None,
+    whole: Mapping[str, RowStatistics] | None = None,
 ) -> Posterior:
     """Fit: assemble the designs, run NUTS on the hyperparameters, draw the rest exactly.
 
@@ -44,12 +46,13 @@ def sample_posterior(
         programs: Those of another fit of this model with these settings, to save compiling them again.
         what: What the bar says.
         files: Where chains are kept, and go on if they are there.
+        whole: What all rows say, by equation, where the data are some of them.
 
     Raises:
         InputError: What `model.assemble` refuses; files that hold other chains.
     """
     with stages(progress):
-        return _sampled(model, data, sampling, equations, programs, progress, what, files)
+        return _sampled(model, data, sampling, equations, programs, progress, what, files, whole)
 
 
 def _sampled(
@@ -61,8 +64,11 @@ def _sampled(
     progress: bool,
     what: str,
     files: Files | None,
+    whole: Mapping[str, RowStatistics] | None,
 ) -> Posterior:
-    if equations is None:
+    if equations is None and whole is not None:
+        equations = equations_of(model, data, whole)
+    elif equations is None:
         with stage("Reading the rows"):
             equations = model.assemble(data)
     for name, each in equations.items():
@@ -101,4 +107,4 @@ def _sampled(
         "observed_data": {model.sites[name].rate: equations[name].rows.measured for name in designs},
         "constant_data": data_table(data),
     }
-    return Posterior(model, data, sampling, tree_of(groups, equations), Made(model, data, equations, programs))
+    return Posterior(model, data, sampling, tree_of(groups, equations), Made(model, data, equations, programs), whole)

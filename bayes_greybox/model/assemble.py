@@ -1,7 +1,7 @@
 """From data to design: scale, orthogonalise, whiten and compress the rows of each equation."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -20,10 +20,9 @@ from .design import DenseDesign, FeatureDesign
 from .equation import Equation
 from .frame import Frame
 from .gp.discrepancy import EXACT_LIMIT, OrthogonalGP
-from .gp.features import HilbertBasis, default_features
 from .gp.hyper import Hyperparameters
-from .gp.orthogonal import box_nodes, orthonormalise
 from .rows.equation_rows import EquationRows, Table
+from .scaling import box_columns, scaled_frame, with_measure
 
 FEWEST_STEPS = 8
 """Values on so many steps of a lattice, or more, count as rounded to it."""
@@ -56,7 +55,10 @@ def assemble(
             f"least as many rows as terms."
         )
     target_scale = rows.scale
-    frame = _scaled_frame(rows, dictionary, target_scale, discrepancy)
+    # A state in small units moves by small forces.
+    sizes = np.array([rows.learned[name].size for name in dictionary.acts_on] or [1.0])
+    term_scale = np.sqrt(_mean_squares(rows, dictionary)) / sizes
+    frame = scaled_frame(equation, dictionary, discrepancy, rows.columns, term_scale, target_scale)
     table = _scaled_table(frame, rows)
 
     factor = plain = triangular_factor(table, rows.n_row)
@@ -72,24 +74,62 @@ def assemble(
         if not rows.noise.derived:
             require_independent(factor[:, :n_term], dictionary.names, equation)
     if discrepancy is not None:
-        frame = _with_measure(frame, discrepancy, rows, plain if discrepancy.measure == "unweighted" else factor)
+        unweighted = discrepancy.measure == "unweighted"
+        nodes, n_node = (plain, rows.n_row) if unweighted else (factor, rows.n_white)
+        frame = with_measure(frame, discrepancy, rows.columns, nodes, n_node)
 
-    n_obs = jnp.asarray(float(rows.n_white))
-    common = {
-        "n_obs": n_obs,
-        "n_prior": n_obs,
-        "log_det_R": jnp.asarray(float(rows.noise.log_det)),
-        "noise_floor": jnp.asarray(with_rounding(rows.measured / target_scale, noise_floor)),
-        "coefficients": CoefficientPriors.of(
-            [None] * n_term if coefficients is None else coefficients, frame.coefficient_scale
-        ),
-    }
+    floor = with_rounding(rows.measured / target_scale, noise_floor)
+    common = common_of(frame, rows.n_white, float(rows.noise.log_det), floor, coefficients)
     if discrepancy is not None and discrepancy.path == "exact":
         return Equation(rows, frame, _dense_design(frame, discrepancy, rows, table, common))
+    return Equation(rows, frame, feature_design(frame, discrepancy, factor, common))
+
+
+def common_of(
+    frame: Frame,
+    n_obs: int,
+    log_det: float,
+    noise_floor: float,
+    coefficients: Sequence[Coefficient | None] | None,
+) -> dict[str, Any]:
+    """What every design has beside its rows.
+
+    Args:
+        frame: Scaling of the equation.
+        n_obs: White numbers that the rows carry.
+        log_det: log|R|.
+        noise_floor: Least σ, scaled units.
+        coefficients: Prior of each term, None where the model's holds alone.
+    """
+    given = [None] * len(frame.dictionary) if coefficients is None else coefficients
+    return {
+        "n_obs": jnp.asarray(float(n_obs)),
+        "n_prior": jnp.asarray(float(n_obs)),
+        "log_det_R": jnp.asarray(log_det),
+        "noise_floor": jnp.asarray(noise_floor),
+        "coefficients": CoefficientPriors.of(given, frame.coefficient_scale),
+    }
+
+
+def feature_design(
+    frame: Frame,
+    discrepancy: OrthogonalGP | None,
+    factor: Float[np.ndarray, "n_kept n_column"],
+    common: Mapping[str, Any],
+) -> FeatureDesign:
+    """The design of rows of which the triangular factor of [Φ ψ y] is known.
+
+    Args:
+        frame: Scaling and bases, the measure's among them.
+        discrepancy: The Gaussian process, or None.
+        factor: Of the whitened rows, scaled units.
+        common: From `common_of`.
+    """
+    n_term = len(frame.dictionary)
     Phi, psi, y = np.split(factor, [n_term, factor.shape[1] - 1], axis=1)
     conditioned = discrepancy is not None and discrepancy.variant == "conditioned"
     Psi = np.asarray(frame.orthogonal(Phi, psi))
-    design = FeatureDesign(
+    return FeatureDesign(
         Phi=jnp.asarray(Phi),
         Psi=jnp.asarray(Psi),
         gram=jnp.asarray(Psi.T @ Psi),
@@ -99,7 +139,6 @@ def assemble(
         kernel="squared_exponential" if discrepancy is None else discrepancy.kernel,
         **common,
     )
-    return Equation(rows, frame, design)
 
 
 def with_rounding(measured: Float[np.ndarray, " n_obs"], relative: float) -> float:
@@ -112,8 +151,19 @@ def with_rounding(measured: Float[np.ndarray, " n_obs"], relative: float) -> flo
         measured: The measured derivative over the RMS of the target.
         relative: Least noise standard deviation over the RMS of the target.
     """
-    steps = np.diff(np.unique(measured))
-    if steps.size < FEWEST_STEPS or steps.size == measured.size - 1:
+    return with_steps(np.unique(measured), measured.size, relative)
+
+
+def with_steps(levels: Float[np.ndarray, " n_level"], n_obs: int, relative: float) -> float:
+    """`with_rounding` of values of which the different ones are known.
+
+    Args:
+        levels: The different values, in increasing order.
+        n_obs: How many values there are.
+        relative: Least noise standard deviation over the RMS of the target.
+    """
+    steps = np.diff(levels)
+    if steps.size < FEWEST_STEPS or steps.size == n_obs - 1:
         return relative
     multiples = steps / steps.min()
     rounded = bool(np.all(np.abs(multiples - np.rint(multiples)) < 1e-3))
@@ -121,91 +171,13 @@ def with_rounding(measured: Float[np.ndarray, " n_obs"], relative: float) -> flo
     return float(np.hypot(relative, rounding))
 
 
-def discrepancy_box(
-    discrepancy: OrthogonalGP, columns: Mapping[str, Float[np.ndarray, " n_row"]]
-) -> tuple[tuple[str, ...], Float[np.ndarray, " n_var"], Float[np.ndarray, " n_var"]]:
-    """Variables that f depends on, and centre and half-width of their box in the data, user's units.
-
-    Raises:
-        InputError: A variable that the data do not have, or that is constant.
-    """
-    variables = tuple(discrepancy.variables or columns)
-    unknown = [name for name in variables if name not in columns]
-    if unknown:
-        raise InputError(
-            f"OrthogonalGP(variables=...) names {unknown[0]!r}, which is neither a state nor an input; "
-            f"known: {', '.join(columns)}."
-        )
-    centre, half_width = _box(columns, variables)
-    if np.any(half_width == 0):
-        constant = variables[int(np.argmin(half_width))]
-        raise InputError(
-            f"The discrepancy depends on {constant!r}, which is constant on all the data: leave it out of "
-            "OrthogonalGP(variables=...)."
-        )
-    return variables, centre, half_width
-
-
-def features_per_variable(
-    discrepancy: OrthogonalGP, n_var: int, default: tuple[int, ...] | None = None
-) -> tuple[int, ...]:
-    """Features along each variable: those that the user named, or the default.
-
-    Raises:
-        InputError: A number of features below one, or not one for each variable.
-    """
-    given = discrepancy.features
-    if given is None:
-        return default or default_features(n_var)
-    per_variable = (given,) * n_var if isinstance(given, int) else tuple(given)
-    if len(per_variable) != n_var or min(per_variable) < 1:
-        raise InputError(
-            f"OrthogonalGP(features={given!r}) must be a positive number, or one for each of the {n_var} variables."
-        )
-    return per_variable
-
-
-def _scaled_frame(
-    rows: EquationRows, dictionary: Dictionary, target_scale: float, discrepancy: OrthogonalGP | None
-) -> Frame:
-    equation = rows.equation
-    variables, centre, half_width = (), np.zeros(0), np.zeros(0)
-    if discrepancy is not None:
-        variables, centre, half_width = discrepancy_box(discrepancy, rows.columns)
-    basis = None
-    if discrepancy is not None and discrepancy.path == "hsgp":
-        basis = HilbertBasis(discrepancy.boundary, features_per_variable(discrepancy, len(variables)))
+def _mean_squares(rows: EquationRows, dictionary: Dictionary) -> Float[np.ndarray, " n_term"]:
+    """Of each term over the samples."""
     squares = np.zeros(len(dictionary))
     for start in range(0, rows.n_sample, 16 * CHUNK):
         part = rows.at(slice(start, start + 16 * CHUNK))
         squares += np.sum(np.asarray(dictionary.evaluate(part)) ** 2, axis=0)
-    if not np.all(np.isfinite(squares)):
-        bad = dictionary.names[int(np.argmin(np.isfinite(squares)))]
-        raise InputError(f"Term {bad!r} of equation {equation!r} is not finite on all the data: check its domain.")
-    if np.any(squares == 0):
-        zero = dictionary.names[int(np.argmin(squares))]
-        raise InputError(f"Term {zero!r} of equation {equation!r} is zero on all the data: remove it.")
-    sizes = np.array([rows.learned[name].size for name in dictionary.acts_on] or [1.0])
-    return Frame(
-        equation=equation,
-        dictionary=dictionary,
-        variables=tuple(variables),
-        centre=centre,
-        half_width=half_width,
-        # A state in small units moves by small forces.
-        term_scale=np.sqrt(squares / rows.n_sample) / sizes,
-        target_scale=target_scale,
-        orthonormal=np.zeros((len(dictionary), 0)),
-        basis=basis,
-        moments=np.zeros((0, 0 if basis is None else basis.size)),
-        projected=False,
-    )
-
-
-def _box(columns: Mapping[str, np.ndarray], names: tuple[str, ...]) -> tuple[np.ndarray, np.ndarray]:
-    low = np.array([columns[name].min() for name in names])
-    high = np.array([columns[name].max() for name in names])
-    return (low + high) / 2, (high - low) / 2
+    return squares / rows.n_sample
 
 
 def _scaled_table(frame: Frame, rows: EquationRows) -> Table:
@@ -234,37 +206,6 @@ def _scaled_table(frame: Frame, rows: EquationRows) -> Table:
     return table
 
 
-def _with_measure(frame: Frame, gp: OrthogonalGP, rows: EquationRows, factor: np.ndarray) -> Frame:
-    """Orthonormal dictionary and ⟨Φₒ, ψᵀ⟩ under the chosen measure; `factor` is that of the rows it is taken on."""
-    if gp.measure in ("empirical", "unweighted"):
-        # The triangular factor has the Gram matrix of its rows, so it serves as their nodes. With whitened rows
-        # ⟨a, b⟩ = aᵀ R⁻¹ b / n, in which least squares with and without f mean the same θ.
-        Phi, psi = factor[:, : len(frame.dictionary)], factor[:, len(frame.dictionary) : -1]
-        weights = np.full(len(factor), 1.0 / (rows.n_white if gp.measure == "empirical" else rows.n_row))
-    else:
-        columns, weights = _box_columns(frame, gp, rows)
-        Phi, psi = np.asarray(frame.dictionary_rows(columns)), np.asarray(frame.plain_features(columns))
-        if not np.all(np.isfinite(Phi)):
-            bad = frame.dictionary.names[int(np.argmin(np.isfinite(Phi).all(axis=0)))]
-            raise InputError(
-                f"Term {bad!r} is not finite on the whole box of the data, which "
-                f"OrthogonalGP(measure={gp.measure!r}) integrates over: use measure='empirical'."
-            )
-    T = orthonormalise(Phi, weights)
-    moments = (weights[:, None] * (Phi @ T)).T @ psi
-    return replace(frame, orthonormal=T, moments=moments, projected=gp.variant == "projected")
-
-
-def _box_columns(frame: Frame, gp: OrthogonalGP, rows: EquationRows) -> tuple[dict[str, np.ndarray], np.ndarray]:
-    """Nodes of the uniform measure on the box of every variable that Φ or f depends on."""
-    names = tuple(n for n in rows.columns if n in frame.variables or n in frame.dictionary.symbols)
-    nodes, weights = box_nodes(
-        len(names), monte_carlo=gp.monte_carlo if gp.measure == "box-monte-carlo" else None, seed=gp.seed
-    )
-    centre, half_width = _box(rows.columns, names)
-    return dict(zip(names, (centre + half_width * nodes).T, strict=True)), weights
-
-
 def _dense_design(frame: Frame, gp: OrthogonalGP, rows: EquationRows, table: Table, common: dict) -> DenseDesign:
     if rows.n_sample > EXACT_LIMIT:
         raise InputError(
@@ -284,7 +225,7 @@ def _dense_design(frame: Frame, gp: OrthogonalGP, rows: EquationRows, table: Tab
     at_samples = jnp.asarray(weighted) if operator is None else operator.T @ jnp.asarray(weighted)
     nodes: tuple[jax.Array, jax.Array] = (x, at_samples)
     if gp.measure in ("box", "box-monte-carlo"):
-        columns, weights = _box_columns(frame, gp, rows)
+        columns, weights = box_columns(frame, gp, rows.columns)
         at_nodes = frame.dictionary_rows(columns) @ frame.orthonormal
         nodes = (jnp.asarray(frame.position(columns)), jnp.asarray(weights[:, None] * at_nodes))
     whitening = None if rows.noise.local else rows.whiten(np.eye(rows.n_row))

@@ -250,19 +250,20 @@ class Program(SamplingProgram):
         """Read the data into rows, frames and designs by block: all the work that grows with the rows.
 
         Raises:
-            InputError: See `dictionaries`, `equation_rows` and `assemble.assemble`.
+            InputError: See `dictionaries`, `equation_rows` and `assemble.assemble`; a table that was not read yet.
         """
+        require_measured(data)
         dictionaries = by_block(self.blocks, self.dictionaries(data))
         rows = {equation: self.equation_rows(data, equation) for equation in dictionaries}
         found = self._find_noise(rows, dictionaries)
         rows = {equation: replace(r, noise=found[equation].noise) if found else r for equation, r in rows.items()}
         return {
-            block: assemble(rows[block], dictionary, self.discrepancy, self.noise_floor, self._priors_of(block, data))
+            block: assemble(rows[block], dictionary, self.discrepancy, self.noise_floor, self.priors_of(block, data))
             for block, dictionary in dictionaries.items()
         }
 
-    def _priors_of(self, block: str, data: Trajectories) -> list[Coefficient | None]:
-        """Priors of single coefficients of a block, term by term."""
+    def priors_of(self, block: str, data: Trajectories) -> list[Coefficient | None]:
+        """Priors of single coefficients of a block, term by term; None where the model's holds alone."""
         each = [self.stated(equation, data) for equation in self.blocks[block]]
         return [stated.priors.get(term.name) for stated in each for term in stated.learned]
 

@@ -104,10 +104,10 @@ def read(
         dayfirst=dayfirst,
     )
     kinds = {
-        "state": _mapping(states, "states"),
-        "input": _mapping(inputs, "inputs"),
+        "state": named(states, "states"),
+        "input": named(inputs, "inputs"),
         "derivative": dict(derivatives or {}),
-        "output": _mapping(outputs, "outputs"),
+        "output": named(outputs, "outputs"),
     }
     # Columns of a frame may be numbers.
     time, run = (None if name is None else str(name) for name in (time, run))
@@ -198,7 +198,16 @@ def layout_of(
     return layout
 
 
-def _mapping(columns: Columns, what: str) -> dict[str, str]:
+def named(columns: Columns, what: str) -> dict[str, str]:
+    """Columns by name, as `read` is told of them.
+
+    Args:
+        columns: Names, or a mapping of name to column.
+        what: Which argument they are.
+
+    Raises:
+        InputError: A single string, or a name that cannot stand in expressions.
+    """
     if columns is None:
         return {}
     if isinstance(columns, str):

@@ -7,10 +7,11 @@ import numpy as np
 from jaxtyping import Float
 
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.model.assemble import discrepancy_box, features_per_variable, with_rounding
+from bayes_greybox.model.assemble import with_rounding
 from bayes_greybox.model.gp.discrepancy import OrthogonalGP
 from bayes_greybox.model.gp.features import HilbertBasis
 from bayes_greybox.model.program import Program
+from bayes_greybox.model.scaling import discrepancy_box, features_per_variable
 from bayes_greybox.physics.catalogue.effects import BoundEffect
 
 from .columns import nodes

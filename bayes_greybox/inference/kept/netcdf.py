@@ -24,12 +24,11 @@ from bayes_greybox.model.gp.discrepancy import OrthogonalGP
 from bayes_greybox.model.noise.asked import Noise
 from bayes_greybox.model.priors import PRIORS, CustomPrior
 from bayes_greybox.model.program import Program
-from bayes_greybox.model.rows.equation_rows import EquationRows
 from bayes_greybox.model.rows.kinds import ROWS
-from bayes_greybox.model.rows.row_kind import RowKind
+from bayes_greybox.model.streams.statistics import equations_of
 from bayes_greybox.physics.coefficient import Coefficient
 from bayes_greybox.physics.formula.printing import to_text
-from bayes_greybox.physics.simulation.protocol import RightHandSide, Simulation
+from bayes_greybox.physics.simulation.protocol import RightHandSide
 from bayes_greybox.physics.simulation.reading import simulation_from, simulation_record
 from bayes_greybox.physics.terms import Term
 from bayes_greybox.running.compiling import keep_programs
@@ -38,7 +37,9 @@ from .damage import REMEDY, SEALS, damaged, made_of, put_end, require_end, requi
 from .draws import require_draws
 from .further_groups import slab_group
 from .groups import data_table, part_details, rate_name
+from .lost import LostRows, lost_program
 from .packing import TEXT
+from .whole import STATISTICS, whole_from, whole_group, whole_record
 
 SAMPLES, SAMPLE = "sensor_samples", "sample_id"
 """Group of what the sensors showed, where the data are a path through it, and its dimension."""
@@ -55,13 +56,18 @@ BESIDE = (STUDIED, TRIED)
 RECORD = "bayes_greybox"
 """Root attribute that holds everything but arrays, as JSON text (netCDF attributes know no bool, None or dict)."""
 
-FORMAT = 4
+FORMAT = 5
 """Version of the file's layout.
 
+Files of version 5 hold some rows of many and what all of them say, which an older reader would pass over; files with
+all their rows are still of version 4.
 Files of version 4 have the details of the draws in groups of their own, where an older reader would not find them.
 Files of version 3 may have outputs, draws of exact paths, and samples that a sensor clipped. In files of version 1
 `measure="empirical"` is what is called "unweighted" since, also on rows with correlated noise.
 """
+
+ALL_ROWS = 4
+"""Version of files that hold all rows."""
 
 
 def versions() -> dict[str, str]:
@@ -90,7 +96,7 @@ def save(
         InputError: The destination cannot be written.
     """
     record = {
-        "format": FORMAT,
+        "format": ALL_ROWS if posterior.whole is None else FORMAT,
         "model": describe(posterior.model, posterior.data),
         "sampling": dataclasses.asdict(posterior.sampling),
         "data": posterior.data.metadata(),
@@ -103,6 +109,9 @@ def save(
         record["samples"] = samples.metadata()
         columns = {name: (SAMPLE, values) for name, values in data_table(samples).items()}
         tree[SAMPLES] = xr.DataTree(xr.Dataset(columns))
+    if posterior.whole is not None:
+        record["all_rows"] = whole_record(posterior.whole)
+        tree[STATISTICS] = xr.DataTree(whole_group(posterior.whole))
     tree.attrs = {**posterior.idata.attrs, **(attributes or {}), RECORD: json.dumps(record)}
     for name, group in (groups or {}).items():
         tree[name] = xr.DataTree(group)
@@ -121,7 +130,7 @@ def save_unsampled(path: str | os.PathLike, attributes: Mapping[str, str], group
         InputError: The destination cannot be written.
     """
     tree = xr.DataTree(children={name: xr.DataTree(group) for name, group in groups.items()})
-    tree.attrs = {**attributes, RECORD: json.dumps({"format": FORMAT, "versions": versions()})}
+    tree.attrs = {**attributes, RECORD: json.dumps({"format": ALL_ROWS, "versions": versions()})}
     write(tree, path, (RECORD, *attributes))
 
 
@@ -269,7 +278,13 @@ def posterior_of(tree: xr.DataTree, simulation: RightHandSide | None = None) -> 
         part_details(tree, model.sites)
     sampling = Sampling(**record["sampling"])
     require_draws(tree, model, data)
-    return Posterior(model, data, sampling, tree)
+    if "all_rows" not in record:
+        return Posterior(model, data, sampling, tree)
+    whole = whole_from(record["all_rows"], tree[STATISTICS].dataset)
+    # Statistics of another model are the file's fault.
+    equations_of(model, data, whole)
+    del tree[STATISTICS]
+    return Posterior(model, data, sampling, tree, whole=whole)
 
 
 def describe(model: Program, data: Trajectories) -> dict[str, Any]:
@@ -310,10 +325,10 @@ def rebuild(record: Mapping[str, Any], simulation: RightHandSide | None = None) 
     return Program(
         dictionary={name: tuple(Term(**term) for term in terms) for name, terms in record["dictionary"].items()},
         simulation=simulation_from(record["simulation"], simulation),
-        prior=_rebuild_part(record["prior"], _class_names(PRIORS), CustomPrior(_lost_program)),
+        prior=_rebuild_part(record["prior"], _class_names(PRIORS), CustomPrior(lost_program)),
         discrepancy=None if gp is None else OrthogonalGP(**_fields(gp)),
         # Files from before there were kinds of rows have none.
-        rows=_rebuild_part(record.get("rows", {"kind": "derivative"}), ROWS, _LostRows()),
+        rows=_rebuild_part(record.get("rows", {"kind": "derivative"}), ROWS, LostRows()),
         noise_floor=record["noise_floor"],
         noise=Noise(**noise) if isinstance(noise, Mapping) else noise,
         # Files from before there were any have none.
@@ -386,20 +401,3 @@ def _compression(tree: xr.DataTree) -> dict[str, dict[str, dict[str, Any]]]:
         for node in tree.subtree
         if node.data_vars
     }
-
-
-def _lost_program(n_term: int) -> Any:
-    raise InputError(
-        "The model's prior was a Python program, which a file cannot hold: build the model again to sample from it."
-    )
-
-
-@dataclasses.dataclass(frozen=True)
-class _LostRows(RowKind):
-    """Stands for rows of the user's own kind."""
-
-    def rows(self, data: Trajectories, equation: str, simulation: Simulation) -> EquationRows:
-        """Refuse."""
-        raise InputError(
-            "The model's rows were of a class of your own, which a file cannot hold: build the model again and fit it."
-        )

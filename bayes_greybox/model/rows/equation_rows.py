@@ -59,6 +59,11 @@ def block_name(equations: Sequence[str]) -> str:
     return "_and_".join(equations)
 
 
+def nothing_left(target: float | np.floating, measured: float | np.floating) -> bool:
+    """Whether a target is rounding errors of what was measured; norms of both over the same rows."""
+    return bool(target <= 1e-13 * measured)
+
+
 class Removal(NamedTuple):
     """What is left of the whitened rows without the targets of some observations.
 
@@ -125,6 +130,7 @@ class EquationRows:
         learned: V of each learned state; empty where rows are of one alone.
         exact: Rows as they would be if they were not linear near a model, `ExactRows`; None where rows are linear.
         output: Whether rows are of an output, and not of a rate.
+        n_all: How many rows a design has of which these are some; None where it has these.
     """
 
     equation: str
@@ -140,6 +146,7 @@ class EquationRows:
     learned: Mapping[str, "Acting"] = field(default_factory=dict)
     exact: "ExactRows | None" = None
     output: bool = False
+    n_all: int | None = None
 
     @property
     def label(self) -> str:
@@ -164,7 +171,7 @@ class EquationRows:
     @property
     def nothing_left(self) -> bool:
         """Whether the simulation equals the measurement but for rounding errors."""
-        return bool(np.linalg.norm(self.target) <= 1e-13 * np.linalg.norm(self.measured))
+        return nothing_left(np.linalg.norm(self.target), np.linalg.norm(self.measured))
 
     @cached_property
     def scale(self) -> float:
@@ -174,9 +181,13 @@ class EquationRows:
             InputError: Nothing but rounding errors.
         """
         if self.nothing_left:
-            measured = self.equation if self.output else f"derivative of {self.equation!r}"
-            raise InputError(f"The simulation equals the measured {measured} exactly: there is nothing to learn.")
+            raise self.nothing_to_learn()
         return float(np.sqrt(np.mean(self.target**2)))
+
+    def nothing_to_learn(self) -> InputError:
+        """The error for a simulation that equals the measurement."""
+        measured = self.equation if self.output else f"derivative of {self.equation!r}"
+        return InputError(f"The simulation equals the measured {measured} exactly: there is nothing to learn.")
 
     @property
     def n_sample(self) -> int:
@@ -270,7 +281,15 @@ class EquationRows:
 
         Args:
             out: Observations, in increasing order.
+
+        Raises:
+            InputError: A design with more rows than these, of which none can be taken out again.
         """
+        if self.n_all is not None:
+            raise InputError(
+                f"Leaving rows out needs all of them again, and the fit has read {self.n_all:,} rows in chunks: "
+                "compare with max_refits=0, fit streams with and without them, or fit as many rows as memory holds."
+            )
         kept = np.delete(np.arange(self.n_white), out)
         if self.noise.local or not self.noise.square:
             return Removal(kept, None, 0.0)

@@ -141,7 +141,7 @@ def _facts(fit: Posterior) -> list[str]:
     dropped = f", {data.dropped} dropped" if data.dropped else ""
     kernel = "none" if fit.model.discrepancy is None else fit.model.discrepancy.variant
     return [
-        f"data: {data.n_obs} rows{runs}{dropped}",
+        f"data: {data.n_obs} rows{runs}{dropped}" if fit.whole is None else f"data: {fit.rows_in_words}",
         f"rows: {fit.model.rows.in_words(data)}",
         f"prior: {fit.model.prior_text}",
         f"discrepancy: {kernel}",

@@ -42,7 +42,7 @@ def fit_tables(fit: Posterior, held_out: pd.Series | None) -> Iterator[Renderabl
         What to print, in order.
     """
     yield verdict_text(fit)
-    yield Text(f"{fit.data.n_obs} rows: {fit.model.rows.in_words(fit.data)}", style="dim")
+    yield Text(fit.rows_in_words, style="dim")
     yield Text(f"\n{equations_text(fitted_system(fit))}")
     table = inclusion(fit, _LEVEL)
     for equation in fit.model.equations:

@@ -5,7 +5,7 @@ ran. A worker that dies costs its task, which another worker begins again.
 """
 
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from typing import Any
@@ -42,7 +42,7 @@ def run_tasks(
     *,
     workers: int | None = None,
     scheduler: str | None = None,
-) -> Iterator[Done]:
+) -> Generator[Done, None, None]:
     """Run a function on many arguments; what is done comes as it is done.
 
     Args:
@@ -76,7 +76,7 @@ def _on_workers(
     tasks: Mapping[str, Sequence[Any]],
     workers: int | None,
     scheduler: str | None,
-) -> Iterator[Done]:
+) -> Generator[Done, None, None]:
     if not _has_dask():
         raise InputError('Several workers need Dask: pip install "bayes-greybox[distributed]", or give --workers 1.')
     from dask.config import set as configured

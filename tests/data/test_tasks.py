@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from bayes_greybox.data.errors import InputError
-from bayes_greybox.fleet.tasks import run_tasks
+from bayes_greybox.data.tasks import run_tasks
 
 
 def squared(x):

@@ -1,0 +1,85 @@
+"""What is read of each piece of a stream: the arguments of `read`, and the columns that they name."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any, Literal
+
+import numpy as np
+import pandas as pd
+from jaxtyping import Bool
+
+from bayes_greybox.data.errors import InputError
+from bayes_greybox.data.reading.door import read
+from bayes_greybox.data.reading.table import Layout, Table, tidy
+from bayes_greybox.data.trajectories import Trajectories
+
+CHUNK, PART = 1 << 16, 1 << 20
+"""Rows that are held at a time, and rows of a part: what one worker does before it answers."""
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What is read of each piece.
+
+    Attributes:
+        columns: Columns by the names that users gave, and once a source was opened by its own.
+        time: Column of time stamps; rows are numbered without.
+        missing: Whether rows with missing values are an error or left out.
+        settings: Further arguments of `read`.
+    """
+
+    columns: tuple[str, ...]
+    time: str | None = None
+    missing: Literal["error", "drop"] = "error"
+    settings: Mapping[str, Any] = field(default_factory=dict)
+
+    def among(self, kinds: Mapping[str, str], where: str) -> "Asked":
+        """The same with columns as a source names them.
+
+        Args:
+            kinds: Of NumPy's data types, by column of the source.
+            where: The source, in a sentence.
+
+        Raises:
+            InputError: A column that it lacks, or that holds no numbers.
+        """
+        # Two rows of numbers, as names alone are looked at: "pos [mm]" is a column pos.
+        table = tidy(Table(pd.DataFrame(dict.fromkeys(kinds, [1.0, 2.0])), where), Layout())
+        own = dict(zip(table.frame.columns, kinds, strict=True))
+        columns = tuple(own[table.known(name)] for name in self.columns)
+        run = self.settings.get("run")
+        labels = None if run is None else own[table.known(run)]
+        for name in columns:
+            if kinds[name] not in "biuf" and name != labels:
+                raise InputError(
+                    f'The column "{name}" of {where} does not hold numbers. A stream knows no row before its piece: '
+                    "give dates as seconds, and text as numbers."
+                )
+        return replace(self, columns=tuple(dict.fromkeys(columns)))
+
+    def usable(self, frame: pd.DataFrame) -> Bool[np.ndarray, " n_row"]:
+        """Rows that are read: all, or those without missing values where these are left out."""
+        if self.missing == "error":
+            return np.ones(len(frame), bool)
+        numbers = frame.select_dtypes("number").to_numpy(float)
+        return np.asarray(np.isfinite(numbers).all(axis=1))
+
+    def formed(self, table: Any, where: str, first: int, dropped: int) -> Iterator[Trajectories]:
+        """Rows of a piece as data; none where all were left out.
+
+        Args:
+            table: Its usable rows, a DataFrame or a Dataset.
+            where: The source, in a sentence.
+            first: Number of the first row in it.
+            dropped: Rows that were left out.
+
+        Raises:
+            InputError: What `read` refuses, with the rows that it was about.
+        """
+        stamps = {"dt": 1.0} if self.time is None else {"time": self.time}
+        try:
+            data = read(table, **stamps, **self.settings, constant="keep")
+        except InputError as error:
+            raise InputError(f"In {where}, counted from its row {first}: {error}") from error
+        time = data.time + first if self.time is None else data.time
+        yield replace(data, time=time, dropped=dropped, remarks=())

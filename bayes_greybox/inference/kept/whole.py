@@ -1,0 +1,66 @@
+"""What all rows of a stream say, in the file of a fit that holds some of them only."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from bayes_greybox.data.errors import InputError
+from bayes_greybox.model.streams.statistics import RowStatistics
+
+STATISTICS = "row_statistics"
+"""Group of a file with the triangular factors of all rows."""
+
+
+def whole_record(whole: Mapping[str, RowStatistics]) -> dict[str, dict[str, Any]]:
+    """Plain values of the statistics, beside those of `whole_group`.
+
+    Args:
+        whole: Statistics by equation.
+    """
+    return {
+        name: {
+            "n_row": each.n_row,
+            "target_scale": each.target_scale,
+            "noise_floor": each.noise_floor,
+            "ends": {column: ends.tolist() for column, ends in each.ends.items()},
+        }
+        for name, each in whole.items()
+    }
+
+
+def whole_group(whole: Mapping[str, RowStatistics]) -> xr.Dataset:
+    """Arrays of the statistics.
+
+    Args:
+        whole: Statistics by equation.
+    """
+    arrays = {}
+    for name, each in whole.items():
+        arrays[f"{name}_factor"] = ((f"{name}_row", f"{name}_column"), np.ascontiguousarray(each.factor))
+        arrays[f"{name}_term_scale"] = ((f"{name}_term",), each.term_scale)
+    return xr.Dataset(arrays)
+
+
+def whole_from(record: Mapping[str, Mapping[str, Any]], group: xr.Dataset) -> dict[str, RowStatistics]:
+    """Statistics from `whole_record` and `whole_group`.
+
+    Args:
+        record: The former.
+        group: The latter.
+
+    Raises:
+        InputError: Values that no rows have.
+    """
+    found = {}
+    for name, plain in record.items():
+        factor, term_scale = (group[f"{name}_{what}"].to_numpy().astype(float) for what in ("factor", "term_scale"))
+        ends = {column: np.array(both, float) for column, both in plain["ends"].items()}
+        numbers = np.concatenate([factor.ravel(), term_scale, *ends.values()])
+        n_row, scales = plain["n_row"], (float(plain["target_scale"]), float(plain["noise_floor"]))
+        whole = type(n_row) is int and n_row > 0 and min(scales) > 0 and all(len(both) == 2 for both in ends.values())
+        if not (whole and np.all(np.isfinite(numbers)) and np.all(term_scale > 0)):
+            raise InputError(f"the file is damaged: its statistics of {name!r} are those of no rows.")
+        found[name] = RowStatistics(n_row, ends, term_scale, *scales, factor)
+    return found

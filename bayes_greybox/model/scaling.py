@@ -1,0 +1,169 @@
+"""Scaling, features and measure of an equation: the frame that the data fix before sampling starts."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Float
+
+from bayes_greybox.data.errors import InputError
+from bayes_greybox.physics.terms import Dictionary
+
+from .frame import Frame
+from .gp.discrepancy import OrthogonalGP
+from .gp.features import HilbertBasis, default_features
+from .gp.orthogonal import box_nodes, orthonormalise
+
+
+def scaled_frame(
+    equation: str,
+    dictionary: Dictionary,
+    discrepancy: OrthogonalGP | None,
+    columns: Mapping[str, Float[np.ndarray, " n_row"]],
+    term_scale: Float[np.ndarray, " n_term"],
+    target_scale: float,
+) -> Frame:
+    """Scaling and features of an equation, before the measure is known.
+
+    Args:
+        equation: Its name.
+        dictionary: Its terms.
+        discrepancy: The Gaussian process, or None.
+        columns: States and inputs; their ends are enough.
+        term_scale: RMS of each term over the samples.
+        target_scale: RMS of the target.
+
+    Raises:
+        InputError: A term that is not finite, or zero; a variable of f that the data do not have or that is constant.
+    """
+    variables, centre, half_width = (), np.zeros(0), np.zeros(0)
+    if discrepancy is not None:
+        variables, centre, half_width = discrepancy_box(discrepancy, columns)
+    basis = None
+    if discrepancy is not None and discrepancy.path == "hsgp":
+        basis = HilbertBasis(discrepancy.boundary, features_per_variable(discrepancy, len(variables)))
+    if not np.all(np.isfinite(term_scale)):
+        bad = dictionary.names[int(np.argmin(np.isfinite(term_scale)))]
+        raise InputError(f"Term {bad!r} of equation {equation!r} is not finite on all the data: check its domain.")
+    if np.any(term_scale == 0):
+        zero = dictionary.names[int(np.argmin(term_scale))]
+        raise InputError(f"Term {zero!r} of equation {equation!r} is zero on all the data: remove it.")
+    return Frame(
+        equation=equation,
+        dictionary=dictionary,
+        variables=tuple(variables),
+        centre=centre,
+        half_width=half_width,
+        term_scale=term_scale,
+        target_scale=target_scale,
+        orthonormal=np.zeros((len(dictionary), 0)),
+        basis=basis,
+        moments=np.zeros((0, 0 if basis is None else basis.size)),
+        projected=False,
+    )
+
+
+def with_measure(
+    frame: Frame,
+    gp: OrthogonalGP,
+    columns: Mapping[str, Float[np.ndarray, " n_row"]],
+    factor: Float[np.ndarray, "n_kept n_column"],
+    n_node: int,
+) -> Frame:
+    """Orthonormal dictionary and ⟨Φₒ, ψᵀ⟩ under the chosen measure.
+
+    Args:
+        frame: Scaling and features.
+        gp: The Gaussian process.
+        columns: States and inputs; their ends are enough.
+        factor: Of [Φ ψ y] at the rows that the measure is taken on.
+        n_node: How many these are.
+
+    Raises:
+        InputError: A term that is not finite on the whole box of the data.
+    """
+    if gp.measure in ("empirical", "unweighted"):
+        # The triangular factor has the Gram matrix of its rows, so it serves as their nodes. With whitened rows
+        # ⟨a, b⟩ = aᵀ R⁻¹ b / n, in which least squares with and without f mean the same θ.
+        Phi, psi = factor[:, : len(frame.dictionary)], factor[:, len(frame.dictionary) : -1]
+        weights = np.full(len(factor), 1.0 / n_node)
+    else:
+        nodes, weights = box_columns(frame, gp, columns)
+        Phi, psi = np.asarray(frame.dictionary_rows(nodes)), np.asarray(frame.plain_features(nodes))
+        if not np.all(np.isfinite(Phi)):
+            bad = frame.dictionary.names[int(np.argmin(np.isfinite(Phi).all(axis=0)))]
+            raise InputError(
+                f"Term {bad!r} is not finite on the whole box of the data, which "
+                f"OrthogonalGP(measure={gp.measure!r}) integrates over: use measure='empirical'."
+            )
+    T = orthonormalise(Phi, weights)
+    moments = (weights[:, None] * (Phi @ T)).T @ psi
+    return replace(frame, orthonormal=T, moments=moments, projected=gp.variant == "projected")
+
+
+def discrepancy_box(
+    discrepancy: OrthogonalGP, columns: Mapping[str, Float[np.ndarray, " n_row"]]
+) -> tuple[tuple[str, ...], Float[np.ndarray, " n_var"], Float[np.ndarray, " n_var"]]:
+    """Variables that f depends on, and centre and half-width of their box in the data, user's units.
+
+    Raises:
+        InputError: A variable that the data do not have, or that is constant.
+    """
+    variables = tuple(discrepancy.variables or columns)
+    unknown = [name for name in variables if name not in columns]
+    if unknown:
+        raise InputError(
+            f"OrthogonalGP(variables=...) names {unknown[0]!r}, which is neither a state nor an input; "
+            f"known: {', '.join(columns)}."
+        )
+    centre, half_width = _box(columns, variables)
+    if np.any(half_width == 0):
+        constant = variables[int(np.argmin(half_width))]
+        raise InputError(
+            f"The discrepancy depends on {constant!r}, which is constant on all the data: leave it out of "
+            "OrthogonalGP(variables=...)."
+        )
+    return variables, centre, half_width
+
+
+def features_per_variable(
+    discrepancy: OrthogonalGP, n_var: int, default: tuple[int, ...] | None = None
+) -> tuple[int, ...]:
+    """Features along each variable: those that the user named, or the default.
+
+    Raises:
+        InputError: A number of features below one, or not one for each variable.
+    """
+    given = discrepancy.features
+    if given is None:
+        return default or default_features(n_var)
+    per_variable = (given,) * n_var if isinstance(given, int) else tuple(given)
+    if len(per_variable) != n_var or min(per_variable) < 1:
+        raise InputError(
+            f"OrthogonalGP(features={given!r}) must be a positive number, or one for each of the {n_var} variables."
+        )
+    return per_variable
+
+
+def box_columns(
+    frame: Frame, gp: OrthogonalGP, columns: Mapping[str, np.ndarray]
+) -> tuple[dict[str, np.ndarray], np.ndarray]:
+    """Nodes of the uniform measure on the box of every variable that Φ or f depends on, and their weights.
+
+    Args:
+        frame: Scaling and features.
+        gp: The Gaussian process.
+        columns: States and inputs; their ends are enough.
+    """
+    names = tuple(n for n in columns if n in frame.variables or n in frame.dictionary.symbols)
+    nodes, weights = box_nodes(
+        len(names), monte_carlo=gp.monte_carlo if gp.measure == "box-monte-carlo" else None, seed=gp.seed
+    )
+    centre, half_width = _box(columns, names)
+    return dict(zip(names, (centre + half_width * nodes).T, strict=True)), weights
+
+
+def _box(columns: Mapping[str, np.ndarray], names: tuple[str, ...]) -> tuple[np.ndarray, np.ndarray]:
+    low = np.array([columns[name].min() for name in names])
+    high = np.array([columns[name].max() for name in names])
+    return (low + high) / 2, (high - low) / 2

@@ -1,0 +1,101 @@
+"""What all rows of an equation say, in numbers whose count does not depend on that of the rows."""
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float
+
+from bayes_greybox.data.errors import InputError
+from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.physics.coefficient import Coefficient
+from bayes_greybox.physics.terms import Dictionary
+
+from ..algebra.linalg import require_independent
+from ..assemble import common_of, feature_design
+from ..blocks import by_block
+from ..equation import Equation
+from ..gp.discrepancy import OrthogonalGP
+from ..program import Program
+from ..rows.equation_rows import EquationRows
+from ..scaling import scaled_frame, with_measure
+
+
+@dataclass(frozen=True, eq=False)
+class RowStatistics:
+    """All rows of one equation: a frame and a design are made of them without the rows.
+
+    Attributes:
+        n_row: Rows.
+        ends: Least and largest value of each state and input, user's units.
+        term_scale: RMS of each term, user's units.
+        target_scale: RMS of the target, user's units.
+        noise_floor: Least σ, scaled units.
+        factor: Triangular factor of [Φ ψ y], scaled units.
+    """
+
+    n_row: int
+    ends: Mapping[str, Float[np.ndarray, "2"]]
+    term_scale: Float[np.ndarray, " n_term"]
+    target_scale: float
+    noise_floor: float
+    factor: Float[np.ndarray, "n_column n_column"]
+
+    @property
+    def digest(self) -> str:
+        """A word that tells these rows from others."""
+        ends = np.concatenate([*self.ends.values()])
+        parts = (ends, self.term_scale, np.array([self.target_scale, self.noise_floor]), self.factor)
+        total = hashlib.sha256(b"".join(np.ascontiguousarray(part).tobytes() for part in parts))
+        return f"{self.n_row} rows ({total.hexdigest()[:8]})"
+
+    def equation(
+        self,
+        sample: EquationRows,
+        dictionary: Dictionary,
+        discrepancy: OrthogonalGP | None,
+        coefficients: Sequence[Coefficient | None],
+    ) -> Equation:
+        """The equation as the likelihood sees it, with a design of all rows, and some of them to look at.
+
+        Args:
+            sample: These.
+            dictionary: Terms of the equation.
+            discrepancy: The Gaussian process, or None.
+            coefficients: Prior of each term, None where the model's holds alone.
+
+        Raises:
+            InputError: Collinear terms; statistics of another model.
+        """
+        name, n_term = sample.equation, len(dictionary)
+        frame = scaled_frame(name, dictionary, discrepancy, self.ends, self.term_scale, self.target_scale)
+        n_column = n_term + 1 + (0 if frame.basis is None else frame.basis.size)
+        if self.factor.shape != (n_column, n_column) or not np.all(np.isfinite(self.factor)):
+            raise InputError(f"The statistics of {name!r} are not those of its {n_term} terms and its discrepancy.")
+        require_independent(self.factor[:, :n_term], dictionary.names, name)
+        if discrepancy is not None:
+            frame = with_measure(frame, discrepancy, self.ends, self.factor, self.n_row)
+        common = common_of(frame, self.n_row, 0.0, self.noise_floor, coefficients)
+        design = feature_design(frame, discrepancy, self.factor, common)
+        return Equation(replace(sample, n_all=self.n_row), frame, design)
+
+
+def equations_of(model: Program, sample: Trajectories, statistics: Mapping[str, RowStatistics]) -> dict[str, Equation]:
+    """Equations by block, in the place of `model.assemble(data)` with all rows in `data`.
+
+    Args:
+        model: Model.
+        sample: Rows that are looked at.
+        statistics: Of all rows, by block.
+
+    Raises:
+        InputError: See `RowStatistics.equation`.
+    """
+    dictionaries = by_block(model.blocks, model.dictionaries(sample))
+    return {
+        block: statistics[block].equation(
+            model.equation_rows(sample, block), dictionary, model.discrepancy, model.priors_of(block, sample)
+        )
+        for block, dictionary in dictionaries.items()
+    }

@@ -1,0 +1,73 @@
+"""What a fit takes: rows in memory, or a stream of them with a sample that is looked at."""
+
+from typing import NamedTuple
+
+from bayes_greybox.data.errors import InputError
+from bayes_greybox.data.streams.row_stream import RowStream
+from bayes_greybox.data.trajectories import Trajectories
+
+from ..noise.asked import Noise
+from ..program import Program
+from .passes import Whole, whole_of
+
+
+class Taken(NamedTuple):
+    """What a fit is of.
+
+    Attributes:
+        model: With the kind of rows and the noise that the data have.
+        data: Rows in memory: all, or some that are looked at.
+        whole: All rows, where those are some of them.
+    """
+
+    model: Program
+    data: Trajectories
+    whole: Whole | None = None
+
+
+def taken(model: Program, data: Trajectories | RowStream) -> Taken:
+    """Model and data as a fit takes them.
+
+    Args:
+        model: Model.
+        data: Training data.
+
+    Raises:
+        InputError: See `Program.near` and `Program.with_noise_found`; of a stream rows that are no measured rates or
+            outputs, noise that is to be found, the exact path.
+    """
+    if not isinstance(data, RowStream):
+        return Taken(*Program.with_noise_found(*Program.near(model, data)))
+    sample = data.sample
+    model = model.on(sample)
+    _require_streamed(model, sample)
+    whole = whole_of(data, model, sample)
+    said = (
+        f"{whole.extent.n_row:,} rows of {data.source.where} were read in chunks; of these, {sample.n_obs} rows in "
+        f"{sample.n_run} stretches, evenly spaced over its parts, are looked at one by one"
+    )
+    dropped = whole.extent.dropped
+    left_out = (f"{dropped:,} rows with missing values were left out",) if dropped else ()
+    return Taken(model, sample.remarked(said, *left_out), whole)
+
+
+def _require_streamed(model: Program, sample: Trajectories) -> None:
+    """Refuse what needs all rows at once."""
+    if not model.rows.rates_measured:
+        raise InputError(
+            "A stream is of measured rates or outputs, whose rows say something each by itself; "
+            f"{type(model.rows).__name__} follow paths, of which every sample depends on all before it. Name columns "
+            "with measured rates in derivatives={...}; or fit as many runs as memory holds, read by bg.read, with "
+            "fewer samples where these are close together, data.decimate(...)."
+        )
+    gp = model.discrepancy
+    if gp is not None and gp.path == "exact":
+        raise InputError("OrthogonalGP(path='exact') is dense and takes no stream: use path='hsgp'.")
+    if isinstance(model.noise, Noise) and not model.noise.white:
+        raise InputError(
+            "GreyBox(noise=Noise(...)) is found on the residuals of all rows at once: give a stream "
+            "GreyBox(noise=...) with a number, or fit so many rows as memory holds, read by bg.read."
+        )
+    rows = [model.equation_rows(sample, block) for block in model.blocks]
+    if any(each.operator is not None or not each.noise.local for each in rows):
+        raise InputError("A stream is of rows that are measured one by one, and these know of their neighbours.")

@@ -1,0 +1,37 @@
+"""An oscillator measured row by row, in memory, in files and in chunks, for tests of streams."""
+
+import numpy as np
+import pandas as pd
+
+import bayes_greybox as bg
+from bayes_greybox.data.streams.row_stream import RowStream
+
+NAMES = {"states": ["y", "ydot"], "derivatives": {"ydot": "a"}, "time": "t"}
+
+
+def frame(n=3000, seed=0):
+    """Rows of y″ = −y³ − 0.2 ẏ³ + noise, and a column that nobody asks for."""
+    rng = np.random.default_rng(seed)
+    y, v = rng.uniform(-1, 1, n), rng.uniform(-0.7, 0.7, n)
+    a = -(y**3) - 0.2 * v**3 + 0.01 * rng.standard_normal(n)
+    return pd.DataFrame({"t": np.arange(n) * 1e-3, "y": y, "ydot": v, "other": y + v, "a": a})
+
+
+def model(**further):
+    """The oscillator's own terms and two that are not in it."""
+    return bg.GreyBox(dictionary={"ydot": ["y", "ydot", "y**3", "ydot**3"]}, **further)
+
+
+def chunk(i):
+    """One of ten chunks, from a function that a worker finds."""
+    return bg.read(frame(2000, seed=i), **NAMES)
+
+
+def chunks(**further):
+    """Twenty thousand rows in chunks."""
+    return RowStream.from_chunks(chunk, 10, **further)
+
+
+def together():
+    """The same rows in memory."""
+    return bg.read([frame(2000, seed=i) for i in range(10)], **NAMES)
