@@ -43,7 +43,7 @@ from bayes_greybox.model.streams.taken import taken
 from bayes_greybox.report.equations.latex import equations_latex
 from bayes_greybox.report.equations.record import equations_record
 from bayes_greybox.report.equations.text import equations_text
-from bayes_greybox.running.compiling import keep_programs
+from bayes_greybox.running.compiling import keep_programs, make_room
 from bayes_greybox.running.stages import stage, stages
 
 log = logging.getLogger(__name__)
@@ -104,6 +104,7 @@ class GreyBox(Program):
         self, given: Trajectories | RowStream, sampling: Sampling, progress: bool, checkpoint: Checkpoint | None
     ) -> "Fit":
         keep_programs()
+        make_room()
         # One thread as in `sample_posterior`, here also for what completes the fit.
         with threadpool_limits(1), stages(progress):
             with stage("Reading the data"):

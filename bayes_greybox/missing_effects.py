@@ -30,7 +30,7 @@ from bayes_greybox.report.equations.latex import equations_latex
 from bayes_greybox.report.equations.record import equations_record
 from bayes_greybox.report.equations.text import equations_text
 from bayes_greybox.report.words.sentence import sentence
-from bayes_greybox.running.compiling import keep_programs
+from bayes_greybox.running.compiling import keep_programs, make_room
 from bayes_greybox.running.stages import announce, stages
 
 from .greybox import Fit, GreyBox, fit_of, greybox_of
@@ -216,6 +216,7 @@ def find_missing_effects(
         InputError: Data, model or catalogue that cannot be used; the message names what and the remedy.
     """
     keep_programs()
+    make_room()
     with given_checkpoint(checkpoint, resume, checkpoint_every) as held, stages(progress):
         return _found(
             model, train, test, settle=settle, draws=draws, tune=tune, chains=chains, seed=seed, progress=progress,

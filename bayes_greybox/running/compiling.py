@@ -10,6 +10,7 @@ another folder, or is "off". Beside it are traces, see `traces`.
 """
 
 import hashlib
+import logging
 import os
 import platform
 from collections.abc import Callable
@@ -40,7 +41,17 @@ SHORTEST = 0.0
 LARGEST = 500_000_000
 """Bytes of the folder; beyond them what was not used longest is deleted, when a process starts."""
 
+MAPPED = 1 / 3
+"""Share of the memory mappings that the system allows a process, from which on its programs are let go.
+
+A program takes some, and a process that has none left dies in the compiler."""
+
+ALLOWED, OWN_MAPPINGS = Path("/proc/sys/vm/max_map_count"), Path("/proc/self/maps")
+"""Where Linux says how many mappings a process may have, and which this one has."""
+
 Function = TypeVar("Function", bound=Callable[..., Any])
+
+log = logging.getLogger(__name__)
 
 
 def compiled(function: Function, *, once: bool = False, **options: Any) -> Function:
@@ -102,6 +113,28 @@ def keep_programs() -> Path | None:
         jax.config.update("jax_compilation_cache_dir", str(folder))
         jax.config.update("jax_persistent_cache_min_compile_time_secs", SHORTEST)
     return folder
+
+
+def make_room() -> bool:
+    """Let go of programs of earlier fits and studies where these have taken much of what a process may have.
+
+    To be called before long work. What is needed again is found in the folder, or compiled again.
+
+    Returns:
+        Whether they were let go.
+    """
+    try:
+        allowed = int(ALLOWED.read_text(encoding="ascii"))
+        with OWN_MAPPINGS.open("rb") as mappings:
+            mapped = sum(1 for _ in mappings)
+    except (OSError, ValueError):
+        # Other systems have no such bound.
+        return False
+    if mapped < MAPPED * allowed:
+        return False
+    log.debug("%d of %d memory mappings are taken: compiled programs are let go", mapped, allowed)
+    jax.clear_caches()
+    return True
 
 
 def _user_folder() -> Path:

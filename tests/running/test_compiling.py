@@ -109,3 +109,41 @@ def test_a_home_that_cannot_be_written_to_is_no_error(tmp_path):
 
 def test_64_bits_stay(tmp_path):
     assert compiled(lambda x: x + 1)(jnp.float64(1.0)).dtype == jax.dtypes.canonicalize_dtype("float64")
+
+
+def test_programs_are_let_go_where_they_take_what_a_process_may_have(tmp_path, monkeypatch):
+    # A process that did many studies died in the compiler, which found no memory to map.
+    traced = []
+
+    @compiled
+    def double(x):
+        traced.append(x.shape)
+        return 2 * x
+
+    allowed, mappings = tmp_path / "max_map_count", tmp_path / "maps"
+    monkeypatch.setattr(compiling, "ALLOWED", allowed)
+    monkeypatch.setattr(compiling, "OWN_MAPPINGS", mappings)
+    assert not compiling.make_room(), "a system that says nothing of mappings has no bound"
+    allowed.write_text("30\n")
+    mappings.write_text("one\n" * 9)
+    double(jnp.ones(3))
+    assert not compiling.make_room()
+    double(jnp.ones(3))
+    assert len(traced) == 1
+    mappings.write_text("one\n" * 11)
+    assert compiling.make_room()
+    assert float(double(jnp.ones(3))[0]) == 2.0
+    assert len(traced) == 2
+
+
+@pytest.mark.skipif(not compiling.OWN_MAPPINGS.exists(), reason="This system does not say what a process has mapped.")
+def test_letting_go_gives_mappings_back():
+    def mapped():
+        return len(compiling.OWN_MAPPINGS.read_bytes().splitlines())
+
+    before = mapped()
+    functions = [compiled(partial(jnp.polyval, jnp.arange(float(k)))) for k in range(2, 60)]
+    kept = [function(jnp.ones(k)) for k, function in enumerate(functions, 2)]
+    taken = mapped() - before
+    jax.clear_caches()
+    assert len(kept) == 58 and mapped() - before < taken / 2

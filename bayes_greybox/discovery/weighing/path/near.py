@@ -143,8 +143,12 @@ def weigh_near(
         tried = [NoiseModel(white), *_unfollowed(statistics.rows)]
     else:
         tried = [replace(noise, noise=noise.noise.onto(white))]
-    each = [(under(base, known) if known.names else base, known) for known in tried]
-    sets, noise = max(each, key=lambda pair: _log_evidence(*pair))
+    weighed = []
+    for known in tried:
+        # One after the other: values of inner parameters that the first noise asked for serve the second too.
+        under_it = under(base, known) if known.names else base
+        weighed.append((_log_evidence(under_it, known), under_it, known))
+    _, sets, noise = max(weighed, key=lambda each: each[0])
     unit = statistics.target_scale * statistics.rows.gain
     # Of the samples as they came: those freed of a gain are over it.
     gains = [size for suspect, size in sensors.items() if suspect.kind == GAIN and suspect.channel in train.state_names]
