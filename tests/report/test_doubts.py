@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 from tiny_study import DELAYED, judged, varied
 
-from bayes_greybox.report.folders.record import study_record
+from bayes_greybox.report.folders.study_record import study_record
 from bayes_greybox.report.pages.page import render
 from bayes_greybox.report.pages.study_page import study_page
 from bayes_greybox.report.terminal.study import study_tables
