@@ -5,6 +5,7 @@ import os
 
 from bayes_greybox.discovery.fleet import Fleet, Shared
 from bayes_greybox.inference.kept.netcdf import versions
+from bayes_greybox.physics.catalogue.names import within
 from bayes_greybox.report.plots.fleet import plot_pooled
 from bayes_greybox.report.words.fleet import fleet_sentence, shared_text
 from bayes_greybox.report.words.formatting import estimate, interval, number, probability_text, share_text, unit_text
@@ -103,7 +104,7 @@ def _shared(fleet: Fleet) -> Section:
             plot_pooled(
                 each.assets, each.mean, each.sd, each.whole, f"{each.name} ({unit_text(each.unit) or 'user units'})"
             ),
-            f"Coefficient of {each.name.lower()} in each asset, its own and pooled",
+            f"Coefficient of {within(each.name)} in each asset, its own and pooled",
             shared_text(each),
         )
         for each in fleet.shared[:4]

@@ -10,6 +10,7 @@ from bayes_greybox.discovery.answer.instrument import IN_MODEL, LISTED
 from bayes_greybox.discovery.learned import studied_system
 from bayes_greybox.discovery.study import StudyResult
 from bayes_greybox.discovery.suspects.channels import DELAY
+from bayes_greybox.physics.catalogue.names import listing
 from bayes_greybox.report import plots as figures
 from bayes_greybox.report.equations.text import as_simulation
 from bayes_greybox.report.plots.gap.gap_map import SURE
@@ -263,7 +264,7 @@ def ties(study: StudyResult) -> Section | None:
     lead = "These data do not tell the following effects apart; the next experiment could."
     items = []
     for tie in study.ties:
-        names = " or ".join(name_of(study, slug) for slug in tie["slugs"])
+        names = listing((name_of(study, slug) for slug in tie["slugs"]), " or ")
         items.append(
             (names if len(study.maps) == 1 else f"{names}, in {_rate(study, tie['equation'])}", str(tie["advice"]))
         )
@@ -346,9 +347,9 @@ def _effects(study: StudyResult, effects: pd.DataFrame) -> Table:
 
 
 def _tied(study: StudyResult, slugs: Sequence[str]) -> str:
-    names = [name_of(study, slug) for slug in slugs]
-    more = [f"{len(names) - MOST_TIED} more"] if len(names) > MOST_TIED else []
-    return ", ".join([*names[:MOST_TIED], *more]) or "–"
+    names = [name_of(study, slug) for slug in slugs[:MOST_TIED]]
+    more = [f"{len(slugs) - MOST_TIED} more"] if len(slugs) > MOST_TIED else []
+    return listing([*names, *more], ", ") or "–"
 
 
 def _hypotheses(study: StudyResult) -> Table:
