@@ -115,7 +115,7 @@ def how_much(study: StudyResult) -> Section:
     system = studied_system(study)
     text = as_simulation(system)
     if text and any(each.terms for each in system.learned.values()):
-        caption = "The simulation with what was found, posterior means put in, as [simulation] of a configuration:"
+        caption = "The simulation with what was found, as in the equations at the top, for [simulation] of a configuration:"
         blocks.append(Code(text, caption))
     return Section("how-much", "How much of it", "", blocks)
 
@@ -224,7 +224,11 @@ def convergence(study: StudyResult) -> Section:
     if study.fit is None:
         text = "The amended model was not sampled: its numbers are those of the Laplace approximation."
         return Section("convergence", title, "", [Words(text)])
-    return Section("convergence", title, "", verdict_blocks(study.fit))
+    lead = (
+        "The amended model is sampled to check the numbers above, which are those of the closed form: what the draws "
+        "say may differ in the last digit."
+    )
+    return Section("convergence", title, lead, verdict_blocks(study.fit))
 
 
 def corrections(study: StudyResult) -> Section | None:
