@@ -79,7 +79,7 @@ def discrepancy_table(posterior: Posterior, level: float = 0.9) -> pd.DataFrame:
         belongs to), overlap_none, correlation_none.
     """
     posterior.require_rows("Shares of the variance are found")
-    rows, beside = {}, plain_trade_offs(posterior)
+    rows, plain = {}, plain_trade_offs(posterior).to_dict("index")
     for name, equation in posterior.equations.items():
         frame, n_row = equation.frame, equation.rows.n_row
         index = np.unique(np.linspace(0, n_row - 1, min(n_row, ROWS)).astype(int))
@@ -107,8 +107,8 @@ def discrepancy_table(posterior: Posterior, level: float = 0.9) -> pd.DataFrame:
             "overlap": float(own.overlap.max()),
             "correlation": float(np.abs(own.correlation).max()),
             "term": frame.dictionary.names[worst],
-            "overlap_none": float(beside["overlap"][name]),
-            "correlation_none": float(beside["correlation"][name]),
+            "overlap_none": plain[name]["overlap"],
+            "correlation_none": plain[name]["correlation"],
         }
     return pd.DataFrame.from_dict(rows, orient="index").rename_axis("equation")
 

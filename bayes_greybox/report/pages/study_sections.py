@@ -47,7 +47,7 @@ from bayes_greybox.report.words.study import (
 
 from .free_run_section import free_run_section
 from .page import Code, Details, Items, Picture, Pictures, Section, Table, Words, picture, time_picture
-from .tables import by_equation, settings_table, verdict_blocks
+from .tables import by_equation, settings_table
 
 MOST_TIED = 3
 """Effects that another is tied with, as the table names them."""
@@ -115,7 +115,7 @@ def how_much(study: StudyResult) -> Section:
     system = studied_system(study)
     text = as_simulation(system)
     if text and any(each.terms for each in system.learned.values()):
-        caption = "The simulation with what was found, as in the equations at the top, for [simulation] of a configuration:"
+        caption = "The simulation with what was found, as at the top, for [simulation] of a configuration:"
         blocks.append(Code(text, caption))
     return Section("how-much", "How much of it", "", blocks)
 
@@ -216,19 +216,6 @@ def measurement(study: StudyResult) -> Section:
         "correlated, depends on the state or has outliers. What is in the model is taken for true beside the effects."
     )
     return Section("measurement", "The measurement", lead, blocks)
-
-
-def convergence(study: StudyResult) -> Section:
-    """Whether the amended model's fit can be trusted."""
-    title = "Can the sampler be trusted?"
-    if study.fit is None:
-        text = "The amended model was not sampled: its numbers are those of the Laplace approximation."
-        return Section("convergence", title, "", [Words(text)])
-    lead = (
-        "The amended model is sampled to check the numbers above, which are those of the closed form: what the draws "
-        "say may differ in the last digit."
-    )
-    return Section("convergence", title, lead, verdict_blocks(study.fit))
 
 
 def corrections(study: StudyResult) -> Section | None:
