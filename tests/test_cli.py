@@ -1,3 +1,4 @@
+import gc
 import json
 import logging
 import os
@@ -361,6 +362,31 @@ def test_quiet_prints_where_the_results_are_and_nothing_else(here, first, monkey
     assert cli.main(["fit", "case.toml", *SHORT, "--quiet"]) == 3
     assert capsys.readouterr() == ("out\n", "")
     assert sorted(os.listdir("out")) == ["config.toml", "run.nc", "summary.json"]
+
+
+def test_the_answer_comes_first_and_a_fit_that_cannot_be_shown_is_saved_all_the_same(here, first, monkeypatch):
+    fit = bg.load(first.folder / "run.nc")
+    monkeypatch.setattr(bg.GreyBox, "fit", lambda *_, **__: fit)
+
+    def fail(*_):
+        assert not list(here.glob("out/run.nc"))
+        raise RuntimeError("a bug")
+
+    monkeypatch.setattr("bayes_greybox.cli.fitting.fit_tables", fail)
+    with pytest.raises(RuntimeError, match="a bug"):
+        cli.main(["fit", "case.toml", *SHORT])
+    assert bg.load(here / "out" / "run.nc").inclusion().equals(fit.inclusion())
+
+
+def test_a_fit_imports_no_study():
+    command = "import sys, bayes_greybox.cli.fitting; print([m for m in sys.modules if '.discovery' in m])"
+    assert run_python("-c", command).stdout.strip() == "[]"
+
+
+def test_a_command_leaves_the_search_for_garbage_as_it_was(capsys):
+    before = gc.get_threshold()
+    assert cli.main(["datasets"]) == 0
+    assert gc.get_threshold() == before
 
 
 def test_what_cannot_work_is_refused_before_the_work(here, first, tmp_path, monkeypatch, capsys):

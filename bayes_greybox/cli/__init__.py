@@ -26,6 +26,7 @@ from bayes_greybox.cli.options import (
     Verbose,
 )
 from bayes_greybox.data.errors import InputError
+from bayes_greybox.running.collecting import seldom_collected
 
 from .ending import BAD_INPUT, DONE, exit_code, log_to_stderr, show
 
@@ -54,7 +55,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     try:
         words = list(sys.argv[1:] if arguments is None else arguments) or ["--help"]
-        return int(app(words, prog_name="bayes-greybox", standalone_mode=False) or DONE)
+        with seldom_collected():
+            return int(app(words, prog_name="bayes-greybox", standalone_mode=False) or DONE)
     except InputError as error:
         return _refused(str(error))
     except typer.Abort:

@@ -29,14 +29,16 @@ def fit_configured(settings: Config, output: Path | None, progress: bool, quiet:
             result = model.fit(train, **settings.sampling.model_dump(), progress=progress, checkpoint=checkpoint)
             seconds = time.perf_counter() - start
             result.idata.attrs[CONFIGURATION] = settings.text
-            with stage("Saving the fit"), staged(folder) as place:
-                # First, by itself: nothing that fails later may cost what the sampler found.
+        try:
+            with stages(progress), stage("Predicting held-out data"):
+                held_out = None if test is None else result.predict(test).nmse()
+            if not quiet:
+                show(*fit_tables(result, held_out))
+        finally:
+            # After the answer, but whatever failed: what the sampler found is not lost.
+            with stages(progress), stage("Saving the fit"), staged(folder) as place:
                 result.save(place / "run.nc")
                 settings.copy_to(folder, place)
-            with stage("Predicting held-out data"):
-                held_out = None if test is None else result.predict(test).nmse()
-        if not quiet:
-            show(*fit_tables(result, held_out))
         with stages(progress):
             with stage("Checking the model"):
                 checked = result.checks()

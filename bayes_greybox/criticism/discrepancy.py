@@ -14,7 +14,7 @@ from bayes_greybox.physics.units import target_unit
 
 from .bands import Band
 from .prediction import PREDICTION_DRAWS, discrepancy_draws
-from .trade_off import known_equation, trade_offs
+from .trade_off import known_equation, plain_trade_offs, trade_offs
 
 ROWS = 5000
 """Rows, evenly spaced, that variance shares are computed on."""
@@ -79,7 +79,7 @@ def discrepancy_table(posterior: Posterior, level: float = 0.9) -> pd.DataFrame:
         belongs to), overlap_none, correlation_none.
     """
     posterior.require_rows("Shares of the variance are found")
-    rows = {}
+    rows, plain = {}, plain_trade_offs(posterior).to_dict("index")
     for name, equation in posterior.equations.items():
         frame, n_row = equation.frame, equation.rows.n_row
         index = np.unique(np.linspace(0, n_row - 1, min(n_row, ROWS)).astype(int))
@@ -96,7 +96,7 @@ def discrepancy_table(posterior: Posterior, level: float = 0.9) -> pd.DataFrame:
         parts = {"simulation": share(g), "dictionary": share(draws.theta @ Phi.T).mean(), "discrepancy": black.mean()}
         parts["noise"] = 1.0 - sum(parts.values())
         tail = (1 - level) / 2
-        own, beside = trade_offs(equation, draws), trade_offs(equation, draws, plain=True)
+        own = trade_offs(equation, draws)
         worst = int(np.argmax(np.abs(own.correlation)))
         rows[name] = {
             **{key: float(value) for key, value in parts.items()},
@@ -107,8 +107,8 @@ def discrepancy_table(posterior: Posterior, level: float = 0.9) -> pd.DataFrame:
             "overlap": float(own.overlap.max()),
             "correlation": float(np.abs(own.correlation).max()),
             "term": frame.dictionary.names[worst],
-            "overlap_none": float(beside.overlap.max()),
-            "correlation_none": float(np.abs(beside.correlation).max()),
+            "overlap_none": plain[name]["overlap"],
+            "correlation_none": plain[name]["correlation"],
         }
     return pd.DataFrame.from_dict(rows, orient="index").rename_axis("equation")
 

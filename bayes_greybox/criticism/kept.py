@@ -10,6 +10,7 @@ from bayes_greybox.inference.posterior import Posterior
 from bayes_greybox.physics.simulation.protocol import RightHandSide
 
 from .checks.kept import kept_checks, restore_checks
+from .kept_trade_off import kept_trade_offs, restore_trade_offs
 from .kept_trial import kept_trial, restore_trial
 
 
@@ -30,8 +31,8 @@ def save_checked(
     Raises:
         InputError: The destination cannot be written.
     """
-    attributes, groups = {**(attributes or {}), **kept_checks(posterior)}, {**(groups or {}), **kept_trial(posterior)}
-    netcdf.save(posterior, path, attributes, groups)
+    found = {**kept_checks(posterior), **kept_trade_offs(posterior)}
+    netcdf.save(posterior, path, {**(attributes or {}), **found}, {**(groups or {}), **kept_trial(posterior)})
 
 
 def load_checked(path: str | os.PathLike[str], simulation: RightHandSide | None = None) -> Posterior:
@@ -64,6 +65,7 @@ def checked_of(tree: xr.DataTree, simulation: RightHandSide | None = None) -> Po
     tried = tree.children.get(netcdf.TRIED)
     posterior = netcdf.posterior_of(tree, simulation)
     restore_checks(posterior)
+    restore_trade_offs(posterior)
     if tried is not None:
         restore_trial(posterior, tried.to_dataset())
     return posterior

@@ -5,10 +5,12 @@ from dataclasses import dataclass
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pandas as pd
 from jaxtyping import Array, Float
 
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.inference.posterior import Posterior
+from bayes_greybox.inference.remembering import remembered
 from bayes_greybox.inference.sampler.draws import draw_given
 from bayes_greybox.model.design import Design, EquationDraws
 from bayes_greybox.model.equation import Equation
@@ -77,6 +79,26 @@ def trade_offs(equation: Equation, draws: EquationDraws, *, plain: bool = False)
     for j in np.flatnonzero(~still & (theta.std(axis=0) > 0)):
         correlation[j] = np.corrcoef(theta[:, j], projection[:, j])[0, 1]
     return TradeOffs(theta, projection, correlation, overlap)
+
+
+@remembered
+def plain_trade_offs(posterior: Posterior) -> pd.DataFrame:
+    """What orthogonality spares: how f would go with the coefficients under the plain kernel `none`.
+
+    Found once, as θ and f are drawn anew for it; a saved fit keeps it.
+
+    Args:
+        posterior: Fitted model.
+
+    Returns:
+        Table indexed by equation: overlap and correlation, each the largest among the terms (see `discrepancy_table`).
+    """
+    rows = {}
+    for name, equation in posterior.equations.items():
+        draws = posterior.draws(name, equation.design.worthwhile(PREDICTION_DRAWS))
+        both = trade_offs(equation, draws, plain=True)
+        rows[name] = {"overlap": float(both.overlap.max()), "correlation": float(np.abs(both.correlation).max())}
+    return pd.DataFrame.from_dict(rows, orient="index").rename_axis("equation")
 
 
 def strongest_trade_off(posterior: Posterior, equation: str) -> TradeOff:

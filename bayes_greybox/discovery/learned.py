@@ -26,8 +26,11 @@ from bayes_greybox.physics.units import coefficient_unit, target_unit
 from .answer.amendment import Amendment
 from .study import StudyResult
 
-RULE = "Terms: effects that were found, corrections of the likeliest pattern; f where what is left has no name."
-"""Which terms stand in an amended equation, and when f does."""
+RULE = (
+    "Terms: effects that were found, corrections of the likeliest pattern, with the coefficients that they have in it "
+    "(tables average over all patterns); f where what is left has no name."
+)
+"""Which terms stand in an amended equation, with which coefficients, and when f does."""
 
 
 def studied_system(study: StudyResult) -> LearnedSystem:

@@ -8,7 +8,8 @@ from pathlib import Path
 from bayes_greybox.config import Config
 from bayes_greybox.inference.checkpoint import Checkpoint
 from bayes_greybox.missing_effects import Study, find_missing_effects
-from bayes_greybox.report.folders.record import study_record, write_json
+from bayes_greybox.report.folders.record import write_json
+from bayes_greybox.report.folders.study_record import study_record
 from bayes_greybox.report.folders.writing import output_folder, staged
 from bayes_greybox.running.stages import stage, stages
 

@@ -10,6 +10,7 @@ import xarray as xr
 import bayes_greybox as bg
 from bayes_greybox.criticism.checks import kept
 from bayes_greybox.criticism.checks.checks import checks
+from bayes_greybox.criticism.discrepancy import discrepancy_table
 
 
 @pytest.fixture(scope="module")
@@ -68,3 +69,23 @@ def test_checks_are_not_those_of_other_draws(fit, tmp_path):
     tree.to_netcdf(tmp_path / "changed.nc", engine="h5netcdf")
     assert bg.load(tmp_path / "run.nc").memory
     assert not bg.load(tmp_path / "changed.nc").memory
+
+
+def test_the_plain_kernel_is_not_drawn_again_for_a_saved_fit(tmp_path, monkeypatch):
+    data = bg.systems.oscillator().simulate(np.linspace(0.0, 30.0, 60), noise=0.02, seed=1)
+    gp = bg.OrthogonalGP(features=4)
+    fit = bg.GreyBox({"ydot": ["y"]}, discrepancy=gp).fit(data, draws=50, tune=50, chains=2, progress=False)
+    made = discrepancy_table(fit)
+    fit.save(tmp_path / "run.nc")
+    with xr.open_datatree(tmp_path / "run.nc", engine="h5netcdf") as opened:
+        tree = opened.load()
+    tree["posterior"]["ydot_sigma"] = 2.0 * tree["posterior"]["ydot_sigma"]
+    tree.to_netcdf(tmp_path / "changed.nc", engine="h5netcdf")
+    asked = []
+    monkeypatch.setattr("bayes_greybox.criticism.trade_off.redrawn", lambda design, draws: asked.append(1) or draws)
+    read = bg.load(tmp_path / "run.nc")
+    pd.testing.assert_frame_equal(discrepancy_table(read), made)
+    assert made["overlap_none"]["ydot"] > 10 * made["overlap"]["ydot"] and not asked
+    # Of other draws the file says nothing.
+    discrepancy_table(bg.load(tmp_path / "changed.nc"))
+    assert asked

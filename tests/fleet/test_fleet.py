@@ -50,6 +50,14 @@ def test_its_page_leads_to_those_of_the_assets_and_escapes_their_names(fleet):
     assert all((fleet / "out" / link.replace("%20", " ")).is_file() for link in links)
 
 
+def test_its_page_can_be_read_on_a_phone(fleet):
+    page = (fleet / "out" / "fleet.html").read_text(encoding="utf-8")
+    # Coefficients are drawn once more, narrow, and sentences do not become a tower of single words.
+    assert page.count('<div class="narrow"><svg') == 1
+    assert '<td class="sentence">The simulation lacks cubic stiffness' in page
+    assert "coefficient of y³" in page and "user units" not in page
+
+
 def test_one_after_another_gives_the_same(fleet, tmp_path):
     folder = tmp_path / "serial"
     assert main(["discover", str(fleet / "all.toml"), "--fleet", str(fleet / "pumps"), "-o", str(folder),

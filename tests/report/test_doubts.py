@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 from tiny_study import DELAYED, judged, varied
 
-from bayes_greybox.report.folders.record import study_record
+from bayes_greybox.report.folders.study_record import study_record
 from bayes_greybox.report.pages.page import render
 from bayes_greybox.report.pages.study_page import study_page
 from bayes_greybox.report.terminal.study import study_tables
@@ -133,7 +133,7 @@ def test_ties_the_sampler_and_likely_suspects_speak_against(study):
     tied = [{"equation": "ydot", "slugs": ("cubic-stiffness", "quintic-stiffness"), "advice": "measure further"}]
     instrument = pd.DataFrame([{**DELAYED, "probability": 0.3, "status": ""}])
     changed = replace(study, ties=tied, instrument=instrument, fit=judged(study.fit, False))
-    assert by_topic(changed, "Ties")[0].text == "These data do not tell Cubic stiffness from Quintic stiffness"
+    assert by_topic(changed, "Ties")[0].text == "These data do not tell cubic stiffness from quintic stiffness"
     assert (
         "possible: d(ydot)/dt is 0.1 s late (0.5 samples) (probability 0.300)"
         in by_topic(changed, "Measurement")[0].text

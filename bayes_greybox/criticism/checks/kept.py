@@ -35,7 +35,7 @@ def kept_checks(posterior: Posterior) -> dict[str, str]:
         return {}
     record = {
         "format": FORMAT,
-        "of": _of(posterior),
+        "of": made_by(posterior),
         "ok": found.ok,
         "reasons": found.reasons,
         "table": _columns(found.table),
@@ -55,7 +55,7 @@ def restore_checks(posterior: Posterior) -> None:
     text = posterior.idata.attrs.pop(KEPT, None)
     record = {} if text is None else json.loads(text)
     # Draws that somebody thinned or changed since have other checks, and so may have another version of the package.
-    if record.get("format") != FORMAT or record.get("of") != _of(posterior):
+    if record.get("format") != FORMAT or record.get("of") != made_by(posterior):
         return
     found = Checks(
         record["ok"],
@@ -68,8 +68,12 @@ def restore_checks(posterior: Posterior) -> None:
     remember(posterior, checks, found)
 
 
-def _of(posterior: Posterior) -> list[Any]:
-    """What checks are of: the version that made them, and the draws."""
+def made_by(posterior: Posterior) -> list[Any]:
+    """What was found out is of: the version of the package that did, and the draws.
+
+    Args:
+        posterior: Fitted model.
+    """
     return [version("bayes-greybox"), draws_sum(posterior)]
 
 

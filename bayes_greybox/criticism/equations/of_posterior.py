@@ -67,7 +67,7 @@ def fitted_system(posterior: Posterior) -> LearnedSystem:
                 for term, value in stated.fixed
             ),
         )
-    terms = "Terms: those of the likeliest pattern"
+    terms = "Terms: those of the likeliest pattern, with their coefficients in it (tables average over all patterns)"
     if not patterned:
         terms = "Terms: those likely to move the rate by over 1\u00a0% of its RMS"
     f = "; f where the data tell it from zero and it moves the rate by over 1\u00a0%"

@@ -4,6 +4,7 @@ import numpy as np
 
 from bayes_greybox.discovery.evidence.columns import limits
 from bayes_greybox.discovery.evidence.sufficient_statistics import SufficientStatistics
+from bayes_greybox.physics.catalogue.names import within
 
 from .coefficients import Coefficients
 
@@ -37,7 +38,7 @@ def at_ends(statistics: SufficientStatistics, coefficients: Coefficients) -> lis
             for end, away in (("smallest", place), ("largest", 1 - place)):
                 if np.mean(away < END) > MOST:
                     said.append(
-                        f"{each.meaning} of {effect.effect.name} is at the {end} value that was tried: it may lie "
-                        "beyond, and its interval is cut off there"
+                        f"{each.meaning} of {within(effect.effect.name)} is at the {end} value that was tried: it may "
+                        "lie beyond, and its interval is cut off there"
                     )
     return said

@@ -25,7 +25,6 @@ def readings(figure: Figure) -> list[dict[str, Any]]:
     Args:
         figure: The figure, as it will be saved.
     """
-    figure.draw_without_rendering()
     width, height = (72.0 * size for size in figure.get_size_inches())
     found = []
     axes: list[Any] = list(figure.axes)

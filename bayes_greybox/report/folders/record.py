@@ -1,8 +1,7 @@
-"""Results as plain records, for summary.json."""
+"""Fits and comparisons as plain records, for summary.json."""
 
 import json
 from collections.abc import Mapping
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -15,13 +14,9 @@ from bayes_greybox.criticism.equations.of_posterior import fitted_system
 from bayes_greybox.criticism.inclusion import inclusion
 from bayes_greybox.criticism.trial import Trial
 from bayes_greybox.data.records import plain_rows, plain_values
-from bayes_greybox.discovery.learned import studied_system
-from bayes_greybox.discovery.study import StudyResult
 from bayes_greybox.inference.kept.netcdf import versions
 from bayes_greybox.inference.posterior import Posterior
 from bayes_greybox.report.equations.record import equations_record
-from bayes_greybox.report.words.doubts import doubts
-from bayes_greybox.report.words.sentence import sentence
 
 
 def run_record(
@@ -45,7 +40,7 @@ def run_record(
     """
     data = fit.data
     return {
-        "verdict": _verdict(convergence(fit)),
+        "verdict": verdict_record(convergence(fit)),
         "equations": equations_record(fitted_system(fit)),
         "coefficients": plain_rows(inclusion(fit)),
         "discrepancy": plain_rows(discrepancy_table(fit)),
@@ -82,40 +77,19 @@ def comparison_record(
         "scheme": {key: table.attrs.get(key) for key in ("scheme", "block", "folds", "threshold")},
         "unreliable": unreliable(table),
         "notes": list(table.attrs.get("notes", [])),
-        "verdicts": {name: _verdict(convergence(fit)) for name, fit in fits.items()},
+        "verdicts": {name: verdict_record(convergence(fit)) for name, fit in fits.items()},
         "versions": versions(),
     }
     return record if sampling is None else {**record, "sampling": dict(sampling)}
 
 
-def study_record(study: StudyResult, sampling: Mapping[str, Any]) -> dict[str, Any]:
-    """What a missing-effect study found, and with what.
+def verdict_record(verdict: Verdict) -> dict[str, Any]:
+    """Whether the sampler can be trusted, and why not.
 
     Args:
-        study: The study.
-        sampling: Settings of the sampler.
-
-    Returns:
-        Verdict, its sentence, the amended equations, what speaks against it, convergence of the amended model's fit,
-        every table, data and settings.
+        verdict: On convergence.
     """
-    fit, test = study.fit, study.test
-    return plain_values(
-        {
-            "verdict": study.verdict,
-            "sentence": sentence(study),
-            "equations": equations_record(studied_system(study)),
-            **study.record(),
-            "doubts": [asdict(each) for each in doubts(study)],
-            "convergence": None if fit is None else _verdict(convergence(fit)),
-            "data": {
-                "train": study.train.n_obs,
-                "test": None if test is None else test.n_obs,
-                "of": study.base.rows.in_words(study.train),
-            },
-            "sampling": dict(sampling),
-        }
-    )
+    return {"ok": bool(verdict.ok), "reasons": list(verdict.reasons)}
 
 
 def write_json(path: Path, record: Mapping[str, Any]) -> None:
@@ -130,7 +104,3 @@ def _free_run(tried: Trial) -> dict[str, Any]:
         "of": "held-out data" if tried.held_out else "training data",
         "nrmse": plain_values(tried.run.nrmse().to_dict()),
     }
-
-
-def _verdict(verdict: Verdict) -> dict[str, Any]:
-    return {"ok": bool(verdict.ok), "reasons": list(verdict.reasons)}

@@ -2,14 +2,28 @@
 
 import math
 import os
+from functools import partial
 
+from matplotlib.figure import Figure
+
+from bayes_greybox.criticism.pooling import Pooled
 from bayes_greybox.discovery.fleet import Fleet, Shared
 from bayes_greybox.inference.kept.netcdf import versions
+from bayes_greybox.physics.catalogue.names import within
 from bayes_greybox.report.plots.fleet import plot_pooled
+from bayes_greybox.report.plots.style import with_unit
 from bayes_greybox.report.words.fleet import fleet_sentence, shared_text
-from bayes_greybox.report.words.formatting import estimate, interval, number, probability_text, share_text, unit_text
+from bayes_greybox.report.words.formatting import (
+    estimate,
+    formula,
+    interval,
+    number,
+    probability_text,
+    share_text,
+    unit_text,
+)
 
-from .page import Badge, Card, Page, Pictures, Section, Table, Words, picture, write_page
+from .page import Badge, Card, Page, Pictures, Section, Table, Words, time_picture, write_page
 from .tables import footer
 
 
@@ -71,13 +85,13 @@ def _cards(cause: Shared | None) -> list[Card]:
     return [
         Card(
             "Mean",
-            "of the assets that lack it, 90 % interval",
+            "of the assets that lack it, 90\u00a0% interval",
             f"{number(whole.mean)}{unit}",
             note=interval(whole.lower, whole.upper),
         ),
         Card(
             "Between assets",
-            "standard deviation of their coefficients, 90 % interval",
+            "standard deviation of their coefficients, 90\u00a0% interval",
             f"{number(whole.between)}{unit}",
             note=f"{number(whole.between_lower)} to {number(whole.between_upper)}",
         ),
@@ -99,11 +113,9 @@ def _shared(fleet: Fleet) -> Section:
         count = f"{len(each.assets)}{f' to {len({*each.assets, *each.possible})}' if each.possible else ''}"
         rows.append((each.name, each.equation, count, *numbers, inner, unit_text(each.unit) or "–"))
     drawn = [
-        picture(
-            plot_pooled(
-                each.assets, each.mean, each.sd, each.whole, f"{each.name} ({unit_text(each.unit) or 'user units'})"
-            ),
-            f"Coefficient of {each.name.lower()} in each asset, its own and pooled",
+        time_picture(
+            partial(_pooled, each, each.whole),
+            f"Coefficient of {within(each.name)} in each asset, its own and pooled",
             shared_text(each),
         )
         for each in fleet.shared[:4]
@@ -120,8 +132,13 @@ def _shared(fleet: Fleet) -> Section:
     )
 
 
+def _pooled(shared: Shared, whole: Pooled, width: float) -> Figure:
+    label = with_unit(f"coefficient of {formula(shared.expression)}", shared.unit)
+    return plot_pooled(shared.assets, shared.mean, shared.sd, whole, label, width)
+
+
 def _assets(fleet: Fleet, pages: dict[str, str]) -> Section:
-    head = ("asset", "verdict", "lacks", "#gap", "#left", "what its study says")
+    head = ("asset", "verdict", "lacks", "#gap", "#left", "~what its study says")
     rows = [
         (each.asset, each.verdict, ", ".join(each.lacks) or "–", _share(each.gap), _share(each.left), each.sentence)
         for each in fleet.assets

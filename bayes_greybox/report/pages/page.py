@@ -111,7 +111,7 @@ class Table:
     """A table of texts.
 
     Attributes:
-        columns: Headings; one that starts with "#" heads numbers, one that starts with "`" formulas.
+        columns: Headings; one that starts with "#" heads numbers, one with "`" formulas, one with "~" sentences.
         rows: Cells; the first of each heads its row.
         caption: What it shows.
         marked: Numbers of the rows to stress.
@@ -128,8 +128,8 @@ class Table:
     @property
     def heads(self) -> list[tuple[str, str]]:
         """Heading and class of each column."""
-        kinds = {"#": "number", "`": "formula"}
-        return [(title.lstrip("#`"), kinds.get(title[:1], "text")) for title in self.columns]
+        kinds = {"#": "number", "`": "formula", "~": "sentence"}
+        return [(title.lstrip("#`~"), kinds.get(title[:1], "text")) for title in self.columns]
 
 
 @dataclass(frozen=True)
@@ -254,7 +254,7 @@ def picture(figure: Figure, alt: str, caption: str = "", *, wide: bool = False) 
 
 
 def time_picture(draw: Callable[[float], Figure], alt: str, caption: str = "") -> Picture:
-    """A figure along time, drawn twice: for a screen and, narrower, for a phone.
+    """A wide figure, such as one along time, drawn twice: for a screen and, narrower, for a phone.
 
     Args:
         draw: Draws it at a width in inches.

@@ -24,8 +24,8 @@ from bayes_greybox.report.words.study import (
 )
 
 from . import study_sections as rungs
-from .page import Badge, Card, Finding, Page, write_page
-from .tables import equations_block, footer
+from .page import Badge, Card, Finding, Page, Section, Words, write_page
+from .tables import equations_block, footer, verdict_blocks
 
 BADGES = {
     "no gap": Badge("No gap", "good", "✓"),
@@ -68,7 +68,7 @@ def study_page(study: StudyResult, config: str | None = None) -> Page:
         rungs.free_runs(study),
         rungs.gap_numbers(study),
         rungs.sets(study),
-        rungs.convergence(study),
+        _convergence(study),
         rungs.corrections(study),
         rungs.ties(study),
         rungs.settings(study, config or study.config),
@@ -152,3 +152,16 @@ def _cards(study: StudyResult) -> list[Card]:
                 )
             )
     return cards[:MOST_CARDS]
+
+
+def _convergence(study: StudyResult) -> Section:
+    """Whether the amended model's fit can be trusted."""
+    title = "Can the sampler be trusted?"
+    if study.fit is None:
+        text = "The amended model was not sampled: its numbers are those of the Laplace approximation."
+        return Section("convergence", title, "", [Words(text)])
+    lead = (
+        "The amended model is sampled to check the numbers above, which are those of the closed form: what the draws "
+        "say may differ in the last digit."
+    )
+    return Section("convergence", title, lead, verdict_blocks(study.fit))

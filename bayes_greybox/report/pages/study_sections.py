@@ -10,6 +10,7 @@ from bayes_greybox.discovery.answer.instrument import IN_MODEL, LISTED
 from bayes_greybox.discovery.learned import studied_system
 from bayes_greybox.discovery.study import StudyResult
 from bayes_greybox.discovery.suspects.channels import DELAY
+from bayes_greybox.physics.catalogue.names import listing
 from bayes_greybox.report import plots as figures
 from bayes_greybox.report.equations.text import as_simulation
 from bayes_greybox.report.plots.gap.gap_map import SURE
@@ -46,7 +47,7 @@ from bayes_greybox.report.words.study import (
 
 from .free_run_section import free_run_section
 from .page import Code, Details, Items, Picture, Pictures, Section, Table, Words, picture, time_picture
-from .tables import by_equation, settings_table, verdict_blocks
+from .tables import by_equation, settings_table
 
 MOST_TIED = 3
 """Effects that another is tied with, as the table names them."""
@@ -114,7 +115,7 @@ def how_much(study: StudyResult) -> Section:
     system = studied_system(study)
     text = as_simulation(system)
     if text and any(each.terms for each in system.learned.values()):
-        caption = "The simulation with what was found, posterior means put in, as [simulation] of a configuration:"
+        caption = "The simulation with what was found, as at the top, for [simulation] of a configuration:"
         blocks.append(Code(text, caption))
     return Section("how-much", "How much of it", "", blocks)
 
@@ -217,15 +218,6 @@ def measurement(study: StudyResult) -> Section:
     return Section("measurement", "The measurement", lead, blocks)
 
 
-def convergence(study: StudyResult) -> Section:
-    """Whether the amended model's fit can be trusted."""
-    title = "Can the sampler be trusted?"
-    if study.fit is None:
-        text = "The amended model was not sampled: its numbers are those of the Laplace approximation."
-        return Section("convergence", title, "", [Words(text)])
-    return Section("convergence", title, "", verdict_blocks(study.fit))
-
-
 def corrections(study: StudyResult) -> Section | None:
     """Corrections to the simulation's own coefficients."""
     if not len(study.corrections):
@@ -263,7 +255,7 @@ def ties(study: StudyResult) -> Section | None:
     lead = "These data do not tell the following effects apart; the next experiment could."
     items = []
     for tie in study.ties:
-        names = " or ".join(name_of(study, slug) for slug in tie["slugs"])
+        names = listing((name_of(study, slug) for slug in tie["slugs"]), " or ")
         items.append(
             (names if len(study.maps) == 1 else f"{names}, in {_rate(study, tie['equation'])}", str(tie["advice"]))
         )
@@ -346,9 +338,9 @@ def _effects(study: StudyResult, effects: pd.DataFrame) -> Table:
 
 
 def _tied(study: StudyResult, slugs: Sequence[str]) -> str:
-    names = [name_of(study, slug) for slug in slugs]
-    more = [f"{len(names) - MOST_TIED} more"] if len(names) > MOST_TIED else []
-    return ", ".join([*names[:MOST_TIED], *more]) or "–"
+    names = [name_of(study, slug) for slug in slugs[:MOST_TIED]]
+    more = [f"{len(slugs) - MOST_TIED} more"] if len(slugs) > MOST_TIED else []
+    return listing([*names, *more], ", ") or "–"
 
 
 def _hypotheses(study: StudyResult) -> Table:

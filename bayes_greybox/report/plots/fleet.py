@@ -17,7 +17,9 @@ LONG = 28
 
 
 @mpl.rc_context(STYLE)
-def plot_pooled(names: Sequence[str], mean: Sequence[float], sd: Sequence[float], whole: Pooled, label: str) -> Figure:
+def plot_pooled(
+    names: Sequence[str], mean: Sequence[float], sd: Sequence[float], whole: Pooled, label: str, width: float = 6.4
+) -> Figure:
     """A forest of one coefficient: each asset's own estimate, what it is once all are known, and the whole.
 
     Args:
@@ -26,11 +28,12 @@ def plot_pooled(names: Sequence[str], mean: Sequence[float], sd: Sequence[float]
         sd: Its standard deviation.
         whole: Their pooling.
         label: Of the axis, with the unit.
+        width: Inches.
     """
     order = np.argsort(mean)
     order = order[np.unique(np.linspace(0, len(order) - 1, min(MOST, len(order))).round().astype(int))]
     shown = [name if len(name) <= LONG else f"{name[: LONG - 1]}…" for name in map(str, names)]
-    figure = new_figure(6.4, 1.3 + 0.24 * len(order))
+    figure = new_figure(width, 1.3 + 0.24 * len(order))
     ax = figure.add_subplot()
     place = np.arange(len(order))
     ax.axvspan(whole.lower, whole.upper, color=LIGHT, alpha=0.6, lw=0, label="mean, 90 %")

@@ -11,6 +11,7 @@ from bayes_greybox.criticism.convergence import convergence
 from bayes_greybox.discovery.answer.instrument import IN_MODEL
 from bayes_greybox.discovery.learned import studied_system
 from bayes_greybox.discovery.study import StudyResult
+from bayes_greybox.physics.catalogue.names import within
 from bayes_greybox.report.equations.text import equations_text
 from bayes_greybox.report.words.doubts import NOTABLE, doubts
 from bayes_greybox.report.words.formatting import estimate, formula, numbers_in, probability_text, share_text
@@ -55,7 +56,7 @@ def study_tables(study: StudyResult) -> Iterator[RenderableType]:
         yield Group("", _effects(study))
     yield Group("", _gap(study))
     for tie in study.ties:
-        names = " or ".join(name_of(study, slug) for slug in tie["slugs"])
+        names = " or ".join(within(name_of(study, slug)) for slug in tie["slugs"])
         yield Text(f"\nNot told apart by these data: {names}. {tie['advice']}")
 
 

@@ -12,6 +12,7 @@ from bayes_greybox.discovery.answer.instrument import IN_MODEL
 from bayes_greybox.discovery.answer.weighed import STOPS
 from bayes_greybox.discovery.study import StudyResult, left_in_words, worse_in_words
 from bayes_greybox.discovery.suspects.channels import DELAY_STEPS
+from bayes_greybox.physics.catalogue.names import within
 
 from .formatting import listed, number, numbers_in, p_text, probability_text, share_text
 from .sampled import sampled_elsewhere
@@ -142,7 +143,7 @@ def _measurement(study: StudyResult, equation: str) -> Iterator[Doubt]:
 
 def _ties(study: StudyResult) -> Iterator[Doubt]:
     for tie in study.ties:
-        own, *others = (name_of(study, slug) for slug in tie["slugs"])
+        own, *others = (within(name_of(study, slug)) for slug in tie["slugs"])
         yield Doubt("Ties", f"these data do not tell {own} from {' or '.join(others)}", True)
     if not study.ties and added(study).size:
         yield Doubt("Ties", "no other effect could stand in the place of what was named", False)

@@ -1,6 +1,7 @@
 """What a fleet of studies says, in sentences."""
 
 from bayes_greybox.discovery.fleet import ONE_CAUSE, Fleet, Shared
+from bayes_greybox.physics.catalogue.names import within
 
 from .formatting import formula, listed, number, probability_text, quantity
 
@@ -26,12 +27,12 @@ def _found(fleet: Fleet) -> str:
     if not fleet.shared:
         return f"{have}, which no effect of the catalogue closes"
     if not fleet.causes:
-        lacking = [f"{each.name.lower()} ({len(each.assets)})" for each in fleet.shared[:4]]
+        lacking = [f"{within(each.name)} ({len(each.assets)})" for each in fleet.shared[:4]]
         if gap == 1:
-            return f"{have}: {fleet.shared[0].assets[0]} lacks {listed([each.name.lower() for each in fleet.shared])}"
+            return f"{have}: {fleet.shared[0].assets[0]} lacks {listed([within(each.name) for each in fleet.shared])}"
         return f"{have}; what they lack differs: {listed(lacking)}"
     first, *others = fleet.causes
-    names = listed([f"{each.name.lower()} in the equation of {each.equation}" for each in fleet.causes])
+    names = listed([f"{within(each.name)} in the equation of {each.equation}" for each in fleet.causes])
     of = "" if others else _of(first)
     return f"{len(first.assets)} of {_assets(n)} lack {names}{_maybe(first)}{of}"
 

@@ -4,6 +4,7 @@ import numpy as np
 from jaxtyping import Float
 
 from bayes_greybox.discovery.study import StudyResult
+from bayes_greybox.physics.catalogue.names import within
 
 from .formatting import estimate
 from .study import added
@@ -33,5 +34,5 @@ def sampled_elsewhere(study: StudyResult) -> list[str]:
         mean, sd = float(np.mean(draws)), float(np.std(draws))
         if abs(mean - row["mean"]) > APART * max(sd, float(row["sd"])):
             told = estimate(row["mean"], row["sd"], row["unit"])
-            found.append(f"its coefficient of {row['name'].lower()} is {estimate(mean, sd, row['unit'])}, not {told}")
+            found.append(f"its coefficient of {within(row['name'])} is {estimate(mean, sd, row['unit'])}, not {told}")
     return found

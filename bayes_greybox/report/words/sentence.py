@@ -10,6 +10,7 @@ from bayes_greybox.discovery.answer.gap.denials import worsened
 from bayes_greybox.discovery.answer.instrument import IN_MODEL
 from bayes_greybox.discovery.study import StudyResult, worse_in_words
 from bayes_greybox.discovery.suspects.channels import KINDS
+from bayes_greybox.physics.catalogue.names import within
 
 from .formatting import formula, listed, number, numbers_in, percent_text, probability_text, share_text
 from .study import LIKELY, answer, closed_share, name_of, not_helped, not_weighed, remembered
@@ -64,10 +65,10 @@ def _answer(study: StudyResult) -> str:
         return f"No effect is missing; {what} off ({right}), and setting {it} right {closed}."
     said = []
     for row in study.effects.query("status == 'added'").to_dict("records"):
-        tied = [name_of(study, slug).lower() for slug in row["tied_with"]]
+        tied = [within(name_of(study, slug)) for slug in row["tied_with"]]
         tied = f", not to be told from {' or '.join(tied)}" if tied else ""
         p = probability_text(row["probability"])
-        said.append(f"{row['name'].lower()} in {label(row['equation'])} (probability {p}{tied})")
+        said.append(f"{within(row['name'])} in {label(row['equation'])} (probability {p}{tied})")
     # Of several equations the gravest speaks; what was found in the others is said with it.
     off = [row for row in _corrections(study, SURE) if answer(study, row["equation"]) != "unknown"]
     besides = ""
@@ -109,7 +110,7 @@ def _missing(study: StudyResult, said: Sequence[str], closed: str) -> str:
         return f"{lacks}; adding {it} {closed}."
     if study.verdict == "one of":
         others = [
-            f"{row['name'].lower()} ({probability_text(row['probability'])})"
+            f"{within(row['name'])} ({probability_text(row['probability'])})"
             for row in study.effects.query("status == 'one of'").to_dict("records")
         ]
         tied = [name for names in study.effects.query("status == 'added'")["tied_with"] for name in names]

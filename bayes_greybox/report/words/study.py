@@ -15,6 +15,7 @@ from bayes_greybox.discovery.suspects.channels import DELAY_STEPS, GAIN, GAIN_SD
 from bayes_greybox.discovery.suspects.drift import DRIFT
 from bayes_greybox.discovery.suspects.memory import LAW
 from bayes_greybox.physics.catalogue.loading import load_catalogue
+from bayes_greybox.physics.catalogue.names import listing
 
 from .formatting import (
     estimate,
@@ -103,7 +104,7 @@ def name_of(study: StudyResult, slug: str) -> str:
     named = dict(zip(study.effects["slug"], study.effects["name"], strict=True))
     if slug in NAMES:
         return NAMES[slug]
-    return " + ".join(named.get(part) or _catalogued(part) for part in slug.split(" + "))
+    return listing(named.get(part) or _catalogued(part) for part in slug.split(" + "))
 
 
 @cache

@@ -25,4 +25,4 @@ def test_a_value_within_the_range_is_at_no_end(gap):
 
 def test_a_value_beyond_the_range_is_said_to_be_at_its_end():
     (said,) = dead_zone(0.02)
-    assert said.startswith("width of Dead zone is at the smallest value that was tried")
+    assert said.startswith("width of dead zone is at the smallest value that was tried")

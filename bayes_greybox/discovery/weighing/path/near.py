@@ -143,7 +143,7 @@ def weigh_near(
         tried = [NoiseModel(white), *_unfollowed(statistics.rows)]
     else:
         tried = [replace(noise, noise=noise.noise.onto(white))]
-    weighed = []
+    weighed: list[tuple[float, Sets, NoiseModel]] = []
     for known in tried:
         # One after the other: values of inner parameters that the first noise asked for serve the second too.
         under_it = under(base, known) if known.names else base

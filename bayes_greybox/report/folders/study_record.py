@@ -1,0 +1,45 @@
+"""A study as a plain record, for summary.json."""
+
+from collections.abc import Mapping
+from dataclasses import asdict
+from typing import Any
+
+from bayes_greybox.criticism.convergence import convergence
+from bayes_greybox.data.records import plain_values
+from bayes_greybox.discovery.learned import studied_system
+from bayes_greybox.discovery.study import StudyResult
+from bayes_greybox.report.equations.record import equations_record
+from bayes_greybox.report.words.doubts import doubts
+from bayes_greybox.report.words.sentence import sentence
+
+from .record import verdict_record
+
+
+def study_record(study: StudyResult, sampling: Mapping[str, Any]) -> dict[str, Any]:
+    """What a missing-effect study found, and with what.
+
+    Args:
+        study: The study.
+        sampling: Settings of the sampler.
+
+    Returns:
+        Verdict, its sentence, the amended equations, what speaks against it, convergence of the amended model's fit,
+        every table, data and settings.
+    """
+    fit, test = study.fit, study.test
+    return plain_values(
+        {
+            "verdict": study.verdict,
+            "sentence": sentence(study),
+            "equations": equations_record(studied_system(study)),
+            **study.record(),
+            "doubts": [asdict(each) for each in doubts(study)],
+            "convergence": None if fit is None else verdict_record(convergence(fit)),
+            "data": {
+                "train": study.train.n_obs,
+                "test": None if test is None else test.n_obs,
+                "of": study.base.rows.in_words(study.train),
+            },
+            "sampling": dict(sampling),
+        }
+    )
