@@ -2,7 +2,7 @@
 
 import sys
 
-from bayes_greybox.cli import main
+from bayes_greybox.cli import command
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(command())

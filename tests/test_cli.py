@@ -389,6 +389,13 @@ def test_a_command_leaves_the_search_for_garbage_as_it_was(capsys):
     assert gc.get_threshold() == before
 
 
+def test_a_process_that_ends_does_not_search_its_modules_for_garbage():
+    frozen = "import atexit, gc, sys; atexit.register(lambda: print(gc.get_freeze_count() > 1000)); "
+    done = run_python("-c", frozen + "sys.argv = ['x', '--version']; from bayes_greybox.cli import command; command()")
+    assert done.stdout.splitlines()[-1] == "True"
+    assert gc.get_freeze_count() == 0
+
+
 def test_what_cannot_work_is_refused_before_the_work(here, first, tmp_path, monkeypatch, capsys):
     never = lambda *_, **__: pytest.fail("worked before it looked")  # noqa: E731
     monkeypatch.setattr(bg.GreyBox, "fit", never)

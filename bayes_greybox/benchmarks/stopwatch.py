@@ -45,9 +45,9 @@ import sys
 from bayes_greybox.benchmarks.account import run
 
 def command():
-    from bayes_greybox.cli import main
+    from bayes_greybox.cli import command
 
-    return main()
+    return command()
 
 sys.exit(run(command))
 """

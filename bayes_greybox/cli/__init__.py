@@ -26,7 +26,7 @@ from bayes_greybox.cli.options import (
     Verbose,
 )
 from bayes_greybox.data.errors import InputError
-from bayes_greybox.running.collecting import seldom_collected
+from bayes_greybox.running.collecting import leave_collected, seldom_collected
 
 from .ending import BAD_INPUT, DONE, exit_code, log_to_stderr, show
 
@@ -67,6 +67,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if message is None:
             raise
         return _refused(message())
+
+
+def command() -> int:
+    """The command of a process that ends with it; `main` is for those that go on.
+
+    Returns:
+        The exit code.
+    """
+    try:
+        return main()
+    finally:
+        leave_collected()
 
 
 def _version(asked: bool | None) -> None:
