@@ -41,6 +41,14 @@ def test_terms_in_the_box_are_told_apart():
             assert np.linalg.cond(Phi) < 10
 
 
+def test_rows_beyond_those_that_are_integrated_lie_on_the_same_path():
+    few, many = measured(Problem(COMPLETE, 10_001), 1), measured(Problem(COMPLETE, 100_001), 1)
+    for name, column in few.columns.items():
+        np.testing.assert_allclose(many.columns[name][::10], column, atol=1e-6)
+    exact = -(many.columns["y"] ** 3) - 0.2 * many.columns["ydot"] ** 3
+    assert np.std(many.rate - exact) == pytest.approx(0.02 * np.std(exact), rel=0.02)
+
+
 def test_features_are_the_packages_own_and_others_have_no_fewer():
     for n_var, along in FEATURES.items():
         assert (along,) * n_var == default_features(n_var)

@@ -7,9 +7,13 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
+from scipy.interpolate import CubicSpline
 
 NOISE = 0.02
 """Standard deviation of the noise, as a share of that of the rate."""
+
+INTEGRATED = 20_000
+"""Rows up to which the oscillator is integrated to each; more lie on splines through as many."""
 
 OSCILLATOR = ((1, 0), (0, 1), (2, 0), (0, 2), (3, 0), (0, 3))
 """Powers of y and ydot: the terms of the oscillator."""
@@ -112,8 +116,16 @@ def measured(problem: Problem, seed: int) -> Data:
         # Imported here: it brings JAX.
         from bayes_greybox.physics.systems import oscillator
 
-        seen = oscillator().simulate(t=np.linspace(0.0, 100.0, problem.n_obs), noise=NOISE, seed=seed)
-        return Data(problem, seen.states, "ydot", seen.derivatives["ydot"], seen.time)
+        system, time = oscillator(), np.linspace(0.0, 100.0, problem.n_obs)
+        if problem.n_obs <= INTEGRATED:
+            seen = system.simulate(t=time, noise=NOISE, seed=seed)
+            return Data(problem, seen.states, "ydot", seen.derivatives["ydot"], seen.time)
+        path = system.simulate(t=np.linspace(0.0, 100.0, INTEGRATED))
+        spline = CubicSpline(path.time, path.matrix(path.state_names))
+        columns = dict(zip(path.state_names, np.ascontiguousarray(spline(time).T), strict=True))
+        rate = np.array(system.rate(columns)[:, path.state_names.index("ydot")])
+        rate += NOISE * rate.std() * np.random.default_rng(seed).standard_normal(problem.n_obs)
+        return Data(problem, columns, "ydot", rate, time)
     generator = np.random.default_rng(seed)
     states = generator.uniform(-1.0, 1.0, (problem.n_obs, problem.n_var))
     theta = np.zeros(problem.n_term)
