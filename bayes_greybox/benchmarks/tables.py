@@ -35,6 +35,20 @@ _TRAPS = {
     "seconds": "s",
 }
 
+_SPEED = {
+    "theta_rate": "θ/s",
+    "eta_rate": "η/s",
+    "ratio": "times",
+    "ratio_cpu": "CPU",
+    "gradients": "grad.",
+    "first": "first",
+    "seconds": "s",
+    "memory": "MB",
+    "r_hat": "R̂",
+    "off": "off",
+    "end": "",
+}
+
 _SHOWN = ["cases", *SOLVERS, "right or tied", "closed", "seconds"]
 
 
@@ -100,6 +114,14 @@ def confounding_tables(scores: Confounding) -> Iterator[RenderableType]:
         )
         columns = ["measure", "term", "proj.", "bias", "sd", "covers θ", "θ + proj."]
         yield Group("", frame_table(f"Coefficients, {situation}", table.loc[:, columns]))
+
+
+def speed_tables(table: pd.DataFrame, floor: pd.DataFrame) -> Iterator[RenderableType]:
+    """Each problem's contenders, then what is near the machine's own speed."""
+    for problem, own in table.groupby(level="problem", sort=False):
+        shown = own.droplevel("problem").loc[:, list(_SPEED)].rename(columns=_SPEED)
+        yield Group(frame_table(f"{problem}: effective draws a second of θ and η, cold", shown), "")
+    yield frame_table("Seconds of the processor, beside those of the machine's own routines", floor)
 
 
 def weak_tables(table: pd.DataFrame) -> Iterator[RenderableType]:

@@ -289,7 +289,7 @@ def benchmark(
         int | None,
         typer.Option(
             min=1,
-            help="Replicates of each case (all but hidden-effects, sampled-traps and hudson-bay).",
+            help="Replicates of each case (all but hidden-effects, sampled-traps, hudson-bay and speed).",
         ),
     ] = None,
     families: Annotated[
@@ -305,6 +305,10 @@ def benchmark(
             min=0.0,
             help="Cases of hidden-effects seen by one sensor of the position alone, with this noise over its spread.",
         ),
+    ] = None,
+    cap: Annotated[
+        float | None,
+        typer.Option(min=1.0, help="Seconds of each sampler on each problem (speed) at most; 600 by default."),
     ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the cases.")] = 0,
     no_progress: NoProgress = False,
@@ -324,7 +328,9 @@ def benchmark(
     and flows that were measured beside what they depend on, without any derivative. memory-effects hides hysteresis,
     relaxation, lags and absorbers in oscillators whose position is sampled. weak-odes finds the terms of differential
     equations from noisy samples of all states, and weak-coverage counts their intervals. hudson-bay compares the exact
-    trajectory posterior with a reference, and with the model written by hand.
+    trajectory posterior with a reference, and with the model written by hand. speed has NumPyro, PyMC with nutpie
+    and PySINDy (extra [peers]) draw from the posteriors that this package draws from, each in a process of its own, and
+    compares a gradient with LAPACK's share of it, the pass over the rows with a matrix product.
     """
     log_to_stderr(verbose)
     from .benchmarking import run_benchmark
@@ -341,6 +347,7 @@ def benchmark(
         progress=not (no_progress or quiet),
         families=None if families is None else families.value,
         displacement=displacement,
+        cap=cap,
     )
     show(*([folder] if quiet else [*tables, f"\nResults are in {folder}."]))
     return DONE

@@ -24,6 +24,7 @@ def run_benchmark(
     progress: bool,
     families: str | None = None,
     displacement: float | None = None,
+    cap: float | None = None,
 ) -> Parts:
     """Run a benchmark by its name, and return its tables; options that it does not have are refused."""
     if name != "hidden-effects" and workers is not None:
@@ -32,6 +33,12 @@ def run_benchmark(
         raise InputError(f"--families does not apply to {name}; leave it out.")
     if displacement is not None and (name != "hidden-effects" or families is not None):
         raise InputError("--displacement has cases of its own, of hidden-effects: leave --families out.")
+    if name != "speed" and cap is not None:
+        raise InputError(f"--cap does not apply to {name}; leave it out.")
+    if name == "speed":
+        if replicates is not None:
+            raise InputError("--replicates does not apply to speed; --cases sets how many problems there are.")
+        return _speed(folder, cases, cap, seed, progress)
     if name == "calibration":
         return _calibrate(folder, cases, replicates or 500, seed, progress)
     if name == "confounding":
@@ -160,6 +167,17 @@ def _hudson_bay(folder: Path, seed: int, progress: bool) -> Parts:
     quantities, samplers = run(folder, seed=seed, progress=progress)
     title = "Errors over the reference's standard deviations; standard deviations over its own"
     return [frame_table(title, quantities), frame_table("Samplers", samplers)]
+
+
+def _speed(folder: Path, cases: int | None, cap: float | None, seed: int, progress: bool) -> Parts:
+    from bayes_greybox.benchmarks.speed.drawn import CAP, Settings
+    from bayes_greybox.benchmarks.speed.floor import floor
+    from bayes_greybox.benchmarks.speed.problems import problems
+    from bayes_greybox.benchmarks.speed.run import run
+    from bayes_greybox.benchmarks.tables import speed_tables
+
+    table = run(folder, problems()[:cases], settings=Settings(seed=seed, cap=cap or CAP), progress=progress)
+    return [*speed_tables(table, floor(folder, progress=progress))]
 
 
 def _static_maps(folder: Path, cases: int | None, replicates: int | None, seed: int, progress: bool) -> Parts:

@@ -31,6 +31,7 @@ class Benchmark(StrEnum):
     weak_odes = "weak-odes"
     weak_coverage = "weak-coverage"
     hudson_bay = "hudson-bay"
+    speed = "speed"
 
 
 class Families(StrEnum):
