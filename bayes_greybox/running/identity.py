@@ -28,7 +28,19 @@ import numpy as np
 
 PACKAGE = __name__.partition(".")[0]
 
-LIBRARIES = ("jax", "jaxlib", "numpy", "numpyro", "scipy", "sympy", "diffrax", "equinox", "lineax", "optimistix")
+LIBRARIES = (
+    "jax",
+    "jaxlib",
+    "numpy",
+    "numpyro",
+    "scipy",
+    "sympy",
+    "diffrax",
+    "equinox",
+    "lineax",
+    "optimistix",
+    "threadpoolctl",
+)
 """What traces call: of other versions they are others."""
 
 PLAINER = ("annotated_types", "beartype", "jaxtyping")
