@@ -82,7 +82,7 @@ def test_a_file_that_lacks_them_is_refused(fit, tmp_path):
 
 
 def test_what_needs_all_rows_at_once_says_what_to_do(fit):
-    with pytest.raises(InputError, match="Leaving rows out needs all of them again"):
+    with pytest.raises(InputError, match="Leaving rows out needs all of them again.*scheme='loo' with max_refits=0"):
         bg.cross_validate(fit, scheme="future")
     for call in (
         lambda: bg.find_missing_effects(_own(), chunks()),
@@ -117,6 +117,31 @@ def test_what_is_wrong_with_the_rows_is_said_as_in_memory():
     twice = bg.GreyBox(dictionary={"ydot": ["y", bg.Term("2*y", name="double")]}, discrepancy=None)
     with pytest.raises(InputError, match="double"):
         twice.fit(chunks(), **FEW)
+
+
+def _units(i):
+    """Chunks of which one that is not in the sample has another unit."""
+    return bg.read(frame(100, seed=i).rename(columns={"y": "y [mm]" if i == 3 else "y [m]"}), **NAMES)
+
+
+def test_rows_that_do_not_go_together_or_are_others_when_read_again_are_refused():
+    asked = np.random.default_rng(0)
+    once = (chunk(i) for i in range(10))
+    for function, words in (
+        (_units, "unit of y is m in the sample .* but mm in part 3: convert one"),
+        (
+            lambda i: bg.read(frame(100, seed=int(asked.integers(10**9))), **NAMES),
+            "others when they were read again.*seed",
+        ),
+        (lambda i: next(once), "ran out of rows.*iterator"),
+    ):
+        with pytest.raises(InputError, match=words):
+            _own().fit(RowStream.from_chunks(function, 40, sample=50), **FEW)
+
+
+def test_it_is_not_compared_with_a_fit_of_its_sample_alone(fit):
+    with pytest.raises(InputError, match="20,000 rows, of which some are looked at, against 300"):
+        bg.compare({"all": fit, "some": _own().fit(fit.data, **FEW)})
 
 
 def test_chains_of_other_rows_do_not_go_on(tmp_path, monkeypatch):

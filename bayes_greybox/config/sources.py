@@ -90,8 +90,8 @@ STREAMING = ("sample", "workers", "scheduler")
 """Keys of a table that only rows in chunks have."""
 
 STREAMED = (
-    "path", "time", "states", "inputs", "derivatives", "outputs", "run", "trajectory", "units", "missing", "stream",
-    "test", *STREAMING,
+    "path", "time", "states", "inputs", "derivatives", "outputs", "run", "trajectory", "restart", "units", "missing",
+    "stream", "test", *STREAMING,
 )  # fmt: skip
 """Keys that they may have."""
 

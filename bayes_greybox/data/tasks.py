@@ -56,7 +56,8 @@ def run_tasks(
         Each task once. One that fails costs itself alone.
 
     Raises:
-        InputError: There is no Dask, or no scheduler answers; workers beside a scheduler.
+        InputError: There is no Dask, or no scheduler answers; workers beside a scheduler; arguments that cannot be sent
+            to another process.
     """
     if scheduler is not None and workers is not None:
         raise InputError("A scheduler has workers of its own: give --scheduler or --workers, not both.")
@@ -107,11 +108,17 @@ def _on_workers(
         raise InputError(
             f"No Dask scheduler answers at {scheduler!r} ({error}); start one with dask scheduler."
         ) from None
-    futures = {
-        # A scheduler serves others too: a key that is not ours alone would bring what was another's.
-        client.submit(function, *arguments, key=f"{name}-{uuid4().hex}", pure=False): name
-        for name, arguments in tasks.items()
-    }
+    try:
+        futures = {
+            # A scheduler serves others too: a key that is not ours alone would bring what was another's.
+            client.submit(function, *arguments, key=f"{name}-{uuid4().hex}", pure=False): name
+            for name, arguments in tasks.items()
+        }
+    except TypeError as error:
+        raise InputError(
+            "Workers cannot be sent what they are to do: give functions of a module, which hold no open file, lock or "
+            "connection, or leave workers and scheduler out."
+        ) from error
     for future in as_completed(futures):
         if future.cancelled():
             raise InputError("The Dask scheduler was lost. What is done is kept: give the same command again.")

@@ -165,6 +165,11 @@ def _require_same_data(fits: Mapping[str, Posterior]) -> None:
             )
         if fit.data.n_obs != reference.data.n_obs:
             raise InputError(f"{pair}: {reference.data.n_obs} rows against {fit.data.n_obs}; {remedy}")
+        # Of rows in chunks the data are some: those of two fits may be the same where all rows are not.
+        if fit.n_obs != reference.n_obs:
+            raise InputError(
+                f"{pair}: {reference.n_obs:,} rows, of which some are looked at, against {fit.n_obs:,}; {remedy}"
+            )
         if fit.data.run_lengths != reference.data.run_lengths:
             raise InputError(f"{pair}: the rows are divided into trajectories differently; {remedy}")
         for equation in reference.equations:

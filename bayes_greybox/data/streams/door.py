@@ -26,6 +26,7 @@ def stream(
     outputs: Columns = (),
     time: str | None = None,
     run: str | None = None,
+    restart: Literal["error", "run"] = "error",
     units: Mapping[str, str] | None = None,
     missing: Literal["error", "drop"] = "error",
     sample: int = SAMPLE,
@@ -45,6 +46,7 @@ def stream(
         outputs: as in `read`.
         time: column of time stamps, numbers; rows are numbered without.
         run: as in `read`.
+        restart: as in `read`.
         units: as in `read`.
         missing: "error" refuses missing values, "drop" leaves out their rows and counts them.
         sample: rows that are kept in memory, about, for all that looks at single rows: ten stretches, evenly spaced.
@@ -65,7 +67,7 @@ def stream(
         columns=(*wanted, *(name for name in (time, run) if name is not None)),
         time=time,
         missing=missing,
-        settings={**chosen, "run": run, "units": dict(units or {})},
+        settings={**chosen, "run": run, "restart": restart, "units": dict(units or {})},
     )
     files = _paths(source)
     rows = READERS[files[0].suffix.lower()](files, asked)

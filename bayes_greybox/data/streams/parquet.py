@@ -63,10 +63,13 @@ def parquet_rows(files: Sequence[Path], asked: Asked) -> ParquetRows:
         InputError: pyarrow is not there; a file that cannot be read or has no such column.
     """
     pieces: list[tuple[str, int, tuple[int, ...]]] = []
+    own: Asked | None = None
     for path in files:
         with _opened(path) as file:
-            if file.metadata.num_rows and not pieces:
-                asked = asked.among(_kinds(file), f'"{path}"')
+            if file.metadata.num_rows:
+                here = asked.among(_kinds(file), f'"{path}"')
+                own = here if own is None else own
+                _require_same(own, here, pieces[0][0] if pieces else "", str(path))
             sizes = [file.metadata.row_group(i).num_rows for i in range(file.metadata.num_row_groups)]
         row = start = 0
         groups: list[int] = []
@@ -76,9 +79,19 @@ def parquet_rows(files: Sequence[Path], asked: Asked) -> ParquetRows:
             if row - start >= PART or (i == len(sizes) - 1 and row > start):
                 pieces.append((str(path), start, tuple(groups)))
                 groups, start = [], row
-    if not pieces:
+    if own is None:
         raise InputError(f'"{files[0]}" has no rows.')
-    return ParquetRows(tuple(pieces), asked)
+    return ParquetRows(tuple(pieces), own)
+
+
+def _require_same(first: Asked, other: Asked, one: str, another: str) -> None:
+    """Refuse a file whose headers differ, such as in a unit."""
+    for own, theirs in zip(first.columns, other.columns, strict=True):
+        if own != theirs:
+            raise InputError(
+                f'The column "{own}" of "{one}" is "{theirs}" in "{another}": write one of them anew, with the same '
+                "header and in the same unit."
+            )
 
 
 def _opened(path: str | Path) -> Any:

@@ -131,7 +131,13 @@ class _Given:
         return "chunks of a function"
 
     def chunks(self, part: int) -> Iterator[Trajectories]:
-        data = self.chunk(part)
+        try:
+            data = self.chunk(part)
+        except StopIteration:
+            raise InputError(
+                "The function of RowStream.from_chunks ran out of rows: it is asked for each chunk more than once, and "
+                "must give the same rows each time, and not the next ones of an iterator."
+            ) from None
         if not isinstance(data, Trajectories):
             raise InputError(
                 f"The function of RowStream.from_chunks must return bg.Trajectories, not a {type(data).__name__}: "

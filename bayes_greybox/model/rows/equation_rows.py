@@ -288,7 +288,8 @@ class EquationRows:
         if self.n_all is not None:
             raise InputError(
                 f"Leaving rows out needs all of them again, and the fit has read {self.n_all:,} rows in chunks: "
-                "compare with max_refits=0, fit streams with and without them, or fit as many rows as memory holds."
+                "leave single rows of its sample out, scheme='loo' with max_refits=0; or fit streams with and without "
+                "them, or as many rows as memory holds."
             )
         kept = np.delete(np.arange(self.n_white), out)
         if self.noise.local or not self.noise.square:

@@ -32,6 +32,10 @@ from .statistics import RowStatistics
 RANGES, STATISTICS = "Reading ranges of the rows", "Reading the rows"
 """What bars say of the two passes."""
 
+SAME = 1e-6
+"""Relative difference up to which the sizes of columns in both passes are those of the same rows: far above rounding
+errors, and far below what other random rows make of a hundred million."""
+
 
 @dataclass(frozen=True)
 class Rows:
@@ -53,8 +57,19 @@ class Rows:
         for chunk in self.source.chunks(part):
             if set(chunk.columns) != names:
                 raise InputError(f"Part {part} of {self.source.where} has other columns than its first one.")
+            self._require_units(part, chunk)
             blocks = self.model.blocks.items()
             yield chunk, {name: self.model.rows.shared_rows(chunk, of, simulation) for name, of in blocks}
+
+    def _require_units(self, part: int, chunk: Trajectories) -> None:
+        for name in (*self.sample.units, *chunk.units):
+            first, second = self.sample.units.get(name), chunk.units.get(name)
+            if first != second:
+                raise InputError(
+                    f"The unit of {name} is {first or 'not stated'} in the sample of {self.source.where} but "
+                    f'{second or "not stated"} in part {part}: convert one of them, or pass units={{"{name}": ...}} '
+                    "if both are the same."
+                )
 
 
 @dataclass(frozen=True)
@@ -79,7 +94,7 @@ class Whole:
 
         Raises:
             InputError: Fewer rows than terms; a term that is not finite, or zero; a target that is zero; chunks that
-                cannot be read.
+                cannot be read, or that are others than in the first pass.
         """
         n, sizes = self.extent.n_row, self.extent.sizes
         rows = {block: model.equation_rows(self.sample, block) for block in sizes}
@@ -90,12 +105,23 @@ class Whole:
             factors = {block: joined([factor, part[block]]) for block, factor in factors.items()}
         found = {}
         for block, frame in frames.items():
+            self._require_same(factors[block], len(frame.dictionary))
             levels, floor = sizes[block].levels, model.noise_floor
             if levels is not None:
                 floor = with_steps(levels / frame.target_scale, n, floor)
             ends = self.extent.ends
             found[block] = RowStatistics(n, ends, frame.term_scale, frame.target_scale, floor, factors[block])
         return found
+
+    def _require_same(self, factor: np.ndarray, n_term: int) -> None:
+        # Terms and target were divided by their RMS over the rows of the first pass.
+        squares = np.sum(factor[:, [*range(n_term), -1]] ** 2, axis=0) / self.extent.n_row
+        if not np.all(np.abs(squares - 1.0) <= SAME):
+            raise InputError(
+                f"The rows of {self.stream.source.where} were others when they were read again: let nothing write to "
+                "the files during a fit; a function must give the same rows each time, from a seed of the chunk's "
+                "number where they are random."
+            )
 
     def _frame(self, model: Program, rows: EquationRows, dictionary: Any) -> Frame:
         n, sizes = self.extent.n_row, self.extent.sizes[rows.equation]

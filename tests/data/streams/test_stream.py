@@ -61,6 +61,31 @@ def test_names_in_the_header_lose_their_units_and_several_files_follow_each_othe
     assert "and 1 more" in repr(stream)
 
 
+def test_files_of_one_stream_have_the_same_headers(tmp_path):
+    table = frame(300)
+    paths = [tmp_path / f"{i}.parquet" for i in range(2)]
+    table.rename(columns={"y": "y [mm]"}).to_parquet(paths[0])
+    table[:0].to_parquet(tmp_path / "empty.parquet")
+    for other, words in (
+        (table.rename(columns={"y": "y [m]"}), r'"y \[mm\]" of ".*0.parquet" is "y \[m\]" in ".*1.parquet".*same unit'),
+        (table.drop(columns="y"), r'1.parquet" has no column "y.*other'),
+        (table.assign(y=table["y"].astype(str)).rename(columns={"y": "y [mm]"}), '1.parquet" does not hold numbers'),
+    ):
+        other.to_parquet(paths[1])
+        with pytest.raises(InputError, match=words):
+            bg.stream([tmp_path / "empty.parquet", *paths], **NAMES)
+
+
+def test_time_that_goes_back_is_refused_with_what_helps(tmp_path):
+    path = tmp_path / "rows.parquet"
+    table = frame(300)
+    table.assign(t=np.tile(table["t"][:150], 2)).to_parquet(path)
+    with pytest.raises(InputError, match='goes back in row 150.*restart="run"'):
+        _rows(bg.stream(path, **NAMES))
+    pieces = _rows(bg.stream(path, **NAMES, restart="run"))
+    assert [piece.run_lengths for piece in pieces] == [(150, 50), (100,)]
+
+
 def test_the_sample_is_ten_stretches_of_neighbours_and_no_row_twice(tmp_path):
     table = frame()
     stream = bg.stream(_file(tmp_path, "parquet", table), **NAMES, sample=400)

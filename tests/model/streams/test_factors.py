@@ -1,5 +1,6 @@
 """Statistics of rows in chunks are those of one pass in extended precision, and of the same rows in memory."""
 
+import threading
 import tracemalloc
 from dataclasses import replace
 
@@ -8,6 +9,7 @@ import pytest
 from streamed import chunk, chunks, model, together
 
 import bayes_greybox as bg
+from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.streams.row_stream import RowStream
 from bayes_greybox.model.algebra.stacking import BLOCK, empty_factor, joined, stacked
 from bayes_greybox.model.streams.extent import LEVELS, Sizes
@@ -150,6 +152,18 @@ def test_workers_give_the_same_to_the_last_bit():
     fitted, _, rows = taken(model(), chunks())
     here, there = (each.statistics(fitted)["ydot"] for each in (rows, replace(rows, stream=chunks(workers=2))))
     assert here.digest == there.digest and np.array_equal(here.factor, there.factor)
+
+
+def test_a_function_that_workers_cannot_be_sent_is_refused():
+    pytest.importorskip("distributed")
+    lock = threading.Lock()
+
+    def locked(i):
+        with lock:
+            return chunk(i)
+
+    with pytest.raises(InputError, match="functions of a module.*lock.*leave workers"):
+        taken(model(), RowStream.from_chunks(locked, 2, workers=2))
 
 
 def test_the_workers_of_a_scheduler_do_too():
