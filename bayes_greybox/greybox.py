@@ -22,7 +22,7 @@ from bayes_greybox.criticism.equations.of_posterior import fitted_system
 from bayes_greybox.criticism.equations.rates import LearnedRates, learned_rates
 from bayes_greybox.criticism.free_run import FreeRun, free_run
 from bayes_greybox.criticism.inclusion import ROPE, inclusion
-from bayes_greybox.criticism.kept import save_checked
+from bayes_greybox.criticism.kept.file import save_checked
 from bayes_greybox.criticism.prediction import Prediction, predict, predictive_group
 from bayes_greybox.criticism.summary import summary
 from bayes_greybox.criticism.trade_off import TradeOff, strongest_trade_off

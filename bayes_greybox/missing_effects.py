@@ -10,7 +10,7 @@ from typing import Any
 import sympy
 
 from bayes_greybox.criticism.equations.rates import LearnedRates, learned_rates
-from bayes_greybox.criticism.kept import checked_of
+from bayes_greybox.criticism.kept.file import checked_of
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.rates.held_out import with_filter_of
 from bayes_greybox.data.trajectories import Trajectories

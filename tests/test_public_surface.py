@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 import bayes_greybox as bg
-from bayes_greybox.criticism.kept import load_checked
+from bayes_greybox.criticism.kept.file import load_checked
 
 ROOT = Path(bg.__file__).parent
 STUB = ast.parse((ROOT / "__init__.pyi").read_text(encoding="utf-8"))

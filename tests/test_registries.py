@@ -11,7 +11,7 @@ import pytest
 import bayes_greybox as bg
 from bayes_greybox.config import load_config
 from bayes_greybox.data.limits import Count, Positive, require_limits
-from bayes_greybox.inference.kept import netcdf
+from bayes_greybox.inference.kept.model_record import describe, rebuild
 from bayes_greybox.model.gp.kernels import KERNELS, Kernel
 from bayes_greybox.model.priors import PRIORS, Scales
 from bayes_greybox.model.rows.derivative_rows import DerivativeRows
@@ -138,9 +138,9 @@ def test_new_kinds_are_saved_and_loaded(lists, data, tmp_path):
 
 def test_rows_of_the_users_own_are_refused_in_words_once_they_are_read_again(data):
     model = bg.GreyBox({"y": ["y"]}, rows=EverySecond(), discrepancy=None)
-    record = netcdf.describe(model, data)
+    record = describe(model, data)
     assert record["rows"] == {"kind": "own EverySecond"}
-    again = netcdf.rebuild(record)
+    again = rebuild(record)
     with pytest.raises(bg.InputError, match="rows were of a class of your own.*build the model again"):
         again.designs(data)
 

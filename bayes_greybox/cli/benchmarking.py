@@ -2,15 +2,93 @@
 
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
 
 from bayes_greybox.data.errors import InputError
+
+from .ending import DONE, log_to_stderr, show
+from .options import Benchmark, Families, NoProgress, Quiet, Verbose
 
 if TYPE_CHECKING:
     from bayes_greybox.criticism.calibration.calibrate import Calibration
 
 Parts = list[Any]
 """Tables to print, in order."""
+
+
+def benchmark(
+    name: Annotated[Benchmark, typer.Argument(help="Which benchmark.")],
+    output: Annotated[Path | None, typer.Option("--output", "-o", help="Folder for the results.")] = None,
+    cases: Annotated[int | None, typer.Option(min=1, help="Number of cases; all of them by default.")] = None,
+    workers: Annotated[
+        int | None, typer.Option(min=1, help="Processes that work side by side (hidden-effects); 2 by default.")
+    ] = None,
+    replicates: Annotated[
+        int | None,
+        typer.Option(
+            min=1,
+            help="Replicates of each case (all but hidden-effects, sampled-traps, hudson-bay and speed).",
+        ),
+    ] = None,
+    families: Annotated[
+        Families | None,
+        typer.Option(
+            help="Cases of hidden-effects: those where all assumptions hold (effects), those where one is broken "
+            "(assumptions), or all, the default."
+        ),
+    ] = None,
+    displacement: Annotated[
+        float | None,
+        typer.Option(
+            min=0.0,
+            help="Cases of hidden-effects seen by one sensor of the position alone, with this noise over its spread.",
+        ),
+    ] = None,
+    cap: Annotated[
+        float | None,
+        typer.Option(min=1.0, help="Seconds of each sampler on each problem (speed) at most; 600 by default."),
+    ] = None,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the cases.")] = 0,
+    no_progress: NoProgress = False,
+    quiet: Quiet = False,
+    verbose: Verbose = 0,
+) -> int:
+    """Run one of the package's benchmarks.
+
+    A run that was stopped goes on where it was. hidden-effects hides known effects from simulations and counts
+    how often the study finds them. calibration draws truths from every prior with every kernel and tests whether
+    they lie among the posterior draws as they should. confounding fits repeated data under each kernel and says what
+    orthogonality gives and costs. sampled-systems studies systems of which one state has a sensor: decays, an
+    axis, a beam, an oscillator under noise of several kinds, two masses, tanks, predators and prey. sampled-traps
+    tempts the study to wrong names: sensors and inputs that lie, machines that no catalogue has, with controls.
+    sampled-coverage counts how often intervals of coefficients hold the truth in samples. published-odes finds
+    parameters of differential equations from noisy samples, beside published results. static-maps studies forces
+    and flows that were measured beside what they depend on, without any derivative. memory-effects hides hysteresis,
+    relaxation, lags and absorbers in oscillators whose position is sampled. weak-odes finds the terms of differential
+    equations from noisy samples of all states, and weak-coverage counts their intervals. hudson-bay compares the exact
+    trajectory posterior with a reference, and with the model written by hand. speed has NumPyro, PyMC with nutpie
+    and PySINDy (extra [peers]) draw from the posteriors that this package draws from, each in a process of its own, and
+    compares a gradient with LAPACK's share of it, the pass over the rows with a matrix product.
+    """
+    log_to_stderr(verbose)
+    seen = "" if displacement is None else f"-displacement-{displacement:g}"
+    folder = output or Path("runs") / f"benchmark-{name.value}{seen}"
+    tables = run_benchmark(
+        name.value,
+        folder,
+        cases=cases,
+        workers=workers,
+        replicates=replicates,
+        seed=seed,
+        progress=not (no_progress or quiet),
+        families=None if families is None else families.value,
+        displacement=displacement,
+        cap=cap,
+    )
+    show(*([folder] if quiet else [*tables, f"\nResults are in {folder}."]))
+    return DONE
 
 
 def run_benchmark(

@@ -25,7 +25,7 @@ class Monomials(Section):
 
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
-Pair = Annotated[list[Finite], Field(min_length=2, max_length=2)]
+Pair = tuple[Finite, Finite]
 
 
 class Term(Section):
@@ -58,7 +58,7 @@ def _pair(given: Any, what: str) -> Any:
     if given is not None and not numbers:
         example = "[-50.0, 0.0]; for one of them alone use lower or upper of [coefficients]"
         raise wrong(f"must be {what} of the coefficient, such as {'[-40.0, 10.0]' if 'mean' in what else example}")
-    return given
+    return given if given is None else tuple(given)
 
 
 def _coefficient(given: Any) -> type[Section]:

@@ -20,7 +20,8 @@ from bayes_greybox.model.program import Program
 from bayes_greybox.running.stages import announce
 
 from .kept.groups import data_table
-from .kept.netcdf import describe, versions
+from .kept.model_record import describe
+from .kept.netcdf import versions
 from .sampler.chain_file import ChainFile
 from .settings import Sampling
 

@@ -8,9 +8,9 @@ import pytest
 import xarray as xr
 
 import bayes_greybox as bg
-from bayes_greybox.criticism.checks import kept
 from bayes_greybox.criticism.checks.checks import checks
 from bayes_greybox.criticism.discrepancy import discrepancy_table
+from bayes_greybox.criticism.kept import checks as kept
 
 
 @pytest.fixture(scope="module")

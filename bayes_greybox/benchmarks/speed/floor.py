@@ -21,11 +21,12 @@ from bayes_greybox.benchmarks.files import unwritable
 from bayes_greybox.benchmarks.progress import shown
 from bayes_greybox.data.whole import write_text
 
-from .drawn import BOUNDARY, FLOOR
+from .contenders.here import asked_of
+from .drawn import FEATURES
 from .problems import BOX, Data, Problem, measured
 
-BASES = {1: 20, 2: 10, 4: 6}
-"""Features along each variable, by the number of variables: those that fits have by default."""
+VARIABLES = (1, 2, 4)
+"""Of f, with as many features along each as contenders have."""
 
 LARGE = 20
 """Features along each of two variables, of the largest basis that a fit is given without being asked."""
@@ -51,7 +52,7 @@ def floor(folder: Path, *, progress: bool = True) -> pd.DataFrame:
         InputError: A folder that cannot be written to.
     """
     asked: dict[str, Callable[[], tuple[float, float]]] = {}
-    for n_var, along in (*BASES.items(), (2, LARGE)):
+    for n_var, along in (*((n, FEATURES[n]) for n in VARIABLES), (2, LARGE)):
         name = f"a gradient, {n_var} variables, {along} features each"
         asked[name] = lambda n_var=n_var, along=along: gradient(n_var, along)
     asked[f"a pass over {ROWS} rows of {COLUMNS} columns"] = lambda: row_pass(ROWS, COLUMNS)
@@ -159,19 +160,7 @@ def _density(data: Data, along: int) -> tuple[Callable[[Any], Callable], Any, An
     import jax
     from numpyro.infer.util import initialize_model
 
-    from bayes_greybox.data.trajectories import Trajectories
-    from bayes_greybox.greybox import GreyBox
-    from bayes_greybox.model.gp.discrepancy import OrthogonalGP
-    from bayes_greybox.model.priors import Laplace
-
-    name = data.equation
-    rows = Trajectories.from_arrays(data.time, states=dict(data.columns), derivatives={name: data.rate})
-    model = GreyBox(
-        dictionary={name: data.formulas},
-        prior=Laplace(),
-        discrepancy=OrthogonalGP(features=along, boundary=BOUNDARY),
-        noise_floor=FLOOR,
-    )
+    model, rows = asked_of(data, along)
     designs = model.designs(rows)
     program: Any = model.bare.numpyro_model
     found = initialize_model(jax.random.PRNGKey(0), program, model_args=(designs,), dynamic_args=True)

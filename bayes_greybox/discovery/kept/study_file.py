@@ -13,7 +13,7 @@ from typing import Any
 import xarray as xr
 
 from bayes_greybox.criticism.bands import Band
-from bayes_greybox.criticism.kept import checked_of, save_checked
+from bayes_greybox.criticism.kept.file import checked_of, save_checked
 from bayes_greybox.discovery.answer.amendment import Amendment, Remainder
 from bayes_greybox.discovery.answer.coefficients import Coefficients
 from bayes_greybox.discovery.answer.gap.free_runs import FreePath
@@ -25,6 +25,7 @@ from bayes_greybox.discovery.suspects.channels import ChannelSuspect
 from bayes_greybox.discovery.suspects.memory import Memory
 from bayes_greybox.inference.kept import netcdf
 from bayes_greybox.inference.kept.kinds import require_kinds
+from bayes_greybox.inference.kept.model_record import describe, rebuild
 from bayes_greybox.inference.kept.packing import Packer, Unpacker, as_group, group_arrays
 from bayes_greybox.model.gp.features import HilbertBasis
 from bayes_greybox.model.rows.kinds import ROWS
@@ -64,7 +65,7 @@ def save_study(study: StudyResult, path: str | os.PathLike[str], record: Mapping
     ordered = {each.name: getattr(study, each.name) for each in fields(StudyResult) if each.name not in MODELS}
     ordered["amendments"] = {name: kept_amendment(each) for name, each in study.amendments.items()}
     values = {name: packer.pack(value, name) for name, value in ordered.items()}
-    models = {"base": netcdf.describe(study.base, study.train), "model": netcdf.describe(study.model, study.corrected)}
+    models = {"base": describe(study.base, study.train), "model": describe(study.model, study.corrected)}
     same = study.fit is not None and study.fit.data is study.corrected
     text = json.dumps({"format": FORMAT, "models": models, "values": values, "same_data": same}, default=float)
     group, plain = as_group(text, packer.arrays), {netcdf.STUDIED: json.dumps(record, default=float)}
@@ -94,7 +95,7 @@ def study_of(tree: xr.DataTree, simulation: RightHandSide | None = None) -> Stud
     text, arrays = group_arrays(tree[netcdf.STUDIED].to_dataset())
     record, unpacker = json.loads(text), Unpacker(CLASSES, arrays)
     values: dict[str, Any] = {name: unpacker.unpack(value) for name, value in record["values"].items()}
-    models = {name: netcdf.rebuild(each, simulation) for name, each in record["models"].items()}
+    models = {name: rebuild(each, simulation) for name, each in record["models"].items()}
     tree.attrs.pop(netcdf.STUDIED, None)
     fit = None
     if netcdf.sampled(tree):

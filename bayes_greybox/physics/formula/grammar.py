@@ -47,8 +47,6 @@ _REFUSED = {
 
 
 @lru_cache(REMEMBERED)
-# A study reads the same formulas, with the same values of inner parameters, at every turn.
-@lru_cache(maxsize=4096)
 def read(text: str, names: tuple[str, ...] | None) -> sympy.Expr:
     """Read a formula; see `expressions.parse_expression`.
 

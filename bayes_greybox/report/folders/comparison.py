@@ -10,7 +10,7 @@ from typing import Any
 
 import pandas as pd
 
-from bayes_greybox.criticism.kept import load_checked
+from bayes_greybox.criticism.kept.file import load_checked
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.inference.posterior import Posterior
 from bayes_greybox.report.pages.comparison_page import comparison_html

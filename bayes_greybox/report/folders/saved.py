@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from bayes_greybox.criticism.cross_validation.compare import compare
-from bayes_greybox.criticism.kept import checked_of, load_checked
+from bayes_greybox.criticism.kept.file import checked_of, load_checked
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.discovery.kept.study_file import holds_study, study_of
 from bayes_greybox.discovery.study import StudyResult

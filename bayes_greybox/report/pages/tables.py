@@ -9,7 +9,7 @@ from bayes_greybox.criticism.convergence import convergence
 from bayes_greybox.criticism.equations.learned import LearnedSystem
 from bayes_greybox.criticism.judged import quantity_name
 from bayes_greybox.criticism.summary import summary
-from bayes_greybox.inference.kept.netcdf import describe
+from bayes_greybox.inference.kept.model_record import describe
 from bayes_greybox.report.equations.latex import equations_latex
 from bayes_greybox.report.equations.mathml import equation_mathml
 from bayes_greybox.report.equations.text import equation_text, inner_text, note

@@ -10,8 +10,9 @@ from bayes_greybox.discovery.answer.finding import NEGLIGIBLE, SURE
 from bayes_greybox.discovery.answer.gap.denials import left_over, misfits, worsened
 from bayes_greybox.discovery.answer.instrument import IN_MODEL
 from bayes_greybox.discovery.answer.weighed import STOPS
-from bayes_greybox.discovery.study import StudyResult, left_in_words, worse_in_words
+from bayes_greybox.discovery.study import StudyResult
 from bayes_greybox.discovery.suspects.channels import DELAY_STEPS
+from bayes_greybox.discovery.verdict import left_in_words, worse_in_words
 from bayes_greybox.physics.catalogue.names import within
 
 from .formatting import listed, number, numbers_in, p_text, probability_text, share_text

@@ -8,8 +8,9 @@ import pandas as pd
 from bayes_greybox.discovery.answer.finding import SURE
 from bayes_greybox.discovery.answer.gap.denials import worsened
 from bayes_greybox.discovery.answer.instrument import IN_MODEL
-from bayes_greybox.discovery.study import StudyResult, worse_in_words
+from bayes_greybox.discovery.study import StudyResult
 from bayes_greybox.discovery.suspects.channels import KINDS
+from bayes_greybox.discovery.verdict import worse_in_words
 from bayes_greybox.physics.catalogue.names import within
 
 from .formatting import formula, listed, number, numbers_in, percent_text, probability_text, share_text

@@ -13,6 +13,7 @@ import bayes_greybox as bg
 from bayes_greybox.discovery.answer.amendment import Remainder
 from bayes_greybox.discovery.kept import study_file
 from bayes_greybox.inference.kept import netcdf
+from bayes_greybox.inference.kept.model_record import describe
 from bayes_greybox.inference.kept.packing import TEXT
 
 
@@ -67,7 +68,7 @@ def test_so_do_the_models_and_the_posterior(saved):
     made, read = saved
     for name, data in (("base", made.train), ("model", made.corrected)):
         assert isinstance(getattr(read, name), bg.GreyBox)
-        assert netcdf.describe(getattr(read, name), data) == netcdf.describe(getattr(made, name), data)
+        assert describe(getattr(read, name), data) == describe(getattr(made, name), data)
     if made.fit is not None:
         assert list(read.fit.idata.children) == list(made.fit.idata.children)
         assert read.fit.idata.attrs == made.fit.idata.attrs

@@ -10,7 +10,7 @@ import pytest
 import xarray as xr
 
 import bayes_greybox as bg
-from bayes_greybox.inference.kept.netcdf import describe, rebuild
+from bayes_greybox.inference.kept.model_record import describe, rebuild
 from bayes_greybox.model.rows.derivative_rows import DerivativeRows
 
 FILES = Path(__file__).parents[2] / "data" / "files"

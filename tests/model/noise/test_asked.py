@@ -8,7 +8,7 @@ import bayes_greybox as bg
 from bayes_greybox.config import load_config
 from bayes_greybox.data.noise.state_space import StateSpaceNoise
 from bayes_greybox.data.noise.weighted import WeightedNoise
-from bayes_greybox.inference.kept import netcdf
+from bayes_greybox.inference.kept.model_record import describe, rebuild
 
 TRUTH, STEP = -0.8, 0.1
 SMALL = {"draws": 60, "tune": 60, "chains": 2, "progress": False}
@@ -186,7 +186,7 @@ def test_the_record_of_a_model_has_the_noise():
     data = data_with("white")
     for noise in (0.5, bg.Noise(0.5, "fit", "x", 4.0)):
         model = model_with(noise)
-        assert netcdf.rebuild(netcdf.describe(model, data)).noise == noise
+        assert rebuild(describe(model, data)).noise == noise
 
 
 def test_leaving_rows_out_of_correlated_noise_is_conditioning_on_the_others():

@@ -9,10 +9,10 @@ from bayes_greybox.inference.kept.packing import Packer, Unpacker, as_group, gro
 from bayes_greybox.inference.posterior import Posterior
 from bayes_greybox.inference.remembering import recall, remember
 
-from .bands import Band
-from .checks.kept import draws_sum
-from .free_run import FreeRun
-from .trial import Trial, trial
+from ..bands import Band
+from ..free_run import FreeRun
+from ..trial import Trial, trial
+from .checks import draws_sum
 
 FORMAT = 1
 """Of the group; of another one nothing is read, and the trial is made again, on the training data."""

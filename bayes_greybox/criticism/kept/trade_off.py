@@ -7,8 +7,8 @@ import pandas as pd
 from bayes_greybox.inference.posterior import Posterior
 from bayes_greybox.inference.remembering import recall, remember
 
-from .checks.kept import made_by
-from .trade_off import plain_trade_offs
+from ..trade_off import plain_trade_offs
+from .checks import made_by
 
 KEPT = "plain_trade_offs"
 """Root attribute of a saved fit that holds them, as JSON text."""

@@ -13,9 +13,9 @@ import pandas as pd
 from bayes_greybox.inference.posterior import Posterior
 from bayes_greybox.inference.remembering import recall, remember
 
-from .checks import Checks, checks
-from .loo_pit import LooPit
-from .whiteness import Whiteness
+from ..checks.checks import Checks, checks
+from ..checks.loo_pit import LooPit
+from ..checks.whiteness import Whiteness
 
 KEPT = "checks"
 """Root attribute of a saved fit that holds its checks, as JSON text."""

@@ -9,9 +9,9 @@ from bayes_greybox.inference.kept.damage import made_of
 from bayes_greybox.inference.posterior import Posterior
 from bayes_greybox.physics.simulation.protocol import RightHandSide
 
-from .checks.kept import kept_checks, restore_checks
-from .kept_trade_off import kept_trade_offs, restore_trade_offs
-from .kept_trial import kept_trial, restore_trial
+from .checks import kept_checks, restore_checks
+from .trade_off import kept_trade_offs, restore_trade_offs
+from .trial import kept_trial, restore_trial
 
 
 def save_checked(
