@@ -49,6 +49,11 @@ class Cloud:
         within = np.all((drawn > 0) & (drawn < 1), axis=1)
         return cls(mean, covariance, drawn[within][:POINTS], max(float(np.mean(within)), 1 / len(drawn)))
 
+    @classmethod
+    def at(cls, mode: Float[np.ndarray, " d"], covariance: Float[np.ndarray, "d d"]) -> "Cloud":
+        """The mode alone: it weighs 1/q, so that the sum is Laplace's approximation."""
+        return cls(mode, covariance, mode[None], 1.0)
+
     def density(self, at: Float[np.ndarray, "n d"]) -> Float[np.ndarray, " n"]:
         """Density of its points at others."""
         values, vectors = np.linalg.eigh(self.covariance)

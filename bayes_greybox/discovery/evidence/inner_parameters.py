@@ -1,5 +1,6 @@
 """Refinement of the values of inner parameters of an effect, such as the width of a dead zone."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
@@ -41,14 +42,22 @@ WIDER = 1.5
 THERE = 0.1
 """Squared length of a step, in posterior standard deviations, below which the mode is found."""
 
+FAR = 30.0
+"""Nats below what matters from which on one value stands for several inner parameters: a cloud around their mode gains
+a few more than that of Laplace's approximation, which the mode alone has."""
 
-def refine(evaluations: Evaluations, base: Sequence[int], group: Sequence[int]) -> tuple[int, ...]:
+
+def refine(
+    evaluations: Evaluations, base: Sequence[int], group: Sequence[int], level: float = -math.inf
+) -> tuple[int, ...]:
     """Refine the values of the inner parameters of an effect, or of a law, until their posterior spans several of them.
 
     Args:
         evaluations: Evidence; new columns are added to its statistics.
         base: Columns beside the effect.
         group: Columns of the effect.
+        level: Log evidence of these columns together from which on it matters. Several inner parameters that stay far
+            below it at their mode get that value alone.
 
     Returns:
         All columns of the effect, old and new.
@@ -58,7 +67,7 @@ def refine(evaluations: Evaluations, base: Sequence[int], group: Sequence[int]) 
         return tuple(group)
     if len(column.inner) == 1:
         return _zoomed(evaluations, base, group, column.shape)
-    return _drawn(evaluations, base, group, column.shape)
+    return _drawn(evaluations, base, group, column.shape, level)
 
 
 def _zoomed(
@@ -95,7 +104,9 @@ def _zoomed(
     return tuple(found)
 
 
-def _drawn(evaluations: Evaluations, base: Sequence[int], group: Sequence[int], effect: BoundEffect) -> tuple[int, ...]:
+def _drawn(
+    evaluations: Evaluations, base: Sequence[int], group: Sequence[int], effect: BoundEffect, level: float
+) -> tuple[int, ...]:
     """Values of several inner parameters, more of them drawn around their mode."""
     statistics, found = evaluations.statistics, list(group)
     ranges = _Ranges(effect, *limits(effect, statistics.rows.columns, statistics.path))
@@ -109,10 +120,12 @@ def _drawn(evaluations: Evaluations, base: Sequence[int], group: Sequence[int], 
         if mean is None:
             alone = log_z - np.array([statistics.columns[i].log_weight for i in found])
             mean, covariance = _mode(evaluations, base, ranges, known[int(np.argmax(alone))], first)
+            near = _laplace(evaluations, base, ranges, mean, covariance, first) > level - FAR
+            cloud = Cloud.around(mean, WIDER**2 * covariance) if near else Cloud.at(mean, covariance)
         else:
             # Where the first cloud says that the posterior is.
             mean = posterior @ known
-        cloud = Cloud.around(mean, covariance)
+            cloud = Cloud.around(mean, WIDER**2 * covariance)
         if not len(cloud.points):
             break
         at = np.vstack([known, cloud.points])
@@ -123,6 +136,8 @@ def _drawn(evaluations: Evaluations, base: Sequence[int], group: Sequence[int], 
         values, fresh, before = ranges.values(cloud.points), weights[len(found) :], len(statistics.columns)
         statistics.add(first.kind, at_values(effect, values, fresh, drawn=cloud, **_carried(first)))
         found += range(before, len(statistics.columns))
+        if len(cloud.points) == 1:
+            break
     return tuple(found)
 
 
@@ -154,7 +169,7 @@ def _mode(
     start: Float[np.ndarray, " d"],
     first: Column,
 ) -> tuple[Float[np.ndarray, " d"], Float[np.ndarray, "d d"]]:
-    """Where several inner parameters are likeliest, and how wide a cloud around it is: by steps of Gauss and Newton.
+    """Where several inner parameters are likeliest, and their covariance there: by steps of Gauss and Newton.
 
     Near s the effect is θ (φ(s) + Σ_k δ_k ∂φ/∂s_k): linear in δ, as coefficients are, given θ.
     """
@@ -179,7 +194,20 @@ def _mode(
         if best == 0:
             break
         at = points[best]
-    return at, WIDER**2 * np.linalg.inv(information + FLAT * np.eye(d))
+    return at, np.linalg.inv(information + FLAT * np.eye(d))
+
+
+def _laplace(
+    evaluations: Evaluations, base: Sequence[int], ranges: _Ranges, mean: np.ndarray, covariance: np.ndarray,
+    first: Column,
+) -> float:  # fmt: skip
+    """Log evidence by Laplace's approximation, log L + ½ log |2πΣ|, which a uniform prior makes no larger than L."""
+    with _Tried(evaluations, ranges, mean[None], first) as columns:
+        if columns is None:
+            return -math.inf
+        (at_mode,) = evaluations.parametric([(*base, *columns)])
+    volume = 0.5 * np.linalg.slogdet(2 * math.pi * covariance)[1]
+    return at_mode.all + min(float(volume), 0.0)
 
 
 def _slopes(

@@ -203,15 +203,18 @@ class Search:
         bent = [i for i in self._candidates()[0] if columns[i].inner]
         alone = sorted(bent, key=lambda i: -self._rough.get((i,), -np.inf))[:BENT]
         pairs = [c for c in self._rough if len(c) == 2 and c[0] not in bent and c[1] in bent]
-        beside = sorted(pairs, key=lambda c: -weights[c])[:BENT]
-        wanted = [(i,) for i in alone] + beside + [core for core in cores if weights[core] > weights[cores[0]] - 6.0]
+        paired = sorted(pairs, key=lambda c: -weights[c])[:BENT]
+        wanted = [(i,) for i in alone] + paired + [core for core in cores if weights[core] > weights[cores[0]] - 6.0]
         before = [column.log_weight for column in columns]
         for core in wanted:
+            # Of this set with the suspects that are in every one, where it would be as likely as the best.
+            level = weights[cores[0]] - self.log_prior(core)
             for i in core:
                 others = tuple(sorted(self._label(j) for j in core if j != i))
                 if columns[i].inner and (self._label(i), others) not in self._refined:
                     self._refined.add((self._label(i), others))
-                    refine(self.evaluations, (*self.always, *(j for j in core if j != i)), self.evaluations.group(i))
+                    beside = (*self.always, *(j for j in core if j != i))
+                    refine(self.evaluations, beside, self.evaluations.group(i), level)
         # Weights of old values change with new ones, whether these bring columns of their own or not.
         changed = [column.log_weight for column in self.statistics.columns] != before
         if changed:
