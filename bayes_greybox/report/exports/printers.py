@@ -58,11 +58,11 @@ class PythonPrinter(_Printed, NumPyPrinter):
         return f"numpy.heaviside({self._print(expr.args[0])}, {self._print(expr.args[1])})"
 
 
-class CPrinter(_Printed, C99CodePrinter):
+class CPrinter(_Printed, C99CodePrinter):  # pyright: ignore[reportIncompatibleMethodOverride]
     """C99; `sign_of` and `step_of` are functions of the program."""
 
-    def _print_sign(self, expr):  # noqa: N802
-        return f"sign_of({self._print(expr.args[0])})"
+    def _print_sign(self, func):  # noqa: N802
+        return f"sign_of({self._print(func.args[0])})"
 
     def _print_Heaviside(self, expr):  # noqa: N802
         return f"step_of({self._print(expr.args[0])}, {self._print(expr.args[1])})"
