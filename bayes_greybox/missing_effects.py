@@ -122,10 +122,9 @@ class Study(StudyResult):
         system = studied_system(self)
         f = [name for name, each in system.learned.items() if each.discrepancy is not None and each.discrepancy.left]
         remarks = tuple(f"Of the sensors, not of the machine: {text}." for text in measurement_in_words(self))
-        rows = self.model.rows
-        starts = {**dict.fromkeys(dict(getattr(rows, "at_rest", ())), ""), **dict(getattr(rows, "moving", ()))}
         left = dict.fromkeys(f, "what is left that has no name")
-        export_system(system, path, Notes(self.sentence, remarks, left, starts, self.model.states(self.train)))
+        known = self.model.states(self.train)
+        export_system(system, path, Notes(self.sentence, remarks, left, self.model.rows.starts, known))
 
     def to_json(self) -> str:
         """The amended model as JSON text; as `Fit.to_json`, with inner parameters and hidden states."""

@@ -17,6 +17,8 @@ C_WORDS = """
     modf pow sin sinh sqrt tan tanh acosh asinh atanh cbrt copysign erf erfc exp2 expm1 fdim fma fmax fmin hypot ilogb
     isfinite isinf isnan isnormal lgamma log1p log2 logb nan nearbyint nextafter remainder rint round scalbn signbit
     tgamma trunc j0 j1 jn y0 y1 yn gamma signgam NAN INFINITY HUGE_VAL HUGE NULL sign_of step_of DOMAIN OVERFLOW
+    UNDERFLOW SING isgreater isless fpclassify matherr PLOSS TLOSS MAXFLOAT M_E M_LOG2E M_LOG10E M_LN2 M_LN10 M_PI
+    M_PI_2 M_PI_4 M_1_PI M_2_PI M_2_SQRTPI M_SQRT2 M_SQRT1_2 FP_NAN FP_INFINITE FP_ZERO FP_SUBNORMAL FP_NORMAL
 """.split()
 MODELICA_WORDS = """
     algorithm and annotation assert block break class connect connector constant constrainedby der discrete each else
@@ -65,7 +67,7 @@ def python_program(model: ExportedModel, name: str) -> str:
 def c_program(model: ExportedModel, name: str) -> str:
     """C99 with `void NAME_rhs(double t, const double *x, const double *u, double *dxdt)`."""
     _require_formulas(model, "C")
-    called = next(iter(identifiers([name], C_WORDS).values()))
+    called = _called(model, name, C_WORDS)
     names = _names(model, [*C_WORDS, f"{called}_rhs", f"{called}_outputs"])
     printer = CPrinter(names)
     lines = ["/*", *(f" * {within_c(line)}" for line in header(model, names, ("x[{}]", "u[{}]"))), " */"]
@@ -97,7 +99,7 @@ def c_program(model: ExportedModel, name: str) -> str:
 def modelica_program(model: ExportedModel, name: str) -> str:
     """A Modelica model with inputs, parameters, and an equation for every state and output."""
     _require_formulas(model, "Modelica")
-    called = next(iter(identifiers([name], MODELICA_WORDS).values()))
+    called = _called(model, name, MODELICA_WORDS)
     names = _names(model, [*MODELICA_WORDS, called])
     printer = ModelicaPrinter(names)
     lines = [f"// {ascii_text(line)}" for line in header(model, names, ("state {}", "input {}"))]
@@ -116,6 +118,15 @@ def modelica_program(model: ExportedModel, name: str) -> str:
     lines += [f"  der({names[each.name]}) = {_sum(printer, each)};" for each in model.rates]
     lines += [f"  {names[each.name]} = {_sum(printer, each)};" for each in model.given]
     return "\n".join([*lines, f"end {called};"]) + "\n"
+
+
+def _called(model: ExportedModel, name: str, words: list[str]) -> str:
+    """What the program is called: the stem of its file, where no coefficient could be mistaken for it."""
+    factors = {each.name for each in model.factors}
+    (called,) = identifiers([name], [*words, *factors]).values()
+    while {f"{called}_rhs", f"{called}_outputs"} & factors:
+        called = f"{called}_"
+    return called
 
 
 def _names(model: ExportedModel, words: list[str]) -> dict[str, str]:
