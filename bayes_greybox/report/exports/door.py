@@ -26,11 +26,23 @@ def export_system(system: LearnedSystem, path: str | os.PathLike[str], notes: No
         InputError: An unknown ending; equations that the language cannot have; a file that cannot be written.
     """
     file = Path(path)
-    if file.suffix not in LANGUAGES:
-        known = ", ".join(LANGUAGES)
-        raise InputError(f'"{file}" has no ending of a language that models are exported to: use one of {known}.')
+    require_ending(file)
     text = LANGUAGES[file.suffix](exported_model(system, notes), file.stem)
     try:
         write_text(file, text)
     except OSError as error:
         raise InputError(f'"{file}" cannot be written ({error.strerror}); choose another file.') from None
+
+
+def require_ending(path: Path) -> None:
+    """Refuse a file whose ending is no language's.
+
+    Args:
+        path: Destination.
+
+    Raises:
+        InputError: Another ending than those of `LANGUAGES`.
+    """
+    if path.suffix not in LANGUAGES:
+        known = ", ".join(LANGUAGES)
+        raise InputError(f'"{path}" has no ending of a language that models are exported to: use one of {known}.')
