@@ -286,13 +286,15 @@ class Fit(Posterior):
         return learned_rates(fitted_system(self), backend, draws, discrepancy)
 
     def export(self, path: str | os.PathLike[str]) -> None:
-        """Write the equations as a program: .py (NumPy), .c (C99) or .mo (Modelica), by the ending of the path.
+        """Write the equations as a program: .py (NumPy), .c (C99), .mo (Modelica) or .fmu, by the ending of the path.
 
         Terms are those that `print(fit)` shows, coefficients their means; standard deviations, intervals and units
-        stand in comments. f is not in it, which the header says.
+        stand in comments. f is not in it, which the header says. An FMU is of FMI 2.0 for Model Exchange, and is
+        compiled for this system: that takes FMPy and a C compiler.
 
         Raises:
-            InputError: Another ending; a simulation that is a function, but for .py; a file that cannot be written.
+            InputError: Another ending; a simulation that is a function, but for .py; what an FMU takes is not there; a
+                file that cannot be written.
         """
         system = fitted_system(self)
         f = [name for name, each in system.learned.items() if each.discrepancy is not None and each.discrepancy.left]

@@ -12,7 +12,8 @@ from .options import Quiet, Verbose
 def export(
     file: Annotated[Path, typer.Argument(metavar="RESULT", help="A saved fit or study (.nc).")],
     output: Annotated[
-        Path, typer.Argument(metavar="OUTPUT", help="The file to write: .py (NumPy), .c (C99) or .mo (Modelica).")
+        Path,
+        typer.Argument(metavar="OUTPUT", help="The file to write: .py (NumPy), .c (C99), .mo (Modelica) or .fmu."),
     ],
     quiet: Quiet = False,
     verbose: Verbose = 0,

@@ -8,66 +8,15 @@ from types import MappingProxyType
 
 import numpy as np
 import pytest
+from exported_systems import CASES, CLOSE, MEMORY, TERMS, points, system_of
 from pymoca import parser
 
-import bayes_greybox as bg
-from bayes_greybox.criticism.equations.learned import (
-    Drawn,
-    InnerValue,
-    LearnedEquation,
-    LearnedSystem,
-    LearnedTerm,
-    Value,
-)
+from bayes_greybox.criticism.equations.learned import Drawn, InnerValue, Value
 from bayes_greybox.criticism.equations.rates import learned_rates
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.physics.formula.functions import FUNCTIONS
-from bayes_greybox.physics.simulation.reading import simulation_of
 from bayes_greybox.report.exports.door import export_system
 from bayes_greybox.report.exports.model import Notes
-
-CLOSE = {"rtol": 1e-8, "atol": 1e-12}
-TERMS = [
-    "y**3", "sign(v)", "abs(v)*v", "max(abs(y) - 0.3, 0, v)", "heaviside(y - 0.1)", "tanh(v/0.30000000000000004)",
-    "sqrt(abs(y))", "1/(1 + y**2)", "y**-2", "abs(y)**(1/3)", "exp(-y)*sin(pi*v)", "-y", "y - 0.2", "10**12*y", "1",
-    "abs(v)**-1.5", "2*y/3", "min(y, v, z)", "(-y)**2/(v*z)", "cos(v)", "tan(y/3)", "asin(tanh(y))", "acos(tanh(v))",
-    "atan(v)", "sinh(y)", "cosh(y)", "log(1 + y**2)", "2**y", "y*(v - 1)**2", "-(y + 1)*sqrt(2)/z",
-]  # fmt: skip
-
-
-def system_of(simulation, terms, states=("y", "v", "z"), inputs=("F",), equation="v"):
-    rng = np.random.default_rng(0)
-    data = bg.Trajectories.from_arrays(
-        np.arange(5.0),
-        states={n: rng.uniform(1, 2, 5) for n in states},
-        inputs={n: rng.uniform(1, 2, 5) for n in inputs},
-    )
-    made = [bg.Term(text) for text in terms]
-    learned = tuple(
-        LearnedTerm(t.name, t, Value(m, 0.1, m - 0.2, m + 0.2), "1", 0.9)
-        for t, m in zip(made, rng.normal(0, 1, len(made)), strict=True)
-    )
-    drawn = Drawn(tuple(made), np.zeros((1, len(made))), np.zeros((1, 0)))
-    known = simulation_of(simulation, states, inputs)
-    return LearnedSystem("fit", known, data, {equation: LearnedEquation(learned, (), None, None, drawn)}, "Rule.")
-
-
-MEMORY = {"y": "v", "v": "F - 2*y - 0.1*v", "z": "v - (abs(v)*z + v*abs(z))/(2*0.3)"}
-HOSTILE = ("double", "x", "der", "ω", "M_PI", "y1", "time")
-CASES = {
-    "every function": (MEMORY, TERMS, ("y", "v", "z"), ("F",), "v"),
-    "hostile names": (
-        {HOSTILE[0]: "x", "x": "u - 2*double*ω", "der": "y1 - time", "ω": "-ω*u", "M_PI": "x*dxdt",
-         "y1": "y0", "time": "der"},
-        ["double**3", "abs(ω)*der", "time*y1"], HOSTILE, ("u", "y0", "dxdt"), "x",
-    ),
-}  # fmt: skip
-
-
-def points(system, n=100):
-    rng = np.random.default_rng(1)
-    x, u = rng.uniform(0.05, 1.5, (n, len(system.states))), rng.uniform(-1, 1, (n, len(system.inputs)))
-    return x * rng.choice([-1, 1], x.shape), u
 
 
 def by_python(path):
@@ -208,6 +157,13 @@ def test_a_state_without_an_equation_drives_the_others_as_the_last_of_the_inputs
     np.testing.assert_allclose(by_c(tmp_path / "m.c", "m_rhs", x[:, 1:2], driving, 1), own, **CLOSE)
     np.testing.assert_allclose(by_modelica(tmp_path / "m.mo", x[:, 1:2], driving), own, **CLOSE)
     assert "u[2] z: state without an equation, which drives the others" in (tmp_path / "m.c").read_text()
+
+
+def test_what_a_hidden_state_moves_along_with_is_an_input_where_it_has_no_equation(tmp_path):
+    system = system_of({"v": "F - 0.1*v", "z": "v - z"}, ["z"])
+    export_system(system, tmp_path / "m.mo", Notes(starts={"z": "y"}))
+    text = (tmp_path / "m.mo").read_text()
+    assert "input Real y " in text and "initial equation\n  z = y;" in text
 
 
 def test_outputs_have_a_function_of_their_own(tmp_path):

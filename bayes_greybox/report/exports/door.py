@@ -1,17 +1,24 @@
 """Export of learned equations to a file, whose ending says the language."""
 
 import os
+from collections.abc import Callable
 from pathlib import Path
 
 from bayes_greybox.criticism.equations.learned import LearnedSystem
 from bayes_greybox.data.errors import InputError
-from bayes_greybox.data.whole import write_text
+from bayes_greybox.data.whole import whole_file
 
+from .fmu.archive import fmu_archive
 from .languages import c_program, modelica_program, python_program
-from .model import Notes, exported_model
+from .model import ExportedModel, Notes, exported_model
 
-LANGUAGES = {".py": python_program, ".c": c_program, ".mo": modelica_program}
-"""Writers by the ending of a file."""
+
+def _text(program: Callable[[ExportedModel, str], str]) -> Callable[[ExportedModel, str], bytes]:
+    return lambda model, name: program(model, name).encode()
+
+
+LANGUAGES = {".py": _text(python_program), ".c": _text(c_program), ".mo": _text(modelica_program), ".fmu": fmu_archive}
+"""What is written of a model and its name, by the ending of a file."""
 
 
 def export_system(system: LearnedSystem, path: str | os.PathLike[str], notes: Notes) -> None:
@@ -27,9 +34,10 @@ def export_system(system: LearnedSystem, path: str | os.PathLike[str], notes: No
     """
     file = Path(path)
     require_ending(file)
-    text = LANGUAGES[file.suffix](exported_model(system, notes), file.stem)
+    content = LANGUAGES[file.suffix](exported_model(system, notes), file.stem)
     try:
-        write_text(file, text)
+        with whole_file(file) as part:
+            part.write_bytes(content)
     except OSError as error:
         raise InputError(f'"{file}" cannot be written ({error.strerror}); choose another file.') from None
 

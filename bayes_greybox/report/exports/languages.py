@@ -2,6 +2,7 @@
 
 import builtins
 import keyword
+from collections.abc import Sequence
 
 from bayes_greybox.data.errors import InputError
 
@@ -120,7 +121,7 @@ def modelica_program(model: ExportedModel, name: str) -> str:
     return "\n".join([*lines, f"end {called};"]) + "\n"
 
 
-def _called(model: ExportedModel, name: str, words: list[str]) -> str:
+def _called(model: ExportedModel, name: str, words: Sequence[str]) -> str:
     """What the program is called: the stem of its file, where no coefficient could be mistaken for it."""
     factors = {each.name for each in model.factors}
     (called,) = identifiers([name], [*words, *factors]).values()

@@ -170,6 +170,7 @@ def exported_model(system: LearnedSystem, notes: Notes) -> ExportedModel:
     formulas = {name: _formula(system, name, [each for each in factors if each[0].equation == name]) for name in names}
     states = [name for name in kept if name in formulas]
     used = {each for formula in formulas.values() for each in _symbols(formula)}
+    used |= {notes.starts[name] for name in states if notes.starts.get(name)}
     driving = [*system.inputs, *(name for name in kept if name not in formulas and name in used)]
     unknown = sorted(used - {*states, *driving})
     if unknown:
