@@ -39,7 +39,9 @@ class _Printed:
 
     def product(self, factor: str, formula: Any) -> str:
         """A coefficient times a formula."""
-        return factor if formula == 1 else f"{factor}*{self.parenthesize(formula, PRECEDENCE['Pow'])}"  # type: ignore
+        if formula == 1:
+            return factor
+        return f"{factor}*{self.parenthesize(formula, PRECEDENCE['Mul'], strict=True)}"  # type: ignore
 
 
 class PythonPrinter(_Printed, NumPyPrinter):
@@ -85,7 +87,11 @@ class ModelicaPrinter(_Printed, StrPrinter):
         if expr.exp.is_Rational and expr.exp.q == 2:
             root = f"sqrt({self._print(expr.base)})"
             return root if expr.exp.p == 1 else f"{root}^({int(expr.exp.p)})"
-        return f"{self.parenthesize(expr.base, PRECEDENCE['Atom'])}^({self._print(expr.exp)})"
+        exponent = self._print(expr.exp)
+        plain = expr.exp.is_Integer and expr.exp > 0
+        return (
+            f"{self.parenthesize(expr.base, PRECEDENCE['Atom'], strict=True)}^{exponent if plain else f'({exponent})'}"
+        )
 
     def _nested(self, name, expr):
         return reduce(lambda a, b: f"{name}({a}, {b})", map(self._print, expr.args))

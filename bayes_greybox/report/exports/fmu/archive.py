@@ -7,7 +7,6 @@ import shutil
 import subprocess
 import tempfile
 import zipfile
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -42,7 +41,7 @@ def fmu_archive(model: ExportedModel, name: str) -> bytes:
     headers = Path(fmpy.__file__).parent / "c-code"
     sources = {each: (headers / each).read_bytes() for each in HEADERS}
     sources |= {"model.c": program.encode(), "model.h": _sizes(model, program, guid).encode()}
-    sources["fmi2.c"] = (files(__package__) / "fmi2.c").read_bytes()
+    sources["fmi2.c"] = Path(__file__).with_name("fmi2.c").read_bytes()
     said = model.notes.verdict or f"The equations of a {model.origin}"
     content = {"modelDescription.xml": description(model, name, called, guid, said)}
     library = f"binaries/{fmpy.platform}/{called}{fmpy.sharedLibraryExtension}"
