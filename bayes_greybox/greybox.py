@@ -43,6 +43,8 @@ from bayes_greybox.model.streams.taken import taken
 from bayes_greybox.report.equations.latex import equations_latex
 from bayes_greybox.report.equations.record import equations_record
 from bayes_greybox.report.equations.text import equations_text
+from bayes_greybox.report.exports.door import export_system
+from bayes_greybox.report.exports.model import Notes
 from bayes_greybox.running.compiling import keep_programs, make_room
 from bayes_greybox.running.stages import stage, stages
 
@@ -282,6 +284,22 @@ class Fit(Posterior):
             InputError: An unknown backend; more draws than there are; f of a model on the exact path.
         """
         return learned_rates(fitted_system(self), backend, draws, discrepancy)
+
+    def export(self, path: str | os.PathLike[str]) -> None:
+        """Write the equations as a program: .py (NumPy), .c (C99), .mo (Modelica) or .fmu, by the ending of the path.
+
+        Terms are those that `print(fit)` shows, coefficients their means; standard deviations, intervals and units
+        stand in comments. f is not in it, which the header says. An FMU is of FMI 2.0 for Model Exchange, and is
+        compiled for this system: that takes FMPy and a C compiler.
+
+        Raises:
+            InputError: Another ending; a simulation that is a function, but for .py; what an FMU takes is not there; a
+                file that cannot be written.
+        """
+        system = fitted_system(self)
+        f = [name for name, each in system.learned.items() if each.discrepancy is not None and each.discrepancy.left]
+        notes = Notes(str(self.verdict), discrepancy=dict.fromkeys(f, "which the data tell from zero"))
+        export_system(system, path, notes)
 
     def to_json(self) -> str:
         """The equations as JSON text: terms, coefficients with 90 % intervals and inclusion, units; see the guide."""

@@ -29,7 +29,9 @@ from bayes_greybox.physics.simulation.protocol import RightHandSide
 from bayes_greybox.report.equations.latex import equations_latex
 from bayes_greybox.report.equations.record import equations_record
 from bayes_greybox.report.equations.text import equations_text
-from bayes_greybox.report.words.sentence import sentence
+from bayes_greybox.report.exports.door import export_system
+from bayes_greybox.report.exports.model import Notes
+from bayes_greybox.report.words.sentence import measurement_in_words, sentence
 from bayes_greybox.running.compiling import keep_programs, make_room
 from bayes_greybox.running.stages import announce, stages
 
@@ -107,6 +109,22 @@ class Study(StudyResult):
             InputError: An unknown backend; more draws than there are.
         """
         return learned_rates(studied_system(self), backend, draws, discrepancy)
+
+    def export(self, path: str | os.PathLike[str]) -> None:
+        """Write the amended model as a program; as `Fit.export`.
+
+        Hidden states of effects with memory are states of it. What was found of the sensors is said in the header, and
+        is no part of the equations.
+
+        Raises:
+            InputError: As of `Fit.export`.
+        """
+        system = studied_system(self)
+        f = [name for name, each in system.learned.items() if each.discrepancy is not None and each.discrepancy.left]
+        remarks = tuple(f"Of the sensors, not of the machine: {text}." for text in measurement_in_words(self))
+        left = dict.fromkeys(f, "what is left that has no name")
+        known = self.model.states(self.train)
+        export_system(system, path, Notes(self.sentence, remarks, left, self.model.rows.starts, known))
 
     def to_json(self) -> str:
         """The amended model as JSON text; as `Fit.to_json`, with inner parameters and hidden states."""

@@ -105,6 +105,10 @@ def test_a_mistake_in_a_file_without_parts_of_models_is_found_without_importing_
         (["report", ".", "--scheme", "block"], "--scheme applies where several saved fits are compared"),
         (["report", "a.nc", "--block", "5"], "--block applies where several saved fits are compared"),
         (["report", "a.nc", "--max-refits", "5"], "--max-refits applies where several saved fits are compared"),
+        (["export", "a.nc"], "Missing argument 'OUTPUT'"),
+        (["export", "a.nc", "a.f90"], '"a.f90" has no ending of a language that models are exported to: use one of'),
+        (["export", "a.nc", "a.c"], "There is no file 'a.nc'"),
+        (["export", "run.csv", "a.c"], "run.csv"),
     ],
 )
 def test_wrong_use_is_refused_in_one_sentence(here, capsys, words, sentence):
@@ -171,7 +175,7 @@ def test_no_words_mean_help(capsys):
     assert "Usage: bayes-greybox" in capsys.readouterr().out
 
 
-COMMANDS = ["fit", "discover", "compare", "report", "benchmark", "datasets"]
+COMMANDS = ["fit", "discover", "compare", "report", "export", "benchmark", "datasets"]
 
 
 @pytest.mark.parametrize("command", COMMANDS)
@@ -320,6 +324,20 @@ def test_saved_fits_are_compared_and_named_after_their_folders(first, tmp_path, 
     other.unlink()
     capsys.readouterr()
     assert "is no longer there" in refuse(capsys, "report", str(tmp_path / "out"))
+
+
+def test_a_saved_fit_is_exported_and_one_that_did_not_converge_says_so(first, tmp_path, capsys):
+    program = tmp_path / "spring.py"
+    assert cli.main(["export", str(first.folder / "run.nc"), str(program), "--quiet"]) == 3
+    assert capsys.readouterr().out == f"{program}\n"
+    text, made = program.read_text(encoding="utf-8"), {}
+    assert "Not converged" in text
+    exec(text, made)
+    x = np.random.default_rng(0).uniform(-1, 1, (20, 2))
+    own = bg.load(first.folder / "run.nc").to_callable()(0.0, x)
+    np.testing.assert_allclose(made["rhs"](0.0, x.T, np.zeros((0, 20))).T, own, rtol=1e-8, atol=1e-12)
+    absent = str(tmp_path / "absent" / "spring.c")
+    assert "cannot be written" in refuse(capsys, "export", str(first.folder / "run.nc"), absent)
 
 
 def test_a_damaged_fit_is_refused(first, tmp_path, capsys):

@@ -28,6 +28,7 @@ from bayes_greybox.running.collecting import leave_collected, seldom_collected
 
 from .benchmarking import benchmark
 from .ending import BAD_INPUT, DONE, exit_code, log_to_stderr, show
+from .exporting import export
 
 if TYPE_CHECKING:
     from bayes_greybox.config import Config
@@ -276,6 +277,7 @@ def report(
     return exit_code(fits)
 
 
+app.command()(export)
 app.command()(benchmark)
 
 

@@ -71,6 +71,11 @@ class RowKind(ABC):
         return False
 
     @property
+    def starts(self) -> Mapping[str, str]:
+        """Hidden states whose start is known: the column that each moves along with there; "" at rest."""
+        return {}
+
+    @property
     def shared(self) -> bool:
         """Whether all learned equations have the same rows, so that one likelihood tells of all; else each its own."""
         return False

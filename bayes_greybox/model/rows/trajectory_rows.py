@@ -101,6 +101,11 @@ class TrajectoryRows(RowKind):
         return True
 
     @property
+    def starts(self) -> Mapping[str, str]:
+        """Of hidden states that rest or move along with a column where a run starts."""
+        return {**{name: "" for name, _ in self.at_rest}, **dict(self.moving)}
+
+    @property
     def shared(self) -> bool:
         """Yes: each sample tells of all states."""
         return True

@@ -1,0 +1,1 @@
+"""Learned models as programs of other languages: Python, C and Modelica."""

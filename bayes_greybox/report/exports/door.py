@@ -1,0 +1,56 @@
+"""Export of learned equations to a file, whose ending says the language."""
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+from bayes_greybox.criticism.equations.learned import LearnedSystem
+from bayes_greybox.data.errors import InputError
+from bayes_greybox.data.whole import whole_file
+
+from .fmu.archive import fmu_archive
+from .languages import c_program, modelica_program, python_program
+from .model import ExportedModel, Notes, exported_model
+
+
+def _text(program: Callable[[ExportedModel, str], str]) -> Callable[[ExportedModel, str], bytes]:
+    return lambda model, name: program(model, name).encode()
+
+
+LANGUAGES = {".py": _text(python_program), ".c": _text(c_program), ".mo": _text(modelica_program), ".fmu": fmu_archive}
+"""What is written of a model and its name, by the ending of a file."""
+
+
+def export_system(system: LearnedSystem, path: str | os.PathLike[str], notes: Notes) -> None:
+    """Write the right-hand side of learned equations as a program.
+
+    Args:
+        system: The equations.
+        path: Destination; its ending is one of `LANGUAGES`, its stem what is exported is called.
+        notes: What its header says beside the equations.
+
+    Raises:
+        InputError: An unknown ending; equations that the language cannot have; a file that cannot be written.
+    """
+    file = Path(path)
+    require_ending(file)
+    content = LANGUAGES[file.suffix](exported_model(system, notes), file.stem)
+    try:
+        with whole_file(file) as part:
+            part.write_bytes(content)
+    except OSError as error:
+        raise InputError(f'"{file}" cannot be written ({error.strerror}); choose another file.') from None
+
+
+def require_ending(path: Path) -> None:
+    """Refuse a file whose ending is no language's.
+
+    Args:
+        path: Destination.
+
+    Raises:
+        InputError: Another ending than those of `LANGUAGES`.
+    """
+    if path.suffix not in LANGUAGES:
+        known = ", ".join(LANGUAGES)
+        raise InputError(f'"{path}" has no ending of a language that models are exported to: use one of {known}.')

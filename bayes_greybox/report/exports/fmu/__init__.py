@@ -1,0 +1,1 @@
+"""Learned models as FMUs: FMI 2.0 for Model Exchange."""

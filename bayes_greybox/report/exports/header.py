@@ -1,0 +1,50 @@
+"""What stands above an exported program: where it comes from, how sure it is, and what is not in it."""
+
+from importlib.metadata import version
+
+from bayes_greybox.data.writing import unit_text
+from bayes_greybox.report.words.formatting import estimate, interval, probability_text
+
+from .model import ExportedModel, Factor
+
+
+def header(model: ExportedModel, names: dict[str, str], slots: tuple[str, str]) -> list[str]:
+    """Lines of the header; without a date, so that the same model is the same text.
+
+    Args:
+        model: The model.
+        names: Identifiers by the names of the data.
+        slots: How states and inputs are indexed, such as "x[{}]".
+    """
+    what = "amended by a study" if model.origin == "study" else "fitted to data"
+    lines = [f"A model {what}; written by bayes_greybox {version('bayes-greybox')}."]
+    lines += [text for text in (model.notes.verdict, model.rule, *model.notes.remarks) if text]
+    lines += ["Coefficients are posterior means, with standard deviation and 90 % interval."]
+    lines += [
+        f"Not in it, as it has no formula: f of {name}, {said}." for name, said in model.notes.discrepancy.items()
+    ]
+    for slot, quantities in zip((*slots, "output"), (model.states, model.inputs, model.outputs), strict=True):
+        for k, each in enumerate(quantities):
+            start = f", {each.start:.6g} where the data start" if slot == slots[0] else ""
+            renamed = f' (called "{each.name}" in the data)' if names[each.name] != each.name else ""
+            unit = f" [{unit_text(each.unit)}]" if unit_text(each.unit) else ""
+            lines.append(f"{slot.format(k)}  {names[each.name]}{renamed}{unit}: {each.said}{start}")
+    for name, inner in model.inner:
+        said = estimate(inner.value.mean, inner.value.sd, inner.unit)
+        lines.append(f"Within {inner.effect} of {name}: {inner.name} = {said}, a number in the formula.")
+    for a, b, value in model.correlations:
+        lines.append(f"Posterior correlation of {a} and {b}: {value:.2f}")
+    return lines
+
+
+def uncertainty(factor: Factor) -> str:
+    """How well a coefficient is known, and what it is of."""
+    value = factor.value
+    parts = [f"{factor.formula} in {factor.equation}"]
+    if value.sd > 0:
+        parts.append(f"{estimate(value.mean, value.sd, factor.unit)}, 90 % {interval(value.lower, value.upper)}")
+    elif unit_text(factor.unit):
+        parts.append(unit_text(factor.unit))
+    if factor.probability is not None:
+        parts.append(f"P {probability_text(factor.probability)}")
+    return "; ".join([*parts, *([factor.said] if factor.said else [])])

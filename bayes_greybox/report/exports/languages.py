@@ -1,0 +1,147 @@
+"""A model as the text of a program in Python, C or Modelica."""
+
+import builtins
+import keyword
+from collections.abc import Sequence
+
+from bayes_greybox.data.errors import InputError
+
+from .header import header, uncertainty
+from .model import ExportedModel, Formula, rate_symbol
+from .names import ascii_text, identifiers, one_line, quoted, within_c
+from .printers import CPrinter, ModelicaPrinter, PythonPrinter
+
+C_WORDS = """
+    auto break case char const continue default do double else enum extern float for goto if inline int long register
+    restrict return short signed sizeof static struct switch typedef union unsigned void volatile while bool true false
+    asm typeof linux unix main t x u y dxdt acos asin atan atan2 ceil cos cosh exp fabs floor fmod frexp ldexp log log10
+    modf pow sin sinh sqrt tan tanh acosh asinh atanh cbrt copysign erf erfc exp2 expm1 fdim fma fmax fmin hypot ilogb
+    isfinite isinf isnan isnormal lgamma log1p log2 logb nan nearbyint nextafter remainder rint round scalbn signbit
+    tgamma trunc j0 j1 jn y0 y1 yn gamma signgam NAN INFINITY HUGE_VAL HUGE NULL sign_of step_of DOMAIN OVERFLOW
+    UNDERFLOW SING isgreater isless fpclassify matherr PLOSS TLOSS MAXFLOAT M_E M_LOG2E M_LOG10E M_LN2 M_LN10 M_PI
+    M_PI_2 M_PI_4 M_1_PI M_2_PI M_2_SQRTPI M_SQRT2 M_SQRT1_2 FP_NAN FP_INFINITE FP_ZERO FP_SUBNORMAL FP_NORMAL
+""".split()
+MODELICA_WORDS = """
+    algorithm and annotation assert block break class connect connector constant constrainedby der discrete each else
+    elseif elsewhen encapsulated end enumeration equation expandable extends external false final flow for function if
+    import impure in initial inner input loop model not operator or outer output package parameter partial protected
+    public pure record redeclare replaceable return stream then true type when while within time abs sign sqrt div mod
+    rem ceil floor integer sin cos tan asin acos atan atan2 sinh cosh tanh exp log log10 pre edge change sample reinit
+    smooth noEvent delay homotopy semiLinear min max sum product size fill zeros ones identity Real Integer Boolean
+    String StateSelect cat array scalar vector matrix transpose cross skew terminal terminate cardinality ndims
+    spatialDistribution
+""".split()
+PYTHON_WORDS = [*keyword.kwlist, *keyword.softkwlist, *dir(builtins), "numpy", "rhs", "outputs", "t", "x", "u", "g",
+                "simulation", "STATES", "INPUTS", "OUTPUTS", "START"]  # fmt: skip
+
+
+def python_program(model: ExportedModel, name: str) -> str:
+    """A module with `rhs(t, x, u)`; beside a simulation that is a function, `rhs(t, x, u, simulation)`."""
+    known = _names(model, PYTHON_WORDS)
+    names = {**known, **{rate_symbol(k): f"g[{k}]" for k in range(len(model.states))}}
+    printer = PythonPrinter(names)
+    lines = [f"# {one_line(line)}" for line in header(model, known, ("x[{}]", "u[{}]"))]
+    lines += ["", "import numpy", ""]
+    for label, group in (("STATES", model.states), ("INPUTS", model.inputs), ("OUTPUTS", model.outputs)):
+        lines.append(f"{label} = {tuple(each.name for each in group)!r}")
+    lines += [f"START = {tuple(each.start for each in model.states)!r}", ""]
+    lines += [f"{each.name} = {float(each.value.mean)!r}  # {one_line(uncertainty(each))}" for each in model.factors]
+    for called, formulas in (("rhs", model.rates), ("outputs", model.given)):
+        if not formulas:
+            continue
+        code = model.code and called == "rhs"
+        what = "Rates of STATES" if called == "rhs" else "OUTPUTS"
+        lines += ["", "", f"def {called}(t, x, u=(){', *, simulation' if code else ''}):"]
+        lines.append(f'    """{what} at states x [n_state, ...] and inputs u [n_input, ...]."""')
+        lines += ["    x, u = numpy.asarray(x, float), numpy.asarray(u, float)"]
+        if code:
+            lines.append("    # Your function (t, x, u) -> dx/dt, of one point, which the model was fitted beside.")
+            lines.append("    g = numpy.asarray(simulation(t, x, u), float)")
+        lines += [f"    {known[each.name]} = x[{k}]" for k, each in enumerate(model.states)]
+        lines += [f"    {known[each.name]} = u[{k}]" for k, each in enumerate(model.inputs)]
+        lines += ["    found = [", *(f"        {_sum(printer, each)}," for each in formulas), "    ]"]
+        lines.append("    shape = numpy.broadcast_shapes(x.shape[1:], u.shape[1:])")
+        lines.append("    return numpy.stack([numpy.broadcast_to(each, shape) for each in found])")
+    return "\n".join(lines) + "\n"
+
+
+def c_program(model: ExportedModel, name: str) -> str:
+    """C99 with `void NAME_rhs(double t, const double *x, const double *u, double *dxdt)`."""
+    _require_formulas(model, "C")
+    called = _called(model, name, C_WORDS)
+    names = _names(model, [*C_WORDS, f"{called}_rhs", f"{called}_outputs"])
+    printer = CPrinter(names)
+    lines = ["/*", *(f" * {within_c(line)}" for line in header(model, names, ("x[{}]", "u[{}]"))), " */"]
+    lines += ["#include <math.h>", ""]
+    bodies = [(each, _sum(printer, each)) for each in model.formulas]
+    every = " ".join(text for _, text in bodies)
+    if "sign_of(" in every:
+        lines += ["static double sign_of(double v) { return (v > 0.0) - (v < 0.0); }", ""]
+    if "step_of(" in every:
+        lines += ["static double step_of(double v, double at_zero)",
+                  "{", "    return v > 0.0 ? 1.0 : v < 0.0 ? 0.0 : v == 0.0 ? at_zero : v;", "}", ""]  # fmt: skip
+    for each in model.factors:
+        lines.append(
+            f"static const double {each.name} = {float(each.value.mean)!r};  /* {within_c(uncertainty(each))} */"
+        )
+    for kind, result, formulas in (("rhs", "dxdt", model.rates), ("outputs", "y", model.given)):
+        if not formulas:
+            continue
+        lines += ["", f"void {called}_{kind}(double t, const double *x, const double *u, double *{result})", "{"]
+        for slot, group in (("x", model.states), ("u", model.inputs)):
+            lines += [f"    const double {names[each.name]} = {slot}[{k}];" for k, each in enumerate(group)]
+        unused = ["t", "x", "u", *(names[each.name] for each in (*model.states, *model.inputs))]
+        lines += ["    " + " ".join(f"(void){each};" for each in unused)]
+        lines += [f"    {result}[{k}] = {_sum(printer, each)};" for k, each in enumerate(formulas)]
+        lines += ["}"]
+    return "\n".join(lines) + "\n"
+
+
+def modelica_program(model: ExportedModel, name: str) -> str:
+    """A Modelica model with inputs, parameters, and an equation for every state and output."""
+    _require_formulas(model, "Modelica")
+    called = _called(model, name, MODELICA_WORDS)
+    names = _names(model, [*MODELICA_WORDS, called])
+    printer = ModelicaPrinter(names)
+    lines = [f"// {ascii_text(line)}" for line in header(model, names, ("state {}", "input {}"))]
+    lines += [f"model {called}"]
+    for each in model.factors:
+        lines.append(f"  parameter Real {each.name} = {float(each.value.mean)!r} {quoted(uncertainty(each))};")
+    lines += [f"  input Real {names[each.name]} {quoted(each.said)};" for each in model.inputs]
+    for each in model.states:
+        start = "" if each.follows else f"(start = {each.start!r}, fixed = true)"
+        lines.append(f"  Real {names[each.name]}{start} {quoted(each.said)};")
+    lines += [f"  output Real {names[each.name]};" for each in model.outputs]
+    following = [each for each in model.states if each.follows]
+    if following:
+        lines += ["initial equation", *(f"  {names[each.name]} = {names[each.follows]};" for each in following)]
+    lines += ["equation"]
+    lines += [f"  der({names[each.name]}) = {_sum(printer, each)};" for each in model.rates]
+    lines += [f"  {names[each.name]} = {_sum(printer, each)};" for each in model.given]
+    return "\n".join([*lines, f"end {called};"]) + "\n"
+
+
+def _called(model: ExportedModel, name: str, words: Sequence[str]) -> str:
+    """What the program is called: the stem of its file, where no coefficient could be mistaken for it."""
+    factors = {each.name for each in model.factors}
+    (called,) = identifiers([name], [*words, *factors]).values()
+    while {f"{called}_rhs", f"{called}_outputs"} & factors:
+        called = f"{called}_"
+    return called
+
+
+def _names(model: ExportedModel, words: list[str]) -> dict[str, str]:
+    return identifiers([each.name for each in model.quantities], [*words, *(f.name for f in model.factors)])
+
+
+def _sum(printer: PythonPrinter | CPrinter | ModelicaPrinter, formula: Formula) -> str:
+    known = [] if formula.known == 0 and formula.added else [printer._print(formula.known)]
+    return " + ".join([*known, *(printer.product(name, phi) for name, phi in formula.added)])
+
+
+def _require_formulas(model: ExportedModel, language: str) -> None:
+    if model.code:
+        raise InputError(
+            f"The simulation is a Python function, which cannot be written in {language}: give it as formulas, "
+            "GreyBox(simulation={'y': 'v', ...}), or export to .py, whose rhs takes your function beside its arguments."
+        )

@@ -1,0 +1,83 @@
+"""Names of columns as identifiers of other languages, and text that cannot leave the comment it stands in."""
+
+import re
+import unicodedata
+from collections.abc import Collection, Iterable, Sequence
+
+_SIGNS = {
+    "±": "+-", "−": "-", "–": "-", "·": "*", "⋅": "*", "×": "*", "°": "deg", "µ": "u", "μ": "u", "Ω": "Ohm", "∞": "inf",
+    "≥": ">=", "≤": "<=",
+}  # fmt: skip
+_RAISED = {"⁻": "-", **{raised: str(k) for k, raised in enumerate("⁰¹²³⁴⁵⁶⁷⁸⁹")}}
+
+
+def distinct(wanted: Sequence[str], taken: Iterable[str]) -> list[str]:
+    """Names that differ from each other and from those that are taken: an underscore is added where they do not.
+
+    Args:
+        wanted: In order.
+        taken: Names that nothing may have.
+    """
+    used, found = set(taken), []
+    for name in wanted:
+        while name in used:
+            name = f"{name}_"
+        used.add(name)
+        found.append(name)
+    return found
+
+
+def identifiers(names: Sequence[str], reserved: Collection[str]) -> dict[str, str]:
+    """An identifier of ASCII letters, digits and underscores for each name, the name itself wherever it is one.
+
+    Args:
+        names: Names, each once.
+        reserved: Words of the language, and names that the program uses itself.
+    """
+    plain = {name: _plain(name) for name in names}
+    # Those that stay as they are come first, so that no other takes their name.
+    order = sorted(names, key=lambda name: plain[name] != name)
+    return dict(zip(order, distinct([plain[name] for name in order], reserved), strict=True))
+
+
+def ascii_text(text: str) -> str:
+    """Text in ASCII, on one line: ± as +-, m² as m^2; a letter without a likeness by its name."""
+    text = re.sub("[⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+", lambda found: f"^{''.join(_RAISED[c] for c in found[0])}", text)
+    return "".join(_SIGNS.get(char) or _letter(char) for char in one_line(text))
+
+
+def one_line(text: str) -> str:
+    """Text on one line, without characters that do not show."""
+    return " ".join("".join(c if c.isprintable() or c.isspace() else " " for c in text).split())
+
+
+def within_c(text: str) -> str:
+    """Text for a comment of C, which cannot end it."""
+    # A backslash at the end of a line would join the next one to it, and ??/ is one.
+    return ascii_text(text).replace("*/", "* /").replace("/*", "/ *").replace("\\", "/").replace("??", "? ?")
+
+
+def quoted(text: str) -> str:
+    """Text as a string of Modelica."""
+    escaped = ascii_text(text).replace("\\", "\\\\").replace('"', '\\"')
+    return f'"{escaped}"'
+
+
+def _plain(name: str) -> str:
+    word = re.sub(r"\W", "_", "".join(_letter(char) for char in name), flags=re.ASCII)
+    # Names that start with an underscore belong to compilers.
+    return word if re.match("[A-Za-z]", word) else f"v{word}"
+
+
+def _letter(char: str) -> str:
+    if char.isascii():
+        return char
+    likeness = unicodedata.normalize("NFKD", char).encode("ascii", "ignore").decode()
+    if likeness.strip():
+        return likeness
+    if unicodedata.category(char) == "Zs":
+        return " "
+    name = unicodedata.name(char, "")
+    spoken = re.search(r"LETTER ([A-Z]+)(?: |$)", name)
+    word = spoken[1].lower() if spoken else f"u{ord(char):04x}"
+    return word.capitalize() if "CAPITAL" in name else word
