@@ -7,10 +7,11 @@ from pathlib import Path
 import matplotlib as mpl
 import numpy as np
 import sympy
+from matplotlib.figure import Figure
+
 from bayes_greybox.physics.catalogue.effects import Effect
 from bayes_greybox.physics.catalogue.inner_parameter import InnerParameter
 from bayes_greybox.physics.formula.expressions import parse_expression
-from matplotlib.figure import Figure
 
 POSITIVE = {"level", "upstream", "population", "other"}
 """Roles that are never negative."""

@@ -1,7 +1,7 @@
 """Links to what stands beside `docs/`, and the notebooks as pages.
 
-Pages link to files of the checkout as a code host shows them, `../notebooks/x.ipynb`. Notebooks are copied into the build from
-the one place where they stand, and links to them lead to their pages.
+Pages link to files of the checkout as a code host shows them, `../notebooks/x.ipynb`. Notebooks are copied into the
+build from the one place where they stand, and links to them lead to their pages.
 """
 
 import os

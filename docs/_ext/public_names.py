@@ -1,7 +1,8 @@
 """What autodoc needs to know of the house: public names, and docstrings that state no types.
 
-A class is documented under its public name, `bg.Trajectories`, wherever it lives; annotations that name its home lead there.
-Types stand in annotations alone, so that in "Returns: One row for each effect: slug, ..." nothing before a colon is one.
+A class is documented under its public name, `bg.Trajectories`, wherever it lives; annotations that name its home lead
+there. Types stand in annotations alone, so that in "Returns: One row for each effect: slug, ..." nothing before a colon
+is one.
 """
 
 import ast

@@ -81,7 +81,7 @@ def plot_gap_map(
         ax.set_xlabel(with_unit(variables[0], units[0]))
         ax.set_ylabel(with_unit(variables[1], units[1]))
         ax.set_title(title)
-    event = f"`|gap|` > {quantity(threshold, unit)}"
+    event = f"|gap| > {quantity(threshold, unit)}"
     _explain(panels[0], bold, event, samples is not None, not seen.all(), axes is None)
     return figure_of(panels[0])
 
