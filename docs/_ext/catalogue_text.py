@@ -66,8 +66,8 @@ def index() -> str:
     return "\n".join(
         [
             "# The catalogue\n",
-            'What a study can name. `bg.catalogue()` has the same as a table, `bg.catalogue(search="friction")` searches',
-            'it, and `catalogue=` of `bg.find_missing_effects` takes the name of one of these, `"all"`, or '
+            'What a study can name. `bg.catalogue()` has the same as a table, `bg.catalogue(search="friction")`',
+            'searches it, and `catalogue=` of `bg.find_missing_effects` takes the name of one of these, `"all"`, or',
             "[a file of your own](/howto/memory.md).\n",
             "| catalogue | effects | |",
             "|---|---|---|",
