@@ -15,6 +15,7 @@ PACKAGE = "bayes_greybox"
 
 ELSEWHERE = {
     "ndarray": "numpy.ndarray",
+    "Array": "jax.Array",
     "jax.jaxlib._jax.Array": "jax.Array",
     "jaxlib._jax.Array": "jax.Array",
     "matplotlib.axes._axes.Axes": "matplotlib.axes.Axes",
