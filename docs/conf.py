@@ -86,6 +86,8 @@ sphinx_gallery_conf = {
     "filename_pattern": r"\.py$",
     "download_all_examples": False,
     "show_signature": False,
+    "capture_repr": (),
+    "min_reported_time": 60,
     "abort_on_example_error": True,
 }
 
@@ -94,10 +96,13 @@ html_title = "bayes_greybox"
 html_static_path = ["_static"]
 html_css_files = ["site.css"]
 html_math_renderer = "mathml"
+# Pages without pages below them have no list of these.
+html_sidebars = {page: [] for page in ("index", "start", "cite", "search", "genindex", "py-modindex")}
 html_show_sourcelink = False
 html_copy_source = False
 html_theme_options = {
     "navbar_end": ["theme-switcher"],
+    "navbar_persistent": ["search-button"],
     "show_prev_next": False,
     "secondary_sidebar_items": ["page-toc"],
     "header_links_before_dropdown": 9,
