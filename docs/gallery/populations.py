@@ -1,7 +1,8 @@
 """Populations: prey that nobody eats
 ==================================
 
-Hares and lynxes, and a simulation in which the lynxes thrive and no hare is lost to them: both grow beyond all bounds.
+Hares and lynxes, and a simulation in which the lynxes thrive and no hare is lost to them: both grow beyond all
+bounds.
 """
 
 import matplotlib.pyplot as plt
