@@ -39,7 +39,8 @@ def _entry(effect: Effect, domain: str, names: dict[str, str]) -> str:
         links = [f"[{names[slug]}](#effect-{domain}-{slug})" for slug in effect.confusions if slug in names]
         rows.append(("easily taken for", ", ".join(links)))
     table = ["| | |", "|---|---|", *(f"| {key} | {_cell(value)} |" for key, value in rows)]
-    picture = f"```{{image}} {domain}-{effect.slug}.svg\n:alt: The formula of {effect.name} drawn.\n:class: effect dark-light\n```"
+    drawn = f"{domain}-{effect.slug}.svg\n:alt: The formula of {effect.name} drawn."
+    picture = f"```{{image}} {drawn}\n:class: effect dark-light\n```"
     return "\n\n".join(
         [f"(effect-{domain}-{effect.slug})=\n## {effect.name}", effect.meaning, picture, "\n".join(table)]
     )
