@@ -270,13 +270,13 @@ class Fit(Posterior):
     def to_callable(self, backend: str = "numpy", draws: int | None = None, discrepancy: bool = False) -> LearnedRates:
         """The right-hand side as a function `rates(t, x, u)`, which `scipy` or `diffrax` can integrate.
 
-        x [*n, n_state] and u [*n, n_input] have the columns `rates.states` and `rates.inputs` along their last axis, in
-        the units of the data; t is a number or [*n]. What is returned, [*n, n_equation], are the rates of
+        x `[*n, n_state]` and u `[*n, n_input]` have the columns `rates.states` and `rates.inputs` along their last
+        axis, in the units of the data; t is a number or `[*n]`. What is returned, `[*n, n_equation]`, are the rates of
         `rates.equations` in `rates.units`: of all states where each has an equation, then outputs.
 
         Args:
             backend: "numpy", or "jax" for a function that can be compiled, mapped and differentiated.
-            draws: Posterior draws along a first axis, [draws, *n, n_equation], each with all the terms that it has;
+            draws: Posterior draws along a first axis, `[draws, *n, n_equation]`, each with all its terms;
                 `rates.draw(k)` is one of them. None: the equation that `print(fit)` shows, coefficients at their means.
             discrepancy: Whether f is added, held beyond the features' domain; without it f is left out.
 

@@ -9,7 +9,7 @@ import yaml
 
 ROOT = Path(__file__).parent.parent
 GUIDES = [ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md")]
-DOCS = sorted((ROOT / "docs").rglob("*.md"))
+DOCS = sorted(page for page in (ROOT / "docs").rglob("*.md") if "generated" not in page.parts)
 README_LIMIT = 8_000
 """Bytes: what a newcomer reads in five minutes."""
 PICTURE_LIMIT = 150_000

@@ -61,12 +61,12 @@ class LearnedRates:
         """Rates at one point or at many.
 
         Args:
-            t: Time, a number or an array [*n]; only a simulation that is code may use it.
-            x: States [*n, n_state].
-            u: Inputs [*n, n_input]; None for a model without inputs.
+            t: Time, a number or an array `[*n]`; only a simulation that is code may use it.
+            x: States `[*n, n_state]`.
+            u: Inputs `[*n, n_input]`; None for a model without inputs.
 
         Returns:
-            Rates [*n, n_equation], or [n_draw, *n, n_equation] of posterior draws.
+            Rates `[*n, n_equation]`, or `[n_draw, *n, n_equation]` of posterior draws.
 
         Raises:
             InputError: States or inputs that are not as many as the model has.

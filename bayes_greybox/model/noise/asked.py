@@ -66,8 +66,8 @@ class Noise:
     Attributes:
         scale: Prior scale of σ over the RMS of the target: σ² = floor² + s², s ~ HalfNormal(scale).
         correlation: "fit" or the correlation time τ in units of time, for noise with correlation
-            (1 − w) exp(−|t − t'|/τ) between rows of a run; the white share w is always found. None: none. "fit" leaves
-            the noise as it is where the data speak against a correlation.
+            `(1 − w) exp(−|t − t'|/τ)` between rows of a run; the white share w is always found. None: none. "fit"
+            leaves the noise as it is where the data speak against a correlation.
         depends_on: "fit" or a column x, for noise with standard deviation ∝ (δ² + (x/RMS)²)^(a/2); δ and a are always
             found, and under "fit" x is one of the states, inputs and the simulated rate. None: none.
         tails: "fit" or degrees of freedom, for Student's t; each row is weighted by its likeliest scale. None: normal.

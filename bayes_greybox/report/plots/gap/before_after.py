@@ -65,7 +65,7 @@ def plot_gap_over_time(
         after: the same of the amended model.
         equation: name of the state whose derivative the equation gives.
         threshold: what counts as a gap, in `unit`.
-        probability: that |gap| exceeds the threshold, before.
+        probability: that `|gap|` exceeds the threshold, before.
         run: run of each row; all one run by default. At most six runs are drawn.
         run_names: name of each run.
         time_unit: unit of time.

@@ -53,12 +53,12 @@ def plot_gap_map(
     Args:
         grid: positions along the first and the second variable.
         maps: by title, such as "before" and "after": posterior mean of the gap, in `unit`, and the probability that
-            |gap| exceeds the threshold.
+            `|gap|` exceeds the threshold.
         variables: names of the two variables.
         units: their units.
         threshold: what counts as a gap, in `unit`.
         unit: unit of the gap.
-        limit: end of the colour range; the largest |gap| of all maps by default.
+        limit: end of the colour range; the largest `|gap|` of all maps by default.
         inside: where there are data; elsewhere a map is hatched and pale.
         samples: positions of the data rows, to mark.
         axes: axes to draw into, one a map.
@@ -109,7 +109,7 @@ def plot_gap_curve(
         grid: positions along the variable.
         before: posterior mean of the gap that the simulation leaves, in `unit`.
         after: what the amended model leaves.
-        probability: that |gap| exceeds the threshold, before.
+        probability: that `|gap|` exceeds the threshold, before.
         after_probability: the same after.
         variable: name of the variable.
         variable_unit: its unit.

@@ -34,8 +34,10 @@ class Coefficient:
     Attributes:
         name: What the panel is headed with.
         term: The term it multiplies.
-        mean, sd: Posterior mean and standard deviation, in `unit`.
-        lower, upper: Ends of the credible interval.
+        mean: Posterior mean, in `unit`.
+        sd: Posterior standard deviation, in `unit`.
+        lower: Lower end of the credible interval.
+        upper: Upper end of it.
         unit: Unit.
         draws: Posterior draws; None where there are none, and only the interval is drawn.
     """

@@ -1,0 +1,61 @@
+"""The documentation site: all names and effects are on it, and start-here runs."""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from bayes_greybox.physics.catalogue.loading import load_catalogue
+
+ROOT = Path(__file__).parent.parent
+DOCS = ROOT / "docs"
+
+sys.path.append(str(DOCS / "_ext"))
+effect_pictures = pytest.importorskip("effect_pictures")
+
+
+def test_every_public_name_is_in_the_reference():
+    stub = (ROOT / "bayes_greybox" / "__init__.pyi").read_text(encoding="utf-8")
+    names = set(re.findall(r" as (\w+)$", stub, re.MULTILINE)) - {"priors", "systems", "plots", "study_figures"}
+    shown = "\n".join(page.read_text(encoding="utf-8") for page in (DOCS / "reference").glob("*.rst"))
+    listed = set(re.findall(r"^\.\. auto(?:class|function|exception):: (\w+)$", shown, re.MULTILINE))
+    assert names and names == listed
+
+
+@pytest.mark.parametrize("domain", ["mechanical", "fluid", "population", "electrical"])
+def test_every_effect_has_an_entry_and_a_picture(domain, tmp_path):
+    import catalogue_text
+
+    text = catalogue_text.page(domain)
+    for effect in load_catalogue(domain):
+        assert f"(effect-{domain}-{effect.slug})=" in text and f"{domain}-{effect.slug}.svg" in text
+        assert effect.meaning in text
+        picture = tmp_path / f"{effect.slug}.svg"
+        effect_pictures.save_picture(effect, picture)
+        assert "<path" in picture.read_text(encoding="utf-8")
+
+
+def test_every_howto_is_reached_from_the_questions():
+    index = (DOCS / "howto" / "index.md").read_text(encoding="utf-8")
+    pages = {page.name for page in (DOCS / "howto").glob("*.md")} - {"index.md"}
+    assert pages == set(re.findall(r"\]\((\w+\.md)\)", index))
+
+
+@pytest.mark.slow
+def test_start_here_leads_to_the_verdict_that_it_shows(tmp_path):
+    text = (DOCS / "start.md").read_text(encoding="utf-8")
+    (made,) = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
+    commands = re.findall(r"^bayes-greybox (.+)$", text, re.MULTILINE)
+    (rate,) = re.findall(r'^v = "F.*$', text, re.MULTILINE)
+    subprocess.run([sys.executable, "-c", made], cwd=tmp_path, check=True)
+    run = [sys.executable, "-m", "bayes_greybox"]
+    subprocess.run([*run, *commands[0].split()], cwd=tmp_path, check=True, capture_output=True)
+    config = tmp_path / "trolley.toml"
+    config.write_text(re.sub(r"^# v = .*$", rate, config.read_text(encoding="utf-8"), flags=re.MULTILINE), "utf-8")
+    done = subprocess.run([*run, *commands[1].split()], cwd=tmp_path, check=True, capture_output=True, text=True)
+    shown = " ".join(done.stdout.split())
+    assert "NAMED: The simulation lacks quadratic drag in d(v)/dt" in shown
+    (coefficient,) = re.findall(r"The coefficient is (\S+ ± \S+ 1/m)", text)
+    assert coefficient in shown
