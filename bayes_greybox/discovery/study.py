@@ -20,7 +20,7 @@ from bayes_greybox.model.rows.row_warnings import row_warnings
 from bayes_greybox.physics.catalogue.loading import CatalogueSpec, load_catalogue
 from bayes_greybox.physics.catalogue.pairs import pairs_in_data
 from bayes_greybox.physics.catalogue.roles import bind_catalogue, roles_of, unbound
-from bayes_greybox.physics.simulation.reading import NO_STATES
+from bayes_greybox.physics.simulation.reading import NO_STATES, readable
 from bayes_greybox.running.stages import stage, stages
 
 from .amended import amended_program, corrected_data
@@ -180,7 +180,7 @@ def investigate(
     loaded = load_catalogue(catalogue)
     seconds: dict[str, float] = {}
     findings: dict[str, EquationStudy] = {}
-    pairs = pairs_in_data(model.simulator(train), train) if callable(model.simulation) else None
+    pairs = pairs_in_data(model.simulator(train), train) if not readable(model.simulation) else None
     with threadpool_limits(1), stages(progress), stage("Weighing explanations") as line:
         left_out: dict[tuple[str, str], str] = {}
         for name in equations:
@@ -307,7 +307,7 @@ def _memoryless(model: Program, data: Trajectories, equation: str) -> str:
             "it remembers, and rows of rates follow no path along which that can be said: give samples, "
             "GreyBox(rows=bg.TrajectoryRows())"
         )
-    return NO_STATES if callable(model.simulation) else ""
+    return "" if readable(model.simulation) else NO_STATES
 
 
 def _completed(model: Program, equations: Sequence[str], data: Trajectories) -> Trajectories:
