@@ -1,7 +1,7 @@
 """Simulations as users give them, and as files hold them."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, TypeGuard
 
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.physics.formula.expressions import parse_expression
@@ -59,7 +59,7 @@ def simulation_of(
     return ExpressionSimulation(states, inputs, parsed)
 
 
-def readable(given: Mapping[str, str] | RightHandSide | FMU | None) -> bool:
+def readable(given: Mapping[str, str] | RightHandSide | FMU | None) -> TypeGuard[Mapping[str, str] | None]:
     """Whether a user's simulation is formulas, or none at all: code cannot be read."""
     return not (callable(given) or isinstance(given, FMU))
 

@@ -3,7 +3,7 @@
 import math
 import os
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Hashable
 from ctypes import byref, c_double
 from functools import lru_cache
 from typing import Any
@@ -26,7 +26,7 @@ ALIKE = 16
 DEAD = 3
 """Status of FMI from which on an instance is of no use."""
 
-Key = tuple[Any, ...]
+Key = Hashable
 """What an FMU and its parameters are known by."""
 
 
@@ -38,7 +38,9 @@ class Running:
     """
 
     def __init__(self, given: FMU) -> None:
-        self._lock, self._key, self._fmu, self._trusted = threading.RLock(), None, None, set()
+        self._lock, self._trusted = threading.RLock(), set()
+        self._fmu: Any = None
+        self._key: Any = None
         self._description, self._eventful, self._began = given.description, False, math.inf
         self.said: list[str] = []
 

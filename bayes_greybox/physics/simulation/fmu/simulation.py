@@ -106,7 +106,8 @@ class FMUSimulation(Simulation):
         n = len(states)
         own = self._at(t, x, u, read).reshape(-1, n, n).swapaxes(1, 2)
         found = np.zeros((len(t), x.shape[-1], x.shape[-1]))
-        found[np.ix_(np.arange(len(t)), self._places, self._places)] = own
+        places = np.array(self._places)
+        found[:, places[:, None], places] = own
         return found
 
     def differences(self, t: np.ndarray, x: np.ndarray, u: np.ndarray) -> Float[np.ndarray, "n n_state n_all"]:
@@ -234,7 +235,7 @@ def fmu_simulation(
     for column, variable in given.state_columns.items():
         if column not in states:
             raise InputError(
-                f"The FMU {name} has the state {variable.name!r}, and the data have no state {column!r}: say which one "
+                f"The FMU {name} has the state {variable.name!r}, and the data have no state {column!r}: say which "
                 f"it is, bg.FMU(..., states={{'column': {variable.name!r}}}), or use GreyBox(rows=bg.TrajectoryRows()), "
                 "on which states may be hidden."
             )
