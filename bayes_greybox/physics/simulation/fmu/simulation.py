@@ -235,8 +235,8 @@ def fmu_simulation(
     for column, variable in given.state_columns.items():
         if column not in states:
             raise InputError(
-                f"The FMU {name} has the state {variable.name!r}, and the data have no state {column!r}: say which "
-                f"it is, bg.FMU(..., states={{'column': {variable.name!r}}}), or use GreyBox(rows=bg.TrajectoryRows()), "
+                f"The FMU {name} has the state {variable.name!r}, and the data no state {column!r}: say which "
+                f"it is, bg.FMU(..., states={{'column': {variable.name!r}}}), or use bg.TrajectoryRows(), "
                 "on which states may be hidden."
             )
     for column, variable in given.input_columns.items():
