@@ -238,7 +238,7 @@ def investigate(
         text for name in filtered for text in row_warnings(model.rows, train, name, model.simulator(train))
     )
     held = () if model is asked else (HELD_INPUTS,)
-    warnings = (*held, *_said_of(model, train, settle), *lost, *warnings)
+    warnings = (*held, *_said_of(model, train, settle), *lost, *model.simulator(train).warnings, *warnings)
     unfollowed = ("no path of the amended model follows held-out samples",) if lost else ()
     labels = {name: train.target_label(name) for name in findings}
     verdict, against = verdict_of({name: found.finding for name, found in findings.items()}, gap, unfollowed, labels)

@@ -12,7 +12,7 @@ from bayes_greybox.physics.coefficient import Coefficient
 from bayes_greybox.physics.hidden_states import HiddenState
 from bayes_greybox.physics.simulation.fmu.given import FMU
 from bayes_greybox.physics.simulation.protocol import RightHandSide, Simulation
-from bayes_greybox.physics.simulation.reading import not_known, readable, simulation_of, with_states
+from bayes_greybox.physics.simulation.reading import named_outputs, not_known, readable, simulation_of, with_states
 from bayes_greybox.physics.terms import Dictionary, stating, terms_of
 from bayes_greybox.physics.units import check_units
 
@@ -188,10 +188,8 @@ class Program(SamplingProgram):
             InputError: An expression for an unknown state or output, or one that cannot be read.
         """
         states, outputs, given = self.states(data), data.output_names, self.simulation
-        if lacking and readable(given):
-            outputs = tuple(name for name in (*outputs, *(given or {})) if name not in states)
-        elif lacking and isinstance(given, FMU):
-            outputs = (*outputs, *given.outputs)
+        if lacking:
+            outputs = tuple(name for name in (*outputs, *named_outputs(given)) if name not in states)
         given = simulation_of(given, states, data.input_names, outputs, data.units)
         return given.beside({name: self.stated(name, data).known for name in self.coefficients})
 

@@ -119,6 +119,9 @@ def description_of(file: Path, found: Any) -> Description:
         if each is not None:
             interfaces[name] = Interface(str(each.modelIdentifier), bool(each.providesDirectionalDerivative))
     derivatives = [each.variable for each in found.derivatives]
+    lost = [d.name for d in derivatives if d.derivative is None]
+    if lost:
+        raise ValueError(f"{lost[0]!r} is listed as a rate and does not say of which state")
     return Description(
         file=file,
         name=str(found.modelName),
@@ -126,9 +129,7 @@ def description_of(file: Path, found: Any) -> Description:
         version=str(found.fmiVersion),
         interfaces=interfaces,
         variables=variables,
-        states=tuple(
-            (variables[d.derivative.name], variables[d.name]) for d in derivatives if d.derivative is not None
-        ),
+        states=tuple((variables[d.derivative.name], variables[d.name]) for d in derivatives),
         rates={each.derivative.name: variables[each.name] for each in found.modelVariables if each.derivative},
         eventful=bool(found.numberOfEventIndicators or getattr(found, "eventIndicators", None)),
         start=float(getattr(found.defaultExperiment, "startTime", None) or 0.0),

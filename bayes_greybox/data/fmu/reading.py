@@ -47,8 +47,8 @@ def read_fmu(path: str | os.PathLike[str]) -> Description:
     return _described(*_facts(file))
 
 
-def unpacked(description: Description) -> Path:
-    """The folder in which an FMU lies unpacked while this process runs.
+def unpacked(description: Description) -> tempfile.TemporaryDirectory:
+    """The folder in which an FMU lies unpacked; it is there as long as somebody holds it.
 
     Raises:
         InputError: The file is gone or is damaged.
@@ -56,7 +56,7 @@ def unpacked(description: Description) -> Path:
     file = description.file
     if not file.is_file():
         raise InputError(f'The FMU "{file}" is not there any more; put it back.')
-    return Path(_folder(*_facts(file)).name)
+    return _folder(*_facts(file))
 
 
 def _facts(file: Path) -> tuple[Path, int, int]:
@@ -96,7 +96,7 @@ def _described(file: Path, changed: int, size: int) -> Description:
 
 @lru_cache(maxsize=KNOWN)
 def _folder(file: Path, changed: int, size: int) -> tempfile.TemporaryDirectory:
-    # It is removed when the process ends.
+    # It is removed when nobody holds it any more, or the process ends.
     folder = tempfile.TemporaryDirectory(prefix="fmu-", ignore_cleanup_errors=True)
     try:
         fmpy().extract(str(file), folder.name)

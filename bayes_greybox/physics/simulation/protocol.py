@@ -37,6 +37,11 @@ class Simulation(ABC):
         return True
 
     @property
+    def warnings(self) -> tuple[str, ...]:
+        """What was found of the simulation since it was used, and its user has to know; sentences."""
+        return ()
+
+    @property
     @abstractmethod
     def equations(self) -> tuple[str, ...]:
         """States whose rate the simulation gives, that of the others is zero; and outputs that it gives."""
@@ -145,6 +150,11 @@ class _WithTerms(Simulation):
     def differentiable(self) -> bool:
         """As of the simulation."""
         return self.given.differentiable
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Those of the simulation."""
+        return self.given.warnings
 
     @property
     def _of_states(self) -> list[tuple[int, tuple[tuple[Term, float], ...]]]:

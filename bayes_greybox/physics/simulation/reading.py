@@ -71,6 +71,13 @@ def named_states(given: Any) -> tuple[str, ...]:
     return () if callable(given) else tuple(given or {})
 
 
+def named_outputs(given: Any) -> tuple[str, ...]:
+    """Names that formulas have equations for, or the outputs of an FMU; a function gives none."""
+    if isinstance(given, FMU):
+        return tuple(given.outputs)
+    return named_states(given)
+
+
 def with_states(
     given: Mapping[str, str] | RightHandSide | FMU | None, states: Sequence[HiddenState]
 ) -> Mapping[str, str]:

@@ -47,7 +47,7 @@ UNUSED = """
 
 XML = """<?xml version="1.0"?>
 <fmiModelDescription fmiVersion="{version}" modelName="Pendulum" guid="{guid}" numberOfEventIndicators="0">
-  <{interface} modelIdentifier="Pendulum" providesDirectionalDerivative="true"/>
+  <{interface} modelIdentifier="Pendulum" providesDirectionalDerivative="{directional}"/>
   <UnitDefinitions><Unit name="m"><BaseUnit m="1"/></Unit><Unit name="m/s"><BaseUnit m="1" s="-1"/></Unit>
   </UnitDefinitions>
   <ModelVariables>
@@ -58,14 +58,17 @@ XML = """<?xml version="1.0"?>
     <ScalarVariable name="mass.s" valueReference="2"><Real unit="m"/></ScalarVariable>
     <ScalarVariable name="mass.v" valueReference="3"><Real unit="m/s" derivative="3"/></ScalarVariable>
     <ScalarVariable name="der(mass.v)" valueReference="4"><Real derivative="4"/></ScalarVariable>
-    <ScalarVariable name="F" valueReference="5" causality="input"><Real start="0"/></ScalarVariable>
+    <ScalarVariable name="F" valueReference="5" causality="input"><{kind} start="0"/></ScalarVariable>
   </ModelVariables>
   <ModelStructure><Derivatives><Unknown index="4"/><Unknown index="5"/></Derivatives></ModelStructure>
 </fmiModelDescription>"""
 
 
-def build(folder, slope="-1.0", memory="", version="2.0", guid="{p}", interface="ModelExchange", library=True):
-    """Compile an FMU; `slope` -1 makes its directional derivatives right."""
+DESCRIBED = {"version": "2.0", "guid": "{p}", "interface": "ModelExchange", "directional": "true", "kind": "Real"}
+
+
+def build(folder, slope="-1.0", memory="", library=True, **described):
+    """Compile an FMU; `slope` -1 makes its directional derivatives right, `described` goes into its description."""
     fmpy = pytest.importorskip("fmpy", reason="FMPy is not installed (extra fmu)")
     compiler = shutil.which("gcc") or shutil.which("cc")
     if compiler is None:
@@ -79,7 +82,7 @@ def build(folder, slope="-1.0", memory="", version="2.0", guid="{p}", interface=
     headers = Path(fmpy.__file__).parent / "c-code"
     subprocess.run([compiler, "-shared", "-fPIC", f"-I{headers}", source, rest, "-o", shared], check=True)
     with zipfile.ZipFile(made, "w") as archive:
-        archive.writestr("modelDescription.xml", XML.format(version=version, guid=guid, interface=interface))
+        archive.writestr("modelDescription.xml", XML.format(**{**DESCRIBED, **described}))
         where = fmpy.platform if library else "nowhere64"
         archive.write(shared, f"binaries/{where}/Pendulum{fmpy.sharedLibraryExtension}")
     return made

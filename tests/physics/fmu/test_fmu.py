@@ -11,7 +11,6 @@ import pytest
 
 import bayes_greybox as bg
 from bayes_greybox.inference.kept.model_record import describe, rebuild
-from bayes_greybox.physics.simulation.fmu import simulation as fmu_simulation
 from bayes_greybox.physics.simulation.reading import simulation_of
 
 sys.path.insert(0, str(Path(__file__).parent))
@@ -48,11 +47,49 @@ def test_rates_are_those_of_the_equations_on_rows_and_under_jax(plant):
 
 
 @pytest.mark.parametrize(("slope", "right"), [("-1.0", True), ("+3.0", False)])
-def test_directional_derivatives_are_used_where_they_are_right(tmp_path, slope, right):
+@pytest.mark.parametrize("c", [10.0, 1e-5])
+def test_directional_derivatives_are_used_where_they_are_right(tmp_path, slope, right, c):
     t, x, u = points()
-    own = simulation_of(bg.FMU(build(tmp_path, slope), states=NAMES), ("s", "v"), ("F",))
+    given = bg.FMU(build(tmp_path, slope), states=NAMES, parameters={"spring.c": c})
+    own = simulation_of(given, ("s", "v"), ("F",))
+    assert own.warnings == () and "not looked at yet" in given.derivatives
+    # A small entry beside a large one is looked at as closely.
+    np.testing.assert_allclose(own.jacobian(t, x, 0 * u)[3], [[0, 1], [-c, 0]], rtol=1e-6, atol=1e-7 * c)
+    assert given.derivatives.startswith("the FMU's directional" if right else "central differences")
+    assert [("are not those of its rates" in text) for text in own.warnings] == ([] if right else [True])
+    # With other parameters it is looked at again.
+    assert "not looked at yet" in replace(given, parameters={"spring.c": 2 * c}).derivatives
+
+
+def test_derivatives_that_are_not_declared_or_not_to_be_had_are_differences(tmp_path):
+    t, x, u = points()
+    plain = bg.FMU(build(tmp_path / "a", directional="false"), states=NAMES)
+    assert "declares no directional derivatives" in plain.derivatives
+    own = simulation_of(plain, ("s", "v"), ("F",))
     np.testing.assert_allclose(own.jacobian(t, x, u)[3], [[0, 1], [-10, 0]], atol=1e-7)
-    assert fmu_simulation._CHECKED[own.key] is right
+    # Where it refuses all points nothing is known of its derivatives.
+    given = bg.FMU(build(tmp_path / "b"), states=NAMES)
+    refused = simulation_of(given, ("s", "v"), ("F",))
+    assert np.isnan(refused.jacobian(t, x + 99, u)[:, 1]).all() and "not looked at yet" in given.derivatives
+
+
+def test_an_output_that_the_fmu_gives_is_known_and_what_it_lacks_is_found(plant):
+    rng = np.random.default_rng(2)
+    t, (s, v) = np.arange(0, 40, 0.2), rng.normal(size=(2, 200))
+    known = -10 * (s - 1.1)
+    data = bg.Trajectories.from_arrays(
+        t,
+        states={"s": s, "v": v},
+        derivatives={"s": v, "v": known},
+        outputs={"a": known - 0.4 * v + 0.01 * rng.standard_normal(200)},
+    )
+    given = bg.FMU(plant, parameters=HELD, states=NAMES, outputs={"a": "der(mass.v)"})
+    model = bg.GreyBox({"a": ["v", "s"]}, simulation=given, discrepancy=None)
+    np.testing.assert_allclose(model.simulator(data).on(data, "a"), known, rtol=1e-12)
+    fit = model.fit(data, draws=100, tune=100, chains=1, progress=False)
+    assert fit.summary()["mean"].iloc[0] == pytest.approx(-0.4, abs=0.005)
+    with pytest.raises(bg.InputError, match="names 'b', which is no output of the data"):
+        bg.GreyBox({"a": ["v"]}, simulation=replace(given, outputs={"b": "der(mass.v)"})).simulator(data)
 
 
 def test_a_point_that_is_refused_is_nan_and_the_next_one_is_not(plant):
@@ -82,6 +119,16 @@ def test_mistakes_are_named(plant, tmp_path, monkeypatch):
         bg.FMU(build(tmp_path / "c", library=False))
     with pytest.raises(bg.InputError, match="did you mean 'spring.c'"):
         bg.FMU(plant, parameters={"sprng.c": 1.0})
+    with pytest.raises(bg.InputError, match="set to nan: give a finite number"):
+        bg.FMU(plant, parameters={"spring.c": float("nan")})
+    with pytest.raises(bg.InputError, match="column 's' twice"):
+        bg.FMU(plant, states=NAMES, inputs={"s": "F"})
+    with pytest.raises(bg.InputError, match="variable 'mass.s' twice"):
+        bg.FMU(plant, states={"s": "mass.s", "y": "mass.s"})
+    with pytest.raises(bg.InputError, match="'F' of the FMU Pendulum is held and fed"):
+        bg.FMU(plant, parameters=HELD, inputs={"force": "F"})
+    with pytest.raises(bg.InputError, match="'F' of the FMU Pendulum is of type Boolean"):
+        bg.FMU(build(tmp_path / "d", kind="Boolean"))
     with pytest.raises(bg.InputError, match="no state 's'.*TrajectoryRows"):
         simulation_of(bg.FMU(plant, states=NAMES), ("v",), ("F",))
     with pytest.raises(bg.InputError, match=r"input 'F'.*parameters=\{'F': 0.0\}"):

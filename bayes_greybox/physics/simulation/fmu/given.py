@@ -1,5 +1,7 @@
 """An FMU as users give it."""
 
+import math
+import numbers
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -8,8 +10,10 @@ from pathlib import Path
 from typing import Any
 
 from bayes_greybox.data.errors import InputError
-from bayes_greybox.data.fmu.description import Description, Variable
+from bayes_greybox.data.fmu.description import MODEL_EXCHANGE, Description, Variable
 from bayes_greybox.data.fmu.reading import read_fmu
+
+from .running import running
 
 
 @dataclass(frozen=True)
@@ -27,17 +31,20 @@ class FMU:
         outputs: The FMU's variable by the name of a measured output.
 
     Raises:
-        InputError: FMPy is not installed; no such file, or one that cannot be run here; a variable that there is not.
+        InputError: FMPy is not installed; no such file, or one that cannot be run here; a variable that there is not,
+            or that is no real number; one column for two variables, or two for one.
     """
 
     path: str | os.PathLike[str]
-    parameters: Mapping[str, float | bool] = field(default_factory=dict)
+    parameters: Mapping[str, float] = field(default_factory=dict)
     states: Mapping[str, str] = field(default_factory=dict)
     inputs: Mapping[str, str] = field(default_factory=dict)
     outputs: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "path", str(Path(self.path).resolve()))
+        for name in ("parameters", "states", "inputs", "outputs"):
+            object.__setattr__(self, name, dict(getattr(self, name)))
         found = self.description
         states = [state.name for state, _ in found.states]
         if not states:
@@ -51,6 +58,19 @@ class FMU:
         for name in self.parameters:
             if found.variables[name].causality not in ("parameter", "input"):
                 raise InputError(f"{name!r} of the FMU {found.name} is no parameter and no input: it cannot be set.")
+            value = self.parameters[name]
+            if not isinstance(value, numbers.Real) or not math.isfinite(value):
+                raise InputError(f"{name!r} of the FMU {found.name} is set to {value!r}: give a finite number.")
+        for variable in found.variables.values():
+            if variable.causality == "input":
+                _real(found, variable.name, (variable.name,))
+        for name in self.inputs.values():
+            if name in self.parameters:
+                raise InputError(f"The input {name!r} of the FMU {found.name} is held and fed by a column: do one.")
+        columns = [name for name, _ in (*self._of_states(), *self._of_inputs())]
+        _require_once(found, "column", [*columns, *self.outputs])
+        for given in (self.states, self.inputs):
+            _require_once(found, "variable", list(given.values()))
 
     @property
     def description(self) -> Description:
@@ -60,19 +80,36 @@ class FMU:
     @property
     def state_columns(self) -> dict[str, Variable]:
         """States by the name of their column, in the FMU's order."""
-        return _by_column([state for state, _ in self.description.states], self.states)
+        return dict(self._of_states())
 
     @property
     def input_columns(self) -> dict[str, Variable]:
         """Inputs that columns feed, by the name of the column."""
-        known = self.description.variables.values()
-        fed = [v for v in known if v.causality == "input" and v.name not in self.parameters]
-        return _by_column(fed, self.inputs)
+        return dict(self._of_inputs())
+
+    @property
+    def derivatives(self) -> str:
+        """By what the rates are differentiated, in words: what the FMU declares is used once it was found right."""
+        if not self.description.interfaces[MODEL_EXCHANGE].directional:
+            return "central differences: the FMU declares no directional derivatives"
+        return {
+            None: "the FMU's directional derivatives, if they agree with central differences: not looked at yet",
+            True: "the FMU's directional derivatives, which agree with central differences",
+            False: "central differences: the FMU's directional derivatives are not those of its rates",
+        }[running(self.description).right(self.parameters)]
 
     def record(self) -> dict[str, Any]:
         """The FMU as plain values for a file: where it is, its GUID, and what was given with it."""
         given = {name: dict(getattr(self, name)) for name in ("parameters", "states", "inputs", "outputs")}
         return {"path": str(self.path), "guid": self.description.guid, **given}
+
+    def _of_states(self) -> list[tuple[str, Variable]]:
+        return _by_column([state for state, _ in self.description.states], self.states)
+
+    def _of_inputs(self) -> list[tuple[str, Variable]]:
+        known = self.description.variables.values()
+        fed = [v for v in known if v.causality == "input" and v.name not in self.parameters]
+        return _by_column(fed, self.inputs)
 
 
 def fmu_from(record: Mapping[str, Any]) -> FMU:
@@ -94,9 +131,19 @@ def fmu_from(record: Mapping[str, Any]) -> FMU:
     return found
 
 
-def _by_column(variables: list[Variable], given: Mapping[str, str]) -> dict[str, Variable]:
+def _by_column(variables: list[Variable], given: Mapping[str, str]) -> list[tuple[str, Variable]]:
     names = {variable: column for column, variable in given.items()}
-    return {names.get(each.name, each.column): each for each in variables}
+    return [(names.get(each.name, each.column), each) for each in variables]
+
+
+def _require_once(found: Description, what: str, names: list[str]) -> None:
+    """Refuse a name that stands for two."""
+    twice = [name for name in names if names.count(name) > 1]
+    if twice:
+        raise InputError(
+            f"The FMU {found.name} has the {what} {twice[0]!r} twice: give each of its variables a column of its own, "
+            "bg.FMU(..., states={'column': 'variable'}, inputs={...})."
+        )
 
 
 def _real(found: Description, name: str, known: Any) -> None:

@@ -1,6 +1,5 @@
 """The right-hand side that an FMU is."""
 
-import logging
 from collections.abc import Hashable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
@@ -29,9 +28,7 @@ VERIFIED = 5
 """Points at which directional derivatives are compared with differences before they are used."""
 
 AGREE = 1e-4
-"""Share of the largest derivative by which they may differ."""
-
-log = logging.getLogger(__name__)
+"""Share of an entry's size, or of its rate over the size of its state, by which they may differ."""
 
 
 @dataclass(frozen=True)
@@ -68,7 +65,7 @@ class FMUSimulation(Simulation):
             found = self.rates(t, x, u)[:, self.states.index(state)]
         else:
             return np.zeros(data.n_obs)
-        said = running(self.given).said
+        said = [*running(self.given.description).said]
         if said and not np.all(np.isfinite(found)):
             raise InputError(f"The FMU {self.given.description.name} refuses some of the data: {said[-1]}.")
         return finite(found, state)
@@ -89,7 +86,7 @@ class FMUSimulation(Simulation):
     ) -> Float[np.ndarray, "*n n_state n_state"]:
         """∂g/∂x at points along paths: the FMU's own where it gives them rightly, else central differences."""
         flat = t.ravel(), x.reshape(-1, x.shape[-1]), u.reshape(t.size, u.shape[-1])
-        if self.given.description.interfaces[MODEL_EXCHANGE].directional and _right(_Rates(self), flat):
+        if self._own_derivatives(*flat):
             found = self.directional(*flat)
         else:
             found = self.differences(*flat)[..., 1 : 1 + x.shape[-1]]
@@ -104,7 +101,7 @@ class FMUSimulation(Simulation):
             return [d for ref in known for d in fmu.getDirectionalDerivative(rates, [ref], [1.0])]
 
         n = len(states)
-        own = self._at(t, x, u, read).reshape(-1, n, n).swapaxes(1, 2)
+        own = self._at(t, x, u, n * n, read).reshape(-1, n, n).swapaxes(1, 2)
         found = np.zeros((len(t), x.shape[-1], x.shape[-1]))
         places = np.array(self._places)
         found[:, places[:, None], places] = own
@@ -113,11 +110,21 @@ class FMUSimulation(Simulation):
     def differences(self, t: np.ndarray, x: np.ndarray, u: np.ndarray) -> Float[np.ndarray, "n n_state n_all"]:
         """∂g/∂(t, x, u) by central differences."""
         whole = np.column_stack([t, x, u])
-        size = np.sqrt(np.mean(whole**2, axis=0))
-        steps = np.diag(DIFFERENCE * np.where(size > 0, size, 1.0))
+        steps = np.diag(DIFFERENCE * _sizes(whole))
         part = (0, slice(1, 1 + x.shape[-1]), slice(1 + x.shape[-1], None))
         both = [[self.rates(*(each[:, k] for k in part)) for each in (whole + h, whole - h)] for h in steps]
         return np.stack([up - down for up, down in both], axis=-1) / (2 * np.diag(steps))
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """That the FMU declares derivatives which are not those of its rates."""
+        found = self.given.description
+        if running(found).right(self.given.parameters) is not False:
+            return ()
+        return (
+            f"The directional derivatives of the FMU {found.name} are not those of its rates: central differences are "
+            "used instead.",
+        )
 
     def formula(self, name: str) -> sympy.Expr:
         """The velocity of a position; else an undefined function g_name(t, x, u): code cannot be read."""
@@ -155,15 +162,36 @@ class FMUSimulation(Simulation):
     def _places(self) -> list[int]:
         return [self.states.index(name) for name in self.given.state_columns]
 
-    def _read(self, t: np.ndarray, x: np.ndarray, u: np.ndarray, refs: list[int]) -> np.ndarray:
-        found = self._at(t, x, u, lambda fmu: fmu.getReal(refs))
-        return found if found.shape[1] else np.full((len(t), len(refs)), np.nan)
+    def _own_derivatives(self, t: np.ndarray, x: np.ndarray, u: np.ndarray) -> bool:
+        """Whether the FMU declares derivatives, and they are those of its rates; looked at once where it has some."""
+        given, instance = self.given, running(self.given.description)
+        if not given.description.interfaces[MODEL_EXCHANGE].directional:
+            return False
+        if instance.right(given.parameters) is None:
+            some = np.unique(np.linspace(0, len(t) - 1, VERIFIED).astype(int))
+            part = t[some], x[some], u[some]
+            by_steps = self.differences(*part)[..., 1 : 1 + x.shape[-1]]
+            asked = np.all(np.isfinite(by_steps), axis=(1, 2))
+            if not asked.any():
+                return False
+            apart = np.abs(self.directional(*part) - by_steps)[asked].max(axis=0)
+            # |dg_i/dx_j| or |g_i| / |x_j|, whichever is larger: an entry of another unit must not hide this one.
+            rates, size = np.abs(self.rates(*part))[asked].max(axis=0), _sizes(part[1])
+            scale = np.maximum(np.abs(by_steps)[asked].max(axis=0), rates[:, None] / size)
+            instance.found_right(given.parameters, bool(np.all(apart <= AGREE * scale)))
+        return bool(instance.right(given.parameters))
 
-    def _at(self, t: np.ndarray, x: np.ndarray, u: np.ndarray, read: Any) -> np.ndarray:
+    def _read(self, t: np.ndarray, x: np.ndarray, u: np.ndarray, refs: list[int]) -> np.ndarray:
+        return self._at(t, x, u, len(refs), lambda fmu: fmu.getReal(refs))
+
+    def _at(self, t: np.ndarray, x: np.ndarray, u: np.ndarray, width: int, read: Any) -> np.ndarray:
+        given = self.given
         columns = dict(zip((*self.states, *self.inputs), (*x.T, *u.T), strict=True))
-        fed = [columns[name] for name in self.given.input_columns]
+        inputs = given.input_columns
+        fed = [columns[name] for name in inputs]
         points = np.asarray(t, float), x[:, self._places], np.array(fed).reshape(len(fed), len(t)).T
-        return running(self.given).at_each(self.given, self.facts, points, read)
+        refs = [variable.ref for variable in inputs.values()]
+        return running(given.description).at_each(given.parameters, points, refs, width, read)
 
 
 class _Rates:
@@ -206,21 +234,10 @@ def _traced(rates: _Rates) -> Any:
     return rate
 
 
-_CHECKED: dict[_Rates, bool] = {}
-"""Whether directional derivatives of an FMU were found right."""
-
-
-def _right(rates: _Rates, points: tuple[np.ndarray, np.ndarray, np.ndarray]) -> bool:
-    """Whether the FMU's own derivatives are those of its rates; looked at once."""
-    if rates not in _CHECKED:
-        some = np.unique(np.linspace(0, len(points[0]) - 1, VERIFIED).astype(int))
-        part, simulation = [x[some] for x in points], rates.simulation
-        own, by_steps = simulation.directional(*part), simulation.differences(*part)[..., 1 : 1 + part[1].shape[-1]]
-        apart = float(np.max(np.abs(own - by_steps))) if own.size else np.inf
-        _CHECKED[rates] = bool(apart <= AGREE * float(np.max(np.abs(by_steps))))
-        used = "are used" if _CHECKED[rates] else "are wrong, and differences are used"
-        log.info("%s: its directional derivatives %s", simulation.given.description.name, used)
-    return _CHECKED[rates]
+def _sizes(columns: np.ndarray) -> np.ndarray:
+    """RMS of columns, 1 of those that are zero."""
+    size = np.sqrt(np.mean(columns**2, axis=0))
+    return np.where(size > 0, size, 1.0)
 
 
 def fmu_simulation(
