@@ -180,7 +180,8 @@ def investigate(
     loaded = load_catalogue(catalogue)
     seconds: dict[str, float] = {}
     findings: dict[str, EquationStudy] = {}
-    pairs = pairs_in_data(model.simulator(train), train) if not readable(model.simulation) else None
+    formulas = model.simulation if readable(model.simulation) else None
+    pairs = None if readable(model.simulation) else pairs_in_data(model.simulator(train), train)
     with threadpool_limits(1), stages(progress), stage("Weighing explanations") as line:
         left_out: dict[tuple[str, str], str] = {}
         for name in equations:
@@ -191,7 +192,7 @@ def investigate(
 
             say("reading the data")
             columns = roles_of(
-                model.simulation, train.state_names, train.input_names, name, roles, train.units, pairs,
+                formulas, train.state_names, train.input_names, name, roles, train.units, pairs,
                 train.output_names,
             )  # fmt: skip
             # A force may be measured as that of a machine or as that on it.

@@ -211,13 +211,14 @@ class _Rates:
 def _traced(rates: _Rates) -> Any:
     simulation = rates.simulation
 
-    def slopes(t: np.ndarray, x: np.ndarray, u: np.ndarray) -> np.ndarray:
-        t, x, u = (np.asarray(each) for each in (t, x, u))
+    # JAX calls these with arrays of its own.
+    def slopes(*point: Any) -> np.ndarray:
+        t, x, u = map(np.asarray, point)
         found = simulation.differences(t.ravel(), x.reshape(-1, x.shape[-1]), u.reshape(t.size, u.shape[-1]))
         return found.reshape(*x.shape, found.shape[-1])
 
-    def values(t: np.ndarray, x: np.ndarray, u: np.ndarray) -> np.ndarray:
-        return simulation.rates(*(np.asarray(each) for each in (t, x, u)))
+    def values(*point: Any) -> np.ndarray:
+        return simulation.rates(*map(np.asarray, point))
 
     @jax.custom_jvp
     def rate(t: Array, x: Array, u: Array) -> Array:
