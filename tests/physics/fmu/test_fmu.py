@@ -36,8 +36,9 @@ def test_rates_are_those_of_the_equations_on_rows_and_under_jax(plant):
     expected = np.column_stack([u[:, 0] - 10 * (x[:, 1] - 1.0), x[:, 0]])
     np.testing.assert_allclose(own.rates(t, x, u), expected, rtol=1e-12)
     np.testing.assert_allclose(jax.jit(jax.vmap(own.rate))(t, x, u), expected, rtol=1e-12)
-    np.testing.assert_allclose(jax.jacfwd(own.rate, 1)(t[0], x[0], u[0]), [[0, -10], [1, 0]], atol=1e-7)
-    np.testing.assert_allclose(jax.jacfwd(own.rate, 2)(t[0], x[0], u[0]), [[1], [0]], atol=1e-7)
+    at = [jax.numpy.asarray(each[0]) for each in (t, x, u)]
+    np.testing.assert_allclose(jax.jacfwd(own.rate, 1)(*at), [[0, -10], [1, 0]], atol=1e-7)
+    np.testing.assert_allclose(jax.jacfwd(own.rate, 2)(*at), [[1], [0]], atol=1e-7)
     assert own.rate_name("s") == "v" and own.rate_name("v") is None and not own.differentiable
     # Another with the same file has its own parameters.
     other = simulation_of(bg.FMU(plant, parameters={"spring.c": 2.0}, states=NAMES), ("v", "s"), ("F",))
