@@ -39,6 +39,7 @@ from .model.rows.trajectory_rows import TrajectoryRows as TrajectoryRows
 from .model.rows.weak_rows import WeakRows as WeakRows
 from .physics import systems as systems
 from .physics.catalogue.table import catalogue as catalogue
+from .physics.simulation.fmu.given import FMU as FMU
 from .physics.terms import Dictionary as Dictionary
 from .physics.terms import Term as Term
 from .physics.terms import polynomial as polynomial

@@ -25,6 +25,7 @@ from bayes_greybox.inference.kept import netcdf
 from bayes_greybox.inference.kept.damage import made_of
 from bayes_greybox.inference.settings import Sampling
 from bayes_greybox.physics.catalogue.loading import CatalogueSpec
+from bayes_greybox.physics.simulation.fmu.given import FMU
 from bayes_greybox.physics.simulation.protocol import RightHandSide
 from bayes_greybox.report.equations.latex import equations_latex
 from bayes_greybox.report.equations.record import equations_record
@@ -153,7 +154,7 @@ class Study(StudyResult):
         return f"Study: {self.verdict}\n{self.sentence}\n{equations_text(studied_system(self))}"
 
 
-def load(path: str | os.PathLike, simulation: RightHandSide | None = None) -> Any:
+def load(path: str | os.PathLike, simulation: RightHandSide | FMU | None = None) -> Any:
     """Read what `Fit.save` or `Study.save` wrote.
 
     Args:

@@ -19,7 +19,7 @@ def _declared():
     (python,) = re.findall(r">=([\d.]+)", project["requires-python"])
     extras = project["optional-dependencies"]
     bounds = {}
-    for line in [*project["dependencies"], *extras["test"], *extras["tables"], *extras["distributed"]]:
+    for line in [*project["dependencies"], *extras["test"], *extras["tables"], *extras["distributed"], *extras["fmu"]]:
         need = Requirement(line)
         if need.name == project["name"] or (need.marker and not need.marker.evaluate({"python_version": python})):
             continue

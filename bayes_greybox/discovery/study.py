@@ -20,7 +20,7 @@ from bayes_greybox.model.rows.row_warnings import row_warnings
 from bayes_greybox.physics.catalogue.loading import CatalogueSpec, load_catalogue
 from bayes_greybox.physics.catalogue.pairs import pairs_in_data
 from bayes_greybox.physics.catalogue.roles import bind_catalogue, roles_of, unbound
-from bayes_greybox.physics.simulation.reading import NO_STATES
+from bayes_greybox.physics.simulation.reading import NO_STATES, readable
 from bayes_greybox.running.stages import stage, stages
 
 from .amended import amended_program, corrected_data
@@ -180,7 +180,8 @@ def investigate(
     loaded = load_catalogue(catalogue)
     seconds: dict[str, float] = {}
     findings: dict[str, EquationStudy] = {}
-    pairs = pairs_in_data(model.simulator(train), train) if callable(model.simulation) else None
+    formulas = model.simulation if readable(model.simulation) else None
+    pairs = None if readable(model.simulation) else pairs_in_data(model.simulator(train), train)
     with threadpool_limits(1), stages(progress), stage("Weighing explanations") as line:
         left_out: dict[tuple[str, str], str] = {}
         for name in equations:
@@ -191,7 +192,7 @@ def investigate(
 
             say("reading the data")
             columns = roles_of(
-                model.simulation, train.state_names, train.input_names, name, roles, train.units, pairs,
+                formulas, train.state_names, train.input_names, name, roles, train.units, pairs,
                 train.output_names,
             )  # fmt: skip
             # A force may be measured as that of a machine or as that on it.
@@ -238,7 +239,7 @@ def investigate(
         text for name in filtered for text in row_warnings(model.rows, train, name, model.simulator(train))
     )
     held = () if model is asked else (HELD_INPUTS,)
-    warnings = (*held, *_said_of(model, train, settle), *lost, *warnings)
+    warnings = (*held, *_said_of(model, train, settle), *lost, *model.simulator(train).warnings, *warnings)
     unfollowed = ("no path of the amended model follows held-out samples",) if lost else ()
     labels = {name: train.target_label(name) for name in findings}
     verdict, against = verdict_of({name: found.finding for name, found in findings.items()}, gap, unfollowed, labels)
@@ -307,7 +308,7 @@ def _memoryless(model: Program, data: Trajectories, equation: str) -> str:
             "it remembers, and rows of rates follow no path along which that can be said: give samples, "
             "GreyBox(rows=bg.TrajectoryRows())"
         )
-    return NO_STATES if callable(model.simulation) else ""
+    return "" if readable(model.simulation) else NO_STATES
 
 
 def _completed(model: Program, equations: Sequence[str], data: Trajectories) -> Trajectories:

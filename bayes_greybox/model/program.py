@@ -10,8 +10,9 @@ from bayes_greybox.data.trajectories import Trajectories, require_measured
 from bayes_greybox.model.estimate.near import near_estimate
 from bayes_greybox.physics.coefficient import Coefficient
 from bayes_greybox.physics.hidden_states import HiddenState
+from bayes_greybox.physics.simulation.fmu.given import FMU
 from bayes_greybox.physics.simulation.protocol import RightHandSide, Simulation
-from bayes_greybox.physics.simulation.reading import not_known, simulation_of, with_states
+from bayes_greybox.physics.simulation.reading import named_outputs, not_known, readable, simulation_of, with_states
 from bayes_greybox.physics.terms import Dictionary, stating, terms_of
 from bayes_greybox.physics.units import check_units
 
@@ -40,7 +41,8 @@ class Program(SamplingProgram):
     Attributes:
         dictionary: Candidate terms by learned state or output: strings, `Term`s, which may state what is known of their
             coefficients, `polynomial(...)`, or a mix.
-        simulation: The known part: expressions by state or output, or a callable (t, x, u) -> dx/dt; None: zero.
+        simulation: The known part: expressions by state or output, a callable (t, x, u) -> dx/dt, or a
+            `bg.FMU`; None: zero.
         prior: Prior on θ.
         discrepancy: The Gaussian process f, or None to leave it out.
         noise_floor: Least σ over the RMS of the target. The data's own rounding is added to it in quadrature;
@@ -55,7 +57,7 @@ class Program(SamplingProgram):
     """
 
     dictionary: Mapping[str, Any] = field(default_factory=dict)
-    simulation: Mapping[str, str] | RightHandSide | None = None
+    simulation: Mapping[str, str] | RightHandSide | FMU | None = None
     prior: Prior = field(default_factory=SpikeAndSlab)
     discrepancy: OrthogonalGP | None = field(default_factory=OrthogonalGP)
     noise_floor: float = 1e-4
@@ -186,9 +188,9 @@ class Program(SamplingProgram):
             InputError: An expression for an unknown state or output, or one that cannot be read.
         """
         states, outputs, given = self.states(data), data.output_names, self.simulation
-        if lacking and not callable(given):
-            outputs = tuple(name for name in (*outputs, *(given or {})) if name not in states)
-        given = simulation_of(given, states, data.input_names, outputs)
+        if lacking:
+            outputs = tuple(name for name in (*outputs, *named_outputs(given)) if name not in states)
+        given = simulation_of(given, states, data.input_names, outputs, data.units)
         return given.beside({name: self.stated(name, data).known for name in self.coefficients})
 
     def states(self, data: Trajectories) -> tuple[str, ...]:
@@ -203,7 +205,7 @@ class Program(SamplingProgram):
                 "outputs=..., or use GreyBox(rows=bg.DerivativeRows()), whose states are measured."
             )
         rates = self.simulation
-        if not callable(rates):
+        if readable(rates):
             rates = rates or {}
             rates = {**rates, **dict.fromkeys(used_states(self.dictionary, rates, data.columns), "")}
         return (*data.state_names, *self.rows.hidden(rates, data))

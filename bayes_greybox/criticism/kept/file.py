@@ -7,6 +7,7 @@ import xarray as xr
 from bayes_greybox.inference.kept import netcdf
 from bayes_greybox.inference.kept.damage import made_of
 from bayes_greybox.inference.posterior import Posterior
+from bayes_greybox.physics.simulation.fmu.given import FMU
 from bayes_greybox.physics.simulation.protocol import RightHandSide
 
 from .checks import kept_checks, restore_checks
@@ -35,7 +36,7 @@ def save_checked(
     netcdf.save(posterior, path, {**(attributes or {}), **found}, {**(groups or {}), **kept_trial(posterior)})
 
 
-def load_checked(path: str | os.PathLike[str], simulation: RightHandSide | None = None) -> Posterior:
+def load_checked(path: str | os.PathLike[str], simulation: RightHandSide | FMU | None = None) -> Posterior:
     """Read a saved fit with its checks and its trial, if they are in the file.
 
     Args:
@@ -52,7 +53,7 @@ def load_checked(path: str | os.PathLike[str], simulation: RightHandSide | None 
         return checked_of(tree, simulation)
 
 
-def checked_of(tree: xr.DataTree, simulation: RightHandSide | None = None) -> Posterior:
+def checked_of(tree: xr.DataTree, simulation: RightHandSide | FMU | None = None) -> Posterior:
     """The posterior that the groups of a file hold, with its checks and its trial, if they are there.
 
     Args:

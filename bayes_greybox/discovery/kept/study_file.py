@@ -32,6 +32,7 @@ from bayes_greybox.model.rows.kinds import ROWS
 from bayes_greybox.physics.catalogue.effects import BoundEffect, Effect
 from bayes_greybox.physics.catalogue.inner_parameter import InnerParameter
 from bayes_greybox.physics.hidden_states import HiddenState
+from bayes_greybox.physics.simulation.fmu.given import FMU
 from bayes_greybox.physics.simulation.protocol import RightHandSide
 
 from .known_columns import KnownColumns, kept_amendment, lost
@@ -82,7 +83,7 @@ def holds_study(tree: xr.DataTree) -> bool:
     return json.loads(group_arrays(tree[netcdf.STUDIED].dataset)[0])["format"] == FORMAT
 
 
-def study_of(tree: xr.DataTree, simulation: RightHandSide | None = None) -> StudyResult:
+def study_of(tree: xr.DataTree, simulation: RightHandSide | FMU | None = None) -> StudyResult:
     """The study that the groups of a file hold.
 
     Args:

@@ -12,6 +12,7 @@ from bayes_greybox.model.program import Program
 from bayes_greybox.model.rows.kinds import ROWS
 from bayes_greybox.physics.coefficient import Coefficient
 from bayes_greybox.physics.formula.printing import to_text
+from bayes_greybox.physics.simulation.fmu.given import FMU
 from bayes_greybox.physics.simulation.protocol import RightHandSide
 from bayes_greybox.physics.simulation.reading import simulation_from, simulation_record
 from bayes_greybox.physics.terms import Term
@@ -47,7 +48,7 @@ def describe(model: Program, data: Trajectories) -> dict[str, Any]:
     }
 
 
-def rebuild(record: Mapping[str, Any], simulation: RightHandSide | None = None) -> Program:
+def rebuild(record: Mapping[str, Any], simulation: RightHandSide | FMU | None = None) -> Program:
     """A model from `describe`.
 
     Raises:

@@ -22,6 +22,7 @@ from bayes_greybox.inference.posterior import SLAB, Posterior
 from bayes_greybox.inference.settings import Sampling
 from bayes_greybox.model.priors import PRIORS
 from bayes_greybox.model.streams.statistics import equations_of
+from bayes_greybox.physics.simulation.fmu.given import FMU
 from bayes_greybox.physics.simulation.protocol import RightHandSide
 from bayes_greybox.running.compiling import keep_programs
 
@@ -151,7 +152,7 @@ def write(tree: xr.DataTree, path: str | os.PathLike, texts: Sequence[str] = (RE
         raise InputError(f"Cannot write {str(path)!r}: {reason}. Choose a writable folder with room.") from error
 
 
-def load(path: str | os.PathLike, simulation: RightHandSide | None = None) -> Posterior:
+def load(path: str | os.PathLike, simulation: RightHandSide | FMU | None = None) -> Posterior:
     """Read what `save` wrote.
 
     Args:
@@ -243,7 +244,7 @@ def require_sampled(tree: xr.DataTree, path: str | os.PathLike) -> None:
         )
 
 
-def posterior_of(tree: xr.DataTree, simulation: RightHandSide | None = None) -> Posterior:
+def posterior_of(tree: xr.DataTree, simulation: RightHandSide | FMU | None = None) -> Posterior:
     """The posterior that the groups of a file hold; they become its own.
 
     Args:

@@ -118,7 +118,13 @@ def _rate(
         # Features have all terms projected out of them.
         own = index[active[index]] if each.frame.basis is None and any(active[index]) else index
         frames[state], columns[state] = each.frame.of_terms(own - index[0]), tuple(own.tolist())
-    require_traceable(posterior.model.simulator(posterior.data))
+    simulation = posterior.model.simulator(posterior.data)
+    if not simulation.differentiable:
+        raise InputError(
+            "refine() differentiates integrated paths at every step of NUTS, and a simulation that is an FMU cannot be "
+            "differentiated so: the posterior on linear rows, which is this fit, is what there is."
+        )
+    require_traceable(simulation)
     rate = WholeRate(posterior.model.simulator(posterior.data), frames, posterior.data.columns)
     return rate, tuple(columns.items())
 

@@ -32,6 +32,7 @@ from bayes_greybox.model.rows.path.forced_rate import Force, ForcedRate
 from bayes_greybox.model.rows.path.reference_path import ReferencePath, follow_samples
 from bayes_greybox.physics.integrate import INTERPOLATIONS
 from bayes_greybox.physics.simulation.protocol import Simulation
+from bayes_greybox.physics.simulation.reading import named_states
 from bayes_greybox.physics.terms import Term
 
 from .equation_rows import EquationRows, block_name
@@ -131,9 +132,7 @@ class TrajectoryRows(RowKind):
 
     def hidden(self, simulation: Any, data: Trajectories) -> tuple[str, ...]:
         """States of the simulation's expressions that the data lack."""
-        if callable(simulation) or simulation is None:
-            return ()
-        return tuple(name for name in simulation if name not in data.columns)
+        return tuple(name for name in named_states(simulation) if name not in data.columns)
 
     def around(self, added: Sequence[tuple[Term, float]], to: Sequence[str] = ()) -> "TrajectoryRows":
         """Rows linear near the model with these terms."""

@@ -20,6 +20,7 @@ from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.data.weak.weak_form import FEWEST_STEPS
 from bayes_greybox.model.rows.path.reference_path import ReferencePath
 from bayes_greybox.physics.simulation.protocol import Simulation
+from bayes_greybox.physics.simulation.reading import named_states
 from bayes_greybox.physics.terms import Term
 
 from .equation_rows import Acting, EquationRows, block_name
@@ -88,9 +89,7 @@ class WeakRows(RowKind):
 
     def hidden(self, simulation: Any, data: Trajectories) -> tuple[str, ...]:
         """States of the simulation's expressions that the data lack; they are refused by name."""
-        if callable(simulation) or simulation is None:
-            return ()
-        return tuple(name for name in simulation if name not in data.columns)
+        return tuple(name for name in named_states(simulation) if name not in data.columns)
 
     def around(self, added: Sequence[tuple[Term, float]], to: Sequence[str] = ()) -> "WeakRows":
         """Rows near the model with these terms."""

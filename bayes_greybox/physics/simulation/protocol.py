@@ -32,6 +32,16 @@ class Simulation(ABC):
     inputs: tuple[str, ...]
 
     @property
+    def differentiable(self) -> bool:
+        """Whether an integrated path has exact derivatives by its start and coefficients, as NUTS needs them."""
+        return True
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What was found of the simulation since it was used, and its user has to know; sentences."""
+        return ()
+
+    @property
     @abstractmethod
     def equations(self) -> tuple[str, ...]:
         """States whose rate the simulation gives, that of the others is zero; and outputs that it gives."""
@@ -135,6 +145,16 @@ class _WithTerms(Simulation):
 
     given: Simulation
     known: Mapping[str, tuple[tuple[Term, float], ...]]
+
+    @property
+    def differentiable(self) -> bool:
+        """As of the simulation."""
+        return self.given.differentiable
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Those of the simulation."""
+        return self.given.warnings
 
     @property
     def _of_states(self) -> list[tuple[int, tuple[tuple[Term, float], ...]]]:

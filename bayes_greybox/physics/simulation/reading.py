@@ -1,43 +1,52 @@
 """Simulations as users give them, and as files hold them."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, TypeGuard
 
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.physics.formula.expressions import parse_expression
 from bayes_greybox.physics.hidden_states import HiddenState
 
 from .code import CallableSimulation
+from .fmu.given import FMU, fmu_from
+from .fmu.simulation import fmu_simulation
 from .formulas import ExpressionSimulation
 from .protocol import RightHandSide, Simulation
 
 NO_STATES = (
-    "the simulation is a function, which no hidden states can be added to: give it as formulas, one for each state, "
-    "simulation={'y': 'v', 'v': 'F - 2*y'}"
+    "the simulation is a function or an FMU, which no hidden states can be added to: give it as formulas, one for "
+    "each state, simulation={'y': 'v', 'v': 'F - 2*y'}"
 )
 """Why what remembers is left out beside such a simulation."""
 
 FUNCTION = "function"
 """What stands in files for a simulation that is code."""
 
+FMU_RECORD = "an FMU"
+"""What stands in files before what is kept of an FMU: no state can be called so."""
+
 
 def simulation_of(
-    given: Mapping[str, str] | RightHandSide | None,
+    given: Mapping[str, str] | RightHandSide | FMU | None,
     states: tuple[str, ...],
     inputs: tuple[str, ...],
     outputs: Sequence[str] = (),
+    units: Mapping[str, str] | None = None,
 ) -> Simulation:
     """Read the user's simulation.
 
     Args:
-        given: Expressions by state or output, a function of all states at once, or None for no simulation.
+        given: Expressions by state or output, a function of all states at once, an FMU, or None for no simulation.
         states: State names of the data.
         inputs: Input names of the data.
         outputs: Output names of the data, which expressions give and do not use.
+        units: Units by column, which those of an FMU are compared with.
 
     Raises:
-        InputError: An expression for an unknown state or output, or one that cannot be read.
+        InputError: An expression for an unknown state or output, or one that cannot be read; an FMU that does not fit.
     """
+    if isinstance(given, FMU):
+        return fmu_simulation(given, states, inputs, outputs, units or {})
     if callable(given):
         return CallableSimulation(states, inputs, given)
     given = given or {}
@@ -50,7 +59,28 @@ def simulation_of(
     return ExpressionSimulation(states, inputs, parsed)
 
 
-def with_states(given: Mapping[str, str] | RightHandSide | None, states: Sequence[HiddenState]) -> Mapping[str, str]:
+def readable(given: Mapping[str, str] | RightHandSide | FMU | None) -> TypeGuard[Mapping[str, str] | None]:
+    """Whether a user's simulation is formulas, or none at all: code cannot be read."""
+    return not (callable(given) or isinstance(given, FMU))
+
+
+def named_states(given: Any) -> tuple[str, ...]:
+    """Names that formulas have equations for, or the states of an FMU; a function names none."""
+    if isinstance(given, FMU):
+        return tuple(given.state_columns)
+    return () if callable(given) else tuple(given or {})
+
+
+def named_outputs(given: Any) -> tuple[str, ...]:
+    """Names that formulas have equations for, or the outputs of an FMU; a function gives none."""
+    if isinstance(given, FMU):
+        return tuple(given.outputs)
+    return named_states(given)
+
+
+def with_states(
+    given: Mapping[str, str] | RightHandSide | FMU | None, states: Sequence[HiddenState]
+) -> Mapping[str, str]:
     """A user's simulation with more states; one of the same name takes the place of the one before.
 
     Args:
@@ -58,9 +88,9 @@ def with_states(given: Mapping[str, str] | RightHandSide | None, states: Sequenc
         states: Hidden states.
 
     Raises:
-        InputError: The simulation is a function.
+        InputError: The simulation is a function or an FMU.
     """
-    if callable(given):
+    if not isinstance(given, Mapping | None):
         raise InputError(NO_STATES)
     return {**(given or {}), **{state.name: state.rate for state in states}}
 
@@ -82,12 +112,16 @@ def not_known(name: str, states: Sequence[str], outputs: Sequence[str], hint: st
     return f"which is neither a state nor an output of the data{hint}; {'; '.join(known)}"
 
 
-def simulation_record(given: Mapping[str, str] | RightHandSide | None) -> Any:
-    """A user's simulation as plain values for a file: its expressions, or the word that it is code."""
+def simulation_record(given: Mapping[str, str] | RightHandSide | FMU | None) -> Any:
+    """A user's simulation as plain values for a file: its expressions, the word that it is code, or which FMU."""
+    if isinstance(given, FMU):
+        return {FMU_RECORD: given.record()}
     return FUNCTION if callable(given) else {name: str(text) for name, text in (given or {}).items()}
 
 
-def simulation_from(record: Any, function: RightHandSide | None = None) -> Mapping[str, str] | RightHandSide:
+def simulation_from(
+    record: Any, function: RightHandSide | FMU | None = None
+) -> Mapping[str, str] | RightHandSide | FMU:
     """The inverse of `simulation_record`.
 
     Args:
@@ -95,9 +129,11 @@ def simulation_from(record: Any, function: RightHandSide | None = None) -> Mappi
         function: The simulation's function, if it had one; a file cannot hold code.
 
     Raises:
-        InputError: If the simulation was a function and none is given.
+        InputError: If the simulation was a function and none is given, or an FMU that is not there.
     """
     if record != FUNCTION:
+        if FMU_RECORD in record:
+            return fmu_from(record[FMU_RECORD]) if function is None else function
         return record
     if function is None:
         raise InputError(

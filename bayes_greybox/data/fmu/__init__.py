@@ -1,0 +1,1 @@
+"""FMU files: what their modelDescription.xml says, and where they are unpacked."""

@@ -1,0 +1,159 @@
+"""What an FMU says of itself, in the words of this package."""
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+MODEL_EXCHANGE = "model exchange"
+CO_SIMULATION = "co-simulation"
+
+BASE_UNITS = {
+    "kg": "kilogram", "m": "meter", "s": "second", "A": "ampere", "K": "kelvin", "mol": "mole", "cd": "candela",
+    "rad": "radian",
+}  # fmt: skip
+"""Names of FMI's base units by its attributes."""
+
+
+@dataclass(frozen=True)
+class Unit:
+    """A unit of a variable.
+
+    Attributes:
+        name: As the FMU calls it, such as "m/s2".
+        base: Product of base units that it is a multiple of, such as "meter**1 * second**-2"; "" if it is not said.
+        factor: Which multiple.
+        offset: What its zero is in base units, as 273.15 of degrees Celsius.
+    """
+
+    name: str
+    base: str = ""
+    factor: float = 1.0
+    offset: float = 0.0
+
+
+@dataclass(frozen=True)
+class Variable:
+    """A variable of an FMU.
+
+    Attributes:
+        name: Its name, such as "mass.s".
+        ref: Value reference; aliases share theirs.
+        kind: Type, such as "Real" or "Boolean".
+        causality: "parameter", "input", "output", "local" or another word of FMI.
+        variability: "continuous", "discrete", "tunable", "fixed" or "constant".
+        start: Value that it starts from, as text; "" if there is none.
+        unit: Its unit, if it has one.
+        scalar: Whether it is one number.
+    """
+
+    name: str
+    ref: int
+    kind: str
+    causality: str
+    variability: str
+    start: str
+    unit: Unit | None
+    scalar: bool
+
+    @property
+    def column(self) -> str:
+        """The name that a column of data may have for it: "mass_s" for "mass.s"."""
+        return re.sub(r"\W+", "_", self.name).strip("_")
+
+
+@dataclass(frozen=True)
+class Interface:
+    """One of the two ways in which an FMU may be run.
+
+    Attributes:
+        identifier: Name of its library.
+        directional: Whether it says that it gives directional derivatives.
+    """
+
+    identifier: str
+    directional: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Description:
+    """What the modelDescription.xml of an FMU says.
+
+    Attributes:
+        file: The FMU.
+        name: Name of the model.
+        guid: Its identity: the GUID.
+        version: Of FMI, such as "2.0".
+        interfaces: By `MODEL_EXCHANGE` and `CO_SIMULATION`.
+        variables: By name.
+        states: Continuous states, each with the variable that is its rate.
+        rates: The variable that is declared as the rate of a variable, by the name of the latter.
+        eventful: Whether it has event indicators.
+        start: Time that it starts at.
+    """
+
+    file: Path
+    name: str
+    guid: str
+    version: str
+    interfaces: Mapping[str, Interface]
+    variables: Mapping[str, Variable]
+    states: tuple[tuple[Variable, Variable], ...]
+    rates: Mapping[str, Variable]
+    eventful: bool
+    start: float
+
+
+def description_of(file: Path, found: Any) -> Description:
+    """A description from what FMPy read.
+
+    Args:
+        file: The FMU.
+        found: FMPy's `ModelDescription`.
+    """
+    units = {unit.name: _unit(unit) for unit in found.unitDefinitions}
+    variables = {each.name: _variable(each, units) for each in found.modelVariables}
+    interfaces = {}
+    for name, each in ((MODEL_EXCHANGE, found.modelExchange), (CO_SIMULATION, found.coSimulation)):
+        if each is not None:
+            interfaces[name] = Interface(str(each.modelIdentifier), bool(each.providesDirectionalDerivative))
+    derivatives = [each.variable for each in found.derivatives]
+    lost = [d.name for d in derivatives if d.derivative is None]
+    if lost:
+        raise ValueError(f"{lost[0]!r} is listed as a rate and does not say of which state")
+    return Description(
+        file=file,
+        name=str(found.modelName),
+        guid=str(found.guid),
+        version=str(found.fmiVersion),
+        interfaces=interfaces,
+        variables=variables,
+        states=tuple((variables[d.derivative.name], variables[d.name]) for d in derivatives),
+        rates={each.derivative.name: variables[each.name] for each in found.modelVariables if each.derivative},
+        eventful=bool(found.numberOfEventIndicators or getattr(found, "eventIndicators", None)),
+        start=float(getattr(found.defaultExperiment, "startTime", None) or 0.0),
+    )
+
+
+def _variable(given: Any, units: Mapping[str, Unit]) -> Variable:
+    declared = given.declaredType
+    unit = given.unit or (declared.unit if declared is not None else None)
+    return Variable(
+        name=given.name,
+        ref=int(given.valueReference),
+        kind=str(given.type),
+        causality=str(given.causality or "local"),
+        variability=str(given.variability or "continuous"),
+        start="" if given.start is None else str(given.start),
+        unit=units.get(unit, Unit(unit)) if unit else None,
+        scalar=not given.dimensions,
+    )
+
+
+def _unit(given: Any) -> Unit:
+    base = given.baseUnit
+    if base is None:
+        return Unit(given.name)
+    powers = [f"{name}**{int(getattr(base, key))}" for key, name in BASE_UNITS.items() if getattr(base, key)]
+    return Unit(given.name, " * ".join(powers) or "dimensionless", float(base.factor), float(base.offset))

@@ -1,0 +1,273 @@
+"""The right-hand side that an FMU is."""
+
+from collections.abc import Hashable, Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import sympy
+from jaxtyping import Array, Float
+
+from bayes_greybox.data.errors import InputError
+from bayes_greybox.data.fmu.description import MODEL_EXCHANGE
+from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.physics.formula.grammar import symbol
+from bayes_greybox.physics.simulation.protocol import Simulation, finite
+from bayes_greybox.physics.terms import Term
+
+from .given import FMU
+from .running import running
+
+DIFFERENCE = 6e-6
+"""Step of central differences over the size of a column: the cube root of rounding."""
+
+VERIFIED = 5
+"""Points at which directional derivatives are compared with differences before they are used."""
+
+AGREE = 1e-4
+"""Share of an entry's size, or of its rate over the size of its state, by which they may differ."""
+
+
+@dataclass(frozen=True)
+class FMUSimulation(Simulation):
+    """An FMU as a simulation: states that it does not have stand still.
+
+    Attributes:
+        given: The FMU.
+    """
+
+    given: FMU
+
+    @property
+    def differentiable(self) -> bool:
+        """No: it has first derivatives, and no trace."""
+        return False
+
+    @property
+    def equations(self) -> tuple[str, ...]:
+        """Its states, and outputs that it was asked for."""
+        return (*self.given.state_columns, *self.given.outputs)
+
+    def rate(self, t: Array, x: Float[Array, " n_state"], u: Float[Array, " n_input"]) -> Float[Array, " n_state"]:
+        """Value of g at one point, by a call from JAX to the FMU; many points at once are one call."""
+        return _traced(_Rates(self))(jnp.asarray(t, float), jnp.asarray(x, float), jnp.asarray(u, float))
+
+    def on(self, data: Trajectories, state: str) -> Float[np.ndarray, " n_obs"]:
+        """Values of g for one state or output on the rows of the data, user's units."""
+        t, x, u = data.time, data.matrix(self.states), data.matrix(self.inputs)
+        if state in self.given.outputs:
+            refs = [self.given.description.variables[self.given.outputs[state]].ref]
+            found = self._read(t, x, u, refs)[:, 0]
+        elif state in self.given.state_columns:
+            found = self.rates(t, x, u)[:, self.states.index(state)]
+        else:
+            return np.zeros(data.n_obs)
+        said = [*running(self.given.description).said]
+        if said and not np.all(np.isfinite(found)):
+            raise InputError(f"The FMU {self.given.description.name} refuses some of the data: {said[-1]}.")
+        return finite(found, state)
+
+    def rates(
+        self, t: Float[np.ndarray, "*n"], x: Float[np.ndarray, "*n n_state"], u: Float[np.ndarray, "*n n_input"]
+    ) -> Float[np.ndarray, "*n n_state"]:
+        """Values of g at many points, NaN where the FMU refuses one."""
+        n_state, n_input = x.shape[-1], u.shape[-1]
+        refs = [rate.ref for _, rate in self.given.description.states]
+        read = self._read(t.ravel(), x.reshape(-1, n_state), u.reshape(t.size, n_input), refs)
+        found = np.zeros((t.size, n_state))
+        found[:, self._places] = read
+        return found.reshape(x.shape)
+
+    def jacobian(
+        self, t: Float[np.ndarray, "*n"], x: Float[np.ndarray, "*n n_state"], u: Float[np.ndarray, "*n n_input"]
+    ) -> Float[np.ndarray, "*n n_state n_state"]:
+        """∂g/∂x at points along paths: the FMU's own where it gives them rightly, else central differences."""
+        flat = t.ravel(), x.reshape(-1, x.shape[-1]), u.reshape(t.size, u.shape[-1])
+        if self._own_derivatives(*flat):
+            found = self.directional(*flat)
+        else:
+            found = self.differences(*flat)[..., 1 : 1 + x.shape[-1]]
+        return found.reshape(*x.shape, x.shape[-1])
+
+    def directional(self, t: np.ndarray, x: np.ndarray, u: np.ndarray) -> Float[np.ndarray, "n n_state n_state"]:
+        """∂g/∂x by the FMU."""
+        states = self.given.description.states
+        rates, known = [rate.ref for _, rate in states], [state.ref for state, _ in states]
+
+        def read(fmu: Any) -> list[float]:
+            return [d for ref in known for d in fmu.getDirectionalDerivative(rates, [ref], [1.0])]
+
+        n = len(states)
+        own = self._at(t, x, u, n * n, read).reshape(-1, n, n).swapaxes(1, 2)
+        found = np.zeros((len(t), x.shape[-1], x.shape[-1]))
+        places = np.array(self._places)
+        found[:, places[:, None], places] = own
+        return found
+
+    def differences(self, t: np.ndarray, x: np.ndarray, u: np.ndarray) -> Float[np.ndarray, "n n_state n_all"]:
+        """∂g/∂(t, x, u) by central differences."""
+        whole = np.column_stack([t, x, u])
+        steps = np.diag(DIFFERENCE * _sizes(whole))
+        part = (0, slice(1, 1 + x.shape[-1]), slice(1 + x.shape[-1], None))
+        both = [[self.rates(*(each[:, k] for k in part)) for each in (whole + h, whole - h)] for h in steps]
+        return np.stack([up - down for up, down in both], axis=-1) / (2 * np.diag(steps))
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """That the FMU declares derivatives which are not those of its rates."""
+        found = self.given.description
+        if running(found).right(self.given.parameters) is not False:
+            return ()
+        return (
+            f"The directional derivatives of the FMU {found.name} are not those of its rates: central differences are "
+            "used instead.",
+        )
+
+    def formula(self, name: str) -> sympy.Expr:
+        """The velocity of a position; else an undefined function g_name(t, x, u): code cannot be read."""
+        if name not in self.equations:
+            return sympy.S.Zero
+        rate = self.rate_name(name)
+        if rate is not None:
+            return symbol(rate)
+        return sympy.Function(f"g_{name}", real=True)(*map(symbol, ("t", *self.states, *self.inputs)))
+
+    def additive_terms(self, state: str) -> list[tuple[Term, float]]:
+        """The velocity of a position; else none."""
+        rate = self.rate_name(state)
+        return [] if rate is None else [(Term(rate), 1.0)]
+
+    def rate_name(self, state: str) -> str | None:
+        """The state that the FMU declares to be the rate of a state."""
+        own = self.given.state_columns
+        declared = self.given.description.rates.get(own[state].name) if state in own else None
+        if declared is None:
+            return None
+        return next((column for column, v in own.items() if v.ref == declared.ref), None)
+
+    @property
+    def key(self) -> Hashable:
+        """Names, and the file with what was given with it; no trace that calls it is kept for later processes."""
+        return _Rates(self)
+
+    @property
+    def facts(self) -> Hashable:
+        """Names, and the file with what was given with it."""
+        return self.states, self.inputs, repr(self.given), self.given.description
+
+    @property
+    def _places(self) -> list[int]:
+        return [self.states.index(name) for name in self.given.state_columns]
+
+    def _own_derivatives(self, t: np.ndarray, x: np.ndarray, u: np.ndarray) -> bool:
+        """Whether the FMU declares derivatives, and they are those of its rates; looked at once where it has some."""
+        given, instance = self.given, running(self.given.description)
+        if not given.description.interfaces[MODEL_EXCHANGE].directional:
+            return False
+        if instance.right(given.parameters) is None:
+            some = np.unique(np.linspace(0, len(t) - 1, VERIFIED).astype(int))
+            part = t[some], x[some], u[some]
+            by_steps = self.differences(*part)[..., 1 : 1 + x.shape[-1]]
+            asked = np.all(np.isfinite(by_steps), axis=(1, 2))
+            if not asked.any():
+                return False
+            apart = np.abs(self.directional(*part) - by_steps)[asked].max(axis=0)
+            # |dg_i/dx_j| or |g_i| / |x_j|, whichever is larger: an entry of another unit must not hide this one.
+            rates, size = np.abs(self.rates(*part))[asked].max(axis=0), _sizes(part[1])
+            scale = np.maximum(np.abs(by_steps)[asked].max(axis=0), rates[:, None] / size)
+            instance.found_right(given.parameters, bool(np.all(apart <= AGREE * scale)))
+        return bool(instance.right(given.parameters))
+
+    def _read(self, t: np.ndarray, x: np.ndarray, u: np.ndarray, refs: list[int]) -> np.ndarray:
+        return self._at(t, x, u, len(refs), lambda fmu: fmu.getReal(refs))
+
+    def _at(self, t: np.ndarray, x: np.ndarray, u: np.ndarray, width: int, read: Any) -> np.ndarray:
+        given = self.given
+        columns = dict(zip((*self.states, *self.inputs), (*x.T, *u.T), strict=True))
+        inputs = given.input_columns
+        fed = [columns[name] for name in inputs]
+        points = np.asarray(t, float), x[:, self._places], np.array(fed).reshape(len(fed), len(t)).T
+        refs = [variable.ref for variable in inputs.values()]
+        return running(given.description).at_each(given.parameters, points, refs, width, read)
+
+
+class _Rates:
+    """An FMU's rates: equal to another's that gives the same."""
+
+    def __init__(self, simulation: FMUSimulation) -> None:
+        self.simulation = simulation
+
+    def __hash__(self) -> int:
+        return hash(self.simulation.facts)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Rates) and self.simulation.facts == other.simulation.facts
+
+
+@lru_cache(maxsize=64)
+def _traced(rates: _Rates) -> Any:
+    simulation = rates.simulation
+
+    # JAX calls these with arrays of its own.
+    def slopes(*point: Any) -> np.ndarray:
+        t, x, u = map(np.asarray, point)
+        found = simulation.differences(t.ravel(), x.reshape(-1, x.shape[-1]), u.reshape(t.size, u.shape[-1]))
+        return found.reshape(*x.shape, found.shape[-1])
+
+    def values(*point: Any) -> np.ndarray:
+        return simulation.rates(*map(np.asarray, point))
+
+    @jax.custom_jvp
+    def rate(t: Array, x: Array, u: Array) -> Array:
+        shape = jax.ShapeDtypeStruct(x.shape, x.dtype)
+        return jax.pure_callback(values, shape, t, x, u, vmap_method="broadcast_all")
+
+    @rate.defjvp
+    def _(point: tuple[Array, ...], along: tuple[Array, ...]) -> tuple[Array, Array]:
+        t, x, u = point
+        shape = jax.ShapeDtypeStruct((x.shape[0], 1 + x.shape[0] + u.shape[0]), x.dtype)
+        J = jax.pure_callback(slopes, shape, t, x, u, vmap_method="broadcast_all")
+        return rate(t, x, u), J @ jnp.concatenate([jnp.atleast_1d(along[0]), *along[1:]])
+
+    return rate
+
+
+def _sizes(columns: np.ndarray) -> np.ndarray:
+    """RMS of columns, 1 of those that are zero."""
+    size = np.sqrt(np.mean(columns**2, axis=0))
+    return np.where(size > 0, size, 1.0)
+
+
+def fmu_simulation(
+    given: FMU, states: tuple[str, ...], inputs: tuple[str, ...], outputs: Any, units: Mapping[str, str]
+) -> FMUSimulation:
+    """The right-hand side of an FMU with the names of the data.
+
+    Raises:
+        InputError: A state or an input of the FMU without a column; an output that the data lack; other units.
+    """
+    name = given.description.name
+    for column, variable in given.state_columns.items():
+        if column not in states:
+            raise InputError(
+                f"The FMU {name} has the state {variable.name!r}, and the data no state {column!r}: say which "
+                f"it is, bg.FMU(..., states={{'column': {variable.name!r}}}), or use bg.TrajectoryRows(), "
+                "on which states may be hidden."
+            )
+    for column, variable in given.input_columns.items():
+        if column not in (*states, *inputs):
+            raise InputError(
+                f"The FMU {name} has the input {variable.name!r}, and the data have no {column!r}: say which column it "
+                f"is, inputs={{'column': {variable.name!r}}}, or hold it, parameters={{{variable.name!r}: 0.0}}."
+            )
+    for column in given.outputs:
+        if column not in outputs:
+            raise InputError(f"bg.FMU(outputs=...) names {column!r}, which is no output of the data.")
+    from .units import require_units
+
+    variables = {column: given.description.variables[v] for column, v in given.outputs.items()}
+    require_units(name, {**given.state_columns, **given.input_columns, **variables}, units)
+    return FMUSimulation(states, inputs, given)

@@ -1,0 +1,42 @@
+"""Units of an FMU against those of the data."""
+
+from collections.abc import Mapping
+
+from bayes_greybox.data.errors import InputError
+from bayes_greybox.data.fmu.description import Variable
+from bayes_greybox.data.reading.unit_registry import registry
+from bayes_greybox.physics.units import parse_unit
+
+
+def require_units(model: str, variables: Mapping[str, Variable], units: Mapping[str, str]) -> None:
+    """Refuse columns in other units than the FMU's variables; where one of them is not stated, nothing is compared.
+
+    Args:
+        model: The FMU's name.
+        variables: Variables by column.
+        units: Units by column, the time's under "t".
+
+    Raises:
+        InputError: Another unit, or a time that is not in seconds.
+    """
+    if units.get("t") and not _same(units["t"], "the time", "second", 1.0, 0.0):
+        raise InputError(f"The time is in {units['t']}, and an FMU's is in s: convert it.")
+    for column, variable in variables.items():
+        unit, own = variable.unit, units.get(column)
+        if unit is None or not unit.base or not own:
+            continue
+        if not _same(own, f"column {column!r}", unit.base, unit.factor, unit.offset):
+            raise InputError(
+                f"{variable.name!r} of the FMU {model} is in {unit.name}, and the column {column!r} in {own}: convert "
+                "the column."
+            )
+
+
+def _same(text: str, what: str, base: str, factor: float, offset: float) -> bool:
+    given, known = parse_unit(text, what), registry()
+    other = known.parse_units(base)
+    if given.dimensionality != other.dimensionality:
+        return False
+    zero = float(known.Quantity(0.0, given).to_root_units().magnitude)
+    size = float(known.get_root_units(given)[0]), factor * float(known.get_root_units(other)[0])
+    return abs(size[0] - size[1]) <= 1e-9 * abs(size[0]) and abs(zero - offset) <= 1e-9 * max(1.0, abs(offset))
