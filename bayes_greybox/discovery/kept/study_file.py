@@ -42,7 +42,8 @@ FORMAT = 1
 
 CLASSES = (
     Amendment, Band, BoundEffect, ChannelSuspect, Cloud, Coefficients, Column, Component, Effect, Explained, FreePath,
-    GapMap, GapTrace, HiddenState, HilbertBasis, InnerParameter, KnownColumns, Memory, Nearer, Remainder, *ROWS.values(),
+    GapMap, GapTrace, HiddenState, HilbertBasis, InnerParameter, KnownColumns, Memory, Nearer, Remainder,
+    *ROWS.values(),
 )  # fmt: skip
 """Classes of what a file holds."""
 
