@@ -137,14 +137,14 @@ def predict(asked: Question, candidates: Sequence[Candidate]) -> list[Predicted]
     found: dict[int, Predicted] = {}
     for places in groups.values():
         own = [candidates[i] for i in places]
-        found |= dict(zip(places, _together(asked, outcomes, own), strict=True))
+        found |= dict(zip(places, _together(asked, outcomes, own, places[0]), strict=True))
     return [found[i] for i in range(len(candidates))]
 
 
-def _together(asked: Question, outcomes: Outcomes, candidates: Sequence[Candidate]) -> list[Predicted]:
+def _together(asked: Question, outcomes: Outcomes, candidates: Sequence[Candidate], group: int) -> list[Predicted]:
     times, components = candidates[0].times, asked.components
     begin = np.array([[c.start[name] for name in asked.simulation.states] for c in candidates])
-    rng = np.random.default_rng([asked.seed, 1])
+    rng = np.random.default_rng([asked.seed, 1, group])
     spread = np.zeros_like(begin) if asked.rates else np.array([_start_sd(asked.data, c) for c in candidates])
     steps, resolved = _steps(asked, candidates, begin)
     inputs = _inputs(asked, candidates, stage_times(times, steps))
@@ -159,7 +159,7 @@ def _together(asked: Question, outcomes: Outcomes, candidates: Sequence[Candidat
             slopes.append(_slopes(asked, component, begin, spread, times, inputs))
     found = []
     for i, candidate in enumerate(candidates):
-        noise = np.random.default_rng([asked.seed, 2, i])
+        noise = np.random.default_rng([asked.seed, 2, group, i])
         if asked.rates:
             products, responses = _of_rates(asked, outcomes, candidate, paths[i], noise)
         else:

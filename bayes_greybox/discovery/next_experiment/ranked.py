@@ -22,7 +22,7 @@ SURE = 2.0
 """Monte Carlo standard errors that the information must exceed."""
 
 BEYOND, FAILS = 1.1, 0.01
-"""Reach over the data's range that is said to be extrapolation, and share of failing runs that rules a candidate out."""
+"""Reach over the data's range that is said to be extrapolation, and share of failing runs that rules one out."""
 
 
 @dataclass(frozen=True)
