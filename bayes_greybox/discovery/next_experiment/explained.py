@@ -5,7 +5,7 @@ an explanation is a mixture of such components.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import product
 
 import numpy as np
@@ -73,9 +73,12 @@ def explained(found: EquationStudy) -> tuple[Explained, ...]:
         found: The study of the equation.
     """
     weighed = found.finding.weighed
-    table = found.hypotheses()["probability"].droplevel("equation")
+    table = found.hypotheses()
+    names = table.index.get_level_values("hypothesis")
     kept = []
-    for name, p in table[table >= LEAST].items():
+    for name, p in zip(names, table["probability"].to_numpy(float), strict=True):
+        if p < LEAST:
+            continue
         items = [(w, e) for w, e, _, _ in weighed.items if found.called(w, e) == name]
         # The likeliest that leaves nothing over: what has no name cannot be predicted.
         world, e = next(((w, e) for w, e in items if not w.leaves_rest(e)), items[0])
@@ -140,7 +143,9 @@ def _one(name: str, p: float, weighed: Weighed, world: World, e: Explanation) ->
         root = (vectors * np.sqrt(np.maximum(values, 0.0))).T * scale
         alive = np.flatnonzero((one.mean != 0) | np.any(root != 0, axis=0))
         root = root[np.any(root != 0, axis=1)][:, alive]
-        terms = tuple(columns[i].formula.plain for i in alive)
+        # As text: what a file gives back is then the same.
+        formulas = [columns[i].formula.plain for i in alive]
+        terms = tuple(replace(formula, expression=formula.text) for formula in formulas)
         components.append(Component(float(weight), (equation,) * len(alive), terms, (one.mean * scale)[alive], root))
         sigma += weight * one.sigma * statistics.target_scale
     return Explained(name, p, slugs, tuple(components), {equation: float(sigma)})
