@@ -167,8 +167,8 @@ def _sentence(
     worth = f"{max(found.bits, 0.0):.2f} ± {found.error:.2f} of {total:.2f} bits"
     if chosen:
         what = " and ".join(f"({each.name})" for each in chosen)
-        how = "Measured together, chosen one after another (greedy)" if len(chosen) > 1 else "It"
-        return f"Measure next: {what}. {how}: expected to tell {worth} between {names}.{more}"
+        how = "Together, chosen one after another (greedy), they are" if len(chosen) > 1 else "It is"
+        return f"Measure next: {what}. {how} expected to tell {worth} between {names}.{more}"
     if not able:
         return f"Under every candidate some runs fail: give smaller amplitudes or other starts.{more}"
     return f"No candidate would tell them apart ({names}): the best is expected to tell {worth}.{more}"
