@@ -7,7 +7,7 @@ which one it holds.
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import product
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float
@@ -18,6 +18,7 @@ from bayes_greybox.data.trajectories import Trajectories
 Time = Float[np.ndarray, "*n"]
 
 
+@runtime_checkable
 class Signal(Protocol):
     """An input as a function of time since the start of a run."""
 
