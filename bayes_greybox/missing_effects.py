@@ -19,8 +19,8 @@ from bayes_greybox.discovery.answer.gap.free_runs import FreePath, FreeRuns
 from bayes_greybox.discovery.evidence.odds import Odds
 from bayes_greybox.discovery.kept.study_file import holds_study, save_study, study_of
 from bayes_greybox.discovery.learned import studied_system
-from bayes_greybox.discovery.next_experiment.candidates import Candidate, usual_candidates
-from bayes_greybox.discovery.next_experiment.ranked import THRESHOLD, NextExperiment, rank, usual_sensors
+from bayes_greybox.discovery.next_experiment.candidates import Candidate
+from bayes_greybox.discovery.next_experiment.ranked import THRESHOLD, NextExperiment, rank
 from bayes_greybox.discovery.study import StudyResult, investigate
 from bayes_greybox.inference.checkpoint import EVERY, Checkpoint, data_facts, given_checkpoint, run_facts
 from bayes_greybox.inference.kept import netcdf
@@ -139,9 +139,9 @@ class Study(StudyResult):
         Raises:
             InputError: See `ranked.rank` and `usual_candidates`.
         """
-        if candidates is None:
-            candidates = usual_candidates(self.train, sensors or usual_sensors(self), **usual)
-        return rank(self, candidates, batch=batch, threshold=threshold, outcomes=outcomes, seed=seed)
+        return rank(
+            self, candidates, sensors=sensors, batch=batch, threshold=threshold, outcomes=outcomes, seed=seed, **usual
+        )
 
     def save(self, path: str | os.PathLike) -> None:
         """Write the study to one netCDF file: tables, data, models, equations and free runs, and the posterior.

@@ -171,7 +171,7 @@ def test_no_words_mean_help(capsys):
     assert "Usage: bayes-greybox" in capsys.readouterr().out
 
 
-COMMANDS = ["fit", "discover", "compare", "report", "benchmark", "datasets"]
+COMMANDS = ["fit", "discover", "compare", "report", "next", "benchmark", "datasets"]
 
 
 @pytest.mark.parametrize("command", COMMANDS)

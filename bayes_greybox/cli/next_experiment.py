@@ -4,6 +4,7 @@ from pathlib import Path
 
 from bayes_greybox.cli.ending import DONE, show
 from bayes_greybox.config import load_config
+from bayes_greybox.data.errors import InputError
 from bayes_greybox.missing_effects import Study, find_missing_effects, load
 from bayes_greybox.report.terminal.tables import frame_table
 
@@ -26,9 +27,7 @@ def next_configured(
 def _study(file: Path, progress: bool) -> Study:
     if file.suffix == ".nc":
         found = load(file)
-        if not hasattr(found, "next_experiment"):
-            from bayes_greybox.data.errors import InputError
-
+        if not isinstance(found, Study):
             raise InputError(f'"{file}" holds a fit and no study: give what discover wrote, study.nc.')
         return found
     settings = load_config(file)

@@ -16,7 +16,7 @@ MOST_CHOICES = 1000
 """Combinations of values of inner parameters that draws are taken from, at most."""
 
 FAINT = 1e-4
-"""Components of a mixture that are less likely are left out."""
+"""Components of a mixture that are less likely than this share of the likeliest are left out."""
 
 
 class Coefficients(NamedTuple):
@@ -157,10 +157,11 @@ def conditional(
         none: Whether none is.
     """
     suspects = tuple(suspects)
-    choices, _ = _choices(evaluations, suspects, base, np.random.default_rng(0))
-    choices = sorted(choices)
+    choices, drawn_as = _choices(evaluations, suspects, base, np.random.default_rng(0))
+    order = sorted(range(len(choices)), key=lambda i: choices[i])
+    choices, drawn_as = [choices[i] for i in order], drawn_as[order]
     evaluated = evaluations.parametric([(*suspects, *c) for c in choices])
-    logs = np.array([[*np.ravel(v.by_pattern)] for v in evaluated])
+    logs = np.array([[*np.ravel(v.by_pattern)] for v in evaluated]) + drawn_as[:, None]
     patterns = np.arange(logs.shape[1])
     patterns = patterns[:1] if none else patterns[1:] if some else patterns
     flat = np.exp(logs[:, patterns] - np.logaddexp.reduce(logs[:, patterns], axis=None))
@@ -170,7 +171,7 @@ def conditional(
     # Pattern by pattern, so that inner parameters rise within each.
     for k, pattern in enumerate(patterns):
         for choice, fitted, weight in zip(choices, evaluated, flat[:, k], strict=True):
-            if weight > FAINT:
+            if weight > FAINT * np.max(flat):
                 one, single = one_pattern(fitted, int(pattern))
                 mean, covariance = coefficients(one, single)
                 sigma = float(single.sigma @ single.weight / np.sum(single.weight))

@@ -272,7 +272,8 @@ def usual_candidates(
 ) -> tuple[Candidate, ...]:
     """Experiments like those of the data, with other signals, amplitudes and starts.
 
-    One input is driven at a time; the others are held in the middle of their range. Frequencies lie between a few
+    One input is driven at a time; the others are held in the middle of their range, and so is one that never moved in
+    the data. Frequencies lie between a few
     periods a run and what the states move at.
 
     Args:
@@ -280,20 +281,20 @@ def usual_candidates(
         sensors: Noise by channel.
         signals: Families, keys of `SIGNALS`; all by default.
         amplitudes: Over half the range that the input had in the data: above 1 is beyond what was seen.
-        starts: States at the start; by default where the runs of the data began, and without an input corners of the
-            states' range, `amplitudes` times as far from its middle.
+        starts: States at the start; by default where the runs of the data began, and where no input moves corners of
+            the states' range, `amplitudes` times as far from its middle.
         duration: Of each; that of the longest run by default.
         rows: Samples of each; by default as close as those of the data.
 
     Raises:
         InputError: An unknown family, an amplitude that is none, or a start of an unknown state.
     """
-    unknown = [name for name in signals or () if name not in SIGNALS]
-    if unknown:
+    asked = tuple(SIGNALS if signals is None else signals)
+    if unknown := [name for name in asked if name not in SIGNALS]:
         raise InputError(f"There are no signals called {unknown[0]!r}; there are {', '.join(SIGNALS)}.")
-    if not amplitudes or not all(np.isfinite(a) and a > 0 for a in amplitudes):
+    if not len(amplitudes) or not all(np.isfinite(a) and a > 0 for a in amplitudes):
         raise InputError(f"amplitudes must be numbers above 0, such as (0.5, 1), not {amplitudes}.")
-    families = [SIGNALS[name] for name in (SIGNALS if signals is None else signals)]
+    families = [SIGNALS[name] for name in asked]
     spans = {r: np.ptp(data.time[data.run == r]) for r in range(data.n_run)}
     longest = data.run == max(spans, key=lambda r: spans[r])
     duration = float(spans[data.run[longest][0]]) if duration is None else float(duration)
@@ -302,17 +303,19 @@ def usual_candidates(
     low, high = _band(data, longest, duration)
     middles = {name: 0.5 * float(np.min(u) + np.max(u)) for name, u in data.inputs.items()}
     driven: list[dict[str, Signal]] = []
-    for (name, u), factor in product(data.inputs.items(), amplitudes):
+    moved = {name: u for name, u in data.inputs.items() if np.ptp(u) > 0}
+    for (name, u), factor in product(moved.items(), amplitudes):
         usual = Usual(factor * 0.5 * float(np.ptp(u)), middles[name], low, high, duration)
         held = {other: Hold(level) for other, level in middles.items() if other != name}
         driven += [{**held, name: signal} for family in families for signal in family.usual(usual)]
     if starts is None:
-        starts = _begun(data) if data.inputs else _corners(data, amplitudes)
+        starts = _begun(data) if driven else _corners(data, amplitudes)
     for start in starts:
         if unknown := [name for name in start if name not in data.states]:
             raise InputError(f"starts: there is no state {unknown[0]!r}; there are {', '.join(data.state_names)}.")
     full = [{**_begun(data)[0], **start} for start in starts]
-    return tuple(Candidate(inputs, start, duration, rows, sensors) for inputs, start in product(driven or [{}], full))
+    still: list[dict[str, Signal]] = [{name: Hold(level) for name, level in middles.items()}]
+    return tuple(Candidate(inputs, start, duration, rows, sensors) for inputs, start in product(driven or still, full))
 
 
 def _begun(data: Trajectories, most: int = 2) -> list[dict[str, float]]:

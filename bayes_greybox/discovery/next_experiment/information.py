@@ -18,6 +18,12 @@ from jaxtyping import Float, Int
 BITS = float(np.log(2.0))
 """Nats of a bit."""
 
+FAR = 1e6
+"""Noise standard deviations: a residual is not told from a larger one, and rows less certain than this do not count."""
+
+FAINT = 1e-14
+"""Share of its trace that a matrix has on its diagonal at least, so that it can be inverted."""
+
 
 class Products(NamedTuple):
     """What responses say of every component of every explanation; a sum over experiments is that of both.
@@ -38,9 +44,14 @@ class Products(NamedTuple):
 
     def log_density(self) -> Float[np.ndarray, "n_outcome n_component"]:
         """Log density of each outcome under each component, up to a constant of the outcome."""
-        one = np.eye(self.G.shape[-1]) + self.G
+        one = _beside_one(self.G)
         solved = np.linalg.solve(one, self.h[..., None])[..., 0]
         return -0.5 * (self.q - np.sum(self.h * solved, axis=-1) + np.linalg.slogdet(one)[1])
+
+
+def bounded(r: Float[np.ndarray, "*n"]) -> Float[np.ndarray, "*n"]:
+    """Residuals over σ whose squares stay exact: what is `FAR` is as impossible as what is further."""
+    return np.clip(r, -FAR, FAR)
 
 
 class Information(NamedTuple):
@@ -69,7 +80,7 @@ def marginal_starts(
     if not n_own:
         return q, h, G
     k = h.shape[-1] - n_own
-    C, B = np.eye(n_own) + G[..., k:, k:], G[..., :k, k:]
+    C, B = _beside_one(G[..., k:, k:]), G[..., :k, k:]
     solved = np.linalg.solve(C, h[..., k:, None])[..., 0]
     q = q - np.sum(h[..., k:] * solved, axis=-1) + np.linalg.slogdet(C)[1]
     h = h[..., :k] - np.einsum("...ij,...j->...i", B, solved)
@@ -129,3 +140,9 @@ def entropy(probability: Sequence[float] | Float[np.ndarray, " n"]) -> float:
     p = np.asarray(probability, float)
     p = p[p > 0]
     return float(-np.sum(p * np.log(p))) / BITS
+
+
+def _beside_one(G: np.ndarray) -> np.ndarray:
+    """I + G, which rounding cannot make singular."""
+    size = np.trace(G, axis1=-2, axis2=-1)[..., None, None]
+    return (1.0 + FAINT * size) * np.eye(G.shape[-1]) + G

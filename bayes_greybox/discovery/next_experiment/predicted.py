@@ -21,7 +21,7 @@ from bayes_greybox.physics.simulation.protocol import Simulation
 
 from .candidates import Candidate
 from .explained import Component, Explained
-from .information import Products, marginal_starts
+from .information import FAR, Products, bounded, marginal_starts
 
 LOST = 1e3
 """A run has failed once a state is larger than so many times its largest value in the data."""
@@ -31,6 +31,9 @@ SAME_PATH = 1e-3
 
 MOST_STEPS = 64
 """Steps between two samples, at most."""
+
+AT_ONCE = 2_000_000
+"""Numbers in the paths that are simulated side by side, at most: memory."""
 
 UNSEEN_START = 0.05
 """Standard deviation of the start of a state without a sensor, over its range in the data."""
@@ -135,9 +138,11 @@ def predict(asked: Question, candidates: Sequence[Candidate]) -> list[Predicted]
     for i, candidate in enumerate(candidates):
         groups.setdefault((candidate.duration, candidate.rows), []).append(i)
     found: dict[int, Predicted] = {}
-    for places in groups.values():
-        own = [candidates[i] for i in places]
-        found |= dict(zip(places, _together(asked, outcomes, own, places[0]), strict=True))
+    for (_, rows), places in groups.items():
+        n = max(1, AT_ONCE // (len(outcomes.truth) * rows * len(asked.simulation.states)))
+        for some in (places[k : k + n] for k in range(0, len(places), n)):
+            own = [candidates[i] for i in some]
+            found |= dict(zip(some, _together(asked, outcomes, own, some[0]), strict=True))
     return [found[i] for i in range(len(candidates))]
 
 
@@ -145,7 +150,7 @@ def _together(asked: Question, outcomes: Outcomes, candidates: Sequence[Candidat
     times, components = candidates[0].times, asked.components
     begin = np.array([[c.start[name] for name in asked.simulation.states] for c in candidates])
     rng = np.random.default_rng([asked.seed, 1, group])
-    spread = np.zeros_like(begin) if asked.rates else np.array([_start_sd(asked.data, c) for c in candidates])
+    spread = np.zeros_like(begin) if asked.rates else np.array([_start_sd(asked, c) for c in candidates])
     steps, resolved = _steps(asked, candidates, begin)
     inputs = _inputs(asked, candidates, stage_times(times, steps))
     paths = np.zeros((len(candidates), len(outcomes.truth), len(times), begin.shape[1]))
@@ -160,11 +165,13 @@ def _together(asked: Question, outcomes: Outcomes, candidates: Sequence[Candidat
     found = []
     for i, candidate in enumerate(candidates):
         noise = np.random.default_rng([asked.seed, 2, group, i])
-        if asked.rates:
-            products, responses = _of_rates(asked, outcomes, candidate, paths[i], noise)
-        else:
-            products, responses = _of_samples(asked, outcomes, candidate, paths[i], [s[i] for s in slopes], noise)
-        found.append(_predicted(asked, outcomes, candidate, products, responses, paths[i], resolved))
+        # What is not finite is a run that failed, which is a result.
+        with np.errstate(all="ignore"):
+            if asked.rates:
+                products, responses = _of_rates(asked, outcomes, candidate, paths[i], noise)
+            else:
+                products, responses = _of_samples(asked, outcomes, candidate, paths[i], [s[i] for s in slopes], noise)
+        found.append(_predicted(asked, outcomes, candidate, products, responses, paths[i], bool(resolved[i])))
     return found
 
 
@@ -180,27 +187,26 @@ def _of_rates(
     values = (
         np.stack([columns[name] for name in asked.simulation.inputs], axis=-1) if u else np.zeros((*paths.shape[:2], 0))
     )
-    with np.errstate(all="ignore"):
-        known = asked.simulation.rates(np.broadcast_to(candidate.times, (n_outcome, n_row)), paths, values)
+    known = asked.simulation.rates(np.broadcast_to(candidate.times, (n_outcome, n_row)), paths, values)
     q, h = np.zeros((n_outcome, len(components))), np.zeros((n_outcome, len(components), k))
     G, responses = np.zeros((n_outcome, len(components), k, k)), {}
     for equation, sd in candidate.sensors.items():
         means, loads, added = [], [], np.full((n_outcome, n_row), np.nan)
         for c, component in enumerate(components):
             own = [j for j, name in enumerate(component.equations) if name == equation]
-            with np.errstate(all="ignore"):
-                Phi = np.stack(
-                    [np.broadcast_to(component.terms[j].evaluate(columns), added.shape) for j in own], axis=-1
-                ) if own else np.zeros((n_outcome, n_row, 0))  # fmt: skip
+            Phi = np.stack(
+                [np.broadcast_to(component.terms[j].evaluate(columns), added.shape) for j in own], axis=-1
+            ) if own else np.zeros((n_outcome, n_row, 0))  # fmt: skip
             means.append(Phi @ component.mean[own])
             loads.append(Phi @ component.root[:, own].T / sd)
             mine = np.flatnonzero(outcomes.component == c)
             added[mine] = np.einsum("ort,ot->or", Phi[mine], outcomes.theta[c][:, own])
         responses[equation] = added + known[..., asked.simulation.states.index(equation)]
         y = added + sd * rng.standard_normal(added.shape)
-        good = np.all([np.isfinite(m) for m in means], axis=0) & np.isfinite(y)
+        sure = [np.isfinite(m) & np.all(np.abs(a) < FAR, axis=-1) for m, a in zip(means, loads, strict=True)]
+        good = np.all(sure, axis=0) & np.isfinite(y)
         for c, (mean, load) in enumerate(zip(means, loads, strict=True)):
-            r = np.where(good, (y - mean) / sd, 0.0)
+            r = np.where(good, bounded((y - mean) / sd), 0.0)
             A = np.where(good[..., None], load, 0.0)
             n = A.shape[-1]
             q[:, c] += np.sum(r**2, axis=1)
@@ -221,13 +227,14 @@ def _of_samples(
     y = paths[..., measured] + sd * rng.standard_normal((*paths.shape[:2], len(sd)))
     # A row counts where no path has failed yet: what a failure itself would tell is not promised.
     alive = np.all([np.all(np.isfinite(s[..., measured]), axis=(0, 2)) for s in slopes], axis=0)
-    good = np.isfinite(y) & alive[None, :, None]
+    sure = np.all([np.all(np.abs(s[1:][..., measured] / sd) < FAR, axis=(0, 2)) for s in slopes], axis=0)
+    good = np.isfinite(y) & (alive & sure)[None, :, None]
     k = max(len(c.root) for c in components)
     q, h = np.zeros((n_outcome, len(components))), np.zeros((n_outcome, len(components), k))
     G = np.zeros((n_outcome, len(components), k, k))
     for c, slope in enumerate(slopes):
         centre, by = slope[0][..., measured], slope[1:][..., measured]
-        r = np.where(good, (y - centre) / sd, 0.0).reshape(n_outcome, -1)
+        r = np.where(good, bounded((y - centre) / sd), 0.0).reshape(n_outcome, -1)
         A = np.where(good[:, None], by / sd, 0.0).reshape(n_outcome, len(by), -1)
         n = len(components[c].root)
         parts = np.sum(r**2, axis=1), np.einsum("okr,or->ok", A, r), A @ np.swapaxes(A, 1, 2)
@@ -294,8 +301,8 @@ def _inputs(asked: Question, candidates: Sequence[Candidate], times: np.ndarray)
     return found
 
 
-def _steps(asked: Question, candidates: Sequence[Candidate], begin: np.ndarray) -> tuple[int, bool]:
-    """Steps between samples that follow the means of all explanations, and whether they do."""
+def _steps(asked: Question, candidates: Sequence[Candidate], begin: np.ndarray) -> tuple[int, np.ndarray]:
+    """Steps between samples that follow the means of all explanations, and whether they do, by candidate."""
     times, steps, before = candidates[0].times, 2, None
     first = [int(np.flatnonzero(asked.of == m)[0]) for m in range(len(asked.explanations))]
     range_ = np.array([np.ptp(asked.data.states[name]) or 1.0 for name in asked.simulation.states])
@@ -308,16 +315,18 @@ def _steps(asked: Question, candidates: Sequence[Candidate], begin: np.ndarray) 
         if before is not None:
             with np.errstate(all="ignore"):
                 apart = np.abs(now - before) / range_
-            if not np.any(apart > SAME_PATH):
-                return steps // 2, True
+            resolved = ~np.any(apart > SAME_PATH, axis=(1, 2, 3))
+            if np.all(resolved):
+                return steps // 2, resolved
             if steps >= MOST_STEPS:
-                return steps, False
+                return steps, resolved
         before, steps = now, 2 * steps
 
 
-def _start_sd(data: Trajectories, candidate: Candidate) -> list[float]:
+def _start_sd(asked: Question, candidate: Candidate) -> list[float]:
     """How well the start of an experiment is known: as its sensor shows it, or as well as such a state can be set."""
-    return [candidate.sensors.get(name, UNSEEN_START * float(np.ptp(x))) for name, x in data.states.items()]
+    range_ = {name: float(np.ptp(asked.data.states[name])) for name in asked.simulation.states}
+    return [candidate.sensors.get(name, UNSEEN_START * size) for name, size in range_.items()]
 
 
 def _predicted(
