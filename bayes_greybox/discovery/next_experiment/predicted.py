@@ -139,19 +139,25 @@ def predict(asked: Question, candidates: Sequence[Candidate]) -> list[Predicted]
         groups.setdefault((candidate.duration, candidate.rows), []).append(i)
     found: dict[int, Predicted] = {}
     for (_, rows), places in groups.items():
+        needed, resolved = _steps(asked, [candidates[i] for i in places])
+        followed = dict(zip(places, resolved.tolist(), strict=True))
         n = max(1, AT_ONCE // (len(outcomes.truth) * rows * len(asked.simulation.states)))
-        for some in (places[k : k + n] for k in range(0, len(places), n)):
-            own = [candidates[i] for i in some]
-            found |= dict(zip(some, _together(asked, outcomes, own, some[0]), strict=True))
+        for steps in np.unique(needed).tolist():
+            alike = [i for i, its in zip(places, needed, strict=True) if its == steps]
+            for some in (alike[k : k + n] for k in range(0, len(alike), n)):
+                own, good = [candidates[i] for i in some], [followed[i] for i in some]
+                found |= dict(zip(some, _together(asked, outcomes, own, steps, good, some[0]), strict=True))
     return [found[i] for i in range(len(candidates))]
 
 
-def _together(asked: Question, outcomes: Outcomes, candidates: Sequence[Candidate], group: int) -> list[Predicted]:
+def _together(
+    asked: Question, outcomes: Outcomes, candidates: Sequence[Candidate], steps: int, resolved: Sequence[bool],
+    group: int,
+) -> list[Predicted]:  # fmt: skip
     times, components = candidates[0].times, asked.components
-    begin = np.array([[c.start[name] for name in asked.simulation.states] for c in candidates])
+    begin = _begin(asked, candidates)
     rng = np.random.default_rng([asked.seed, 1, group])
     spread = np.zeros_like(begin) if asked.rates else np.array([_start_sd(asked, c) for c in candidates])
-    steps, resolved = _steps(asked, candidates, begin)
     inputs = _inputs(asked, candidates, stage_times(times, steps))
     paths = np.zeros((len(candidates), len(outcomes.truth), len(times), begin.shape[1]))
     slopes: list[list[np.ndarray]] = []
@@ -171,7 +177,7 @@ def _together(asked: Question, outcomes: Outcomes, candidates: Sequence[Candidat
                 products, responses = _of_rates(asked, outcomes, candidate, paths[i], noise)
             else:
                 products, responses = _of_samples(asked, outcomes, candidate, paths[i], [s[i] for s in slopes], noise)
-        found.append(_predicted(asked, outcomes, candidate, products, responses, paths[i], bool(resolved[i])))
+        found.append(_predicted(asked, outcomes, candidate, products, responses, paths[i], resolved[i]))
     return found
 
 
@@ -301,26 +307,36 @@ def _inputs(asked: Question, candidates: Sequence[Candidate], times: np.ndarray)
     return found
 
 
-def _steps(asked: Question, candidates: Sequence[Candidate], begin: np.ndarray) -> tuple[int, np.ndarray]:
+def _steps(asked: Question, candidates: Sequence[Candidate]) -> tuple[np.ndarray, np.ndarray]:
     """Steps between samples that follow the means of all explanations, and whether they do, by candidate."""
-    times, steps, before = candidates[0].times, 2, None
     first = [int(np.flatnonzero(asked.of == m)[0]) for m in range(len(asked.explanations))]
     range_ = np.array([np.ptp(asked.data.states[name]) or 1.0 for name in asked.simulation.states])
-    while True:
-        inputs = _inputs(asked, candidates, stage_times(times, steps))
+    needed, resolved = np.zeros(len(candidates), int), np.zeros(len(candidates), bool)
+    open_, steps, before = np.arange(len(candidates)), 2, None
+    while len(open_):
+        own = [candidates[i] for i in open_.tolist()]
+        begin, times = _begin(asked, own), own[0].times
+        inputs = _inputs(asked, own, stage_times(times, steps))
         components = [asked.components[c] for c in first]
         now = np.concatenate(
             [_paths(asked, c, c.mean[None], begin[:, None], times, inputs) for c in components], axis=1
         )  # fmt: skip
+        ended = np.zeros(len(own), bool)
         if before is not None:
             with np.errstate(all="ignore"):
-                apart = np.abs(now - before) / range_
-            resolved = ~np.any(apart > SAME_PATH, axis=(1, 2, 3))
-            if np.all(resolved):
-                return steps // 2, resolved
-            if steps >= MOST_STEPS:
-                return steps, resolved
-        before, steps = now, 2 * steps
+                close = np.abs(now - before) / range_ <= SAME_PATH
+            last = steps >= MOST_STEPS
+            # Long steps alone may make a run fail: that it does is believed of the shortest.
+            close |= last & np.isnan(now) & np.isnan(before)
+            same = np.all(close, axis=(1, 2, 3))
+            ended = same | last
+            needed[open_], resolved[open_] = np.where(same & ~last, steps // 2, steps), same
+        before, open_, steps = now[~ended], open_[~ended], 2 * steps
+    return needed, resolved
+
+
+def _begin(asked: Question, candidates: Sequence[Candidate]) -> np.ndarray:
+    return np.array([[c.start[name] for name in asked.simulation.states] for c in candidates], float)
 
 
 def _start_sd(asked: Question, candidate: Candidate) -> list[float]:
