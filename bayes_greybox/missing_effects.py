@@ -19,6 +19,8 @@ from bayes_greybox.discovery.answer.gap.free_runs import FreePath, FreeRuns
 from bayes_greybox.discovery.evidence.odds import Odds
 from bayes_greybox.discovery.kept.study_file import holds_study, save_study, study_of
 from bayes_greybox.discovery.learned import studied_system
+from bayes_greybox.discovery.next_experiment.candidates import Candidate
+from bayes_greybox.discovery.next_experiment.ranked import THRESHOLD, NextExperiment, rank
 from bayes_greybox.discovery.study import StudyResult, investigate
 from bayes_greybox.inference.checkpoint import EVERY, Checkpoint, data_facts, given_checkpoint, run_facts
 from bayes_greybox.inference.kept import netcdf
@@ -130,6 +132,35 @@ class Study(StudyResult):
     def to_json(self) -> str:
         """The amended model as JSON text; as `Fit.to_json`, with inner parameters and hidden states."""
         return json.dumps(equations_record(studied_system(self)), indent=2, allow_nan=False, ensure_ascii=False)
+
+    def next_experiment(
+        self,
+        candidates: Sequence[Candidate] | None = None,
+        *,
+        sensors: Mapping[str, float] | None = None,
+        batch: int = 1,
+        threshold: float = THRESHOLD,
+        outcomes: int = 64,
+        seed: int = 0,
+        **usual: Any,
+    ) -> NextExperiment:
+        """What to measure next, by the information that it is expected to give about the explanation.
+
+        Args:
+            candidates: What could be done; by default `usual_candidates` of the training data.
+            sensors: Noise by channel of the default candidates; by default as in the data.
+            batch: Experiments to do together, chosen one after another.
+            threshold: Bits below which none is worth it.
+            outcomes: Simulated for each explanation.
+            seed: Of the simulation.
+            **usual: Signals, amplitudes, starts, duration and rows of `usual_candidates`.
+
+        Raises:
+            InputError: See `ranked.rank` and `usual_candidates`.
+        """
+        return rank(
+            self, candidates, sensors=sensors, batch=batch, threshold=threshold, outcomes=outcomes, seed=seed, **usual
+        )
 
     def save(self, path: str | os.PathLike) -> None:
         """Write the study to one netCDF file: tables, data, models, equations and free runs, and the posterior.

@@ -277,6 +277,30 @@ def report(
     return exit_code(fits)
 
 
+@app.command(name="next")
+def next_(
+    file: Annotated[Path, typer.Argument(help="Configuration file (TOML), or a saved study (.nc).")],
+    signal: Annotated[list[str] | None, typer.Option(help="Family of signals; all by default.")] = None,
+    amplitude: Annotated[
+        list[float] | None, typer.Option(help="Over half the range in the data; 0.5 and 1 by default.")
+    ] = None,
+    batch: Annotated[int, typer.Option(min=1, help="Experiments to do together.")] = 1,
+    threshold: Annotated[float, typer.Option(min=0.0, help="Bits below which none is worth it.")] = 0.05,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the simulation.")] = 0,
+    no_progress: NoProgress = False,
+    quiet: Quiet = False,
+    verbose: Verbose = 0,
+) -> int:
+    """Say what to measure next, to tell the likely explanations of a study apart.
+
+    A configuration is studied first, without sampling.
+    """
+    log_to_stderr(verbose)
+    from .next_experiment import next_configured
+
+    return next_configured(file, signal, amplitude, batch, threshold, seed, not (no_progress or quiet), quiet)
+
+
 app.command()(export)
 app.command()(benchmark)
 

@@ -34,6 +34,7 @@ from .answer.where import GapMap, GapTrace
 from .equation import study_equation
 from .evidence.odds import Odds
 from .evidence.sufficient_statistics import CORRECTION_SCALE
+from .next_experiment.explained import Explained, explained
 from .refusals import check_data, check_rows
 from .suspects.channels import DELAY_STEPS, GAIN_SD, OFFSET_SD, ZERO_SD
 from .verdict import verdict_of
@@ -87,6 +88,7 @@ class StudyResult:
         settings: Seed, catalogue, prior odds, thresholds, versions and seconds.
         amendments: Coefficients before and after, by equation.
         config: Text of the configuration file that asked for it; empty where none did.
+        explanations: What the likely explanations of each equation say of data to come; none in files of before.
     """
 
     base: Program
@@ -115,6 +117,7 @@ class StudyResult:
     settings: Mapping[str, Any] = field(default_factory=dict)
     amendments: Mapping[str, Amendment] = field(default_factory=dict)
     config: str = ""
+    explanations: Mapping[str, tuple[Explained, ...]] = field(default_factory=dict)
 
     def record(self) -> dict[str, Any]:
         """Verdict, tables and settings as plain values, ready for JSON."""
@@ -289,6 +292,7 @@ def investigate(
             "seconds": seconds,
         },
         amendments=amendments,
+        explanations={name: explained(found) for name, found in findings.items()},
     )
 
 

@@ -15,6 +15,9 @@ from bayes_greybox.model.estimate.evidence import coefficients
 MOST_CHOICES = 1000
 """Combinations of values of inner parameters that draws are taken from, at most."""
 
+FAINT = 1e-4
+"""Components of a mixture that are less likely than this share of the likeliest are left out."""
+
 
 class Coefficients(NamedTuple):
     """Posterior draws for a set of columns.
@@ -54,6 +57,24 @@ class Coefficients(NamedTuple):
         )
         draws[:, [self.indices.index(i) for i in free]] += self.suspect_draws[:, n:] @ taken.T
         return kept._replace(draws=draws)
+
+
+class Conditional(NamedTuple):
+    """Coefficients given values of inner parameters and an inclusion pattern of the corrections.
+
+    Attributes:
+        weight: Posterior probability of these values and this pattern.
+        indices: Columns: free, corrections, effects.
+        mean: Scaled.
+        covariance: Scaled.
+        sigma: Noise SD, scaled.
+    """
+
+    weight: float
+    indices: tuple[int, ...]
+    mean: Float[np.ndarray, " n_column"]
+    covariance: Float[np.ndarray, "n_column n_column"]
+    sigma: float
 
 
 def plain(evaluations: Evaluations) -> np.ndarray:
@@ -118,6 +139,45 @@ def draw_coefficients(
     first, last = len(own), len(own) + len(suspects)
     kept = np.hstack([beta[:, :first], beta[:, last:]])
     return Coefficients((*own, *base), kept, inner, sigma, suspects, beta[:, first:last])
+
+
+def conditional(
+    evaluations: Evaluations, base: Sequence[int], suspects: Sequence[int] = (), *, some: bool = False,
+    none: bool = False,
+) -> list[Conditional]:  # fmt: skip
+    """Posterior of all coefficients given the effects of `base`, as the components of a mixture.
+
+    Neighbours in the list have like values of inner parameters.
+
+    Args:
+        evaluations: Evidence of the equation.
+        base: One column for each effect.
+        suspects: Suspects that are in the model with them, and left out of the result.
+        some: Whether at least one correction is in.
+        none: Whether none is.
+    """
+    suspects = tuple(suspects)
+    choices, drawn_as = _choices(evaluations, suspects, base, np.random.default_rng(0))
+    order = sorted(range(len(choices)), key=lambda i: choices[i])
+    choices, drawn_as = [choices[i] for i in order], drawn_as[order]
+    evaluated = evaluations.parametric([(*suspects, *c) for c in choices])
+    logs = np.array([[*np.ravel(v.by_pattern)] for v in evaluated]) + drawn_as[:, None]
+    patterns = np.arange(logs.shape[1])
+    patterns = patterns[:1] if none else patterns[1:] if some else patterns
+    flat = np.exp(logs[:, patterns] - np.logaddexp.reduce(logs[:, patterns], axis=None))
+    own = [*evaluations.statistics.of_kind("free"), *evaluations.statistics.of_kind("correction")]
+    kept = [*range(len(own)), *range(len(own) + len(suspects), len(own) + len(suspects) + len(base))]
+    found = []
+    # Pattern by pattern, so that inner parameters rise within each.
+    for k, pattern in enumerate(patterns):
+        for choice, fitted, weight in zip(choices, evaluated, flat[:, k], strict=True):
+            if weight > FAINT * np.max(flat):
+                one, single = one_pattern(fitted, int(pattern))
+                mean, covariance = coefficients(one, single)
+                sigma = float(single.sigma @ single.weight / np.sum(single.weight))
+                of = (*own, *choice)
+                found.append(Conditional(float(weight), of, mean[kept], covariance[np.ix_(kept, kept)], sigma))
+    return found
 
 
 def sensor_errors(statistics: SufficientStatistics, coefficients: Coefficients) -> dict[ChannelSuspect, float]:

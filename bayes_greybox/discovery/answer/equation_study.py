@@ -94,7 +94,7 @@ class EquationStudy:
         }
         top = weighed.worlds[0].offset
         for world, e, p, share in weighed.items:
-            name = self._called(world, e)
+            name = self.called(world, e)
             entry = found.setdefault(name, [0.0, -np.inf, np.nan])
             if e.effects:
                 entry[0] += weighed.counted(world, e, p, share)
@@ -171,12 +171,12 @@ class EquationStudy:
                 continue
             names: dict[str, float] = {}
             for w, e, p, share in own:
-                name = self._called(w, e)
+                name = self.called(w, e)
                 names[name] = names.get(name, 0.0) + weighed.counted(w, e, p, share)
             (top, p), *rest = sorted(names.items(), key=lambda item: -item[1])
             second, q = rest[0] if rest else ("", np.nan)
             # The likeliest of those that are called so: what stands in a row is of one explanation.
-            world, e = next((w, x) for w, x, _, _ in own if self._called(w, x) == top)
+            world, e = next((w, x) for w, x, _, _ in own if self.called(w, x) == top)
             now = Counter(world.evaluations.name(i) for i in e.effects)
             rows.append(
                 {
@@ -189,7 +189,8 @@ class EquationStudy:
             before = now
         return pd.DataFrame(rows).set_index(["equation", "round"])
 
-    def _called(self, world: Any, e: Any) -> str:
+    def called(self, world: Any, e: Any) -> str:
+        """What the tables call an explanation."""
         return self._named(world, e) if e.effects else self.finding.weighed.kind(world, e)
 
     def _unexplained(self, world: Any, e: Any) -> float:

@@ -1,0 +1,172 @@
+"""What each explanation of a study says of data to come: its terms, and the posterior of their coefficients.
+
+Given values of inner parameters and which coefficients of the simulation are corrected, the coefficients are Gaussian;
+an explanation is a mixture of such components.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import product
+
+import numpy as np
+from jaxtyping import Float
+
+from bayes_greybox.discovery.answer.coefficients import conditional
+from bayes_greybox.discovery.answer.equation_study import EquationStudy
+from bayes_greybox.discovery.answer.weighed import EFFECTS, Weighed
+from bayes_greybox.discovery.weighing.sets import Explanation
+from bayes_greybox.discovery.weighing.worlds import World
+from bayes_greybox.physics.terms import Term
+
+LEAST = 0.01
+"""Probability from which on an explanation is kept."""
+
+COMPONENTS = 8
+"""Components of an explanation, at most."""
+
+PREDICTING = ("no gap", "recalibrate", EFFECTS)
+"""Explanations that say what a new run would show: what is unknown, or an error of these sensors, says nothing."""
+
+
+@dataclass(frozen=True)
+class Component:
+    """Terms whose coefficients are Gaussian.
+
+    Attributes:
+        weight: Of the mixture.
+        equations: The state whose rate each term is in.
+        terms: The terms; of effects, at values of their inner parameters.
+        mean: Of their coefficients, user's units.
+        root: W with WᵀW their covariance.
+    """
+
+    weight: float
+    equations: tuple[str, ...]
+    terms: tuple[Term, ...]
+    mean: Float[np.ndarray, " n_term"]
+    root: Float[np.ndarray, "n_latent n_term"]
+
+
+@dataclass(frozen=True)
+class Explained:
+    """One explanation.
+
+    Attributes:
+        name: As in the study's table of hypotheses; of several equations each with its own.
+        probability: Of the explanation.
+        slugs: Effects that it has.
+        components: The mixture; none where it does not predict anything.
+        sigma: Noise standard deviation of the rows by equation, user's units.
+    """
+
+    name: str
+    probability: float
+    slugs: tuple[str, ...] = ()
+    components: tuple[Component, ...] = ()
+    sigma: Mapping[str, float] = field(default_factory=dict)
+
+
+def explained(found: EquationStudy) -> tuple[Explained, ...]:
+    """Explanations of one equation from the probability `LEAST` on, likeliest first.
+
+    Args:
+        found: The study of the equation.
+    """
+    weighed = found.finding.weighed
+    table = found.hypotheses()
+    names = table.index.get_level_values("hypothesis")
+    kept = []
+    for name, p in zip(names, table["probability"].to_numpy(float), strict=True):
+        if p < LEAST:
+            continue
+        items = [(w, e) for w, e, _, _ in weighed.items if found.called(w, e) == name]
+        # The likeliest that leaves nothing over: what has no name cannot be predicted.
+        world, e = next(((w, e) for w, e in items if not w.leaves_rest(e)), items[0])
+        kept.append(_one(str(name), float(p), weighed, world, e))
+    return tuple(kept)
+
+
+def joined(each: Mapping[str, Sequence[Explained]]) -> tuple[Explained, ...]:
+    """Explanations of all equations together, which are independent given the data, likeliest first.
+
+    Args:
+        each: Explanations by equation.
+    """
+    if len(each) == 1:
+        return tuple(next(iter(each.values())))
+    found = []
+    for choice in product(*each.values()):
+        p = float(np.prod([e.probability for e in choice]))
+        if p < LEAST:
+            continue
+        name = "; ".join(f"{equation}: {e.name}" for equation, e in zip(each, choice, strict=True))
+        sigma = {equation: value for e in choice for equation, value in e.sigma.items()}
+        slugs = tuple(slug for e in choice for slug in e.slugs)
+        found.append(Explained(name, p, slugs, _product([e.components for e in choice]), sigma))
+    return tuple(sorted(found, key=lambda e: -e.probability))
+
+
+def systematic(weights: Float[np.ndarray, " n"], n: int) -> tuple[Float[np.ndarray, " n_kept"], np.ndarray]:
+    """A few of many weighted items that stand for all: every n-th part of the total, in order (Kitagawa 1996).
+
+    Args:
+        weights: Of the items, in an order in which neighbours are alike.
+        n: How many are kept, at most.
+
+    Returns:
+        Weights of those that are kept, which sum to one, and their places.
+    """
+    weights = np.asarray(weights, float) / np.sum(weights)
+    if len(weights) <= n:
+        return weights, np.arange(len(weights))
+    at = np.searchsorted(np.cumsum(weights), (np.arange(n) + 0.5) / n)
+    places, count = np.unique(np.minimum(at, len(weights) - 1), return_counts=True)
+    return count / n, places
+
+
+def _one(name: str, p: float, weighed: Weighed, world: World, e: Explanation) -> Explained:
+    statistics = world.evaluations.statistics
+    equation = statistics.equation
+    kind = EFFECTS if e.effects else weighed.kind(world, e)
+    slugs = tuple(world.evaluations.name(i) for i in e.effects)
+    if kind not in PREDICTING:
+        return Explained(name, p, slugs)
+    some = kind == "recalibrate"
+    given = conditional(world.evaluations, e.effects, e.suspects, some=some, none=kind == "no gap")
+    weights, places = systematic(np.array([c.weight for c in given]), COMPONENTS)
+    components, sigma = [], 0.0
+    for weight, place in zip(weights, places, strict=True):
+        one = given[place]
+        columns = [statistics.columns[i] for i in one.indices]
+        scale = np.array([statistics.target_scale / column.scale for column in columns])
+        values, vectors = np.linalg.eigh(one.covariance)
+        root = (vectors * np.sqrt(np.maximum(values, 0.0))).T * scale
+        alive = np.flatnonzero((one.mean != 0) | np.any(root != 0, axis=0))
+        root = root[np.any(root != 0, axis=1)][:, alive]
+        # As text: what a file gives back is then the same.
+        formulas = [columns[i].formula.plain for i in alive]
+        terms = tuple(replace(formula, expression=formula.text) for formula in formulas)
+        components.append(Component(float(weight), (equation,) * len(alive), terms, (one.mean * scale)[alive], root))
+        sigma += weight * one.sigma * statistics.target_scale
+    return Explained(name, p, slugs, tuple(components), {equation: float(sigma)})
+
+
+def _product(parts: Sequence[Sequence[Component]]) -> tuple[Component, ...]:
+    """Components of independent mixtures together; none where one of them predicts nothing."""
+    choices = list(product(*parts))
+    if not choices:
+        return ()
+    weights, places = systematic(np.array([np.prod([c.weight for c in choice]) for choice in choices]), COMPONENTS)
+    return tuple(_beside(weight, choices[place]) for weight, place in zip(weights, places, strict=True))
+
+
+def _beside(weight: float, choice: Sequence[Component]) -> Component:
+    roots = [component.root for component in choice]
+    root = np.zeros((sum(len(r) for r in roots), sum(r.shape[1] for r in roots)))
+    row = column = 0
+    for part in roots:
+        root[row : row + part.shape[0], column : column + part.shape[1]] = part
+        row, column = row + part.shape[0], column + part.shape[1]
+    equations = tuple(name for component in choice for name in component.equations)
+    terms = tuple(term for component in choice for term in component.terms)
+    return Component(float(weight), equations, terms, np.concatenate([c.mean for c in choice]), root)

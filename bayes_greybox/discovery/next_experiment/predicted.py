@@ -1,0 +1,367 @@
+"""What every explanation predicts of candidates: simulated outcomes, and their products with all explanations.
+
+Rows of rates are linear in the coefficients given the path, so that predictions are exact there: outcomes y are drawn
+along paths that their own explanation takes, and weighed by p(y | path, explanation), as a study weighs them. Samples
+are linear only near the mean of the coefficients: predictions have the path's derivatives there by central differences
+over one standard deviation, outcomes the paths themselves.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.physics.formula.expressions import evaluate, parse_expression
+from bayes_greybox.physics.hidden_states import HiddenState
+from bayes_greybox.physics.side_by_side import side_by_side, stage_times
+from bayes_greybox.physics.simulation.protocol import Simulation
+
+from .candidates import Candidate
+from .explained import Component, Explained
+from .information import FAR, Products, bounded, marginal_starts
+
+LOST = 1e3
+"""A run has failed once a state is larger than so many times its largest value in the data."""
+
+SAME_PATH = 1e-3
+"""Paths by twice as many steps may differ by this share of a state's range."""
+
+MOST_STEPS = 64
+"""Steps between two samples, at most."""
+
+AT_ONCE = 2_000_000
+"""Numbers in the paths that are simulated side by side, at most: memory."""
+
+UNSEEN_START = 0.05
+"""Standard deviation of the start of a state without a sensor, over its range in the data."""
+
+
+@dataclass(frozen=True)
+class Question:
+    """What is asked of candidates.
+
+    Attributes:
+        simulation: Of the model before, its jumps rounded for an integrator.
+        data: What was measured.
+        explanations: Those that predict something.
+        rates: Whether rows are of rates.
+        outcomes: Simulated for each explanation.
+        seed: Of everything random.
+    """
+
+    simulation: Simulation
+    data: Trajectories
+    explanations: Sequence[Explained]
+    rates: bool
+    outcomes: int
+    seed: int
+
+    @property
+    def components(self) -> list[Component]:
+        """Components of all explanations, one after another."""
+        return [component for e in self.explanations for component in e.components]
+
+    @property
+    def of(self) -> Int[np.ndarray, " n_component"]:
+        """The explanation of each component."""
+        return np.repeat(np.arange(len(self.explanations)), [len(e.components) for e in self.explanations])
+
+
+class Outcomes(NamedTuple):
+    """Draws of the coefficients behind simulated outcomes, the same for all candidates.
+
+    Attributes:
+        component: Of each outcome.
+        truth: Explanation of each.
+        theta: Coefficients by component [n_own, n_term].
+    """
+
+    component: Int[np.ndarray, " n_outcome"]
+    truth: Int[np.ndarray, " n_outcome"]
+    theta: list[np.ndarray]
+
+
+@dataclass(frozen=True)
+class Predicted:
+    """One candidate under all explanations.
+
+    Attributes:
+        candidate: The candidate.
+        products: Of its outcomes.
+        truth: Explanation of each outcome.
+        responses: By channel, what the sensor would show without noise [n_outcome, n_row]; NaN after a failure.
+        failed: Share of outcomes that failed, by explanation.
+        reach: By state and input, how far outcomes go from the middle of the data's range over half of it.
+        states: Largest and smallest value of each state [n_outcome, 2].
+        resolved: Whether the steps were small enough.
+    """
+
+    candidate: Candidate
+    products: Products
+    truth: Int[np.ndarray, " n_outcome"]
+    responses: Mapping[str, Float[np.ndarray, "n_outcome n_row"]]
+    failed: Float[np.ndarray, " n_explanation"]
+    reach: Mapping[str, Float[np.ndarray, " n_outcome"]]
+    states: Mapping[str, Float[np.ndarray, "n_outcome 2"]]
+    resolved: bool
+
+
+def draw_outcomes(asked: Question) -> Outcomes:
+    """Draws of every explanation's coefficients, its components by their weights."""
+    rng = np.random.default_rng(asked.seed)
+    components, of = asked.components, asked.of
+    place, theta = [], [np.zeros((0, len(c.mean))) for c in components]
+    for m in range(len(asked.explanations)):
+        own = np.flatnonzero(of == m)
+        cumulative = np.cumsum([components[c].weight for c in own])
+        at = np.searchsorted(cumulative, (np.arange(asked.outcomes) + 0.5) / asked.outcomes * cumulative[-1])
+        place += own[np.minimum(at, len(own) - 1)].tolist()
+    component = np.array(place)
+    for c, each in enumerate(components):
+        z = rng.standard_normal((int(np.sum(component == c)), len(each.root)))
+        theta[c] = each.mean + z @ each.root
+    return Outcomes(component, of[component], theta)
+
+
+def predict(asked: Question, candidates: Sequence[Candidate]) -> list[Predicted]:
+    """Predictions of candidates; those that are sampled at the same times are simulated side by side.
+
+    Args:
+        asked: What is asked of them.
+        candidates: The candidates.
+    """
+    outcomes = draw_outcomes(asked)
+    groups: dict[tuple[float, int], list[int]] = {}
+    for i, candidate in enumerate(candidates):
+        groups.setdefault((candidate.duration, candidate.rows), []).append(i)
+    found: dict[int, Predicted] = {}
+    for (_, rows), places in groups.items():
+        needed, resolved = _steps(asked, [candidates[i] for i in places])
+        followed = dict(zip(places, resolved.tolist(), strict=True))
+        n = max(1, AT_ONCE // (len(outcomes.truth) * rows * len(asked.simulation.states)))
+        for steps in np.unique(needed).tolist():
+            alike = [i for i, its in zip(places, needed, strict=True) if its == steps]
+            for some in (alike[k : k + n] for k in range(0, len(alike), n)):
+                own, good = [candidates[i] for i in some], [followed[i] for i in some]
+                found |= dict(zip(some, _together(asked, outcomes, own, steps, good, some[0]), strict=True))
+    return [found[i] for i in range(len(candidates))]
+
+
+def _together(
+    asked: Question, outcomes: Outcomes, candidates: Sequence[Candidate], steps: int, resolved: Sequence[bool],
+    group: int,
+) -> list[Predicted]:  # fmt: skip
+    times, components = candidates[0].times, asked.components
+    begin = _begin(asked, candidates)
+    rng = np.random.default_rng([asked.seed, 1, group])
+    spread = np.zeros_like(begin) if asked.rates else np.array([_start_sd(asked, c) for c in candidates])
+    inputs = _inputs(asked, candidates, stage_times(times, steps))
+    paths = np.zeros((len(candidates), len(outcomes.truth), len(times), begin.shape[1]))
+    slopes: list[list[np.ndarray]] = []
+    for c, component in enumerate(components):
+        own = np.flatnonzero(outcomes.component == c)
+        starts = begin[:, None] + spread[:, None] * rng.standard_normal((len(candidates), len(own), begin.shape[1]))
+        if len(own):
+            paths[:, own] = _paths(asked, component, outcomes.theta[c], starts, times, inputs)
+        if not asked.rates:
+            slopes.append(_slopes(asked, component, begin, spread, times, inputs))
+    found = []
+    for i, candidate in enumerate(candidates):
+        noise = np.random.default_rng([asked.seed, 2, group, i])
+        # What is not finite is a run that failed, which is a result.
+        with np.errstate(all="ignore"):
+            if asked.rates:
+                products, responses = _of_rates(asked, outcomes, candidate, paths[i], noise)
+            else:
+                products, responses = _of_samples(asked, outcomes, candidate, paths[i], [s[i] for s in slopes], noise)
+        found.append(_predicted(asked, outcomes, candidate, products, responses, paths[i], resolved[i]))
+    return found
+
+
+def _of_rates(
+    asked: Question, outcomes: Outcomes, candidate: Candidate, paths: np.ndarray, rng: np.random.Generator
+) -> tuple[Products, dict[str, np.ndarray]]:
+    """Outcomes along paths, against what each component says of the rates along the same paths."""
+    components, (n_outcome, n_row, _) = asked.components, paths.shape
+    u = {name: signal.value(candidate.times) for name, signal in candidate.inputs.items()}
+    columns = dict(zip(asked.simulation.states, np.moveaxis(paths, -1, 0), strict=True))
+    columns |= {name: np.broadcast_to(value, (n_outcome, n_row)) for name, value in u.items()}
+    k = max(len(c.root) for c in components)
+    values = (
+        np.stack([columns[name] for name in asked.simulation.inputs], axis=-1) if u else np.zeros((*paths.shape[:2], 0))
+    )
+    known = asked.simulation.rates(np.broadcast_to(candidate.times, (n_outcome, n_row)), paths, values)
+    q, h = np.zeros((n_outcome, len(components))), np.zeros((n_outcome, len(components), k))
+    G, responses = np.zeros((n_outcome, len(components), k, k)), {}
+    for equation, sd in candidate.sensors.items():
+        means, loads, added = [], [], np.full((n_outcome, n_row), np.nan)
+        for c, component in enumerate(components):
+            own = [j for j, name in enumerate(component.equations) if name == equation]
+            Phi = np.stack(
+                [np.broadcast_to(component.terms[j].evaluate(columns), added.shape) for j in own], axis=-1
+            ) if own else np.zeros((n_outcome, n_row, 0))  # fmt: skip
+            means.append(Phi @ component.mean[own])
+            loads.append(Phi @ component.root[:, own].T / sd)
+            mine = np.flatnonzero(outcomes.component == c)
+            added[mine] = np.einsum("ort,ot->or", Phi[mine], outcomes.theta[c][:, own])
+        responses[equation] = added + known[..., asked.simulation.states.index(equation)]
+        y = added + sd * rng.standard_normal(added.shape)
+        sure = [np.isfinite(m) & np.all(np.abs(a) < FAR, axis=-1) for m, a in zip(means, loads, strict=True)]
+        good = np.all(sure, axis=0) & np.isfinite(y)
+        for c, (mean, load) in enumerate(zip(means, loads, strict=True)):
+            r = np.where(good, bounded((y - mean) / sd), 0.0)
+            A = np.where(good[..., None], load, 0.0)
+            n = A.shape[-1]
+            q[:, c] += np.sum(r**2, axis=1)
+            h[:, c, :n] += np.einsum("ork,or->ok", A, r)
+            G[:, c, :n, :n] += np.swapaxes(A, 1, 2) @ A
+    return Products(q, h, G), responses
+
+
+def _of_samples(
+    asked: Question, outcomes: Outcomes, candidate: Candidate, paths: np.ndarray, slopes: Sequence[np.ndarray],
+    rng: np.random.Generator,
+) -> tuple[Products, dict[str, np.ndarray]]:  # fmt: skip
+    """Outcomes against the path of each component's mean, and its derivatives."""
+    components, n_outcome = asked.components, len(paths)
+    measured = [asked.simulation.states.index(name) for name in candidate.sensors]
+    sd = np.array(list(candidate.sensors.values()))
+    responses = {name: paths[..., i] for name, i in zip(candidate.sensors, measured, strict=True)}
+    y = paths[..., measured] + sd * rng.standard_normal((*paths.shape[:2], len(sd)))
+    # A row counts where no path has failed yet: what a failure itself would tell is not promised.
+    alive = np.all([np.all(np.isfinite(s[..., measured]), axis=(0, 2)) for s in slopes], axis=0)
+    sure = np.all([np.all(np.abs(s[1:][..., measured] / sd) < FAR, axis=(0, 2)) for s in slopes], axis=0)
+    good = np.isfinite(y) & (alive & sure)[None, :, None]
+    k = max(len(c.root) for c in components)
+    q, h = np.zeros((n_outcome, len(components))), np.zeros((n_outcome, len(components), k))
+    G = np.zeros((n_outcome, len(components), k, k))
+    for c, slope in enumerate(slopes):
+        centre, by = slope[0][..., measured], slope[1:][..., measured]
+        r = np.where(good, bounded((y - centre) / sd), 0.0).reshape(n_outcome, -1)
+        A = np.where(good[:, None], by / sd, 0.0).reshape(n_outcome, len(by), -1)
+        n = len(components[c].root)
+        parts = np.sum(r**2, axis=1), np.einsum("okr,or->ok", A, r), A @ np.swapaxes(A, 1, 2)
+        q[:, c], h[:, c, :n], G[:, c, :n, :n] = marginal_starts(*parts, len(by) - n)
+    return Products(q, h, G), responses
+
+
+def _slopes(
+    asked: Question, component: Component, begin: np.ndarray, spread: np.ndarray, times: np.ndarray, inputs: np.ndarray
+) -> list[np.ndarray]:
+    """By candidate, the path of the mean, and its derivatives by latents and by starts, each over one SD."""
+    n_latent, n_state = len(component.root), begin.shape[1]
+    at = np.vstack([np.zeros((1, n_latent)), np.eye(n_latent), -np.eye(n_latent), np.zeros((2 * n_state, n_latent))])
+    moves = np.vstack([np.zeros((1 + 2 * n_latent, n_state)), np.eye(n_state), -np.eye(n_state)])
+    theta = component.mean + at @ component.root
+    starts = begin[:, None] + moves * spread[:, None]
+    paths = _paths(asked, component, theta, starts, times, inputs)
+    found = []
+    for path in paths:
+        first = 1 + 2 * n_latent
+        by_latent = 0.5 * (path[1 : 1 + n_latent] - path[1 + n_latent : first])
+        by_start = 0.5 * (path[first : first + n_state] - path[first + n_state :])
+        found.append(np.concatenate([path[:1], by_latent, by_start]))
+    return found
+
+
+def _paths(
+    asked: Question, component: Component, theta: np.ndarray, starts: np.ndarray, times: np.ndarray, inputs: np.ndarray
+) -> np.ndarray:
+    """States under draws of one component's coefficients."""
+    simulation, d = asked.simulation, starts.shape[-1]
+    hidden: dict[str, HiddenState] = {s.name: s for term in component.terms for s in term.states}
+    rates = [(parse_expression(s.rate), d + j) for j, s in enumerate(hidden.values())]
+    # An integrator cannot stay on a jump.
+    terms = [term.rounded(asked.data.columns) for term in component.terms]
+    places = [simulation.states.index(name) for name in component.equations]
+    names = (*simulation.states, *hidden)
+
+    def rate(x: np.ndarray, u: np.ndarray, t: float) -> np.ndarray:
+        u = np.broadcast_to(u, (*x.shape[:2], u.shape[-1]))
+        found = np.zeros_like(x)
+        found[..., :d] = simulation.rates(np.full(x.shape[:2], t), x[..., :d], u)
+        columns: dict[str, Any] = {name: x[..., i] for i, name in enumerate(names)}
+        columns |= {name: u[..., i] for i, name in enumerate(simulation.inputs)}
+        for term, place, value in zip(terms, places, theta.T, strict=True):
+            found[..., place] += value * term.evaluate(columns)
+        for expression, place in rates:
+            found[..., place] = evaluate(expression, columns)
+        return found
+
+    known = dict(zip(simulation.states, np.moveaxis(starts, -1, 0), strict=True))
+    rest = [known[s.start] if s.start in known else np.zeros(starts.shape[:2]) for s in hidden.values()]
+    limit = LOST * np.array([np.max(np.abs(asked.data.states[name])) or 1.0 for name in simulation.states])
+    begin = np.concatenate([starts, *(each[..., None] for each in rest)], axis=-1)
+    limits = np.concatenate([limit, np.full(len(hidden), np.inf)])
+    return side_by_side(rate, begin, times, inputs, limits)[..., :d]
+
+
+def _inputs(asked: Question, candidates: Sequence[Candidate], times: np.ndarray) -> np.ndarray:
+    found = np.zeros((len(candidates), len(times), len(asked.simulation.inputs)))
+    for i, candidate in enumerate(candidates):
+        for j, name in enumerate(asked.simulation.inputs):
+            found[i, :, j] = candidate.inputs[name].value(times)
+    return found
+
+
+def _steps(asked: Question, candidates: Sequence[Candidate]) -> tuple[np.ndarray, np.ndarray]:
+    """Steps between samples that follow the means of all explanations, and whether they do, by candidate."""
+    first = [int(np.flatnonzero(asked.of == m)[0]) for m in range(len(asked.explanations))]
+    range_ = np.array([np.ptp(asked.data.states[name]) or 1.0 for name in asked.simulation.states])
+    needed, resolved = np.zeros(len(candidates), int), np.zeros(len(candidates), bool)
+    open_, steps, before = np.arange(len(candidates)), 2, None
+    while len(open_):
+        own = [candidates[i] for i in open_.tolist()]
+        begin, times = _begin(asked, own), own[0].times
+        inputs = _inputs(asked, own, stage_times(times, steps))
+        components = [asked.components[c] for c in first]
+        now = np.concatenate(
+            [_paths(asked, c, c.mean[None], begin[:, None], times, inputs) for c in components], axis=1
+        )  # fmt: skip
+        ended = np.zeros(len(own), bool)
+        if before is not None:
+            with np.errstate(all="ignore"):
+                close = np.abs(now - before) / range_ <= SAME_PATH
+            last = steps >= MOST_STEPS
+            # Long steps alone may make a run fail: that it does is believed of the shortest.
+            close |= last & np.isnan(now) & np.isnan(before)
+            same = np.all(close, axis=(1, 2, 3))
+            ended = same | last
+            needed[open_], resolved[open_] = np.where(same & ~last, steps // 2, steps), same
+        before, open_, steps = now[~ended], open_[~ended], 2 * steps
+    return needed, resolved
+
+
+def _begin(asked: Question, candidates: Sequence[Candidate]) -> np.ndarray:
+    return np.array([[c.start[name] for name in asked.simulation.states] for c in candidates], float)
+
+
+def _start_sd(asked: Question, candidate: Candidate) -> list[float]:
+    """How well the start of an experiment is known: as its sensor shows it, or as well as such a state can be set."""
+    range_ = {name: float(np.ptp(asked.data.states[name])) for name in asked.simulation.states}
+    return [candidate.sensors.get(name, UNSEEN_START * size) for name, size in range_.items()]
+
+
+def _predicted(
+    asked: Question, outcomes: Outcomes, candidate: Candidate, products: Products, responses: dict[str, np.ndarray],
+    paths: np.ndarray, resolved: bool,
+) -> Predicted:  # fmt: skip
+    lost = ~np.all(np.isfinite(paths), axis=(1, 2))
+    failed = np.array([np.mean(lost[outcomes.truth == m]) for m in range(len(asked.explanations))])
+    reach, ends = {}, {}
+    for i, name in enumerate(asked.simulation.states):
+        low, high = np.nanmin(paths[..., i], axis=1), np.nanmax(paths[..., i], axis=1)
+        ends[name] = np.stack([low, high], axis=1)
+        reach[name] = _reach(asked.data.states[name], low, high)
+    for name, signal in candidate.inputs.items():
+        u = signal.value(candidate.times)
+        reach[name] = np.full(len(paths), _reach(asked.data.inputs[name], np.min(u), np.max(u)))
+    return Predicted(candidate, products, outcomes.truth, responses, failed, reach, ends, resolved)
+
+
+def _reach(measured: np.ndarray, low: Any, high: Any) -> Any:
+    middle, half = 0.5 * (np.min(measured) + np.max(measured)), 0.5 * np.ptp(measured)
+    return np.maximum(high - middle, middle - low) / (half or 1.0)

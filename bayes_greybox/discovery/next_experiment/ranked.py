@@ -1,0 +1,208 @@
+"""Candidates ranked by what they are expected to tell of the explanation, several at once, and when to stop."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from bayes_greybox.data.errors import InputError
+from bayes_greybox.data.samples.sample_noise import sample_noise
+from bayes_greybox.discovery.study import StudyResult
+
+from .candidates import Candidate, usual_candidates
+from .explained import Explained, joined
+from .information import Information, entropy, expected_information, of_explanations
+from .predicted import Predicted, Question, predict
+
+THRESHOLD = 0.05
+"""Bits below which an experiment is not worth doing."""
+
+SURE = 2.0
+"""Monte Carlo standard errors that the information must exceed."""
+
+LEAST = 1e-9
+"""Bits that rounding alone may give: an experiment worth less is worth nothing, whatever the threshold."""
+
+BEYOND, FAILS = 1.1, 0.01
+"""Reach over the data's range that is said to be extrapolation, and share of failing runs that rules one out."""
+
+
+@dataclass(frozen=True)
+class NextExperiment:
+    """What to measure next.
+
+    Attributes:
+        table: Candidates, best first: information and its Monte Carlo error (bits), reach (95 % quantile, of the data's
+            range), fails (largest share of runs that fail under an explanation), said.
+        chosen: Experiments to do together, chosen one after another (greedy); none where none is worth it.
+        information: Of all chosen together, by outcomes that they were not chosen by.
+        entropy: Bits that tell all explanations with a prediction apart.
+        explanations: Name, probability in the study, and whether it predicts anything.
+        sentence: The answer in words.
+    """
+
+    table: pd.DataFrame
+    chosen: tuple[Candidate, ...]
+    information: Information
+    entropy: float
+    explanations: pd.DataFrame
+    sentence: str
+
+    def __repr__(self) -> str:
+        """The answer in words."""
+        return f"NextExperiment: {self.sentence}"
+
+
+def usual_sensors(study: StudyResult) -> dict[str, float]:
+    """Noise of the sensors as a study found it: of rates by equation, or of the sampled states.
+
+    Args:
+        study: The study.
+    """
+    if study.base.rows.rates_measured:
+        known = [e for e in joined(study.explanations) if e.components]
+        return dict(known[0].sigma) if known else {}
+    samples = study.train.samples or study.train
+    noise = sample_noise(samples.time, samples.matrix(samples.state_names), samples.run_lengths)
+    return {name: float(sd) for name, sd in zip(samples.state_names, noise, strict=True)}
+
+
+def rank(
+    study: StudyResult, candidates: Sequence[Candidate] | None = None, *, sensors: Mapping[str, float] | None = None,
+    batch: int = 1, threshold: float = THRESHOLD, outcomes: int = 64, seed: int = 0, **usual: Any,
+) -> NextExperiment:  # fmt: skip
+    """Rank candidates by their expected information about the explanation.
+
+    Explanations without a prediction (unknown, an error of these sensors) are left out, and said. A candidate some of
+    whose runs fail is not chosen. The information of what was chosen is found again with four times the outcomes.
+
+    Args:
+        study: The study.
+        candidates: What could be done; by default `usual_candidates` of the training data.
+        sensors: Noise by channel of the default candidates; by default as in the data.
+        batch: Experiments to do together.
+        threshold: Bits below which none is worth it.
+        outcomes: Simulated for each explanation.
+        seed: Of the simulation.
+        **usual: Signals, amplitudes, starts, duration and rows of `usual_candidates`.
+
+    Raises:
+        InputError: No candidates, or one that does not fit the model; settings of default candidates beside given ones;
+            a study of outputs, or one read from an older file.
+    """
+    if not study.explanations:
+        raise InputError("The study holds no explanations, as in files of before: run find_missing_effects again.")
+    if any(study.train.is_output(name) for name in study.explanations):
+        raise InputError("What to measure next is found by simulating runs, and an output has none: study a rate.")
+    if batch < 1 or outcomes < 2 or not threshold >= 0:
+        raise InputError("Ranking needs a batch of at least 1, at least 2 outcomes and a threshold of at least 0.")
+    if candidates is not None and (sensors or usual):
+        raise InputError(f"{', '.join([*usual] or ['sensors'])} describes default candidates: leave candidates out.")
+    every = joined(study.explanations)
+    known = [e for e in every if e.components]
+    about = pd.DataFrame(
+        [{"name": e.name, "probability": e.probability, "predicts": bool(e.components)} for e in every],
+        columns=["name", "probability", "predicts"],
+    )
+    if len(known) < 2:
+        text = "Fewer than two likely explanations predict anything: no experiment can be chosen to tell them apart."
+        return NextExperiment(pd.DataFrame(), (), Information(0.0, 0.0), 0.0, about, text)
+    p = np.array([e.probability for e in known])
+    p = p / np.sum(p)
+    asked = _question(study, known, outcomes, seed)
+    if candidates is None:
+        candidates = usual_candidates(study.train, sensors or usual_sensors(study), **usual)
+    if not candidates:
+        raise InputError("Ranking needs at least one candidate: give some, or a start.")
+    for each in candidates:
+        _check(asked, each)
+    found = predict(asked, candidates)
+    alone = [_information(asked, [each], p) for each in found]
+    able = [i for i, each in enumerate(found) if np.max(each.failed) <= FAILS]
+    picked: list[int] = []
+    for _ in range(min(batch, len(able))):
+        left = [i for i in able if i not in picked]
+        values = {i: _information(asked, [found[j] for j in (*picked, i)], p).bits for i in left}
+        picked.append(max(left, key=lambda i: values[i]))
+    chosen = tuple(candidates[i] for i in picked)
+    information = Information(0.0, 0.0)
+    if chosen:
+        again = _question(study, known, 4 * outcomes, seed + 1)
+        information = _information(again, predict(again, chosen), p)
+    if information.bits < max(threshold, SURE * information.error, LEAST):
+        chosen = ()
+    rows = [
+        {
+            "candidate": each.candidate.name, "information": value.bits, "error": value.error,
+            "reach": max(float(np.nanquantile(x, 0.95)) for x in each.reach.values()),
+            "fails": float(np.max(each.failed)), "said": _said(each),
+        }
+        for each, value in zip(found, alone, strict=True)
+    ]  # fmt: skip
+    table = pd.DataFrame(rows).sort_values("information", ascending=False, ignore_index=True)
+    mind = [said for i in picked if (said := _said(found[i]))]
+    text = _sentence(known, every, chosen, information, entropy(p), mind, bool(able))
+    return NextExperiment(table, chosen, information, entropy(p), about, text)
+
+
+def _question(study: StudyResult, known: Sequence[Explained], outcomes: int, seed: int) -> Question:
+    simulation = study.base.simulator(study.train).rounded(study.train.columns)
+    return Question(simulation, study.train, known, study.base.rows.rates_measured, outcomes, seed)
+
+
+def _check(asked: Question, candidate: Candidate) -> None:
+    """Refuse a candidate that the model cannot be simulated for."""
+    states, inputs = asked.simulation.states, asked.simulation.inputs
+    if lacking := [name for name in states if name not in asked.data.states]:
+        raise InputError(f"The data lack the state {lacking[0]!r}: what runs reach is compared with its range.")
+    for what, given, needed in (("start", candidate.start, states), ("inputs", candidate.inputs, inputs)):
+        if lacking := [name for name in needed if name not in given]:
+            raise InputError(f"{what} of candidate {candidate.name!r}: {lacking[0]!r} is missing; give it a value.")
+        if unknown := [name for name in given if name not in needed]:
+            raise InputError(f"{what} of candidate {candidate.name!r}: there is no {unknown[0]!r} in the model.")
+    if unknown := [name for name in candidate.sensors if name not in states]:
+        raise InputError(
+            f"sensors of candidate {candidate.name!r}: there is no state {unknown[0]!r}; there are {', '.join(states)}."
+        )
+
+
+def _information(asked: Question, each: Sequence[Predicted], p: np.ndarray) -> Information:
+    products = each[0].products
+    for other in each[1:]:
+        products = products.beside(other.products)
+    weights = np.array([component.weight for component in asked.components])
+    logs = of_explanations(products.log_density(), asked.of, weights)
+    return expected_information(logs, each[0].truth, p)
+
+
+def _said(each: Predicted) -> str:
+    said = [
+        f"{name} reaches {far:.2g} times the data's range: extrapolation"
+        for name, x in each.reach.items()
+        if (far := float(np.nanquantile(x, 0.95))) > BEYOND
+    ]
+    if np.max(each.failed) > 0:
+        said.append(f"{np.max(each.failed):.0%} of the runs fail under an explanation: unsafe")
+    if not each.resolved:
+        said.append("the steps do not follow its path")
+    return "; ".join(said)
+
+
+def _sentence(
+    known: Sequence[Explained], every: Sequence[Explained], chosen: Sequence[Candidate], found: Information,
+    total: float, mind: Sequence[str], able: bool,
+) -> str:  # fmt: skip
+    names = ", ".join(e.name for e in known)
+    left = [e.name for e in every if not e.components]
+    more = f" Nothing is predicted under {', '.join(left)}, which is left out." if left else ""
+    worth = f"{max(found.bits, 0.0):.2f} ± {found.error:.2f} of {total:.2f} bits"
+    if chosen:
+        what = " and ".join(f"({each.name})" for each in chosen)
+        how = "Together, chosen one after another (greedy), they are" if len(chosen) > 1 else "It is"
+        warned = f" Mind: {'; '.join(dict.fromkeys(mind))}." if mind else ""
+        return f"Measure next: {what}. {how} expected to tell {worth} between {names}.{warned}{more}"
+    if not able:
+        return f"Under every candidate some runs fail: give smaller amplitudes or other starts.{more}"
+    return f"No candidate would tell them apart ({names}): the best is expected to tell {worth}.{more}"

@@ -1,0 +1,33 @@
+"""The command next, on a saved study."""
+
+import pytest
+
+from bayes_greybox import cli
+
+
+def test_a_saved_study_gives_the_sentence_and_the_table(study, tmp_path, capsys):
+    study.save(tmp_path / "study.nc")
+    words = ["next", str(tmp_path / "study.nc"), "--signal", "hold", "--amplitude", "3"]
+    assert cli.main(words) == 0
+    out = capsys.readouterr().out
+    assert out.startswith("Measure next: (F: held at ")
+    assert "Expected information" in out
+    # A table may be too narrow for it; the sentence is not.
+    assert "times the data's range: extrapolation." in " ".join(out.split())
+    assert cli.main([*words, "--quiet"]) == 0
+    assert "Expected information" not in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("words", "message"), [(["--signal", "saw"], "no signals called 'saw'"), (["--amplitude", "-1"], "amplitudes must")]
+)
+def test_what_there_is_not_is_refused(study, tmp_path, capsys, words, message):
+    study.save(tmp_path / "study.nc")
+    assert cli.main(["next", str(tmp_path / "study.nc"), *words]) != 0
+    assert message in capsys.readouterr().err
+
+
+def test_a_fit_is_no_study(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("bayes_greybox.cli.next_experiment.load", lambda file: object())
+    assert cli.main(["next", str(tmp_path / "run.nc")]) != 0
+    assert "holds a fit and no study" in " ".join(capsys.readouterr().err.split())
