@@ -142,6 +142,6 @@ def _sum(printer: PythonPrinter | CPrinter | ModelicaPrinter, formula: Formula) 
 def _require_formulas(model: ExportedModel, language: str) -> None:
     if model.code:
         raise InputError(
-            f"The simulation is a Python function, which cannot be written in {language}: give it as formulas, "
+            f"The simulation is a function or an FMU, which cannot be written in {language}: give it as formulas, "
             "GreyBox(simulation={'y': 'v', ...}), or export to .py, whose rhs takes your function beside its arguments."
         )
