@@ -61,8 +61,8 @@ class FMU:
             value = self.parameters[name]
             if not isinstance(value, numbers.Real) or not math.isfinite(value):
                 raise InputError(f"{name!r} of the FMU {found.name} is set to {value!r}: give a finite number.")
-            # Any kind of number; a file holds plain ones.
-            self.parameters[name] = float(value)
+        # Any kind of number; a file holds plain ones.
+        object.__setattr__(self, "parameters", {name: float(value) for name, value in self.parameters.items()})
         for variable in found.variables.values():
             if variable.causality == "input":
                 _real(found, variable.name, (variable.name,))
