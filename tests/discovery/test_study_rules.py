@@ -147,6 +147,7 @@ def told(monkeypatch):
             index = pd.MultiIndex.from_tuples([(part, "derivative NMSE", "x")], names=["data", "metric", "variable"])
             return pd.DataFrame({"part": [part]}, index=index), {"x": blank(FreePath, part)}
 
+        monkeypatch.setattr(module, "explained", lambda found: ())
         monkeypatch.setattr(module, "study_equation", study_equation)
         monkeypatch.setattr(module, "gap_rows", gap_rows)
         return investigate(BOTH, two_states(), catalogue="population", progress=False, **settings)

@@ -11,7 +11,8 @@ TERMS = [
     "y**3", "sign(v)", "abs(v)*v", "max(abs(y) - 0.3, 0, v)", "heaviside(y - 0.1)", "tanh(v/0.30000000000000004)",
     "sqrt(abs(y))", "1/(1 + y**2)", "y**-2", "abs(y)**(1/3)", "exp(-y)*sin(pi*v)", "-y", "y - 0.2", "10**12*y", "1",
     "abs(v)**-1.5", "2*y/3", "min(y, v, z)", "(-y)**2/(v*z)", "cos(v)", "tan(y/3)", "asin(tanh(y))", "acos(tanh(v))",
-    "atan(v)", "sinh(y)", "cosh(y)", "log(1 + y**2)", "2**y", "y*(v - 1)**2", "-(y + 1)*sqrt(2)/z",
+    "atan(v)", "sinh(y)", "cosh(y)", "log(1 + y**2)", "2**y", "log(2)*y", "sin(y + pi/4)",
+    "abs(sign(v) - sign(y))*y", "y*(v - 1)**2", "-(y + 1)*sqrt(2)/z",
 ]  # fmt: skip
 
 

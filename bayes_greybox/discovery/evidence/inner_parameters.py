@@ -44,7 +44,7 @@ THERE = 0.1
 
 FAR = 30.0
 """Nats below what matters from which on one value stands for several inner parameters: a cloud around their mode gains
-a few more than that of Laplace's approximation, which the mode alone has."""
+a few more than Laplace's approximation, which the mode alone has."""
 
 
 def refine(
@@ -110,7 +110,7 @@ def _drawn(
     """Values of several inner parameters, more of them drawn around their mode."""
     statistics, found = evaluations.statistics, list(group)
     ranges = _Ranges(effect, *limits(effect, statistics.rows.columns, statistics.path))
-    first, mean, covariance = statistics.columns[found[0]], None, np.eye(len(ranges.names))
+    first, mean, covariance, near = statistics.columns[found[0]], None, np.eye(len(ranges.names)), True
     for _ in range(CLOUDS):
         log_z = np.array([v.all for v in evaluations.parametric([(*base, i) for i in found])])
         posterior = np.exp(log_z - np.logaddexp.reduce(log_z))
@@ -119,8 +119,10 @@ def _drawn(
         known = np.array([ranges.shares(statistics.columns[i].inner) for i in found])
         if mean is None:
             alone = log_z - np.array([statistics.columns[i].log_weight for i in found])
-            mean, covariance = _mode(evaluations, base, ranges, known[int(np.argmax(alone))], first)
-            near = _laplace(evaluations, base, ranges, mean, covariance, first) > level - FAR
+            mean, covariance, promised = _mode(evaluations, base, ranges, known[int(np.argmax(alone))], first)
+            # Steps that ended early leave something to climb, and a narrow peak may weigh less than all other values.
+            likely = promised + _laplace(evaluations, base, ranges, mean, covariance, first)
+            near = max(likely, float(np.logaddexp.reduce(log_z))) >= level - FAR
             cloud = Cloud.around(mean, WIDER**2 * covariance) if near else Cloud.at(mean, covariance)
         else:
             # Where the first cloud says that the posterior is.
@@ -136,7 +138,7 @@ def _drawn(
         values, fresh, before = ranges.values(cloud.points), weights[len(found) :], len(statistics.columns)
         statistics.add(first.kind, at_values(effect, values, fresh, drawn=cloud, **_carried(first)))
         found += range(before, len(statistics.columns))
-        if len(cloud.points) == 1:
+        if not near:
             break
     return tuple(found)
 
@@ -168,13 +170,14 @@ def _mode(
     ranges: _Ranges,
     start: Float[np.ndarray, " d"],
     first: Column,
-) -> tuple[Float[np.ndarray, " d"], Float[np.ndarray, "d d"]]:
+) -> tuple[Float[np.ndarray, " d"], Float[np.ndarray, "d d"], float]:
     """Where several inner parameters are likeliest, and their covariance there: by steps of Gauss and Newton.
 
-    Near s the effect is θ (φ(s) + Σ_k δ_k ∂φ/∂s_k): linear in δ, as coefficients are, given θ.
+    Near s the effect is θ (φ(s) + Σ_k δ_k ∂φ/∂s_k): linear in δ, as coefficients are, given θ. The last number are the
+    nats that one more step promises: next to none at a mode.
     """
     at, d = np.clip(start, SIDE, 1 - SIDE), len(start)
-    information = np.zeros((d, d))
+    information, promised = np.zeros((d, d)), math.inf
     for turn in range(STEPS):
         sides = SIDE * np.where(at > 0.5, -1.0, 1.0)
         found = _slopes(evaluations, base, ranges, np.vstack([at, at + np.diag(sides)]), sides, first)
@@ -182,6 +185,7 @@ def _mode(
             break
         information, pull = found
         step = np.linalg.solve(information + FLAT * np.eye(d), pull)
+        promised = 0.5 * float(pull @ step)
         if step @ information @ step < THERE or turn == STEPS - 1:
             break
         tried = np.clip(at + np.outer(SHORTER, step), SIDE, 1 - SIDE)
@@ -194,7 +198,7 @@ def _mode(
         if best == 0:
             break
         at = points[best]
-    return at, np.linalg.inv(information + FLAT * np.eye(d))
+    return at, np.linalg.inv(information + FLAT * np.eye(d)), promised
 
 
 def _laplace(
@@ -204,7 +208,8 @@ def _laplace(
     """Log evidence by Laplace's approximation, log L + ½ log |2πΣ|, which a uniform prior makes no larger than L."""
     with _Tried(evaluations, ranges, mean[None], first) as columns:
         if columns is None:
-            return -math.inf
+            # Nothing can be said of it there.
+            return math.inf
         (at_mode,) = evaluations.parametric([(*base, *columns)])
     volume = 0.5 * np.linalg.slogdet(2 * math.pi * covariance)[1]
     return at_mode.all + min(float(volume), 0.0)

@@ -60,12 +60,20 @@ def usual_sensors(study: StudyResult) -> dict[str, float]:
 
     Args:
         study: The study.
+
+    Raises:
+        InputError: Samples that show no noise.
     """
     if study.base.rows.rates_measured:
         known = [e for e in joined(study.explanations) if e.components]
         return dict(known[0].sigma) if known else {}
     samples = study.train.samples or study.train
     noise = sample_noise(samples.time, samples.matrix(samples.state_names), samples.run_lengths)
+    if unseen := [name for name, sd in zip(samples.state_names, noise, strict=True) if not sd > 0]:
+        raise InputError(
+            f"The samples of {unseen[0]!r} show no noise of their own: state its standard deviation, "
+            f"next_experiment(sensors={{{unseen[0]!r}: ...}})."
+        )
     return {name: float(sd) for name, sd in zip(samples.state_names, noise, strict=True)}
 
 
@@ -127,10 +135,11 @@ def rank(
         values = {i: _information(asked, [found[j] for j in (*picked, i)], p).bits for i in left}
         picked.append(max(left, key=lambda i: values[i]))
     chosen = tuple(candidates[i] for i in picked)
-    information = Information(0.0, 0.0)
+    information, after = Information(0.0, 0.0), []
     if chosen:
         again = _question(study, known, 4 * outcomes, seed + 1)
-        information = _information(again, predict(again, chosen), p)
+        after = predict(again, chosen)
+        information = _information(again, after, p)
     if information.bits < max(threshold, SURE * information.error, LEAST):
         chosen = ()
     rows = [
@@ -142,13 +151,17 @@ def rank(
         for each, value in zip(found, alone, strict=True)
     ]  # fmt: skip
     table = pd.DataFrame(rows).sort_values("information", ascending=False, ignore_index=True)
-    mind = [said for i in picked if (said := _said(found[i]))]
+    # What is seen of more outcomes counts: a failure among them too.
+    mind = [said for each in after if (said := _said(each))]
     text = _sentence(known, every, chosen, information, entropy(p), mind, bool(able))
     return NextExperiment(table, chosen, information, entropy(p), about, text)
 
 
 def _question(study: StudyResult, known: Sequence[Explained], outcomes: int, seed: int) -> Question:
-    simulation = study.base.simulator(study.train).rounded(study.train.columns)
+    # As the study weighed it: coefficients are what is left beside means that are stated.
+    simulation = study.base.centred().simulator(study.train).rounded(study.train.columns)
+    if still := [s for s in simulation.states if s not in (*simulation.equations, *study.explanations)]:
+        raise InputError(f"The state {still[0]!r} has no equation to integrate: add it to the simulation.")
     return Question(simulation, study.train, known, study.base.rows.rates_measured, outcomes, seed)
 
 

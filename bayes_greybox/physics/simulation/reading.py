@@ -8,7 +8,7 @@ from bayes_greybox.physics.formula.expressions import parse_expression
 from bayes_greybox.physics.hidden_states import HiddenState
 
 from .code import CallableSimulation
-from .fmu.given import FMU, fmu_from
+from .fmu.given import FMU, fmu_from, given_again
 from .fmu.simulation import fmu_simulation
 from .formulas import ExpressionSimulation
 from .protocol import RightHandSide, Simulation
@@ -133,7 +133,8 @@ def simulation_from(
     """
     if record != FUNCTION:
         if FMU_RECORD in record:
-            return fmu_from(record[FMU_RECORD]) if function is None else function
+            given = record[FMU_RECORD]
+            return given_again(given, function) if isinstance(function, FMU) else function or fmu_from(given)
         return record
     if function is None:
         raise InputError(

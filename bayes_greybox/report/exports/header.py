@@ -23,6 +23,8 @@ def header(model: ExportedModel, names: dict[str, str], slots: tuple[str, str]) 
     lines += [
         f"Not in it, as it has no formula: f of {name}, {said}." for name, said in model.notes.discrepancy.items()
     ]
+    if unit_text(model.time):
+        lines.append(f"Time is in {unit_text(model.time)}: rates are per {unit_text(model.time)}.")
     for slot, quantities in zip((*slots, "output"), (model.states, model.inputs, model.outputs), strict=True):
         for k, each in enumerate(quantities):
             start = f", {each.start:.6g} where the data start" if slot == slots[0] else ""

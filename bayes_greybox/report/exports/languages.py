@@ -17,7 +17,8 @@ C_WORDS = """
     asm typeof linux unix main t x u y dxdt acos asin atan atan2 ceil cos cosh exp fabs floor fmod frexp ldexp log log10
     modf pow sin sinh sqrt tan tanh acosh asinh atanh cbrt copysign erf erfc exp2 expm1 fdim fma fmax fmin hypot ilogb
     isfinite isinf isnan isnormal lgamma log1p log2 logb nan nearbyint nextafter remainder rint round scalbn signbit
-    tgamma trunc j0 j1 jn y0 y1 yn gamma signgam NAN INFINITY HUGE_VAL HUGE NULL sign_of step_of DOMAIN OVERFLOW
+    tgamma trunc j0 j1 jn y0 y1 yn gamma signgam NAN INFINITY HUGE_VAL HUGE NULL sign_of step_of max_of min_of
+    DOMAIN OVERFLOW
     UNDERFLOW SING isgreater isless fpclassify matherr PLOSS TLOSS MAXFLOAT M_E M_LOG2E M_LOG10E M_LN2 M_LN10 M_PI
     M_PI_2 M_PI_4 M_1_PI M_2_PI M_2_SQRTPI M_SQRT2 M_SQRT1_2 FP_NAN FP_INFINITE FP_ZERO FP_SUBNORMAL FP_NORMAL
 """.split()
@@ -76,7 +77,10 @@ def c_program(model: ExportedModel, name: str) -> str:
     bodies = [(each, _sum(printer, each)) for each in model.formulas]
     every = " ".join(text for _, text in bodies)
     if "sign_of(" in every:
-        lines += ["static double sign_of(double v) { return (v > 0.0) - (v < 0.0); }", ""]
+        lines += ["static double sign_of(double v) { return v > 0.0 ? 1.0 : v < 0.0 ? -1.0 : v; }", ""]
+    for called_as, sign in (("max_of", ">"), ("min_of", "<")):
+        if f"{called_as}(" in every:
+            lines += [f"static double {called_as}(double a, double b) {{ return a != a || a {sign} b ? a : b; }}", ""]
     if "step_of(" in every:
         lines += ["static double step_of(double v, double at_zero)",
                   "{", "    return v > 0.0 ? 1.0 : v < 0.0 ? 0.0 : v == 0.0 ? at_zero : v;", "}", ""]  # fmt: skip
@@ -142,6 +146,6 @@ def _sum(printer: PythonPrinter | CPrinter | ModelicaPrinter, formula: Formula) 
 def _require_formulas(model: ExportedModel, language: str) -> None:
     if model.code:
         raise InputError(
-            f"The simulation is a Python function, which cannot be written in {language}: give it as formulas, "
+            f"The simulation is a function or an FMU, which cannot be written in {language}: give it as formulas, "
             "GreyBox(simulation={'y': 'v', ...}), or export to .py, whose rhs takes your function beside its arguments."
         )

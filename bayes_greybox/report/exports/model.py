@@ -167,8 +167,10 @@ def exported_model(system: LearnedSystem, notes: Notes) -> ExportedModel:
     kept = [name for name in system.states if notes.states is None or name in notes.states]
     names = [name for name in system.names if name in kept or system.is_output(name)]
     factors = _named(system, names)
-    formulas = {name: _formula(system, name, [each for each in factors if each[0].equation == name]) for name in names}
-    states = [name for name in kept if name in formulas]
+    states = [name for name in kept if name in names]
+    formulas = {
+        name: _formula(system, states, name, [each for each in factors if each[0].equation == name]) for name in names
+    }
     used = {each for formula in formulas.values() for each in _symbols(formula)}
     used |= {notes.starts[name] for name in states if notes.starts.get(name)}
     driving = [*system.inputs, *(name for name in kept if name not in formulas and name in used)]
@@ -236,12 +238,16 @@ def _said(system: LearnedSystem, name: str, each: LearnedTerm, given: bool) -> s
     return each.name if each.name != each.term.name else ""
 
 
-def _formula(system: LearnedSystem, name: str, factors: Iterable[tuple[Factor, LearnedTerm]]) -> Formula:
+def _formula(
+    system: LearnedSystem, states: Sequence[str], name: str, factors: Iterable[tuple[Factor, LearnedTerm]]
+) -> Formula:
     simulation = system.simulation
     # Terms with given coefficients are those of the learned equation.
     known: Any = simulation.own_formula(name) if name in system.learned else simulation.formula(name)
     calls = known.atoms(AppliedUndef)
-    known = known.xreplace({call: _symbol(system.states.index(name)) for call in calls})
+    if calls and name not in states:
+        raise InputError(f"The output {name!r} is given by an FMU: it has no formula, and cannot be exported.")
+    known = known.xreplace({call: _symbol(states.index(name)) for call in calls})
     added = tuple((factor.name, cast(sympy.Expr, each.term.expr)) for factor, each in factors)
     return Formula(name, target_unit(name, system.data), known, added)
 
@@ -269,7 +275,8 @@ def _state(system: LearnedSystem, name: str, notes: Notes) -> Quantity:
 
 def _first(system: LearnedSystem, name: str) -> float | None:
     """Where the first run of the data starts; None of what they do not have."""
-    column = system.data.states.get(name)
+    # What a hidden state moves along with may be an input.
+    column = system.data.states.get(name, system.data.inputs.get(name))
     value = None if column is None or not len(column) else float(column[0])
     return value if value is not None and np.isfinite(value) else None
 

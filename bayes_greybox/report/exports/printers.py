@@ -5,6 +5,7 @@ Numbers have all their digits, roots of negative numbers are none, and sign(0) i
 
 from collections.abc import Mapping
 from functools import reduce
+from types import MappingProxyType
 from typing import Any
 
 from sympy.printing.c import C99CodePrinter
@@ -61,7 +62,20 @@ class PythonPrinter(_Printed, NumPyPrinter):
 
 
 class CPrinter(_Printed, C99CodePrinter):  # pyright: ignore[reportIncompatibleMethodOverride]
-    """C99; `sign_of` and `step_of` are functions of the program."""
+    """C99; `sign_of`, `step_of`, `max_of` and `min_of` are functions of the program, which keep what is no number."""
+
+    # Macros such as M_LN2, which it would take for log(2), are not of the standard.
+    math_macros = MappingProxyType({})
+
+    def _print_Abs(self, expr):  # noqa: N802
+        # Of whole numbers too, for which SymPy has the function of integers.
+        return f"fabs({self._print(expr.args[0])})"
+
+    def _print_Max(self, expr):  # noqa: N802
+        return reduce(lambda a, b: f"max_of({a}, {b})", map(self._print, expr.args))
+
+    def _print_Min(self, expr):  # noqa: N802
+        return reduce(lambda a, b: f"min_of({a}, {b})", map(self._print, expr.args))
 
     def _print_sign(self, func):  # noqa: N802
         return f"sign_of({self._print(func.args[0])})"

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import bayes_greybox as bg
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.discovery.next_experiment.candidates import Candidate, Hold, usual_candidates
 from bayes_greybox.discovery.next_experiment.explained import Component, Explained, joined
@@ -109,3 +110,20 @@ def test_equations_are_joined_with_their_products_and_one_that_predicts_nothing_
     assert np.isclose(sum(e.probability for e in found), 1.0)
     assert [bool(e.components) for e in found] == ["unknown" not in e.name for e in found]
     assert found[0].components[0].root.shape == (2, 2)
+
+
+def test_means_that_are_stated_of_coefficients_are_simulated(study):
+    """A spring that the dictionary states is the same as one in the simulation: coefficients are what is left."""
+    laws = NOTHING, law("cubic", 0.5, "y**3", -0.8)
+    stated = bg.GreyBox({"v": [bg.Term("y", prior=(-4, 0.1))]}, simulation={"y": "v", "v": "F - 0.5*v"})
+    other = replace(told(study, *laws), base=stated.on(study.train))
+    one, two = (each.next_experiment([FAR], outcomes=8) for each in (told(study, *laws), other))
+    assert two.information.bits == pytest.approx(one.information.bits, abs=1e-6)
+    assert two.table["reach"][0] == pytest.approx(one.table["reach"][0], rel=1e-6)
+
+
+def test_a_state_without_an_equation_cannot_be_simulated(study):
+    alone = bg.GreyBox({"v": []}, simulation={"v": "F - 4*y - 0.5*v"}).on(study.train)
+    other = replace(told(study, NOTHING, law("cubic", 0.5, "y**3", -0.8)), base=alone)
+    with pytest.raises(InputError, match="'y' has no equation to integrate"):
+        other.next_experiment([FAR], outcomes=8)

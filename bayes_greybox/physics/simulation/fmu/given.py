@@ -61,6 +61,8 @@ class FMU:
             value = self.parameters[name]
             if not isinstance(value, numbers.Real) or not math.isfinite(value):
                 raise InputError(f"{name!r} of the FMU {found.name} is set to {value!r}: give a finite number.")
+        # Any kind of number; a file holds plain ones.
+        object.__setattr__(self, "parameters", {name: float(value) for name, value in self.parameters.items()})
         for variable in found.variables.values():
             if variable.causality == "input":
                 _real(found, variable.name, (variable.name,))
@@ -129,6 +131,17 @@ def fmu_from(record: Mapping[str, Any]) -> FMU:
             f"now has {found.description.guid}: {again}."
         )
     return found
+
+
+def given_again(record: Mapping[str, Any], fmu: FMU) -> FMU:
+    """An FMU that is given in the place of a saved one, with that one's parameters and names where it has none.
+
+    Args:
+        record: Of `FMU.record`.
+        fmu: What was given.
+    """
+    given = ("parameters", "states", "inputs", "outputs")
+    return fmu if any(getattr(fmu, name) for name in given) else FMU(fmu.path, **{name: record[name] for name in given})
 
 
 def _by_column(variables: list[Variable], given: Mapping[str, str]) -> list[tuple[str, Variable]]:

@@ -94,10 +94,12 @@ def _compiled(compiler: str, sources: dict[str, bytes]) -> bytes:
     with tempfile.TemporaryDirectory() as folder:
         for name, text in sources.items():
             (Path(folder) / name).write_bytes(text)
-        words = [compiler, "-std=c99", "-O2", "-shared", "-fPIC", "fmi2.c", "-o", "library", "-lm"]
+        words = [compiler, "-std=c99", "-O2", "-shared", "-fPIC", "-fvisibility=hidden"]
+        words += ["fmi2.c", "-o", "library", "-lm"]
         done = subprocess.run(words, cwd=folder, capture_output=True, text=True, errors="replace")
         if done.returncode:
-            said = next(iter(done.stderr.splitlines()), "it said nothing")
+            lines = done.stderr.splitlines() or ["it said nothing"]
+            said = next((line for line in lines if "error" in line), lines[0])
             raise InputError(f"The C compiler {compiler} could not compile the FMU ({said}): export to .c instead.")
         return (Path(folder) / "library").read_bytes()
 
