@@ -282,10 +282,12 @@ def next_(
     file: Annotated[Path, typer.Argument(help="Configuration file (TOML), or a saved study (.nc).")],
     signal: Annotated[list[str] | None, typer.Option(help="Family of signals; all by default.")] = None,
     amplitude: Annotated[
-        list[float] | None, typer.Option(help="Over half the range in the data; 0.5 and 1 by default.")
+        list[float] | None, typer.Option(help="Over half the range in the data; half and all of it by default.")
     ] = None,
     batch: Annotated[int, typer.Option(min=1, help="Experiments to do together.")] = 1,
-    threshold: Annotated[float, typer.Option(min=0.0, help="Bits below which none is worth it.")] = 0.05,
+    threshold: Annotated[
+        float | None, typer.Option(min=0.0, help="Bits below which none is worth it; few by default.")
+    ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the simulation.")] = 0,
     no_progress: NoProgress = False,
     quiet: Quiet = False,

@@ -10,13 +10,14 @@ from bayes_greybox.report.terminal.tables import frame_table
 
 
 def next_configured(
-    file: Path, signals: list[str] | None, amplitudes: list[float] | None, batch: int, threshold: float, seed: int,
-    progress: bool, quiet: bool,
+    file: Path, signals: list[str] | None, amplitudes: list[float] | None, batch: int, threshold: float | None,
+    seed: int, progress: bool, quiet: bool,
 ) -> int:  # fmt: skip
     """Rank what could be measured next, for a configuration, which is studied first, or for a saved study."""
-    found = _study(file, progress).next_experiment(
-        signals=signals or None, amplitudes=amplitudes or (0.5, 1.0), batch=batch, threshold=threshold, seed=seed
-    )
+    asked = {"signals": signals, "amplitudes": amplitudes, "threshold": threshold}
+    # What is not given has the defaults of the study's own door.
+    given = {name: value for name, value in asked.items() if value not in (None, [])}
+    found = _study(file, progress).next_experiment(batch=batch, seed=seed, **given)
     show(found.sentence)
     if not quiet and len(found.table):
         table = found.table.head(10).set_index("candidate")

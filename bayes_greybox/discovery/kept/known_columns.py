@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
+from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.answer.amendment import Amendment
 from bayes_greybox.discovery.evidence.columns import Column
@@ -99,5 +100,12 @@ def kept_amendment(amendment: Amendment) -> Amendment:
 
 
 def lost(data: Trajectories) -> Trajectories:
-    """Stands for what undoes errors of sensors in rows."""
-    raise NotImplementedError("A study that was read from a file knows its sensors' errors, not how rows lose them.")
+    """Stands for what undoes errors of sensors in rows.
+
+    Raises:
+        InputError: Always: a file holds how large these errors are, not what undoes them.
+    """
+    raise InputError(
+        "A study that was read from a file knows its sensors' errors, not how rows lose them: run find_missing_effects "
+        "again to put other data right."
+    )

@@ -90,7 +90,7 @@ def with_states(
     Raises:
         InputError: The simulation is a function or an FMU.
     """
-    if not isinstance(given, Mapping | None):
+    if not readable(given):
         raise InputError(NO_STATES)
     return {**(given or {}), **{state.name: state.rate for state in states}}
 
