@@ -94,6 +94,12 @@ def memory_tables(table: pd.DataFrame) -> Iterator[RenderableType]:
     yield frame_table(title, table)
 
 
+def pendulum_tables(table: pd.DataFrame) -> Iterator[RenderableType]:
+    """What was said of each record, and free runs from two starts."""
+    shown = table.drop(columns="replicate")
+    yield frame_table("Errors of the position in free runs, mm: of the record, of another start, before", shown)
+
+
 def coverage_tables(table: pd.DataFrame) -> Iterator[RenderableType]:
     """Coverage of each coefficient by noise and kind of rows."""
     title = "Share of 90 % intervals that hold the truth, of each coefficient; bias in SDs; SD of the last"

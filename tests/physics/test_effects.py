@@ -126,7 +126,12 @@ def test_effects_of_a_domain_are_different_terms(domain):
         ("bilinear-stiffness", {}, {"position": [-1.0, 0.0, 2.0]}, [0.0, 0.0, 2.0]),
         ("coulomb-friction", {}, {"velocity": [-0.1, 0.0, 3.0]}, [-1.0, 0.0, 1.0]),
         ("stribeck-friction", {"stribeck_speed": 0.2}, {"velocity": [-0.2, 1e-9, 4.0]}, [-np.exp(-1.0), 1.0, 0.0]),
-        ("exponential-stribeck-friction", {"stribeck_speed": 0.5}, {"velocity": [-1.0, 1e-9, 40.0]}, [-np.exp(-2.0), 1.0, 0.0]),
+        (
+            "exponential-stribeck-friction",
+            {"stribeck_speed": 0.5},
+            {"velocity": [-1.0, 1e-12, 40.0]},
+            [-np.exp(-2.0), 1.0, 0.0],
+        ),
         ("smooth-friction", {"creep_speed": 0.1}, {"velocity": [-9.0, 0.0, 0.1]}, [-1.0, 0.0, np.tanh(1.0)]),
         ("direction-dependent-friction", {}, {"velocity": [-2.0, 0.0, 3.0]}, [2.0, 0.0, 3.0]),
         ("backlash", {"play": 0.5}, {"input": [-2.0, -0.4, 0.0, 0.7]}, [-0.5, -0.4, 0.0, 0.5]),

@@ -17,7 +17,7 @@ from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
 
 from .plant import NAMES, plant
-from .truth import STEP, path, truth
+from .truth import STEP, path, truth, without_friction
 
 TRAIN, UNSEEN = ((0.5, 0.0), 5.0), ((1.0, -1.5), 4.0)
 """Start and last time of the record that is learned from and of the other one, of the demonstration's two examples."""
@@ -40,20 +40,30 @@ class Case:
         name: Of the case.
         noise: Of the position, in m.
         effects: Effects that are added at most.
+        lacks: Whether the simulation lacks anything: of a control, the data are its own.
     """
 
     name: str
     noise: float
     effects: int
+    lacks: bool = True
+
+    def path(self, start: tuple[float, float], end: float) -> tuple[np.ndarray, np.ndarray]:
+        """Times, and positions and speeds; as of `truth.path`."""
+        return (path if self.lacks else without_friction)(start, end)
+
+    @property
+    def truth(self) -> dict[str, float]:
+        """Coefficients of what is lacking."""
+        return truth() if self.lacks else {}
 
 
 def cases() -> dict[str, Case]:
     """All cases by name."""
-    every = [
-        Case(f"{1000 * noise:g}-mm-{effects}-effects", noise, effects)
-        for noise in (1e-3, 5e-3)
-        for effects in (ALL, DEFAULT)
-    ]
+    every = []
+    for noise in (1e-3, 5e-3):
+        every += [Case(f"{1000 * noise:g}-mm-{effects}-effects", noise, effects) for effects in (ALL, DEFAULT)]
+        every.append(Case(f"{1000 * noise:g}-mm-nothing", noise, DEFAULT, lacks=False))
     return {case.name: case for case in every}
 
 
@@ -106,14 +116,14 @@ def study(file: Path, case: Case, replicate: int, seed: int) -> dict[str, Any]:
         seed: Of all noise.
     """
     # Imported here: these bring JAX, which the module that makes the data does without.
-    import bayes_greybox.greybox as face
+    from bayes_greybox.greybox import GreyBox
     from bayes_greybox.missing_effects import find_missing_effects
     from bayes_greybox.physics.simulation.fmu.given import FMU
 
     simulation = FMU(file, states=NAMES)
     start = time.perf_counter()
     found = find_missing_effects(
-        face.GreyBox(simulation=simulation),
+        GreyBox(simulation=simulation),
         sampled(case, TRAIN, (seed, replicate, 0)),
         test=sampled(case, UNSEEN, (seed, replicate, 1)),
         effects_at_most=case.effects,
@@ -122,7 +132,7 @@ def study(file: Path, case: Case, replicate: int, seed: int) -> dict[str, Any]:
         progress=False,
     )
     seconds = time.perf_counter() - start
-    answer = Answer(truth(), found.verdict, found.effects, found.instrument)
+    answer = Answer(case.truth, found.verdict, found.effects, found.instrument)
     amended = found.to_callable()
     places = [amended.states.index(name) for name in NAMES]
 
@@ -139,13 +149,13 @@ def study(file: Path, case: Case, replicate: int, seed: int) -> dict[str, Any]:
         "sentence": found.sentence,
         "against": list(found.against),
         "added": answer.added,
-        "missed": sorted(set(truth()) - answer.names),
+        "missed": sorted(set(case.truth) - answer.names),
         "wrong": answer.wrong,
-        "named": found.verdict == "named" and answer.names == set(truth()),
+        "right": found.verdict == ("named" if case.lacks else "no gap") and answer.names == set(case.truth),
         "coefficients": {slug: float(row["mean"]) for slug, row in answer.table.to_dict("index").items()},
         "covered": answer.covered,
-        "rmse": [off(rates, *record) for record in (TRAIN, UNSEEN)],
-        "rmse_before": [off(lacking, *record) for record in (TRAIN, UNSEEN)],
+        "rmse": [off(rates, case, *record) for record in (TRAIN, UNSEEN)],
+        "rmse_before": [off(lacking, case, *record) for record in (TRAIN, UNSEEN)],
         "seconds": seconds,
     }
 
@@ -154,24 +164,25 @@ def sampled(case: Case, record: tuple[tuple[float, float], float], seed: Sequenc
     """Positions with noise.
 
     Args:
-        case: Says how much.
+        case: Says how much, and of what.
         record: Start and last time.
         seed: Of the noise.
     """
-    t, x = path(*record)
+    t, x = case.path(*record)
     shown = x[0] + case.noise * np.random.default_rng(seed).standard_normal(len(t))
     return Trajectories.from_arrays(t, states={"s": shown}, units={"t": "s", "s": "m"})
 
 
-def off(rates: Callable[[np.ndarray], np.ndarray], start: tuple[float, float], end: float) -> float:
+def off(rates: Callable[[np.ndarray], np.ndarray], case: Case, start: tuple[float, float], end: float) -> float:
     """Root mean square error of the position of a run from the true start, in m, by Runge and Kutta's method.
 
     Args:
         rates: Of position and speed.
+        case: Whose path is the true one.
         start: Both at time 0.
         end: Last time.
     """
-    t, true = path(start, end)
+    t, true = case.path(start, end)
     x, found, h = np.array(start), [start[0]], STEP / FINE
     for _ in t[1:]:
         for _ in range(FINE):
@@ -196,7 +207,11 @@ def score(rows: Sequence[dict[str, Any]]) -> pd.DataFrame:
     """
     table = []
     for row in rows:
-        one: dict[str, Any] = {"case": row["case"], "replicate": row["replicate"], "verdict": row.get("verdict", "refused")}
+        one: dict[str, Any] = {
+            "case": row["case"],
+            "replicate": row["replicate"],
+            "verdict": row.get("verdict", "refused"),
+        }
         if "refused" not in row:
             held = row["covered"].values()
             one |= {

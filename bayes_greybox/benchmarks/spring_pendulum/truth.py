@@ -1,7 +1,7 @@
 """The pendulum with friction that stands for the measured one, by NumPy and SciPy alone.
 
-FMIZoo's SpringFrictionPendulum1D: a mass of 1 kg on a spring of 10 N/m whose length at rest is 1 m, fixed at 0, with the
-friction of Modelica's MassWithStopAndFriction,
+FMIZoo's SpringFrictionPendulum1D: a mass of 1 kg on a spring of 10 N/m whose length at rest is 1 m, fixed at 0, with
+the friction of Modelica's MassWithStopAndFriction,
 
     s″ = c (1 − s) − F_prop v − sign(v) (F_Coulomb + F_Stribeck exp(−fexp |v|))   while it moves,
 
@@ -43,6 +43,20 @@ def truth() -> dict[str, float]:
     }
 
 
+def without_friction(start: tuple[float, float], end: float) -> tuple[np.ndarray, np.ndarray]:
+    """What the simulation has, as of `path`.
+
+    Args:
+        start: Position in m and speed in m/s at time 0.
+        end: Last time, in s.
+    """
+    t = STEP * np.arange(round(end / STEP) + 1)
+    w, rest = np.sqrt(STIFFNESS / MASS), LENGTH + MISPLACED
+    swing, push = start[0] - rest, start[1] / w
+    s = rest + swing * np.cos(w * t) + push * np.sin(w * t)
+    return t, np.array([s, w * (push * np.cos(w * t) - swing * np.sin(w * t))])
+
+
 def path(start: tuple[float, float], end: float) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "2 n"]]:
     """Times, and positions and speeds of the pendulum at them, every `STEP`.
 
@@ -81,5 +95,5 @@ def _leg(now: float, state: np.ndarray, side: float, end: float) -> Any:
         return x[1]
 
     # A leg begins at a stop; only the next one, on the way down, ends it.
-    stopped.terminal, stopped.direction = True, -side  # ty: ignore
+    stopped.terminal, stopped.direction = True, -side  # pyright: ignore[reportFunctionMemberAccess]
     return solve_ivp(motion, (now, end), state, events=stopped, dense_output=True, max_step=0.1, **ACCURATE)

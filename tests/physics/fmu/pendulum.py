@@ -15,7 +15,8 @@ C = r"""
 typedef struct { double z[8]; } M;
 static double* z(fmi2Component c) { return ((M*)c)->z; }
 static void rest(double* z) { z[0] = 10; z[1] = 1.1; z[2] = 0.5; z[3] = 0; z[5] = 0; z[6] = 0; z[7] = 0.5; }
-static fmi2Status put(double* z) { z[4] = z[5] - z[0] * (z[2] - z[1]) - HIDDEN * z[6]; return z[2] > 90 ? fmi2Error : fmi2OK; }
+static fmi2Status put(double* z)
+  { z[4] = z[5] - z[0] * (z[2] - z[1]) - HIDDEN * z[6]; return z[2] > 90 ? fmi2Error : fmi2OK; }
 fmi2Component fmi2Instantiate(fmi2String n, fmi2Type t, fmi2String g, fmi2String r, const fmi2CallbackFunctions* f,
   fmi2Boolean v, fmi2Boolean l) { M* m = malloc(sizeof(M)); rest(m->z); return m; }
 fmi2Status fmi2SetupExperiment(fmi2Component c, fmi2Boolean a, fmi2Real b, fmi2Real d, fmi2Boolean e, fmi2Real f)
@@ -40,7 +41,8 @@ fmi2Status fmi2GetReal(fmi2Component c, const fmi2ValueReference r[], size_t n, 
   { fmi2Status s = put(z(c)); MEMORY; for (size_t i = 0; i < n; i++) x[i] = z(c)[r[i]]; return s; }
 fmi2Status fmi2GetDirectionalDerivative(fmi2Component c, const fmi2ValueReference u[], size_t nu,
   const fmi2ValueReference k[], size_t nk, const fmi2Real d[], fmi2Real o[])
-  { for (size_t i = 0; i < nu; i++) o[i] = u[i] == 4 ? (k[0] == 2 ? SLOPE * z(c)[0] * d[0] : 0) : (k[0] == 3) * d[0];
+  { for (size_t i = 0; i < nu; i++)
+      o[i] = u[i] == 4 ? (k[0] == 2 ? SLOPE * z(c)[0] * d[0] : (k[0] == 5) * d[0]) : (k[0] == 3) * d[0];
     return fmi2OK; }
 """
 

@@ -50,7 +50,7 @@ class Exchange:
         """
         if self._fmu is None or key != self._key or t < self._began:
             self._start(key, t)
-        fmu = self._fmu
+        fmu: Any = self._fmu
         fmu.setTime(t)
         fmu.setContinuousStates((c_double * len(x))(*x), len(x))
         if ports.inputs:

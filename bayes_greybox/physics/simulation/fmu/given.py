@@ -16,7 +16,6 @@ from bayes_greybox.data.fmu.reading import read_fmu
 from .ports import Ports
 from .running import running
 
-
 MAPPINGS = ("parameters", "states", "inputs", "outputs", "starts")
 """Fields that are tables of names."""
 
@@ -103,7 +102,9 @@ class FMU:
             if column not in columns:
                 raise InputError(f"bg.FMU(starts=...) names {column!r}, which is no state: {', '.join(columns)}.")
             if name in self.parameters:
-                raise InputError(f"{name!r} of the FMU {found.name} is a parameter and the start of {column!r}: do one.")
+                raise InputError(
+                    f"{name!r} of the FMU {found.name} is a parameter and the start of {column!r}: do one."
+                )
         for column, variable in columns.items():
             start = found.variables[self.starts.get(column, variable.name)]
             if start.initial not in ("exact", "approx"):

@@ -33,8 +33,8 @@ def instantiated(description: Description, said: deque[str]) -> Any:
     finally:
         # FMPy stays in the folder of a library that cannot be loaded.
         os.chdir(here)
-    fmu.heard = _callbacks(lambda words: said.append(words))
-    fmu.instantiate(callbacks=fmu.heard)
+    # It keeps them as long as it lives.
+    fmu.instantiate(callbacks=_callbacks(said.append))
     return fmu
 
 

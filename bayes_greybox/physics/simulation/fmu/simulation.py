@@ -98,7 +98,11 @@ class FMUSimulation(Simulation):
         return jax.vmap(_traced(_Rates(self, name)))(t, x, u)
 
     def outputs(
-        self, name: str, t: Float[np.ndarray, "*n"], x: Float[np.ndarray, "*n n_state"], u: Float[np.ndarray, "*n n_input"]
+        self,
+        name: str,
+        t: Float[np.ndarray, "*n"],
+        x: Float[np.ndarray, "*n n_state"],
+        u: Float[np.ndarray, "*n n_input"],
     ) -> Float[np.ndarray, "*n"]:
         """Values of an output at many points, NaN where the FMU refuses one."""
         refs = [self.given.description.variables[self.given.outputs[name]].ref]
@@ -202,7 +206,9 @@ class FMUSimulation(Simulation):
     def _nominals(self) -> np.ndarray:
         """Usual sizes of time, states and inputs."""
         known = {**self.given.input_columns, **self.given.state_columns}
-        return np.array([1.0, *(known[name].nominal if name in known else 1.0 for name in (*self.states, *self.inputs))])
+        return np.array(
+            [1.0, *(known[name].nominal if name in known else 1.0 for name in (*self.states, *self.inputs))]
+        )
 
     @property
     def _places(self) -> list[int]:
@@ -222,7 +228,10 @@ class FMUSimulation(Simulation):
                 return False
             apart = np.abs(self.directional(*part) - by_steps)[asked].max(axis=0)
             # |dg_i/dx_j| or |g_i| / |x_j|, whichever is larger: an entry of another unit must not hide this one.
-            rates, size = np.abs(self.rates(*part))[asked].max(axis=0), _sizes(part[1], self._nominals[1 : 1 + x.shape[-1]])
+            rates, size = (
+                np.abs(self.rates(*part))[asked].max(axis=0),
+                _sizes(part[1], self._nominals[1 : 1 + x.shape[-1]]),
+            )
             scale = np.maximum(np.abs(by_steps)[asked].max(axis=0), rates[:, None] / size)
             instance.found_right(given.parameters, bool(np.all(apart <= AGREE * scale)))
         return bool(instance.right(given.parameters))

@@ -117,7 +117,7 @@ class Stepping:
         has = np.array(self.real(ports.states))
         away = np.flatnonzero(~np.isclose(has, x, rtol=HELD, atol=HELD * np.max(np.abs(x), initial=0.0)))
         if len(away):
-            names = {v.ref: v.name for v in reversed(self._description.variables.values())}
+            names = {v.ref: v.name for v in self._description.variables.values()}
             name = names[ports.states[away[0]]]
             raise InputError(
                 f"{name!r} of the FMU {self._description.name} is {has[away[0]]:.6g} where its start was set to "
