@@ -28,7 +28,8 @@ class FMU:
     for what no column may be called: "mass.s" is `mass_s`. A state that the data lack is hidden, as on rows of samples.
 
     A Co-Simulation is started anew at every point, with the states as its start. Rates are its own variables where it
-    declares them; else they are differences of the states over three steps, x′ = (−11 x₀ + 18 x₁ − 9 x₂ + 2 x₃) / 6h.
+    declares them; else they are differences of the states over three steps, D(h) = (−11 x₀ + 18 x₁ − 9 x₂ + 2 x₃) / 6h,
+    and x′ = 2 D(h/2) − D(h).
 
     Attributes:
         path: The file. What becomes of it later changes nothing: a copy is kept.
@@ -186,7 +187,7 @@ class FMU:
         if self.description.exchanged:
             return "the FMU's own, by Model Exchange"
         if self.stepped:
-            return f"differences of the states over three steps of {self.ports((), ()).step:g} s, by Co-Simulation"
+            return f"differences of the states over steps of {self.ports((), ()).step:g} s and half of it, by Co-Simulation"
         return "variables of the FMU, which is started at each point, by Co-Simulation"
 
     def __str__(self) -> str:

@@ -28,7 +28,7 @@ NEAR = 1e-3
 """Share of its size by which a rate after a step may differ from the one of an instance that is started there."""
 
 COARSE = 1e-2
-"""Share of its size by which rates from two steps and from three may differ."""
+"""Share of its size by which rates by steps and by half as long ones may differ."""
 
 AWAY = 10
 """Steps after which this is looked at."""
@@ -109,14 +109,14 @@ class Running:
     def _require_whole(self, steps: Stepping, key: Key, points: Points, ports: Ports, width: int, read: Read) -> None:
         """Refuse steps that are too long, and states that are not all: a start elsewhere then is another motion."""
         if steps.noted:
-            three, two = (np.array(each) for each in zip(*steps.noted, strict=True))
-            apart = np.abs(three - two) / np.maximum(np.max(np.abs(three), axis=0), np.finfo(float).tiny)
+            whole, half = (np.array(each) for each in zip(*steps.noted, strict=True))
+            apart = np.abs(whole - half) / np.maximum(np.max(np.abs(half), axis=0), np.finfo(float).tiny)
             # A jump of the force within the steps of some points is no fault.
             if (typical := float(np.median(np.max(apart, axis=1)))) > COARSE:
                 raise InputError(
                     f"Steps of {ports.step:g} s of the FMU {self._description.name} are too long or too rough: rates "
-                    f"from two and from three of them differ by {100 * typical:.2g} %; give others, "
-                    "bg.FMU(..., step=...), or export it for Model Exchange."
+                    f"by half as long ones differ by {100 * typical:.2g} %; give others, bg.FMU(..., step=...), or "
+                    "export it for Model Exchange."
                 )
         if not ports.step:
             return
@@ -128,6 +128,8 @@ class Running:
                 there = np.array(steps.real(ports.states))
                 one = read(steps)
                 steps.place(key, ports, float(t) + AWAY * ports.step, there, u)
+                # As one that has gone on, so that both are by whole steps.
+                steps.advance(0)
                 started.append(read(steps))
                 went.append(one)
             except InputError:
