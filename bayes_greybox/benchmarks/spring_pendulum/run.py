@@ -41,12 +41,14 @@ class Case:
         noise: Of the position, in m.
         effects: Effects that are added at most.
         lacks: Whether the simulation lacks anything: of a control, the data are its own.
+        placed: Whether the simulation is told where the wall is, so that it lacks friction alone.
     """
 
     name: str
     noise: float
     effects: int
     lacks: bool = True
+    placed: bool = False
 
     def path(self, start: tuple[float, float], end: float) -> tuple[np.ndarray, np.ndarray]:
         """Times, and positions and speeds; as of `truth.path`."""
@@ -55,15 +57,18 @@ class Case:
     @property
     def truth(self) -> dict[str, float]:
         """Coefficients of what is lacking."""
-        return truth() if self.lacks else {}
+        known = {"constant-force"} if self.placed else set()
+        return {slug: value for slug, value in truth().items() if slug not in known} if self.lacks else {}
 
 
 def cases() -> dict[str, Case]:
     """All cases by name."""
     every = []
     for noise in (1e-3, 5e-3):
-        every += [Case(f"{1000 * noise:g}-mm-{effects}-effects", noise, effects) for effects in (ALL, DEFAULT)]
-        every.append(Case(f"{1000 * noise:g}-mm-nothing", noise, DEFAULT, lacks=False))
+        level = f"{1000 * noise:g}-mm"
+        every += [Case(f"{level}-{effects}-effects", noise, effects) for effects in (ALL, DEFAULT)]
+        every.append(Case(f"{level}-wall-known", noise, DEFAULT, placed=True))
+        every.append(Case(f"{level}-nothing", noise, DEFAULT, lacks=False))
     return {case.name: case for case in every}
 
 
@@ -120,7 +125,7 @@ def study(file: Path, case: Case, replicate: int, seed: int) -> dict[str, Any]:
     from bayes_greybox.missing_effects import find_missing_effects
     from bayes_greybox.physics.simulation.fmu.given import FMU
 
-    simulation = FMU(file, states=NAMES)
+    simulation = FMU(file, {"fixed.s0": 0.0} if case.placed else {}, NAMES)
     start = time.perf_counter()
     found = find_missing_effects(
         GreyBox(simulation=simulation),

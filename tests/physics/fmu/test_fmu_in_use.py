@@ -129,6 +129,16 @@ def test_outputs_of_an_fmu_are_functions_too(fits):
     np.testing.assert_allclose(slope, [-10, -0.4], atol=0.02)
 
 
+def test_nothing_missing_beside_code_is_no_gap(plant):
+    """Where no term can be corrected, the likeliest explanation has no column at all."""
+    t = np.arange(0, 6, 0.04)
+    s = 1.1 - 0.6 * np.cos(np.sqrt(10) * t) + 0.002 * np.random.default_rng(4).standard_normal(len(t))
+    data = bg.Trajectories.from_arrays(t, states={"s": s}, units={"s": "m"})
+    model = bg.GreyBox(simulation=bg.FMU(plant, parameters=HELD, states=NAMES))
+    study = bg.find_missing_effects(model, data, settle=False, free_runs=False, progress=False)
+    assert study.verdict == "no gap"
+
+
 def test_an_exported_program_says_which_fmu_it_wants(fits, tmp_path):
     fits["v"].export(tmp_path / "m.py")
     text = (tmp_path / "m.py").read_text()

@@ -92,8 +92,8 @@ def test_mistakes_are_named(tmp_path):
         bg.FMU(stepped, states={"s": "mas.s"})
     with pytest.raises(bg.InputError, match="declares no rate of 'mass.s'.*step=0.001"):
         bg.FMU(build(tmp_path / "b", **{**STEPPED, "experiment": ""}), states=NAMES)
-    with pytest.raises(bg.InputError, match="step=-1 .* seconds above 0"):
-        bg.FMU(stepped, states=NAMES, step=-1)
+    with pytest.raises(bg.InputError, match="step=-1.0 .* seconds above 0"):
+        bg.FMU(stepped, states=NAMES, step=-1.0)
     with pytest.raises(bg.InputError, match="names 'x', which is no state: s, v"):
         bg.FMU(stepped, states=NAMES, starts={"x": "s.start"})
     with pytest.raises(bg.InputError, match="'s.start' .* is a parameter and the start of 's'"):

@@ -64,7 +64,7 @@ class FMUSimulation(Simulation):
         """Values of g for one state or output on the rows of the data, user's units."""
         t, x, u = data.time, data.matrix(self.states), data.matrix(self.inputs)
         if state in self.given.outputs:
-            found = self.outputs(state, t, x, u)
+            found = self.values_of(state, t, x, u)
         elif state in self.given.state_columns:
             found = self.rates(t, x, u)[:, self.states.index(state)]
         else:
@@ -94,10 +94,10 @@ class FMUSimulation(Simulation):
         if name not in self.given.outputs:
             return super().output(name, t, x, u)
         if isinstance(x, np.ndarray):
-            return self.outputs(name, t, x, u)
+            return self.values_of(name, t, x, u)
         return jax.vmap(_traced(_Rates(self, name)))(t, x, u)
 
-    def outputs(
+    def values_of(
         self,
         name: str,
         t: Float[np.ndarray, "*n"],
@@ -146,7 +146,7 @@ class FMUSimulation(Simulation):
 
         def values(point: np.ndarray) -> np.ndarray:
             given = point[:, 0], point[:, 1:n], point[:, n:]
-            return self.rates(*given) if output is None else self.outputs(output, *given)
+            return self.rates(*given) if output is None else self.values_of(output, *given)
 
         share = LONG if self.given.stepped else DIFFERENCE
         steps = np.diag(share * _sizes(whole, self._nominals))[by]
@@ -281,7 +281,7 @@ def _traced(of: _Rates) -> Any:
 
     def values(*point: Any) -> np.ndarray:
         t, x, u = map(np.asarray, point)
-        return simulation.rates(t, x, u) if output is None else simulation.outputs(output, t, x, u)
+        return simulation.rates(t, x, u) if output is None else simulation.values_of(output, t, x, u)
 
     @jax.custom_jvp
     def rate(t: Array, x: Array, u: Array) -> Array:
