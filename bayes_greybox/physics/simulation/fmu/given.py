@@ -187,7 +187,8 @@ class FMU:
         if self.description.exchanged:
             return "the FMU's own, by Model Exchange"
         if self.stepped:
-            return f"differences of the states over steps of {self.ports((), ()).step:g} s and half of it, by Co-Simulation"
+            step = self.ports((), ()).step
+            return f"differences of the states over steps of {step:g} s and of half of it, by Co-Simulation"
         return "variables of the FMU, which is started at each point, by Co-Simulation"
 
     def __str__(self) -> str:
