@@ -70,7 +70,7 @@ def test_the_fmu_is_the_pendulum_without_friction(tmp_path):
 
 def row(**changed):
     found = {
-        "case": "a", "replicate": 0, "verdict": "named", "added": {"b": 0.99}, "missed": [], "wrong": [],
+        "case": "a", "replicate": 0, "verdict": "named", "added": {"b": 0.99}, "likely": {}, "missed": [], "wrong": [],
         "covered": {"b": True}, "rmse": [0.001, 0.002], "rmse_before": [0.2, 0.1], "seconds": 1.0,
     }  # fmt: skip
     return {**found, **changed}

@@ -28,6 +28,9 @@ FINE = 5
 REPLICATES = 3
 """Of each case, by default."""
 
+LIKELY = 0.05
+"""Probability from which an effect that was not added is written down."""
+
 DEFAULT, ALL = 3, 4
 """Effects that a study adds at most by default, and as many as the simulation lacks."""
 
@@ -137,6 +140,7 @@ def study(file: Path, case: Case, replicate: int, seed: int) -> dict[str, Any]:
         progress=False,
     )
     seconds = time.perf_counter() - start
+    probabilities = dict(zip(found.effects["slug"], map(float, found.effects["probability"]), strict=True))
     answer = Answer(case.truth, found.verdict, found.effects, found.instrument)
     amended = found.to_callable()
     places = [amended.states.index(name) for name in NAMES]
@@ -154,6 +158,8 @@ def study(file: Path, case: Case, replicate: int, seed: int) -> dict[str, Any]:
         "sentence": found.sentence,
         "against": list(found.against),
         "added": answer.added,
+        "likely": {slug: p for slug, p in probabilities.items() if p >= LIKELY and slug not in answer.names},
+        "tied": sorted(answer.tied - answer.names),
         "missed": sorted(set(case.truth) - answer.names),
         "wrong": answer.wrong,
         "right": found.verdict == ("named" if case.lacks else "no gap") and answer.names == set(case.truth),
@@ -206,7 +212,8 @@ def score(rows: Sequence[dict[str, Any]]) -> pd.DataFrame:
         rows: Of `study`, or of what it refused.
 
     Returns:
-        verdict ("refused" where there was none), names (slugs with their probabilities), missed, wrong (as
+        verdict ("refused" where there was none), names (slugs with their probabilities), likely (of those that were
+        not added and have one of `LIKELY`), missed, wrong (as
         `Answer.wrong` says), covered (90 % intervals that hold their coefficient, of those of right names), train and
         unseen (errors of the position in free runs, mm), before (of the simulation alone, on both), seconds.
     """
@@ -220,7 +227,8 @@ def score(rows: Sequence[dict[str, Any]]) -> pd.DataFrame:
         if "refused" not in row:
             held = row["covered"].values()
             one |= {
-                "names": ", ".join(f"{slug} {p:.3f}" for slug, p in row["added"].items()),
+                "names": _listed(row["added"]),
+                "likely": _listed(row["likely"]),
                 "missed": ", ".join(row["missed"]),
                 "wrong": ", ".join(row["wrong"]),
                 "covered": f"{sum(held)} of {len(held)}",
@@ -231,6 +239,10 @@ def score(rows: Sequence[dict[str, Any]]) -> pd.DataFrame:
             }
         table.append(one)
     return pd.DataFrame(table).set_index("case")
+
+
+def _listed(probabilities: dict[str, float]) -> str:
+    return ", ".join(f"{slug} {p:.3f}" for slug, p in probabilities.items())
 
 
 def _answer(file: Path, case: Case, replicate: int, seed: int) -> dict[str, Any]:
