@@ -40,7 +40,8 @@ class FMU:
         outputs: The FMU's variable by the name of a measured output.
         starts: What sets a state where a Co-Simulation starts, by the column's name, {"y": "s0"}; the state itself by
             default.
-        step: Length of the steps of a Co-Simulation, s; by default what the FMU says. Its data need no such steps.
+        step: Length of the steps of a Co-Simulation, s; by default what the FMU says. The data need no such steps.
+        description: What the file says of itself.
 
     Raises:
         InputError: FMPy is not installed; no such file, or one that cannot be run here; a variable that there is not,
