@@ -138,8 +138,8 @@ class Stepping:
         has = np.array(self.real(ports.states))
         away = np.flatnonzero(~np.isclose(has, x, rtol=HELD, atol=HELD * np.max(np.abs(x), initial=0.0)))
         if len(away):
-            names = {v.ref: v.name for v in self._description.variables.values()}
-            name = names[ports.states[away[0]]]
+            every, ref = self._description.variables.values(), ports.states[away[0]]
+            name = next(each.name for each in every if each.kind == "Real" and each.ref == ref)
             raise InputError(
                 f"{name!r} of the FMU {self._description.name} is {has[away[0]]:.6g} where its start was set to "
                 f"{x[away[0]]:.6g}: say which parameter sets it, bg.FMU(..., starts={{'column': 'parameter'}}), or "
