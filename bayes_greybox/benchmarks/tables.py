@@ -95,9 +95,10 @@ def memory_tables(table: pd.DataFrame) -> Iterator[RenderableType]:
 
 
 def pendulum_tables(table: pd.DataFrame) -> Iterator[RenderableType]:
-    """What was said of each record, and free runs from two starts."""
-    shown = table.drop(columns="replicate")
-    yield frame_table("Errors of the position in free runs, mm: of the record, of another start, before", shown)
+    """What was said of each record, and free runs from two starts; then the names."""
+    title = "Errors of the position in free runs, mm: of the record, of another start, of the simulation alone"
+    yield frame_table(title, table.reindex(columns=["verdict", "train", "unseen", "before", "covered", "seconds"]))
+    yield Group("", frame_table("What is added, with its probability", table.reindex(columns=["names", "wrong"])))
 
 
 def coverage_tables(table: pd.DataFrame) -> Iterator[RenderableType]:
