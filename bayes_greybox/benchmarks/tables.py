@@ -94,6 +94,13 @@ def memory_tables(table: pd.DataFrame) -> Iterator[RenderableType]:
     yield frame_table(title, table)
 
 
+def pendulum_tables(table: pd.DataFrame) -> Iterator[RenderableType]:
+    """What was said of each record, and free runs from two starts; then the names."""
+    title = "Errors of the position in free runs, mm: of the record, of another start, of the simulation alone"
+    yield frame_table(title, table.reindex(columns=["verdict", "train", "unseen", "before", "covered", "seconds"]))
+    yield Group("", frame_table("What is added, with its probability", table.reindex(columns=["names", "wrong"])))
+
+
 def coverage_tables(table: pd.DataFrame) -> Iterator[RenderableType]:
     """Coverage of each coefficient by noise and kind of rows."""
     title = "Share of 90 % intervals that hold the truth, of each coefficient; bias in SDs; SD of the last"

@@ -14,7 +14,7 @@ from bayes_greybox.report.folders.copies import author_text, copy_of
 from bayes_greybox.report.folders.holding import CONFIG, command_of
 
 from .derived import AlsoAs
-from .parts import Coefficients, Dictionary, Discrepancy, Prior, Rows
+from .parts import Coefficients, Dictionary, Discrepancy, FMUFile, Prior, Rows, Simulation
 from .section import Section, sentences, wrong
 from .sources import Data, TableSource
 from .study import Study
@@ -113,7 +113,7 @@ class Config(Section):
     copied_from: str | None = None
     asset: str | None = None
     data: Data
-    simulation: dict[str, str] = {}
+    simulation: Simulation = {}
     dictionary: Dictionary = {}
     coefficients: Coefficients = {}
     prior: Prior = None
@@ -290,9 +290,10 @@ class Config(Section):
             "discrepancy": own.discrepancy or self.discrepancy,
             "rows": self.rows,
         }
+        given = self.simulation
         return GreyBox(
             dictionary={state: terms.build() for state, terms in dictionary.items()},
-            simulation=dict(self.simulation) or None,
+            simulation=given.build(self.origin.parent) if isinstance(given, FMUFile) else dict(given) or None,
             coefficients=_built(self.coefficients if own.coefficients is None else own.coefficients),
             **{name: part.build() for name, part in parts.items() if part is not None},
             **self.noise.arguments(),
