@@ -289,6 +289,9 @@ def next_(
         float | None, typer.Option(min=0.0, help="Bits below which none is worth it; few by default.")
     ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the simulation.")] = 0,
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", help="Folder for the table and for figures of what is expected.")
+    ] = None,
     no_progress: NoProgress = False,
     quiet: Quiet = False,
     verbose: Verbose = 0,
@@ -300,7 +303,9 @@ def next_(
     log_to_stderr(verbose)
     from .next_experiment import next_configured
 
-    return next_configured(file, signal, amplitude, batch, threshold, seed, not (no_progress or quiet), quiet)
+    return next_configured(
+        file, signal, amplitude, batch, threshold, seed, not (no_progress or quiet), quiet, output
+    )  # fmt: skip
 
 
 app.command()(export)

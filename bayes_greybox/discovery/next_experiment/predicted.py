@@ -18,6 +18,7 @@ from bayes_greybox.physics.formula.expressions import evaluate, parse_expression
 from bayes_greybox.physics.hidden_states import HiddenState
 from bayes_greybox.physics.side_by_side import side_by_side, stage_times
 from bayes_greybox.physics.simulation.protocol import Simulation
+from bayes_greybox.physics.terms import Term
 
 from .candidates import Candidate
 from .explained import Component, Explained
@@ -26,10 +27,13 @@ from .information import FAR, Products, bounded, marginal_starts
 LOST = 1e3
 """A run has failed once a state is larger than so many times its largest value in the data."""
 
-SAME_PATH = 1e-3
-"""Paths by twice as many steps may differ by this share of a state's range."""
+SAME_PATH = 1e-2
+"""Paths by twice as many steps may differ by this share of a state's range: outcomes and what is said of them share it.
 
-MOST_STEPS = 64
+A step of an input lies between two steps of the integrator, which makes the error one of first order.
+"""
+
+MOST_STEPS = 8
 """Steps between two samples, at most."""
 
 AT_ONCE = 2_000_000
@@ -68,6 +72,10 @@ class Question:
     def of(self) -> Int[np.ndarray, " n_component"]:
         """The explanation of each component."""
         return np.repeat(np.arange(len(self.explanations)), [len(e.components) for e in self.explanations])
+
+
+Part = tuple[Component, np.ndarray]
+"""A component with draws of its coefficients [n_draw, n_term]."""
 
 
 class Outcomes(NamedTuple):
@@ -161,13 +169,16 @@ def _together(
     inputs = _inputs(asked, candidates, stage_times(times, steps))
     paths = np.zeros((len(candidates), len(outcomes.truth), len(times), begin.shape[1]))
     slopes: list[list[np.ndarray]] = []
+    order, parts, starts = [], [], []
     for c, component in enumerate(components):
         own = np.flatnonzero(outcomes.component == c)
-        starts = begin[:, None] + spread[:, None] * rng.standard_normal((len(candidates), len(own), begin.shape[1]))
-        if len(own):
-            paths[:, own] = _paths(asked, component, outcomes.theta[c], starts, times, inputs)
+        moved = spread[:, None] * rng.standard_normal((len(candidates), len(own), begin.shape[1]))
+        order.append(own)
+        parts.append((component, outcomes.theta[c]))
+        starts.append(begin[:, None] + moved)
         if not asked.rates:
             slopes.append(_slopes(asked, component, begin, spread, times, inputs))
+    paths[:, np.concatenate(order)] = _paths(asked, parts, np.concatenate(starts, axis=1), times, inputs)
     found = []
     for i, candidate in enumerate(candidates):
         noise = np.random.default_rng([asked.seed, 2, group, i])
@@ -257,7 +268,7 @@ def _slopes(
     moves = np.vstack([np.zeros((1 + 2 * n_latent, n_state)), np.eye(n_state), -np.eye(n_state)])
     theta = component.mean + at @ component.root
     starts = begin[:, None] + moves * spread[:, None]
-    paths = _paths(asked, component, theta, starts, times, inputs)
+    paths = _paths(asked, [(component, theta)], starts, times, inputs)
     found = []
     for path in paths:
         first = 1 + 2 * n_latent
@@ -268,15 +279,29 @@ def _slopes(
 
 
 def _paths(
-    asked: Question, component: Component, theta: np.ndarray, starts: np.ndarray, times: np.ndarray, inputs: np.ndarray
+    asked: Question, parts: Sequence[Part], starts: np.ndarray, times: np.ndarray, inputs: np.ndarray
 ) -> np.ndarray:
-    """States under draws of one component's coefficients."""
+    """States under draws of several components' coefficients, the draws one component after another."""
+    found = np.full((*starts.shape[:2], len(times), starts.shape[2]), np.nan)
+    ends = np.cumsum([len(theta) for _, theta in parts])
+    places = [np.arange(end - len(theta), end) for end, (_, theta) in zip(ends, parts, strict=True)]
+    # A step costs as much for one run as for hundreds. What has states of its own goes alone.
+    alone = [i for i, (component, _) in enumerate(parts) if any(term.states for term in component.terms)]
+    for group in ([i for i in range(len(parts)) if i not in alone], *([i] for i in alone)):
+        if group:
+            own = np.concatenate([places[i] for i in group])
+            found[:, own] = _at_once(asked, [parts[i] for i in group], starts[:, own], times, inputs)
+    return found
+
+
+def _at_once(
+    asked: Question, parts: Sequence[Part], starts: np.ndarray, times: np.ndarray, inputs: np.ndarray
+) -> np.ndarray:
+    """States under draws of components that have the same hidden states, if any."""
     simulation, d = asked.simulation, starts.shape[-1]
-    hidden: dict[str, HiddenState] = {s.name: s for term in component.terms for s in term.states}
+    hidden: dict[str, HiddenState] = {s.name: s for component, _ in parts for t in component.terms for s in t.states}
     rates = [(parse_expression(s.rate), d + j) for j, s in enumerate(hidden.values())]
-    # An integrator cannot stay on a jump.
-    terms = [term.rounded(asked.data.columns) for term in component.terms]
-    places = [simulation.states.index(name) for name in component.equations]
+    sums = _sums(asked, parts)
     names = (*simulation.states, *hidden)
 
     def rate(x: np.ndarray, u: np.ndarray, t: float) -> np.ndarray:
@@ -285,8 +310,8 @@ def _paths(
         found[..., :d] = simulation.rates(np.full(x.shape[:2], t), x[..., :d], u)
         columns: dict[str, Any] = {name: x[..., i] for i, name in enumerate(names)}
         columns |= {name: u[..., i] for i, name in enumerate(simulation.inputs)}
-        for term, place, value in zip(terms, places, theta.T, strict=True):
-            found[..., place] += value * term.evaluate(columns)
+        for term, place, draws, value in sums:
+            found[:, draws, place] += value * term.evaluate({name: columns[name][:, draws] for name in term.symbols})
         for expression, place in rates:
             found[..., place] = evaluate(expression, columns)
         return found
@@ -297,6 +322,27 @@ def _paths(
     begin = np.concatenate([starts, *(each[..., None] for each in rest)], axis=-1)
     limits = np.concatenate([limit, np.full(len(hidden), np.inf)])
     return side_by_side(rate, begin, times, inputs, limits)[..., :d]
+
+
+def _sums(asked: Question, parts: Sequence[Part]) -> list[tuple[Term, int, Any, np.ndarray]]:
+    """Each term once: the state whose rate it is in, the draws that have it, and their coefficients."""
+    found: dict[tuple[int, str], tuple[Term, list[np.ndarray], list[np.ndarray]]] = {}
+    before = 0
+    for component, theta in parts:
+        draws = np.arange(before, before + len(theta))
+        before += len(theta)
+        for term, equation, values in zip(component.terms, component.equations, theta.T, strict=True):
+            place = asked.simulation.states.index(equation)
+            # An integrator cannot stay on a jump.
+            entry = found.setdefault((place, str(term.expression)), (term.rounded(asked.data.columns), [], []))
+            entry[1].append(draws)
+            entry[2].append(values)
+    sums = []
+    for (place, _), (term, draws, values) in found.items():
+        own = np.concatenate(draws)
+        whole = len(own) > 0 and own[-1] - own[0] + 1 == len(own)
+        sums.append((term, place, slice(own[0], own[-1] + 1) if whole else own, np.concatenate(values)))
+    return sums
 
 
 def _inputs(asked: Question, candidates: Sequence[Candidate], times: np.ndarray) -> np.ndarray:
@@ -317,10 +363,8 @@ def _steps(asked: Question, candidates: Sequence[Candidate]) -> tuple[np.ndarray
         own = [candidates[i] for i in open_.tolist()]
         begin, times = _begin(asked, own), own[0].times
         inputs = _inputs(asked, own, stage_times(times, steps))
-        components = [asked.components[c] for c in first]
-        now = np.concatenate(
-            [_paths(asked, c, c.mean[None], begin[:, None], times, inputs) for c in components], axis=1
-        )  # fmt: skip
+        means = [(asked.components[c], asked.components[c].mean[None]) for c in first]
+        now = _paths(asked, means, np.repeat(begin[:, None], len(means), axis=1), times, inputs)
         ended = np.zeros(len(own), bool)
         if before is not None:
             with np.errstate(all="ignore"):

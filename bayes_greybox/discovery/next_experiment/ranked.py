@@ -1,7 +1,7 @@
 """Candidates ranked by what they are expected to tell of the explanation, several at once, and when to stop."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -15,6 +15,7 @@ from .candidates import Candidate, usual_candidates
 from .explained import Explained, joined
 from .information import Information, entropy, expected_information, of_explanations
 from .predicted import Predicted, Question, predict
+from .responses import Responses, responses
 
 THRESHOLD = 0.05
 """Bits below which an experiment is not worth doing."""
@@ -41,6 +42,7 @@ class NextExperiment:
         entropy: Bits that tell all explanations with a prediction apart.
         explanations: Name, probability in the study, and whether it predicts anything.
         sentence: The answer in words.
+        responses: What is expected of each experiment that was chosen, or, where none is worth it, of the best.
     """
 
     table: pd.DataFrame
@@ -49,6 +51,7 @@ class NextExperiment:
     entropy: float
     explanations: pd.DataFrame
     sentence: str
+    responses: tuple[Responses, ...] = field(default=(), repr=False)
 
     def __repr__(self) -> str:
         """The answer in words."""
@@ -135,11 +138,12 @@ def rank(
         values = {i: _information(asked, [found[j] for j in (*picked, i)], p).bits for i in left}
         picked.append(max(left, key=lambda i: values[i]))
     chosen = tuple(candidates[i] for i in picked)
-    information, after = Information(0.0, 0.0), []
+    information, after, shown = Information(0.0, 0.0), [], ()
     if chosen:
         again = _question(study, known, 4 * outcomes, seed + 1)
         after = predict(again, chosen)
         information = _information(again, after, p)
+        shown = tuple(responses(again, each, known) for each in after)
     if information.bits < max(threshold, SURE * information.error, LEAST):
         chosen = ()
     rows = [
@@ -154,7 +158,7 @@ def rank(
     # What is seen of more outcomes counts: a failure among them too.
     mind = [said for each in after if (said := _said(each))]
     text = _sentence(known, every, chosen, information, entropy(p), mind, bool(able))
-    return NextExperiment(table, chosen, information, entropy(p), about, text)
+    return NextExperiment(table, chosen, information, entropy(p), about, text, shown)
 
 
 def _question(study: StudyResult, known: Sequence[Explained], outcomes: int, seed: int) -> Question:
