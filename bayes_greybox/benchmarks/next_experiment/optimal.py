@@ -21,7 +21,7 @@ from bayes_greybox.discovery.next_experiment.explained import Explained
 from bayes_greybox.physics.side_by_side import side_by_side, stage_times
 from bayes_greybox.physics.terms import Term
 
-STEPS = 16
+STEPS = 8
 """Steps between two samples."""
 
 LOST = 1e3
@@ -101,20 +101,24 @@ def _paths(
     data: CaseData, record: Trajectories, model: Encompassing, candidates: Sequence[Candidate]
 ) -> list[dict[str, np.ndarray] | None]:
     """Columns of each candidate's run; None of one that fails."""
-    states, limit = (
-        data.host.states,
-        [LOST * (float(np.max(np.abs(record.states[s]))) or 1.0) for s in data.host.states],
-    )
-    rate, found = _rate(data, record, model), []
-    for candidate in candidates:
-        stages = stage_times(candidate.times, STEPS)
-        inputs = np.stack([candidate.inputs[name].value(stages) for name in data.host.inputs] or [0 * stages], axis=-1)
-        start = np.array([[[candidate.start[name] for name in states]]], float)
-        path = side_by_side(rate, start, candidate.times, inputs[None], np.array(limit))[0, 0]
-        columns = {"t": candidate.times, **dict(zip(states, path.T, strict=True))}
-        columns |= {name: candidate.inputs[name].value(candidate.times) for name in data.host.inputs}
-        found.append(columns if np.all(np.isfinite(path)) else None)
-    return found
+    names, inputs = data.host.states, data.host.inputs
+    limit = np.array([LOST * (float(np.max(np.abs(record.states[name]))) or 1.0) for name in names])
+    rate, found = _rate(data, record, model), {}
+    # Side by side where they are sampled at the same times.
+    for length in {(each.duration, each.rows) for each in candidates}:
+        places = [i for i, each in enumerate(candidates) if (each.duration, each.rows) == length]
+        times = candidates[places[0]].times
+        stages = stage_times(times, STEPS)
+        u = np.zeros((len(places), len(stages), len(inputs)))
+        for k, i in enumerate(places):
+            for j, name in enumerate(inputs):
+                u[k, :, j] = candidates[i].inputs[name].value(stages)
+        starts = np.array([[[candidates[i].start[name] for name in names]] for i in places], float)
+        for i, path in zip(places, side_by_side(rate, starts, times, u, limit)[:, 0], strict=True):
+            columns = {"t": times, **dict(zip(names, path.T, strict=True))}
+            columns |= {name: candidates[i].inputs[name].value(times) for name in inputs}
+            found[i] = columns if np.all(np.isfinite(path)) else None
+    return [found[i] for i in range(len(candidates))]
 
 
 def _rate(data: CaseData, record: Trajectories, model: Encompassing) -> Callable[..., np.ndarray]:

@@ -135,7 +135,8 @@ def rank(
     picked: list[int] = []
     for _ in range(min(batch, len(able))):
         left = [i for i in able if i not in picked]
-        values = {i: _information(asked, [found[j] for j in (*picked, i)], p).bits for i in left}
+        beside = {i: _information(asked, [found[j] for j in (*picked, i)], p) if picked else alone[i] for i in left}
+        values = {i: each.bits for i, each in beside.items()}
         picked.append(max(left, key=lambda i: values[i]))
     chosen = tuple(candidates[i] for i in picked)
     information, after, shown = Information(0.0, 0.0), [], ()

@@ -26,9 +26,9 @@ class Responses:
         candidate: The experiment.
         names: Of the explanations, likeliest first.
         probability: Of each, of those with a prediction.
-        bands: By channel, as a figure calls it: lower end, median and upper end of what the sensor would show without
-            noise; NaN where more than the rest of an explanation's runs have failed.
-        noise: Standard deviation of the sensor by channel.
+        bands: By channel: lower end, median and upper end of what the sensor would show without noise; NaN where more
+            than the rest of an explanation's runs have failed.
+        labels: What each channel shows: the state, or its rate.
         units: By channel, and the time's under "t".
     """
 
@@ -36,7 +36,7 @@ class Responses:
     names: tuple[str, ...]
     probability: Float[np.ndarray, " n_explanation"]
     bands: Mapping[str, Float[np.ndarray, "n_explanation 3 n_row"]]
-    noise: Mapping[str, float]
+    labels: Mapping[str, str]
     units: Mapping[str, str]
 
 
@@ -48,15 +48,14 @@ def responses(asked: Question, found: Predicted, known: Sequence[Explained]) -> 
         found: Simulated outcomes of the experiment.
         known: The explanations.
     """
-    labels = {name: derivative_label(name) if asked.rates else name for name in found.responses}
     total = sum(e.probability for e in known)
     return Responses(
         found.candidate,
         tuple(e.name for e in known),
         np.array([e.probability / total for e in known]),
-        {labels[name]: _bands(found, values, len(known)) for name, values in found.responses.items()},
-        {labels[name]: float(found.candidate.sensors[name]) for name in found.responses},
-        {"t": asked.data.units.get("t", "")} | {labels[name]: _unit(asked, name) for name in labels},
+        {name: _bands(found, values, len(known)) for name, values in found.responses.items()},
+        {name: derivative_label(name) if asked.rates else name for name in found.responses},
+        {"t": asked.data.units.get("t", "")} | {name: _unit(asked, name) for name in found.responses},
     )
 
 

@@ -165,7 +165,7 @@ def free_run(study: StudyResult, state: str, width: float = 9.0) -> Figure:
 def next_experiment(found: NextExperiment, place: int = 0, width: float = 9.0) -> dict[str, Figure]:
     """What each sensor of an experiment would show under each explanation, by file name.
 
-    Bands hold 90 % of the simulated outcomes, without noise; below, their distance from the likeliest explanation's
+    Bands hold 90 % of the simulated outcomes, without noise; below, their difference from the likeliest explanation's
     median.
 
     Args:
@@ -180,10 +180,10 @@ def next_experiment(found: NextExperiment, place: int = 0, width: float = 9.0) -
         raise InputError(f"The answer has predictions of {len(found.responses)} experiments; there is none at {place}.")
     shown = found.responses[place]
     return {
-        "next_" + channel.replace("/", "_per_"): plot_responses(
+        f"next_{channel}": plot_responses(
             shown.candidate.times, bands, names=shown.names, probability=shown.probability,
-            noise=shown.noise[channel], channel=channel, unit=shown.units.get(channel), time_unit=shown.units.get("t"),
-            width=width,
+            noise=shown.candidate.sensors[channel], channel=shown.labels[channel], unit=shown.units[channel],
+            time_unit=shown.units["t"], width=width,
         )
         for channel, bands in shown.bands.items()
     }  # fmt: skip

@@ -42,7 +42,7 @@ def plot_responses(
     width: float = 9.0,
     axes: Sequence[Axes] | np.ndarray | None = None,
 ) -> Figure:
-    """Bands of one sensor under each explanation; below, how far they are from the likeliest one's median.
+    """Bands of one sensor under each explanation; below, their difference from the likeliest one's median.
 
     Args:
         time: times of the rows, in `time_unit`.
@@ -54,7 +54,7 @@ def plot_responses(
         unit: of it.
         time_unit: unit of time.
         width: of the figure, in inches.
-        axes: two axes to draw into: the response, and the distance.
+        axes: two axes to draw into: the response, and the difference.
 
     Returns:
         The figure.
@@ -63,7 +63,7 @@ def plot_responses(
         figure = new_figure(width, 5.4)
         above, below = figure.subplots(2, 1, sharex=True, height_ratios=[1.2, 1.0])
     else:
-        above, below = given_axes(axes, 2, "the response, then the distance")
+        above, below = given_axes(axes, 2, "the response, then the difference")
     centre = bands[0, 1]
     below.axhspan(-1, 1, color=LIGHT, linewidth=0, label="noise, ±1 SD")
     for (colour, line), name, p, band in zip(LOOKS, names, probability, bands, strict=False):
@@ -73,10 +73,10 @@ def plot_responses(
             ax.plot(time, middle, color=colour, linestyle=line, linewidth=1.4, label=label if ax is above else None)
     if len(names) > len(LOOKS):
         above.plot([], [], " ", label=f"{len(names) - len(LOOKS)} less likely ones are not drawn")
-    above.set_title(f"What {plain(channel)} would show under each explanation")
+    above.set_title(f"{plain(channel)} under each explanation")
     above.set_ylabel(with_unit(channel, unit))
-    below.set_title(f"Distance from the median under {plain(names[0])}, in standard deviations of the noise")
-    below.set_ylabel("distance [SD]")
+    below.set_title("Difference from the likeliest, over the noise")
+    below.set_ylabel("difference [SD]")
     below.set_xlabel(with_unit("time", time_unit))
     below.axhline(0.0, color=GREY, linewidth=0.8, zorder=0.5)
     for ax in (above, below):
