@@ -14,7 +14,8 @@ from bayes_greybox.discovery.study import StudyResult
 from .candidates import Candidate, usual_candidates
 from .explained import Explained, joined
 from .information import Information, entropy, expected_information, of_explanations
-from .predicted import Predicted, Question, predict
+from .predicted import Predicted, predict
+from .question import Question
 from .responses import Responses, responses
 
 THRESHOLD = 0.05

@@ -12,7 +12,8 @@ from bayes_greybox.physics.units import derivative_unit
 
 from .candidates import Candidate
 from .explained import Explained
-from .predicted import Predicted, Question
+from .predicted import Predicted
+from .question import Question
 
 LEVEL = 0.9
 """Share of the outcomes that a band holds."""

@@ -7,6 +7,7 @@ import pytest
 
 import bayes_greybox as bg
 from bayes_greybox.data.errors import InputError
+from bayes_greybox.discovery.next_experiment import predicted, ranked
 from bayes_greybox.discovery.next_experiment.candidates import Candidate, Hold, usual_candidates
 from bayes_greybox.discovery.next_experiment.explained import Component, Explained, joined
 from bayes_greybox.discovery.next_experiment.information import Products
@@ -127,3 +128,14 @@ def test_a_state_without_an_equation_cannot_be_simulated(study):
     other = replace(told(study, NOTHING, law("cubic", 0.5, "y**3", -0.8)), base=alone)
     with pytest.raises(InputError, match="'y' has no equation to integrate"):
         other.next_experiment([FAR], outcomes=8)
+
+
+def test_rows_go_in_pieces_where_a_record_is_long(study, monkeypatch):
+    laws = told(study, law("cubic", 0.4, "y**3", -0.8), law("linear", 0.3, "y", -0.4), NOTHING)
+    asked = ranked._question(laws, laws.explanations["v"], 6, 0)
+    (whole,) = predicted.predict(asked, [FAR])
+    monkeypatch.setattr(predicted, "AT_ONCE", 18 * 6 * 5)
+    (pieces,) = predicted.predict(asked, [FAR])
+    for one, other in zip(whole.products, pieces.products, strict=True):
+        np.testing.assert_allclose(other, one, rtol=1e-9, atol=1e-9)
+    np.testing.assert_array_equal(pieces.responses["v"], whole.responses["v"])
