@@ -8,9 +8,10 @@ import pytest
 import bayes_greybox as bg
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.discovery.next_experiment import predicted, ranked
-from bayes_greybox.discovery.next_experiment.candidates import Candidate, Hold, usual_candidates
+from bayes_greybox.discovery.next_experiment.candidates import Candidate, usual_candidates
 from bayes_greybox.discovery.next_experiment.explained import Component, Explained, joined
 from bayes_greybox.discovery.next_experiment.information import Products
+from bayes_greybox.discovery.next_experiment.signals import Hold
 from bayes_greybox.missing_effects import Study
 from bayes_greybox.physics.terms import Term
 

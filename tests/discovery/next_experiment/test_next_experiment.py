@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from bayes_greybox.data.errors import InputError
-from bayes_greybox.discovery.next_experiment.candidates import SIGNALS, Candidate, Hold, Usual
+from bayes_greybox.discovery.next_experiment.candidates import Candidate
+from bayes_greybox.discovery.next_experiment.signals import SIGNALS, Hold, Usual
 from bayes_greybox.missing_effects import load
 
 
