@@ -86,7 +86,7 @@ def exact(data: CaseData, driven: Driven) -> Runs | None:
     signal = None
     if host.inputs:
         value = driven.inputs[host.inputs[0]]
-        signal = lambda t: np.atleast_1d(np.asarray(value(t), float))  # noqa: E731
+        signal = lambda t: np.asarray(value(np.array([float(t)])))  # noqa: E731
     try:
         return follow(HostODE(host, data.ode.rates, data.ode.acting), Excited(starts, signal))
     except LostError:

@@ -128,7 +128,7 @@ def _rate(data: CaseData, record: Trajectories, model: Encompassing) -> Callable
     terms = [term.rounded(record.columns) for term in model.terms]
 
     def rate(x: np.ndarray, u: np.ndarray, t: float) -> np.ndarray:
-        columns: dict[str, Any] = {"t": t, **{name: x[..., i] for i, name in enumerate(states)}}
+        columns: dict[str, Any] = {"t": np.full(x.shape[:2], t), **{name: x[..., i] for i, name in enumerate(states)}}
         columns |= {name: np.broadcast_to(u[..., i], x.shape[:2]) for i, name in enumerate(inputs)}
         found = np.zeros_like(x)
         for i, name in enumerate(states):
