@@ -38,12 +38,6 @@ def test_bands_are_those_of_each_explanations_coefficients(study, found):
             assert high[0] - low[0] == pytest.approx(2 * 1.645 * sd, abs=4 * 0.37 * sd)
 
 
-def test_runs_that_failed_show_nothing(study):
-    wild = Candidate({"F": Hold(1e9)}, {"y": 0.0, "v": 0.0}, 4.0, 41, {"v": 0.3}, "wild")
-    # What fails under every explanation is not chosen, and nothing of it is shown.
-    assert study.next_experiment([wild], outcomes=8).responses == ()
-
-
 def test_a_figure_has_each_explanation_and_the_noise(found):
     (figure,) = plots.next_experiment(found).values()
     names = [text.get_text() for text in figure.legends[0].get_texts()]
