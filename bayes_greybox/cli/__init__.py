@@ -284,7 +284,7 @@ def next_(
     amplitude: Annotated[
         list[float] | None, typer.Option(help="Over half the range in the data; half and all of it by default.")
     ] = None,
-    batch: Annotated[int, typer.Option(min=1, help="Experiments to do together.")] = 1,
+    batch: Annotated[int | None, typer.Option(min=1, help="Experiments to do together; 1 by default.")] = None,
     threshold: Annotated[
         float | None, typer.Option(min=0.0, help="Bits below which none is worth it; few by default.")
     ] = None,

@@ -1,6 +1,7 @@
 """The command next."""
 
 from pathlib import Path
+from typing import Any
 
 from bayes_greybox.cli.ending import DONE, show
 from bayes_greybox.config import load_config
@@ -12,17 +13,18 @@ from bayes_greybox.report.terminal.tables import frame_table
 
 
 def next_configured(
-    file: Path, signals: list[str] | None, amplitudes: list[float] | None, batch: int, threshold: float | None,
+    file: Path, signals: list[str] | None, amplitudes: list[float] | None, batch: int | None, threshold: float | None,
     seed: int, progress: bool, quiet: bool, output: Path | None = None,
 ) -> int:  # fmt: skip
     """Rank what could be measured next, for a configuration, which is studied first, or for a saved study.
 
     Into a folder go the whole table, and figures of what each experiment would show under each explanation.
     """
-    asked = {"signals": signals, "amplitudes": amplitudes, "threshold": threshold}
+    asked = {"signals": signals, "amplitudes": amplitudes, "batch": batch, "threshold": threshold}
+    study, given = _study(file, progress)
     # What is not given has the defaults of the study's own door.
-    given = {name: value for name, value in asked.items() if value not in (None, [])}
-    found = _study(file, progress).next_experiment(batch=batch, seed=seed, **given)
+    given |= {name: value for name, value in asked.items() if value not in (None, [])}
+    found = study.next_experiment(seed=seed, **given)
     show(found.sentence)
     if not quiet and len(found.table):
         table = found.table.head(10).set_index("candidate")
@@ -44,13 +46,15 @@ def _written(found: NextExperiment, output: Path) -> None:
     write_text(output / "candidates.csv", found.table.to_csv(index=False))
 
 
-def _study(file: Path, progress: bool) -> Study:
+def _study(file: Path, progress: bool) -> tuple[Study, dict[str, Any]]:
+    """The study, and what its configuration asks of candidates."""
     if file.suffix == ".nc":
         found = load(file)
         if not isinstance(found, Study):
             raise InputError(f'"{file}" holds a fit and no study: give what discover wrote, study.nc.')
-        return found
+        return found, {}
     settings = load_config(file)
     train, test = settings.read_data()
     arguments = {**settings.study_arguments(), "settle": False, "free_runs": False}
-    return find_missing_effects(settings.build_studied_model(), train, test, **arguments, progress=progress)
+    found = find_missing_effects(settings.build_studied_model(), train, test, **arguments, progress=progress)
+    return found, settings.next.given()
