@@ -35,9 +35,6 @@ TIED = ("one of", "unknown")
 FAILS = 0.01
 """As in the ranking: share of failing runs from which on it does not choose a candidate."""
 
-OUTCOMES = 32
-"""Simulated for each explanation."""
-
 
 def run(
     output: str | os.PathLike[str], cases: int | None = None, *, seed: int = 0, progress: bool = True
@@ -106,7 +103,7 @@ def orders(data: CaseData, study: "Study", candidates: Sequence["Candidate"]) ->
         candidates: What could be done, with names that tell them apart.
     """
     places = {each.name: i for i, each in enumerate(candidates)}
-    table = study.next_experiment(candidates, outcomes=OUTCOMES, threshold=0.0).table
+    table = study.next_experiment(candidates, threshold=0.0).table
     safe = table["fails"] <= FAILS
     determinants = log_determinants(data, study.train, study.explanations[data.equation], candidates)
     return {
