@@ -5,7 +5,7 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -20,20 +20,17 @@ from bayes_greybox.benchmarks.hidden_effects.systems.trajectories import Runs
 from bayes_greybox.benchmarks.resumed import resumed
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.discovery.next_experiment.candidates import Candidate, usual_candidates
+from bayes_greybox.discovery.next_experiment.ranked import FAILS, usual_sensors
+from bayes_greybox.greybox import GreyBox
+from bayes_greybox.missing_effects import Study, find_missing_effects
 
 from .machines import Driven, again, exact, joined, noise_of, record_of, small_gaps
 from .optimal import log_determinants
 from .scores import LEAST, differences, score
 
-if TYPE_CHECKING:
-    from bayes_greybox.discovery.next_experiment.candidates import Candidate
-    from bayes_greybox.missing_effects import Study
-
 TIED = ("one of", "unknown")
 """Verdicts of a tie, where at least two explanations say what a further run would show."""
-
-FAILS = 0.01
-"""As in the ranking: share of failing runs from which on it does not choose a candidate."""
 
 
 def run(
@@ -94,7 +91,7 @@ def measure(case: Case) -> dict[str, Any]:
     return {**row, "seconds": time.perf_counter() - start}
 
 
-def orders(data: CaseData, study: "Study", candidates: Sequence["Candidate"]) -> dict[str, list[int]]:
+def orders(data: CaseData, study: Study, candidates: Sequence[Candidate]) -> dict[str, list[int]]:
     """Candidates in the order in which each way prefers them.
 
     Args:
@@ -113,7 +110,7 @@ def orders(data: CaseData, study: "Study", candidates: Sequence["Candidate"]) ->
     }
 
 
-def possible(study: "Study", data: CaseData) -> tuple["Candidate", ...]:
+def possible(study: Study, data: CaseData) -> tuple[Candidate, ...]:
     """What could be done: the usual candidates of the record, each also in half the time.
 
     All have as many rows as the record.
@@ -122,9 +119,6 @@ def possible(study: "Study", data: CaseData) -> tuple["Candidate", ...]:
         study: Of the record.
         data: The case.
     """
-    from bayes_greybox.discovery.next_experiment.candidates import usual_candidates
-    from bayes_greybox.discovery.next_experiment.ranked import usual_sensors
-
     rows, sensors, found = data.host.samples, usual_sensors(study), []
     for factor in (0.5, 1.0):
         usual = usual_candidates(study.train, sensors, duration=factor * data.host.stop, rows=rows)
@@ -132,7 +126,7 @@ def possible(study: "Study", data: CaseData) -> tuple["Candidate", ...]:
     return tuple(found)
 
 
-def _told_apart(data: CaseData, study: "Study") -> dict[str, Any]:
+def _told_apart(data: CaseData, study: Study) -> dict[str, Any]:
     candidates = possible(study, data)
     done: dict[int, Runs | None] = {}
 
@@ -164,11 +158,7 @@ def _after(data: CaseData, runs: Runs | None) -> dict[str, Any]:
     return _answer(_studied(data, joined(data, [runs], noise)), data)
 
 
-def _studied(data: CaseData, measured: Trajectories) -> "Study":
-    # Imported here: these bring JAX, which the modules that make the data do without.
-    from bayes_greybox.greybox import GreyBox
-    from bayes_greybox.missing_effects import find_missing_effects
-
+def _studied(data: CaseData, measured: Trajectories) -> Study:
     return find_missing_effects(
         GreyBox(simulation=dict(data.simulation), dictionary={data.equation: []}),
         measured,
@@ -181,7 +171,7 @@ def _studied(data: CaseData, measured: Trajectories) -> "Study":
     )
 
 
-def _answer(study: "Study", data: CaseData) -> dict[str, Any]:
+def _answer(study: Study, data: CaseData) -> dict[str, Any]:
     """Whether it names what is hidden and nothing else, and how probable it says that this is."""
     truth = {each.slug: each.coefficient for each in data.effects}
     answer = Answer(truth, study.verdict, study.effects, study.instrument)

@@ -144,14 +144,16 @@ def rank(
     finer: dict[int, Information] = {}
     closer = _question(study, known, FINER * outcomes, seed + 1)
     for _ in range(min(batch, len(able))):
-        finalists = _finalists(asked, found, picked, [i for i in able if i not in picked], p)
+        left = [i for i in able if i not in picked]
+        beside = {i: _information(asked, [found[j] for j in (*picked, i)], p) if picked else alone[i] for i in left}
+        finalists = sorted(left, key=lambda i, now=beside: -now[i].bits)[:FINALISTS]
         # In one go: the noise of experiments that are done together is their own.
         near = predict(closer, [candidates[i] for i in (*picked, *finalists)])
         done, last = near[: len(picked)], near[len(picked) :]
         values = {i: _information(closer, [*done, each], p) for i, each in zip(finalists, last, strict=True)}
         if not picked:
             finer = values
-        picked.append(max(finalists, key=lambda i: values[i].bits))
+        picked.append(max(finalists, key=lambda i, now=values: now[i].bits))
     chosen = tuple(candidates[i] for i in picked)
     information, after, shown = Information(0.0, 0.0), [], ()
     if chosen:
@@ -178,14 +180,6 @@ def rank(
     mind = [said for each in after if (said := _said(each))]
     text = _sentence(known, every, chosen, information, entropy(p), mind, bool(able))
     return NextExperiment(table, chosen, information, entropy(p), about, text, shown)
-
-
-def _finalists(
-    asked: Question, found: Sequence[Predicted], picked: Sequence[int], left: Sequence[int], p: np.ndarray
-) -> list[int]:
-    """The best of those that are left, each beside what was picked."""
-    values = {i: _information(asked, [found[j] for j in (*picked, i)], p).bits for i in left}
-    return sorted(left, key=lambda i: -values[i])[:FINALISTS]
 
 
 def _question(study: StudyResult, known: Sequence[Explained], outcomes: int, seed: int) -> Question:
