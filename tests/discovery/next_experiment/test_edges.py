@@ -117,7 +117,7 @@ def test_equations_are_joined_with_their_products_and_one_that_predicts_nothing_
 def test_means_that_are_stated_of_coefficients_are_simulated(study):
     """A spring that the dictionary states is the same as one in the simulation: coefficients are what is left."""
     laws = NOTHING, law("cubic", 0.5, "y**3", -0.8)
-    stated = bg.GreyBox({"v": [bg.Term("y", prior=(-4, 0.1))]}, simulation={"y": "v", "v": "F - 0.5*v"})
+    stated = bg.GreyBox({"v": [bg.Term("y", prior=(-4.0, 0.1))]}, simulation={"y": "v", "v": "F - 0.5*v"})
     other = replace(told(study, *laws), base=stated.on(study.train))
     one, two = (each.next_experiment([FAR], outcomes=8) for each in (told(study, *laws), other))
     assert two.information.bits == pytest.approx(one.information.bits, abs=1e-6)
