@@ -39,9 +39,13 @@ GOOD = [
     BASE + '[simulation]\nydot = "-y"',
     BASE + '[simulation]\nfmu = "plant.fmu"\nstep = 0.001\n[simulation.parameters]\nm = 1',
     BASE + '[prior]\nkind = "laplace"\nscale = 0.5\n[rows]\nkind = "trajectory"\n[study.odds]\nno_gap = 0.5',
+    BASE + '[next]\nsignals = ["hold"]\namplitudes = [1, 0.5]\nstarts = [{ y = 1, ydot = 0.5 }]\nthreshold = 0',
     BASE + '[coefficients.ydot]\ny = { mean = -2, sd = 0.1 }\n[models.a]\nprior = { kind = "normal" }',
 ]
 BAD = [
+    BASE + "[next]\nbatch = 0",
+    BASE + "[next]\namplitudes = [0.0]",
+    BASE + "[next]\nsignal = ['hold']",
     BASE + '[discrepancy]\nvarient = "none"',
     BASE + "[sampling]\ndraws = 0",
     BASE + '[sampling]\ndraws = "9"',

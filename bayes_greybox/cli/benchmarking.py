@@ -29,7 +29,8 @@ def benchmark(
         int | None,
         typer.Option(
             min=1,
-            help="Replicates of each case (all but hidden-effects, sampled-traps, hudson-bay and speed).",
+            help="Replicates of each case (all but hidden-effects, next-experiment, sampled-traps, hudson-bay and "
+            "speed).",
         ),
     ] = None,
     families: Annotated[
@@ -67,11 +68,13 @@ def benchmark(
     parameters of differential equations from noisy samples, beside published results. static-maps studies forces
     and flows that were measured beside what they depend on, without any derivative. memory-effects hides hysteresis,
     relaxation, lags and absorbers in oscillators whose position is sampled. spring-pendulum studies the public
-    demonstration of neural FMUs (extra [fmu], a C compiler): friction that an FMU lacks. weak-odes finds the terms of
-    differential equations from noisy samples of all states, and weak-coverage counts their intervals. hudson-bay
-    compares the exact trajectory posterior with a reference, and with the model written by hand. speed has NumPyro,
-    PyMC with nutpie and PySINDy (extra [peers]) draw from the posteriors that this package draws from, each in a
-    process of its own, and compares a gradient with LAPACK's share of it, the pass over the rows with a matrix product.
+    demonstration of neural FMUs (extra [fmu], a C compiler): friction that an FMU lacks. next-experiment has ties told
+    apart by the experiment that the study asks for, by the D-optimal one and by one at random. weak-odes finds the
+    terms of differential equations from noisy samples of all states, and weak-coverage counts their intervals.
+    hudson-bay compares the exact trajectory posterior with a reference, and with the model written by hand. speed has
+    NumPyro, PyMC with nutpie and PySINDy (extra [peers]) draw from the posteriors that this package draws from, each in
+    a process of its own, and compares a gradient with LAPACK's share of it, the pass over the rows with a matrix
+    product.
     """
     log_to_stderr(verbose)
     seen = "" if displacement is None else f"-displacement-{displacement:g}"
@@ -148,6 +151,10 @@ def run_benchmark(
         return _memory_effects(folder, cases, replicates, seed, progress)
     if name == "spring-pendulum":
         return _spring_pendulum(folder, cases, replicates, seed, progress)
+    if name == "next-experiment":
+        if replicates is not None:
+            raise InputError("--replicates does not apply to next-experiment; --cases sets how many are run.")
+        return _next_experiment(folder, cases, seed, progress)
     if name == "weak-odes":
         return _weak_odes(folder, cases, replicates, seed, progress)
     if name == "weak-coverage":
@@ -287,6 +294,13 @@ def _spring_pendulum(folder: Path, cases: int | None, replicates: int | None, se
     names = list(run.cases())[:cases]
     table = run.run(folder, names, replicates=replicates or run.REPLICATES, seed=seed, progress=progress)
     return [*pendulum_tables(table)]
+
+
+def _next_experiment(folder: Path, cases: int | None, seed: int, progress: bool) -> Parts:
+    from bayes_greybox.benchmarks.next_experiment.run import run
+    from bayes_greybox.benchmarks.tables import way_tables
+
+    return [*way_tables(*run(folder, cases, seed=seed, progress=progress))]
 
 
 def _weak_odes(folder: Path, cases: int | None, replicates: int | None, seed: int, progress: bool) -> Parts:

@@ -14,6 +14,7 @@ from bayes_greybox.report.folders.copies import author_text, copy_of
 from bayes_greybox.report.folders.holding import CONFIG, command_of
 
 from .derived import AlsoAs
+from .next_experiment import Next
 from .parts import Coefficients, Dictionary, Discrepancy, FMUFile, Prior, Rows, Simulation
 from .section import Section, sentences, wrong
 from .sources import Data, TableSource
@@ -124,6 +125,7 @@ class Config(Section):
     output: Output = Output()
     compare: Compare = Compare()
     study: Study = Study()
+    next: Next = Next()
     models: dict[str, Model] = {}
 
     _path: Path = PrivateAttr(default=Path("config.toml"))
