@@ -11,7 +11,6 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from scipy.optimize import minimize_scalar
 
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
@@ -26,18 +25,12 @@ from bayes_greybox.physics.terms import Term
 from .finding import Finding
 from .weighed import Mirror
 
-NEARBY = 0.05
-"""Relative change of the actuator's time from which the sensor's is looked for."""
-
-WITHIN = 3e-4
-"""Relative error of its logarithm, or nearly: far below what samples tell of it."""
-
 
 def mirrors(model: Program, train: Trajectories, equation: str, finding: Finding) -> dict[str, Mirror]:
     """For each lag of an input among the effects of an answer, the same of the only sensor; by slug.
 
     Nothing where rates were measured, where several sensors would have to lag alike, where another effect of the answer
-    remembers too, and where neither path can be followed.
+    remembers too.
 
     Args:
         model: The model before.
@@ -54,8 +47,7 @@ def mirrors(model: Program, train: Trajectories, equation: str, finding: Finding
         others = [other.formula for other in columns if other is not column]
         if _input_of(column) and len(column.inner) == 1 and not any(term.states for term in others):
             share = _share(model, samples, equation, column, others)
-            if share is not None:
-                found[place.slug] = Mirror(f"{LAG} of {samples.state_names[0]}", share)
+            found[place.slug] = Mirror(f"{LAG} of {samples.state_names[0]}", share)
     return found
 
 
@@ -67,35 +59,30 @@ def _input_of(column: Column) -> str:
 
 def _share(
     model: Program, samples: Trajectories, equation: str, lag: Column, others: Sequence[Term]
-) -> float | None:  # fmt: skip
-    """Probability of the sensor's lag beside that of the actuator."""
+) -> float:  # fmt: skip
+    """Probability of the sensor's lag beside that of the actuator; even where neither could be followed."""
     (sensor,), (time,) = samples.state_names, lag.inner.values()
     own = [*model.dictionary.get(equation, ()), *others]
-    plain = replace(model, discrepancy=None, rows=_fresh(model.rows))
+    plain = replace(model, discrepancy=None, coefficients={}, rows=_fresh(model.rows))
     actuator = plain.remembering(lag.formula.states, samples)
-    known = _log_likelihood(actuator, samples, equation, [*own, replace(lag.formula, states=())])
+    known = _log_likelihood(actuator, samples, {equation: [*own, replace(lag.formula, states=())]})
     shown = _free_name(f"{sensor}_shown", model, samples)
-    seen = _renamed(samples, sensor, shown)
-
-    def beside(log_time: float) -> float:
-        rates = {**_rates(model), shown: f"({sensor} - {shown})/{math.exp(log_time)!r}"}
-        lagging = replace(plain, simulation=rates)
-        return -_log_likelihood(lagging, seen, equation, [*own, Term(_input_of(lag))])
-
-    around = math.log(time)
-    found: Any = minimize_scalar(beside, bracket=(around - NEARBY, around + NEARBY), tol=WITHIN)
-    best = -float(found.fun)
-    if not (math.isfinite(known) and math.isfinite(best)):
-        return None
-    return 1.0 / (1.0 + math.exp(min(known - best, 700.0)))
+    lags = f"{sensor} - {shown}"
+    # Its time is a coefficient beside that of the input, which the lag of the actuator has too.
+    sensors = replace(plain, simulation={**_rates(model), shown: f"({lags})/{time!r}"})
+    terms = {equation: [*own, Term(_input_of(lag))], shown: [Term(lags)]}
+    mirrored = _log_likelihood(sensors, _renamed(samples, sensor, shown), terms)
+    if not (math.isfinite(known) or math.isfinite(mirrored)):
+        return 0.5
+    return 1.0 / (1.0 + math.exp(min(max(known - mirrored, -700.0), 700.0)))
 
 
-def _log_likelihood(model: Program, data: Trajectories, equation: str, terms: Sequence[Term]) -> float:
+def _log_likelihood(model: Program, data: Trajectories, terms: Mapping[str, Sequence[Any]]) -> float:
     """Of samples on rows near the estimate, at the likeliest starts; −∞ where no path can be followed.
 
     Without what the priors of starts weigh: both lags have as many coefficients and starts.
     """
-    model = replace(model, dictionary={equation: list(terms)}, coefficients={})
+    model = replace(model, dictionary=terms)
     try:
         (found,) = near_estimate(model, data).assemble(data).values()
     except (InputError, np.linalg.LinAlgError):

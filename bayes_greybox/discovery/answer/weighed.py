@@ -118,7 +118,7 @@ class Weighed:
             found[EFFECTS if e.effects else self.kind(world, e)] += real
             instead = p * self.mirrored(world, e) if e.effects else 0.0
             found["instrument"] += instead
-            found["unknown"] += max(p - real - instead, 0.0)
+            found["unknown"] += p - real - instead
         return found
 
     @property

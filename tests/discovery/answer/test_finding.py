@@ -16,7 +16,7 @@ from bayes_greybox.discovery.answer.finding import (
     VERDICTS,
     decide,
 )
-from bayes_greybox.discovery.answer.weighed import STACKED, Weighed
+from bayes_greybox.discovery.answer.weighed import EFFECTS, STACKED, Mirror, Weighed
 from bayes_greybox.discovery.evidence.evaluations import Evaluations
 from bayes_greybox.discovery.evidence.odds import Odds
 from bayes_greybox.discovery.weighing.sets import PLAIN, RECALIBRATED, REST, Explanation
@@ -138,6 +138,25 @@ def test_a_recalibration_is_not_hidden_behind_a_suspect_beside_it():
 def test_without_effects_the_share_left_of_the_unknown_is_all_and_of_others_none():
     assert decided({"unknown": 0.9, "no gap": 0.1}).share_left == 1.0
     assert decided({"unknown": 0.1, "no gap": 0.9}).share_left == 0.0
+
+
+# What a fault of the sensor does as well
+
+
+def test_what_the_only_sensor_may_do_as_well_is_not_named():
+    mirrors = {"a": Mirror("lag of y", 0.5)}
+    finding = decide([world({"a": 0.98, "b": 0.01, "unknown": 0.01})], (), mirrors)
+    (place,) = finding.places
+    assert finding.verdict == "one of" and place.slug == "a"
+    assert place.tied == ("lag of y",) and place.same == ()
+    assert place.probability == pytest.approx(0.49) and place.together == pytest.approx(0.98, abs=0.01)
+    kinds = finding.weighed.by_kind
+    assert sum(kinds.values()) == pytest.approx(1.0)
+    assert kinds["instrument"] == pytest.approx(0.49) and kinds[EFFECTS] == pytest.approx(0.50)
+    # Where the samples tell, it is named, or as good as excluded.
+    assert decide([world({"a": 0.98, "b": 0.02})], (), {"a": Mirror("lag of y", 0.01)}).verdict == "named"
+    sure = decide([world({"a": 0.98, "b": 0.02})], (), {"a": Mirror("lag of y", 1.0)})
+    assert sure.verdict != "named" and sure.weighed.by_effect["a"] == 0.0
 
 
 # A name needs a probability

@@ -1,0 +1,69 @@
+"""A lag of the actuator and one of the only sensor: one transfer function of a linear machine, and two of another."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+import bayes_greybox as bg
+from bayes_greybox.discovery.answer.mirrored import mirrors
+from bayes_greybox.physics.hidden_states import HiddenState
+from bayes_greybox.physics.terms import Term
+
+LAG = 0.3
+
+
+def shown(lagging, cubic, force=1.0):
+    """Positions of a driven oscillator whose actuator or whose sensor lags; SciPy."""
+    t = np.arange(260) * 0.2
+    drive = lambda t: force * (np.sin(0.8 * t) + 0.7 * np.sin(1.3 * t + 1))  # noqa: E731
+
+    def rate(t, x):
+        y, v, z = x
+        arrived, late = (z, drive(t)) if lagging == "actuator" else (drive(t), y)
+        return [v, arrived - y - 0.2 * v - cubic * y**3, (late - z) / LAG]
+
+    path = solve_ivp(rate, (0, t[-1]), [0.0, 0.0, 0.0], t_eval=t, rtol=1e-9, atol=1e-11).y
+    y = path[0] if lagging == "actuator" else path[2]
+    noisy = y + 0.01 * np.std(y) * np.random.default_rng(3).standard_normal(len(t))
+    return bg.Trajectories.from_arrays(t, states={"y": noisy}, inputs={"F": drive(t)})
+
+
+def found(place="lag"):
+    """An answer that has a lag of the input F, as a study finds it."""
+    effect = SimpleNamespace(names={"input": "F"}, effect=SimpleNamespace(nominal="input"))
+    state = HiddenState("z", f"(F - z)/{LAG}", "F")
+    column = SimpleNamespace(effect=effect, inner={"lag": LAG}, formula=Term("z - F", states=(state,)))
+    statistics = SimpleNamespace(columns=[column])
+    world = SimpleNamespace(evaluations=SimpleNamespace(statistics=statistics))
+    return SimpleNamespace(places=[SimpleNamespace(index=0, slug=place)], world=world)
+
+
+def model_of(cubic, **more):
+    rows = bg.TrajectoryRows(interpolation="cubic")
+    return bg.GreyBox(simulation={"y": "v", "v": f"F - y - 0.2*v - {cubic}*y**3"}, rows=rows, **more)
+
+
+@pytest.mark.parametrize("lagging", ["actuator", "sensor"])
+def test_of_a_linear_machine_nothing_tells_which_one_lags(lagging):
+    told = mirrors(model_of(0.0), shown(lagging, 0.0), "v", found())
+    assert told["lag"].name == "lag of y"
+    # They are the same but for the input between its samples.
+    assert 0.2 < told["lag"].share < 0.8
+
+
+@pytest.mark.parametrize(("lagging", "of_the_sensor"), [("actuator", False), ("sensor", True)])
+def test_a_hardening_machine_tells_which_one_lags(lagging, of_the_sensor):
+    told = mirrors(model_of(0.3), shown(lagging, 0.3, force=2.0), "v", found())
+    assert (told["lag"].share > 0.99) == of_the_sensor
+    assert (told["lag"].share < 0.01) != of_the_sensor
+
+
+def test_nothing_is_said_where_another_sensor_would_have_to_lag_as_well_or_rates_were_measured():
+    data = shown("actuator", 0.0)
+    v = np.gradient(data.states["y"], data.time)
+    both = bg.Trajectories.from_arrays(data.time, states={"y": data.states["y"], "v": v}, inputs=data.inputs)
+    assert mirrors(model_of(0.0), both, "v", found()) == {}
+    rates = bg.GreyBox(simulation={"y": "v", "v": "F - y"}, rows=bg.DerivativeRows())
+    assert mirrors(rates, data, "v", found()) == {}
