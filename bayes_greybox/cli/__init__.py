@@ -324,8 +324,8 @@ def init(
 ) -> int:
     """Write a first configuration for a table, with comments.
 
-    What columns are is guessed from their names and behaviour. The file runs as it is; what is known of the system and
-    the units are to be filled in.
+    Title lines, a row of units, decimal commas and the encoding are found where they leave no doubt. What columns are
+    is guessed from their names and behaviour, and said. What your simulation says and the units are to be filled in.
     """
     from bayes_greybox.config.starting.starter import starter
     from bayes_greybox.data.reading.door import layout_of
@@ -335,12 +335,12 @@ def init(
     if config.exists():
         raise InputError(f'"{config}" is there already; choose another name with --output.')
     layout = layout_of(sep=sep, decimal=decimal, skiprows=skiprows, encoding=encoding, sheet=sheet, dayfirst=dayfirst)
-    text = starter(data, config, layout)
+    start = starter(data, config, layout)
     try:
-        write_text(config, text)
+        write_text(config, start.text)
     except OSError as error:
         raise InputError(f'"{config}" cannot be written ({error.strerror}); choose another with --output.') from None
-    show(f"The configuration is {config}: check what was guessed, then bayes-greybox fit {config}.")
+    typer.echo("\n".join(start.told))
     return DONE
 
 
