@@ -29,6 +29,7 @@ from bayes_greybox.running.collecting import leave_collected, seldom_collected
 from .benchmarking import benchmark
 from .ending import BAD_INPUT, DONE, exit_code, log_to_stderr, show
 from .exporting import export
+from .spelling import as_typed
 
 if TYPE_CHECKING:
     from bayes_greybox.config import Config
@@ -53,12 +54,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Returns:
         The exit code.
     """
+    words = list(sys.argv[1:] if arguments is None else arguments) or ["--help"]
     try:
-        words = list(sys.argv[1:] if arguments is None else arguments) or ["--help"]
         with seldom_collected():
             return int(app(words, prog_name="bayes-greybox", standalone_mode=False) or DONE)
     except InputError as error:
-        return _refused(str(error))
+        return _refused(as_typed(words[0], str(error)))
     except typer.Abort:
         return 130
     except Exception as error:
@@ -315,7 +316,8 @@ def init(
     ] = None,
     sep: Annotated[str | None, typer.Option(help="What separates the values, if it is not found.")] = None,
     decimal: Annotated[str, typer.Option(help="Decimal mark.")] = ".",
-    skiprows: Annotated[int, typer.Option(min=0, help="Lines before the names of columns.")] = 0,
+    thousands: Annotated[str | None, typer.Option(help="Mark between groups of digits, if it is not found.")] = None,
+    skiprows: Annotated[int, typer.Option(min=0, help="Lines before the names of columns, if not found.")] = 0,
     encoding: Annotated[str, typer.Option(help="Encoding of text, such as latin-1.")] = "utf-8",
     sheet: Annotated[str | None, typer.Option(help="Sheet of an Excel file, the first by default.")] = None,
     dayfirst: Annotated[
@@ -334,7 +336,10 @@ def init(
     config = output or Path(f"{data.stem}.toml")
     if config.exists():
         raise InputError(f'"{config}" is there already; choose another name with --output.')
-    layout = layout_of(sep=sep, decimal=decimal, skiprows=skiprows, encoding=encoding, sheet=sheet, dayfirst=dayfirst)
+    layout = layout_of(
+        sep=sep, decimal=decimal, thousands=thousands, skiprows=skiprows, encoding=encoding, sheet=sheet,
+        dayfirst=dayfirst,
+    )  # fmt: skip
     start = starter(data, config, layout)
     try:
         write_text(config, start.text)

@@ -14,6 +14,7 @@ from bayes_greybox.report.folders.copies import author_text, copy_of
 from bayes_greybox.report.folders.holding import CONFIG, command_of
 
 from .derived import AlsoAs
+from .names import equation_of_input, rate_without_equation
 from .parts import Coefficients, Dictionary, Discrepancy, Prior, Rows
 from .section import Section, sentences, wrong
 from .sources import Data, TableSource
@@ -156,6 +157,20 @@ class Config(Section):
                 )
         return self
 
+    @model_validator(mode="after")
+    def _check_inputs(self) -> Any:
+        if isinstance(self.data, TableSource):
+            sections = {"[simulation]": self._formulas, "[dictionary]": self.dictionary}
+            sections |= {f"[models.{name}.dictionary]": model.dictionary or {} for name, model in self.models.items()}
+            if said := equation_of_input(self.data.inputs, self.data.state_names, sections):
+                raise wrong(said)
+        return self
+
+    @property
+    def _formulas(self) -> dict[str, str]:
+        """Those of the simulation."""
+        return dict(self.simulation) if isinstance(self.simulation, Mapping) else {}
+
     @property
     def file(self) -> str:
         """Name of the file; of a copy that of the original."""
@@ -284,6 +299,11 @@ class Config(Section):
 
     def _model(self, dictionary: Dictionary, own: Model) -> "GreyBox":
         from bayes_greybox.greybox import GreyBox
+
+        if isinstance(self.data, TableSource):
+            known = (*self.data.state_names, *self.data.inputs, *dictionary)
+            if said := rate_without_equation(self._formulas, known):
+                raise InputError(f'"{self._path}": {said}.')
 
         parts = {
             "prior": own.prior or self.prior,

@@ -30,8 +30,13 @@ class Differentiate(Section):
 
 
 class Source(Section, ABC):
-    """What every kind of [data] may have."""
+    """What every kind of [data] may have.
 
+    Attributes:
+        resample: Distance of even times that samples are put on by a spline; see `Trajectories.resample`.
+    """
+
+    resample: Positive | None = None
     differentiate: Differentiate | None = None
     test_fraction: Probability | None = None
     split_by: Literal["time", "trajectory"] = "time"
@@ -60,6 +65,8 @@ class Source(Section, ABC):
         second = self.load(folder, test=True) if self.held_out else None
         if self.test_fraction is not None:
             first, second = first.split(1.0 - self.test_fraction, by=self.split_by)
+        if self.resample is not None:
+            first, second = (None if part is None else part.resample(self.resample) for part in (first, second))
         settings = self.filter_settings
         if settings is not None:
             # After the split, because filtered rows share samples with their neighbours.
@@ -153,6 +160,11 @@ class TableSource(Source):
         return self
 
     @property
+    def state_names(self) -> list[str]:
+        """States and outputs, and the rates that are computed to be states."""
+        return [*self.states, *self.outputs, *((self.filter_settings or {}).get("rates") or {}).values()]
+
+    @property
     def filter_settings(self) -> dict[str, Any] | None:
         """Arguments of `Trajectories.differentiate`; None where nothing is to be differentiated."""
         own = super().filter_settings
@@ -174,7 +186,10 @@ class TableSource(Source):
         from bayes_greybox.data.reading.door import read, require_computed
 
         # Rates are computed after the split; the key trajectory is older than run.
-        settings = self.given("path", "test", "test_fraction", "split_by", "differentiate", "rates", "trajectory")
+        settings = self.given(
+            "path", "test", "test_fraction", "split_by", "differentiate", "rates", "resample",
+            "trajectory",
+        )  # fmt: skip
         if self.trajectory is not None:
             settings["run"] = self.trajectory
         path = self.path

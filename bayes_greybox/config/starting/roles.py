@@ -194,7 +194,9 @@ def _with_roles(
             rate_of[state] = best
     moving = {*rate_of, *rate_of.values()}
     held = {name for name, values in columns.items() if np.mean(np.diff(values) == 0) > HELD}
-    inputs = [name for name in columns if name not in moving and (name in held or INPUT.match(name) or AROUND.search(name))]
+    inputs = [
+        name for name in columns if name not in moving and (name in held or INPUT.match(name) or AROUND.search(name))
+    ]
     # The last rate of a chain of three is measured, and no state: y, v and a.
     last = {rate for state, rate in rate_of.items() if rate not in rate_of and state in rate_of.values()}
     states = [name for name in columns if name not in inputs and name not in last]

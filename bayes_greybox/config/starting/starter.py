@@ -155,8 +155,12 @@ def _simulation(plan: Plan) -> str:
     lines += [f"# its numbers in the units of the table{_shown(plan)}. Take the # away and write yours."]
     positions = {rate: state for state, rate in plan.second.items()}
     for state, rate in plan.second.items():
-        lines += [f"# {rate} is the rate of {plan.names[state]}{_per(plan, state)}. Where the equation is of first order,"]
-        lines += [f"# write {_key(plan.names[state])} = {_quoted(PLACE)}, and take out the line of {rate}{_and_rates(plan)}."]
+        lines += [
+            f"# {rate} is the rate of {plan.names[state]}{_per(plan, state)}. Where the equation is of first order,"
+        ]
+        lines += [
+            f"# write {_key(plan.names[state])} = {_quoted(PLACE)}, and take out the line of {rate}{_and_rates(plan)}."
+        ]
     lines += [f"{_key(state)} = {_quoted(rate)}" for state, rate in plan.known.items()]
     for name in plan.equations:
         state = positions.get(name)
@@ -214,7 +218,9 @@ def _dictionary(plan: Plan) -> str:
         ]
         fit = ["# For bayes-greybox fit:", *lines, *(f"# {line}" for line in equations)]
         return "\n".join(["[dictionary]", *one, *fit])
-    fit = "# For bayes-greybox fit take the # away; discover needs no such section, and learns its terms if it is there."
+    fit = (
+        "# For bayes-greybox fit take the # away; discover needs no such section, and learns its terms if it is there."
+    )
     return "\n".join(["# [dictionary]", fit, *lines, *(f"# {line}" for line in equations)])
 
 
