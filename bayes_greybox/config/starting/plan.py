@@ -23,7 +23,7 @@ class Plan:
         measured: Column of the measured rate by state.
         chained: State that is the rate, by state.
         learned: States whose rate is open.
-        computed: Whether rates are computed by a filter; where they are neither measured nor computed, rows are samples.
+        computed: Whether rates are computed by a filter; where they are not measured either, rows are samples.
         second: Name of the rate that is a state of its own, by position of which nothing but the position was measured.
     """
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from bayes_greybox.data.columns import derivative_label
-from bayes_greybox.data.reading.table import Layout, Table
+from bayes_greybox.data.reading.table import Layout
 
 from .example import equation_of_motion
 from .layout import read_as_found
@@ -62,8 +62,8 @@ def starter(data: Path, config: Path, layout: Layout) -> Start:
     plan = Plan(table, guessed(table, layout))
     path = os.path.relpath(data, config.parent).replace(os.sep, "/")
     parts = [
-        f"# A first configuration for {data.name}. What columns are was guessed from names and behaviour: check it and\n"
-        f"# write [simulation], then  bayes-greybox discover {config.name}  finds what it is missing, and\n"
+        f"# A first configuration for {data.name}. What columns are was guessed from names and behaviour: check it\n"
+        f"# and write [simulation], then  bayes-greybox discover {config.name}  finds what it is missing, and\n"
         f"# bayes-greybox fit {config.name}  learns the terms of [dictionary].",
         _data(path, layout, plan),
         _units(plan),
@@ -213,7 +213,7 @@ def _dictionary(plan: Plan) -> str:
         return "\n".join(["[dictionary]", *lines, simple, *equations])
     if plan.sampled and len(equations) > 1:
         one = [
-            "# Rows are samples, as the times are not even, and discover looks at one equation at a time: the one here.",
+            "# Rows are samples, as times are not even, and discover looks at one equation at a time: the one here.",
             f"{_key(plan.equations[0])} = []",
         ]
         fit = ["# For bayes-greybox fit:", *lines, *(f"# {line}" for line in equations)]
