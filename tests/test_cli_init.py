@@ -208,6 +208,7 @@ def test_a_position_with_gaps_is_of_second_order_and_needs_one_line(here, capsys
     assert "pos      state in mm, a position: its rate v is a state too" in out and "t        time in ms" in out
     assert "discover run.toml" in out and "fit run.toml" in out and 'v = "..."' in out
     settings = load_config(here / "run.toml")
+    assert settings.study.catalogue == "mechanical"
     assert settings.simulation == {"pos": "v"} and not settings.dictionary and settings.data.differentiate is None
     # 2 kg, 30 N/m and 0.8 N s/m: a/(mm/ms²) = F/(2000 N) - 15e-6 pos/mm - 0.4e-3 v/(mm/ms).
     assert '"force_N/2000 - 1.5e-05*pos - 0.0004*v" (2 kg, 30 N/m, 0.8 N s/m in mm, ms, N)' in settings.text
@@ -237,6 +238,7 @@ def test_a_level_is_no_position_and_dates_are_seconds(here):
     assert cli.main(["init", "run.csv"]) == 0
     settings = load_config(here / "run.toml")
     assert settings.simulation == {} and settings.data.units == {"t": "s", "level1": "cm"}
+    assert settings.study.catalogue == "fluid"
 
 
 def test_dates_that_cannot_be_told_are_asked_for(here, capsys):

@@ -12,6 +12,11 @@ def is_length_or_angle(unit: str) -> bool:
     return parsed.is_compatible_with("m") or _is_angle(unit)
 
 
+def is_electrical(unit: str) -> bool:
+    """Whether a unit is that of a voltage, a current, a charge or a flux."""
+    return bool(unit) and any(registry().parse_units(unit).is_compatible_with(each) for each in ("V", "A", "C", "Wb"))
+
+
 def equation_of_motion(position: str, rate: str, forces: tuple[str, str] | None, units: tuple[str, str]) -> str:
     """The rate of a rate, m a = F - k x - c v, and what its numbers are.
 

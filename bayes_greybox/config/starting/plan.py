@@ -8,7 +8,7 @@ from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.reading.table import Table
 from bayes_greybox.physics.formula.grammar import check_name
 
-from .example import is_length_or_angle
+from .example import is_electrical, is_length_or_angle
 from .roles import LEVEL, POSITION, Guess
 
 
@@ -78,6 +78,13 @@ class Plan:
         return {self.names[s]: self.names[r] for s, r in self.chained.items()} | {
             self.names[state]: rate for state, rate in self.second.items()
         }
+
+    @property
+    def catalogue(self) -> str:
+        """The field of the states, by their names and units."""
+        if any(LEVEL.match(state) for state in self.guess.states):
+            return "fluid"
+        return "electrical" if any(is_electrical(self.unit(state)) for state in self.guess.states) else "mechanical"
 
     def _is_position(self, state: str) -> bool:
         """Whether a state is a position of a body: by its unit if it has one, else by its name."""

@@ -70,6 +70,7 @@ def starter(data: Path, config: Path, layout: Layout) -> Start:
         _differentiate(plan),
         _simulation(plan),
         _dictionary(plan),
+        _study(plan),
         "[discrepancy]\n"
         "# Take these lines out for a Gaussian process beside the terms: it shows what they miss (one equation only).\n"
         "enabled = false",
@@ -222,6 +223,14 @@ def _dictionary(plan: Plan) -> str:
         "# For bayes-greybox fit take the # away; discover needs no such section, and learns its terms if it is there."
     )
     return "\n".join(["# [dictionary]", fit, *lines, *(f"# {line}" for line in equations)])
+
+
+def _study(plan: Plan) -> str:
+    return (
+        "[study]\n"
+        '# The effects that discover weighs: "mechanical", "fluid", "electrical", "population", "all", or your own file.\n'
+        f"catalogue = {_quoted(plan.catalogue)}"
+    )
 
 
 def _options(layout: Layout) -> list[tuple[str, object]]:
