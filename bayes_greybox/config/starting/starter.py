@@ -228,7 +228,7 @@ def _dictionary(plan: Plan) -> str:
 def _study(plan: Plan) -> str:
     return (
         "[study]\n"
-        '# The effects that discover weighs: "mechanical", "fluid", "electrical", "population", "all", or your own file.\n'
+        '# Effects that are weighed: "mechanical", "fluid", "electrical", "population", "all", or your own file.\n'
         f"catalogue = {_quoted(plan.catalogue)}"
     )
 
