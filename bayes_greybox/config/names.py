@@ -29,7 +29,7 @@ def rate_without_equation(simulation: Mapping[str, str], known: Iterable[str]) -
         simulation: Formula by state.
         known: Names that the data or other sections have.
     """
-    every = {*known, *simulation, "t"}
+    every = {*known, *simulation, "t", "pi"}
     for state, formula in simulation.items():
         if formula.isidentifier() and formula not in every:
             return (

@@ -19,6 +19,7 @@ def told(plan: Plan, layout: Layout, data: Path, config: Path) -> tuple[str, ...
     columns = _columns(plan)
     width = max(len(name) for name, _ in columns)
     found = _found(plan, layout)
+    marked = "" if plan.measured else ", once its # are gone"
     open_ = " and ".join(f'{name} = "..."' for name in plan.equations)
     return (
         f"What the columns of {data.name} were taken for:",
@@ -28,7 +29,7 @@ def told(plan: Plan, layout: Layout, data: Path, config: Path) -> tuple[str, ...
         f"The configuration is {config}: check what was guessed, and write",
         f"  {open_}  in its section [simulation]. Then",
         f"  bayes-greybox discover {config}  finds what the simulation is missing;",
-        f"  bayes-greybox fit {config}  learns the terms of [dictionary].",
+        f"  bayes-greybox fit {config}  learns the terms of [dictionary]{marked}.",
     )
 
 

@@ -119,7 +119,7 @@ def titles(path: Path, layout: Layout) -> int:
     try:
         with path.open(encoding=layout.encoding) as file:
             lines = list(islice(file, LOOKED_AT))
-    except (OSError, UnicodeError):
+    except (OSError, UnicodeError, LookupError):
         # Whoever reads the file says so.
         return 0
     header = _header(lines, layout.sep or "\t")
@@ -242,10 +242,15 @@ def _marks(sep: str) -> list[str]:
 def _is_header(lines: list[str], mark: str) -> bool:
     """Whether the first of three lines has names, and the last one numbers under them."""
     cells, below, next_ = (_cells(line, mark) for line in lines)
+    # An empty cell at the end of a row is a cell where the names have one.
+    below, next_ = ([*row, *[""] * (len(cells) - len(row) == 1)] for row in (below, next_))
     if len(cells) < 2 or len(cells) != len(next_) or len(cells) != len(below):
         return False
     names = not any(is_number(cell, ",") or not split_header(cell)[0] for cell in cells)
-    numbers = [all(is_number(cell, ",") or cell[:1].isdigit() for cell in row) for row in (below, next_)]
+    numbers = [
+        any(row) and all(not cell or is_number(cell, ",") or cell[:1].isdigit() for cell in row)
+        for row in (below, next_)
+    ]
     return names and numbers[1] and (numbers[0] or unit_row(below, [True] * len(below)) is not None)
 
 
