@@ -97,6 +97,11 @@ def test_rates_and_inputs_are_known_by_their_behaviour(here):
     assert train.state_names == ("Pos", "Vel") and train.input_names == ("Load_cell",)
     assert train.derivative_names == ("Vel",) and settings.simulation == {"Pos": "Vel"}
     assert train.units == {"t": "s", "Pos": "m", "Vel": "m/s"}
+    # An example of the equation in the table's units.
+    assert (
+        '# Vel = "..."  # such as "Load_cell/2 - 15*Pos - 0.4*Vel" (2 kg, 30 N/m, 0.8 N s/m in m, s, N)'
+        in settings.text
+    )
     assert "# gain has no role: it never changes." in settings.text and "# note has no role" in settings.text
 
 

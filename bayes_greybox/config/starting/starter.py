@@ -155,6 +155,7 @@ def _simulation(plan: Plan) -> str:
     lines = ["[simulation]", "# What your simulation says: the rate of a state as a formula of states and inputs,"]
     lines += [f"# its numbers in the units of the table{_shown(plan)}. Take the # away and write yours."]
     positions = {rate: state for state, rate in plan.second.items()}
+    positions |= {plan.names[rate]: state for state, rate in plan.chained.items()}
     for state, rate in plan.second.items():
         lines += [
             f"# {rate} is the rate of {plan.names[state]}{_per(plan, state)}. Where the equation is of first order,"
