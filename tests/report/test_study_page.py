@@ -198,13 +198,14 @@ def test_what_a_study_lacks_is_left_out_without_a_gap(study):
 
 def test_a_correction_whose_sign_is_not_told_is_no_sure_one(study):
     table = study.corrections.copy()
-    table[["probability", "lower", "upper"]] = 0.9999, 0.1, 0.2
+    table[["probability", "mean", "sd", "lower", "upper"]] = 0.9999, 0.15, 0.03, 0.1, 0.2
     sure = "Coefficients that are more likely off than not"
     unclear = "Coefficients that are corrected by what cannot be told from zero"
     page = outline(study, corrections=table, **PLAIN)
     assert sure in page.text and unclear not in page.text
-    page = outline(study, corrections=table.assign(lower=-0.1), **PLAIN)
-    assert sure not in page.text and unclear in page.text and "None of them" not in page.text
+    for change in ({"lower": -0.1}, {"sd": 0.2}):
+        page = outline(study, corrections=table.assign(**change), **PLAIN)
+        assert sure not in page.text and unclear in page.text and "None of them" not in page.text
 
 
 def test_a_gap_that_grew_is_not_called_closed(study):

@@ -63,7 +63,7 @@ def uncertainty(factor: Factor) -> str:
         parts.append(f"{estimate(value.mean, value.sd, factor.unit)}, 90 % {interval(value.lower, value.upper)}")
     elif unit_text(factor.unit):
         parts.append(unit_text(factor.unit))
-    if factor.correction and factor.value.lower < 0.0 < factor.value.upper:
+    if factor.correction and (value.lower < 0.0 < value.upper or value.sd > abs(value.mean)):
         # That it is there is likely, and says nothing where its sign is not known.
         parts.append("not told from zero")
     elif factor.probability is not None:

@@ -2,9 +2,9 @@
 
 from collections.abc import Iterator, Sequence
 from functools import partial
+from itertools import compress
 from typing import Any
 
-import numpy as np
 import pandas as pd
 
 from bayes_greybox.discovery.answer.instrument import IN_MODEL, LISTED
@@ -219,10 +219,6 @@ def measurement(study: StudyResult) -> Section:
     return Section("measurement", "The measurement", lead, blocks)
 
 
-KINDS = ("off", "unclear", "right")
-"""Corrections: with a sign; likely, but with no sign that the data tell; unlikely."""
-
-
 def corrections(study: StudyResult) -> Section | None:
     """Corrections to the simulation's own coefficients."""
     if not len(study.corrections):
@@ -239,19 +235,20 @@ def corrections(study: StudyResult) -> Section | None:
         for (equation, term), row in _records(study.corrections)
     ]
     table = study.corrections
-    spans = (table["lower"] < 0.0) & (table["upper"] > 0.0)
-    kinds = np.select([table["probability"] <= LIKELY, spans], ["right", "unclear"], "off").tolist()
+    likely, around = table["probability"] > LIKELY, (table["lower"] < 0.0) & (table["upper"] > 0.0)
+    # What is likely there, but with no sign that the data tell, is no sure correction.
+    spans = likely & (around | (table["sd"] > table["mean"].abs()))
     columns = ("`term", "equation", "#in the simulation", "#P(it is off)", "#correction", "#90 % interval")
-    off, unclear, right = ([row for row, each in zip(rows, kinds, strict=True) if each == kind] for kind in KINDS)
+    off, unclear, right = (list(compress(rows, kept)) for kept in (likely & ~spans, spans, ~likely))
     blocks: list[Any] = [Words("None of them is more likely off than not.")]
     if off:
         blocks = [_table(study, columns, off, "Coefficients that are more likely off than not")]
     if unclear:
         title = "Coefficients that are corrected by what cannot be told from zero"
-        blocks = [*(blocks if off else []), _table(study, columns, unclear, title)]
+        blocks = [*blocks[: bool(off)], _table(study, columns, unclear, title)]
     if right:
-        likely = _table(study, columns, right, "Coefficients that are likely right")
-        blocks.append(Details(f"{_counted(len(right), 'coefficient')} likely right", [likely]))
+        table = _table(study, columns, right, "Coefficients that are likely right")
+        blocks.append(Details(f"{_counted(len(right), 'coefficient')} likely right", [table]))
     lead = (
         "Each coefficient of the simulation may be off: the correction is exactly zero unless the data say otherwise."
     )
