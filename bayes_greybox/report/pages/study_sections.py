@@ -240,18 +240,16 @@ def corrections(study: StudyResult) -> Section | None:
     spans = likely & (around | (table["sd"] > table["mean"].abs()))
     columns = ("`term", "equation", "#in the simulation", "#P(it is off)", "#correction", "#90 % interval")
     off, unclear, right = (list(compress(rows, kept)) for kept in (likely & ~spans, spans, ~likely))
-    blocks: list[Any] = [Words("None of them is more likely off than not.")]
-    if off:
-        blocks = [_table(study, columns, off, "Coefficients that are more likely off than not")]
-    if unclear:
-        title = "Coefficients that are corrected by what cannot be told from zero"
-        blocks = [*blocks[: bool(off)], _table(study, columns, unclear, title)]
+    shown = {
+        "Coefficients that are more likely off than not": off,
+        "Coefficients that are corrected by what cannot be told from zero": unclear,
+    }
+    blocks: list[Any] = [_table(study, columns, some, title) for title, some in shown.items() if some]
+    blocks = blocks or [Words("None of them is more likely off than not.")]
     if right:
         table = _table(study, columns, right, "Coefficients that are likely right")
         blocks.append(Details(f"{_counted(len(right), 'coefficient')} likely right", [table]))
-    lead = (
-        "Each coefficient of the simulation may be off: the correction is exactly zero unless the data say otherwise."
-    )
+    lead = "A coefficient of the simulation may be off: its correction is exactly zero unless the data say otherwise."
     return Section("corrections", "The simulation's own coefficients", lead, blocks)
 
 
