@@ -211,7 +211,7 @@ def _dictionary(plan: Plan) -> str:
         f'# {{ expression = {example}, sign = "-" }}, or prior = [mean, sd], bounds = [least, largest], fixed = value',
     ]
     if plan.measured:
-        simple = "# For discover you may take this section out: what stands here is learned in every explanation."
+        simple = "# For discover take this section out: what stands here is learned in every explanation."
         return "\n".join(["[dictionary]", *lines, simple, *equations])
     if plan.sampled and len(equations) > 1:
         one = [
