@@ -14,7 +14,6 @@ from bayes_greybox.report.folders.copies import author_text, copy_of
 from bayes_greybox.report.folders.holding import CONFIG, command_of
 
 from .derived import AlsoAs
-from .names import equation_of_input, rate_without_equation
 from .parts import Coefficients, Dictionary, Discrepancy, Prior, Rows
 from .section import Section, sentences, wrong
 from .sources import Data, TableSource
@@ -162,7 +161,7 @@ class Config(Section):
         if isinstance(self.data, TableSource):
             sections = {"[simulation]": self._formulas, "[dictionary]": self.dictionary}
             sections |= {f"[models.{name}.dictionary]": model.dictionary or {} for name, model in self.models.items()}
-            if said := equation_of_input(self.data.inputs, self.data.state_names, sections):
+            if said := self.data.equation_of_input(sections):
                 raise wrong(said)
         return self
 
@@ -301,8 +300,7 @@ class Config(Section):
         from bayes_greybox.greybox import GreyBox
 
         if isinstance(self.data, TableSource):
-            known = (*self.data.state_names, *self.data.inputs, *dictionary)
-            if said := rate_without_equation(self._formulas, known):
+            if said := self.data.rate_without_equation(self._formulas, dictionary):
                 raise InputError(f'"{self._path}": {said}.')
 
         parts = {

@@ -2,7 +2,7 @@
 
 import glob
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -11,6 +11,7 @@ from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.limits import Count, NotNegative, Positive, Probability, Seed, Whole
 
+from .names import equation_of_input, rate_without_equation
 from .section import Section, wrong
 
 if TYPE_CHECKING:
@@ -159,8 +160,16 @@ class TableSource(Source):
             raise wrong("a scheduler has workers of its own; give scheduler or workers, not both")
         return self
 
+    def equation_of_input(self, sections: Mapping[str, Iterable[str]]) -> str:
+        """What is wrong where a section, of these with their names, has an equation of an input; "" where none has."""
+        return equation_of_input(self.inputs, self._with_equations, sections)
+
+    def rate_without_equation(self, simulation: Mapping[str, str], learned: Iterable[str]) -> str:
+        """What is wrong where a rate is only named, in the simulation; "" where that is not so."""
+        return rate_without_equation(simulation, [*self._with_equations, *self.inputs, *learned])
+
     @property
-    def state_names(self) -> list[str]:
+    def _with_equations(self) -> list[str]:
         """States and outputs, and the rates that are computed to be states."""
         return [*self.states, *self.outputs, *((self.filter_settings or {}).get("rates") or {}).values()]
 
