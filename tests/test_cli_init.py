@@ -86,7 +86,7 @@ def test_what_is_written_is_a_configuration_that_builds_data_and_model(name, her
     completed = model.on(train)
     completed.dictionaries(train)
     assert test.n_obs and set(model.equations) <= {*completed.states(train), *train.output_names}
-    assert settings.build_studied_model() is not None
+    assert for_fit(settings).build_studied_model() is not None
     # Comments say what is to be filled in.
     assert "unit of" in settings.text and 'such as "' in settings.text
 
@@ -109,7 +109,23 @@ def test_a_position_has_a_rate_that_is_learned(here):
     settings = written("position alone", here)
     train, _ = settings.read_data()
     assert settings.data.decimal == "," and settings.simulation == {"y": "v"}
-    assert train.filter is not None and train.derivative_names == ("y", "v")
+    # It is followed along its samples; rates of a filter are a comment away.
+    assert train.filter is None and "# [data.differentiate]" in settings.text
+    text = re.sub(r"^# (\[data\.differentiate\]|rates = )", r"\1", settings.text, flags=re.MULTILINE)
+    settings._path.write_text(text, encoding="utf-8")
+    filtered, _ = load_config(settings._path).read_data()
+    assert filtered.filter is not None and filtered.derivative_names == ("y", "v")
+
+
+def test_two_positions_have_rates_that_are_computed(here):
+    settings = written("position alone", here, z=noisy(np.cos(T), 1e-3, 4))
+    train, _ = settings.read_data()
+    assert settings.simulation == {"y": "v_y", "z": "v_z"}
+    assert train.filter is not None and {"v_y", "v_z"} <= {*train.derivative_names}
+
+
+def test_a_position_alone_has_no_dictionary(here):
+    settings = written("position alone", here)
     # Its terms would be learned in every explanation.
     assert not settings.dictionary
 

@@ -24,6 +24,7 @@ class Plan:
         chained: State that is the rate, by state.
         learned: States whose rate is open.
         computed: Whether rates are computed by a filter; where they are not measured either, rows are samples.
+        followed: Whether a position is all that was measured, beside inputs.
         second: Name of the rate that is a state of its own, by position of which nothing but the position was measured.
     """
 
@@ -43,11 +44,13 @@ class Plan:
         learned = [state for state in guess.states if state not in self.chained]
         # Rates of some and not of others: those that are measured are learned.
         self.learned = [state for state in learned if state in self.measured] or learned
-        self.computed = not self.measured and guess.even
         taken = {*self.chained, *self.chained.values()}
         alone = [state for state in guess.states if state not in taken and self._is_position(state)]
         alone = [] if self.measured else alone
         self.second = {state: self._free("v" if len(alone) == 1 else f"v_{self.names[state]}") for state in alone}
+        # One position is followed along its samples, which tell more than rates of a filter, and of memory too.
+        self.followed = alone == [*guess.states] and len(alone) == 1
+        self.computed = not self.measured and guess.even and not self.followed
 
     def name(self, columns: Iterable[str]) -> list[str]:
         """Names in formulas of columns."""

@@ -76,4 +76,6 @@ def _found(plan: Plan, layout: Layout) -> list[str]:
 
 def _samples(plan: Plan) -> list[str]:
     one = ": discover looks at one equation at a time" if len(plan.equations) > 1 else ""
+    if plan.followed and plan.guess.even:
+        return ["Rows are samples, and no rate is computed."]
     return [f"Times are not even, so rows are samples, and no rate is computed{one}."]
