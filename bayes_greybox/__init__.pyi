@@ -21,6 +21,9 @@ from .data.streams.door import stream as stream
 from .data.streams.row_stream import RowStream as RowStream
 from .data.trajectories import Trajectories as Trajectories
 from .discovery.evidence.odds import Odds as Odds
+from .discovery.next_experiment import signals as signals
+from .discovery.next_experiment.candidates import Candidate as Candidate
+from .discovery.next_experiment.ranked import NextExperiment as NextExperiment
 from .greybox import Fit as Fit
 from .greybox import GreyBox as GreyBox
 from .missing_effects import Study as Study

@@ -36,10 +36,16 @@ GOOD = [
     TABLE + '[dictionary]\nydot = ["y", { expression = "y**3", sign = "-", prior = [-40, 10] }]',
     TABLE + '[dictionary]\nydot = ["y", { expression = "y**3", bounds = [-40, 10] }, { expression = "1", fixed = 2 }]',
     BASE + '[noise]\ncorrelation = "fit"\ntails = 4.0',
+    BASE + '[simulation]\nydot = "-y"',
+    BASE + '[simulation]\nfmu = "plant.fmu"\nstep = 0.001\n[simulation.parameters]\nm = 1',
     BASE + '[prior]\nkind = "laplace"\nscale = 0.5\n[rows]\nkind = "trajectory"\n[study.odds]\nno_gap = 0.5',
+    BASE + '[next]\nsignals = ["hold"]\namplitudes = [1, 0.5]\nstarts = [{ y = 1, ydot = 0.5 }]\nthreshold = 0',
     BASE + '[coefficients.ydot]\ny = { mean = -2, sd = 0.1 }\n[models.a]\nprior = { kind = "normal" }',
 ]
 BAD = [
+    BASE + "[next]\nbatch = 0",
+    BASE + "[next]\namplitudes = [0.0]",
+    BASE + "[next]\nsignal = ['hold']",
     BASE + '[discrepancy]\nvarient = "none"',
     BASE + "[sampling]\ndraws = 0",
     BASE + '[sampling]\ndraws = "9"',
@@ -56,6 +62,8 @@ BAD = [
     TABLE + '[dictionary]\nydot = [{ expression = "y", sign = "plus" }]',
     TABLE + '[dictionary]\nydot = [{ expression = "y", prior = [1.0] }]',
     TABLE + '[dictionary]\nydot = [{ expression = "y", fixed = "1" }]',
+    BASE + '[simulation]\nfmu = "plant.fmu"\nparametres = { m = 1 }',
+    BASE + '[simulation]\nfmu = "plant.fmu"\nstep = -1',
     "[dictionary]\nydot = 'y'",
 ]
 

@@ -33,6 +33,9 @@ RETURNED = [
     "LearnedRates",
     "Noise",
     "priors",
+    "Candidate",
+    "NextExperiment",
+    "signals",
 ]
 
 FIGURES = """
@@ -60,7 +63,7 @@ def test_every_name_of_the_stub_resolves_and_is_listed():
         bg.no_such_name  # noqa: B018
 
 
-@pytest.mark.parametrize("name", ["plots", "priors", "study_figures"])
+@pytest.mark.parametrize("name", ["plots", "priors", "signals", "study_figures"])
 def test_a_name_can_be_the_first_that_is_used(name):
     subprocess.run([sys.executable, "-c", f"import bayes_greybox as bg; bg.{name}"], check=True, cwd=ROOT.parent)
 

@@ -94,6 +94,20 @@ def memory_tables(table: pd.DataFrame) -> Iterator[RenderableType]:
     yield frame_table(title, table)
 
 
+def pendulum_tables(table: pd.DataFrame) -> Iterator[RenderableType]:
+    """What was said of each record, and free runs from two starts; then the names."""
+    title = "Errors of the position in free runs, mm: of the record, of another start, of the simulation alone"
+    yield frame_table(title, table.reindex(columns=["verdict", "train", "unseen", "before", "covered", "seconds"]))
+    yield Group("", frame_table("What is added, with its probability", table.reindex(columns=["names", "wrong"])))
+
+
+def way_tables(table: pd.DataFrame, against: pd.DataFrame) -> Iterator[RenderableType]:
+    """What each way of choosing the next experiment came to, then what the information is better by."""
+    yield Group(frame_table("Ties after one more run: share of right names, probability of the truth", table), "")
+    shown = against.reset_index("score").rename(columns={"ours alone": "ours", "other alone": "other"})
+    yield frame_table("By how much the expected information is better; 95 % intervals", shown)
+
+
 def coverage_tables(table: pd.DataFrame) -> Iterator[RenderableType]:
     """Coverage of each coefficient by noise and kind of rows."""
     title = "Share of 90 % intervals that hold the truth, of each coefficient; bias in SDs; SD of the last"

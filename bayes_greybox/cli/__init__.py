@@ -285,11 +285,14 @@ def next_(
     amplitude: Annotated[
         list[float] | None, typer.Option(help="Over half the range in the data; half and all of it by default.")
     ] = None,
-    batch: Annotated[int, typer.Option(min=1, help="Experiments to do together.")] = 1,
+    batch: Annotated[int | None, typer.Option(min=1, help="Experiments to do together; 1 by default.")] = None,
     threshold: Annotated[
         float | None, typer.Option(min=0.0, help="Bits below which none is worth it; few by default.")
     ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the simulation.")] = 0,
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", help="Folder for the table and for figures of what is expected.")
+    ] = None,
     no_progress: NoProgress = False,
     quiet: Quiet = False,
     verbose: Verbose = 0,
@@ -301,7 +304,9 @@ def next_(
     log_to_stderr(verbose)
     from .next_experiment import next_configured
 
-    return next_configured(file, signal, amplitude, batch, threshold, seed, not (no_progress or quiet), quiet)
+    return next_configured(
+        file, signal, amplitude, batch, threshold, seed, not (no_progress or quiet), quiet, output
+    )  # fmt: skip
 
 
 app.command()(export)

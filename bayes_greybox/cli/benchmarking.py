@@ -29,7 +29,8 @@ def benchmark(
         int | None,
         typer.Option(
             min=1,
-            help="Replicates of each case (all but hidden-effects, sampled-traps, hudson-bay and speed).",
+            help="Replicates of each case (all but hidden-effects, next-experiment, sampled-traps, hudson-bay and "
+            "speed).",
         ),
     ] = None,
     families: Annotated[
@@ -66,11 +67,14 @@ def benchmark(
     sampled-coverage counts how often intervals of coefficients hold the truth in samples. published-odes finds
     parameters of differential equations from noisy samples, beside published results. static-maps studies forces
     and flows that were measured beside what they depend on, without any derivative. memory-effects hides hysteresis,
-    relaxation, lags and absorbers in oscillators whose position is sampled. weak-odes finds the terms of differential
-    equations from noisy samples of all states, and weak-coverage counts their intervals. hudson-bay compares the exact
-    trajectory posterior with a reference, and with the model written by hand. speed has NumPyro, PyMC with nutpie
-    and PySINDy (extra [peers]) draw from the posteriors that this package draws from, each in a process of its own, and
-    compares a gradient with LAPACK's share of it, the pass over the rows with a matrix product.
+    relaxation, lags and absorbers in oscillators whose position is sampled. spring-pendulum studies the public
+    demonstration of neural FMUs (extra [fmu], a C compiler): friction that an FMU lacks. next-experiment has ties told
+    apart by the experiment that the study asks for, by the D-optimal one and by one at random. weak-odes finds the
+    terms of differential equations from noisy samples of all states, and weak-coverage counts their intervals.
+    hudson-bay compares the exact trajectory posterior with a reference, and with the model written by hand. speed has
+    NumPyro, PyMC with nutpie and PySINDy (extra [peers]) draw from the posteriors that this package draws from, each in
+    a process of its own, and compares a gradient with LAPACK's share of it, the pass over the rows with a matrix
+    product.
     """
     log_to_stderr(verbose)
     seen = "" if displacement is None else f"-displacement-{displacement:g}"
@@ -145,6 +149,12 @@ def run_benchmark(
         return _static_maps(folder, cases, replicates, seed, progress)
     if name == "memory-effects":
         return _memory_effects(folder, cases, replicates, seed, progress)
+    if name == "spring-pendulum":
+        return _spring_pendulum(folder, cases, replicates, seed, progress)
+    if name == "next-experiment":
+        if replicates is not None:
+            raise InputError("--replicates does not apply to next-experiment; --cases sets how many are run.")
+        return _next_experiment(folder, cases, seed, progress)
     if name == "weak-odes":
         return _weak_odes(folder, cases, replicates, seed, progress)
     if name == "weak-coverage":
@@ -275,6 +285,22 @@ def _memory_effects(folder: Path, cases: int | None, replicates: int | None, see
     names = list(machines())[:cases]
     table = run(folder, names, replicates=replicates or REPLICATES, seed=seed, progress=progress)
     return [*memory_tables(table)]
+
+
+def _spring_pendulum(folder: Path, cases: int | None, replicates: int | None, seed: int, progress: bool) -> Parts:
+    from bayes_greybox.benchmarks.spring_pendulum import run
+    from bayes_greybox.benchmarks.tables import pendulum_tables
+
+    names = list(run.cases())[:cases]
+    table = run.run(folder, names, replicates=replicates or run.REPLICATES, seed=seed, progress=progress)
+    return [*pendulum_tables(table)]
+
+
+def _next_experiment(folder: Path, cases: int | None, seed: int, progress: bool) -> Parts:
+    from bayes_greybox.benchmarks.next_experiment.run import run
+    from bayes_greybox.benchmarks.tables import way_tables
+
+    return [*way_tables(*run(folder, cases, seed=seed, progress=progress))]
 
 
 def _weak_odes(folder: Path, cases: int | None, replicates: int | None, seed: int, progress: bool) -> Parts:

@@ -28,6 +28,8 @@ class Benchmark(StrEnum):
     published_odes = "published-odes"
     static_maps = "static-maps"
     memory_effects = "memory-effects"
+    spring_pendulum = "spring-pendulum"
+    next_experiment = "next-experiment"
     weak_odes = "weak-odes"
     weak_coverage = "weak-coverage"
     hudson_bay = "hudson-bay"

@@ -14,7 +14,8 @@ from bayes_greybox.report.folders.copies import author_text, copy_of
 from bayes_greybox.report.folders.holding import CONFIG, command_of
 
 from .derived import AlsoAs
-from .parts import Coefficients, Dictionary, Discrepancy, Prior, Rows
+from .next_experiment import Next
+from .parts import Coefficients, Dictionary, Discrepancy, FMUFile, Prior, Rows, Simulation
 from .section import Section, sentences, wrong
 from .sources import Data, TableSource
 from .study import Study
@@ -113,7 +114,7 @@ class Config(Section):
     copied_from: str | None = None
     asset: str | None = None
     data: Data
-    simulation: dict[str, str] = {}
+    simulation: Simulation = {}
     dictionary: Dictionary = {}
     coefficients: Coefficients = {}
     prior: Prior = None
@@ -124,6 +125,7 @@ class Config(Section):
     output: Output = Output()
     compare: Compare = Compare()
     study: Study = Study()
+    next: Next = Next()
     models: dict[str, Model] = {}
 
     _path: Path = PrivateAttr(default=Path("config.toml"))
@@ -308,9 +310,10 @@ class Config(Section):
             "discrepancy": own.discrepancy or self.discrepancy,
             "rows": self.rows,
         }
+        given = self.simulation
         return GreyBox(
             dictionary={state: terms.build() for state, terms in dictionary.items()},
-            simulation=dict(self.simulation) or None,
+            simulation=given.build(self.origin.parent) if isinstance(given, FMUFile) else dict(given) or None,
             coefficients=_built(self.coefficients if own.coefficients is None else own.coefficients),
             **{name: part.build() for name, part in parts.items() if part is not None},
             **self.noise.arguments(),

@@ -1,18 +1,20 @@
-"""[dictionary], [coefficients], [prior], [discrepancy] and [rows]: the parts of a model."""
+"""[simulation], [dictionary], [coefficients], [prior], [discrepancy] and [rows]: the parts of a model."""
 
 from collections.abc import Mapping
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 
 from bayes_greybox.data.errors import InputError
-from bayes_greybox.data.limits import Count, is_finite
+from bayes_greybox.data.limits import Count, Positive, is_finite
 
 from .derived import AlsoAs, Switch, Table, section_of, table_of_kinds
 from .section import Section, wrong
 
 if TYPE_CHECKING:
     from bayes_greybox.physics import terms
+    from bayes_greybox.physics.simulation.fmu.given import FMU
 
 
 class Monomials(Section):
@@ -51,6 +53,43 @@ class Term(Section):
             except InputError as error:
                 raise wrong(str(error)) from None
         return self
+
+
+class FMUFile(Section):
+    """[simulation] with the key fmu: an FMU, and what `FMU` takes beside the file."""
+
+    fmu: str
+    parameters: dict[str, Finite] = {}
+    states: dict[str, str] = {}
+    inputs: dict[str, str] = {}
+    outputs: dict[str, str] = {}
+    starts: dict[str, str] = {}
+    step: Positive | None = None
+
+    def build(self, folder: Path) -> "FMU":
+        """The simulation.
+
+        Args:
+            folder: That relative paths start from.
+
+        Raises:
+            InputError: A file that cannot be used, or that does not have what is named.
+        """
+        from bayes_greybox.physics.simulation.fmu.given import FMU
+
+        return FMU(folder / self.fmu, **self.given("fmu"))
+
+
+def _kind_of_simulation(given: Any) -> str:
+    return "<fmu>" if isinstance(given, FMUFile) or (isinstance(given, Mapping) and "fmu" in given) else "<formulas>"
+
+
+Simulation = Annotated[
+    Annotated[dict[str, str], Tag("<formulas>")] | Annotated[FMUFile, Tag("<fmu>")],
+    Discriminator(_kind_of_simulation),
+    AlsoAs((dict[str, str], FMUFile), only=True),
+]
+"""Formulas by state, or an FMU."""
 
 
 def _pair(given: Any, what: str) -> Any:

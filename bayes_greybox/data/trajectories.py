@@ -9,6 +9,7 @@ import pandas as pd
 from jaxtyping import Bool, Int
 
 from bayes_greybox.data.runs.cut import CutRuns
+from bayes_greybox.data.runs.gaps import parted
 
 from .columns import (
     check_names,
@@ -89,7 +90,8 @@ class Trajectories(CutRuns):
                 with the input switched off).
 
         Returns:
-            The checked data.
+            The checked data. Without any rate or output, a run begins anew after a gap of ten usual steps, in which its
+            inputs are not known; `remarks` says so.
 
         Raises:
             InputError: if lengths, names, stamps or values cannot be used; the message says which.
@@ -113,6 +115,10 @@ class Trajectories(CutRuns):
         dropped = int(np.sum(~keep))
         run, columns = run[keep], {key: value[keep] for key, value in columns.items()}
         check_times(columns["time"], run, names)
+        remarks: tuple[str, ...] = ()
+        if inputs and not derivatives and not outputs:
+            # Rates and outputs follow from their own row; all else is driven from row to row.
+            run, names, remarks = parted(columns["time"], run, names)
         if constant != "keep":
             check_varying({labels[k][0]: v for k, v in columns.items() if k[:2] in ("s:", "i:")})
         return cls(
@@ -124,6 +130,7 @@ class Trajectories(CutRuns):
             units=dict(units),
             run_names=names,
             dropped=dropped,
+            remarks=remarks,
         )
 
     @classmethod

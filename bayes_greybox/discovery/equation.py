@@ -21,7 +21,9 @@ from .answer.ends import at_ends
 from .answer.equation_study import EquationStudy
 from .answer.finding import Finding, decide
 from .answer.linearity import check_linearity
+from .answer.mirrored import mirrors
 from .answer.motion import MotionCheck
+from .answer.weighed import Mirror
 from .answer.where import GapField, gap_map, gap_trace, where_table
 from .evidence.odds import Odds
 from .evidence.sufficient_statistics import SufficientStatistics
@@ -71,8 +73,10 @@ def study_equation(
     bounded = _within(aligned, train)
     unit, unit_of_time = target_unit(name, train), train.units.get("t", "")
 
+    mirrored: dict[str, Mirror] = {}
+
     def decided(doubts: Sequence[Doubt]) -> tuple[Finding, list[Check]]:
-        finding = decide(found, doubts)
+        finding = decide(found, doubts, mirrored)
         rest = finding.world.leaves_rest(finding.explanation)
         checks = [] if rest else check_explanation(finding.world, finding.explanation, unit_of_time)
         finding = with_noisy_states(finding, aligned, unit)
@@ -82,6 +86,9 @@ def study_equation(
         return finding.capped(said), checks
 
     finding, checks = decided(())
+    mirrored |= mirrors(model, train, name, finding)
+    if mirrored:
+        finding, checks = decided(())
     say("mapping the gap")
     amendment = _amendment(finding, aligned, train, seed)
     judged: dict[str, list[MotionCheck]] = {}

@@ -78,16 +78,43 @@ class Equation:
     def moved(self, before: Sequence[tuple[Term, float]]) -> float:
         """Largest change of a coefficient of `ridge` from others, in its standard deviations."""
         theta, precision = self._least_squares
-        Phi, y = np.asarray(self.design.Phi), np.asarray(self.design.y)
-        variance = np.sum((y - Phi @ theta) ** 2) / max(self.rows.n_white - len(theta), 1)
-        change = theta - np.array([value for _, value in before]) / self.frame.coefficient_scale
-        return float(np.max(np.abs(change) / np.sqrt(variance * np.diag(np.linalg.inv(precision)))))
+        sd = np.sqrt(self._variance * np.diag(np.linalg.inv(precision)))
+        return float(np.max(np.abs(theta - self._scaled(before)) / sd))
 
     def log_likelihood(self) -> float:
         """Of the samples behind the rows at the estimate of `ridge`, σ profiled out, up to a constant; user's units."""
+        return self._log_likelihood(self._least_squares[0])
+
+    def misfit(self) -> float:
+        """RMS of the samples' residuals at the estimate of `ridge`, over the noise of their sensors."""
+        return math.sqrt(self._variance) * self.frame.target_scale * self.rows.gain
+
+    def log_density(self, at: Sequence[tuple[Term, float]]) -> float:
+        """That of the samples at other coefficients, and of what is stated of them, up to a constant; user's units."""
+        theta, stated = self._scaled(at), self.design.coefficients
+        return self._log_likelihood(theta) - 0.5 * float(self._stated_weight @ (theta - np.asarray(stated.mean)) ** 2)
+
+    def damped(self, at: Sequence[tuple[Term, float]], damping: float) -> tuple[list[tuple[Term, float]], float]:
+        """Coefficients after a step of Levenberg and Marquardt's from others, and what it promises, nats.
+
+        (H + μ diag H) δ = H (θ̂ − θ), with H the precision of the rows and of what is stated: all the way to the
+        estimate of `ridge` for μ = 0.
+
+        Args:
+            at: The other coefficients, user's units.
+            damping: μ.
+        """
+        estimate, precision = self._least_squares
+        theta = self._scaled(at)
+        slope = precision @ (estimate - theta)
+        step = np.linalg.solve(precision + damping * np.diag(np.diag(precision)), slope)
+        promised = float(slope @ step - 0.5 * step @ precision @ step) / self._variance
+        moved = (theta + step) * self.frame.coefficient_scale
+        return list(zip(self.frame.dictionary.terms, moved.tolist(), strict=True)), promised
+
+    def _log_likelihood(self, theta: Float[np.ndarray, " n_term"]) -> float:
         Phi, y, n = np.asarray(self.design.Phi), np.asarray(self.design.y), self.rows.n_white
-        unit = self.frame.target_scale * self.rows.gain
-        square = np.sum((y - Phi @ self._least_squares[0]) ** 2) * unit**2
+        square = np.sum((y - Phi @ theta) ** 2) * (self.frame.target_scale * self.rows.gain) ** 2
         return -0.5 * (n * math.log(square / n) + float(self.rows.noise.log_det))
 
     @cached_property
@@ -99,12 +126,29 @@ class Equation:
         theta = np.linalg.solve(precision, Phi.T @ y)
         if stated.stated:
             variance = np.sum((y - Phi @ theta) ** 2) / float(self.design.n_obs)
-            weight = variance / np.asarray(stated.sd) ** 2
-            weight[list(stated.shared)] = 0.0
+            weight = variance * self._stated_weight
             precision = precision + np.diag(weight)
             theta = np.linalg.solve(precision, Phi.T @ y + weight * np.asarray(stated.mean))
             theta = np.clip(theta, np.asarray(stated.lower), np.asarray(stated.upper))
         return theta, precision
+
+    @cached_property
+    def _variance(self) -> float:
+        """Of the whitened rows about the estimate of `ridge`, scaled units."""
+        theta, _ = self._least_squares
+        square = np.sum((np.asarray(self.design.y) - np.asarray(self.design.Phi) @ theta) ** 2)
+        return float(square) / max(self.rows.n_white - len(theta), 1)
+
+    @property
+    def _stated_weight(self) -> Float[np.ndarray, " n_term"]:
+        """Precision of what is stated of each coefficient; none of those that all blocks share."""
+        stated = self.design.coefficients
+        weight = 1.0 / np.asarray(stated.sd) ** 2
+        weight[list(stated.shared)] = 0.0
+        return weight
+
+    def _scaled(self, coefficients: Sequence[tuple[Term, float]]) -> Float[np.ndarray, " n_term"]:
+        return np.array([value for _, value in coefficients]) / self.frame.coefficient_scale
 
     def without(self, out: Sequence[int] | Int[np.ndarray, " n_out"]) -> "Equation":
         """The equation without the targets of some observations; the frame (scaling, measure, features) stays.

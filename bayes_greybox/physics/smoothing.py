@@ -132,8 +132,13 @@ def filtered(
         ratio: λ.
         args: What else the rate needs.
     """
-    pieces = triples(grid.time), triples(grid.inputs)
-    return np.asarray(_filtered(rate, pieces, observed, outputs, E, ratio, args))
+    n_step = grid.time.shape[1] // 2
+    more = power_of_two(n_step) - n_step
+    # Steps of no length behind the others: how many there are changes with the time scales of what is tried.
+    time, inputs = (np.pad(x, ((0, 0), (0, 2 * more), *((0, 0),) * (x.ndim - 2)), mode="edge") for x in grid)
+    values = np.pad(np.asarray(observed.values), ((0, 0), (0, more), (0, 0)), constant_values=np.nan)
+    pieces, observed = (triples(time), triples(inputs)), observed._replace(values=values)
+    return np.asarray(_filtered(rate, pieces, observed, outputs, E, ratio, args))[:, : n_step + 1]
 
 
 def _padded(steps: Steps, observed: Observed) -> tuple[Steps, Observed]:

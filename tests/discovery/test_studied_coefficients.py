@@ -99,3 +99,26 @@ def test_bounds_are_refused_with_the_remedy():
         bg.InputError, match=r"no closed form with bounds on a coefficient, as on 'x' of 'x'.*mean and sd"
     ):
         stated_model(linear=Coefficient(sign=-1)).centred()
+
+
+def test_a_wrong_coefficient_is_not_hidden_behind_a_late_sensor():
+    """A rate that is late, and a loss of 0.65 where the simulation has 0.5: putting the sensor right is not all."""
+    fine = np.arange(0.0, 60.0, 0.01)
+    power, ambient = 1 + 0.5 * np.sin(0.7 * fine) + 0.4 * np.sin(1.9 * fine + 1), 1 + 0.3 * np.sin(0.4 * fine)
+    state = np.full_like(fine, 2.0)
+    for k in range(len(fine) - 1):
+        state[k + 1] = state[k] + 0.01 * (power[k] - 0.65 * (state[k] - ambient[k]))
+    rate, row = power - 0.65 * (state - ambient), np.arange(30, 6000, 10)
+    data = bg.Trajectories.from_arrays(
+        fine[row],
+        states={"T": state[row]},
+        derivatives={"T": rate[row - 15] + 0.01 * np.random.default_rng(1).normal(size=len(row))},
+        inputs={"P": power[row], "Ta": ambient[row]},
+    )
+    model = bg.GreyBox(simulation={"T": "P - 0.5*(T - Ta)"})
+    study = bg.find_missing_effects(model, data, settle=False, progress=False)
+    assert study.verdict == "recalibrate"
+    assert study.corrections.loc[("T", "T"), "mean"] == pytest.approx(-0.15, abs=0.01)
+    said = str(study)
+    assert "T in d(T)/dt should have −0.65" in said and "P in d(T)/dt should" not in said
+    assert "d(T)/dt is 0.15" in said and "late" in said, "what is wrong with the sensor is said as well"

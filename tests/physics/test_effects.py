@@ -25,7 +25,7 @@ SLUGS = {
     "mechanical": """linear-stiffness quadratic-stiffness cubic-stiffness quintic-stiffness signed-quadratic-stiffness
         pendulum-restoring dead-zone bilinear-stiffness viscous-damping coulomb-friction stribeck-friction
         quadratic-drag cubic-damping van-der-pol-damping velocity-squared position-velocity-coupling constant-force
-        input-gain cubic-input smooth-friction direction-dependent-friction backlash
+        input-gain cubic-input smooth-friction exponential-stribeck-friction direction-dependent-friction backlash
         bouc-wen dahl-friction maxwell-damper actuator-lag absorber""",
     "fluid": "linear-outflow torricelli-outflow overflow",
     "population": "logistic-crowding bilinear-interaction holling-ii allee constant-harvest",
@@ -126,6 +126,12 @@ def test_effects_of_a_domain_are_different_terms(domain):
         ("bilinear-stiffness", {}, {"position": [-1.0, 0.0, 2.0]}, [0.0, 0.0, 2.0]),
         ("coulomb-friction", {}, {"velocity": [-0.1, 0.0, 3.0]}, [-1.0, 0.0, 1.0]),
         ("stribeck-friction", {"stribeck_speed": 0.2}, {"velocity": [-0.2, 1e-9, 4.0]}, [-np.exp(-1.0), 1.0, 0.0]),
+        (
+            "exponential-stribeck-friction",
+            {"stribeck_speed": 0.5},
+            {"velocity": [-1.0, 1e-12, 40.0]},
+            [-np.exp(-2.0), 1.0, 0.0],
+        ),
         ("smooth-friction", {"creep_speed": 0.1}, {"velocity": [-9.0, 0.0, 0.1]}, [-1.0, 0.0, np.tanh(1.0)]),
         ("direction-dependent-friction", {}, {"velocity": [-2.0, 0.0, 3.0]}, [2.0, 0.0, 3.0]),
         ("backlash", {"play": 0.5}, {"input": [-2.0, -0.4, 0.0, 0.7]}, [-0.5, -0.4, 0.0, 0.5]),
@@ -339,7 +345,7 @@ def test_one_degree_of_freedom():
     assert roles["other_position"] == roles["other_velocity"] == ()
     found = texts("mechanical", roles)
     assert {("cubic-stiffness", "y**3"), ("coulomb-friction", "sign(ydot)"), ("input-gain", "F")} <= found
-    assert len(found) == 28 and not any(slug.startswith("coupling") for slug, _ in found)
+    assert len(found) == 29 and not any(slug.startswith("coupling") for slug, _ in found)
     assert not any(
         slug.endswith("-input") or slug == "input-gain" for slug, _ in texts("mechanical", {**roles, "input": ()})
     )

@@ -41,8 +41,9 @@ def instrument(*texts):
 
 
 def corrections(**given):
-    """(nominal, probability, mean change) by term."""
+    """(nominal, probability, mean change) by term, known to a tenth of a unit."""
     table = pd.DataFrame.from_dict(given, orient="index", columns=["nominal", "probability", "mean"])
+    table["lower"], table["upper"] = table["mean"] - 0.09, table["mean"] + 0.09
     table.index = pd.MultiIndex.from_product([["x"], table.index], names=["equation", "term"])
     return table
 
@@ -177,6 +178,11 @@ def test_recalibration_lists_all_coefficients_that_are_rather_wrong():
 
 def test_recalibration_admits_that_it_does_not_know_the_coefficient():
     assert "which one the data cannot say" in said("recalibrate", y=(1.0, 0.49, 0.25), u=(2.0, 0.49, 0.1))
+
+
+def test_recalibration_passes_over_what_is_there_for_anothers_sake_and_comes_to_nothing():
+    text = said("recalibrate", y=(1.0, 0.97, 0.25), u=(2.0, 0.97, 0.01))
+    assert "y in d(x)/dt" in text and "u in d(x)/dt" not in text
 
 
 def test_a_gap_that_grows_is_said_to_widen():

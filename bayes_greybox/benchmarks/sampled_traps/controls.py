@@ -77,7 +77,7 @@ def _coulomb() -> Trap:
         control=True,
         # Its sign is smooth over 0.05 of speed, which is smooth friction to the letter.
         wanted=frozenset({"coulomb-friction", "smooth-friction"}),
-        allowed=frozenset({"stribeck-friction"}),
+        allowed=frozenset({"stribeck-friction", "exponential-stribeck-friction"}),
     )
 
 

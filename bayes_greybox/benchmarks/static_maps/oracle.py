@@ -50,6 +50,7 @@ FORCES = {
     "coulomb-friction": Law("v", lambda c, b: np.sign(c["v"])),
     "smooth-friction": Law("v", lambda c, b: np.tanh(c["v"] / b), (0.02, 0.5)),
     "stribeck-friction": Law("v", lambda c, b: np.sign(c["v"]) * np.exp(-((c["v"] / b) ** 2)), (0.05, 0.6)),
+    "exponential-stribeck-friction": Law("v", lambda c, b: np.sign(c["v"]) * np.exp(-np.abs(c["v"]) / b), (0.05, 0.6)),
     "quadratic-drag": Law("v", lambda c, b: c["v"] * np.abs(c["v"])),
     "cubic-damping": Law("v", lambda c, b: c["v"] ** 3),
     "direction-dependent-friction": Law("v", lambda c, b: np.abs(c["v"])),

@@ -12,7 +12,6 @@ import numpy as np
 from jaxtyping import Float
 
 from bayes_greybox.data.errors import InputError
-from bayes_greybox.physics.formula.expressions import evaluate
 from bayes_greybox.physics.simulation.protocol import Simulation
 from bayes_greybox.physics.terms import Term
 from bayes_greybox.physics.units import target_unit
@@ -120,7 +119,7 @@ class LearnedRates:
             if name in self.states:
                 rate = simulated[:, self.states.index(name)]
             else:
-                rate = evaluate(self.simulation.formula(name), columns)
+                rate = self.simulation.output(name, t, x, u)
             rate = xp.broadcast_to(rate, (self.n_draw or 1, len(t)))
             added = self.added.get(name)
             if added is not None and added.terms:

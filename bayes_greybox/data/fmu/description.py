@@ -46,6 +46,8 @@ class Variable:
         start: Value that it starts from, as text; "" if there is none.
         unit: Its unit, if it has one.
         scalar: Whether it is one number.
+        nominal: Its usual size; 1 where it is not said.
+        initial: "exact" or "approx" where its start may be set, else "calculated" or "".
     """
 
     name: str
@@ -56,6 +58,8 @@ class Variable:
     start: str
     unit: Unit | None
     scalar: bool
+    nominal: float = 1.0
+    initial: str = ""
 
     @property
     def column(self) -> str:
@@ -91,6 +95,9 @@ class Description:
         rates: The variable that is declared as the rate of a variable, by the name of the latter.
         eventful: Whether it has event indicators.
         start: Time that it starts at.
+        step: Length of a step, if it says one; 0 else.
+        content: Digest of the file.
+        folder: Where a copy lies unpacked, which is there as long as this is: the file may change meanwhile.
     """
 
     file: Path
@@ -103,13 +110,28 @@ class Description:
     rates: Mapping[str, Variable]
     eventful: bool
     start: float
+    step: float
+    content: str
+    folder: Path
+
+    @property
+    def interface(self) -> Interface:
+        """How it is run: by Model Exchange where it can be."""
+        return self.interfaces[MODEL_EXCHANGE if self.exchanged else CO_SIMULATION]
+
+    @property
+    def exchanged(self) -> bool:
+        """Whether it is run by Model Exchange."""
+        return MODEL_EXCHANGE in self.interfaces
 
 
-def description_of(file: Path, found: Any) -> Description:
+def description_of(file: Path, content: str, folder: Path, found: Any) -> Description:
     """A description from what FMPy read.
 
     Args:
         file: The FMU.
+        content: Digest of the file.
+        folder: Where it lies unpacked.
         found: FMPy's `ModelDescription`.
     """
     units = {unit.name: _unit(unit) for unit in found.unitDefinitions}
@@ -133,6 +155,9 @@ def description_of(file: Path, found: Any) -> Description:
         rates={each.derivative.name: variables[each.name] for each in found.modelVariables if each.derivative},
         eventful=bool(found.numberOfEventIndicators or getattr(found, "eventIndicators", None)),
         start=float(getattr(found.defaultExperiment, "startTime", None) or 0.0),
+        step=float(getattr(found.defaultExperiment, "stepSize", None) or 0.0),
+        content=content,
+        folder=folder,
     )
 
 
@@ -148,6 +173,8 @@ def _variable(given: Any, units: Mapping[str, Unit]) -> Variable:
         start="" if given.start is None else str(given.start),
         unit=units.get(unit, Unit(unit)) if unit else None,
         scalar=not given.dimensions,
+        nominal=abs(float((given.nominal or (declared.nominal if declared is not None else None)) or 1.0)) or 1.0,
+        initial=str(given.initial or ""),
     )
 
 

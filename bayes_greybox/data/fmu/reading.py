@@ -1,8 +1,12 @@
 """Reading of FMU files by FMPy (extra `fmu`), which is imported here and nowhere at the start."""
 
+import hashlib
 import os
 import re
+import shutil
 import tempfile
+import threading
+import weakref
 import zipfile
 from functools import lru_cache
 from pathlib import Path
@@ -10,12 +14,12 @@ from typing import Any
 
 from bayes_greybox.data.errors import InputError
 
-from .description import MODEL_EXCHANGE, Description, description_of
+from .description import Description, description_of
 
 INSTALL = 'install it with pip install "bayes-greybox[fmu]"'
 
-KNOWN = 16
-"""FMU files whose description, and whose folder, is kept."""
+KNOWN = 64
+"""Files whose digest is kept, by when they were changed and their size."""
 
 
 def fmpy() -> Any:
@@ -32,7 +36,7 @@ def fmpy() -> Any:
 
 
 def read_fmu(path: str | os.PathLike[str]) -> Description:
-    """Read what an FMU says of itself.
+    """Read what an FMU says of itself, and keep a copy of what is in it: what becomes of the file later is another FMU.
 
     Args:
         path: The file.
@@ -44,71 +48,66 @@ def read_fmu(path: str | os.PathLike[str]) -> Description:
     file = Path(path)
     if not file.is_file():
         raise InputError(f'There is no FMU "{file}"; check the path.')
-    return _described(*_facts(file))
+    library, file = fmpy(), file.resolve()
+    content = _digest(file, file.stat().st_mtime_ns, file.stat().st_size)
+    with _reading:
+        found = _known.get(content)
+        if found is None:
+            found = _known[content] = _read(file, content, library)
+    return found
 
 
-def unpacked(description: Description) -> tempfile.TemporaryDirectory:
-    """The folder in which an FMU lies unpacked; it is there as long as somebody holds it.
-
-    Raises:
-        InputError: The file is gone or is damaged.
-    """
-    file = description.file
-    if not file.is_file():
-        raise InputError(f'The FMU "{file}" is not there any more; put it back.')
-    return _folder(*_facts(file))
-
-
-def _facts(file: Path) -> tuple[Path, int, int]:
-    """What a file is known by: where it is, when it was changed, its size."""
-    found = file.resolve()
-    return found, found.stat().st_mtime_ns, found.stat().st_size
+_known: weakref.WeakValueDictionary[str, Description] = weakref.WeakValueDictionary()
+_reading = threading.Lock()
 
 
 @lru_cache(maxsize=KNOWN)
-def _described(file: Path, changed: int, size: int) -> Description:
-    library = fmpy()
+def _digest(file: Path, changed: int, size: int) -> str:
+    with file.open("rb") as opened:
+        return hashlib.file_digest(opened, "sha256").hexdigest()
+
+
+def _read(file: Path, content: str, library: Any) -> Description:
     if not zipfile.is_zipfile(file):
         raise InputError(f'"{file}" is no FMU: it is not a ZIP archive; check the file.')
+    folder = Path(tempfile.mkdtemp(prefix="fmu-"))
+    try:
+        found = _unpacked(file, content, folder, library)
+    except BaseException:
+        shutil.rmtree(folder, ignore_errors=True)
+        raise
+    # When nobody holds it any more, or the process ends.
+    weakref.finalize(found, shutil.rmtree, folder, ignore_errors=True)
+    return found
+
+
+def _unpacked(file: Path, content: str, folder: Path, library: Any) -> Description:
     try:
         with zipfile.ZipFile(file) as archive:
             names, text = archive.namelist(), archive.read("modelDescription.xml").decode("utf-8", "replace")
         stated = re.search(r'fmiVersion\s*=\s*["\']([^"\']*)', text)
         version = stated[1] if stated else "an unknown version"
-        found = (
-            description_of(file, library.read_model_description(str(file), validate=False))
-            if version == "2.0"
-            else None
-        )
+        if version == "2.0":
+            library.extract(str(file), str(folder))
+            told = library.read_model_description(str(folder), validate=False)
+            found = description_of(file, content, folder, told)
+        else:
+            found = None
     except Exception as error:
         # FMPy and its XML reader raise errors of many kinds on what is no model description.
         raise _damaged(file, error) from error
     if found is None:
         raise InputError(f'"{file}" is an FMU of FMI {version}, and only 2.0 is supported: export it again as FMI 2.0.')
-    if MODEL_EXCHANGE not in found.interfaces:
-        raise InputError(
-            f'"{file}" has no Model Exchange: a Co-Simulation FMU gives states at the ends of its steps and not their '
-            "rates, which a right-hand side needs; export it for Model Exchange."
-        )
+    if not found.interfaces:
+        raise InputError(f'"{file}" has neither Model Exchange nor Co-Simulation; export it again.')
     _require_library(found, names, library)
     return found
-
-
-@lru_cache(maxsize=KNOWN)
-def _folder(file: Path, changed: int, size: int) -> tempfile.TemporaryDirectory:
-    # It is removed when nobody holds it any more, or the process ends.
-    folder = tempfile.TemporaryDirectory(prefix="fmu-", ignore_cleanup_errors=True)
-    try:
-        fmpy().extract(str(file), folder.name)
-    except Exception as error:
-        raise _damaged(file, error) from error
-    return folder
 
 
 def _require_library(found: Description, names: list[str], library: Any) -> None:
     """Refuse an FMU without a library for this system."""
     here = library.platform
-    identifier = found.interfaces[MODEL_EXCHANGE].identifier
+    identifier = found.interface.identifier
     if f"binaries/{here}/{identifier}{library.sharedLibraryExtension}" in names:
         return
     others = sorted({name.split("/")[1] for name in names if name.startswith("binaries/") and name.count("/") > 1})

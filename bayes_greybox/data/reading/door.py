@@ -152,7 +152,7 @@ def read(
             "1 row with a missing value was" if data.dropped == 1 else f"{data.dropped} rows with missing values were"
         )
         remarks.append(f"{rows} left out")
-    data = replace(data, remarks=tuple(dict.fromkeys(remarks)))
+    data = replace(data, remarks=(*dict.fromkeys(remarks), *data.remarks))
     _require_computed(rates or {}, tables)
     return data.differentiate(rates=rates) if rates else data
 

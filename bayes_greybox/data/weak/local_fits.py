@@ -12,14 +12,13 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
+from bayes_greybox.data.runs.gaps import after_gaps
+
 HALF_WIDTHS = (2, 3, 4, 5, 6, 8, 10, 13, 16, 20, 25, 32, 40, 50, 64, 80, 100, 125, 160, 200)
 """Neighbours on either side that are tried."""
 
 FEWEST_FITS = 8
 """A stretch holds at least so many windows of the widest that is tried."""
-
-GAP = 10.0
-"""A step so many times as long as the run's median ends a stretch of samples: nothing is said of what was between."""
 
 MOST_FITS = 2000
 """Samples, evenly thinned, at which widths are compared."""
@@ -50,9 +49,7 @@ def stretches(time: Float[np.ndarray, " n"], run_lengths: Sequence[int]) -> list
     """
     found, start = [], 0
     for run, n in enumerate(run_lengths):
-        steps = np.diff(time[start : start + n])
-        gaps = np.flatnonzero(steps > GAP * np.median(steps)) + 1 if n > 1 else np.zeros(0, int)
-        edges = [0, *gaps.tolist(), n]
+        edges = [0, *after_gaps(time[start : start + n], usual=0.5), n]
         found += [Stretch(run, (start + a, start + b)) for a, b in zip(edges[:-1], edges[1:], strict=True)]
         start += n
     return found

@@ -1,6 +1,6 @@
 """What the weighed explanations come to for one equation: one object that sentence, tables and page are made of."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -9,7 +9,7 @@ from bayes_greybox.discovery.weighing.sets import Explanation, imitated
 from bayes_greybox.discovery.weighing.worlds import World
 
 from .doubt import Doubt
-from .weighed import EFFECTS, FAINT, Weighed, stacked
+from .weighed import EFFECTS, FAINT, Mirror, Weighed, stacked
 
 VERDICTS = ("no gap", "instrument", "recalibrate", "named", "one of", "partly named", "unknown")
 """From what asks least of the user's physics to what asks most; of several equations the last one speaks."""
@@ -97,7 +97,9 @@ class Finding:
         return self.verdict in ("one of", "partly named", "unknown")
 
 
-def decide(found: Sequence[World], doubts: Sequence[Doubt] = ()) -> Finding:
+def decide(
+    found: Sequence[World], doubts: Sequence[Doubt] = (), mirrors: Mapping[str, Mirror] | None = None
+) -> Finding:  # fmt: skip
     """The answer, before its checks and its free runs.
 
     1. What is likeliest of: no gap, recalibration, the instrument, unknown, effects together.
@@ -109,10 +111,11 @@ def decide(found: Sequence[World], doubts: Sequence[Doubt] = ()) -> Finding:
     Args:
         found: Worlds, likeliest first.
         doubts: Contradictions among the samples.
+        mirrors: Faults of the sensor that effects may be as well, by slug.
     """
-    weighed = Weighed(found, doubts)
+    weighed = Weighed(found, doubts, mirrors)
     # As the tables have it, so that verdict and tables cannot contradict each other; unknown comes before effects.
-    top = max(weighed.by_kind, key=lambda kind: weighed.by_kind[kind])
+    top = weighed.likeliest_kind
     if top == EFFECTS:
         chosen = next(iter(weighed.by_set))
         finding = _named(weighed, chosen)
@@ -197,11 +200,15 @@ def _place(weighed: Weighed, world: World, e: Explanation, chosen: tuple[str, ..
         wrong = max((q for i, q in weighed.artefacts(w, x).items() if w.evaluations.name(i) == name), default=0.0)
         rivals[name] = rivals.get(name, 0.0) + p * (1 - imitated(share)) * (1 - wrong)
         evidence[name] = float(np.logaddexp(evidence.get(name, -np.inf), x.log_evidence + w.offset))
+    mirror = weighed.mirrors.get(slug)
+    if mirror is not None and mirror.share < 1:
+        rivals[slug] *= 1 - mirror.share
+        rivals[mirror.name] = rivals[slug] * mirror.share / (1 - mirror.share)
     tied = tuple(
         name for name, p in sorted(rivals.items(), key=lambda item: -item[1])
         if name != slug and p >= TIED * rivals[slug]
     )  # fmt: skip
-    same = tuple(name for name in tied if abs(evidence[name] - evidence[slug]) < SAME)
+    same = tuple(name for name in tied if name in evidence and abs(evidence[name] - evidence[slug]) < SAME)
     probability = weighed.by_effect[slug]
     together = min(1.0, probability + sum(rivals[name] for name in tied))
     return Place(index, slug, probability, tied, together, same)

@@ -7,13 +7,15 @@ samples contradict each other, an effect no larger than what that does to the ra
 and answers without effects are judged by their own motion (see `doubt`).
 """
 
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
-from bayes_greybox.discovery.weighing.sets import PLAIN, RECALIBRATED, Explanation, imitated
+from bayes_greybox.discovery.weighing.sets import RECALIBRATED, Explanation, imitated
 from bayes_greybox.discovery.weighing.worlds import World, weights
 
 from .doubt import Doubt, artefact, standing
@@ -31,16 +33,31 @@ FAINT = 1e-4
 """Explanations less likely than this take the likeliest one's share of the gap for their own."""
 
 
+class Mirror(NamedTuple):
+    """A fault of the sensor that does what an effect does.
+
+    Attributes:
+        name: Of the fault, for tables.
+        share: Probability that it is this, of the two.
+    """
+
+    name: str
+    share: float
+
+
 class Weighed:
     """All explanations of all worlds, with their probabilities.
 
     Args:
         worlds: Likeliest first.
         doubts: Contradictions among the samples.
+        mirrors: What else effects may be, by slug.
     """
 
-    def __init__(self, worlds: Sequence[World], doubts: Sequence[Doubt] = ()) -> None:
-        self.worlds, self.doubts = worlds, doubts
+    def __init__(
+        self, worlds: Sequence[World], doubts: Sequence[Doubt] = (), mirrors: Mapping[str, Mirror] | None = None
+    ) -> None:  # fmt: skip
+        self.worlds, self.doubts, self.mirrors = worlds, doubts, mirrors or {}
         # That nothing explains the motion but effects speaks for them, not against.
         self._against_effects = [doubt for doubt in doubts if doubt.denies in ("", EFFECTS)]
         self.items: list[tuple[World, Explanation, float, float]] = []
@@ -71,16 +88,22 @@ class Weighed:
         """What an explanation without effects says."""
         if world.leaves_rest(e):
             return "unknown"
-        if e.suspects:
-            return "instrument"
-        return {PLAIN: "no gap", RECALIBRATED: "recalibrate"}[e.kind]
+        # Who is told of the sensors alone leaves the coefficient that is wrong besides.
+        if e.kind == RECALIBRATED:
+            return "recalibrate"
+        return "instrument" if e.suspects else "no gap"
 
     def counted(self, world: World, e: Explanation, p: float, share: float) -> float:
         """Probability p of an explanation, less what of it counts as unknown."""
         if not e.effects:
             return p * self._stands[self.kind(world, e)]
         real = p * (1 - imitated(share)) * (1 - STACKED if set(stacked(world, e)) == set(e.effects) else 1.0)
-        return real * (1 - min(self.artefacts(world, e).values()))
+        return real * (1 - min(self.artefacts(world, e).values())) * (1 - self.mirrored(world, e))
+
+    def mirrored(self, world: World, e: Explanation) -> float:
+        """Probability that an effect of an explanation is a fault of the sensor that does the same."""
+        names = {world.evaluations.name(i) for i in e.effects}
+        return 1 - math.prod(1 - mirror.share for slug, mirror in self.mirrors.items() if slug in names)
 
     def artefacts(self, world: World, e: Explanation) -> dict[int, float]:
         """Probability that each effect of an explanation is what an error of the measurement does."""
@@ -93,8 +116,18 @@ class Weighed:
         for world, e, p, share in self.items:
             real = self.counted(world, e, p, share)
             found[EFFECTS if e.effects else self.kind(world, e)] += real
-            found["unknown"] += p - real
+            instead = p * self.mirrored(world, e) if e.effects else 0.0
+            found["instrument"] += instead
+            found["unknown"] += max(p - real - instead, 0.0)
         return found
+
+    @property
+    def likeliest_kind(self) -> str:
+        """Of `by_kind`; what may be a fault of the sensor as well counts for the effect: it has no other model."""
+        instead = sum(p * self.mirrored(world, e) for world, e, p, _ in self.items if e.effects)
+        found = {**self.by_kind, EFFECTS: self.by_kind[EFFECTS] + instead}
+        found["instrument"] -= instead
+        return max(found, key=lambda kind: found[kind])
 
     @cached_property
     def _stands(self) -> dict[str, float]:
@@ -119,7 +152,8 @@ class Weighed:
                 own[slug] = min(own.get(slug, 1.0), artefacts[i])
             for slug, wrong in own.items():
                 real = p * (1 - imitated(share)) * (1 - STACKED if slug in doubtful else 1.0)
-                found[slug] = found.get(slug, 0.0) + real * (1 - wrong)
+                instead = self.mirrors[slug].share if slug in self.mirrors else 0.0
+                found[slug] = found.get(slug, 0.0) + real * (1 - wrong) * (1 - instead)
         for world in self.worlds:
             for i in world.evaluations.statistics.of_kind("effect"):
                 found.setdefault(world.evaluations.name(i), 0.0)

@@ -13,61 +13,19 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
-from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.physics.formula.expressions import evaluate, parse_expression
-from bayes_greybox.physics.hidden_states import HiddenState
-from bayes_greybox.physics.side_by_side import side_by_side, stage_times
-from bayes_greybox.physics.simulation.protocol import Simulation
+from bayes_greybox.physics.side_by_side import stage_times
 
 from .candidates import Candidate
-from .explained import Component, Explained
+from .explained import Component
 from .information import FAR, Products, bounded, marginal_starts
-
-LOST = 1e3
-"""A run has failed once a state is larger than so many times its largest value in the data."""
-
-SAME_PATH = 1e-3
-"""Paths by twice as many steps may differ by this share of a state's range."""
-
-MOST_STEPS = 64
-"""Steps between two samples, at most."""
+from .paths import follow, inputs_at, starts_of, steps_needed
+from .question import Question
 
 AT_ONCE = 2_000_000
-"""Numbers in the paths that are simulated side by side, at most: memory."""
+"""Numbers in the paths that are simulated side by side, and in what components say of rows, at most: memory."""
 
 UNSEEN_START = 0.05
 """Standard deviation of the start of a state without a sensor, over its range in the data."""
-
-
-@dataclass(frozen=True)
-class Question:
-    """What is asked of candidates.
-
-    Attributes:
-        simulation: Of the model before, its jumps rounded for an integrator.
-        data: What was measured.
-        explanations: Those that predict something.
-        rates: Whether rows are of rates.
-        outcomes: Simulated for each explanation.
-        seed: Of everything random.
-    """
-
-    simulation: Simulation
-    data: Trajectories
-    explanations: Sequence[Explained]
-    rates: bool
-    outcomes: int
-    seed: int
-
-    @property
-    def components(self) -> list[Component]:
-        """Components of all explanations, one after another."""
-        return [component for e in self.explanations for component in e.components]
-
-    @property
-    def of(self) -> Int[np.ndarray, " n_component"]:
-        """The explanation of each component."""
-        return np.repeat(np.arange(len(self.explanations)), [len(e.components) for e in self.explanations])
 
 
 class Outcomes(NamedTuple):
@@ -139,7 +97,7 @@ def predict(asked: Question, candidates: Sequence[Candidate]) -> list[Predicted]
         groups.setdefault((candidate.duration, candidate.rows), []).append(i)
     found: dict[int, Predicted] = {}
     for (_, rows), places in groups.items():
-        needed, resolved = _steps(asked, [candidates[i] for i in places])
+        needed, resolved = steps_needed(asked, [candidates[i] for i in places])
         followed = dict(zip(places, resolved.tolist(), strict=True))
         n = max(1, AT_ONCE // (len(outcomes.truth) * rows * len(asked.simulation.states)))
         for steps in np.unique(needed).tolist():
@@ -155,19 +113,22 @@ def _together(
     group: int,
 ) -> list[Predicted]:  # fmt: skip
     times, components = candidates[0].times, asked.components
-    begin = _begin(asked, candidates)
+    begin = starts_of(asked, candidates)
     rng = np.random.default_rng([asked.seed, 1, group])
     spread = np.zeros_like(begin) if asked.rates else np.array([_start_sd(asked, c) for c in candidates])
-    inputs = _inputs(asked, candidates, stage_times(times, steps))
+    inputs = inputs_at(asked, candidates, stage_times(times, steps))
     paths = np.zeros((len(candidates), len(outcomes.truth), len(times), begin.shape[1]))
     slopes: list[list[np.ndarray]] = []
+    order, parts, starts = [], [], []
     for c, component in enumerate(components):
         own = np.flatnonzero(outcomes.component == c)
-        starts = begin[:, None] + spread[:, None] * rng.standard_normal((len(candidates), len(own), begin.shape[1]))
-        if len(own):
-            paths[:, own] = _paths(asked, component, outcomes.theta[c], starts, times, inputs)
+        moved = spread[:, None] * rng.standard_normal((len(candidates), len(own), begin.shape[1]))
+        order.append(own)
+        parts.append((component, outcomes.theta[c]))
+        starts.append(begin[:, None] + moved)
         if not asked.rates:
             slopes.append(_slopes(asked, component, begin, spread, times, inputs))
+    paths[:, np.concatenate(order)] = follow(asked, parts, np.concatenate(starts, axis=1), times, inputs)
     found = []
     for i, candidate in enumerate(candidates):
         noise = np.random.default_rng([asked.seed, 2, group, i])
@@ -186,39 +147,59 @@ def _of_rates(
 ) -> tuple[Products, dict[str, np.ndarray]]:
     """Outcomes along paths, against what each component says of the rates along the same paths."""
     components, (n_outcome, n_row, _) = asked.components, paths.shape
-    u = {name: signal.value(candidate.times) for name, signal in candidate.inputs.items()}
-    columns = dict(zip(asked.simulation.states, np.moveaxis(paths, -1, 0), strict=True))
-    columns |= {name: np.broadcast_to(value, (n_outcome, n_row)) for name, value in u.items()}
     k = max(len(c.root) for c in components)
-    values = (
-        np.stack([columns[name] for name in asked.simulation.inputs], axis=-1) if u else np.zeros((*paths.shape[:2], 0))
-    )
-    known = asked.simulation.rates(np.broadcast_to(candidate.times, (n_outcome, n_row)), paths, values)
     q, h = np.zeros((n_outcome, len(components))), np.zeros((n_outcome, len(components), k))
-    G, responses = np.zeros((n_outcome, len(components), k, k)), {}
-    for equation, sd in candidate.sensors.items():
-        means, loads, added = [], [], np.full((n_outcome, n_row), np.nan)
-        for c, component in enumerate(components):
-            own = [j for j, name in enumerate(component.equations) if name == equation]
-            Phi = np.stack(
-                [np.broadcast_to(component.terms[j].evaluate(columns), added.shape) for j in own], axis=-1
-            ) if own else np.zeros((n_outcome, n_row, 0))  # fmt: skip
-            means.append(Phi @ component.mean[own])
-            loads.append(Phi @ component.root[:, own].T / sd)
-            mine = np.flatnonzero(outcomes.component == c)
-            added[mine] = np.einsum("ort,ot->or", Phi[mine], outcomes.theta[c][:, own])
-        responses[equation] = added + known[..., asked.simulation.states.index(equation)]
-        y = added + sd * rng.standard_normal(added.shape)
-        sure = [np.isfinite(m) & np.all(np.abs(a) < FAR, axis=-1) for m, a in zip(means, loads, strict=True)]
-        good = np.all(sure, axis=0) & np.isfinite(y)
-        for c, (mean, load) in enumerate(zip(means, loads, strict=True)):
-            r = np.where(good, bounded((y - mean) / sd), 0.0)
-            A = np.where(good[..., None], load, 0.0)
-            n = A.shape[-1]
-            q[:, c] += np.sum(r**2, axis=1)
-            h[:, c, :n] += np.einsum("ork,or->ok", A, r)
-            G[:, c, :n, :n] += np.swapaxes(A, 1, 2) @ A
+    G = np.zeros((n_outcome, len(components), k, k))
+    noise = {equation: sd * rng.standard_normal((n_outcome, n_row)) for equation, sd in candidate.sensors.items()}
+    responses = {equation: np.zeros((n_outcome, n_row)) for equation in noise}
+    # Each row adds to the products of its own: long records go in pieces.
+    piece = max(1, AT_ONCE // (n_outcome * sum(1 + len(c.root) for c in components)))
+    for rows in (slice(i, i + piece) for i in range(0, n_row, piece)):
+        columns, known = _along(asked, candidate, paths[:, rows], candidate.times[rows])
+        for equation, sd in candidate.sensors.items():
+            means, loads, added = _said_of(components, outcomes, equation, columns)
+            responses[equation][:, rows] = added + known[..., asked.simulation.states.index(equation)]
+            y = added + noise[equation][:, rows]
+            sure = [np.isfinite(m) & np.all(np.abs(a / sd) < FAR, axis=-1) for m, a in zip(means, loads, strict=True)]
+            good = np.all(sure, axis=0) & np.isfinite(y)
+            for c, (mean, load) in enumerate(zip(means, loads, strict=True)):
+                r = np.where(good, bounded((y - mean) / sd), 0.0)
+                A = np.where(good[..., None], load / sd, 0.0)
+                n = A.shape[-1]
+                q[:, c] += np.sum(r**2, axis=1)
+                h[:, c, :n] += np.einsum("ork,or->ok", A, r)
+                G[:, c, :n, :n] += np.swapaxes(A, 1, 2) @ A
     return Products(q, h, G), responses
+
+
+def _along(
+    asked: Question, candidate: Candidate, paths: np.ndarray, times: np.ndarray
+) -> tuple[dict[str, np.ndarray], np.ndarray]:
+    """Columns along paths, and what the simulation says of the rates there."""
+    shape = paths.shape[:2]
+    u = {name: np.broadcast_to(signal.value(times), shape) for name, signal in candidate.inputs.items()}
+    inputs = [u[name] for name in asked.simulation.inputs]
+    values = np.stack(inputs, axis=-1) if inputs else np.zeros((*shape, 0))
+    columns = dict(zip(asked.simulation.states, np.moveaxis(paths, -1, 0), strict=True)) | u
+    return columns, asked.simulation.rates(np.broadcast_to(times, shape), paths, values)
+
+
+def _said_of(
+    components: Sequence[Component], outcomes: Outcomes, equation: str, columns: dict[str, np.ndarray]
+) -> tuple[list[np.ndarray], list[np.ndarray], np.ndarray]:
+    """Of the rows of an equation, each component's means and loads on its latents, and what each outcome's own adds."""
+    shape = next(iter(columns.values())).shape
+    means, loads, added = [], [], np.full(shape, np.nan)
+    for c, component in enumerate(components):
+        own = [j for j, name in enumerate(component.equations) if name == equation]
+        Phi = np.zeros((*shape, len(own)))
+        for place, j in enumerate(own):
+            Phi[..., place] = component.terms[j].evaluate(columns)
+        means.append(Phi @ component.mean[own])
+        loads.append(Phi @ component.root[:, own].T)
+        mine = np.flatnonzero(outcomes.component == c)
+        added[mine] = np.einsum("ort,ot->or", Phi[mine], outcomes.theta[c][:, own])
+    return means, loads, added
 
 
 def _of_samples(
@@ -257,7 +238,7 @@ def _slopes(
     moves = np.vstack([np.zeros((1 + 2 * n_latent, n_state)), np.eye(n_state), -np.eye(n_state)])
     theta = component.mean + at @ component.root
     starts = begin[:, None] + moves * spread[:, None]
-    paths = _paths(asked, component, theta, starts, times, inputs)
+    paths = follow(asked, [(component, theta)], starts, times, inputs)
     found = []
     for path in paths:
         first = 1 + 2 * n_latent
@@ -265,78 +246,6 @@ def _slopes(
         by_start = 0.5 * (path[first : first + n_state] - path[first + n_state :])
         found.append(np.concatenate([path[:1], by_latent, by_start]))
     return found
-
-
-def _paths(
-    asked: Question, component: Component, theta: np.ndarray, starts: np.ndarray, times: np.ndarray, inputs: np.ndarray
-) -> np.ndarray:
-    """States under draws of one component's coefficients."""
-    simulation, d = asked.simulation, starts.shape[-1]
-    hidden: dict[str, HiddenState] = {s.name: s for term in component.terms for s in term.states}
-    rates = [(parse_expression(s.rate), d + j) for j, s in enumerate(hidden.values())]
-    # An integrator cannot stay on a jump.
-    terms = [term.rounded(asked.data.columns) for term in component.terms]
-    places = [simulation.states.index(name) for name in component.equations]
-    names = (*simulation.states, *hidden)
-
-    def rate(x: np.ndarray, u: np.ndarray, t: float) -> np.ndarray:
-        u = np.broadcast_to(u, (*x.shape[:2], u.shape[-1]))
-        found = np.zeros_like(x)
-        found[..., :d] = simulation.rates(np.full(x.shape[:2], t), x[..., :d], u)
-        columns: dict[str, Any] = {name: x[..., i] for i, name in enumerate(names)}
-        columns |= {name: u[..., i] for i, name in enumerate(simulation.inputs)}
-        for term, place, value in zip(terms, places, theta.T, strict=True):
-            found[..., place] += value * term.evaluate(columns)
-        for expression, place in rates:
-            found[..., place] = evaluate(expression, columns)
-        return found
-
-    known = dict(zip(simulation.states, np.moveaxis(starts, -1, 0), strict=True))
-    rest = [known[s.start] if s.start in known else np.zeros(starts.shape[:2]) for s in hidden.values()]
-    limit = LOST * np.array([np.max(np.abs(asked.data.states[name])) or 1.0 for name in simulation.states])
-    begin = np.concatenate([starts, *(each[..., None] for each in rest)], axis=-1)
-    limits = np.concatenate([limit, np.full(len(hidden), np.inf)])
-    return side_by_side(rate, begin, times, inputs, limits)[..., :d]
-
-
-def _inputs(asked: Question, candidates: Sequence[Candidate], times: np.ndarray) -> np.ndarray:
-    found = np.zeros((len(candidates), len(times), len(asked.simulation.inputs)))
-    for i, candidate in enumerate(candidates):
-        for j, name in enumerate(asked.simulation.inputs):
-            found[i, :, j] = candidate.inputs[name].value(times)
-    return found
-
-
-def _steps(asked: Question, candidates: Sequence[Candidate]) -> tuple[np.ndarray, np.ndarray]:
-    """Steps between samples that follow the means of all explanations, and whether they do, by candidate."""
-    first = [int(np.flatnonzero(asked.of == m)[0]) for m in range(len(asked.explanations))]
-    range_ = np.array([np.ptp(asked.data.states[name]) or 1.0 for name in asked.simulation.states])
-    needed, resolved = np.zeros(len(candidates), int), np.zeros(len(candidates), bool)
-    open_, steps, before = np.arange(len(candidates)), 2, None
-    while len(open_):
-        own = [candidates[i] for i in open_.tolist()]
-        begin, times = _begin(asked, own), own[0].times
-        inputs = _inputs(asked, own, stage_times(times, steps))
-        components = [asked.components[c] for c in first]
-        now = np.concatenate(
-            [_paths(asked, c, c.mean[None], begin[:, None], times, inputs) for c in components], axis=1
-        )  # fmt: skip
-        ended = np.zeros(len(own), bool)
-        if before is not None:
-            with np.errstate(all="ignore"):
-                close = np.abs(now - before) / range_ <= SAME_PATH
-            last = steps >= MOST_STEPS
-            # Long steps alone may make a run fail: that it does is believed of the shortest.
-            close |= last & np.isnan(now) & np.isnan(before)
-            same = np.all(close, axis=(1, 2, 3))
-            ended = same | last
-            needed[open_], resolved[open_] = np.where(same & ~last, steps // 2, steps), same
-        before, open_, steps = now[~ended], open_[~ended], 2 * steps
-    return needed, resolved
-
-
-def _begin(asked: Question, candidates: Sequence[Candidate]) -> np.ndarray:
-    return np.array([[c.start[name] for name in asked.simulation.states] for c in candidates], float)
 
 
 def _start_sd(asked: Question, candidate: Candidate) -> list[float]:

@@ -1,7 +1,7 @@
 """Candidates ranked by what they are expected to tell of the explanation, several at once, and when to stop."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -14,13 +14,21 @@ from bayes_greybox.discovery.study import StudyResult
 from .candidates import Candidate, usual_candidates
 from .explained import Explained, joined
 from .information import Information, entropy, expected_information, of_explanations
-from .predicted import Predicted, Question, predict
+from .predicted import Predicted, predict
+from .question import Question
+from .responses import Responses, responses
 
 THRESHOLD = 0.05
 """Bits below which an experiment is not worth doing."""
 
 SURE = 2.0
 """Monte Carlo standard errors that the information must exceed."""
+
+FINALISTS = 8
+"""Candidates among which one is chosen by more outcomes: the best of many noisy figures is often not the best."""
+
+FINER = 4
+"""Times as many outcomes."""
 
 LEAST = 1e-9
 """Bits that rounding alone may give: an experiment worth less is worth nothing, whatever the threshold."""
@@ -41,6 +49,7 @@ class NextExperiment:
         entropy: Bits that tell all explanations with a prediction apart.
         explanations: Name, probability in the study, and whether it predicts anything.
         sentence: The answer in words.
+        responses: What is expected of each experiment that was chosen, or, where none is worth it, of the best.
     """
 
     table: pd.DataFrame
@@ -49,6 +58,7 @@ class NextExperiment:
     entropy: float
     explanations: pd.DataFrame
     sentence: str
+    responses: tuple[Responses, ...] = field(default=(), repr=False)
 
     def __repr__(self) -> str:
         """The answer in words."""
@@ -84,7 +94,8 @@ def rank(
     """Rank candidates by their expected information about the explanation.
 
     Explanations without a prediction (unknown, an error of these sensors) are left out, and said. A candidate some of
-    whose runs fail is not chosen. The information of what was chosen is found again with four times the outcomes.
+    whose runs fail is not chosen. Of the `FINALISTS` best one is chosen by other outcomes, four times as many, and the
+    information of what was chosen is found again with as many.
 
     Args:
         study: The study.
@@ -130,16 +141,26 @@ def rank(
     alone = [_information(asked, [each], p) for each in found]
     able = [i for i, each in enumerate(found) if np.max(each.failed) <= FAILS]
     picked: list[int] = []
+    finer: dict[int, Information] = {}
+    closer = _question(study, known, FINER * outcomes, seed + 1)
     for _ in range(min(batch, len(able))):
         left = [i for i in able if i not in picked]
-        values = {i: _information(asked, [found[j] for j in (*picked, i)], p).bits for i in left}
-        picked.append(max(left, key=lambda i: values[i]))
+        beside = {i: _information(asked, [found[j] for j in (*picked, i)], p) if picked else alone[i] for i in left}
+        finalists = sorted(left, key=lambda i, now=beside: -now[i].bits)[:FINALISTS]
+        # In one go: the noise of experiments that are done together is their own.
+        near = predict(closer, [candidates[i] for i in (*picked, *finalists)])
+        done, last = near[: len(picked)], near[len(picked) :]
+        values = {i: _information(closer, [*done, each], p) for i, each in zip(finalists, last, strict=True)}
+        if not picked:
+            finer = values
+        picked.append(max(finalists, key=lambda i, now=values: now[i].bits))
     chosen = tuple(candidates[i] for i in picked)
-    information, after = Information(0.0, 0.0), []
+    information, after, shown = Information(0.0, 0.0), [], ()
     if chosen:
-        again = _question(study, known, 4 * outcomes, seed + 1)
+        again = _question(study, known, FINER * outcomes, seed + 2)
         after = predict(again, chosen)
         information = _information(again, after, p)
+        shown = tuple(responses(again, each, known) for each in after)
     if information.bits < max(threshold, SURE * information.error, LEAST):
         chosen = ()
     rows = [
@@ -148,13 +169,17 @@ def rank(
             "reach": max(float(np.nanquantile(x, 0.95)) for x in each.reach.values()),
             "fails": float(np.max(each.failed)), "said": _said(each),
         }
-        for each, value in zip(found, alone, strict=True)
+        for i, each in enumerate(found)
+        for value in (finer.get(i, alone[i]),)
     ]  # fmt: skip
-    table = pd.DataFrame(rows).sort_values("information", ascending=False, ignore_index=True)
+    table = pd.DataFrame(rows)
+    # Finalists first: the figures of the others are of fewer outcomes, and the largest of many is too large.
+    order = sorted(range(len(rows)), key=lambda i: (i not in finer, -rows[i]["information"]))
+    table = table.iloc[order].reset_index(drop=True)
     # What is seen of more outcomes counts: a failure among them too.
     mind = [said for each in after if (said := _said(each))]
     text = _sentence(known, every, chosen, information, entropy(p), mind, bool(able))
-    return NextExperiment(table, chosen, information, entropy(p), about, text)
+    return NextExperiment(table, chosen, information, entropy(p), about, text, shown)
 
 
 def _question(study: StudyResult, known: Sequence[Explained], outcomes: int, seed: int) -> Question:

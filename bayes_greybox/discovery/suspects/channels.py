@@ -24,6 +24,9 @@ from bayes_greybox.physics.integrate import between_samples
 
 DELAY, GAIN, OFFSET, DRIFT = KINDS = ("delay", "gain", "offset", "drift")
 
+LAG = "lag"
+"""What the only sensor of a machine may do in the place of its actuator; no column of its own, see `mirrored`."""
+
 STATES = "states"
 """Channel that stands for all states together."""
 

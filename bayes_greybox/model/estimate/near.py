@@ -28,11 +28,20 @@ TRIES = (1, 2, 3, 5, 8, 12, 17, 24, MOST_TURNS)
 """Turns with an unknown force after which paths without it are tried."""
 
 UNFORCED_TURNS = 15
-"""Turns that such a try has."""
+"""Turns that such a try has on paths without the force; from the simulation there are `MOST_TURNS`."""
+
+DAMPING = 1e-2
+"""Of the first step of a descent, over the precision of each coefficient."""
 
 SETTLED, STAYING, UNSETTLED = 0.01, 0.1, 1.0
 """Change of a coefficient from one turn to the next, in its standard deviations, that ends them; that does where many
 turns have not, as where a path has kinks; and that is refused."""
+
+CLOSE = 5.0
+"""Residuals over the noise of the sensors up to which an estimate that was reached without a force stands alone."""
+
+ALIKE = 3
+"""Estimates that lead to one, after which it stands."""
 
 FOLLOWED = 3.0
 """Nats that an unknown force may gain where a path without it follows the samples: odds of twenty."""
@@ -52,6 +61,24 @@ class Turned(NamedTuple):
 
     model: Any
     equation: Equation
+    moved: float
+
+
+class Standing(NamedTuple):
+    """A model with rows near given coefficients.
+
+    Attributes:
+        model: The model.
+        equation: On these rows.
+        at: The coefficients.
+        density: Log density of the samples there, and of what is stated of the coefficients.
+        moved: How far the estimate on these rows is, in standard deviations.
+    """
+
+    model: Any
+    equation: Equation
+    at: list[tuple[Any, float]]
+    density: float
     moved: float
 
 
@@ -150,7 +177,10 @@ def _nearer(model: Any, data: Trajectories) -> Any:
 
 
 def _settled(model: Any, data: Trajectories) -> Any:
-    forced, found, done, moved = model, [], 0, math.inf
+    forced, done, moved = model, 0, math.inf
+    # Where the simulation is about right, no force is needed to come to the estimate; else that is no beginning.
+    start = _descended(model, data, MOST_TURNS)
+    found = [start] if start is not None and start.equation.misfit() < CLOSE else []
     for tried in TRIES:
         try:
             forced, _, moved = _turned(forced, data, tried - done, SETTLED)
@@ -159,17 +189,18 @@ def _settled(model: Any, data: Trajectories) -> Any:
                 raise
             break
         done = tried
-        unforced = _without_force(forced, data)
+        unforced = _descended(forced, data, UNFORCED_TURNS)
         if unforced is not None:
-            # One estimate may be of a minimum of its own; what two paths lead to, and a force betters nothing, stands.
-            again = any(unforced.equation.moved(other.equation.ridge()) < SETTLED for other in found)
+            # One estimate may be of a minimum of its own; what two paths lead to stands where a force betters nothing,
+            # and what three do in any case: the noise is then none that these equations explain.
+            again = sum(unforced.equation.moved(other.equation.ridge()) < STAYING for other in found)
             found.append(unforced)
-            if again and _follows(replace(unforced.model, rows=forced.rows.around(*_terms(unforced.equation))), data):
+            if again + 1 >= ALIKE or (again and _follows(_beside(forced, unforced.equation), data)):
                 break
         if moved < SETTLED:
             break
     if found:
-        return max(found, key=lambda each: each.equation.log_likelihood()).model
+        return max(found, key=lambda each: each.density).model
     if moved > UNSETTLED:
         raise _unsettled(model, done, moved)
     # Where no path of the model can be followed to its end, there is the one that a force keeps to the samples.
@@ -184,13 +215,58 @@ def _unsettled(model: Any, turns: int, moved: float) -> InputError:
     )
 
 
-def _without_force(model: Any, data: Trajectories) -> Turned | None:
-    """The estimate on paths of the model alone, from one near it; None where it does not settle."""
+def _descended(model: Any, data: Trajectories, most: int) -> Standing | None:
+    """The estimate on paths of the model alone, from one near it; None where it does not settle.
+
+    Steps of Levenberg and Marquardt's, damped as Nielsen (1999, IMM-REP-1999-05, Eq. 2.9) does by what a step promised
+    and gained: whole steps go around an estimate near a kink of the equations without end, or to where no path is.
+    """
+    model = replace(model, rows=model.rows.unforced())
+    here, damping, factor = _standing(model, data, None), DAMPING, 2.0
+    for _ in range(most):
+        if here is None or here.moved < SETTLED:
+            break
+        at, promised = here.equation.damped(here.at, damping)
+        acts_on = here.equation.frame.dictionary.acts_on
+        there = _standing(replace(model, rows=model.rows.around(at, acts_on)), data, at)
+        gained = -1.0 if there is None else (there.density - here.density) / promised
+        if there is not None and gained > 0:
+            here, damping, factor = there, damping * max(1 / 3, 1 - (2 * gained - 1) ** 3), 2.0
+        else:
+            damping, factor = damping * factor, 2 * factor
+    return here if here is not None and here.moved < STAYING else None
+
+
+def _standing(model: Any, data: Trajectories, at: list[tuple[Any, float]] | None) -> Standing | None:
+    """The model with rows near coefficients; None where no path of it can be followed.
+
+    Args:
+        model: The model.
+        data: Samples.
+        at: The coefficients; those that the rows state, if None.
+    """
     try:
-        found = _turned(replace(model, rows=model.rows.unforced()), data, UNFORCED_TURNS, SETTLED)
+        (equation,) = model.assemble(data).values()
+        if at is None:
+            at = _stated(model, equation)
+        density, moved = equation.log_density(at), equation.moved(at)
     except (InputError, np.linalg.LinAlgError):
         return None
-    return found if found.moved < SETTLED else None
+    return Standing(model, equation, at, density, moved) if math.isfinite(density + moved) else None
+
+
+def _stated(model: Any, equation: Equation) -> list[tuple[Any, float]]:
+    """Coefficients of the terms that rows are near; nought of those that they do not have."""
+    dictionary, rows = equation.frame.dictionary, model.rows
+    to = rows.added_to or model.equations * len(rows.added)
+    known = {(text, name): value for (text, value), name in zip(rows.added, to, strict=False)}
+    acts_on = dictionary.acts_on or model.equations * len(dictionary.terms)
+    return [(term, known.get((term.text, name), 0.0)) for term, name in zip(dictionary.terms, acts_on, strict=False)]
+
+
+def _beside(forced: Any, equation: Equation) -> Any:
+    """A model with the force of one and the coefficients of another."""
+    return replace(forced, rows=forced.rows.around(*_terms(equation)))
 
 
 def _follows(model: Any, data: Trajectories) -> bool:

@@ -1,6 +1,6 @@
 """Formulas written as text: read through a whitelist into SymPy, evaluated with NumPy or JAX."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from functools import lru_cache, reduce
 from typing import Any
 
@@ -84,13 +84,12 @@ def evaluate(
     """
     check_known(symbol_names(expr), columns, expr)
     xp = namespace(columns.values())
-    values: dict[sympy.Basic, Any] = {}
+    values: list[Any] = []
     # What is not finite is for the caller to judge, as under JAX.
     with np.errstate(all="ignore"):
-        for node in sympy.postorder_traversal(expr):
-            if node not in values:
-                values[node] = _node_value(node, values, columns, xp)
-    return xp.broadcast_to(values[expr], np.broadcast_shapes(*(np.shape(c) for c in columns.values())))
+        for operation, places in _operations(expr):
+            values.append(operation(xp, columns, [values[place] for place in places]))
+    return xp.broadcast_to(values[-1], np.broadcast_shapes(*(np.shape(c) for c in columns.values())))
 
 
 def namespace(arrays: Iterable[Any]) -> Any:
@@ -98,26 +97,43 @@ def namespace(arrays: Iterable[Any]) -> Any:
     return jnp if any(isinstance(a, jax.Array) for a in arrays) else np
 
 
-def _node_value(
-    node: sympy.Basic,
-    values: Mapping[sympy.Basic, Any],
-    columns: Mapping[str, Float[Array | np.ndarray, "..."]],
-    xp: Any,
-) -> Any:
+Operation = Callable[[Any, Mapping[str, Any], list[Any]], Any]
+"""(namespace, columns, values of the arguments) -> value of a node."""
+
+
+@lru_cache(REMEMBERED)
+def _operations(expr: sympy.Basic) -> tuple[tuple[Operation, tuple[int, ...]], ...]:
+    """Nodes of an expression, each after its arguments and once, with the places of these; the last one is the whole.
+
+    A path asks for the same formulas thousands of times, and a walk through SymPy's tree takes longer than the numbers.
+    """
+    places: dict[sympy.Basic, int] = {}
+    found = []
+    for node in sympy.postorder_traversal(expr):
+        if node not in places:
+            found.append((_operation(node), tuple(places[arg] for arg in node.args)))
+            places[node] = len(places)
+    return tuple(found)
+
+
+def _operation(node: sympy.Basic) -> Operation:
     if isinstance(node, sympy.Symbol):
-        return xp.asarray(columns[node.name], dtype=float)
+        name = node.name
+        return lambda xp, columns, args: xp.asarray(columns[name], dtype=float)
     if isinstance(node, sympy.Number | sympy.NumberSymbol):
-        return xp.asarray(float(node))
-    args = [values[arg] for arg in node.args]
+        number = float(node)
+        return lambda xp, columns, args: xp.asarray(number)
     if isinstance(node, sympy.Add):
-        return reduce(xp.add, args)
+        return lambda xp, columns, args: reduce(xp.add, args)
     if isinstance(node, sympy.Mul):
-        return reduce(xp.multiply, args)
+        return lambda xp, columns, args: reduce(xp.multiply, args)
     if isinstance(node, sympy.Pow):
-        return _power(args[0], node.args[1], args[1], xp)
+        exponent = node.args[1]
+        return lambda xp, columns, args: _power(args[0], exponent, args[1], xp)
     for function in FUNCTIONS.values():
         if isinstance(node, function.node):
-            return function.array(xp, *args)
+            array = function.array
+            return lambda xp, columns, args: array(xp, *args)
     raise InputError(f"{node} is not available in formulas; use {function_list()}.")
 
 

@@ -35,6 +35,11 @@ class CallableSimulation(Simulation):
     function: RightHandSide
 
     @property
+    def code(self) -> str:
+        """A function."""
+        return "your function"
+
+    @property
     def equations(self) -> tuple[str, ...]:
         """All states."""
         return self.states

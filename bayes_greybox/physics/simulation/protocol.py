@@ -3,7 +3,7 @@
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import cast
+from typing import Any, cast
 
 import jax.numpy as jnp
 import numpy as np
@@ -13,6 +13,7 @@ from jaxtyping import Array, Float
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.physics.formula.derivatives import gradient
+from bayes_greybox.physics.formula.expressions import evaluate
 from bayes_greybox.physics.terms import Term
 
 RightHandSide = Callable[[Array, Array, Array], Array]
@@ -40,6 +41,11 @@ class Simulation(ABC):
     def warnings(self) -> tuple[str, ...]:
         """What was found of the simulation since it was used, and its user has to know; sentences."""
         return ()
+
+    @property
+    def code(self) -> str:
+        """What it is in words if it is code, which no formula says; "" of formulas."""
+        return ""
 
     @property
     @abstractmethod
@@ -70,6 +76,18 @@ class Simulation(ABC):
         self, t: Float[np.ndarray, "*n"], x: Float[np.ndarray, "*n n_state"], u: Float[np.ndarray, "*n n_input"]
     ) -> Float[np.ndarray, "*n n_state n_state"]:
         """∂g/∂x at points along paths, neighbours along the last axis of t."""
+
+    def output(self, name: str, t: Array | np.ndarray, x: Array | np.ndarray, u: Array | np.ndarray) -> Any:
+        """Values of an output at many points along the first axis, by NumPy on its arrays, else by JAX.
+
+        Args:
+            name: The output.
+            t: Times.
+            x: States.
+            u: Inputs.
+        """
+        columns = dict(zip((*self.states, *self.inputs), (*x.T, *u.T), strict=True))
+        return evaluate(self.formula(name), columns)
 
     @abstractmethod
     def formula(self, name: str) -> sympy.Expr:
@@ -157,6 +175,11 @@ class _WithTerms(Simulation):
         return self.given.warnings
 
     @property
+    def code(self) -> str:
+        """As of the simulation."""
+        return self.given.code
+
+    @property
     def _of_states(self) -> list[tuple[int, tuple[tuple[Term, float], ...]]]:
         """Terms that add to rates, by the number of the state."""
         return [(self.states.index(name), terms) for name, terms in self.known.items() if name in self.states]
@@ -201,6 +224,12 @@ class _WithTerms(Simulation):
             for term, value in terms:
                 found[..., k, :] += value * gradient(term.expr, self.states, columns)
         return found
+
+    def output(self, name: str, t: Array | np.ndarray, x: Array | np.ndarray, u: Array | np.ndarray) -> Any:
+        """That of the simulation, and the terms."""
+        columns = dict(zip((*self.states, *self.inputs), (*x.T, *u.T), strict=True))
+        added = [value * term.evaluate(columns) for term, value in self.known.get(name, ())]
+        return sum(added, start=self.given.output(name, t, x, u))
 
     def formula(self, name: str) -> sympy.Expr:
         """That of the simulation, and the terms with their coefficients."""

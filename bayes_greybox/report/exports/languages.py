@@ -58,7 +58,8 @@ def python_program(model: ExportedModel, name: str) -> str:
         lines.append(f'    """{what} at states x [n_state, ...] and inputs u [n_input, ...]."""')
         lines += ["    x, u = numpy.asarray(x, float), numpy.asarray(u, float)"]
         if code:
-            lines.append("    # Your function (t, x, u) -> dx/dt, of one point, which the model was fitted beside.")
+            lines.append(f"    # simulation(t, x, u) -> dx/dt, of one point: {one_line(model.code)},")
+            lines.append("    # which the model was fitted beside.")
             lines.append("    g = numpy.asarray(simulation(t, x, u), float)")
         lines += [f"    {known[each.name]} = x[{k}]" for k, each in enumerate(model.states)]
         lines += [f"    {known[each.name]} = u[{k}]" for k, each in enumerate(model.inputs)]
@@ -149,6 +150,7 @@ def _sum(printer: PythonPrinter | CPrinter | ModelicaPrinter, formula: Formula) 
 def _require_formulas(model: ExportedModel, language: str) -> None:
     if model.code:
         raise InputError(
-            f"The simulation is a function or an FMU, which cannot be written in {language}: give it as formulas, "
-            "GreyBox(simulation={'y': 'v', ...}), or export to .py, whose rhs takes your function beside its arguments."
+            f"The simulation is {model.code}, which cannot be written in {language}: give it as formulas, "
+            "GreyBox(simulation={'y': 'v', ...}), or export to .py, whose rhs takes its rates, simulation(t, x, u), "
+            "beside its arguments."
         )

@@ -117,7 +117,8 @@ class ExportedModel:
         factors: Coefficients, given ones too.
         inner: Inner parameters of terms, by equation; they stand in the formulas as numbers.
         formulas: Of the states, in order, then of the outputs.
-        code: Whether the simulation is a function, whose rates stand in formulas as the symbols `rate_symbol(k)`.
+        code: What the simulation is in words if it is code, whose rates stand in formulas as the symbols
+            `rate_symbol(k)`; "" else.
         time: Unit of time; "" where it is not known.
         rule: Which terms stand in an equation.
         correlations: Pairs of coefficients with their posterior correlation, where that is large.
@@ -131,7 +132,7 @@ class ExportedModel:
     factors: tuple[Factor, ...]
     inner: tuple[tuple[str, InnerValue], ...]
     formulas: tuple[Formula, ...]
-    code: bool
+    code: str
     time: str
     rule: str
     correlations: tuple[tuple[str, str, float], ...]
@@ -198,7 +199,9 @@ def exported_model(system: LearnedSystem, notes: Notes) -> ExportedModel:
         factors=tuple(factor for factor, _ in factors),
         inner=tuple((name, inner) for name in names if name in system.learned for inner in system.learned[name].inner),
         formulas=tuple(formulas[name] for name in (*states, *outputs)),
-        code=any(name.startswith("#") for each in formulas.values() for name in symbol_names(each.known)),
+        code=system.simulation.code
+        if any(name.startswith("#") for each in formulas.values() for name in symbol_names(each.known))
+        else "",
         time=system.data.units.get("t", ""),
         rule=system.rule,
         correlations=_correlations(system, factors),

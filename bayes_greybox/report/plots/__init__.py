@@ -12,6 +12,7 @@ from bayes_greybox.report.plots.gap.before_after import plot_free_run, plot_gap_
 from bayes_greybox.report.plots.gap.gap_map import plot_gap_curve, plot_gap_map
 from bayes_greybox.report.plots.gap.posteriors import Coefficient, plot_posteriors
 from bayes_greybox.report.plots.gap.ranking import plot_hypotheses, plot_rounds
+from bayes_greybox.report.plots.gap.responses import plot_responses
 from bayes_greybox.report.plots.posterior.calibration import plot_calibration
 from bayes_greybox.report.plots.posterior.checks import (
     plot_autocorrelation,
@@ -47,6 +48,7 @@ from .studies import (
     free_run,
     gap_map,
     gap_over_time,
+    next_experiment,
     ranking,
     rounds,
     study_figures,
@@ -65,6 +67,7 @@ __all__ = [
     "gap_map",
     "gap_over_time",
     "loo_pit",
+    "next_experiment",
     "plot_autocorrelation",
     "plot_calibration",
     "plot_coefficients",
@@ -81,6 +84,7 @@ __all__ = [
     "plot_posteriors",
     "plot_predicted",
     "plot_predictive",
+    "plot_responses",
     "plot_rounds",
     "plot_sensitivity",
     "plot_tradeoff",

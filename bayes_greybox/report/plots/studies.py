@@ -7,12 +7,15 @@ from jaxtyping import Float
 from matplotlib.figure import Figure
 
 from bayes_greybox.criticism.bands import Band
+from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.discovery.next_experiment.ranked import NextExperiment
 from bayes_greybox.discovery.study import StudyResult
 from bayes_greybox.report.plots.gap.before_after import plot_free_run, plot_gap_over_time
 from bayes_greybox.report.plots.gap.gap_map import plot_gap_curve, plot_gap_map
 from bayes_greybox.report.plots.gap.posteriors import Coefficient, plot_posteriors
 from bayes_greybox.report.plots.gap.ranking import plot_hypotheses, plot_rounds
+from bayes_greybox.report.plots.gap.responses import plot_responses
 from bayes_greybox.report.plots.study_numbers import normal_band, support
 from bayes_greybox.report.words.formatting import formula
 from bayes_greybox.report.words.sampled import added_draws
@@ -157,6 +160,33 @@ def free_run(study: StudyResult, state: str, width: float = 9.0) -> Figure:
         path.time, path.measured, _rows(path.before), _rows(path.after),
         state=state, holds=path.holds, unit=data.unit(state), width=width, **_runs(data, path.run),
     )  # fmt: skip
+
+
+def next_experiment(found: NextExperiment, place: int = 0, width: float = 9.0) -> dict[str, Figure]:
+    """What each sensor of an experiment would show under each explanation, by file name.
+
+    Bands hold 90 % of the simulated outcomes, without noise; below, their difference from the likeliest explanation's
+    median.
+
+    Args:
+        found: The answer of `Study.next_experiment`.
+        place: Of the experiment among those that are to be done together.
+        width: Of the figures, in inches.
+
+    Raises:
+        InputError: Nothing was predicted, or fewer experiments were.
+    """
+    if not 0 <= place < len(found.responses):
+        raise InputError(f"The answer has predictions of {len(found.responses)} experiments; there is none at {place}.")
+    shown = found.responses[place]
+    return {
+        f"next_{channel}": plot_responses(
+            shown.candidate.times, bands, names=shown.names, probability=shown.probability,
+            noise=shown.candidate.sensors[channel], channel=shown.labels[channel], unit=shown.units[channel],
+            time_unit=shown.units["t"], width=width,
+        )
+        for channel, bands in shown.bands.items()
+    }  # fmt: skip
 
 
 def _rows(band: Band) -> Float[np.ndarray, "3 n_obs"]:

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from bayes_greybox.criticism.convergence import convergence
+from bayes_greybox.discovery.answer.adequacy import LAGS
 from bayes_greybox.discovery.answer.finding import NEGLIGIBLE, SURE
 from bayes_greybox.discovery.answer.gap.denials import left_over, misfits, worsened
 from bayes_greybox.discovery.answer.instrument import IN_MODEL
@@ -93,11 +94,8 @@ def _checks(study: StudyResult, equation: str) -> Iterator[Doubt]:
         topic = f"{TOPICS[kind]}{f' of {state}' if state else ''}" if kind in TOPICS else "Residuals"
         yield Doubt(topic, FINE[kind].format(p) if row["ok"] else f"{row['text']} ({name}, {p})", not row["ok"])
     if not any(name in FINE and name not in TOPICS for name in table.index):
-        why = (
-            "there is a rest of any shape beside what has a name, which takes up what the tests would find"
-            if study.verdict in ("unknown", "partly named")
-            else "the rows are too few"
-        )
+        why = "there is a rest beside what has a name, of any shape or a process in time, which takes up what the "
+        why = "the rows are too few" if study.train.n_obs < 2 * LAGS else f"{why}tests would find"
         yield Doubt("Residuals", f"not tested: {why}", None)
 
 

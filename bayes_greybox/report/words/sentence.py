@@ -9,7 +9,7 @@ from bayes_greybox.discovery.answer.finding import SURE
 from bayes_greybox.discovery.answer.gap.denials import worsened
 from bayes_greybox.discovery.answer.instrument import IN_MODEL
 from bayes_greybox.discovery.study import StudyResult
-from bayes_greybox.discovery.suspects.channels import KINDS
+from bayes_greybox.discovery.suspects.channels import KINDS, LAG
 from bayes_greybox.discovery.verdict import worse_in_words
 from bayes_greybox.physics.catalogue.names import within
 
@@ -115,7 +115,8 @@ def _missing(study: StudyResult, said: Sequence[str], closed: str) -> str:
             for row in study.effects.query("status == 'one of'").to_dict("records")
         ]
         tied = [name for names in study.effects.query("status == 'added'")["tied_with"] for name in names]
-        others += [f"an error of the sensor ({name})" for name in dict.fromkeys(tied) if name.split(" of ")[0] in KINDS]
+        faults = [name for name in dict.fromkeys(tied) if name.split(" of ")[0] in (*KINDS, LAG)]
+        others += [f"an error of the sensor ({name})" for name in faults]
         instead = f", or in its place {' or '.join(others)}" if others else ""
         return f"Something is missing, most likely {' and '.join(said)}{instead}; adding the likeliest {closed}."
     if remembers := "; ".join(text for name in study.maps if (text := remembered(study, name))):
@@ -126,8 +127,13 @@ def _missing(study: StudyResult, said: Sequence[str], closed: str) -> str:
 
 
 def _corrections(study: StudyResult, least: float) -> list[dict[str, Any]]:
-    """Corrections of the simulation's coefficients that are more probable than this."""
-    return study.corrections[study.corrections["probability"] > least].reset_index().to_dict("records")
+    """Corrections of the simulation's coefficients that are more probable than this, and not of nothing.
+
+    One that is there for another's sake, as all are beside a gain, may come to zero.
+    """
+    table = study.corrections
+    likely = table[(table["probability"] > least) & (table["lower"] * table["upper"] > 0)]
+    return likely.reset_index().to_dict("records")
 
 
 def _should_be(row: Mapping[str, Any], label: str) -> str:

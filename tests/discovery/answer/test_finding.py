@@ -127,10 +127,12 @@ def test_what_an_instrument_explains_is_no_unknown():
     assert [SUSPECTS[i] for i in finding.explanation.suspects] == ["offset"]
 
 
-def test_a_recalibration_beside_a_suspect_is_the_instruments():
+def test_a_recalibration_is_not_hidden_behind_a_suspect_beside_it():
     found = world({"no gap": 0.2, "! delay": 0.8})
     (delay,) = (e for e in found.explanations if e.suspects)
-    assert Weighed([found]).kind(found, Explanation(delay.suspects, (), RECALIBRATED, 0.0, 0.0)) == "instrument"
+    weighed = Weighed([found])
+    assert weighed.kind(found, delay) == "instrument"
+    assert weighed.kind(found, Explanation(delay.suspects, (), RECALIBRATED, 0.0, 0.0)) == "recalibrate"
 
 
 def test_without_effects_the_share_left_of_the_unknown_is_all_and_of_others_none():

@@ -7,9 +7,11 @@ import pytest
 
 import bayes_greybox as bg
 from bayes_greybox.data.errors import InputError
-from bayes_greybox.discovery.next_experiment.candidates import Candidate, Hold, usual_candidates
+from bayes_greybox.discovery.next_experiment import predicted, ranked
+from bayes_greybox.discovery.next_experiment.candidates import Candidate, usual_candidates
 from bayes_greybox.discovery.next_experiment.explained import Component, Explained, joined
 from bayes_greybox.discovery.next_experiment.information import Products
+from bayes_greybox.discovery.next_experiment.signals import Hold
 from bayes_greybox.missing_effects import Study
 from bayes_greybox.physics.terms import Term
 
@@ -115,7 +117,7 @@ def test_equations_are_joined_with_their_products_and_one_that_predicts_nothing_
 def test_means_that_are_stated_of_coefficients_are_simulated(study):
     """A spring that the dictionary states is the same as one in the simulation: coefficients are what is left."""
     laws = NOTHING, law("cubic", 0.5, "y**3", -0.8)
-    stated = bg.GreyBox({"v": [bg.Term("y", prior=(-4, 0.1))]}, simulation={"y": "v", "v": "F - 0.5*v"})
+    stated = bg.GreyBox({"v": [bg.Term("y", prior=(-4.0, 0.1))]}, simulation={"y": "v", "v": "F - 0.5*v"})
     other = replace(told(study, *laws), base=stated.on(study.train))
     one, two = (each.next_experiment([FAR], outcomes=8) for each in (told(study, *laws), other))
     assert two.information.bits == pytest.approx(one.information.bits, abs=1e-6)
@@ -127,3 +129,30 @@ def test_a_state_without_an_equation_cannot_be_simulated(study):
     other = replace(told(study, NOTHING, law("cubic", 0.5, "y**3", -0.8)), base=alone)
     with pytest.raises(InputError, match="'y' has no equation to integrate"):
         other.next_experiment([FAR], outcomes=8)
+
+
+def test_rows_go_in_pieces_where_a_record_is_long(study, monkeypatch):
+    laws = told(study, law("cubic", 0.4, "y**3", -0.8), law("linear", 0.3, "y", -0.4), NOTHING)
+    asked = ranked._question(laws, laws.explanations["v"], 6, 0)
+    (whole,) = predicted.predict(asked, [FAR])
+    monkeypatch.setattr(predicted, "AT_ONCE", 18 * 6 * 5)
+    (pieces,) = predicted.predict(asked, [FAR])
+    for one, other in zip(whole.products, pieces.products, strict=True):
+        np.testing.assert_allclose(other, one, rtol=1e-9, atol=1e-9)
+    np.testing.assert_array_equal(pieces.responses["v"], whole.responses["v"])
+
+
+def test_the_best_of_few_outcomes_is_judged_by_more_before_it_is_chosen(study, monkeypatch):
+    """Ten candidates of the same worth but for one that is worth more: first figures alone seldom find it."""
+    laws = told(study, law("cubic", 0.5, "y**3", -0.8), law("linear", 0.5, "y", -0.35))
+    same = [replace(FAR, sensors={"v": 0.12}, name=f"same {i}") for i in range(9)]
+    better = replace(FAR, sensors={"v": 0.1}, name="better")
+    chosen = {}
+    for finer in (1, 32):
+        monkeypatch.setattr(ranked, "FINER", finer)
+        monkeypatch.setattr(ranked, "FINALISTS", 10)
+        found = [laws.next_experiment([*same, better], outcomes=16, seed=s) for s in range(6)]
+        chosen[finer] = sum(each.chosen[0].name == "better" for each in found)
+        assert all(each.table["candidate"][0] == each.chosen[0].name for each in found)
+    assert chosen[32] >= 5
+    assert chosen[32] > chosen[1]

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from bayes_greybox.data.errors import InputError
-from bayes_greybox.discovery.next_experiment.candidates import SIGNALS, Candidate, Hold, Usual
+from bayes_greybox.discovery.next_experiment.candidates import Candidate
+from bayes_greybox.discovery.next_experiment.signals import SIGNALS, Hold, Usual
 from bayes_greybox.missing_effects import load
 
 
@@ -38,6 +39,7 @@ def test_a_candidate_that_fails_is_not_chosen(study):
     wild = Candidate({"F": Hold(1e9)}, {"y": 0.0, "v": 0.0}, 4.0, 41, {"v": 0.3}, "wild")
     found = study.next_experiment([wild], outcomes=8)
     assert not found.chosen
+    assert found.responses == ()
     assert found.table["fails"][0] > 0.5
     assert "unsafe" in found.table["said"][0]
 

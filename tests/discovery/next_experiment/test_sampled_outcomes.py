@@ -4,10 +4,12 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 import bayes_greybox as bg
-from bayes_greybox.discovery.next_experiment.candidates import Candidate, Hold
+from bayes_greybox.discovery.next_experiment.candidates import Candidate
 from bayes_greybox.discovery.next_experiment.explained import Component, Explained
 from bayes_greybox.discovery.next_experiment.information import of_explanations
-from bayes_greybox.discovery.next_experiment.predicted import Question, predict
+from bayes_greybox.discovery.next_experiment.predicted import predict
+from bayes_greybox.discovery.next_experiment.question import Question
+from bayes_greybox.discovery.next_experiment.signals import Hold
 from bayes_greybox.physics.hidden_states import HiddenState
 from bayes_greybox.physics.simulation.reading import simulation_of
 from bayes_greybox.physics.terms import Term

@@ -166,6 +166,13 @@ ADDED: dict[str, dict[str, Hidden]] = {
     for domain, effects in {
         "mechanical": (
             _inner("smooth-friction", lambda v, c: np.tanh(v / c), "velocity", of="velocity", low=0.02, high=0.5),
+            Hidden(
+                "exponential-stribeck-friction",
+                ("velocity",),
+                lambda c, speed: _sign(c, "velocity") * np.exp(-np.abs(c["velocity"]) / speed),
+                Inner("velocity", 0.05, 0.6),
+                jump="velocity",
+            ),
             _plain("direction-dependent-friction", np.abs, "velocity"),
             _inner("backlash", lambda u, play: np.clip(u, -play, play), "input", of="input", low=0.05, high=0.8),
         ),

@@ -157,7 +157,7 @@ def weigh_near(
     log_evidence = _log_evidence(sets, noise) - unit_nats
     columns, values, sd = estimate(sets, sets.likeliest())
     found, off, values_of = acting(columns, values), errors(columns, values), inner_values(columns)
-    names, bent = tuple(map(_named, columns)), np.array([bool(c.inner) for c in columns])
+    names, bent = tuple(map(_named, columns)), np.array([bool(c.inner) for c in columns], dtype=bool)
     names, values = _of_one_clock(columns, names, values, train)
     return Near(
         near, data, base, noise, rate, names, values, sd, bent, found, off, log_evidence, values_of, hidden, sets,

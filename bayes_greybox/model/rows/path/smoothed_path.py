@@ -23,7 +23,10 @@ PASSES = 3
 """Passes of the smoother at the intensity that was chosen."""
 
 UNFORCED_PASSES = 10
-"""Passes to a path that the model allows, from one near the samples."""
+"""Passes at most to a path that the model allows, from one near the samples."""
+
+ARRIVED = 1e-8
+"""Change of such a path by a pass, over its size, that ends them: the next one changes it by the square of that."""
 
 LOST = (
     "No path through the samples was found: near them the equations leave their domain, or grow beyond all bounds. "
@@ -64,7 +67,9 @@ def smoothest(
                 gained = float(np.nanmax(logs) - np.nan_to_num(logs[0], nan=-np.inf)) - math.log(len(RATIOS))
         stronger = own * RATIOS[own * RATIOS > ratio] if process_noise else ()
         paths = (smooth(steps, observed, outputs, each).ends for each in (ratio, *stronger))
-        ends = _inside(rate, grid, ends, paths)
+        before, ends = ends, _inside(rate, grid, ends, paths)
+        if not process_noise and turn > 1 and np.max(np.abs(ends - before)) < ARRIVED * np.max(np.abs(ends)):
+            break
     if not np.all(np.isfinite(ends)):
         raise InputError(LOST)
     return ends, ratio, gained

@@ -3,36 +3,49 @@
 import math
 import numbers
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
 from bayes_greybox.data.errors import InputError
-from bayes_greybox.data.fmu.description import MODEL_EXCHANGE, Description, Variable
+from bayes_greybox.data.fmu.description import Description, Variable
 from bayes_greybox.data.fmu.reading import read_fmu
 
+from .ports import Ports
 from .running import running
+
+MAPPINGS = ("parameters", "states", "inputs", "outputs", "starts")
+"""Fields that are tables of names."""
 
 
 @dataclass(frozen=True)
 class FMU:
-    """A simulation that is an FMU of FMI 2.0 for Model Exchange, run by FMPy (extra `fmu`).
+    """A simulation that is an FMU of FMI 2.0, run by FMPy (extra `fmu`): for Model Exchange, else for Co-Simulation.
 
     Its continuous states are states of the model, by the names that `states` gives them, else by their own with "_"
     for what no column may be called: "mass.s" is `mass_s`. A state that the data lack is hidden, as on rows of samples.
 
+    A Co-Simulation is started anew at every point, with the states as its start. Rates are its own variables where it
+    declares them; else they are differences of the states over three steps, D(h) = (−11 x₀ + 18 x₁ − 9 x₂ + 2 x₃) / 6h,
+    and x′ = 2 D(h/2) − D(h).
+
     Attributes:
-        path: The file.
+        path: The file. What becomes of it later changes nothing: a copy is kept.
         parameters: Values of parameters, and of inputs that no column feeds, by the FMU's names.
-        states: The FMU's state by the column's name, {"y": "mass.s"}.
+        states: The FMU's state by the column's name, {"y": "mass.s"}; all of them for a Co-Simulation that declares
+            none.
         inputs: The FMU's input by the column's name.
         outputs: The FMU's variable by the name of a measured output.
+        starts: What sets a state where a Co-Simulation starts, by the column's name, {"y": "s0"}; the state itself by
+            default.
+        step: Length of the steps of a Co-Simulation, s; by default what the FMU says. The data need no such steps.
+        description: What the file says of itself.
 
     Raises:
         InputError: FMPy is not installed; no such file, or one that cannot be run here; a variable that there is not,
-            or that is no real number; one column for two variables, or two for one.
+            or that is no real number; one column for two variables, or two for one; a state that cannot be set.
     """
 
     path: str | os.PathLike[str]
@@ -40,27 +53,29 @@ class FMU:
     states: Mapping[str, str] = field(default_factory=dict)
     inputs: Mapping[str, str] = field(default_factory=dict)
     outputs: Mapping[str, str] = field(default_factory=dict)
+    starts: Mapping[str, str] = field(default_factory=dict)
+    step: float | None = None
+    description: Description = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "path", str(Path(self.path).resolve()))
-        for name in ("parameters", "states", "inputs", "outputs"):
+        for name in MAPPINGS:
             object.__setattr__(self, name, dict(getattr(self, name)))
-        found = self.description
-        states = [state.name for state, _ in found.states]
+        object.__setattr__(self, "description", found := read_fmu(self.path))
+        states = [state.name for state, _ in self.dynamics]
+        declared = states if found.states or found.exchanged else [*found.variables]
+        for name in self.states.values():
+            _real(found, name, declared)
         if not states:
-            raise InputError(f"The FMU {found.name} has no continuous state: there is no rate that it could give.")
-        for name in (*self.parameters, *self.outputs.values()):
+            raise InputError(_without_states(found))
+        for name in (*self.parameters, *self.outputs.values(), *self.starts.values()):
             _real(found, name, (*found.variables,))
         for name in self.inputs.values():
             _real(found, name, [v.name for v in found.variables.values() if v.causality == "input"])
-        for name in self.states.values():
-            _real(found, name, states)
         for name in self.parameters:
             if found.variables[name].causality not in ("parameter", "input"):
                 raise InputError(f"{name!r} of the FMU {found.name} is no parameter and no input: it cannot be set.")
-            value = self.parameters[name]
-            if not isinstance(value, numbers.Real) or not math.isfinite(value):
-                raise InputError(f"{name!r} of the FMU {found.name} is set to {value!r}: give a finite number.")
+            _require_number(found, name, self.parameters[name])
         # Any kind of number; a file holds plain ones.
         object.__setattr__(self, "parameters", {name: float(value) for name, value in self.parameters.items()})
         for variable in found.variables.values():
@@ -73,11 +88,76 @@ class FMU:
         _require_once(found, "column", [*columns, *self.outputs])
         for given in (self.states, self.inputs):
             _require_once(found, "variable", list(given.values()))
+        if found.exchanged:
+            if self.starts or self.step is not None:
+                raise InputError(
+                    f"The FMU {found.name} is run by Model Exchange: starts and step are of Co-Simulation; leave them "
+                    "out."
+                )
+            return
+        self._require_settable()
+
+    def _require_settable(self) -> None:
+        """Refuse a Co-Simulation whose states cannot be set, or whose rates nothing gives."""
+        found, columns = self.description, self.state_columns
+        for column, name in self.starts.items():
+            if column not in columns:
+                raise InputError(f"bg.FMU(starts=...) names {column!r}, which is no state: {', '.join(columns)}.")
+            if name in self.parameters:
+                raise InputError(
+                    f"{name!r} of the FMU {found.name} is a parameter and the start of {column!r}: do one."
+                )
+        for column, variable in columns.items():
+            start = found.variables[self.starts.get(column, variable.name)]
+            if start.initial not in ("exact", "approx"):
+                raise InputError(
+                    f"{start.name!r} of the FMU {found.name} cannot be set where a Co-Simulation starts: say which "
+                    f"parameter sets it, bg.FMU(..., starts={{{column!r}: 'parameter'}}), or export the FMU for Model "
+                    "Exchange."
+                )
+        if self.step is not None and not (isinstance(self.step, numbers.Real) and 0 < self.step < math.inf):
+            raise InputError(f"step={self.step!r} of the FMU {found.name} must be a number of seconds above 0.")
+        if self.stepped and not self.ports((), ()).step:
+            lacking = next(state.name for state, rate in self.dynamics if rate is None)
+            raise InputError(
+                f"The FMU {found.name} declares no rate of {lacking!r}, so that it takes steps, and does not say how "
+                "long: bg.FMU(..., step=0.001), in s; or export it for Model Exchange."
+            )
+
+    def __reduce__(self) -> Any:
+        """Another process reads the file again."""
+        given = {name: getattr(self, name) for name in (*MAPPINGS, "step")}
+        return _read_again, (self.path, given, self.description.content)
 
     @property
-    def description(self) -> Description:
-        """What the file says of itself."""
-        return read_fmu(self.path)
+    def dynamics(self) -> tuple[tuple[Variable, Variable | None], ...]:
+        """States, each with the variable that is its rate: what a Co-Simulation does not declare, users name."""
+        found = self.description
+        if found.states or found.exchanged:
+            return found.states
+        named = [found.variables[name] for name in self.states.values() if name in found.variables]
+        return tuple((each, found.rates.get(each.name)) for each in named)
+
+    @property
+    def stepped(self) -> bool:
+        """Whether rates are differences over steps: a Co-Simulation that does not give them."""
+        return any(rate is None for _, rate in self.dynamics)
+
+    def ports(self, states: Sequence[str], inputs: Sequence[str]) -> Ports:
+        """What is set at a point.
+
+        Args:
+            states: Columns of states, in the FMU's order.
+            inputs: Columns of inputs.
+        """
+        found, known, fed = self.description, self.state_columns, self.input_columns
+        starts = [found.variables[self.starts[each]] if each in self.starts else known[each] for each in states]
+        return Ports(
+            inputs=tuple(fed[each].ref for each in inputs),
+            states=tuple(known[each].ref for each in states),
+            starts=tuple(each.ref for each in starts),
+            step=0.0 if found.exchanged else float(self.step or found.step),
+        )
 
     @property
     def state_columns(self) -> dict[str, Variable]:
@@ -92,7 +172,9 @@ class FMU:
     @property
     def derivatives(self) -> str:
         """By what the rates are differentiated, in words: what the FMU declares is used once it was found right."""
-        if not self.description.interfaces[MODEL_EXCHANGE].directional:
+        if not self.description.exchanged:
+            return "central differences: a Co-Simulation is started anew at every point"
+        if not self.description.interface.directional:
             return "central differences: the FMU declares no directional derivatives"
         return {
             None: "the FMU's directional derivatives, if they agree with central differences: not looked at yet",
@@ -100,13 +182,28 @@ class FMU:
             False: "central differences: the FMU's directional derivatives are not those of its rates",
         }[running(self.description).right(self.parameters)]
 
+    @property
+    def rates(self) -> str:
+        """What the rates are, in words."""
+        if self.description.exchanged:
+            return "the FMU's own, by Model Exchange"
+        if self.stepped:
+            step = self.ports((), ()).step
+            return f"differences of the states over steps of {step:g} s and of half of it, by Co-Simulation"
+        return "variables of the FMU, which is started at each point, by Co-Simulation"
+
+    def __str__(self) -> str:
+        """What it is, and how its rates and their derivatives are had."""
+        columns = ", ".join(f"{column} = {v.name}" for column, v in self.state_columns.items())
+        return f"FMU {self.description.name}: {columns}\nrates: {self.rates}\nderivatives: {self.derivatives}"
+
     def record(self) -> dict[str, Any]:
         """The FMU as plain values for a file: where it is, its GUID, and what was given with it."""
-        given = {name: dict(getattr(self, name)) for name in ("parameters", "states", "inputs", "outputs")}
-        return {"path": str(self.path), "guid": self.description.guid, **given}
+        given = {name: dict(getattr(self, name)) for name in MAPPINGS}
+        return {"path": str(self.path), "guid": self.description.guid, **given, "step": self.step}
 
     def _of_states(self) -> list[tuple[str, Variable]]:
-        return _by_column([state for state, _ in self.description.states], self.states)
+        return _by_column([state for state, _ in self.dynamics], self.states)
 
     def _of_inputs(self) -> list[tuple[str, Variable]]:
         known = self.description.variables.values()
@@ -124,7 +221,7 @@ def fmu_from(record: Mapping[str, Any]) -> FMU:
     again = "give it again, bg.load(path, simulation=bg.FMU(...))"
     if not Path(path).is_file():
         raise InputError(f'The model\'s simulation was the FMU "{path}", which is not there: {again}.')
-    found = FMU(path, **{name: record[name] for name in ("parameters", "states", "inputs", "outputs")})
+    found = FMU(path, **_given(record))
     if found.description.guid != record["guid"]:
         raise InputError(
             f'The model\'s simulation was the FMU "{path}" with the GUID {record["guid"]}, and the one that is there '
@@ -140,8 +237,38 @@ def given_again(record: Mapping[str, Any], fmu: FMU) -> FMU:
         record: Of `FMU.record`.
         fmu: What was given.
     """
-    given = ("parameters", "states", "inputs", "outputs")
-    return fmu if any(getattr(fmu, name) for name in given) else FMU(fmu.path, **{name: record[name] for name in given})
+    return fmu if any(getattr(fmu, name) for name in (*MAPPINGS, "step")) else FMU(fmu.path, **_given(record))
+
+
+def _given(record: Mapping[str, Any]) -> dict[str, Any]:
+    """What was given with a file; older records lack what is of Co-Simulation."""
+    return {name: record[name] for name in (*MAPPINGS, "step") if name in record}
+
+
+def _read_again(path: str, given: Mapping[str, Any], content: str) -> FMU:
+    """An FMU in another process.
+
+    Raises:
+        InputError: The file is another one by now.
+    """
+    found = FMU(path, **given)
+    if found.description.content != content:
+        raise InputError(f'The FMU "{path}" has been changed since it was read: give it again.')
+    return found
+
+
+def _without_states(found: Description) -> str:
+    if found.exchanged:
+        return f"The FMU {found.name} has no continuous state: there is no rate that it could give."
+    return (
+        f"The FMU {found.name} is for Co-Simulation and does not declare its states: name all of them, "
+        "bg.FMU(..., states={'column': 'variable'}), or export it for Model Exchange."
+    )
+
+
+def _require_number(found: Description, name: str, value: Any) -> None:
+    if not isinstance(value, numbers.Real) or not math.isfinite(value):
+        raise InputError(f"{name!r} of the FMU {found.name} is set to {value!r}: give a finite number.")
 
 
 def _by_column(variables: list[Variable], given: Mapping[str, str]) -> list[tuple[str, Variable]]:

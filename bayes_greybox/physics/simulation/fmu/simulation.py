@@ -12,7 +12,6 @@ import sympy
 from jaxtyping import Array, Float
 
 from bayes_greybox.data.errors import InputError
-from bayes_greybox.data.fmu.description import MODEL_EXCHANGE
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.physics.formula.grammar import symbol
 from bayes_greybox.physics.simulation.protocol import Simulation, finite
@@ -23,6 +22,12 @@ from .running import running
 
 DIFFERENCE = 6e-6
 """Step of central differences over the size of a column: the cube root of rounding."""
+
+LONG = 1e-3
+"""The same where rates are differences themselves, whose errors a shorter one would show."""
+
+FLOOR = 1e-3
+"""Share of its nominal value that a column has at least where one point says how large it is."""
 
 VERIFIED = 5
 """Points at which directional derivatives are compared with differences before they are used."""
@@ -59,8 +64,7 @@ class FMUSimulation(Simulation):
         """Values of g for one state or output on the rows of the data, user's units."""
         t, x, u = data.time, data.matrix(self.states), data.matrix(self.inputs)
         if state in self.given.outputs:
-            refs = [self.given.description.variables[self.given.outputs[state]].ref]
-            found = self._read(t, x, u, refs)[:, 0]
+            found = self.values_of(state, t, x, u)
         elif state in self.given.state_columns:
             found = self.rates(t, x, u)[:, self.states.index(state)]
         else:
@@ -74,46 +78,80 @@ class FMUSimulation(Simulation):
         self, t: Float[np.ndarray, "*n"], x: Float[np.ndarray, "*n n_state"], u: Float[np.ndarray, "*n n_input"]
     ) -> Float[np.ndarray, "*n n_state"]:
         """Values of g at many points, NaN where the FMU refuses one."""
-        n_state, n_input = x.shape[-1], u.shape[-1]
-        refs = [rate.ref for _, rate in self.given.description.states]
-        read = self._read(t.ravel(), x.reshape(-1, n_state), u.reshape(t.size, n_input), refs)
-        found = np.zeros((t.size, n_state))
-        found[:, self._places] = read
+        flat = _flat(t, x, u)
+        found = np.zeros(flat[1].shape)
+        known = self.given.dynamics
+        refs = [rate.ref for _, rate in known if rate is not None]
+        if len(refs) == len(known):
+            found[:, self._places] = self._read(*flat, refs)
+        else:
+            states = [state.ref for state, _ in known]
+            found[:, self._places] = self._at(*flat, len(states), lambda fmu: fmu.stepped(states))
         return found.reshape(x.shape)
+
+    def output(self, name: str, t: Any, x: Any, u: Any) -> Any:
+        """Values of an output at many points, zero if it is none of the FMU's."""
+        if name not in self.given.outputs:
+            return super().output(name, t, x, u)
+        if isinstance(x, np.ndarray):
+            return self.values_of(name, t, x, u)
+        return jax.vmap(_traced(_Rates(self, name)))(t, x, u)
+
+    def values_of(
+        self,
+        name: str,
+        t: Float[np.ndarray, "*n"],
+        x: Float[np.ndarray, "*n n_state"],
+        u: Float[np.ndarray, "*n n_input"],
+    ) -> Float[np.ndarray, "*n"]:
+        """Values of an output at many points, NaN where the FMU refuses one."""
+        refs = [self.given.description.variables[self.given.outputs[name]].ref]
+        return self._read(*_flat(t, x, u), refs)[:, 0].reshape(t.shape)
 
     def jacobian(
         self, t: Float[np.ndarray, "*n"], x: Float[np.ndarray, "*n n_state"], u: Float[np.ndarray, "*n n_input"]
     ) -> Float[np.ndarray, "*n n_state n_state"]:
         """∂g/∂x at points along paths: the FMU's own where it gives them rightly, else central differences."""
-        flat = t.ravel(), x.reshape(-1, x.shape[-1]), u.reshape(t.size, u.shape[-1])
-        if self._own_derivatives(*flat):
-            found = self.directional(*flat)
-        else:
-            found = self.differences(*flat)[..., 1 : 1 + x.shape[-1]]
+        flat = _flat(t, x, u)
+        found = self.directional(*flat) if self._own_derivatives(*flat) else self._by_states(*flat)
         return found.reshape(*x.shape, x.shape[-1])
 
     def directional(self, t: np.ndarray, x: np.ndarray, u: np.ndarray) -> Float[np.ndarray, "n n_state n_state"]:
-        """∂g/∂x by the FMU."""
-        states = self.given.description.states
-        rates, known = [rate.ref for _, rate in states], [state.ref for state, _ in states]
+        """∂g/∂x by the FMU; a state that feeds an input as well acts by both."""
+        known, fed = self.given.state_columns, self.given.input_columns
+        rates = [rate.ref for _, rate in self.given.dynamics if rate is not None]
+        along = [[of[name].ref for of in (known, fed) if name in of] for name in self.states]
 
         def read(fmu: Any) -> list[float]:
-            return [d for ref in known for d in fmu.getDirectionalDerivative(rates, [ref], [1.0])]
+            return [d for refs in along for d in (fmu.along(rates, refs) if refs else [0.0] * len(rates))]
 
-        n = len(states)
-        own = self._at(t, x, u, n * n, read).reshape(-1, n, n).swapaxes(1, 2)
+        own = self._at(t, x, u, len(along) * len(rates), read).reshape(-1, len(along), len(rates))
         found = np.zeros((len(t), x.shape[-1], x.shape[-1]))
-        places = np.array(self._places)
-        found[:, places[:, None], places] = own
+        found[:, self._places] = own.swapaxes(1, 2)
         return found
 
-    def differences(self, t: np.ndarray, x: np.ndarray, u: np.ndarray) -> Float[np.ndarray, "n n_state n_all"]:
-        """∂g/∂(t, x, u) by central differences."""
-        whole = np.column_stack([t, x, u])
-        steps = np.diag(DIFFERENCE * _sizes(whole))
-        part = (0, slice(1, 1 + x.shape[-1]), slice(1 + x.shape[-1], None))
-        both = [[self.rates(*(each[:, k] for k in part)) for each in (whole + h, whole - h)] for h in steps]
-        return np.stack([up - down for up, down in both], axis=-1) / (2 * np.diag(steps))
+    def differences(
+        self, t: np.ndarray, x: np.ndarray, u: np.ndarray, by: slice = slice(None), output: str | None = None
+    ) -> Float[np.ndarray, "n ... n_by"]:
+        """Derivatives of rates by t, x and u, in this order, by central differences.
+
+        Args:
+            t: Times.
+            x: States.
+            u: Inputs.
+            by: By which of them.
+            output: Of which output, in the place of rates.
+        """
+        whole, n = np.column_stack([t, x, u]), 1 + x.shape[-1]
+
+        def values(point: np.ndarray) -> np.ndarray:
+            given = point[:, 0], point[:, 1:n], point[:, n:]
+            return self.rates(*given) if output is None else self.values_of(output, *given)
+
+        share = LONG if self.given.stepped else DIFFERENCE
+        steps = np.diag(share * _sizes(whole, self._nominals))[by]
+        both = [(values(whole + h) - values(whole - h)) / (2 * np.max(h)) for h in steps]
+        return np.stack(both, axis=-1)
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -159,86 +197,119 @@ class FMUSimulation(Simulation):
         return self.states, self.inputs, repr(self.given), self.given.description
 
     @property
+    def code(self) -> str:
+        """Which FMU it is."""
+        found = self.given.description
+        return f"the FMU {found.name} ({found.file.name}, GUID {found.guid})"
+
+    @property
+    def _nominals(self) -> np.ndarray:
+        """Usual sizes of time, states and inputs."""
+        known = {**self.given.input_columns, **self.given.state_columns}
+        return np.array(
+            [1.0, *(known[name].nominal if name in known else 1.0 for name in (*self.states, *self.inputs))]
+        )
+
+    @property
     def _places(self) -> list[int]:
         return [self.states.index(name) for name in self.given.state_columns]
 
     def _own_derivatives(self, t: np.ndarray, x: np.ndarray, u: np.ndarray) -> bool:
         """Whether the FMU declares derivatives, and they are those of its rates; looked at once where it has some."""
         given, instance = self.given, running(self.given.description)
-        if not given.description.interfaces[MODEL_EXCHANGE].directional:
+        if not (given.description.exchanged and given.description.interface.directional):
             return False
         if instance.right(given.parameters) is None:
             some = np.unique(np.linspace(0, len(t) - 1, VERIFIED).astype(int))
             part = t[some], x[some], u[some]
-            by_steps = self.differences(*part)[..., 1 : 1 + x.shape[-1]]
+            by_steps = self._by_states(*part)
             asked = np.all(np.isfinite(by_steps), axis=(1, 2))
             if not asked.any():
                 return False
             apart = np.abs(self.directional(*part) - by_steps)[asked].max(axis=0)
             # |dg_i/dx_j| or |g_i| / |x_j|, whichever is larger: an entry of another unit must not hide this one.
-            rates, size = np.abs(self.rates(*part))[asked].max(axis=0), _sizes(part[1])
+            rates, size = (
+                np.abs(self.rates(*part))[asked].max(axis=0),
+                _sizes(part[1], self._nominals[1 : 1 + x.shape[-1]]),
+            )
             scale = np.maximum(np.abs(by_steps)[asked].max(axis=0), rates[:, None] / size)
             instance.found_right(given.parameters, bool(np.all(apart <= AGREE * scale)))
         return bool(instance.right(given.parameters))
 
+    def _by_states(self, t: np.ndarray, x: np.ndarray, u: np.ndarray) -> np.ndarray:
+        return self.differences(t, x, u, slice(1, 1 + x.shape[-1]))
+
     def _read(self, t: np.ndarray, x: np.ndarray, u: np.ndarray, refs: list[int]) -> np.ndarray:
-        return self._at(t, x, u, len(refs), lambda fmu: fmu.getReal(refs))
+        return self._at(t, x, u, len(refs), lambda fmu: fmu.real(refs))
 
     def _at(self, t: np.ndarray, x: np.ndarray, u: np.ndarray, width: int, read: Any) -> np.ndarray:
         given = self.given
         columns = dict(zip((*self.states, *self.inputs), (*x.T, *u.T), strict=True))
-        inputs = given.input_columns
+        inputs = [*given.input_columns]
         fed = [columns[name] for name in inputs]
         points = np.asarray(t, float), x[:, self._places], np.array(fed).reshape(len(fed), len(t)).T
-        refs = [variable.ref for variable in inputs.values()]
-        return running(given.description).at_each(given.parameters, points, refs, width, read)
+        ports = given.ports([*given.state_columns], inputs)
+        return running(given.description).at_each(given.parameters, points, ports, width, read)
 
 
 class _Rates:
-    """An FMU's rates: equal to another's that gives the same."""
+    """An FMU's rates, or one of its outputs: equal to another's that gives the same."""
 
-    def __init__(self, simulation: FMUSimulation) -> None:
-        self.simulation = simulation
+    def __init__(self, simulation: FMUSimulation, output: str | None = None) -> None:
+        self.simulation, self.output = simulation, output
 
     def __hash__(self) -> int:
-        return hash(self.simulation.facts)
+        return hash((self.simulation.facts, self.output))
 
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Rates) and self.simulation.facts == other.simulation.facts
+        return (
+            isinstance(other, _Rates)
+            and self.output == other.output
+            and self.simulation.facts == other.simulation.facts
+        )
 
 
 @lru_cache(maxsize=64)
-def _traced(rates: _Rates) -> Any:
-    simulation = rates.simulation
+def _traced(of: _Rates) -> Any:
+    simulation, output = of.simulation, of.output
 
     # JAX calls these with arrays of its own.
     def slopes(*point: Any) -> np.ndarray:
         t, x, u = map(np.asarray, point)
-        found = simulation.differences(t.ravel(), x.reshape(-1, x.shape[-1]), u.reshape(t.size, u.shape[-1]))
-        return found.reshape(*x.shape, found.shape[-1])
+        found = simulation.differences(*_flat(t, x, u), output=output)
+        return found.reshape(*(x.shape if output is None else t.shape), found.shape[-1])
 
     def values(*point: Any) -> np.ndarray:
-        return simulation.rates(*map(np.asarray, point))
+        t, x, u = map(np.asarray, point)
+        return simulation.rates(t, x, u) if output is None else simulation.values_of(output, t, x, u)
 
     @jax.custom_jvp
     def rate(t: Array, x: Array, u: Array) -> Array:
-        shape = jax.ShapeDtypeStruct(x.shape, x.dtype)
+        shape = jax.ShapeDtypeStruct(x.shape if output is None else x.shape[:-1], x.dtype)
         return jax.pure_callback(values, shape, t, x, u, vmap_method="broadcast_all")
 
     @rate.defjvp
     def _(point: tuple[Array, ...], along: tuple[Array, ...]) -> tuple[Array, Array]:
         t, x, u = point
-        shape = jax.ShapeDtypeStruct((x.shape[0], 1 + x.shape[0] + u.shape[0]), x.dtype)
+        made = x.shape if output is None else x.shape[:-1]
+        shape = jax.ShapeDtypeStruct((*made, 1 + x.shape[-1] + u.shape[-1]), x.dtype)
         J = jax.pure_callback(slopes, shape, t, x, u, vmap_method="broadcast_all")
         return rate(t, x, u), J @ jnp.concatenate([jnp.atleast_1d(along[0]), *along[1:]])
 
     return rate
 
 
-def _sizes(columns: np.ndarray) -> np.ndarray:
-    """RMS of columns, 1 of those that are zero."""
+def _flat(t: np.ndarray, x: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Points along one axis."""
+    return t.ravel(), x.reshape(-1, x.shape[-1]), u.reshape(t.size, u.shape[-1])
+
+
+def _sizes(columns: np.ndarray, nominal: np.ndarray) -> np.ndarray:
+    """RMS of columns, their nominal value where they are zero; a single point is not taken to say how small one is."""
     size = np.sqrt(np.mean(columns**2, axis=0))
-    return np.where(size > 0, size, 1.0)
+    if len(columns) == 1:
+        size = np.maximum(size, FLOOR * nominal)
+    return np.where(size > 0, size, nominal)
 
 
 def fmu_simulation(

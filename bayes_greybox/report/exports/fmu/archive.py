@@ -7,6 +7,7 @@ import shutil
 import subprocess
 import tempfile
 import zipfile
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -36,23 +37,93 @@ def fmu_archive(model: ExportedModel, name: str) -> bytes:
     """
     program = c_program(model, "model")
     called = next(iter(identifiers([name], ()).values()))
-    fmpy, compiler = _fmpy(), _compiler()
+    fmpy, compiler = installed_fmpy(), c_compiler()
     guid = hashlib.sha256("\n".join((called, program)).encode()).hexdigest()[:32]
-    headers = Path(fmpy.__file__).parent / "c-code"
-    sources = {each: (headers / each).read_bytes() for each in HEADERS}
+    sources = standard_headers(fmpy)
     sources |= {"model.c": program.encode(), "model.h": _sizes(model, program, guid).encode()}
     sources["fmi2.c"] = Path(__file__).with_name("fmi2.c").read_bytes()
     said = model.notes.verdict or f"The equations of a {model.origin}"
     content = {"modelDescription.xml": description(model, name, called, guid, said)}
     library = f"binaries/{fmpy.platform}/{called}{fmpy.sharedLibraryExtension}"
-    content[library] = _compiled(compiler, sources)
+    content[library] = compiled(compiler, sources, "fmi2.c")
     content |= {f"sources/{each}": text for each, text in sources.items()}
+    return packed(content)
+
+
+def packed(content: Mapping[str, bytes]) -> bytes:
+    """An FMU of its files by their names, without times, so that the same files are the same FMU.
+
+    Args:
+        content: Files.
+    """
     archive = io.BytesIO()
-    with zipfile.ZipFile(archive, "w", zipfile.ZIP_DEFLATED) as packed:
+    with zipfile.ZipFile(archive, "w", zipfile.ZIP_DEFLATED) as opened:
         for each, data in content.items():
-            # Without a time, so that the same model is the same file.
-            packed.writestr(zipfile.ZipInfo(each), data, zipfile.ZIP_DEFLATED)
+            opened.writestr(zipfile.ZipInfo(each), data, zipfile.ZIP_DEFLATED)
     return archive.getvalue()
+
+
+def compiled(compiler: str, sources: Mapping[str, bytes], main: str) -> bytes:
+    """The library that a C compiler makes.
+
+    Args:
+        compiler: The compiler.
+        sources: Files by name, headers among them.
+        main: The one that is compiled.
+
+    Raises:
+        InputError: It cannot compile them.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        for name, text in sources.items():
+            (Path(folder) / name).write_bytes(text)
+        words = [compiler, "-std=c99", "-O2", "-shared", "-fPIC", "-fvisibility=hidden"]
+        words += [main, "-o", "library", "-lm"]
+        done = subprocess.run(words, cwd=folder, capture_output=True, text=True, errors="replace")
+        if done.returncode:
+            lines = done.stderr.splitlines() or ["it said nothing"]
+            said = next((line for line in lines if "error" in line), lines[0])
+            raise InputError(f"The C compiler {compiler} could not compile the FMU ({said}): export to .c instead.")
+        return (Path(folder) / "library").read_bytes()
+
+
+def c_compiler() -> str:
+    """The C compiler of this system.
+
+    Raises:
+        InputError: There is none.
+    """
+    found = next(filter(None, map(shutil.which, COMPILERS)), None)
+    if found is None:
+        raise InputError(
+            f"An FMU is compiled, and there is no C compiler here ({', '.join(COMPILERS)}): install one, or export to "
+            ".c."
+        )
+    return found
+
+
+def installed_fmpy() -> Any:
+    """FMPy, with the headers of the standard.
+
+    Raises:
+        InputError: It is not installed.
+    """
+    # Imported here because it is optional.
+    try:
+        import fmpy
+    except ImportError:
+        raise InputError('Writing an FMU needs FMPy; install it with pip install "bayes-greybox[fmu]".') from None
+    return fmpy
+
+
+def standard_headers(fmpy: Any) -> dict[str, bytes]:
+    """The headers of the standard by name.
+
+    Args:
+        fmpy: Of `installed_fmpy`.
+    """
+    folder = Path(fmpy.__file__).parent / "c-code"
+    return {each: (folder / each).read_bytes() for each in HEADERS}
 
 
 def _sizes(model: ExportedModel, program: str, guid: str) -> str:
@@ -88,36 +159,3 @@ def _sizes(model: ExportedModel, program: str, guid: str) -> str:
             "",
         ]
     )
-
-
-def _compiled(compiler: str, sources: dict[str, bytes]) -> bytes:
-    with tempfile.TemporaryDirectory() as folder:
-        for name, text in sources.items():
-            (Path(folder) / name).write_bytes(text)
-        words = [compiler, "-std=c99", "-O2", "-shared", "-fPIC", "-fvisibility=hidden"]
-        words += ["fmi2.c", "-o", "library", "-lm"]
-        done = subprocess.run(words, cwd=folder, capture_output=True, text=True, errors="replace")
-        if done.returncode:
-            lines = done.stderr.splitlines() or ["it said nothing"]
-            said = next((line for line in lines if "error" in line), lines[0])
-            raise InputError(f"The C compiler {compiler} could not compile the FMU ({said}): export to .c instead.")
-        return (Path(folder) / "library").read_bytes()
-
-
-def _compiler() -> str:
-    found = next(filter(None, map(shutil.which, COMPILERS)), None)
-    if found is None:
-        raise InputError(
-            f"An FMU is compiled, and there is no C compiler here ({', '.join(COMPILERS)}): install one, or export to "
-            ".c."
-        )
-    return found
-
-
-def _fmpy() -> Any:
-    # Imported here because it is optional.
-    try:
-        import fmpy
-    except ImportError:
-        raise InputError('Writing an FMU needs FMPy; install it with pip install "bayes-greybox[fmu]".') from None
-    return fmpy

@@ -1,0 +1,125 @@
+"""Effects that a fault of the only sensor does as well: a lag of the actuator and one of the sensor.
+
+A first-order lag of the input, G(s) u/(1 + τs), and one of the sensor that shows what it does, G(s)/(1 + τs) u, are one
+transfer function: samples of a linear machine cannot tell them apart, and of another machine they may. So the lag of
+the sensor is followed along a path of its own, the machine's with one state more, and the two likelihoods say which.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+
+from bayes_greybox.data.errors import InputError
+from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.discovery.evidence.columns import Column
+from bayes_greybox.discovery.suspects.channels import LAG
+from bayes_greybox.model.estimate.near import near_estimate
+from bayes_greybox.model.program import Program
+from bayes_greybox.model.rows.trajectory_rows import TrajectoryRows
+from bayes_greybox.physics.simulation.reading import readable
+from bayes_greybox.physics.terms import Term
+
+from .finding import Finding
+from .weighed import Mirror
+
+NEARBY = 0.05
+"""Relative change of the actuator's time from which the sensor's is looked for."""
+
+WITHIN = 3e-4
+"""Relative error of its logarithm, or nearly: far below what samples tell of it."""
+
+
+def mirrors(model: Program, train: Trajectories, equation: str, finding: Finding) -> dict[str, Mirror]:
+    """For each lag of an input among the effects of an answer, the same of the only sensor; by slug.
+
+    Nothing where rates were measured, where several sensors would have to lag alike, where another effect of the answer
+    remembers too, and where neither path can be followed.
+
+    Args:
+        model: The model before.
+        train: Samples.
+        equation: The learned state.
+        finding: The answer.
+    """
+    samples = train.samples or train
+    if model.rows.rates_measured or len(samples.state_names) != 1 or not readable(model.simulation):
+        return {}
+    columns = [finding.world.evaluations.statistics.columns[place.index] for place in finding.places]
+    found = {}
+    for place, column in zip(finding.places, columns, strict=True):
+        others = [other.formula for other in columns if other is not column]
+        if _input_of(column) and len(column.inner) == 1 and not any(term.states for term in others):
+            share = _share(model, samples, equation, column, others)
+            if share is not None:
+                found[place.slug] = Mirror(f"{LAG} of {samples.state_names[0]}", share)
+    return found
+
+
+def _input_of(column: Column) -> str:
+    """The input that an effect has arrive late; empty where it has none."""
+    assert column.effect is not None
+    return column.effect.names.get(column.effect.effect.nominal, "")
+
+
+def _share(
+    model: Program, samples: Trajectories, equation: str, lag: Column, others: Sequence[Term]
+) -> float | None:  # fmt: skip
+    """Probability of the sensor's lag beside that of the actuator."""
+    (sensor,), (time,) = samples.state_names, lag.inner.values()
+    own = [*model.dictionary.get(equation, ()), *others]
+    plain = replace(model, discrepancy=None, rows=_fresh(model.rows))
+    actuator = plain.remembering(lag.formula.states, samples)
+    known = _log_likelihood(actuator, samples, equation, [*own, replace(lag.formula, states=())])
+    shown = _free_name(f"{sensor}_shown", model, samples)
+    seen = _renamed(samples, sensor, shown)
+
+    def beside(log_time: float) -> float:
+        rates = {**_rates(model), shown: f"({sensor} - {shown})/{math.exp(log_time)!r}"}
+        lagging = replace(plain, simulation=rates)
+        return -_log_likelihood(lagging, seen, equation, [*own, Term(_input_of(lag))])
+
+    around = math.log(time)
+    found: Any = minimize_scalar(beside, bracket=(around - NEARBY, around + NEARBY), tol=WITHIN)
+    best = -float(found.fun)
+    if not (math.isfinite(known) and math.isfinite(best)):
+        return None
+    return 1.0 / (1.0 + math.exp(min(known - best, 700.0)))
+
+
+def _log_likelihood(model: Program, data: Trajectories, equation: str, terms: Sequence[Term]) -> float:
+    """Of samples on rows near the estimate, at the likeliest starts; −∞ where no path can be followed.
+
+    Without what the priors of starts weigh: both lags have as many coefficients and starts.
+    """
+    model = replace(model, dictionary={equation: list(terms)}, coefficients={})
+    try:
+        (found,) = near_estimate(model, data).assemble(data).values()
+    except (InputError, np.linalg.LinAlgError):
+        return -math.inf
+    return found.log_likelihood() + 0.5 * float(found.rows.noise.log_det)
+
+
+def _rates(model: Program) -> Mapping[str, str]:
+    assert isinstance(model.simulation, Mapping)
+    return model.simulation
+
+
+def _fresh(rows: Any) -> TrajectoryRows:
+    """Rows on a path of the model alone."""
+    return replace(rows, added=(), added_to=(), force=0.0).unforced()
+
+
+def _free_name(name: str, model: Program, data: Trajectories) -> str:
+    while name in (*model.states(data), *data.columns):
+        name += "_"
+    return name
+
+
+def _renamed(data: Trajectories, name: str, new: str) -> Trajectories:
+    """Samples whose state is called otherwise."""
+    units = {new if key == name else key: unit for key, unit in data.units.items()}
+    return replace(data, states={new: data.states[name]}, units=units)

@@ -1,0 +1,147 @@
+"""An instance for Co-Simulation: it is started anew at every point, with the states as its start."""
+
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from bayes_greybox.data.errors import InputError
+from bayes_greybox.data.fmu.description import Description
+
+from .library import instantiated, left
+from .ports import Key, Ports
+
+TIGHT = 1e-9
+"""Relative tolerance that its own solver is asked for."""
+
+NOTED = 16
+"""Points of which rates by whole steps and by half ones are kept."""
+
+HELD = 1e-9
+"""Share of its size by which a state may differ from what it was set to."""
+
+
+class Stepping:
+    """An instance for Co-Simulation.
+
+    Args:
+        description: The FMU's.
+        said: Where its words are kept.
+
+    Attributes:
+        noted: Rates of the last points by whole steps, and by half ones.
+    """
+
+    def __init__(self, description: Description, said: deque[str]) -> None:
+        self._description, self._said = description, said
+        self._fmu: Any = None
+        self._now, self._step = 0.0, 0.0
+        # Where it was started, until it has gone on from there.
+        self._at: tuple[Key, Ports, float, np.ndarray, np.ndarray] | None = None
+        self.noted: deque[tuple[np.ndarray, np.ndarray]] = deque(maxlen=NOTED)
+
+    def place(self, key: Key, ports: Ports, t: float, x: np.ndarray, u: np.ndarray) -> None:
+        """Start the instance at a point.
+
+        Args:
+            key: Parameters.
+            ports: What its inputs and states are called.
+            t: Time.
+            x: States.
+            u: Inputs.
+
+        Raises:
+            InputError: It does not start where it is told to.
+        """
+        found = self._description
+        self._begin()
+        fmu, held = self._fmu, [float(each) for each in u]
+        for name, value in key:
+            fmu.setReal([found.variables[name].ref], [value])
+        fmu.setReal(ports.starts, [float(each) for each in x])
+        if ports.inputs:
+            fmu.setReal(ports.inputs, held)
+        fmu.setupExperiment(tolerance=TIGHT, startTime=t)
+        fmu.enterInitializationMode()
+        if ports.inputs:
+            fmu.setReal(ports.inputs, held)
+        fmu.exitInitializationMode()
+        self._now, self._step, self._at = t, ports.step, (key, ports, t, x, u)
+        self._require_held(ports, x)
+
+    def real(self, refs: Sequence[int]) -> list[float]:
+        """Values of variables where it is."""
+        return self._fmu.getReal(refs)
+
+    def advance(self, steps: int = 1) -> None:
+        """Take steps.
+
+        Args:
+            steps: How many.
+        """
+        self._at = None
+        for _ in range(steps):
+            self._fmu.doStep(self._now, self._step)
+            self._now += self._step
+
+    def stepped(self, refs: Sequence[int]) -> list[float]:
+        """Rates of states where it was started, by steps of two lengths (Richardson); by one after it has gone on.
+
+        x′ = 2 D(h/2) − D(h) with D of `differences`: what Euler's method errs by within a step, in proportion to its
+        length, cancels.
+        """
+        started = self._at
+        whole = self.differences(refs)
+        if started is None:
+            return whole.tolist()
+        key, ports, t, x, u = started
+        self.place(key, replace(ports, step=ports.step / 2), t, x, u)
+        half = self.differences(refs)
+        self.noted.append((whole, half))
+        return (2 * half - whole).tolist()
+
+    def differences(self, refs: Sequence[int]) -> np.ndarray:
+        """Rates of states where it is, by three steps.
+
+        D(h) = (−11 x(t) + 18 x(t + h) − 9 x(t + 2h) + 2 x(t + 3h)) / 6h = x′(t) + O(h³)
+        """
+        path = [np.array(self.real(refs))]
+        for _ in range(3):
+            self.advance()
+            path.append(np.array(self.real(refs)))
+        a, b, c, d = path
+        return (-11 * a + 18 * b - 9 * c + 2 * d) / (6 * self._step)
+
+    def failed(self, error: Exception) -> None:
+        """It failed at a point."""
+        self._fmu, fmu = None, self._fmu
+        left(fmu, error)
+
+    def _begin(self) -> None:
+        """A fresh instance: reset where it can be."""
+        if self._fmu is not None:
+            try:
+                self._fmu.reset()
+                return
+            except Exception as error:
+                self.failed(error)
+        try:
+            self._fmu = instantiated(self._description, self._said)
+        except Exception as error:
+            words = "; ".join([*self._said][-2:]) or str(error)
+            raise InputError(f"The FMU {self._description.name} cannot be started ({words}).") from error
+
+    def _require_held(self, ports: Ports, x: np.ndarray) -> None:
+        """Refuse an instance that starts elsewhere."""
+        has = np.array(self.real(ports.states))
+        away = np.flatnonzero(~np.isclose(has, x, rtol=HELD, atol=HELD * np.max(np.abs(x), initial=0.0)))
+        if len(away):
+            every, ref = self._description.variables.values(), ports.states[away[0]]
+            name = next(each.name for each in every if each.kind == "Real" and each.ref == ref)
+            raise InputError(
+                f"{name!r} of the FMU {self._description.name} is {has[away[0]]:.6g} where its start was set to "
+                f"{x[away[0]]:.6g}: say which parameter sets it, bg.FMU(..., starts={{'column': 'parameter'}}), or "
+                "export the FMU for Model Exchange."
+            )
