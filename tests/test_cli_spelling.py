@@ -29,6 +29,7 @@ SPELT = {
     "resample the runs evenly, data.resample(2)": "[data] resample = 2",
     "derivatives=..., or data.differentiate()": '[data] derivatives = { state = "column of its rate" }; or '
     '[data.differentiate] method = "savgol"',
+    "bg.FMU(..., states={'column': 'variable'})": "[simulation] states",
     "roles={'position': ...}": '[study.roles] position = "column"',
     "pass dayfirst=True or dayfirst=False": "[data] dayfirst = true; or [data] dayfirst = false",
     "bg.RegularisedHorseshoe(), or skiprows=1": '[prior] kind = "regularised_horseshoe"; or [data] skiprows = 1',

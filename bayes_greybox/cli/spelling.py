@@ -25,6 +25,7 @@ _IN_FILES: tuple[tuple[str, Callable[[re.Match[str]], str]], ...] = (
     (r"\bdt=", lambda m: "[data] dt = distance of rows"),
     (r"roles=\{'(\w+)'", lambda m: f'[study.roles] {m[1]} = "column"'),
     (r"\b(settle|free_runs)=(True|False)", lambda m: f"[study] {m[1]} = {m[2].lower()}"),
+    (r"bg\.FMU\(\.\.\., (\w+)=", lambda m: f"[simulation] {m[1]}"),
     (r"GreyBox\(noise=", lambda m: "[noise]"),
     (r"\bdiscrepancy=None", lambda m: "[discrepancy] enabled = false"),
     (r"bg\.(SpikeAndSlab|Laplace|RegularisedHorseshoe|Normal)\(", lambda m: f'[prior] kind = "{_snake(m[1])}"'),
