@@ -88,6 +88,7 @@ sphinx_gallery_conf = {
     "show_signature": False,
     "capture_repr": (),
     "min_reported_time": 60,
+    "thumbnail_size": (900, 320),
     "abort_on_example_error": True,
 }
 

@@ -145,7 +145,8 @@ def test_ctrl_c_before_there_are_draws_leaves_nothing(here, capsys, monkeypatch)
 
     monkeypatch.setattr("bayes_greybox.greybox.sample_posterior", interrupted)
     assert cli.main(FIT) == 130
-    assert capsys.readouterr().err.strip() == "Stopped: there were no draws yet."
+    said = "Stopped: there were no draws yet, and nothing else is kept; the same command starts from the beginning."
+    assert capsys.readouterr().err.strip() == said
     assert sorted(os.listdir(here)) == ["case.toml", "run.csv"]
 
 

@@ -53,9 +53,14 @@ def test_start_here_leads_to_the_verdict_that_it_shows(tmp_path):
     run = [sys.executable, "-m", "bayes_greybox"]
     subprocess.run([*run, *commands[0].split()], cwd=tmp_path, check=True, capture_output=True)
     config = tmp_path / "trolley.toml"
-    config.write_text(re.sub(r"^# v = .*$", rate, config.read_text(encoding="utf-8"), flags=re.MULTILINE), "utf-8")
+    known = re.sub(r"^# v = .*$", rate, config.read_text(encoding="utf-8"), flags=re.MULTILINE)
+    assert "[dictionary]" in known
+    config.write_text(re.sub(r"^\[dictionary\]\n(.+\n)*", "", known, flags=re.MULTILINE), "utf-8")
     done = subprocess.run([*run, *commands[1].split()], cwd=tmp_path, check=True, capture_output=True, text=True)
     shown = " ".join(done.stdout.split())
-    assert "NAMED: The simulation lacks quadratic drag in d(v)/dt" in shown
+    verdict = "NAMED: The simulation lacks quadratic drag in d(v)/dt (probability > 0.999); adding it closes > 99.9 %"
+    assert verdict in shown
+    (said,) = re.findall(r"^NAMED: .*\n.*$", text, re.MULTILINE)
+    assert verdict in " ".join(said.split())
     (coefficient,) = re.findall(r"The coefficient is (\S+ ± \S+ 1/m)", text)
     assert coefficient in shown

@@ -29,6 +29,7 @@ from bayes_greybox.running.collecting import leave_collected, seldom_collected
 from .benchmarking import benchmark
 from .ending import BAD_INPUT, DONE, exit_code, log_to_stderr, show
 from .exporting import export
+from .spelling import as_typed
 
 if TYPE_CHECKING:
     from bayes_greybox.config import Config
@@ -53,12 +54,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Returns:
         The exit code.
     """
+    words = list(sys.argv[1:] if arguments is None else arguments) or ["--help"]
     try:
-        words = list(sys.argv[1:] if arguments is None else arguments) or ["--help"]
         with seldom_collected():
             return int(app(words, prog_name="bayes-greybox", standalone_mode=False) or DONE)
     except InputError as error:
-        return _refused(str(error))
+        return _refused(as_typed(words[0], str(error)))
     except typer.Abort:
         return 130
     except Exception as error:
@@ -320,7 +321,8 @@ def init(
     ] = None,
     sep: Annotated[str | None, typer.Option(help="What separates the values, if it is not found.")] = None,
     decimal: Annotated[str, typer.Option(help="Decimal mark.")] = ".",
-    skiprows: Annotated[int, typer.Option(min=0, help="Lines before the names of columns.")] = 0,
+    thousands: Annotated[str | None, typer.Option(help="Mark between groups of digits, if it is not found.")] = None,
+    skiprows: Annotated[int, typer.Option(min=0, help="Lines before the names of columns, if not found.")] = 0,
     encoding: Annotated[str, typer.Option(help="Encoding of text, such as latin-1.")] = "utf-8",
     sheet: Annotated[str | None, typer.Option(help="Sheet of an Excel file, the first by default.")] = None,
     dayfirst: Annotated[
@@ -329,8 +331,8 @@ def init(
 ) -> int:
     """Write a first configuration for a table, with comments.
 
-    What columns are is guessed from their names and behaviour. The file runs as it is; what is known of the system and
-    the units are to be filled in.
+    Title lines, a row of units, decimal commas and the encoding are found where they leave no doubt. What columns are
+    is guessed from their names and behaviour, and said. What your simulation says and the units are to be filled in.
     """
     from bayes_greybox.config.starting.starter import starter
     from bayes_greybox.data.reading.door import layout_of
@@ -339,13 +341,16 @@ def init(
     config = output or Path(f"{data.stem}.toml")
     if config.exists():
         raise InputError(f'"{config}" is there already; choose another name with --output.')
-    layout = layout_of(sep=sep, decimal=decimal, skiprows=skiprows, encoding=encoding, sheet=sheet, dayfirst=dayfirst)
-    text = starter(data, config, layout)
+    layout = layout_of(
+        sep=sep, decimal=decimal, thousands=thousands, skiprows=skiprows, encoding=encoding, sheet=sheet,
+        dayfirst=dayfirst,
+    )  # fmt: skip
+    start = starter(data, config, layout)
     try:
-        write_text(config, text)
+        write_text(config, start.text)
     except OSError as error:
         raise InputError(f'"{config}" cannot be written ({error.strerror}); choose another with --output.') from None
-    show(f"The configuration is {config}: check what was guessed, then bayes-greybox fit {config}.")
+    typer.echo("\n".join(start.told))
     return DONE
 
 

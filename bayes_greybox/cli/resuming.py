@@ -13,6 +13,9 @@ from bayes_greybox.inference.checkpoint import Checkpoint, checkpoint_in
 CHECKPOINT = "checkpoint"
 """Folder in that of the results, while a run is not complete."""
 
+NOTHING_YET = "there were no draws yet, and nothing else is kept; the same command starts from the beginning."
+"""What is said of a command that was stopped before it sampled."""
+
 
 @contextmanager
 def resumable(folder: Path, settings: Config, resume: bool, name: str = "") -> Iterator[Checkpoint]:
@@ -34,7 +37,7 @@ def resumable(folder: Path, settings: Config, resume: bool, name: str = "") -> I
         except KeyboardInterrupt:
             kept = checkpoint.accepted and checkpoint.holds_draws
             said = f'the draws so far are in "{place}"; the same command with --resume goes on.'
-            typer.echo(f"Stopped: {said if kept else 'there were no draws yet.'}", err=True)
+            typer.echo(f"Stopped: {said if kept else NOTHING_YET}", err=True)
             raise
         except InputError as error:
             if not (checkpoint.accepted and checkpoint.holds_draws):

@@ -158,6 +158,20 @@ class Config(Section):
                 )
         return self
 
+    @model_validator(mode="after")
+    def _check_inputs(self) -> Any:
+        if isinstance(self.data, TableSource):
+            sections = {"[simulation]": self._formulas, "[dictionary]": self.dictionary}
+            sections |= {f"[models.{name}.dictionary]": model.dictionary or {} for name, model in self.models.items()}
+            if said := self.data.equation_of_input(sections):
+                raise wrong(said)
+        return self
+
+    @property
+    def _formulas(self) -> dict[str, str]:
+        """Those of the simulation."""
+        return dict(self.simulation) if isinstance(self.simulation, Mapping) else {}
+
     @property
     def file(self) -> str:
         """Name of the file; of a copy that of the original."""
@@ -286,6 +300,10 @@ class Config(Section):
 
     def _model(self, dictionary: Dictionary, own: Model) -> "GreyBox":
         from bayes_greybox.greybox import GreyBox
+
+        if isinstance(self.data, TableSource):
+            if said := self.data.rate_without_equation(self._formulas, dictionary):
+                raise InputError(f'"{self._path}": {said}.')
 
         parts = {
             "prior": own.prior or self.prior,

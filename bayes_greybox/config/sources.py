@@ -2,7 +2,7 @@
 
 import glob
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -11,6 +11,7 @@ from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.limits import Count, NotNegative, Positive, Probability, Seed, Whole
 
+from .names import equation_of_input, rate_without_equation
 from .section import Section, wrong
 
 if TYPE_CHECKING:
@@ -30,8 +31,13 @@ class Differentiate(Section):
 
 
 class Source(Section, ABC):
-    """What every kind of [data] may have."""
+    """What every kind of [data] may have.
 
+    Attributes:
+        resample: Distance of even times that samples are put on by a spline; see `Trajectories.resample`.
+    """
+
+    resample: Positive | None = None
     differentiate: Differentiate | None = None
     test_fraction: Probability | None = None
     split_by: Literal["time", "trajectory"] = "time"
@@ -60,6 +66,8 @@ class Source(Section, ABC):
         second = self.load(folder, test=True) if self.held_out else None
         if self.test_fraction is not None:
             first, second = first.split(1.0 - self.test_fraction, by=self.split_by)
+        if self.resample is not None:
+            first, second = (None if part is None else part.resample(self.resample) for part in (first, second))
         settings = self.filter_settings
         if settings is not None:
             # After the split, because filtered rows share samples with their neighbours.
@@ -152,6 +160,19 @@ class TableSource(Source):
             raise wrong("a scheduler has workers of its own; give scheduler or workers, not both")
         return self
 
+    def equation_of_input(self, sections: Mapping[str, Iterable[str]]) -> str:
+        """What is wrong where a section, of these with their names, has an equation of an input; "" where none has."""
+        return equation_of_input(self.inputs, self._with_equations, sections)
+
+    def rate_without_equation(self, simulation: Mapping[str, str], learned: Iterable[str]) -> str:
+        """What is wrong where a rate is only named, in the simulation; "" where that is not so."""
+        return rate_without_equation(simulation, [*self._with_equations, *self.inputs, *learned])
+
+    @property
+    def _with_equations(self) -> list[str]:
+        """States and outputs, and the rates that are computed to be states."""
+        return [*self.states, *self.outputs, *((self.filter_settings or {}).get("rates") or {}).values()]
+
     @property
     def filter_settings(self) -> dict[str, Any] | None:
         """Arguments of `Trajectories.differentiate`; None where nothing is to be differentiated."""
@@ -174,7 +195,10 @@ class TableSource(Source):
         from bayes_greybox.data.reading.door import read, require_computed
 
         # Rates are computed after the split; the key trajectory is older than run.
-        settings = self.given("path", "test", "test_fraction", "split_by", "differentiate", "rates", "trajectory")
+        settings = self.given(
+            "path", "test", "test_fraction", "split_by", "differentiate", "rates", "resample",
+            "trajectory",
+        )  # fmt: skip
         if self.trajectory is not None:
             settings["run"] = self.trajectory
         path = self.path

@@ -202,7 +202,7 @@ def load_falling_balls(by_ball: bool = False) -> BallDrops:
         sheets = pd.read_excel(path, sheet_name=None, nrows=1000)
     except ImportError as error:
         raise InputError(
-            f'Reading "{path}" needs openpyxl; install it with pip install "bayes-greybox[tables]".'
+            f'Reading "{path}" needs openpyxl; install it with pip install ".[tables]" in the checkout.'
         ) from error
     names, times, heights, velocities, drops = [], [], [], [], {}
     for ball, sheet in sheets.items():

@@ -79,7 +79,9 @@ def _on_workers(
     scheduler: str | None,
 ) -> Generator[Done, None, None]:
     if not _has_dask():
-        raise InputError('Several workers need Dask: pip install "bayes-greybox[distributed]", or give --workers 1.')
+        raise InputError(
+            'Several workers need Dask: pip install ".[distributed]" in the checkout, or give --workers 1.'
+        )
     from dask.config import set as configured
     from distributed import Client, LocalCluster, as_completed
 

@@ -7,6 +7,7 @@ from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.model.noise.asked import Noise, check_asked
 from bayes_greybox.model.noise.suspicions import LEAST_ROWS
 from bayes_greybox.model.program import Program
+from bayes_greybox.physics.catalogue.effect_tables import nearest
 from bayes_greybox.physics.simulation.code import require_traceable
 from bayes_greybox.physics.units import check_units, same_unit
 
@@ -48,6 +49,13 @@ def check_data(
         raise InputError(
             f"The training data have {train.n_obs} rows, on which nothing can be told from noise: give at least "
             f"{LEAST_ROWS}."
+        )
+    known = (*model.states(train), *train.output_names)
+    stranger = next((name for name in equations if name not in known), None)
+    if stranger is not None:
+        raise InputError(
+            f"There is no state {stranger!r} whose equation could be learned, and the dictionary has terms for it: "
+            f"leave GreyBox(dictionary=...) without it; {nearest(stranger, list(known))}"
         )
     simulation = model.simulator(train)
     # Outputs have no free run, and no part in that of states.

@@ -47,7 +47,8 @@ IN_MODEL = "the model or the data have a state with the name of its hidden state
 
 HELD_INPUTS = (
     "The samples are likelier with inputs that are held from each sample to the next than with lines or splines "
-    "between them, and so they were taken. Say what they do: GreyBox(rows=bg.TrajectoryRows(interpolation=...))."
+    "between them, and so they were taken. Say what they do: GreyBox(rows=bg.TrajectoryRows(interpolation=...)), in a "
+    'file [rows] kind = "trajectory" with interpolation.'
 )
 
 
@@ -310,7 +311,7 @@ def _memoryless(model: Program, data: Trajectories, equation: str) -> str:
     if model.rows.rates_measured:
         return (
             "it remembers, and rows of rates follow no path along which that can be said: give samples, "
-            "GreyBox(rows=bg.TrajectoryRows())"
+            'GreyBox(rows=bg.TrajectoryRows()), in a file [rows] kind = "trajectory"'
         )
     return "" if readable(model.simulation) else NO_STATES
 
@@ -343,7 +344,8 @@ def studied_equations(model: Program, data: Trajectories) -> tuple[str, ...]:
             raise InputError(
                 f"A study of samples looks at one equation, and the simulation has {len(found) or 'none'} that could "
                 "lack something: name the one in question with an empty list of terms, "
-                "GreyBox(dictionary={'ydot': []}, ...), or give rates: derivatives=..., or data.differentiate()."
+                f"GreyBox(dictionary={{{(found or ('ydot',))[0]!r}: []}}, ...), or give rates: derivatives=..., or "
+                "data.differentiate()."
             )
         return found
     names = (*data.derivative_names, *data.output_names)

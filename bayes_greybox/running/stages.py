@@ -1,11 +1,13 @@
 """What long work is doing, on one display: a line for each stage, with a bar where its length is known.
 
 Whoever begins long work opens a display with `stages`; what works inside joins it with `stage`, however deep. Without a
-terminal each stage that took long is a line of text once it is over, so that a log says where the time went.
+terminal each stage that took long is a line of text once it is over, so that a log says where the time went, and now
+and then one while it lasts.
 """
 
 import logging
 import sys
+import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -19,6 +21,9 @@ from rich.text import Text
 WORTH_SAYING = 1.0
 """Seconds from which on a log says how long a stage took."""
 
+SAID_EVERY = 30.0
+"""Seconds after which a log is told again what a stage is at."""
+
 log = logging.getLogger(__name__)
 
 _DISPLAY: ContextVar["Display | None"] = ContextVar("display", default=None)
@@ -31,6 +36,9 @@ class Display:
         """Show nothing yet."""
         self.console = console
         self.live = console.is_terminal or console.is_jupyter
+        self.open: list[Stage] = []
+        self._over = threading.Event()
+        self._clock = threading.Thread(target=self._tell, daemon=True)
         self.bars = Progress(
             TextColumn("{task.description}"),
             BarColumn(bar_width=24),
@@ -46,10 +54,21 @@ class Display:
 
     def __enter__(self) -> "Display":
         self.bars.start()
+        if not self.live:
+            self._clock.start()
         return self
 
     def __exit__(self, *_: object) -> None:
         self.bars.stop()
+        self._over.set()
+        if not self.live:
+            self._clock.join()
+
+    def _tell(self) -> None:
+        """Say what the innermost stage is at, every now and then, until all is over."""
+        while not self._over.wait(SAID_EVERY):
+            for stage in self.open[-1:]:
+                self.console.print(stage.so_far(), highlight=False, markup=False)
 
 
 class Stage:
@@ -60,6 +79,9 @@ class Stage:
         self._display, self._text, self._total = display, text, total
         self._begun = time.perf_counter()
         self._task = None if display is None else display.bars.add_task(text, total=total, note="")
+        self._note, self._count = "", 0
+        if display is not None:
+            display.open.append(self)
 
     def advance(self, by: int = 1, note: str = "") -> None:
         """Move the bar.
@@ -68,6 +90,7 @@ class Stage:
             by: How far.
             note: What to say beside it.
         """
+        self._note, self._count = note, self._count + by
         if self._display is not None and self._task is not None:
             self._display.bars.update(self._task, advance=by, note=note)
 
@@ -75,12 +98,20 @@ class Stage:
         """What the stage is at."""
         self.advance(0, note)
 
+    def so_far(self) -> str:
+        """What it is at, how far, and since when."""
+        count = f", {self._count}/{self._total}" if self._total is not None and self._total > 1 else ""
+        note = f", {self._note}" if self._note else ""
+        return f"{self._text}{count}{note}: {time.perf_counter() - self._begun:.0f} s so far"
+
     def done(self, said: bool = True) -> None:
         """Fill the bar and stop its clock, and say how long it took where there are no bars."""
         seconds = time.perf_counter() - self._begun
         log.debug("%s: %.3f s", self._text, seconds)
         if self._display is None or self._task is None:
             return
+        if self in self._display.open:
+            self._display.open.remove(self)
         if self._total is None:
             # Nobody knew how long it is: now it is as long as it got.
             self._display.bars.update(self._task, total=1, completed=1, note="")

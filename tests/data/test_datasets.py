@@ -125,7 +125,7 @@ def test_falling_balls_for_one_model_of_all_drops():
 @measured
 def test_falling_balls_without_openpyxl_name_the_extra(monkeypatch):
     monkeypatch.setitem(sys.modules, "openpyxl", None)
-    with pytest.raises(InputError, match=r'openpyxl; install it with pip install "bayes-greybox\[tables\]"'):
+    with pytest.raises(InputError, match=r'openpyxl; install it with pip install "\.\[tables\]"'):
         load_dataset("falling_balls")
 
 

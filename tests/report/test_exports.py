@@ -1,6 +1,7 @@
 """Exported programs say what the package's own right-hand side says, to 1e-8."""
 
 import ctypes
+import re
 import shutil
 import subprocess
 from dataclasses import replace
@@ -240,3 +241,26 @@ def test_a_study_exports_its_amended_model_with_its_sentence(study, tmp_path):
     )
     study.fit.export(tmp_path / "fit.c")
     assert "void fit_rhs(" in (tmp_path / "fit.c").read_text()
+
+
+def test_comments_are_short_lines_and_a_correction_without_a_sign_has_no_probability(tmp_path):
+    system = system_of({"y": "v", "v": "F - 3*y - 0.5*v", "z": "-z"}, ["y", "v", "v**3"])
+    equation = system.learned["v"]
+    sure, open_, effect = equation.terms
+    terms = (
+        replace(sure, value=Value(0.2, 0.05, 0.1, 0.3), probability=0.9999),
+        replace(open_, value=Value(-2.8e-11, 7.3e-10, -6.7e-10, 7.3e-10), probability=0.9999),
+        replace(effect, value=Value(0.0, 1.0, -1.0, 1.0), probability=0.7),
+    )
+    system = replace(system, learned={"v": replace(equation, terms=terms)})
+    verdict = "The simulation lacks cubic drag in d(v)/dt, and that is not all. " * 10
+    for name in ("m.py", "m.c", "m.mo"):
+        export_system(system, tmp_path / name, Notes(verdict))
+        text = (tmp_path / name).read_text(encoding="utf-8")
+        said = [line for line in text.splitlines() if line.startswith(("#", "/*", " *", "//"))]
+        assert max(map(len, said)) <= 100
+        assert verdict.strip() in re.sub(r" (#|//|\*) ", " ", " ".join(" ".join(said).split()))
+        flat = " ".join(text.replace("\n# ", " ").replace(" */\n/* ", " ").split())
+        # What is likely there but has no sign is no sure correction; an effect keeps its probability.
+        assert "not told from zero; correction, adds to the -0.5 of the simulation" in flat
+        assert flat.count("P > 0.999") == 1 and "P 0.700" in flat

@@ -287,6 +287,7 @@ def test_effects_that_were_not_weighed_for_want_of_a_role_are_said_where_none_wa
     why = "no column plays the role 'position' (the state whose rate is the velocity)"
     left_out = {("x", "cubic"): why, ("z", "cubic"): why, ("x", "sine"): why, ("x", "gain"): "zero on all the data"}
     assert said("unknown", left_out=left_out).endswith(
-        "2 effects were not weighed: no column plays the role 'position'; give roles={'position': ...}."
+        "2 effects were not weighed: no column plays the role 'position'; give roles={'position': ...}, in a file "
+        "[study.roles] position."
     )
     assert "not weighed" not in said("named", [("Drag", 0.97, ())], left_out=left_out)

@@ -196,6 +196,18 @@ def test_what_a_study_lacks_is_left_out_without_a_gap(study):
     assert "nan" not in page.text.lower().split()
 
 
+def test_a_correction_whose_sign_is_not_told_is_no_sure_one(study):
+    table = study.corrections.copy()
+    table[["probability", "mean", "sd", "lower", "upper"]] = 0.9999, 0.15, 0.03, 0.1, 0.2
+    sure = "Coefficients that are more likely off than not"
+    unclear = "Coefficients that are corrected by what cannot be told from zero"
+    page = outline(study, corrections=table, **PLAIN)
+    assert sure in page.text and unclear not in page.text
+    for change in ({"lower": -0.1}, {"sd": 0.2}):
+        page = outline(study, corrections=table.assign(**change), **PLAIN)
+        assert sure not in page.text and unclear in page.text and "None of them" not in page.text
+
+
 def test_a_gap_that_grew_is_not_called_closed(study):
     table = study.gap.copy()
     table["after"], table["closed"] = 2 * table["before"], -1.0

@@ -62,3 +62,26 @@ def test_a_display_ends_with_what_opened_it(shown):
         raise ValueError("broken")
     announce("late")
     assert shown.getvalue() == ""
+
+
+def test_a_log_is_told_now_and_then_what_a_long_stage_is_at(shown, monkeypatch):
+    monkeypatch.setattr(module, "SAID_EVERY", 0.02)
+    with stages(True), stage("Outer"):
+        with stage("Inner", 3) as line:
+            line.advance(2, "v: weighing")
+            until = time.monotonic() + 5.0
+            while "Inner" not in shown.getvalue() and time.monotonic() < until:
+                time.sleep(0.01)
+        # A stage that is over is not told of.
+        said = shown.getvalue().count("Inner")
+        time.sleep(0.1)
+    assert "Inner, 2/3, v: weighing: 0 s so far" in shown.getvalue()
+    assert shown.getvalue().count("Inner") == said and "Outer: 0 s so far" in shown.getvalue()
+
+
+def test_a_terminal_has_its_clock_in_the_line(shown, monkeypatch):
+    monkeypatch.setattr(module, "SAID_EVERY", 0.01)
+    shown.terminal["force_terminal"] = True
+    with stages(True), stage("Inner"):
+        time.sleep(0.1)
+    assert "so far" not in shown.getvalue()

@@ -20,6 +20,14 @@ RUN = re.compile(r"(?i)^(run|trial|id|experiment|test|trajectory|segment|versuch
 INPUT = re.compile(
     r"(?i)^(u|f|q|i|in|input|force|load|torque|voltage|current|command|cmd|valve|pump|kraft)(_?\d+|[ _].*)?$"
 )
+AROUND = re.compile(
+    r"(?i)(^|[ _.])(amb|ambient|room|outdoor|outside|setpoint|umgebung|raum|aussen|außen|soll)(_?\d+|[ _.].*)?$"
+)
+"""What acts from outside, wherever it stands in the name: T_amb."""
+
+LEVEL = re.compile(r"(?i)^(level|height|depth|head|h|pegel|füllstand|fuellstand|höhe|hoehe|tiefe)([ _]?\d+)?([ _].*)?$")
+"""A length that is no position of a body: its own rate is what is known."""
+
 POSITION = re.compile(r"(?i)^(x|y|z|s|q|pos|position|disp|displacement|angle|theta|phi|weg|winkel)(_?\d+|[ _].*)?$")
 COUNTER = re.compile(r"(?i)^(index|no|nr|number|sample|row|unnamed: \d+)$")
 
@@ -51,6 +59,7 @@ class Guess:
         inputs: Columns of inputs.
         rate_of: Column of the rate by the state whose rate it is.
         left_out: Why a column has no role.
+        dated: Whether the stamps are dates or clock times, which become seconds.
     """
 
     time: str | None
@@ -63,6 +72,7 @@ class Guess:
     inputs: tuple[str, ...] = ()
     rate_of: dict[str, str] = field(default_factory=dict)
     left_out: dict[str, str] = field(default_factory=dict)
+    dated: bool = False
 
 
 def guessed(table: Table, layout: Layout) -> Guess:
@@ -90,7 +100,9 @@ def guessed(table: Table, layout: Layout) -> Guess:
         else:
             left_out[name] = reason
     if not columns:
-        raise InputError(f"No column of {table.where} holds numbers that change; there is nothing to model.")
+        raise InputError(
+            f"No column of {table.where} holds numbers that change; there is nothing to model.{table.hint}"
+        )
     rows = table.frame[run].to_numpy() if run is not None else np.zeros(len(table.frame))
     clock, dated = np.arange(len(table.frame), dtype=float), False
     if time is not None:
@@ -103,8 +115,9 @@ def guessed(table: Table, layout: Layout) -> Guess:
     parts = [part[known[part]] for part in np.split(np.arange(len(clock)), starts)]
     set_back = dated and any(clock_set_back(clock, int(i) + 1) for i in np.flatnonzero(np.diff(clock) < 0))
     guess = Guess(
-        time, run, back and time is not None, _even(clock, parts), int(np.sum(~known)), set_back, left_out=left_out
-    )
+        time, run, back and time is not None, _even(clock, parts), int(np.sum(~known)), set_back, left_out=left_out,
+        dated=dated,
+    )  # fmt: skip
     return _with_roles(guess, clock, columns, [part for part in parts if len(part) > 3])
 
 
@@ -181,7 +194,9 @@ def _with_roles(
             rate_of[state] = best
     moving = {*rate_of, *rate_of.values()}
     held = {name for name, values in columns.items() if np.mean(np.diff(values) == 0) > HELD}
-    inputs = [name for name in columns if name not in moving and (name in held or INPUT.match(name))]
+    inputs = [
+        name for name in columns if name not in moving and (name in held or INPUT.match(name) or AROUND.search(name))
+    ]
     # The last rate of a chain of three is measured, and no state: y, v and a.
     last = {rate for state, rate in rate_of.items() if rate not in rate_of and state in rate_of.values()}
     states = [name for name in columns if name not in inputs and name not in last]

@@ -1,26 +1,31 @@
-"""The first configuration for a table: commented, complete, and running as it is."""
+"""The first configuration for a table: commented, complete, and running as soon as its equation is written."""
 
 import json
 import os
 import re
-from collections.abc import Iterable, Mapping
-from dataclasses import replace
+from collections.abc import Iterable
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from bayes_greybox.data.columns import derivative_label
-from bayes_greybox.data.errors import InputError
-from bayes_greybox.data.reading.cells import COMMA
-from bayes_greybox.data.reading.sources import read_source
-from bayes_greybox.data.reading.table import Layout, Table
-from bayes_greybox.physics.formula.grammar import check_name
+from bayes_greybox.data.reading.table import Layout
 
-from .roles import POSITION, Guess, guessed
+from .example import equation_of_motion
+from .layout import read_as_found
+from .plan import Plan
+from .roles import guessed
+from .told import told
 
 PLACE = "..."
 
 OPTIONS = ("sep", "decimal", "thousands", "skiprows", "encoding", "sheet", "dayfirst")
 """What of the layout is written where it is not the usual."""
+
+SUFFIXES = frozenset(
+    "s ms us m mm cm um km N kN mN V mV kV A mA W kW Pa kPa MPa bar mbar K °C degC deg rad mrad Hz kHz rpm kg g N*m Nm "
+    "m/s mm/s cm/s m/s^2 rad/s deg/s l/min l/s m^3/h m^3/s kg/s".split()
+)
+"""Units that a name may end with; not those that are words or indices as well, such as in, min and h."""
 
 _SET_BACK = [
     "# It goes back by an hour, as clocks do when summer time ends: if no new run begins there, take the next line out",
@@ -28,12 +33,22 @@ _SET_BACK = [
 ]
 """What stands above `restart` where it may be a mistake."""
 
-GROUPS = r"[+-]?(\d+|[1-9]\d{0,2}(\.\d{3})+)(,\d+)?"
-"""A number with a comma for its decimal mark, whose digits may be grouped by points."""
+
+@dataclass(frozen=True)
+class Start:
+    """A first configuration.
+
+    Attributes:
+        text: The file.
+        told: What its columns were taken for and what to do next, a line each.
+    """
+
+    text: str
+    told: tuple[str, ...]
 
 
-def starter(data: Path, config: Path, layout: Layout) -> str:
-    """The text of a configuration for a table.
+def starter(data: Path, config: Path, layout: Layout) -> Start:
+    """The first configuration for a table.
 
     Args:
         data: The table.
@@ -43,89 +58,28 @@ def starter(data: Path, config: Path, layout: Layout) -> str:
     Raises:
         InputError: A table that cannot be read, or has nothing to model.
     """
-    table = read_source(data, layout)
-    if layout.decimal == "." and _has_decimal_commas(table):
-        layout = replace(layout, decimal=",")
-        table = read_source(data, layout)
-    if layout.decimal == "," and layout.thousands is None and _has_groups(table):
-        layout = replace(layout, thousands=".")
-        table = read_source(data, layout)
-    guess = guessed(table, layout)
-    names = _names((*guess.states, *guess.inputs, *guess.rate_of.values()))
+    table, layout = read_as_found(data, layout)
+    plan = Plan(table, guessed(table, layout))
     path = os.path.relpath(data, config.parent).replace(os.sep, "/")
-    plan = _Plan(guess, names)
     parts = [
-        f"# A first configuration for {data.name}. What columns are was guessed from names and behaviour: check it,\n"
-        f"# then bayes-greybox fit {config.name} learns the terms of [dictionary],\n"
-        f"# and  bayes-greybox discover {config.name} finds what [simulation] is missing.",
-        _data(path, table, layout, plan),
-        _units(table, plan),
-        plan.differentiate(),
+        f"# A first configuration for {data.name}. What columns are was guessed from names and behaviour: check it\n"
+        f"# and write [simulation], then  bayes-greybox discover {config.name}  finds what it is missing, and\n"
+        f"# bayes-greybox fit {config.name}  learns the terms of [dictionary].",
+        _data(path, layout, plan),
+        _units(plan),
+        _differentiate(plan),
         _simulation(plan),
         _dictionary(plan),
+        _study(plan),
         "[discrepancy]\n"
         "# Take these lines out for a Gaussian process beside the terms: it shows what they miss (one equation only).\n"
         "enabled = false",
         "[sampling]\ndraws = 500\ntune = 500\nchains = 2\nseed = 0",
     ]
-    return "\n\n".join(part for part in parts if part) + "\n"
+    return Start("\n\n".join(part for part in parts if part) + "\n", told(plan, layout, data, config))
 
 
-class _Plan:
-    """Names in formulas, and which equations are learned from what."""
-
-    def __init__(self, guess: Guess, names: Mapping[str, str]) -> None:
-        self.guess, self.names = guess, names
-        states = set(guess.states)
-        rate_of = {state: rate for state, rate in guess.rate_of.items() if state in states}
-        self.measured = {state: rate for state, rate in rate_of.items() if rate not in states}
-        self.chained = {state: rate for state, rate in rate_of.items() if rate in states}
-        learned = [state for state in guess.states if state not in self.chained]
-        # Rates of some and not of others: those that are measured are learned.
-        self.learned = [state for state in learned if state in self.measured] or learned
-        self.computed = not self.measured and guess.even
-        lonely = [s for s in guess.states if self.computed and s not in self.chained and s not in self.chained.values()]
-        self.second = {state: self._free(f"{names[state]}_rate") for state in lonely if POSITION.match(state)}
-
-    def _free(self, name: str) -> str:
-        return name if name not in self.names.values() else self._free(f"{name}_")
-
-    def name(self, columns: Iterable[str]) -> list[str]:
-        return [self.names[column] for column in columns]
-
-    @property
-    def variables(self) -> list[str]:
-        """What a term may be of."""
-        return [*self.name(self.guess.states), *self.second.values(), *self.name(self.guess.inputs)]
-
-    @property
-    def equations(self) -> list[str]:
-        """What is learned: a measured or computed rate of each."""
-        return [self.second.get(state, self.names[state]) for state in self.learned]
-
-    @property
-    def known(self) -> dict[str, str]:
-        """Rates that are other states."""
-        return {self.names[s]: self.names[r] for s, r in self.chained.items()} | {
-            self.names[state]: rate for state, rate in self.second.items()
-        }
-
-    def differentiate(self) -> str:
-        if not self.computed:
-            return ""
-        rates = ", ".join(f"{_key(self.names[state])} = {_quoted(rate)}" for state, rate in self.second.items())
-        lines = [
-            "[data.differentiate]",
-            "# Rates that were not measured are computed by a filter whose noise is known.",
-        ]
-        lines.append('method = "savgol"')
-        if rates:
-            lines += ["# The rate of a position is a state of its own: the equation of that rate is learned."]
-            lines += [f"rates = {{ {rates} }}"]
-        return "\n".join(lines)
-
-
-def _data(path: str, table: Table, layout: Layout, plan: _Plan) -> str:
+def _data(path: str, layout: Layout, plan: Plan) -> str:
     guess = plan.guess
     lines = ["[data]", f"path = {_quoted(path)}"]
     if guess.time is not None:
@@ -151,7 +105,7 @@ def _data(path: str, table: Table, layout: Layout, plan: _Plan) -> str:
     return "\n".join(lines)
 
 
-def _units(table: Table, plan: _Plan) -> str:
+def _units(plan: Plan) -> str:
     """Units to be filled in; those of the table stand there already."""
     columns = {"t": plan.guess.time} | {plan.names[c]: c for c in (*plan.guess.states, *plan.guess.inputs)}
     columns |= {derivative_label(plan.names[s]): rate for s, rate in plan.measured.items()}
@@ -160,30 +114,133 @@ def _units(table: Table, plan: _Plan) -> str:
         "# With all of them, terms are checked and coefficients get units: fill in and take the # away.",
     ]
     for name, column in columns.items():
-        unit = table.units.get(table.known(column)) if column is not None else None
-        example = "the time, such as s" if name == "t" else f"{name}, such as m/s^2"
-        asked = f'# {_key(name)} = "{PLACE}"  # unit of {example}'
+        unit, supposed = plan.unit(column), _by_name(column)
+        what = "the time" if name == "t" else name
+        asked = f'# {_key(name)} = "{supposed or PLACE}"  # unit of {what}'
+        asked += ", if its name says so" if supposed else f", such as {_example_unit(plan, name, column)}"
         lines.append(f"{_key(name)} = {_quoted(unit)}" if unit else asked)
     return "\n".join(lines)
 
 
-def _simulation(plan: _Plan) -> str:
-    lines = ["[simulation]", "# What is known: the rate of a state as a formula of states and inputs."]
-    lines += [f"{_key(state)} = {_quoted(rate)}" for state, rate in plan.known.items()]
-    example = " + ".join(plan.variables[-1:]) or "0"
-    lines += [f'# {_key(name)} = "{PLACE}"  # such as "{example} - 2*{name}"' for name in plan.equations]
+def _by_name(column: str | None) -> str | None:
+    """The unit that a name ends with, as in force_N."""
+    last = (column or "").rpartition("_")
+    return last[2] if last[0] and last[2] in SUFFIXES else None
+
+
+def _example_unit(plan: Plan, name: str, column: str | None) -> str:
+    if name == "t":
+        return "s"
+    if column in plan.guess.inputs:
+        return "N"
+    return "m/s^2" if column in plan.measured.values() else "mm"
+
+
+def _differentiate(plan: Plan) -> str:
+    if plan.followed and plan.guess.even:
+        rate = ", ".join(f"{_key(plan.names[state])} = {_quoted(rate)}" for state, rate in plan.second.items())
+        return "\n".join(
+            [
+                "# Rows are samples. Rates of a filter in their place are quicker, tell less, and nothing of memory:",
+                "# [data.differentiate]",
+                f"# rates = {{ {rate} }}",
+            ]
+        )
+    if not plan.computed:
+        return ""
+    lines = [
+        "[data.differentiate]",
+        "# Rates that were not measured are computed by a filter whose noise is known.",
+        'method = "savgol"',
+    ]
+    if plan.second:
+        rates = ", ".join(f"{_key(plan.names[state])} = {_quoted(rate)}" for state, rate in plan.second.items())
+        lines += ["# The rate of a position is a state of its own: the equation of that rate is learned."]
+        lines += [f"rates = {{ {rates} }}"]
     return "\n".join(lines)
 
 
-def _dictionary(plan: _Plan) -> str:
-    terms, example = ", ".join(map(_quoted, ["1", *plan.variables])), _quoted(plan.variables[0])
+def _simulation(plan: Plan) -> str:
+    lines = ["[simulation]", "# What your simulation says: the rate of a state as a formula of states and inputs,"]
+    lines += [f"# its numbers in the units of the table{_shown(plan)}. Take the # away and write yours."]
+    positions = {rate: state for state, rate in plan.second.items()}
+    positions |= {plan.names[rate]: state for state, rate in plan.chained.items()}
+    for state, rate in plan.second.items():
+        lines += [
+            f"# {rate} is the rate of {plan.names[state]}{_per(plan, state)}. Where the equation is of first order,"
+        ]
+        lines += [
+            f"# write {_key(plan.names[state])} = {_quoted(PLACE)}, and take out the line of {rate}{_and_rates(plan)}."
+        ]
+    lines += [f"{_key(state)} = {_quoted(rate)}" for state, rate in plan.known.items()]
+    for name in plan.equations:
+        state = positions.get(name)
+        said = _first_order(plan, name) if state is None else _second_order(plan, state, name)
+        lines.append(f'# {_key(name)} = "{PLACE}"  # {said}')
+    if len(plan.equations) > 1 and not plan.measured:
+        lines += ["# What has no equation in your simulation acts from outside: move it from states to inputs above."]
+    return "\n".join(lines)
+
+
+def _shown(plan: Plan) -> str:
+    units = [plan.unit(column) for column in (plan.guess.time, *plan.guess.states, *plan.guess.inputs)]
+    known = list(dict.fromkeys(unit for unit in units if unit))
+    return f" ({', '.join(known)})" if known else ""
+
+
+def _per(plan: Plan, state: str) -> str:
+    unit, time = plan.unit(state), plan.unit(plan.guess.time)
+    return f", in {unit}/{time}" if unit and time else ""
+
+
+def _and_rates(plan: Plan) -> str:
+    return " and rates above" if plan.computed else ""
+
+
+def _first_order(plan: Plan, name: str) -> str:
+    others = [variable for variable in plan.variables if variable != name]
+    return f'such as "{others[-1]} - 2*{name}"' if others else f'such as "-2*{name}"'
+
+
+def _second_order(plan: Plan, state: str, rate: str) -> str:
+    inputs = plan.guess.inputs
+    force = (plan.names[inputs[0]], plan.unit(inputs[0])) if inputs else None
+    units = (plan.unit(state), plan.unit(plan.guess.time))
+    return f"such as {equation_of_motion(plan.names[state], rate, force, units)}"
+
+
+def _dictionary(plan: Plan) -> str:
+    """Terms to be learned: active where rates were measured, else a comment, as studies learn them everywhere."""
+    terms = ", ".join(map(_quoted, ["1", *plan.variables]))
+    example = _quoted(plan.variables[0])
+    equations = [f"{_key(name)} = [{terms}]" for name in plan.equations]
     lines = [
-        "[dictionary]",
         "# What may be in the rate beside it: candidate terms, each with a coefficient to be learned.",
         "# What is known of a coefficient stands in the place of its term:",
         f'# {{ expression = {example}, sign = "-" }}, or prior = [mean, sd], bounds = [least, largest], fixed = value',
     ]
-    return "\n".join([*lines, *(f"{_key(name)} = [{terms}]" for name in plan.equations)])
+    if plan.measured:
+        simple = "# For discover take this section out: what stands here is learned in every explanation."
+        return "\n".join(["[dictionary]", *lines, simple, *equations])
+    if plan.sampled and len(equations) > 1:
+        one = [
+            "# Rows are samples, as times are not even, and discover looks at one equation at a time: the one here.",
+            f"{_key(plan.equations[0])} = []",
+        ]
+        fit = ["# For bayes-greybox fit:", *lines, *(f"# {line}" for line in equations)]
+        return "\n".join(["[dictionary]", *one, *fit])
+    fit = (
+        "# For bayes-greybox fit take the # away; discover needs no such section, and learns its terms if it is there."
+    )
+    return "\n".join(["# [dictionary]", fit, *lines, *(f"# {line}" for line in equations)])
+
+
+def _study(plan: Plan) -> str:
+    return (
+        "[study]\n"
+        '# Effects that are weighed: "mechanical", "fluid", "electrical", "population", "all", or your own file.\n'
+        f"catalogue = {_quoted(plan.catalogue)}"
+    )
 
 
 def _options(layout: Layout) -> list[tuple[str, object]]:
@@ -192,50 +249,12 @@ def _options(layout: Layout) -> list[tuple[str, object]]:
     return [(name, value) for name in OPTIONS if (value := getattr(layout, name)) != getattr(usual, name)]
 
 
-def _columns(plan: _Plan, columns: Iterable[str]) -> str:
+def _columns(plan: Plan, columns: Iterable[str]) -> str:
     """A list of columns, or a table where a column's name cannot stand in formulas."""
     chosen = list(columns)
     if plan.name(chosen) == chosen:
         return f"[{', '.join(map(_quoted, chosen))}]"
     return "{ " + ", ".join(f"{_key(plan.names[c])} = {_quoted(c)}" for c in chosen) + " }"
-
-
-def _names(columns: Iterable[str]) -> dict[str, str]:
-    """A name for formulas by column."""
-    names: dict[str, str] = {}
-    for column in columns:
-        if column in names:
-            continue
-        name = re.sub(r"\W+", "_", column, flags=re.ASCII).strip("_") or "x"
-        name = f"x{name}" if name[0].isdigit() else name
-        while not _usable(name) or name in names.values():
-            name += "_"
-        names[column] = name
-    return names
-
-
-def _usable(name: str) -> bool:
-    try:
-        check_name(name)
-    except InputError:
-        return False
-    return name not in ("t", "run")
-
-
-def _has_decimal_commas(table: Table) -> bool:
-    cells = [column for column in _words(table) if column.str.fullmatch(f"{COMMA}|{GROUPS}").all()]
-    return any(column.str.contains(",").any() for column in cells)
-
-
-def _has_groups(table: Table) -> bool:
-    """Whether a column of numbers has cells whose digits are grouped by points."""
-    cells = [column for column in _words(table) if column.str.fullmatch(f"{COMMA}|{GROUPS}").all()]
-    return any(column.str.contains(".", regex=False).any() for column in cells)
-
-
-def _words(table: Table) -> list[Any]:
-    words = table.frame.select_dtypes(exclude="number")
-    return [column for name in words if len(column := words[name].dropna().astype(str).str.strip())]
 
 
 def _key(name: str) -> str:

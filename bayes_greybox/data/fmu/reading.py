@@ -16,7 +16,7 @@ from bayes_greybox.data.errors import InputError
 
 from .description import Description, description_of
 
-INSTALL = 'install it with pip install "bayes-greybox[fmu]"'
+INSTALL = 'install it with pip install ".[fmu]" in the checkout'
 
 KNOWN = 64
 """Files whose digest is kept, by when they were changed and their size."""

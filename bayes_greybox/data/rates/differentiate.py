@@ -19,6 +19,7 @@ from bayes_greybox.data.noise.spectral import SpectralNoise
 from bayes_greybox.data.samples.sample_noise import sample_noise
 
 from .filters import (
+    GAP,
     STEP_TOLERANCE,
     band_per_sample,
     check_settings,
@@ -188,10 +189,16 @@ def uniform_step(time: Float[np.ndarray, " n"], name: str) -> float:
     deviation = np.abs(np.diff(time) - step)
     worst = int(np.argmax(deviation))
     if deviation[worst] > STEP_TOLERANCE * step:
+        steps = np.diff(time)
+        usual = float(np.median(steps))
+        # Rows that lack alone are put back where they were; jitter keeps its mean.
+        even = step if np.mean(np.abs(steps - usual) <= STEP_TOLERANCE * usual) < 0.5 else usual
+        gap = np.max(steps) > GAP * usual
+        remedy = "it has a gap there" if gap else f"resample the runs evenly, data.resample({even:.6g})"
         raise InputError(
-            f'Run "{name}" is not sampled evenly: the step after row {worst} is {np.diff(time)[worst]:.6g} '
-            f"where the mean step is {step:.6g}; resample the runs evenly, data.resample({step:.6g}), or give measured "
-            "derivatives."
+            f'Run "{name}" is not sampled evenly: the step after row {worst} is {steps[worst]:.6g} '
+            f"where the mean step is {step:.6g}; {remedy}, or give measured derivatives, or take the samples as they "
+            "are, without differentiating them (in a file without [data.differentiate]): those need no even steps."
         )
     return step
 

@@ -14,6 +14,9 @@ from bayes_greybox.data.errors import InputError
 METHODS = ("savgol", "bandlimited", "spectral")
 ATTENUATION_DB = 80.0
 """Stop-band attenuation of the band-limited filter."""
+GAP = 4.0
+"""A step this many times the usual one is a gap, in which interpolation would invent samples."""
+
 STEP_TOLERANCE = 1e-3
 """Largest allowed relative deviation of a sample spacing from the mean spacing."""
 UNDERSMOOTHING = 0.75

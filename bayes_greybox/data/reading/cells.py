@@ -117,7 +117,8 @@ def _as_numbers(column: Any, layout: Layout) -> tuple[np.ndarray, np.ndarray]:
     found: Any = pd.to_numeric(text, errors="coerce")
     missing = text.isna() | text.map(lambda cell: isinstance(cell, str) and not cell)
     bad = np.flatnonzero(found.isna().to_numpy() & ~missing.to_numpy())
-    grouped = np.flatnonzero(text.map(lambda cell: _is_grouped(cell, layout)).to_numpy(dtype=bool))
+    # As they are written: a decimal comma is a point by now.
+    grouped = np.flatnonzero(column.map(lambda cell: _is_grouped(cell, layout)).to_numpy(dtype=bool))
     bad = grouped if len(grouped) else bad
     if not len(bad) and (not pd.api.types.is_numeric_dtype(found) or found.dtype.kind == "c"):
         bad = np.array([0])

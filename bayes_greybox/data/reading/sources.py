@@ -16,7 +16,7 @@ from .formats.matlab import read_mat
 from .formats.text import read_text
 from .table import Layout, Table, require_distinct, tidy
 
-INSTALL = 'install it with pip install "bayes-greybox[tables]"'
+INSTALL = 'install it with pip install ".[tables]" in the checkout'
 
 SAVE_AS = {
     ".xls": "save it as .xlsx",

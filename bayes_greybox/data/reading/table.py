@@ -178,7 +178,9 @@ def _row_of_units(frame: pd.DataFrame, decimal: str) -> list[str] | None:
     if len(frame) < 2:
         return None
     first, second = ([_text(value) for value in frame.iloc[row]] for row in (0, 1))
-    return unit_row(first, [not cell or is_number(cell, decimal) or cell[0].isdigit() for cell in second])
+    # The decimal mark may not be known yet; dates begin with a digit.
+    measured = [not cell or is_number(cell, decimal) or is_number(cell, ",") or cell[0].isdigit() for cell in second]
+    return unit_row(first, measured)
 
 
 def _text(value: Any) -> str:

@@ -9,9 +9,7 @@ from scipy.signal import decimate
 
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.rates.differentiate import uniform_step
-
-GAP = 4.0
-"""A step this many times the usual one is a gap, in which interpolation would invent samples."""
+from bayes_greybox.data.rates.filters import GAP
 
 COARSER = 1.5
 """A step this many times the usual one leaves out so much that what is faster would pass for something slower."""

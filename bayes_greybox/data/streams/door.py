@@ -51,7 +51,7 @@ def stream(
         missing: "error" refuses missing values, "drop" leaves out their rows and counts them.
         sample: rows that are kept in memory, about, for all that looks at single rows: ten stretches, evenly spaced.
         workers: processes of this machine that read (extra "distributed"); one if left out.
-        scheduler: address of a Dask scheduler, such as "tcp://host:8786", whose workers read and see the same files.
+        scheduler: address of a Dask scheduler, such as `tcp://host:8786`, whose workers read and see the same files.
 
     Returns:
         The stream; nothing but the names of its columns was read yet.

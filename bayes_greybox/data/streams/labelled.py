@@ -10,7 +10,7 @@ from bayes_greybox.data.trajectories import Trajectories
 
 from .asked import CHUNK, PART, Asked
 
-INSTALL = 'install it with pip install "bayes-greybox[distributed]"'
+INSTALL = 'install it with pip install ".[distributed]" in the checkout'
 
 
 @dataclass(frozen=True)

@@ -1,11 +1,15 @@
 """What stands above an exported program: where it comes from, how sure it is, and what is not in it."""
 
+import textwrap
 from importlib.metadata import version
 
 from bayes_greybox.data.writing import unit_text
 from bayes_greybox.report.words.formatting import estimate, interval, probability_text
 
 from .model import ExportedModel, Factor
+
+WIDTH = 100
+"""Characters of a line of comments."""
 
 
 def header(model: ExportedModel, names: dict[str, str], slots: tuple[str, str]) -> list[str]:
@@ -39,6 +43,18 @@ def header(model: ExportedModel, names: dict[str, str], slots: tuple[str, str]) 
     return lines
 
 
+def comment(text: str, mark: str, end: str = "") -> list[str]:
+    """Text as lines of a comment, none of them longer than `WIDTH`.
+
+    Args:
+        text: What to say, on one line.
+        mark: What each line begins with.
+        end: What each line ends with.
+    """
+    lines = textwrap.wrap(text, WIDTH - len(mark) - len(end), break_long_words=False, break_on_hyphens=False)
+    return [f"{mark}{line}{end}" for line in lines or [""]]
+
+
 def uncertainty(factor: Factor) -> str:
     """How well a coefficient is known, and what it is of."""
     value = factor.value
@@ -47,6 +63,9 @@ def uncertainty(factor: Factor) -> str:
         parts.append(f"{estimate(value.mean, value.sd, factor.unit)}, 90 % {interval(value.lower, value.upper)}")
     elif unit_text(factor.unit):
         parts.append(unit_text(factor.unit))
-    if factor.probability is not None:
+    if factor.correction and (value.lower < 0.0 < value.upper or value.sd > abs(value.mean)):
+        # That it is there is likely, and says nothing where its sign is not known.
+        parts.append("not told from zero")
+    elif factor.probability is not None:
         parts.append(f"P {probability_text(factor.probability)}")
     return "; ".join([*parts, *([factor.said] if factor.said else [])])

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from bayes_greybox.data.errors import InputError
 
-from .header import header, uncertainty
+from .header import comment, header, uncertainty
 from .model import ExportedModel, Formula, rate_symbol
 from .names import ascii_text, identifiers, one_line, quoted, within_c
 from .printers import CPrinter, ModelicaPrinter, PythonPrinter
@@ -41,12 +41,14 @@ def python_program(model: ExportedModel, name: str) -> str:
     known = _names(model, PYTHON_WORDS)
     names = {**known, **{rate_symbol(k): f"g[{k}]" for k in range(len(model.states))}}
     printer = PythonPrinter(names)
-    lines = [f"# {one_line(line)}" for line in header(model, known, ("x[{}]", "u[{}]"))]
+    said = header(model, known, ("x[{}]", "u[{}]"))
+    lines = [part for line in said for part in comment(one_line(line), "# ")]
     lines += ["", "import numpy", ""]
     for label, group in (("STATES", model.states), ("INPUTS", model.inputs), ("OUTPUTS", model.outputs)):
         lines.append(f"{label} = {tuple(each.name for each in group)!r}")
     lines += [f"START = {tuple(each.start for each in model.states)!r}", ""]
-    lines += [f"{each.name} = {float(each.value.mean)!r}  # {one_line(uncertainty(each))}" for each in model.factors]
+    for each in model.factors:
+        lines += [*comment(one_line(uncertainty(each)), "# "), f"{each.name} = {float(each.value.mean)!r}"]
     for called, formulas in (("rhs", model.rates), ("outputs", model.given)):
         if not formulas:
             continue
@@ -73,7 +75,8 @@ def c_program(model: ExportedModel, name: str) -> str:
     called = _called(model, name, C_WORDS)
     names = _names(model, [*C_WORDS, f"{called}_rhs", f"{called}_outputs"])
     printer = CPrinter(names)
-    lines = ["/*", *(f" * {within_c(line)}" for line in header(model, names, ("x[{}]", "u[{}]"))), " */"]
+    said = header(model, names, ("x[{}]", "u[{}]"))
+    lines = ["/*", *(part for line in said for part in comment(within_c(line), " * ")), " */"]
     lines += ["#include <math.h>", ""]
     bodies = [(each, _sum(printer, each)) for each in model.formulas]
     every = " ".join(text for _, text in bodies)
@@ -86,9 +89,8 @@ def c_program(model: ExportedModel, name: str) -> str:
         lines += ["static double step_of(double v, double at_zero)",
                   "{", "    return v > 0.0 ? 1.0 : v < 0.0 ? 0.0 : v == 0.0 ? at_zero : v;", "}", ""]  # fmt: skip
     for each in model.factors:
-        lines.append(
-            f"static const double {each.name} = {float(each.value.mean)!r};  /* {within_c(uncertainty(each))} */"
-        )
+        lines += comment(within_c(uncertainty(each)), "/* ", " */")
+        lines.append(f"static const double {each.name} = {float(each.value.mean)!r};")
     for kind, result, formulas in (("rhs", "dxdt", model.rates), ("outputs", "y", model.given)):
         if not formulas:
             continue
@@ -108,7 +110,8 @@ def modelica_program(model: ExportedModel, name: str) -> str:
     called = _called(model, name, MODELICA_WORDS)
     names = _names(model, [*MODELICA_WORDS, called])
     printer = ModelicaPrinter(names)
-    lines = [f"// {ascii_text(line)}" for line in header(model, names, ("state {}", "input {}"))]
+    said = header(model, names, ("state {}", "input {}"))
+    lines = [part for line in said for part in comment(ascii_text(line), "// ")]
     lines += [f"model {called}"]
     for each in model.factors:
         lines.append(f"  parameter Real {each.name} = {float(each.value.mean)!r} {quoted(uncertainty(each))};")

@@ -25,6 +25,10 @@ LONGEST_NAME = 40
 """Characters of the name that a coefficient has at most."""
 
 
+CORRECTION = "correction, adds to the"
+"""How what is said of a correction begins."""
+
+
 @dataclass(frozen=True)
 class Quantity:
     """A state, an input or an output.
@@ -65,6 +69,11 @@ class Factor:
     unit: str
     probability: float | None
     said: str
+
+    @property
+    def correction(self) -> bool:
+        """Whether it corrects a coefficient of the simulation."""
+        return self.said.startswith(CORRECTION)
 
 
 @dataclass(frozen=True)
@@ -237,7 +246,7 @@ def _said(system: LearnedSystem, name: str, each: LearnedTerm, given: bool) -> s
         return "given, not estimated"
     nominal = {term.expr: value for term, value in system.simulation.additive_terms(name)}
     if each.term.expr in nominal:
-        return f"correction, adds to the {nominal[each.term.expr]:.10g} of the simulation"
+        return f"{CORRECTION} {nominal[each.term.expr]:.10g} of the simulation"
     return each.name if each.name != each.term.name else ""
 
 

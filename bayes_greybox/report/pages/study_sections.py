@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from functools import partial
+from itertools import compress
 from typing import Any
 
 import pandas as pd
@@ -233,18 +234,22 @@ def corrections(study: StudyResult) -> Section | None:
         )
         for (equation, term), row in _records(study.corrections)
     ]
-    off = (study.corrections["probability"] > LIKELY).tolist()
+    table = study.corrections
+    likely, around = table["probability"] > LIKELY, (table["lower"] < 0.0) & (table["upper"] > 0.0)
+    # What is likely there, but with no sign that the data tell, is no sure correction.
+    spans = likely & (around | (table["sd"] > table["mean"].abs()))
     columns = ("`term", "equation", "#in the simulation", "#P(it is off)", "#correction", "#90 % interval")
-    likely, rest = ([row for row, is_off in zip(rows, off, strict=True) if is_off is kept] for kept in (True, False))
-    blocks: list[Any] = [Words("None of them is more likely off than not.")]
-    if likely:
-        blocks = [_table(study, columns, likely, "Coefficients that are more likely off than not")]
-    if rest:
-        table = _table(study, columns, rest, "Coefficients that are likely right")
-        blocks.append(Details(f"{_counted(len(rest), 'coefficient')} likely right", [table]))
-    lead = (
-        "Each coefficient of the simulation may be off: the correction is exactly zero unless the data say otherwise."
-    )
+    off, unclear, right = (list(compress(rows, kept)) for kept in (likely & ~spans, spans, ~likely))
+    shown = {
+        "Coefficients that are more likely off than not": off,
+        "Coefficients that are corrected by what cannot be told from zero": unclear,
+    }
+    blocks: list[Any] = [_table(study, columns, some, title) for title, some in shown.items() if some]
+    blocks = blocks or [Words("None of them is more likely off than not.")]
+    if right:
+        table = _table(study, columns, right, "Coefficients that are likely right")
+        blocks.append(Details(f"{_counted(len(right), 'coefficient')} likely right", [table]))
+    lead = "A coefficient of the simulation may be off: its correction is exactly zero unless the data say otherwise."
     return Section("corrections", "The simulation's own coefficients", lead, blocks)
 
 

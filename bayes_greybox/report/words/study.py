@@ -203,7 +203,7 @@ def not_weighed(study: StudyResult) -> list[str]:
         slugs = {slug for (_, slug), why in study.left_out.items() if why.startswith(start)}
         if slugs:
             many = f"{len(slugs)} effects were" if len(slugs) > 1 else "1 effect was"
-            found.append(f"{many} not weighed: {start}; give roles={{{role!r}: ...}}")
+            found.append(f"{many} not weighed: {start}; give roles={{{role!r}: ...}}, in a file [study.roles] {role}")
     return found
 
 

@@ -56,6 +56,19 @@ def test_a_row_of_units_below_the_names(tmp_path, suffix, bracketed):
     assert "was read as units: t in s, y in mm, v in m/s" in repr(data)
 
 
+@pytest.mark.parametrize("decimals", [1, 2, 3, 4])
+@pytest.mark.parametrize("bracketed", [True, False])
+def test_a_row_of_units_above_decimal_commas(tmp_path, decimals, bracketed):
+    """Three decimals were taken for groups of digits, and a minus in the first row for no number."""
+    units = [f"[{unit}]" if bracketed else unit for unit in ("s", "mm", "N")]
+    rows = [f"{T[i]:.1f};{-Y[i]:.{decimals}f};{V[i]:.{decimals}f}".replace(".", ",") for i in range(N)]
+    (tmp_path / "run.csv").write_text("\n".join(["t;y;F", ";".join(units), *rows]))
+    data = bg.read(tmp_path / "run.csv", time="t", states=["y"], inputs=["F"], decimal=",")
+    np.testing.assert_allclose(data.states["y"], -Y, atol=10.0**-decimals)
+    np.testing.assert_allclose(data.inputs["F"], V, atol=10.0**-decimals)
+    assert data.units == {"t": "s", "y": "mm", "F": "N"}
+
+
 def test_a_row_of_units_beside_the_names_of_runs(tmp_path):
     """The row of units was said to name no run."""
     path = tmp_path / "run.csv"

@@ -139,7 +139,7 @@ def test_a_saved_fit_is_recognised(tmp_path):
 def test_parquet_without_pyarrow_names_the_extra(tmp_path, monkeypatch):
     path = write(tmp_path, ".parquet")
     monkeypatch.setitem(sys.modules, "pyarrow.parquet", None)
-    with pytest.raises(InputError, match=r'pip install "bayes-greybox\[tables\]"'):
+    with pytest.raises(InputError, match=r'pip install "\.\[tables\]"'):
         read_table(path, time="time", states=["pos"])
 
 

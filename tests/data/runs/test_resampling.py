@@ -90,7 +90,7 @@ BAD = {
     "gap": (lambda d: d.drop(slice(100, 120)).resample(0.01), r'"long" has a gap from 0\.99 to 1\.2.*data\.trim'),
     "factor": (lambda d: d.decimate(1), "factor must be a whole number, 2 or more, not 1"),
     "short": (lambda d: d.decimate(100), 'Run "short" has 1500 rows: by 100 fewer than two'),
-    "uneven": (lambda d: d.drop([7]).decimate(2), r"not sampled evenly.*data\.resample\(0\.0100025\)"),
+    "uneven": (lambda d: d.drop([7]).decimate(2), r"not sampled evenly.*data\.resample\(0\.01\)"),
     "filtered": (lambda d: d.differentiate(window=5).decimate(2), "decimate before differentiate"),
     "no limit": (lambda d: d.trim(), "trim needs start, end or both"),
     "beyond": (lambda d: d.trim(100.0), "No row lies between 100.0 and None: .* from 0 to 39.99"),

@@ -141,7 +141,7 @@ def test_mistakes_are_named(plant, tmp_path, monkeypatch):
     with pytest.raises(bg.InputError, match="cannot be started"):
         broken.rates(*points())
     monkeypatch.setitem(sys.modules, "fmpy", None)
-    with pytest.raises(bg.InputError, match=r"pip install \"bayes-greybox\[fmu\]\""):
+    with pytest.raises(bg.InputError, match=r"pip install \".\[fmu\]\""):
         bg.FMU(shutil.copy(plant, tmp_path / "other.fmu"))
 
 

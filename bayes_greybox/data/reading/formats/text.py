@@ -105,6 +105,32 @@ def read_text(path: Path, layout: Layout) -> Table:
     return Table(frame, f'"{path}"', head.units, remarks=remarks, hint=hint, spaced=True)
 
 
+def titles(path: Path, layout: Layout) -> int:
+    """Lines of titles above the names, where nobody could take them for names: each has fewer cells than the names.
+
+    Args:
+        path: The file.
+        layout: What separates the values, if it is known.
+
+    Returns:
+        How many lines there are before that of the names; 0 where there is no doubt that the first line has them, or
+        where it is not told.
+    """
+    try:
+        with path.open(encoding=layout.encoding) as file:
+            lines = list(islice(file, LOOKED_AT))
+    except (OSError, UnicodeError, LookupError):
+        # Whoever reads the file says so.
+        return 0
+    header = _header(lines, layout.sep or "\t")
+    if not header or all(not line.strip() or line.startswith(REMARKS) for line in lines[:header]):
+        # Remarks are no titles: they are passed over anyway.
+        return 0
+    mark = next(mark for mark in _marks(layout.sep or "\t") if _is_header(lines[header : header + 3], mark))
+    filled = [sum(map(bool, _cells(line, mark))) for line in lines[: header + 1]]
+    return header if all(count < filled[header] for count in filled[:header]) else 0
+
+
 def _head(lines: list[str], path: Path, layout: Layout) -> _Head:
     """What stands above the measurements of a file that begins with these lines."""
     given = layout.skiprows
@@ -203,17 +229,29 @@ def _cells(line: str, sep: str) -> list[str]:
 
 def _header(lines: list[str], sep: str) -> int | None:
     """Line that looks like the names of columns: as many cells as the row of numbers below it, or below its units."""
-    separators = dict.fromkeys((sep, "\t", ";", ","))
     for i in range(len(lines) - 2):
-        for mark in separators:
-            cells, below, next_ = (_cells(line, mark) for line in lines[i : i + 3])
-            if len(cells) < 2 or len(cells) != len(next_) or len(cells) != len(below):
-                continue
-            names = not any(is_number(cell, ",") or not split_header(cell)[0] for cell in cells)
-            numbers = [all(is_number(cell, ",") or cell[:1].isdigit() for cell in row) for row in (below, next_)]
-            if names and numbers[1] and (numbers[0] or unit_row(below, [True] * len(below))):
-                return i
+        if any(_is_header(lines[i : i + 3], mark) for mark in _marks(sep)):
+            return i
     return None
+
+
+def _marks(sep: str) -> list[str]:
+    return list(dict.fromkeys((sep, "\t", ";", ",")))
+
+
+def _is_header(lines: list[str], mark: str) -> bool:
+    """Whether the first of three lines has names, and the last one numbers under them."""
+    cells, below, next_ = (_cells(line, mark) for line in lines)
+    # An empty cell at the end of a row is a cell where the names have one.
+    below, next_ = ([*row, *[""] * (len(cells) - len(row) == 1)] for row in (below, next_))
+    if len(cells) < 2 or len(cells) != len(next_) or len(cells) != len(below):
+        return False
+    names = not any(is_number(cell, ",") or not split_header(cell)[0] for cell in cells)
+    numbers = [
+        any(row) and all(not cell or is_number(cell, ",") or cell[:1].isdigit() for cell in row)
+        for row in (below, next_)
+    ]
+    return names and numbers[1] and (numbers[0] or unit_row(below, [True] * len(below)) is not None)
 
 
 def _first_line(error: BaseException) -> str:

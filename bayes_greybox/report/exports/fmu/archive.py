@@ -112,7 +112,7 @@ def installed_fmpy() -> Any:
     try:
         import fmpy
     except ImportError:
-        raise InputError('Writing an FMU needs FMPy; install it with pip install "bayes-greybox[fmu]".') from None
+        raise InputError('Writing an FMU needs FMPy; install it with pip install ".[fmu]" in the checkout.') from None
     return fmpy
 
 

@@ -1,0 +1,68 @@
+"""Remedies as whoever types a command can follow them: an error names arguments of Python, a file has keys."""
+
+import re
+from collections.abc import Callable
+
+OF_FILES = ("fit", "discover", "compare", "next")
+"""Commands that read a configuration."""
+
+_QUOTED = r'"([^"]*)"'
+
+_IN_FILES: tuple[tuple[str, Callable[[re.Match[str]], str]], ...] = (
+    (r"GreyBox\(dictionary=\{'(\w+)': (\[.*?\])\}", lambda m: f"[dictionary] {m[1]} = {m[2]}".replace("'", '"')),
+    (r"GreyBox\(dictionary=\.\.\.\)", lambda m: "[dictionary]"),
+    (r"bg\.(Derivative|Trajectory|Weak)Rows\(", lambda m: f'[rows] kind = "{m[1].lower()}"'),
+    (r"data\.differentiate\(", lambda m: '[data.differentiate] method = "savgol"'),
+    (r"data\.resample\(([^()]+)\)", lambda m: f"[data] resample = {m[1]}"),
+    (r"\b(sep|decimal|thousands|encoding|missing|constant|restart)=" + _QUOTED, lambda m: f'[data] {m[1]} = "{m[2]}"'),
+    (r"\bskiprows=(\d+)", lambda m: f"[data] skiprows = {m[1]}"),
+    (r"\bskiprows=(?!\d)", lambda m: "[data] skiprows = lines above the names"),
+    (r"\bdayfirst=(True|False)", lambda m: f"[data] dayfirst = {m[1].lower()}"),
+    (r"\bcolumns=\[", lambda m: '[data] columns = ["name", ...]'),
+    (r"\b(derivatives|rates)=(?:\{\"(\w+)\": \"(\w+)\"\}|\.\.\.)",
+     lambda m: f'[data] {m[1]} = {{ {m[2] or "state"} = "{m[3] or "column of its rate"}" }}'),
+    (r"\boutputs=\.\.\.", lambda m: "[data] outputs"),
+    (r"\bdt=", lambda m: "[data] dt = distance of rows"),
+    (r"roles=\{'(\w+)'", lambda m: f'[study.roles] {m[1]} = "column"'),
+    (r"\b(settle|free_runs)=(True|False)", lambda m: f"[study] {m[1]} = {m[2].lower()}"),
+    (r"bg\.FMU\(\.\.\., (\w+)=", lambda m: f"[simulation] {m[1]}"),
+    (r"GreyBox\(noise=", lambda m: "[noise]"),
+    (r"\bdiscrepancy=None", lambda m: "[discrepancy] enabled = false"),
+    (r"bg\.(SpikeAndSlab|Laplace|RegularisedHorseshoe|Normal)\(", lambda m: f'[prior] kind = "{_snake(m[1])}"'),
+    (r"bg\.find_missing_effects\(", lambda m: "bayes-greybox discover"),
+)  # fmt: skip
+"""How Python has it, and how a file does."""
+
+_OPTIONS: tuple[tuple[str, str], ...] = (
+    (r"dayfirst=True or dayfirst=False", "--dayfirst or --monthfirst"),
+    (r"\b(sep|decimal|thousands|encoding|sheet)=" + _QUOTED, r'--\1 "\2"'),
+    (r"\bskiprows=(\d+)", r"--skiprows \1"),
+    (r"\bskiprows=(?!\d)", "--skiprows "),
+)
+"""How Python has it, and how the command init does."""
+
+
+def as_typed(command: str, message: str) -> str:
+    """An error with its remedy as the command's user can follow it.
+
+    Args:
+        command: What was typed, such as "fit".
+        message: The error, whose remedies are arguments of Python's functions.
+
+    Returns:
+        For a command that reads a configuration, with the keys of the file added at its end; for init, with its
+        options in the place of arguments.
+    """
+    if command == "init":
+        for python, option in _OPTIONS:
+            message = re.sub(python, option, message)
+        return message
+    if command not in OF_FILES:
+        return message
+    found = [(match.start(), said(match)) for python, said in _IN_FILES for match in re.finditer(python, message)]
+    keys = [key for key in dict.fromkeys(key for _, key in sorted(found)) if key not in message]
+    return f"{message} In a file: {'; or '.join(keys)}." if keys else message
+
+
+def _snake(name: str) -> str:
+    return re.sub(r"(?<=[a-z])(?=[A-Z])", "_", name).lower()

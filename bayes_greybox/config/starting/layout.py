@@ -1,0 +1,84 @@
+"""How a table is laid out, found from the table where it leaves no doubt."""
+
+import codecs
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from bayes_greybox.data.reading.cells import COMMA
+from bayes_greybox.data.reading.formats.text import titles
+from bayes_greybox.data.reading.sources import READERS, read_source
+from bayes_greybox.data.reading.table import Layout, Table
+
+GROUPS = r"[+-]?(\d+|[1-9]\d{0,2}(\.\d{3})+)(,\d+)?"
+"""A number with a comma for its decimal mark, whose digits may be grouped by points."""
+
+MARKS = {
+    codecs.BOM_UTF16_LE: "utf-16",
+    codecs.BOM_UTF16_BE: "utf-16",
+}
+"""Encodings by what files in them begin with."""
+
+
+def read_as_found(data: Path, layout: Layout) -> tuple[Table, Layout]:
+    """Read a table with the encoding, the lines of titles and the marks of its numbers that it has.
+
+    Args:
+        data: The table.
+        layout: What is known of it, which holds.
+
+    Returns:
+        The table, and how it was read.
+
+    Raises:
+        InputError: A table that cannot be read.
+    """
+    if data.is_file() and READERS.get(data.suffix.lower()) is READERS[".csv"]:
+        layout = _encoded(data, layout)
+        if layout.skiprows == 0 and layout.columns is None:
+            layout = replace(layout, skiprows=titles(data, layout))
+    table = read_source(data, layout)
+    if layout.decimal == "." and _has_decimal_commas(table):
+        layout = replace(layout, decimal=",")
+        table = read_source(data, layout)
+    if layout.decimal == "," and layout.thousands is None and _has_groups(table):
+        layout = replace(layout, thousands=".")
+        table = read_source(data, layout)
+    return table, layout
+
+
+def _encoded(data: Path, layout: Layout) -> Layout:
+    """The layout with the encoding of Western European Windows, or UTF-16, where text is no UTF-8."""
+    if layout.encoding != Layout().encoding:
+        return layout
+    content = data.read_bytes()
+    found = next((name for mark, name in MARKS.items() if content.startswith(mark)), None)
+    if found is not None:
+        return replace(layout, encoding=found)
+    # Text has no such bytes; what has is refused as it is.
+    every = [layout.encoding, "cp1252", "latin-1"] if b"\0" not in content else []
+    return next((replace(layout, encoding=each) for each in every if _reads(content, each)), layout)
+
+
+def _reads(content: bytes, encoding: str) -> bool:
+    try:
+        content.decode(encoding)
+    except UnicodeDecodeError:
+        return False
+    return True
+
+
+def _has_decimal_commas(table: Table) -> bool:
+    cells = [column for column in _words(table) if column.str.fullmatch(f"{COMMA}|{GROUPS}").all()]
+    return any(column.str.contains(",").any() for column in cells)
+
+
+def _has_groups(table: Table) -> bool:
+    """Whether a column of numbers has cells whose digits are grouped by points."""
+    cells = [column for column in _words(table) if column.str.fullmatch(f"{COMMA}|{GROUPS}").all()]
+    return any(column.str.contains(".", regex=False).any() for column in cells)
+
+
+def _words(table: Table) -> list[Any]:
+    words = table.frame.select_dtypes(exclude="number")
+    return [column for name in words if len(column := words[name].dropna().astype(str).str.strip())]

@@ -1,0 +1,122 @@
+"""What a first configuration learns from what: names in formulas, whose rate is whose, which equations are open."""
+
+import re
+from collections.abc import Iterable, Mapping
+from functools import cached_property
+
+from bayes_greybox.data.errors import InputError
+from bayes_greybox.data.reading.table import Table
+from bayes_greybox.physics.formula.grammar import check_name
+
+from .example import is_electrical, is_length_or_angle
+from .roles import LEVEL, POSITION, Guess
+
+
+class Plan:
+    """Names in formulas, and which equations are learned from what.
+
+    Attributes:
+        table: What was read.
+        guess: What its columns probably are.
+        names: Name in formulas by column.
+        units: Unit by column, where the table states it.
+        measured: Column of the measured rate by state.
+        chained: State that is the rate, by state.
+        learned: States whose rate is open.
+        computed: Whether rates are computed by a filter; where they are not measured either, rows are samples.
+        followed: Whether a position is all that was measured, beside inputs.
+        second: Name of the rate that is a state of its own, by position of which nothing but the position was measured.
+    """
+
+    def __init__(self, table: Table, guess: Guess) -> None:
+        """Plan for a table."""
+        self.table, self.guess = table, guess
+        self.names = _names((*guess.states, *guess.inputs, *guess.rate_of.values()))
+        columns = [each for each in (guess.time, *self.names) if each is not None]
+        stated = {column: table.units.get(table.known(column)) for column in columns}
+        self.units: dict[str, str] = {column: unit for column, unit in stated.items() if unit}
+        if guess.dated and guess.time is not None:
+            self.units[guess.time] = "s"
+        states = set(guess.states)
+        rate_of = {state: rate for state, rate in guess.rate_of.items() if state in states}
+        self.measured = {state: rate for state, rate in rate_of.items() if rate not in states}
+        self.chained = {state: rate for state, rate in rate_of.items() if rate in states}
+        learned = [state for state in guess.states if state not in self.chained]
+        # Rates of some and not of others: those that are measured are learned.
+        self.learned = [state for state in learned if state in self.measured] or learned
+        taken = {*self.chained, *self.chained.values()}
+        alone = [state for state in guess.states if state not in taken and self._is_position(state)]
+        alone = [] if self.measured else alone
+        self.second = {state: self._free("v" if len(alone) == 1 else f"v_{self.names[state]}") for state in alone}
+        # One position is followed along its samples, which tell more than rates of a filter, and of memory too.
+        self.followed = alone == [*guess.states] and len(alone) == 1
+        self.computed = not self.measured and guess.even and not self.followed
+
+    def name(self, columns: Iterable[str]) -> list[str]:
+        """Names in formulas of columns."""
+        return [self.names[column] for column in columns]
+
+    def unit(self, column: str | None) -> str:
+        """Unit of a column; "" if it is not known."""
+        return "" if column is None else self.units.get(column, "")
+
+    @property
+    def sampled(self) -> bool:
+        """Whether rows are samples: rates are neither measured nor computed."""
+        return not (self.measured or self.computed)
+
+    @cached_property
+    def variables(self) -> list[str]:
+        """What a term may be of."""
+        return [*self.name(self.guess.states), *self.second.values(), *self.name(self.guess.inputs)]
+
+    @cached_property
+    def equations(self) -> list[str]:
+        """What is learned: a measured or computed rate of each."""
+        return [self.second.get(state, self.names[state]) for state in self.learned]
+
+    @cached_property
+    def known(self) -> dict[str, str]:
+        """Rates that are other states."""
+        return {self.names[s]: self.names[r] for s, r in self.chained.items()} | {
+            self.names[state]: rate for state, rate in self.second.items()
+        }
+
+    @property
+    def catalogue(self) -> str:
+        """The field of the states, by their names and units."""
+        if any(LEVEL.match(state) for state in self.guess.states):
+            return "fluid"
+        return "electrical" if any(is_electrical(self.unit(state)) for state in self.guess.states) else "mechanical"
+
+    def _is_position(self, state: str) -> bool:
+        """Whether a state is a position of a body: by its unit if it has one, else by its name."""
+        unit = self.unit(state)
+        if LEVEL.match(state):
+            return False
+        return is_length_or_angle(unit) if unit else bool(POSITION.match(state))
+
+    def _free(self, name: str) -> str:
+        return name if name not in self.names.values() else self._free(f"{name}_")
+
+
+def _names(columns: Iterable[str]) -> Mapping[str, str]:
+    """A name for formulas by column."""
+    names: dict[str, str] = {}
+    for column in columns:
+        if column in names:
+            continue
+        name = re.sub(r"\W+", "_", column, flags=re.ASCII).strip("_") or "x"
+        name = f"x{name}" if name[0].isdigit() else name
+        while not _usable(name) or name in names.values():
+            name += "_"
+        names[column] = name
+    return names
+
+
+def _usable(name: str) -> bool:
+    try:
+        check_name(name)
+    except InputError:
+        return False
+    return name not in ("t", "run")
