@@ -60,7 +60,7 @@ def _input_of(column: Column) -> str:
 def _share(
     model: Program, samples: Trajectories, equation: str, lag: Column, others: Sequence[Term]
 ) -> float:  # fmt: skip
-    """Probability of the sensor's lag beside that of the actuator; even where neither could be followed."""
+    """Probability of the sensor's lag beside that of the actuator; even where that one could not be followed."""
     (sensor,), (time,) = samples.state_names, lag.inner.values()
     own = [*model.dictionary.get(equation, ()), *others]
     plain = replace(model, discrepancy=None, coefficients={}, rows=_fresh(model.rows))
@@ -72,7 +72,7 @@ def _share(
     sensors = replace(plain, simulation={**_rates(model), shown: f"({lags})/{time!r}"})
     terms = {equation: [*own, Term(_input_of(lag))], shown: [Term(lags)]}
     mirrored = _log_likelihood(sensors, _renamed(samples, sensor, shown), terms)
-    if not (math.isfinite(known) or math.isfinite(mirrored)):
+    if not math.isfinite(known):
         return 0.5
     return 1.0 / (1.0 + math.exp(min(max(known - mirrored, -700.0), 700.0)))
 
