@@ -7,6 +7,7 @@ from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float, Int
+from scipy.optimize import lsq_linear
 
 from bayes_greybox.physics.terms import Term
 
@@ -85,10 +86,6 @@ class Equation:
         """Of the samples behind the rows at the estimate of `ridge`, σ profiled out, up to a constant; user's units."""
         return self._log_likelihood(self._least_squares[0])
 
-    def misfit(self) -> float:
-        """RMS of the samples' residuals at the estimate of `ridge`, over the noise of their sensors."""
-        return math.sqrt(self._variance) * self.frame.target_scale * self.rows.gain
-
     def log_density(self, at: Sequence[tuple[Term, float]]) -> float:
         """That of the samples at other coefficients, and of what is stated of them, up to a constant; user's units."""
         theta, stated = self._scaled(at), self.design.coefficients
@@ -97,20 +94,17 @@ class Equation:
     def damped(self, at: Sequence[tuple[Term, float]], damping: float) -> tuple[list[tuple[Term, float]], float]:
         """Coefficients after a step of Levenberg and Marquardt's from others, and what it promises, nats.
 
-        (H + μ diag H) δ = H (θ̂ − θ), with H the precision of the rows and of what is stated: all the way to the
-        estimate of `ridge` for μ = 0.
+        (H + μ diag H) θ' = b + μ diag H θ within the bounds, with H θ = b the equation of `ridge`: all the way to that
+        for μ = 0. What it promises is on these rows.
 
         Args:
             at: The other coefficients, user's units.
             damping: μ.
         """
-        estimate, precision = self._least_squares
-        theta = self._scaled(at)
-        slope = precision @ (estimate - theta)
-        step = np.linalg.solve(precision + damping * np.diag(np.diag(precision)), slope)
-        promised = float(slope @ step - 0.5 * step @ precision @ step) / self._variance
-        moved = (theta + step) * self.frame.coefficient_scale
-        return list(zip(self.frame.dictionary.terms, moved.tolist(), strict=True)), promised
+        (precision, pull), extra = self._normal, damping * np.diag(self._normal[0])
+        whole = self._bounded(precision + np.diag(extra), pull + extra * self._scaled(at))
+        moved = list(zip(self.frame.dictionary.terms, (whole * self.frame.coefficient_scale).tolist(), strict=True))
+        return moved, self.log_density(moved) - self.log_density(at)
 
     def _log_likelihood(self, theta: Float[np.ndarray, " n_term"]) -> float:
         Phi, y, n = np.asarray(self.design.Phi), np.asarray(self.design.y), self.rows.n_white
@@ -120,17 +114,34 @@ class Equation:
     @cached_property
     def _least_squares(self) -> tuple[Float[np.ndarray, " n_term"], Float[np.ndarray, "n_term n_term"]]:
         """Coefficients of `ridge`, scaled units, and their precision over that of the noise."""
+        precision, pull = self._normal
+        return self._bounded(precision, pull), precision
+
+    @cached_property
+    def _normal(self) -> tuple[Float[np.ndarray, "n_term n_term"], Float[np.ndarray, " n_term"]]:
+        """Precision H and pull b of the rows and of what is stated, over the precision of the noise: H θ = b."""
         Phi, y, stated = np.asarray(self.design.Phi), np.asarray(self.design.y), self.design.coefficients
-        precision = Phi.T @ Phi
+        precision, pull = Phi.T @ Phi, Phi.T @ y
         precision = precision + RIDGE * np.diag(np.diag(precision))
-        theta = np.linalg.solve(precision, Phi.T @ y)
-        if stated.stated:
-            variance = np.sum((y - Phi @ theta) ** 2) / float(self.design.n_obs)
-            weight = variance * self._stated_weight
-            precision = precision + np.diag(weight)
-            theta = np.linalg.solve(precision, Phi.T @ y + weight * np.asarray(stated.mean))
-            theta = np.clip(theta, np.asarray(stated.lower), np.asarray(stated.upper))
-        return theta, precision
+        if not stated.stated:
+            return precision, pull
+        variance = np.sum((y - Phi @ np.linalg.solve(precision, pull)) ** 2) / float(self.design.n_obs)
+        weight = variance * self._stated_weight
+        return precision + np.diag(weight), pull + weight * np.asarray(stated.mean)
+
+    def _bounded(
+        self, precision: Float[np.ndarray, "n_term n_term"], pull: Float[np.ndarray, " n_term"]
+    ) -> Float[np.ndarray, " n_term"]:
+        """Least ½ θᵀHθ − bᵀθ within the bounds that are stated."""
+        theta, stated = np.linalg.solve(precision, pull), self.design.coefficients
+        lower, upper = np.asarray(stated.lower), np.asarray(stated.upper)
+        if not stated.stated or np.all((theta >= lower) & (theta <= upper)):
+            return theta
+        # As a least squares problem in units in which the precision is a correlation.
+        unit = 1.0 / np.sqrt(np.diag(precision))
+        L = np.linalg.cholesky(precision * np.outer(unit, unit))
+        found = lsq_linear(L.T, np.linalg.solve(L, pull * unit), (lower / unit, upper / unit), method="bvls")
+        return np.clip(found.x * unit, lower, upper)
 
     @cached_property
     def _variance(self) -> float:

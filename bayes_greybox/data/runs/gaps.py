@@ -9,6 +9,9 @@ GAP = 10.0
 USUAL = 0.9
 """Share of the steps of a run that are no gaps, whatever the rest are: stamps may be uneven."""
 
+BESIDE = 5
+"""Steps on either side of one that it is compared with."""
+
 FEWEST = 25
 """Rows that a part has at least: a shorter one says little and would need a start of its own."""
 
@@ -32,7 +35,8 @@ def parted(
     """Runs that begin anew after a gap.
 
     A line or a held value from one end of a gap to the other is no measurement of an input, and a path that is driven
-    by it comes out elsewhere: what follows has a start of its own.
+    by it comes out elsewhere: what follows has a start of its own. Where the spacing of the stamps changes for good,
+    there is no gap.
 
     Args:
         time: Stamps of all runs.
@@ -40,21 +44,32 @@ def parted(
         names: Their names.
 
     Returns:
-        Number of each row's part, names of the parts, and what was done, in words.
+        Number of each row's part, names of the parts, and what was done, or not, in words.
     """
     number, parts, told = np.zeros_like(run), [], []
     for r, name in enumerate(names):
         own = np.flatnonzero(run == r)
-        edges = [0]
-        for row in after_gaps(time[own]):
+        t, edges = time[own], [0]
+        for row in after_gaps(t):
+            if t[row] - t[row - 1] <= GAP * _usual_beside(t, row):
+                continue
+            gap = f'"{name}" has no rows from {t[row - 1]:.12g} to {t[row]:.12g}'
             if row - edges[-1] >= FEWEST and len(own) - row >= FEWEST:
                 edges.append(row)
-        for first, last in zip(edges, [*edges[1:], len(own)], strict=True):
+                told.append(f"run {gap}: it begins anew after them")
+            else:
+                told.append(f"run {gap}, and fewer than {FEWEST} beside them: its inputs are taken across")
+        for k, (first, last) in enumerate(zip(edges, [*edges[1:], len(own)], strict=True)):
             number[own[first:last]] = len(parts)
-            parts.append(f"{name} from {time[own[first]]:.6g}" if first else name)
-            if first:
-                before, after = time[own[first - 1]], time[own[first]]
-                told.append(
-                    f'run "{name}" parted at its gap from {before:.6g} to {after:.6g}, in which no input was measured'
-                )
+            called = f"{name}, part {k + 1}" if k else name
+            while called in parts or (k and called in names):
+                called += "'"
+            parts.append(called)
     return number, tuple(parts), tuple(told)
+
+
+def _usual_beside(time: Float[np.ndarray, " n"], row: int) -> float:
+    """The larger of the usual steps on either side of one."""
+    steps = np.diff(time)
+    sides = (steps[max(row - 1 - BESIDE, 0) : row - 1], steps[row : row + BESIDE])
+    return max((float(np.median(side)) for side in sides if len(side)), default=np.inf)

@@ -32,6 +32,10 @@ TAIL = 0.05
 """Probability on either side of the intervals in tables."""
 
 
+ANOTHER_SENSOR = "show the sensor a motion that is known, or measure with another one beside it"
+"""Advice where only a fault of the sensor does the same as an effect: no range of the data tells them apart."""
+
+
 @dataclass(frozen=True)
 class EquationStudy:
     """Everything found out about one equation."""
@@ -207,8 +211,8 @@ class EquationStudy:
         for place in self.finding.places:
             known = self.finding.weighed.by_effect
             rivals = [self.evaluations.best_of(slug) for slug in place.tied if slug in known]
-            if rivals:
-                advice = _advice(self, place.index, rivals, data)
+            if rivals or place.tied:
+                advice = _advice(self, place.index, rivals, data) if rivals else ANOTHER_SENSOR
                 found.append(
                     {"equation": self.statistics.equation, "slugs": (place.slug, *place.tied), "advice": advice}
                 )

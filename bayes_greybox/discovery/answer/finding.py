@@ -35,7 +35,7 @@ class Place:
         index: Its column in the best world.
         slug: Its name.
         probability: That it is missing.
-        tied: Slugs that could stand in its place, likeliest first.
+        tied: Slugs that could stand in its place, likeliest first, and faults of sensors by their keys ("lag of y").
         together: Probability of it or one of these.
         same: Those of them that are the same curve on these data.
     """
@@ -201,12 +201,12 @@ def _place(weighed: Weighed, world: World, e: Explanation, chosen: tuple[str, ..
         rivals[name] = rivals.get(name, 0.0) + p * (1 - imitated(share)) * (1 - wrong)
         evidence[name] = float(np.logaddexp(evidence.get(name, -np.inf), x.log_evidence + w.offset))
     mirror = weighed.mirrors.get(slug)
-    if mirror is not None and mirror.share < 1:
-        rivals[slug] *= 1 - mirror.share
-        rivals[mirror.name] = rivals[slug] * mirror.share / (1 - mirror.share)
+    mass = rivals[slug]
+    if mirror is not None:
+        rivals[slug], rivals[mirror.name] = mass * (1 - mirror.share), mass * mirror.share
     tied = tuple(
         name for name, p in sorted(rivals.items(), key=lambda item: -item[1])
-        if name != slug and p >= TIED * rivals[slug]
+        if name != slug and p >= TIED * mass
     )  # fmt: skip
     same = tuple(name for name in tied if name in evidence and abs(evidence[name] - evidence[slug]) < SAME)
     probability = weighed.by_effect[slug]

@@ -25,12 +25,19 @@ from bayes_greybox.physics.terms import Term
 from .finding import Finding
 from .weighed import Mirror
 
+EVEN = 0.5
+"""Probability of either where nothing tells them apart: a sensor may be as slow as a drive."""
+
+NEARBY = 0.02
+"""Relative change of the actuator's time at which its likelihood is looked at, too."""
+
 
 def mirrors(model: Program, train: Trajectories, equation: str, finding: Finding) -> dict[str, Mirror]:
     """For each lag of an input among the effects of an answer, the same of the only sensor; by slug.
 
-    Nothing where rates were measured, where several sensors would have to lag alike, where another effect of the answer
-    remembers too.
+    Nothing where rates were measured, where several sensors would have to lag alike, and where another effect of the
+    answer remembers too. Even odds where the two likelihoods would be of other samples or another noise than the
+    answer's: beside errors of sensors, and where noise is not white.
 
     Args:
         model: The model before.
@@ -41,12 +48,16 @@ def mirrors(model: Program, train: Trajectories, equation: str, finding: Finding
     samples = train.samples or train
     if model.rows.rates_measured or len(samples.state_names) != 1 or not readable(model.simulation):
         return {}
-    columns = [finding.world.evaluations.statistics.columns[place.index] for place in finding.places]
+    statistics = finding.world.evaluations.statistics
+    columns = [statistics.columns[place.index] for place in finding.places]
+    corrections = [statistics.columns[i].formula for i in statistics.of_kind("correction")]
+    plain = not finding.explanation.suspects and not finding.world.model.names
     found = {}
     for place, column in zip(finding.places, columns, strict=True):
         others = [other.formula for other in columns if other is not column]
         if _input_of(column) and len(column.inner) == 1 and not any(term.states for term in others):
-            share = _share(model, samples, equation, column, others)
+            beside = [*corrections, *others]
+            share = _share(model, samples, equation, column, beside) if plain else EVEN
             found[place.slug] = Mirror(f"{LAG} of {samples.state_names[0]}", share)
     return found
 
@@ -57,24 +68,40 @@ def _input_of(column: Column) -> str:
     return column.effect.names.get(column.effect.effect.nominal, "")
 
 
-def _share(
-    model: Program, samples: Trajectories, equation: str, lag: Column, others: Sequence[Term]
-) -> float:  # fmt: skip
-    """Probability of the sensor's lag beside that of the actuator; even where that one could not be followed."""
-    (sensor,), (time,) = samples.state_names, lag.inner.values()
-    own = [*model.dictionary.get(equation, ()), *others]
+def _share(model: Program, samples: Trajectories, equation: str, lag: Column, beside: Sequence[Term]) -> float:
+    """Probability of the sensor's lag beside that of the actuator, both with the simulation's coefficients free.
+
+    Even where one of them could not be followed: that it does not settle is no evidence.
+    """
+    (sensor,), (time,), arrives = samples.state_names, lag.inner.values(), Term(_input_of(lag))
+    own = [*model.dictionary.get(equation, ()), *beside]
+    gain = [] if any(getattr(term, "text", term) == arrives.text for term in own) else [arrives]
     plain = replace(model, discrepancy=None, coefficients={}, rows=_fresh(model.rows))
-    actuator = plain.remembering(lag.formula.states, samples)
-    known = _log_likelihood(actuator, samples, {equation: [*own, replace(lag.formula, states=())]})
+
+    def of_the_actuator(change: float) -> float:
+        """Likelihood at another time of its lag."""
+        states = [replace(state, rate=f"({state.rate})*{math.exp(-change)!r}") for state in lag.formula.states]
+        terms = {equation: [*own, replace(lag.formula, states=())]}
+        return _log_likelihood(plain.remembering(states, samples), samples, terms)
+
     shown = _free_name(f"{sensor}_shown", model, samples)
     lags = f"{sensor} - {shown}"
     # Its time is a coefficient beside that of the input, which the lag of the actuator has too.
     sensors = replace(plain, simulation={**_rates(model), shown: f"({lags})/{time!r}"})
-    terms = {equation: [*own, Term(_input_of(lag))], shown: [Term(lags)]}
+    terms = {equation: [*own, *gain], shown: [Term(lags)]}
     mirrored = _log_likelihood(sensors, _renamed(samples, sensor, shown), terms)
-    if not math.isfinite(known):
-        return 0.5
+    known = _top(*(of_the_actuator(change) for change in (-NEARBY, 0.0, NEARBY)))
+    if not (math.isfinite(known) and math.isfinite(mirrored)):
+        return EVEN
     return 1.0 / (1.0 + math.exp(min(max(known - mirrored, -700.0), 700.0)))
+
+
+def _top(left: float, middle: float, right: float) -> float:
+    """Top of the parabola through three evenly spaced values, or the largest of them where it has none between."""
+    bend = left - 2 * middle + right
+    if not math.isfinite(bend) or bend >= 0 or middle < max(left, right):
+        return max(left, middle, right)
+    return middle - (right - left) ** 2 / (8 * bend)
 
 
 def _log_likelihood(model: Program, data: Trajectories, terms: Mapping[str, Sequence[Any]]) -> float:

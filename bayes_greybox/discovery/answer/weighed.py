@@ -97,13 +97,17 @@ class Weighed:
         """Probability p of an explanation, less what of it counts as unknown."""
         if not e.effects:
             return p * self._stands[self.kind(world, e)]
+        return self._of_effects(world, e, p, share) * (1 - self.mirrored(world, e))
+
+    def _of_effects(self, world: World, e: Explanation, p: float, share: float) -> float:
+        """The same of effects, or of what else does the same."""
         real = p * (1 - imitated(share)) * (1 - STACKED if set(stacked(world, e)) == set(e.effects) else 1.0)
-        return real * (1 - min(self.artefacts(world, e).values())) * (1 - self.mirrored(world, e))
+        return real * (1 - min(self.artefacts(world, e).values()))
 
     def mirrored(self, world: World, e: Explanation) -> float:
-        """Probability that an effect of an explanation is a fault of the sensor that does the same."""
+        """Probability that all effects of an explanation are faults of the sensor that do the same."""
         names = {world.evaluations.name(i) for i in e.effects}
-        return 1 - math.prod(1 - mirror.share for slug, mirror in self.mirrors.items() if slug in names)
+        return math.prod(self.mirrors[slug].share if slug in self.mirrors else 0.0 for slug in names)
 
     def artefacts(self, world: World, e: Explanation) -> dict[int, float]:
         """Probability that each effect of an explanation is what an error of the measurement does."""
@@ -116,7 +120,7 @@ class Weighed:
         for world, e, p, share in self.items:
             real = self.counted(world, e, p, share)
             found[EFFECTS if e.effects else self.kind(world, e)] += real
-            instead = p * self.mirrored(world, e) if e.effects else 0.0
+            instead = self._of_effects(world, e, p, share) - real if e.effects else 0.0
             found["instrument"] += instead
             found["unknown"] += p - real - instead
         return found
@@ -124,7 +128,11 @@ class Weighed:
     @property
     def likeliest_kind(self) -> str:
         """Of `by_kind`; what may be a fault of the sensor as well counts for the effect: it has no other model."""
-        instead = sum(p * self.mirrored(world, e) for world, e, p, _ in self.items if e.effects)
+        instead = sum(
+            self._of_effects(world, e, p, share) * self.mirrored(world, e)
+            for world, e, p, share in self.items
+            if e.effects
+        )
         found = {**self.by_kind, EFFECTS: self.by_kind[EFFECTS] + instead}
         found["instrument"] -= instead
         return max(found, key=lambda kind: found[kind])

@@ -80,6 +80,10 @@ def explained(found: EquationStudy) -> tuple[Explained, ...]:
         if p < LEAST:
             continue
         items = [(w, e) for w, e, _, _ in weighed.items if found.called(w, e) == name]
+        if not items:
+            # What the sensor does in an effect's place has no explanation of its own.
+            kept.append(Explained(str(name), float(p)))
+            continue
         # The likeliest that leaves nothing over: what has no name cannot be predicted.
         world, e = next(((w, e) for w, e in items if not w.leaves_rest(e)), items[0])
         kept.append(_one(str(name), float(p), weighed, world, e))

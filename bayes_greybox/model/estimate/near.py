@@ -180,7 +180,7 @@ def _settled(model: Any, data: Trajectories) -> Any:
     forced, done, moved = model, 0, math.inf
     # Where the simulation is about right, no force is needed to come to the estimate; else that is no beginning.
     start = _descended(model, data, MOST_TURNS)
-    found = [start] if start is not None and start.equation.misfit() < CLOSE else []
+    found = [start] if start is not None and _close(start.equation) else []
     for tried in TRIES:
         try:
             forced, _, moved = _turned(forced, data, tried - done, SETTLED)
@@ -229,7 +229,8 @@ def _descended(model: Any, data: Trajectories, most: int) -> Standing | None:
         at, promised = here.equation.damped(here.at, damping)
         acts_on = here.equation.frame.dictionary.acts_on
         there = _standing(replace(model, rows=model.rows.around(at, acts_on)), data, at)
-        gained = -1.0 if there is None else (there.density - here.density) / promised
+        # Near a bound a step may promise nothing: a shorter one may.
+        gained = (there.density - here.density) / promised if there is not None and promised > 0 else -1.0
         if there is not None and gained > 0:
             here, damping, factor = there, damping * max(1 / 3, 1 - (2 * gained - 1) ** 3), 2.0
         else:
@@ -267,6 +268,12 @@ def _stated(model: Any, equation: Equation) -> list[tuple[Any, float]]:
 def _beside(forced: Any, equation: Equation) -> Any:
     """A model with the force of one and the coefficients of another."""
     return replace(forced, rows=forced.rows.around(*_terms(equation)))
+
+
+def _close(equation: Equation) -> bool:
+    """Whether a path is as near the samples as their sensors are noisy, or nearly."""
+    unfollowed = equation.rows.unfollowed
+    return unfollowed is not None and unfollowed.misfit < CLOSE
 
 
 def _follows(model: Any, data: Trajectories) -> bool:

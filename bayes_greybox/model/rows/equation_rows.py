@@ -96,10 +96,12 @@ class Unfollowed(NamedTuple):
     Attributes:
         nats: That it gains over no such force.
         intensity: λ = q²/σ², σ the noise of a typical sensor.
+        misfit: How far the path is from the samples, RMS over the noise of their sensor; of several the largest.
     """
 
     nats: float
     intensity: float
+    misfit: float
 
 
 ExactRows = Callable[

@@ -117,6 +117,10 @@ def _missing(study: StudyResult, said: Sequence[str], closed: str) -> str:
         tied = [name for names in study.effects.query("status == 'added'")["tied_with"] for name in names]
         faults = [name for name in dict.fromkeys(tied) if name.split(" of ")[0] in (*KINDS, LAG)]
         others += [f"an error of the sensor ({name})" for name in faults]
+        unlikely = bool((study.effects.query("status == 'added'")["probability"] < 0.5).all())
+        if unlikely and any(name.startswith(f"{LAG} of ") for name in faults):
+            fault = f"Most likely a sensor is at fault ({', '.join(faults)})"
+            return f"{fault}, or else there is {' and '.join(said)}; adding the effect, which does the same, {closed}."
         instead = f", or in its place {' or '.join(others)}" if others else ""
         return f"Something is missing, most likely {' and '.join(said)}{instead}; adding the likeliest {closed}."
     if remembers := "; ".join(text for name in study.maps if (text := remembered(study, name))):
@@ -132,7 +136,7 @@ def _corrections(study: StudyResult, least: float) -> list[dict[str, Any]]:
     One that is there for another's sake, as all are beside a gain, may come to zero.
     """
     table = study.corrections
-    likely = table[(table["probability"] > least) & (table["lower"] * table["upper"] > 0)]
+    likely = table[(table["probability"] > least) & (table["lower"] * table["upper"] >= 0)]
     return likely.reset_index().to_dict("records")
 
 

@@ -111,7 +111,8 @@ def name_of(study: StudyResult, slug: str) -> str:
 def _catalogued(slug: str) -> str:
     """Name in the package's catalogue; of an effect of a user's own file its slug as words."""
     known = {effect.slug: effect.name for effect in load_catalogue("all")}
-    return known.get(slug, slug.replace("-", " ").capitalize())
+    words = slug.replace("-", " ")
+    return known.get(slug, words[:1].upper() + words[1:])
 
 
 def answer(study: StudyResult, equation: str) -> str:

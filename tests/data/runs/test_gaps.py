@@ -25,9 +25,9 @@ def with_gap(cut: slice, **more) -> bg.Trajectories:
 def test_a_run_begins_anew_after_a_gap_in_its_inputs():
     t = np.delete(np.arange(400) * 0.05, slice(200, 260))
     data = with_gap(slice(200, 260), inputs={"u": np.cos(3 * t)}, run_names=["rig"])
-    assert data.run_names == ("rig", "rig from 13")
+    assert data.run_names == ("rig", "rig, part 2")
     assert data.run_lengths == (200, 140)
-    assert 'run "rig" parted at its gap from 9.95 to 13' in repr(data)
+    assert 'run "rig" has no rows from 9.95 to 13: it begins anew after them' in repr(data)
     np.testing.assert_array_equal(data.time, t)
     # It is said once, and what is read again is as it was.
     again = bg.Trajectories.from_frame(data.to_frame(), **data.metadata())
@@ -45,7 +45,23 @@ def test_rows_that_stand_for_themselves_are_not_parted(measured):
 @pytest.mark.parametrize("cut", [slice(FEWEST - 1, 100), slice(300, 400 - FEWEST + 1)], ids=["before", "after"])
 def test_a_part_of_a_few_rows_stays(cut):
     t = np.delete(np.arange(400) * 0.05, cut)
-    assert with_gap(cut, inputs={"u": np.cos(3 * t)}).n_run == 1
+    data = with_gap(cut, inputs={"u": np.cos(3 * t)})
+    assert data.n_run == 1 and "its inputs are taken across" in repr(data), "and it is said"
+
+
+def test_a_change_of_spacing_is_no_gap():
+    t = np.concatenate([np.arange(1000) * 0.01, 10 + np.arange(60.0)])
+    data = bg.Trajectories.from_arrays(t, states={"y": np.sin(t)}, inputs={"u": np.cos(t)})
+    assert data.n_run == 1 and not data.remarks
+
+
+def test_parts_of_runs_at_late_stamps_have_names_of_their_own():
+    t = 1.764086e9 + np.delete(np.arange(400) * 0.05, np.r_[100:160, 250:300])
+    columns = {"states": {"y": [np.sin(t), np.sin(t)]}, "inputs": {"u": [np.cos(t), np.cos(t)]}}
+    data = bg.Trajectories.from_arrays([t, t], run_names=["a", "a, part 2"], **columns)
+    assert data.n_run == 6 and len(set(data.run_names)) == 6
+    again = bg.Trajectories.from_frame(data.to_frame(), **data.metadata())
+    assert again.run_names == data.run_names and again.take(data.run_names[-1]).n_obs == data.run_lengths[-1]
 
 
 def test_a_table_with_a_gap_says_that_it_was_parted(tmp_path):
@@ -53,4 +69,4 @@ def test_a_table_with_a_gap_says_that_it_was_parted(tmp_path):
     path = tmp_path / "rig.csv"
     path.write_text("\n".join(["t,y,u", *rows]))
     data = bg.read(path, time="t", states=["y"], inputs=["u"])
-    assert data.n_run == 2 and any("parted at its gap" in remark for remark in data.remarks)
+    assert data.n_run == 2 and any("begins anew" in remark for remark in data.remarks)

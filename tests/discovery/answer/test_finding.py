@@ -156,7 +156,18 @@ def test_what_the_only_sensor_may_do_as_well_is_not_named():
     # Where the samples tell, it is named, or as good as excluded.
     assert decide([world({"a": 0.98, "b": 0.02})], (), {"a": Mirror("lag of y", 0.01)}).verdict == "named"
     sure = decide([world({"a": 0.98, "b": 0.02})], (), {"a": Mirror("lag of y", 1.0)})
-    assert sure.verdict != "named" and sure.weighed.by_effect["a"] == 0.0
+    assert sure.verdict == "one of" and sure.places[0].tied == ("lag of y",) and sure.weighed.by_effect["a"] == 0.0
+
+
+def test_a_set_is_the_sensors_only_where_all_of_it_is():
+    weighed = decide([world({"ab": 0.97, "a": 0.03})], (), {"a": Mirror("lag of y", 0.9)}).weighed
+    assert weighed.by_kind[EFFECTS] >= weighed.by_effect["b"] == pytest.approx(0.97)
+    assert weighed.by_effect["a"] == pytest.approx(0.1) and weighed.by_kind["instrument"] == pytest.approx(0.027)
+    # What counts as unknown does so whichever of the two it is.
+    table = {"a & rest": 0.8, "no gap": 0.1, "unknown": 0.1}
+    without = decide([world(table, share=0.49)]).weighed.by_kind["unknown"]
+    beside = decide([world(table, share=0.49)], (), {"a": Mirror("lag of y", 0.9)}).weighed.by_kind["unknown"]
+    assert beside == pytest.approx(without)
 
 
 # A name needs a probability

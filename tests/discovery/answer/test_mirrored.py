@@ -7,7 +7,8 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import bayes_greybox as bg
-from bayes_greybox.discovery.answer.mirrored import mirrors
+from bayes_greybox.data.errors import InputError
+from bayes_greybox.discovery.answer.mirrored import EVEN, mirrors
 from bayes_greybox.physics.hidden_states import HiddenState
 from bayes_greybox.physics.terms import Term
 
@@ -30,14 +31,19 @@ def shown(lagging, cubic, force=1.0):
     return bg.Trajectories.from_arrays(t, states={"y": noisy}, inputs={"F": drive(t)})
 
 
-def found(place="lag"):
+def found(*corrections, time=LAG, suspects=(), noise=()):
     """An answer that has a lag of the input F, as a study finds it."""
     effect = SimpleNamespace(names={"input": "F"}, effect=SimpleNamespace(nominal="input"))
-    state = HiddenState("z", f"(F - z)/{LAG}", "F")
-    column = SimpleNamespace(effect=effect, inner={"lag": LAG}, formula=Term("z - F", states=(state,)))
-    statistics = SimpleNamespace(columns=[column])
-    world = SimpleNamespace(evaluations=SimpleNamespace(statistics=statistics))
-    return SimpleNamespace(places=[SimpleNamespace(index=0, slug=place)], world=world)
+    state = HiddenState("z", f"(F - z)/{time}", "F")
+    lag = SimpleNamespace(effect=effect, inner={"lag": time}, formula=Term("z - F", states=(state,)))
+    columns = [lag, *(SimpleNamespace(formula=Term(text)) for text in corrections)]
+    numbers = {"correction": list(range(1, len(columns)))}
+    statistics = SimpleNamespace(columns=columns, of_kind=lambda kind: numbers[kind])
+    world = SimpleNamespace(
+        evaluations=SimpleNamespace(statistics=statistics), model=SimpleNamespace(names=tuple(noise))
+    )
+    places = [SimpleNamespace(index=0, slug="lag")]
+    return SimpleNamespace(places=places, world=world, explanation=SimpleNamespace(suspects=tuple(suspects)))
 
 
 def model_of(cubic, **more):
@@ -47,7 +53,7 @@ def model_of(cubic, **more):
 
 @pytest.mark.parametrize("lagging", ["actuator", "sensor"])
 def test_of_a_linear_machine_nothing_tells_which_one_lags(lagging):
-    told = mirrors(model_of(0.0), shown(lagging, 0.0), "v", found())
+    told = mirrors(model_of(0.0), shown(lagging, 0.0), "v", found(time=LAG * 1.01))
     assert told["lag"].name == "lag of y"
     # They are the same but for the input between its samples.
     assert 0.2 < told["lag"].share < 0.8
@@ -58,6 +64,23 @@ def test_a_hardening_machine_tells_which_one_lags(lagging, of_the_sensor):
     told = mirrors(model_of(0.3), shown(lagging, 0.3, force=2.0), "v", found())
     assert (told["lag"].share > 0.99) == of_the_sensor
     assert (told["lag"].share < 0.01) != of_the_sensor
+
+
+@pytest.mark.parametrize("lagging", ["actuator", "sensor"])
+def test_a_stiffness_that_is_a_little_off_tells_nothing(lagging):
+    rows = bg.TrajectoryRows(interpolation="cubic")
+    model = bg.GreyBox(simulation={"y": "v", "v": "F - 1.03*y - 0.2*v"}, rows=rows)
+    told = mirrors(model, shown(lagging, 0.0), "v", found("F", "y", "v"))
+    assert 0.05 < told["lag"].share < 0.95
+
+
+def test_what_does_not_settle_is_no_evidence(monkeypatch):
+    def lost(model, data):
+        raise InputError("lost")
+
+    monkeypatch.setattr("bayes_greybox.discovery.answer.mirrored.near_estimate", lost)
+    assert mirrors(model_of(0.0), shown("actuator", 0.0), "v", found())["lag"].share == EVEN
+    assert mirrors(model_of(0.0), shown("actuator", 0.0), "v", found(noise=["AR"]))["lag"].share == EVEN
 
 
 def test_nothing_is_said_where_another_sensor_would_have_to_lag_as_well_or_rates_were_measured():

@@ -68,11 +68,17 @@ def smoothest(
         stronger = own * RATIOS[own * RATIOS > ratio] if process_noise else ()
         paths = (smooth(steps, observed, outputs, each).ends for each in (ratio, *stronger))
         before, ends = ends, _inside(rate, grid, ends, paths)
-        if not process_noise and turn > 1 and np.max(np.abs(ends - before)) < ARRIVED * np.max(np.abs(ends)):
+        if not process_noise and turn > 1 and _arrived(before, ends):
             break
     if not np.all(np.isfinite(ends)):
         raise InputError(LOST)
     return ends, ratio, gained
+
+
+def _arrived(before: np.ndarray, ends: np.ndarray) -> bool:
+    """Whether a pass has moved no state by much of its own size."""
+    moved, size = (np.max(np.abs(x), axis=(0, 1)) for x in (ends - before, ends))
+    return bool(np.all(moved <= ARRIVED * size))
 
 
 def _inside(
