@@ -9,7 +9,7 @@ from .trap import Trap, generator, multisine, noisy, path, staircase
 
 def controls() -> list[Trap]:
     """All of them."""
-    return [_nothing(), _cubic(), _coulomb(), _literal(), _digital_loop()]
+    return [_nothing(), _cubic(), _coulomb(), _literal(), _digital_loop(), _gap()]
 
 
 def _nothing() -> Trap:
@@ -132,4 +132,29 @@ def _digital_loop() -> Trap:
         data,
         control=True,
         wanted=frozenset({"signed-quadratic-stiffness"}),
+    )
+
+
+def _gap() -> Trap:
+    def data(seed: int) -> Trajectories:
+        rng = generator(seed, 27)
+        t = 0.02 * np.arange(1500)
+        u = multisine(rng, 1.9, 14.5, 7, 3.2)
+
+        def rates(_, x, u):
+            return x[1], -100 * x[0] - 0.33 * x[1] - 2.5 * x[1] * abs(x[1]) + u / 1.2
+
+        x, _ = path(rates, (0.0, 0.0), t, u)
+        kept = (t <= 12.0) | (t >= 13.1)
+        return Trajectories.from_arrays(t[kept], states={"x": noisy(rng, x, 0.005)[kept]}, inputs={"u": u(t)[kept]})
+
+    return Trap(
+        "control-gap",
+        "The logger lost a second of a rig with quadratic drag, its drive included: a line through the gap drives the "
+        "path elsewhere, and offsets, a dead zone and backlash explain that.",
+        {"x": "v", "v": "-100*x - 0.33*v + u/1.2"},
+        "v",
+        data,
+        control=True,
+        wanted=frozenset({"quadratic-drag"}),
     )

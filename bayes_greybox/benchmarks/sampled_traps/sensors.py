@@ -18,6 +18,7 @@ def sensor_traps() -> list[Trap]:
         _flexible_bracket(),
         _aliased_hum(),
         _drifting_clock(),
+        _slow_sensor(),
     ]
 
 
@@ -239,6 +240,24 @@ def _drifting_clock() -> Trap:
         "v",
         data,
         learned=("x",),
+    )
+
+
+def _slow_sensor() -> Trap:
+    def data(seed: int) -> Trajectories:
+        rng = generator(seed, 26)
+        t = 0.2 * np.arange(800)
+        u, lag = multisine(rng, 0.5, 1.6, 10, 1.0), 0.25
+        shown = path(lambda _, x, u: (x[1], u - x[0] - 0.1 * x[1], (x[0] - x[2]) / lag), [0.0] * 3, t, u)[2]
+        return Trajectories.from_arrays(t, states={"x": noisy(rng, shown, 0.01)}, inputs={"u": u(t)})
+
+    return Trap(
+        "slow-sensor",
+        "A sensor with a lag of the first order, 4 % of the period: of a linear machine it does exactly what an "
+        "actuator does that lags, and no sample tells which of the two it is.",
+        {"x": "v", "v": "u - x - 0.1*v"},
+        "v",
+        data,
     )
 
 

@@ -35,9 +35,9 @@ NEARBY = 0.02
 def mirrors(model: Program, train: Trajectories, equation: str, finding: Finding) -> dict[str, Mirror]:
     """For each lag of an input among the effects of an answer, the same of the only sensor; by slug.
 
-    Nothing where rates were measured, where several sensors would have to lag alike, and where another effect of the
-    answer remembers too. Even odds where the two likelihoods would be of other samples or another noise than the
-    answer's: beside errors of sensors, and where noise is not white.
+    Nothing where rates were measured, and where several sensors would have to lag alike. Even odds where the two
+    likelihoods would not be the answer's: beside errors of sensors, where noise is not white, and where another effect
+    of the answer remembers too.
 
     Args:
         model: The model before.
@@ -46,18 +46,20 @@ def mirrors(model: Program, train: Trajectories, equation: str, finding: Finding
         finding: The answer.
     """
     samples = train.samples or train
-    if model.rows.rates_measured or len(samples.state_names) != 1 or not readable(model.simulation):
+    if model.rows.rates_measured or len(samples.state_names) != 1:
+        return {}
+    if not model.simulation or not readable(model.simulation):
         return {}
     statistics = finding.world.evaluations.statistics
     columns = [statistics.columns[place.index] for place in finding.places]
     corrections = [statistics.columns[i].formula for i in statistics.of_kind("correction")]
-    plain = not finding.explanation.suspects and not finding.world.model.names
+    white = not finding.explanation.suspects and not finding.world.model.names
     found = {}
     for place, column in zip(finding.places, columns, strict=True):
         others = [other.formula for other in columns if other is not column]
-        if _input_of(column) and len(column.inner) == 1 and not any(term.states for term in others):
-            beside = [*corrections, *others]
-            share = _share(model, samples, equation, column, beside) if plain else EVEN
+        if _input_of(column) and len(column.inner) == 1:
+            comparable = white and not any(term.states for term in others)
+            share = _share(model, samples, equation, column, [*corrections, *others]) if comparable else EVEN
             found[place.slug] = Mirror(f"{LAG} of {samples.state_names[0]}", share)
     return found
 
