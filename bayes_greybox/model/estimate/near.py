@@ -37,8 +37,8 @@ SETTLED, STAYING, UNSETTLED = 0.01, 0.1, 1.0
 """Change of a coefficient from one turn to the next, in its standard deviations, that ends them; that does where many
 turns have not, as where a path has kinks; and that is refused."""
 
-CLOSE = 5.0
-"""Residuals over the noise of the sensors up to which an estimate that was reached without a force stands alone."""
+CLOSE = 0.3
+"""Residuals over the spread of the samples up to which an estimate that was reached without a force may stand alone."""
 
 ALIKE = 3
 """Estimates that lead to one, after which it stands."""
@@ -271,7 +271,7 @@ def _beside(forced: Any, equation: Equation) -> Any:
 
 
 def _close(equation: Equation) -> bool:
-    """Whether a path is as near the samples as their sensors are noisy, or nearly."""
+    """Whether a path has most of what the samples do: a minimum far off, such as of no motion at all, has not."""
     unfollowed = equation.rows.unfollowed
     return unfollowed is not None and unfollowed.misfit < CLOSE
 

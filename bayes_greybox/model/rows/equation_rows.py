@@ -96,7 +96,7 @@ class Unfollowed(NamedTuple):
     Attributes:
         nats: That it gains over no such force.
         intensity: λ = q²/σ², σ the noise of a typical sensor.
-        misfit: How far the path is from the samples, RMS over the noise of their sensor; of several the largest.
+        misfit: How far the path is from the samples, RMS over their spread; of several sensors the largest.
     """
 
     nats: float

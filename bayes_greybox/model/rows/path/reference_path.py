@@ -187,13 +187,13 @@ def follow_samples(
         if pieces > 1:
             grid, end, ends = split(grid, end, ends, pieces)
             segments = segments_of(rate, grid, ends, outputs, end[seen])
-        noise = _pooled(np.maximum(own_noise, finest), same_noise)
-        return _assembled(simulation, rate, segments, end, seen, learned, sizes, s, noise, own, ratio, gained)
+        spread = np.std(measured[seen], axis=0)
+        return _assembled(simulation, rate, segments, end, seen, learned, sizes, s, spread, own, ratio, gained)
 
 
 def _assembled(
     simulation: Simulation, rate: ForcedRate, segments: Segments, every: np.ndarray, seen: np.ndarray,
-    learned: Mapping[str, float], sizes: np.ndarray, s: np.ndarray, own_noise: np.ndarray, own: float, ratio: float,
+    learned: Mapping[str, float], sizes: np.ndarray, s: np.ndarray, spread: np.ndarray, own: float, ratio: float,
     gained: float,
 ) -> ReferencePath:  # fmt: skip
     """The path at `every` sample, and the rows that are `seen`."""
@@ -229,7 +229,7 @@ def _assembled(
         ratio=ratio,
         own=own,
         start_sd=WIDE * sizes,
-        unfollowed=Unfollowed(gained, ratio, float(np.max(s / own_noise))),
+        unfollowed=Unfollowed(gained, ratio, float(np.max(s / spread.clip(1e-300)))),
         segments=segments,
     )
 
