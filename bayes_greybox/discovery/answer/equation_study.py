@@ -13,6 +13,7 @@ from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.data.writing import unit_text
 from bayes_greybox.discovery.evidence.evaluations import Evaluations
 from bayes_greybox.discovery.evidence.sufficient_statistics import SufficientStatistics
+from bayes_greybox.discovery.suspects.channels import LAG
 from bayes_greybox.discovery.weighing.aligned import Aligned
 from bayes_greybox.physics.terms import Term
 from bayes_greybox.physics.units import coefficient_unit, target_unit
@@ -211,7 +212,7 @@ class EquationStudy:
         for place in self.finding.places:
             known = self.finding.weighed.by_effect
             rivals = [self.evaluations.best_of(slug) for slug in place.tied if slug in known]
-            if rivals or place.tied:
+            if rivals or any(name.startswith(f"{LAG} of ") for name in place.tied):
                 advice = _advice(self, place.index, rivals, data) if rivals else ANOTHER_SENSOR
                 found.append(
                     {"equation": self.statistics.equation, "slugs": (place.slug, *place.tied), "advice": advice}
