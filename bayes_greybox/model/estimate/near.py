@@ -28,7 +28,10 @@ TRIES = (1, 2, 3, 5, 8, 12, 17, 24, MOST_TURNS)
 """Turns with an unknown force after which paths without it are tried."""
 
 UNFORCED_TURNS = 15
-"""Turns that such a try has on paths without the force; from the simulation there are `MOST_TURNS`."""
+"""Turns that such a try has on paths without the force."""
+
+FROM_SIMULATION = 64
+"""Turns that the way from the simulation alone has: kinks make it long, and it is gone once."""
 
 DAMPING = 1e-2
 """Of the first step of a descent, over the precision of each coefficient."""
@@ -179,7 +182,7 @@ def _nearer(model: Any, data: Trajectories) -> Any:
 def _settled(model: Any, data: Trajectories) -> Any:
     forced, done, moved = model, 0, math.inf
     # Where the simulation is about right, no force is needed to come to the estimate; else that is no beginning.
-    start = _descended(model, data, MOST_TURNS)
+    start = _descended(model, data, FROM_SIMULATION)
     found = [start] if start is not None and _close(start.equation) else []
     for tried in TRIES:
         try:
