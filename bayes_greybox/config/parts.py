@@ -81,7 +81,9 @@ class FMUFile(Section):
 
 
 def _kind_of_simulation(given: Any) -> str:
-    return "<fmu>" if isinstance(given, FMUFile) or (isinstance(given, Mapping) and "fmu" in given) else "<formulas>"
+    # A state may be called fmu, too: its rate is no name of a file.
+    named = isinstance(given, Mapping) and str(given.get("fmu", "")).lower().endswith(".fmu")
+    return "<fmu>" if isinstance(given, FMUFile) or named else "<formulas>"
 
 
 Simulation = Annotated[

@@ -79,7 +79,7 @@ def test_states_that_are_not_named_are_found_out(tmp_path, described):
 
 
 def test_steps_that_are_too_long_are_refused(tmp_path):
-    given = bg.FMU(build(tmp_path, **STEPPED), states=NAMES, step=0.2)
+    given = bg.FMU(build(tmp_path, **{**STEPPED, "experiment": ""}), states=NAMES, step=0.2)
     with pytest.raises(bg.InputError, match="Steps of 0.2 s .* are too long or too rough.*step="):
         simulation_of(given, ("s", "v"), ("F",)).rates(*points())
 
@@ -92,6 +92,8 @@ def test_mistakes_are_named(tmp_path):
         bg.FMU(stepped, states={"s": "mas.s"})
     with pytest.raises(bg.InputError, match="declares no rate of 'mass.s'.*step=0.001"):
         bg.FMU(build(tmp_path / "b", **{**STEPPED, "experiment": ""}), states=NAMES)
+    with pytest.raises(bg.InputError, match="step=0.2 s .* is longer than the 0.001 s"):
+        bg.FMU(stepped, states=NAMES, step=0.2)
     with pytest.raises(bg.InputError, match="step=-1.0 .* seconds above 0"):
         bg.FMU(stepped, states=NAMES, step=-1.0)
     with pytest.raises(bg.InputError, match="names 'x', which is no state: s, v"):

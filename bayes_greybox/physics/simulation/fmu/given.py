@@ -117,6 +117,12 @@ class FMU:
                 )
         if self.step is not None and not (isinstance(self.step, numbers.Real) and 0 < self.step < math.inf):
             raise InputError(f"step={self.step!r} of the FMU {found.name} must be a number of seconds above 0.")
+        if self.step is not None and 0 < found.step < self.step:
+            # Its own integrator's error would be taken for the equations': damping that is not there.
+            raise InputError(
+                f"step={self.step:g} s of the FMU {found.name} is longer than the {found.step:g} s that it says it is "
+                "run with: give as much or less."
+            )
         if self.stepped and not self.ports((), ()).step:
             lacking = next(state.name for state, rate in self.dynamics if rate is None)
             raise InputError(
