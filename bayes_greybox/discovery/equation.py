@@ -12,17 +12,17 @@ from bayes_greybox.physics.catalogue.effects import BoundEffect
 from bayes_greybox.physics.hidden_states import HiddenState
 from bayes_greybox.physics.units import target_unit
 
-from .answer.adequacy import Check, check_explanation
 from .answer.amendment import Amendment, Remainder
+from .answer.checks.adequacy import Check, check_explanation
+from .answer.checks.contradictions import contradictions, noise_as_force, with_noisy_states
+from .answer.checks.ends import at_ends
+from .answer.checks.linearity import check_linearity
+from .answer.checks.motion import MotionCheck
 from .answer.coefficients import Coefficients, draw_coefficients, plain, sensor_errors
-from .answer.contradictions import contradictions, noise_as_force, with_noisy_states
 from .answer.doubt import Doubt
-from .answer.ends import at_ends
 from .answer.equation_study import EquationStudy
 from .answer.finding import Finding, decide
-from .answer.linearity import check_linearity
 from .answer.mirrored import mirrors
-from .answer.motion import MotionCheck
 from .answer.weighed import Mirror
 from .answer.where import GapField, gap_map, gap_trace, where_table
 from .evidence.odds import Odds

@@ -24,8 +24,8 @@ from bayes_greybox.physics.simulation.reading import NO_STATES, readable
 from bayes_greybox.running.stages import stage, stages
 
 from .amended import amended_program, corrected_data
-from .answer.adequacy import LAGS
 from .answer.amendment import Amendment
+from .answer.checks.adequacy import LAGS
 from .answer.equation_study import EquationStudy
 from .answer.finding import NEGLIGIBLE, SUBSTANTIAL, SURE, TIED
 from .answer.gap.free_runs import FreePath, FreeRuns

@@ -20,13 +20,13 @@ from tiny_equation import (
 
 import bayes_greybox.discovery.equation as module
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.discovery.answer.adequacy import LOO_PIT, WHITENESS, Check
+from bayes_greybox.discovery.answer.checks.adequacy import LOO_PIT, WHITENESS, Check
+from bayes_greybox.discovery.answer.checks.contradictions import with_noisy_states
+from bayes_greybox.discovery.answer.checks.motion import MotionCheck
 from bayes_greybox.discovery.answer.coefficients import Coefficients, alone
-from bayes_greybox.discovery.answer.contradictions import with_noisy_states
 from bayes_greybox.discovery.answer.doubt import Doubt
 from bayes_greybox.discovery.answer.equation_study import EquationStudy
 from bayes_greybox.discovery.answer.finding import TIED, Finding, Place
-from bayes_greybox.discovery.answer.motion import MotionCheck
 from bayes_greybox.discovery.answer.weighed import STACKED, Weighed
 from bayes_greybox.discovery.equation import study_equation
 from bayes_greybox.discovery.evidence.odds import Odds

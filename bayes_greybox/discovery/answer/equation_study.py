@@ -18,8 +18,8 @@ from bayes_greybox.discovery.weighing.aligned import Aligned
 from bayes_greybox.physics.terms import Term
 from bayes_greybox.physics.units import coefficient_unit, target_unit
 
-from .adequacy import Check
 from .amendment import Amendment
+from .checks.adequacy import Check
 from .coefficients import Coefficients, alone
 from .finding import TIED, Finding
 from .instrument import instrument_table

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from bayes_greybox.criticism.convergence import convergence
-from bayes_greybox.discovery.answer.adequacy import LAGS
+from bayes_greybox.discovery.answer.checks.adequacy import LAGS
 from bayes_greybox.discovery.answer.finding import NEGLIGIBLE, SURE
 from bayes_greybox.discovery.answer.gap.denials import left_over, misfits, worsened
 from bayes_greybox.discovery.answer.instrument import IN_MODEL

@@ -11,7 +11,7 @@ import numpy as np
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.fmu.description import Description
 
-from .library import DEAD, instantiated, left
+from .loaded import DEAD, instantiated, left
 from .ports import Key, Ports
 
 ITERATIONS = 100

@@ -10,7 +10,7 @@ import numpy as np
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.fmu.description import Description
 
-from .library import instantiated, left
+from .loaded import instantiated, left
 from .ports import Key, Ports
 
 TIGHT = 1e-9

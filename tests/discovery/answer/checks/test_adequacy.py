@@ -6,7 +6,14 @@ from scipy.stats import kstest
 from tiny_equation import tiny_model
 
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.discovery.answer.adequacy import LEVEL, LOO_PIT, WHITENESS, _loo_pit, _whiteness, check_explanation
+from bayes_greybox.discovery.answer.checks.adequacy import (
+    LEVEL,
+    LOO_PIT,
+    WHITENESS,
+    _loo_pit,
+    _whiteness,
+    check_explanation,
+)
 from bayes_greybox.discovery.evidence.evaluations import Evaluations
 from bayes_greybox.discovery.evidence.odds import Odds
 from bayes_greybox.discovery.evidence.of_equation import sufficient_statistics

@@ -6,8 +6,8 @@ from scipy.stats import kstest
 from tiny_equation import forced, soft, studied_motion
 
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.discovery.answer.adequacy import LEVEL
-from bayes_greybox.discovery.answer.motion import ModelledRate, check_motion
+from bayes_greybox.discovery.answer.checks.adequacy import LEVEL
+from bayes_greybox.discovery.answer.checks.motion import ModelledRate, check_motion
 from bayes_greybox.discovery.suspects.late import AGREE, SAMPLES
 
 STEP = 0.05

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from bayes_greybox.criticism.linearity import Linearity, draws_followed, linearity_of_paths
+from bayes_greybox.discovery.answer.amendment import Amendment
 from bayes_greybox.discovery.evidence.sufficient_statistics import SufficientStatistics
 from bayes_greybox.model.rows.equation_rows import Columns
 
 from .adequacy import Check
-from .amendment import Amendment
 
 LINEARITY = "linearity"
 

@@ -8,17 +8,17 @@ import numpy as np
 
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.data.writing import unit_text
+from bayes_greybox.discovery.answer.amendment import Amendment
+from bayes_greybox.discovery.answer.doubt import Doubt, contradicted
+from bayes_greybox.discovery.answer.finding import Finding
+from bayes_greybox.discovery.answer.gap.table import RATE_DRAWS
+from bayes_greybox.discovery.answer.weighed import EFFECTS
 from bayes_greybox.discovery.evidence.odds import Odds
 from bayes_greybox.discovery.suspects.channels import calibrated, slope_along
 from bayes_greybox.discovery.weighing.aligned import Aligned
 from bayes_greybox.model.program import Program
 
-from .amendment import Amendment
-from .doubt import Doubt, contradicted
-from .finding import Finding
-from .gap.table import RATE_DRAWS
 from .motion import ModelledRate, MotionCheck, check_motion
-from .weighed import EFFECTS
 
 NEARBY = 1e-3
 """Change of a sensor's error that derivatives by it are taken over."""

@@ -2,11 +2,10 @@
 
 import numpy as np
 
+from bayes_greybox.discovery.answer.coefficients import Coefficients
 from bayes_greybox.discovery.evidence.columns import limits
 from bayes_greybox.discovery.evidence.sufficient_statistics import SufficientStatistics
 from bayes_greybox.physics.catalogue.names import within
-
-from .coefficients import Coefficients
 
 END = 0.05
 """Share of the logarithm of a range that is its end; a posterior that knows nothing has as much there."""

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from tiny_equation import DEAD_ZONE, tiny_evaluations
 
+from bayes_greybox.discovery.answer.checks.ends import at_ends
 from bayes_greybox.discovery.answer.coefficients import draw_coefficients
-from bayes_greybox.discovery.answer.ends import at_ends
 from bayes_greybox.discovery.evidence.inner_parameters import refine
 
 
