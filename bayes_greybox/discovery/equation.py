@@ -77,6 +77,10 @@ def study_equation(
 
     def decided(doubts: Sequence[Doubt]) -> tuple[Finding, list[Check]]:
         finding = decide(found, doubts, mirrored)
+        # An answer that doubts brought may have a lag that no answer before had.
+        if fresh := mirrors(model, train, name, finding, mirrored, say):
+            mirrored.update(fresh)
+            finding = decide(found, doubts, mirrored)
         rest = finding.world.leaves_rest(finding.explanation)
         checks = [] if rest else check_explanation(finding.world, finding.explanation, unit_of_time)
         finding = with_noisy_states(finding, aligned, unit)
@@ -86,9 +90,6 @@ def study_equation(
         return finding.capped(said), checks
 
     finding, checks = decided(())
-    mirrored |= mirrors(model, train, name, finding)
-    if mirrored:
-        finding, checks = decided(())
     say("mapping the gap")
     amendment = _amendment(finding, aligned, train, seed)
     judged: dict[str, list[MotionCheck]] = {}

@@ -6,7 +6,7 @@ the sensor is followed along a path of its own, the machine's with one state mor
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -32,7 +32,10 @@ NEARBY = 0.02
 """Relative change of the actuator's time at which its likelihood is looked at, too."""
 
 
-def mirrors(model: Program, train: Trajectories, equation: str, finding: Finding) -> dict[str, Mirror]:
+def mirrors(
+    model: Program, train: Trajectories, equation: str, finding: Finding, known: Collection[str],
+    say: Callable[[str], None],
+) -> dict[str, Mirror]:  # fmt: skip
     """For each lag of an input among the effects of an answer, the same of the only sensor; by slug.
 
     Nothing where rates were measured, and where several sensors would have to lag alike. Even odds where the two
@@ -44,6 +47,8 @@ def mirrors(model: Program, train: Trajectories, equation: str, finding: Finding
         train: Samples.
         equation: The learned state.
         finding: The answer.
+        known: Slugs that were looked at before, and are left out.
+        say: Told in words what is being done.
     """
     samples = train.samples or train
     if model.rows.rates_measured or len(samples.state_names) != 1:
@@ -57,7 +62,9 @@ def mirrors(model: Program, train: Trajectories, equation: str, finding: Finding
     found = {}
     for place, column in zip(finding.places, columns, strict=True):
         others = [other.formula for other in columns if other is not column]
-        if _input_of(column) and len(column.inner) == 1:
+        if _input_of(column) and len(column.inner) == 1 and place.slug not in known:
+            say("weighing a lag of the sensor beside that of the actuator")
+            # Of two inputs that lag no sensor does what both do.
             comparable = white and not any(term.states for term in others)
             share = _share(model, samples, equation, column, [*corrections, *others]) if comparable else EVEN
             found[place.slug] = Mirror(f"{LAG} of {samples.state_names[0]}", share)

@@ -51,9 +51,13 @@ def model_of(cubic, **more):
     return bg.GreyBox(simulation={"y": "v", "v": f"F - y - 0.2*v - {cubic}*y**3"}, rows=rows, **more)
 
 
+def weighed(model, data, finding):
+    return mirrors(model, data, "v", finding, (), lambda _: None)
+
+
 @pytest.mark.parametrize("lagging", ["actuator", "sensor"])
 def test_of_a_linear_machine_nothing_tells_which_one_lags(lagging):
-    told = mirrors(model_of(0.0), shown(lagging, 0.0), "v", found(time=LAG * 1.01))
+    told = weighed(model_of(0.0), shown(lagging, 0.0), found(time=LAG * 1.01))
     assert told["lag"].name == "lag of y"
     # They are the same but for the input between its samples.
     assert 0.2 < told["lag"].share < 0.8
@@ -61,7 +65,7 @@ def test_of_a_linear_machine_nothing_tells_which_one_lags(lagging):
 
 @pytest.mark.parametrize(("lagging", "of_the_sensor"), [("actuator", False), ("sensor", True)])
 def test_a_hardening_machine_tells_which_one_lags(lagging, of_the_sensor):
-    told = mirrors(model_of(0.3), shown(lagging, 0.3, force=2.0), "v", found())
+    told = weighed(model_of(0.3), shown(lagging, 0.3, force=2.0), found())
     assert (told["lag"].share > 0.99) == of_the_sensor
     assert (told["lag"].share < 0.01) != of_the_sensor
 
@@ -70,7 +74,7 @@ def test_a_hardening_machine_tells_which_one_lags(lagging, of_the_sensor):
 def test_a_stiffness_that_is_a_little_off_tells_nothing(lagging):
     rows = bg.TrajectoryRows(interpolation="cubic")
     model = bg.GreyBox(simulation={"y": "v", "v": "F - 1.03*y - 0.2*v"}, rows=rows)
-    told = mirrors(model, shown(lagging, 0.0), "v", found("F", "y", "v"))
+    told = weighed(model, shown(lagging, 0.0), found("F", "y", "v"))
     assert 0.05 < told["lag"].share < 0.95
 
 
@@ -79,14 +83,14 @@ def test_what_does_not_settle_is_no_evidence(monkeypatch):
         raise InputError("lost")
 
     monkeypatch.setattr("bayes_greybox.discovery.answer.mirrored.near_estimate", lost)
-    assert mirrors(model_of(0.0), shown("actuator", 0.0), "v", found())["lag"].share == EVEN
-    assert mirrors(model_of(0.0), shown("actuator", 0.0), "v", found(noise=["AR"]))["lag"].share == EVEN
+    assert weighed(model_of(0.0), shown("actuator", 0.0), found())["lag"].share == EVEN
+    assert weighed(model_of(0.0), shown("actuator", 0.0), found(noise=["AR"]))["lag"].share == EVEN
 
 
 def test_nothing_is_said_where_another_sensor_would_have_to_lag_as_well_or_rates_were_measured():
     data = shown("actuator", 0.0)
     v = np.gradient(data.states["y"], data.time)
     both = bg.Trajectories.from_arrays(data.time, states={"y": data.states["y"], "v": v}, inputs=data.inputs)
-    assert mirrors(model_of(0.0), both, "v", found()) == {}
+    assert weighed(model_of(0.0), both, found()) == {}
     rates = bg.GreyBox(simulation={"y": "v", "v": "F - y"}, rows=bg.DerivativeRows())
-    assert mirrors(rates, data, "v", found()) == {}
+    assert weighed(rates, data, found()) == {}

@@ -86,6 +86,12 @@ STEPPED = {
 }  # fmt: skip
 """Of a Co-Simulation that declares neither states nor rates."""
 
+NAMES = {"s": "mass.s", "v": "mass.v"}
+"""Its states, by the data's names."""
+
+HELD = {"F": 0.0}
+"""Its input as a parameter."""
+
 
 def build(folder, slope="-1.0", memory="", library=True, hidden="0", start="", event="", **described):
     """Compile an FMU; `slope` -1 makes its directional derivatives right, `described` goes into its description.

@@ -15,15 +15,7 @@ from bayes_greybox.config.file import load_config
 from bayes_greybox.physics.simulation.reading import simulation_of
 
 sys.path.insert(0, str(Path(__file__).parent))
-from pendulum import build  # noqa: E402
-
-NAMES = {"s": "mass.s", "v": "mass.v"}
-HELD = {"F": 0.0}
-
-
-@pytest.fixture(scope="module")
-def plant(tmp_path_factory):
-    return build(tmp_path_factory.mktemp("plant"))
+from pendulum import HELD, NAMES, build  # noqa: E402
 
 
 def points(n=7):

@@ -12,9 +12,8 @@ from bayes_greybox.inference.kept.model_record import describe, rebuild
 from bayes_greybox.physics.simulation.reading import simulation_of
 
 sys.path.insert(0, str(Path(__file__).parent))
-from pendulum import STEPPED, build  # noqa: E402
+from pendulum import NAMES, STEPPED, build  # noqa: E402
 
-NAMES = {"s": "mass.s", "v": "mass.v"}
 GIVEN = {"interface": "CoSimulation"}
 
 
