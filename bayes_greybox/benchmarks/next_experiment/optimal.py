@@ -47,9 +47,9 @@ def encompassing(explanations: Sequence[Explained]) -> Encompassing:
     """The model with the terms of all explanations; of a term with an inner parameter, its likeliest value of each.
 
     Args:
-        explanations: Those that predict something.
+        explanations: Those that predict something; what has no name has no terms either.
     """
-    known = [e for e in explanations if e.components]
+    known = [e for e in explanations if any(c.terms and not c.features for c in e.components)]
     total = sum(e.probability for e in known)
     terms: dict[str, Term] = {}
     mean: dict[str, float] = {}

@@ -26,7 +26,7 @@ from bayes_greybox.greybox import GreyBox
 from bayes_greybox.missing_effects import Study, find_missing_effects
 
 from .machines import Driven, again, exact, joined, noise_of, record_of, small_gaps
-from .optimal import log_determinants
+from .optimal import encompassing, log_determinants
 from .scores import LEAST, differences, score
 
 TIED = ("one of", "unknown")
@@ -83,7 +83,7 @@ def measure(case: Case) -> dict[str, Any]:
     study = _studied(data, record_of(data))
     row |= {"verdict": study.verdict, "before": _answer(study, data)}
     known = [e for e in study.explanations[data.equation] if e.components]
-    if study.verdict in TIED and len(known) > 1:
+    if study.verdict in TIED and len(known) > 1 and encompassing(known).terms:
         row |= {
             "likely": {e.name: e.probability for e in study.explanations[data.equation]},
             **_told_apart(data, study),

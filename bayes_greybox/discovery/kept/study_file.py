@@ -21,6 +21,7 @@ from bayes_greybox.discovery.answer.where import GapMap, GapTrace
 from bayes_greybox.discovery.evidence.clouds import Cloud
 from bayes_greybox.discovery.evidence.columns import Column, Nearer
 from bayes_greybox.discovery.next_experiment.explained import Component, Explained
+from bayes_greybox.discovery.next_experiment.nameless import Features
 from bayes_greybox.discovery.study import StudyResult
 from bayes_greybox.discovery.suspects.channels import ChannelSuspect
 from bayes_greybox.discovery.suspects.memory import Memory
@@ -42,9 +43,9 @@ FORMAT = 1
 """Of the group; of another one the fit alone is read."""
 
 CLASSES = (
-    Amendment, Band, BoundEffect, ChannelSuspect, Cloud, Coefficients, Column, Component, Effect, Explained, FreePath,
-    GapMap, GapTrace, HiddenState, HilbertBasis, InnerParameter, KnownColumns, Memory, Nearer, Remainder,
-    *ROWS.values(),
+    Amendment, Band, BoundEffect, ChannelSuspect, Cloud, Coefficients, Column, Component, Effect, Explained,
+    Features, FreePath, GapMap, GapTrace, HiddenState, HilbertBasis, InnerParameter, KnownColumns, Memory, Nearer,
+    Remainder, *ROWS.values(),
 )  # fmt: skip
 """Classes of what a file holds."""
 

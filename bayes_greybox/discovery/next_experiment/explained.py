@@ -10,13 +10,16 @@ from itertools import product
 
 import numpy as np
 from jaxtyping import Float
+from scipy.linalg import block_diag
 
 from bayes_greybox.discovery.answer.coefficients import conditional
 from bayes_greybox.discovery.answer.equation_study import EquationStudy
 from bayes_greybox.discovery.answer.weighed import EFFECTS, Weighed
-from bayes_greybox.discovery.weighing.sets import Explanation
+from bayes_greybox.discovery.weighing.sets import REST, Explanation
 from bayes_greybox.discovery.weighing.worlds import World
 from bayes_greybox.physics.terms import Term
+
+from .nameless import Features, nameless
 
 LEAST = 0.01
 """Probability from which on an explanation is kept."""
@@ -25,26 +28,60 @@ COMPONENTS = 8
 """Components of an explanation, at most."""
 
 PREDICTING = ("no gap", "recalibrate", EFFECTS)
-"""Explanations that say what a new run would show: what is unknown, or an error of these sensors, says nothing."""
+"""Explanations whose columns say what a new run would show: an error of these sensors says nothing."""
 
 
 @dataclass(frozen=True)
 class Component:
-    """Terms whose coefficients are Gaussian.
+    """Terms, and features of what has no name, whose coefficients are Gaussian.
 
     Attributes:
         weight: Of the mixture.
         equations: The state whose rate each term is in.
         terms: The terms; of effects, at values of their inner parameters.
-        mean: Of their coefficients, user's units.
+        mean: Of their coefficients, then of those of the features, user's units.
         root: W with WᵀW their covariance.
+        features: Of discrepancies, by the state whose rate they are in.
     """
 
     weight: float
     equations: tuple[str, ...]
     terms: tuple[Term, ...]
-    mean: Float[np.ndarray, " n_term"]
-    root: Float[np.ndarray, "n_latent n_term"]
+    mean: Float[np.ndarray, " n_coefficient"]
+    root: Float[np.ndarray, "n_latent n_coefficient"]
+    features: Mapping[str, Features] = field(default_factory=dict)
+
+    def places(self, equation: str) -> tuple[list[int], slice]:
+        """Which coefficients belong to the rate of a state: those of terms, and those of features.
+
+        Args:
+            equation: The state.
+        """
+        own, end = [j for j, name in enumerate(self.equations) if name == equation], len(self.terms)
+        for name, each in self.features.items():
+            begin, end = end, end + len(each.kept)
+            if name == equation:
+                return own, slice(begin, end)
+        return own, slice(end, end)
+
+    def columns(
+        self, equation: str, columns: Mapping[str, Float[np.ndarray, "*n"]], shape: tuple[int, ...]
+    ) -> tuple[list[int], Float[np.ndarray, "*n n_own"]]:
+        """Coefficients in the rate of a state, and what each is multiplied by.
+
+        Args:
+            equation: The state.
+            columns: States and inputs.
+            shape: Of these.
+        """
+        own, wide = self.places(equation)
+        Phi = np.zeros((*shape, len(own)))
+        for k, j in enumerate(own):
+            Phi[..., k] = self.terms[j].evaluate(columns)
+        if equation not in self.features:
+            return own, Phi
+        both = np.concatenate([Phi, self.features[equation].evaluate(columns)], axis=-1)
+        return [*own, *range(wide.start, wide.stop)], both
 
 
 @dataclass(frozen=True)
@@ -84,8 +121,9 @@ def explained(found: EquationStudy) -> tuple[Explained, ...]:
             # What the sensor does in an effect's place has no explanation of its own.
             kept.append(Explained(str(name), float(p)))
             continue
-        # The likeliest that leaves nothing over: what has no name cannot be predicted.
-        world, e = next(((w, e) for w, e in items if not w.leaves_rest(e)), items[0])
+        # The likeliest that leaves nothing over; else one whose rest is a function of states and inputs.
+        whole = [(w, e) for w, e in items if not w.leaves_rest(e)] or [(w, e) for w, e in items if e.kind == REST]
+        world, e = (whole or items)[0]
         kept.append(_one(str(name), float(p), weighed, world, e))
     return tuple(kept)
 
@@ -133,6 +171,11 @@ def _one(name: str, p: float, weighed: Weighed, world: World, e: Explanation) ->
     equation = statistics.equation
     kind = EFFECTS if e.effects else weighed.kind(world, e)
     slugs = tuple(world.evaluations.name(i) for i in e.effects)
+    if e.kind == REST:
+        rest = nameless(world, e)
+        equations, features = (equation,) * len(rest.terms), {equation: rest.features}
+        one = Component(1.0, equations, rest.terms, rest.mean, rest.root, features)
+        return Explained(name, p, slugs, (one,), {equation: rest.sigma})
     if kind not in PREDICTING:
         return Explained(name, p, slugs)
     some = kind == "recalibrate"
@@ -165,12 +208,17 @@ def _product(parts: Sequence[Sequence[Component]]) -> tuple[Component, ...]:
 
 
 def _beside(weight: float, choice: Sequence[Component]) -> Component:
-    roots = [component.root for component in choice]
-    root = np.zeros((sum(len(r) for r in roots), sum(r.shape[1] for r in roots)))
-    row = column = 0
-    for part in roots:
-        root[row : row + part.shape[0], column : column + part.shape[1]] = part
-        row, column = row + part.shape[0], column + part.shape[1]
-    equations = tuple(name for component in choice for name in component.equations)
-    terms = tuple(term for component in choice for term in component.terms)
-    return Component(float(weight), equations, terms, np.concatenate([c.mean for c in choice]), root)
+    root = np.asarray(block_diag(*(component.root for component in choice)))
+    ends = np.cumsum([len(component.mean) for component in choice])
+    begins = ends - [len(component.mean) for component in choice]
+    terms = [np.arange(b, b + len(c.terms)) for b, c in zip(begins, choice, strict=True)]
+    features = [np.arange(b + len(c.terms), e) for b, e, c in zip(begins, ends, choice, strict=True)]
+    order = np.concatenate([*terms, *features])
+    return Component(
+        float(weight),
+        tuple(name for component in choice for name in component.equations),
+        tuple(term for component in choice for term in component.terms),
+        np.concatenate([c.mean for c in choice])[order],
+        root[:, order],
+        {name: each for component in choice for name, each in component.features.items()},
+    )

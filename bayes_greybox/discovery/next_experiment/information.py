@@ -26,24 +26,24 @@ FAINT = 1e-14
 
 
 class Products(NamedTuple):
-    """What responses say of every component of every explanation; a sum over experiments is that of both.
+    """What responses say of one component; a sum over experiments is that of all.
 
     Attributes:
-        q: [n_outcome, n_component], with what uncertain starts cost.
-        h: [n_outcome, n_component, n_latent].
-        G: [n_outcome, n_component, n_latent, n_latent].
+        q: [n_outcome], with what uncertain starts cost.
+        h: [n_outcome, n_latent].
+        G: [n_outcome, n_latent, n_latent].
     """
 
-    q: Float[np.ndarray, "n_outcome n_component"]
-    h: Float[np.ndarray, "n_outcome n_component n_latent"]
-    G: Float[np.ndarray, "n_outcome n_component n_latent n_latent"]
+    q: Float[np.ndarray, " n_outcome"]
+    h: Float[np.ndarray, "n_outcome n_latent"]
+    G: Float[np.ndarray, "n_outcome n_latent n_latent"]
 
     def beside(self, other: "Products") -> "Products":
         """Both experiments, whose outcomes share their draws."""
         return Products(*(a + b for a, b in zip(self, other, strict=True)))
 
-    def log_density(self) -> Float[np.ndarray, "n_outcome n_component"]:
-        """Log density of each outcome under each component, up to a constant of the outcome."""
+    def log_density(self) -> Float[np.ndarray, " n_outcome"]:
+        """Log density of each outcome, up to a constant of the outcome."""
         one = _beside_one(self.G)
         solved = np.linalg.solve(one, self.h[..., None])[..., 0]
         return -0.5 * (self.q - np.sum(self.h * solved, axis=-1) + np.linalg.slogdet(one)[1])

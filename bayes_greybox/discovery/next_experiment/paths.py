@@ -13,6 +13,7 @@ from bayes_greybox.physics.terms import Term
 
 from .candidates import Candidate
 from .explained import Component
+from .nameless import Features
 from .question import Question
 
 LOST = 1e3
@@ -110,7 +111,7 @@ def _at_once(
     simulation, d = asked.simulation, starts.shape[-1]
     hidden: dict[str, HiddenState] = {s.name: s for component, _ in parts for t in component.terms for s in t.states}
     rates = [(parse_expression(s.rate), d + j) for j, s in enumerate(hidden.values())]
-    sums = _sums(asked, parts)
+    sums, rests = _sums(asked, parts), _rests(asked, parts)
     names = (*simulation.states, *hidden)
 
     def rate(x: np.ndarray, u: np.ndarray, t: float) -> np.ndarray:
@@ -121,6 +122,9 @@ def _at_once(
         columns |= {name: u[..., i] for i, name in enumerate(simulation.inputs)}
         for term, place, draws, value in sums:
             found[:, draws, place] += value * term.evaluate({name: columns[name][:, draws] for name in term.symbols})
+        for features, place, draws, weights in rests:
+            own = {name: columns[name][:, draws] for name in features.variables}
+            found[:, draws, place] += features.summed(own, weights)
         for expression, place in rates:
             found[..., place] = evaluate(expression, columns)
         return found
@@ -140,7 +144,8 @@ def _sums(asked: Question, parts: Sequence[Part]) -> list[tuple[Term, int, Any, 
     for component, theta in parts:
         draws = np.arange(before, before + len(theta))
         before += len(theta)
-        for term, equation, values in zip(component.terms, component.equations, theta.T, strict=True):
+        of_terms = theta.T[: len(component.terms)]
+        for term, equation, values in zip(component.terms, component.equations, of_terms, strict=True):
             place = asked.simulation.states.index(equation)
             # An integrator cannot stay on a jump.
             entry = found.setdefault((place, str(term.expression)), (term.rounded(asked.data.columns), [], []))
@@ -152,3 +157,15 @@ def _sums(asked: Question, parts: Sequence[Part]) -> list[tuple[Term, int, Any, 
         whole = len(own) > 0 and own[-1] - own[0] + 1 == len(own)
         sums.append((term, place, slice(own[0], own[-1] + 1) if whole else own, np.concatenate(values)))
     return sums
+
+
+def _rests(asked: Question, parts: Sequence[Part]) -> list[tuple[Features, int, slice, np.ndarray]]:
+    """Features of discrepancies: the state whose rate they are in, the draws that have them, and their weights."""
+    found, before = [], 0
+    for component, theta in parts:
+        draws = slice(before, before + len(theta))
+        before = draws.stop
+        for equation, features in component.features.items():
+            weights = features.spread_out(theta[:, component.places(equation)[1]])
+            found.append((features, asked.simulation.states.index(equation), draws, weights))
+    return found

@@ -48,7 +48,7 @@ class Predicted:
 
     Attributes:
         candidate: The candidate.
-        products: Of its outcomes.
+        products: Of its outcomes, by component.
         truth: Explanation of each outcome.
         responses: By channel, what the sensor would show without noise [n_outcome, n_row]; NaN after a failure.
         failed: Share of outcomes that failed, by explanation.
@@ -58,7 +58,7 @@ class Predicted:
     """
 
     candidate: Candidate
-    products: Products
+    products: Sequence[Products]
     truth: Int[np.ndarray, " n_outcome"]
     responses: Mapping[str, Float[np.ndarray, "n_outcome n_row"]]
     failed: Float[np.ndarray, " n_explanation"]
@@ -144,12 +144,10 @@ def _together(
 
 def _of_rates(
     asked: Question, outcomes: Outcomes, candidate: Candidate, paths: np.ndarray, rng: np.random.Generator
-) -> tuple[Products, dict[str, np.ndarray]]:
+) -> tuple[list[Products], dict[str, np.ndarray]]:
     """Outcomes along paths, against what each component says of the rates along the same paths."""
     components, (n_outcome, n_row, _) = asked.components, paths.shape
-    k = max(len(c.root) for c in components)
-    q, h = np.zeros((n_outcome, len(components))), np.zeros((n_outcome, len(components), k))
-    G = np.zeros((n_outcome, len(components), k, k))
+    found = [_nothing(n_outcome, len(component.root)) for component in components]
     noise = {equation: sd * rng.standard_normal((n_outcome, n_row)) for equation, sd in candidate.sensors.items()}
     responses = {equation: np.zeros((n_outcome, n_row)) for equation in noise}
     # Each row adds to the products of its own: long records go in pieces.
@@ -165,11 +163,14 @@ def _of_rates(
             for c, (mean, load) in enumerate(zip(means, loads, strict=True)):
                 r = np.where(good, bounded((y - mean) / sd), 0.0)
                 A = np.where(good[..., None], load / sd, 0.0)
-                n = A.shape[-1]
-                q[:, c] += np.sum(r**2, axis=1)
-                h[:, c, :n] += np.einsum("ork,or->ok", A, r)
-                G[:, c, :n, :n] += np.swapaxes(A, 1, 2) @ A
-    return Products(q, h, G), responses
+                across = np.einsum("ork,or->ok", A, r)
+                found[c] = found[c].beside(Products(np.sum(r**2, axis=1), across, np.swapaxes(A, 1, 2) @ A))
+    return found, responses
+
+
+def _nothing(n_outcome: int, n_latent: int) -> Products:
+    """Products of no rows."""
+    return Products(np.zeros(n_outcome), np.zeros((n_outcome, n_latent)), np.zeros((n_outcome, n_latent, n_latent)))
 
 
 def _along(
@@ -191,10 +192,7 @@ def _said_of(
     shape = next(iter(columns.values())).shape
     means, loads, added = [], [], np.full(shape, np.nan)
     for c, component in enumerate(components):
-        own = [j for j, name in enumerate(component.equations) if name == equation]
-        Phi = np.zeros((*shape, len(own)))
-        for place, j in enumerate(own):
-            Phi[..., place] = component.terms[j].evaluate(columns)
+        own, Phi = component.columns(equation, columns, shape)
         means.append(Phi @ component.mean[own])
         loads.append(Phi @ component.root[:, own].T)
         mine = np.flatnonzero(outcomes.component == c)
@@ -205,7 +203,7 @@ def _said_of(
 def _of_samples(
     asked: Question, outcomes: Outcomes, candidate: Candidate, paths: np.ndarray, slopes: Sequence[np.ndarray],
     rng: np.random.Generator,
-) -> tuple[Products, dict[str, np.ndarray]]:  # fmt: skip
+) -> tuple[list[Products], dict[str, np.ndarray]]:  # fmt: skip
     """Outcomes against the path of each component's mean, and its derivatives."""
     components, n_outcome = asked.components, len(paths)
     measured = [asked.simulation.states.index(name) for name in candidate.sensors]
@@ -216,17 +214,14 @@ def _of_samples(
     alive = np.all([np.all(np.isfinite(s[..., measured]), axis=(0, 2)) for s in slopes], axis=0)
     sure = np.all([np.all(np.abs(s[1:][..., measured] / sd) < FAR, axis=(0, 2)) for s in slopes], axis=0)
     good = np.isfinite(y) & (alive & sure)[None, :, None]
-    k = max(len(c.root) for c in components)
-    q, h = np.zeros((n_outcome, len(components))), np.zeros((n_outcome, len(components), k))
-    G = np.zeros((n_outcome, len(components), k, k))
-    for c, slope in enumerate(slopes):
+    found = []
+    for component, slope in zip(components, slopes, strict=True):
         centre, by = slope[0][..., measured], slope[1:][..., measured]
         r = np.where(good, bounded((y - centre) / sd), 0.0).reshape(n_outcome, -1)
         A = np.where(good[:, None], by / sd, 0.0).reshape(n_outcome, len(by), -1)
-        n = len(components[c].root)
         parts = np.sum(r**2, axis=1), np.einsum("okr,or->ok", A, r), A @ np.swapaxes(A, 1, 2)
-        q[:, c], h[:, c, :n], G[:, c, :n, :n] = marginal_starts(*parts, len(by) - n)
-    return Products(q, h, G), responses
+        found.append(Products(*marginal_starts(*parts, len(by) - len(component.root))))
+    return found, responses
 
 
 def _slopes(
@@ -255,8 +250,8 @@ def _start_sd(asked: Question, candidate: Candidate) -> list[float]:
 
 
 def _predicted(
-    asked: Question, outcomes: Outcomes, candidate: Candidate, products: Products, responses: dict[str, np.ndarray],
-    paths: np.ndarray, resolved: bool,
+    asked: Question, outcomes: Outcomes, candidate: Candidate, products: Sequence[Products],
+    responses: dict[str, np.ndarray], paths: np.ndarray, resolved: bool,
 ) -> Predicted:  # fmt: skip
     lost = ~np.all(np.isfinite(paths), axis=(1, 2))
     failed = np.array([np.mean(lost[outcomes.truth == m]) for m in range(len(asked.explanations))])

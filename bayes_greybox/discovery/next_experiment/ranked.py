@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import reduce
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from bayes_greybox.discovery.study import StudyResult
 
 from .candidates import Candidate, usual_candidates
 from .explained import Explained, joined
-from .information import Information, entropy, expected_information, of_explanations
+from .information import Information, Products, entropy, expected_information, of_explanations
 from .predicted import Predicted, predict
 from .question import Question
 from .responses import Responses, responses
@@ -207,11 +208,9 @@ def _check(asked: Question, candidate: Candidate) -> None:
 
 
 def _information(asked: Question, each: Sequence[Predicted], p: np.ndarray) -> Information:
-    products = each[0].products
-    for other in each[1:]:
-        products = products.beside(other.products)
+    together = [reduce(Products.beside, own) for own in zip(*(e.products for e in each), strict=True)]
     weights = np.array([component.weight for component in asked.components])
-    logs = of_explanations(products.log_density(), asked.of, weights)
+    logs = of_explanations(np.stack([own.log_density() for own in together], axis=1), asked.of, weights)
     return expected_information(logs, each[0].truth, p)
 
 

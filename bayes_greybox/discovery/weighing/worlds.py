@@ -10,6 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from math import log
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -34,6 +35,20 @@ PRICE = 10.0
 
 GAINED = 1.0
 """Nats that another suspect must gain before a third is looked for."""
+
+
+class RestWeights(NamedTuple):
+    """f = (ψ − B φ)ᵀ w, orthogonal to the columns φ at the rows; scaled.
+
+    Attributes:
+        mean: Of w.
+        root: W with WᵀW the covariance of w.
+        taken: B.
+    """
+
+    mean: Float[np.ndarray, " n_basis"]
+    root: Float[np.ndarray, "n_basis n_basis"]
+    taken: Float[np.ndarray, "n_column n_basis"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,15 +145,21 @@ class World:
         rest = rest - statistics.at_rows(known.indices((*e.columns, *e.memory))) @ self._fitted(e)[0]
         return rest - self.rest(e) if e.kind == REST else rest
 
+    def rest_weights(self, e: Explanation) -> RestWeights:
+        """Posterior of f beside an explanation's columns, by its features, at the mode of its hyperparameters."""
+        known, statistics = self.evaluations, self.evaluations.statistics
+        indices = known.indices(e.columns)
+        mean, root = known.evaluator.weights(known.with_features(e.columns), known.integrated(e.columns).mode)
+        G = statistics.products[np.ix_(indices, indices)]
+        taken = np.linalg.pinv(G, rcond=1e-12, hermitian=True) @ statistics.with_features[indices]
+        return RestWeights(mean, root, taken)
+
     def rest(self, e: Explanation) -> Float[np.ndarray, " n_row"]:
         """Posterior mean of f beside an explanation's columns at the rows, scaled."""
         known, statistics = self.evaluations, self.evaluations.statistics
-        indices = known.indices(e.columns)
-        hypothesis = known.with_features(e.columns)
-        weight = known.evaluator.weights(hypothesis, known.integrated(e.columns).mode)[0]
-        G = statistics.products[np.ix_(indices, indices)]
-        taken = np.linalg.pinv(G, rcond=1e-12, hermitian=True) @ (statistics.with_features[indices] @ weight)
-        return statistics.explained(weight) - statistics.at_rows(indices) @ taken
+        weights = self.rest_weights(e)
+        own = statistics.at_rows(known.indices(e.columns)) @ (weights.taken @ weights.mean)
+        return statistics.explained(weights.mean) - own
 
 
 def worlds(

@@ -73,15 +73,23 @@ class HilbertBasis:
 
     def __call__(self, x: Float[Array | np.ndarray, "n_row n_var"]) -> Float[Array | np.ndarray, "n_row n_basis"]:
         """ψ(x) for points in scaled units."""
-        xp = namespace([x])
-        values = xp.ones((x.shape[0], 1))
-        directions = zip(self.per_variable, self.half_widths, self._growth[1], strict=True)
-        for d, (m, L, kept) in enumerate(directions):
-            along = xp.cos(np.arange(m) * np.pi / (2 * L) * (x[:, d : d + 1] + L))
-            along *= np.sqrt(np.where(np.arange(m) == 0, 0.5, 1.0) / L)
+        values = namespace([x]).ones((x.shape[0], 1))
+        for along, kept in zip(self.directions(x), self._growth[1], strict=True):
             values = (values[:, :, None] * along[:, None, :]).reshape(x.shape[0], -1)
             values = values if len(kept) == values.shape[1] else values[:, kept]
         return values
+
+    def directions(self, x: Float[Array | np.ndarray, "*n n_var"]) -> list[Float[Array | np.ndarray, "*n m"]]:
+        """The factors of ψ(x) in each direction, whose products are the features.
+
+        Args:
+            x: Points in scaled units.
+        """
+        xp, found = namespace([x]), []
+        for d, (m, L) in enumerate(zip(self.per_variable, self.half_widths, strict=True)):
+            along = xp.cos(np.arange(m) * np.pi / (2 * L) * (x[..., d : d + 1] + L))
+            found.append(along * np.sqrt(np.where(np.arange(m) == 0, 0.5, 1.0) / L))
+        return found
 
     @cached_property
     def _growth(self) -> tuple[np.ndarray, tuple[np.ndarray, ...]]:

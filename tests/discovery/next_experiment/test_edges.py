@@ -87,8 +87,8 @@ def test_only_the_candidate_that_the_steps_do_not_follow_is_said_not_to_be_follo
 
 
 def test_density_survives_coefficients_that_a_response_could_hardly_be_more_sensitive_to():
-    G = np.full((1, 1, 2, 2), 1e30)
-    assert np.isfinite(Products(np.ones((1, 1)), np.ones((1, 1, 2)), G).log_density()).all()
+    G = np.full((1, 2, 2), 1e30)
+    assert np.isfinite(Products(np.ones(1), np.ones((1, 2)), G).log_density()).all()
 
 
 def test_an_input_that_never_moved_is_held_and_the_states_start_elsewhere(study):
@@ -137,8 +137,9 @@ def test_rows_go_in_pieces_where_a_record_is_long(study, monkeypatch):
     (whole,) = predicted.predict(asked, [FAR])
     monkeypatch.setattr(predicted, "AT_ONCE", 18 * 6 * 5)
     (pieces,) = predicted.predict(asked, [FAR])
-    for one, other in zip(whole.products, pieces.products, strict=True):
-        np.testing.assert_allclose(other, one, rtol=1e-9, atol=1e-9)
+    for own, again in zip(whole.products, pieces.products, strict=True):
+        for one, other in zip(own, again, strict=True):
+            np.testing.assert_allclose(other, one, rtol=1e-9, atol=1e-9)
     np.testing.assert_array_equal(pieces.responses["v"], whole.responses["v"])
 
 

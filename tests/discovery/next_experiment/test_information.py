@@ -14,7 +14,7 @@ from bayes_greybox.discovery.next_experiment.information import (
 def products(y: np.ndarray, mean: np.ndarray, A: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """q, h and G of one outcome under one component, σ = 1."""
     r = y - mean
-    return np.array([[r @ r]]), (A.T @ r)[None, None], (A.T @ A)[None, None]
+    return np.array([r @ r]), (A.T @ r)[None], (A.T @ A)[None]
 
 
 def test_density_is_the_dense_gaussian_and_two_experiments_share_their_coefficients():
@@ -22,7 +22,7 @@ def test_density_is_the_dense_gaussian_and_two_experiments_share_their_coefficie
     y, mean, A = rng.standard_normal(9), rng.standard_normal(9), rng.standard_normal((9, 2))
     parts = [Products(*products(y[own], mean[own], A[own])) for own in (slice(0, 5), slice(5, 9))]
     dense = multivariate_normal.logpdf(y, mean=mean, cov=A @ A.T + np.eye(9)) + 4.5 * np.log(2 * np.pi)  # pyright: ignore[reportArgumentType]
-    assert np.isclose(parts[0].beside(parts[1]).log_density()[0, 0], dense)
+    assert np.isclose(parts[0].beside(parts[1]).log_density()[0], dense)
 
 
 def test_starts_of_an_experiment_are_integrated_out():

@@ -28,7 +28,7 @@ def test_bands_are_those_of_each_explanations_coefficients(study, found):
         assert np.all((low <= middle) & (middle <= high))
         # At the start the state is known: the rate is the simulation's and that of the terms.
         at = {"y": np.array([1.5]), "v": np.array([0.0]), "F": np.array([0.0])}
-        values = [np.array([np.ravel(t.evaluate(at))[0] for t in c.terms]) for c in e.components]
+        values = [np.ravel(c.columns("v", at, (1,))[1]) for c in e.components]
         weights = [c.weight for c in e.components]
         mean = -6.0 + np.average([v @ c.mean for v, c in zip(values, e.components, strict=True)], weights=weights)
         assert low[0] - 1e-9 <= mean <= high[0] + 1e-9

@@ -6,7 +6,6 @@ from scipy.integrate import solve_ivp
 import bayes_greybox as bg
 from bayes_greybox.discovery.next_experiment.candidates import Candidate
 from bayes_greybox.discovery.next_experiment.explained import Component, Explained
-from bayes_greybox.discovery.next_experiment.information import of_explanations
 from bayes_greybox.discovery.next_experiment.predicted import predict
 from bayes_greybox.discovery.next_experiment.question import Question
 from bayes_greybox.discovery.next_experiment.signals import Hold
@@ -31,7 +30,7 @@ def test_density_ratios_of_simulated_outcomes_are_one_on_average():
         asked = question(Term("u"), [(1.0, 0.3), (1.3, 0.5)], 4000, rates)
         # A response that is linear in c and in the start has exactly the density that is used.
         (found,) = predict(asked, [Candidate({"u": Hold(1.0)}, {"x": 0.2}, 2.0, 9, {"x": 0.4})])
-        logs = of_explanations(found.products.log_density(), asked.of, np.ones(2))
+        logs = np.stack([products.log_density() for products in found.products], axis=1)
         # E[p(y | other) / p(y | own)] = 1 under the explanation with the wider density; a false failure: 6e-5.
         ratio = np.exp(logs[found.truth == 1, 0] - logs[found.truth == 1, 1])
         assert abs(np.mean(ratio) - 1) < 4 * np.std(ratio) / np.sqrt(len(ratio))

@@ -1,0 +1,120 @@
+"""What an effect without a name would show, against dense regression, and along paths."""
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from tiny_equation import CUBE, tiny_evaluations
+
+import bayes_greybox as bg
+from bayes_greybox.discovery.next_experiment import nameless as module
+from bayes_greybox.discovery.next_experiment.candidates import Candidate
+from bayes_greybox.discovery.next_experiment.explained import Component, Explained, joined
+from bayes_greybox.discovery.next_experiment.nameless import Features, nameless
+from bayes_greybox.discovery.next_experiment.predicted import predict
+from bayes_greybox.discovery.next_experiment.question import Question
+from bayes_greybox.discovery.next_experiment.signals import Hold
+from bayes_greybox.discovery.weighing.sets import REST, Sets
+from bayes_greybox.discovery.weighing.worlds import worlds
+from bayes_greybox.model.gp.features import HilbertBasis
+from bayes_greybox.model.gp.kernels import KERNELS, log_spectral_density
+from bayes_greybox.physics.simulation.reading import simulation_of
+from bayes_greybox.physics.terms import Term
+
+
+@pytest.mark.parametrize("dictionary", [None, {"x": ["sin(3*x)"]}], ids=["alone", "beside a term"])
+def test_it_is_the_regression_on_columns_and_what_they_leave_of_the_features(dictionary, monkeypatch):
+    monkeypatch.setattr(module, "LATENTS", 1000)
+    monkeypatch.setattr(module, "SEEN", 0.0)
+    given = {} if dictionary is None else {"dictionary": dictionary}
+    known = tiny_evaluations([CUBE], lambda x: np.cos(2 * x), simulation=lambda t, x, u: [-x[0]], **given)
+    statistics = known.statistics
+    world = worlds(Sets(known, 1), {"x": statistics.rows.columns["x"]})[0]
+    e = next(e for e in world.explanations if e.kind == REST and not e.columns)
+    found = nameless(world, e)
+    at = {"x": np.linspace(-1.2, 1.2, 7)}
+    one = Component(1.0, ("x",) * len(found.terms), found.terms, found.mean, found.root, {"x": found.features})
+    places, table = one.columns("x", at, (7,))
+    assert places == list(range(len(found.mean)))
+
+    hyper = statistics.prior.unpack(known.integrated(()).mode)
+    S = np.exp(np.asarray(log_spectral_density(KERNELS[statistics.kernel], statistics.basis.frequency, *hyper[1:])))
+    indices, sigma = known.indices(()), float(hyper.sigma)
+    X, y = statistics.at_rows(indices), statistics.rows.target / statistics.target_scale
+    psi = statistics.evaluate_features(statistics.rows.columns)
+    B = np.linalg.lstsq(X, psi, rcond=None)[0]
+    design = np.hstack([X, psi - X @ B])
+    prior = np.concatenate([np.array([statistics.columns[i].sd for i in indices]) ** 2, S])
+    covariance = np.linalg.inv(design.T @ design / sigma**2 + np.diag(1 / prior))
+    there = statistics.evaluate(indices, at)
+    new = np.hstack([there, statistics.evaluate_features(at) - there @ B]) * statistics.target_scale
+    expected = new @ covariance @ design.T @ y / sigma**2
+    np.testing.assert_allclose(table @ found.mean, expected, rtol=1e-6, atol=1e-6 * np.max(np.abs(expected)))
+    if dictionary is None:
+        # The covariance of β is that of all σ, and not of the mode's.
+        variance = np.einsum("ij,jk,ik->i", new, covariance, new)
+        np.testing.assert_allclose(np.sum((table @ found.root.T) ** 2, axis=1), variance, rtol=1e-6)
+    assert np.isclose(found.sigma, sigma * statistics.target_scale)
+
+
+def resting(f: float, sd: float = 0.0) -> tuple[Features, Component]:
+    """f of x alone: f cos(π (x + 2)/4), on [−2, 2]."""
+    features = Features(("x",), np.zeros(1), np.ones(1), HilbertBasis(2.0, (3,)), np.array([1]))
+    height = np.sqrt(2.0)
+    return features, Component(1.0, (), (), np.array([f * height]), np.array([[sd * height]]), {"x": features})
+
+
+def test_features_are_held_outside_their_domain_and_summed_as_they_are_evaluated():
+    features = Features(
+        ("x", "u"),
+        np.array([0.3, -1.0]),
+        np.array([2.0, 0.5]),
+        HilbertBasis((2.0, 1.5), (4, 3)),
+        np.array([0, 4, 7, 11]),
+    )
+    rng = np.random.default_rng(0)
+    columns = {"x": 4 * rng.standard_normal((5, 2)), "u": rng.standard_normal((5, 2))}
+    weights = rng.standard_normal((2, 4))
+    psi = features.evaluate(columns)
+    assert psi.shape == (5, 2, 4)
+    summed = features.summed(columns, features.spread_out(weights))
+    np.testing.assert_allclose(summed, np.einsum("cdf,df->cd", psi, weights), atol=1e-12)
+    far = features.evaluate({"x": np.array([4.3, 99.0]), "u": np.array([-1.0, -1.0])})
+    np.testing.assert_allclose(far[0], far[1])
+
+
+def test_paths_and_densities_are_those_of_the_function():
+    t = np.linspace(0, 1, 11)
+    data = bg.Trajectories.from_arrays(t, states={"x": np.sin(t)}, inputs={"u": np.cos(t)}, derivatives={"x": t})
+    named = Component(1.0, ("x",), (Term("u"),), np.array([1.0]), np.array([[0.2]]))
+    each = [Explained("named", 0.5, (), (named,)), Explained("unknown", 0.5, (), (resting(0.8, 0.1)[1],))]
+    asked = Question(simulation_of({"x": "-x"}, ("x",), ("u",), ()), data, each, True, 4000, 0)
+    (found,) = predict(asked, [Candidate({"u": Hold(0.4)}, {"x": 0.5}, 2.0, 6, {"x": 0.3})])
+    exact = solve_ivp(
+        lambda s, x: -x + 0.8 * np.cos(np.pi * (x + 2) / 4), (0, 2), [0.5], t_eval=np.linspace(0, 2, 6), rtol=1e-9
+    ).y[0]
+    own = found.responses["x"][found.truth == 1]
+    np.testing.assert_allclose(np.mean(own, axis=0), -exact + 0.8 * np.cos(np.pi * (exact + 2) / 4), atol=0.02)
+    logs = np.stack([products.log_density() for products in found.products], axis=1)
+    # E[p(y | other) / p(y | own)] = 1 along the paths of the wider one; a false failure: 6e-5.
+    ratio = np.exp(logs[found.truth == 0, 1] - logs[found.truth == 0, 0])
+    assert abs(np.mean(ratio) - 1) < 4 * np.std(ratio) / np.sqrt(len(ratio))
+
+
+def test_equations_together_keep_the_order_of_coefficients():
+    features, rest = resting(0.8, 0.1)
+    term = Component(1.0, ("y",), (Term("y"),), np.array([3.0]), np.array([[0.5]]))
+    (both,) = joined({"x": [Explained("unknown", 1.0, (), (rest,))], "y": [Explained("y", 1.0, (), (term,))]})
+    (one,) = both.components
+    assert one.equations == ("y",)
+    np.testing.assert_allclose(one.mean, [3.0, *rest.mean])
+    np.testing.assert_allclose(one.root, [[0.0, *rest.root[0]], [0.5, 0.0]])
+    assert one.places("x") == ([], slice(1, 2))
+    assert one.places("y") == ([0], slice(2, 2))
+
+
+def test_a_study_predicts_what_is_unknown(study):
+    (own,) = study.explanations.values()
+    unknown = next(e for e in own if e.name == "unknown")
+    (one,) = unknown.components
+    assert one.features
+    assert "Nothing is predicted under unknown" not in study.next_experiment(outcomes=8).sentence
