@@ -210,6 +210,9 @@ class Fit(Posterior):
         starts: Mapping[str, tuple[float, float]] | None = None,
         noise: Mapping[str, tuple[float, float]] | None = None,
         progress: bool = True,
+        checkpoint: str | os.PathLike[str] | Checkpoint | None = None,
+        resume: bool = False,
+        checkpoint_every: float = EVERY,
     ) -> "Fit":
         """The exact trajectory posterior of a fit to samples, by NUTS through the integrated paths.
 
@@ -231,6 +234,9 @@ class Fit(Posterior):
                 units: each sensor then has its own. By default they have one, in the proportions of the path's
                 residuals.
             progress: Whether to show a progress bar.
+            checkpoint: A folder that keeps the chains while they run, for `resume`; it goes when they are complete.
+            resume: Whether the chains in that folder go on: the draws are those of a run that was never stopped.
+            checkpoint_every: Seconds between two times that a chain is kept.
 
         Returns:
             A fit whose posterior has `e_start` [segment, state], and `e_sensor_sigma` where sensors have their own.
@@ -238,10 +244,13 @@ class Fit(Posterior):
 
         Raises:
             InputError: Rows of rates, whose posterior is exact already; an unknown force in the noise; priors of
-                states that there are not.
+                states that there are not; a folder that cannot be used, or that holds the chains of something else.
         """
         sampling = Sampling(draws, tune, chains, seed, target_accept, exact=True)
-        refined = refine(self, sampling, starts, noise, progress)
+        with given_checkpoint(checkpoint, resume, checkpoint_every) as held:
+            if held is not None:
+                held.require("refined", run_facts(self.model, self.data, sampling, starts=starts, noise=noise))
+            refined = refine(self, sampling, starts, noise, progress, held)
         return Fit(refined.model, refined.data, sampling, refined.idata)
 
     def to_inferencedata(self) -> Any:

@@ -36,24 +36,30 @@ class Stopped(BaseException):
     """As Ctrl-C."""
 
 
+def interrupted(monkeypatch, pieces: int, run) -> None:
+    """Stop a run after some pieces of its chains."""
+    seen, lock = [0], threading.Lock()
+    write = chain_file.ChainFile.write
+
+    def counted(self, chain, *, now=False):
+        write(self, chain, now=now)
+        with lock:
+            seen[0] += 1
+            if seen[0] == pieces:
+                raise Stopped
+
+    with monkeypatch.context() as patch, pytest.raises(Stopped):
+        patch.setattr(chain_file.ChainFile, "write", counted)
+        run()
+
+
 @pytest.fixture
 def stopped(data, tmp_path, monkeypatch):
     """A folder in which a run was stopped, after some pieces of its chains."""
 
     def at(pieces: int) -> str:
-        seen, lock = [0], threading.Lock()
-        write = chain_file.ChainFile.write
-
-        def counted(self, chain, *, now=False):
-            write(self, chain, now=now)
-            with lock:
-                seen[0] += 1
-                if seen[0] == pieces:
-                    raise Stopped
-
-        with monkeypatch.context() as patch, pytest.raises(Stopped):
-            patch.setattr(chain_file.ChainFile, "write", counted)
-            model().fit(data, **SETTINGS, checkpoint=tmp_path / "kept", checkpoint_every=0)
+        kept = {"checkpoint": tmp_path / "kept", "checkpoint_every": 0}
+        interrupted(monkeypatch, pieces, lambda: model().fit(data, **SETTINGS, **kept))
         return str(tmp_path / "kept")
 
     return at
@@ -191,3 +197,16 @@ def test_a_checkpoint_that_is_given_is_completed_by_who_gave_it(data, reference,
         assert same(model().fit(data, **SETTINGS, checkpoint=checkpoint), reference)
         checkpoint.complete()
     assert not (tmp_path / "kept").exists()
+
+
+def test_an_exact_posterior_goes_on_to_the_same_draws_and_refuses_other_priors(tmp_path, monkeypatch):
+    t, rng = np.linspace(0.0, 4.0, 12), np.random.default_rng(3)
+    data = bg.Trajectories.from_arrays(t, states={"x": 2 * np.exp(-0.7 * t) + 0.1 * rng.standard_normal(12)})
+    fit = bg.GreyBox({"x": ["x"]}, rows=bg.TrajectoryRows(), discrepancy=None).fit(data, **SETTINGS)
+    whole = fit.refine(**SETTINGS)
+    folder = tmp_path / "refined"
+    interrupted(monkeypatch, 5, lambda: fit.refine(**SETTINGS, checkpoint=folder, checkpoint_every=0))
+    with pytest.raises(bg.InputError, match="starts is"):
+        fit.refine(**SETTINGS, starts={"x": (2.0, 1.0)}, checkpoint=folder, resume=True)
+    assert same(fit.refine(**SETTINGS, checkpoint=folder, resume=True), whole)
+    assert not folder.exists()

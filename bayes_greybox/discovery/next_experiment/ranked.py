@@ -94,9 +94,9 @@ def rank(
 ) -> NextExperiment:  # fmt: skip
     """Rank candidates by their expected information about the explanation.
 
-    Explanations without a prediction (unknown, an error of these sensors) are left out, and said. A candidate some of
-    whose runs fail is not chosen. Of the `FINALISTS` best one is chosen by other outcomes, four times as many, and the
-    information of what was chosen is found again with as many.
+    Explanations without a prediction (an error of these sensors, what remembers) are left out, and said. A candidate
+    some of whose runs fail is not chosen. Of the `FINALISTS` best one is chosen by other outcomes, four times as many,
+    and the information of what was chosen is found again with as many.
 
     Args:
         study: The study.

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
+from bayes_greybox.inference.checkpoint import Checkpoint
 from bayes_greybox.inference.settings import Sampling
 from bayes_greybox.model.exact_program import PREDICTED, SENSOR
 from bayes_greybox.model.sites import VECTOR, EquationSites
@@ -96,7 +97,9 @@ class Paths(NamedTuple):
     programs: ExactPrograms
     own: EquationSites
 
-    def sampled(self, known: Known, first: FirstDraws, sampling: Sampling, progress: bool) -> Sampled:
+    def sampled(
+        self, known: Known, first: FirstDraws, sampling: Sampling, progress: bool, checkpoint: Checkpoint | None = None
+    ) -> Sampled:
         """Sample on steps that are fine enough.
 
         Args:
@@ -104,6 +107,7 @@ class Paths(NamedTuple):
             first: Draws of the linear rows.
             sampling: Settings.
             progress: Whether to show a progress bar.
+            checkpoint: Keeps the chains of each time that they are run.
         """
         points = self.programs.place(first.sites, known)
         points = points[np.all(np.isfinite(points), axis=1)]
@@ -114,7 +118,7 @@ class Paths(NamedTuple):
             argument = jnp.asarray(mean), jnp.asarray(root), fine
             chains = self.programs.chains.run(
                 argument, draws=sampling.draws, chains=sampling.chains, key=jax.random.PRNGKey(sampling.seed),
-                progress=progress,
+                progress=progress, files=None if checkpoint is None else checkpoint.next_run(),
             )  # fmt: skip
             eta = chains.samples[VECTOR]
             flat = mean + eta.reshape(-1, len(mean)) @ root.T

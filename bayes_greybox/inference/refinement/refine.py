@@ -14,6 +14,7 @@ from jaxtyping import Bool
 from threadpoolctl import threadpool_limits
 
 from bayes_greybox.data.errors import InputError
+from bayes_greybox.inference.checkpoint import Checkpoint
 from bayes_greybox.inference.kept.further_groups import add_group
 from bayes_greybox.inference.kept.groups import DETAILS, data_table, tree_of, user_units
 from bayes_greybox.inference.posterior import MOST_NUMBERS, Posterior
@@ -33,8 +34,9 @@ from .programs import Asked, Known, exact_programs
 
 
 def refine(
-    posterior: Posterior, sampling: Sampling, starts: Stated | None, noise: Stated | None, progress: bool
-) -> Posterior:
+    posterior: Posterior, sampling: Sampling, starts: Stated | None, noise: Stated | None, progress: bool,
+    checkpoint: Checkpoint | None = None,
+) -> Posterior:  # fmt: skip
     """Sample the exact posterior.
 
     Paths are followed on steps that are fine enough at the draws of the linear rows. At each exact draw its path is
@@ -47,6 +49,7 @@ def refine(
         starts: Mean and standard deviation of states at the start of each run, by state.
         noise: Median and logarithmic standard deviation of the noise of each sensor, by state.
         progress: Whether to show a progress bar.
+        checkpoint: Keeps the chains.
 
     Raises:
         InputError: Rows of rates; an unknown force; noise of one sensor alone; f without weights; no path at the
@@ -71,7 +74,7 @@ def refine(
         for method in course.methods:
             known = jax.tree.map(jnp.asarray, Known(equation.design, likelihood_by(method)))
             programs = exact_programs(asked, known)
-            found = Paths(method, course, programs, own).sampled(known, first, sampling, progress)
+            found = Paths(method, course, programs, own).sampled(known, first, sampling, progress, checkpoint)
             if found.drawn:
                 return _result(posterior, sampling, equation, likelihood, own, active, found.drawn, found.stats)
             tried.append(found)
