@@ -15,6 +15,8 @@ from bayes_greybox import cli
 from bayes_greybox.benchmarks.hidden_effects.assumptions.cases import assumption_cases
 from bayes_greybox.benchmarks.hidden_effects.cases import all_cases, subset
 from bayes_greybox.benchmarks.hidden_effects.scoring.score import Scores
+from bayes_greybox.cli.benchmarking import RUNS
+from bayes_greybox.cli.options import Benchmark
 from bayes_greybox.config import load_config
 from bayes_greybox.data.errors import InputError
 
@@ -269,6 +271,10 @@ def test_a_benchmark_gets_its_options_and_shows_what_must_hold(here, monkeypatch
 )
 def test_wrong_use_is_refused_in_one_sentence(here, capsys, words, sentence):
     assert sentence in refuse(capsys, *words)
+
+
+def test_every_benchmark_that_can_be_named_can_be_run():
+    assert [each.value for each in Benchmark] == list(RUNS)
 
 
 def test_every_command_explains_itself(capsys):

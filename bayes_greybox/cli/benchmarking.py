@@ -1,8 +1,10 @@
 """The command benchmark."""
 
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
@@ -18,10 +20,68 @@ Parts = list[Any]
 """Tables to print, in order."""
 
 
+@dataclass(frozen=True)
+class Wanted:
+    """What is asked of a benchmark; None: its own default.
+
+    Attributes:
+        folder: For the results.
+        seed: Of the cases.
+        progress: Whether to show a progress bar.
+        cases: How many.
+        only: Kinds of cases by name.
+        replicates: Of each case.
+        workers: Processes side by side.
+        families: Of cases.
+        displacement: Noise of the position's sensor over its spread.
+        cap: Seconds of a sampler.
+    """
+
+    folder: Path
+    seed: int
+    progress: bool
+    cases: int | None = None
+    only: tuple[str, ...] | None = None
+    replicates: int | None = None
+    workers: int | None = None
+    families: str | None = None
+    displacement: float | None = None
+    cap: float | None = None
+
+    @property
+    def shown(self) -> dict[str, Any]:
+        """Seed and progress bar, which all have."""
+        return {"seed": self.seed, "progress": self.progress}
+
+    def names(self, known: Iterable[str]) -> list[str]:
+        """Kinds of cases: those that are named, or the first ones.
+
+        Args:
+            known: All kinds.
+        """
+        return list(self.only or known)[: self.cases]
+
+
+class Run(NamedTuple):
+    """A benchmark.
+
+    Attributes:
+        tables: Runs it.
+        options: Attributes of `Wanted` that it has besides seed and progress.
+    """
+
+    tables: Callable[[Wanted], Parts]
+    options: tuple[str, ...] = ()
+
+
 def benchmark(
     name: Annotated[Benchmark, typer.Argument(help="Which benchmark.")],
     output: Annotated[Path | None, typer.Option("--output", "-o", help="Folder for the results.")] = None,
     cases: Annotated[int | None, typer.Option(min=1, help="Number of cases; all of them by default.")] = None,
+    only: Annotated[
+        list[str] | None,
+        typer.Option(help="A kind of cases by its name, once for each (benchmarks of named kinds)."),
+    ] = None,
     workers: Annotated[
         int | None, typer.Option(min=1, help="Processes that work side by side (hidden-effects); 2 by default.")
     ] = None,
@@ -79,108 +139,59 @@ def benchmark(
     log_to_stderr(verbose)
     seen = "" if displacement is None else f"-displacement-{displacement:g}"
     folder = output or Path("runs") / f"benchmark-{name.value}{seen}"
-    tables = run_benchmark(
-        name.value,
+    wanted = Wanted(
         folder,
+        seed,
+        not (no_progress or quiet),
         cases=cases,
-        workers=workers,
+        only=tuple(only) if only else None,
         replicates=replicates,
-        seed=seed,
-        progress=not (no_progress or quiet),
+        workers=workers,
         families=None if families is None else families.value,
         displacement=displacement,
         cap=cap,
     )
+    tables = run_benchmark(name.value, wanted)
     show(*([folder] if quiet else [*tables, f"\nResults are in {folder}."]))
     return DONE
 
 
-def run_benchmark(
-    name: str,
-    folder: Path,
-    *,
-    cases: int | None,
-    workers: int | None,
-    replicates: int | None,
-    seed: int,
-    progress: bool,
-    families: str | None = None,
-    displacement: float | None = None,
-    cap: float | None = None,
-) -> Parts:
-    """Run a benchmark by its name, and return its tables; options that it does not have are refused."""
-    if name != "hidden-effects" and workers is not None:
-        raise InputError(f"--workers does not apply to {name}, which uses every core; leave it out.")
-    if name != "hidden-effects" and families is not None:
-        raise InputError(f"--families does not apply to {name}; leave it out.")
-    if displacement is not None and (name != "hidden-effects" or families is not None):
-        raise InputError("--displacement has cases of its own, of hidden-effects: leave --families out.")
-    if name != "speed" and cap is not None:
-        raise InputError(f"--cap does not apply to {name}; leave it out.")
-    if name == "speed":
-        if replicates is not None:
-            raise InputError("--replicates does not apply to speed; --cases sets how many problems there are.")
-        return _speed(folder, cases, cap, seed, progress)
-    if name == "calibration":
-        return _calibrate(folder, cases, replicates or 500, seed, progress)
-    if name == "confounding":
-        if cases is not None:
-            raise InputError("--cases does not apply to confounding; --replicates sets its size.")
-        return _confounding(folder, replicates, seed, progress)
-    if name == "sampled-systems":
-        return _sampled_systems(folder, cases, replicates, seed, progress)
-    if name == "sampled-traps":
-        if replicates is not None:
-            raise InputError("--replicates does not apply to sampled-traps; --cases sets how many are run.")
-        return _sampled_traps(folder, cases, seed, progress)
-    if name == "sampled-coverage":
-        if cases is not None:
-            raise InputError("--cases does not apply to sampled-coverage; --replicates sets its size.")
-        return _sampled_coverage(folder, replicates, seed, progress)
-    if name == "published-odes":
-        if cases is not None:
-            raise InputError("--cases does not apply to published-odes; --replicates sets its size.")
-        return _published_odes(folder, replicates, seed, progress)
-    if name == "hudson-bay":
-        if cases is not None or replicates is not None:
-            raise InputError("hudson-bay is one data set: leave --cases and --replicates out.")
-        return _hudson_bay(folder, seed, progress)
-    if name == "static-maps":
-        return _static_maps(folder, cases, replicates, seed, progress)
-    if name == "memory-effects":
-        return _memory_effects(folder, cases, replicates, seed, progress)
-    if name == "spring-pendulum":
-        return _spring_pendulum(folder, cases, replicates, seed, progress)
-    if name == "next-experiment":
-        if replicates is not None:
-            raise InputError("--replicates does not apply to next-experiment; --cases sets how many are run.")
-        return _next_experiment(folder, cases, seed, progress)
-    if name == "weak-odes":
-        return _weak_odes(folder, cases, replicates, seed, progress)
-    if name == "weak-coverage":
-        if cases is not None:
-            raise InputError("--cases does not apply to weak-coverage; --replicates sets its size.")
-        return _weak_coverage(folder, replicates, seed, progress)
-    if replicates is not None:
-        raise InputError("--replicates does not apply to hidden-effects; --cases sets how many are run.")
+def run_benchmark(name: str, wanted: Wanted) -> Parts:
+    """Run a benchmark by its name, and return its tables.
+
+    Args:
+        name: Of the benchmark.
+        wanted: What is asked of it.
+
+    Raises:
+        InputError: An option that it does not have.
+    """
+    run = RUNS[name]
+    for option in ("cases", "only", "replicates", "workers", "families", "displacement", "cap"):
+        if option not in run.options and getattr(wanted, option) is not None:
+            has = ", ".join(f"--{each}" for each in (*run.options, "seed"))
+            raise InputError(f"--{option} does not apply to {name}; leave it out. It has {has}.")
+    return run.tables(wanted)
+
+
+def _hidden_effects(wanted: Wanted) -> Parts:
     from bayes_greybox.benchmarks.hidden_effects.assumptions.cases import assumption_cases
     from bayes_greybox.benchmarks.hidden_effects.cases import all_cases, subset
     from bayes_greybox.benchmarks.hidden_effects.run import run
     from bayes_greybox.benchmarks.tables import benchmark_tables
 
-    if displacement is not None:
-        return _displacement(folder, displacement, cases, workers, seed, progress)
-    kept = () if families == "assumptions" else all_cases(seed)
-    broken = () if families == "effects" else assumption_cases(seed)
+    if wanted.displacement is not None:
+        if wanted.families is not None:
+            raise InputError("--displacement has cases of its own, of hidden-effects: leave --families out.")
+        return _displacement(wanted, wanted.displacement)
+    kept = () if wanted.families == "assumptions" else all_cases(wanted.seed)
+    broken = () if wanted.families == "effects" else assumption_cases(wanted.seed)
     chosen = (*kept, *broken)
-    chosen = chosen if cases is None else subset(chosen, cases, seed)
-    scores = run(folder, chosen, workers=workers or 2, progress=progress)
-    return [*benchmark_tables(scores)]
+    chosen = chosen if wanted.cases is None else subset(chosen, wanted.cases, wanted.seed)
+    return [*benchmark_tables(run(wanted.folder, chosen, workers=wanted.workers or 2, progress=wanted.progress))]
 
 
-def _displacement(
-    folder: Path, noise: float, cases: int | None, workers: int | None, seed: int, progress: bool
-) -> Parts:
+def _displacement(wanted: Wanted, noise: float) -> Parts:
     from bayes_greybox.benchmarks.hidden_effects.cases import subset
     from bayes_greybox.benchmarks.hidden_effects.run import run
     from bayes_greybox.benchmarks.hidden_effects.solvers import displacement_oracle, displacement_peers
@@ -188,144 +199,162 @@ def _displacement(
     from bayes_greybox.benchmarks.hidden_effects.solvers.peers import available
     from bayes_greybox.benchmarks.tables import benchmark_tables
 
-    every = displacement_cases(seed)
-    chosen = every if cases is None else subset(every, cases, seed)
+    every = displacement_cases(wanted.seed)
+    chosen = every if wanted.cases is None else subset(every, wanted.cases, wanted.seed)
     solve, oracle, rivals = (
         partial(ask, noise=noise) for ask in (study_displacement, displacement_oracle.ask, displacement_peers.ask)
     )
     scores = run(
-        folder, chosen, solve=solve, oracle=oracle, rivals=rivals, workers=workers or 2, peers=available(),
-        progress=progress,
+        wanted.folder, chosen, solve=solve, oracle=oracle, rivals=rivals, workers=wanted.workers or 2,
+        peers=available(), progress=wanted.progress,
     )  # fmt: skip
     return [*benchmark_tables(scores)]
 
 
-def _calibrate(folder: Path, cases: int | None, replicates: int, seed: int, progress: bool) -> Parts:
+def _calibrate(wanted: Wanted) -> Parts:
     from bayes_greybox.benchmarks.calibration import run, subset
     from bayes_greybox.benchmarks.tables import calibration_tables
     from bayes_greybox.report.plots import calibration, save_figures
 
     def finished(name: str, found: "Calibration") -> None:
-        save_figures({name: calibration(found)}, folder / "figures")
+        save_figures({name: calibration(found)}, wanted.folder / "figures")
 
-    table = run(folder, subset(cases), replicates=replicates, seed=seed, progress=progress, finished=finished)
+    cases = subset(wanted.cases)
+    table = run(wanted.folder, cases, replicates=wanted.replicates or 500, finished=finished, **wanted.shown)
     return [*calibration_tables(table)]
 
 
-def _confounding(folder: Path, replicates: int | None, seed: int, progress: bool) -> Parts:
+def _confounding(wanted: Wanted) -> Parts:
     from bayes_greybox.benchmarks.confounding.run import REPLICATES, all_cells, run
     from bayes_greybox.benchmarks.tables import confounding_tables
     from bayes_greybox.report.plots import plot_confounding, save_figures
 
-    scores = run(folder, all_cells(replicates or REPLICATES, seed), progress=progress)
-    save_figures({"confounding": plot_confounding(scores.terms)}, folder)
+    cells = all_cells(wanted.replicates or REPLICATES, wanted.seed)
+    scores = run(wanted.folder, cells, progress=wanted.progress)
+    save_figures({"confounding": plot_confounding(scores.terms)}, wanted.folder)
     return [*confounding_tables(scores)]
 
 
-def _sampled_systems(folder: Path, cases: int | None, replicates: int | None, seed: int, progress: bool) -> Parts:
+def _sampled_systems(wanted: Wanted) -> Parts:
     from bayes_greybox.benchmarks.sampled_systems.run import REPLICATES, run
     from bayes_greybox.benchmarks.sampled_systems.systems import systems
     from bayes_greybox.benchmarks.tables import sampled_tables
 
-    names = list(systems())[:cases]
-    table = run(folder, names, replicates=replicates or REPLICATES, seed=seed, progress=progress)
-    return [*sampled_tables(table)]
+    replicates = wanted.replicates or REPLICATES
+    return [*sampled_tables(run(wanted.folder, wanted.names(systems()), replicates=replicates, **wanted.shown))]
 
 
-def _sampled_traps(folder: Path, cases: int | None, seed: int, progress: bool) -> Parts:
+def _sampled_traps(wanted: Wanted) -> Parts:
     from bayes_greybox.benchmarks.sampled_traps.run import run, traps
     from bayes_greybox.benchmarks.tables import trap_tables
 
-    table = run(folder, cases=list(traps())[:cases], seed=seed, progress=progress)
-    return [*trap_tables(table)]
+    return [*trap_tables(run(wanted.folder, cases=wanted.names(traps()), **wanted.shown))]
 
 
-def _sampled_coverage(folder: Path, replicates: int | None, seed: int, progress: bool) -> Parts:
+def _sampled_coverage(wanted: Wanted) -> Parts:
     from bayes_greybox.benchmarks.sampled_systems.coverage import REPEATS, run
     from bayes_greybox.benchmarks.tables import coverage_tables
 
-    table = run(folder, repeats=replicates or REPEATS, seed=seed, progress=progress)
-    return [*coverage_tables(table)]
+    return [*coverage_tables(run(wanted.folder, repeats=wanted.replicates or REPEATS, **wanted.shown))]
 
 
-def _hudson_bay(folder: Path, seed: int, progress: bool) -> Parts:
+def _hudson_bay(wanted: Wanted) -> Parts:
     from bayes_greybox.benchmarks.hudson_bay.run import run
     from bayes_greybox.report.terminal.tables import frame_table
 
-    quantities, samplers = run(folder, seed=seed, progress=progress)
+    quantities, samplers = run(wanted.folder, **wanted.shown)
     title = "Errors over the reference's standard deviations; standard deviations over its own"
     return [frame_table(title, quantities), frame_table("Samplers", samplers)]
 
 
-def _speed(folder: Path, cases: int | None, cap: float | None, seed: int, progress: bool) -> Parts:
+def _speed(wanted: Wanted) -> Parts:
     from bayes_greybox.benchmarks.speed.drawn import CAP, Settings
     from bayes_greybox.benchmarks.speed.floor import floor
     from bayes_greybox.benchmarks.speed.problems import problems
     from bayes_greybox.benchmarks.speed.run import run
     from bayes_greybox.benchmarks.tables import speed_tables
 
-    table = run(folder, problems()[:cases], settings=Settings(seed=seed, cap=cap or CAP), progress=progress)
-    return [*speed_tables(table, floor(folder, progress=progress))]
+    settings = Settings(seed=wanted.seed, cap=wanted.cap or CAP)
+    table = run(wanted.folder, problems()[: wanted.cases], settings=settings, progress=wanted.progress)
+    return [*speed_tables(table, floor(wanted.folder, progress=wanted.progress))]
 
 
-def _static_maps(folder: Path, cases: int | None, replicates: int | None, seed: int, progress: bool) -> Parts:
+def _static_maps(wanted: Wanted) -> Parts:
     from bayes_greybox.benchmarks.static_maps.maps import maps
     from bayes_greybox.benchmarks.static_maps.run import REPLICATES, run
     from bayes_greybox.benchmarks.tables import map_tables
 
-    table = run(folder, list(maps())[:cases], replicates=replicates or REPLICATES, seed=seed, progress=progress)
-    return [*map_tables(table)]
+    replicates = wanted.replicates or REPLICATES
+    return [*map_tables(run(wanted.folder, wanted.names(maps()), replicates=replicates, **wanted.shown))]
 
 
-def _memory_effects(folder: Path, cases: int | None, replicates: int | None, seed: int, progress: bool) -> Parts:
+def _memory_effects(wanted: Wanted) -> Parts:
     from bayes_greybox.benchmarks.memory_effects.machines import machines
     from bayes_greybox.benchmarks.memory_effects.run import REPLICATES, run
     from bayes_greybox.benchmarks.tables import memory_tables
 
-    names = list(machines())[:cases]
-    table = run(folder, names, replicates=replicates or REPLICATES, seed=seed, progress=progress)
-    return [*memory_tables(table)]
+    replicates = wanted.replicates or REPLICATES
+    return [*memory_tables(run(wanted.folder, wanted.names(machines()), replicates=replicates, **wanted.shown))]
 
 
-def _spring_pendulum(folder: Path, cases: int | None, replicates: int | None, seed: int, progress: bool) -> Parts:
-    from bayes_greybox.benchmarks.spring_pendulum import run
+def _spring_pendulum(wanted: Wanted) -> Parts:
+    from bayes_greybox.benchmarks.spring_pendulum.run import REPLICATES, cases, run
     from bayes_greybox.benchmarks.tables import pendulum_tables
 
-    names = list(run.cases())[:cases]
-    table = run.run(folder, names, replicates=replicates or run.REPLICATES, seed=seed, progress=progress)
-    return [*pendulum_tables(table)]
+    replicates = wanted.replicates or REPLICATES
+    return [*pendulum_tables(run(wanted.folder, wanted.names(cases()), replicates=replicates, **wanted.shown))]
 
 
-def _next_experiment(folder: Path, cases: int | None, seed: int, progress: bool) -> Parts:
+def _next_experiment(wanted: Wanted) -> Parts:
     from bayes_greybox.benchmarks.next_experiment.run import run
     from bayes_greybox.benchmarks.tables import way_tables
 
-    return [*way_tables(*run(folder, cases, seed=seed, progress=progress))]
+    return [*way_tables(*run(wanted.folder, wanted.cases, **wanted.shown))]
 
 
-def _weak_odes(folder: Path, cases: int | None, replicates: int | None, seed: int, progress: bool) -> Parts:
+def _weak_odes(wanted: Wanted) -> Parts:
     from bayes_greybox.benchmarks.tables import weak_tables
     from bayes_greybox.benchmarks.weak_odes.run import REPLICATES, run
     from bayes_greybox.benchmarks.weak_odes.systems import weak_systems
 
-    names = list(weak_systems())[:cases]
-    table = run(folder, names, replicates=replicates or REPLICATES, seed=seed, progress=progress)
-    return [*weak_tables(table)]
+    replicates = wanted.replicates or REPLICATES
+    return [*weak_tables(run(wanted.folder, wanted.names(weak_systems()), replicates=replicates, **wanted.shown))]
 
 
-def _weak_coverage(folder: Path, replicates: int | None, seed: int, progress: bool) -> Parts:
+def _weak_coverage(wanted: Wanted) -> Parts:
     from bayes_greybox.benchmarks.tables import weak_tables
     from bayes_greybox.benchmarks.weak_odes.run import COVERED, REPEATS, run
     from bayes_greybox.benchmarks.weak_odes.systems import NOISES
 
-    counted = replicates or REPEATS
-    table = run(folder, COVERED, noises=NOISES[:1], replicates=counted, seed=seed, progress=progress)
-    return [*weak_tables(table)]
+    counted = wanted.replicates or REPEATS
+    return [*weak_tables(run(wanted.folder, COVERED, noises=NOISES[:1], replicates=counted, **wanted.shown))]
 
 
-def _published_odes(folder: Path, replicates: int | None, seed: int, progress: bool) -> Parts:
+def _published_odes(wanted: Wanted) -> Parts:
     from bayes_greybox.benchmarks.published_odes.run import REPLICATES, run
     from bayes_greybox.benchmarks.tables import ode_tables
 
-    table = run(folder, replicates=replicates or REPLICATES, seed=seed, progress=progress)
-    return [*ode_tables(table)]
+    return [*ode_tables(run(wanted.folder, replicates=wanted.replicates or REPLICATES, **wanted.shown))]
+
+
+NAMED = ("cases", "only", "replicates")
+"""Options of a benchmark of named kinds with replicates."""
+
+RUNS = {
+    "hidden-effects": Run(_hidden_effects, ("cases", "workers", "families", "displacement")),
+    "calibration": Run(_calibrate, ("cases", "replicates")),
+    "confounding": Run(_confounding, ("replicates",)),
+    "sampled-systems": Run(_sampled_systems, NAMED),
+    "sampled-traps": Run(_sampled_traps, ("cases", "only")),
+    "sampled-coverage": Run(_sampled_coverage, ("replicates",)),
+    "published-odes": Run(_published_odes, ("replicates",)),
+    "static-maps": Run(_static_maps, NAMED),
+    "memory-effects": Run(_memory_effects, NAMED),
+    "spring-pendulum": Run(_spring_pendulum, NAMED),
+    "next-experiment": Run(_next_experiment, ("cases",)),
+    "weak-odes": Run(_weak_odes, NAMED),
+    "weak-coverage": Run(_weak_coverage, ("replicates",)),
+    "hudson-bay": Run(_hudson_bay),
+    "speed": Run(_speed, ("cases", "cap")),
+}
+"""Benchmarks by name."""

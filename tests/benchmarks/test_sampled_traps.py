@@ -256,5 +256,10 @@ def test_the_command_runs_some_cases_and_has_no_replicates(tmp_path, monkeypatch
     keys = [json.loads(line)["key"] for line in (tmp_path / "results.jsonl").read_text().splitlines()]
     assert keys == [f"{first}/3", f"{second}/3"]
     sentence = refuse(capsys, "benchmark", "sampled-traps", "--replicates", "2", "-o", str(tmp_path / "more"))
-    assert sentence == "--replicates does not apply to sampled-traps; --cases sets how many are run."
+    assert sentence == "--replicates does not apply to sampled-traps; leave it out. It has --cases, --only, --seed."
+    assert "There is no trap 'trap'" in refuse(capsys, *words[:2], "--only", "trap", "-o", str(tmp_path / "more"))
     assert not (tmp_path / "more").exists()
+    own = ["-o", str(tmp_path / "own"), "--no-progress", "--only", others[0]]
+    assert cli.main([*words[:2], *own]) == 0
+    out = capsys.readouterr().out
+    assert f"\n{others[0]}  " in out and f"\n{first}  " not in out
