@@ -92,7 +92,7 @@ def measure(case: Case) -> dict[str, Any]:
 
 
 def orders(data: CaseData, study: Study, candidates: Sequence[Candidate]) -> dict[str, list[int]]:
-    """Candidates in the order in which each way prefers them.
+    """Candidates in the order in which each way prefers them; what may fail by the study's word comes last in each.
 
     Args:
         data: The case.
@@ -101,13 +101,14 @@ def orders(data: CaseData, study: Study, candidates: Sequence[Candidate]) -> dic
     """
     places = {each.name: i for i, each in enumerate(candidates)}
     table = study.next_experiment(candidates, threshold=0.0).table
-    safe = table["fails"] <= FAILS
+    fails = {places[name]: share > FAILS for name, share in zip(table["candidate"], table["fails"], strict=True)}
     determinants = log_determinants(data, study.train, study.explanations[data.equation], candidates)
-    return {
-        "information": [places[name] for name in (*table["candidate"][safe], *table["candidate"][~safe])],
+    preferred = {
+        "information": [places[name] for name in table["candidate"]],
         "random": np.random.default_rng([data.case.seed, 2]).permutation(len(candidates)).tolist(),
         "D-optimal": np.argsort(-determinants, kind="stable").tolist(),
     }
+    return {way: sorted(order, key=lambda place: fails[place]) for way, order in preferred.items()}
 
 
 def possible(study: Study, data: CaseData) -> tuple[Candidate, ...]:

@@ -20,6 +20,7 @@ from bayes_greybox.discovery.weighing.worlds import World
 from bayes_greybox.physics.terms import Term
 
 from .nameless import Features, nameless
+from .resampled import systematic
 
 LEAST = 0.01
 """Probability from which on an explanation is kept."""
@@ -148,34 +149,18 @@ def joined(each: Mapping[str, Sequence[Explained]]) -> tuple[Explained, ...]:
     return tuple(sorted(found, key=lambda e: -e.probability))
 
 
-def systematic(weights: Float[np.ndarray, " n"], n: int) -> tuple[Float[np.ndarray, " n_kept"], np.ndarray]:
-    """A few of many weighted items that stand for all: every n-th part of the total, in order (Kitagawa 1996).
-
-    Args:
-        weights: Of the items, in an order in which neighbours are alike.
-        n: How many are kept, at most.
-
-    Returns:
-        Weights of those that are kept, which sum to one, and their places.
-    """
-    weights = np.asarray(weights, float) / np.sum(weights)
-    if len(weights) <= n:
-        return weights, np.arange(len(weights))
-    at = np.searchsorted(np.cumsum(weights), (np.arange(n) + 0.5) / n)
-    places, count = np.unique(np.minimum(at, len(weights) - 1), return_counts=True)
-    return count / n, places
-
-
 def _one(name: str, p: float, weighed: Weighed, world: World, e: Explanation) -> Explained:
     statistics = world.evaluations.statistics
     equation = statistics.equation
     kind = EFFECTS if e.effects else weighed.kind(world, e)
     slugs = tuple(world.evaluations.name(i) for i in e.effects)
     if e.kind == REST:
-        rest = nameless(world, e)
-        equations, features = (equation,) * len(rest.terms), {equation: rest.features}
-        one = Component(1.0, equations, rest.terms, rest.mean, rest.root, features)
-        return Explained(name, p, slugs, (one,), {equation: rest.sigma})
+        every = nameless(world, e)
+        rests = tuple(
+            Component(f.weight, (equation,) * len(f.terms), f.terms, f.mean, f.root, {equation: f.features})
+            for f in every
+        )
+        return Explained(name, p, slugs, rests, {equation: float(sum(f.weight * f.sigma for f in every))})
     if kind not in PREDICTING:
         return Explained(name, p, slugs)
     some = kind == "recalibrate"

@@ -191,8 +191,13 @@ def _said_of(
     """Of the rows of an equation, each component's means and loads on its latents, and what each outcome's own adds."""
     shape = next(iter(columns.values())).shape
     means, loads, added = [], [], np.full(shape, np.nan)
+    known: dict[tuple[int, int], tuple[list[int], np.ndarray]] = {}
     for c, component in enumerate(components):
-        own, Phi = component.columns(equation, columns, shape)
+        # Hyperparameters of one f share its features, which are many.
+        key = id(component.terms), id(component.features.get(equation))
+        if key not in known:
+            known = {key: component.columns(equation, columns, shape)}
+        own, Phi = known[key]
         means.append(Phi @ component.mean[own])
         loads.append(Phi @ component.root[:, own].T)
         mine = np.flatnonzero(outcomes.component == c)

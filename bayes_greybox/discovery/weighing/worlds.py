@@ -145,11 +145,17 @@ class World:
         rest = rest - statistics.at_rows(known.indices((*e.columns, *e.memory))) @ self._fitted(e)[0]
         return rest - self.rest(e) if e.kind == REST else rest
 
-    def rest_weights(self, e: Explanation) -> RestWeights:
-        """Posterior of f beside an explanation's columns, by its features, at the mode of its hyperparameters."""
+    def rest_weights(self, e: Explanation, eta: Float[np.ndarray, " n_eta"] | None = None) -> RestWeights:
+        """Posterior of f beside an explanation's columns, by its features.
+
+        Args:
+            e: The explanation.
+            eta: Hyperparameters, packed; by default their mode.
+        """
         known, statistics = self.evaluations, self.evaluations.statistics
         indices = known.indices(e.columns)
-        mean, root = known.evaluator.weights(known.with_features(e.columns), known.integrated(e.columns).mode)
+        eta = known.integrated(e.columns).mode if eta is None else eta
+        mean, root = known.evaluator.weights(known.with_features(e.columns), eta)
         G = statistics.products[np.ix_(indices, indices)]
         taken = np.linalg.pinv(G, rcond=1e-12, hermitian=True) @ statistics.with_features[indices]
         return RestWeights(mean, root, taken)

@@ -1,5 +1,6 @@
 """What an effect without a name would show, against dense regression, and along paths."""
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
@@ -30,13 +31,15 @@ def test_it_is_the_regression_on_columns_and_what_they_leave_of_the_features(dic
     statistics = known.statistics
     world = worlds(Sets(known, 1), {"x": statistics.rows.columns["x"]})[0]
     e = next(e for e in world.explanations if e.kind == REST and not e.columns)
-    found = nameless(world, e)
+    mode = known.integrated(()).mode
+    monkeypatch.setattr(module, "_hyperparameters", lambda *_: (np.ones(1), mode[None]))
+    (found,) = nameless(world, e)
     at = {"x": np.linspace(-1.2, 1.2, 7)}
     one = Component(1.0, ("x",) * len(found.terms), found.terms, found.mean, found.root, {"x": found.features})
     places, table = one.columns("x", at, (7,))
     assert places == list(range(len(found.mean)))
 
-    hyper = statistics.prior.unpack(known.integrated(()).mode)
+    hyper = statistics.prior.unpack(jnp.asarray(mode))
     S = np.exp(np.asarray(log_spectral_density(KERNELS[statistics.kernel], statistics.basis.frequency, *hyper[1:])))
     indices, sigma = known.indices(()), float(hyper.sigma)
     X, y = statistics.at_rows(indices), statistics.rows.target / statistics.target_scale
@@ -54,6 +57,27 @@ def test_it_is_the_regression_on_columns_and_what_they_leave_of_the_features(dic
         variance = np.einsum("ij,jk,ik->i", new, covariance, new)
         np.testing.assert_allclose(np.sum((table @ found.root.T) ** 2, axis=1), variance, rtol=1e-6)
     assert np.isclose(found.sigma, sigma * statistics.target_scale)
+
+
+def test_scales_stand_for_their_posterior(monkeypatch):
+    monkeypatch.setattr(module, "DRAWN", 4000)
+    monkeypatch.setattr(module, "SCALES", 4000)
+    known = tiny_evaluations([CUBE], lambda x: np.cos(2 * x), simulation=lambda t, x, u: [-x[0]])
+    world = worlds(Sets(known, 1), {"x": known.statistics.rows.columns["x"]})[0]
+    e = next(e for e in world.explanations if e.kind == REST and not e.columns)
+    weight, etas = module._hyperparameters(world, e)
+    sides = [
+        m + np.linspace(-5, 5, 21) * s
+        for m, s in zip(known.integrated(()).mode, np.sqrt(np.diag(known.integrated(()).covariance)), strict=True)
+    ]
+    grid = np.stack(np.meshgrid(*sides, indexing="ij"), axis=-1).reshape(-1, len(sides))
+    logs = known.evaluator.values(known.with_features(()), grid)
+    density = np.exp(logs - np.max(logs))
+    mean = density @ grid / np.sum(density)
+    sd = np.sqrt(density @ (grid - mean) ** 2 / np.sum(density))
+    # Half of 4000 draws count for a mean: four of its standard errors.
+    np.testing.assert_allclose(weight @ etas, mean, atol=4 * np.max(sd) / np.sqrt(2000))
+    np.testing.assert_allclose(np.sqrt(weight @ (etas - mean) ** 2), sd, rtol=0.15)
 
 
 def resting(f: float, sd: float = 0.0) -> tuple[Features, Component]:
@@ -115,6 +139,7 @@ def test_equations_together_keep_the_order_of_coefficients():
 def test_a_study_predicts_what_is_unknown(study):
     (own,) = study.explanations.values()
     unknown = next(e for e in own if e.name == "unknown")
-    (one,) = unknown.components
-    assert one.features
+    assert 1 < len(unknown.components) <= module.SCALES
+    assert all(c.features for c in unknown.components)
+    assert np.isclose(sum(c.weight for c in unknown.components), 1)
     assert "Nothing is predicted under unknown" not in study.next_experiment(outcomes=8).sentence
