@@ -29,7 +29,9 @@ class FMU:
 
     A Co-Simulation is started anew at every point, with the states as its start. Rates are its own variables where it
     declares them; else they are differences of the states over three steps, D(h) = (−11 x₀ + 18 x₁ − 9 x₂ + 2 x₃) / 6h,
-    and x′ = 2 D(h/2) − D(h).
+    and x′ = 2 D(h/2) − D(h). That is right where its error is in proportion to h, as by one step of Euler's method in
+    each, or is small, as of a solver with a tolerance. Where it takes fixed steps of its own within h, give `step` no
+    longer than these.
 
     Attributes:
         path: The file. What becomes of it later changes nothing: a copy is kept.
