@@ -233,7 +233,9 @@ def test_suspects_have_a_size_in_their_unit_and_in_samples(study):
     assert suspect_size(noise) == ("–", "–", "–")
     weighed = dict(suspects_weighed(study))
     assert spaced(weighed["Delay of d(ydot)/dt, all states together, y, ydot, F"]) == "0.020 each; size ± 2 samples"
-    assert suspects_weighed(replace(study, settings={})) == []
+    assert suspects_weighed(replace(study, settings={})) == [] and "Lag of y" not in weighed
+    lag = pd.DataFrame([{**DELAYED, "suspect": "lag", "channel": "y"}])
+    assert "50" in dict(suspects_weighed(replace(study, instrument=lag)))["Lag of y"]
 
 
 def test_a_free_run_that_nothing_changed_is_not_said_to_be_the_work_of_f(study):

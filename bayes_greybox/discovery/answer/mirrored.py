@@ -15,7 +15,6 @@ import numpy as np
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.evidence.columns import Column
-from bayes_greybox.discovery.suspects.channels import LAG
 from bayes_greybox.model.estimate.near import near_estimate
 from bayes_greybox.model.program import Program
 from bayes_greybox.model.rows.trajectory_rows import TrajectoryRows
@@ -36,7 +35,7 @@ def mirrors(
     model: Program, train: Trajectories, equation: str, finding: Finding, known: Collection[str],
     say: Callable[[str], None],
 ) -> dict[str, Mirror]:  # fmt: skip
-    """For each lag of an input among the effects of an answer, the same of the only sensor; by slug.
+    """For each lag of an input among the effects of an answer, the same of the only sensor; by the effect's binding.
 
     Nothing where rates were measured, and where several sensors would have to lag alike. Even odds where the two
     likelihoods would not be the answer's: beside errors of sensors, where noise is not white, and where another effect
@@ -47,7 +46,7 @@ def mirrors(
         train: Samples.
         equation: The learned state.
         finding: The answer.
-        known: Slugs that were looked at before, and are left out.
+        known: Bindings that were looked at before, and are left out.
         say: Told in words what is being done.
     """
     samples = train.samples or train
@@ -59,15 +58,17 @@ def mirrors(
     columns = [statistics.columns[place.index] for place in finding.places]
     corrections = [statistics.columns[i].formula for i in statistics.of_kind("correction")]
     white = not finding.explanation.suspects and not finding.world.model.names
+    step = float(np.median(np.diff(samples.time)[np.diff(samples.run) == 0]))
     found = {}
-    for place, column in zip(finding.places, columns, strict=True):
+    for column in columns:
         others = [other.formula for other in columns if other is not column]
-        if _input_of(column) and len(column.inner) == 1 and place.slug not in known:
+        if _input_of(column) and len(column.inner) == 1 and column.called not in known:
             say("weighing a lag of the sensor beside that of the actuator")
             # Of two inputs that lag no sensor does what both do.
             comparable = white and not any(term.states for term in others)
             share = _share(model, samples, equation, column, [*corrections, *others]) if comparable else EVEN
-            found[place.slug] = Mirror(f"{LAG} of {samples.state_names[0]}", share)
+            (time,) = column.inner.values()
+            found[column.called] = Mirror(samples.state_names[0], share, _input_of(column), time, step)
     return found
 
 

@@ -31,18 +31,24 @@ def shown(lagging, cubic, force=1.0):
     return bg.Trajectories.from_arrays(t, states={"y": noisy}, inputs={"F": drive(t)})
 
 
-def found(*corrections, time=LAG, suspects=(), noise=()):
-    """An answer that has a lag of the input F, as a study finds it."""
-    effect = SimpleNamespace(names={"input": "F"}, effect=SimpleNamespace(nominal="input"))
-    state = HiddenState("z", f"(F - z)/{time}", "F")
-    lag = SimpleNamespace(effect=effect, inner={"lag": time}, formula=Term("z - F", states=(state,)))
-    columns = [lag, *(SimpleNamespace(formula=Term(text)) for text in corrections)]
-    numbers = {"correction": list(range(1, len(columns)))}
+def lag(u, time):
+    """A column of a lag of an input."""
+    effect, state = SimpleNamespace(nominal="input"), HiddenState(f"z_{u}", f"({u} - z_{u})/{time}", u)
+    formula = Term(f"z_{u} - {u}", states=(state,))
+    bound = SimpleNamespace(names={"input": u}, effect=effect)
+    return SimpleNamespace(effect=bound, called=f"lag({u})", inner={"lag": time}, formula=formula)
+
+
+def found(*corrections, time=LAG, suspects=(), noise=(), inputs="F"):
+    """An answer that has a lag of the input F, as a study finds it, or of several."""
+    lags = [lag(u, time) for u in inputs]
+    columns = [*lags, *(SimpleNamespace(formula=Term(text)) for text in corrections)]
+    numbers = {"correction": list(range(len(lags), len(columns)))}
     statistics = SimpleNamespace(columns=columns, of_kind=lambda kind: numbers[kind])
     world = SimpleNamespace(
         evaluations=SimpleNamespace(statistics=statistics), model=SimpleNamespace(names=tuple(noise))
     )
-    places = [SimpleNamespace(index=0, slug="lag")]
+    places = [SimpleNamespace(index=k, slug="lag") for k in range(len(lags))]
     return SimpleNamespace(places=places, world=world, explanation=SimpleNamespace(suspects=tuple(suspects)))
 
 
@@ -58,16 +64,16 @@ def weighed(model, data, finding):
 @pytest.mark.parametrize("lagging", ["actuator", "sensor"])
 def test_of_a_linear_machine_nothing_tells_which_one_lags(lagging):
     told = weighed(model_of(0.0), shown(lagging, 0.0), found(time=LAG * 1.01))
-    assert told["lag"].name == "lag of y"
+    assert told["lag(F)"].name == "lag of y"
     # They are the same but for the input between its samples.
-    assert 0.2 < told["lag"].share < 0.8
+    assert 0.2 < told["lag(F)"].share < 0.8
 
 
 @pytest.mark.parametrize(("lagging", "of_the_sensor"), [("actuator", False), ("sensor", True)])
 def test_a_hardening_machine_tells_which_one_lags(lagging, of_the_sensor):
     told = weighed(model_of(0.3), shown(lagging, 0.3, force=2.0), found())
-    assert (told["lag"].share > 0.99) == of_the_sensor
-    assert (told["lag"].share < 0.01) != of_the_sensor
+    assert (told["lag(F)"].share > 0.99) == of_the_sensor
+    assert (told["lag(F)"].share < 0.01) != of_the_sensor
 
 
 @pytest.mark.parametrize("lagging", ["actuator", "sensor"])
@@ -75,7 +81,7 @@ def test_a_stiffness_that_is_a_little_off_tells_nothing(lagging):
     rows = bg.TrajectoryRows(interpolation="cubic")
     model = bg.GreyBox(simulation={"y": "v", "v": "F - 1.03*y - 0.2*v"}, rows=rows)
     told = weighed(model, shown(lagging, 0.0), found("F", "y", "v"))
-    assert 0.05 < told["lag"].share < 0.95
+    assert 0.05 < told["lag(F)"].share < 0.95
 
 
 def test_what_does_not_settle_is_no_evidence(monkeypatch):
@@ -83,8 +89,20 @@ def test_what_does_not_settle_is_no_evidence(monkeypatch):
         raise InputError("lost")
 
     monkeypatch.setattr("bayes_greybox.discovery.answer.mirrored.near_estimate", lost)
-    assert weighed(model_of(0.0), shown("actuator", 0.0), found())["lag"].share == EVEN
-    assert weighed(model_of(0.0), shown("actuator", 0.0), found(noise=["AR"]))["lag"].share == EVEN
+    assert weighed(model_of(0.0), shown("actuator", 0.0), found())["lag(F)"].share == EVEN
+    assert weighed(model_of(0.0), shown("actuator", 0.0), found(noise=["AR"]))["lag(F)"].share == EVEN
+
+
+def test_of_two_inputs_each_has_its_own():
+    found_on = found(inputs="FG", time=0.4)
+    told = weighed(model_of(0.0), shown("actuator", 0.0), found_on)
+    assert {key: (each.instead, each.share) for key, each in told.items()} == {
+        "lag(F)": ("F", EVEN), "lag(G)": ("G", EVEN)
+    }  # fmt: skip
+    assert {(each.name, each.time) for each in told.values()} == {("lag of y", 0.4)}
+    assert told["lag(F)"].step == pytest.approx(0.2)
+    again = mirrors(model_of(0.0), shown("actuator", 0.0), "v", found_on, {"lag(F)"}, lambda _: None)
+    assert list(again) == ["lag(G)"]
 
 
 def test_nothing_is_said_where_another_sensor_would_have_to_lag_as_well_or_rates_were_measured():

@@ -90,9 +90,9 @@ class Stepping:
         """Rates of states where it was started, by steps of two lengths (Richardson); by one after it has gone on.
 
         x′ = 2 D(h/2) − D(h) with D of `differences`: an error in proportion to h cancels, such as that of one step of
-        Euler's method in each step that it is told to take. An FMU that takes steps of its own within these, of a length
-        d < h that h does not change, errs by the same in D(h) and in D(h/2): nothing cancels, nothing shows, and by
-        Euler's method −d/2 · x″ stays. There h ≤ d is to be asked for.
+        Euler's method in each step that it is told to take. An FMU that takes steps of its own within these, of a
+        length d < h that h does not change, errs by the same in D(h) and in D(h/2): nothing cancels, nothing shows, and
+        by Euler's method −d/2 · x″ stays. There h ≤ d is to be asked for.
         """
         started = self._at
         whole = self.differences(refs)
