@@ -49,6 +49,23 @@ def test_init_has_options():
     assert as_typed("fit", "There is no file.") == "There is no file."
 
 
+NAMES = (
+    '"old/skiprows=3/decimal=_run.csv" has no column', "Column 'dt=1 s' holds", 'Column "discrepancy=None, dt=" holds',
+    "There is no file 'it\\'s bg.FMU(..., step=1)'", 'Run "dayfirst=True or dayfirst=False" is short',
+)  # fmt: skip
+"""Names of files and columns that read like Python."""
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_what_is_quoted_is_a_name(name):
+    for command in ("init", "fit"):
+        assert as_typed(command, f"{name}.") == f"{name}."
+    # The sensor's remedy stands behind it all the same.
+    message = f'{name} the sensor\'s words; give sep=";" or skiprows=1'
+    assert as_typed("init", message) == f'{name} the sensor\'s words; give --sep ";" or --skiprows 1'
+    assert as_typed("fit", message) == f'{message} In a file: [data] sep = ";"; or [data] skiprows = 1.'
+
+
 @pytest.fixture
 def here(tmp_path, monkeypatch):
     t = np.linspace(0.0, 6.0, 61)
