@@ -30,7 +30,8 @@ def even_times(time: Float[np.ndarray, " n"], step: float, name: str) -> Float[n
         name: Of the run, for messages.
 
     Raises:
-        InputError: Fewer than four samples; gaps; a step so large that it would alias, or longer than the run.
+        InputError: Fewer than four samples; a gap of more than `GAP` usual steps; a step so large that it would alias,
+            or longer than the run.
     """
     if len(time) < 4:
         raise InputError(f'Run "{name}" has {len(time)} rows, too few to interpolate; leave it out.')
