@@ -88,8 +88,8 @@ def _share(model: Program, samples: Trajectories, equation: str, lag: Column, be
     gain = [] if any(getattr(term, "text", term) == arrives.text for term in own) else [arrives]
     plain = replace(model, discrepancy=None, coefficients={}, rows=_fresh(model.rows))
 
-    def of_the_actuator(change: float) -> float:
-        """Likelihood at another time of its lag."""
+    def of_the_actuator(change: float) -> tuple[float, int]:
+        """Likelihood at another time of its lag, and segments of the path."""
         states = [replace(state, rate=f"({state.rate})*{math.exp(-change)!r}") for state in lag.formula.states]
         terms = {equation: [*own, replace(lag.formula, states=())]}
         return _log_likelihood(plain.remembering(states, samples), samples, terms)
@@ -99,9 +99,12 @@ def _share(model: Program, samples: Trajectories, equation: str, lag: Column, be
     # Its time is a coefficient beside that of the input, which the lag of the actuator has too.
     sensors = replace(plain, simulation={**_rates(model), shown: f"({lags})/{time!r}"})
     terms = {equation: [*own, *gain], shown: [Term(lags)]}
-    mirrored = _log_likelihood(sensors, _renamed(samples, sensor, shown), terms)
-    known = _top(*(of_the_actuator(change) for change in (-NEARBY, 0.0, NEARBY)))
-    if not (math.isfinite(known) and math.isfinite(mirrored)):
+    mirrored, pieces = _log_likelihood(sensors, _renamed(samples, sensor, shown), terms)
+    logs, cuts = zip(*(of_the_actuator(change) for change in (-NEARBY, 0.0, NEARBY)), strict=True)
+    known = _top(*logs)
+    # A path of more segments has more starts that are free, and follows any samples better.
+    alike = all(cut == pieces for log, cut in zip(logs, cuts, strict=True) if math.isfinite(log))
+    if not (math.isfinite(known) and math.isfinite(mirrored) and alike):
         return EVEN
     return 1.0 / (1.0 + math.exp(min(max(known - mirrored, -700.0), 700.0)))
 
@@ -114,8 +117,8 @@ def _top(left: float, middle: float, right: float) -> float:
     return middle - (right - left) ** 2 / (8 * bend)
 
 
-def _log_likelihood(model: Program, data: Trajectories, terms: Mapping[str, Sequence[Any]]) -> float:
-    """Of samples on rows near the estimate, at the likeliest starts; −∞ where no path can be followed.
+def _log_likelihood(model: Program, data: Trajectories, terms: Mapping[str, Sequence[Any]]) -> tuple[float, int]:
+    """Of samples on rows near the estimate, at the likeliest starts; −∞ where no path can be followed. And segments.
 
     Without what the priors of starts weigh: both lags have as many coefficients and starts.
     """
@@ -123,8 +126,8 @@ def _log_likelihood(model: Program, data: Trajectories, terms: Mapping[str, Sequ
     try:
         (found,) = near_estimate(model, data).assemble(data).values()
     except (InputError, np.linalg.LinAlgError):
-        return -math.inf
-    return found.log_likelihood() + 0.5 * float(found.rows.noise.log_det)
+        return -math.inf, 0
+    return found.log_likelihood() + 0.5 * float(found.rows.noise.log_det), found.rows.segments
 
 
 def _rates(model: Program) -> Mapping[str, str]:

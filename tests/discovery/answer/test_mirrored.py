@@ -8,6 +8,7 @@ from scipy.integrate import solve_ivp
 
 import bayes_greybox as bg
 from bayes_greybox.data.errors import InputError
+from bayes_greybox.discovery.answer import mirrored
 from bayes_greybox.discovery.answer.mirrored import EVEN, mirrors
 from bayes_greybox.physics.hidden_states import HiddenState
 from bayes_greybox.physics.terms import Term
@@ -91,6 +92,18 @@ def test_what_does_not_settle_is_no_evidence(monkeypatch):
     monkeypatch.setattr("bayes_greybox.discovery.answer.mirrored.near_estimate", lost)
     assert weighed(model_of(0.0), shown("actuator", 0.0), found())["lag(F)"].share == EVEN
     assert weighed(model_of(0.0), shown("actuator", 0.0), found(noise=["AR"]))["lag(F)"].share == EVEN
+
+
+def test_paths_of_more_segments_are_no_evidence(monkeypatch):
+    plain = mirrored._log_likelihood
+
+    def cut(model, data, terms):
+        # The path of the lagging sensor has a segment more, and every sample on it.
+        value, segments = plain(model, data, terms)
+        return (value + 50, segments + 1) if len(terms) == 2 else (value, segments)
+
+    monkeypatch.setattr(mirrored, "_log_likelihood", cut)
+    assert weighed(model_of(0.3), shown("actuator", 0.3, force=2.0), found())["lag(F)"].share == EVEN
 
 
 def test_of_two_inputs_each_has_its_own():
