@@ -82,9 +82,8 @@ def decimated(
         name: Of the run, for messages.
 
     Raises:
-        InputError: Uneven stamps; a run too short for the filter.
+        InputError: A run too short for the filter; uneven stamps.
     """
-    uniform_step(time, name)
     kept = slice(HALF_WINDOW, -(-len(time) // factor) - HALF_WINDOW)
     # The last of them may still reach beyond the run.
     last = (len(time) - 1 - HALF_WINDOW * factor) // factor
@@ -94,6 +93,7 @@ def decimated(
             f'Run "{name}" has {len(time)} rows: by {factor} fewer than two would be left beside the {HALF_WINDOW} at '
             "either edge, where the filter has no samples; choose a smaller factor, or leave the run out."
         )
+    uniform_step(time, name)
     return time[::factor][kept], [decimate(values, factor, ftype="fir", zero_phase=True)[kept] for values in columns]
 
 
