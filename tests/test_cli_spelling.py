@@ -31,6 +31,7 @@ SPELT = {
     '[data.differentiate] method = "savgol"',
     "bg.FMU(..., states={'column': 'variable'})": "[simulation] states",
     "roles={'position': ...}": '[study.roles] position = "column"',
+    'leave it out (constant="keep" allows it in held-out data)': '[data] constant = "keep"',
     "pass dayfirst=True or dayfirst=False": "[data] dayfirst = true; or [data] dayfirst = false",
     "bg.RegularisedHorseshoe(), or skiprows=1": '[prior] kind = "regularised_horseshoe"; or [data] skiprows = 1',
 }
