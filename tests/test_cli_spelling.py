@@ -31,6 +31,7 @@ SPELT = {
     '[data.differentiate] method = "savgol"',
     "bg.FMU(..., states={'column': 'variable'})": "[simulation] states",
     "roles={'position': ...}": '[study.roles] position = "column"',
+    'leave it out (constant="keep" allows it in held-out data)': '[data] constant = "keep"',
     "pass dayfirst=True or dayfirst=False": "[data] dayfirst = true; or [data] dayfirst = false",
     "bg.RegularisedHorseshoe(), or skiprows=1": '[prior] kind = "regularised_horseshoe"; or [data] skiprows = 1',
 }
@@ -47,6 +48,23 @@ def test_init_has_options():
     said = as_typed("init", 'pass decimal="," and thousands=".", skiprows=2, or dayfirst=True or dayfirst=False')
     assert said == 'pass --decimal "," and --thousands ".", --skiprows 2, or --dayfirst or --monthfirst'
     assert as_typed("fit", "There is no file.") == "There is no file."
+
+
+NAMES = (
+    '"old/skiprows=3/decimal=_run.csv" has no column', "Column 'dt=1 s' holds", 'Column "discrepancy=None, dt=" holds',
+    "There is no file 'it\\'s bg.FMU(..., step=1)'", 'Run "dayfirst=True or dayfirst=False" is short',
+)  # fmt: skip
+"""Names of files and columns that read like Python."""
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_what_is_quoted_is_a_name(name):
+    for command in ("init", "fit"):
+        assert as_typed(command, f"{name}.") == f"{name}."
+    # The sensor's remedy stands behind it all the same.
+    message = f'{name} the sensor\'s words; give sep=";" or skiprows=1'
+    assert as_typed("init", message) == f'{name} the sensor\'s words; give --sep ";" or --skiprows 1'
+    assert as_typed("fit", message) == f'{message} In a file: [data] sep = ";"; or [data] skiprows = 1.'
 
 
 @pytest.fixture

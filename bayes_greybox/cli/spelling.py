@@ -8,6 +8,9 @@ OF_FILES = ("fit", "discover", "compare", "next")
 
 _QUOTED = r'"([^"]*)"'
 
+_NAME = r"""(?<!\w)(?:"[^"]*"|'(?:[^'\\]|\\.)*')(?!\w)"""
+"""What is quoted: a name, or the value of an argument that begins before it; an apostrophe in a word quotes nothing."""
+
 _IN_FILES: tuple[tuple[str, Callable[[re.Match[str]], str]], ...] = (
     (r"GreyBox\(dictionary=\{'(\w+)': (\[.*?\])\}", lambda m: f"[dictionary] {m[1]} = {m[2]}".replace("'", '"')),
     (r"GreyBox\(dictionary=\.\.\.\)", lambda m: "[dictionary]"),
@@ -51,17 +54,25 @@ def as_typed(command: str, message: str) -> str:
 
     Returns:
         For a command that reads a configuration, with the keys of the file added at its end; for init, with its
-        options in the place of arguments.
+        options in the place of arguments. What is quoted, such as the name of a file or a column, is left as it is.
     """
     if command == "init":
         for python, option in _OPTIONS:
-            message = re.sub(python, option, message)
+            # From the end on, so that places stay.
+            for match in reversed(_remedies(python, message)):
+                message = message[: match.start()] + match.expand(option) + message[match.end() :]
         return message
     if command not in OF_FILES:
         return message
-    found = [(match.start(), said(match)) for python, said in _IN_FILES for match in re.finditer(python, message)]
+    found = [(match.start(), said(match)) for python, said in _IN_FILES for match in _remedies(python, message)]
     keys = [key for key in dict.fromkeys(key for _, key in sorted(found)) if key not in message]
     return f"{message} In a file: {'; or '.join(keys)}." if keys else message
+
+
+def _remedies(python: str, message: str) -> list[re.Match[str]]:
+    """Where a message has an argument, and not a name that reads like one."""
+    quoted = [match.span() for match in re.finditer(_NAME, message)]
+    return [match for match in re.finditer(python, message) if not any(a < match.start() < b for a, b in quoted)]
 
 
 def _snake(name: str) -> str:

@@ -204,10 +204,15 @@ def check_times(time: np.ndarray, run: np.ndarray, names: tuple[str, ...]) -> No
 def check_varying(columns: Mapping[str, np.ndarray]) -> None:
     """Refuse columns that never change."""
     for label, values in columns.items():
+        if len(values) == 1:
+            raise InputError(
+                f'There is one row, in which the {label} cannot change: give more (constant="keep" allows it in '
+                "held-out data)."
+            )
         if np.all(values == values[0]):
             raise InputError(
                 f"The {label} is constant ({values[0]:g} in every row); leave it out, since the dictionary "
-                "term '1' covers a constant (constant='keep' allows it in held-out data)."
+                "term '1' covers a constant (constant=\"keep\" allows it in held-out data)."
             )
 
 

@@ -119,7 +119,9 @@ class Trajectories(CutRuns):
         if inputs and not derivatives and not outputs:
             # Rates and outputs follow from their own row; all else is driven from row to row.
             run, names, remarks = parted(columns["time"], run, names)
-        if constant != "keep":
+        if constant not in ("error", "keep"):
+            raise InputError(f'constant must be "error" or "keep", not {constant!r}.')
+        if constant == "error":
             check_varying({labels[k][0]: v for k, v in columns.items() if k[:2] in ("s:", "i:")})
         return cls(
             time=columns["time"],

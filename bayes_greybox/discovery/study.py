@@ -25,7 +25,7 @@ from bayes_greybox.running.stages import stage, stages
 
 from .amended import amended_program, corrected_data
 from .answer.amendment import Amendment
-from .answer.checks.adequacy import LAGS
+from .answer.checks.adequacy import FEWEST
 from .answer.equation_study import EquationStudy
 from .answer.finding import NEGLIGIBLE, SUBSTANTIAL, SURE, TIED
 from .answer.gap.free_runs import FreePath, FreeRuns
@@ -90,6 +90,7 @@ class StudyResult:
         amendments: Coefficients before and after, by equation.
         config: Text of the configuration file that asked for it; empty where none did.
         explanations: What the likely explanations of each equation say of data to come; none in files of before.
+        counted: Rows that count, by equation, without those at which a sensor was at its end; none in files of before.
     """
 
     base: Program
@@ -119,6 +120,11 @@ class StudyResult:
     amendments: Mapping[str, Amendment] = field(default_factory=dict)
     config: str = ""
     explanations: Mapping[str, tuple[Explained, ...]] = field(default_factory=dict)
+    counted: Mapping[str, int] = field(default_factory=dict)
+
+    def checkable(self, equation: str) -> bool:
+        """Whether an equation has rows enough to check its residuals on."""
+        return self.counted.get(equation, self.train.n_obs) >= FEWEST
 
     def record(self) -> dict[str, Any]:
         """Verdict, tables and settings as plain values, ready for JSON."""
@@ -243,7 +249,8 @@ def investigate(
         text for name in filtered for text in row_warnings(model.rows, train, name, model.simulator(train))
     )
     held = () if model is asked else (HELD_INPUTS,)
-    warnings = (*held, *_said_of(model, train, settle), *lost, *model.simulator(train).warnings, *warnings)
+    counted = {name: found.counted for name, found in findings.items()}
+    warnings = (*held, *_said_of(model, train, counted, settle), *lost, *model.simulator(train).warnings, *warnings)
     unfollowed = ("no path of the amended model follows held-out samples",) if lost else ()
     labels = {name: train.target_label(name) for name in findings}
     verdict, against = verdict_of({name: found.finding for name, found in findings.items()}, gap, unfollowed, labels)
@@ -294,6 +301,7 @@ def investigate(
         },
         amendments=amendments,
         explanations={name: explained(found) for name, found in findings.items()},
+        counted=counted,
     )
 
 
@@ -363,14 +371,17 @@ def studied_equations(model: Program, data: Trajectories) -> tuple[str, ...]:
     return left
 
 
-def _said_of(model: Program, train: Trajectories, settle: bool) -> list[str]:
+def _said_of(model: Program, train: Trajectories, counted: Mapping[str, int], settle: bool) -> list[str]:
     """What a study does not do with what it was given, in words."""
     said = []
-    if train.n_obs < 2 * LAGS:
-        said.append(
-            f"{train.n_obs} rows are too few to check residuals on: below {2 * LAGS} neither their whiteness nor the "
-            "shape of the noise was tested."
-        )
+    for name, n in counted.items():
+        if n < FEWEST:
+            rows = f"{n} rows" if n == train.n_obs else f"The {n} of {train.n_obs} rows that count"
+            of = f" of {train.target_label(name)}" if len(counted) > 1 else ""
+            said.append(
+                f"{rows} are too few to check residuals{of} on: below {FEWEST} neither their whiteness nor the shape "
+                "of the noise was tested."
+            )
     if isinstance(model.noise, Noise) and not model.noise.white:
         where = "" if settle else ", and nothing was sampled (settle=False)"
         said.append(

@@ -213,6 +213,7 @@ BAD = {
         {"states": {"y": np.ones(11), "ydot": T}},
         r'state "y" is constant .*leave it out.*\'1\'',
     ),
+    "one row": ({"t": [0.0], "states": {"y": [1.0]}, "inputs": {}, "derivatives": {}, "units": {}}, "There is one row"),
     "constant input": ({"inputs": {"F": np.zeros(11)}}, r'input "F" is constant \(0 in every row\)'),
     "clash": ({"inputs": {"y": T}, "units": {}}, r'"y" is both a state and an input'),
     "reserved": ({"inputs": {"t": T}, "units": {}}, r'name "t" is taken by the time'),

@@ -18,6 +18,7 @@ from bayes_greybox.discovery.answer.finding import NEGLIGIBLE, SUBSTANTIAL, SURE
 from bayes_greybox.discovery.answer.gap.denials import MISFIT
 from bayes_greybox.discovery.answer.gap.free_runs import FreePath
 from bayes_greybox.discovery.answer.where import GapMap, GapTrace
+from bayes_greybox.discovery.equation import study_equation
 from bayes_greybox.discovery.evidence.odds import Odds
 from bayes_greybox.discovery.refusals import check_data
 from bayes_greybox.discovery.study import investigate, studied_equations
@@ -116,6 +117,8 @@ class Told(EquationStudy):
                 delays={}, data=tiny_data(), rows=None, n_sensor=1, with_inputs=lambda program: program
             ),
         }
+
+    counted = 24
 
     @property
     def statistics(self):
@@ -365,8 +368,26 @@ def test_too_few_rows_are_refused_and_few_are_told_to_go_unchecked(told):
     check(two_states(n=LEAST_ROWS))
     with pytest.raises(InputError, match=f"training data have 19 rows.*give at least {LEAST_ROWS}"):
         check(two_states(n=LEAST_ROWS - 1))
-    (warning,) = told("named", "no gap").warnings
-    assert "24 rows are too few to check residuals on: below 40" in warning
+    first, second = told("named", "no gap").warnings
+    assert "24 rows are too few to check residuals of d(x)/dt on: below 40" in first and "of d(z)/dt on" in second
+
+
+def test_few_are_the_rows_that_count_and_not_all_that_are_given(told, monkeypatch):
+    # A sensor at its end takes rows away, and several sensors have more than there are samples.
+    for counted, expected in ((23, "The 23 of 24 rows that count are too few to check residuals"), (40, None)):
+        monkeypatch.setattr(Told, "counted", counted)
+        said = told("named", "no gap").warnings
+        assert len(said) == (2 if expected else 0) and all(text.startswith(expected) for text in said)
+
+
+def test_rows_at_the_end_of_the_rates_sensor_do_not_count():
+    rng = np.random.default_rng(0)
+    t = 0.2 * np.arange(60.0)
+    rate = np.minimum(np.cos(t) + 0.01 * rng.standard_normal(60), 0.7)
+    data = Trajectories.from_arrays(t, states={"x": np.sin(t)}, derivatives={"x": rate})
+    model = Program(simulation={"x": "1 - x"})
+    found = study_equation(model, data, "x", (), Odds(), 1, 0, False, lambda _: None)
+    assert found.counted == np.sum(rate < 0.7) < 60 and found.aligned.clipped
 
 
 def test_test_data_in_another_unit_are_refused():
@@ -397,7 +418,7 @@ def test_noise_that_cannot_be_had_on_the_data_is_refused_before_the_search():
 
 def test_noise_that_was_asked_for_is_said_to_concern_the_posterior_only(told, monkeypatch):
     monkeypatch.setattr("test_study_rules.BOTH", Program(simulation=BOTH.simulation, noise=Noise(tails=4.0)))
-    (_, warning) = told("named", "no gap", settle=False).warnings
+    *_, warning = told("named", "no gap", settle=False).warnings
     assert "concerns the posterior of the amended model only, and nothing was sampled" in warning
 
 

@@ -15,7 +15,11 @@ METHODS = ("savgol", "bandlimited", "spectral")
 ATTENUATION_DB = 80.0
 """Stop-band attenuation of the band-limited filter."""
 GAP = 4.0
-"""A step this many times the usual one is a gap, in which interpolation would invent samples."""
+"""A step this many times the usual one is a gap, in which interpolation would invent samples.
+
+Stamps that are to be even have no such step by chance; where they may be uneven a run goes on across it, and begins
+anew after one that is longer still, `gaps.ANEW`.
+"""
 
 STEP_TOLERANCE = 1e-3
 """Largest allowed relative deviation of a sample spacing from the mean spacing."""

@@ -184,6 +184,8 @@ def layout_of(
         raise InputError(f"skiprows counts lines, or numbers them from 0; it cannot be {skiprows!r}.") from None
     if np.any(np.asarray(lines) < 0):
         raise InputError(f"skiprows counts lines, or numbers them from 0; it cannot be {skiprows}.")
+    if isinstance(columns, str):
+        raise InputError(f'columns must be a list of names, such as columns=["{columns}"], not a single string.')
     layout = Layout(
         skiprows=lines if isinstance(lines, int) else tuple(lines),
         # With the mark of byte order that some programs write.

@@ -184,4 +184,5 @@ def _row_of_units(frame: pd.DataFrame, decimal: str) -> list[str] | None:
 
 
 def _text(value: Any) -> str:
-    return "" if pd.isna(value) else str(value).strip()
+    # A cell may hold a list, which is neither there nor missing.
+    return "" if pd.api.types.is_scalar(value) and pd.isna(value) else str(value).strip()

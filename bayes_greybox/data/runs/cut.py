@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal, TypeVar
 
 import numpy as np
-from jaxtyping import Bool, Int
+from jaxtyping import Int
 
 from bayes_greybox.data.columns import split_cuts
 from bayes_greybox.data.errors import InputError
@@ -38,15 +38,16 @@ class CutRuns(Runs):
             raise InputError(f"There is no run {run!r}; there are {', '.join(self.run_names)}.")
         return self._restrict([(0, n if i == index else 0) for i, n in enumerate(self.run_lengths)])
 
-    def keep(self: AnyRuns, rows: Bool[np.ndarray, " n_obs"]) -> AnyRuns:
+    def keep(self: AnyRuns, rows: Any) -> AnyRuns:
         """Some rows; a run that has none of them is left out.
 
         Args:
-            rows: Whether each row stays.
+            rows: Numbers of rows from 0, a slice, or whether each row stays.
 
         Raises:
-            InputError: None stays; rows of a filter, whose noise knows of their neighbours.
+            InputError: Rows that there are not; none stays; rows of a filter, whose noise knows of their neighbours.
         """
+        rows = rows_named(rows, self.n_obs)
         if np.all(rows):
             return self
         if not np.any(rows):

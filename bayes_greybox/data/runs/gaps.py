@@ -3,8 +3,14 @@
 import numpy as np
 from jaxtyping import Float, Int
 
-GAP = 10.0
-"""A step so many times as long as the usual ones of its run is a gap: nothing is said of what was between."""
+ANEW = 10.0
+"""A step so many times as long as the usual ones of its run is a gap, after which it begins anew.
+
+It is more than the four of `filters.GAP`, from which on no sample is invented between two: that is refused, and this is
+done without being asked. Samples are taken at the times that they have, which may be random ones (of exponential steps
+6 % are longer than four medians), a short gap costs a stretch of the inputs alone, and a start that is not needed takes
+away what a run says of its beginning.
+"""
 
 USUAL = 0.9
 """Share of the steps of a run that are no gaps, whatever the rest are: stamps may be uneven."""
@@ -26,7 +32,7 @@ def after_gaps(time: Float[np.ndarray, " n"], usual: float = USUAL) -> list[int]
     steps = np.diff(time)
     if not len(steps):
         return []
-    return (np.flatnonzero(steps > GAP * np.quantile(steps, usual)) + 1).tolist()
+    return (np.flatnonzero(steps > ANEW * np.quantile(steps, usual)) + 1).tolist()
 
 
 def parted(
@@ -51,7 +57,7 @@ def parted(
         own = np.flatnonzero(run == r)
         t, edges = time[own], [0]
         for row in after_gaps(t):
-            if t[row] - t[row - 1] <= GAP * _usual_beside(t, row):
+            if t[row] - t[row - 1] <= ANEW * _usual_beside(t, row):
                 continue
             gap = f'"{name}" has no rows from {t[row - 1]:.12g} to {t[row]:.12g}'
             if row - edges[-1] >= FEWEST and len(own) - row >= FEWEST:

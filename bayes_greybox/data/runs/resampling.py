@@ -30,7 +30,8 @@ def even_times(time: Float[np.ndarray, " n"], step: float, name: str) -> Float[n
         name: Of the run, for messages.
 
     Raises:
-        InputError: Fewer than four samples; gaps; a step so large that it would alias, or longer than the run.
+        InputError: Fewer than four samples; a gap of more than `GAP` usual steps; a step so large that it would alias,
+            or longer than the run.
     """
     if len(time) < 4:
         raise InputError(f'Run "{name}" has {len(time)} rows, too few to interpolate; leave it out.')
@@ -81,9 +82,8 @@ def decimated(
         name: Of the run, for messages.
 
     Raises:
-        InputError: Uneven stamps; a run too short for the filter.
+        InputError: A run too short for the filter; uneven stamps.
     """
-    uniform_step(time, name)
     kept = slice(HALF_WINDOW, -(-len(time) // factor) - HALF_WINDOW)
     # The last of them may still reach beyond the run.
     last = (len(time) - 1 - HALF_WINDOW * factor) // factor
@@ -93,6 +93,7 @@ def decimated(
             f'Run "{name}" has {len(time)} rows: by {factor} fewer than two would be left beside the {HALF_WINDOW} at '
             "either edge, where the filter has no samples; choose a smaller factor, or leave the run out."
         )
+    uniform_step(time, name)
     return time[::factor][kept], [decimate(values, factor, ftype="fir", zero_phase=True)[kept] for values in columns]
 
 

@@ -60,6 +60,11 @@ class EquationStudy:
         """Products in the world of the finding."""
         return self.evaluations.statistics
 
+    @property
+    def counted(self) -> int:
+        """Rows that count under the noise of the finding: without those that are left out, as white numbers."""
+        return self.statistics.rows.n_white
+
     def effects(self, data: Trajectories) -> pd.DataFrame:
         """Effects of the answer, those that could stand in their places, then all others."""
         rows, done = [], set()

@@ -111,7 +111,7 @@ def decide(
     Args:
         found: Worlds, likeliest first.
         doubts: Contradictions among the samples.
-        mirrors: Faults of the sensor that effects may be as well, by slug.
+        mirrors: Faults of the sensor that effects may be as well, by their bindings.
     """
     weighed = Weighed(found, doubts, mirrors)
     # As the tables have it, so that verdict and tables cannot contradict each other; unknown comes before effects.
@@ -186,24 +186,29 @@ def _place(weighed: Weighed, world: World, e: Explanation, chosen: tuple[str, ..
     others = tuple(sorted(b for b in chosen if b != own))
     beside = _suspected(world, e)
     rivals: dict[str, float] = {}
+    mirrored: dict[tuple[str, str], float] = {}
     evidence: dict[str, float] = {}
     for w, x, p, share in weighed.items:
         names = weighed.names(w, x)
         if len(names) == len(chosen) and set(others) <= set(names):
-            (instead,) = set(names) - set(others) or {own}
-            name = instead.split("(")[0]
+            (binding,) = set(names) - set(others) or {own}
+            name = binding.split("(")[0]
         elif names == others and not w.leaves_rest(x) and len(_suspected(w, x) - beside) == 1:
             # A sensor's error may stand in an effect's place too: an offset in that of a constant force.
-            (name,) = _suspected(w, x) - beside
+            (binding,) = (name,) = _suspected(w, x) - beside
         else:
             continue
         wrong = max((q for i, q in weighed.artefacts(w, x).items() if w.evaluations.name(i) == name), default=0.0)
-        rivals[name] = rivals.get(name, 0.0) + p * (1 - imitated(share)) * (1 - wrong)
+        counted = p * (1 - imitated(share)) * (1 - wrong)
+        rivals[name] = rivals.get(name, 0.0) + counted
+        if binding in weighed.mirrors:
+            mirror = weighed.mirrors[binding]
+            mirrored[name, mirror.name] = mirrored.get((name, mirror.name), 0.0) + counted * mirror.share
         evidence[name] = float(np.logaddexp(evidence.get(name, -np.inf), x.log_evidence + w.offset))
-    mirror = weighed.mirrors.get(slug)
     mass = rivals[slug]
-    if mirror is not None:
-        rivals[slug], rivals[mirror.name] = mass * (1 - mirror.share), mass * mirror.share
+    for (name, fault), p in mirrored.items():
+        rivals[name] -= p
+        rivals[fault] = rivals.get(fault, 0.0) + p
     tied = tuple(
         name for name, p in sorted(rivals.items(), key=lambda item: -item[1])
         if name != slug and p >= TIED * mass

@@ -9,7 +9,7 @@ import pandas as pd
 from bayes_greybox.data.samples.clipping import clipped_in_words
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.data.writing import unit_text
-from bayes_greybox.discovery.suspects.channels import DELAY, DELAY_STEPS, GAIN, STATES, ChannelSuspect
+from bayes_greybox.discovery.suspects.channels import DELAY, DELAY_STEPS, GAIN, LAG, STATES, ChannelSuspect
 from bayes_greybox.discovery.weighing.aligned import Aligned
 from bayes_greybox.model.noise.noise_model import CORRELATED, HEAVY, PROCESS, VARYING
 from bayes_greybox.physics.units import target_unit
@@ -17,6 +17,7 @@ from bayes_greybox.physics.units import target_unit
 from .coefficients import Coefficients
 from .doubt import contradicted
 from .finding import Finding
+from .weighed import Mirror
 
 NOISY = "noisy state"
 """A state whose samples carry white noise of their own."""
@@ -44,7 +45,8 @@ def instrument_table(
 ) -> pd.DataFrame:
     """Suspects by probability.
 
-    A delay is positive where its channel is late, and given in time units and in samples; a gain is relative.
+    A delay is positive where its channel is late, and given in time units and in samples; a gain is relative. A lag of
+    the sensor stands beside that of an input which does the same.
 
     Args:
         aligned: Delays that were undone, and noise on samples.
@@ -93,6 +95,17 @@ def instrument_table(
         suspect = ChannelSuspect(DELAY, name, DELAY_STEPS * late.step, late.step)
         p = contradicted(late.p, finding.world.evaluations.odds.suspect)
         rows.append(_row(statistics.equation, suspect, p, late.by, late.sd, True, data))
+    effects = [statistics.columns[i].called for i in finding.base]
+    for binding, p in weighed.by_mirror.items():
+        if p < LISTED:
+            continue
+        mirror = weighed.mirrors[binding]
+        times = np.array([mirror.time])
+        if binding in effects:
+            # The lag of the answer is as long.
+            drawn = coefficients.inner[:, effects.index(binding)]
+            times = np.array([time for i in drawn for time in statistics.columns[int(i)].inner.values()])
+        rows.append(_lag_row(statistics.equation, mirror, p, times, data))
     for name, noise in aligned.sample_noise.items():
         unit = data.unit(name) or ""
         rows.append(
@@ -165,6 +178,20 @@ def _row(
             "text": f"{channel} has {_article(suspect.kind)} of {mean:.3g} {unit_text(unit)}".rstrip(),
         }
     return row
+
+
+def _lag_row(equation: str, mirror: Mirror, p: float, times: np.ndarray, data: Trajectories) -> dict[str, Any]:
+    """A lag of the sensor that no column stands for: the answer's model has the effect that does the same."""
+    mean, sd = float(np.mean(times)), float(np.std(times)) if len(times) > 1 else np.nan
+    low, high = mean - _REACH * sd, mean + _REACH * sd
+    unit, step = data.unit("t") or "", mirror.step
+    row = _blank(equation, LAG, mirror.channel, p, "", "")
+    return row | {
+        "mean": mean, "sd": sd, "lower": low, "upper": high, "unit": unit, "samples": mean / step,
+        "lower_samples": low / step, "upper_samples": high / step,
+        "text": f"{mirror.channel} lags by {mean:.3g} {unit}".rstrip()
+        + f" ({mean / step:.2g} samples), and {mirror.instead} does not",
+    }  # fmt: skip
 
 
 def _article(kind: str) -> str:

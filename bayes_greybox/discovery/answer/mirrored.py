@@ -15,7 +15,6 @@ import numpy as np
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.evidence.columns import Column
-from bayes_greybox.discovery.suspects.channels import LAG
 from bayes_greybox.model.estimate.near import near_estimate
 from bayes_greybox.model.program import Program
 from bayes_greybox.model.rows.trajectory_rows import TrajectoryRows
@@ -36,7 +35,7 @@ def mirrors(
     model: Program, train: Trajectories, equation: str, finding: Finding, known: Collection[str],
     say: Callable[[str], None],
 ) -> dict[str, Mirror]:  # fmt: skip
-    """For each lag of an input among the effects of an answer, the same of the only sensor; by slug.
+    """For each lag of an input among the effects of an answer, the same of the only sensor; by the effect's binding.
 
     Nothing where rates were measured, and where several sensors would have to lag alike. Even odds where the two
     likelihoods would not be the answer's: beside errors of sensors, where noise is not white, and where another effect
@@ -47,7 +46,7 @@ def mirrors(
         train: Samples.
         equation: The learned state.
         finding: The answer.
-        known: Slugs that were looked at before, and are left out.
+        known: Bindings that were looked at before, and are left out.
         say: Told in words what is being done.
     """
     samples = train.samples or train
@@ -59,15 +58,17 @@ def mirrors(
     columns = [statistics.columns[place.index] for place in finding.places]
     corrections = [statistics.columns[i].formula for i in statistics.of_kind("correction")]
     white = not finding.explanation.suspects and not finding.world.model.names
+    step = float(np.median(np.diff(samples.time)[np.diff(samples.run) == 0]))
     found = {}
-    for place, column in zip(finding.places, columns, strict=True):
+    for column in columns:
         others = [other.formula for other in columns if other is not column]
-        if _input_of(column) and len(column.inner) == 1 and place.slug not in known:
+        if _input_of(column) and len(column.inner) == 1 and column.called not in known:
             say("weighing a lag of the sensor beside that of the actuator")
             # Of two inputs that lag no sensor does what both do.
             comparable = white and not any(term.states for term in others)
             share = _share(model, samples, equation, column, [*corrections, *others]) if comparable else EVEN
-            found[place.slug] = Mirror(f"{LAG} of {samples.state_names[0]}", share)
+            (time,) = column.inner.values()
+            found[column.called] = Mirror(samples.state_names[0], share, _input_of(column), time, step)
     return found
 
 
@@ -87,8 +88,8 @@ def _share(model: Program, samples: Trajectories, equation: str, lag: Column, be
     gain = [] if any(getattr(term, "text", term) == arrives.text for term in own) else [arrives]
     plain = replace(model, discrepancy=None, coefficients={}, rows=_fresh(model.rows))
 
-    def of_the_actuator(change: float) -> float:
-        """Likelihood at another time of its lag."""
+    def of_the_actuator(change: float) -> tuple[float, int]:
+        """Likelihood at another time of its lag, and segments of the path."""
         states = [replace(state, rate=f"({state.rate})*{math.exp(-change)!r}") for state in lag.formula.states]
         terms = {equation: [*own, replace(lag.formula, states=())]}
         return _log_likelihood(plain.remembering(states, samples), samples, terms)
@@ -98,9 +99,12 @@ def _share(model: Program, samples: Trajectories, equation: str, lag: Column, be
     # Its time is a coefficient beside that of the input, which the lag of the actuator has too.
     sensors = replace(plain, simulation={**_rates(model), shown: f"({lags})/{time!r}"})
     terms = {equation: [*own, *gain], shown: [Term(lags)]}
-    mirrored = _log_likelihood(sensors, _renamed(samples, sensor, shown), terms)
-    known = _top(*(of_the_actuator(change) for change in (-NEARBY, 0.0, NEARBY)))
-    if not (math.isfinite(known) and math.isfinite(mirrored)):
+    mirrored, pieces = _log_likelihood(sensors, _renamed(samples, sensor, shown), terms)
+    logs, cuts = zip(*(of_the_actuator(change) for change in (-NEARBY, 0.0, NEARBY)), strict=True)
+    known = _top(*logs)
+    # A path of more segments has more starts that are free, and follows any samples better.
+    alike = all(cut == pieces for log, cut in zip(logs, cuts, strict=True) if math.isfinite(log))
+    if not (math.isfinite(known) and math.isfinite(mirrored) and alike):
         return EVEN
     return 1.0 / (1.0 + math.exp(min(max(known - mirrored, -700.0), 700.0)))
 
@@ -113,8 +117,8 @@ def _top(left: float, middle: float, right: float) -> float:
     return middle - (right - left) ** 2 / (8 * bend)
 
 
-def _log_likelihood(model: Program, data: Trajectories, terms: Mapping[str, Sequence[Any]]) -> float:
-    """Of samples on rows near the estimate, at the likeliest starts; −∞ where no path can be followed.
+def _log_likelihood(model: Program, data: Trajectories, terms: Mapping[str, Sequence[Any]]) -> tuple[float, int]:
+    """Of samples on rows near the estimate, at the likeliest starts; −∞ where no path can be followed. And segments.
 
     Without what the priors of starts weigh: both lags have as many coefficients and starts.
     """
@@ -122,8 +126,8 @@ def _log_likelihood(model: Program, data: Trajectories, terms: Mapping[str, Sequ
     try:
         (found,) = near_estimate(model, data).assemble(data).values()
     except (InputError, np.linalg.LinAlgError):
-        return -math.inf
-    return found.log_likelihood() + 0.5 * float(found.rows.noise.log_det)
+        return -math.inf, 0
+    return found.log_likelihood() + 0.5 * float(found.rows.noise.log_det), found.rows.segments
 
 
 def _rates(model: Program) -> Mapping[str, str]:

@@ -15,6 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from bayes_greybox.discovery.suspects.channels import LAG
 from bayes_greybox.discovery.weighing.sets import RECALIBRATED, Explanation, imitated
 from bayes_greybox.discovery.weighing.worlds import World, weights
 
@@ -34,15 +35,26 @@ FAINT = 1e-4
 
 
 class Mirror(NamedTuple):
-    """A fault of the sensor that does what an effect does.
+    """A lag of the sensor that does what a lag of an input does.
 
     Attributes:
-        name: Of the fault, for tables.
+        channel: The state that it shows.
         share: Probability that it is this, of the two.
+        instead: The input that would lag.
+        time: Of the lag, as it was weighed.
+        step: From sample to sample.
     """
 
-    name: str
+    channel: str
     share: float
+    instead: str = ""
+    time: float = math.nan
+    step: float = 1.0
+
+    @property
+    def name(self) -> str:
+        """Of the fault, for tables."""
+        return f"{LAG} of {self.channel}"
 
 
 class Weighed:
@@ -51,7 +63,7 @@ class Weighed:
     Args:
         worlds: Likeliest first.
         doubts: Contradictions among the samples.
-        mirrors: What else effects may be, by slug.
+        mirrors: What else effects may be, by their bindings.
     """
 
     def __init__(
@@ -106,8 +118,11 @@ class Weighed:
 
     def mirrored(self, world: World, e: Explanation) -> float:
         """Probability that all effects of an explanation are faults of the sensor that do the same."""
-        names = {world.evaluations.name(i) for i in e.effects}
-        return math.prod(self.mirrors[slug].share if slug in self.mirrors else 0.0 for slug in names)
+        return math.prod(map(self._instead, self.names(world, e)))
+
+    def _instead(self, binding: str) -> float:
+        """Probability that an effect on its columns is a fault of the sensor."""
+        return self.mirrors[binding].share if binding in self.mirrors else 0.0
 
     def artefacts(self, world: World, e: Explanation) -> dict[int, float]:
         """Probability that each effect of an explanation is what an error of the measurement does."""
@@ -155,17 +170,31 @@ class Weighed:
         for world, e, p, share in self.items:
             doubtful, artefacts = {world.evaluations.name(i) for i in stacked(world, e)}, self.artefacts(world, e)
             own: dict[str, float] = {}
+            instead: dict[str, float] = {}
             for i in e.effects:
                 slug = world.evaluations.name(i)
                 own[slug] = min(own.get(slug, 1.0), artefacts[i])
+                # On two columns it is missing if one of them is no fault.
+                instead[slug] = instead.get(slug, 1.0) * self._instead(world.evaluations.binding(i))
             for slug, wrong in own.items():
                 real = p * (1 - imitated(share)) * (1 - STACKED if slug in doubtful else 1.0)
-                instead = self.mirrors[slug].share if slug in self.mirrors else 0.0
-                found[slug] = found.get(slug, 0.0) + real * (1 - wrong) * (1 - instead)
+                found[slug] = found.get(slug, 0.0) + real * (1 - wrong) * (1 - instead[slug])
         for world in self.worlds:
             for i in world.evaluations.statistics.of_kind("effect"):
                 found.setdefault(world.evaluations.name(i), 0.0)
         return dict(sorted(found.items(), key=lambda item: -item[1]))
+
+    @cached_property
+    def by_mirror(self) -> dict[str, float]:
+        """Probability of each fault of the sensor that does what an effect does, by that effect's binding."""
+        found = dict.fromkeys(self.mirrors, 0.0)
+        for world, e, p, share in self.items:
+            doubtful, artefacts = stacked(world, e), self.artefacts(world, e)
+            for i in e.effects:
+                if (binding := world.evaluations.binding(i)) in found:
+                    real = p * (1 - imitated(share)) * (1 - STACKED if i in doubtful else 1.0)
+                    found[binding] += real * (1 - artefacts[i]) * self._instead(binding)
+        return found
 
     @cached_property
     def by_suspect(self) -> dict[str, float]:

@@ -10,6 +10,7 @@ from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.model.equation import Equation
 
+from .descent import SETTLED, STAYING, UNSETTLED, descended, likeliest_of
 from .likeliest import Likeliest, likeliest
 
 STAYS = 0.3
@@ -32,13 +33,6 @@ UNFORCED_TURNS = 15
 
 FROM_SIMULATION = 64
 """Turns that the way from the simulation alone has: kinks make it long, and it is gone once."""
-
-DAMPING = 1e-2
-"""Of the first step of a descent, over the precision of each coefficient."""
-
-SETTLED, STAYING, UNSETTLED = 0.01, 0.1, 1.0
-"""Change of a coefficient from one turn to the next, in its standard deviations, that ends them; that does where many
-turns have not, as where a path has kinks; and that is refused."""
 
 CLOSE = 0.3
 """Residuals over the spread of the samples up to which an estimate that was reached without a force may stand alone."""
@@ -64,24 +58,6 @@ class Turned(NamedTuple):
 
     model: Any
     equation: Equation
-    moved: float
-
-
-class Standing(NamedTuple):
-    """A model with rows near given coefficients.
-
-    Attributes:
-        model: The model.
-        equation: On these rows.
-        at: The coefficients.
-        density: Log density of the samples there, and of what is stated of the coefficients.
-        moved: How far the estimate on these rows is, in standard deviations.
-    """
-
-    model: Any
-    equation: Equation
-    at: list[tuple[Any, float]]
-    density: float
     moved: float
 
 
@@ -182,7 +158,7 @@ def _nearer(model: Any, data: Trajectories) -> Any:
 def _settled(model: Any, data: Trajectories) -> Any:
     forced, done, moved = model, 0, math.inf
     # Where the simulation is about right, no force is needed to come to the estimate; else that is no beginning.
-    start = _descended(model, data, FROM_SIMULATION)
+    start = descended(model, data, FROM_SIMULATION)
     found = [start] if start is not None and _close(start.equation) else []
     for tried in TRIES:
         try:
@@ -192,7 +168,7 @@ def _settled(model: Any, data: Trajectories) -> Any:
                 raise
             break
         done = tried
-        unforced = _descended(forced, data, UNFORCED_TURNS)
+        unforced = descended(forced, data, UNFORCED_TURNS)
         if unforced is not None:
             # One estimate may be of a minimum of its own; what two paths lead to stands where a force betters nothing,
             # and what three do in any case: the noise is then none that these equations explain.
@@ -203,7 +179,7 @@ def _settled(model: Any, data: Trajectories) -> Any:
         if moved < SETTLED:
             break
     if found:
-        return max(found, key=lambda each: each.density).model
+        return likeliest_of(found, data).model
     if moved > UNSETTLED:
         raise _unsettled(model, done, moved)
     # Where no path of the model can be followed to its end, there is the one that a force keeps to the samples.
@@ -216,56 +192,6 @@ def _unsettled(model: Any, turns: int, moved: float) -> InputError:
         f"{moved:.2g} of its standard deviations. Leave terms out, give states without a sensor as data, or "
         "start near what is known with TrajectoryRows(added=..., added_to=...)."
     )
-
-
-def _descended(model: Any, data: Trajectories, most: int) -> Standing | None:
-    """The estimate on paths of the model alone, from one near it; None where it does not settle.
-
-    Steps of Levenberg and Marquardt's, damped as Nielsen (1999, IMM-REP-1999-05, Eq. 2.9) does by what a step promised
-    and gained: whole steps go around an estimate near a kink of the equations without end, or to where no path is.
-    """
-    model = replace(model, rows=model.rows.unforced())
-    here, damping, factor = _standing(model, data, None), DAMPING, 2.0
-    for _ in range(most):
-        if here is None or here.moved < SETTLED:
-            break
-        at, promised = here.equation.damped(here.at, damping)
-        acts_on = here.equation.frame.dictionary.acts_on
-        there = _standing(replace(model, rows=model.rows.around(at, acts_on)), data, at)
-        # Near a bound a step may promise nothing: a shorter one may.
-        gained = (there.density - here.density) / promised if there is not None and promised > 0 else -1.0
-        if there is not None and gained > 0:
-            here, damping, factor = there, damping * max(1 / 3, 1 - (2 * gained - 1) ** 3), 2.0
-        else:
-            damping, factor = damping * factor, 2 * factor
-    return here if here is not None and here.moved < STAYING else None
-
-
-def _standing(model: Any, data: Trajectories, at: list[tuple[Any, float]] | None) -> Standing | None:
-    """The model with rows near coefficients; None where no path of it can be followed.
-
-    Args:
-        model: The model.
-        data: Samples.
-        at: The coefficients; those that the rows state, if None.
-    """
-    try:
-        (equation,) = model.assemble(data).values()
-        if at is None:
-            at = _stated(model, equation)
-        density, moved = equation.log_density(at), equation.moved(at)
-    except (InputError, np.linalg.LinAlgError):
-        return None
-    return Standing(model, equation, at, density, moved) if math.isfinite(density + moved) else None
-
-
-def _stated(model: Any, equation: Equation) -> list[tuple[Any, float]]:
-    """Coefficients of the terms that rows are near; nought of those that they do not have."""
-    dictionary, rows = equation.frame.dictionary, model.rows
-    to = rows.added_to or model.equations * len(rows.added)
-    known = {(text, name): value for (text, value), name in zip(rows.added, to, strict=False)}
-    acts_on = dictionary.acts_on or model.equations * len(dictionary.terms)
-    return [(term, known.get((term.text, name), 0.0)) for term, name in zip(dictionary.terms, acts_on, strict=False)]
 
 
 def _beside(forced: Any, equation: Equation) -> Any:

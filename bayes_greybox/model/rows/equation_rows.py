@@ -133,6 +133,7 @@ class EquationRows:
         exact: Rows as they would be if they were not linear near a model, `ExactRows`; None where rows are linear.
         output: Whether rows are of an output, and not of a rate.
         n_all: How many rows a design has of which these are some; None where it has these.
+        segments: Of each run of the path that the rows are taken at, each with a start of its own.
     """
 
     equation: str
@@ -149,6 +150,7 @@ class EquationRows:
     exact: "ExactRows | None" = None
     output: bool = False
     n_all: int | None = None
+    segments: int = 1
 
     @property
     def label(self) -> str:

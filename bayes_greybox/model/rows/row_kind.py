@@ -191,6 +191,14 @@ class RowKind(ABC):
         """The rows, if they follow a path that an unknown force may move, along one that the model allows."""
         return self
 
+    def in_segments(self, segments: int) -> "RowKind":
+        """The rows, if they follow a path, along one whose runs are cut into so many segments at least.
+
+        Args:
+            segments: Each with a start of its own.
+        """
+        return self
+
     def held(self) -> "RowKind":
         """The rows, if they take inputs between samples, with every input held from each sample to the next."""
         return self

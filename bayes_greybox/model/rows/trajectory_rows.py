@@ -64,6 +64,8 @@ class TrajectoryRows(RowKind):
         at_rest: Hidden states that are at rest where a run starts, or nearly: zero give or take their size, each with
             the column that it is about as large as. Other hidden states may start anywhere.
         moving: Those of them that start about where a sampled column does, with that column.
+        segments: Segments that each run of the path is cut into at least, each with a start of its own; more where a
+            change of a start would grow beyond bounds.
     """
 
     substeps: int | None = None
@@ -75,6 +77,7 @@ class TrajectoryRows(RowKind):
     force: float = 0.0
     at_rest: tuple[tuple[str, str], ...] = ()
     moving: tuple[tuple[str, str], ...] = ()
+    segments: int = 1
 
     def __post_init__(self) -> None:
         # Files have lists for tuples.
@@ -84,6 +87,8 @@ class TrajectoryRows(RowKind):
         object.__setattr__(self, "moving", tuple((str(name), str(column)) for name, column in self.moving))
         if self.substeps is not None and not 1 <= self.substeps <= 1000:
             raise InputError(f"TrajectoryRows(substeps={self.substeps}) must be between 1 and 1000.")
+        if self.segments < 1:
+            raise InputError(f"TrajectoryRows(segments={self.segments}) must be 1 or more.")
         if not 0 <= self.force < math.inf:
             raise InputError(f"TrajectoryRows(force={self.force!r}) must be a number, 0 or above.")
         if self.interpolation not in (None, *INTERPOLATIONS):
@@ -162,6 +167,10 @@ class TrajectoryRows(RowKind):
         """Rows without process noise."""
         return replace(self, process_noise=False)
 
+    def in_segments(self, segments: int) -> "TrajectoryRows":
+        """Rows of a path in so many segments at least."""
+        return replace(self, segments=segments)
+
     def held(self) -> "TrajectoryRows":
         """Rows whose inputs are held."""
         return replace(self, interpolation="zoh")
@@ -208,6 +217,7 @@ class TrajectoryRows(RowKind):
             gain=path.gain,
             unfollowed=path.unfollowed,
             learned=path.acting(),
+            segments=path.pieces,
             exact=lambda added, starts: (
                 exact_samples(
                     path, ForcedRate(simulation, path.segments.driven, ()), added, starts * path.gain / typical
@@ -248,5 +258,6 @@ class TrajectoryRows(RowKind):
                 self.same_noise,
                 dict(self.at_rest),
                 dict(self.moving),
+                self.segments,
             )
         return known[key]

@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from bayes_greybox.criticism.convergence import convergence
-from bayes_greybox.discovery.answer.checks.adequacy import LAGS
 from bayes_greybox.discovery.answer.finding import NEGLIGIBLE, SURE
 from bayes_greybox.discovery.answer.gap.denials import left_over, misfits, worsened
 from bayes_greybox.discovery.answer.instrument import IN_MODEL
@@ -95,7 +94,7 @@ def _checks(study: StudyResult, equation: str) -> Iterator[Doubt]:
         yield Doubt(topic, FINE[kind].format(p) if row["ok"] else f"{row['text']} ({name}, {p})", not row["ok"])
     if not any(name in FINE and name not in TOPICS for name in table.index):
         why = "there is a rest beside what has a name, of any shape or a process in time, which takes up what the "
-        why = "the rows are too few" if study.train.n_obs < 2 * LAGS else f"{why}tests would find"
+        why = f"{why}tests would find" if study.checkable(equation) else "the rows that count are too few"
         yield Doubt("Residuals", f"not tested: {why}", None)
 
 

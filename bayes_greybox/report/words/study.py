@@ -9,9 +9,10 @@ import numpy as np
 import pandas as pd
 
 from bayes_greybox.discovery.answer.gap.denials import MISFIT, worsened
+from bayes_greybox.discovery.answer.mirrored import EVEN
 from bayes_greybox.discovery.answer.weighed import STOPS
 from bayes_greybox.discovery.study import StudyResult
-from bayes_greybox.discovery.suspects.channels import DELAY_STEPS, GAIN, GAIN_SD, OFFSET_SD
+from bayes_greybox.discovery.suspects.channels import DELAY_STEPS, GAIN, GAIN_SD, LAG, OFFSET_SD
 from bayes_greybox.discovery.suspects.drift import DRIFT
 from bayes_greybox.discovery.suspects.memory import LAW
 from bayes_greybox.physics.catalogue.loading import load_catalogue
@@ -278,12 +279,16 @@ def suspects_weighed(study: StudyResult) -> list[tuple[str, str]]:
     delays = [*rates, *(["all states together"] if inputs else []), *(states if len(states) > 1 else ()), *inputs]
     channels = [*rates, *states, *inputs]
     each, noise = (probability_text(odds[key]) for key in ("suspect", "noise"))
+    lagging = dict.fromkeys(row["channel"] for row in study.instrument.to_dict("records") if row["suspect"] == LAG)
+    even = f"{percent_text(EVEN, 0)}: it, or that of an input, which does the same"
+    lags = [(f"Lag of {name}", even) for name in lagging]
     of_rms = f"size ±\u00a0{percent_text(OFFSET_SD, 0)} of the channel's RMS"
     return [
         (f"Delay of {', '.join(delays)}", f"{each} each; size ±\u00a0{DELAY_STEPS:g}\u00a0samples"),
         (f"Gain of {', '.join(channels)}", f"{each} each; size ±\u00a0{percent_text(GAIN_SD, 0)}"),
         (f"Offset of {', '.join(channels)}", f"{each} each; {of_rms}"),
         (f"Drift of {', '.join(rates)}", f"{each} each; {of_rms}"),
+        *lags,
         ("Noise that is correlated, that depends on the state, that has outliers", f"{noise} each"),
     ]
 

@@ -284,6 +284,8 @@ def test_runs_may_be_a_dimension_of_a_data_set():
         ({"dt": 0.1}, "not both"),
         ({"time": None, "dt": -1.0}, "dt must be positive"),
         pytest.param({"restart": "go"}, 'restart must be "error" or "run"', marks=UNTYPED),
+        pytest.param({"constant": "drop"}, 'constant must be "error" or "keep", not \'drop\'', marks=UNTYPED),
+        ({"columns": "tyv"}, r'columns must be a list of names, such as columns=\["tyv"\]'),
         ({"columns": ["a"]}, "columns names 1 columns, but the table has 3: t, y, v"),
         ({"run": "v", "time": "y", "states": "y"}, r'states must be a list of names, such as \["y"\]'),
     ],
@@ -293,6 +295,11 @@ def test_requests_that_cannot_be_met(changes, said):
         bg.read(FRAME, **{"time": "t", "states": ["y"]} | changes)
     with pytest.raises(bg.InputError, match="more than once"):
         bg.read(FRAME.set_axis(["t", "y", "y"], axis=1), time="t", states=["y"])
+
+
+def test_a_cell_that_holds_a_list_is_no_number():
+    with pytest.raises(bg.InputError, match=r'Column "y" of the table is not numeric: row 0 holds \[1, 2\]'):
+        bg.read({"t": [0.0, 1.0], "y": [[1, 2], [3, 4]]}, time="t", states=["y"])
 
 
 def test_dates_in_cells_are_never_counted_in_ticks():

@@ -97,6 +97,8 @@ BAD = {
     "no row": (lambda d: d.drop([5_500]), "There is no row 5500; the data have 5500, from 0 to 5499"),
     "all rows": (lambda d: d.drop(slice(None)), "No row is left"),
     "wrong mask": (lambda d: d.drop(np.ones(3, bool)), "rows has 3 truth values, but the data have 5500 rows"),
+    "kept by a wrong mask": (lambda d: d.keep(np.ones(3, bool)), "rows has 3 truth values"),
+    "one row": (lambda d: d.trim(0.0, 0.0).decimate(2), "has 1 rows: by 2 fewer than two would be left"),
     "words": (lambda d: d.drop(["a"]), "rows must be numbers of rows"),
 }
 
@@ -125,6 +127,16 @@ def test_held_columns_at_their_own_times_are_themselves(start, step):
     again = data.resample(step, "held")
     assert again.n_obs == 500
     np.testing.assert_array_equal(again.inputs["u"], u)
+
+
+def test_rows_are_kept_by_their_numbers_as_they_are_dropped():
+    data = bg.Trajectories.from_arrays(np.arange(10.0), states={"y": np.arange(10.0) ** 2})
+    mask = (np.arange(10) < 4).tolist()
+    for rows in (mask, [0, 1, 2, 3], slice(4), np.array(mask)):
+        kept = data.keep(rows)
+        np.testing.assert_array_equal(kept.time, [0, 1, 2, 3])
+        assert kept.dropped == 6
+    assert data.keep(np.arange(10)) is data
 
 
 def test_the_row_that_there_is_not_is_named():

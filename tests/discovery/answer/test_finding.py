@@ -1,5 +1,6 @@
 """The rules of the verdict, one by one, on explanations whose probabilities are written down by hand."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -144,7 +145,7 @@ def test_without_effects_the_share_left_of_the_unknown_is_all_and_of_others_none
 
 
 def test_what_the_only_sensor_may_do_as_well_is_not_named():
-    mirrors = {"a": Mirror("lag of y", 0.5)}
+    mirrors = {"a(r=x0)": Mirror("y", 0.5)}
     finding = decide([world({"a": 0.98, "b": 0.01, "unknown": 0.01})], (), mirrors)
     (place,) = finding.places
     assert finding.verdict == "one of" and place.slug == "a"
@@ -154,20 +155,36 @@ def test_what_the_only_sensor_may_do_as_well_is_not_named():
     assert sum(kinds.values()) == pytest.approx(1.0)
     assert kinds["instrument"] == pytest.approx(0.49) and kinds[EFFECTS] == pytest.approx(0.50)
     # Where the samples tell, it is named, or as good as excluded.
-    assert decide([world({"a": 0.98, "b": 0.02})], (), {"a": Mirror("lag of y", 0.01)}).verdict == "named"
-    sure = decide([world({"a": 0.98, "b": 0.02})], (), {"a": Mirror("lag of y", 1.0)})
+    assert decide([world({"a": 0.98, "b": 0.02})], (), {"a(r=x0)": Mirror("y", 0.01)}).verdict == "named"
+    sure = decide([world({"a": 0.98, "b": 0.02})], (), {"a(r=x0)": Mirror("y", 1.0)})
     assert sure.verdict == "one of" and sure.places[0].tied == ("lag of y",) and sure.weighed.by_effect["a"] == 0.0
 
 
 def test_a_set_is_the_sensors_only_where_all_of_it_is():
-    weighed = decide([world({"ab": 0.97, "a": 0.03})], (), {"a": Mirror("lag of y", 0.9)}).weighed
+    weighed = decide([world({"ab": 0.97, "a": 0.03})], (), {"a(r=x0)": Mirror("y", 0.9)}).weighed
     assert weighed.by_kind[EFFECTS] >= weighed.by_effect["b"] == pytest.approx(0.97)
     assert weighed.by_effect["a"] == pytest.approx(0.1) and weighed.by_kind["instrument"] == pytest.approx(0.027)
     # What counts as unknown does so whichever of the two it is.
     table = {"a & rest": 0.8, "no gap": 0.1, "unknown": 0.1}
     without = decide([world(table, share=0.49)]).weighed.by_kind["unknown"]
-    beside = decide([world(table, share=0.49)], (), {"a": Mirror("lag of y", 0.9)}).weighed.by_kind["unknown"]
+    beside = decide([world(table, share=0.49)], (), {"a(r=x0)": Mirror("y", 0.9)}).weighed.by_kind["unknown"]
     assert beside == pytest.approx(without)
+
+
+def test_on_two_columns_it_is_the_sensors_only_where_it_was_weighed():
+    # "a" on both columns, in one answer: the sensor may do what it does on the first, and not on the second.
+    letters, sure = "aa", {"a(r=x0)": Mirror("y", 1.0)}
+    both = world({"a": 0.98, "unknown": 0.02}, letters)
+    e, unknown = both.explanations
+    places = tuple(len(SUSPECTS) + k for k in range(2))
+    both = replace(both, explanations=(replace(e, effects=places), unknown))
+    finding = decide([both], (), sure)
+    assert [place.tied for place in finding.places] == [("lag of y",), ()]
+    assert finding.weighed.by_effect["a"] == finding.weighed.by_mirror["a(r=x0)"] == pytest.approx(0.98)
+    assert finding.weighed.by_kind["instrument"] == 0.0
+    second = replace(both, explanations=(replace(e, effects=places[1:]), unknown))
+    finding = decide([second], (), sure)
+    assert finding.verdict == "named" and finding.weighed.by_effect["a"] == pytest.approx(0.98)
 
 
 # A name needs a probability

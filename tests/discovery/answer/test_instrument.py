@@ -5,9 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
-from tiny_equation import forced, forced_study, soft, studied_motion
+from tiny_equation import DEAD_ZONE, forced, forced_study, soft, studied_motion
 
 from bayes_greybox.discovery.answer.instrument import CLIPPED, COLUMNS, IN_MODEL, LISTED, NOISY, _noise_row
+from bayes_greybox.discovery.answer.weighed import Mirror, Weighed
 from bayes_greybox.model.noise.noise_model import CORRELATED, HEAVY, VARYING
 
 
@@ -60,6 +61,28 @@ def test_a_gain_is_told_in_per_cent(channel, factor, said):
         assert pd.Series([found.loc[("gain", channel), "text"]]).str.contains(said).all()
     else:
         assert study.statistics.twins[f"gain of {channel}"] == f"recalibration of {channel}"
+
+
+def test_a_lag_of_the_sensor_stands_beside_the_effect_that_does_the_same():
+    data = forced(lambda y, v: -2 * np.sign(y) * np.maximum(np.abs(y) - 0.5, 0.0), n=100)
+    study = studied_motion(data, effects=(DEAD_ZONE,))
+    (place,) = study.finding.places
+    lag = {"dead-zone(r=y)": Mirror("y", 0.5, "F", 0.3, 0.1)}
+    finding = replace(study.finding, weighed=Weighed(study.finding.worlds, (), lag))
+    found = table(replace(study, finding=finding), data).set_index("suspect")
+    row = found.loc["lag"]
+    assert "lag" not in set(table(study, data)["suspect"])
+    assert row["probability"] == pytest.approx(place.probability / 2) and row["status"] == ""
+    # It takes as long as that of the answer.
+    inner = [study.statistics.columns[i].inner["gap"] for i in study.coefficients.inner[:, 0]]
+    assert (row["mean"], row["sd"]) == (pytest.approx(np.mean(inner)), pytest.approx(np.std(inner)))
+    assert row["samples"] == pytest.approx(10 * row["mean"]) and row["upper_samples"] == pytest.approx(
+        10 * row["upper"]
+    )
+    assert row["text"] == f"y lags by {row['mean']:.3g} s ({row['samples']:.2g} samples), and F does not"
+    # What is no part of the answer has the time that it was weighed with.
+    without = table(replace(study, finding=replace(finding, places=())), data).set_index("suspect").loc["lag"]
+    assert without["mean"] == 0.3 and np.isnan(without["sd"])
 
 
 def test_an_offset_has_the_unit_of_its_channel():

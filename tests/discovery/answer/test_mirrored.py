@@ -8,11 +8,17 @@ from scipy.integrate import solve_ivp
 
 import bayes_greybox as bg
 from bayes_greybox.data.errors import InputError
+from bayes_greybox.discovery.answer import mirrored
+from bayes_greybox.discovery.answer.finding import Finding
 from bayes_greybox.discovery.answer.mirrored import EVEN, mirrors
-from bayes_greybox.physics.hidden_states import HiddenState
+from bayes_greybox.discovery.evidence.columns import Column
+from bayes_greybox.physics.catalogue.loading import load_catalogue
 from bayes_greybox.physics.terms import Term
 
 LAG = 0.3
+
+LATE_F, LATE_G = "actuator-lag(input=F, state=v)", "actuator-lag(input=G, state=v)"
+"""Bindings."""
 
 
 def shown(lagging, cubic, force=1.0):
@@ -31,19 +37,26 @@ def shown(lagging, cubic, force=1.0):
     return bg.Trajectories.from_arrays(t, states={"y": noisy}, inputs={"F": drive(t)})
 
 
-def found(*corrections, time=LAG, suspects=(), noise=()):
-    """An answer that has a lag of the input F, as a study finds it."""
-    effect = SimpleNamespace(names={"input": "F"}, effect=SimpleNamespace(nominal="input"))
-    state = HiddenState("z", f"(F - z)/{time}", "F")
-    lag = SimpleNamespace(effect=effect, inner={"lag": time}, formula=Term("z - F", states=(state,)))
-    columns = [lag, *(SimpleNamespace(formula=Term(text)) for text in corrections)]
-    numbers = {"correction": list(range(1, len(columns)))}
+def lag(u, time):
+    """A column of a lag of an input."""
+    (effect,) = (each for each in load_catalogue("mechanical") if each.slug == "actuator-lag")
+    bound = effect.bind({"input": u, "state": "v"})
+    return Column("effect", bound.term({"lag": time}), 1.0, 1.0, effect=bound, inner={"lag": time})
+
+
+def found(*corrections, time=LAG, suspects=(), noise=(), inputs="F"):
+    """An answer that has a lag of the input F, as a study finds it, or of several."""
+    lags = [lag(u, time) for u in inputs]
+    columns = [*lags, *(Column("correction", Term(text), 1.0, 1.0) for text in corrections)]
+    numbers = {"correction": list(range(len(lags), len(columns)))}
     statistics = SimpleNamespace(columns=columns, of_kind=lambda kind: numbers[kind])
     world = SimpleNamespace(
         evaluations=SimpleNamespace(statistics=statistics), model=SimpleNamespace(names=tuple(noise))
     )
-    places = [SimpleNamespace(index=0, slug="lag")]
-    return SimpleNamespace(places=places, world=world, explanation=SimpleNamespace(suspects=tuple(suspects)))
+    places = tuple(SimpleNamespace(index=k) for k in range(len(lags)))
+    made = object.__new__(Finding)
+    made.__dict__.update(places=places, world=world, explanation=SimpleNamespace(suspects=tuple(suspects)))
+    return made
 
 
 def model_of(cubic, **more):
@@ -58,16 +71,16 @@ def weighed(model, data, finding):
 @pytest.mark.parametrize("lagging", ["actuator", "sensor"])
 def test_of_a_linear_machine_nothing_tells_which_one_lags(lagging):
     told = weighed(model_of(0.0), shown(lagging, 0.0), found(time=LAG * 1.01))
-    assert told["lag"].name == "lag of y"
+    assert told[LATE_F].name == "lag of y"
     # They are the same but for the input between its samples.
-    assert 0.2 < told["lag"].share < 0.8
+    assert 0.2 < told[LATE_F].share < 0.8
 
 
 @pytest.mark.parametrize(("lagging", "of_the_sensor"), [("actuator", False), ("sensor", True)])
 def test_a_hardening_machine_tells_which_one_lags(lagging, of_the_sensor):
     told = weighed(model_of(0.3), shown(lagging, 0.3, force=2.0), found())
-    assert (told["lag"].share > 0.99) == of_the_sensor
-    assert (told["lag"].share < 0.01) != of_the_sensor
+    assert (told[LATE_F].share > 0.99) == of_the_sensor
+    assert (told[LATE_F].share < 0.01) != of_the_sensor
 
 
 @pytest.mark.parametrize("lagging", ["actuator", "sensor"])
@@ -75,7 +88,7 @@ def test_a_stiffness_that_is_a_little_off_tells_nothing(lagging):
     rows = bg.TrajectoryRows(interpolation="cubic")
     model = bg.GreyBox(simulation={"y": "v", "v": "F - 1.03*y - 0.2*v"}, rows=rows)
     told = weighed(model, shown(lagging, 0.0), found("F", "y", "v"))
-    assert 0.05 < told["lag"].share < 0.95
+    assert 0.05 < told[LATE_F].share < 0.95
 
 
 def test_what_does_not_settle_is_no_evidence(monkeypatch):
@@ -83,8 +96,32 @@ def test_what_does_not_settle_is_no_evidence(monkeypatch):
         raise InputError("lost")
 
     monkeypatch.setattr("bayes_greybox.discovery.answer.mirrored.near_estimate", lost)
-    assert weighed(model_of(0.0), shown("actuator", 0.0), found())["lag"].share == EVEN
-    assert weighed(model_of(0.0), shown("actuator", 0.0), found(noise=["AR"]))["lag"].share == EVEN
+    assert weighed(model_of(0.0), shown("actuator", 0.0), found())[LATE_F].share == EVEN
+    assert weighed(model_of(0.0), shown("actuator", 0.0), found(noise=["AR"]))[LATE_F].share == EVEN
+
+
+def test_paths_of_more_segments_are_no_evidence(monkeypatch):
+    plain = mirrored._log_likelihood
+
+    def cut(model, data, terms):
+        # The path of the lagging sensor has a segment more, and every sample on it.
+        value, segments = plain(model, data, terms)
+        return (value + 50, segments + 1) if len(terms) == 2 else (value, segments)
+
+    monkeypatch.setattr(mirrored, "_log_likelihood", cut)
+    assert weighed(model_of(0.3), shown("actuator", 0.3, force=2.0), found())[LATE_F].share == EVEN
+
+
+def test_of_two_inputs_each_has_its_own():
+    found_on = found(inputs="FG", time=0.4)
+    told = weighed(model_of(0.0), shown("actuator", 0.0), found_on)
+    assert {key: (each.instead, each.share) for key, each in told.items()} == {
+        LATE_F: ("F", EVEN), LATE_G: ("G", EVEN)
+    }  # fmt: skip
+    assert {(each.name, each.time) for each in told.values()} == {("lag of y", 0.4)}
+    assert told[LATE_F].step == pytest.approx(0.2)
+    again = mirrors(model_of(0.0), shown("actuator", 0.0), "v", found_on, {LATE_F}, lambda _: None)
+    assert list(again) == [LATE_G]
 
 
 def test_nothing_is_said_where_another_sensor_would_have_to_lag_as_well_or_rates_were_measured():

@@ -28,7 +28,9 @@ fmi2Status fmi2NewDiscreteStates(fmi2Component c, fmi2EventInfo* e) { memset(e, 
 fmi2Status fmi2GetContinuousStates(fmi2Component c, fmi2Real x[], size_t n)
   { x[0] = z(c)[2]; x[1] = z(c)[3]; return fmi2OK; }
 fmi2Status fmi2DoStep(fmi2Component c, fmi2Real t, fmi2Real h, fmi2Boolean b)
-  { double* m = z(c), v = m[3]; put(m); m[3] += h * m[4]; m[2] += h * v; m[6] += h * (v - m[6]);
+  { double* m = z(c), rest = h;
+    while (rest > 1e-12) { double d = rest < INNER ? rest : INNER, v = m[3];
+      put(m); m[3] += d * m[4]; m[2] += d * v; m[6] += d * (v - m[6]); rest -= d; }
     return fmi2OK; }
 fmi2Status fmi2EnterContinuousTimeMode(fmi2Component c) { return fmi2OK; }
 fmi2Status fmi2SetTime(fmi2Component c, fmi2Real t) { return fmi2OK; }
@@ -93,11 +95,11 @@ HELD = {"F": 0.0}
 """Its input as a parameter."""
 
 
-def build(folder, slope="-1.0", memory="", library=True, hidden="0", start="", event="", **described):
+def build(folder, slope="-1.0", memory="", library=True, hidden="0", start="", event="", inner="1", **described):
     """Compile an FMU; `slope` -1 makes its directional derivatives right, `described` goes into its description.
 
     `memory`, `start` and `event` are C at a reading, at the start and at an event; `hidden` is what the force has of a
-    state that no variable shows.
+    state that no variable shows; `inner` is the longest step that it takes within one that it is told to take, s.
     """
     fmpy = pytest.importorskip("fmpy", reason="FMPy is not installed (extra fmu)")
     compiler = shutil.which("gcc") or shutil.which("cc")
@@ -108,7 +110,7 @@ def build(folder, slope="-1.0", memory="", library=True, hidden="0", start="", e
     # Functions of the standard that nothing here calls; their loader asks for all.
     rest = folder / "rest.c"
     rest.write_text("".join(f"int fmi2{name}(void) {{ return 0; }}\n" for name in UNUSED.split()))
-    words = {"SLOPE": slope, "MEMORY": memory, "HIDDEN": hidden, "START": start, "EVENT": event}
+    words = {"SLOPE": slope, "MEMORY": memory, "HIDDEN": hidden, "START": start, "EVENT": event, "INNER": inner}
     text = C
     for word, code in words.items():
         text = text.replace(word, code)

@@ -83,6 +83,29 @@ def test_steps_that_are_too_long_are_refused(tmp_path):
         simulation_of(given, ("s", "v"), ("F",)).rates(*points())
 
 
+# By differences the rate is 40 ε s0 / 6h at most, which is rounding, and by half as long steps it is another one.
+@pytest.mark.parametrize("s0", [0.7, 30.1])
+def test_a_state_that_stands_still_has_its_rates(tmp_path, s0):
+    given = bg.FMU(build(tmp_path, **STEPPED), states=NAMES, parameters={"fixed.s0": s0, "F": 0.0})
+    rest = np.tile([s0, 0.0], (9, 1))
+    own = simulation_of(given, ("s", "v"), ())
+    np.testing.assert_allclose(own.rates(np.linspace(0, 1, 9), rest, np.zeros((9, 0))), 0, atol=1e-11 * s0)
+
+
+# Of its own steps of Euler's method, d = 0.001 s, the rates lack d/2 of their own rates, whatever the length h
+# of those it is told to take, while h > d. With h = d it is one step in each, and only that of h²c/6 is left.
+def test_steps_within_the_steps_are_not_extrapolated_away(tmp_path):
+    t, x, u = points()
+    rates, made = expected(x, u), build(tmp_path, inner="0.001", **{**STEPPED, "experiment": ""})
+    second = expected(rates, np.zeros_like(u)) - [0.0, 11.0]
+
+    def found(step):
+        return simulation_of(bg.FMU(made, states=NAMES, step=step), ("s", "v"), ("F",)).rates(t, x, u)
+
+    np.testing.assert_allclose(found(0.004) - rates, -0.0005 * second, rtol=0.01, atol=1e-4)
+    np.testing.assert_allclose(found(0.001), rates, rtol=0, atol=1e-4)
+
+
 def test_mistakes_are_named(tmp_path):
     stepped = build(tmp_path / "a", **STEPPED)
     with pytest.raises(bg.InputError, match="does not declare its states: name all of them"):

@@ -25,6 +25,9 @@ LEVEL = 1e-3
 LAGS = 20
 """Most lags that whiteness is tested at, and a fifth of the rows at most."""
 
+FEWEST = 2 * LAGS
+"""Rows that count, as white numbers, below which nothing is tested."""
+
 PIT_ROWS, REPLICATES = 500, 4000
 """Rows whose leave-one-out values are tested, evenly thinned, and draws of the statistic under the model."""
 
@@ -66,7 +69,7 @@ def check_explanation(world: World, e: Explanation, unit: str = "") -> list[Chec
     """
     rows = world.evaluations.statistics.rows
     z = _standardised(world, e)
-    if len(z) < 2 * LAGS:
+    if len(z) < FEWEST:
         return []
     (values,), lengths, by_frequency = rows.noise.sequences(z[None])
     steps = np.diff(rows.time)[np.diff(rows.run) == 0]

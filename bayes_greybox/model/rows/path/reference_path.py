@@ -78,6 +78,7 @@ class ReferencePath:
         unfollowed: What the model does not follow.
         segments: With the linear equation along them.
         acting_on: Number of the learned state that the forces of the operator act on.
+        pieces: Segments of each run.
     """
 
     columns: Mapping[str, Float[np.ndarray, " n_node"]]
@@ -98,6 +99,7 @@ class ReferencePath:
     unfollowed: Unfollowed
     segments: Segments = field(repr=False)
     acting_on: int = 0
+    pieces: int = 1
 
     @property
     def n_segment(self) -> int:
@@ -134,6 +136,7 @@ def follow_samples(
     samples: Trajectories, equations: tuple[str, ...], simulation: Simulation, added: Sequence[Force],
     substeps: int | None, interpolation: str | None, process_noise: bool = True,
     same_noise: bool = False, at_rest: Mapping[str, str] | None = None, moving: Mapping[str, str] | None = None,
+    fewest: int = 1,
 ) -> ReferencePath:  # fmt: skip
     """Smooth the samples, and take everything along the smoothed path.
 
@@ -148,6 +151,7 @@ def follow_samples(
         same_noise: Whether the noise of all sensors is the same.
         at_rest: Hidden states that are at rest where a run starts, each with the column that it is as large as.
         moving: Those of them that start where a sampled column does, with that column.
+        fewest: Segments that each run is cut into at least.
 
     Raises:
         InputError: See `TrajectoryRows.path`.
@@ -181,14 +185,15 @@ def follow_samples(
         residual = (measured - ends[end[:, 0], end[:, 1]][:, list(outputs)])[seen]
         s = _pooled(np.maximum(np.sqrt(np.mean(residual**2, axis=0)), finest), same_noise)
         segments = segments_of(rate, grid, ends, outputs, end[seen])
-        pieces = pieces_of(responses_to_unit_starts(segments, sizes), sizes)
+        pieces = max(fewest, pieces_of(responses_to_unit_starts(segments, sizes), sizes))
         if pieces >= max(samples.run_lengths):
             raise InputError(LOST)
         if pieces > 1:
             grid, end, ends = split(grid, end, ends, pieces)
             segments = segments_of(rate, grid, ends, outputs, end[seen])
         spread = np.std(measured[seen], axis=0)
-        return _assembled(simulation, rate, segments, end, seen, learned, sizes, s, spread, own, ratio, gained)
+        found = _assembled(simulation, rate, segments, end, seen, learned, sizes, s, spread, own, ratio, gained)
+        return replace(found, pieces=pieces)
 
 
 def _assembled(

@@ -5,7 +5,6 @@ import numbers
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +12,7 @@ from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.fmu.description import Description, Variable
 from bayes_greybox.data.fmu.reading import read_fmu
 
+from .naming import by_column, require_number, require_once, require_real, without_states
 from .ports import Ports
 from .running import running
 
@@ -29,7 +29,9 @@ class FMU:
 
     A Co-Simulation is started anew at every point, with the states as its start. Rates are its own variables where it
     declares them; else they are differences of the states over three steps, D(h) = (−11 x₀ + 18 x₁ − 9 x₂ + 2 x₃) / 6h,
-    and x′ = 2 D(h/2) − D(h).
+    and x′ = 2 D(h/2) − D(h). That is right where its error is in proportion to h, as by one step of Euler's method in
+    each, or is small, as of a solver with a tolerance. Where it takes fixed steps of its own within h, give `step` no
+    longer than these.
 
     Attributes:
         path: The file. What becomes of it later changes nothing: a copy is kept.
@@ -65,29 +67,29 @@ class FMU:
         states = [state.name for state, _ in self.dynamics]
         declared = states if found.states or found.exchanged else [*found.variables]
         for name in self.states.values():
-            _real(found, name, declared)
+            require_real(found, name, declared)
         if not states:
-            raise InputError(_without_states(found))
+            raise InputError(without_states(found))
         for name in (*self.parameters, *self.outputs.values(), *self.starts.values()):
-            _real(found, name, (*found.variables,))
+            require_real(found, name, (*found.variables,))
         for name in self.inputs.values():
-            _real(found, name, [v.name for v in found.variables.values() if v.causality == "input"])
+            require_real(found, name, [v.name for v in found.variables.values() if v.causality == "input"])
         for name in self.parameters:
             if found.variables[name].causality not in ("parameter", "input"):
                 raise InputError(f"{name!r} of the FMU {found.name} is no parameter and no input: it cannot be set.")
-            _require_number(found, name, self.parameters[name])
+            require_number(found, name, self.parameters[name])
         # Any kind of number; a file holds plain ones.
         object.__setattr__(self, "parameters", {name: float(value) for name, value in self.parameters.items()})
         for variable in found.variables.values():
             if variable.causality == "input":
-                _real(found, variable.name, (variable.name,))
+                require_real(found, variable.name, (variable.name,))
         for name in self.inputs.values():
             if name in self.parameters:
                 raise InputError(f"The input {name!r} of the FMU {found.name} is held and fed by a column: do one.")
         columns = [name for name, _ in (*self._of_states(), *self._of_inputs())]
-        _require_once(found, "column", [*columns, *self.outputs])
+        require_once(found, "column", [*columns, *self.outputs])
         for given in (self.states, self.inputs):
-            _require_once(found, "variable", list(given.values()))
+            require_once(found, "variable", list(given.values()))
         if found.exchanged:
             if self.starts or self.step is not None:
                 raise InputError(
@@ -209,12 +211,12 @@ class FMU:
         return {"path": str(self.path), "guid": self.description.guid, **given, "step": self.step}
 
     def _of_states(self) -> list[tuple[str, Variable]]:
-        return _by_column([state for state, _ in self.dynamics], self.states)
+        return by_column([state for state, _ in self.dynamics], self.states)
 
     def _of_inputs(self) -> list[tuple[str, Variable]]:
         known = self.description.variables.values()
         fed = [v for v in known if v.causality == "input" and v.name not in self.parameters]
-        return _by_column(fed, self.inputs)
+        return by_column(fed, self.inputs)
 
 
 def fmu_from(record: Mapping[str, Any]) -> FMU:
@@ -261,44 +263,3 @@ def _read_again(path: str, given: Mapping[str, Any], content: str) -> FMU:
     if found.description.content != content:
         raise InputError(f'The FMU "{path}" has been changed since it was read: give it again.')
     return found
-
-
-def _without_states(found: Description) -> str:
-    if found.exchanged:
-        return f"The FMU {found.name} has no continuous state: there is no rate that it could give."
-    return (
-        f"The FMU {found.name} is for Co-Simulation and does not declare its states: name all of them, "
-        "bg.FMU(..., states={'column': 'variable'}), or export it for Model Exchange."
-    )
-
-
-def _require_number(found: Description, name: str, value: Any) -> None:
-    if not isinstance(value, numbers.Real) or not math.isfinite(value):
-        raise InputError(f"{name!r} of the FMU {found.name} is set to {value!r}: give a finite number.")
-
-
-def _by_column(variables: list[Variable], given: Mapping[str, str]) -> list[tuple[str, Variable]]:
-    names = {variable: column for column, variable in given.items()}
-    return [(names.get(each.name, each.column), each) for each in variables]
-
-
-def _require_once(found: Description, what: str, names: list[str]) -> None:
-    """Refuse a name that stands for two."""
-    twice = [name for name in names if names.count(name) > 1]
-    if twice:
-        raise InputError(
-            f"The FMU {found.name} has the {what} {twice[0]!r} twice: give each of its variables a column of its own, "
-            "bg.FMU(..., states={'column': 'variable'}, inputs={...})."
-        )
-
-
-def _real(found: Description, name: str, known: Any) -> None:
-    """Refuse a variable that there is not, or that is no single real number."""
-    if name not in known:
-        near = get_close_matches(name, known, n=1)
-        hint = f"did you mean {near[0]!r}?" if near else f"there are {', '.join(list(known)[:20]) or 'none'}."
-        raise InputError(f"The FMU {found.name} has no {name!r} that could be that; {hint}")
-    if found.variables[name].kind != "Real" or not found.variables[name].scalar:
-        raise InputError(
-            f"{name!r} of the FMU {found.name} is of type {found.variables[name].kind}: only Real is used."
-        )

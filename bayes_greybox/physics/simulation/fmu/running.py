@@ -16,7 +16,7 @@ from bayes_greybox.data.fmu.description import Description
 
 from .exchange import Exchange
 from .ports import Key, Ports, key_of
-from .stepping import Stepping
+from .stepping import Stepping, rounding
 
 LIKE = 1e-6
 """Share of its size by which a rate may differ when it is asked again: what an FMU solves for in steps is no nearer."""
@@ -111,8 +111,10 @@ class Running:
     def _require_whole(self, steps: Stepping, key: Key, points: Points, ports: Ports, width: int, read: Read) -> None:
         """Refuse steps that are too long, and states that are not all: a start elsewhere then is another motion."""
         if steps.noted:
-            whole, half = (np.array(each) for each in zip(*steps.noted, strict=True))
+            whole, half, unsure = (np.array(each) for each in zip(*steps.noted, strict=True))
             apart = np.abs(whole - half) / np.maximum(np.max(np.abs(half), axis=0), np.finfo(float).tiny)
+            # The rate of a state that stands still is rounding, and other rounding by half as long steps.
+            apart[:, np.all(np.maximum(np.abs(whole), np.abs(half)) <= unsure, axis=0)] = 0.0
             # A jump of the force within the steps of some points is no fault.
             if (typical := float(np.median(np.max(apart, axis=1)))) > COARSE:
                 raise InputError(
@@ -122,7 +124,7 @@ class Running:
                 )
         if not ports.step:
             return
-        went, started = [], []
+        went, started, least = [], [], 0.0
         for t, x, u in zip(*points, strict=True):
             try:
                 steps.place(key, ports, float(t), x, u)
@@ -134,11 +136,13 @@ class Running:
                 steps.advance(0)
                 started.append(read(steps))
                 went.append(one)
+                # Values that are no rates by steps are not told apart by rounding.
+                least = np.maximum(least, rounding(there, ports.step)) if steps.noted else least
             except InputError:
                 raise
             except Exception as error:
                 steps.failed(error)
-        if went and not _alike(np.array(went), np.array(started), NEAR):
+        if went and not _alike(np.array(went), np.array(started), NEAR, least):
             raise InputError(
                 f"The FMU {self._description.name} has more states than it was given: after some steps it gives other "
                 "rates than started at the same states; name all of them, bg.FMU(..., states={'column': 'variable'}), "
@@ -175,9 +179,10 @@ def _taken(points: Points, some: np.ndarray) -> Points:
     return t, x, u
 
 
-def _alike(first: np.ndarray, again: np.ndarray, share: float) -> bool:
+def _alike(first: np.ndarray, again: np.ndarray, share: float, least: np.ndarray | float = 0.0) -> bool:
+    """Whether values are the same up to a share of their sizes, or up to the least that can be told apart."""
     size = np.max(np.abs(np.nan_to_num(first)), axis=0, initial=0.0)
-    return bool(np.all(np.isclose(first, again, rtol=share, atol=share * size, equal_nan=True)))
+    return bool(np.all(np.isclose(first, again, rtol=share, atol=np.maximum(share * size, least), equal_nan=True)))
 
 
 def _keep(known: dict[Any, bool], key: Any, value: bool) -> None:

@@ -2,7 +2,6 @@
 
 from collections.abc import Hashable, Mapping
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Any
 
 import jax
@@ -19,6 +18,7 @@ from bayes_greybox.physics.terms import Term
 
 from .given import FMU
 from .running import running
+from .tracing import Rates, flat, traced
 
 DIFFERENCE = 6e-6
 """Step of central differences over the size of a column: the cube root of rounding."""
@@ -58,7 +58,7 @@ class FMUSimulation(Simulation):
 
     def rate(self, t: Array, x: Float[Array, " n_state"], u: Float[Array, " n_input"]) -> Float[Array, " n_state"]:
         """Value of g at one point, by a call from JAX to the FMU; many points at once are one call."""
-        return _traced(_Rates(self))(jnp.asarray(t, float), jnp.asarray(x, float), jnp.asarray(u, float))
+        return traced(Rates(self))(jnp.asarray(t, float), jnp.asarray(x, float), jnp.asarray(u, float))
 
     def on(self, data: Trajectories, state: str) -> Float[np.ndarray, " n_obs"]:
         """Values of g for one state or output on the rows of the data, user's units."""
@@ -78,15 +78,15 @@ class FMUSimulation(Simulation):
         self, t: Float[np.ndarray, "*n"], x: Float[np.ndarray, "*n n_state"], u: Float[np.ndarray, "*n n_input"]
     ) -> Float[np.ndarray, "*n n_state"]:
         """Values of g at many points, NaN where the FMU refuses one."""
-        flat = _flat(t, x, u)
-        found = np.zeros(flat[1].shape)
+        points = flat(t, x, u)
+        found = np.zeros(points[1].shape)
         known = self.given.dynamics
         refs = [rate.ref for _, rate in known if rate is not None]
         if len(refs) == len(known):
-            found[:, self._places] = self._read(*flat, refs)
+            found[:, self._places] = self._read(*points, refs)
         else:
             states = [state.ref for state, _ in known]
-            found[:, self._places] = self._at(*flat, len(states), lambda fmu: fmu.stepped(states))
+            found[:, self._places] = self._at(*points, len(states), lambda fmu: fmu.stepped(states))
         return found.reshape(x.shape)
 
     def output(self, name: str, t: Any, x: Any, u: Any) -> Any:
@@ -95,7 +95,7 @@ class FMUSimulation(Simulation):
             return super().output(name, t, x, u)
         if isinstance(x, np.ndarray):
             return self.values_of(name, t, x, u)
-        return jax.vmap(_traced(_Rates(self, name)))(t, x, u)
+        return jax.vmap(traced(Rates(self, name)))(t, x, u)
 
     def values_of(
         self,
@@ -106,14 +106,14 @@ class FMUSimulation(Simulation):
     ) -> Float[np.ndarray, "*n"]:
         """Values of an output at many points, NaN where the FMU refuses one."""
         refs = [self.given.description.variables[self.given.outputs[name]].ref]
-        return self._read(*_flat(t, x, u), refs)[:, 0].reshape(t.shape)
+        return self._read(*flat(t, x, u), refs)[:, 0].reshape(t.shape)
 
     def jacobian(
         self, t: Float[np.ndarray, "*n"], x: Float[np.ndarray, "*n n_state"], u: Float[np.ndarray, "*n n_input"]
     ) -> Float[np.ndarray, "*n n_state n_state"]:
         """∂g/∂x at points along paths: the FMU's own where it gives them rightly, else central differences."""
-        flat = _flat(t, x, u)
-        found = self.directional(*flat) if self._own_derivatives(*flat) else self._by_states(*flat)
+        points = flat(t, x, u)
+        found = self.directional(*points) if self._own_derivatives(*points) else self._by_states(*points)
         return found.reshape(*x.shape, x.shape[-1])
 
     def directional(self, t: np.ndarray, x: np.ndarray, u: np.ndarray) -> Float[np.ndarray, "n n_state n_state"]:
@@ -189,7 +189,7 @@ class FMUSimulation(Simulation):
     @property
     def key(self) -> Hashable:
         """Names, and the file with what was given with it; no trace that calls it is kept for later processes."""
-        return _Rates(self)
+        return Rates(self)
 
     @property
     def facts(self) -> Hashable:
@@ -250,58 +250,6 @@ class FMUSimulation(Simulation):
         points = np.asarray(t, float), x[:, self._places], np.array(fed).reshape(len(fed), len(t)).T
         ports = given.ports([*given.state_columns], inputs)
         return running(given.description).at_each(given.parameters, points, ports, width, read)
-
-
-class _Rates:
-    """An FMU's rates, or one of its outputs: equal to another's that gives the same."""
-
-    def __init__(self, simulation: FMUSimulation, output: str | None = None) -> None:
-        self.simulation, self.output = simulation, output
-
-    def __hash__(self) -> int:
-        return hash((self.simulation.facts, self.output))
-
-    def __eq__(self, other: object) -> bool:
-        return (
-            isinstance(other, _Rates)
-            and self.output == other.output
-            and self.simulation.facts == other.simulation.facts
-        )
-
-
-@lru_cache(maxsize=64)
-def _traced(of: _Rates) -> Any:
-    simulation, output = of.simulation, of.output
-
-    # JAX calls these with arrays of its own.
-    def slopes(*point: Any) -> np.ndarray:
-        t, x, u = map(np.asarray, point)
-        found = simulation.differences(*_flat(t, x, u), output=output)
-        return found.reshape(*(x.shape if output is None else t.shape), found.shape[-1])
-
-    def values(*point: Any) -> np.ndarray:
-        t, x, u = map(np.asarray, point)
-        return simulation.rates(t, x, u) if output is None else simulation.values_of(output, t, x, u)
-
-    @jax.custom_jvp
-    def rate(t: Array, x: Array, u: Array) -> Array:
-        shape = jax.ShapeDtypeStruct(x.shape if output is None else x.shape[:-1], x.dtype)
-        return jax.pure_callback(values, shape, t, x, u, vmap_method="broadcast_all")
-
-    @rate.defjvp
-    def _(point: tuple[Array, ...], along: tuple[Array, ...]) -> tuple[Array, Array]:
-        t, x, u = point
-        made = x.shape if output is None else x.shape[:-1]
-        shape = jax.ShapeDtypeStruct((*made, 1 + x.shape[-1] + u.shape[-1]), x.dtype)
-        J = jax.pure_callback(slopes, shape, t, x, u, vmap_method="broadcast_all")
-        return rate(t, x, u), J @ jnp.concatenate([jnp.atleast_1d(along[0]), *along[1:]])
-
-    return rate
-
-
-def _flat(t: np.ndarray, x: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Points along one axis."""
-    return t.ravel(), x.reshape(-1, x.shape[-1]), u.reshape(t.size, u.shape[-1])
 
 
 def _sizes(columns: np.ndarray, nominal: np.ndarray) -> np.ndarray:

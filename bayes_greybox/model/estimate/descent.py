@@ -1,0 +1,139 @@
+"""Descents to an estimate on paths of a model alone: Levenberg and Marquardt's steps, each on rows taken anew.
+
+A path of equations that amplify what changes it is cut into segments with free starts, as many as its coefficients ask
+for. A path of more segments follows samples better, and the wide prior of each start costs some ten nats: densities say
+which of two coefficients is likelier only where both paths have as many segments.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from bayes_greybox.data.errors import InputError
+from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.model.equation import Equation
+
+DAMPING = 1e-2
+"""Of the first step of a descent, over the precision of each coefficient."""
+
+SETTLED, STAYING, UNSETTLED = 0.01, 0.1, 1.0
+"""Change of a coefficient from one turn to the next, in its standard deviations, that ends them; that does where many
+turns have not, as where a path has kinks; and that is refused."""
+
+
+class Standing(NamedTuple):
+    """A model with rows near given coefficients.
+
+    Attributes:
+        model: The model.
+        equation: On these rows.
+        at: The coefficients.
+        density: Log density of the samples there, and of what is stated of the coefficients.
+        moved: How far the estimate on these rows is, in standard deviations.
+    """
+
+    model: Any
+    equation: Equation
+    at: list[tuple[Any, float]]
+    density: float
+    moved: float
+
+    @property
+    def segments(self) -> int:
+        """Of each run of the path."""
+        return self.equation.rows.segments
+
+
+def descended(model: Any, data: Trajectories, most: int) -> Standing | None:
+    """The estimate on paths of the model alone, from one near it; None where it does not settle.
+
+    Args:
+        model: The model, with rows near where the descent begins.
+        data: Samples.
+        most: Steps at most, twice where fewer segments do at its end than on its way.
+    """
+    start = _standing(replace(model, rows=model.rows.unforced()), data, None)
+    found = _settled(start, data, most)
+    if found is not None and (bare := _cut(found, data, 1)) is not None and bare.segments < found.segments:
+        return _settled(bare, data, most) or found
+    return found
+
+
+def likeliest_of(found: Sequence[Standing], data: Trajectories) -> Standing:
+    """The likeliest of several estimates, judged on paths of as many segments.
+
+    Args:
+        found: Estimates, at least one.
+        data: Samples.
+    """
+    most = max(each.segments for each in found)
+    alike = [_cut(each, data, most) for each in found]
+    densities = [-math.inf if each is None else each.density for each in alike]
+    return found[int(np.argmax(densities))]
+
+
+def _settled(start: Standing | None, data: Trajectories, most: int) -> Standing | None:
+    """Where steps from a standing lead to, with no fewer segments than on the way; None where they do not settle.
+
+    Steps are damped as Nielsen (1999, IMM-REP-1999-05, Eq. 2.9) does by what a step promised and gained: whole steps go
+    around an estimate near a kink of the equations without end, or to where no path is.
+    """
+    here, damping, factor = start, DAMPING, 2.0
+    for _ in range(most):
+        if here is None or here.moved < SETTLED:
+            break
+        at, promised = here.equation.damped(here.at, damping)
+        acts_on = here.equation.frame.dictionary.acts_on
+        rows = here.model.rows.in_segments(here.segments).around(at, acts_on)
+        there = _standing(replace(here.model, rows=rows), data, at)
+        before = here if there is None else _cut(here, data, there.segments)
+        gained = -1.0
+        # Near a bound a step may promise nothing: a shorter one may.
+        if there is not None and before is not None and promised > 0:
+            gained = (there.density - before.density) / promised
+        if there is not None and gained > 0:
+            here, damping, factor = there, damping * max(1 / 3, 1 - (2 * gained - 1) ** 3), 2.0
+        else:
+            damping, factor = damping * factor, 2 * factor
+            if before is not None and here.moved < UNSETTLED:
+                # Around here some paths have more segments: with as many, all that is left is one descent.
+                here = before
+    return here if here is not None and here.moved < STAYING else None
+
+
+def _cut(standing: Standing, data: Trajectories, segments: int) -> Standing | None:
+    """The same with so many segments of each run at least; None where no path can be followed."""
+    if segments == standing.segments:
+        return standing
+    model = replace(standing.model, rows=standing.model.rows.in_segments(segments))
+    return _standing(model, data, standing.at)
+
+
+def _standing(model: Any, data: Trajectories, at: list[tuple[Any, float]] | None) -> Standing | None:
+    """The model with rows near coefficients; None where no path of it can be followed.
+
+    Args:
+        model: The model.
+        data: Samples.
+        at: The coefficients; those that the rows state, if None.
+    """
+    try:
+        (equation,) = model.assemble(data).values()
+        if at is None:
+            at = _stated(model, equation)
+        density, moved = equation.log_density(at), equation.moved(at)
+    except (InputError, np.linalg.LinAlgError):
+        return None
+    return Standing(model, equation, at, density, moved) if math.isfinite(density + moved) else None
+
+
+def _stated(model: Any, equation: Equation) -> list[tuple[Any, float]]:
+    """Coefficients of the terms that rows are near; nought of those that they do not have."""
+    dictionary, rows = equation.frame.dictionary, model.rows
+    to = rows.added_to or model.equations * len(rows.added)
+    known = {(text, name): value for (text, value), name in zip(rows.added, to, strict=False)}
+    acts_on = dictionary.acts_on or model.equations * len(dictionary.terms)
+    return [(term, known.get((term.text, name), 0.0)) for term, name in zip(dictionary.terms, acts_on, strict=False)]

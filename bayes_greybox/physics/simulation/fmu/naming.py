@@ -1,0 +1,81 @@
+"""Names of an FMU's variables as users give them, and what is refused of them."""
+
+import math
+import numbers
+from collections.abc import Collection, Mapping
+from difflib import get_close_matches
+from typing import Any
+
+from bayes_greybox.data.errors import InputError
+from bayes_greybox.data.fmu.description import Description, Variable
+
+
+def by_column(variables: list[Variable], given: Mapping[str, str]) -> list[tuple[str, Variable]]:
+    """Variables with the names of their columns.
+
+    Args:
+        variables: In the FMU's order.
+        given: Variables by the columns that users named; the others have names of their own.
+    """
+    names = {variable: column for column, variable in given.items()}
+    return [(names.get(each.name, each.column), each) for each in variables]
+
+
+def without_states(found: Description) -> str:
+    """What is said of an FMU that has, or declares, no state."""
+    if found.exchanged:
+        return f"The FMU {found.name} has no continuous state: there is no rate that it could give."
+    return (
+        f"The FMU {found.name} is for Co-Simulation and does not declare its states: name all of them, "
+        "bg.FMU(..., states={'column': 'variable'}), or export it for Model Exchange."
+    )
+
+
+def require_real(found: Description, name: str, known: Collection[str]) -> None:
+    """Refuse a variable that there is not, or that is no single real number.
+
+    Args:
+        found: The FMU's description.
+        name: As it was given.
+        known: Names that it may be.
+
+    Raises:
+        InputError: Such a variable.
+    """
+    if name not in known:
+        near = get_close_matches(name, known, n=1)
+        hint = f"did you mean {near[0]!r}?" if near else f"there are {', '.join(list(known)[:20]) or 'none'}."
+        raise InputError(f"The FMU {found.name} has no {name!r} that could be that; {hint}")
+    if found.variables[name].kind != "Real" or not found.variables[name].scalar:
+        raise InputError(
+            f"{name!r} of the FMU {found.name} is of type {found.variables[name].kind}: only Real is used."
+        )
+
+
+def require_number(found: Description, name: str, value: Any) -> None:
+    """Refuse a value of a parameter that is no finite number.
+
+    Raises:
+        InputError: Such a value.
+    """
+    if not isinstance(value, numbers.Real) or not math.isfinite(value):
+        raise InputError(f"{name!r} of the FMU {found.name} is set to {value!r}: give a finite number.")
+
+
+def require_once(found: Description, what: str, names: list[str]) -> None:
+    """Refuse a name that stands for two.
+
+    Args:
+        found: The FMU's description.
+        what: "column" or "variable".
+        names: All that were given.
+
+    Raises:
+        InputError: Such a name.
+    """
+    twice = [name for name in names if names.count(name) > 1]
+    if twice:
+        raise InputError(
+            f"The FMU {found.name} has the {what} {twice[0]!r} twice: give each of its variables a column of its own, "
+            "bg.FMU(..., states={'column': 'variable'}, inputs={...})."
+        )
