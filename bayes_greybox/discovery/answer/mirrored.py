@@ -24,9 +24,6 @@ from bayes_greybox.physics.terms import Term
 from .finding import Finding
 from .weighed import Mirror
 
-EVEN = 0.5
-"""Probability of either where nothing tells them apart: a sensor may be as slow as a drive."""
-
 NEARBY = 0.02
 """Relative change of the actuator's time at which its likelihood is looked at, too."""
 
@@ -37,9 +34,9 @@ def mirrors(
 ) -> dict[str, Mirror]:  # fmt: skip
     """For each lag of an input among the effects of an answer, the same of the only sensor; by the effect's binding.
 
-    Nothing where rates were measured, and where several sensors would have to lag alike. Even odds where the two
-    likelihoods would not be the answer's: beside errors of sensors, where noise is not white, and where another effect
-    of the answer remembers too.
+    Nothing where rates were measured, and where several sensors would have to lag alike. The prior odds stand
+    (`Odds.slow_sensor`) where the two likelihoods would not be the answer's: beside errors of sensors, where noise is
+    not white, and where another effect of the answer remembers too.
 
     Args:
         model: The model before.
@@ -57,6 +54,7 @@ def mirrors(
     statistics = finding.world.evaluations.statistics
     columns = [statistics.columns[place.index] for place in finding.places]
     corrections = [statistics.columns[i].formula for i in statistics.of_kind("correction")]
+    prior = finding.world.evaluations.odds.slow_sensor
     white = not finding.explanation.suspects and not finding.world.model.names
     step = float(np.median(np.diff(samples.time)[np.diff(samples.run) == 0]))
     found = {}
@@ -66,7 +64,8 @@ def mirrors(
             say("weighing a lag of the sensor beside that of the actuator")
             # Of two inputs that lag no sensor does what both do.
             comparable = white and not any(term.states for term in others)
-            share = _share(model, samples, equation, column, [*corrections, *others]) if comparable else EVEN
+            gain = _gain(model, samples, equation, column, [*corrections, *others]) if comparable else 0.0
+            share = 1.0 / (1.0 + (1.0 - prior) / prior * math.exp(min(max(-gain, -700.0), 700.0)))
             (time,) = column.inner.values()
             found[column.called] = Mirror(samples.state_names[0], share, _input_of(column), time, step)
     return found
@@ -78,10 +77,10 @@ def _input_of(column: Column) -> str:
     return column.effect.names.get(column.effect.effect.nominal, "")
 
 
-def _share(model: Program, samples: Trajectories, equation: str, lag: Column, beside: Sequence[Term]) -> float:
-    """Probability of the sensor's lag beside that of the actuator, both with the simulation's coefficients free.
+def _gain(model: Program, samples: Trajectories, equation: str, lag: Column, beside: Sequence[Term]) -> float:
+    """Log likelihood of the sensor's lag over that of the actuator, both with the simulation's coefficients free.
 
-    Even where one of them could not be followed: that it does not settle is no evidence.
+    0 where one of them could not be followed: that it does not settle is no evidence.
     """
     (sensor,), (time,), arrives = samples.state_names, lag.inner.values(), Term(_input_of(lag))
     own = [*model.dictionary.get(equation, ()), *beside]
@@ -105,8 +104,8 @@ def _share(model: Program, samples: Trajectories, equation: str, lag: Column, be
     # A path of more segments has more starts that are free, and follows any samples better.
     alike = all(cut == pieces for log, cut in zip(logs, cuts, strict=True) if math.isfinite(log))
     if not (math.isfinite(known) and math.isfinite(mirrored) and alike):
-        return EVEN
-    return 1.0 / (1.0 + math.exp(min(max(known - mirrored, -700.0), 700.0)))
+        return 0.0
+    return mirrored - known
 
 
 def _top(left: float, middle: float, right: float) -> float:

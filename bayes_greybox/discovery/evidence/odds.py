@@ -22,6 +22,8 @@ class Odds:
         remainder: Beside an effect, something else remains: f, or a process in time, half each.
         suspect: Each suspect about a channel of the measurement (a delay, a gain, an offset).
         noise: Each suspect about the noise (it is correlated, it depends on the state, it has heavy tails).
+        slow_sensor: Where the actuator or the only sensor lags, and one alone: the sensor. Of a linear machine samples
+            cannot tell; small where the sensor is known to be fast.
 
     Raises:
         InputError: A value that is no such probability; `another` and `unknown` that leave nothing to the rest.
@@ -36,6 +38,7 @@ class Odds:
     remainder: Probability = 0.2
     suspect: Probability = 0.02
     noise: Probability = 0.05
+    slow_sensor: Probability = 0.5
 
     def __post_init__(self) -> None:
         for field, value, _ in beyond_limits(self):

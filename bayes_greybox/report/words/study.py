@@ -9,7 +9,6 @@ import numpy as np
 import pandas as pd
 
 from bayes_greybox.discovery.answer.gap.denials import MISFIT, worsened
-from bayes_greybox.discovery.answer.mirrored import EVEN
 from bayes_greybox.discovery.answer.weighed import STOPS
 from bayes_greybox.discovery.study import StudyResult
 from bayes_greybox.discovery.suspects.channels import DELAY_STEPS, GAIN, GAIN_SD, LAG, OFFSET_SD
@@ -280,8 +279,8 @@ def suspects_weighed(study: StudyResult) -> list[tuple[str, str]]:
     channels = [*rates, *states, *inputs]
     each, noise = (probability_text(odds[key]) for key in ("suspect", "noise"))
     lagging = dict.fromkeys(row["channel"] for row in study.instrument.to_dict("records") if row["suspect"] == LAG)
-    even = f"{percent_text(EVEN, 0)}: it, or that of an input, which does the same"
-    lags = [(f"Lag of {name}", even) for name in lagging]
+    share = f"{probability_text(odds.get('slow_sensor', 0.5))}: it, or that of an input, which does the same"
+    lags = [(f"Lag of {name}", share) for name in lagging]
     of_rms = f"size ±\u00a0{percent_text(OFFSET_SD, 0)} of the channel's RMS"
     return [
         (f"Delay of {', '.join(delays)}", f"{each} each; size ±\u00a0{DELAY_STEPS:g}\u00a0samples"),

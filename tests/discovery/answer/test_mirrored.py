@@ -10,8 +10,9 @@ import bayes_greybox as bg
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.discovery.answer import mirrored
 from bayes_greybox.discovery.answer.finding import Finding
-from bayes_greybox.discovery.answer.mirrored import EVEN, mirrors
+from bayes_greybox.discovery.answer.mirrored import mirrors
 from bayes_greybox.discovery.evidence.columns import Column
+from bayes_greybox.discovery.evidence.odds import Odds
 from bayes_greybox.physics.catalogue.loading import load_catalogue
 from bayes_greybox.physics.terms import Term
 
@@ -44,14 +45,15 @@ def lag(u, time):
     return Column("effect", bound.term({"lag": time}), 1.0, 1.0, effect=bound, inner={"lag": time})
 
 
-def found(*corrections, time=LAG, suspects=(), noise=(), inputs="F"):
+def found(*corrections, time=LAG, suspects=(), noise=(), inputs="F", slow_sensor=0.5):
     """An answer that has a lag of the input F, as a study finds it, or of several."""
     lags = [lag(u, time) for u in inputs]
+    odds = Odds(slow_sensor=slow_sensor)
     columns = [*lags, *(Column("correction", Term(text), 1.0, 1.0) for text in corrections)]
     numbers = {"correction": list(range(len(lags), len(columns)))}
     statistics = SimpleNamespace(columns=columns, of_kind=lambda kind: numbers[kind])
     world = SimpleNamespace(
-        evaluations=SimpleNamespace(statistics=statistics), model=SimpleNamespace(names=tuple(noise))
+        evaluations=SimpleNamespace(statistics=statistics, odds=odds), model=SimpleNamespace(names=tuple(noise))
     )
     places = tuple(SimpleNamespace(index=k) for k in range(len(lags)))
     made = object.__new__(Finding)
@@ -83,6 +85,13 @@ def test_a_hardening_machine_tells_which_one_lags(lagging, of_the_sensor):
     assert (told[LATE_F].share < 0.01) != of_the_sensor
 
 
+def test_what_is_known_of_the_sensor_is_prior_odds():
+    data, model = shown("actuator", 0.0), model_of(0.0)
+    even, fast = (weighed(model, data, found(slow_sensor=p))[LATE_F].share for p in (0.5, 0.01))
+    assert fast / (1 - fast) == pytest.approx(even / (1 - even) / 99)
+    assert weighed(model, data, found(noise=["AR"], slow_sensor=0.01))[LATE_F].share == pytest.approx(0.01)
+
+
 @pytest.mark.parametrize("lagging", ["actuator", "sensor"])
 def test_a_stiffness_that_is_a_little_off_tells_nothing(lagging):
     rows = bg.TrajectoryRows(interpolation="cubic")
@@ -96,8 +105,8 @@ def test_what_does_not_settle_is_no_evidence(monkeypatch):
         raise InputError("lost")
 
     monkeypatch.setattr("bayes_greybox.discovery.answer.mirrored.near_estimate", lost)
-    assert weighed(model_of(0.0), shown("actuator", 0.0), found())[LATE_F].share == EVEN
-    assert weighed(model_of(0.0), shown("actuator", 0.0), found(noise=["AR"]))[LATE_F].share == EVEN
+    assert weighed(model_of(0.0), shown("actuator", 0.0), found())[LATE_F].share == Odds().slow_sensor
+    assert weighed(model_of(0.0), shown("actuator", 0.0), found(noise=["AR"]))[LATE_F].share == Odds().slow_sensor
 
 
 def test_paths_of_more_segments_are_no_evidence(monkeypatch):
@@ -109,14 +118,14 @@ def test_paths_of_more_segments_are_no_evidence(monkeypatch):
         return (value + 50, segments + 1) if len(terms) == 2 else (value, segments)
 
     monkeypatch.setattr(mirrored, "_log_likelihood", cut)
-    assert weighed(model_of(0.3), shown("actuator", 0.3, force=2.0), found())[LATE_F].share == EVEN
+    assert weighed(model_of(0.3), shown("actuator", 0.3, force=2.0), found())[LATE_F].share == Odds().slow_sensor
 
 
 def test_of_two_inputs_each_has_its_own():
     found_on = found(inputs="FG", time=0.4)
     told = weighed(model_of(0.0), shown("actuator", 0.0), found_on)
     assert {key: (each.instead, each.share) for key, each in told.items()} == {
-        LATE_F: ("F", EVEN), LATE_G: ("G", EVEN)
+        LATE_F: ("F", 0.5), LATE_G: ("G", 0.5)
     }  # fmt: skip
     assert {(each.name, each.time) for each in told.values()} == {("lag of y", 0.4)}
     assert told[LATE_F].step == pytest.approx(0.2)
