@@ -45,6 +45,7 @@ from bayes_greybox.report.equations.record import equations_record
 from bayes_greybox.report.equations.text import equations_text
 from bayes_greybox.report.exports.door import export_system
 from bayes_greybox.report.exports.model import Notes
+from bayes_greybox.running.collecting import seldom_collected
 from bayes_greybox.running.compiling import keep_programs, make_room
 from bayes_greybox.running.stages import stage, stages
 
@@ -108,7 +109,7 @@ class GreyBox(Program):
         keep_programs()
         make_room()
         # One thread as in `sample_posterior`, here also for what completes the fit.
-        with threadpool_limits(1), stages(progress):
+        with threadpool_limits(1), seldom_collected(), stages(progress):
             with stage("Reading the data"):
                 model, data, rows = taken(self, given)
             whole = None if rows is None else rows.statistics(model)

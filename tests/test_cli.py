@@ -249,21 +249,51 @@ def test_a_pipe_gets_no_colours():
     assert b"hudson_bay" in done.stdout and b"\x1b[" not in done.stdout
 
 
+COUNTED = """
+import json, os, sys
+import jax
+from bayes_greybox.cli import main
+
+programs = []
+jax.monitoring.register_event_duration_secs_listener(
+    lambda event, *_, **__: programs.append(event) if event.endswith("backend_compile_duration") else None
+)
+code = main()
+with open(os.environ["COUNTED"], "w") as file:
+    json.dump({"programs": len(programs), "modules": sorted(sys.modules)}, file)
+sys.exit(code)
+"""
+"""The command, and how many programs it compiled or read, and which modules it imported."""
+
+
 @pytest.fixture(scope="module")
 def first(tmp_path_factory):
-    """The bundled example, sampled briefly; what it printed, and its folder."""
-    folder = tmp_path_factory.mktemp("first") / "run"
-    command = "import sys; from bayes_greybox.cli import main; sys.exit(main())"
-    words = [sys.executable, "-c", command, "fit", str(CONFIGS / "first.toml"), "-o", str(folder), *SHORT]
-    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    """The bundled example, sampled briefly; what it printed, its folder, and what it took."""
+    home = tmp_path_factory.mktemp("first")
+    folder, counted = home / "run", home / "counted.json"
+    words = [sys.executable, "-c", COUNTED, "fit", str(CONFIGS / "first.toml"), "-o", str(folder), *SHORT]
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), "COUNTED": str(counted)}
     done = subprocess.run([*words, "--seed", "3"], env=environment, capture_output=True, text=True)
-    return SimpleNamespace(code=done.returncode, out=done.stdout, err=done.stderr, folder=folder)
+    took = json.loads(counted.read_text()) if counted.exists() else {}
+    return SimpleNamespace(code=done.returncode, out=done.stdout, err=done.stderr, folder=folder, took=took)
 
 
 def test_a_run_that_is_too_short_ends_with_code_3_and_says_so_first(first):
     assert first.code == 3
     assert first.out.startswith("Not converged; do not rely on this fit:")
     assert "Traceback" not in first.err
+
+
+def test_a_fit_with_its_checks_and_figures_takes_few_programs(first):
+    # Of the sampler, draws, densities, checks and the free run, two that ask for options, and keys. An array that is
+    # indexed or made step by step takes one for each operation and shape; there were 119.
+    assert 11 <= first.took["programs"] <= 30
+
+
+def test_the_figures_of_a_fit_import_no_study(first):
+    modules = set(first.took["modules"])
+    assert "bayes_greybox.report.plots.fits" in modules
+    assert not {name for name in modules if name.startswith("bayes_greybox.discovery")}
 
 
 def test_the_folder_has_the_fit_the_record_the_figures_and_the_configuration(first):

@@ -8,6 +8,7 @@ from bayes_greybox.cli.ending import DONE, NOT_CONVERGED, show
 from bayes_greybox.cli.places import place_of
 from bayes_greybox.cli.resuming import resumable
 from bayes_greybox.config import Config
+from bayes_greybox.criticism.kept.file import save_found
 from bayes_greybox.criticism.trial import trial, try_on
 from bayes_greybox.report.folders.copies import CONFIGURATION
 from bayes_greybox.report.folders.record import run_record, write_json
@@ -46,7 +47,7 @@ def fit_configured(settings: Config, output: Path | None, progress: bool, quiet:
                 # Its page shows them; the file keeps them.
                 tried = trial(result) if test is None else try_on(result, test)
             with stage("Writing the record"), staged(folder) as place:
-                result.save(place / "run.nc")
+                save_found(result, folder / "run.nc", place / "run.nc")
                 record = run_record(result, settings.sampling.model_dump(), seconds, held_out, tried)
                 write_json(place / "summary.json", {"command": "fit", "config": settings.file, **record})
             if settings.output.figures:

@@ -6,7 +6,6 @@ from functools import cache
 from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 from jaxtyping import Array, Float
@@ -26,6 +25,7 @@ from bayes_greybox.physics.integrate import (
     limits_of,
 )
 from bayes_greybox.physics.solvers import diffrax
+from bayes_greybox.running.arrays import on_device
 from bayes_greybox.running.traces import kept
 
 from .bands import Band, band_holds
@@ -119,7 +119,7 @@ def free_run(
     parameters = {}
     for name, each in learned.items():
         draws = each.of(posterior.draws(each.block))
-        parameters[name] = (jnp.asarray(draws.theta[pick]), jnp.asarray(draws.weight[pick]))
+        parameters[name] = on_device((draws.theta[pick], draws.weight[pick]))
 
     rate = whole_rate(simulation, learned, data.columns)
     kinds = posterior.model.rows.interpolation if interpolation is None else interpolation
@@ -161,7 +161,7 @@ class FreeRunner:
         @cache
         def follower(kinds: tuple[str, ...], stiff: bool) -> Callable[..., Any]:
             def follow(start: Any, samples: Samples, limits: Limits, parameters: Any) -> Any:
-                def one(start: Any, x0: Array, args: Any) -> Any:
+                def one(start: Any, x0: Array | np.ndarray, args: Any) -> Any:
                     own = limits._replace(x0=x0)
                     more = {"solver": diffrax().Kvaerno5(), "max_steps": MOST_STIFF} if stiff else {}
                     return follow_piece(right_hand_side, start, samples, own, args, kinds, **{**options, **more})
@@ -204,30 +204,38 @@ class FreeRunner:
         states, failed_at = [], []
         for i, run in enumerate(runs):
             u = run.matrix(data.input_names) if data.input_names else None
-            found, failed = self._run(jnp.asarray(run.time), u, kinds, jnp.asarray(starts[:, i]), size, parameters)
-            states.append(np.asarray(found))
-            failed_at.append(np.asarray(failed))
+            found, failed = self._run(run.time, u, kinds, starts[:, i], size, parameters)
+            states.append(found)
+            failed_at.append(failed)
         return np.concatenate(states, axis=1), np.array(failed_at)
 
     def _run(
-        self, t: Array, u: np.ndarray | None, kinds: str | Sequence[str], x0: Array, size: np.ndarray, parameters: Any
-    ) -> tuple[Array, Array]:
+        self,
+        t: np.ndarray,
+        u: np.ndarray | None,
+        kinds: str | Sequence[str],
+        x0: np.ndarray,
+        size: np.ndarray,
+        parameters: Any,
+    ) -> tuple[np.ndarray, np.ndarray]:
         samples, kinds = cut(t, u, kinds)
         limits = limits_of(t, x0, size)
 
-        def whole(stiff: bool) -> tuple[Array, Array, Array]:
-            start, pieces = (x0, jnp.ones(len(x0), bool)), []
+        def whole(stiff: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+            start, pieces = (x0, np.ones(len(x0), bool)), []
             for i in range(len(samples.times)):
                 piece = Samples(*(part[i] for part in samples))
                 start, found = self._follower(kinds, stiff)(start, piece, limits, parameters)
                 pieces.append(found)
-            states, failed_at, exhausted = (jnp.stack(parts, axis=1) for parts in zip(*pieces, strict=True))
-            return states, failed_at, jnp.any(exhausted, axis=1)
+            # As NumPy's: JAX compiles a program for each operation.
+            states, failed_at, exhausted = (np.stack(parts, axis=1) for parts in zip(*pieces, strict=True))
+            return states, failed_at, np.any(exhausted, axis=1)
 
         states, failed_at, exhausted = whole(False)
-        if jnp.any(exhausted):
+        if np.any(exhausted):
             # An implicit method takes longer to compile, and where nothing is stiff to run.
             others = whole(True)
-            states = jnp.where(exhausted[:, None, None, None], others[0], states)
-            failed_at = jnp.where(exhausted[:, None], others[1], failed_at)
-        return jax.vmap(joined, in_axes=(0, None, 0, 0))(x0, t, states, failed_at)
+            states = np.where(exhausted[:, None, None, None], others[0], states)
+            failed_at = np.where(exhausted[:, None], others[1], failed_at)
+        found, failed = joined(x0, t, states, failed_at)
+        return np.asarray(found), np.asarray(failed)

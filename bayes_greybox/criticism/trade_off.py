@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 from jaxtyping import Array, Float
@@ -18,6 +17,7 @@ from bayes_greybox.model.gp.hyper import Hyperparameters
 from bayes_greybox.model.likelihood import CollapsedNormal
 from bayes_greybox.model.priors import Scales
 from bayes_greybox.physics.units import coefficient_unit, target_unit
+from bayes_greybox.running.arrays import on_device
 from bayes_greybox.running.traces import kept
 
 from .prediction import PREDICTION_DRAWS
@@ -141,7 +141,6 @@ def redrawn(design: Design, draws: EquationDraws) -> EquationDraws:
 
         return jax.lax.map(one, items)
 
-    hyper = Hyperparameters(*(jnp.asarray(value) for value in draws.hyper))
-    drawn = kept(every, (), "redrawn", once=True)(design, (keys, hyper, jnp.asarray(draws.prior_sd)))
+    drawn = kept(every, (), "redrawn", once=True)(design, (keys, *on_device((draws.hyper, draws.prior_sd))))
     found = {name: np.asarray(drawn[name]) for name in ("theta", "weight", "f") if name in drawn}
     return draws._replace(**found)

@@ -20,6 +20,7 @@ from bayes_greybox.model.priors import Scales
 from bayes_greybox.model.program import Program
 from bayes_greybox.model.sites import Sites
 from bayes_greybox.model.streams.statistics import RowStatistics, equations_of
+from bayes_greybox.running.arrays import on_device
 
 from .kept.groups import drawn
 from .sampler.programs import Programs, programs_for
@@ -121,9 +122,9 @@ class Posterior:
         # Without a discrepancy there is neither amplitude nor length scale; the placeholders multiply no features.
         return EquationDraws(
             Hyperparameters(
-                jnp.asarray(flat("sigma") / frame.target_scale),
-                jnp.asarray(flat("amplitude") / frame.target_scale),
-                jnp.asarray(flat("length_scale", len(frame.variables)) / frame.half_width),
+                on_device(flat("sigma") / frame.target_scale),
+                on_device(flat("amplitude") / frame.target_scale),
+                on_device(flat("length_scale", len(frame.variables)) / frame.half_width),
             ),
             theta,
             values["prior_sd"],

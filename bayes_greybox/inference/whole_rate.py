@@ -14,6 +14,7 @@ from bayes_greybox.model.frame import Frame, held_features
 from bayes_greybox.physics.formula.expressions import evaluate
 from bayes_greybox.physics.formula.numbers import as_columns, without_numbers
 from bayes_greybox.physics.simulation.protocol import Simulation
+from bayes_greybox.running.arrays import on_device
 
 from .posterior import Learned
 
@@ -62,7 +63,7 @@ class WholeRate:
             n_basis = 0 if frame.basis is None else frame.basis.size
             projection = frame.orthonormal @ frame.moments if frame.projected else np.zeros((len(terms), n_basis))
             scales = (frame.target_scale, frame.term_scale, frame.centre, frame.half_width, projection)
-            self.numbers[name] = Numbers(*map(jnp.asarray, scales), within=tuple(map(jnp.asarray, within)))
+            self.numbers[name] = Numbers(*on_device(scales), within=on_device(tuple(within)))
         formulas = [
             (name, tuple(map(sympy.srepr, self._formulas[name])), frame.variables, frame.basis)
             for name, frame in self._frames.items()

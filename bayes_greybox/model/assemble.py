@@ -12,6 +12,7 @@ from bayes_greybox.data.errors import InputError
 from bayes_greybox.physics.coefficient import Coefficient
 from bayes_greybox.physics.formula.expressions import namespace
 from bayes_greybox.physics.terms import Dictionary
+from bayes_greybox.running.arrays import on_device
 
 from .algebra.compression import CHUNK, triangular_factor
 from .algebra.linalg import require_independent
@@ -103,10 +104,10 @@ def common_of(
     """
     given = [None] * len(frame.dictionary) if coefficients is None else coefficients
     return {
-        "n_obs": jnp.asarray(float(n_obs)),
-        "n_prior": jnp.asarray(float(n_obs)),
-        "log_det_R": jnp.asarray(log_det),
-        "noise_floor": jnp.asarray(noise_floor),
+        "n_obs": on_device(np.float64(n_obs)),
+        "n_prior": on_device(np.float64(n_obs)),
+        "log_det_R": on_device(np.float64(log_det)),
+        "noise_floor": on_device(np.float64(noise_floor)),
         "coefficients": CoefficientPriors.of(given, frame.coefficient_scale),
     }
 
@@ -130,12 +131,12 @@ def feature_design(
     conditioned = discrepancy is not None and discrepancy.variant == "conditioned"
     Psi = np.asarray(frame.orthogonal(Phi, psi))
     return FeatureDesign(
-        Phi=jnp.asarray(Phi),
-        Psi=jnp.asarray(Psi),
-        gram=jnp.asarray(Psi.T @ Psi),
-        y=jnp.asarray(y[:, 0]),
+        Phi=on_device(Phi),
+        Psi=on_device(Psi),
+        gram=on_device(Psi.T @ Psi),
+        y=on_device(y[:, 0]),
         frequency=jnp.zeros((0, 0)) if frame.basis is None else frame.basis.frequency,
-        constraints=jnp.asarray(frame.moments) if conditioned else None,
+        constraints=on_device(frame.moments) if conditioned else None,
         kernel="squared_exponential" if discrepancy is None else discrepancy.kernel,
         **common,
     )

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from bayes_greybox.physics.coefficient import Coefficient
+from bayes_greybox.running.arrays import on_device
 
 from .algebra.collapsed import Ridge
 from .algebra.truncated import BoundedPatterns, Bounds, bounded_patterns, log_mass, standardised, truncated_quantile
@@ -56,10 +57,7 @@ class CoefficientPriors:
         numbers = [(c.mean, c.sd) if c is not None and c.mean is not None else (0.0, 0.0) for c in stated]
         mean, sd = np.array(numbers, float).reshape(-1, 2).T / scale
         return cls(
-            jnp.asarray(mean),
-            jnp.asarray(np.where(own, sd, 1.0)),
-            jnp.asarray(limits[:, 0]),
-            jnp.asarray(limits[:, 1]),
+            *on_device((mean, np.where(own, sd, 1.0), limits[:, 0], limits[:, 1])),
             shared=tuple(j for j, has_own in enumerate(own) if not has_own),
             certain=tuple(j for j, c in enumerate(stated) if c is not None and c.certain),
             bounded=tuple(j for j, c in enumerate(stated) if c is not None and c.bounded),

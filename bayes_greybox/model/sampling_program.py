@@ -13,6 +13,8 @@ from jaxtyping import Float
 from numpyro.handlers import scope, seed, substitute, trace
 
 from bayes_greybox.data.errors import InputError
+from bayes_greybox.running.arrays import on_device
+from bayes_greybox.running.compiling import compiled
 
 from .design import Design
 from .gp.discrepancy import OrthogonalGP
@@ -181,8 +183,9 @@ class SamplingProgram:
                 scales = program(item[1])
             return scales.sd, jnp.broadcast_to(jnp.asarray(scales.log_odds), scales.sd.shape)
 
-        sd, odds = jax.vmap(one)(({name: jnp.asarray(values[name]) for name in drawn}, jnp.asarray(sigma)))
-        return Scales(sd, odds, jnp.broadcast_to(design.coefficients.mean, sd.shape))
+        # One program: step by step it would be one for each operation.
+        sd, odds = compiled(jax.vmap(one), once=True)(({name: values[name] for name in drawn}, np.asarray(sigma)))
+        return Scales(sd, odds, on_device(np.broadcast_to(design.coefficients.mean, sd.shape)))
 
     @property
     def _noise_scale(self) -> float:

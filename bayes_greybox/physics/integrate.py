@@ -10,6 +10,7 @@ from jaxtyping import Array, Float
 
 from bayes_greybox.data.errors import InputError
 
+from .formula.expressions import namespace
 from .solvers import diffrax, ordered_times
 
 INTERPOLATIONS = ("linear", "zoh", "cubic")
@@ -29,15 +30,15 @@ _SMALLEST_STEP = 1e-12
 class Samples(NamedTuple):
     """Samples of a run or of its pieces: times, inputs at them, and second derivatives of the inputs' splines."""
 
-    times: Float[Array, "*piece n"]
-    values: Float[Array, "*piece n p"]
-    curvature: Float[Array, "*piece n p"]
+    times: Float[Array | np.ndarray, "*piece n"]
+    values: Float[Array | np.ndarray, "*piece n p"]
+    curvature: Float[Array | np.ndarray, "*piece n p"]
 
 
 class Limits(NamedTuple):
     """Where a run starts and ends, how long it lasts, sizes of its states, and beyond which of them it has failed."""
 
-    x0: Float[Array, "*draw d"]
+    x0: Float[Array | np.ndarray, "*draw d"]
     end: Float[Array, ""]
     span: Float[Array, ""]
     sizes: Float[Array, " d"]
@@ -45,7 +46,7 @@ class Limits(NamedTuple):
 
 
 def cut(
-    t: Float[Array, " n"],
+    t: Float[Array | np.ndarray, " n"],
     inputs: Float[Array | np.ndarray, "n p"] | None,
     interpolation: str | Sequence[str],
     curvature: Float[Array | np.ndarray, "n p"] | None = None,
@@ -69,22 +70,23 @@ def cut(
         raise InputError(f"Integration needs at least two times, not {t.shape[0]}; give a longer window.")
     if inputs is not None and inputs.shape[0] != t.shape[0]:
         raise InputError(f"The inputs have {inputs.shape[0]} rows for {t.shape[0]} times; give one row for each time.")
-    values = jnp.zeros((t.shape[0], 0)) if inputs is None else jnp.asarray(inputs, dtype=float)
+    xp = namespace([t, inputs])
+    values = xp.zeros((t.shape[0], 0)) if inputs is None else xp.asarray(inputs, dtype=float)
     if curvature is None:
-        kinds, curvature = curvature_of(t, values, interpolation)
+        kinds, bent = curvature_of(t, values, interpolation)
     else:
-        kinds, curvature = _named(interpolation, values.shape[1]), jnp.asarray(curvature)
+        kinds, bent = _named(interpolation, values.shape[1]), curvature
     piece = min(PIECE, t.shape[0] - 1)
     n_piece = -(-(t.shape[0] - 1) // piece)
-    beyond = t[-1] + (t[-1] - t[-2]) * jnp.arange(1, n_piece * piece + 2 - t.shape[0])
-    rows = jnp.arange(n_piece)[:, None] * piece + jnp.arange(piece + 1)
-    known = jnp.minimum(rows, t.shape[0] - 1)
-    return Samples(jnp.concatenate([t, beyond])[rows], values[known], curvature[known]), kinds
+    beyond = t[-1] + (t[-1] - t[-2]) * np.arange(1, n_piece * piece + 2 - t.shape[0])
+    rows = np.arange(n_piece)[:, None] * piece + np.arange(piece + 1)
+    known = np.minimum(rows, t.shape[0] - 1)
+    return Samples(xp.concatenate([t, beyond])[rows], values[known], xp.asarray(bent)[known]), kinds
 
 
 def limits_of(
-    t: Float[Array, " n"],
-    x0: Float[Array, "*draw d"],
+    t: Float[Array | np.ndarray, " n"],
+    x0: Float[Array | np.ndarray, "*draw d"],
     scale: Float[Array | np.ndarray, " d"],
     blow_up: float = 1e12,
 ) -> Limits:
@@ -96,8 +98,9 @@ def limits_of(
         scale: Typical sizes of the states, for example their RMS in the data.
         blow_up: The run has failed once a state exceeds this multiple of the largest scale.
     """
-    sizes = jnp.asarray(scale, dtype=float)
-    return Limits(x0, t[-1], t[-1] - t[0], sizes, blow_up * jnp.max(sizes))
+    xp = namespace([scale])
+    sizes = xp.asarray(scale, dtype=float)
+    return Limits(x0, t[-1], t[-1] - t[0], sizes, blow_up * xp.max(sizes))
 
 
 def follow_piece(
@@ -184,15 +187,17 @@ def follow_piece(
 
 
 def joined(
-    x0: Float[Array, " d"],
-    t: Float[Array, " n"],
-    states: Float[Array, "piece rows d"],
-    failed_at: Float[Array, " piece"],
-) -> tuple[Float[Array, "n d"], Float[Array, ""]]:
+    x0: Float[Array | np.ndarray, "*draw d"],
+    t: Float[Array | np.ndarray, " n"],
+    states: Float[Array | np.ndarray, "*draw piece rows d"],
+    failed_at: Float[Array | np.ndarray, "*draw piece"],
+) -> tuple[Float[Array | np.ndarray, "*draw n d"], Float[Array | np.ndarray | np.generic, "*draw"]]:
     """One run from its pieces: states at the times t, and the time of its first failure or NaN."""
-    whole = jnp.concatenate([x0[None], states.reshape(-1, x0.shape[0])])[: t.shape[0]]
-    first = jnp.nanmin(failed_at)
-    return whole, jnp.where(first <= t[-1], first, jnp.nan)
+    xp = namespace([x0, t, states, failed_at])
+    rows = states.reshape(*x0.shape[:-1], -1, x0.shape[-1])
+    whole = xp.concatenate([x0[..., None, :], rows], axis=-2)[..., : t.shape[0], :]
+    first = xp.min(xp.where(xp.isnan(failed_at), xp.inf, failed_at), axis=-1)
+    return whole, xp.where(first <= t[-1], first, xp.nan)
 
 
 def between_samples(t: Float[np.ndarray, " n"], values: Float[np.ndarray, "n p"]) -> tuple[str, ...]:
@@ -239,8 +244,8 @@ def between_samples_of_runs(
 
 
 def curvature_of(
-    t: Float[Array, " n"], values: Float[Array, "n p"], kind: str | Sequence[str]
-) -> tuple[tuple[str, ...], Float[Array, "n p"]]:
+    t: Float[Array | np.ndarray, " n"], values: Float[Array | np.ndarray, "n p"], kind: str | Sequence[str]
+) -> tuple[tuple[str, ...], Float[Array | np.ndarray, "n p"]]:
     """Interpolation of each column, and second derivatives at the samples: zero but for splines.
 
     Args:
@@ -253,8 +258,8 @@ def curvature_of(
     """
     kinds = _named(kind, values.shape[1])
     if "cubic" not in kinds:
-        return kinds, jnp.zeros_like(values)
-    return kinds, jnp.where(np.array(kinds) == "cubic", _spline_curvature(t, values), 0.0)
+        return kinds, namespace([values]).zeros_like(values)
+    return kinds, jnp.where(np.array(kinds) == "cubic", _spline_curvature(jnp.asarray(t), jnp.asarray(values)), 0.0)
 
 
 def _named(kind: str | Sequence[str], n: int) -> tuple[str, ...]:

@@ -15,6 +15,10 @@ def seldom_collected() -> Iterator[None]:
     Python searches all 700 new objects, and in a command that is a tenth of what it does before the first answer.
     """
     before = gc.get_threshold()
+    if before == SELDOM:
+        # Who asked for it first, in whatever thread, ends it.
+        yield
+        return
     gc.set_threshold(*SELDOM)
     try:
         yield

@@ -11,14 +11,16 @@ import bayes_greybox as bg
 from bayes_greybox.criticism.checks.checks import checks
 from bayes_greybox.criticism.discrepancy import discrepancy_table
 from bayes_greybox.criticism.kept import checks as kept
+from bayes_greybox.criticism.kept.file import save_found
+from bayes_greybox.criticism.trial import trial
+from bayes_greybox.inference.kept import netcdf
 
 
 @pytest.fixture(scope="module")
 def fit():
     data = bg.systems.oscillator().simulate(np.linspace(0.0, 30.0, 60), noise=0.02, seed=1)
-    return bg.GreyBox({"ydot": ["y**3", "ydot**3"]}, discrepancy=None).fit(
-        data, draws=50, tune=50, chains=2, progress=False
-    )
+    model = bg.GreyBox({"ydot": ["y**3", "ydot**3"]}, simulation={"y": "ydot"}, discrepancy=None)
+    return model.fit(data, draws=50, tune=50, chains=2, progress=False)
 
 
 def test_checks_come_back_with_the_fit(fit, tmp_path, monkeypatch):
@@ -35,6 +37,32 @@ def test_checks_come_back_with_the_fit(fit, tmp_path, monkeypatch):
         assert found.loo_pit[name].wrong == made.loo_pit[name].wrong
         np.testing.assert_array_equal(found.whiteness[name].bound, made.whiteness[name].bound)
         assert found.whiteness[name].standing_out == made.whiteness[name].standing_out
+
+
+def test_what_is_found_later_is_added_to_a_saved_fit_as_if_all_were_saved_anew(fit, tmp_path):
+    fit.memory.clear()
+    fit.save(tmp_path / "before.nc")
+    fit.checks()
+    trial(fit)
+    save_found(fit, tmp_path / "before.nc", tmp_path / "added.nc")
+    fit.save(tmp_path / "anew.nc")
+    added, anew = (netcdf.read(tmp_path / name) for name in ("added.nc", "anew.nc"))
+    xr.testing.assert_identical(added, anew)
+    assert netcdf.TRIED in added.children and kept.KEPT in added.attrs
+    assert all(v.encoding["zlib"] for v in added[netcdf.TRIED].data_vars.values())
+    # What was there is as it was, and nothing that was sealed can be changed.
+    assert netcdf.TRIED not in netcdf.read(tmp_path / "before.nc").children
+    raw = bytearray((tmp_path / "added.nc").read_bytes())
+    raw[len(raw) // 2] ^= 1
+    (tmp_path / "added.nc").write_bytes(raw)
+    with pytest.raises(bg.InputError, match="damaged"):
+        bg.load(tmp_path / "added.nc")
+
+
+def test_what_cannot_be_added_is_refused(fit, tmp_path):
+    fit.save(tmp_path / "run.nc")
+    with pytest.raises(bg.InputError, match="Cannot write"):
+        save_found(fit, tmp_path / "run.nc", tmp_path / "nowhere" / "run.nc")
 
 
 def test_without_checks_in_the_file_they_are_made(fit, tmp_path):

@@ -8,7 +8,17 @@ from integration import integrate
 from scipy.interpolate import CubicSpline
 
 from bayes_greybox.data.errors import InputError
-from bayes_greybox.physics.integrate import PIECE, Limits, Samples, _at, between_samples, curvature_of, follow_piece
+from bayes_greybox.physics.integrate import (
+    PIECE,
+    Limits,
+    Samples,
+    _at,
+    between_samples,
+    curvature_of,
+    cut,
+    follow_piece,
+    joined,
+)
 from bayes_greybox.physics.solvers import ordered_times
 
 
@@ -151,6 +161,29 @@ def test_long_runs_are_cut_where_nobody_sees_it():
     # Splines of the two records differ near the later one's start.
     np.testing.assert_allclose(path.states[PIECE // 2 :], twice.states, atol=1e-5)
     assert np.isnan(path.failed_at)
+
+
+@pytest.mark.parametrize("kind", ["linear", "cubic"])
+def test_numpy_and_jax_cut_and_join_alike(kind):
+    t = np.linspace(0.0, 60.0, 2 * PIECE + 17)
+    u = np.sin(0.9 * t)[:, None]
+    ours, kinds = cut(t, u, kind)
+    theirs, same = cut(jnp.asarray(t), jnp.asarray(u), kind)
+    assert kinds == same
+    for one, other in zip(ours, theirs, strict=True):
+        assert isinstance(one, np.ndarray) and isinstance(other, jax.Array)
+        np.testing.assert_allclose(one, other, rtol=1e-13, atol=1e-13)
+    rng = np.random.default_rng(0)
+    x0, states = rng.standard_normal((3, 2)), rng.standard_normal((3, 3, PIECE, 2))
+    # One that does not fail, one that does twice, and one that fails beyond the end.
+    failed = np.array([[np.nan] * 3, [np.nan, 31.0, 55.0], [np.nan, np.nan, 60.5]])
+    whole, first = joined(x0, t, states, failed)
+    np.testing.assert_array_equal(first, [np.nan, 31.0, np.nan])
+    assert whole.shape == (3, len(t), 2)
+    for k in range(3):
+        row = joined(*map(jnp.asarray, (x0[k], t, states[k], failed[k])))
+        np.testing.assert_array_equal(row[0], whole[k])
+        np.testing.assert_array_equal(row[1], first[k])
 
 
 def test_a_blow_up_in_a_later_piece_ends_the_run_there():

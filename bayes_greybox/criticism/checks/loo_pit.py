@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 from scipy.special import log_ndtr, ndtr
@@ -13,6 +12,7 @@ from bayes_greybox.inference.posterior import Posterior
 from bayes_greybox.model.design import Design, EquationDraws, WeightedRows
 from bayes_greybox.model.equation import Equation
 from bayes_greybox.model.gp.hyper import Hyperparameters
+from bayes_greybox.running.arrays import on_device
 from bayes_greybox.running.compiling import compiled
 
 from .p_values import combined_p
@@ -134,28 +134,28 @@ def _test(
     """p-value of uniformity; largest gap of the distribution function, and share outside, of the replicates."""
     draws = posterior.draws(entry.rows.equation, TEST_DRAWS)
     parameters = jax.tree.map(np.asarray, _parameters(draws))
-    inverse_R = jnp.asarray(entry.rows.noise.precision_at(index))
+    inverse_R = on_device(entry.rows.noise.precision_at(index))
     rng = np.random.default_rng(posterior.sampling.seed)
     steps = np.arange(len(index) + 1) / len(index)
     p, gaps, outside = [], [], []
     for s in range(len(draws.theta)):
-        given = jax.tree.map(lambda leaf: jnp.asarray(leaf[s]), parameters)  # noqa: B023
+        given = jax.tree.map(lambda leaf: leaf[s], parameters)  # noqa: B023
         g, inverse = (np.asarray(part) for part in _inverse(entry.design, rows, inverse_R, *given))
         scale = np.sqrt(np.diag(inverse))
         values, vectors = np.linalg.eigh(inverse / np.outer(scale, scale))
         root = vectors * np.sqrt(np.maximum(values, 0.0))
-        replicated = rng.standard_normal((REPLICATES, len(index))) @ root.T
+        # Sorted once for all that is asked of their distribution.
+        replicated = np.sort(rng.standard_normal((REPLICATES, len(index))) @ root.T, axis=1)
         statistic = anderson_darling(replicated)
         p.append((1 + np.sum(statistic >= anderson_darling((g / scale)[None]))) / (1 + REPLICATES))
-        u = np.sort(ndtr(replicated), axis=1)
+        u = ndtr(replicated)
         gaps.append(np.maximum(steps[1:] - u, u - steps[:-1]).max(axis=1))
         outside.append(np.mean((u < 0.05) | (u > 0.95), axis=1))
     return combined_p(np.array(p)), np.concatenate(gaps), np.concatenate(outside)
 
 
 def _parameters(draws: EquationDraws) -> tuple[Hyperparameters, Array, Array]:
-    hyper = Hyperparameters(*(jnp.asarray(part) for part in draws.hyper))
-    return hyper, jnp.asarray(draws.spread), jnp.asarray(draws.mean)
+    return on_device((draws.hyper, draws.spread, draws.mean))
 
 
 @compiled

@@ -17,6 +17,7 @@ from bayes_greybox.inference.posterior import Posterior
 from bayes_greybox.model.algebra.collapsed import Regression, ridge
 from bayes_greybox.model.algebra.subsets import log_pattern_weights, patterns
 from bayes_greybox.model.design import Design
+from bayes_greybox.running.arrays import on_device
 from bayes_greybox.running.traces import kept
 
 ALPHAS = (0.99, 1.01)
@@ -140,7 +141,8 @@ def _powers(posterior: Posterior, equation: str, index: np.ndarray) -> _Powers:
     """Log ratios of scaled to unscaled densities, draw by draw."""
     design = posterior.equations[equation].design
     draws = posterior.draws(equation)
-    summed, slab_of_draws = posterior.summed(equation), posterior.slab(equation)
+    slab_of_draws = posterior.slab(equation)
+    summed = not design.coefficients.bounded and slab_of_draws is not None
     own = posterior.sites[equation]
     if "log_prior" not in posterior.idata.children:
         raise InputError(
@@ -155,24 +157,24 @@ def _powers(posterior: Posterior, equation: str, index: np.ndarray) -> _Powers:
     has_gamma = own.gamma in posterior.drawn()
     n_term = draws.theta.shape[1]
     if slab_of_draws is not None and slab_of_draws.log_odds is not None:
-        slab, odds = (jnp.asarray(np.asarray(part)[index]) for part in (slab_of_draws.sd, slab_of_draws.log_odds))
+        slab, odds = (np.asarray(part)[index] for part in (slab_of_draws.sd, slab_of_draws.log_odds))
     else:
         # Of a pattern that is a site only its own odds count, which do not depend on the term.
-        slab, odds = jnp.ones((len(index), n_term)), jnp.zeros((len(index), n_term))
+        slab, odds = np.ones((len(index), n_term)), np.zeros((len(index), n_term))
         if has_gamma:
             pi = posterior.idata["posterior"][own.pi].to_numpy().reshape(-1)[index]
-            odds = jnp.broadcast_to(jnp.asarray(np.log(pi) - np.log1p(-pi))[:, None], odds.shape)
+            odds = np.broadcast_to((np.log(pi) - np.log1p(-pi))[:, None], odds.shape)
     items = (
-        jax.tree.map(lambda leaf: jnp.asarray(np.asarray(leaf)[index]), draws.hyper),
-        jnp.asarray(draws.theta[index]),
-        jnp.asarray(draws.prior_sd[index]),
-        jnp.asarray(top),
+        jax.tree.map(lambda leaf: np.asarray(leaf)[index], draws.hyper),
+        draws.theta[index],
+        draws.prior_sd[index],
+        top,
         slab,
         odds,
     )
-    joint, collapsed, inclusion = _evaluated(summed is not None, has_gamma)(design, items)
+    joint, collapsed, inclusion = _evaluated(summed, has_gamma)(design, on_device(items))
     joint = np.asarray(joint).T
-    if summed is None:
+    if not summed:
         return _Powers(joint, None, None)
     return _Powers(joint, np.asarray(collapsed).T, np.moveaxis(np.asarray(inclusion), 1, 0))
 

@@ -11,6 +11,7 @@ from jaxtyping import Array, Float, Int
 from bayes_greybox.inference.posterior import MOST_NUMBERS, Posterior
 from bayes_greybox.model.design import Design, EquationDraws, WeightedRows
 from bayes_greybox.model.gp.hyper import Hyperparameters
+from bayes_greybox.running.arrays import on_device
 from bayes_greybox.running.compiling import compiled
 
 ROW_BLOCK = 4096
@@ -87,7 +88,7 @@ def row_densities(
         Indices of the observations, and their densities.
     """
     entry = posterior.equations[equation]
-    parameters = jax.tree.map(jnp.asarray, (draws.hyper, draws.spread, draws.mean))
+    parameters = on_device((draws.hyper, draws.spread, draws.mean))
     log_unit = math.log(entry.frame.target_scale)
     index = np.arange(entry.rows.n_white) if index is None else index
     weighted = entry.weighted()

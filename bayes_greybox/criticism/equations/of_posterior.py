@@ -135,7 +135,9 @@ class _Part:
         most = self.learned.equation.design.worthwhile(PREDICTION_DRAWS)
         if len(draws) > most:
             draws = draws[np.linspace(0, len(draws) - 1, most).round().astype(int)]
-        return jax.tree.map(lambda values: values[draws], self.learned.of(posterior.draws(self.learned.block)))
+        # As NumPy's: JAX compiles a program for each shape that it indexes.
+        every = jax.tree.map(np.asarray, self.learned.of(posterior.draws(self.learned.block)))
+        return jax.tree.map(lambda values: values[draws], every)
 
     def _features(self) -> Features | None:
         return partial(_features_of, self.learned.frame) if self.learned.equation.design.expands else None

@@ -32,8 +32,22 @@ def save_checked(
     Raises:
         InputError: The destination cannot be written.
     """
-    found = {**kept_checks(posterior), **kept_trade_offs(posterior)}
-    netcdf.save(posterior, path, {**(attributes or {}), **found}, {**(groups or {}), **kept_trial(posterior)})
+    texts, tried = _found(posterior)
+    netcdf.save(posterior, path, {**(attributes or {}), **texts}, {**(groups or {}), **tried})
+
+
+def save_found(posterior: Posterior, saved: str | os.PathLike[str], path: str | os.PathLike[str]) -> None:
+    """`save_checked` of a posterior that was saved already, before its trial: what is in that file is copied.
+
+    Args:
+        posterior: What was saved, as it was then.
+        saved: Its file.
+        path: Destination, another file.
+
+    Raises:
+        InputError: The destination cannot be written.
+    """
+    netcdf.add(saved, path, *_found(posterior))
 
 
 def load_checked(path: str | os.PathLike[str], simulation: RightHandSide | FMU | None = None) -> Posterior:
@@ -70,3 +84,8 @@ def checked_of(tree: xr.DataTree, simulation: RightHandSide | FMU | None = None)
     if tried is not None:
         restore_trial(posterior, tried.to_dataset())
     return posterior
+
+
+def _found(posterior: Posterior) -> tuple[dict[str, str], dict[str, xr.Dataset]]:
+    """Attributes and groups of a file with what was found out about a posterior."""
+    return {**kept_checks(posterior), **kept_trade_offs(posterior)}, kept_trial(posterior)

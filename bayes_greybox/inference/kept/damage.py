@@ -7,8 +7,9 @@ by part (see `kinds` and `draws`), and whatever still cannot be made is the file
 
 import json
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 from zlib import crc32
 
@@ -73,6 +74,18 @@ def put_end(path: str | os.PathLike[str]) -> None:
         file.write(END + total)
 
 
+def take_end(path: str | os.PathLike[str], copy: str | os.PathLike[str]) -> None:
+    """Copy a file without what `put_end` wrote behind it.
+
+    Args:
+        path: The file.
+        copy: Where to.
+    """
+    raw = Path(path).read_bytes()
+    own = len(END) + 8
+    Path(copy).write_bytes(raw[:-own] if raw[-own:].startswith(END) else raw)
+
+
 def require_end(raw: bytes, path: str | os.PathLike[str]) -> None:
     """Refuse a file whose bytes are not those that were written, if it says which these were.
 
@@ -99,7 +112,16 @@ def seal(tree: xr.DataTree, names: dict[str, list[str]]) -> str:
         tree: Groups of a file.
         names: Attributes by path of their group.
     """
-    return json.dumps({path: {name: _sum(tree[path].attrs[name]) for name in own} for path, own in names.items()})
+    return json.dumps({path: sums({name: tree[path].attrs[name] for name in own}) for path, own in names.items()})
+
+
+def sums(texts: Mapping[str, Any]) -> dict[str, int]:
+    """The sum of each text of a group.
+
+    Args:
+        texts: By attribute.
+    """
+    return {name: _sum(text) for name, text in texts.items()}
 
 
 def require_sealed(tree: xr.DataTree, path: str | os.PathLike[str]) -> None:

@@ -5,10 +5,12 @@ import importlib.metadata
 import json
 import os
 import platform
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import h5netcdf
 import h5py
 import numpy as np
 import pandas as pd
@@ -26,7 +28,7 @@ from bayes_greybox.physics.simulation.fmu.given import FMU
 from bayes_greybox.physics.simulation.protocol import RightHandSide
 from bayes_greybox.running.compiling import keep_programs
 
-from .damage import REMEDY, SEALS, damaged, made_of, put_end, require_end, require_sealed, seal
+from .damage import REMEDY, SEALS, damaged, made_of, put_end, require_end, require_sealed, seal, sums, take_end
 from .draws import require_draws
 from .further_groups import slab_group
 from .groups import data_table, part_details, rate_name
@@ -142,14 +144,38 @@ def write(tree: xr.DataTree, path: str | os.PathLike, texts: Sequence[str] = (RE
     packed = {f"/{name}": [TEXT] for name, group in tree.children.items() if TEXT in group.attrs}
     tree = tree.copy()
     tree.attrs = {**tree.attrs, SEALS: seal(tree, {"/": list(texts), **packed})}
-    try:
-        with whole_file(path) as part:
-            tree.to_netcdf(part, engine="h5netcdf", encoding=_compression(tree))
-            put_end(part)
-    except (OSError, RuntimeError) as error:
-        # HDF5 says of a full disk in either class.
-        reason = os.strerror(error.errno) if isinstance(error, OSError) and error.errno else str(error)
-        raise InputError(f"Cannot write {str(path)!r}: {reason}. Choose a writable folder with room.") from error
+    encoding = {node.path: _compressed(node.data_vars) for node in tree.subtree if node.data_vars}
+    with _writing(path), whole_file(path) as part:
+        tree.to_netcdf(part, engine="h5netcdf", encoding=encoding)
+        put_end(part)
+
+
+def add(
+    saved: str | os.PathLike, path: str | os.PathLike, attributes: Mapping[str, str], groups: Mapping[str, xr.Dataset]
+) -> None:
+    """Write what `save` would, of a posterior whose file is there: its arrays are copied as they lie in that.
+
+    Args:
+        saved: A file of the same posterior, without these groups.
+        path: Destination, beside its final place; another file than that.
+        attributes: Further root attributes; those of the same names are replaced.
+        groups: Further groups.
+
+    Raises:
+        InputError: The destination cannot be written.
+    """
+    path = Path(path)
+    with _writing(path), whole_file(path) as part:
+        take_end(saved, part)
+        for name, group in groups.items():
+            group.to_netcdf(part, mode="a", group=name, engine="h5netcdf", encoding=_compressed(group.data_vars))
+        with h5netcdf.File(part, "a") as file:
+            seals = json.loads(str(file.attrs[SEALS]))
+            seals["/"] |= sums(attributes)
+            seals |= {f"/{name}": sums({TEXT: each.attrs[TEXT]}) for name, each in groups.items() if TEXT in each.attrs}
+            for name, text in {**attributes, SEALS: json.dumps(seals)}.items():
+                file.attrs[name] = text
+        put_end(part)
 
 
 def load(path: str | os.PathLike, simulation: RightHandSide | FMU | None = None) -> Posterior:
@@ -294,9 +320,16 @@ def _read_data(table: xr.Dataset, metadata: Mapping[str, Any]) -> Trajectories:
     return Trajectories.from_frame(pd.DataFrame({**columns, **rates}), **metadata)
 
 
-def _compression(tree: xr.DataTree) -> dict[str, dict[str, dict[str, Any]]]:
-    return {
-        node.path: {str(name): {"zlib": True, "complevel": 1} for name in node.data_vars}
-        for node in tree.subtree
-        if node.data_vars
-    }
+def _compressed(variables: Iterable[Any]) -> dict[str, dict[str, Any]]:
+    return {str(name): {"zlib": True, "complevel": 1} for name in variables}
+
+
+@contextmanager
+def _writing(path: Path) -> Iterator[None]:
+    """Refuse a destination that cannot be written."""
+    try:
+        yield
+    except (OSError, RuntimeError) as error:
+        # HDF5 says of a full disk in either class.
+        reason = os.strerror(error.errno) if isinstance(error, OSError) and error.errno else str(error)
+        raise InputError(f"Cannot write {str(path)!r}: {reason}. Choose a writable folder with room.") from error

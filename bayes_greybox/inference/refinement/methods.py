@@ -167,7 +167,7 @@ class AdaptiveSteps:
             _, pieces = jax.lax.scan(
                 lambda start, piece: follow(start, Samples(*piece)), (x0, jnp.array(True)), samples
             )
-            return joined(x0, times, *pieces[:2])[0]
+            return jnp.asarray(joined(x0, times, *pieces[:2])[0])
 
         return jax.vmap(one)(start, grid.times, grid.samples)
 

@@ -16,6 +16,7 @@ from bayes_greybox.model.algebra.subsets import patterns
 from bayes_greybox.model.design import Design
 from bayes_greybox.model.likelihood import CollapsedNormal
 from bayes_greybox.model.sites import Sites
+from bayes_greybox.running.arrays import on_device
 from bayes_greybox.running.traces import kept
 
 
@@ -44,7 +45,7 @@ def conditional_sampler(model: Callable, identity: Any = None) -> Callable[..., 
 
     def draw(designs: Mapping[str, Design], samples: Mapping[str, np.ndarray], key: Array) -> dict[str, np.ndarray]:
         shape = next(iter(samples.values())).shape[:2]
-        flat = {name: jnp.asarray(value.reshape(-1, *value.shape[2:])) for name, value in samples.items()}
+        flat = on_device({name: value.reshape(-1, *value.shape[2:]) for name, value in samples.items()})
         drawn = draw_all(designs, flat, key)
         return {name: np.asarray(value).reshape(*shape, *value.shape[1:]) for name, value in drawn.items()}
 

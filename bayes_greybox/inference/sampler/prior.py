@@ -12,6 +12,7 @@ from numpyro.handlers import seed, substitute, trace
 from bayes_greybox.model.design import Design
 from bayes_greybox.model.likelihood import CollapsedNormal
 from bayes_greybox.model.sites import Sites
+from bayes_greybox.running.arrays import on_device
 from bayes_greybox.running.traces import kept
 
 
@@ -88,7 +89,7 @@ def log_prior(model: Callable, identity: Any = None) -> Callable[..., dict[str, 
 
     def densities(designs: Mapping[str, Design], draws: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
         shape = next(iter(draws.values())).shape[:2]
-        flat = {name: jnp.asarray(v.reshape(shape[0] * shape[1], *v.shape[2:])) for name, v in draws.items()}
+        flat = on_device({name: v.reshape(shape[0] * shape[1], *v.shape[2:]) for name, v in draws.items()})
         return {name: np.asarray(value).reshape(shape) for name, value in program(designs, flat).items()}
 
     return densities

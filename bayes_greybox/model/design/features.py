@@ -23,6 +23,7 @@ from bayes_greybox.model.gp.kernels import KERNELS, log_spectral_density
 from bayes_greybox.model.priors import Scales
 from bayes_greybox.model.rows.equation_rows import EquationRows, Removal, Table
 from bayes_greybox.model.sites import site
+from bayes_greybox.running.arrays import on_device
 
 from .protocol import Compress, Design, EquationDraws, Root, WeightedRows
 
@@ -153,7 +154,7 @@ class FeatureDesign(Design):
         Psi = np.asarray(self.Psi)
         if frame.projected:
             Psi = Psi + np.asarray(self.Phi) @ frame.orthonormal @ frame.moments
-        return replace(self, Psi=jnp.asarray(Psi), gram=jnp.asarray(Psi.T @ Psi), constraints=None)
+        return replace(self, Psi=on_device(Psi), gram=on_device(Psi.T @ Psi), constraints=None)
 
     def weighted(
         self, frame: Frame, rows: EquationRows, table: Table
@@ -165,7 +166,7 @@ class FeatureDesign(Design):
         def pick(index: Int[np.ndarray, " n"]) -> WeightedRows:
             part = values(index)
             columns = (part[:, :n_term], part[:, n_term:-1], part[:, -1], precision(index)[:, 0])
-            return WeightedRows(jnp.asarray(index), *map(jnp.asarray, columns))
+            return WeightedRows(*on_device((index, *columns)))
 
         return pick
 

@@ -3,12 +3,12 @@
 from dataclasses import dataclass
 from functools import cached_property
 
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.physics.formula.expressions import namespace
+from bayes_greybox.running.arrays import on_device
 
 DEFAULT_FEATURES = {1: 20, 2: 10, 3: 8}
 """Features per variable when the user names none; 6 from four variables on."""
@@ -61,7 +61,7 @@ class HilbertBasis:
     @property
     def frequency(self) -> Float[Array, "n_basis n_var"]:
         """√λ_j in every direction."""
-        return jnp.asarray(self.indices * np.pi / (2 * self.half_widths))
+        return on_device(self.indices * np.pi / (2 * self.half_widths))
 
     @property
     def mean_square(self) -> Float[np.ndarray, " n_basis"]:

@@ -8,6 +8,8 @@ of the cell, and a loop that draws hundreds leaves nothing open. Hand over axes 
 figure of your own.
 """
 
+from typing import TYPE_CHECKING, Any
+
 from bayes_greybox.report.plots.gap.before_after import plot_free_run, plot_gap_over_time
 from bayes_greybox.report.plots.gap.gap_map import plot_gap_curve, plot_gap_map
 from bayes_greybox.report.plots.gap.posteriors import Coefficient, plot_posteriors
@@ -43,16 +45,18 @@ from .fits import (
     simulated,
     trade_off,
 )
-from .studies import (
-    added_coefficients,
-    free_run,
-    gap_map,
-    gap_over_time,
-    next_experiment,
-    ranking,
-    rounds,
-    study_figures,
-)
+
+if TYPE_CHECKING:
+    from .studies import (
+        added_coefficients,
+        free_run,
+        gap_map,
+        gap_over_time,
+        next_experiment,
+        ranking,
+        rounds,
+        study_figures,
+    )
 
 __all__ = [
     "Coefficient",
@@ -98,3 +102,23 @@ __all__ = [
     "study_figures",
     "trade_off",
 ]
+
+_OF_STUDIES = (
+    "added_coefficients",
+    "free_run",
+    "gap_map",
+    "gap_over_time",
+    "next_experiment",
+    "ranking",
+    "rounds",
+    "study_figures",
+)
+
+
+def __getattr__(name: str) -> Any:
+    # The figures of a fit do without all that a study imports.
+    if name in _OF_STUDIES:
+        from . import studies
+
+        return getattr(studies, name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
