@@ -29,8 +29,13 @@ FEWEST_STEPS, MOST_STEPS = 4, 256
 _NUMBER = "#"
 """Start of names of numbers, which no column has."""
 
-LEAST = 8
-"""Nodes and numbers that are integrated at once, at least: programs are compiled for their powers of two."""
+LEAST, MANY = 8, 32
+"""Systems that are integrated at once: programs are compiled for powers of two from the one on, and beyond the other
+for its multiples."""
+
+STRETCH = 4096
+"""Steps of a program: longer paths are followed a stretch at a time, and of the last one no more than there is, so that
+one program serves paths of any length."""
 
 
 @dataclass(frozen=True)
@@ -89,7 +94,7 @@ def along(
         starts = np.column_stack([np.zeros(len(time)) if x is None else x for x in begun.values()])
         values = _integrated(rates, np.array([n for _, n in members]).T, time, columns, starts, fresh)
         for place, (k, _) in enumerate(members):
-            found[k] = {name: values[:, i, place] for i, name in enumerate(rates.names)}
+            found[k] = {name: values[i, place] for i, name in enumerate(rates.names)}
     return found
 
 
@@ -128,18 +133,23 @@ def _integrated(
     columns: Mapping[str, np.ndarray],
     start: np.ndarray,
     fresh: np.ndarray,
-) -> Float[np.ndarray, "n n_hidden n_system"]:
+) -> Float[np.ndarray, "n_hidden n_system n"]:
     n, n_system = len(time), numbers.shape[1]
     c = np.column_stack([columns[name] for name in rates.columns] or [np.zeros((n, 0))])
     h = np.where(fresh[1:], 0.0, np.diff(time))
-    more, wider = _power_of_two(n - 1) - (n - 1), _power_of_two(n_system) - n_system
-    steps = [np.pad(h, (0, more))]
-    for part in (c[:-1], _halfway(h, c), c[1:]):
-        steps.append(np.pad(part, ((0, more), (0, 0)), mode="edge"))
-    begun = np.pad(start[1:], ((0, more), (0, 0)), mode="edge"), np.pad(fresh[1:], (0, more))
-    widened = np.pad(numbers, ((0, 0), (0, wider)), mode="edge")
-    found = _followed(rates, widened, start[0], *steps, *begun)
-    return np.asarray(found)[:n, :, :n_system]
+    steps = h, c[:-1], _halfway(h, c), c[1:], start[1:], fresh[1:]
+    widened = np.pad(numbers, ((0, 0), (0, _width(n_system) - n_system)), mode="edge")
+    z = np.broadcast_to(start[0][:, None], (start.shape[1], widened.shape[1]))
+    whole = np.empty((start.shape[1], n_system, n))
+    whole[..., 0] = z[:, :n_system]
+    for first in range(0, n - 1, STRETCH):
+        parts = [x[first : first + STRETCH] for x in steps]
+        count = len(parts[0])
+        filled = [np.pad(x, ((0, STRETCH - count), *((0, 0),) * (x.ndim - 1))) for x in parts]
+        found = np.asarray(_followed(rates, widened, z, count, *filled))
+        z = found[count - 1]
+        whole[..., first + 1 : first + 1 + count] = np.moveaxis(found[:count, :, :n_system], 0, -1)
+    return whole
 
 
 def _halfway(h: Float[np.ndarray, " n_step"], c: Float[np.ndarray, "n n_column"]) -> Float[np.ndarray, "n_step n_c"]:
@@ -154,19 +164,20 @@ def _halfway(h: Float[np.ndarray, " n_step"], c: Float[np.ndarray, "n n_column"]
     return np.where(even[:, None], cubic, line)
 
 
-def _power_of_two(n: int) -> int:
-    return max(LEAST, 1 << max(n - 1, 0).bit_length())
+def _width(n: int) -> int:
+    return max(LEAST, 1 << (n - 1).bit_length()) if n <= MANY else -(-n // MANY) * MANY
 
 
 @partial(jax.jit, static_argnums=0)
 def _followed(
-    rates: _Rates, numbers: Array, first: Array, h: Array, before: Array, halfway: Array, after: Array, start: Array,
-    fresh: Array,
+    rates: _Rates, numbers: Array, z: Array, n_step: int, h: Array, before: Array, halfway: Array, after: Array,
+    start: Array, fresh: Array,
 ) -> Array:  # fmt: skip
-    each = jax.vmap(rates, in_axes=(1, None, 1), out_axes=1)
-    slopes = jax.vmap(jax.jacfwd(rates), in_axes=(1, None, 1))
+    # As programs of their own these are traced once, for all places that they are called at.
+    each = jax.jit(jax.vmap(rates, in_axes=(1, None, 1), out_axes=1))
+    slopes = jax.jit(jax.vmap(jax.jacfwd(rates), in_axes=(1, None, 1)))
 
-    def step(z: Array, piece: tuple[Array, ...]) -> tuple[Array, Array]:
+    def step(z: Array, piece: tuple[Array, ...]) -> Array:
         h, c0, c1, c2, start, fresh = piece
         fastest = jnp.maximum(*(jnp.max(jnp.sum(jnp.abs(slopes(z, c, numbers)), axis=-1)) for c in (c0, c2)))
         count = jnp.clip(jnp.ceil(jnp.nan_to_num(h * fastest / SHORT)), FEWEST_STEPS, MOST_STEPS)
@@ -185,9 +196,12 @@ def _followed(
             return z + own / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
 
         moved = jax.lax.fori_loop(0, count.astype(int), part, z)
-        moved = jnp.where(fresh, start[:, None], moved)
-        return moved, moved
+        return jnp.where(fresh, start[:, None], moved)
 
-    z = jnp.broadcast_to(first[:, None], (len(first), numbers.shape[1]))
-    _, found = jax.lax.scan(step, z, (h, before, halfway, after, start, fresh))
-    return jnp.concatenate([z[None], found])
+    def next_one(k: Array, carry: tuple[Array, Array]) -> tuple[Array, Array]:
+        z, found = carry
+        z = step(z, tuple(jax.lax.dynamic_index_in_dim(x, k, keepdims=False) for x in steps))
+        return z, jax.lax.dynamic_update_index_in_dim(found, z, k, 0)
+
+    steps = h, before, halfway, after, start, fresh
+    return jax.lax.fori_loop(0, n_step, next_one, (z, jnp.zeros((len(h), *z.shape))))[1]
