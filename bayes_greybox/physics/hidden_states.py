@@ -7,9 +7,8 @@ between two nodes that no change of z is missed by much.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import InitVar, dataclass, field
 from functools import partial
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -18,16 +17,14 @@ import sympy
 from jaxtyping import Array, Bool, Float
 
 from bayes_greybox.physics.formula.expressions import evaluate, parse_expression, symbol_names
-from bayes_greybox.physics.formula.grammar import check_name, symbol
+from bayes_greybox.physics.formula.grammar import check_name
+from bayes_greybox.physics.formula.numbers import Named, as_columns, without_numbers
 
 SHORT = 0.2
 """Steps of hidden states, over the shortest time in which they change."""
 
 FEWEST_STEPS, MOST_STEPS = 4, 256
 """Steps between two nodes: within one of them a motion may turn round, where a rate has a kink."""
-
-_NUMBER = "#"
-"""Start of names of numbers, which no column has."""
 
 LEAST, MANY = 8, 32
 """Systems that are integrated at once: programs are compiled for powers of two from the one on, and beyond the other
@@ -49,6 +46,7 @@ class HiddenState:
         meaning: What it is, in a few words.
         start: Column, or role, whose value it has where a run starts, as what moves along with a body has; "": at rest,
             which is zero.
+        named: The same rate where it is known already, with names for numbers in it.
     """
 
     name: str
@@ -56,11 +54,15 @@ class HiddenState:
     unit_of: str
     meaning: str = ""
     start: str = ""
+    named: InitVar[Named | None] = None
+    _named: Named | None = field(init=False, repr=False, compare=False)
 
-    def __post_init__(self) -> None:
+    def __post_init__(self, named: Named | None) -> None:
         """Refuse a name or a rate that formulas cannot have."""
         check_name(self.name)
-        parse_expression(self.rate)
+        if named is None:
+            parse_expression(self.rate)
+        object.__setattr__(self, "_named", named)
 
     @property
     def symbols(self) -> tuple[str, ...]:
@@ -84,7 +86,7 @@ def along(
     Returns:
         Values at the nodes by name, for each system; not finite where a rate is not.
     """
-    alike: dict[tuple[_Rates, tuple[str, ...]], list[tuple[int, list[float]]]] = {}
+    alike: dict[tuple[_Rates, tuple[str, ...]], list[tuple[int, tuple[float, ...]]]] = {}
     for k, states in enumerate(systems):
         rates, numbers = _Rates.of(states)
         alike.setdefault((rates, tuple(state.start for state in states)), []).append((k, numbers))
@@ -104,25 +106,28 @@ class _Rates:
 
     names: tuple[str, ...]
     formulas: tuple[sympy.Expr, ...]
+    numbers: tuple[str, ...]
 
     @classmethod
-    def of(cls, states: Sequence[HiddenState]) -> "tuple[_Rates, list[float]]":
-        known = [parse_expression(state.rate) for state in states]
-        numbers = sorted({number for expr in known for number in expr.atoms(sympy.Float)})
-        named = {number: symbol(f"{_NUMBER}{k}") for k, number in enumerate(numbers)}
-        formulas: list[Any] = [expr.xreplace(named) for expr in known]
-        return cls(tuple(state.name for state in states), tuple(formulas)), [float(number) for number in numbers]
+    def of(cls, states: Sequence[HiddenState]) -> "tuple[_Rates, tuple[float, ...]]":
+        known = [state._named for state in states if state._named is not None]
+        # Symbols of numbers are those of one effect.
+        if len(known) == len(states) and len({each.numbers for each in known}) == 1:
+            formulas, numbers = tuple(each.formula for each in known), known[0].numbers
+        else:
+            formulas, numbers = without_numbers([parse_expression(state.rate) for state in states])
+        return cls(tuple(state.name for state in states), formulas, tuple(as_columns(numbers))), numbers
 
     @property
     def columns(self) -> tuple[str, ...]:
         """Columns that the rates depend on."""
         used = {name for formula in self.formulas for name in symbol_names(formula)}
-        return tuple(sorted(name for name in used - {*self.names} if not name.startswith(_NUMBER)))
+        return tuple(sorted(used - {*self.names, *self.numbers}))
 
     def __call__(self, z: Array, c: Array, numbers: Array) -> Array:
         """Rates [n_hidden] at one point."""
         known = {**dict(zip(self.columns, c, strict=True)), **dict(zip(self.names, z, strict=True))}
-        known |= {f"{_NUMBER}{k}": number for k, number in enumerate(numbers)}
+        known |= dict(zip(self.numbers, numbers, strict=True))
         return jnp.stack([evaluate(formula, known) + 0.0 * z[0] for formula in self.formulas])
 
 

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+import bayes_greybox.physics.hidden_states as module
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.physics.hidden_states import HiddenState, along
 
@@ -61,6 +62,22 @@ def test_several_numbers_at_once_are_each_alone():
         alone = along([bouc_wen(limit)], t, columns(t), fresh)[0]["z"]
         np.testing.assert_allclose(found["z"], alone, atol=TOLD * np.max(np.abs(alone)))
     assert np.max(np.abs(together[0]["z"] - together[2]["z"])) > 0.1
+
+
+def test_one_program_follows_paths_of_any_length():
+    def followed(n):
+        t = STEP * np.arange(n)
+        return along([bouc_wen(0.3)], t, columns(t), np.arange(n) == 0)[0]["z"]
+
+    n = 2 * module.STRETCH + 100
+    first, programs = followed(n), module._followed._cache_size()
+    for shorter in (module.STRETCH + 1, module.STRETCH, 300, 2, 1):
+        # But for the last step: a cubic needs a node beyond it.
+        np.testing.assert_array_equal(followed(shorter)[:-1], first[: shorter - 1])
+    assert module._followed._cache_size() == programs
+    t = STEP * np.arange(n)
+    exact = solved(lambda y, v, z: [v - (abs(v) * z[0] + v * abs(z[0])) / 0.6], t, [0.0])[0]
+    np.testing.assert_allclose(first, exact, atol=TOLD * np.max(np.abs(exact)))
 
 
 def test_each_run_starts_at_rest_or_where_the_column_says():
