@@ -175,7 +175,7 @@ def _width(n: int) -> int:
 
 @partial(jax.jit, static_argnums=0)
 def _followed(
-    rates: _Rates, numbers: Array, z: Array, n_step: int, h: Array, before: Array, halfway: Array, after: Array,
+    rates: _Rates, numbers: Array, z: Array, n_step: Array, h: Array, before: Array, halfway: Array, after: Array,
     start: Array, fresh: Array,
 ) -> Array:  # fmt: skip
     # As programs of their own these are traced once, for all places that they are called at.
