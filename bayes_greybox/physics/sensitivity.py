@@ -101,14 +101,16 @@ def carried(
     M, jump = (x.reshape(n_segment, n_block, block, n_state, x.shape[-1]) for x in (M, jump))
     moved, carry = np.empty_like(jump), np.empty_like(M)
     delta, product = np.zeros(jump[:, :, 0].shape), np.broadcast_to(np.eye(n_state), M[:, :, 0].shape)
-    for t in range(block if n_step else 0):
-        delta, product = M[:, :, t] @ delta + jump[:, :, t], M[:, :, t] @ product
-        moved[:, :, t], carry[:, :, t] = delta, product
-    delta = start
-    for n in range(n_block):
-        ends = whole[:, 1 + n * block : 1 + (n + 1) * block]
-        ends[:] = (carry[:, n] @ delta[:, None] + moved[:, n])[:, : ends.shape[1]]
-        delta = ends[:, -1]
+    # What is not finite is for the caller to judge.
+    with np.errstate(over="ignore", invalid="ignore"):
+        for t in range(block if n_step else 0):
+            delta, product = M[:, :, t] @ delta + jump[:, :, t], M[:, :, t] @ product
+            moved[:, :, t], carry[:, :, t] = delta, product
+        delta = start
+        for n in range(n_block):
+            ends = whole[:, 1 + n * block : 1 + (n + 1) * block]
+            ends[:] = (carry[:, n] @ delta[:, None] + moved[:, n])[:, : ends.shape[1]]
+            delta = ends[:, -1]
     return whole
 
 
