@@ -7,9 +7,8 @@ between two nodes that no change of z is missed by much.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import InitVar, dataclass, field
 from functools import partial
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -18,7 +17,8 @@ import sympy
 from jaxtyping import Array, Bool, Float
 
 from bayes_greybox.physics.formula.expressions import evaluate, parse_expression, symbol_names
-from bayes_greybox.physics.formula.grammar import check_name, symbol
+from bayes_greybox.physics.formula.grammar import check_name
+from bayes_greybox.physics.formula.numbers import Named, as_columns, without_numbers
 
 SHORT = 0.2
 """Steps of hidden states, over the shortest time in which they change."""
@@ -26,11 +26,13 @@ SHORT = 0.2
 FEWEST_STEPS, MOST_STEPS = 4, 256
 """Steps between two nodes: within one of them a motion may turn round, where a rate has a kink."""
 
-_NUMBER = "#"
-"""Start of names of numbers, which no column has."""
+LEAST, MANY = 8, 32
+"""Systems that are integrated at once: programs are compiled for powers of two from the one on, and beyond the other
+for its multiples."""
 
-LEAST = 8
-"""Nodes and numbers that are integrated at once, at least: programs are compiled for their powers of two."""
+STRETCH = 4096
+"""Steps of a program: longer paths are followed a stretch at a time, and of the last one no more than there is, so that
+one program serves paths of any length."""
 
 
 @dataclass(frozen=True)
@@ -44,6 +46,7 @@ class HiddenState:
         meaning: What it is, in a few words.
         start: Column, or role, whose value it has where a run starts, as what moves along with a body has; "": at rest,
             which is zero.
+        named: The same rate where it is known already, with names for numbers in it.
     """
 
     name: str
@@ -51,11 +54,15 @@ class HiddenState:
     unit_of: str
     meaning: str = ""
     start: str = ""
+    named: InitVar[Named | None] = None
+    _named: Named | None = field(init=False, repr=False, compare=False)
 
-    def __post_init__(self) -> None:
+    def __post_init__(self, named: Named | None) -> None:
         """Refuse a name or a rate that formulas cannot have."""
         check_name(self.name)
-        parse_expression(self.rate)
+        if named is None:
+            parse_expression(self.rate)
+        object.__setattr__(self, "_named", named)
 
     @property
     def symbols(self) -> tuple[str, ...]:
@@ -79,7 +86,7 @@ def along(
     Returns:
         Values at the nodes by name, for each system; not finite where a rate is not.
     """
-    alike: dict[tuple[_Rates, tuple[str, ...]], list[tuple[int, list[float]]]] = {}
+    alike: dict[tuple[_Rates, tuple[str, ...]], list[tuple[int, tuple[float, ...]]]] = {}
     for k, states in enumerate(systems):
         rates, numbers = _Rates.of(states)
         alike.setdefault((rates, tuple(state.start for state in states)), []).append((k, numbers))
@@ -89,7 +96,7 @@ def along(
         starts = np.column_stack([np.zeros(len(time)) if x is None else x for x in begun.values()])
         values = _integrated(rates, np.array([n for _, n in members]).T, time, columns, starts, fresh)
         for place, (k, _) in enumerate(members):
-            found[k] = {name: values[:, i, place] for i, name in enumerate(rates.names)}
+            found[k] = {name: values[i, place] for i, name in enumerate(rates.names)}
     return found
 
 
@@ -99,25 +106,28 @@ class _Rates:
 
     names: tuple[str, ...]
     formulas: tuple[sympy.Expr, ...]
+    numbers: tuple[str, ...]
 
     @classmethod
-    def of(cls, states: Sequence[HiddenState]) -> "tuple[_Rates, list[float]]":
-        known = [parse_expression(state.rate) for state in states]
-        numbers = sorted({number for expr in known for number in expr.atoms(sympy.Float)})
-        named = {number: symbol(f"{_NUMBER}{k}") for k, number in enumerate(numbers)}
-        formulas: list[Any] = [expr.xreplace(named) for expr in known]
-        return cls(tuple(state.name for state in states), tuple(formulas)), [float(number) for number in numbers]
+    def of(cls, states: Sequence[HiddenState]) -> "tuple[_Rates, tuple[float, ...]]":
+        known = [state._named for state in states if state._named is not None]
+        # Symbols of numbers are those of one effect.
+        if len(known) == len(states) and len({each.numbers for each in known}) == 1:
+            formulas, numbers = tuple(each.formula for each in known), known[0].numbers
+        else:
+            formulas, numbers = without_numbers([parse_expression(state.rate) for state in states])
+        return cls(tuple(state.name for state in states), formulas, tuple(as_columns(numbers))), numbers
 
     @property
     def columns(self) -> tuple[str, ...]:
         """Columns that the rates depend on."""
         used = {name for formula in self.formulas for name in symbol_names(formula)}
-        return tuple(sorted(name for name in used - {*self.names} if not name.startswith(_NUMBER)))
+        return tuple(sorted(used - {*self.names, *self.numbers}))
 
     def __call__(self, z: Array, c: Array, numbers: Array) -> Array:
         """Rates [n_hidden] at one point."""
         known = {**dict(zip(self.columns, c, strict=True)), **dict(zip(self.names, z, strict=True))}
-        known |= {f"{_NUMBER}{k}": number for k, number in enumerate(numbers)}
+        known |= dict(zip(self.numbers, numbers, strict=True))
         return jnp.stack([evaluate(formula, known) + 0.0 * z[0] for formula in self.formulas])
 
 
@@ -128,18 +138,23 @@ def _integrated(
     columns: Mapping[str, np.ndarray],
     start: np.ndarray,
     fresh: np.ndarray,
-) -> Float[np.ndarray, "n n_hidden n_system"]:
+) -> Float[np.ndarray, "n_hidden n_system n"]:
     n, n_system = len(time), numbers.shape[1]
     c = np.column_stack([columns[name] for name in rates.columns] or [np.zeros((n, 0))])
     h = np.where(fresh[1:], 0.0, np.diff(time))
-    more, wider = _power_of_two(n - 1) - (n - 1), _power_of_two(n_system) - n_system
-    steps = [np.pad(h, (0, more))]
-    for part in (c[:-1], _halfway(h, c), c[1:]):
-        steps.append(np.pad(part, ((0, more), (0, 0)), mode="edge"))
-    begun = np.pad(start[1:], ((0, more), (0, 0)), mode="edge"), np.pad(fresh[1:], (0, more))
-    widened = np.pad(numbers, ((0, 0), (0, wider)), mode="edge")
-    found = _followed(rates, widened, start[0], *steps, *begun)
-    return np.asarray(found)[:n, :, :n_system]
+    steps = h, c[:-1], _halfway(h, c), c[1:], start[1:], fresh[1:]
+    widened = np.pad(numbers, ((0, 0), (0, _width(n_system) - n_system)), mode="edge")
+    z = np.broadcast_to(start[0][:, None], (start.shape[1], widened.shape[1]))
+    whole = np.empty((start.shape[1], n_system, n))
+    whole[..., 0] = z[:, :n_system]
+    for first in range(0, n - 1, STRETCH):
+        parts = [x[first : first + STRETCH] for x in steps]
+        count = len(parts[0])
+        filled = [np.pad(x, ((0, STRETCH - count), *((0, 0),) * (x.ndim - 1))) for x in parts]
+        found = np.asarray(_followed(rates, widened, z, count, *filled))
+        z = found[count - 1]
+        whole[..., first + 1 : first + 1 + count] = np.moveaxis(found[:count, :, :n_system], 0, -1)
+    return whole
 
 
 def _halfway(h: Float[np.ndarray, " n_step"], c: Float[np.ndarray, "n n_column"]) -> Float[np.ndarray, "n_step n_c"]:
@@ -154,19 +169,20 @@ def _halfway(h: Float[np.ndarray, " n_step"], c: Float[np.ndarray, "n n_column"]
     return np.where(even[:, None], cubic, line)
 
 
-def _power_of_two(n: int) -> int:
-    return max(LEAST, 1 << max(n - 1, 0).bit_length())
+def _width(n: int) -> int:
+    return max(LEAST, 1 << (n - 1).bit_length()) if n <= MANY else -(-n // MANY) * MANY
 
 
 @partial(jax.jit, static_argnums=0)
 def _followed(
-    rates: _Rates, numbers: Array, first: Array, h: Array, before: Array, halfway: Array, after: Array, start: Array,
-    fresh: Array,
+    rates: _Rates, numbers: Array, z: Array, n_step: Array, h: Array, before: Array, halfway: Array, after: Array,
+    start: Array, fresh: Array,
 ) -> Array:  # fmt: skip
-    each = jax.vmap(rates, in_axes=(1, None, 1), out_axes=1)
-    slopes = jax.vmap(jax.jacfwd(rates), in_axes=(1, None, 1))
+    # As programs of their own these are traced once, for all places that they are called at.
+    each = jax.jit(jax.vmap(rates, in_axes=(1, None, 1), out_axes=1))
+    slopes = jax.jit(jax.vmap(jax.jacfwd(rates), in_axes=(1, None, 1)))
 
-    def step(z: Array, piece: tuple[Array, ...]) -> tuple[Array, Array]:
+    def step(z: Array, piece: tuple[Array, ...]) -> Array:
         h, c0, c1, c2, start, fresh = piece
         fastest = jnp.maximum(*(jnp.max(jnp.sum(jnp.abs(slopes(z, c, numbers)), axis=-1)) for c in (c0, c2)))
         count = jnp.clip(jnp.ceil(jnp.nan_to_num(h * fastest / SHORT)), FEWEST_STEPS, MOST_STEPS)
@@ -185,9 +201,12 @@ def _followed(
             return z + own / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
 
         moved = jax.lax.fori_loop(0, count.astype(int), part, z)
-        moved = jnp.where(fresh, start[:, None], moved)
-        return moved, moved
+        return jnp.where(fresh, start[:, None], moved)
 
-    z = jnp.broadcast_to(first[:, None], (len(first), numbers.shape[1]))
-    _, found = jax.lax.scan(step, z, (h, before, halfway, after, start, fresh))
-    return jnp.concatenate([z[None], found])
+    def next_one(k: Array, carry: tuple[Array, Array]) -> tuple[Array, Array]:
+        z, found = carry
+        z = step(z, tuple(jax.lax.dynamic_index_in_dim(x, k, keepdims=False) for x in steps))
+        return z, jax.lax.dynamic_update_index_in_dim(found, z, k, 0)
+
+    steps = h, before, halfway, after, start, fresh
+    return jax.lax.fori_loop(0, n_step, next_one, (z, jnp.zeros((len(h), *z.shape))))[1]

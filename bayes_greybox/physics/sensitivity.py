@@ -9,13 +9,12 @@ the ends and the middles of steps. What a force is within a step counts by its i
 replaced by the parabola nearest to it.
 """
 
+import math
 from collections.abc import Callable
 from typing import NamedTuple
 
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
 ROUGH = 0.1
 """A force that departs this much from a straight line within a step, over its own size, is looked at closely."""
@@ -24,7 +23,7 @@ WITHIN = (8, 64)
 """Points within a step at which it is: the first look, and the second one where the first saw something else."""
 
 LEAST = 8
-"""Columns and steps that are carried at once, at least: programs are compiled for their powers of two."""
+"""Steps of a smoother, at least: programs are compiled for their powers of two."""
 
 
 class Grid(NamedTuple):
@@ -91,13 +90,28 @@ def carried(
         start: δ at the first node.
         jump: What is added after each step.
     """
-    n_step, k = jump.shape[1], jump.shape[-1]
-    more, wider = power_of_two(n_step) - n_step, power_of_two(k) - k
-    widened = np.pad(jump, ((0, 0), (0, more), (0, 0), (0, wider)))
-    found = _carried(
-        np.pad(M, ((0, 0), (0, more), (0, 0), (0, 0))), np.pad(start, ((0, 0), (0, 0), (0, wider))), widened
-    )
-    return np.asarray(found)[:, : n_step + 1, :, :k]
+    n_segment, n_step, n_state, k = jump.shape
+    whole = np.empty((n_segment, n_step + 1, n_state, k))
+    whole[:, 0] = start
+    # As many blocks as steps within a block: all of them side by side from zero, then each from the end of the last.
+    block = max(1, math.isqrt(n_step))
+    n_block = -(-n_step // block)
+    if more := n_block * block - n_step:
+        M, jump = (np.pad(x, ((0, 0), (0, more), (0, 0), (0, 0))) for x in (M, jump))
+    M, jump = (x.reshape(n_segment, n_block, block, n_state, x.shape[-1]) for x in (M, jump))
+    moved, carry = np.empty_like(jump), np.empty_like(M)
+    delta, product = np.zeros(jump[:, :, 0].shape), np.broadcast_to(np.eye(n_state), M[:, :, 0].shape)
+    # What is not finite is for the caller to judge.
+    with np.errstate(over="ignore", invalid="ignore"):
+        for t in range(block if n_step else 0):
+            delta, product = M[:, :, t] @ delta + jump[:, :, t], M[:, :, t] @ product
+            moved[:, :, t], carry[:, :, t] = delta, product
+        delta = start
+        for n in range(n_block):
+            ends = whole[:, 1 + n * block : 1 + (n + 1) * block]
+            ends[:] = (carry[:, n] @ delta[:, None] + moved[:, n])[:, : ends.shape[1]]
+            delta = ends[:, -1]
+    return whole
 
 
 def power_of_two(n: int) -> int:
@@ -159,14 +173,3 @@ def hermite(
     chord = np.divide(np.diff(ends, axis=1), h, out=np.zeros_like(ends[:, 1:]), where=h > 0)
     slope[:, 1::2] = np.where(h > 0, 1.5 * chord - (rates[:, :-1] + rates[:, 1:]) / 4, rates[:, 1:])
     return path, slope
-
-
-@jax.jit
-def _carried(M: Array, start: Array, jump: Array) -> Array:
-    def step(delta: Array, piece: tuple[Array, Array]) -> tuple[Array, Array]:
-        M, jump = piece
-        after = M @ delta + jump
-        return after, after
-
-    _, ends = jax.lax.scan(step, start, (jnp.moveaxis(M, 1, 0), jnp.moveaxis(jump, 1, 0)))
-    return jnp.concatenate([start[:, None], jnp.moveaxis(ends, 0, 1)], axis=1)

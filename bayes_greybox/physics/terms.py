@@ -1,7 +1,8 @@
 """Dictionary terms: single candidate effects, and the dictionary Phi(x) that collects them."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import InitVar, dataclass, field, replace
+from functools import cached_property
 from itertools import combinations_with_replacement
 from math import comb
 from typing import Any
@@ -19,6 +20,7 @@ from bayes_greybox.physics.formula.expressions import (
     symbol_names,
 )
 from bayes_greybox.physics.formula.grammar import MAX_EXPONENT, check_known, check_name
+from bayes_greybox.physics.formula.numbers import Named, as_columns
 from bayes_greybox.physics.formula.printing import to_latex, to_text
 from bayes_greybox.physics.formula.rounding import rounded
 
@@ -50,8 +52,9 @@ class Term:
         prior: Mean and standard deviation of what is known of it.
         fixed: Its value.
         bounds: Its least and largest value; None leaves an end open.
-        stated: The last four as one; None where they say nothing.
-        expr: The SymPy expression over real symbols.
+        named: The same formula where it is known already, with names for numbers in it: text is then read when it is
+            asked for, and a study evaluates hundreds of terms that differ in a number.
+        stated: Sign, prior, fixed and bounds as one; None where they say nothing.
     """
 
     expression: str | sympy.Expr
@@ -62,24 +65,20 @@ class Term:
     prior: tuple[float, float] | None = None
     fixed: float | None = None
     bounds: Bounds | None = None
+    named: InitVar[Named | None] = None
     stated: Coefficient | None = field(init=False, repr=False, compare=False)
-    expr: sympy.Expr = field(init=False, repr=False, compare=False)
+    _named: Named | None = field(init=False, repr=False, compare=False)
 
-    def __post_init__(self) -> None:
+    def __post_init__(self, named: Named | None) -> None:
         """Read the formula and what is stated of its coefficient, and fill in the name."""
-        if isinstance(self.expression, str):
-            expr = parse_expression(self.expression)
-            name = "".join(self.expression.split())
-        elif isinstance(self.expression, sympy.Expr):
-            expr = check_expression(self.expression)
-            name = to_text(expr)
-        else:
+        if not isinstance(self.expression, str | sympy.Expr):
             kind = type(self.expression).__name__
             raise InputError(f"A term must be text or a SymPy expression, not {kind}; write for example 'y**2'.")
+        name = "".join(self.expression.split()) if isinstance(self.expression, str) else to_text(self.expr)
         # In SymPy's canonical form zero is the number; to ask for more takes longer than to read the formula.
-        if expr == 0:
+        if named is None and self.expr == 0:
             raise InputError(f"The term {name!r} is zero everywhere; remove it.")
-        object.__setattr__(self, "expr", expr)
+        object.__setattr__(self, "_named", named)
         object.__setattr__(self, "name", self.name or name)
         stated = coefficient_of_term(self.name, self.sign, self.prior, self.fixed, self.bounds)
         object.__setattr__(self, "stated", stated)
@@ -87,6 +86,12 @@ class Term:
         for key, plain in (("prior", _plain), ("fixed", float), ("bounds", _plain)):
             given = getattr(self, key)
             object.__setattr__(self, key, None if given is None else plain(given))
+
+    @cached_property
+    def expr(self) -> sympy.Expr:
+        """The SymPy expression over real symbols."""
+        given = self.expression
+        return parse_expression(given) if isinstance(given, str) else check_expression(given)
 
     @property
     def symbols(self) -> tuple[str, ...]:
@@ -110,7 +115,9 @@ class Term:
 
     def evaluate(self, columns: Mapping[str, Float[Array | np.ndarray, "..."]]) -> Float[Array | np.ndarray, "..."]:
         """Value of the term, in the shape of the columns (see `expressions.evaluate`)."""
-        return evaluate(self.expr, columns)
+        if self._named is None:
+            return evaluate(self.expr, columns)
+        return evaluate(self._named.formula, {**columns, **as_columns([np.asarray(x) for x in self._named.numbers])})
 
     def units(self, units: Mapping[str, str]) -> dict[str, str]:
         """Units of columns, and those of the hidden states."""

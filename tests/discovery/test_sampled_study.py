@@ -12,6 +12,7 @@ from scipy.signal import lfilter
 import bayes_greybox as bg
 import bayes_greybox.discovery.study as study_module
 from bayes_greybox.physics.catalogue.loading import load_catalogue
+from bayes_greybox.physics.formula.grammar import read
 from bayes_greybox.report.pages.study_page import study_html
 from bayes_greybox.report.words.doubts import doubts
 
@@ -30,8 +31,21 @@ def study(data, test=None, **given):
 
 
 @pytest.fixture(scope="module")
-def cubic():
-    return study(sampled(**CUBIC, noise=0.03), sampled(**CUBIC, noise=0.03, seed=1), free_runs=True)
+def cubic_and_reads():
+    """A study, and how many formulas were read for it."""
+    before = read.cache_info().misses
+    found = study(sampled(**CUBIC, noise=0.03), sampled(**CUBIC, noise=0.03, seed=1), free_runs=True)
+    return found, read.cache_info().misses - before
+
+
+@pytest.fixture(scope="module")
+def cubic(cubic_and_reads):
+    return cubic_and_reads[0]
+
+
+def test_formulas_are_read_by_effect_and_not_by_value_of_an_inner_parameter(cubic_and_reads):
+    # An effect has at most a few ways to be bound, and a few formulas; values there are hundreds.
+    assert cubic_and_reads[1] < 5 * len(load_catalogue("mechanical"))
 
 
 def test_a_missing_effect_is_named_with_its_coefficient(cubic):

@@ -17,8 +17,9 @@ from bayes_greybox.physics.catalogue.loading import DOMAINS, load_catalogue
 from bayes_greybox.physics.catalogue.pairs import pairs_in_data
 from bayes_greybox.physics.catalogue.roles import ROLES, bind_catalogue, roles_of, unbound
 from bayes_greybox.physics.formula.expressions import evaluate, parse_expression
+from bayes_greybox.physics.formula.grammar import read
 from bayes_greybox.physics.hidden_states import HiddenState, along
-from bayes_greybox.physics.terms import Dictionary
+from bayes_greybox.physics.terms import Dictionary, Term
 from bayes_greybox.physics.units import coefficient_unit, derivative_unit
 
 SLUGS = {
@@ -51,6 +52,58 @@ def write(tmp_path, text):
     path = tmp_path / "mine.toml"
     path.write_text(text, encoding="utf-8")
     return path
+
+
+# ---------------------------------------------------------------- values of inner parameters
+
+WITH_INNER = [effect for effect in ALL if effect.inner]
+
+
+def at_values(effect, rng, names=None):
+    """The effect at random values of its inner parameters, and the same written out and read."""
+    bound = effect.bind(names or {role: f"{role}_1" for role in effect.roles})
+    term = bound.term({inner.name: float(rng.uniform(0.2, 1.5)) for inner in effect.inner})
+    states = tuple(HiddenState(s.name, s.rate, s.unit_of, start=s.start) for s in term.states)
+    return term, Term(term.expression, states=states)
+
+
+@pytest.mark.parametrize("effect", WITH_INNER, ids=lambda effect: effect.slug)
+def test_an_effect_at_values_is_what_it_is_written_out(effect):
+    rng = np.random.default_rng(len(effect.slug))
+    for _ in range(3):
+        term, written = at_values(effect, rng)
+        names = {*written.symbols, *(name for s in written.states for name in s.symbols)}
+        columns = {name: rng.standard_normal(40) for name in names}
+        np.testing.assert_allclose(term.evaluate(columns), written.evaluate(columns), rtol=1e-12, atol=1e-14)
+        traced = jax.jit(term.evaluate)(columns)
+        np.testing.assert_allclose(traced, written.evaluate(columns), rtol=1e-12, atol=1e-14)
+        assert term.text == written.text and term.symbols == written.symbols
+        if not term.states:
+            continue
+        known = {name: x for name, x in columns.items() if name not in {s.name for s in term.states}}
+        paths = (along([each.states], 0.05 * np.arange(40), known, np.arange(40) == 0)[0] for each in (term, written))
+        for own, other in zip(*(path.items() for path in paths), strict=True):
+            np.testing.assert_allclose(own[1], other[1], rtol=1e-12, atol=1e-14)
+
+
+def test_a_column_may_be_called_as_an_inner_parameter_is():
+    term, written = at_values(BY_SLUG["dead-zone"], np.random.default_rng(0), {"position": "gap"})
+    columns = {"gap": np.linspace(-2.0, 2.0, 30)}
+    np.testing.assert_allclose(term.evaluate(columns), written.evaluate(columns), rtol=1e-12)
+    assert term.symbols == ("gap",)
+
+
+def test_a_formula_is_read_once_for_all_values():
+    bound = BY_SLUG["lugre-friction"].bind({role: role for role in BY_SLUG["lugre-friction"].roles})
+    values, columns = {inner.name: 0.3 for inner in bound.effect.inner}, {"velocity": np.ones(3)}
+    bound.term(values)
+    before = read.cache_info().misses
+    for k in range(1, 20):
+        term = bound.term({name: value + k / 64 for name, value in values.items()})
+        term.evaluate({**columns, term.states[0].name: np.ones(3)})
+        along([term.states], np.arange(3.0), columns, np.arange(3) == 0)
+    assert read.cache_info().misses == before
+    assert "0.596875" in term.text and read.cache_info().misses > before
 
 
 # ---------------------------------------------------------------- the packaged catalogue

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+import bayes_greybox.physics.hidden_states as module
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.physics.hidden_states import HiddenState, along
 
@@ -61,6 +62,25 @@ def test_several_numbers_at_once_are_each_alone():
         alone = along([bouc_wen(limit)], t, columns(t), fresh)[0]["z"]
         np.testing.assert_allclose(found["z"], alone, atol=TOLD * np.max(np.abs(alone)))
     assert np.max(np.abs(together[0]["z"] - together[2]["z"])) > 0.1
+
+
+def test_one_program_follows_paths_of_any_length(monkeypatch):
+    traced, real = [], module._Rates.__call__
+    monkeypatch.setattr(module._Rates, "__call__", lambda self, *given: traced.append(1) or real(self, *given))
+    monkeypatch.setattr(module, "STRETCH", 64)
+
+    def followed(n):
+        t, states = STEP * np.arange(n), (HiddenState("z", "v - abs(v)*z/0.3 - 0.1*z", "y"),)
+        return along([states], t, columns(t), np.arange(n) == 0)[0]["z"]
+
+    n = 228
+    longest, once = followed(n), len(traced)
+    for shorter in (65, 64, 40, 2, 1):
+        # But for the last step: a cubic needs a node beyond it.
+        np.testing.assert_array_equal(followed(shorter)[:-1], longest[: shorter - 1])
+    assert len(traced) == once > 0
+    exact = solved(lambda y, v, z: [v - abs(v) * z[0] / 0.3 - 0.1 * z[0]], STEP * np.arange(n), [0.0])[0]
+    np.testing.assert_allclose(longest, exact, atol=TOLD * np.max(np.abs(exact)))
 
 
 def test_each_run_starts_at_rest_or_where_the_column_says():

@@ -80,6 +80,23 @@ def test_forces_add_up_and_stretches_join():
     np.testing.assert_allclose(second[-1], whole[-1], atol=1e-12)
 
 
+@pytest.mark.parametrize("n_step", [0, 1, 2, 7, 50])
+def test_steps_side_by_side_are_steps_one_after_the_other(n_step):
+    rng = np.random.default_rng(n_step)
+    M, jump = rng.standard_normal((3, n_step, 2, 2)), rng.standard_normal((3, n_step, 2, 4))
+    ends = [rng.standard_normal((3, 2, 4))]
+    for k in range(n_step):
+        ends.append(M[:, k] @ ends[-1] + jump[:, k])
+    found, exact = carried(M, ends[0], jump), np.stack(ends, axis=1)
+    np.testing.assert_allclose(found, exact, rtol=1e-9, atol=1e-12 * np.max(np.abs(exact)))
+
+
+def test_what_grows_beyond_all_bounds_is_not_finite_and_no_warning():
+    grown = carried(np.full((1, 400, 1, 1), 10.0), np.ones((1, 1, 1)), np.zeros((1, 400, 1, 1)))[0, :, 0, 0]
+    np.testing.assert_allclose(grown[:300], 10.0 ** np.arange(300), rtol=1e-12)
+    assert not np.isfinite(grown[-1])
+
+
 def test_steps_of_no_length_do_nothing():
     time = np.array([[0.0, 0.05, 0.1, 0.1, 0.1]])
     response = respond(time, jacobian(np.ones((1, 5, 2))))

@@ -119,9 +119,7 @@ def _drawn(
         known = np.array([ranges.shares(statistics.columns[i].inner) for i in found])
         if mean is None:
             alone = log_z - np.array([statistics.columns[i].log_weight for i in found])
-            mean, covariance, promised = _mode(evaluations, base, ranges, known[int(np.argmax(alone))], first)
-            # Steps that ended early leave something to climb, and a narrow peak may weigh less than all other values.
-            likely = promised + _laplace(evaluations, base, ranges, mean, covariance, first)
+            mean, covariance, likely = _mode(evaluations, base, ranges, known[int(np.argmax(alone))], first)
             near = max(likely, float(np.logaddexp.reduce(log_z))) >= level - FAR
             cloud = Cloud.around(mean, WIDER**2 * covariance) if near else Cloud.at(mean, covariance)
         else:
@@ -173,17 +171,19 @@ def _mode(
 ) -> tuple[Float[np.ndarray, " d"], Float[np.ndarray, "d d"], float]:
     """Where several inner parameters are likeliest, and their covariance there: by steps of Gauss and Newton.
 
-    Near s the effect is θ (φ(s) + Σ_k δ_k ∂φ/∂s_k): linear in δ, as coefficients are, given θ. The last number are the
-    nats that one more step promises: next to none at a mode.
+    Near s the effect is θ (φ(s) + Σ_k δ_k ∂φ/∂s_k): linear in δ, as coefficients are, given θ. The last number is the
+    log evidence of all values by Laplace's approximation, log L + ½ log |2πΣ|, which a uniform prior makes no larger
+    than L, and the nats that one more step promises: next to none at a mode.
     """
     at, d = np.clip(start, SIDE, 1 - SIDE), len(start)
-    information, promised = np.zeros((d, d)), math.inf
+    # Where nothing can be said of it, it may be likely.
+    information, promised, there = np.zeros((d, d)), math.inf, math.inf
     for turn in range(STEPS):
         sides = SIDE * np.where(at > 0.5, -1.0, 1.0)
         found = _slopes(evaluations, base, ranges, np.vstack([at, at + np.diag(sides)]), sides, first)
         if found is None:
             break
-        information, pull = found
+        information, pull, there = found
         step = np.linalg.solve(information + FLAT * np.eye(d), pull)
         promised = 0.5 * float(pull @ step)
         if step @ information @ step < THERE or turn == STEPS - 1:
@@ -197,22 +197,11 @@ def _mode(
         best = int(np.argmax(log_z))
         if best == 0:
             break
-        at = points[best]
-    return at, np.linalg.inv(information + FLAT * np.eye(d)), promised
-
-
-def _laplace(
-    evaluations: Evaluations, base: Sequence[int], ranges: _Ranges, mean: np.ndarray, covariance: np.ndarray,
-    first: Column,
-) -> float:  # fmt: skip
-    """Log evidence by Laplace's approximation, log L + ½ log |2πΣ|, which a uniform prior makes no larger than L."""
-    with _Tried(evaluations, ranges, mean[None], first) as columns:
-        if columns is None:
-            # Nothing can be said of it there.
-            return math.inf
-        (at_mode,) = evaluations.parametric([(*base, *columns)])
-    volume = 0.5 * np.linalg.slogdet(2 * math.pi * covariance)[1]
-    return at_mode.all + min(float(volume), 0.0)
+        at, there = points[best], log_z[best]
+    covariance = np.linalg.inv(information + FLAT * np.eye(d))
+    # Steps that ended early leave something to climb, and a narrow peak may weigh less than all other values.
+    volume = 0.5 * float(np.linalg.slogdet(2 * math.pi * covariance)[1])
+    return at, covariance, promised + there + min(volume, 0.0)
 
 
 def _slopes(
@@ -222,8 +211,11 @@ def _slopes(
     points: np.ndarray,
     sides: np.ndarray,
     first: Column,
-) -> tuple[np.ndarray, np.ndarray] | None:
-    """What the rows tell of steps of the inner parameters, and where they pull; None where the effect is nothing."""
+) -> tuple[np.ndarray, np.ndarray, float] | None:
+    """What the rows tell of steps of the inner parameters, where they pull, and the log evidence of the first point.
+
+    None where the effect is nothing.
+    """
     statistics = evaluations.statistics
     with _Tried(evaluations, ranges, points, first) as columns:
         if columns is None:
@@ -233,6 +225,7 @@ def _slopes(
         scale = np.array([statistics.columns[i].scale for i in columns])
         G, g = statistics.products[np.ix_(every, every)], statistics.with_target[every]
         square, n = statistics.square, statistics.n_obs
+        (first_one,) = evaluations.parametric([(*base, columns[0])])
     # Columns in one unit, then the effect itself and its slopes.
     n_own, size = len(own), scale / scale[0]
     T = np.eye(len(every))
@@ -251,7 +244,7 @@ def _slopes(
     taken = np.linalg.lstsq(G[alone, alone], G[alone, rest], rcond=1e-10)[0]
     information = theta[-1] ** 2 * (G[rest, rest] - G[rest, alone] @ taken) / variance
     pull = theta[-1] * (g[rest] - taken.T @ g[alone]) / variance
-    return (information + information.T) / 2, pull
+    return (information + information.T) / 2, pull, first_one.all
 
 
 class _Tried:

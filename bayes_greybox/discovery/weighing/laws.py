@@ -42,7 +42,9 @@ class Laws:
             return ()
         if each[0].inner and each[0].effect is not None:
             return tuple(filter(None, map(self._bent, bent(each[0].effect))))
-        weighed = [c.term for c in self.statistics.columns if c.term is not None and c.kind != "law"]
+        # What bends where an inner parameter says has no exponents, and its formula need not be read.
+        columns = [c for c in self.statistics.columns if not c.inner and c.kind != "law"]
+        weighed = [c.term for c in columns if c.term is not None]
         wanted = between(terms[0], terms[1], weighed) if len(terms) == 2 else neighbours(terms[0], weighed)
         return tuple(filter(None, (self._columns(term.text, lambda term=term: [(term, {})]) for term in wanted)))
 

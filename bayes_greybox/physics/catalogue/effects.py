@@ -14,7 +14,8 @@ import sympy
 
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.physics.formula.expressions import parse_expression, symbol_names
-from bayes_greybox.physics.formula.grammar import check_name
+from bayes_greybox.physics.formula.grammar import check_name, symbol
+from bayes_greybox.physics.formula.numbers import Parts, parted
 from bayes_greybox.physics.formula.printing import to_latex
 from bayes_greybox.physics.hidden_states import HiddenState
 from bayes_greybox.physics.terms import Term
@@ -23,6 +24,7 @@ from .inner_parameter import MOST, InnerParameter
 
 _SLUG = re.compile(r"[a-z0-9]+(-[a-z0-9]+)*")
 _NAME = re.compile(r"(?<![\w.])[^\W\d]\w*")
+_INNER = "#"
 
 
 @dataclass(frozen=True)
@@ -180,6 +182,8 @@ class BoundEffect:
             if not 0.0 < value < math.inf:
                 raise InputError(f"{name} of the effect {self.slug!r} is {value:g}; it must be positive and finite.")
         exact = {name: repr(float(value)) for name, value in values.items()}
+        known = {name + _INNER: value for name, value in values.items()}
+        named, *rates = self._parts.at(known) if known else [None] * (1 + len(self.effect.hidden))
         states = tuple(
             HiddenState(
                 self._hidden[state.name],
@@ -187,11 +191,12 @@ class BoundEffect:
                 self.names[state.unit_of],
                 state.meaning,
                 self.names.get(state.start, ""),
+                rate,
             )
-            for state in self.effect.hidden
+            for state, rate in zip(self.effect.hidden, rates, strict=True)
         )
         name = "".join(self.text(values).split())
-        return Term(self._written(self.effect.expression, exact), name=name, states=states)
+        return Term(self._written(self.effect.expression, exact), name=name, states=states, named=named)
 
     def text(self, inner: Mapping[str, float] | None = None) -> str:
         """The formula over columns, for readers: the inner parameter with four digits, or by name if not given."""
@@ -206,6 +211,15 @@ class BoundEffect:
         """Names of hidden states, none of which another effect has."""
         end = "_".join((self.slug.replace("-", "_"), *dict.fromkeys(self.names.values())))
         return {state.name: f"{state.name}_{end}" for state in self.effect.hidden}
+
+    @cached_property
+    def _parts(self) -> Parts:
+        """The formula and the rates over columns, read once for all values of inner parameters."""
+        read = [self.effect.expr, *(parse_expression(state.rate) for state in self.effect.hidden)]
+        # All names at once, and in place of inner parameters such as no column has.
+        inner = {part.name: part.name + _INNER for part in self.effect.inner}
+        words = {symbol(old): symbol(new) for old, new in {**self.names, **self._hidden, **inner}.items()}
+        return parted([each.xreplace(words) for each in read], inner.values())
 
     def _written(self, formula: str, numbers: Mapping[str, str]) -> str:
         # All names at once: a column may well be called as a role or an inner parameter is.

@@ -90,7 +90,7 @@ class Segments:
         whole, delta = np.empty(()), None
         for first in range(0, n_step, span):
             last = min(first + span, n_step)
-            jump = np.einsum("snit,sntk->snik", b[:, first:last], forced(slice(2 * first, 2 * last + 1)), optimize=True)
+            jump = b[:, first:last] @ forced(slice(2 * first, 2 * last + 1))
             if delta is None:
                 delta = np.zeros((n_segment, b.shape[2], jump.shape[-1]))
                 whole = np.empty((len(self.end), len(self.outputs), jump.shape[-1]))
