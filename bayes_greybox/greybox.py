@@ -249,8 +249,6 @@ class Fit(Posterior):
         """
         sampling = Sampling(draws, tune, chains, seed, target_accept, exact=True)
         with given_checkpoint(checkpoint, resume, checkpoint_every) as held:
-            if held is not None:
-                held.require("refined", run_facts(self.model, self.data, sampling, starts=starts, noise=noise))
             refined = refine(self, sampling, starts, noise, progress, held)
         return Fit(refined.model, refined.data, sampling, refined.idata)
 

@@ -54,12 +54,12 @@ class Wanted:
         return {"seed": self.seed, "progress": self.progress}
 
     def names(self, known: Iterable[str]) -> list[str]:
-        """Kinds of cases: those that are named, or the first ones.
+        """Kinds of cases: those that are named, or all; of these the first ones.
 
         Args:
             known: All kinds.
         """
-        return list(self.only or known)[: self.cases]
+        return list(dict.fromkeys(self.only or known))[: self.cases]
 
 
 class Run(NamedTuple):
@@ -80,7 +80,9 @@ def benchmark(
     cases: Annotated[int | None, typer.Option(min=1, help="Number of cases; all of them by default.")] = None,
     only: Annotated[
         list[str] | None,
-        typer.Option(help="A kind of cases by its name, once for each (benchmarks of named kinds)."),
+        typer.Option(
+            help="A kind of cases by its name, once for each (benchmarks of named kinds); --cases counts these."
+        ),
     ] = None,
     workers: Annotated[
         int | None, typer.Option(min=1, help="Processes that work side by side (hidden-effects); 2 by default.")

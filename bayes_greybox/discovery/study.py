@@ -376,7 +376,8 @@ def _said_of(model: Program, train: Trajectories, counted: Mapping[str, int], se
     said = []
     for name, n in counted.items():
         if n < FEWEST:
-            rows = f"{n} rows" if n == train.n_obs else f"The {n} of {train.n_obs} rows that count"
+            fewer = f" of {train.n_obs}" if n < train.n_obs else ""
+            rows = f"{n} rows" if n == train.n_obs else f"The {n}{fewer} rows that count"
             of = f" of {train.target_label(name)}" if len(counted) > 1 else ""
             said.append(
                 f"{rows} are too few to check residuals{of} on: below {FEWEST} neither their whiteness nor the shape "

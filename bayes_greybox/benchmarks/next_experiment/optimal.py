@@ -49,13 +49,13 @@ def encompassing(explanations: Sequence[Explained]) -> Encompassing:
     Args:
         explanations: Those that predict something; what has no name has no terms either.
     """
-    known = [e for e in explanations if any(c.terms and not c.features for c in e.components)]
+    known = [e for e in explanations if e.components and (e.slugs or not e.components[0].features)]
     total = sum(e.probability for e in known)
     terms: dict[str, Term] = {}
     mean: dict[str, float] = {}
     for e in known:
         likeliest = max(e.components, key=lambda c: c.weight)
-        for term, value in zip(likeliest.terms, likeliest.mean.tolist(), strict=True):
+        for term, value in zip(likeliest.terms, likeliest.mean.tolist(), strict=False):
             key = str(term.expression)
             terms.setdefault(key, term)
             mean[key] = mean.get(key, 0.0) + e.probability / total * value

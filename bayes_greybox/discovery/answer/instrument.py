@@ -97,8 +97,6 @@ def instrument_table(
         rows.append(_row(statistics.equation, suspect, p, late.by, late.sd, True, data))
     effects = [statistics.columns[i].called for i in finding.base]
     for binding, p in weighed.by_mirror.items():
-        if p < LISTED:
-            continue
         mirror = weighed.mirrors[binding]
         times = np.array([mirror.time])
         if binding in effects:

@@ -174,8 +174,8 @@ class Weighed:
             for i in e.effects:
                 slug = world.evaluations.name(i)
                 own[slug] = min(own.get(slug, 1.0), artefacts[i])
-                # On two columns it is missing if one of them is no fault.
-                instead[slug] = instead.get(slug, 1.0) * self._instead(world.evaluations.binding(i))
+                # On two columns it is as sure as the less sure one: one sensor has both faults, or neither.
+                instead[slug] = max(instead.get(slug, 0.0), self._instead(world.evaluations.binding(i)))
             for slug, wrong in own.items():
                 real = p * (1 - imitated(share)) * (1 - STACKED if slug in doubtful else 1.0)
                 found[slug] = found.get(slug, 0.0) + real * (1 - wrong) * (1 - instead[slug])

@@ -14,8 +14,8 @@ from scipy.linalg import block_diag
 
 from bayes_greybox.discovery.answer.coefficients import conditional
 from bayes_greybox.discovery.answer.equation_study import EquationStudy
-from bayes_greybox.discovery.answer.weighed import EFFECTS, Weighed
-from bayes_greybox.discovery.weighing.sets import REST, Explanation
+from bayes_greybox.discovery.answer.weighed import Weighed
+from bayes_greybox.discovery.weighing.sets import LAWFUL, REST, Explanation
 from bayes_greybox.discovery.weighing.worlds import World
 from bayes_greybox.physics.terms import Term
 
@@ -28,8 +28,11 @@ LEAST = 0.01
 COMPONENTS = 8
 """Components of an explanation, at most."""
 
-PREDICTING = ("no gap", "recalibrate", EFFECTS)
-"""Explanations whose columns say what a new run would show: an error of these sensors says nothing."""
+VARIANTS = 3
+"""Variants of one explanation that stand for all, at most."""
+
+PREDICTING = ("no gap", "recalibrate")
+"""Explanations without an effect whose columns say what a run would show: an error of these sensors says nothing."""
 
 
 @dataclass(frozen=True)
@@ -117,15 +120,12 @@ def explained(found: EquationStudy) -> tuple[Explained, ...]:
     for name, p in zip(names, table["probability"].to_numpy(float), strict=True):
         if p < LEAST:
             continue
-        items = [(w, e) for w, e, _, _ in weighed.items if found.called(w, e) == name]
+        items = [(w, e, share) for w, e, share, _ in weighed.items if found.called(w, e) == name]
         if not items:
             # What the sensor does in an effect's place has no explanation of its own.
             kept.append(Explained(str(name), float(p)))
             continue
-        # The likeliest that leaves nothing over; else one whose rest is a function of states and inputs.
-        whole = [(w, e) for w, e in items if not w.leaves_rest(e)] or [(w, e) for w, e in items if e.kind == REST]
-        world, e = (whole or items)[0]
-        kept.append(_one(str(name), float(p), weighed, world, e))
+        kept.append(_told(str(name), float(p), weighed, items))
     return tuple(kept)
 
 
@@ -149,24 +149,64 @@ def joined(each: Mapping[str, Sequence[Explained]]) -> tuple[Explained, ...]:
     return tuple(sorted(found, key=lambda e: -e.probability))
 
 
-def _one(name: str, p: float, weighed: Weighed, world: World, e: Explanation) -> Explained:
+def _told(name: str, p: float, weighed: Weighed, items: Sequence[tuple[World, Explanation, float]]) -> Explained:
+    """One explanation by its likeliest variants: other suspects, another noise, f or a law beside it.
+
+    Nothing is predicted where most of the probability is of a rest that remembers, or of a process in time.
+    """
+    slugs = tuple(items[0][0].evaluations.name(i) for i in items[0][1].effects)
+    told = [(w, e, q) for w, e, q in items if _predicts(weighed, w, e)]
+    if 2 * sum(q for *_, q in told) < sum(q for *_, q in items):
+        return Explained(name, p, slugs)
+    told = _different(told)[:VARIANTS]
+    total = sum(q for *_, q in told)
+    components: list[Component] = []
+    sigma = 0.0
+    for world, e, q in told:
+        parts, noise = _components(weighed, world, e)
+        components += [replace(each, weight=each.weight * q / total) for each in parts]
+        sigma += noise * q / total
+    weights, places = systematic(np.array([c.weight for c in components]), COMPONENTS)
+    kept = tuple(replace(components[i], weight=float(w)) for w, i in zip(weights, places, strict=True))
+    return Explained(name, p, slugs, kept, {told[0][0].evaluations.statistics.equation: sigma})
+
+
+def _different(
+    items: Sequence[tuple[World, Explanation, float]],
+) -> list[tuple[World, Explanation, float]]:
+    """Variants without those that differ in a value of an inner parameter alone, which a mixture has anyway."""
+    found: dict[tuple, tuple[World, Explanation, float]] = {}
+    for world, e, q in items:
+        called = [world.evaluations.statistics.columns[i].called for i in (*e.effects, *e.memory)]
+        own = e.effects if e.kind == REST else tuple(called)
+        found.setdefault((id(world), e.kind, e.suspects, own), (world, e, q))
+    return list(found.values())
+
+
+def _predicts(weighed: Weighed, world: World, e: Explanation) -> bool:
+    return bool(e.effects) or e.kind in (REST, LAWFUL) or weighed.kind(world, e) in PREDICTING
+
+
+def _components(weighed: Weighed, world: World, e: Explanation) -> tuple[list[Component], float]:
+    """The mixture of one variant, and its noise standard deviation, user's units."""
     statistics = world.evaluations.statistics
     equation = statistics.equation
-    kind = EFFECTS if e.effects else weighed.kind(world, e)
-    slugs = tuple(world.evaluations.name(i) for i in e.effects)
     if e.kind == REST:
-        every = nameless(world, e)
-        rests = tuple(
+        rests = nameless(world, e)
+        found = [
             Component(f.weight, (equation,) * len(f.terms), f.terms, f.mean, f.root, {equation: f.features})
-            for f in every
-        )
-        return Explained(name, p, slugs, rests, {equation: float(sum(f.weight * f.sigma for f in every))})
-    if kind not in PREDICTING:
-        return Explained(name, p, slugs)
-    some = kind == "recalibrate"
-    given = conditional(world.evaluations, e.effects, e.suspects, some=some, none=kind == "no gap")
+            for f in rests
+        ]
+        return found, sum(f.weight * f.sigma for f in rests)
+    kind = weighed.kind(world, e)
+    # A law that is in no catalogue is a column as an effect is.
+    law = e.memory if e.kind == LAWFUL else ()
+    given = conditional(
+        world.evaluations, (*e.effects, *law), e.suspects,
+        some=not e.effects and kind == "recalibrate", none=not e.effects and kind == "no gap",
+    )  # fmt: skip
     weights, places = systematic(np.array([c.weight for c in given]), COMPONENTS)
-    components, sigma = [], 0.0
+    found, sigma = [], 0.0
     for weight, place in zip(weights, places, strict=True):
         one = given[place]
         columns = [statistics.columns[i] for i in one.indices]
@@ -178,9 +218,9 @@ def _one(name: str, p: float, weighed: Weighed, world: World, e: Explanation) ->
         # As text: what a file gives back is then the same.
         formulas = [columns[i].formula.plain for i in alive]
         terms = tuple(replace(formula, expression=formula.text) for formula in formulas)
-        components.append(Component(float(weight), (equation,) * len(alive), terms, (one.mean * scale)[alive], root))
+        found.append(Component(float(weight), (equation,) * len(alive), terms, (one.mean * scale)[alive], root))
         sigma += weight * one.sigma * statistics.target_scale
-    return Explained(name, p, slugs, tuple(components), {equation: float(sigma)})
+    return found, float(sigma)
 
 
 def _product(parts: Sequence[Sequence[Component]]) -> tuple[Component, ...]:

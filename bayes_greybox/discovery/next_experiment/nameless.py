@@ -8,7 +8,7 @@ Williams 2006, Eq. 2.8). Coefficients β of the columns are independent of w, so
 is linear in jointly Gaussian coefficients of φ and of the features ψ; over η it is a mixture.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import reduce
 from typing import NamedTuple
@@ -16,6 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
+from bayes_greybox.discovery.evidence.sufficient_statistics import SufficientStatistics
 from bayes_greybox.discovery.evidence.with_discrepancy import DEGREES
 from bayes_greybox.discovery.weighing.sets import Explanation
 from bayes_greybox.discovery.weighing.worlds import World
@@ -25,14 +26,17 @@ from bayes_greybox.physics.terms import Term
 
 from .resampled import systematic
 
-LATENTS = 16
-"""Directions of the coefficients' covariance that are kept, at most: those with the largest variance."""
+LATENTS, VARIANCE = 32, 0.99
+"""Latents that are kept at most, and the share of the variance at `_seen` places that they are to carry."""
+
+PLACES = 200
+"""Of the record, that are looked at."""
 
 SCALES, DRAWN = 4, 200
 """Hyperparameters that stand for their posterior, and draws of the importance sampler that they are taken from."""
 
 SEEN = 1e-2
-"""What contributes less than this share of the largest is left out."""
+"""Features that contribute less than this share of the largest one's there are left out."""
 
 
 @dataclass(frozen=True)
@@ -122,20 +126,19 @@ def nameless(world: World, e: Explanation) -> list[Nameless]:
     """
     known, statistics = world.evaluations, world.evaluations.statistics
     columns = [statistics.columns[i] for i in known.indices(e.columns)]
-    beta, covariance = world.coefficients(e)
-    values, vectors = np.linalg.eigh(covariance)
-    of_beta = (vectors * np.sqrt(np.maximum(values, 0.0))).T
-    n, n_basis = len(beta), statistics.basis.size
+    n, n_basis = len(columns), statistics.basis.size
     weight, etas = _hyperparameters(world, e)
     means, roots = np.zeros((len(etas), n + n_basis)), np.zeros((len(etas), n + n_basis, n + n_basis))
     for k, eta in enumerate(etas):
-        f = world.rest_weights(e, eta)
+        f, (beta, of_beta) = world.rest_weights(e, eta), _coefficients(world, e, eta)
         means[k] = np.concatenate([beta - f.taken @ f.mean, f.mean])
         roots[k] = np.block([[of_beta, np.zeros((n, n_basis))], [-f.root @ f.taken.T, f.root]])
-    # Columns have an RMS of one in the record, and features in their domain: sizes can be compared.
-    size = np.sqrt(np.max(means**2 + np.sum(roots**2, axis=1), axis=0))
-    told = np.array([column.term is not None for column in columns] + [True] * n_basis)
-    kept = np.flatnonzero(told & (size > SEEN * np.max(size)))
+    told = np.array([column.term is not None for column in columns], bool)
+    Z = _seen(statistics, [i for i, shown in zip(known.indices(e.columns), told, strict=True) if shown])
+    shown = np.concatenate([np.flatnonzero(told), n + np.arange(n_basis)])
+    size = np.sqrt(np.mean(Z**2, axis=0) * np.max(means**2 + np.sum(roots**2, axis=1), axis=0)[shown])
+    large = (shown < n) | (size > SEEN * np.max(size[shown >= n]))
+    kept, Z = shown[large], Z[:, large] / np.sqrt(len(Z))
     scale = statistics.target_scale / np.array([*(column.scale for column in columns), *np.ones(n_basis)])[kept]
     # As text: what a file gives back is then the same.
     plain = [columns[place].formula.plain for place in kept[kept < n]]
@@ -144,12 +147,42 @@ def nameless(world: World, e: Explanation) -> list[Nameless]:
     features = Features(*box, statistics.basis, kept[kept >= n] - n)
     found = []
     for share, eta, mean, root in zip(weight, etas, means[:, kept], roots[:, :, kept], strict=True):
-        _, spread, directions = np.linalg.svd(root, full_matrices=False)
-        shown = min(LATENTS, int(np.sum(spread > SEEN * spread[0])))
+        # Latents whose effect at these places is largest come first.
+        turned, spread, _ = np.linalg.svd(root @ Z.T, full_matrices=False)
+        carried = np.cumsum(spread**2) < VARIANCE * np.sum(spread**2)
+        latents = turned[:, : min(LATENTS, 1 + int(np.sum(carried)))].T @ root
         sigma = float(statistics.noise.sigma(eta[0])) * statistics.target_scale
-        root = spread[:shown, None] * directions[:shown] * scale
-        found.append(Nameless(float(share), terms, features, mean * scale, root, sigma))
+        found.append(Nameless(float(share), terms, features, mean * scale, latents * scale, sigma))
     return found
+
+
+def _coefficients(
+    world: World, e: Explanation, eta: Float[np.ndarray, " n_eta"]
+) -> tuple[Float[np.ndarray, " n_column"], Float[np.ndarray, "n_column n_column"]]:
+    """Coefficients of the columns at σ beside f, in the pattern that is likeliest there: mean, and W of covariance WᵀW.
+
+    f leaves less noise than there is without it, and what f is orthogonal to, no other carries.
+    """
+    known = world.evaluations
+    spectrum, s2 = known.parametric([e.columns])[0].spectrum, float(known.statistics.noise.sigma(eta[0])) ** 2
+    lam, b = spectrum.eigenvalues, spectrum.loading
+    logs = known.patterns()[1] - 0.5 * np.sum(np.log1p(lam / s2) - b**2 / (s2 * (s2 + lam)), axis=-1)
+    k = int(np.argmax(logs))
+    back = spectrum.back[k]
+    return back @ (b[k] / (s2 + lam[k])), (back * np.sqrt(s2 / (s2 + lam[k]))).T
+
+
+def _seen(statistics: SufficientStatistics, indices: Sequence[int]) -> Float[np.ndarray, "n_place n"]:
+    """Columns and features where experiments may go: in the record, and half as far again from its middle."""
+    columns = statistics.rows.columns
+    some = np.unique(np.linspace(0, len(next(iter(columns.values()))) - 1, PLACES).astype(int))
+    there = {name: value[some] for name, value in columns.items()}
+    middle = {name: 0.5 * (np.min(value) + np.max(value)) for name, value in columns.items()}
+    there = {name: np.concatenate([x, middle[name] + 1.5 * (x - middle[name])]) for name, x in there.items()}
+    with np.errstate(all="ignore"):
+        found = np.hstack([statistics.evaluate(indices, there), statistics.evaluate_features(there)])
+    # A term may leave its domain beyond the data.
+    return found[np.all(np.isfinite(found), axis=1)]
 
 
 def _hyperparameters(world: World, e: Explanation) -> tuple[np.ndarray, Float[np.ndarray, "n n_eta"]]:

@@ -191,10 +191,10 @@ def _said_of(
     """Of the rows of an equation, each component's means and loads on its latents, and what each outcome's own adds."""
     shape = next(iter(columns.values())).shape
     means, loads, added = [], [], np.full(shape, np.nan)
-    known: dict[tuple[int, int], tuple[list[int], np.ndarray]] = {}
+    known: dict[tuple[int, ...], tuple[list[int], np.ndarray]] = {}
     for c, component in enumerate(components):
         # Hyperparameters of one f share its features, which are many.
-        key = id(component.terms), id(component.features.get(equation))
+        key = id(component.terms), *map(id, component.features.values())
         if key not in known:
             known = {key: component.columns(equation, columns, shape)}
         own, Phi = known[key]

@@ -5,7 +5,7 @@ u = m + L η, and NUTS samples η, whose posterior is near N(0, I) where rows ar
 """
 
 import math
-from dataclasses import replace
+from dataclasses import asdict, replace
 
 import jax
 import jax.numpy as jnp
@@ -14,7 +14,7 @@ from jaxtyping import Bool
 from threadpoolctl import threadpool_limits
 
 from bayes_greybox.data.errors import InputError
-from bayes_greybox.inference.checkpoint import Checkpoint
+from bayes_greybox.inference.checkpoint import Checkpoint, run_facts
 from bayes_greybox.inference.kept.further_groups import add_group
 from bayes_greybox.inference.kept.groups import DETAILS, data_table, tree_of, user_units
 from bayes_greybox.inference.posterior import MOST_NUMBERS, Posterior
@@ -53,8 +53,20 @@ def refine(
 
     Raises:
         InputError: Rows of rates; an unknown force; noise of one sensor alone; f without weights; no path at the
-            estimate; paths that no steps follow accurately.
+            estimate; paths that no steps follow accurately; a checkpoint of something else.
     """
+    if checkpoint is not None:
+        of = {"starts": starts, "noise": noise, "fit": asdict(posterior.sampling)}
+        checkpoint.require("refined", run_facts(posterior.model, posterior.data, sampling, **of))
+    # One thread from the first: how sums are split must not decide where chains start.
+    with threadpool_limits(1):
+        return _refined(posterior, sampling, starts, noise, progress, checkpoint)
+
+
+def _refined(
+    posterior: Posterior, sampling: Sampling, starts: Stated | None, noise: Stated | None, progress: bool,
+    checkpoint: Checkpoint | None,
+) -> Posterior:  # fmt: skip
     path = _path(posterior)
     name, equation = _only(posterior)
     own, active = posterior.sites[name], posterior.likeliest_pattern(name)
@@ -70,14 +82,13 @@ def refine(
     likelihood = likelihood_by(course.methods[0])
     first = first_draws(posterior, equation, path, own, active, likelihood)
     tried = []
-    with threadpool_limits(1):
-        for method in course.methods:
-            known = jax.tree.map(jnp.asarray, Known(equation.design, likelihood_by(method)))
-            programs = exact_programs(asked, known)
-            found = Paths(method, course, programs, own).sampled(known, first, sampling, progress, checkpoint)
-            if found.drawn:
-                return _result(posterior, sampling, equation, likelihood, own, active, found.drawn, found.stats)
-            tried.append(found)
+    for method in course.methods:
+        known = jax.tree.map(jnp.asarray, Known(equation.design, likelihood_by(method)))
+        programs = exact_programs(asked, known)
+        found = Paths(method, course, programs, own).sampled(known, first, sampling, progress, checkpoint)
+        if found.drawn:
+            return _result(posterior, sampling, equation, likelihood, own, active, found.drawn, found.stats)
+        tried.append(found)
     raise InputError(_refused(min(tried, key=lambda each: each.error)))
 
 

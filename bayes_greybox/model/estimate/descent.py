@@ -55,9 +55,9 @@ def descended(model: Any, data: Trajectories, most: int) -> Standing | None:
         data: Samples.
         most: Steps at most, twice where fewer segments do at its end than on its way.
     """
-    start = _standing(replace(model, rows=model.rows.unforced()), data, None)
+    start, asked = _standing(replace(model, rows=model.rows.unforced()), data, None), model.rows.segments(data)
     found = _settled(start, data, most)
-    if found is not None and (bare := _cut(found, data, 1)) is not None and bare.segments < found.segments:
+    if found is not None and (bare := _cut(found, data, asked)) is not None and bare.segments < found.segments:
         return _settled(bare, data, most) or found
     return found
 
@@ -87,7 +87,7 @@ def _settled(start: Standing | None, data: Trajectories, most: int) -> Standing 
             break
         at, promised = here.equation.damped(here.at, damping)
         acts_on = here.equation.frame.dictionary.acts_on
-        rows = here.model.rows.in_segments(here.segments).around(at, acts_on)
+        rows = here.model.rows.in_segments(here.segments, data).around(at, acts_on)
         there = _standing(replace(here.model, rows=rows), data, at)
         before = here if there is None else _cut(here, data, there.segments)
         gained = -1.0
@@ -108,7 +108,7 @@ def _cut(standing: Standing, data: Trajectories, segments: int) -> Standing | No
     """The same with so many segments of each run at least; None where no path can be followed."""
     if segments == standing.segments:
         return standing
-    model = replace(standing.model, rows=standing.model.rows.in_segments(segments))
+    model = replace(standing.model, rows=standing.model.rows.in_segments(segments, data))
     return _standing(model, data, standing.at)
 
 

@@ -191,11 +191,20 @@ class RowKind(ABC):
         """The rows, if they follow a path that an unknown force may move, along one that the model allows."""
         return self
 
-    def in_segments(self, segments: int) -> "RowKind":
+    def segments(self, data: Trajectories) -> int:
+        """How many segments each run of a path, if the rows follow one, is to be cut into at least.
+
+        Args:
+            data: Samples.
+        """
+        return 1
+
+    def in_segments(self, segments: int, data: Trajectories) -> "RowKind":
         """The rows, if they follow a path, along one whose runs are cut into so many segments at least.
 
         Args:
             segments: Each with a start of its own.
+            data: Samples of which there are to be so many; on others they are as long.
         """
         return self
 

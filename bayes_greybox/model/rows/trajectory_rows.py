@@ -64,8 +64,8 @@ class TrajectoryRows(RowKind):
         at_rest: Hidden states that are at rest where a run starts, or nearly: zero give or take their size, each with
             the column that it is about as large as. Other hidden states may start anywhere.
         moving: Those of them that start about where a sampled column does, with that column.
-        segments: Segments that each run of the path is cut into at least, each with a start of its own; more where a
-            change of a start would grow beyond bounds.
+        segment: Time that a segment of the path lasts at most: each has a start of its own. None: as long as a change
+            of a start stays within bounds, which no segment exceeds.
     """
 
     substeps: int | None = None
@@ -77,7 +77,7 @@ class TrajectoryRows(RowKind):
     force: float = 0.0
     at_rest: tuple[tuple[str, str], ...] = ()
     moving: tuple[tuple[str, str], ...] = ()
-    segments: int = 1
+    segment: float | None = None
 
     def __post_init__(self) -> None:
         # Files have lists for tuples.
@@ -87,8 +87,8 @@ class TrajectoryRows(RowKind):
         object.__setattr__(self, "moving", tuple((str(name), str(column)) for name, column in self.moving))
         if self.substeps is not None and not 1 <= self.substeps <= 1000:
             raise InputError(f"TrajectoryRows(substeps={self.substeps}) must be between 1 and 1000.")
-        if self.segments < 1:
-            raise InputError(f"TrajectoryRows(segments={self.segments}) must be 1 or more.")
+        if self.segment is not None and not self.segment > 0:
+            raise InputError(f"TrajectoryRows(segment={self.segment!r}) must be a time above 0.")
         if not 0 <= self.force < math.inf:
             raise InputError(f"TrajectoryRows(force={self.force!r}) must be a number, 0 or above.")
         if self.interpolation not in (None, *INTERPOLATIONS):
@@ -167,9 +167,13 @@ class TrajectoryRows(RowKind):
         """Rows without process noise."""
         return replace(self, process_noise=False)
 
-    def in_segments(self, segments: int) -> "TrajectoryRows":
-        """Rows of a path in so many segments at least."""
-        return replace(self, segments=segments)
+    def segments(self, data: Trajectories) -> int:
+        """Segments of each run that are asked for."""
+        return 1 if self.segment is None else max(1, math.ceil(_longest(data) / self.segment * (1 - 1e-9)))
+
+    def in_segments(self, segments: int, data: Trajectories) -> "TrajectoryRows":
+        """Rows of a path in so many segments at least, and as long ones on other data."""
+        return replace(self, segment=None if segments == 1 else _longest(data) / segments)
 
     def held(self) -> "TrajectoryRows":
         """Rows whose inputs are held."""
@@ -258,6 +262,13 @@ class TrajectoryRows(RowKind):
                 self.same_noise,
                 dict(self.at_rest),
                 dict(self.moving),
-                self.segments,
+                self.segments(samples),
             )
         return known[key]
+
+
+def _longest(data: Trajectories) -> float:
+    """Time that the longest run of the samples lasts."""
+    samples = data.samples or data
+    parts = np.split(samples.time, np.cumsum(samples.run_lengths)[:-1])
+    return float(max(part[-1] - part[0] for part in parts))

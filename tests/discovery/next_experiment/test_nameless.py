@@ -1,5 +1,8 @@
 """What an effect without a name would show, against dense regression, and along paths."""
 
+from dataclasses import replace
+from types import SimpleNamespace
+
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -7,14 +10,15 @@ from scipy.integrate import solve_ivp
 from tiny_equation import CUBE, tiny_evaluations
 
 import bayes_greybox as bg
+from bayes_greybox.discovery.next_experiment import explained as explained_module
 from bayes_greybox.discovery.next_experiment import nameless as module
 from bayes_greybox.discovery.next_experiment.candidates import Candidate
-from bayes_greybox.discovery.next_experiment.explained import Component, Explained, joined
+from bayes_greybox.discovery.next_experiment.explained import Component, Explained, _told, joined
 from bayes_greybox.discovery.next_experiment.nameless import Features, nameless
 from bayes_greybox.discovery.next_experiment.predicted import predict
 from bayes_greybox.discovery.next_experiment.question import Question
 from bayes_greybox.discovery.next_experiment.signals import Hold
-from bayes_greybox.discovery.weighing.sets import REST, Sets
+from bayes_greybox.discovery.weighing.sets import LAWFUL, MEMORY, REST, Sets
 from bayes_greybox.discovery.weighing.worlds import worlds
 from bayes_greybox.model.gp.features import HilbertBasis
 from bayes_greybox.model.gp.kernels import KERNELS, log_spectral_density
@@ -25,6 +29,7 @@ from bayes_greybox.physics.terms import Term
 @pytest.mark.parametrize("dictionary", [None, {"x": ["sin(3*x)"]}], ids=["alone", "beside a term"])
 def test_it_is_the_regression_on_columns_and_what_they_leave_of_the_features(dictionary, monkeypatch):
     monkeypatch.setattr(module, "LATENTS", 1000)
+    monkeypatch.setattr(module, "VARIANCE", 1.0)
     monkeypatch.setattr(module, "SEEN", 0.0)
     given = {} if dictionary is None else {"dictionary": dictionary}
     known = tiny_evaluations([CUBE], lambda x: np.cos(2 * x), simulation=lambda t, x, u: [-x[0]], **given)
@@ -52,10 +57,8 @@ def test_it_is_the_regression_on_columns_and_what_they_leave_of_the_features(dic
     new = np.hstack([there, statistics.evaluate_features(at) - there @ B]) * statistics.target_scale
     expected = new @ covariance @ design.T @ y / sigma**2
     np.testing.assert_allclose(table @ found.mean, expected, rtol=1e-6, atol=1e-6 * np.max(np.abs(expected)))
-    if dictionary is None:
-        # The covariance of β is that of all σ, and not of the mode's.
-        variance = np.einsum("ij,jk,ik->i", new, covariance, new)
-        np.testing.assert_allclose(np.sum((table @ found.root.T) ** 2, axis=1), variance, rtol=1e-6)
+    variance = np.einsum("ij,jk,ik->i", new, covariance, new)
+    np.testing.assert_allclose(np.sum((table @ found.root.T) ** 2, axis=1), variance, rtol=1e-6)
     assert np.isclose(found.sigma, sigma * statistics.target_scale)
 
 
@@ -124,6 +127,70 @@ def test_paths_and_densities_are_those_of_the_function():
     assert abs(np.mean(ratio) - 1) < 4 * np.std(ratio) / np.sqrt(len(ratio))
 
 
+def test_what_is_left_out_of_it_is_small(monkeypatch):
+    known = tiny_evaluations([CUBE], lambda x: np.cos(2 * x), simulation=lambda t, x, u: [-x[0]])
+    world = worlds(Sets(known, 1), {"x": known.statistics.rows.columns["x"]})[0]
+    e = next(e for e in world.explanations if e.kind == REST and not e.columns)
+    at = {"x": np.linspace(-1.5, 1.5, 31)}
+
+    def told():
+        tables = [(one, one.features.evaluate(at)) for one in nameless(world, e)]
+        return [(table @ one.mean, np.sum((table @ one.root.T) ** 2, axis=1)) for one, table in tables]
+
+    short = told()
+    for name, value in (("LATENTS", 1000), ("VARIANCE", 1.0), ("SEEN", 0.0)):
+        monkeypatch.setattr(module, name, value)
+    for (mean, variance), (whole, every) in zip(short, told(), strict=True):
+        # A hundredth of the variance is left out, and of each feature.
+        assert np.sum(variance) > 0.97 * np.sum(every)
+        assert np.max(np.abs(mean - whole)) < 0.05 * np.sqrt(np.max(whole**2 + every))
+
+
+@pytest.mark.parametrize("kind, predicted", [(REST, True), (LAWFUL, True), (MEMORY, False)])
+def test_what_most_likely_remembers_is_not_predicted_as_a_function(kind, predicted, monkeypatch):
+    parts = {REST: 1.0, LAWFUL: 2.0}
+    monkeypatch.setattr(
+        explained_module, "_components",
+        lambda weighed, world, e: ([Component(1.0, (), (), np.array([parts[e.kind]]), np.zeros((0, 1)))], 0.1),
+    )  # fmt: skip
+    columns = [SimpleNamespace(called="a law")]
+    world = SimpleNamespace(evaluations=SimpleNamespace(statistics=SimpleNamespace(columns=columns, equation="x")))
+    weighed = SimpleNamespace(kind=lambda world, e: "unknown")
+
+    def variant(kind):
+        return SimpleNamespace(kind=kind, effects=(), suspects=(), memory=(0,) if kind != REST else ())
+
+    items = [(world, variant(kind), 0.6), (world, variant(REST), 0.2)]
+    told = _told("unknown", 0.8, weighed, items)
+    assert bool(told.components) == predicted
+    if predicted:
+        # Two of a kind that differ in a value alone are one.
+        expected = {1.0: 1.0} if kind == REST else {2.0: 0.75, 1.0: 0.25}
+        assert {c.mean[0]: c.weight for c in told.components} == pytest.approx(expected)
+        assert told.sigma == {"x": pytest.approx(0.1)}
+
+
+def test_equations_without_terms_have_features_of_their_own():
+    t = np.linspace(0, 1, 11)
+    states = {"x": np.sin(t), "y": np.cos(t)}
+    data = bg.Trajectories.from_arrays(t, states=states, derivatives={"x": t, "y": t})
+    ((_, one), (_, two)) = resting(0.8, 0.1), resting(-0.5, 0.2)
+    second = {"y": replace(two.features["x"], variables=("y",), kept=np.array([1, 2]))}
+    two = replace(two, mean=np.array([-0.5, 0.3]), root=0.1 * np.eye(2), features=second)
+    none = Component(1.0, (), (), np.zeros(0), np.zeros((0, 0)))
+    each = joined({
+        "x": [Explained("unknown", 0.6, (), (one,)), Explained("no gap", 0.4, (), (none,))],
+        "y": [Explained("unknown", 1.0, (), (two,))],
+    })  # fmt: skip
+    asked = Question(simulation_of({"x": "-x", "y": "-y"}, ("x", "y"), (), ()), data, each, True, 200, 0)
+    candidate = Candidate({}, {"x": 0.5, "y": 0.4}, 2.0, 6, {"x": 0.3, "y": 0.3})
+    (found,) = predict(asked, [candidate])
+    # What y shows hangs on nothing that x has: two standard errors of a mean of 200, twice.
+    first, last = (np.mean(found.responses["y"][found.truth == k], axis=0) for k in (0, 1))
+    np.testing.assert_allclose(first, last, atol=0.06)
+    assert all(np.all(np.isfinite(products.log_density())) for products in found.products)
+
+
 def test_equations_together_keep_the_order_of_coefficients():
     features, rest = resting(0.8, 0.1)
     term = Component(1.0, ("y",), (Term("y"),), np.array([3.0]), np.array([[0.5]]))
@@ -139,7 +206,6 @@ def test_equations_together_keep_the_order_of_coefficients():
 def test_a_study_predicts_what_is_unknown(study):
     (own,) = study.explanations.values()
     unknown = next(e for e in own if e.name == "unknown")
-    assert 1 < len(unknown.components) <= module.SCALES
-    assert all(c.features for c in unknown.components)
+    assert 1 < len(unknown.components) <= explained_module.COMPONENTS
     assert np.isclose(sum(c.weight for c in unknown.components), 1)
     assert "Nothing is predicted under unknown" not in study.next_experiment(outcomes=8).sentence

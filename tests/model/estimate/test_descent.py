@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.model.estimate.descent import SETTLED, STAYING, Standing, descended, likeliest_of
 from bayes_greybox.model.estimate.near import near_estimate
@@ -34,13 +35,13 @@ def sampled(one_segment, n=150, noise=0.01):
     return Trajectories.from_arrays(t, states=states, inputs={"u": u})
 
 
-def near(a, b=0.5, segments=1):
+def near(data, a, b=0.5, segments=1):
     at = [(Term("x"), a), (Term("x"), b)]
-    return replace(MODEL, rows=MODEL.rows.unforced().in_segments(segments).around(at, ("x", "y")))
+    return replace(MODEL, rows=MODEL.rows.unforced().in_segments(segments, data).around(at, ("x", "y")))
 
 
 def standing(data, a, segments):
-    model = near(a, segments=segments)
+    model = near(data, a, segments=segments)
     (equation,) = model.assemble(data).values()
     at = [(Term("x"), a), (Term("x"), 0.5)]
     return Standing(model, equation, at, equation.log_density(at), equation.moved(at))
@@ -53,7 +54,7 @@ def at_the_edge():
 
 
 def test_an_estimate_where_the_number_of_segments_changes_is_settled_upon(at_the_edge):
-    found = descended(near(0.9), at_the_edge, most=15)
+    found = descended(near(at_the_edge, 0.9), at_the_edge, most=15)
     assert found is not None and found.moved < SETTLED and found.segments == 2
     # The whole way from the model alone comes to it as well, and needs no force.
     rows = near_estimate(MODEL, at_the_edge).rows
@@ -72,9 +73,25 @@ def test_paths_are_compared_with_as_many_segments(at_the_edge):
 
 def test_where_one_segment_does_there_is_one():
     data = sampled(one_segment=1.2)
-    found = descended(near(0.9), data, most=15)
+    found = descended(near(data, 0.9), data, most=15)
     assert found is not None and found.segments == 1
-    # Of a descent that begins with more than it ends with, too.
-    again = descended(near(0.9, segments=3), data, most=15)
+    # Of a descent that begins where more are needed, too.
+    again = descended(near(data, 1.3), data, most=15)
+    assert standing(data, 1.3, 1).segments == 2
     assert again is not None and again.segments == 1
     assert again.at[0][1] == pytest.approx(found.at[0][1], abs=1e-4)
+    # As many as are asked for stay.
+    more = descended(near(data, 0.9, segments=3), data, most=15)
+    assert more is not None and more.segments == 3
+
+
+def test_segments_of_a_shorter_record_are_as_long(at_the_edge):
+    rows = near(at_the_edge, 1.0, segments=3).rows
+    part = at_the_edge.keep(slice(0, 40))
+    assert (rows.segments(at_the_edge), rows.segments(part)) == (3, 1)
+    # Half as many samples of one run and all of another: the longer run says how many.
+    assert TrajectoryRows(segment=2.5).segments(at_the_edge) == math.ceil(np.ptp(at_the_edge.time) / 2.5)
+    with pytest.raises(InputError, match="longer, or leave it out"):
+        replace(MODEL, rows=TrajectoryRows(segment=0.01, added=(("x", 1.0),), added_to=("x",))).assemble(at_the_edge)
+    with pytest.raises(InputError, match="segment=0"):
+        TrajectoryRows(segment=0.0)

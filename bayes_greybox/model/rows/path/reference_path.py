@@ -187,7 +187,12 @@ def follow_samples(
         segments = segments_of(rate, grid, ends, outputs, end[seen])
         pieces = max(fewest, pieces_of(responses_to_unit_starts(segments, sizes), sizes))
         if pieces >= max(samples.run_lengths):
-            raise InputError(LOST)
+            raise InputError(
+                f"{fewest} segments of a path leave no more than one sample to each: make TrajectoryRows(segment=...) "
+                "longer, or leave it out."
+                if fewest >= pieces
+                else LOST
+            )
         if pieces > 1:
             grid, end, ends = split(grid, end, ends, pieces)
             segments = segments_of(rate, grid, ends, outputs, end[seen])
