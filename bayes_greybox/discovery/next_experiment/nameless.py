@@ -179,8 +179,15 @@ def _seen(statistics: SufficientStatistics, indices: Sequence[int]) -> Float[np.
     there = {name: value[some] for name, value in columns.items()}
     middle = {name: 0.5 * (np.min(value) + np.max(value)) for name, value in columns.items()}
     there = {name: np.concatenate([x, middle[name] + 1.5 * (x - middle[name])]) for name, x in there.items()}
+    # What remembers is known at the rows only; its size there serves.
+    held = {k: values for k, i in enumerate(indices) if (values := statistics.columns[i].values) is not None}
+    plain = [k for k in range(len(indices)) if k not in held]
+    table = np.zeros((2 * len(some), len(indices)))
+    for k, values in held.items():
+        table[:, k] = np.resize(values, len(table))
     with np.errstate(all="ignore"):
-        found = np.hstack([statistics.evaluate(indices, there), statistics.evaluate_features(there)])
+        table[:, plain] = statistics.evaluate([indices[k] for k in plain], there)
+        found = np.hstack([table, statistics.evaluate_features(there)])
     # A term may leave its domain beyond the data.
     return found[np.all(np.isfinite(found), axis=1)]
 

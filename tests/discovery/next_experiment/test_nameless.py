@@ -146,6 +146,17 @@ def test_what_is_left_out_of_it_is_small(monkeypatch):
         assert np.max(np.abs(mean - whole)) < 0.05 * np.sqrt(np.max(whole**2 + every))
 
 
+def test_what_remembers_beside_it_is_looked_at_where_it_is_known():
+    known = tiny_evaluations([CUBE], lambda x: np.cos(2 * x), simulation=lambda t, x, u: [-x[0]])
+    statistics = known.statistics
+    world = worlds(Sets(known, 1), {"x": statistics.rows.columns["x"]})[0]
+    e = next(e for e in world.explanations if e.kind == REST and e.effects)
+    (i,) = e.effects
+    values = statistics.at_rows([i])[:, 0]
+    statistics.columns[i] = replace(statistics.columns[i], term=Term("hidden"), values=values)
+    assert all(one.terms[0].text == "hidden" for one in nameless(world, e))
+
+
 @pytest.mark.parametrize("kind, predicted", [(REST, True), (LAWFUL, True), (MEMORY, False)])
 def test_what_most_likely_remembers_is_not_predicted_as_a_function(kind, predicted, monkeypatch):
     parts = {REST: 1.0, LAWFUL: 2.0}
