@@ -127,16 +127,18 @@ def triples(x: Float[np.ndarray, "n_segment n_node *k"]) -> Float[np.ndarray, "n
 def forces(
     evaluate: Callable[[Float[np.ndarray, "n c"]], Float[np.ndarray, "n k"]],
     nodes: Float[np.ndarray, "n_segment n_node c"],
+    least: Float[np.ndarray, " k"] | float = 0.0,
 ) -> Float[np.ndarray, "n_segment n_step 3 k"]:
     """Forces on the start, the middle and the end of steps; where one is rough, the parabola nearest to it.
 
     Args:
         evaluate: From c columns at any points to k forces.
         nodes: The columns at ends and middles of steps, parabolas within these.
+        least: Sizes of forces below which roughness is not looked at.
     """
     values = np.asarray(evaluate(nodes.reshape(-1, nodes.shape[-1]))).reshape(*nodes.shape[:2], -1)
     found = triples(values)
-    size = np.sqrt(np.mean(values**2, axis=(0, 1)))
+    size = np.maximum(np.sqrt(np.mean(values**2, axis=(0, 1))), least)
     bent = np.abs(found[:, :, 0] - 2 * found[:, :, 1] + found[:, :, 2])
     rough = np.any(bent > ROUGH * size, axis=-1)
     for n_point in WITHIN:

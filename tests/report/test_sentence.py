@@ -280,7 +280,9 @@ def test_of_two_equations_a_coefficient_that_is_off_is_said_beside_an_effect(ver
     assert text.endswith("A coefficient of the simulation is off besides: y in d(x)/dt should have 1.25, not 1.")
     # Beside something unknown coefficients take up what they can of it.
     assert "besides" not in said("unknown", equations={"x": "unknown", "z": "no gap"}, y=(1.0, 0.97, 0.25))
-    assert "besides" not in said(verdict, [("Drag", 0.97, ())], y=(1.0, 0.97, 0.25))
+    text = said(verdict, [("Drag", 0.97, ())], y=(1.0, 0.97, 0.25))
+    assert ("besides: y in d(x)/dt should have 1.25, not 1." in text) == (verdict != "partly named")
+    assert ("and setting a coefficient right closes" in text) == (verdict != "partly named")
 
 
 def test_effects_that_were_not_weighed_for_want_of_a_role_are_said_where_none_was_found():

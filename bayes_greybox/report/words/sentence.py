@@ -73,7 +73,10 @@ def _answer(study: StudyResult) -> str:
     # Of several equations the gravest speaks; what was found in the others is said with it.
     off = [row for row in _corrections(study, SURE) if answer(study, row["equation"]) != "unknown"]
     besides = ""
-    if off and len(study.maps) > 1:
+    # Beside something without a name a coefficient takes up what it can of it.
+    if off and (study.verdict != "partly named" or len(study.maps) > 1):
+        # Most of a gap may be a coefficient's, whatever is added.
+        closed = f"and setting {'a coefficient' if len(off) == 1 else 'coefficients'} right {closed}"
         what = "A coefficient of the simulation is" if len(off) == 1 else "Coefficients of the simulation are"
         besides = f" {what} off besides: {'; '.join(_should_be(row, label(row['equation'])) for row in off)}."
     return f"{_missing(study, said, closed)}{besides}"

@@ -392,3 +392,28 @@ def test_coefficients_that_do_not_settle_are_refused(monkeypatch):
     monkeypatch.setattr(near_module, "UNSETTLED", -1.0)
     with pytest.raises(InputError, match="do not settle"):
         program().near(sampled(noise=0.01, n=100))
+
+
+@pytest.mark.parametrize("process_noise", [True, False])
+def test_a_small_jump_of_the_simulation_is_followed_as_one_of_a_term_is(process_noise):
+    """Dry friction in a machine that is driven hard: 4 % of its acceleration, and all that rows are of."""
+    t, rng = np.arange(0, 20, 0.025), np.random.default_rng(0)
+
+    def force_of(s):
+        return 20 * np.sin(2.8 * s) + 18 * np.sin(4.5 * s + 1) + 15 * np.sin(6 * s + 2)
+
+    def rate(s, x):
+        return [x[1], force_of(s) - 24 * x[0] - 0.46 * x[1] - 0.6 * np.tanh(x[1] / 1e-3)]
+
+    y = solve_ivp(rate, (0, t[-1]), [0.1, 0.0], t_eval=t, rtol=1e-8, atol=1e-10, max_step=2e-3).y[0]
+    data = Trajectories.from_arrays(t, states={"y": y + 1e-3 * rng.standard_normal(len(t))}, inputs={"F": force_of(t)})
+    plain, left = "F - 24*y - 0.46*v", []
+    for text, added in ((f"{plain} - 0.6*sign(v)", ()), (plain, (("sign(v)", -0.6),))):
+        rows = TrajectoryRows(added=added, process_noise=process_noise, interpolation="cubic")
+        model = Program({"v": ["sign(v)"]}, simulation={"y": "v", "v": text}, rows=rows, discrepancy=None)
+        found = model.assemble(data)["v"].rows
+        known = found.table(lambda c: np.sign(c["v"])[:, None])(np.arange(found.n_row))[:, 0]
+        residual = found.target + (0.6 * known if added else 0.0)
+        left.append(float(np.std(found.noise.without_starts(residual[:, None])) * found.gain))
+    # What is left is the sensor's noise, known to 2.5 % from 800 samples: four of that.
+    assert left == pytest.approx([1e-3, 1e-3], rel=0.1)

@@ -5,9 +5,10 @@ from collections.abc import Callable, Mapping
 import numpy as np
 from jaxtyping import Float
 
-from bayes_greybox.physics.sensitivity import carried, forces, hermite, triples
+from bayes_greybox.physics.sensitivity import carried, hermite
 
 from .forced_rate import ForcedRate
+from .path_segments import departures
 from .reference_path import ReferencePath
 
 TURNS = 12
@@ -66,12 +67,12 @@ def _jumps(path: ReferencePath, rate: ForcedRate, added: Added, draw: int, ends:
         columns = dict(zip(rate.names, points.reshape(-1, points.shape[-1])[:, 1:].T, strict=True))
         return added(columns, draw).reshape(*points.shape[:-1], len(driven))
 
+    def rates(points: np.ndarray) -> np.ndarray:
+        found = np.array(rate.known(points))
+        found[..., driven] += learned(points)
+        return found
+
     at_ends = np.concatenate([grid.time[:, ::2, None], ends, grid.inputs[:, ::2]], axis=-1)
-    rates = np.array(rate.known(at_ends))
-    rates[..., driven] += learned(at_ends)
-    states, slope = hermite(grid.time, ends, rates)
+    states, slope = hermite(grid.time, ends, rates(at_ends))
     points = np.concatenate([grid.time[..., None], states, grid.inputs], axis=-1)
-    # What was learned is looked at closely by its own size, as in linear rows: it may be small and jump.
-    whole = forces(rate.known, points)
-    whole[..., driven] += forces(learned, points)
-    return path.segments.response.jumps(whole - triples(slope))
+    return path.segments.response.jumps(departures(rates, points, slope))

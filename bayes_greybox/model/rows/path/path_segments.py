@@ -20,6 +20,9 @@ GROWTH = 1e3
 CHUNK = 4096
 """Steps whose forces are evaluated at once."""
 
+FAINT = 1e-3
+"""What rates lack of a path's slope is looked at closely from this share of the slope's size on."""
+
 NOWHERE = np.zeros((0, 2), int)
 """No sample."""
 
@@ -78,10 +81,13 @@ class Segments:
     def departure(self, rates: Callable[[np.ndarray], np.ndarray]) -> Float[np.ndarray, "n_segment n_step 3 n_state"]:
         """Rates less the path's slope, at the start, the middle and the end of each step.
 
+        What is rough is judged by the size of the difference, not of the rates: a jump that is small beside these, such
+        as dry friction in a machine that is driven hard, is most of what is left.
+
         Args:
             rates: From points to rates of the states.
         """
-        return forces(rates, self.points) - triples(self.slope)
+        return departures(rates, self.points, self.slope)
 
     def _respond(self, forced: Callable[[slice], np.ndarray], learned: int) -> np.ndarray:
         n_segment, n_node = self.grid.time.shape
@@ -100,6 +106,22 @@ class Segments:
             inside = (self.end[:, 1] >= first + (first > 0)) & (self.end[:, 1] <= last)
             whole[inside] = ends[self.end[inside, 0], self.end[inside, 1] - first][:, list(self.outputs)]
         return np.concatenate([whole[:, k] for k in range(len(self.outputs))])
+
+
+def departures(
+    rates: Callable[[np.ndarray], np.ndarray], points: Float[np.ndarray, "n_segment n_node c"],
+    slope: Float[np.ndarray, "n_segment n_node n_state"],
+) -> Float[np.ndarray, "n_segment n_step 3 n_state"]:  # fmt: skip
+    """Rates less the slope of a path, at the start, the middle and the end of each step; see `Segments.departure`.
+
+    Args:
+        rates: From points to rates of the states.
+        points: Time, states and inputs at the nodes.
+        slope: Of the states there.
+    """
+    n, least = points.shape[-1], FAINT * np.sqrt(np.mean(slope**2, axis=(0, 1)))
+    both = np.concatenate([points, slope], axis=-1)
+    return forces(lambda at: rates(at[:, :n]) - at[:, n:], both, least)
 
 
 def segments_of(
