@@ -214,7 +214,7 @@ def _place(weighed: Weighed, world: World, e: Explanation, chosen: tuple[str, ..
         if name != slug and p >= TIED * mass
     )  # fmt: skip
     same = tuple(name for name in tied if name in evidence and abs(evidence[name] - evidence[slug]) < SAME)
-    probability = weighed.by_effect[slug]
+    probability = weighed.of_place(slug, own)
     together = min(1.0, probability + sum(rivals[name] for name in tied))
     return Place(index, slug, probability, tied, together, same)
 

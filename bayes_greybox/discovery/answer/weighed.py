@@ -174,8 +174,8 @@ class Weighed:
             for i in e.effects:
                 slug = world.evaluations.name(i)
                 own[slug] = min(own.get(slug, 1.0), artefacts[i])
-                # On two columns it is as sure as the less sure one: one sensor has both faults, or neither.
-                instead[slug] = max(instead.get(slug, 0.0), self._instead(world.evaluations.binding(i)))
+                # On two columns it is missing if one of them is no fault.
+                instead[slug] = instead.get(slug, 1.0) * self._instead(world.evaluations.binding(i))
             for slug, wrong in own.items():
                 real = p * (1 - imitated(share)) * (1 - STACKED if slug in doubtful else 1.0)
                 found[slug] = found.get(slug, 0.0) + real * (1 - wrong) * (1 - instead[slug])
@@ -183,6 +183,18 @@ class Weighed:
             for i in world.evaluations.statistics.of_kind("effect"):
                 found.setdefault(world.evaluations.name(i), 0.0)
         return dict(sorted(found.items(), key=lambda item: -item[1]))
+
+    def of_place(self, slug: str, binding: str) -> float:
+        """Probability that an effect is missing on these columns, and no fault of the sensor that does the same.
+
+        Args:
+            slug: The effect.
+            binding: It, and its columns.
+        """
+        known = self.by_effect[slug]
+        if (share := self._instead(binding)) in (0.0, 1.0):
+            return known * (1 - share)
+        return min(known, self.by_mirror[binding] * (1 - share) / share)
 
     @cached_property
     def by_mirror(self) -> dict[str, float]:

@@ -155,8 +155,8 @@ def _told(name: str, p: float, weighed: Weighed, items: Sequence[tuple[World, Ex
     Nothing is predicted where most of the probability is of a rest that remembers, or of a process in time.
     """
     slugs = tuple(items[0][0].evaluations.name(i) for i in items[0][1].effects)
-    told = [(w, e, q) for w, e, q in items if _predicts(weighed, w, e)]
-    if 2 * sum(q for *_, q in told) < sum(q for *_, q in items):
+    told = [(w, e, q) for w, e, q in items if q > 0 and _predicts(weighed, w, e)]
+    if not told or 2 * sum(q for *_, q in told) < sum(q for *_, q in items):
         return Explained(name, p, slugs)
     told = _different(told)[:VARIANTS]
     total = sum(q for *_, q in told)

@@ -165,7 +165,8 @@ def _rests(asked: Question, parts: Sequence[Part]) -> list[tuple[Features, int, 
     for component, theta in parts:
         draws = slice(before, before + len(theta))
         before = draws.stop
-        for equation, features in component.features.items():
+        # A component that is unlikely may have no draw.
+        for equation, features in component.features.items() if len(theta) else ():
             weights = features.spread_out(theta[:, component.places(equation)[1]])
             found.append((features, asked.simulation.states.index(equation), draws, weights))
     return found
