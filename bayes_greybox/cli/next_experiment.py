@@ -27,12 +27,25 @@ def next_configured(
     found = study.next_experiment(seed=seed, **given)
     show(found.sentence)
     if not quiet and len(found.table):
-        table = found.table.head(10).set_index("candidate")
-        show(frame_table("Expected information in bits, its Monte Carlo error, reach over the data's range", table))
+        show(_table(found))
     if output is not None:
         _written(found, output)
         show(output if quiet else f"\nTable and figures are in {output}.")
     return DONE
+
+
+def _table(found: NextExperiment) -> Any:
+    """The ten best, in a few narrow columns, so that numbers stand beside long names."""
+    import pandas as pd
+
+    best = found.table.head(10).set_index("candidate")
+    bits = [
+        f"{max(bits, 0.0):.2f} ± {error:.2f}" for bits, error in zip(best["information"], best["error"], strict=True)
+    ]
+    table = pd.DataFrame({"bits": bits, "reach": [f"{each:.2g}" for each in best["reach"]]}, index=best.index)
+    if any(best["said"]):
+        table["mind"] = best["said"]
+    return frame_table("Expected information in bits, and reach over the data's range", table, wrap=True)
 
 
 def _written(found: NextExperiment, output: Path) -> None:

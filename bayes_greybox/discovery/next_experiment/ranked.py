@@ -128,6 +128,8 @@ def rank(
     )
     if len(known) < 2:
         text = "Fewer than two likely explanations predict anything: no experiment can be chosen to tell them apart."
+        if len(every) == 1:
+            text = f"One explanation is left ({every[0].name}): nothing needs to be told apart."
         return NextExperiment(pd.DataFrame(), (), Information(0.0, 0.0), 0.0, about, text)
     p = np.array([e.probability for e in known])
     p = p / np.sum(p)

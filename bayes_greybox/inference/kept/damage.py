@@ -58,7 +58,9 @@ def made_of(path: str | os.PathLike[str]) -> Iterator[None]:
         raise InputError(f"{str(path)!r}: {error}") from error
     except FAULTS as error:
         what = (
-            f"it lacks {error}" if isinstance(error, KeyError) else "what it says of its model or data makes no sense"
+            f"it lacks {error}"
+            if isinstance(error, KeyError)
+            else "what it says of its model or data makes no sense here, unless another version of the package wrote it"
         )
         raise damaged(path, what) from error
 

@@ -14,10 +14,10 @@ def plain_table(title: str) -> Table:
     return Table(title=title, title_justify="left", title_style="bold", box=None, pad_edge=False, header_style="dim")
 
 
-def frame_table(title: str, table: pd.DataFrame) -> Table:
-    """Any table with a plain index, which comes first."""
+def frame_table(title: str, table: pd.DataFrame, *, wrap: bool = False) -> Table:
+    """Any table with a plain index, which comes first, and on several lines where that may wrap."""
     rows = plain_table(title)
-    rows.add_column(str(table.index.name or ""), no_wrap=True)
+    rows.add_column(str(table.index.name or ""), no_wrap=not wrap)
     for column in table.columns:
         rows.add_column(str(column), justify="right")
     for key, entry in zip(table.index, table.to_numpy(dtype=object), strict=True):
