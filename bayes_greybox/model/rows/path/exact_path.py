@@ -17,6 +17,10 @@ TURNS = 12
 EXACT = 0.1
 """Root of the sum of squares of what the last correction changes all samples by, over their noise, that ends them."""
 
+LOOSE = 0.5
+"""The same of a path that is still taken for exact where corrections no longer shrink: times of jumps are known to parts
+of a step."""
+
 Added = Callable[[Mapping[str, np.ndarray], int], Float[np.ndarray, "n n_learned"]]
 """From columns [n] and the number of a draw to what it adds to the rates of the learned states, user's units."""
 
@@ -37,7 +41,7 @@ def exact_samples(
         starts: Of the segments, in prior standard deviations from the reference.
 
     Returns:
-        Without noise, user's units; NaN where a path leaves the domain of its equations, or was not found in `TURNS`.
+        Without noise, user's units; NaN where a path leaves the domain of its equations, or is not `LOOSE` in `TURNS`.
     """
     segments, grid, n_state = path.segments, path.segments.grid, len(path.start_sd)
     shape = (len(starts), len(grid.time), n_state)
@@ -55,7 +59,7 @@ def exact_samples(
             if not np.nanmax(moved, initial=0.0) > EXACT:
                 break
     found = segments.rows(np.moveaxis(ends, 0, -1)).T
-    found[moved > EXACT] = np.nan
+    found[moved > LOOSE] = np.nan
     return found
 
 
