@@ -18,8 +18,8 @@ EXACT = 0.1
 """Root of the sum of squares of what the last correction changes all samples by, over their noise, that ends them."""
 
 LOOSE = 0.5
-"""The same of a path that is still taken for exact where corrections no longer shrink: times of jumps are known to parts
-of a step."""
+"""The same of a path that is still taken for exact where corrections no longer shrink: times of jumps are known to
+parts of a step."""
 
 Added = Callable[[Mapping[str, np.ndarray], int], Float[np.ndarray, "n n_learned"]]
 """From columns [n] and the number of a draw to what it adds to the rates of the learned states, user's units."""
