@@ -26,6 +26,7 @@ from bayes_greybox.running.stages import stage, stages
 from .amended import amended_program, corrected_data
 from .answer.amendment import Amendment
 from .answer.checks.adequacy import FEWEST
+from .answer.checks.sizes import other_sizes
 from .answer.equation_study import EquationStudy
 from .answer.finding import NEGLIGIBLE, SUBSTANTIAL, SURE, TIED
 from .answer.gap.free_runs import FreePath, FreeRuns
@@ -250,7 +251,9 @@ def investigate(
     )
     held = () if model is asked else (HELD_INPUTS,)
     counted = {name: found.counted for name, found in findings.items()}
-    warnings = (*held, *_said_of(model, train, counted, settle), *lost, *model.simulator(train).warnings, *warnings)
+    sizes = (text for found in findings.values() for text in other_sizes(found.statistics))
+    said = _said_of(model, train, counted, settle)
+    warnings = (*sizes, *held, *said, *lost, *model.simulator(train).warnings, *warnings)
     unfollowed = ("no path of the amended model follows held-out samples",) if lost else ()
     labels = {name: train.target_label(name) for name in findings}
     verdict, against = verdict_of({name: found.finding for name, found in findings.items()}, gap, unfollowed, labels)
