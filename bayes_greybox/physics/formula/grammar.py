@@ -61,7 +61,11 @@ def read(text: str, names: tuple[str, ...] | None) -> sympy.Expr:
         InputError: Anything outside the whitelist.
     """
     text = _clean(text)
-    return _Builder(text, names).build(_syntax_tree(text), 0)
+    found = _Builder(text, names).build(_syntax_tree(text), 0)
+    if found.has(sympy.zoo, sympy.nan):
+        # Of parts that are finite one by one, as 0**(y**y) and its inverse.
+        raise InputError(f"{_shown(text)} contains a number that is not finite; check its constants.")
+    return found
 
 
 def symbol(name: str) -> sympy.Symbol:

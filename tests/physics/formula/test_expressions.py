@@ -349,3 +349,9 @@ def test_sympy_expressions_are_held_to_the_same_whitelist():
     for bad in (sympy.gamma(y), sympy.Derivative(y, y), sympy.I * y, sympy.zoo + y, y**200):
         with pytest.raises(InputError):
             check_expression(bad)
+
+
+@pytest.mark.parametrize("text", ["33/(y - y)**y**y", "1/(y - y)**y", "cos(2/(y - y)**y**y)"])
+def test_what_is_not_finite_within_powers_is_refused_when_it_is_read(text):
+    with pytest.raises(InputError, match="not finite"):
+        parse_expression(text)
