@@ -355,3 +355,10 @@ def test_sympy_expressions_are_held_to_the_same_whitelist():
 def test_what_is_not_finite_within_powers_is_refused_when_it_is_read(text):
     with pytest.raises(InputError, match="not finite"):
         parse_expression(text)
+
+
+def test_a_root_of_a_number_beside_a_tiny_one_does_not_hang_under_a_power():
+    start = time.process_time()
+    expr = parse_expression("exp(-(3*((v/-99**0.1*3)**1)*-1e-202)**012e-1)*5")
+    assert time.process_time() - start < 1
+    assert evaluate(expr, {"v": np.array([2.0])})[0] == pytest.approx(5.0)
