@@ -262,11 +262,12 @@ class _Builder:
             exact = sympy.Rational(*Fraction(value).limit_denominator(1000).as_integer_ratio())
             exponent = exact if float(exact) == value else exponent
         if value_base is None:
+            whole: Any = base
             if base.atoms(sympy.Float):
                 # SymPy takes roots of numbers apart, and beside a tiny or huge decimal does not come back from it.
                 roots = {root: _from_float(float(root)) for root in base.atoms(sympy.Pow) if root.is_number}
-                base = base.xreplace(roots)
-            return self.real(base**exponent)
+                whole = base.xreplace(roots)
+            return self.real(whole**exponent)
         try:
             result = value_base**value
         except (OverflowError, ZeroDivisionError):
