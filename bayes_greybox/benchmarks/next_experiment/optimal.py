@@ -17,7 +17,7 @@ from bayes_greybox.benchmarks.hidden_effects.generate import CaseData
 from bayes_greybox.benchmarks.hidden_effects.systems.hosts import term_value
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.next_experiment.candidates import Candidate
-from bayes_greybox.discovery.next_experiment.explained import Explained
+from bayes_greybox.discovery.next_experiment.explained import PREDICTING, Explained
 from bayes_greybox.physics.side_by_side import side_by_side, stage_times
 from bayes_greybox.physics.terms import Term
 
@@ -49,13 +49,14 @@ def encompassing(explanations: Sequence[Explained]) -> Encompassing:
     Args:
         explanations: Those that predict something; what has no name has no terms either.
     """
-    known = [e for e in explanations if e.components and (e.slugs or not e.components[0].features)]
+    known = [e for e in explanations if e.components and (e.slugs or e.name in PREDICTING)]
     total = sum(e.probability for e in known)
     terms: dict[str, Term] = {}
     mean: dict[str, float] = {}
     for e in known:
         likeliest = max(e.components, key=lambda c: c.weight)
-        for term, value in zip(likeliest.terms, likeliest.mean.tolist(), strict=False):
+        # Behind the terms' come the coefficients of f.
+        for term, value in zip(likeliest.terms, likeliest.mean[: len(likeliest.terms)].tolist(), strict=True):
             key = str(term.expression)
             terms.setdefault(key, term)
             mean[key] = mean.get(key, 0.0) + e.probability / total * value

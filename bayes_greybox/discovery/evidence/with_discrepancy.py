@@ -121,21 +121,35 @@ class Evaluator:
         best = _minimum(descend, self.prior.start if start is None else start)
         mode, p = best.x, len(best.x)
         covariance = _covariance(descend, mode)
-        root = np.linalg.cholesky(covariance)
-        log_det = 2 * np.sum(np.log(np.diag(root)))
-        laplace = -best.fun + 0.5 * (p * math.log(2 * math.pi) + log_det)
+        laplace = -best.fun + 0.5 * (p * math.log(2 * math.pi) + np.linalg.slogdet(covariance)[1])
         if draws == 0:
             return Integrated(laplace, math.nan, laplace, mode, covariance)
-        rng = np.random.default_rng(seed)
-        z = rng.standard_normal((draws, p)) / np.sqrt(rng.chisquare(DEGREES, (draws, 1)) / DEGREES)
-        eta = mode + PROPOSAL_SPREAD * z @ root.T
-        log_proposal = _log_student(z, DEGREES) - 0.5 * log_det - p * math.log(PROPOSAL_SPREAD)
-        log_ratio = np.asarray(_values(jnp.asarray(eta), arrays, self.kernel)) - log_proposal
-        log_ratio = np.where(np.isfinite(log_ratio), log_ratio, -np.inf)
+        _, log_ratio = self.proposed(hypothesis, mode, covariance, draws, seed)
         top = np.max(log_ratio)
         ratio = np.exp(log_ratio - top)
         se = float(np.std(ratio) / (np.mean(ratio) * math.sqrt(draws)))
         return Integrated(float(top + np.log(np.mean(ratio))), se, laplace, mode, covariance)
+
+    def proposed(
+        self, hypothesis: WithDiscrepancy, mode: np.ndarray, covariance: np.ndarray, draws: int = IMPORTANCE_DRAWS,
+        seed: int = 0,
+    ) -> tuple[Float[np.ndarray, "n_draw n_eta"], Float[np.ndarray, " n_draw"]]:  # fmt: skip
+        """η drawn from a Student-t around the mode, and the logarithms of what each weighs for its posterior.
+
+        Args:
+            hypothesis: Whose posterior.
+            mode: Of it.
+            covariance: Of the Laplace approximation.
+            draws: How many.
+            seed: Their seed.
+        """
+        rng, root, p = np.random.default_rng(seed), np.linalg.cholesky(covariance), len(mode)
+        z = rng.standard_normal((draws, p)) / np.sqrt(rng.chisquare(DEGREES, (draws, 1)) / DEGREES)
+        eta = mode + PROPOSAL_SPREAD * z @ root.T
+        log_det = 2 * np.sum(np.log(np.diag(root)))
+        log_proposal = _log_student(z, DEGREES) - 0.5 * log_det - p * math.log(PROPOSAL_SPREAD)
+        log_ratio = self.values(hypothesis, eta) - log_proposal
+        return eta, np.where(np.isfinite(log_ratio), log_ratio, -np.inf)
 
     def values(self, hypothesis: WithDiscrepancy, etas: Float[np.ndarray, "n_point n_eta"]) -> np.ndarray:
         """Log p(y, η) at several points."""

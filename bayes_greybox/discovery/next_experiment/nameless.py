@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from bayes_greybox.discovery.evidence.sufficient_statistics import SufficientStatistics
-from bayes_greybox.discovery.evidence.with_discrepancy import DEGREES
+from bayes_greybox.discovery.evidence.with_discrepancy import IMPORTANCE_DRAWS
 from bayes_greybox.discovery.weighing.sets import Explanation
 from bayes_greybox.discovery.weighing.worlds import World
 from bayes_greybox.model.frame import scaled_position
@@ -32,7 +32,7 @@ LATENTS, VARIANCE = 32, 0.99
 PLACES = 200
 """Of the record, that are looked at."""
 
-SCALES, DRAWN = 4, 200
+SCALES, DRAWN = 4, IMPORTANCE_DRAWS
 """Hyperparameters that stand for their posterior, and draws of the importance sampler that they are taken from."""
 
 SEEN = 1e-2
@@ -198,17 +198,9 @@ def _hyperparameters(world: World, e: Explanation) -> tuple[np.ndarray, Float[np
     At the mode alone f would be sure of its scales, and a record is too short to tell them.
     """
     known = world.evaluations
-    mode, covariance = known.integrated(e.columns).mode, known.integrated(e.columns).covariance
-    root = np.linalg.cholesky(covariance)
-    rng = np.random.default_rng(0)
-    z = rng.standard_normal((DRAWN, len(mode))) / np.sqrt(rng.chisquare(DEGREES, (DRAWN, 1)) / DEGREES)
-    etas = mode + z @ root.T
-    log_ratio = known.evaluator.values(known.with_features(e.columns), etas) + 0.5 * (DEGREES + len(mode)) * np.log1p(
-        np.sum(z**2, axis=1) / DEGREES
-    )
-    ratio = np.exp(log_ratio - np.max(log_ratio[np.isfinite(log_ratio)]))
-    ratio = np.where(np.isfinite(ratio), ratio, 0.0)
+    found = known.integrated(e.columns)
+    etas, log_ratio = known.evaluator.proposed(known.with_features(e.columns), found.mode, found.covariance, DRAWN)
     # Neighbours have like scales.
-    order = np.argsort(etas[:, 2:].sum(axis=1) if len(mode) > 2 else etas[:, 1])
-    weight, places = systematic(ratio[order], SCALES)
+    order = np.argsort(etas[:, 2:].sum(axis=1))
+    weight, places = systematic(np.exp(log_ratio - np.max(log_ratio))[order], SCALES)
     return weight, etas[order][places]

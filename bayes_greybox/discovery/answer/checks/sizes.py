@@ -10,6 +10,9 @@ FACTOR = 10.0
 MOST = 0.9
 """Share of the gap's square that coefficients alone close before it is."""
 
+EACH = 10
+"""Rows for each coefficient that it takes: a few rows are followed by any coefficients."""
+
 
 def other_sizes(statistics: SufficientStatistics) -> list[str]:
     """What the simulation's coefficients would have to be for it to be right alone, where that is another size.
@@ -21,11 +24,11 @@ def other_sizes(statistics: SufficientStatistics) -> list[str]:
         statistics: Of the equation.
     """
     free, corrections = statistics.of_kind("free"), statistics.of_kind("correction")
-    if not corrections:
+    if not corrections or statistics.n_obs < EACH * len([*free, *corrections]):
         return []
-    theta, closed = _least_squares(statistics, [*free, *corrections])
-    gap = statistics.square - _least_squares(statistics, free)[1]
-    share = 1 - (statistics.square - closed) / gap if gap > 0 else 0.0
+    theta, left = _least_squares(statistics, [*free, *corrections])
+    _, gap = _least_squares(statistics, free)
+    share = 1 - left / gap if gap > 0 else 0.0
     if share < MOST:
         return []
     said = []
@@ -43,7 +46,7 @@ def other_sizes(statistics: SufficientStatistics) -> list[str]:
 
 
 def _least_squares(statistics: SufficientStatistics, indices: list[int]) -> tuple[np.ndarray, float]:
-    """Coefficients of columns, and what they explain of the target's square."""
+    """Coefficients of columns, and what they leave of the target's square."""
     G, g = statistics.products[np.ix_(indices, indices)], statistics.with_target[indices]
     theta = np.linalg.lstsq(G, g, rcond=1e-12)[0]
-    return theta, float(theta @ g)
+    return theta, statistics.square - float(theta @ g)

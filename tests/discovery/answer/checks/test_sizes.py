@@ -29,3 +29,9 @@ def test_a_coefficient_of_another_size_is_said_with_its_factor(hidden, times):
 )
 def test_nothing_is_said_of_what_is_no_size(hidden, about):
     assert other_sizes(tiny_evaluations([CUBE], hidden, **about).statistics) == []
+
+
+def test_as_many_coefficients_as_rows_say_nothing():
+    """Noise alone, which four terms follow through five rows."""
+    many = {"simulation": {"x": "-x + 0.01*sin(3*x) + 0.01*cos(5*x) + 0.01*sin(7*x)"}}
+    assert other_sizes(tiny_evaluations([], n=5, noise=1.0, **many).statistics) == []
