@@ -88,19 +88,25 @@ def take_end(path: str | os.PathLike[str], copy: str | os.PathLike[str]) -> None
     Path(copy).write_bytes(raw[:-own] if raw[-own:].startswith(END) else raw)
 
 
-def require_end(raw: bytes, path: str | os.PathLike[str]) -> None:
+def require_end(raw: bytes, path: str | os.PathLike[str]) -> bool:
     """Refuse a file whose bytes are not those that were written, if it says which these were.
 
     Args:
         raw: All of it.
         path: The file.
 
+    Returns:
+        Whether it says so.
+
     Raises:
         InputError: A byte was changed.
     """
     content, said = raw[: -len(END) - 8], raw[-len(END) - 8 :]
-    if said.startswith(END) and said.removeprefix(END) != _sum_of_bytes(content):
+    if not said.startswith(END):
+        return False
+    if said.removeprefix(END) != _sum_of_bytes(content):
         raise damaged(path, "its bytes are not those that were written")
+    return True
 
 
 def _sum_of_bytes(content: bytes) -> bytes:

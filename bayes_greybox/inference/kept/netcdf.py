@@ -34,6 +34,7 @@ from .further_groups import slab_group
 from .groups import data_table, part_details, rate_name
 from .model_record import describe, rebuild
 from .packing import TEXT
+from .unsummed import require_readable
 from .whole import STATISTICS, whole_from, whole_group, whole_record
 
 SAMPLES, SAMPLE = "sensor_samples", "sample_id"
@@ -211,7 +212,8 @@ def read(path: str | os.PathLike) -> xr.DataTree:
     try:
         # A Python file is closed at the end whatever happens; what HDF5 opens itself may stay open once reading failed.
         with path.open("rb") as raw:
-            require_end(raw.read(), path)
+            if not require_end(raw.read(), path):
+                require_readable(path)
             raw.seek(0)
             # What is no HDF5 file, or has broken attributes, fails here: h5netcdf would leave a broken object behind.
             with h5py.File(raw, "r") as file:
