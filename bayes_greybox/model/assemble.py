@@ -217,7 +217,7 @@ def _dense_design(frame: Frame, gp: OrthogonalGP, rows: EquationRows, table: Tab
     Phi, y = whole[:, : len(frame.dictionary)], whole[:, -1]
     x = jnp.asarray(frame.position(rows.columns))
     orthonormal = Phi @ frame.orthonormal
-    points = (x, jnp.asarray(frame.dictionary_rows(rows.columns) @ frame.orthonormal))
+    points = (x, jnp.asarray(rows.at_samples(frame.dictionary_rows) @ frame.orthonormal))
     operator = None if rows.operator is None else jnp.asarray(rows.operate(np.eye(rows.n_sample)))
     # ⟨Φₒ, f⟩ = (VΦₒ)ᵀ R⁻¹ V f / n, a sum over samples
     weighted = orthonormal / rows.n_row

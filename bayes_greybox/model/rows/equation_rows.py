@@ -7,8 +7,8 @@ it.
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
-from typing import NamedTuple, Protocol, runtime_checkable
+from functools import cached_property, partial
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -16,6 +16,7 @@ from jaxtyping import Float, Int
 from bayes_greybox.data.columns import derivative_label
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.noise.protocol import RowNoise
+from bayes_greybox.data.rates.sample_spread import SampleSpread
 
 Table = Callable[[Int[np.ndarray, " n_chunk"]], Float[np.ndarray, "n_chunk n_column"]]
 """Rows of a table that need never exist as a whole, by index."""
@@ -134,6 +135,7 @@ class EquationRows:
         output: Whether rows are of an output, and not of a rate.
         n_all: How many rows a design has of which these are some; None where it has these.
         segments: Of each run of the path that the rows are taken at, each with a start of its own.
+        spread: What a sample stands for; None where columns are evaluated at the very samples.
     """
 
     equation: str
@@ -151,6 +153,7 @@ class EquationRows:
     output: bool = False
     n_all: int | None = None
     segments: int = 1
+    spread: SampleSpread | None = None
 
     @property
     def label(self) -> str:
@@ -215,6 +218,17 @@ class EquationRows:
         """V table: values of the rows from values at the samples."""
         return table if self.operator is None else self.operator(table)
 
+    def at_samples(
+        self, evaluate: Callable[[Mapping[str, np.ndarray]], Float[np.ndarray, "n k"]]
+    ) -> Float[np.ndarray, "n_sample k"]:
+        """Values at the samples, or what these stand for; `operate` makes rows of them.
+
+        Args:
+            evaluate: From columns [n] to values [n, k].
+        """
+        over, columns = self._over(evaluate)
+        return over(columns)
+
     def table(self, evaluate: Callable[[Mapping[str, np.ndarray]], np.ndarray], acts_on: Sequence[str] = ()) -> Table:
         """V F by index of the rows, F evaluated on columns; where V mixes samples, evaluated here in stretches.
 
@@ -225,7 +239,7 @@ class EquationRows:
         if self.operator is None:
             return lambda index: np.asarray(evaluate(self.at(index)))
         if not acts_on:
-            whole = self.operator.of(lambda columns: np.asarray(evaluate(columns)), self.columns)
+            whole = self.operator.of(*self._over(evaluate))
             return lambda index: whole[index]
         shared = np.empty((self.n_row, len(acts_on)))
         for name, acting in self.learned.items():
@@ -312,6 +326,13 @@ class EquationRows:
         if starts is None:
             raise ValueError("these rows are not the first ones of each run")
         return self._log_det_of_starts(starts)
+
+    def _over(self, evaluate: Callable[[Mapping[str, np.ndarray]], Any]) -> tuple[Callable[[Columns], Any], Columns]:
+        """Values as means over what samples stand for, and the columns that they take."""
+        plain = lambda columns: np.asarray(evaluate(columns))  # noqa: E731
+        if self.spread is None:
+            return plain, self.columns
+        return partial(self.spread.mean, plain), self.spread.beside(self.columns)
 
     def _starts(self, kept: Int[np.ndarray, " n_kept"]) -> list[int] | None:
         """How many rows of each run these are, if they are the first ones of each run; else None."""

@@ -45,7 +45,7 @@ def least_squares(data, kind):
     model = Program({"v": ["sign(v)", "v*abs(v)"]}, simulation=SIMULATION, rows=kind)
     rows = model.equation_rows(data, "v")
     terms = Dictionary.of(("sign(v)", "v*abs(v)"), ("y", "v"))
-    white = rows.whiten(np.column_stack([rows.operate(np.asarray(terms.evaluate(rows.columns))), rows.target]))
+    white = rows.whiten(np.column_stack([rows.operate(rows.at_samples(terms.evaluate)), rows.target]))
     Phi, y = white[:, :-1], white[:, -1]
     theta = np.linalg.lstsq(Phi, y)[0]
     sd = np.sqrt(np.diag(np.linalg.inv(Phi.T @ Phi)) * np.mean((y - Phi @ theta) ** 2))

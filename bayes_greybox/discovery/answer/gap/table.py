@@ -68,8 +68,8 @@ def gap_rows(
         size = float(np.mean(measured.measured**2)) * measured.gain**2
         # Before, nothing was known of the sensors either. A filtered rate is compared with the filter's mean of what
         # was added.
-        before = raw.operate(amendment.rates_before(raw.columns)[:, None])[:, 0]
-        after = measured.operate(amendment.rates(measured.columns, RATE_DRAWS)[1].T).T
+        before = raw.operate(raw.at_samples(lambda at, own=amendment: own.rates_before(at)[:, None]))[:, 0]
+        after = measured.operate(measured.at_samples(lambda at, own=amendment: own.rates(at, RATE_DRAWS)[1].T)).T
         # In the unit of the sensor: rows near another model are over another gain.
         variance = float(np.var(measured.measured)) * measured.gain**2
         noise = (amendment.sigma * amendment.gain) ** 2

@@ -1,0 +1,69 @@
+"""What smoothed samples stand for: means over jumps, values where terms are smooth."""
+
+import numpy as np
+from scipy.stats import norm
+
+from bayes_greybox.data.rates.sample_spread import SampleSpread
+
+
+def spread_of(v, noise, **more):
+    return SampleSpread.of({"v": v, **more}, (len(v),), noise)
+
+
+def test_a_jump_is_its_mean_over_the_noise():
+    # Neighbours so close that only the noise counts.
+    v = np.linspace(-1e-3, 1e-3, 4001)
+    spread = spread_of(v, {"v": 3e-4})
+    found = spread.mean(lambda c: np.sign(c["v"])[:, None], spread.beside({"v": v}))[:, 0]
+    assert np.abs(found - (2 * norm.cdf(v / 3e-4) - 1)).max() < 2 / 64
+
+
+def test_a_jump_is_the_share_of_the_step_on_either_side():
+    v = 0.1 * (np.arange(-10, 11) - 0.3)
+    spread = spread_of(v, {})
+    found = spread.mean(lambda c: np.sign(c["v"])[:, None], spread.beside({"v": v}))[:, 0]
+    # From -0.08 to 0.02 crosses zero after four fifths of a step; the sample at -0.03 stands for -0.08 to 0.02.
+    expected = np.clip(2 * v / 0.1, -1, 1)
+    assert np.abs(found - expected).max() < 2 / 64
+    assert abs(found[10] + 0.6) < 2 / 64
+
+
+def test_smooth_terms_are_untouched():
+    t = np.linspace(0, 20, 2001)
+    v, y = np.cos(3 * t), np.sin(3 * t) / 3
+    spread = spread_of(v, {"v": 2e-3, "y": 1e-3}, y=y)
+
+    def evaluate(c):
+        return np.stack([c["v"], c["v"] ** 3, c["y"] * np.abs(c["y"]), np.tanh(c["v"] / 0.2)], axis=1)
+
+    columns = {"v": v, "y": y}
+    assert np.array_equal(spread.mean(evaluate, spread.beside(columns)), evaluate(columns))
+
+
+def test_a_jump_in_a_difference_of_noisy_states_is_seen():
+    # Their difference is zero within the noise, and a move of both at once shows nothing of it.
+    y = np.linspace(-1, 1, 501)
+    spread = spread_of(y + 1e-4, {"v": 1e-2, "y": 1e-2}, y=y)
+    columns = {"v": y + 1e-4, "y": y}
+    found = spread.mean(lambda c: np.sign(c["v"] - c["y"])[:, None], spread.beside(columns))[:, 0]
+    # 64 points of a plane leave a discrepancy of about (log 64)² / 64 of an area.
+    assert np.abs(found - (2 * norm.cdf(1e-4 / (np.sqrt(2) * 1e-2)) - 1)).max() < 2 * np.log(64) ** 2 / 64
+
+
+def test_runs_do_not_reach_into_each_other():
+    v = np.array([1.0, 1.1, 1.2, -5.0, -5.1, -5.2, 7.0])
+    spread = SampleSpread.of({"v": v}, (3, 3, 1), {"v": np.inf})
+    assert np.allclose(spread.change["v"], [0.1, 0.1, 0.1, -0.1, -0.1, -0.1, 0.0])
+    assert not spread.noise
+
+
+def test_a_term_that_ends_nearby_keeps_its_value():
+    v = np.linspace(1e-3, 1, 300)
+    spread = spread_of(v, {"v": 5e-2})
+    found = spread.mean(lambda c: np.sqrt(c["v"])[:, None], spread.beside({"v": v}))[:, 0]
+    assert np.allclose(found[:3], np.sqrt(v[:3])) and np.all(np.isfinite(found))
+
+
+def test_no_samples_and_no_columns():
+    spread = spread_of(np.zeros(5), {"v": 0.1})
+    assert spread.mean(lambda c: np.zeros((len(c["v"]), 0)), spread.beside({"v": np.zeros(5)})).shape == (5, 0)
