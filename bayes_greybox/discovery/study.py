@@ -66,12 +66,14 @@ class StudyResult:
         corrected: The training data with what was found of the sensors undone, which the amended model is fitted to.
         verdict: One of `finding.VERDICTS`.
         effects: All effects that were weighed, best first: equation, slug, name, expression, probability, mean, sd,
-            lower, upper, unit, tied_with, inner, hidden (rates of its hidden states by name), status ("added"; "one of"
-            for what could stand in its place; or "").
+            lower, upper, unit, tied_with, inner, hidden (rates of its hidden states by name), quantity (columns that it
+            is a function of), status ("added"; "one of" for what could stand in its place; or "").
         hypotheses: Explanations by (equation, hypothesis): no gap, recalibrate, instrument, unknown, and sets of
             effects; their probabilities sum to one.
         memory: Probability that what has no name depends on what a channel did before, changes with time, or is a law
             next to one of the catalogue's, by (equation, memory).
+        quantities: Probability that a law of these columns alone is missing, of one name, of several or of none, by
+            (equation, quantity); none in files of before.
         instrument: Suspects about the measurement: equation, suspect, channel, probability, mean, sd, lower, upper,
             unit, samples (of a delay), lower_samples, upper_samples, status ("in the model" or ""), text.
         checks: Checks of the explanation that was settled on, by (equation, check): p (NaN of linearity),
@@ -122,6 +124,7 @@ class StudyResult:
     config: str = ""
     explanations: Mapping[str, tuple[Explained, ...]] = field(default_factory=dict)
     counted: Mapping[str, int] = field(default_factory=dict)
+    quantities: pd.DataFrame = field(default_factory=pd.DataFrame)
 
     def checkable(self, equation: str) -> bool:
         """Whether an equation has rows enough to check its residuals on."""
@@ -129,7 +132,10 @@ class StudyResult:
 
     def record(self) -> dict[str, Any]:
         """Verdict, tables and settings as plain values, ready for JSON."""
-        tables = ("effects", "hypotheses", "memory", "instrument", "checks", "corrections", "where", "gap", "rounds")
+        tables = (
+            "effects", "hypotheses", "memory", "quantities", "instrument", "checks", "corrections", "where", "gap",
+            "rounds",
+        )  # fmt: skip
         plain = {name: plain_rows(getattr(self, name)) for name in tables}
         left_out = [{"equation": e, "slug": s, "reason": r} for (e, s), r in self.left_out.items()]
         return {
@@ -268,6 +274,7 @@ def investigate(
         effects=pd.concat([found.effects(train) for found in findings.values()], ignore_index=True),
         hypotheses=pd.concat([found.hypotheses() for found in findings.values()]),
         memory=pd.concat([found.memory() for found in findings.values()]),
+        quantities=pd.concat([found.quantities() for found in findings.values()]),
         instrument=pd.concat([found.instrument(train) for found in findings.values()], ignore_index=True),
         checks=pd.concat([found.check_table() for found in findings.values()]),
         against=against,

@@ -23,7 +23,7 @@ from .checks.adequacy import Check
 from .coefficients import Coefficients, alone
 from .finding import TIED, Finding
 from .instrument import instrument_table
-from .weighed import STOPS
+from .weighed import STOPS, quantity
 from .where import GapMap, GapTrace
 
 KEYS = ("equation", "memory")
@@ -94,7 +94,7 @@ class EquationStudy:
             row = self._row(data, index, p, draws, tied, [self.statistics.columns[index].inner], status)
             rows.append({**row, "sd": abs(self._in_units(index)) * sd, "lower": min(draws), "upper": max(draws)})
         columns = ["equation", "slug", "name", "expression", "probability", "mean", "sd", "lower", "upper", "unit"]
-        return pd.DataFrame(rows, columns=[*columns, "tied_with", "inner", "hidden", "status"])
+        return pd.DataFrame(rows, columns=[*columns, "tied_with", "inner", "hidden", "quantity", "status"])
 
     def hypotheses(self) -> pd.DataFrame:
         """No gap, recalibration, instrument, unknown, and each set of effects; probabilities sum to one."""
@@ -122,6 +122,13 @@ class EquationStudy:
 
     def _named(self, world: Any, e: Any) -> str:
         return " + ".join(sorted(world.evaluations.name(i) for i in e.effects))
+
+    def quantities(self) -> pd.DataFrame:
+        """What a law that is missing is a function of, whatever its name."""
+        found = self.finding.weighed.by_quantity
+        rows = [(self.statistics.equation, ", ".join(names)) for names in found]
+        keys = pd.MultiIndex.from_tuples(rows, names=("equation", "quantity"))
+        return pd.DataFrame({"probability": list(found.values())}, index=keys, dtype=float)
 
     def memory(self) -> pd.DataFrame:
         """What a force without a name remembers."""
@@ -243,7 +250,7 @@ class EquationStudy:
             "equation": self.statistics.equation, "slug": column.effect.slug, "name": column.effect.name,
             "expression": column.effect.text(values), "hidden": column.effect.hidden(values), "probability": p,
             **_moments(draws), "unit": self._unit(data, column.formula), "tied_with": tied, "inner": values,
-            "status": status,
+            "quantity": ", ".join(quantity(self.finding.world, index)), "status": status,
         }  # fmt: skip
 
 

@@ -23,6 +23,9 @@ TIED = 0.05
 SAME = 0.1
 """Effects whose log evidences in each other's place differ by less are one curve on these data."""
 
+ONE_LAW = "several effects of the same quantity may be one that the catalogue does not have"
+"""What speaks against effects that together may be one law."""
+
 NEGLIGIBLE, SUBSTANTIAL = 0.01, 0.25
 """Share of the gap left over up to which effects name it, and from which on even "partly named" is too much."""
 
@@ -114,7 +117,7 @@ def decide(
         mirrors: Faults of the sensor that effects may be as well, by their bindings.
     """
     weighed = Weighed(found, doubts, mirrors)
-    # As the tables have it, so that verdict and tables cannot contradict each other; unknown comes before effects.
+    # As the tables have it, so that verdict and tables cannot contradict each other, but for what looks the same.
     top = weighed.likeliest_kind
     if top == EFFECTS:
         chosen = next(iter(weighed.by_set))
@@ -164,7 +167,7 @@ def _named(weighed: Weighed, chosen: tuple[str, ...]) -> Finding:
     share = sum(p * s for p, s in left) / sum(p for p, _ in left) if left else 0.0
     against = ()
     if stacked(world, e):
-        against = ("several effects of the same quantity may be one that the catalogue does not have",)
+        against = (ONE_LAW,)
     places = tuple(_place(weighed, world, e, chosen, i) for i in e.effects)
     if remainder >= 0.5 and share >= NEGLIGIBLE:
         verdict = "partly named" if share < SUBSTANTIAL else "unknown"

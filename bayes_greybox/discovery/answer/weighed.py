@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from bayes_greybox.discovery.suspects.channels import LAG
-from bayes_greybox.discovery.weighing.sets import RECALIBRATED, Explanation, imitated
+from bayes_greybox.discovery.weighing.sets import LAWFUL, RECALIBRATED, Explanation, imitated
 from bayes_greybox.discovery.weighing.worlds import World, weights
 
 from .doubt import Doubt, artefact, standing
@@ -113,8 +113,11 @@ class Weighed:
 
     def _of_effects(self, world: World, e: Explanation, p: float, share: float) -> float:
         """The same of effects, or of what else does the same."""
-        real = p * (1 - imitated(share)) * (1 - STACKED if set(stacked(world, e)) == set(e.effects) else 1.0)
-        return real * (1 - min(self.artefacts(world, e).values()))
+        return p * (1 - imitated(share)) * self._alone(world, e) * (1 - min(self.artefacts(world, e).values()))
+
+    def _alone(self, world: World, e: Explanation) -> float:
+        """Probability that the effects of an explanation are not all one law without a name."""
+        return 1 - STACKED if set(stacked(world, e)) == set(e.effects) else 1.0
 
     def mirrored(self, world: World, e: Explanation) -> float:
         """Probability that all effects of an explanation are faults of the sensor that do the same."""
@@ -142,14 +145,19 @@ class Weighed:
 
     @property
     def likeliest_kind(self) -> str:
-        """Of `by_kind`; what may be a fault of the sensor as well counts for the effect: it has no other model."""
-        instead = sum(
-            self._of_effects(world, e, p, share) * self.mirrored(world, e)
-            for world, e, p, share in self.items
-            if e.effects
-        )
-        found = {**self.by_kind, EFFECTS: self.by_kind[EFFECTS] + instead}
+        """Of `by_kind`; what may be a fault of the sensor as well counts for the effect: it has no other model.
+
+        So does what may be one law without a name for the effects that it is the sum of.
+        """
+        instead, one = 0.0, 0.0
+        for world, e, p, share in self.items:
+            if e.effects:
+                real = self._of_effects(world, e, p, share)
+                instead += real * self.mirrored(world, e)
+                one += real / self._alone(world, e) - real
+        found = {**self.by_kind, EFFECTS: self.by_kind[EFFECTS] + instead + one}
         found["instrument"] -= instead
+        found["unknown"] -= one
         return max(found, key=lambda kind: found[kind])
 
     @cached_property
@@ -253,6 +261,26 @@ class Weighed:
         return dict(sorted(found.items(), key=lambda item: -item[1]))
 
     @cached_property
+    def by_quantity(self) -> dict[tuple[str, ...], float]:
+        """Probability that a law of some columns alone is missing, of one name, of several or of none; largest first.
+
+        Names are surer of a quantity than of each other: which of three frictions it is matters less than that it is
+        a force of the velocity.
+        """
+        found: dict[tuple[str, ...], float] = {}
+        for world, e, p, share in self.items:
+            artefacts = self.artefacts(world, e)
+            own: dict[tuple[str, ...], float] = {}
+            for i in e.effects:
+                key = quantity(world, i)
+                own[key] = max(own.get(key, 0.0), (1 - imitated(share)) * (1 - artefacts[i]))
+            if e.kind == LAWFUL:
+                own[quantity(world, e.memory[0])] = 1.0
+            for key, real in own.items():
+                found[key] = found.get(key, 0.0) + p * real
+        return dict(sorted(found.items(), key=lambda item: -item[1]))
+
+    @cached_property
     def by_set(self) -> dict[tuple[str, ...], float]:
         """Probability of each set of effects, whatever remains beside it, by bindings."""
         found: dict[tuple[str, ...], float] = {}
@@ -272,8 +300,13 @@ def stacked(world: World, e: Explanation) -> tuple[int, ...]:
     columns = world.evaluations.statistics.columns
     groups: dict[tuple[str, ...], list[int]] = {}
     for i in e.effects:
-        effect = columns[i].effect
-        assert effect is not None
-        groups.setdefault(tuple(sorted(effect.names.values())), []).append(i)
+        groups.setdefault(quantity(world, i), []).append(i)
     many = [g for g in groups.values() if len(g) > 2 or (len(g) == 2 and any(columns[i].inner for i in g))]
     return tuple(i for group in many for i in group)
+
+
+def quantity(world: World, index: int) -> tuple[str, ...]:
+    """Columns of the data that an effect, or a law without a name, is a function of."""
+    column = world.evaluations.statistics.columns[index]
+    names = column.formula.symbols if column.effect is None else column.effect.names.values()
+    return tuple(sorted(set(names)))

@@ -5,7 +5,7 @@ from typing import Any
 
 import pandas as pd
 
-from bayes_greybox.discovery.answer.finding import SURE
+from bayes_greybox.discovery.answer.finding import ONE_LAW, SURE
 from bayes_greybox.discovery.answer.gap.denials import worsened
 from bayes_greybox.discovery.answer.instrument import IN_MODEL
 from bayes_greybox.discovery.study import StudyResult
@@ -64,12 +64,7 @@ def _answer(study: StudyResult) -> str:
         if len(off) == 1:
             what, it = "the coefficient of the simulation is", "it"
         return f"No effect is missing; {what} off ({right}), and setting {it} right {closed}."
-    said = []
-    for row in study.effects.query("status == 'added'").to_dict("records"):
-        tied = [within(name_of(study, slug)) for slug in row["tied_with"]]
-        tied = f", not to be told from {' or '.join(tied)}" if tied else ""
-        p = probability_text(row["probability"])
-        said.append(f"{within(row['name'])} in {label(row['equation'])} (probability {p}{tied})")
+    said = _said(study)
     # Of several equations the gravest speaks; what was found in the others is said with it.
     off = [row for row in _corrections(study, SURE) if answer(study, row["equation"]) != "unknown"]
     besides = ""
@@ -80,6 +75,31 @@ def _answer(study: StudyResult) -> str:
         what = "A coefficient of the simulation is" if len(off) == 1 else "Coefficients of the simulation are"
         besides = f" {what} off besides: {'; '.join(_should_be(row, label(row['equation'])) for row in off)}."
     return f"{_missing(study, said, closed)}{besides}"
+
+
+def _said(study: StudyResult) -> list[str]:
+    """Effects that were added, in words; those that may be one law together as that law."""
+    label, found = study.train.target_label, []
+    rows = study.effects.query("status == 'added'").to_dict("records")
+    sure: dict[Any, float] = study.quantities["probability"].to_dict() if len(study.quantities) else {}
+    # Files of before know no quantities.
+    groups = {id(row): (row["equation"], row.get("quantity", "")) for row in rows}
+    for row in rows:
+        key = groups[id(row)]
+        together = [other for other in rows if groups[id(other)] == key and other["probability"] < SURE]
+        if row in together and len(together) > 1 and sure.get(key, 0.0) >= SURE:
+            if row is not together[0]:
+                continue
+            parts = [f"{within(each['name'])} {probability_text(each['probability'])}" for each in together]
+            of = key[1].replace(", ", " and ") or "nothing, a constant,"
+            p, where = probability_text(sure[key]), label(row["equation"])
+            found.append(f"a law of {of} in {where} (probability {p}; {listed(parts)} together, or one without a name)")
+            continue
+        tied = [within(name_of(study, slug)) for slug in row["tied_with"]]
+        tied = f", not to be told from {' or '.join(tied)}" if tied else ""
+        p = probability_text(row["probability"])
+        found.append(f"{within(row['name'])} in {label(row['equation'])} (probability {p}{tied})")
+    return found
 
 
 def _missing(study: StudyResult, said: Sequence[str], closed: str) -> str:
@@ -128,6 +148,8 @@ def _missing(study: StudyResult, said: Sequence[str], closed: str) -> str:
         return f"Something is missing, most likely {' and '.join(said)}{instead}; adding the likeliest {closed}."
     if remembers := "; ".join(text for name in study.maps if (text := remembered(study, name))):
         return f"{lacks}, and something else that {remembers}; adding what has a name {closed}."
+    if study.against and all(text.endswith(ONE_LAW) for text in study.against):
+        return f"{lacks}; adding {it} {closed}."
     if study.against:
         return f"{lacks}, but that is not all; adding {it} {closed}."
     return f"{lacks}, and something else that the catalogue does not have; adding what has a name {closed}."

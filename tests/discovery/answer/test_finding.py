@@ -352,11 +352,24 @@ def test_a_world_counts_by_its_offset():
 
 
 @pytest.mark.parametrize(
-    ("effects", "inner", "expected"), [("ab", "", "named"), ("ab", "b", "unknown"), ("abc", "", "unknown")]
+    ("effects", "inner", "expected"), [("ab", "", "named"), ("ab", "b", "partly named"), ("abc", "", "partly named")]
 )
 def test_stacked_laws_of_one_variable_are_never_named(effects, inner, expected):
     finding = decided({effects: 1.0}, on=dict.fromkeys("abc", "x"), inner=inner)
     assert finding.verdict == expected
+
+
+def test_what_may_be_one_law_is_added_unless_something_else_is_unknown():
+    on = dict.fromkeys("abc", "x")
+    assert len(decided({"abc": 0.6, "unknown": 0.4}, on=on).places) == 3
+    # As much as that of which nothing is known counts against it, not the half that would look the same.
+    assert decided({"abc": 0.4, "unknown": 0.6}, on=on).verdict == "unknown"
+
+
+def test_a_quantity_is_surer_than_the_names_of_its_laws():
+    on = {"a": "x", "b": "x", "c": "x", "d": "y"}
+    found = decided({"abc": 0.5, "ad": 0.3, "d": 0.2}, on=on).weighed.by_quantity
+    assert found == {("x",): pytest.approx(0.8), ("y",): pytest.approx(0.5)}
 
 
 def test_laws_of_one_variable_beside_another_cap_the_verdict():
