@@ -190,7 +190,7 @@ def _scaled_table(frame: Frame, rows: EquationRows) -> Table:
         return namespace(columns.values()).concatenate(parts, axis=1)
 
     if rows.operator is not None:
-        terms = rows.table(lambda columns: np.asarray(evaluate(columns)), frame.dictionary.acts_on)
+        terms = rows.table(lambda columns: np.asarray(evaluate(columns)), frame.dictionary.acts_on, frame.jumps)
         return lambda index: np.column_stack([terms(index), y[index]])
     compiled = jax.jit(evaluate)
 
@@ -217,7 +217,7 @@ def _dense_design(frame: Frame, gp: OrthogonalGP, rows: EquationRows, table: Tab
     Phi, y = whole[:, : len(frame.dictionary)], whole[:, -1]
     x = jnp.asarray(frame.position(rows.columns))
     orthonormal = Phi @ frame.orthonormal
-    points = (x, jnp.asarray(rows.at_samples(frame.dictionary_rows) @ frame.orthonormal))
+    points = (x, jnp.asarray(rows.at_samples(frame.dictionary_rows, frame.jumps) @ frame.orthonormal))
     operator = None if rows.operator is None else jnp.asarray(rows.operate(np.eye(rows.n_sample)))
     # ⟨Φₒ, f⟩ = (VΦₒ)ᵀ R⁻¹ V f / n, a sum over samples
     weighted = orthonormal / rows.n_row

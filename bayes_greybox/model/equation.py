@@ -63,10 +63,22 @@ class Equation:
     @cached_property
     def _terms(self) -> Table:
         """[Φ Ψ̃] by index of the rows."""
-        return self.rows.table(
-            lambda columns: np.column_stack([np.asarray(part) for part in self.frame.rows(columns)]),
-            self.frame.dictionary.acts_on,
+        frame, rows = self.frame, self.rows
+        whole = rows.table(
+            lambda columns: np.column_stack([np.asarray(part) for part in frame.rows(columns)]),
+            frame.dictionary.acts_on,
         )
+        if rows.spread is None or not frame.jumps.places:
+            return whole
+        # What is projected out of the features are the terms of the rows, jumps and all.
+        terms = rows.table(lambda columns: np.asarray(frame.dictionary_rows(columns)), jumps=frame.jumps)
+        plain = rows.table(lambda columns: np.asarray(frame.plain_features(columns)))
+
+        def table(index: Int[np.ndarray, " n"]) -> Float[np.ndarray, "n n_column"]:
+            Phi = terms(index)
+            return np.column_stack([Phi, np.asarray(frame.orthogonal(Phi, plain(index)))])
+
+        return table
 
     def ridge(self) -> list[tuple[Term, float]]:
         """Its terms with coefficients by least squares on the whitened rows, hardly shrunk; user's units.

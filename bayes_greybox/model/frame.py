@@ -16,6 +16,7 @@ from bayes_greybox.physics.formula.expressions import namespace
 from bayes_greybox.physics.terms import Dictionary
 
 from .gp.features import HilbertBasis
+from .rows.equation_rows import Jumps
 
 
 class Share(NamedTuple):
@@ -103,6 +104,13 @@ class Frame:
     def dictionary_rows(self, columns: Mapping[str, Array | np.ndarray]) -> Float[Array | np.ndarray, "n_row n_term"]:
         """Φ in scaled units."""
         return self.dictionary.evaluate(columns) / self.term_scale
+
+    @property
+    def jumps(self) -> Jumps:
+        """Columns of Φ that may jump."""
+        places = self.dictionary.jumping
+        part = Dictionary(tuple(self.dictionary.terms[i] for i in places))
+        return Jumps(places, lambda columns: np.asarray(part.evaluate(columns)) / self.term_scale[list(places)])
 
     def position(self, columns: Mapping[str, Array | np.ndarray]) -> Float[Array | np.ndarray, "n_row n_var"]:
         """Variables of f in scaled units: the data's box is [−1, 1]^d."""

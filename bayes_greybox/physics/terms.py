@@ -113,6 +113,12 @@ class Term:
         """The term without what is stated of its coefficient."""
         return self if self.stated is None else replace(self, sign=None, prior=None, fixed=None, bounds=None)
 
+    @cached_property
+    def jumps(self) -> bool:
+        """Whether the term may jump, as sign and heaviside do."""
+        formula = self.expr if self._named is None else self._named.formula
+        return bool(formula.atoms(sympy.sign, sympy.Heaviside))
+
     def evaluate(self, columns: Mapping[str, Float[Array | np.ndarray, "..."]]) -> Float[Array | np.ndarray, "..."]:
         """Value of the term, in the shape of the columns (see `expressions.evaluate`)."""
         if self._named is None:
@@ -217,6 +223,11 @@ class Dictionary:
     def symbols(self) -> tuple[str, ...]:
         """Names of the columns that any term uses, sorted."""
         return tuple(sorted({name for term in self.terms for name in term.symbols}))
+
+    @property
+    def jumping(self) -> tuple[int, ...]:
+        """Places of the terms that may jump."""
+        return tuple(i for i, term in enumerate(self.terms) if term.jumps)
 
     def evaluate(
         self, columns: Mapping[str, Float[Array | np.ndarray, "*rows"]]

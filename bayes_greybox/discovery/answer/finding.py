@@ -26,6 +26,9 @@ SAME = 0.1
 ONE_LAW = "several effects of the same quantity may be one that the catalogue does not have"
 """What speaks against effects that together may be one law."""
 
+AND_MORE = f"{ONE_LAW}, and something is left besides"
+"""The same where they leave something."""
+
 NEGLIGIBLE, SUBSTANTIAL = 0.01, 0.25
 """Share of the gap left over up to which effects name it, and from which on even "partly named" is too much."""
 
@@ -165,11 +168,11 @@ def _named(weighed: Weighed, chosen: tuple[str, ...]) -> Finding:
     left = [(p, w.share_left(x)) for w, x, p, _ in own if w.leaves_rest(x) and p > FAINT * mass]
     remainder = sum(p for p, _ in left) / mass
     share = sum(p * s for p, s in left) / sum(p for p, _ in left) if left else 0.0
-    against = ()
+    against, more = (), remainder >= 0.5 and share >= NEGLIGIBLE
     if stacked(world, e):
-        against = (ONE_LAW,)
+        against = (AND_MORE if more else ONE_LAW,)
     places = tuple(_place(weighed, world, e, chosen, i) for i in e.effects)
-    if remainder >= 0.5 and share >= NEGLIGIBLE:
+    if more:
         verdict = "partly named" if share < SUBSTANTIAL else "unknown"
     elif against:
         verdict = "partly named"

@@ -147,14 +147,15 @@ class Weighed:
     def likeliest_kind(self) -> str:
         """Of `by_kind`; what may be a fault of the sensor as well counts for the effect: it has no other model.
 
-        So does what may be one law without a name for the effects that it is the sum of.
+        So does what may be one law without a name for the likeliest effects, if these are what it is the sum of.
         """
         instead, one = 0.0, 0.0
         for world, e, p, share in self.items:
             if e.effects:
                 real = self._of_effects(world, e, p, share)
                 instead += real * self.mirrored(world, e)
-                one += real / self._alone(world, e) - real
+                if self.names(world, e) == next(iter(self.by_set)):
+                    one += real / self._alone(world, e) - real
         found = {**self.by_kind, EFFECTS: self.by_kind[EFFECTS] + instead + one}
         found["instrument"] -= instead
         found["unknown"] -= one
@@ -264,20 +265,23 @@ class Weighed:
     def by_quantity(self) -> dict[tuple[str, ...], float]:
         """Probability that a law of some columns alone is missing, of one name, of several or of none; largest first.
 
-        Names are surer of a quantity than of each other: which of three frictions it is matters less than that it is
-        a force of the velocity.
+        A quantity is surer than its laws' names: which of three frictions it is matters less than that it is a force
+        of the velocity. What remembers is no law of columns alone.
         """
         found: dict[tuple[str, ...], float] = {}
         for world, e, p, share in self.items:
             artefacts = self.artefacts(world, e)
-            own: dict[tuple[str, ...], float] = {}
+            # Probability that none of the effects of a quantity is there.
+            none: dict[tuple[str, ...], float] = {}
             for i in e.effects:
-                key = quantity(world, i)
-                own[key] = max(own.get(key, 0.0), (1 - imitated(share)) * (1 - artefacts[i]))
+                if not world.evaluations.statistics.columns[i].formula.states:
+                    key = quantity(world, i)
+                    fault = self._instead(world.evaluations.binding(i))
+                    none[key] = min(none.get(key, 1.0), 1 - (1 - imitated(share)) * (1 - artefacts[i]) * (1 - fault))
             if e.kind == LAWFUL:
-                own[quantity(world, e.memory[0])] = 1.0
-            for key, real in own.items():
-                found[key] = found.get(key, 0.0) + p * real
+                none[quantity(world, e.memory[0])] = 0.0
+            for key, absent in none.items():
+                found[key] = found.get(key, 0.0) + p * (1 - absent)
         return dict(sorted(found.items(), key=lambda item: -item[1]))
 
     @cached_property

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
-from bayes_greybox.model.rows.equation_rows import Columns, EquationRows
+from bayes_greybox.model.rows.equation_rows import Columns, EquationRows, Evaluate, Jumps
 
 CHUNK = 16_384
 """Rows evaluated at once."""
@@ -29,10 +29,6 @@ class Products(NamedTuple):
     with_old: Float[np.ndarray, "n_old n_new"]
     corner: Float[np.ndarray, "n_new n_new"]
     with_target: Float[np.ndarray, " n_new"]
-
-
-Evaluate = Callable[[Columns], Float[np.ndarray, "n k"]]
-"""From states and inputs at some samples to k values."""
 
 
 class RowTable(ABC):
@@ -60,12 +56,13 @@ class RowTable(ABC):
         """Drop all other columns."""
 
     @abstractmethod
-    def at_rows(self, indices: Sequence[int], evaluate: Evaluate) -> Float[np.ndarray, "n_row k"]:
+    def at_rows(self, indices: Sequence[int], evaluate: Evaluate, jumps: Jumps) -> Float[np.ndarray, "n_row k"]:
         """Values of some columns, none of which is known at the rows only.
 
         Args:
             indices: Of the columns.
             evaluate: These columns at samples.
+            jumps: Which of these may jump.
         """
 
     @property
@@ -114,7 +111,7 @@ class Kept(RowTable):
         if self._with_features is not None:
             self._with_features = self._with_features[indices]
 
-    def at_rows(self, indices: Sequence[int], evaluate: Evaluate) -> Float[np.ndarray, "n_row k"]:
+    def at_rows(self, indices: Sequence[int], evaluate: Evaluate, jumps: Jumps) -> Float[np.ndarray, "n_row k"]:
         """See `RowTable.at_rows`."""
         return self._values[:, indices]
 
@@ -178,9 +175,9 @@ class Streamed(RowTable):
         """See `RowTable.keep`."""
         self._with_features = self._with_features[indices]
 
-    def at_rows(self, indices: Sequence[int], evaluate: Evaluate) -> Float[np.ndarray, "n_row k"]:
+    def at_rows(self, indices: Sequence[int], evaluate: Evaluate, jumps: Jumps) -> Float[np.ndarray, "n_row k"]:
         """See `RowTable.at_rows`."""
-        return self.rows.table(evaluate)(np.arange(self.rows.n_row))
+        return self.rows.table(evaluate, jumps=jumps)(np.arange(self.rows.n_row))
 
     @property
     def with_features(self) -> Float[np.ndarray, "n_column n_basis"]:

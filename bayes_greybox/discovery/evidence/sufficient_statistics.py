@@ -16,7 +16,7 @@ from bayes_greybox.discovery.suspects.memory import Memory
 from bayes_greybox.model.frame import held_features, scaled_position
 from bayes_greybox.model.gp.features import HilbertBasis
 from bayes_greybox.model.gp.hyper import HyperPrior, NoisePrior
-from bayes_greybox.model.rows.equation_rows import Columns, EquationRows
+from bayes_greybox.model.rows.equation_rows import Columns, EquationRows, Jumps
 from bayes_greybox.physics.hidden_states import along
 from bayes_greybox.physics.terms import Term
 
@@ -167,9 +167,10 @@ class SufficientStatistics:
         if kept:
             at_rows = np.zeros((self.rows.n_row, len(kept)))
             plain = [k for k in range(len(kept)) if k not in known]
-            plainly = partial(evaluated, [(kept[k].formula, kept[k].scale) for k in plain])
+            chosen = [(kept[k].formula, kept[k].scale) for k in plain]
             if plain:
-                at_rows[:, plain] = self.rows.table(plainly)(np.arange(self.rows.n_row))
+                table = self.rows.table(partial(evaluated, chosen), jumps=_jumps(chosen))
+                at_rows[:, plain] = table(np.arange(self.rows.n_row))
             if known:
                 at_rows[:, list(known)] = self.rows.operate(np.column_stack(list(known.values())))
                 kept = [
@@ -302,7 +303,8 @@ class SufficientStatistics:
         formulas = [k for k, i in enumerate(indices) if self.columns[i].values is None]
         if formulas:
             chosen = [indices[k] for k in formulas]
-            found[:, formulas] = self._table.at_rows(chosen, partial(self.evaluate, chosen))
+            terms = [(self.columns[i].formula, self.columns[i].scale) for i in chosen]
+            found[:, formulas] = self._table.at_rows(chosen, partial(evaluated, terms), _jumps(terms))
         for k, i in enumerate(indices):
             if (values := self.columns[i].values) is not None:
                 found[:, k] = values
@@ -378,6 +380,12 @@ def evaluated(chosen: Sequence[tuple[Term, float]], columns: Mapping[str, np.nda
     """Terms over their scales."""
     parts = [np.asarray(term.evaluate(columns)) / scale for term, scale in chosen]
     return np.column_stack(parts) if parts else np.zeros((len(next(iter(columns.values()))), 0))
+
+
+def _jumps(chosen: Sequence[tuple[Term, float]]) -> Jumps:
+    """Those that may jump."""
+    places = [k for k, (term, _) in enumerate(chosen) if term.jumps]
+    return Jumps(places, partial(evaluated, [chosen[k] for k in places]))
 
 
 def _called(column: Column) -> str:

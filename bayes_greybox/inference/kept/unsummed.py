@@ -7,17 +7,22 @@ first, and one that does not finish is refused.
 import os
 import subprocess
 import sys
+from pathlib import Path
+
+import h5py
+import numpy as np
 
 from .damage import damaged
 
-PATIENCE = 15.0
-"""Seconds that reading may take, beside those that the file's size allows."""
+PATIENCE = 30.0
+"""Seconds that starting and reading may take, beside those that the file's size allows."""
 
 SLOWEST = 2e6
 """Bytes a second that the slowest disk gives."""
 
 READER = """
 import sys
+sys.path[:0] = sys.argv[2:]
 import h5py
 
 def read(name, item):
@@ -43,11 +48,16 @@ def require_readable(path: str | os.PathLike[str], patience: float = PATIENCE) -
         InputError: Reading does not end, or ends the process that reads.
     """
     # -I: whatever lies in the working folder is not imported.
-    command = [sys.executable, "-I", "-c", READER, os.fspath(path)]
+    folders = dict.fromkeys(str(Path(str(package.__file__)).parents[1]) for package in (h5py, np))
+    command = [sys.executable, "-I", "-c", READER, os.fspath(path), *folders]
     limit = patience + os.path.getsize(path) / SLOWEST
     try:
         done = subprocess.run(command, timeout=limit, capture_output=True, check=False)
     except subprocess.TimeoutExpired:
         raise damaged(path, f"HDF5 did not finish reading it in {limit:.0f} s") from None
-    if done.returncode < 0:
+    except OSError:
+        # Inside another program there may be no Python to start: then nobody reads first.
+        return
+    # An exception of Python's ends with 1, and the reader of the file says what it is.
+    if done.returncode not in (0, 1):
         raise damaged(path, "HDF5 cannot read it")

@@ -29,7 +29,7 @@ from bayes_greybox.model.gp.discrepancy import OrthogonalGP
 from bayes_greybox.model.gp.features import HilbertBasis
 from bayes_greybox.model.gp.hyper import NoisePrior
 from bayes_greybox.model.gp.kernels import KERNELS, log_spectral_density
-from bayes_greybox.model.rows.equation_rows import EquationRows
+from bayes_greybox.model.rows.equation_rows import EquationRows, Jumps
 from bayes_greybox.physics.terms import Dictionary
 
 from .in_time import in_time
@@ -276,7 +276,12 @@ def _settled(before: NoiseModel, after: NoiseModel) -> bool:
 
 
 def _dictionary_columns(rows: EquationRows, dictionary: Dictionary) -> Float[np.ndarray, "n_row n_term"]:
-    values = rows.table(lambda at: np.asarray(dictionary.evaluate(at), float))(np.arange(rows.n_row))
+    places = dictionary.jumping
+    jumping = Dictionary(tuple(dictionary.terms[i] for i in places))
+    values = rows.table(
+        lambda at: np.asarray(dictionary.evaluate(at), float),
+        jumps=Jumps(places, lambda at: np.asarray(jumping.evaluate(at), float)),
+    )(np.arange(rows.n_row))
     scale = np.sqrt(np.mean(values**2, axis=0))
     # What cannot be evaluated, or is zero, is refused with its name where the equation is assembled.
     usable = np.isfinite(scale) & (scale > 0)

@@ -3,6 +3,7 @@
 An output is in the place of a rate: its equation is the same, without a derivative in it.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,8 +14,9 @@ from bayes_greybox.data.rates.rate_filter import RowOperator
 from bayes_greybox.data.rates.sample_spread import SampleSpread
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.physics.simulation.protocol import Simulation
+from bayes_greybox.physics.terms import Term
 
-from .equation_rows import Columns, EquationRows
+from .equation_rows import EquationRows, Evaluate
 from .row_kind import RowKind
 
 
@@ -25,7 +27,7 @@ class DerivativeRows(RowKind):
     A rate that a finite filter computed is a mean s ∗ ẋ of the true one over the filter's window, so what the equation
     says of it is s ∗ (g + Φθ + f), evaluated at the smoothed samples first. Such rows are thinned: neighbours whose
     noise has a correlation above 1/e repeat each other. Samples whose window reaches beyond their run have no row.
-    Where a term jumps, a sample stands for the states around it (`SampleSpread`).
+    Where a term jumps, a sample stands for the states around it (`SampleSpread`), but not in a simulation that is code.
 
     Attributes:
         filter_terms: Whether terms go through the filter, and rows are thinned; without, each sample is a row that
@@ -41,9 +43,8 @@ class DerivativeRows(RowKind):
         operator, spread = self._operator(data, equation), None
         if operator is not None:
             assert data.filter is not None
-            spread = SampleSpread.of({"t": data.time, **data.columns}, data.run_lengths, data.filter.noise_of_states())
-            if not data.is_output(equation):
-                simulated = _simulated(data, equation, simulation, spread)
+            spread = SampleSpread.of(data.columns, data.run_lengths, data.filter.noise_of_states())
+            simulated = simulated + _jumped(data, simulation.additive_terms(equation), spread)
             simulated, noise = operator(simulated[:, None])[:, 0], operator.noise(noise)
             measured, time, run = (column[operator.sample] for column in (measured, time, run))
         return EquationRows(
@@ -76,17 +77,16 @@ class DerivativeRows(RowKind):
         return operator
 
 
-def _simulated(
-    data: Trajectories, equation: str, simulation: Simulation, spread: SampleSpread
+def _jumped(
+    data: Trajectories, terms: Sequence[tuple[Term, float]], spread: SampleSpread
 ) -> Float[np.ndarray, " n_obs"]:
-    """What the simulation says at samples, over what they stand for."""
-    states, inputs = simulation.states, simulation.inputs
+    """What the simulation's terms that jump are at samples, over what these stand for, less what they are at points.
 
-    def rate(columns: Columns) -> Float[np.ndarray, "n 1"]:
-        x, u = (
-            np.stack([columns[name] for name in names], axis=-1) if names else np.zeros((len(columns["t"]), 0))
-            for names in (states, inputs)
-        )
-        return simulation.rates(columns["t"], x, u)[:, [states.index(equation)]]
-
-    return spread.mean(rate, spread.beside({"t": data.time, **data.columns}))[:, 0]
+    Code and FMUs are not read: they are evaluated at the samples, and nowhere else.
+    """
+    added = np.zeros(data.n_obs)
+    for term, value in terms:
+        if term.jumps and set(term.symbols) <= set(data.columns):
+            at: Evaluate = lambda columns, term=term: np.asarray(term.evaluate(columns), float)[:, None]  # noqa: E731
+            added += value * (spread.mean(at, spread.beside(data.columns)) - at(data.columns))[:, 0]
+    return added

@@ -24,6 +24,9 @@ Table = Callable[[Int[np.ndarray, " n_chunk"]], Float[np.ndarray, "n_chunk n_col
 Columns = Mapping[str, Float[np.ndarray, " n"]]
 """States and inputs at some samples, by name."""
 
+Evaluate = Callable[[Columns], Any]
+"""From states and inputs at some samples to k values [n, k], by NumPy or JAX."""
+
 
 @runtime_checkable
 class Operator(Protocol):
@@ -77,6 +80,18 @@ class Removal(NamedTuple):
     kept: Int[np.ndarray, " n_kept"]
     directions: Float[np.ndarray, "n_white n_out"] | None
     log_det: float
+
+
+class Jumps(NamedTuple):
+    """Values among others that may jump.
+
+    Attributes:
+        places: Of these, in their order.
+        evaluate: These alone, from columns [n] to [n, len(places)].
+    """
+
+    places: Sequence[int]
+    evaluate: Evaluate
 
 
 class Acting(NamedTuple):
@@ -218,28 +233,33 @@ class EquationRows:
         """V table: values of the rows from values at the samples."""
         return table if self.operator is None else self.operator(table)
 
-    def at_samples(
-        self, evaluate: Callable[[Mapping[str, np.ndarray]], Float[np.ndarray, "n k"]]
-    ) -> Float[np.ndarray, "n_sample k"]:
+    def at_samples(self, evaluate: Evaluate, jumps: "Jumps | None" = None) -> Float[np.ndarray, "n_sample k"]:
         """Values at the samples, or what these stand for; `operate` makes rows of them.
 
         Args:
             evaluate: From columns [n] to values [n, k].
+            jumps: Which of these may jump.
         """
-        over, columns = self._over(evaluate)
-        return over(columns)
+        values = np.array(evaluate(self.columns), float)
+        if self.spread is not None and jumps is not None and jumps.places:
+            values[:, jumps.places] = self.spread.mean(jumps.evaluate, self.spread.beside(self.columns))
+        return values
 
-    def table(self, evaluate: Callable[[Mapping[str, np.ndarray]], np.ndarray], acts_on: Sequence[str] = ()) -> Table:
+    def table(self, evaluate: Evaluate, acts_on: Sequence[str] = (), jumps: "Jumps | None" = None) -> Table:
         """V F by index of the rows, F evaluated on columns; where V mixes samples, evaluated here in stretches.
 
         Args:
             evaluate: From columns [n] to F [n, k].
             acts_on: The learned state that each of the k acts on, where several share the rows.
+            jumps: Which of the k may jump: a sample has what it stands for.
         """
         if self.operator is None:
             return lambda index: np.asarray(evaluate(self.at(index)))
         if not acts_on:
-            whole = self.operator.of(*self._over(evaluate))
+            whole = self.operator.of(lambda columns: np.asarray(evaluate(columns)), self.columns)
+            if self.spread is not None and jumps is not None and jumps.places:
+                means = partial(self.spread.mean, jumps.evaluate)
+                whole[:, jumps.places] = self.operator.of(means, self.spread.beside(self.columns))
             return lambda index: whole[index]
         shared = np.empty((self.n_row, len(acts_on)))
         for name, acting in self.learned.items():
@@ -326,13 +346,6 @@ class EquationRows:
         if starts is None:
             raise ValueError("these rows are not the first ones of each run")
         return self._log_det_of_starts(starts)
-
-    def _over(self, evaluate: Callable[[Mapping[str, np.ndarray]], Any]) -> tuple[Callable[[Columns], Any], Columns]:
-        """Values as means over what samples stand for, and the columns that they take."""
-        plain = lambda columns: np.asarray(evaluate(columns))  # noqa: E731
-        if self.spread is None:
-            return plain, self.columns
-        return partial(self.spread.mean, plain), self.spread.beside(self.columns)
 
     def _starts(self, kept: Int[np.ndarray, " n_kept"]) -> list[int] | None:
         """How many rows of each run these are, if they are the first ones of each run; else None."""

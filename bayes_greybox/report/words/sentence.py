@@ -5,7 +5,7 @@ from typing import Any
 
 import pandas as pd
 
-from bayes_greybox.discovery.answer.finding import ONE_LAW, SURE
+from bayes_greybox.discovery.answer.finding import AND_MORE, ONE_LAW, SURE
 from bayes_greybox.discovery.answer.gap.denials import worsened
 from bayes_greybox.discovery.answer.instrument import IN_MODEL
 from bayes_greybox.discovery.study import StudyResult
@@ -82,12 +82,14 @@ def _said(study: StudyResult) -> list[str]:
     label, found = study.train.target_label, []
     rows = study.effects.query("status == 'added'").to_dict("records")
     sure: dict[Any, float] = study.quantities["probability"].to_dict() if len(study.quantities) else {}
-    # Files of before know no quantities.
+    # Of several equations each says in which it doubts; files of before know no quantities.
+    about = {name: f"in {label(name)}: " if len(study.maps) > 1 else "" for name in study.maps}
+    one = {name for name, where in about.items() if {where + ONE_LAW, where + AND_MORE} & set(study.against)}
     groups = {id(row): (row["equation"], row.get("quantity", "")) for row in rows}
     for row in rows:
         key = groups[id(row)]
         together = [other for other in rows if groups[id(other)] == key and other["probability"] < SURE]
-        if row in together and len(together) > 1 and sure.get(key, 0.0) >= SURE:
+        if row["equation"] in one and row in together and len(together) > 1 and sure.get(key, 0.0) >= SURE:
             if row is not together[0]:
                 continue
             parts = [f"{within(each['name'])} {probability_text(each['probability'])}" for each in together]
@@ -148,7 +150,7 @@ def _missing(study: StudyResult, said: Sequence[str], closed: str) -> str:
         return f"Something is missing, most likely {' and '.join(said)}{instead}; adding the likeliest {closed}."
     if remembers := "; ".join(text for name in study.maps if (text := remembered(study, name))):
         return f"{lacks}, and something else that {remembers}; adding what has a name {closed}."
-    if study.against and all(text.endswith(ONE_LAW) for text in study.against):
+    if set(study.against) == {ONE_LAW}:
         return f"{lacks}; adding {it} {closed}."
     if study.against:
         return f"{lacks}, but that is not all; adding {it} {closed}."

@@ -1,6 +1,7 @@
 """What smoothed samples stand for: means over jumps, values where terms are smooth."""
 
 import numpy as np
+import pytest
 from scipy.stats import norm
 
 from bayes_greybox.data.rates.sample_spread import SampleSpread
@@ -18,6 +19,19 @@ def test_a_jump_is_its_mean_over_the_noise():
     assert np.abs(found - (2 * norm.cdf(v / 3e-4) - 1)).max() < 2 / 64
 
 
+@pytest.mark.parametrize("noise", [{}, {"v": 0.02}, {"v": 0.1}])
+def test_falling_crossings_are_as_rising_ones(noise):
+    v = 0.1 * (np.arange(-10, 11) - 0.3)
+    rising, falling = (
+        spread.mean(lambda c: np.sign(c["v"])[:, None], spread.beside({"v": own}))
+        for own in (v, -v)
+        for spread in (spread_of(own, noise),)
+    )
+    assert np.abs(rising[7:13]).min() < 0.9
+    # 64 points of a plane leave a discrepancy of about log 64 / 64 of an area.
+    assert np.abs(rising + falling).max() < 2 * np.log(64) / 64
+
+
 def test_a_jump_is_the_share_of_the_step_on_either_side():
     v = 0.1 * (np.arange(-10, 11) - 0.3)
     spread = spread_of(v, {})
@@ -28,13 +42,20 @@ def test_a_jump_is_the_share_of_the_step_on_either_side():
     assert abs(found[10] + 0.6) < 2 / 64
 
 
-def test_smooth_terms_are_untouched():
+def test_a_stepped_input_takes_no_values_that_it_never_had():
+    u = np.repeat([1.0, -1.0, 1.0, -1.0], 5)
+    spread = spread_of(u, {})
+    found = spread.mean(lambda c: np.heaviside(c["v"] - 1.2, 0.5)[:, None], spread.beside({"v": u}))
+    assert not found.any()
+
+
+def test_away_from_jumps_values_are_untouched():
     t = np.linspace(0, 20, 2001)
     v, y = np.cos(3 * t), np.sin(3 * t) / 3
     spread = spread_of(v, {"v": 2e-3, "y": 1e-3}, y=y)
 
     def evaluate(c):
-        return np.stack([c["v"], c["v"] ** 3, c["y"] * np.abs(c["y"]), np.tanh(c["v"] / 0.2)], axis=1)
+        return np.stack([1 + np.sign(c["v"] + 2), c["y"] * np.abs(c["y"]) + 1], axis=1)
 
     columns = {"v": v, "y": y}
     assert np.array_equal(spread.mean(evaluate, spread.beside(columns)), evaluate(columns))
@@ -53,7 +74,8 @@ def test_a_jump_in_a_difference_of_noisy_states_is_seen():
 def test_runs_do_not_reach_into_each_other():
     v = np.array([1.0, 1.1, 1.2, -5.0, -5.1, -5.2, 7.0])
     spread = SampleSpread.of({"v": v}, (3, 3, 1), {"v": np.inf})
-    assert np.allclose(spread.change["v"], [0.1, 0.1, 0.1, -0.1, -0.1, -0.1, 0.0])
+    assert np.allclose(spread.ahead["v"], [0.1, 0.1, 0.0, -0.1, -0.1, 0.0, 0.0])
+    assert np.allclose(spread.behind["v"], [0.0, 0.1, 0.1, 0.0, -0.1, -0.1, 0.0])
     assert not spread.noise
 
 

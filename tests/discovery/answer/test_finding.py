@@ -9,6 +9,7 @@ import pytest
 from bayes_greybox.data.noise.protocol import RowNoise
 from bayes_greybox.discovery.answer.doubt import Doubt
 from bayes_greybox.discovery.answer.finding import (
+    AND_MORE,
     NEGLIGIBLE,
     SAME,
     SUBSTANTIAL,
@@ -36,7 +37,9 @@ class Written(Evaluations):
         for k, letter in enumerate(letters):
             column = on.get(letter, f"x{k}")
             effect = SimpleNamespace(slug=letter, names={"r": column}, label=f"{letter}(r={column})")
-            columns.append(SimpleNamespace(effect=effect, suspect=None, inner={"v": 1.0} if letter in inner else {}))
+            values = {"v": 1.0} if letter in inner else {}
+            formula = SimpleNamespace(states=())
+            columns.append(SimpleNamespace(effect=effect, suspect=None, inner=values, formula=formula))
         effects = list(range(len(SUSPECTS), len(columns)))
         self.statistics, self.odds = SimpleNamespace(columns=columns, of_kind={"effect": effects}.get), Odds()
 
@@ -364,6 +367,16 @@ def test_what_may_be_one_law_is_added_unless_something_else_is_unknown():
     assert len(decided({"abc": 0.6, "unknown": 0.4}, on=on).places) == 3
     # As much as that of which nothing is known counts against it, not the half that would look the same.
     assert decided({"abc": 0.4, "unknown": 0.6}, on=on).verdict == "unknown"
+
+
+def test_what_may_be_one_law_does_not_speak_for_another_effect():
+    table = {"a": 0.25, "bc": 0.23, "bd": 0.23, "unknown": 0.29}
+    assert decided(table, on=dict.fromkeys("abcd", "x"), inner="b").verdict == "unknown"
+
+
+def test_what_is_left_beside_what_may_be_one_law_is_told():
+    finding = decided({"ab & rest": 1.0}, on=dict.fromkeys("ab", "x"), inner="b", share=0.1)
+    assert finding.verdict == "partly named" and finding.against == (AND_MORE,)
 
 
 def test_a_quantity_is_surer_than_the_names_of_its_laws():

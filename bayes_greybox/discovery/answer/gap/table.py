@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from jaxtyping import Float
 
 from bayes_greybox.data.samples.clipping import seen_samples
 from bayes_greybox.data.samples.sample_noise import NORMAL_MEDIAN, sample_noise
@@ -13,6 +14,7 @@ from bayes_greybox.data.samples.starts import Starts
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.answer.amendment import Amendment
 from bayes_greybox.model.program import Program
+from bayes_greybox.model.rows.equation_rows import EquationRows, Evaluate, Jumps
 
 from .denials import MISFIT
 from .free_runs import LEVEL, FreePath, FreeRuns, over
@@ -68,8 +70,8 @@ def gap_rows(
         size = float(np.mean(measured.measured**2)) * measured.gain**2
         # Before, nothing was known of the sensors either. A filtered rate is compared with the filter's mean of what
         # was added.
-        before = raw.operate(raw.at_samples(lambda at, own=amendment: own.rates_before(at)[:, None]))[:, 0]
-        after = measured.operate(measured.at_samples(lambda at, own=amendment: own.rates(at, RATE_DRAWS)[1].T)).T
+        before = _on_rows(raw, amendment, lambda at, own=amendment: own.rates_before(at)[:, None], 1)[:, 0]
+        after = _on_rows(measured, amendment, lambda at, own=amendment: own.rates(at, RATE_DRAWS)[1].T, RATE_DRAWS).T
         # In the unit of the sensor: rows near another model are over another gain.
         variance = float(np.var(measured.measured)) * measured.gain**2
         noise = (amendment.sigma * amendment.gain) ** 2
@@ -116,3 +118,9 @@ def _own_noise(data: Trajectories) -> float:
         return 0.0
     shown = replace(samples, noise={}).keep(seen_samples(samples))
     return float(sample_noise(shown.time, shown.matrix(shown.state_names), shown.run_lengths)[0]) ** 2
+
+
+def _on_rows(rows: EquationRows, amendment: Amendment, evaluate: Evaluate, k: int) -> Float[np.ndarray, "n_row k"]:
+    """What the filter, or the path, makes of what was added: where a term of it jumps, all of it does."""
+    jumps = Jumps(range(k), evaluate) if amendment.jumps else None
+    return rows.operate(rows.at_samples(evaluate, jumps))
