@@ -70,7 +70,8 @@ def test_the_fmu_is_the_pendulum_without_friction(tmp_path):
 
 def row(**changed):
     found = {
-        "case": "a", "replicate": 0, "verdict": "named", "added": {"b": 0.99}, "likely": {}, "missed": [], "wrong": [],
+        "case": "a", "replicate": 0, "verdict": "named", "added": {"b": 0.99}, "likely": {}, "laws": {"v": 0.999, "": 0.7}, "missed": [],
+        "wrong": [],
         "covered": {"b": True}, "rmse": [0.001, 0.002], "rmse_before": [0.2, 0.1], "seconds": 1.0,
     }  # fmt: skip
     return {**found, **changed}
@@ -82,6 +83,7 @@ def test_a_row_says_names_and_errors_in_millimetres():
         table.loc["a", "names"] == "b 0.990"
         and table.loc["a", "unseen"] == 2.0
         and table.loc["a", "covered"] == "1 of 1"
+        and table.loc["a", "laws"] == "of v 0.999, of nothing 0.700"
     )
     assert table.loc["b", "verdict"] == "refused" and np.isnan(table.loc["b", "train"])
 

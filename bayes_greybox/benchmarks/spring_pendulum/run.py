@@ -160,6 +160,7 @@ def study(file: Path, case: Case, replicate: int, seed: int) -> dict[str, Any]:
         "added": answer.added,
         "likely": {slug: p for slug, p in probabilities.items() if p >= LIKELY and slug not in answer.names},
         "tied": sorted(answer.tied - answer.names),
+        "laws": {name: float(p) for (_, name), p in found.quantities["probability"].items() if p >= LIKELY},
         "missed": sorted(set(case.truth) - answer.names),
         "wrong": answer.wrong,
         "right": found.verdict == ("named" if case.lacks else "no gap") and answer.names == set(case.truth),
@@ -213,9 +214,10 @@ def score(rows: Sequence[dict[str, Any]]) -> pd.DataFrame:
 
     Returns:
         verdict ("refused" where there was none), names (slugs with their probabilities), likely (of those that were
-        not added and have one of `LIKELY`), missed, wrong (as
-        `Answer.wrong` says), covered (90 % intervals that hold their coefficient, of those of right names), train and
-        unseen (errors of the position in free runs, mm), before (of the simulation alone, on both), seconds.
+        not added and have one of `LIKELY`), laws (quantities that a law is missing of, with probabilities; that of
+        nothing is a constant), missed, wrong (as `Answer.wrong` says), covered (90 % intervals that hold their
+        coefficient, of those of right names), train and unseen (errors of the position in free runs, mm), before (of
+        the simulation alone, on both), seconds.
     """
     table = []
     for row in rows:
@@ -229,6 +231,7 @@ def score(rows: Sequence[dict[str, Any]]) -> pd.DataFrame:
             one |= {
                 "names": _listed(row["added"]),
                 "likely": _listed(row["likely"]),
+                "laws": _listed({f"of {name or 'nothing'}": p for name, p in row["laws"].items()}),
                 "missed": ", ".join(row["missed"]),
                 "wrong": ", ".join(row["wrong"]),
                 "covered": f"{sum(held)} of {len(held)}",
