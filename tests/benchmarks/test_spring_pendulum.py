@@ -70,9 +70,9 @@ def test_the_fmu_is_the_pendulum_without_friction(tmp_path):
 
 def row(**changed):
     found = {
-        "case": "a", "replicate": 0, "verdict": "named", "added": {"b": 0.99}, "likely": {}, "laws": {"v": 0.999, "": 0.7}, "missed": [],
-        "wrong": [],
-        "covered": {"b": True}, "rmse": [0.001, 0.002], "rmse_before": [0.2, 0.1], "seconds": 1.0,
+        "case": "a", "replicate": 0, "verdict": "named", "added": {"b": 0.99}, "likely": {},
+        "laws": {"v": 0.999, "": 0.7}, "missed": [], "wrong": [], "covered": {"b": True}, "rmse": [0.001, 0.002],
+        "rmse_before": [0.2, 0.1], "seconds": 1.0,
     }  # fmt: skip
     return {**found, **changed}
 
