@@ -16,6 +16,7 @@ from .answer.amendment import Amendment, Remainder
 from .answer.checks.adequacy import Check, check_explanation
 from .answer.checks.contradictions import contradictions, noise_as_force, with_noisy_states
 from .answer.checks.ends import at_ends
+from .answer.checks.filtered import rounded_off
 from .answer.checks.linearity import check_linearity
 from .answer.checks.motion import MotionCheck
 from .answer.coefficients import Coefficients, draw_coefficients, plain, sensor_errors
@@ -87,6 +88,7 @@ def study_equation(
         if finding.verdict == "no gap" and aligned.late:
             finding = replace(finding, verdict="instrument")
         said = [*bounded, *(check.text for check in checks if not check.ok)]
+        said += rounded_off(finding.world.evaluations.statistics, finding.base)
         return finding.capped(said), checks
 
     finding, checks = decided(())

@@ -43,4 +43,7 @@ def test_a_filter_does_not_make_a_jump_a_rounded_one(noise):
     )
     told = study.hypotheses.loc["v"]["probability"]
     assert told.idxmax() == "coulomb-friction", study.sentence
+    # Whether it jumps or bends is beyond what a filter leaves of it.
+    assert study.verdict in ("partly named", "one of")
+    assert any("rates that a filter computed do not show how Coulomb friction is" in text for text in study.against)
     assert sum(p for name, p in told.items() if "smooth-friction" in str(name)) < 0.3, study.sentence

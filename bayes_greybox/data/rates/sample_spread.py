@@ -12,7 +12,7 @@ Measurement Error in Nonlinear Models, section 4.1). Elsewhere, and where a term
 right: over a step the filter's weights integrate it, to cubics.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -101,20 +101,38 @@ class SampleSpread:
                     value[some] = np.where(np.isfinite(around), around, value[some])
         return value
 
+    def bends(self, evaluate: Evaluate, columns: Columns) -> Float[np.ndarray, " n"]:
+        """Largest second difference of one function within reach of each sample.
+
+        Args:
+            evaluate: From columns to its values [n, 1].
+            columns: At all samples.
+        """
+        value, beside = np.asarray(evaluate(columns)), self.beside(columns)
+        found = np.zeros(len(value))
+        for first, other in self._ends(columns, beside):
+            found = np.fmax(found, np.abs(evaluate(first) + evaluate(other) - 2 * value)[:, 0])
+        return found
+
     def _near(self, evaluate: Evaluate, x: Columns, columns: Columns, value: np.ndarray) -> Bool[np.ndarray, "n k"]:
-        """Whether a jump is within reach of a sample, on either side of the step and of the noise of one state."""
+        """Whether a jump is within reach of a sample."""
         near = np.zeros(value.shape, bool)
+        for first, other in self._ends(x, columns):
+            a, b = np.asarray(evaluate(first)), np.asarray(evaluate(other))
+            size = np.maximum(np.maximum(np.abs(a), np.abs(b)), np.abs(value))
+            # What is not finite is not known to jump.
+            near |= np.abs(a + b - 2 * value) > JUMP * size
+        return near
+
+    def _ends(self, x: Columns, columns: Columns) -> Iterator[tuple[dict[str, np.ndarray], dict[str, np.ndarray]]]:
+        """Where samples may be, on either side of the step and of the noise of one state."""
         # One state's noise after the other: noise in all at once has no effect on what depends on a difference.
         for state in self.noise or [""]:
             for side in (1.0, -1.0) if self.noise else (0.0,):
                 s = side * REACH * self.noise.get(state, 0.0)
                 first = {name: x[name] + columns[name + NEXT] / 2 + (s if name == state else 0.0) for name in x}
                 other = {name: x[name] - columns[name + LAST] / 2 - (s if name == state else 0.0) for name in x}
-                a, b = np.asarray(evaluate(first)), np.asarray(evaluate(other))
-                size = np.maximum(np.maximum(np.abs(a), np.abs(b)), np.abs(value))
-                # What is not finite is not known to jump.
-                near |= np.abs(a + b - 2 * value) > JUMP * size
-        return near
+                yield first, other
 
     def _moved(self, x: Columns, columns: Columns, at: np.ndarray) -> dict[str, np.ndarray]:
         """Columns at the points around some samples."""

@@ -1,0 +1,46 @@
+"""What rates that a filter computed cannot say of an answer: how an effect looks where it jumps.
+
+A row has a jump's mean over what a sample stands for (`SampleSpread`), but the smoothed state itself is off where the
+true one has a kink, and a mass that sticks has a friction that is no function of its velocity. Whether it jumps, bends
+or sticks there is beyond such rows: samples, followed along a path, tell.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from bayes_greybox.discovery.evidence.sufficient_statistics import SufficientStatistics
+from bayes_greybox.physics.catalogue.names import within
+
+BENDS = 0.25
+"""Second difference of an effect within reach of a sample, over its RMS, from which on its shape there is not seen."""
+
+SEEN = 0.005
+"""Share of the samples that may bend so."""
+
+
+def rounded_off(statistics: SufficientStatistics, effects: Sequence[int]) -> list[str]:
+    """A sentence where effects of an answer jump within what a filtered sample stands for.
+
+    Args:
+        statistics: Of the equation.
+        effects: Columns of the answer's effects.
+    """
+    rows = statistics.rows
+    if rows.spread is None:
+        return []
+    names = []
+    for i in effects:
+        column = statistics.columns[i]
+        if column.effect is None or column.formula.states:
+            continue
+        values = statistics.evaluate([i], rows.columns)
+        bends = rows.spread.bends(lambda at, i=i: statistics.evaluate([i], at), rows.columns)
+        if np.mean(bends > BENDS * np.sqrt(np.mean(values**2))) > SEEN:
+            names.append(within(column.effect.name))
+    if not names:
+        return []
+    return [
+        f"rates that a filter computed do not show how {' and '.join(names)} is near its jump: study the samples, "
+        "without differentiate"
+    ]
