@@ -300,7 +300,7 @@ def _found(
     fit, seconds = None, dict(found.settings["seconds"])
     if settle:
         # The answer is there; what follows gives its coefficients their posterior.
-        announce(f"{found.verdict.upper()}: {sentence(found)}")
+        announce(f"{found.verdict.upper()}: {sentence(found)}", answer=True)
         start = time.perf_counter()
         try:
             fit = amended.fit(

@@ -90,7 +90,8 @@ def test_the_record_is_plain_json(here, study, found):
     assert (record["config"], record["verdict"], record["sentence"]) == ("case.toml", "named", study.sentence)
     assert record["convergence"] == {"ok": True, "reasons": []}
     assert record["sampling"]["seed"] == 7
-    assert record["data"] == {"train": study.train.n_obs, "test": study.test.n_obs, "of": "measured rates"}
+    counted = {"train": study.train.n_obs, "test": study.test.n_obs}
+    assert record["data"] == {**counted, "of": "measured rates", "remarks": []}
     best = record["effects"][0]
     assert (best["slug"], best["status"], best["tied_with"]) == ("cubic-stiffness", "added", [])
     assert {row["metric"] for row in record["gap"]} >= {"derivative NMSE", "free-run NRMSE"}
