@@ -23,8 +23,8 @@ def path_of(posterior: Posterior) -> ReferencePath:
 
 
 def start_draws(
-    equation: Equation, path: ReferencePath, theta: Float[Array, "n_draw n_term"],
-    weight: Float[Array, "n_draw n_basis"], sigma: Float[np.ndarray, " n_draw"], seed: int,
+    equation: Equation, path: ReferencePath, theta: Float[Array | np.ndarray, "n_draw n_term"],
+    weight: Float[Array | np.ndarray, "n_draw n_basis"], sigma: Float[Array | np.ndarray, " n_draw"], seed: int,
 ) -> Float[np.ndarray, "n_draw n_segment n_state"]:  # fmt: skip
     """Draws of the states at the start of each segment, one for each draw of the coefficients; user's units.
 

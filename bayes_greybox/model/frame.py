@@ -140,7 +140,7 @@ class Frame:
         x = self.position(columns)
         if self.basis is None:
             return np.zeros(x.shape[0])
-        plain = self.basis.weighted(held_inside(self.basis, x), weight)
+        plain = self.basis.weighted(np.asarray(held_inside(self.basis, x)), weight)
         return plain - Phi @ (self.orthonormal @ (self.moments @ weight)) if self.projected else plain
 
     def inside(self, columns: Mapping[str, Array | np.ndarray]) -> np.ndarray:
