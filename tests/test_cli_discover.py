@@ -19,6 +19,7 @@ from bayes_greybox.cli.benchmarking import RUNS
 from bayes_greybox.cli.options import Benchmark
 from bayes_greybox.config import load_config
 from bayes_greybox.data.errors import InputError
+from bayes_greybox.running.stages import announce
 
 CONFIGS = Path(__file__).parents[1] / "configs"
 
@@ -81,6 +82,20 @@ def test_the_folder_has_the_report_the_record_the_study_the_figures_and_the_conf
     out = capsys.readouterr().out
     assert out.startswith("NAMED: ") and "cubic stiffness" in out and "out/gap.html" in out
     assert "What speaks against it" in out and "Residuals are white" in out
+
+
+def test_the_verdict_is_told_once(here, study, monkeypatch, capsys):
+    (here / "case.toml").write_text(PLAIN)
+
+    def find(*_, **__):
+        # As `find_missing_effects` does before it samples.
+        announce(f"{study.verdict.upper()}: {study.sentence}", answer=True)
+        return study
+
+    monkeypatch.setattr("bayes_greybox.fleet.study.find_missing_effects", find)
+    assert cli.main(["discover", "case.toml"]) == 0
+    out, err = capsys.readouterr()
+    assert f"{out}{err}".count("NAMED: ") == 1 and out.startswith("NAMED: ")
 
 
 def test_the_record_is_plain_json(here, study, found):
