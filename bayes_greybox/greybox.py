@@ -20,6 +20,7 @@ from bayes_greybox.criticism.cross_validation.row_densities import log_likelihoo
 from bayes_greybox.criticism.discrepancy import DiscrepancyGrid, discrepancy_grid, discrepancy_table
 from bayes_greybox.criticism.equations.of_posterior import fitted_system
 from bayes_greybox.criticism.equations.rates import LearnedRates, learned_rates
+from bayes_greybox.criticism.equations.starts import estimated_starts
 from bayes_greybox.criticism.free_run import FreeRun, free_run
 from bayes_greybox.criticism.inclusion import ROPE, inclusion
 from bayes_greybox.criticism.kept.file import save_checked
@@ -306,8 +307,8 @@ class Fit(Posterior):
         """
         system = fitted_system(self)
         f = [name for name, each in system.learned.items() if each.discrepancy is not None and each.discrepancy.left]
-        notes = Notes(str(self.verdict), discrepancy=dict.fromkeys(f, "which the data tell from zero"))
-        export_system(system, path, notes)
+        left = dict.fromkeys(f, "which the data tell from zero")
+        export_system(system, path, Notes(str(self.verdict), discrepancy=left, estimated=estimated_starts(self)))
 
     def to_json(self) -> str:
         """The equations as JSON text: terms, coefficients with 90 % intervals and inclusion, units; see the guide."""

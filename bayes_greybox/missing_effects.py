@@ -10,6 +10,7 @@ from typing import Any
 import sympy
 
 from bayes_greybox.criticism.equations.rates import LearnedRates, learned_rates
+from bayes_greybox.criticism.equations.starts import estimated_starts
 from bayes_greybox.criticism.kept.file import checked_of
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.rates.held_out import with_filter_of
@@ -127,7 +128,8 @@ class Study(StudyResult):
         remarks = tuple(f"Of the sensors, not of the machine: {text}." for text in measurement_in_words(self))
         left = dict.fromkeys(f, "what is left that has no name")
         known = self.model.states(self.train)
-        export_system(system, path, Notes(self.sentence, remarks, left, self.model.rows.starts, known))
+        starts = {} if self.fit is None else estimated_starts(self.fit)
+        export_system(system, path, Notes(self.sentence, remarks, left, self.model.rows.starts, known, starts))
 
     def to_json(self) -> str:
         """The amended model as JSON text; as `Fit.to_json`, with inner parameters and hidden states."""
@@ -300,7 +302,7 @@ def _found(
     fit, seconds = None, dict(found.settings["seconds"])
     if settle:
         # The answer is there; what follows gives its coefficients their posterior.
-        announce(f"{found.verdict.upper()}: {sentence(found)}")
+        announce(f"{found.verdict.upper()}: {sentence(found)}", answer=True)
         start = time.perf_counter()
         try:
             fit = amended.fit(

@@ -63,7 +63,7 @@ def _where(figure, gap, inside) -> None:
     maps = {"the simulation as given": (left, gap.before), "with the effect added": (right, gap.after)}
     x, y = gap.axes
     for title, (ax, values) in maps.items():
-        colours = ax.pcolormesh(x, y, values.T, cmap="RdBu_r", vmin=-limit, vmax=limit, shading="gouraud")
+        colours = ax.pcolormesh(x, y, values.T, cmap="PRGn", vmin=-limit, vmax=limit, shading="gouraud")
         ax.contourf(x, y, inside.T.astype(float), levels=[-1, 0.5], colors="white")
         ax.plot(*gap.samples[::2].T, "o", color="#222222", markersize=1.4, markeredgewidth=0, alpha=0.5)
         ax.set(title=title, xlabel="position [m]", xlim=(x[0], x[-1]), ylim=(y[0], y[-1]))

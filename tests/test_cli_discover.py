@@ -19,6 +19,7 @@ from bayes_greybox.cli.benchmarking import RUNS
 from bayes_greybox.cli.options import Benchmark
 from bayes_greybox.config import load_config
 from bayes_greybox.data.errors import InputError
+from bayes_greybox.running.stages import announce
 
 CONFIGS = Path(__file__).parents[1] / "configs"
 
@@ -83,6 +84,20 @@ def test_the_folder_has_the_report_the_record_the_study_the_figures_and_the_conf
     assert "What speaks against it" in out and "Residuals are white" in out
 
 
+def test_the_verdict_is_told_once(here, study, monkeypatch, capsys):
+    (here / "case.toml").write_text(PLAIN)
+
+    def find(*_, **__):
+        # As `find_missing_effects` does before it samples.
+        announce(f"{study.verdict.upper()}: {study.sentence}", answer=True)
+        return study
+
+    monkeypatch.setattr("bayes_greybox.fleet.study.find_missing_effects", find)
+    assert cli.main(["discover", "case.toml"]) == 0
+    out, err = capsys.readouterr()
+    assert f"{out}{err}".count("NAMED: ") == 1 and out.startswith("NAMED: ")
+
+
 def test_the_record_is_plain_json(here, study, found):
     (here / "case.toml").write_text(PLAIN)
     cli.main(["discover", "case.toml", "--quiet", "--seed", "7"])
@@ -90,7 +105,8 @@ def test_the_record_is_plain_json(here, study, found):
     assert (record["config"], record["verdict"], record["sentence"]) == ("case.toml", "named", study.sentence)
     assert record["convergence"] == {"ok": True, "reasons": []}
     assert record["sampling"]["seed"] == 7
-    assert record["data"] == {"train": study.train.n_obs, "test": study.test.n_obs, "of": "measured rates"}
+    counted = {"train": study.train.n_obs, "test": study.test.n_obs}
+    assert record["data"] == {**counted, "of": "measured rates", "remarks": []}
     best = record["effects"][0]
     assert (best["slug"], best["status"], best["tied_with"]) == ("cubic-stiffness", "added", [])
     assert {row["metric"] for row in record["gap"]} >= {"derivative NMSE", "free-run NRMSE"}

@@ -33,6 +33,10 @@ SPELT = {
     "roles={'position': ...}": '[study.roles] position = "column"',
     'leave it out (constant="keep" allows it in held-out data)': '[data] constant = "keep"',
     "pass dayfirst=True or dayfirst=False": "[data] dayfirst = true; or [data] dayfirst = false",
+    "give the column one there: inputs={'Kraft_N': 'Kraft N', 'T': 'T'}.": '[data] inputs = { Kraft_N = "Kraft N", '
+    'T = "T" }',
+    """there: states={'Höhe_mm': 'Höhe {mm}', "x5s": "5's"}.""": '[data] states = { "Höhe_mm" = "Höhe {mm}", '
+    'x5s = "5\'s" }',
     "bg.RegularisedHorseshoe(), or skiprows=1": '[prior] kind = "regularised_horseshoe"; or [data] skiprows = 1',
 }
 
@@ -87,6 +91,19 @@ def test_an_equation_of_an_input_is_refused_before_any_work(here, capsys):
 def test_a_rate_that_is_only_named_is_asked_for(here, capsys):
     (here / "run.toml").write_text(CONFIG.replace("F - y", "v"))
     assert 'add a line v = "..." with what your simulation says' in refuse(capsys, "discover", "run.toml")
+
+
+def test_a_column_that_cannot_stand_in_formulas_is_told_the_line_that_names_it(here, capsys):
+    table = pd.read_csv(here / "run.csv").rename(columns={"F": "Kraft N"})
+    table.to_csv(here / "run.csv", index=False)
+    (here / "run.toml").write_text(CONFIG.replace('["F"]', '["Kraft N", "z"]'))
+    said = refuse(capsys, "discover", "run.toml")
+    (line,) = re.findall(r"In a file: \[data\] (inputs = \{.*\})", said)
+    assert line == 'inputs = { Kraft_N = "Kraft N", z = "z" }'
+    # As it was told, the file is read.
+    (here / "run.toml").write_text(CONFIG.replace('inputs = ["F"]', line).replace("F - y", "Kraft_N - y"))
+    train, _ = load_config(here / "run.toml").read_data()
+    assert train.input_names == ("Kraft_N", "z")
 
 
 def test_two_equations_of_samples_are_told_the_line_of_the_file(here, capsys):

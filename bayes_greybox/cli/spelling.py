@@ -1,5 +1,7 @@
 """Remedies as whoever types a command can follow them: an error names arguments of Python, a file has keys."""
 
+import ast
+import json
 import re
 from collections.abc import Callable
 
@@ -10,6 +12,9 @@ _QUOTED = r'"([^"]*)"'
 
 _NAME = r"""(?<!\w)(?:"[^"]*"|'(?:[^'\\]|\\.)*')(?!\w)"""
 """What is quoted: a name, or the value of an argument that begins before it; an apostrophe in a word quotes nothing."""
+
+_TABLE = r"""\{(?=['"])(?:'(?:[^'\\]|\\.)*'|"(?:[^"\\]|\\.)*"|[^{}'"])*\}"""
+"""A mapping of names to columns as Python shows it."""
 
 _IN_FILES: tuple[tuple[str, Callable[[re.Match[str]], str]], ...] = (
     (r"GreyBox\(dictionary=\{'(\w+)': (\[.*?\])\}", lambda m: f"[dictionary] {m[1]} = {m[2]}".replace("'", '"')),
@@ -24,6 +29,7 @@ _IN_FILES: tuple[tuple[str, Callable[[re.Match[str]], str]], ...] = (
     (r"\bcolumns=\[", lambda m: '[data] columns = ["name", ...]'),
     (r"\b(derivatives|rates)=(?:\{\"(\w+)\": \"(\w+)\"\}|\.\.\.)",
      lambda m: f'[data] {m[1]} = {{ {m[2] or "state"} = "{m[3] or "column of its rate"}" }}'),
+    (rf"(?<=: )(states|inputs|outputs)=({_TABLE})", lambda m: f"[data] {m[1]} = {_inline(m[2])}"),
     (r"\boutputs=\.\.\.", lambda m: "[data] outputs"),
     (r"\bdt=", lambda m: "[data] dt = distance of rows"),
     (r"roles=\{'(\w+)'", lambda m: f'[study.roles] {m[1]} = "column"'),
@@ -73,6 +79,16 @@ def _remedies(python: str, message: str) -> list[re.Match[str]]:
     """Where a message has an argument, and not a name that reads like one."""
     quoted = [match.span() for match in re.finditer(_NAME, message)]
     return [match for match in re.finditer(python, message) if not any(a < match.start() < b for a, b in quoted)]
+
+
+def _inline(table: str) -> str:
+    """Python's mapping as an inline table of TOML; keys without quotes where they need none."""
+    keys = {
+        key if re.fullmatch(r"[A-Za-z0-9_-]+", key) else json.dumps(key, ensure_ascii=False): column
+        for key, column in ast.literal_eval(table).items()
+    }
+    said = ", ".join(f"{key} = {json.dumps(column, ensure_ascii=False)}" for key, column in keys.items())
+    return f"{{ {said} }}"
 
 
 def _snake(name: str) -> str:

@@ -65,11 +65,12 @@ def linearity(posterior: Posterior, equation: str) -> Linearity:
     draws = posterior.draws(equation, draws_followed(rows))
     if rows.exact is not None and not design.expands and draws.f.shape[1]:
         return Linearity(math.nan, khat_threshold(max(len(draws.theta), MIN_DRAWS)))
+    weight = np.asarray(draws.weight)
     acting = [[label[0] == state for label in frame.labels] for state in rows.learned]
 
     def added(columns: Columns, draw: int) -> np.ndarray:
-        Phi, Psi = map(np.asarray, frame.rows(columns))
-        f = Psi @ draws.weight[draw] if draws.weight.shape[1] else 0.0
+        Phi = np.asarray(frame.dictionary_rows(columns))
+        f = frame.f(columns, Phi, weight[draw]) if weight.shape[1] else 0.0
         return frame.target_scale * np.column_stack([Phi[:, own] @ draws.theta[draw, own] + f for own in acting])
 
     return linearity_of_paths(rows, added, frame.target_scale * np.asarray(draws.hyper.sigma))

@@ -38,7 +38,8 @@ def study_into(
         InputError: Data, model or folder cannot be used.
     """
     with ExitStack() as work:
-        with stages(progress):
+        # Whoever is told of the study says its verdict, once.
+        with stages(progress, answers=False):
             with stage("Starting", said=False):
                 folder = work.enter_context(output_folder(place))
                 arguments = settings.study_arguments()

@@ -134,6 +134,23 @@ class Frame:
         Phi = self.dictionary_rows(columns)
         return Phi, self.orthogonal(Phi, self.plain_features(columns))
 
+    def f(
+        self, columns: Mapping[str, np.ndarray], Phi: Float[np.ndarray, "n_row n_term"],
+        weight: Float[np.ndarray, " n_basis"],
+    ) -> Float[np.ndarray, " n_row"]:  # fmt: skip
+        """Ψ̃ w of one draw in scaled units, without Ψ̃, which long paths of many draws have no time for.
+
+        Args:
+            columns: Rows.
+            Phi: `dictionary_rows` of them.
+            weight: w.
+        """
+        x = self.position(columns)
+        if self.basis is None:
+            return np.zeros(x.shape[0])
+        plain = self.basis.weighted(np.asarray(held_inside(self.basis, x)), weight)
+        return plain - Phi @ (self.orthonormal @ (self.moments @ weight)) if self.projected else plain
+
     def inside(self, columns: Mapping[str, Array | np.ndarray]) -> np.ndarray:
         """Which rows lie in the box of the data."""
         return np.all(np.abs(np.asarray(self.position(columns))) <= 1 + 1e-9, axis=-1)
@@ -157,4 +174,11 @@ def held_features(
     basis: HilbertBasis, x: Float[Array | np.ndarray, "n_row n_var"]
 ) -> Float[Array | np.ndarray, "n_row n_basis"]:
     """ψ; outside the features' domain the expansion would repeat itself, so there f is held at its edge value."""
-    return basis(namespace([x]).clip(x, -basis.half_widths, basis.half_widths))
+    return basis(held_inside(basis, x))
+
+
+def held_inside(
+    basis: HilbertBasis, x: Float[Array | np.ndarray, "n_row n_var"]
+) -> Float[Array | np.ndarray, "n_row n_var"]:
+    """Points of the features' domain nearest to given ones."""
+    return namespace([x]).clip(x, -basis.half_widths, basis.half_widths)

@@ -82,6 +82,22 @@ def derivative_unit(state: str, units: Mapping[str, str]) -> str:
     return f"{rate:~P}" or "1"
 
 
+def with_rates(units: Mapping[str, str], rates: Mapping[str, str | None]) -> dict[str, str]:
+    """Units with those of states that are nothing but the rate of another one, such as m/s of the rate of a length.
+
+    Args:
+        units: Units by column name, the time's under "t"; what they say already stays.
+        rates: The state that is the rate, by the state whose rate it is; None where the rate is a formula.
+    """
+    known = dict(units)
+    for _ in rates:
+        # The rate of a rate has a unit once the first one has.
+        for state, rate in rates.items():
+            if rate is not None and not known.get(rate) and (unit := derivative_unit(state, known)):
+                known[rate] = unit
+    return known
+
+
 def target_unit(equation: str, data: Runs) -> str:
     """Unit of what an equation gives: of a state's derivative, or an output's own.
 

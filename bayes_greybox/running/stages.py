@@ -21,8 +21,8 @@ from rich.text import Text
 WORTH_SAYING = 1.0
 """Seconds from which on a log says how long a stage took."""
 
-SAID_EVERY = 30.0
-"""Seconds after which a log is told again what a stage is at."""
+SAID_FIRST, SAID_EVERY = 2.0, 30.0
+"""Seconds after which a log is told what a stage is at, the first time and then again and again."""
 
 log = logging.getLogger(__name__)
 
@@ -32,9 +32,9 @@ _DISPLAY: ContextVar["Display | None"] = ContextVar("display", default=None)
 class Display:
     """Lines of stages on stderr: bars in a terminal and in a notebook, what took long in words elsewhere."""
 
-    def __init__(self, console: Console) -> None:
+    def __init__(self, console: Console, answers: bool = True) -> None:
         """Show nothing yet."""
-        self.console = console
+        self.console, self.answers = console, answers
         self.live = console.is_terminal or console.is_jupyter
         self.open: list[Stage] = []
         self._over = threading.Event()
@@ -65,8 +65,10 @@ class Display:
             self._clock.join()
 
     def _tell(self) -> None:
-        """Say what the innermost stage is at, every now and then, until all is over."""
-        while not self._over.wait(SAID_EVERY):
+        """Say what the innermost stage is at, soon and then every now and then, until all is over."""
+        pause = SAID_FIRST
+        while not self._over.wait(pause):
+            pause = SAID_EVERY
             for stage in self.open[-1:]:
                 self.console.print(stage.so_far(), highlight=False, markup=False)
 
@@ -121,11 +123,12 @@ class Stage:
 
 
 @contextmanager
-def stages(show: bool) -> Iterator[None]:
+def stages(show: bool, answers: bool = True) -> Iterator[None]:
     """A display of all stages of some work, or the one that is open around it.
 
     Args:
         show: Whether to show anything; without it stages within belong to no display.
+        answers: Whether results are told before the work is over; not where they are printed behind it anyway.
     """
     if show and _DISPLAY.get() is not None:
         yield
@@ -137,7 +140,7 @@ def stages(show: bool) -> Iterator[None]:
         finally:
             _DISPLAY.reset(token)
         return
-    with Display(Console(stderr=True)) as display:
+    with Display(Console(stderr=True), answers) as display:
         token = _DISPLAY.set(display)
         try:
             yield
@@ -164,10 +167,15 @@ def stage(text: str, total: int | None = None, said: bool = True) -> Iterator[St
     line.done(said)
 
 
-def announce(text: str) -> None:
-    """A result that is there before the work is over, above the lines of the display; silent where none is open."""
+def announce(text: str, answer: bool = False) -> None:
+    """What is known before the work is over, above the lines of the display; silent where none is open.
+
+    Args:
+        text: What to say.
+        answer: Whether it is the result of the work, which the display may be asked not to tell.
+    """
     display = _DISPLAY.get()
-    if display is not None:
+    if display is not None and (display.answers or not answer):
         display.console.print(text, highlight=False, markup=False)
 
 

@@ -95,7 +95,7 @@ def _map(axes, effect: Effect) -> None:
     z = _function(effect.expression)({first: x, second: y, **_constants(effect)})
     limit = np.abs(z).max()
     levels = np.linspace(-limit, limit, 14)
-    colours = axes.contourf(x, y, z, levels=levels, cmap="RdBu_r")
+    colours = axes.contourf(x, y, z, levels=levels, cmap="PRGn")
     axes.set(xlabel=_words(first), ylabel=_words(second), title=_caption(effect))
     bar = axes.figure.colorbar(colours, ax=axes, label="effect", ticks=[-limit, 0, limit], format="%.2g")
     bar.outline.set_edgecolor(GREY)

@@ -55,6 +55,14 @@ def test_a_missing_effect_is_named_with_its_coefficient(cubic):
     assert abs(row["mean"] + 0.5) < 3 * row["sd"] < 0.1
 
 
+def test_what_follows_from_the_units_of_a_position_and_of_time_has_a_unit(cubic):
+    units = dict(zip(cubic.effects["slug"], cubic.effects["unit"], strict=True))
+    assert units["cubic-stiffness"] == "1/m²/s²" and units["quadratic-drag"] == "1/m"
+    assert cubic.corrections["unit"].to_dict() == {("v", "F"): "", ("v", "v"): "1/s", ("v", "y"): "1/s²"}
+    assert cubic.maps["v"].units == ("m", "m/s") and cubic.maps["v"].unit == "m/s²"
+    assert "[1/(m²·s²)] y³" in repr(cubic) and " m " in f"{' '.join(cubic.where['description'])} "
+
+
 def test_exact_paths_at_its_posterior_are_those_of_the_linear_rows(cubic):
     row = cubic.checks.loc[("v", "linearity")]
     assert row["ok"] and np.isnan(row["p"]) and row["khat"] < 0.7

@@ -13,6 +13,7 @@ from bayes_greybox.physics.units import (
     parse_unit,
     target_unit,
     term_unit,
+    with_rates,
 )
 
 UNITS = {
@@ -57,6 +58,18 @@ def test_derivative_unit_prefers_the_declared_one():
     assert parse_unit(derivative_unit("ydot", UNITS), "x") == parse_unit("m/s^2", "x")
     assert derivative_unit("ydot", {**UNITS, "d(ydot)/dt": "N/kg"}) == "N/kg"
     assert derivative_unit("z", UNITS) == "" and derivative_unit("y", {"y": "m"}) == ""
+
+
+def test_the_rate_of_a_state_has_a_unit_of_its_own():
+    rates = {"a": None, "v": "a", "y": "v", "F": "G"}
+    known = with_rates({"t": "s", "y": "mm"}, rates)
+    assert {name: parse_unit(unit, name) for name, unit in known.items()} == {
+        "t": parse_unit("s", "t"), "y": parse_unit("mm", "y"), "v": parse_unit("mm/s", "v"),
+        "a": parse_unit("mm/s^2", "a"),
+    }  # fmt: skip
+    # What is said stays, and nothing is made up without a unit of time.
+    assert with_rates({"t": "s", "y": "mm", "v": "m/s", "a": ""}, {"y": "v"})["v"] == "m/s"
+    assert with_rates({"y": "mm"}, {"y": "v"}) == {"y": "mm"}
 
 
 def test_the_unit_of_an_output_is_its_own():

@@ -8,6 +8,7 @@ from html import unescape
 import numpy as np
 import pandas as pd
 import pytest
+from rich.console import Console
 from tiny_study import DELAYED, judged, varied
 
 from bayes_greybox.report.folders.study_record import study_record
@@ -54,6 +55,14 @@ def test_a_failed_check_is_said_in_its_own_words_with_its_p_value(study):
     first = doubts(failed)[0]
     assert first.against and spaced(first.text) == "Residuals hang together over 0.4 s (whiteness, p < 0.001)"
     assert failed.against == ("residuals hang together over 0.4 s",) and failed.verdict == "partly named"
+
+
+def test_what_of_the_record_is_missing_is_said_wherever_the_verdict_is(study):
+    gap = 'run "0" has no rows from 17 to 19: it begins anew after them'
+    with_gap = replace(study, train=study.train.remarked(gap), test=study.test.remarked(gap, "every 2nd row"))
+    assert terminal(with_gap).count(gap) == 1 and "every 2nd row" in terminal(with_gap)
+    assert unescape(render(study_page(with_gap))).count(gap) == 1
+    assert study_record(with_gap, {})["data"]["remarks"] == [gap, "every 2nd row"]
 
 
 @pytest.mark.parametrize(("n", "words"), [(40, "a rest beside what has a name"), (39, "too few")])
@@ -123,6 +132,20 @@ def test_another_explanation_speaks_against_the_answer_where_it_is_likely(study)
     assert second.text.startswith("Cubic stiffness with probability 0.550, the answer 0.250; but it leaves 2.0")
 
 
+def test_what_speaks_against_unknown_is_what_has_a_name(study):
+    table = study.hypotheses.copy()
+    table["probability"] = 0.0
+    table.loc[("ydot", "unknown"), "probability"] = 0.75
+    table.loc[("ydot", "cubic-stiffness"), "probability"] = 0.25
+    unknown = replace(study, verdict="unknown", effects=study.effects.assign(status=""), hypotheses=table)
+    (others,) = by_topic(unknown, "Other explanations")
+    assert others.text == "What has a name, or needs none, has probability 0.250 in all" and others.against is False
+    assert not by_topic(unknown, "What remains") and not by_topic(study, "Other explanations")
+    table.loc[("ydot", ["unknown", "cubic-stiffness"]), "probability"] = 0.4, 0.6
+    (others,) = by_topic(unknown, "Other explanations")
+    assert others.against is True
+
+
 def test_effects_that_were_not_weighed_for_want_of_a_role_are_said(study):
     changed = replace(
         study, left_out={**study.left_out, ("ydot", "sine"): "no column plays the role 'position' (that)"}
@@ -168,8 +191,6 @@ def test_the_record_is_json_and_has_what_speaks_against_the_verdict(study):
 
 
 def terminal(study) -> str:
-    from rich.console import Console
-
     console = Console(width=300, record=True, file=io.StringIO())
     for part in study_tables(study):
         console.print(part)

@@ -139,6 +139,21 @@ def test_an_effect_with_memory_brings_its_hidden_state_and_how_that_starts(tmp_p
     np.testing.assert_allclose(by_c(tmp_path / "m.c", "m_rhs", x, u, 3), own, **CLOSE)
 
 
+def test_a_start_that_was_not_estimated_is_not_called_so(tmp_path):
+    system = system_of({"y": "v", "v": "-y"}, ["y**3"], ("y", "v"), (), "v")
+    samples = replace(system.data, states={"y": system.data.states["y"]})
+    system, path = replace(system, data=replace(system.data, samples=samples)), tmp_path / "model.py"
+    export_system(system, path, Notes())
+    text = " ".join(path.read_text().replace("#", " ").split())
+    assert "v: not measured; its start is that of a smoothed path and not estimated, set your own," in text
+    assert f"y: measured, {system.data.states['y'][0]:.6g} where the data start" in text
+    estimated = {"y": Value(1.23, 0.5, 0.5, 2.0), "v": Value(2.0953, 2.258, -1.5, 5.8)}
+    export_system(system, path, Notes(estimated=estimated))
+    text = " ".join(path.read_text().replace("#", " ").split())
+    assert "y: measured, 1.23 ± 0.50 where" in text and "v: not measured, 2.1 ± 2.3 where the data start" in text
+    assert "START = (1.23, 2.0953)" in text
+
+
 def test_a_hidden_state_of_no_term_in_the_answer_is_left_out(tmp_path):
     system = system_of(MEMORY, ["y**3"])
     export_system(system, tmp_path / "m.py", Notes(states=("y", "v")))

@@ -1,11 +1,16 @@
+from dataclasses import replace
+
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 from matplotlib.collections import LineCollection, QuadMesh
+from matplotlib.colors import to_hex
 from matplotlib.contour import ContourSet
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
 from bayes_greybox.data.errors import InputError
+from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.report.plots import (
     Coefficient,
     plot_free_run,
@@ -16,6 +21,8 @@ from bayes_greybox.report.plots import (
     plot_posteriors,
     plot_rounds,
 )
+from bayes_greybox.report.plots.gap.before_after import seen_as
+from bayes_greybox.report.plots.studies import gap_map, study_figures
 from bayes_greybox.report.plots.style import BLUE, SKY
 from bayes_greybox.report.words.formatting import percent_text, probability_text
 
@@ -51,6 +58,31 @@ def test_maps_that_are_compared_share_their_scale_and_outline_only_what_is_sure(
     assert "gap [m/s²]" in shown and "y [m]" in shown
     alone = plot_gap_map(grid, {"after": maps["after"]}, variables=("y", "v"), units=("", ""), threshold=0.1, limit=1.0)
     assert not any("P(" in text for text in texts(alone))
+
+
+def test_before_and_after_look_the_same_in_every_figure_and_apart_in_grey(study):
+    looks: dict[str, set] = {"before": set(), "after": set()}
+    for figure in study_figures(study).values():
+        for line in figure.findobj(Line2D):
+            if line.get_label() in looks and line.axes is not None:
+                looks[line.get_label()].add((line.get_color(), line.get_linestyle()))
+    ((before, dashed),), ((after, solid),) = looks["before"], looks["after"]
+    assert before != after and dashed != solid
+    # Maps of the two have the same colours around them, and none of these inside.
+    figure = gap_map(study, "ydot", ("before", "after"))
+    framed = [ax for ax in figure.axes if ax.get_title(loc="left")]
+    assert [to_hex(ax.spines["left"].get_edgecolor()).upper() for ax in framed] == [before, after]
+    assert ["Before" in ax.get_title(loc="left") for ax in framed] == [True, False]
+    assert len({mesh.get_cmap().name for mesh in figure.findobj(QuadMesh)}) == 1
+
+
+def test_a_state_without_a_sensor_is_not_called_measured():
+    t = np.linspace(0.0, 1.0, 30)
+    samples = Trajectories.from_arrays(t, states={"y": np.sin(t)})
+    whole = replace(samples, states={"y": np.sin(t), "v": np.cos(t)}, samples=samples)
+    assert [seen_as(whole, name) for name in ("y", "v")] == ["measured", "path through the samples"]
+    shown = plot_free_run(t, np.cos(t), None, np.stack([np.cos(t)] * 3), state="v", seen_as=seen_as(whole, "v"))
+    assert "path through the samples" in texts(shown) and "measured" not in texts(shown)
 
 
 def test_a_gap_that_is_sure_everywhere_is_outlined_along_the_edge_of_the_data():

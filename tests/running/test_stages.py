@@ -65,6 +65,7 @@ def test_a_display_ends_with_what_opened_it(shown):
 
 
 def test_a_log_is_told_now_and_then_what_a_long_stage_is_at(shown, monkeypatch):
+    monkeypatch.setattr(module, "SAID_FIRST", 0.02)
     monkeypatch.setattr(module, "SAID_EVERY", 0.02)
     with stages(True), stage("Outer"):
         with stage("Inner", 3) as line:
@@ -79,8 +80,29 @@ def test_a_log_is_told_now_and_then_what_a_long_stage_is_at(shown, monkeypatch):
     assert shown.getvalue().count("Inner") == said and "Outer: 0 s so far" in shown.getvalue()
 
 
+def test_a_log_is_soon_told_what_a_long_stage_is_at(shown, monkeypatch):
+    assert module.SAID_FIRST <= 2.0
+    monkeypatch.setattr(module, "SAID_FIRST", 0.02)
+    with stages(True), stage("Outer"):
+        until = time.monotonic() + 5.0
+        while not shown.getvalue() and time.monotonic() < until:
+            time.sleep(0.01)
+        # Not again and again.
+        time.sleep(0.1)
+    assert shown.getvalue() == "Outer: 0 s so far\n"
+
+
+def test_the_answer_of_what_is_printed_behind_it_is_not_told_before(shown):
+    with stages(True, answers=False), stages(True):
+        announce("NAMED", answer=True)
+        announce("no draws in the folder")
+    with stages(True):
+        announce("NAMED", answer=True)
+    assert shown.getvalue() == "no draws in the folder\nNAMED\n"
+
+
 def test_a_terminal_has_its_clock_in_the_line(shown, monkeypatch):
-    monkeypatch.setattr(module, "SAID_EVERY", 0.01)
+    monkeypatch.setattr(module, "SAID_FIRST", 0.01)
     shown.terminal["force_terminal"] = True
     with stages(True), stage("Inner"):
         time.sleep(0.1)

@@ -12,6 +12,7 @@ from bayes_greybox.criticism.linearity import Linearity, linearity
 from bayes_greybox.data.writing import formula
 from bayes_greybox.inference.posterior import Posterior
 from bayes_greybox.inference.remembering import remembered
+from bayes_greybox.running.stages import stage
 
 from .loo_pit import LooPit, loo_pit
 from .other_noise import suggestion
@@ -81,7 +82,8 @@ def checks(posterior: Posterior) -> Checks:
         worst = float(own["prior"].max()) if len(own) else 0.0
         reason = " ".join(_prior_reasons(name, own))
         if posterior.equations[name].rows.exact is not None:
-            bent = linearity(posterior, name)
+            with stage("Following exact paths"):
+                bent = linearity(posterior, name)
             said = "" if bent.ok else _bent_reason(name, bent)
             rows[(name, "linearity")] = {"ok": bent.ok, "value": bent.khat, "limit": bent.limit, "reason": said}
         rows[(name, "prior sensitivity")] = {"ok": not reason, "value": worst, "limit": THRESHOLD, "reason": reason}

@@ -218,13 +218,17 @@ def named(columns: Columns, what: str) -> dict[str, str]:
         return {name: str(column) for name, column in columns.items()}
     for name in columns:
         if not str(name).isidentifier():
-            plain = re.sub(r"\W+", "_", str(name)).strip("_")
-            plain = plain if plain.isidentifier() else f"x{plain}"
+            renamed = {_plain(str(each)): str(each) for each in columns}
             raise InputError(
-                f"{name!r} cannot be used as a name in expressions; give the column one there: "
-                f"{what}={{{plain!r}: {name!r}}}."
+                f"{name!r} cannot be used as a name in expressions; give the column one there: {what}={renamed}."
             )
     return {name: name for name in columns}
+
+
+def _plain(name: str) -> str:
+    """A name that can stand in expressions; the name itself if it can."""
+    plain = name if name.isidentifier() else re.sub(r"\W+", "_", name).strip("_")
+    return plain if plain.isidentifier() else f"x{plain}"
 
 
 def _spread(chosen: Mapping[str, str], table: Table) -> dict[str, str]:

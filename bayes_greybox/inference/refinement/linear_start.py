@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from bayes_greybox.data.errors import InputError
+from bayes_greybox.inference.path_starts import start_draws
 from bayes_greybox.inference.posterior import Posterior
 from bayes_greybox.model.equation import Equation
 from bayes_greybox.model.exact_program import SENSOR, ExactLikelihood
@@ -101,7 +102,7 @@ def first_draws(
         active: Terms that are in.
         likelihood: Of the exact paths.
     """
-    rows, design, draws = equation.rows, equation.design, posterior.draws(own.equation)
+    design, draws = equation.design, posterior.draws(own.equation)
     found_with = np.flatnonzero(np.all((np.asarray(draws.prior_sd) > 0) == active, axis=1))
     # As many as there are draws in all, so that what is compiled for them has one shape.
     with_pattern = found_with[np.arange(len(draws.theta)) * len(found_with) // len(draws.theta)]
@@ -121,18 +122,9 @@ def first_draws(
     if weight.shape[1]:
         fresh = np.random.default_rng(posterior.sampling.seed + 1).standard_normal(weight.shape)
         found["z"] = np.asarray(jax.vmap(design.standardised)(jnp.asarray(weight), hyper, jnp.asarray(fresh)))
-    sigma = hyper.sigma * equation.frame.target_scale
-    typical = np.sqrt(np.mean(path.sensor_sd**2))
     if likelihood.sensor_noise is not None:
         found[SENSOR] = (hyper.sigma * likelihood.unit)[:, None] * likelihood.share
-    Phi, Psi, y = equation.parts()
-    left = (y[:, None] - Phi @ theta.T - Psi @ weight.T) * equation.frame.target_scale / sigma
-    white = np.random.default_rng(posterior.sampling.seed).standard_normal((rows.noise.n_start, len(theta)))
-    unit = (rows.noise.starts_given(left, white)[0] * sigma * rows.gain / typical).T
-    start = (
-        path.segments.points[:, 0, 1 : 1 + likelihood.start_sd.shape[1]]
-        + unit.reshape(-1, *likelihood.start_sd.shape) * path.start_sd
-    )
+    start = start_draws(equation, path, theta, weight, hyper.sigma, posterior.sampling.seed)
     found["start_unit"] = (start - likelihood.start_mean) / likelihood.start_sd
     return FirstDraws({own[quantity]: np.asarray(value) for quantity, value in found.items()}, len(found_with))
 

@@ -17,12 +17,12 @@ from bayes_greybox.data.errors import InputError
 from bayes_greybox.inference.checkpoint import Checkpoint, run_facts
 from bayes_greybox.inference.kept.further_groups import add_group
 from bayes_greybox.inference.kept.groups import DETAILS, data_table, tree_of, user_units
+from bayes_greybox.inference.path_starts import path_of
 from bayes_greybox.inference.posterior import MOST_NUMBERS, Posterior
 from bayes_greybox.inference.settings import Sampling
 from bayes_greybox.inference.whole_rate import WholeRate
 from bayes_greybox.model.equation import Equation
 from bayes_greybox.model.exact_program import PREDICTED, SENSOR, START, ExactLikelihood, GivenTerms
-from bayes_greybox.model.rows.path.reference_path import ReferencePath
 from bayes_greybox.model.sites import EquationSites
 from bayes_greybox.physics.simulation.code import require_traceable
 
@@ -67,7 +67,7 @@ def _refined(
     posterior: Posterior, sampling: Sampling, starts: Stated | None, noise: Stated | None, progress: bool,
     checkpoint: Checkpoint | None,
 ) -> Posterior:  # fmt: skip
-    path = _path(posterior)
+    path = path_of(posterior)
     name, equation = _only(posterior)
     own, active = posterior.sites[name], posterior.likeliest_pattern(name)
     rate, columns = _rate(posterior, active)
@@ -115,11 +115,6 @@ def _only(posterior: Posterior) -> tuple[str, Equation]:
             "out GreyBox(noise=bg.Noise(force=...))."
         )
     return name, equation
-
-
-def _path(posterior: Posterior) -> ReferencePath:
-    model, data = posterior.model, posterior.data
-    return model.rows.path(data, model.equations, model.simulator(data))
 
 
 def _rate(

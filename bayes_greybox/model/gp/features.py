@@ -79,6 +79,25 @@ class HilbertBasis:
             values = values if len(kept) == values.shape[1] else values[:, kept]
         return values
 
+    def weighted(
+        self, x: Float[np.ndarray, "n_row n_var"], weight: Float[np.ndarray, " n_basis"]
+    ) -> Float[np.ndarray, " n_row"]:
+        """ψ(x) w without ψ(x): the factor of the last direction is summed over before it is multiplied in.
+
+        Args:
+            x: Points in scaled units.
+            weight: w.
+        """
+        *first, last = self.directions(x)
+        *growth, kept = self._growth[1]
+        values = np.ones((x.shape[0], 1))
+        for along, inside in zip(first, growth, strict=True):
+            values = (values[:, :, None] * along[:, None, :]).reshape(x.shape[0], -1)[:, inside]
+        W = np.zeros(values.shape[1] * last.shape[1])
+        W[kept] = weight
+        # Σ_p ψ_p(x) Σ_q ψ_q(x_d) W_pq
+        return np.einsum("np,np->n", values, last @ W.reshape(values.shape[1], -1).T)
+
     def directions(self, x: Float[Array | np.ndarray, "*n n_var"]) -> list[Float[Array | np.ndarray, "*n m"]]:
         """The factors of ψ(x) in each direction, whose products are the features.
 

@@ -34,6 +34,7 @@ from bayes_greybox.physics.integrate import INTERPOLATIONS
 from bayes_greybox.physics.simulation.protocol import Simulation
 from bayes_greybox.physics.simulation.reading import named_states
 from bayes_greybox.physics.terms import Term
+from bayes_greybox.physics.units import with_rates
 
 from .equation_rows import EquationRows, block_name
 from .row_kind import RowKind
@@ -190,7 +191,8 @@ class TrajectoryRows(RowKind):
         noise = {} if data.samples is None else data.noise
         states = dict(zip(simulation.states, path.at_samples.T, strict=True))
         rates = dict(zip(equations, path.rates.T, strict=True))
-        return replace(data, states=states, derivatives=rates, noise=noise, samples=samples)
+        units = with_rates(data.units, {name: simulation.rate_name(name) for name in simulation.states})
+        return replace(data, states=states, derivatives=rates, units=units, noise=noise, samples=samples)
 
     def rows(self, data: Trajectories, equation: str, simulation: Simulation) -> EquationRows:
         """The rows of one equation; see `RowKind.rows`."""

@@ -31,8 +31,8 @@ COLOURS = {
     "#0072b2": "blue",
     "#d55e00": "orange",
     "#56b4e9": "sky",
-    "#67001f": "most",
-    "#053061": "least",
+    "#00441b": "most",
+    "#40004b": "least",
 }
 """Colours of `plots.style`, and the ends of the colour map of signed numbers, by their names in the page's style."""
 

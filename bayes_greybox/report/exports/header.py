@@ -6,7 +6,7 @@ from importlib.metadata import version
 from bayes_greybox.data.writing import unit_text
 from bayes_greybox.report.words.formatting import estimate, interval, probability_text
 
-from .model import ExportedModel, Factor
+from .model import ExportedModel, Factor, Quantity
 
 WIDTH = 100
 """Characters of a line of comments."""
@@ -31,7 +31,7 @@ def header(model: ExportedModel, names: dict[str, str], slots: tuple[str, str]) 
         lines.append(f"Time is in {unit_text(model.time)}: rates are per {unit_text(model.time)}.")
     for slot, quantities in zip((*slots, "output"), (model.states, model.inputs, model.outputs), strict=True):
         for k, each in enumerate(quantities):
-            start = f", {each.start:.6g} where the data start" if slot == slots[0] else ""
+            start = f", {_start(each)} where the data start" if slot == slots[0] else ""
             renamed = f' (called "{each.name}" in the data)' if names[each.name] != each.name else ""
             unit = f" [{unit_text(each.unit)}]" if unit_text(each.unit) else ""
             lines.append(f"{slot.format(k)}  {names[each.name]}{renamed}{unit}: {each.said}{start}")
@@ -41,6 +41,12 @@ def header(model: ExportedModel, names: dict[str, str], slots: tuple[str, str]) 
     for a, b, value in model.correlations:
         lines.append(f"Posterior correlation of {a} and {b}: {value:.2f}")
     return lines
+
+
+def _start(state: Quantity) -> str:
+    if state.start_sd is None:
+        return f"{state.start:.6g}"
+    return estimate(state.start, state.start_sd)
 
 
 def comment(text: str, mark: str, end: str = "") -> list[str]:

@@ -37,7 +37,8 @@ class Quantity:
         name: As in the data.
         unit: "" where it is not known.
         said: What it is, in a few words.
-        start: Of a state, its value where a run starts.
+        start: Of a state, its value where the data start.
+        start_sd: Its standard deviation where it was estimated; None where it was not.
         follows: State whose value it has there; "" for a value of its own.
     """
 
@@ -46,6 +47,7 @@ class Quantity:
     said: str
     start: float = 0.0
     follows: str = ""
+    start_sd: float | None = None
 
 
 @dataclass(frozen=True)
@@ -96,6 +98,7 @@ class Notes:
         discrepancy: By equation, how much of it f is, in words.
         starts: Hidden states with known starts: the state whose value they have there, or "" at rest.
         states: States of the model; None: all that the equations have.
+        estimated: Where the data start, by state, as it was estimated with the coefficients.
     """
 
     verdict: str = ""
@@ -103,6 +106,7 @@ class Notes:
     discrepancy: Mapping[str, str] = field(default_factory=dict)
     starts: Mapping[str, str] = field(default_factory=dict)
     states: tuple[str, ...] | None = None
+    estimated: Mapping[str, Value] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -279,10 +283,14 @@ def _state(system: LearnedSystem, name: str, notes: Notes) -> Quantity:
         follows = notes.starts[name]
         said = f"hidden, moves along with {follows} where a run starts" if follows else "hidden, starts at rest"
         return Quantity(name, unit, said, (_first(system, follows) or 0.0) if follows else 0.0, follows)
+    said = "not measured" if name in system.hidden else "measured"
+    if name in notes.estimated:
+        found = notes.estimated[name]
+        return Quantity(name, unit, said, found.mean, start_sd=found.sd)
     if name in system.hidden:
-        said = "not measured; its start is unknown, set your own" if first is None else "not measured, start estimated"
-        return Quantity(name, unit, said, first or 0.0)
-    return Quantity(name, unit, "measured", first or 0.0)
+        known = "unknown" if first is None else "that of a smoothed path and not estimated"
+        said += f"; its start is {known}, set your own"
+    return Quantity(name, unit, said, first or 0.0)
 
 
 def _first(system: LearnedSystem, name: str) -> float | None:

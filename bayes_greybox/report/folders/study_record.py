@@ -10,6 +10,7 @@ from bayes_greybox.discovery.learned import studied_system
 from bayes_greybox.discovery.study import StudyResult
 from bayes_greybox.report.equations.record import equations_record
 from bayes_greybox.report.words.doubts import doubts
+from bayes_greybox.report.words.remarks import data_remarks
 from bayes_greybox.report.words.sentence import sentence
 
 from .record import verdict_record
@@ -39,6 +40,7 @@ def study_record(study: StudyResult, sampling: Mapping[str, Any]) -> dict[str, A
                 "train": study.train.n_obs,
                 "test": None if test is None else test.n_obs,
                 "of": study.base.rows.in_words(study.train),
+                "remarks": data_remarks(study.train, study.test),
             },
             "sampling": dict(sampling),
         }

@@ -12,6 +12,7 @@ from bayes_greybox.discovery.learned import studied_system
 from bayes_greybox.discovery.study import StudyResult
 from bayes_greybox.report.words.doubts import doubts
 from bayes_greybox.report.words.formatting import unbroken
+from bayes_greybox.report.words.remarks import data_remarks
 from bayes_greybox.report.words.sentence import sentence
 from bayes_greybox.report.words.study import (
     METRICS,
@@ -119,7 +120,7 @@ def _facts(study: StudyResult) -> list[str]:
     facts.append("held-out data: none" if study.test is None else f"held-out data: {rows(study.test)}")
     if "catalogue" in study.settings:
         facts.append(f"catalogue: {study.settings['catalogue']}")
-    return facts
+    return [*facts, *data_remarks(study.train, study.test)]
 
 
 def _alerts(study: StudyResult) -> list[str]:

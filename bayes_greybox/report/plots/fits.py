@@ -18,7 +18,7 @@ from bayes_greybox.criticism.trade_off import strongest_trade_off
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.inference.posterior import Posterior
 from bayes_greybox.physics.units import target_unit
-from bayes_greybox.report.plots.gap.before_after import plot_free_run
+from bayes_greybox.report.plots.gap.before_after import plot_free_run, seen_as
 from bayes_greybox.report.plots.posterior.calibration import plot_calibration
 from bayes_greybox.report.plots.posterior.checks import (
     plot_autocorrelation,
@@ -107,7 +107,8 @@ def simulated(run: FreeRun, state: str, width: float = 9.0) -> Figure:
     several = {"run": data.run, "run_names": list(data.run_names)} if data.n_run > 1 else {}
     return plot_free_run(
         data.time, data.states[state], None, np.stack([band.mean, band.lower, band.upper]),
-        state=state, holds=run.holds, unit=data.unit(state), time_unit=data.unit("t"), width=width, **several,
+        state=state, holds=run.holds, seen_as=seen_as(data, state), unit=data.unit(state), time_unit=data.unit("t"),
+        width=width, **several,
     )  # fmt: skip
 
 

@@ -11,12 +11,13 @@ from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.next_experiment.ranked import NextExperiment
 from bayes_greybox.discovery.study import StudyResult
-from bayes_greybox.report.plots.gap.before_after import plot_free_run, plot_gap_over_time
+from bayes_greybox.report.plots.gap.before_after import plot_free_run, plot_gap_over_time, seen_as
 from bayes_greybox.report.plots.gap.gap_map import plot_gap_curve, plot_gap_map
 from bayes_greybox.report.plots.gap.posteriors import Coefficient, plot_posteriors
 from bayes_greybox.report.plots.gap.ranking import plot_hypotheses, plot_rounds
 from bayes_greybox.report.plots.gap.responses import plot_responses
 from bayes_greybox.report.plots.study_numbers import normal_band, support
+from bayes_greybox.report.plots.style import AFTER, BEFORE
 from bayes_greybox.report.words.formatting import formula
 from bayes_greybox.report.words.sampled import added_draws
 from bayes_greybox.report.words.study import added, answer, name_of, set_label, shown_part, tied_sets
@@ -91,6 +92,7 @@ def gap_map(study: StudyResult, equation: str, parts: tuple[str, ...] | None = N
         ),
         "after": ("After: the amended model", gap.after, gap.after_probability),
     }
+    looks = {"before": BEFORE, "after": AFTER}
     seen = inside if inside.any() else np.ones_like(inside)
     return plot_gap_map(
         (np.asarray(gap.axes[0]), np.asarray(gap.axes[1])),
@@ -98,7 +100,7 @@ def gap_map(study: StudyResult, equation: str, parts: tuple[str, ...] | None = N
         variables=gap.variables, units=gap.units, threshold=gap.threshold, unit=gap.unit,
         # One scale for both, also where they are drawn as two figures.
         limit=max(float(gap.threshold), *(float(np.abs(values[seen]).max()) for values in (gap.before, gap.after))),
-        inside=inside, samples=gap.samples,
+        inside=inside, samples=gap.samples, colours=[looks[part]["color"] for part in parts],
     )  # fmt: skip
 
 
@@ -158,7 +160,8 @@ def free_run(study: StudyResult, state: str, width: float = 9.0) -> Figure:
     data = study.train if study.test is None or shown_part(study) == "train" else study.test
     return plot_free_run(
         path.time, path.measured, _rows(path.before), _rows(path.after),
-        state=state, holds=path.holds, unit=data.unit(state), width=width, **_runs(data, path.run),
+        state=state, holds=path.holds, seen_as=seen_as(data, state), unit=data.unit(state), width=width,
+        **_runs(data, path.run),
     )  # fmt: skip
 
 

@@ -25,6 +25,13 @@ DARK = "#222222"
 GREY = "#767676"
 LIGHT = "#D9D9D9"
 
+BEFORE: dict[str, Any] = {"color": ORANGE, "linestyle": (0, (5, 1.6))}
+AFTER: dict[str, Any] = {"color": BLUE, "linestyle": "-"}
+"""The simulation as given and the amended model, in every figure: apart in grey too."""
+
+SIGNED = "PRGn"
+"""Map of signed numbers: safe for colour-blind readers, and of colours that stand for nothing else."""
+
 STYLE: dict[str, Any] = {
     "font.size": 10,
     "axes.titlesize": 10.5,

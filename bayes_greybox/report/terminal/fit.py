@@ -24,6 +24,7 @@ from bayes_greybox.report.words.formatting import (
     share_text,
     unit_text,
 )
+from bayes_greybox.report.words.remarks import data_remarks
 from bayes_greybox.report.words.stated import stated_text, term_probability
 
 from .tables import plain_table, verdict_text
@@ -42,7 +43,7 @@ def fit_tables(fit: Posterior, held_out: pd.Series | None) -> Iterator[Renderabl
         What to print, in order.
     """
     yield verdict_text(fit)
-    yield Text(fit.rows_in_words, style="dim")
+    yield Text("\n".join([fit.rows_in_words, *data_remarks(fit.data)]), style="dim")
     yield Text(f"\n{equations_text(fitted_system(fit))}")
     table = inclusion(fit, _LEVEL)
     for equation in fit.model.equations:

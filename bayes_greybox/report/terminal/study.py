@@ -15,6 +15,7 @@ from bayes_greybox.physics.catalogue.names import within
 from bayes_greybox.report.equations.text import equations_text
 from bayes_greybox.report.words.doubts import NOTABLE, doubts
 from bayes_greybox.report.words.formatting import estimate, formula, numbers_in, probability_text, share_text
+from bayes_greybox.report.words.remarks import data_remarks
 from bayes_greybox.report.words.sentence import sentence
 from bayes_greybox.report.words.study import closed_share, metric_value, name_of, shown_part, suspect_size
 
@@ -44,7 +45,8 @@ def study_tables(study: StudyResult) -> Iterator[RenderableType]:
     yield Text.assemble((study.verdict.upper(), STYLES.get(study.verdict, "bold yellow")), f": {sentence(study)}")
     if study.fit is not None and not convergence(study.fit).ok:
         yield Text(str(convergence(study.fit)), style="red")
-    yield Text(f"{study.train.n_obs} rows: {study.base.rows.in_words(study.train)}", style="dim")
+    rows = f"{study.train.n_obs} rows: {study.base.rows.in_words(study.train)}"
+    yield Text("\n".join([rows, *data_remarks(study.train, study.test)]), style="dim")
     if study.amendments:
         yield Text(f"\n{equations_text(studied_system(study))}")
     yield Group("", _against(study))

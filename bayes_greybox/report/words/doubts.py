@@ -103,13 +103,15 @@ def _explanations(study: StudyResult, equation: str) -> Iterator[Doubt]:
     table = rows_of(study.hypotheses, equation).sort_values("probability", ascending=False, kind="stable")
     own, records = answer(study, equation), table.to_dict("index")
     if "unknown" in records:
-        p = float(records["unknown"]["probability"])
-        text = f"the probability that something unknown is missing is {probability_text(p)}"
-        if remembers := remembered(study, equation):
-            text += f"; if so, it {remembers}"
+        p, remembers = float(records["unknown"]["probability"]), remembered(study, equation)
         if own == "unknown":
-            yield Doubt("What remains", text, p < 0.5)
+            # Unknown is the answer, so that what speaks against it is all else.
+            text = f"what has a name, or needs none, has probability {probability_text(1 - p)} in all"
+            also = f"; what is missing {remembers}" if remembers else ""
+            yield Doubt("Other explanations", f"{text}{also}", p < 0.5)
         else:
+            text = f"the probability that something unknown is missing is {probability_text(p)}"
+            text += f"; if so, it {remembers}" if remembers else ""
             share = float(records[own]["share_left"]) if own in records else math.nan
             left = "" if math.isnan(share) else f"; beside the answer a rest carries {share_text(share)} of the gap"
             yield Doubt("What remains", f"{text}{left}", p >= NOTABLE or share >= NEGLIGIBLE)

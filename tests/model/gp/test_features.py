@@ -125,6 +125,14 @@ def test_total_order_keeps_a_simplex_from_three_variables_on():
     assert len(np.unique(uneven, axis=0)) == len(uneven)
 
 
+@pytest.mark.parametrize("sizes", [(7,), (4, 3), (5, 3, 4), (3, 3, 3, 3)])
+def test_what_is_weighted_is_the_product_with_the_features(sizes):
+    rng = np.random.default_rng(0)
+    basis = HilbertBasis(1.5, sizes)
+    x, weight = rng.uniform(-1.5, 1.5, (50, len(sizes))), rng.standard_normal(basis.size)
+    np.testing.assert_allclose(basis.weighted(x, weight), basis(x) @ weight, rtol=1e-12, atol=1e-13)
+
+
 def test_defaults_stay_small():
     assert [HilbertBasis(2.0, default_features(d)).size for d in (1, 2, 3, 4)] == [20, 100, 120, 126]
 

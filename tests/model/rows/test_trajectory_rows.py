@@ -177,6 +177,16 @@ def test_a_hidden_state_at_rest_is_followed_from_near_rest():
     assert np.sqrt(np.mean((whole.states["z"] - x[2]) ** 2)) < 0.02 * np.std(x[2])
 
 
+def test_the_rate_of_a_position_has_its_unit_over_that_of_time():
+    data = sampled(n=60)
+    model = Program({"v": ["y**3"]}, simulation=SIMULATION, rows=TrajectoryRows())
+    whole = model.complete(data)
+    assert (whole.unit("y"), whole.unit("v"), whole.unit("F")) == ("m", "m/s", None)
+    # As samples they are what they were.
+    assert whole.samples.units == data.units == {"t": "s", "y": "m"}
+    assert model.complete(replace(data, units={"y": "m"})).unit("v") is None
+
+
 def test_an_unstable_system_is_cut_into_segments():
     t = 0.05 * np.arange(400)
 

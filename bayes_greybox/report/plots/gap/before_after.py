@@ -1,7 +1,8 @@
 """Before and after the missing effects were added, along time: the gap, and the free run of the model."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from textwrap import fill
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -9,12 +10,13 @@ from jaxtyping import Bool, Float, Int
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.report.plots.posterior.over_time import N_BIN, name_run, rows_of_runs
 from bayes_greybox.report.plots.style import (
-    BLUE,
+    AFTER,
+    BEFORE,
     DARK,
     GREY,
-    ORANGE,
     STYLE,
     figure_of,
     given_axes,
@@ -26,6 +28,9 @@ from bayes_greybox.report.plots.style import (
 from bayes_greybox.report.plots.thinning import extreme_rows, outer_band
 
 from .gap_map import SURE, draw_threshold
+
+UNSEEN = "path through the samples"
+"""What runs of a state are compared with that no sensor shows."""
 
 # Stretches of time closer than this share of the record are drawn as one.
 _CLOSE = 1 / 400
@@ -84,10 +89,10 @@ def plot_gap_over_time(
         ax.axhline(0.0, color=GREY, linewidth=0.8, zorder=0)
         draw_threshold(ax, threshold)
         if same:
-            _draw_band(ax, time[chosen], after[:, chosen], BLUE, "before and after")
+            _draw_band(ax, time[chosen], after[:, chosen], AFTER, "before and after")
         else:
-            _draw_band(ax, time[chosen], before[:, chosen], ORANGE, "before")
-            _draw_band(ax, time[chosen], after[:, chosen], BLUE, "after")
+            _draw_band(ax, time[chosen], before[:, chosen], BEFORE, "before")
+            _draw_band(ax, time[chosen], after[:, chosen], AFTER, "after")
         if probability is not None:
             sure = probability[chosen] > SURE
             stretches = _stretches(time[chosen], sure)
@@ -111,6 +116,7 @@ def plot_free_run(
     *,
     state: str,
     holds: str = "",
+    seen_as: str = "measured",
     run: Int[np.ndarray, " n_obs"] | None = None,
     run_names: Sequence[str] | None = None,
     time_unit: str | None = None,
@@ -131,6 +137,7 @@ def plot_free_run(
         after: the same of the amended model.
         state: name of the state.
         holds: what the band after holds, for the legend.
+        seen_as: what the state is that the runs are compared with, for the legend.
         run: run of each row; all one run by default. At most six runs are drawn.
         run_names: name of each run.
         time_unit: unit of time.
@@ -150,21 +157,21 @@ def plot_free_run(
     margin = 0.35 * (high - low) or 1.0
     if figure_of(panels[0]).get_figwidth() < _NARROW:
         holds = fill(holds, _LABEL)
-    shown = [(after, BLUE, "model" if before is None else "after", holds)]
+    shown = [(after, AFTER, "model" if before is None else "after", holds)]
     if before is not None:
-        shown.insert(0, (before, ORANGE, "before", ""))
+        shown.insert(0, (before, BEFORE, "before", ""))
     for index, (ax, chosen) in enumerate(zip(panels, rows, strict=True)):
         t, seen = time[chosen], measured[chosen]
-        for values, colour, label, band in shown:
-            _draw_band(ax, t, values[:, chosen], colour, label, band)
+        for values, look, label, band in shown:
+            _draw_band(ax, t, values[:, chosen], look, label, band)
         if len(t) <= _MOST_MARKERS:
-            ax.plot(t, seen, "o", color=DARK, markersize=2.2, markeredgewidth=0, zorder=4, label="measured")
+            ax.plot(t, seen, "o", color=DARK, markersize=2.2, markeredgewidth=0, zorder=4, label=seen_as)
         else:
             kept = extreme_rows(seen, N_BIN)
-            ax.plot(t[kept], seen[kept], color=DARK, linewidth=0.9, linestyle=(0, (2, 1.5)), zorder=4, label="measured")
+            ax.plot(t[kept], seen[kept], color=DARK, linewidth=0.9, linestyle=(0, (2, 1.5)), zorder=4, label=seen_as)
         ax.set_ylim(low - margin, high + margin)
-        for values, colour, *_ in shown:
-            _mark_failure(ax, t, values[0, chosen], colour)
+        for values, look, *_ in shown:
+            _mark_failure(ax, t, values[0, chosen], look["color"])
         if closer:
             name_run(ax, index, ["whole run", f"its last {_CLOSE_UP} samples"])
         elif len(rows) > 1:
@@ -173,6 +180,16 @@ def plot_free_run(
     panels[0].set_title(f"Free run of {plain(state)}{note}")
     _label(panels, with_unit(state, unit), with_unit("time", time_unit), axes is None)
     return figure_of(panels[0])
+
+
+def seen_as(data: Trajectories, state: str) -> str:
+    """What a state is called that free runs are compared with: one that no sensor shows is no measurement.
+
+    Args:
+        data: The runs.
+        state: One of their states.
+    """
+    return "measured" if state in (data.samples or data).states else UNSEEN
 
 
 def _panels(rows: list[np.ndarray], width: float, axes: Sequence[Axes] | np.ndarray | None) -> list[Axes]:
@@ -186,7 +203,7 @@ def _draw_band(
     ax: Axes,
     time: Float[np.ndarray, " n_obs"],
     values: Float[np.ndarray, "3 n_obs"],
-    colour: str,
+    look: Mapping[str, Any],
     label: str,
     band: str = "",
 ) -> None:
@@ -195,10 +212,12 @@ def _draw_band(
         return
     time, (mean, lower, upper) = time[alive], values[:, alive]
     band_time, low, high = outer_band(time, lower, upper, N_BIN)
-    ax.fill_between(band_time, low, high, color=colour, alpha=0.25, linewidth=0, label=band or None)
+    ax.fill_between(band_time, low, high, color=look["color"], alpha=0.25, linewidth=0, label=band or None)
     kept = extreme_rows(mean, N_BIN)
-    width = 1.4 if len(kept) == len(mean) else 0.9
-    ax.plot(time[kept], mean[kept], color=colour, linewidth=width, zorder=3, label=label)
+    whole = len(kept) == len(mean)
+    # Dashes of swings that are too many to be told apart are noise.
+    style = {"linewidth": 1.4} if whole else {"linewidth": 0.9, "linestyle": "-"}
+    ax.plot(time[kept], mean[kept], zorder=3, label=label, **{**look, **style})
 
 
 def _mark_failure(ax: Axes, time: np.ndarray, path: np.ndarray, colour: str) -> None:
@@ -232,7 +251,7 @@ def _label(panels: list[Axes], quantity: str, time: str, own: bool) -> None:
     else:
         panels[0].set_ylabel(quantity)
     handles = {str(h.get_label()): h for ax in reversed(panels) for h in ax.get_legend_handles_labels()[0]}
-    first = ("measured", "before", "after", "before and after", "model", "± threshold")
+    first = ("measured", UNSEEN, "before", "after", "before and after", "model", "± threshold")
     order = [label for label in first if label in handles]
     order += [label for label in handles if label not in order]
     # What a band holds is a long label.

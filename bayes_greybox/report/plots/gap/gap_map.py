@@ -13,10 +13,11 @@ from matplotlib.patches import Patch
 
 from bayes_greybox.report.plots.posterior.over_states import fade_outside, outline
 from bayes_greybox.report.plots.style import (
-    BLUE,
+    AFTER,
+    BEFORE,
     DARK,
     GREY,
-    ORANGE,
+    SIGNED,
     STYLE,
     figure_of,
     given_axes,
@@ -46,6 +47,7 @@ def plot_gap_map(
     limit: float | np.floating | None = None,
     inside: Bool[np.ndarray, "n_0 n_1"] | None = None,
     samples: Float[np.ndarray, "n_obs 2"] | None = None,
+    colours: Sequence[str] | None = None,
     axes: Sequence[Axes] | np.ndarray | None = None,
 ) -> Figure:
     """Posterior mean of the gap over two variables, outlined where it surely exceeds the threshold, on one scale.
@@ -61,6 +63,7 @@ def plot_gap_map(
         limit: end of the colour range; the largest `|gap|` of all maps by default.
         inside: where there are data; elsewhere a map is hatched and pale.
         samples: positions of the data rows, to mark.
+        colours: of the titles and frames, one a map: what curves of the same model have elsewhere.
         axes: axes to draw into, one a map.
 
     Returns:
@@ -73,7 +76,8 @@ def plot_gap_map(
     seen = _seen(inside, (len(grid[0]), len(grid[1])))
     end = float(limit) if limit else max(float(np.abs(gap[seen]).max()) for gap, _ in maps.values()) or 1.0
     bold = False
-    for ax, (title, (gap, probability)) in zip(panels, maps.items(), strict=True):
+    framed = colours if colours is not None else [None] * len(maps)
+    for ax, colour, (title, (gap, probability)) in zip(panels, framed, maps.items(), strict=True):
         bold = _draw_map(ax, grid, gap, probability, seen, end, with_unit("gap", unit)) or bold
         if samples is not None:
             shown = samples[every_nth(len(samples), _MOST_POINTS)]
@@ -81,6 +85,9 @@ def plot_gap_map(
         ax.set_xlabel(with_unit(variables[0], units[0]))
         ax.set_ylabel(with_unit(variables[1], units[1]))
         ax.set_title(title)
+        if colour is not None:
+            ax.set_title(title, color=colour, fontweight="bold")
+            ax.spines[:].set(visible=True, edgecolor=colour, linewidth=2.0)
     event = f"|gap| > {quantity(threshold, unit)}"
     _explain(panels[0], bold, event, samples is not None, not seen.all(), axes is None)
     return figure_of(panels[0])
@@ -127,14 +134,15 @@ def plot_gap_curve(
     ax.axhline(0.0, color=GREY, linewidth=0.8, zorder=0)
     draw_threshold(ax, threshold)
     seen = _seen(inside, grid.shape)
-    for values, sure, colour, label in (
-        (before, probability > SURE, ORANGE, "before"),
-        (after, after_probability > SURE, BLUE, "after"),
+    for values, sure, look, label in (
+        (before, probability > SURE, BEFORE, "before"),
+        (after, after_probability > SURE, AFTER, "after"),
     ):
         if not seen.all():
-            ax.plot(grid, values, color=colour, linewidth=1.0, linestyle=(0, (1, 2)))
-        ax.plot(grid, np.where(seen, values, np.nan), color=colour, linewidth=1.3, label=label)
-        ax.plot(grid, np.where(seen & sure, values, np.nan), color=colour, linewidth=3.4, solid_capstyle="butt")
+            ax.plot(grid, values, color=look["color"], linewidth=1.0, linestyle=(0, (1, 2)))
+        ax.plot(grid, np.where(seen, values, np.nan), linewidth=1.3, label=label, **look)
+        bold = np.where(seen & sure, values, np.nan)
+        ax.plot(grid, bold, linewidth=3.4, solid_capstyle="butt", dash_capstyle="butt", **look)
     if samples is not None:
         shown = samples[every_nth(len(samples), _MOST_POINTS)]
         ax.plot(shown, np.full(len(shown), 0.02), "|", transform=ax.get_xaxis_transform(), color=DARK, alpha=0.45,
@@ -170,7 +178,7 @@ def _draw_map(
 ) -> bool:
     """One map; says whether it has an outline."""
     x, y = grid
-    mesh = ax.pcolormesh(x, y, gap.T, cmap="RdBu_r", vmin=-end, vmax=end, shading="nearest", rasterized=True)
+    mesh = ax.pcolormesh(x, y, gap.T, cmap=SIGNED, vmin=-end, vmax=end, shading="nearest", rasterized=True)
     over, under = gap.max() > end, gap.min() < -end
     extend = "both" if over and under else "max" if over else "min" if under else "neither"
     figure_of(ax).colorbar(mesh, ax=ax, label=label, extend=extend)

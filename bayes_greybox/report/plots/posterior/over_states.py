@@ -18,6 +18,7 @@ from bayes_greybox.report.plots.style import (
     BLUE,
     DARK,
     GREY,
+    SIGNED,
     STYLE,
     figure_of,
     given_axes,
@@ -122,7 +123,7 @@ def _draw_maps(panels: list[Axes], grid: DiscrepancyGrid, points: np.ndarray, no
     x, y = grid.axes
     seen = grid.inside if grid.inside.any() else np.ones_like(grid.inside)
     limit = max(noise, _first_positive(np.abs(grid.mean[seen]), np.abs(grid.sd[seen])))
-    _draw_map(panels[0], grid, grid.mean, "RdBu_r", (-limit, limit), with_unit("mean of f", grid.unit))
+    _draw_map(panels[0], grid, grid.mean, SIGNED, (-limit, limit), with_unit("mean of f", grid.unit))
     largest = max(noise, _first_positive(grid.sd[seen]))
     _draw_map(panels[1], grid, grid.sd, _pale_map(), (0.0, largest), with_unit("sd of f", grid.unit))
     levels = np.linspace(-limit, limit, 9)
