@@ -165,8 +165,8 @@ def find_missing_effects_of_fleet(
         test: Held-out data by asset, for some or all; or the share at the end of each asset's that is held out.
         read: From the path of a file to its measurements, such as
             `functools.partial(bg.read, time="t", states=["y"], inputs=["F"])`.
-        workers: Processes of this machine, by default as many as it has cores where Dask is there, else one. With one,
-            assets are studied here, one after another.
+        workers: Processes of this machine, each of which studies one asset at a time; if left out assets are studied
+            here, one after another. A script with workers needs `if __name__ == "__main__":`.
         scheduler: Address of a Dask scheduler in the place of workers, such as "tcp://host:8786".
         progress: Whether to show progress.
         **settings: Of `find_missing_effects` but for its checkpoints: catalogue, roles, seed, effects_at_most, odds,
@@ -183,6 +183,8 @@ def find_missing_effects_of_fleet(
     _check_settings(settings)
     tasks = {name: (models[name], each, held_out.get(name), read, dict(settings)) for name, each in assets.items()}
     with stages(progress):
+        # Without a wish they are studied here: a script that starts processes has to be written for it.
+        workers = workers if scheduler is not None else workers or 1
         fleet, told = studied_together(_study, tasks, list(assets), workers=workers, scheduler=scheduler)
     failed = {each.asset: each.sentence for each in fleet.failed}
     return FleetStudy(_Studies(told, models), failed, fleet, told)
