@@ -24,6 +24,8 @@ from .discovery.evidence.odds import Odds as Odds
 from .discovery.next_experiment import signals as signals
 from .discovery.next_experiment.candidates import Candidate as Candidate
 from .discovery.next_experiment.ranked import NextExperiment as NextExperiment
+from .fleet.studies import FleetStudy as FleetStudy
+from .fleet.studies import find_missing_effects_of_fleet as find_missing_effects_of_fleet
 from .greybox import Fit as Fit
 from .greybox import GreyBox as GreyBox
 from .missing_effects import Study as Study

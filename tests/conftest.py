@@ -46,8 +46,11 @@ def study():
     return tiny_study()
 
 
-LONGEST = ("test_loo.py", "test_cli.py", "test_one_run.py")
-"""Files of few long tests; they begin the run, so that no worker waits for one of them at its end."""
+LONGEST = (
+    "test_sampled_study.py", "test_effects_with_memory.py", "test_fleet.py", "test_cli.py", "test_loo.py",
+    "test_one_run.py",
+)  # fmt: skip
+"""Files that take longest, or of few long tests; they begin the run, so that no worker waits for one at its end."""
 
 
 def pytest_collection_modifyitems(items):

@@ -1,5 +1,8 @@
 """An oscillator measured row by row, in memory, in files and in chunks, for tests of streams."""
 
+import os
+import signal
+
 import numpy as np
 import pandas as pd
 
@@ -25,6 +28,17 @@ def model(**further):
 def chunk(i):
     """One of ten chunks, from a function that a worker finds."""
     return bg.read(frame(2000, seed=i), **NAMES)
+
+
+def deadly_chunk(mark, home, i):
+    """That chunk; the process that is first to ask for the sixth is killed and leaves a mark, unless it is the home."""
+    if i == 5 and os.getpid() != home:
+        try:
+            mark.open("x").close()
+        except FileExistsError:
+            return chunk(i)
+        os.kill(os.getpid(), signal.SIGKILL)
+    return chunk(i)
 
 
 def chunks(**further):

@@ -6,7 +6,8 @@ from bayes_greybox.cli.ending import DONE, NOT_CONVERGED, show
 from bayes_greybox.cli.places import place_of
 from bayes_greybox.cli.resuming import resumable
 from bayes_greybox.config import Config
-from bayes_greybox.fleet.study import PAGE, study_into
+from bayes_greybox.fleet.reporting import PAGE
+from bayes_greybox.fleet.study import study_into
 from bayes_greybox.report.terminal.study import study_tables
 
 

@@ -5,7 +5,8 @@ from pathlib import Path
 
 from bayes_greybox.config import Config, load_config
 from bayes_greybox.data.errors import InputError
-from bayes_greybox.data.reading.sources import READERS
+
+from .files import data_files, files_of, require_one_each
 
 CONFIGURATION = ".toml"
 """Ending of files that are configurations of their own."""
@@ -46,28 +47,16 @@ def assets_of(folder: Path, config: Path | None) -> list[Asset]:
         InputError: There is no such folder, nothing to study in it, two files of one name, or a configuration that no
             file can be studied under.
     """
-    if not folder.is_dir():
-        raise InputError(f'There is no folder "{folder}"; a fleet is a folder with a file for each asset.')
-    files = sorted(f for f in folder.resolve().iterdir() if f.is_file() and not f.name.startswith((".", "~")))
-    for file in files:
-        if not file.name.isprintable() or "\udc80" <= max(file.name) <= "\udcff":
-            raise InputError(f"The file {file.name!r} of the fleet has a name that cannot be printed: rename it.")
-    own = [f for f in files if f.suffix == CONFIGURATION]
     if config is None:
-        assets = [Asset(f.stem, f) for f in own]
+        assets = [Asset(f.stem, f) for f in files_of(folder) if f.suffix == CONFIGURATION]
         if not assets:
             raise InputError(
                 f'"{folder}" has no configuration files (*.toml): put one for each asset there, or give the one that '
                 f"all data files are studied under: bayes-greybox discover CONFIG --fleet {folder}"
             )
     else:
-        assets = [Asset(f.stem, config.resolve(), f) for f in files if f.suffix.lower() in READERS]
-        if not assets:
-            raise InputError(f'"{folder}" has no data files ({", ".join(READERS)}); each asset of a fleet has one.')
+        assets = [Asset(f.stem, config.resolve(), f) for f in data_files(folder)]
         # What is wrong with the configuration is no fault of any asset's.
         assets[0].settings().build_studied_model()
-    names = [asset.name for asset in assets]
-    twice = next((name for name in names if names.count(name) > 1), None)
-    if twice is not None:
-        raise InputError(f'"{folder}" has two files that are called {twice!r}: assets are called as their files are.')
+    require_one_each(folder, [asset.name for asset in assets])
     return assets

@@ -3,26 +3,23 @@
 import hashlib
 import json
 from collections.abc import Mapping
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 from bayes_greybox.data.errors import InputError
-from bayes_greybox.data.records import plain_rows, plain_values
-from bayes_greybox.data.tasks import run_tasks
-from bayes_greybox.discovery.fleet import Fleet, fleet_of
+from bayes_greybox.discovery.fleet import Fleet
 from bayes_greybox.inference.kept.netcdf import versions
 from bayes_greybox.report.folders.holding import RECORD
 from bayes_greybox.report.folders.record import write_json
 from bayes_greybox.report.folders.writing import output_folder, staged
-from bayes_greybox.report.words.fleet import fleet_sentence
-from bayes_greybox.running.stages import announce, stage, stages
+from bayes_greybox.running.stages import stages
 
 from .assets import Asset
-from .study import PAGE, study_into
+from .study import study_into
+from .together import ASSETS, Told, studied_together, write_fleet
 
-ASSETS, MARK, FLEET_PAGE = "assets", "asset.json", "fleet.html"
-"""Folder of the assets' folders, what says in one that its study is whole, and the page of all."""
+MARK = "asset.json"
+"""What says in an asset's folder that its study is whole."""
 
 
 def study_fleet(
@@ -51,7 +48,7 @@ def study_fleet(
         InputError: The folder cannot be written to; no scheduler answers. What one asset lacks costs that asset alone.
     """
     with output_folder(place) as folder, stages(progress):
-        records: dict[str, dict[str, Any]] = {}
+        known: dict[str, Told] = {}
         failed: dict[str, str] = {}
         tasks: dict[str, tuple] = {}
         for asset in assets:
@@ -65,30 +62,15 @@ def study_fleet(
             if before is None:
                 tasks[asset.name] = (asset, str(own), dict(sampling), mark)
             else:
-                records[asset.name] = before
-        with stage("Studying assets", len(assets)) as line:
-            line.advance(len(records) + len(failed))
-            for done in run_tasks(study_asset, tasks, workers=workers, scheduler=scheduler) if tasks else ():
-                if done.failed:
-                    failed[done.name] = done.failed
-                else:
-                    records[done.name] = done.result
-                announce(f"{done.name}: {done.failed or done.result['sentence']}")
-                line.advance(1)
+                known[asset.name] = Told(before)
         order = [asset.name for asset in assets]
-        fleet = fleet_of({n: records[n] for n in order if n in records}, {n: failed[n] for n in order if n in failed})
-        with stage("Writing the report"), staged(folder) as part:
-            from bayes_greybox.report.pages.fleet_page import fleet_html
-
-            fleet.table().to_csv(part / "assets.csv")
-            write_json(part / RECORD, _record(fleet))
-            pages = {name: f"{ASSETS}/{name}/{PAGE}" for name in records}
-            fleet_html(fleet, part / FLEET_PAGE, pages)
+        fleet, _ = studied_together(study_asset, tasks, order, known, failed, workers=workers, scheduler=scheduler)
+        write_fleet(fleet, folder)
     return fleet
 
 
-def study_asset(asset: Asset, place: str, sampling: Mapping[str, int | None], mark: str) -> dict[str, Any]:
-    """One asset's study, on whatever machine; its record.
+def study_asset(asset: Asset, place: str, sampling: Mapping[str, int | None], mark: str) -> Told:
+    """One asset's study, on whatever machine, with its results in its folder.
 
     Args:
         asset: The asset.
@@ -103,19 +85,7 @@ def study_asset(asset: Asset, place: str, sampling: Mapping[str, int | None], ma
     with staged(folder) as part:
         # Last, and of this very record: results of another run in this folder are not taken for this one's.
         write_json(part / MARK, {"of": mark, "record": hashlib.sha256(text).hexdigest()})
-    return json.loads(text)
-
-
-def _record(fleet: Fleet) -> dict[str, Any]:
-    return plain_values(
-        {
-            "command": "fleet",
-            "sentence": fleet_sentence(fleet),
-            "assets": plain_rows(fleet.table()),
-            "shared": [asdict(each) for each in fleet.shared],
-            "versions": versions(),
-        }
-    )
+    return Told(json.loads(text))
 
 
 def _mark(asset: Asset, sampling: Mapping[str, int | None]) -> str:

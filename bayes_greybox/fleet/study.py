@@ -8,13 +8,11 @@ from pathlib import Path
 from bayes_greybox.config import Config
 from bayes_greybox.inference.checkpoint import Checkpoint
 from bayes_greybox.missing_effects import Study, find_missing_effects
-from bayes_greybox.report.folders.record import write_json
 from bayes_greybox.report.folders.study_record import study_record
 from bayes_greybox.report.folders.writing import output_folder, staged
 from bayes_greybox.running.stages import stage, stages
 
-PAGE = "gap.html"
-"""Name of a study's page."""
+from .reporting import STUDY, report_into
 
 
 def study_into(
@@ -50,22 +48,12 @@ def study_into(
             study = replace(study, config=settings.text)
             with stage("Saving the study"), staged(folder) as part:
                 # First, by itself: nothing that fails later may cost what was sampled.
-                study.save(part / "study.nc")
+                study.save(part / STUDY)
                 settings.copy_to(folder, part)
         found(study)
         with stages(progress):
-            with stage("Writing the report"), staged(folder) as part:
-                # Imported here because it is slow, and the verdict does not wait for it.
-                from bayes_greybox.report.pages.study_page import study_html
-
-                record = study_record(study, settings.sampling.model_dump())
-                write_json(part / "summary.json", {"command": "discover", "config": settings.file, **record})
-                study_html(study, part / PAGE)
-            if settings.output.figures:
-                with stage("Drawing"):
-                    from bayes_greybox.report.plots import save_figures, study_figures
-
-                    save_figures(study_figures(study), folder / "figures")
+            record = study_record(study, settings.sampling.model_dump())
+            report_into(folder, study, {"config": settings.file, **record}, settings.output.figures)
         if checkpoint is not None:
             checkpoint.complete()
     return study

@@ -19,6 +19,9 @@ from jaxtyping import Array, Bool, Float
 from bayes_greybox.physics.formula.expressions import evaluate, parse_expression, symbol_names
 from bayes_greybox.physics.formula.grammar import check_name
 from bayes_greybox.physics.formula.numbers import Named, as_columns, without_numbers
+from bayes_greybox.running.compiling import compiled
+
+Arrays = Array | np.ndarray
 
 SHORT = 0.2
 """Steps of hidden states, over the shortest time in which they change."""
@@ -173,10 +176,10 @@ def _width(n: int) -> int:
     return max(LEAST, 1 << (n - 1).bit_length()) if n <= MANY else -(-n // MANY) * MANY
 
 
-@partial(jax.jit, static_argnums=0)
+@partial(compiled, often=True, static_argnums=0)
 def _followed(
-    rates: _Rates, numbers: Array, z: Array, n_step: Array, h: Array, before: Array, halfway: Array, after: Array,
-    start: Array, fresh: Array,
+    rates: _Rates, numbers: Arrays, z: Arrays, n_step: Arrays | int, h: Arrays, before: Arrays, halfway: Arrays,
+    after: Arrays, start: Arrays, fresh: Arrays,
 ) -> Array:  # fmt: skip
     # As programs of their own these are traced once, for all places that they are called at.
     each = jax.jit(jax.vmap(rates, in_axes=(1, None, 1), out_axes=1))

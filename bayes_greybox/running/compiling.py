@@ -26,6 +26,10 @@ FAST = {"xla_cpu_use_fusion_emitters": False}
 ONCE = {**FAST, "xla_backend_optimization_level": 0}
 """For those that run once or twice."""
 
+OFTEN = {**FAST, "xla_backend_optimization_level": 1}
+"""For those that run thousands of times, whatever JAX was told to optimise: beyond this level nothing is gained where
+the work is LAPACK's, and below it loops over a matrix cost three times as much as its factorisation."""
+
 FOLDER = "BAYES_GREYBOX_CACHE"
 """Environment variable: folder for compiled programs, or "off"."""
 
@@ -54,19 +58,20 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 log = logging.getLogger(__name__)
 
 
-def compiled(function: Function, *, once: bool = False, **options: Any) -> Function:
+def compiled(function: Function, *, once: bool = False, often: bool = False, **options: Any) -> Function:
     """`jax.jit` of a function that no other program calls; nothing happens before its first call.
 
     Args:
         function: What to compile.
         once: Whether it will run once or twice.
+        often: Whether it will run thousands of times.
         **options: Of `jax.jit`.
     """
 
     @cache
     def program() -> Any:
         keep_programs()
-        return jax.jit(function, compiler_options=compile_options(once), **options)
+        return jax.jit(function, compiler_options=compile_options(once, often), **options)
 
     @wraps(function)
     def call(*args: Any, **named: Any) -> Any:
@@ -76,15 +81,16 @@ def compiled(function: Function, *, once: bool = False, **options: Any) -> Funct
 
 
 @cache
-def compile_options(once: bool) -> dict[str, Any] | None:
+def compile_options(once: bool, often: bool = False) -> dict[str, Any] | None:
     """The options, where this XLA has them.
 
     Args:
         once: Whether the program will run once or twice.
+        often: Whether it will run thousands of times.
     """
     if jax.default_backend() != "cpu":
         return None
-    wanted = ONCE if once else FAST
+    wanted = ONCE if once else OFTEN if often else FAST
     try:
         jax.jit(lambda x: x + 1, compiler_options=wanted)(0.0)
     except Exception:  # noqa: BLE001 - of many classes, by version; without these options all is right, but slow

@@ -1,13 +1,15 @@
-"""A fleet of studies from the shell: assets, their results, what they say together."""
+"""A fleet of studies from the shell and from Python: assets, their results, what they say together."""
 
 import json
 import re
+from functools import partial
 
 import numpy as np
 import pandas as pd
 import pytest
 from pumps import CONFIG, pumps
 
+import bayes_greybox as bg
 from bayes_greybox.cli import main
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.discovery.fleet import fleet_of
@@ -132,6 +134,83 @@ def test_folders_without_assets_are_refused(tmp_path, fleet):
     assert main(["discover", "--workers", "2"]) == 2
     assert main(["discover", str(fleet / "all.toml"), "--fleet", str(fleet / "pumps"), "--resume"]) == 2
     assert main(["discover", str(fleet / "all.toml"), "--workers", "2"]) == 2
+
+
+MODEL = bg.GreyBox(
+    simulation={"y": "ydot", "ydot": "F - 10*y - 0.5*ydot"}, discrepancy=bg.OrthogonalGP(variables=["y"])
+)
+"""That of `CONFIG`."""
+
+
+@pytest.fixture(scope="module")
+def from_python(fleet):
+    """Two of the pumps, a file that is none and a model that does not fit its data, without a configuration."""
+    files = {name: fleet / "pumps" / f"{name}.csv" for name in ("pump 0", "pump 2", "bad <b>")}
+    read = partial(bg.read, time="t", states=["y", "ydot"], inputs=["F"], derivatives={"ydot": "a"})
+    wrong = bg.GreyBox(simulation={"y": "ydot", "ydot": "F - 10*q"})
+    return bg.find_missing_effects_of_fleet(
+        {**dict.fromkeys(files, MODEL), "wrong": wrong}, {**files, "wrong": read(files["pump 0"])}, test=0.3, read=read,
+        catalogue=str(fleet / "few.toml"), settle=False, free_runs=False, workers=1, progress=False,
+    )  # fmt: skip
+
+
+def test_python_tells_assets_and_their_pooled_coefficient(from_python):
+    assert set(from_python.studies) == {"pump 0", "pump 2"}
+    assert "2 of 2 assets lack cubic stiffness" in from_python.sentence and from_python.sentence in repr(from_python)
+    (row,) = from_python.coefficients.itertuples()
+    assert row.Index == ("ydot", "cubic-stiffness", "y**3") and row.assets == ("pump 0", "pump 2")
+    assert row.lower < -42 < row.upper and abs(row.mean + 42) < 8 and 0 < row.same < 1
+    own = from_python.by_asset.xs("pump 2", level="asset").iloc[0]
+    # Drawn towards the other one.
+    assert min(row.mean, own["mean"]) < own["pooled_mean"] < max(row.mean, own["mean"])
+    assert own["mean"] == from_python.studies["pump 2"].effects.iloc[0]["mean"]
+
+
+def test_from_python_too_an_asset_fails_with_its_reason_and_nothing_else(from_python):
+    assert list(from_python.failed) == ["bad <b>", "wrong"]
+    assert "correct the cell" in from_python.failed["bad <b>"] and "'q'" in from_python.failed["wrong"]
+    assert list(from_python.assets["verdict"])[2:] == ["failed", "failed"]
+    assert "wrong could not be studied" in repr(from_python)
+
+
+def test_python_says_and_writes_what_the_command_does(from_python, fleet, tmp_path):
+    from_python.save(tmp_path, progress=False)
+    tables = [pd.read_csv(place / "assets.csv", index_col="asset") for place in (tmp_path, fleet / "out")]
+    names = ["pump 0", "pump 2", "bad <b>"]
+    pd.testing.assert_frame_equal(*(table.loc[names] for table in tables), check_exact=True)
+    for own in ("", "assets/pump 0", "assets/pump 2"):
+        one, other = (
+            json.loads((place / own / "summary.json").read_text(encoding="utf-8"))
+            for place in (tmp_path, fleet / "out")
+        )
+        if not own:
+            assert one["shared"] == other["shared"]
+            continue
+        for record in (one, other):
+            # The configuration says more than the sampler's settings, and names itself.
+            record.pop("config", None), record.pop("sampling"), record["settings"].pop("seconds")
+            record["settings"].pop("catalogue")
+        assert one == other
+    links = re.findall(r'href="(assets/[^"]+)"', (tmp_path / "fleet.html").read_text(encoding="utf-8"))
+    assert len(links) == 2 and all((tmp_path / link.replace("%20", " ")).is_file() for link in links)
+    assert bg.load(tmp_path / "assets" / "pump 2" / "study.nc").verdict == "named"
+
+
+@pytest.mark.parametrize(
+    ("given", "sentence"),
+    [
+        ({"train": {}}, "needs an asset"),
+        ({"train": {"a/b": "a.csv"}}, "cannot be a folder's"),
+        ({"train": {"a": "a.csv"}, "model": {"b": MODEL}}, "no model for 'a'"),
+        ({"train": {"a": "a.csv"}, "test": {"b": "a.csv"}}, "which is no asset"),
+        ({"train": {"a": "a.csv"}, "test": 1.5}, "no share"),
+        ({"train": {"a": "a.csv"}, "checkpoint": "x"}, "There is no setting 'checkpoint'"),
+        ({"train": "nowhere"}, "no folder"),
+    ],
+)
+def test_what_no_fleet_can_be_made_of_is_refused(given, sentence):
+    with pytest.raises(InputError, match=sentence):
+        bg.find_missing_effects_of_fleet(**{"model": MODEL, "workers": 1, "progress": False, **given})
 
 
 def record(verdict, effects=(), before=0.5):

@@ -9,18 +9,28 @@ import jax
 import jax.numpy as jnp
 import pytest
 
+import bayes_greybox.model  # noqa: F401 - from here on in 64 bits, whichever file comes first
 from bayes_greybox.running import compiling
 from bayes_greybox.running.compiling import compiled
 
 
-@pytest.mark.parametrize("once", [False, True])
-def test_values_are_those_of_the_function(once):
-    @partial(compiled, once=once, static_argnames="power")
+@pytest.mark.parametrize("runs", [{}, {"once": True}, {"often": True}], ids=["some", "once", "often"])
+def test_values_are_those_of_the_function(runs):
+    @partial(compiled, **runs, static_argnames="power")
     def root(x, power):
         return jnp.sum(jnp.abs(x) ** (1 / power))
 
     x = jnp.arange(5.0)
     assert float(root(x, power=2)) == pytest.approx(sum(i**0.5 for i in range(5)), rel=1e-14)
+
+
+def test_what_runs_often_is_optimised_whatever_jax_was_told():
+    if compiling.compile_options(False) is None:
+        pytest.skip("This XLA has none of these options.")
+    levels = [
+        compiling.compile_options(*runs).get("xla_backend_optimization_level") for runs in [(False, True), (True,)]
+    ]
+    assert levels[0] > levels[1] == 0
 
 
 def test_same_shapes_are_traced_once():
@@ -46,6 +56,7 @@ def test_options_that_this_xla_does_not_know_are_left_out(monkeypatch):
 
 PROGRAM = """
 import jax, jax.numpy as jnp
+import bayes_greybox.model  # noqa: F401 - from here on in 64 bits, whichever file comes first
 from bayes_greybox.running import compiling
 compiling.SHORTEST = 0.0
 compiling.compiled(lambda x: jnp.linalg.cholesky(x @ x.T + jnp.eye(3)))(jnp.ones((3, 3)))

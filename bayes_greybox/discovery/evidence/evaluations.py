@@ -2,13 +2,13 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, cached_property
 from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
 
-from bayes_greybox.model.estimate.evidence import Marginal, Spectrum, coefficients, marginal
+from bayes_greybox.model.estimate.evidence import Marginal, Spectrum, marginal, means
 
 from .odds import Odds
 from .sufficient_statistics import SufficientStatistics
@@ -16,6 +16,9 @@ from .with_discrepancy import IMPORTANCE_DRAWS, Evaluator, Integrated, WithDiscr
 
 MOST_PATTERNS = 64
 """Up to so many inclusion patterns of the simulation's own terms are summed; beyond, those with at most two terms."""
+
+TOGETHER = 256
+"""Sets whose evidence is found at once, at most: memory is for no more."""
 
 
 class Parametric(NamedTuple):
@@ -73,20 +76,25 @@ class Evaluations:
             columns: Its last columns.
         """
         single, posterior = one_pattern(fitted, int(np.argmax(fitted.by_pattern)))
-        theta = coefficients(single, posterior)[0][-len(columns) :]
+        theta = means(single, posterior)[-len(columns) :]
         free, G = self.statistics.of_kind("free"), self.statistics.products
-        across = G[np.ix_(free, columns)] @ theta
-        square = theta @ G[np.ix_(columns, columns)] @ theta
-        square = float(square - across @ np.linalg.lstsq(G[np.ix_(free, free)], across, rcond=1e-12)[0])
+        square = float(theta @ G[np.ix_(columns, columns)] @ theta)
+        if free:
+            across = G[np.ix_(free, columns)] @ theta
+            square -= float(across @ np.linalg.lstsq(G[np.ix_(free, free)], across, rcond=1e-12)[0])
         gap = self._gap(float(posterior.weight @ posterior.sigma**2 / np.sum(posterior.weight)))
         return float(np.clip(square / gap, 0.0, 1.0))
 
     def _gap(self, s2: float) -> float:
         """Square of the target outside the free columns' span, less the noise's share of it."""
+        return max(self._outside_free - self.statistics.n_obs * s2, 1e-12 * self.statistics.square)
+
+    @cached_property
+    def _outside_free(self) -> float:
+        """Square of the target outside the free columns' span: the same for thousands of sets."""
         free = self.statistics.of_kind("free")
         own, g = self.statistics.products[np.ix_(free, free)], self.statistics.with_target[free]
-        square = self.statistics.square - float(g @ np.linalg.lstsq(own, g, rcond=1e-12)[0])
-        return max(square - self.statistics.n_obs * s2, 1e-12 * self.statistics.square)
+        return self.statistics.square - float(g @ np.linalg.lstsq(own, g, rcond=1e-12)[0])
 
     def integrated(self, effects: tuple[int, ...]) -> Integrated:
         """Evidence with f; it carries no prior weight of inner parameters."""
@@ -147,6 +155,16 @@ class Evaluations:
                 )
             )
         return found
+
+    def each_parametric(self, choices: Sequence[Sequence[int]]) -> list[Parametric]:
+        """`parametric` of sets of any sizes, many of one size at once: one by one they take five times as long."""
+        found: dict[int, Parametric] = {}
+        for size in sorted({len(choice) for choice in choices}):
+            alike = [k for k, choice in enumerate(choices) if len(choice) == size]
+            for start in range(0, len(alike), TOGETHER):
+                part = alike[start : start + TOGETHER]
+                found |= zip(part, self.parametric([choices[k] for k in part]), strict=True)
+        return [found[k] for k in range(len(choices))]
 
     def with_features(self, effects: tuple[int, ...]) -> WithDiscrepancy:
         """The hypothesis with f, its features orthogonal to its columns in the metric of R⁻¹."""

@@ -220,7 +220,7 @@ def _solved(hyper: Hyperparameters, a: dict[str, Any], kernel: str) -> tuple[Arr
     return log_det, projected, Z[:, 0]
 
 
-@partial(compiled, static_argnames="kernel")
+@partial(compiled, often=True, static_argnames="kernel")
 def _explained(eta: Array, a: dict[str, Any], kernel: str) -> Array:
     hyper = a["prior"].unpack(eta)
     log_S = log_spectral_density(KERNELS[kernel], a["frequency"], hyper.amplitude, hyper.length_scale)
@@ -228,11 +228,11 @@ def _explained(eta: Array, a: dict[str, Any], kernel: str) -> Array:
     return weight @ a["gram"] @ weight
 
 
-_value = compiled(log_joint, static_argnames="kernel")
-_value_and_slope = compiled(jax.value_and_grad(log_joint), static_argnames="kernel")
+_value = compiled(log_joint, often=True, static_argnames="kernel")
+_value_and_slope = compiled(jax.value_and_grad(log_joint), often=True, static_argnames="kernel")
 
 
-@partial(compiled, static_argnames="kernel")
+@partial(compiled, often=True, static_argnames="kernel")
 def _values(etas: Array, a: dict[str, Any], kernel: str) -> Array:
     return jax.lax.map(lambda eta: log_joint(eta, a, kernel), etas)
 

@@ -137,12 +137,15 @@ class Search:
         return [i for group in best for i in group]
 
     def _allowed(self, cores: Iterable[Sequence[int]]) -> list[tuple[int, ...]]:
+        """Those of these sets that may be, but for what was screened before."""
         kept = set()
         # Thousands of sets of a few columns: what is asked of each column is found once.
         binding = {i: c.effect.label for i, c in enumerate(self.statistics.columns) if c.effect is not None}
         late = {i for i in range(len(self.statistics.columns)) if self._is_delay(i)}
         for core in cores:
             key = tuple(sorted(set(core)))
+            if key in kept or key in self._rough:
+                continue
             effects = [i for i in key if i in binding]
             if (
                 len(key) < len(core)

@@ -7,7 +7,7 @@ simulation's coefficients are summed over within each set. Which sets are weighe
 from collections import Counter
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations, product
+from itertools import combinations, islice, product
 from math import log
 
 import numpy as np
@@ -162,8 +162,12 @@ class Sets:
 
     def parametric(self, columns: Sequence[int]) -> Parametric:
         """Evidence of a set without a rest, all patterns of corrections."""
-        self._sum_patterns([columns])
-        return self._full[tuple(columns)]
+        return self.each_parametric([columns])[0]
+
+    def each_parametric(self, sets: Sequence[Sequence[int]]) -> list[Parametric]:
+        """`parametric` of several sets."""
+        self._sum_patterns(sets)
+        return [self._full[tuple(columns)] for columns in sets]
 
     def _sum_patterns(self, sets: Sequence[Sequence[int]]) -> None:
         """Evidence of sets, those that are in every one named too, all patterns of corrections."""
@@ -171,11 +175,8 @@ class Sets:
             # Weights of values of an inner parameter change with their number.
             self._full.clear()
             self._version = self.search.version
-        keys = [tuple(columns) for columns in sets]
-        for size in sorted({len(k) for k in keys}):
-            batch = [k for k in keys if len(k) == size and k not in self._full]
-            for key, found in zip(batch, self.evaluations.parametric(batch), strict=True):
-                self._full[key] = found
+        fresh = [key for key in dict.fromkeys(map(tuple, sets)) if key not in self._full]
+        self._full |= zip(fresh, self.evaluations.each_parametric(fresh), strict=True)
 
     def _plain(self, cores: Sequence[tuple[int, ...]]) -> list[Explanation]:
         """Explanations without a rest, corrections summed in full."""
@@ -290,6 +291,9 @@ class Sets:
         for others, replaced in places.values():
             told += told < TOLD and self.laws.tell(others, replaced)
         weighed = [(*place, self.laws.nameless(*place[1])) for place in places.values()]
+        # Not by `_sum_patterns`: weights of a law's values change whenever it is told beside others.
+        values = [(*self.always, *others, i) for others, _, laws in weighed for law in laws for i in law]
+        every = iter(self.evaluations.each_parametric(values))
         found = []
         for others, replaced, laws in weighed:
             # One law in the place of two is as likely beforehand as a neighbour of either alone.
@@ -297,8 +301,7 @@ class Sets:
             prior = self.log_prior(alike) + self.log_beside(alike) + log(OTHER_LAWS / max(len(laws), 1))
             suspects, effects = self._parted(others)
             for law in laws:
-                # Not by `_sum_patterns`: weights of a law's values change whenever it is told beside others.
-                fitted = self.evaluations.parametric([(*self.always, *others, i) for i in law])
+                fitted = list(islice(every, len(law)))
                 best = int(np.argmax([each.all for each in fitted]))
                 own = (*others, law[best])
                 value = float(np.logaddexp.reduce([each.all for each in fitted])) + self._ranges(own, fitted[best])

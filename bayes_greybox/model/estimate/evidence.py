@@ -62,11 +62,17 @@ class Spectrum:
 
         −½ (Σ log(1 + λ/σ²) + (yᵀR⁻¹y − Σ b²/(σ² + λ))/σ² + n log 2πσ²), less ½ log|R|.
         """
-        s2 = np.asarray(sigma)[..., None] ** 2
-        lam, b = self.eigenvalues[..., None, :], self.loading[..., None, :]
-        log_det = np.sum(np.log1p(lam / s2), axis=-1) + self.n_obs * np.log(2 * math.pi * s2[..., 0])
-        rest = np.maximum(self.square - np.sum(b**2 / (s2 + lam), axis=-1), 0.0)
-        return -0.5 * (log_det + rest / s2[..., 0])
+        s2 = np.asarray(sigma) ** 2
+        # Column by column: reductions over a short last axis take ten times as long. Σ log(σ² + λ) is a few logarithms
+        # of products, which stay within range for eight factors.
+        rest, product, log_det = np.zeros(()), np.ones(()), (self.n_obs - self.eigenvalues.shape[-1]) * np.log(s2)
+        for j in range(self.eigenvalues.shape[-1]):
+            both = s2 + self.eigenvalues[..., j, None]
+            rest, product = rest + self.loading[..., j, None] ** 2 / both, product * both
+            if j % 8 == 7:
+                log_det, product = log_det + np.log(product), np.ones(())
+        log_det = log_det + np.log(product) + self.n_obs * math.log(2 * math.pi)
+        return -0.5 * (log_det + np.maximum(self.square - rest, 0.0) / s2)
 
 
 class Marginal(NamedTuple):
@@ -129,20 +135,28 @@ def log_white_each(
     return marginal(spectrum, noise).log_evidence
 
 
+def means(spectrum: Spectrum, posterior: Marginal) -> Float[np.ndarray, "*batch n_column"]:
+    """Posterior mean of β without f, σ integrated out: that of `coefficients`, for a third of the cost."""
+    return np.einsum("...ij,...j->...i", spectrum.back, _conditional(spectrum, posterior)[2])
+
+
 def coefficients(spectrum: Spectrum, posterior: Marginal) -> tuple[np.ndarray, np.ndarray]:
     """Posterior mean [..., n_column] and covariance [..., n_column, n_column] of β without f, σ integrated out.
 
     Given σ, β ~ N(D^½U b/(σ² + λ), σ² D^½U diag 1/(σ² + λ) UᵀD^½); the mean hardly moves with σ, so the covariance is
     the average of the conditional ones plus that of the conditional means.
     """
-    s2 = posterior.sigma[..., None] ** 2
-    lam, b = spectrum.eigenvalues[..., None, :], spectrum.loading[..., None, :]
-    weight = posterior.weight[..., None]
-    given = b / (s2 + lam)
-    centre = np.sum(weight * given, axis=-2)
-    within = np.sum(weight * s2 / (s2 + lam), axis=-2)
+    both, given, centre = _conditional(spectrum, posterior)
+    within = np.sum(posterior.weight[..., None] * posterior.sigma[..., None] ** 2 / both, axis=-2)
     away = given - centre[..., None, :]
     between = np.einsum("...n,...ni,...nj->...ij", posterior.weight, away, away)
     inner = between + np.eye(within.shape[-1]) * within[..., None, :]
     mean = np.einsum("...ij,...j->...i", spectrum.back, centre)
     return mean, np.einsum("...ij,...jk,...lk->...il", spectrum.back, inner, spectrum.back)
+
+
+def _conditional(spectrum: Spectrum, posterior: Marginal) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """σ² + λ and b/(σ² + λ) at each node of σ [..., n_node, n_column], and the mean of the latter over the nodes."""
+    both = posterior.sigma[..., None] ** 2 + spectrum.eigenvalues[..., None, :]
+    given = spectrum.loading[..., None, :] / both
+    return both, given, np.sum(posterior.weight[..., None] * given, axis=-2)

@@ -18,7 +18,7 @@ from bayes_greybox.physics.terms import Term
 
 from .effects import BoundEffect
 
-Powers = dict[str, tuple[Fraction, bool]]
+Powers = Mapping[str, tuple[Fraction, bool]]
 """Degree in each variable, and whether the sign changes with it."""
 
 STEPS = (Fraction(-1), Fraction(-1, 2), Fraction(1, 2), Fraction(1))
@@ -88,9 +88,10 @@ def bent(effect: BoundEffect) -> tuple[BoundEffect, ...]:
     )
 
 
+@lru_cache(1024)
 def powers(expr: sympy.Expr) -> Powers | None:
     """Degrees and signs of a product of powers of variables, their absolute values and signs; else None."""
-    found: Powers = {}
+    found: dict[str, tuple[Fraction, bool]] = {}
     for factor in sympy.Mul.make_args(expr):
         if factor.is_number:
             continue

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from tiny_equation import CUBE, DEAD_ZONE, SQUARE, integrated, tiny_evaluations
 
+from bayes_greybox.discovery.evidence import evaluations
 from bayes_greybox.discovery.evidence.columns import Nearer
 from bayes_greybox.discovery.evidence.evaluations import MOST_PATTERNS, _patterns, one_pattern
 from bayes_greybox.discovery.evidence.odds import Odds
@@ -99,6 +100,17 @@ def test_the_evidence_of_a_pattern_is_that_of_its_columns_alone(known):
 def test_the_evidence_is_summed_over_patterns(known):
     found = known.parametric([()])[0]
     assert found.all == pytest.approx(np.logaddexp.reduce(found.by_pattern))
+
+
+def test_sets_of_any_sizes_have_the_evidence_that_each_has_alone(known, monkeypatch):
+    monkeypatch.setattr(evaluations, "TOGETHER", 2)
+    one, other = known.statistics.of_kind("effect")
+    sets = [(one, other), (), (other,), (one,), (one, other), (other,)]
+    found = known.each_parametric(sets)
+    for choice, each in zip(sets, found, strict=True):
+        alone = known.parametric([choice])[0]
+        np.testing.assert_allclose(each.by_pattern, alone.by_pattern, rtol=1e-12)
+        assert each.spectrum.eigenvalues.shape == alone.spectrum.eigenvalues.shape
 
 
 def test_no_correction_and_some_are_told_apart_without_the_prior_of_patterns(known):

@@ -7,7 +7,7 @@ from scipy.integrate import quad
 from scipy.stats import halfnorm, lognorm, multivariate_normal
 
 from bayes_greybox.discovery.evidence.with_discrepancy import Evaluator, WithDiscrepancy
-from bayes_greybox.model.estimate.evidence import Spectrum, coefficients, marginal
+from bayes_greybox.model.estimate.evidence import Spectrum, coefficients, marginal, means
 from bayes_greybox.model.gp.hyper import HyperPrior, NoisePrior
 from bayes_greybox.model.gp.kernels import KERNELS, log_spectral_density
 
@@ -36,6 +36,19 @@ def test_log_density_is_that_of_the_dense_normal():
         assert spectrum.log_density(np.array([sigma]))[0] == pytest.approx(dense_density(X, y, sd, sigma), abs=1e-9)
 
 
+@pytest.mark.parametrize("k", [0, 3, 8, 20])
+def test_log_density_keeps_its_range_however_many_columns_there_are(k):
+    """Products of σ² + λ in the place of sums of logarithms: nothing overflows, and nothing is lost."""
+    rng = np.random.default_rng(k)
+    eigenvalues, b = 10.0 ** rng.uniform(-30, 30, (4, 3, k)), rng.standard_normal((4, 3, k))
+    sigma = 10.0 ** rng.uniform(-9, 2, (4, 3, 5))
+    found = Spectrum(eigenvalues, b, np.zeros((4, 3, k, k)), 1e5, 300).log_density(sigma)
+    s2, lam = sigma[..., None] ** 2, eigenvalues[..., None, :]
+    rest = np.maximum(1e5 - np.sum(b[..., None, :] ** 2 / (s2 + lam), axis=-1), 0) / sigma**2
+    log_det = np.sum(np.log1p(lam / s2), axis=-1) + 300 * np.log(2 * np.pi * sigma**2)
+    np.testing.assert_allclose(found, -0.5 * (log_det + rest), rtol=1e-12, atol=1e-9)
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_marginal_is_the_integral_over_sigma(seed):
     X, y, sd = small_problem(seed=seed)
@@ -56,6 +69,12 @@ def test_residuals_below_the_floor_are_integrated_right(n, share):
     density = spectrum.log_density(np.hypot(np.exp(log_s), NOISE.floor)) + NOISE.log_density(log_s)
     expected = np.logaddexp.reduce(density) + np.log(log_s[1] - log_s[0])
     assert marginal(spectrum, NOISE).log_evidence == pytest.approx(expected, abs=0.02)
+
+
+def test_means_are_those_that_coefficients_have():
+    X, y, sd = small_problem()
+    spectrum = Spectrum.of(X.T @ X, X.T @ y, float(y @ y), len(y), sd)
+    np.testing.assert_array_equal(means(spectrum, at := marginal(spectrum, NOISE)), coefficients(spectrum, at)[0])
 
 
 def test_a_batch_gives_what_its_members_give():

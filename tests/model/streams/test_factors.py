@@ -1,12 +1,15 @@
 """Statistics of rows in chunks are those of one pass in extended precision, and of the same rows in memory."""
 
+import os
+import signal
 import threading
 import tracemalloc
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
-from streamed import chunk, chunks, model, together
+from streamed import chunk, chunks, deadly_chunk, model, together
 
 import bayes_greybox as bg
 from bayes_greybox.data.errors import InputError
@@ -152,6 +155,16 @@ def test_workers_give_the_same_to_the_last_bit():
     fitted, _, rows = taken(model(), chunks())
     here, there = (each.statistics(fitted)["ydot"] for each in (rows, replace(rows, stream=chunks(workers=2))))
     assert here.digest == there.digest and np.array_equal(here.factor, there.factor)
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="needs a signal that kills")
+def test_a_worker_that_is_killed_within_a_pass_changes_no_bit(tmp_path):
+    pytest.importorskip("distributed")
+    fitted, _, rows = taken(model(), chunks())
+    here, mark = rows.statistics(fitted)["ydot"], tmp_path / "killed"
+    deadly = RowStream.from_chunks(partial(deadly_chunk, mark, os.getpid()), 10, workers=2)
+    there = replace(rows, stream=deadly).statistics(fitted)
+    assert mark.exists() and here.digest == there["ydot"].digest and np.array_equal(here.factor, there["ydot"].factor)
 
 
 def test_a_function_that_workers_cannot_be_sent_is_refused():

@@ -74,12 +74,15 @@ class ModelledRate:
         """Columns M whose M Mᵀ is the covariance of the draws, of the rate and of the samples; as few as there are."""
         if self.draws is None:
             return np.zeros((len(self.values), 0)), np.zeros((len(self.values), 0))
-        both = np.hstack([self.draws, np.zeros_like(self.draws) if self.moved is None else self.moved])
+        # Where no sensor's error moves the samples, half of the columns would be zeros.
+        both = self.draws if self.moved is None else np.hstack([self.draws, self.moved])
         apart = (both - both.mean(axis=0)) / np.sqrt(len(both))
         # Rows where a rate is no number have no part in any window.
         apart = np.where(np.all(np.isfinite(apart), axis=0), apart, 0.0)
         square, turned = np.linalg.eigh(apart @ apart.T)
         modes = apart.T @ turned[:, square > FAINT_MODE * square[-1]]
+        if self.moved is None:
+            return modes, np.zeros_like(modes)
         return modes[: len(self.values)], modes[len(self.values) :]
 
 

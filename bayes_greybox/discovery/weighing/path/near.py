@@ -246,5 +246,5 @@ def _log_evidence(sets: Sets, noise: NoiseModel, core: Sequence[int] | None = No
     for index in core:
         if sets.statistics.columns[index].inner:
             values = [tuple(other if i == index else i for i in core) for other in known.group(index)]
-            total += float(np.logaddexp.reduce([sets.parametric(each).all for each in values])) - top
+            total += float(np.logaddexp.reduce([each.all for each in sets.each_parametric(values)])) - top
     return total

@@ -1,0 +1,55 @@
+"""Files of a folder whose names can be those of assets."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from bayes_greybox.data.errors import InputError
+from bayes_greybox.data.reading.sources import READERS
+
+
+def files_of(folder: Path) -> list[Path]:
+    """All files of a fleet's folder, by name; hidden ones and those of editors are passed over.
+
+    Args:
+        folder: The folder.
+
+    Raises:
+        InputError: There is no such folder; a name that cannot be printed.
+    """
+    if not folder.is_dir():
+        raise InputError(f'There is no folder "{folder}"; a fleet is a folder with a file for each asset.')
+    files = sorted(f for f in folder.resolve().iterdir() if f.is_file() and not f.name.startswith((".", "~")))
+    for file in files:
+        if not file.name.isprintable() or "\udc80" <= max(file.name) <= "\udcff":
+            raise InputError(f"The file {file.name!r} of the fleet has a name that cannot be printed: rename it.")
+    return files
+
+
+def data_files(folder: Path) -> list[Path]:
+    """Files of a fleet's folder that are read as measurements.
+
+    Args:
+        folder: The folder.
+
+    Raises:
+        InputError: There are none; see `files_of`.
+    """
+    found = [file for file in files_of(folder) if file.suffix.lower() in READERS]
+    if not found:
+        raise InputError(f'"{folder}" has no data files ({", ".join(READERS)}); each asset of a fleet has one.')
+    return found
+
+
+def require_one_each(folder: Path, names: Sequence[str]) -> None:
+    """Refuse two files of one name.
+
+    Args:
+        folder: Where they lie.
+        names: Without endings.
+
+    Raises:
+        InputError: Two are the same.
+    """
+    twice = next((name for name in names if names.count(name) > 1), None)
+    if twice is not None:
+        raise InputError(f'"{folder}" has two files that are called {twice!r}: assets are called as their files are.')
