@@ -14,7 +14,7 @@ import numpy as np
 
 import bayes_greybox as bg
 from bayes_greybox.config import load_config
-from bayes_greybox.inference.kept import netcdf
+from bayes_greybox.inference.kept import netcdf, unsummed
 from bayes_greybox.physics.catalogue.loading import load_catalogue
 from bayes_greybox.physics.formula.expressions import evaluate, parse_expression
 from bayes_greybox.physics.formula.printing import to_latex, to_text
@@ -39,6 +39,9 @@ _watched: list[list[str]] = []
 
 
 def _hear(event: str, arguments: tuple) -> None:
+    if event == "subprocess.Popen" and unsummed.READER in arguments[1]:
+        # The package's own reader of files, which runs nothing that they say.
+        return
     if _watched and (event in CODE or (event == "open" and TRACE in str(arguments[0]))):
         _watched[-1].append(f"{event} {str(arguments)[:80]}")
 
