@@ -28,6 +28,9 @@ MAX_NUMBER = 1e300
 # Beyond this many bits an exact fraction is replaced by its floating-point value.
 _MAX_BITS = 512
 
+# Roots of higher degree are taken in floating point.
+_MAX_ROOT = 1000
+
 REMEMBERED = 4096
 """Formulas that are not read again: a study asks for the same ones near every path, and each takes milliseconds."""
 
@@ -259,8 +262,11 @@ class _Builder:
         if abs(value) > MAX_EXPONENT:
             self.refuse(f"has an exponent of {value:g}; exponents go up to {MAX_EXPONENT}")
         if isinstance(exponent, sympy.Float):
-            exact = sympy.Rational(*Fraction(value).limit_denominator(1000).as_integer_ratio())
+            exact = sympy.Rational(*Fraction(value).limit_denominator(_MAX_ROOT).as_integer_ratio())
             exponent = exact if float(exact) == value else exponent
+        elif exponent.is_Rational and sympy.fraction(exponent)[1] > _MAX_ROOT:
+            # SymPy looks for exact roots, for the 29²⁰th one until there is no memory left.
+            exponent = _from_float(value)
         if value_base is None:
             whole: Any = base
             if base.atoms(sympy.Float):

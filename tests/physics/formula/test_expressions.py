@@ -362,3 +362,11 @@ def test_a_root_of_a_number_beside_a_tiny_one_does_not_hang_under_a_power():
     expr = parse_expression("exp(-(3*((v/-99**0.1*3)**1)*-1e-202)**012e-1)*5")
     assert time.process_time() - start < 1
     assert evaluate(expr, {"v": np.array([2.0])})[0] == pytest.approx(5.0)
+
+
+@pytest.mark.parametrize("text", ["88**-29**-20*z", "z**29**-20", "2**(1/1001)*z"])
+def test_a_root_of_a_huge_degree_is_taken_in_floating_point(text):
+    start = time.process_time()
+    value = evaluate(parse_expression(text), {"z": np.array([1.5])})[0]
+    assert time.process_time() - start < 1
+    assert value == pytest.approx(eval(text, {"z": 1.5}))  # noqa: S307
