@@ -6,7 +6,7 @@ result is the same to the last bit wherever they were read, on processors of one
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -62,7 +62,8 @@ class Rows:
                 raise InputError(f"Part {part} of {self.source.where} has other columns than its first one.")
             self._require_units(part, chunk)
             blocks = self.model.blocks.items()
-            yield chunk, {name: self.runs[name].shared_rows(chunk, of, simulation) for name, of in blocks}
+            for piece in _alone(chunk) if self.model.rows.integrated else [chunk]:
+                yield piece, {name: self.runs[name].shared_rows(piece, of, simulation) for name, of in blocks}
 
     def _require_units(self, part: int, chunk: Trajectories) -> None:
         for name in (*self.sample.units, *chunk.units):
@@ -73,6 +74,12 @@ class Rows:
                     f'{second or "not stated"} in part {part}: convert one of them, or pass units={{"{name}": ...}} '
                     "if both are the same."
                 )
+
+
+def _alone(chunk: Trajectories) -> Iterator[Trajectories]:
+    """Its runs one by one: a smoother is compiled for each number of runs that it is given at once."""
+    for run in range(chunk.n_run):
+        yield replace(chunk.take(run), dropped=0 if run else chunk.dropped)
 
 
 @dataclass(frozen=True)
@@ -164,7 +171,10 @@ class Whole:
             )
         if nothing_left(np.sqrt(sizes.target), np.sqrt(sizes.measured)):
             raise rows.nothing_to_learn()
-        return scaled_frame(rows.equation, dictionary, model.discrepancy, sizes.ends, *sizes.scales(rows, dictionary))
+        scales = sizes.scales(rows, dictionary)
+        frame = scaled_frame(rows.equation, dictionary, model.discrepancy, sizes.ends, *scales)
+        # A path has points that stand for no sample: terms are as large as on those that are looked at.
+        return replace(frame, term_scale=self.first[rows.equation].term_scale) if self.first else frame
 
 
 def whole_of(stream: RowStream, model: Program, sample: Trajectories) -> Whole:

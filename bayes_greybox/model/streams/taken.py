@@ -87,8 +87,6 @@ def _remarked(sample: Trajectories, data: RowStream, whole: Whole, pieces: str) 
 
 def _require_streamed(model: Program) -> None:
     """Refuse what needs all rows at once."""
-    if model.rows.integrated:
-        raise InputError("not yet")
     gp = model.discrepancy
     if gp is not None and gp.path == "exact":
         raise InputError("OrthogonalGP(path='exact') is dense and takes no stream: use path='hsgp'.")
