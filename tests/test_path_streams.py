@@ -87,7 +87,7 @@ x = ["x", "x*y"]
 y = ["x*y", "y"]
 
 [discrepancy]
-use = false
+enabled = false
 
 [sampling]
 draws = 40

@@ -39,8 +39,8 @@ def taken(model: Program, data: Trajectories | RowStream) -> Taken:
         data: Training data.
 
     Raises:
-        InputError: See `Program.near` and `Program.with_noise_found`; of a stream rows that are no measured rates or
-            outputs, noise that is to be found, the exact path.
+        InputError: See `Program.near` and `Program.with_noise_found`; of a stream noise that is to be found, the exact
+            path, and coefficients of paths that do not settle.
     """
     if not isinstance(data, RowStream):
         return Taken(*Program.with_noise_found(*Program.near(model, data)))
