@@ -135,7 +135,7 @@ class WholeRuns:
             attributes = piece.attributes
             kept = asked.usable(piece.frame)
             dropped += int(np.sum(~kept))
-            frame, row = piece.frame[kept], piece.first + np.flatnonzero(kept)
+            frame, row = pd.DataFrame(piece.frame[kept]), piece.first + np.flatnonzero(kept)
             if not len(frame):
                 continue
             first = first if held else int(row[0])

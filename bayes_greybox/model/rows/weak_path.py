@@ -316,7 +316,7 @@ def _linear(
 
 def _rms(L: csr_matrix) -> float:
     """RMS over the rows of their norms."""
-    return float(np.sqrt(np.mean(np.sum(L.multiply(L), axis=1)))) if L.shape[0] else 1.0
+    return float(np.sqrt(np.mean(np.sum(L.multiply(L), axis=1)))) if L.nnz else 1.0
 
 
 def _lines(parts: Sequence[csr_matrix], rows: np.ndarray) -> csr_matrix:

@@ -63,7 +63,13 @@ class Rows:
             self._require_units(part, chunk)
             blocks = self.model.blocks.items()
             for piece in _alone(chunk) if self.model.rows.integrated else [chunk]:
-                yield piece, {name: self.runs[name].shared_rows(piece, of, simulation) for name, of in blocks}
+                try:
+                    rows = {name: self.runs[name].shared_rows(piece, of, simulation) for name, of in blocks}
+                except InputError as error:
+                    if not self.model.rows.integrated:
+                        raise
+                    raise InputError(f'In run "{piece.run_names[0]}" of {self.source.where}: {error}') from error
+                yield piece, rows
 
     def _require_units(self, part: int, chunk: Trajectories) -> None:
         for name in (*self.sample.units, *chunk.units):

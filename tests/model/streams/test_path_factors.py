@@ -24,7 +24,7 @@ CASES = {
         {"dictionary": {"x": BOTH["x"]}, "simulation": {"y": "x*y - 4*y"}, "discrepancy": F},
         animals,
     ),
-    "path": (lambda **own: bg.GreyBox(BOTH, discrepancy=None, **own), {}, animals),
+    "path": (lambda **own: bg.GreyBox(BOTH, discrepancy=None, **own), {}, lambda: animals(2)),
     "path, f, one seen": (path_of, {"discrepancy": F}, oscillations),
     "path, unweighted measure": (path_of, {"discrepancy": replace(F, measure="unweighted")}, oscillations),
 }
@@ -133,6 +133,6 @@ def test_memory_is_that_of_the_sample_and_of_a_few_runs():
         return found
 
     peak(5)  # what is imported and kept at first use
-    few = peak(10)
-    # Eight times the runs.
-    assert peak(80) < 1.3 * few
+    few = peak(8)
+    # Five times the runs.
+    assert peak(40) < 1.3 * few
