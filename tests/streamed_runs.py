@@ -1,5 +1,6 @@
 """Runs of a system of prey and predators, and of an oscillator, in memory and one by one, for tests of streams."""
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -30,6 +31,13 @@ def animals(n_run=5):
 def oscillations():
     """Four runs of an oscillator with a cubic spring that its simulation lacks; its displacement alone."""
     return sampled(lambda y, v: -(y**3), runs=4, n=120)
+
+
+@cache
+def clipped():
+    """The same with a sensor that ends at 0.55."""
+    data = oscillations()
+    return replace(data, states={"y": np.minimum(data.states["y"], 0.55)})
 
 
 def stream_of(data, **further):

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from streamed_runs import BOTH, animals, oscillations, path_of, stream_of, weak
+from streamed_runs import BOTH, animals, clipped, oscillations, path_of, stream_of, weak
 
 import bayes_greybox as bg
 from bayes_greybox.data.streams.row_stream import RowStream
@@ -26,6 +26,9 @@ CASES = {
     ),
     "path": (lambda **own: bg.GreyBox(BOTH, discrepancy=None, **own), {}, lambda: animals(2)),
     "path, f, one seen": (path_of, {"discrepancy": F}, oscillations),
+    "path, clipped sensor": (path_of, {}, clipped),
+    "path, in segments": (path_of, {"rows": bg.TrajectoryRows(segment=6.0)}, oscillations),
+    "path, unknown force": (path_of, {"rows": bg.TrajectoryRows(force=1e-3)}, oscillations),
     "path, unweighted measure": (path_of, {"discrepancy": replace(F, measure="unweighted")}, oscillations),
 }
 
