@@ -144,7 +144,7 @@ class WholeRuns:
             # Few runs are cut one from another: what is asked for is a place between two.
             while len(enough := begun[begun - start + n_held >= ROWS]):
                 stop = int(enough[0])
-                held.append(frame.iloc[start:stop])
+                held += [frame.iloc[start:stop]] if stop > start else []
                 yield Piece(first, pd.concat(held, ignore_index=True), attributes), dropped
                 held, n_held, dropped = [], 0, 0
                 first, start, begun = int(row[stop]), stop, begun[begun > stop]
