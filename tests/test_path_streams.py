@@ -55,7 +55,7 @@ def test_what_needs_all_runs_at_once_says_what_to_do(fit):
     with pytest.raises(InputError, match="Leaving rows out needs all of them again"):
         bg.cross_validate(fit, scheme="trajectory")
     with pytest.raises(InputError, match=r"GreyBox\(noise=Noise\(...\)\) is found on the residuals of all rows"):
-        path_of(noise=bg.Noise(correlation="ar1")).fit(stream_of(oscillations()), **FEW)
+        path_of(noise=bg.Noise(correlation="fit")).fit(stream_of(oscillations()), **FEW)
     with pytest.raises(InputError, match="path='hsgp'"):
         path_of(discrepancy=bg.OrthogonalGP(path="exact")).fit(stream_of(oscillations()), **FEW)
     with pytest.raises(InputError, match=r"Fit\.refine follows the exact path of every run.*fit\.data\.samples"):
@@ -85,6 +85,9 @@ kind = "weak"
 [dictionary]
 x = ["x", "x*y"]
 y = ["x*y", "y"]
+
+[prior]
+kind = "normal"
 
 [discrepancy]
 enabled = false
