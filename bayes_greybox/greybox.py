@@ -85,8 +85,9 @@ class GreyBox(Program):
         features resolve is sampled again with as many as it needs.
 
         Args:
-            data: Training data, with the derivative of each learned state; or a `stream` of more rows than memory
-                holds, of which all decide the posterior, and those of its sample are looked at one by one.
+            data: Training data, with the derivative of each learned state or samples of paths; or a `stream` of more
+                rows than memory holds, of which all decide the posterior, and those of its sample are looked at one by
+                one.
             draws: Draws kept in each chain.
             tune: Warm-up iterations of each chain.
             chains: Number of chains, run in parallel threads.

@@ -91,10 +91,6 @@ def test_what_needs_all_rows_at_once_says_what_to_do(fit):
     ):
         with pytest.raises(UNREAD, match=r"stream\.sample|RowStream"):
             call()
-    with pytest.raises(InputError, match=r"TrajectoryRows follow paths.*derivatives=.*decimate"):
-        bg.GreyBox(dictionary={"y": ["y"]}).fit(
-            RowStream.from_chunks(lambda i: bg.read(frame(seed=i), states=["y"], time="t"), 2), **FEW
-        )
     with pytest.raises(InputError, match="noise"):
         _own(noise=bg.Noise(tails="fit")).fit(chunks(), **FEW)
     with pytest.raises(InputError, match="path='hsgp'"):

@@ -52,6 +52,10 @@ class Oscillator(NamedTuple):
         """Parts, of as many rows as those of a file."""
         return -(-self.n_row // PART)
 
+    def whole_runs(self) -> "Oscillator":
+        """The same: rows of rates have no runs."""
+        return self
+
     def chunks(self, part: int) -> Iterator[Trajectories]:
         """Rows of a part."""
         for start in range(part * PART, min((part + 1) * PART, self.n_row), CHUNK):

@@ -60,7 +60,7 @@ def assemble(
     sizes = np.array([rows.learned[name].size for name in dictionary.acts_on] or [1.0])
     term_scale = np.sqrt(_mean_squares(rows, dictionary)) / sizes
     frame = scaled_frame(equation, dictionary, discrepancy, rows.columns, term_scale, target_scale)
-    table = _scaled_table(frame, rows)
+    table = scaled_table(frame, rows)
 
     factor = plain = triangular_factor(table, rows.n_row)
     require_independent(plain[:, :n_term], dictionary.names, equation)
@@ -181,8 +181,13 @@ def _mean_squares(rows: EquationRows, dictionary: Dictionary) -> Float[np.ndarra
     return squares / rows.n_sample
 
 
-def _scaled_table(frame: Frame, rows: EquationRows) -> Table:
-    """[Φ ψ y] by index; of many chunks each is evaluated by one compiled program."""
+def scaled_table(frame: Frame, rows: EquationRows) -> Table:
+    """[Φ ψ y] in scaled units by index of the rows; of many chunks each is evaluated by one compiled program.
+
+    Args:
+        frame: Scaling and features.
+        rows: The rows.
+    """
     y = rows.target / frame.target_scale
 
     def evaluate(columns: Mapping[str, jax.Array | np.ndarray]) -> jax.Array | np.ndarray:

@@ -160,7 +160,7 @@ class Equation:
         """Of the whitened rows about the estimate of `ridge`, scaled units."""
         theta, _ = self._least_squares
         square = np.sum((np.asarray(self.design.y) - np.asarray(self.design.Phi) @ theta) ** 2)
-        return float(square) / max(self.rows.n_white - len(theta), 1)
+        return float(square) / max(float(self.design.n_obs) - len(theta), 1.0)
 
     @property
     def _stated_weight(self) -> Float[np.ndarray, " n_term"]:

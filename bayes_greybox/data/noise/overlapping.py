@@ -121,16 +121,28 @@ class OverlappingNoise(RowNoise):
         return np.concatenate(solved) if solved else rows
 
 
-def overlapping(bands: Sequence[Float[np.ndarray, "_ _"]], scale: float = 1.0) -> OverlappingNoise:
+def overlapping(
+    bands: Sequence[Float[np.ndarray, "_ _"]], scale: float = 1.0, mean: float | None = None
+) -> OverlappingNoise:
     """Noise with a mean diagonal of one.
 
     Args:
         bands: Covariance of the rows of each run over scale², in lower banded form.
         scale: See `RowNoise`.
+        mean: Of the diagonal, where these rows are some of those over which it is to be one.
+    """
+    mean = mean_diagonal(bands) if mean is None else mean
+    return OverlappingNoise(tuple(band / mean for band in bands), scale * math.sqrt(mean))
+
+
+def mean_diagonal(bands: Sequence[Float[np.ndarray, "_ _"]]) -> float:
+    """Mean of the diagonals of bands; one of none.
+
+    Args:
+        bands: In lower banded form.
     """
     n = sum(band.shape[1] for band in bands)
-    mean = sum(float(np.sum(band[0])) for band in bands) / n if n else 1.0
-    return OverlappingNoise(tuple(band / mean for band in bands), scale * math.sqrt(mean))
+    return sum(float(np.sum(band[0])) for band in bands) / n if n else 1.0
 
 
 def independent_rows(band: Float[np.ndarray, "_ n"]) -> Bool[np.ndarray, " n"]:

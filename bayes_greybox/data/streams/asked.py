@@ -26,12 +26,21 @@ class Asked:
         time: Column of time stamps; rows are numbered without.
         missing: Whether rows with missing values are an error or left out.
         settings: Further arguments of `read`.
+        stamps: Column of time stamps, as a source names it.
+        labels: Column that tells runs apart, as a source names it.
     """
 
     columns: tuple[str, ...]
     time: str | None = None
     missing: Literal["error", "drop"] = "error"
     settings: Mapping[str, Any] = field(default_factory=dict)
+    stamps: str | None = None
+    labels: str | None = None
+
+    @property
+    def restarts(self) -> bool:
+        """Whether time that goes back begins another run."""
+        return self.settings.get("restart") == "run"
 
     def among(self, kinds: Mapping[str, str], where: str) -> "Asked":
         """The same with columns as a source names them.
@@ -55,7 +64,26 @@ class Asked:
                     f'The column "{name}" of {where} does not hold numbers. A stream knows no row before its piece: '
                     "give dates as seconds, and text as numbers."
                 )
-        return replace(self, columns=tuple(dict.fromkeys(columns)))
+        stamps = None if self.time is None else own[table.known(self.time)]
+        return replace(self, columns=tuple(dict.fromkeys(columns)), stamps=stamps, labels=labels)
+
+    def begins(self, frame: pd.DataFrame, before: pd.DataFrame | None) -> Bool[np.ndarray, " n_row"]:
+        """Rows that begin a run.
+
+        Args:
+            frame: Rows, by columns as the source has them.
+            before: The row before the first of them, or None.
+        """
+        begun = np.zeros(len(frame), bool)
+        begun[0] = before is None
+        last = frame.iloc[:0] if before is None else before
+        if self.labels is not None:
+            labels = pd.concat([last, frame])[self.labels].to_numpy()
+            begun[len(frame) - len(labels) + 1 :] |= labels[1:] != labels[:-1]
+        elif self.restarts and self.stamps is not None:
+            time = pd.concat([last, frame])[self.stamps].to_numpy(float)
+            begun[len(frame) - len(time) + 1 :] |= np.diff(time) < 0
+        return begun
 
     def usable(self, frame: pd.DataFrame) -> Bool[np.ndarray, " n_row"]:
         """Rows that are read: all, or those without missing values where these are left out."""

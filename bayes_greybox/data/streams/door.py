@@ -33,9 +33,11 @@ def stream(
     workers: int | None = None,
     scheduler: str | None = None,
 ) -> RowStream:
-    """Measured rates or outputs that stay in their file: `GreyBox.fit` reads them a chunk at a time.
+    """Measured rates or outputs, or samples of paths, that stay in their file: `GreyBox.fit` reads them in chunks.
 
-    Memory is that of a few chunks, whatever the number of rows. The order of rows matters to nothing but the sample.
+    Memory is that of a few chunks, whatever the number of rows, and of the longest run where rows are of paths.
+    The order of rows that are measured one by one matters to nothing but the sample; those of a run of a path lie
+    together in one file, in order of time.
 
     Args:
         source: Path of a Parquet or netCDF file or a Zarr store (.zarr), a list of such of one kind, or a path with *
@@ -44,13 +46,14 @@ def stream(
         inputs: as in `read`.
         derivatives: as in `read`.
         outputs: as in `read`.
-        time: column of time stamps, numbers; rows are numbered without.
+        time: column of time stamps, numbers; rows are numbered without, and no rows of paths.
         run: as in `read`.
         restart: as in `read`.
         units: as in `read`.
         missing: "error" refuses missing values, "drop" leaves out their rows and counts them.
-        sample: rows that are kept in memory, about, for all that looks at single rows: ten stretches, evenly spaced.
-        workers: processes of this machine that read (extra "distributed"); one if left out.
+        sample: rows that are kept in memory, about, for all that looks at single rows: ten stretches, evenly spaced, or
+            whole runs, on which it is also found what the paths of all runs have in common.
+        workers: processes of this machine that read (extra "distributed"), files of runs each by one; one if left out.
         scheduler: address of a Dask scheduler, such as `tcp://host:8786`, whose workers read and see the same files.
 
     Returns:

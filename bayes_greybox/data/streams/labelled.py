@@ -9,6 +9,7 @@ from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
 
 from .asked import CHUNK, PART, Asked
+from .whole_runs import Piece, WholeRuns
 
 INSTALL = 'install it with pip install ".[distributed]" in the checkout'
 
@@ -36,8 +37,33 @@ class LabelledRows:
         """Parts."""
         return len(self.pieces)
 
+    @property
+    def paths(self) -> list[str]:
+        """The store of each part."""
+        return [piece[0] for piece in self.pieces]
+
+    def whole_runs(self) -> WholeRuns:
+        """The stores with whole runs in each chunk."""
+        return WholeRuns(self)
+
     def chunks(self, part: int) -> Iterator[Trajectories]:
         """The rows of a part, some at a time."""
+        dimension = self.pieces[part][1]
+        for first, piece in self._slices(part):
+            kept = self.asked.usable(piece.reset_coords().to_dataframe())
+            if not kept.all():
+                piece = piece.isel({dimension: kept})
+            if kept.any():
+                yield from self.asked.formed(piece, f'"{self.paths[part]}"', first, int((~kept).sum()))
+
+    def tables(self, part: int) -> Iterator[Piece]:
+        """The rows of a part as they lie in the store, some at a time."""
+        for first, piece in self._slices(part):
+            # Stamps may be the dimension's own coordinate.
+            frame = piece.reset_coords().to_dataframe().reset_index()[list(self.asked.columns)]
+            yield Piece(first, frame, {str(name): dict(piece[name].attrs) for name in frame})
+
+    def _slices(self, part: int) -> Iterator[tuple[int, Any]]:
         path, dimension, start, stop = self.pieces[part]
         with _opened(Path(path)) as dataset:
             lacking = [name for name in self.asked.columns if name not in dataset.variables]
@@ -45,12 +71,7 @@ class LabelledRows:
                 raise InputError(f'"{path}" has no variable "{lacking[0]}", which other files of the stream have.')
             wanted = dataset[list(self.asked.columns)]
             for first in range(start, stop, CHUNK):
-                piece = wanted.isel({dimension: slice(first, min(first + CHUNK, stop))}).load()
-                kept = self.asked.usable(piece.reset_coords().to_dataframe())
-                if not kept.all():
-                    piece = piece.isel({dimension: kept})
-                if kept.any():
-                    yield from self.asked.formed(piece, f'"{path}"', first, int((~kept).sum()))
+                yield first, wanted.isel({dimension: slice(first, min(first + CHUNK, stop))}).load()
 
 
 def labelled_rows(stores: Sequence[Path], asked: Asked) -> LabelledRows:

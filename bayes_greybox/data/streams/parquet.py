@@ -12,6 +12,7 @@ from bayes_greybox.data.reading.sources import INSTALL
 from bayes_greybox.data.trajectories import Trajectories
 
 from .asked import CHUNK, PART, Asked
+from .whole_runs import Piece, WholeRuns
 
 
 @dataclass(frozen=True)
@@ -37,8 +38,24 @@ class ParquetRows:
         """Parts."""
         return len(self.pieces)
 
+    @property
+    def paths(self) -> list[str]:
+        """The file of each part."""
+        return [path for path, _, _ in self.pieces]
+
+    def whole_runs(self) -> WholeRuns:
+        """The files with whole runs in each chunk."""
+        return WholeRuns(self)
+
     def chunks(self, part: int) -> Iterator[Trajectories]:
         """The rows of a part, some at a time."""
+        for first, frame, _ in self.tables(part):
+            kept = self.asked.usable(frame)
+            if kept.any():
+                yield from self.asked.formed(frame[kept], f'"{self.paths[part]}"', first, int(np.sum(~kept)))
+
+    def tables(self, part: int) -> Iterator[Piece]:
+        """The rows of a part as they lie in the file, some at a time."""
         import pyarrow as pa
 
         path, first, groups = self.pieces[part]
@@ -46,9 +63,7 @@ class ParquetRows:
             batches = file.iter_batches(batch_size=CHUNK, row_groups=list(groups), columns=list(self.asked.columns))
             for batch in batches:
                 frame = pa.Table.from_batches([batch]).to_pandas(ignore_metadata=True)
-                kept = self.asked.usable(frame)
-                if kept.any():
-                    yield from self.asked.formed(frame[kept], f'"{path}"', first, int(np.sum(~kept)))
+                yield Piece(first, frame, {})
                 first += len(frame)
 
 

@@ -11,6 +11,8 @@ from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.limits import Count, require_limits
 from bayes_greybox.data.trajectories import Trajectories
 
+from .whole_runs import some_runs, stacked_runs
+
 SAMPLE = 2000
 """Rows of the sample by default: as many as every group of a fit is kept for."""
 
@@ -40,10 +42,14 @@ class Source(Protocol):
         """
         ...
 
+    def whole_runs(self) -> "Source":
+        """The same rows in parts whose chunks hold whole runs, as paths need them."""
+        ...
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class RowStream:
-    """Measured rates or outputs of any number of rows: `GreyBox.fit` reads them twice, a chunk at a time.
+    """Measured rates or outputs of any number of rows, or samples of paths: `GreyBox.fit` reads them a chunk at a time.
 
     All rows decide the posterior. What looks at single rows (predictions of the training data, checks, leave-one-out
     densities, figures) looks at those of `sample`.
@@ -53,12 +59,14 @@ class RowStream:
         sample_size: Rows of the sample, about.
         workers: Processes of this machine that read parts; one if left out.
         scheduler: Address of a Dask scheduler, whose workers read parts and see the same files.
+        by_run: Whether chunks, and the sample, are of whole runs.
     """
 
     source: Source
     sample_size: Count = SAMPLE
     workers: Count | None = None
     scheduler: str | None = field(default=None)
+    by_run: bool = False
 
     def __post_init__(self) -> None:
         require_limits(self)
@@ -87,7 +95,9 @@ class RowStream:
 
         Args:
             chunk: From 0, 1, … to rows, the same ones each time that it is asked; where a state or an input may stay
-                the same all over a chunk, made with `constant="keep"`. For workers a function of a module.
+                the same all over a chunk, made with `constant="keep"`. For workers a function of a module. Runs of a
+                chunk end with it: where rows are samples of paths give whole runs, as what is cut has a start of its
+                own in each part.
             n_chunk: How many there are.
             sample: Rows that are looked at one by one.
             workers: Processes of this machine that ask for chunks; one if left out.
@@ -97,13 +107,23 @@ class RowStream:
             raise InputError("RowStream.from_chunks takes a function of a chunk's number, and how many there are.")
         return cls(_Given(chunk, n_chunk), sample, workers, scheduler)
 
+    def whole_runs(self) -> "RowStream":
+        """The same rows in chunks of whole runs, of which a sample is made too.
+
+        Raises:
+            InputError: Rows without stamps.
+        """
+        return replace(self, source=self.source.whole_runs(), by_run=True)
+
     @cached_property
     def sample(self) -> Trajectories:
-        """Stretches of rows that follow each other, evenly spaced over the parts.
+        """Stretches of rows that follow each other, or whole runs, evenly spaced over the parts.
 
         Raises:
             InputError: No rows, or rows that cannot be used.
         """
+        if self.by_run:
+            return self._some_runs()
         size = max(self.sample_size // STRETCHES, 1)
         # Stretches are in the middle of equal shares of the parts.
         place = (np.arange(STRETCHES) + 0.5) / STRETCHES * self.source.n_part
@@ -113,6 +133,13 @@ class RowStream:
         if not pieces:
             raise InputError(f"There are no rows in {self.source.where}.")
         return _together(pieces)
+
+    def _some_runs(self) -> Trajectories:
+        pieces = some_runs(self.source, self.sample_size, STRETCHES)
+        if not pieces:
+            raise InputError(f"There are no rows in {self.source.where}.")
+        _require_alike([piece for _, piece in pieces])
+        return stacked_runs(pieces)
 
     def __repr__(self) -> str:
         parts = "1 part" if self.source.n_part == 1 else f"{self.source.n_part} parts"
@@ -129,6 +156,9 @@ class _Given:
     @property
     def where(self) -> str:
         return "chunks of a function"
+
+    def whole_runs(self) -> "_Given":
+        return self
 
     def chunks(self, part: int) -> Iterator[Trajectories]:
         try:
@@ -183,11 +213,7 @@ def _cut(chunk: Trajectories, start: int, stop: int, name: str) -> Trajectories:
 def _together(pieces: list[Trajectories]) -> Trajectories:
     """Pieces as runs of one set of data."""
     first = pieces[0]
-    for piece in pieces:
-        if set(piece.columns) != set(first.columns) or set(piece.derivatives) != set(first.derivatives):
-            raise InputError("Chunks of a stream must have the same states, inputs, derivatives and outputs.")
-        if piece.units != first.units:
-            raise InputError("Chunks of a stream must have the same units.")
+    _require_alike(pieces)
 
     def runs(pick: Callable[[Trajectories], np.ndarray]) -> list[np.ndarray]:
         return [part for piece in pieces for part in np.split(pick(piece), np.cumsum(piece.run_lengths)[:-1])]
@@ -202,3 +228,13 @@ def _together(pieces: list[Trajectories]) -> Trajectories:
         run_names=[name for piece in pieces for name in piece.run_names],
         constant="keep",
     )
+
+
+def _require_alike(pieces: list[Trajectories]) -> None:
+    """Refuse pieces of other columns or units than the first one's."""
+    first = pieces[0]
+    for piece in pieces:
+        if set(piece.columns) != set(first.columns) or set(piece.derivatives) != set(first.derivatives):
+            raise InputError("Chunks of a stream must have the same states, inputs, derivatives and outputs.")
+        if piece.units != first.units:
+            raise InputError("Chunks of a stream must have the same units.")

@@ -22,6 +22,8 @@ def whole_record(whole: Mapping[str, RowStatistics]) -> dict[str, dict[str, Any]
     return {
         name: {
             "n_row": each.n_row,
+            "n_white": each.n_white,
+            "log_det": each.log_det,
             "target_scale": each.target_scale,
             "noise_floor": each.noise_floor,
             "ends": {column: ends.tolist() for column, ends in each.ends.items()},
@@ -39,6 +41,8 @@ def whole_group(whole: Mapping[str, RowStatistics]) -> xr.Dataset:
     arrays = {}
     for name, each in whole.items():
         arrays[f"{name}_factor"] = ((f"{name}_row", f"{name}_column"), np.ascontiguousarray(each.factor))
+        if each.plain is not None:
+            arrays[f"{name}_plain"] = ((f"{name}_row", f"{name}_column"), np.ascontiguousarray(each.plain))
         arrays[f"{name}_term_scale"] = ((f"{name}_term",), each.term_scale)
     return xr.Dataset(arrays)
 
@@ -57,10 +61,14 @@ def whole_from(record: Mapping[str, Mapping[str, Any]], group: xr.Dataset) -> di
     for name, plain in record.items():
         factor, term_scale = (group[f"{name}_{what}"].to_numpy().astype(float) for what in ("factor", "term_scale"))
         ends = {column: np.array(both, float) for column, both in plain["ends"].items()}
-        numbers = np.concatenate([factor.ravel(), term_scale, *ends.values()])
-        n_row, scales = plain["n_row"], (float(plain["target_scale"]), float(plain["noise_floor"]))
-        whole = type(n_row) is int and n_row > 0 and min(scales) > 0 and all(len(both) == 2 for both in ends.values())
+        without = group[f"{name}_plain"].to_numpy().astype(float) if f"{name}_plain" in group else None
+        # Files from before rows of paths were streamed are of rates alone.
+        n_row, n_white, log_det = plain["n_row"], plain.get("n_white", plain["n_row"]), float(plain.get("log_det", 0.0))
+        scales = (float(plain["target_scale"]), float(plain["noise_floor"]))
+        numbers = np.concatenate([factor.ravel(), term_scale, [log_det], *ends.values()])
+        counts = all(type(n) is int and n > 0 for n in (n_row, n_white))
+        whole = counts and min(scales) > 0 and all(len(both) == 2 for both in ends.values())
         if not (whole and np.all(np.isfinite(numbers)) and np.all(term_scale > 0)):
             raise InputError(f"the file is damaged: its statistics of {name!r} are those of no rows.")
-        found[name] = RowStatistics(n_row, ends, term_scale, *scales, factor)
+        found[name] = RowStatistics(n_row, ends, term_scale, *scales, factor, n_white, log_det, without)
     return found

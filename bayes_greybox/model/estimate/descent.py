@@ -75,6 +75,20 @@ def likeliest_of(found: Sequence[Standing], data: Trajectories) -> Standing:
     return found[int(np.argmax(densities))]
 
 
+def frozen(model: Any, equation: Equation) -> list[tuple[Any, float]]:
+    """Coefficients of the terms that rows are near; nought of those that they do not have.
+
+    Args:
+        model: The model.
+        equation: On its rows.
+    """
+    dictionary, rows = equation.frame.dictionary, model.rows
+    to = rows.added_to or model.equations * len(rows.added)
+    known = {(text, name): value for (text, value), name in zip(rows.added, to, strict=False)}
+    acts_on = dictionary.acts_on or model.equations * len(dictionary.terms)
+    return [(term, known.get((term.text, name), 0.0)) for term, name in zip(dictionary.terms, acts_on, strict=False)]
+
+
 def _settled(start: Standing | None, data: Trajectories, most: int) -> Standing | None:
     """Where steps from a standing lead to, with no fewer segments than on the way; None where they do not settle.
 
@@ -123,17 +137,8 @@ def _standing(model: Any, data: Trajectories, at: list[tuple[Any, float]] | None
     try:
         (equation,) = model.assemble(data).values()
         if at is None:
-            at = _stated(model, equation)
+            at = frozen(model, equation)
         density, moved = equation.log_density(at), equation.moved(at)
     except (InputError, np.linalg.LinAlgError):
         return None
     return Standing(model, equation, at, density, moved) if math.isfinite(density + moved) else None
-
-
-def _stated(model: Any, equation: Equation) -> list[tuple[Any, float]]:
-    """Coefficients of the terms that rows are near; nought of those that they do not have."""
-    dictionary, rows = equation.frame.dictionary, model.rows
-    to = rows.added_to or model.equations * len(rows.added)
-    known = {(text, name): value for (text, value), name in zip(rows.added, to, strict=False)}
-    acts_on = dictionary.acts_on or model.equations * len(dictionary.terms)
-    return [(term, known.get((term.text, name), 0.0)) for term, name in zip(dictionary.terms, acts_on, strict=False)]

@@ -84,11 +84,11 @@ def likeliest(equation: Equation, thorough: bool = True) -> Likeliest:
     Phi, y = np.asarray(design.Phi), np.asarray(design.y)
     if design.coefficients.stated:
         values = equation.ridge()
-        sd = np.sqrt(np.diag(np.linalg.pinv(Phi.T @ Phi)) * np.sum(y**2) / equation.rows.n_white)
+        sd = np.sqrt(np.diag(np.linalg.pinv(Phi.T @ Phi)) * np.sum(y**2) / float(design.n_obs))
         every = tuple(range(len(values)))
         scale = np.asarray(frame.coefficient_scale)
         return Likeliest(tuple(values), tuple(frame.dictionary.acts_on), sd * scale, {every: 1.0}, np.ones(len(every)))
-    search = _Search(Phi.T @ Phi, Phi.T @ y, float(y @ y), equation.rows.n_white, float(design.noise_floor))
+    search = _Search(Phi.T @ Phi, Phi.T @ y, float(y @ y), int(design.n_obs), float(design.noise_floor))
     best = search.best(thorough)
     weights = search.near(best) if thorough else {best: 1.0}
     inclusion = np.zeros(search.n_term)

@@ -10,7 +10,7 @@ from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.model.equation import Equation
 
-from .descent import SETTLED, STAYING, UNSETTLED, descended, likeliest_of
+from .descent import SETTLED, STAYING, UNSETTLED, descended, frozen, likeliest_of
 from .likeliest import Likeliest, likeliest
 
 STAYS = 0.3
@@ -82,6 +82,34 @@ def near_estimate(model: Model, data: Trajectories) -> Model:
     # Paths of coefficients that are far off may leave all bounds; they are refused where they are found.
     with np.errstate(over="ignore", invalid="ignore"):
         return _settled(model, data)
+
+
+def nearer(model: Model, equation: Equation, turn: int = 0, last: bool = False) -> Model | None:
+    """The model with rows near what more rows say than those that it is near; None where it is near that already.
+
+    Args:
+        model: A model of `near_estimate`.
+        equation: Of all rows, without f, near the model.
+        turn: How often this was done before. Of two sets of terms that lead to each other by turns either will do then,
+            if they differ by one term.
+        last: Whether it is not done again: what is off by less than a standard deviation will do then.
+    """
+    if model.rows.integrated:
+        off = equation.moved(frozen(model, equation))
+        at = equation.ridge() if off > (UNSETTLED if last else STAYING) else None
+        return None if at is None else replace(model, rows=model.rows.around(at, equation.frame.dictionary.acts_on))
+    found, rows = likeliest(equation), model.rows
+    to = rows.added_to or model.equations[:1] * len(rows.added)
+    known = {(name, text): value for (text, value), name in zip(rows.added, to, strict=True)}
+    acts_on = found.acts_on or model.equations[:1] * len(found.terms)
+    changed = known.keys() ^ {(name, term.text) for (term, _), name in zip(found.terms, acts_on, strict=True)}
+    off = [
+        abs(value - known.get((name, term.text), value)) / sd
+        for (term, value), name, sd in zip(found.terms, acts_on, found.sd, strict=True)
+    ]
+    if len(changed) <= (turn > 0) and max(off, default=0.0) <= (UNSETTLED if last else STAYS):
+        return None
+    return replace(model, rows=rows.around(found.terms, found.acts_on))
 
 
 def _alternated(model: Any, data: Trajectories) -> Any:

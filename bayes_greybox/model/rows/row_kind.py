@@ -2,7 +2,7 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, Protocol
 
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
@@ -11,6 +11,20 @@ from bayes_greybox.physics.simulation.protocol import Simulation
 from bayes_greybox.physics.terms import Term
 
 from .equation_rows import EquationRows
+
+
+class RunRows(Protocol):
+    """Rows of runs that come one after another: together they are the rows of all runs at once."""
+
+    def shared_rows(self, data: Trajectories, equations: tuple[str, ...], simulation: Simulation) -> EquationRows:
+        """The rows of some runs; none where these are too short for any.
+
+        Args:
+            data: The runs.
+            equations: The learned states that share their rows.
+            simulation: The known rates.
+        """
+        ...
 
 
 class RowKind(ABC):
@@ -93,6 +107,16 @@ class RowKind(ABC):
         """
         (equation,) = equations
         return self.rows(data, equation, simulation)
+
+    def of_runs(self, data: Trajectories, equations: tuple[str, ...], simulation: Simulation) -> RunRows:
+        """What makes rows of further runs, with all that runs have in common as these have it.
+
+        Args:
+            data: Some runs.
+            equations: The learned states that share their rows.
+            simulation: The known rates.
+        """
+        return self
 
     def complete_all(self, data: Trajectories, equations: tuple[str, ...], simulation: Simulation) -> Trajectories:
         """`complete` for the equations that share their rows."""

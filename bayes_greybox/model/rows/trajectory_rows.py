@@ -22,11 +22,13 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from bayes_greybox.data.errors import InputError
+from bayes_greybox.data.noise.protocol import RowNoise
 from bayes_greybox.data.noise.starts_noise import StartsNoise
 from bayes_greybox.data.noise.weighted import WeightedNoise
 from bayes_greybox.data.noise.white import WhiteNoise
 from bayes_greybox.data.samples.clipping import clipped_in_words, clipped_states
 from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.model.rows.path.common import Common, ends_of_sensors
 from bayes_greybox.model.rows.path.exact_path import exact_samples
 from bayes_greybox.model.rows.path.forced_rate import Force, ForcedRate
 from bayes_greybox.model.rows.path.reference_path import ReferencePath, follow_samples
@@ -200,37 +202,15 @@ class TrajectoryRows(RowKind):
 
     def shared_rows(self, data: Trajectories, equations: tuple[str, ...], simulation: Simulation) -> EquationRows:
         """The rows that tell of all these equations; see `RowKind.shared_rows`."""
-        path = self.path(data, equations, simulation)
-        samples = data.samples or data
-        measured, run = samples.matrix(samples.state_names)[path.seen], samples.run[path.seen]
-        n_seen, n_output = measured.shape
-        lengths = tuple(np.bincount(run, minlength=samples.n_run).tolist()) * n_output
-        # R is over σ², σ the noise of a typical sensor.
-        typical = float(np.sqrt(np.mean(path.sensor_sd**2)))
-        white = WeightedNoise(WhiteNoise(lengths), np.repeat(path.sensor_sd / typical, n_seen))
+        path, samples = self.path(data, equations, simulation), data.samples or data
         # Noise of completed data was found on these rows; that of others is of rates.
-        sensor = white if data.samples is None else data.noise.get(block_name(equations), white)
-        noise = StartsNoise(sensor, path.starts / typical, cache(lambda: path.motion(typical)))
-        return EquationRows(
-            equation=block_name(equations),
-            columns=path.columns,
-            measured=measured.T.ravel() / path.gain,
-            simulated=path.simulated / path.gain,
-            noise=noise.forced(self.force) if self.force and sensor.independent else noise,
-            time=np.tile(samples.time[path.seen], n_output),
-            run=np.concatenate([run + k * samples.n_run for k in range(n_output)]),
-            operator=path,
-            gain=path.gain,
-            unfollowed=path.unfollowed,
-            learned=path.acting(),
-            segments=path.pieces,
-            exact=lambda added, starts: (
-                exact_samples(
-                    path, ForcedRate(simulation, path.segments.driven, ()), added, starts * path.gain / typical
-                )
-                / path.gain
-            ),
-        )
+        sensor = None if data.samples is None else data.noise.get(block_name(equations))
+        return _rows_of(path, samples, equations, simulation, sensor, self.force)
+
+    def of_runs(self, data: Trajectories, equations: tuple[str, ...], simulation: Simulation) -> "TrajectoryRuns":
+        """Rows of further runs, with noise, sizes, steps and the unknown force as these samples have them."""
+        common = self.path(data, equations, simulation).common
+        return TrajectoryRuns(self, replace(common, clipped=ends_of_sensors(data.samples or data)))
 
     def path(self, data: Trajectories, equations: tuple[str, ...], simulation: Simulation) -> ReferencePath:
         """The reference path.
@@ -248,25 +228,89 @@ class TrajectoryRows(RowKind):
         key = (replace(self, force=0.0), equations, simulation.key)
         known = _KNOWN.setdefault(samples, {})
         if key not in known:
-            to = self.added_to or (equations[0],) * len(self.added)
-            states = [simulation.states.index(name) for name in to]
-            terms = [Force(Term(text), value, k) for (text, value), k in zip(self.added, states, strict=True)]
             while len(known) >= REMEMBERED:
                 del known[next(iter(known))]
-            known[key] = follow_samples(
-                samples,
-                equations,
-                simulation,
-                terms,
-                self.substeps,
-                self.interpolation,
-                self.process_noise,
-                self.same_noise,
-                dict(self.at_rest),
-                dict(self.moving),
-                self.segments(samples),
-            )
+            known[key] = self.followed(samples, equations, simulation)
         return known[key]
+
+    def followed(
+        self, samples: Trajectories, equations: tuple[str, ...], simulation: Simulation, common: Common | None = None
+    ) -> ReferencePath:
+        """The path through samples.
+
+        Args:
+            samples: What the sensors showed.
+            equations: The learned states.
+            simulation: The known rates of all states.
+            common: What other runs have in common with these; found from these if left out.
+        """
+        to = self.added_to or (equations[0],) * len(self.added)
+        states = [simulation.states.index(name) for name in to]
+        terms = [Force(Term(text), value, k) for (text, value), k in zip(self.added, states, strict=True)]
+        return follow_samples(
+            samples,
+            equations,
+            simulation,
+            terms,
+            self.substeps,
+            self.interpolation,
+            self.process_noise,
+            self.same_noise,
+            dict(self.at_rest),
+            dict(self.moving),
+            self.segments(samples),
+            common,
+        )
+
+
+@dataclass(frozen=True)
+class TrajectoryRuns:
+    """Rows of runs one by one, which together are those of all runs at once.
+
+    Attributes:
+        kind: The kind of rows.
+        common: What the runs have in common.
+    """
+
+    kind: TrajectoryRows
+    common: Common
+
+    def shared_rows(self, data: Trajectories, equations: tuple[str, ...], simulation: Simulation) -> EquationRows:
+        """The rows of some runs."""
+        path = self.kind.followed(data, equations, simulation, self.common)
+        return _rows_of(path, data, equations, simulation, None, self.kind.force)
+
+
+def _rows_of(
+    path: ReferencePath, samples: Trajectories, equations: tuple[str, ...], simulation: Simulation,
+    sensor: RowNoise | None, force: float,
+) -> EquationRows:  # fmt: skip
+    """Rows along a path; the noise of the sensors is white where it is not known."""
+    measured, run = samples.matrix(samples.state_names)[path.seen], samples.run[path.seen]
+    n_seen, n_output = measured.shape
+    lengths = tuple(np.bincount(run, minlength=samples.n_run).tolist()) * n_output
+    # R is over σ², σ the noise of a typical sensor.
+    typical = float(np.sqrt(np.mean(path.sensor_sd**2)))
+    sensor = sensor or WeightedNoise(WhiteNoise(lengths), np.repeat(path.sensor_sd / typical, n_seen))
+    noise = StartsNoise(sensor, path.starts / typical, cache(lambda: path.motion(typical)))
+    return EquationRows(
+        equation=block_name(equations),
+        columns=path.columns,
+        measured=measured.T.ravel() / path.gain,
+        simulated=path.simulated / path.gain,
+        noise=noise.forced(force) if force and sensor.independent else noise,
+        time=np.tile(samples.time[path.seen], n_output),
+        run=np.concatenate([run + k * samples.n_run for k in range(n_output)]),
+        operator=path,
+        gain=path.gain,
+        unfollowed=path.unfollowed,
+        learned=path.acting(),
+        segments=path.pieces,
+        exact=lambda added, starts: (
+            exact_samples(path, ForcedRate(simulation, path.segments.driven, ()), added, starts * path.gain / typical)
+            / path.gain
+        ),
+    )
 
 
 def _longest(data: Trajectories) -> float:

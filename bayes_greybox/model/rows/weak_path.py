@@ -26,7 +26,7 @@ from scipy.linalg import LinAlgError, cholesky_banded
 from scipy.sparse import csr_matrix, diags, hstack, vstack
 
 from bayes_greybox.data.errors import InputError
-from bayes_greybox.data.noise.overlapping import TOLD, OverlappingNoise, independent_rows, overlapping
+from bayes_greybox.data.noise.overlapping import TOLD, OverlappingNoise, independent_rows, mean_diagonal, overlapping
 from bayes_greybox.data.samples.sample_noise import sample_noise
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.data.weak.local_fits import LocalFits, Stretch, chosen_half_widths, stretches
@@ -41,6 +41,39 @@ TURNS = 2
 
 MOST_ROWS = 6000
 """Rows at most; on longer records test functions are wider than the data ask for."""
+
+
+class Level(NamedTuple):
+    """What all rows of a turn have in common.
+
+    Attributes:
+        size: RMS of L S^½ over the rows that there might be.
+        variance: Mean variance of those that there are, over its square.
+        share: Share of the noise that the rows say there is which is taken out of the samples.
+    """
+
+    size: float
+    variance: float
+    share: float
+
+
+@dataclass(frozen=True)
+class Common:
+    """What runs have in common, whichever of them are looked at together.
+
+    Attributes:
+        sd: Noise of each state.
+        half_widths: Neighbours on either side in the cubics of each state.
+        radius: Of the test functions.
+        levels: Of each turn.
+        sizes: RMS of the measured rows of each equation.
+    """
+
+    sd: tuple[float, ...]
+    half_widths: tuple[int, ...]
+    radius: float
+    levels: tuple[Level, ...]
+    sizes: Mapping[str, float]
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,10 +107,24 @@ class Reading:
         sd = np.maximum(sample_noise(samples.time, values, samples.run_lengths), FINEST * spread)
         parts = stretches(samples.time, samples.run_lengths)
         widths = chosen_half_widths(samples.time, values, sd, parts)
-        made = {width: LocalFits.of(samples.time, parts, width) for width in set(widths)}
-        fits = tuple(made[width] for width in widths)
         reach = radius or _radius(samples.time, parts, min(widths), len(sd))
-        return cls(samples, sd, widths, fits, Bumps.along(samples.time, parts, reach))
+        return cls.given(samples, sd, widths, reach)
+
+    @classmethod
+    def given(
+        cls, samples: Trajectories, sd: Float[np.ndarray, " n_state"], widths: tuple[int, ...], radius: float
+    ) -> "Reading":
+        """The same with what samples are read for taken from elsewhere.
+
+        Args:
+            samples: All states.
+            sd: Noise of each state.
+            widths: Neighbours on either side in the cubics of each state.
+            radius: Of the test functions.
+        """
+        parts = stretches(samples.time, samples.run_lengths)
+        made = {width: LocalFits.of(samples.time, parts, width) for width in set(widths)}
+        return cls(samples, sd, widths, tuple(made[m] for m in widths), Bumps.along(samples.time, parts, radius))
 
     def smooth(self, values: Float[np.ndarray, "n k"]) -> Float[np.ndarray, "n k"]:
         """H values, state by state."""
@@ -129,6 +176,7 @@ class WeakPath:
         sizes: RMS of the measured rows of each equation.
         time: Centres of the rows.
         run: Their runs.
+        levels: What all rows of each turn have in common.
     """
 
     reading: Reading
@@ -141,10 +189,22 @@ class WeakPath:
     sizes: Mapping[str, float]
     time: Float[np.ndarray, " n_row"]
     run: Int[np.ndarray, " n_row"]
+    levels: tuple[Level, ...]
+
+    @property
+    def common(self) -> Common:
+        """What further runs have in common with these."""
+        reading = self.reading
+        return Common(tuple(reading.sd.tolist()), reading.half_widths, reading.bumps.radius, self.levels, self.sizes)
 
 
 def weak_path(
-    reading: Reading, equations: tuple[str, ...], known: Simulation, whole: Simulation, white_share: float
+    reading: Reading,
+    equations: tuple[str, ...],
+    known: Simulation,
+    whole: Simulation,
+    white_share: float,
+    levels: Sequence[Level] = (),
 ) -> WeakPath:
     """States and rows near a frozen model.
 
@@ -154,6 +214,7 @@ def weak_path(
         known: The known rates.
         whole: The same with the terms of the frozen model.
         white_share: δ.
+        levels: What these rows have in common with others, turn by turn; found from these if left out.
 
     Raises:
         InputError: Rates of the frozen model are not finite near the samples.
@@ -162,10 +223,13 @@ def weak_path(
     Y, U = samples.matrix(samples.state_names), samples.matrix(samples.input_names)
     own = [samples.state_names.index(name) for name in equations]
     X = reading.smooth(Y)
-    near = _linear(reading, own, X, whole, white_share)
-    for _ in range(TURNS):
+    given = [*levels] or [None] * (TURNS + 1)
+    near = _linear(reading, own, X, whole, white_share, given[0])
+    found = [near.level]
+    for level in given[1:]:
         X = reading.smooth(Y - near.error(reading))
-        near = _linear(reading, own, X, whole, white_share)
+        near = _linear(reading, own, X, whole, white_share, level)
+        found.append(near.level)
     g, rows = known.rates(samples.time, X, U), near.rows
     measured = np.concatenate([-(bumps.slopes @ Y[:, k]) - bumps.values @ near.back[:, k] for k in own])[rows]
     weighing = {}
@@ -187,6 +251,7 @@ def weak_path(
         },
         time=np.tile(bumps.centre, len(own))[rows],
         run=np.tile(bumps.run, len(own))[rows],
+        levels=tuple(found),
     )
 
 
@@ -199,6 +264,7 @@ class _Linear(NamedTuple):
         rows: Which of all rows, equation by equation, these are, in order of time.
         left: ρ, what the frozen model leaves of each.
         back: J (Y − X) [n_sample, n_state].
+        level: What the rows have in common.
     """
 
     L: csr_matrix
@@ -206,18 +272,20 @@ class _Linear(NamedTuple):
     rows: Int[np.ndarray, " n_row"]
     left: Float[np.ndarray, " n_row"]
     back: Float[np.ndarray, "n_sample n_state"]
+    level: Level
 
     def error(self, reading: Reading) -> Float[np.ndarray, "n_sample n_state"]:
         """ê."""
         if not len(self.rows):
             return np.zeros(self.back.shape)
         white = self.noise.whiten(self.left[:, None] / self.noise.scale)
-        share = 1.0 / max(1.0, float(np.mean(white**2)))
         error = self.L.T @ self.noise.whiten_transpose(white)[:, 0] / self.noise.scale
-        return share * error.reshape(len(reading.sd), -1).T * reading.sd
+        return self.level.share * error.reshape(len(reading.sd), -1).T * reading.sd
 
 
-def _linear(reading: Reading, own: Sequence[int], X: np.ndarray, whole: Simulation, share: float) -> _Linear:
+def _linear(
+    reading: Reading, own: Sequence[int], X: np.ndarray, whole: Simulation, share: float, level: Level | None
+) -> _Linear:
     samples, bumps = reading.samples, reading.bumps
     Y, U = samples.matrix(samples.state_names), samples.matrix(samples.input_names)
     F, J = whole.rates(samples.time, X, U), whole.jacobian(samples.time, X, U)
@@ -233,10 +301,22 @@ def _linear(reading: Reading, own: Sequence[int], X: np.ndarray, whole: Simulati
         blocks[k] = blocks[k] + bumps.slopes * reading.sd[k]
         lines.append(csr_matrix(hstack(blocks)))
     L = _lines(lines, order)
-    noise, kept = _noise(L, np.tile(bumps.run, len(own))[order], samples.n_run, share)
+    size = level.size if level is not None else _rms(L)
+    bands, kept = _bands(L, np.tile(bumps.run, len(own))[order], size, share)
+    variance = level.variance if level is not None else mean_diagonal(bands)
+    noise = overlapping(bands, size, variance)
     rows = order[kept]
     left = np.concatenate([bumps.slopes @ Y[:, k] + bumps.values @ (F[:, k] + back[:, k]) for k in own])[rows]
-    return _Linear(_lines([L], kept), noise, rows, left, back)
+    if level is None:
+        # σ̂², of which more than one is no noise of the samples.
+        square = float(np.mean(noise.whiten(left[:, None] / noise.scale) ** 2)) if len(rows) else 1.0
+        level = Level(size, variance, 1.0 / max(1.0, square))
+    return _Linear(_lines([L], kept), noise, rows, left, back, level)
+
+
+def _rms(L: csr_matrix) -> float:
+    """RMS over the rows of their norms."""
+    return float(np.sqrt(np.mean(np.sum(L.multiply(L), axis=1)))) if L.nnz else 1.0
 
 
 def _lines(parts: Sequence[csr_matrix], rows: np.ndarray) -> csr_matrix:
@@ -254,21 +334,20 @@ def _radius(time: np.ndarray, parts: Sequence[Stretch], half_width: int, n_state
     return max(half_width * step, fewest, EVERY * n_state * whole / MOST_ROWS)
 
 
-def _noise(L: csr_matrix, run: np.ndarray, n_run: int, share: float) -> tuple[OverlappingNoise, np.ndarray]:
-    """Noise of the rows, and which of them the rows before do not tell."""
-    if not len(run):
-        return overlapping([]), np.zeros(0, int)
-    scale = float(np.sqrt(np.mean(np.sum(L.multiply(L), axis=1))))
-    bands, kept = [], []
+def _bands(
+    L: csr_matrix, run: np.ndarray, size: float, share: float
+) -> tuple[list[Float[np.ndarray, "_ _"]], Int[np.ndarray, " n_row"]]:
+    """Covariance of the rows of each run over a square, and which of them the rows before do not tell."""
+    bands, kept = [], [np.zeros(0, int)]
     for r in np.unique(run):
         rows = np.flatnonzero(run == r)
-        band = _banded(_lines([L], rows) / scale, share)
+        band = _banded(_lines([L], rows) / size, share)
         if not _told_apart(band):
             rows = rows[independent_rows(band)]
-            band = _banded(_lines([L], rows) / scale, share)
+            band = _banded(_lines([L], rows) / size, share)
         bands.append(band)
         kept.append(rows)
-    return overlapping(bands, scale), np.concatenate(kept)
+    return bands, np.concatenate(kept)
 
 
 def _told_apart(band: np.ndarray) -> bool:

@@ -7,11 +7,12 @@ equations share the noise of their rows, R = L S Lᵀ, and one likelihood tells 
 is taken anew near the likeliest one. Bumps overlap: n is the number of rows that the rows before them do not tell.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Annotated, Any
 from weakref import WeakKeyDictionary
 
+import numpy as np
 from annotated_types import Lt
 
 from bayes_greybox.data.errors import InputError
@@ -25,7 +26,7 @@ from bayes_greybox.physics.terms import Term
 
 from .equation_rows import Acting, EquationRows, block_name
 from .row_kind import RowKind
-from .weak_path import Reading, WeakPath, weak_path
+from .weak_path import Common, Reading, WeakPath, weak_path
 
 _READ: WeakKeyDictionary[Trajectories, dict[float | None, Reading]] = WeakKeyDictionary()
 _KNOWN: WeakKeyDictionary[Trajectories, dict[Any, WeakPath]] = WeakKeyDictionary()
@@ -146,23 +147,11 @@ class WeakRows(RowKind):
                 f"{2 * FEWEST_STEPS + 1} samples without a gap: give longer runs or a smaller "
                 "WeakRows(radius=...), or use GreyBox(rows=bg.TrajectoryRows()), which needs no test functions."
             )
-        largest = max(path.sizes[name] for name in equations)
-        learned = {
-            name: Acting(path.weighing[name], path.sizes[name] / largest if largest > 0 else 1.0) for name in equations
-        }
-        samples = path.reading.samples
-        columns = {**dict(zip(samples.state_names, path.states.T, strict=True)), **samples.inputs}
-        return EquationRows(
-            equation=block_name(equations),
-            columns=columns,
-            measured=path.measured,
-            simulated=path.simulated,
-            noise=path.noise,
-            time=path.time,
-            run=path.run,
-            operator=path.weighing[equations[0]],
-            learned=learned,
-        )
+        return _rows_of(path, equations, path.sizes)
+
+    def of_runs(self, data: Trajectories, equations: tuple[str, ...], simulation: Simulation) -> "WeakRuns":
+        """Rows of further runs, with noise, windows and scales as these samples have them."""
+        return WeakRuns(self, self._near(data, equations, simulation).common)
 
     def path(self, data: Trajectories, equations: tuple[str, ...], simulation: Simulation) -> ReferencePath:
         """Weak rows follow none."""
@@ -181,14 +170,66 @@ class WeakRows(RowKind):
         if key not in known:
             while len(known) >= REMEMBERED:
                 del known[next(iter(known))]
-            with_rows = tuple(name for name in samples.state_names if name in equations or name in simulation.equations)
-            added: dict[str, list[tuple[Term, float]]] = {}
-            to = self.added_to or (equations[0],) * len(self.added)
-            for (text, value), name in zip(self.added, to, strict=True):
-                added.setdefault(name, []).append((Term(text), value))
             reading = _read(samples, self.radius)
-            known[key] = weak_path(reading, with_rows, simulation, simulation.beside(added), self.white_share)
+            with_rows, whole = self.frozen(samples, equations, simulation)
+            known[key] = weak_path(reading, with_rows, simulation, whole, self.white_share)
         return known[key]
+
+    def frozen(
+        self, samples: Trajectories, equations: tuple[str, ...], simulation: Simulation
+    ) -> tuple[tuple[str, ...], Simulation]:
+        """Equations that have rows, and the simulation with the terms of the frozen model.
+
+        Args:
+            samples: The samples.
+            equations: The learned states.
+            simulation: The known rates.
+        """
+        with_rows = tuple(name for name in samples.state_names if name in equations or name in simulation.equations)
+        added: dict[str, list[tuple[Term, float]]] = {}
+        to = self.added_to or (equations[0],) * len(self.added)
+        for (text, value), name in zip(self.added, to, strict=True):
+            added.setdefault(name, []).append((Term(text), value))
+        return with_rows, simulation.beside(added)
+
+
+@dataclass(frozen=True)
+class WeakRuns:
+    """Rows of runs one by one, which together are those of all runs at once.
+
+    Attributes:
+        kind: The kind of rows.
+        common: What the runs have in common.
+    """
+
+    kind: WeakRows
+    common: Common
+
+    def shared_rows(self, data: Trajectories, equations: tuple[str, ...], simulation: Simulation) -> EquationRows:
+        """The rows of some runs; none where these are shorter than a test function."""
+        known = self.common
+        reading = Reading.given(data, np.array(known.sd), known.half_widths, known.radius)
+        with_rows, whole = self.kind.frozen(data, equations, simulation)
+        path = weak_path(reading, with_rows, simulation, whole, self.kind.white_share, known.levels)
+        return _rows_of(path, equations, known.sizes)
+
+
+def _rows_of(path: WeakPath, equations: tuple[str, ...], sizes: Mapping[str, float]) -> EquationRows:
+    """Rows of a path; forces on each state are over their sizes."""
+    largest = max(sizes[name] for name in equations)
+    learned = {name: Acting(path.weighing[name], sizes[name] / largest if largest > 0 else 1.0) for name in equations}
+    samples = path.reading.samples
+    return EquationRows(
+        equation=block_name(equations),
+        columns={**dict(zip(samples.state_names, path.states.T, strict=True)), **samples.inputs},
+        measured=path.measured,
+        simulated=path.simulated,
+        noise=path.noise,
+        time=path.time,
+        run=path.run,
+        operator=path.weighing[equations[0]],
+        learned=learned,
+    )
 
 
 def _read(samples: Trajectories, radius: float | None) -> Reading:

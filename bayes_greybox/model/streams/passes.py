@@ -6,27 +6,28 @@ result is the same to the last bit wherever they were read, on processors of one
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
 from threadpoolctl import threadpool_limits
 
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.streams.row_stream import RowStream, Source
 from bayes_greybox.data.tasks import run_tasks
 from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.physics.terms import Dictionary
 from bayes_greybox.running.stages import stage
 
-from ..algebra.stacking import BLOCK, empty_factor, joined, stacked
-from ..assemble import with_steps
+from ..algebra.stacking import BLOCK, stacked
+from ..assemble import scaled_table, with_steps
 from ..blocks import by_block
 from ..frame import Frame
 from ..program import Program
 from ..rows.equation_rows import EquationRows, nothing_left
+from ..rows.row_kind import RunRows
 from ..scaling import scaled_frame
-from .extent import Extent, Sizes, together
+from .extent import Extent, Factors, Sizes, together
 from .statistics import RowStatistics
 
 RANGES, STATISTICS = "Reading ranges of the rows", "Reading the rows"
@@ -44,12 +45,14 @@ class Rows:
     Attributes:
         source: The chunks.
         model: Model.
-        sample: Some of the rows, whose names and units are those of all.
+        sample: Some of the rows as they were measured, whose names and units are those of all.
+        runs: What makes rows of each block.
     """
 
     source: Source
     model: Program
     sample: Trajectories
+    runs: Mapping[str, RunRows]
 
     def of_part(self, part: int) -> Iterator[tuple[Trajectories, dict[str, EquationRows]]]:
         """Chunks of a part, and rows by block."""
@@ -59,7 +62,14 @@ class Rows:
                 raise InputError(f"Part {part} of {self.source.where} has other columns than its first one.")
             self._require_units(part, chunk)
             blocks = self.model.blocks.items()
-            yield chunk, {name: self.model.rows.shared_rows(chunk, of, simulation) for name, of in blocks}
+            for piece in _alone(chunk) if self.model.rows.integrated else [chunk]:
+                try:
+                    rows = {name: self.runs[name].shared_rows(piece, of, simulation) for name, of in blocks}
+                except InputError as error:
+                    if not self.model.rows.integrated:
+                        raise
+                    raise InputError(f'In run "{piece.run_names[0]}" of {self.source.where}: {error}') from error
+                yield piece, rows
 
     def _require_units(self, part: int, chunk: Trajectories) -> None:
         for name in (*self.sample.units, *chunk.units):
@@ -72,6 +82,12 @@ class Rows:
                 )
 
 
+def _alone(chunk: Trajectories) -> Iterator[Trajectories]:
+    """Its runs one by one: a smoother is compiled for each number of runs that it is given at once."""
+    for run in range(chunk.n_run):
+        yield replace(chunk.take(run), dropped=0 if run else chunk.dropped)
+
+
 @dataclass(frozen=True)
 class Whole:
     """All rows of a stream, of which ranges and sizes are known.
@@ -80,14 +96,18 @@ class Whole:
         stream: The stream.
         sample: Rows that are looked at.
         extent: What the first pass found.
+        runs: What makes rows of each block.
+        first: Frames that the factors of the first pass were made in, where rows are of paths.
     """
 
     stream: RowStream
     sample: Trajectories
     extent: Extent
+    runs: Mapping[str, RunRows]
+    first: Mapping[str, Frame]
 
     def statistics(self, model: Program) -> dict[str, RowStatistics]:
-        """What all rows say under a model, by block: one pass over them.
+        """What all rows say under a model, by block: one pass over them, none where the first has told all.
 
         Args:
             model: One with the terms and the simulation of the first pass; its features may be others.
@@ -96,26 +116,51 @@ class Whole:
             InputError: Fewer rows than terms; a term that is not finite, or zero; a target that is zero; chunks that
                 cannot be read, or that are others than in the first pass.
         """
-        n, sizes = self.extent.n_row, self.extent.sizes
+        sizes = self.extent.sizes
         rows = {block: model.equation_rows(self.sample, block) for block in sizes}
-        frames = {block: self._frame(model, rows[block], dictionary) for block, dictionary in _terms(model, self)}
-        parts = _over_parts(self.stream, _factors_of_part, STATISTICS, model, self.sample, frames)
-        factors = {block: empty_factor(_width(frame)) for block, frame in frames.items()}
-        for part in parts:
-            factors = {block: joined([factor, part[block]]) for block, factor in factors.items()}
+        frames = {block: self._frame(model, rows[block], terms) for block, terms in _terms(model, self.sample).items()}
+        if self.first and model.discrepancy is None:
+            factors = {block: self._first_factors(block, frame) for block, frame in frames.items()}
+        else:
+            factors = self._factors(model, frames)
         found = {}
         for block, frame in frames.items():
-            self._require_same(factors[block], len(frame.dictionary))
-            levels, floor = sizes[block].levels, model.noise_floor
+            levels, floor, own = sizes[block].levels, model.noise_floor, sizes[block]
             if levels is not None:
-                floor = with_steps(levels / frame.target_scale, n, floor)
-            ends = self.extent.ends
-            found[block] = RowStatistics(n, ends, frame.term_scale, frame.target_scale, floor, factors[block])
+                floor = with_steps(levels / frame.target_scale, own.n_white, floor)
+            found[block] = RowStatistics(
+                n_row=self.extent.n_row,
+                ends=own.ends,
+                term_scale=frame.term_scale,
+                target_scale=frame.target_scale,
+                noise_floor=floor,
+                factor=factors[block].white,
+                n_white=own.n_white,
+                log_det=own.log_det,
+                plain=factors[block].plain if self.first else None,
+            )
         return found
 
-    def _require_same(self, factor: np.ndarray, n_term: int) -> None:
-        # Terms and target were divided by their RMS over the rows of the first pass.
-        squares = np.sum(factor[:, [*range(n_term), -1]] ** 2, axis=0) / self.extent.n_row
+    def _factors(self, model: Program, frames: Mapping[str, Frame]) -> dict[str, Factors]:
+        parts = _over_parts(
+            self.stream, _factors_of_part, STATISTICS, model, measured_of(self.sample), self.runs, frames
+        )
+        factors = {block: Factors.empty(_width(frame)) for block, frame in frames.items()}
+        for part in parts:
+            factors = {block: factor.joined(part[block]) for block, factor in factors.items()}
+        for block, frame in frames.items():
+            self._require_same(factors[block], block, 0 if self.first else len(frame.dictionary))
+        return factors
+
+    def _first_factors(self, block: str, frame: Frame) -> Factors:
+        before = self.first[block]
+        return self.extent.factors[block].scaled(
+            np.append(before.term_scale / frame.term_scale, before.target_scale / frame.target_scale)
+        )
+
+    def _require_same(self, factors: Factors, block: str, n_term: int) -> None:
+        # Terms of rates, and targets, were divided by their RMS over the rows of the first pass.
+        squares = np.sum(factors.plain[:, [*range(n_term), -1]] ** 2, axis=0) / self.extent.sizes[block].n_white
         if not np.all(np.abs(squares - 1.0) <= SAME):
             raise InputError(
                 f"The rows of {self.stream.source.where} were others when they were read again: let nothing write to "
@@ -123,65 +168,110 @@ class Whole:
                 "number where they are random."
             )
 
-    def _frame(self, model: Program, rows: EquationRows, dictionary: Any) -> Frame:
-        n, sizes = self.extent.n_row, self.extent.sizes[rows.equation]
-        if n < len(dictionary):
+    def _frame(self, model: Program, rows: EquationRows, dictionary: Dictionary) -> Frame:
+        sizes = self.extent.sizes[rows.equation]
+        if sizes.n_white < len(dictionary):
             raise InputError(
-                f"Equation {rows.equation!r} has {len(dictionary)} terms but only {n} rows of data: give at least as "
-                "many rows as terms."
+                f"Equation {rows.equation!r} has {len(dictionary)} terms but only {sizes.n_white} rows of data: give "
+                "at least as many rows as terms."
             )
         if nothing_left(np.sqrt(sizes.target), np.sqrt(sizes.measured)):
             raise rows.nothing_to_learn()
-        term_scale, target_scale = np.sqrt(sizes.terms / n), float(np.sqrt(sizes.target / n))
-        return scaled_frame(rows.equation, dictionary, model.discrepancy, self.extent.ends, term_scale, target_scale)
+        scales = sizes.scales(rows, dictionary)
+        frame = scaled_frame(rows.equation, dictionary, model.discrepancy, sizes.ends, *scales)
+        # A path has points that stand for no sample: terms are as large as on those that are looked at.
+        return replace(frame, term_scale=self.first[rows.equation].term_scale) if self.first else frame
 
 
 def whole_of(stream: RowStream, model: Program, sample: Trajectories) -> Whole:
     """The first pass.
 
     Args:
-        stream: All rows.
+        stream: All rows; whole runs where they are of paths.
         model: Model, which chose its kind of rows.
         sample: Some of the rows.
 
     Raises:
         InputError: Chunks that cannot be read; a column that is the same everywhere.
     """
-    return Whole(stream, sample, together(_over_parts(stream, _extent_of_part, RANGES, model, sample)))
+    simulation = model.simulator(sample)
+    runs = {block: model.rows.of_runs(sample, of, simulation) for block, of in model.blocks.items()}
+    frames = {}
+    if not model.rows.rates_measured:
+        # Paths cost more than a factor of their terms: another pass may be saved.
+        for block, dictionary in _terms(model, sample).items():
+            rows = model.equation_rows(sample, block)
+            scales = Sizes.of(rows, dictionary).scales(rows, dictionary)
+            frames[block] = scaled_frame(block, dictionary, None, rows.columns, *scales)
+    arguments = (model, measured_of(sample), runs, frames)
+    return Whole(stream, sample, together(_over_parts(stream, _extent_of_part, RANGES, *arguments)), runs, frames)
 
 
-def _terms(model: Program, whole: Whole) -> Any:
-    return by_block(model.blocks, model.dictionaries(whole.sample)).items()
+def measured_of(sample: Trajectories) -> Trajectories:
+    """Rows as they were measured, of such as were completed."""
+    return sample.samples or sample
 
 
-def _extent_of_part(source: Source, part: int, model: Program, sample: Trajectories) -> Extent | None:
-    dictionaries = by_block(model.blocks, model.dictionaries(sample))
+def _terms(model: Program, sample: Trajectories) -> dict[str, Dictionary]:
+    return by_block(model.blocks, model.dictionaries(sample))
+
+
+def _extent_of_part(
+    source: Source,
+    part: int,
+    model: Program,
+    sample: Trajectories,
+    runs: Mapping[str, RunRows],
+    frames: Mapping[str, Frame],
+) -> Extent | None:
+    dictionaries = _terms(model, sample)
     found: Extent | None = None
-    for chunk, rows in Rows(source, model, sample).of_part(part):
-        own = Extent(
-            chunk.n_obs,
-            chunk.dropped,
-            {name: float(column.min()) for name, column in chunk.columns.items()},
-            {name: float(column.max()) for name, column in chunk.columns.items()},
-            {block: Sizes.of(each, dictionaries[block]) for block, each in rows.items()},
-        )
-        found = own if found is None else found + own
+    with threadpool_limits(1):
+        for chunk, rows in Rows(source, model, sample, runs).of_part(part):
+            own = Extent(
+                chunk.n_obs,
+                chunk.dropped,
+                {name: float(column.min()) for name, column in chunk.columns.items()},
+                {name: float(column.max()) for name, column in chunk.columns.items()},
+                {block: Sizes.of(each, dictionaries[block]) for block, each in rows.items()},
+                {
+                    block: _with_rows(Factors.empty(_width(frame)), frame, rows[block])
+                    for block, frame in frames.items()
+                },
+            )
+            found = own if found is None else found + own
     return found
 
 
 def _factors_of_part(
-    source: Source, part: int, model: Program, sample: Trajectories, frames: Mapping[str, Frame]
-) -> dict[str, Float[np.ndarray, "n_column n_column"]]:
-    factors = {block: empty_factor(_width(frame)) for block, frame in frames.items()}
+    source: Source,
+    part: int,
+    model: Program,
+    sample: Trajectories,
+    runs: Mapping[str, RunRows],
+    frames: Mapping[str, Frame],
+) -> dict[str, Factors]:
+    factors = {block: Factors.empty(_width(frame)) for block, frame in frames.items()}
     # The last digits of a factor may depend on how many threads made it.
     with threadpool_limits(1):
-        for _, rows in Rows(source, model, sample).of_part(part):
+        for _, rows in Rows(source, model, sample, runs).of_part(part):
             for block, each in rows.items():
                 factors[block] = _with_rows(factors[block], frames[block], each)
     return factors
 
 
-def _with_rows(R: np.ndarray, frame: Frame, rows: EquationRows) -> np.ndarray:
+def _with_rows(factors: Factors, frame: Frame, rows: EquationRows) -> Factors:
+    """Factors of more rows: of rates the same one twice, as each is white by itself."""
+    if rows.operator is None:
+        R = _with_rates(factors.white, frame, rows)
+        return Factors(R, R)
+    if not rows.n_row:
+        return factors
+    table = scaled_table(frame, rows)(np.arange(rows.n_row))
+    return Factors(stacked(factors.white, rows.whiten(table)), stacked(factors.plain, table))
+
+
+def _with_rates(R: np.ndarray, frame: Frame, rows: EquationRows) -> np.ndarray:
     n_term = len(frame.dictionary)
     y = rows.target / frame.target_scale
     for start in range(0, rows.n_row, BLOCK):

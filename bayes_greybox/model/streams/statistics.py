@@ -27,12 +27,15 @@ class RowStatistics:
     """All rows of one equation: a frame and a design are made of them without the rows.
 
     Attributes:
-        n_row: Rows.
+        n_row: Rows of the data.
         ends: Least and largest value of each state and input, user's units.
         term_scale: RMS of each term, user's units.
         target_scale: RMS of the target, user's units.
         noise_floor: Least σ, scaled units.
-        factor: Triangular factor of [Φ ψ y], scaled units.
+        factor: Triangular factor of [Φ ψ y], whitened, scaled units.
+        n_white: White numbers that the rows carry.
+        log_det: log|R|.
+        plain: The same factor without whitening, where that is another one.
     """
 
     n_row: int
@@ -41,12 +44,16 @@ class RowStatistics:
     target_scale: float
     noise_floor: float
     factor: Float[np.ndarray, "n_column n_column"]
+    n_white: int
+    log_det: float = 0.0
+    plain: Float[np.ndarray, "n_column n_column"] | None = None
 
     @property
     def digest(self) -> str:
         """A word that tells these rows from others."""
         ends = np.concatenate([*self.ends.values()])
-        parts = (ends, self.term_scale, np.array([self.target_scale, self.noise_floor]), self.factor)
+        scales = np.array([self.target_scale, self.noise_floor, self.log_det])
+        parts = (ends, self.term_scale, scales, self.factor)
         total = hashlib.sha256(b"".join(np.ascontiguousarray(part).tobytes() for part in parts))
         return f"{self.n_row} rows ({total.hexdigest()[:8]})"
 
@@ -71,12 +78,17 @@ class RowStatistics:
         name, n_term = sample.equation, len(dictionary)
         frame = scaled_frame(name, dictionary, discrepancy, self.ends, self.term_scale, self.target_scale)
         n_column = n_term + 1 + (0 if frame.basis is None else frame.basis.size)
-        if self.factor.shape != (n_column, n_column) or not np.all(np.isfinite(self.factor)):
+        factors = [each for each in (self.factor, self.plain) if each is not None]
+        if any(each.shape != (n_column, n_column) or not np.all(np.isfinite(each)) for each in factors):
             raise InputError(f"The statistics of {name!r} are not those of its {n_term} terms and its discrepancy.")
-        require_independent(self.factor[:, :n_term], dictionary.names, name)
+        plain = self.factor if self.plain is None else self.plain
+        require_independent(plain[:, :n_term], dictionary.names, name)
+        if self.plain is not None and not sample.noise.derived:
+            require_independent(self.factor[:, :n_term], dictionary.names, name)
         if discrepancy is not None:
-            frame = with_measure(frame, discrepancy, self.ends, self.factor, self.n_row)
-        common = common_of(frame, self.n_row, 0.0, self.noise_floor, coefficients)
+            nodes = plain if discrepancy.measure == "unweighted" else self.factor
+            frame = with_measure(frame, discrepancy, self.ends, nodes, self.n_white)
+        common = common_of(frame, self.n_white, self.log_det, self.noise_floor, coefficients)
         design = feature_design(frame, discrepancy, self.factor, common)
         return Equation(replace(sample, n_all=self.n_row), frame, design)
 

@@ -1,14 +1,20 @@
 """What a fit takes: rows in memory, or a stream of them with a sample that is looked at."""
 
+from dataclasses import replace
 from typing import NamedTuple
 
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.streams.row_stream import RowStream
 from bayes_greybox.data.trajectories import Trajectories
 
+from ..estimate.near import nearer
 from ..noise.asked import Noise
 from ..program import Program
 from .passes import Whole, whole_of
+from .statistics import equations_of
+
+TURNS = 5
+"""How often rows of paths are taken anew near what all runs say: each is a pass over them."""
 
 
 class Taken(NamedTuple):
@@ -33,33 +39,54 @@ def taken(model: Program, data: Trajectories | RowStream) -> Taken:
         data: Training data.
 
     Raises:
-        InputError: See `Program.near` and `Program.with_noise_found`; of a stream rows that are no measured rates or
-            outputs, noise that is to be found, the exact path.
+        InputError: See `Program.near` and `Program.with_noise_found`; of a stream noise that is to be found, the exact
+            path, and coefficients of paths that do not settle.
     """
     if not isinstance(data, RowStream):
         return Taken(*Program.with_noise_found(*Program.near(model, data)))
     sample = data.sample
     model = model.on(sample)
-    _require_streamed(model, sample)
+    _require_streamed(model)
+    if not model.rows.rates_measured:
+        return _runs_taken(model, data.whole_runs())
+    rows = [model.equation_rows(sample, block) for block in model.blocks]
+    if any(each.operator is not None or not each.noise.local for each in rows):
+        raise InputError("A stream is of rows that are measured one by one, and these know of their neighbours.")
     whole = whole_of(data, model, sample)
+    return Taken(model, _remarked(sample, data, whole, "stretches"), whole)
+
+
+def _runs_taken(model: Program, data: RowStream) -> Taken:
+    """Rows of paths, run by run: near what some whole runs say at first, then near what all do."""
+    measured = data.sample
+    model, sample = model.near(measured)
+    for turn in range(TURNS):
+        whole = whole_of(data, model, sample)
+        lean = replace(model, discrepancy=None)
+        (equation,) = equations_of(lean, sample, whole.statistics(lean)).values()
+        found = nearer(model, equation, turn, turn == TURNS - 1)
+        if found is None:
+            return Taken(model, _remarked(sample, data, whole, "whole runs"), whole)
+        model = found
+        sample = model.complete(measured)
+    raise InputError(
+        f"The coefficients of {', '.join(model.equations)} do not settle: rows were taken near what all runs say "
+        f"{TURNS} times. Leave terms out, or look at more runs, bg.stream(..., sample=...), which the first are near."
+    )
+
+
+def _remarked(sample: Trajectories, data: RowStream, whole: Whole, pieces: str) -> Trajectories:
     said = (
         f"{whole.extent.n_row:,} rows of {data.source.where} were read in chunks; of these, {sample.n_obs} rows in "
-        f"{sample.n_run} stretches, evenly spaced over its parts, are looked at one by one"
+        f"{sample.n_run} {pieces}, evenly spaced over its parts, are looked at one by one"
     )
     dropped = whole.extent.dropped
     left_out = (f"{dropped:,} rows with missing values were left out",) if dropped else ()
-    return Taken(model, sample.remarked(said, *left_out), whole)
+    return sample.remarked(said, *left_out)
 
 
-def _require_streamed(model: Program, sample: Trajectories) -> None:
+def _require_streamed(model: Program) -> None:
     """Refuse what needs all rows at once."""
-    if not model.rows.rates_measured:
-        raise InputError(
-            "A stream is of measured rates or outputs, whose rows say something each by itself; "
-            f"{type(model.rows).__name__} follow paths, of which every sample depends on all before it. Name columns "
-            "with measured rates in derivatives={...}; or fit as many runs as memory holds, read by bg.read, with "
-            "fewer samples where these are close together, data.decimate(...)."
-        )
     gp = model.discrepancy
     if gp is not None and gp.path == "exact":
         raise InputError("OrthogonalGP(path='exact') is dense and takes no stream: use path='hsgp'.")
@@ -68,6 +95,3 @@ def _require_streamed(model: Program, sample: Trajectories) -> None:
             "GreyBox(noise=Noise(...)) is found on the residuals of all rows at once: give a stream "
             "GreyBox(noise=...) with a number, or fit so many rows as memory holds, read by bg.read."
         )
-    rows = [model.equation_rows(sample, block) for block in model.blocks]
-    if any(each.operator is not None or not each.noise.local for each in rows):
-        raise InputError("A stream is of rows that are measured one by one, and these know of their neighbours.")

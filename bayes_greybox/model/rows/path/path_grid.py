@@ -14,15 +14,21 @@ def runs_of(samples: Trajectories) -> list[np.ndarray]:
 
 
 def grid_of(
-    samples: Trajectories, runs: list[np.ndarray], steps: int, interpolation: str | None
+    samples: Trajectories, runs: list[np.ndarray], steps: int, interpolation: str | None, typical: float
 ) -> tuple[Grid, np.ndarray]:
     """Nodes of all runs, and the run and the step's end of each sample. Longer gaps have more steps.
 
     Where an input that is held changes, a step of no length leads from the value before to the value after: a step's
     end is the next one's start, and would have a sixth of its input too early.
+
+    Args:
+        samples: Of the runs.
+        runs: Rows of each.
+        steps: Between two samples that are as far apart as is usual.
+        interpolation: Of the inputs between samples.
+        typical: How far apart these are.
     """
     times, inputs, end = [], [], np.zeros((samples.n_obs, 2), int)
-    typical = float(np.median(np.diff(samples.time)[np.diff(samples.run) == 0]))
     for r, own in enumerate(runs):
         t = samples.time[own]
         u = samples.matrix(samples.input_names)[own]

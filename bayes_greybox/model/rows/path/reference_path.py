@@ -19,6 +19,7 @@ from bayes_greybox.physics.sensitivity import Grid, carried
 from bayes_greybox.physics.simulation.protocol import Simulation
 from bayes_greybox.physics.smoothing import Observed
 
+from .common import Common, sizes_of, steps_needed, usual_step
 from .forced_rate import Force, ForcedRate
 from .path_grid import grid_of, runs_of, split
 from .path_segments import (
@@ -32,21 +33,6 @@ from .path_segments import (
     segments_of,
 )
 from .smoothed_path import LOST, RATIOS, smoothest
-
-STEP = 0.1
-"""Steps are so short, over the fastest time scale of the equations along the path, or the steps that were asked for."""
-
-DRIFT = 0.3
-"""Phase that steps may lose over a record, over what samples tell of it."""
-
-FORGETS = 0.1
-"""Share of a path on which a mode may be undamped and yet forget what it did."""
-
-MOST_STEPS = 50
-"""Most steps between two samples."""
-
-MOST_TRIED = 500
-"""Samples, evenly thinned, at which the time scales of the equations are looked at."""
 
 FINEST = 1e-5
 """Noise of a sensor over the spread of its samples, at least: rounding, and what an integrator leaves."""
@@ -77,8 +63,8 @@ class ReferencePath:
         start_sd: Prior standard deviation of each state at the start of a segment.
         unfollowed: What the model does not follow.
         segments: With the linear equation along them.
+        common: What further runs have in common with these.
         acting_on: Number of the learned state that the forces of the operator act on.
-        pieces: Segments of each run.
     """
 
     columns: Mapping[str, Float[np.ndarray, " n_node"]]
@@ -98,8 +84,13 @@ class ReferencePath:
     start_sd: Float[np.ndarray, " n_state"]
     unfollowed: Unfollowed
     segments: Segments = field(repr=False)
+    common: Common
     acting_on: int = 0
-    pieces: int = 1
+
+    @property
+    def pieces(self) -> int:
+        """Segments of each run."""
+        return self.common.pieces
 
     @property
     def n_segment(self) -> int:
@@ -136,7 +127,7 @@ def follow_samples(
     samples: Trajectories, equations: tuple[str, ...], simulation: Simulation, added: Sequence[Force],
     substeps: int | None, interpolation: str | None, process_noise: bool = True,
     same_noise: bool = False, at_rest: Mapping[str, str] | None = None, moving: Mapping[str, str] | None = None,
-    fewest: int = 1,
+    fewest: int = 1, common: Common | None = None,
 ) -> ReferencePath:  # fmt: skip
     """Smooth the samples, and take everything along the smoothed path.
 
@@ -152,25 +143,34 @@ def follow_samples(
         at_rest: Hidden states that are at rest where a run starts, each with the column that it is as large as.
         moving: Those of them that start where a sampled column does, with that column.
         fewest: Segments that each run is cut into at least.
+        common: What other runs have in common with these; found from these if left out.
 
     Raises:
         InputError: See `TrajectoryRows.path`.
     """
-    seen = seen_samples(samples)
+    seen = seen_samples(samples) if common is None else common.seen(samples)
     _check(samples, seen, equations, simulation)
-    shown = replace(samples, noise={}).keep(seen)
     outputs = tuple(simulation.states.index(name) for name in samples.state_names)
     driven = tuple(simulation.states.index(name) for name in equations)
     rate = ForcedRate(simulation, driven, added)
     at_rest = at_rest or {}
-    sizes, slow = _sizes(samples, simulation, at_rest)
     measured = samples.matrix(samples.state_names)
     finest = FINEST * np.std(measured, axis=0)
-    own_noise = sample_noise(shown.time, measured[seen], shown.run_lengths)
-    s = _pooled(np.maximum(own_noise, finest), same_noise)
+    if common is None:
+        sizes, slow = sizes_of(samples, simulation, at_rest)
+        shown = replace(samples, noise={}).keep(seen)
+        own_noise = sample_noise(shown.time, measured[seen], shown.run_lengths)
+        s = _pooled(np.maximum(own_noise, finest), same_noise)
+    else:
+        sizes, slow, s = np.array(common.sizes), common.slow, np.array(common.first_sd)
+    first_sd = s
     runs = runs_of(samples)
     first = _first_path(samples, seen, simulation, s, slow)
-    grid, end = grid_of(samples, runs, substeps or _steps_needed(rate, samples, first, s), interpolation)
+    if common is None:
+        steps, step = substeps or steps_needed(rate, samples, first, s), usual_step(samples)
+    else:
+        steps, step = common.steps, common.step
+    grid, end = grid_of(samples, runs, steps, interpolation, step)
     observed = _observed(rate, samples, seen, simulation, grid, end, outputs, s, sizes, at_rest, moving or {})
     largest = max(sizes[k] for k in driven)
     learned = {name: float(sizes[k] / largest) for name, k in zip(equations, driven, strict=True)}
@@ -180,13 +180,18 @@ def follow_samples(
     smoother = partial(smoothest, rate, grid, observed, outputs, own, E)
     # A path that is lost may leave all bounds first; it is refused by name.
     with np.errstate(over="ignore", invalid="ignore"):
-        ends, ratio, gained = smoother(_at_ends(samples, runs, grid, first), process_noise)
-        # How noisy each sensor is against the others, the smoother knows better than differences do.
-        residual = (measured - ends[end[:, 0], end[:, 1]][:, list(outputs)])[seen]
-        s = _pooled(np.maximum(np.sqrt(np.mean(residual**2, axis=0)), finest), same_noise)
+        known = None if common is None else (common.ratio, common.passes)
+        ends, ratio, gained, passes = smoother(_at_ends(samples, runs, grid, first), process_noise, known)
+        if common is None:
+            # How noisy each sensor is against the others, the smoother knows better than differences do.
+            residual = (measured - ends[end[:, 0], end[:, 1]][:, list(outputs)])[seen]
+            s = _pooled(np.maximum(np.sqrt(np.mean(residual**2, axis=0)), finest), same_noise)
+        else:
+            s = np.array(common.sd)
         segments = segments_of(rate, grid, ends, outputs, end[seen])
-        pieces = max(fewest, pieces_of(responses_to_unit_starts(segments, sizes), sizes))
-        if pieces >= max(samples.run_lengths):
+        asked = max(fewest, 1 if common is None else common.pieces)
+        pieces = max(asked, pieces_of(responses_to_unit_starts(segments, sizes), sizes))
+        if pieces >= max(samples.run_lengths) and (common is None or pieces > asked):
             raise InputError(
                 f"{fewest} segments of a path leave no more than one sample to each: make TrajectoryRows(segment=...) "
                 "longer, or leave it out."
@@ -197,16 +202,20 @@ def follow_samples(
             grid, end, ends = split(grid, end, ends, pieces)
             segments = segments_of(rate, grid, ends, outputs, end[seen])
         spread = np.std(measured[seen], axis=0)
-        found = _assembled(simulation, rate, segments, end, seen, learned, sizes, s, spread, own, ratio, gained)
-        return replace(found, pieces=pieces)
+        found = Common(
+            {} if common is None else common.clipped,
+            tuple(sizes.tolist()), slow, tuple(first_sd.tolist()), tuple(s.tolist()), steps, step, ratio, passes,
+            pieces, math.nan if common is None else common.gain,
+        )  # fmt: skip
+        return _assembled(simulation, rate, segments, end, seen, learned, spread, own, gained, found)
 
 
 def _assembled(
     simulation: Simulation, rate: ForcedRate, segments: Segments, every: np.ndarray, seen: np.ndarray,
-    learned: Mapping[str, float], sizes: np.ndarray, s: np.ndarray, spread: np.ndarray, own: float, ratio: float,
-    gained: float,
+    learned: Mapping[str, float], spread: np.ndarray, own: float, gained: float, common: Common,
 ) -> ReferencePath:  # fmt: skip
     """The path at `every` sample, and the rows that are `seen`."""
+    sizes, s, ratio, gain = np.array(common.sizes), np.array(common.sd), common.ratio, common.gain
     end, driven, n_state = segments.end, list(segments.driven), len(simulation.states)
     columns = dict(zip(rate.names, segments.points[..., 1:].reshape(-1, len(rate.names)).T, strict=True))
     states = segments.points[:, ::2, 1 : 1 + n_state]
@@ -219,7 +228,8 @@ def _assembled(
     # Rates are finite far from the samples too, where changes of a path are not.
     if not (np.all(np.isfinite(simulated)) and np.all(np.isfinite(starts))):
         raise InputError(LOST)
-    gain = gain_of(segments, columns, starts, np.repeat(s, len(end)), list(learned.values()))
+    if math.isnan(gain):
+        gain = gain_of(segments, columns, starts, np.repeat(s, len(end)), list(learned.values()))
     if not 0 < gain < math.inf:
         raise InputError(LOST)
     rates = segments.slope[:, ::2, driven]
@@ -241,6 +251,7 @@ def _assembled(
         start_sd=WIDE * sizes,
         unfollowed=Unfollowed(gained, ratio, float(np.max(s / spread.clip(1e-300)))),
         segments=segments,
+        common=replace(common, gain=gain),
     )
 
 
@@ -259,33 +270,6 @@ def _check(samples: Trajectories, seen: np.ndarray, equations: tuple[str, ...], 
     if fewest < 2 * len(simulation.states) + 2:
         clipped = "" if np.all(seen) else " that no sensor clipped"
         raise InputError(f"A run has {fewest} samples{clipped}, too few for a path of {len(simulation.states)} states.")
-
-
-def _sizes(samples: Trajectories, simulation: Simulation, at_rest: Mapping[str, str]) -> tuple[np.ndarray, float]:
-    """Typical size of each state, and the time in which the slowest sensor's signal changes by half its spread.
-
-    Of a state at rest, where its run starts, it is that of its start over `WIDE`.
-    """
-    times = []
-    for x in samples.states.values():
-        spread, lag = float(np.std(x)), 1
-        for lag in range(1, max(2, min(samples.run_lengths) // 2)):
-            inside = samples.run[lag:] == samples.run[:-lag]
-            if np.sqrt(np.mean((x[lag:] - x[:-lag])[inside] ** 2)) >= 0.5 * spread:
-                break
-        times.append(lag * float(np.median(np.diff(samples.time)[np.diff(samples.run) == 0])))
-    slow = min(times)
-    known = {name: float(np.sqrt(np.mean(x**2))) for name, x in samples.states.items()}
-    largest = max(known.values())
-    for name in simulation.states:
-        # A hidden state that is a measured one's rate changes it by its spread in that time.
-        source = [m for m, x in samples.states.items() if simulation.kinematic(m) and simulation.rate_name(m) == name]
-        if name not in at_rest:
-            known.setdefault(name, float(np.std(samples.states[source[0]])) / slow if source else largest)
-    for name, column in at_rest.items():
-        size = known[column] if column in known else float(np.sqrt(np.mean(samples.column(column) ** 2)))
-        known.setdefault(name, size / WIDE)
-    return np.array([known[name] if known[name] > 0 else largest for name in simulation.states]), slow
 
 
 def _observed(
@@ -341,32 +325,3 @@ def _at_ends(
     return np.array(
         [[np.interp(time[r], samples.time[own], x) for x in path[own].T] for r, own in enumerate(runs)]
     ).transpose(0, 2, 1)
-
-
-def _steps_needed(rate: ForcedRate, samples: Trajectories, path: np.ndarray, s: np.ndarray) -> int:
-    """Steps between samples that resolve the equations along a path; hidden states that it lacks are as the others.
-
-    An oscillation of the frequency ω loses the phase (ωh)⁴/120 each radian, for as long as its damping lets it be
-    remembered, and that shall be little against what the samples together tell of it.
-    """
-    filled = np.where(np.isfinite(path), path, path[:, [rate.names.index(samples.state_names[0])]])
-    some = np.unique(np.linspace(0, samples.n_obs - 1, MOST_TRIED).astype(int))
-    points = np.column_stack([samples.time, filled, samples.matrix(samples.input_names)])[some]
-    A = rate.jacobian(points)
-    A = A[np.all(np.isfinite(A), axis=(1, 2))]
-    if not len(A):
-        return 1
-    values = np.linalg.eigvals(A)
-    fastest = float(np.quantile(np.abs(values).max(axis=-1), 0.99))
-    step = float(np.median(np.diff(samples.time)[np.diff(samples.run) == 0]))
-    spread = np.std(samples.matrix(samples.state_names), axis=0)
-    told = DRIFT * float(np.min(s / spread.clip(1e-300))) / math.sqrt(samples.n_obs)
-    # Mode by mode, the fastest first: how fast each turns, and how long what it does is remembered. A mode forgets
-    # where it is damped along nearly all of the path.
-    values = np.take_along_axis(values, np.argsort(-np.abs(values.imag), axis=-1), axis=-1)
-    turning = np.median(np.abs(values.imag), axis=0)
-    damping = np.quantile(-values.real, FORGETS, axis=0).clip(0.0)
-    remembered = 1 / np.maximum(damping, 1 / (step * max(samples.run_lengths)))
-    phase = float(np.max(turning**5 * remembered))
-    longest = min(STEP / fastest, (120 * told / phase) ** 0.25 if phase > 0 else math.inf) if fastest > 0 else math.inf
-    return int(np.clip(math.ceil(step / longest), 1, MOST_STEPS))

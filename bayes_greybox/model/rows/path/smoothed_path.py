@@ -36,9 +36,9 @@ LOST = (
 
 def smoothest(
     rate: ForcedRate, grid: Grid, observed: Observed, outputs: tuple[int, ...], own: float,
-    E: np.ndarray, first: np.ndarray, process_noise: bool,
-) -> tuple[Float[np.ndarray, "n_segment n_end n_state"], float, float]:  # fmt: skip
-    """Ends of the smoothed path at the likeliest intensity of the unknown force, that, and what it gains.
+    E: np.ndarray, first: np.ndarray, process_noise: bool, known: tuple[float, int] | None = None,
+) -> tuple[Float[np.ndarray, "n_segment n_end n_state"], float, float, int]:  # fmt: skip
+    """Ends of the smoothed path at the likeliest intensity of the unknown force, that, what it gains, and the passes.
 
     Args:
         rate: Of all states.
@@ -49,7 +49,9 @@ def smoothest(
         E: Rates of the states by each unknown force.
         first: A path to begin with, NaN where there is none.
         process_noise: Whether that may be more than the least.
+        known: Intensity and passes that other runs have found, which these have in common with them.
     """
+    turn, fewest = 0, 0 if known is None else known[1]
     ends = first
     if not np.all(np.isfinite(first)):
         ends = filtered(rate, grid, observed, outputs, E, own * MIDDLING, rate.args)
@@ -57,7 +59,9 @@ def smoothest(
     for turn in range((PASSES if process_noise else UNFORCED_PASSES) + 1):
         near = segments_of(rate, grid, ends, outputs)
         steps = steps_along(grid.time, ends, near.response, near.departure(rate.rates), E)
-        if turn == 1 and not process_noise:
+        if turn == 1 and known is not None:
+            ratio = known[0]
+        elif turn == 1 and not process_noise:
             ratio = own * float(RATIOS[0])
         elif turn == 1:
             logs = log_likelihoods(steps, observed, outputs, own * RATIOS)
@@ -68,11 +72,11 @@ def smoothest(
         stronger = own * RATIOS[own * RATIOS > ratio] if process_noise else ()
         paths = (smooth(steps, observed, outputs, each).ends for each in (ratio, *stronger))
         before, ends = ends, _inside(rate, grid, ends, paths)
-        if not process_noise and turn > 1 and _arrived(before, ends):
+        if not process_noise and turn > 1 and turn >= fewest and _arrived(before, ends):
             break
     if not np.all(np.isfinite(ends)):
         raise InputError(LOST)
-    return ends, ratio, gained
+    return ends, ratio, gained, turn
 
 
 def _arrived(before: np.ndarray, ends: np.ndarray) -> bool:

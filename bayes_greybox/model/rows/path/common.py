@@ -1,0 +1,145 @@
+"""What the paths of runs have in common, whichever of them are followed together: sizes, noise, steps."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool
+
+from bayes_greybox.data.samples.clipping import clipped_states, seen_samples
+from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.physics.simulation.protocol import Simulation
+
+from .forced_rate import ForcedRate
+from .path_segments import WIDE
+
+STEP = 0.1
+"""Steps are so short, over the fastest time scale of the equations along the path, or the steps that were asked for."""
+
+DRIFT = 0.3
+"""Phase that steps may lose over a record, over what samples tell of it."""
+
+FORGETS = 0.1
+"""Share of a path on which a mode may be undamped and yet forget what it did."""
+
+MOST_STEPS = 50
+"""Most steps between two samples."""
+
+MOST_TRIED = 500
+"""Samples, evenly thinned, at which the time scales of the equations are looked at."""
+
+
+@dataclass(frozen=True)
+class Common:
+    """What the paths of some runs have found that holds for further runs too.
+
+    Attributes:
+        clipped: Values at which the sensor of a state was at its end; looked for where there are further runs.
+        sizes: Typical size of each state.
+        slow: Time in which the slowest sensor's signal changes by half its spread.
+        first_sd: Noise of each sensor before there is a path.
+        sd: The same along the path.
+        steps: Steps between two samples.
+        step: Usual time between two samples.
+        ratio: Intensity of the unknown force.
+        passes: Passes of the smoother.
+        pieces: Segments of each run.
+        gain: RMS response of an output to a force of unit RMS.
+    """
+
+    clipped: Mapping[str, tuple[float, ...]]
+    sizes: tuple[float, ...]
+    slow: float
+    first_sd: tuple[float, ...]
+    sd: tuple[float, ...]
+    steps: int
+    step: float
+    ratio: float
+    passes: int
+    pieces: int
+    gain: float
+
+    def seen(self, samples: Trajectories) -> Bool[np.ndarray, " n_obs"]:
+        """Samples of a run that no sensor clipped.
+
+        Args:
+            samples: What the sensors showed.
+        """
+        at_end = [np.isin(samples.states[name], ends) for name, ends in self.clipped.items()]
+        return (
+            seen_samples(samples)
+            if samples.unseen is not None
+            else ~np.any([np.zeros(samples.n_obs, bool), *at_end], axis=0)
+        )
+
+
+def ends_of_sensors(samples: Trajectories) -> dict[str, tuple[float, ...]]:
+    """Values at which the sensor of a state was at its end, of states that were clipped.
+
+    Args:
+        samples: What the sensors showed.
+    """
+    clipped = {} if samples.unseen is not None else clipped_states(samples)
+    return {name: tuple(np.unique(samples.states[name][rows]).tolist()) for name, rows in clipped.items()}
+
+
+def usual_step(samples: Trajectories) -> float:
+    """Median time between two samples of a run."""
+    return float(np.median(np.diff(samples.time)[np.diff(samples.run) == 0]))
+
+
+def sizes_of(samples: Trajectories, simulation: Simulation, at_rest: Mapping[str, str]) -> tuple[np.ndarray, float]:
+    """Typical size of each state, and the time in which the slowest sensor's signal changes by half its spread.
+
+    Of a state at rest, where its run starts, it is that of its start over `WIDE`.
+    """
+    times = []
+    for x in samples.states.values():
+        spread, lag = float(np.std(x)), 1
+        for lag in range(1, max(2, min(samples.run_lengths) // 2)):
+            inside = samples.run[lag:] == samples.run[:-lag]
+            if np.sqrt(np.mean((x[lag:] - x[:-lag])[inside] ** 2)) >= 0.5 * spread:
+                break
+        times.append(lag * float(np.median(np.diff(samples.time)[np.diff(samples.run) == 0])))
+    slow = min(times)
+    known = {name: float(np.sqrt(np.mean(x**2))) for name, x in samples.states.items()}
+    largest = max(known.values())
+    for name in simulation.states:
+        # A hidden state that is a measured one's rate changes it by its spread in that time.
+        source = [m for m, x in samples.states.items() if simulation.kinematic(m) and simulation.rate_name(m) == name]
+        if name not in at_rest:
+            known.setdefault(name, float(np.std(samples.states[source[0]])) / slow if source else largest)
+    for name, column in at_rest.items():
+        size = known[column] if column in known else float(np.sqrt(np.mean(samples.column(column) ** 2)))
+        known.setdefault(name, size / WIDE)
+    return np.array([known[name] if known[name] > 0 else largest for name in simulation.states]), slow
+
+
+def steps_needed(rate: ForcedRate, samples: Trajectories, path: np.ndarray, s: np.ndarray) -> int:
+    """Steps between samples that resolve the equations along a path; hidden states that it lacks are as the others.
+
+    An oscillation of the frequency ω loses the phase (ωh)⁴/120 each radian, for as long as its damping lets it be
+    remembered, and that shall be little against what the samples together tell of it.
+    """
+    filled = np.where(np.isfinite(path), path, path[:, [rate.names.index(samples.state_names[0])]])
+    some = np.unique(np.linspace(0, samples.n_obs - 1, MOST_TRIED).astype(int))
+    points = np.column_stack([samples.time, filled, samples.matrix(samples.input_names)])[some]
+    A = rate.jacobian(points)
+    A = A[np.all(np.isfinite(A), axis=(1, 2))]
+    if not len(A):
+        return 1
+    values = np.linalg.eigvals(A)
+    fastest = float(np.quantile(np.abs(values).max(axis=-1), 0.99))
+    step = float(np.median(np.diff(samples.time)[np.diff(samples.run) == 0]))
+    spread = np.std(samples.matrix(samples.state_names), axis=0)
+    told = DRIFT * float(np.min(s / spread.clip(1e-300))) / math.sqrt(samples.n_obs)
+    # Mode by mode, the fastest first: how fast each turns, and how long what it does is remembered. A mode forgets
+    # where it is damped along nearly all of the path.
+    values = np.take_along_axis(values, np.argsort(-np.abs(values.imag), axis=-1), axis=-1)
+    turning = np.median(np.abs(values.imag), axis=0)
+    damping = np.quantile(-values.real, FORGETS, axis=0).clip(0.0)
+    remembered = 1 / np.maximum(damping, 1 / (step * max(samples.run_lengths)))
+    phase = float(np.max(turning**5 * remembered))
+    longest = min(STEP / fastest, (120 * told / phase) ** 0.25 if phase > 0 else math.inf) if fastest > 0 else math.inf
+    return int(np.clip(math.ceil(step / longest), 1, MOST_STEPS))

@@ -1,0 +1,141 @@
+"""Statistics of rows of paths, run by run, are those of all runs at once."""
+
+import tracemalloc
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from streamed_runs import BOTH, animals, clipped, oscillations, path_of, stream_of, weak
+
+import bayes_greybox as bg
+from bayes_greybox.data.streams.row_stream import RowStream
+from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.model.streams import taken as taking
+from bayes_greybox.model.streams.statistics import equations_of
+from bayes_greybox.model.streams.taken import taken
+
+# What issue 16 asks for.
+CLOSE = 1e-12
+F = bg.OrthogonalGP(variables=("y",), features=6)
+CASES = {
+    "weak": (weak, {}, animals),
+    "weak, f, one learned": (
+        weak,
+        {"dictionary": {"x": BOTH["x"]}, "simulation": {"y": "x*y - 4*y"}, "discrepancy": F},
+        animals,
+    ),
+    "path": (lambda **own: bg.GreyBox(BOTH, discrepancy=None, **own), {}, lambda: animals(2)),
+    "path, f, one seen": (path_of, {"discrepancy": F}, oscillations),
+    "path, clipped sensor": (path_of, {}, clipped),
+    "path, in segments": (path_of, {"rows": bg.TrajectoryRows(segment=6.0)}, oscillations),
+    "path, unknown force": (path_of, {"rows": bg.TrajectoryRows(force=1e-3)}, oscillations),
+    "path, unweighted measure": (path_of, {"discrepancy": replace(F, measure="unweighted")}, oscillations),
+}
+
+
+def statistics(model, stream):
+    fitted, sample, whole = taken(model, stream)
+    (equation,) = equations_of(fitted, sample, whole.statistics(fitted)).values()
+    return fitted, equation
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_they_are_those_of_all_runs_in_memory(case):
+    make, settings, runs = CASES[case]
+    given = replace(weak(), **settings) if make is weak else make(**settings)
+    fitted, streamed = statistics(given, stream_of(runs()))
+    expected_model, _ = given.near(runs())
+    (memory,) = expected_model.assemble(runs()).values()
+    assert fitted.rows == expected_model.rows
+    sums = []
+    for each in (streamed, memory):
+        columns = [np.asarray(part) for part in (each.design.Phi, each.design.Psi, each.design.y)]
+        table = np.column_stack(columns)
+        sums.append(table.T @ table)
+    size = np.sqrt(np.diag(sums[1]))
+    off = float(np.max(np.abs(sums[0] - sums[1]) / np.outer(size, size)))
+    determinant = abs(float(streamed.design.log_det_R) / float(memory.design.log_det_R) - 1)
+    print(f"\n{case}: sums within {off:.1e} of the columns' sizes, log determinant within {determinant:.1e}")
+    assert off <= CLOSE and determinant <= CLOSE
+    for name in ("term_scale", "target_scale", "centre", "half_width"):
+        np.testing.assert_allclose(getattr(streamed.frame, name), getattr(memory.frame, name), rtol=CLOSE)
+    assert float(streamed.design.n_obs) == float(memory.design.n_obs)
+    assert float(streamed.design.noise_floor) == float(memory.design.noise_floor)
+
+
+def test_several_runs_of_a_chunk_and_other_orders_add_up_to_the_same():
+    data = animals()
+    order = [3, 0, 4, 2, 1]
+    shuffled = Trajectories.from_arrays(
+        [data.take(i).time for i in order],
+        states={name: [data.take(i).states[name] for i in order] for name in ("x", "y")},
+    )
+    one = statistics(weak(), stream_of(data))[1]
+    two = statistics(weak(), RowStream.from_chunks(lambda i: shuffled, 1, sample=10**6))[1]
+    assert float(one.design.n_obs) == float(two.design.n_obs)
+    sums = [np.asarray(each.design.Phi.T @ each.design.Phi) for each in (one, two)]
+    # What runs have in common is found in their order, whose sums are rounded otherwise.
+    np.testing.assert_allclose(sums[1], sums[0], atol=1e-6 * np.max(sums[0]))
+
+
+def test_runs_that_are_too_short_for_a_test_function_say_nothing():
+    data = animals()
+    short = data.take(0).keep(slice(0, 14))
+    pieces = [data.take(i) for i in range(data.n_run)] + [short]
+    whole = Trajectories.from_arrays(
+        [piece.time for piece in pieces],
+        states={name: [piece.states[name] for piece in pieces] for name in ("x", "y")},
+    )
+    fitted, streamed = statistics(weak(), stream_of(whole))
+    (memory,) = fitted.assemble(whole).values()
+    assert float(streamed.design.n_obs) == float(memory.design.n_obs) == len(memory.rows.measured)
+
+
+def test_coefficients_that_some_runs_say_are_taken_anew_near_what_all_do(monkeypatch):
+    data, turns = animals(24), []
+    nearer = taking.nearer
+
+    def counted(*arguments):
+        turns.append(nearer(*arguments))
+        return turns[-1]
+
+    monkeypatch.setattr(taking, "nearer", counted)
+    fitted, streamed = statistics(weak(), stream_of(data, sample=200))
+    assert len(turns) > 1 and turns[-1] is None
+    near = dict(zip(zip(fitted.rows.added_to, (t for t, _ in fitted.rows.added), strict=True),
+                    (value for _, value in fitted.rows.added), strict=True))  # fmt: skip
+    estimate = streamed.ridge()
+    assert streamed.moved([(term, near[name, term.text]) for (term, _), name in
+                           zip(estimate, streamed.frame.dictionary.acts_on, strict=True)]) < 0.5  # fmt: skip
+    # All runs decide: the true coefficients are within five of their standard deviations, of which a fit of the
+    # sample alone has more than twice as large ones.
+    truth = [(term, value) for (term, _), value in zip(estimate, (2.0, -1.0, 1.0, -4.0), strict=True)]
+    assert streamed.moved(truth) < 5.0
+    assert float(streamed.design.n_obs) > 4 * len(streamed.rows.measured)
+
+
+def test_workers_give_the_same_to_the_last_bit(tmp_path):
+    pytest.importorskip("distributed")
+    data = animals()
+    for i in range(data.n_run):
+        data.take(i).to_frame().to_parquet(tmp_path / f"{i}.parquet")
+    names = {"states": ["x", "y"], "time": "t", "sample": 200}
+    fitted, _, here = taken(weak(), bg.stream(tmp_path / "*.parquet", **names))
+    _, _, there = taken(weak(), bg.stream(tmp_path / "*.parquet", **names, workers=2))
+    assert here.statistics(fitted)["x_and_y"].digest == there.statistics(fitted)["x_and_y"].digest
+
+
+def test_memory_is_that_of_the_sample_and_of_a_few_runs():
+    def peak(n_run):
+        data = animals()
+        stream = RowStream.from_chunks(lambda i: data.take(i % 5), n_run, sample=200)
+        tracemalloc.start()
+        statistics(weak(), stream)
+        found = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+        return found
+
+    peak(5)  # what is imported and kept at first use
+    few = peak(8)
+    # Five times the runs.
+    assert peak(40) < 1.3 * few
