@@ -280,6 +280,9 @@ class _Builder:
             result = math.inf
         if isinstance(result, complex) or not _finite(result):
             self.refuse(f"contains a power ({value_base:g})**({value:g}) that is not a finite real number")
+        if exponent.atoms(sympy.Pow):
+            # Each further storey of a tower of powers would be evaluated with all those below it, again and again.
+            return _from_float(result)
         if base.is_Rational and _bits(base) * max(abs(value), 1.0) > _MAX_BITS:
             return _from_float(result)
         return self.checked(base**exponent)

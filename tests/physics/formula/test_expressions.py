@@ -364,8 +364,16 @@ def test_a_root_of_a_number_beside_a_tiny_one_does_not_hang_under_a_power():
     assert evaluate(expr, {"v": np.array([2.0])})[0] == pytest.approx(5.0)
 
 
-@pytest.mark.parametrize("text", ["88**-29**-20*z", "z**29**-20", "2**(1/1001)*z"])
-def test_a_root_of_a_huge_degree_is_taken_in_floating_point(text):
+@pytest.mark.parametrize(
+    "text",
+    [
+        "88**-29**-20*z",
+        "z**29**-20",
+        "2**(1/1001)*z",
+        "z*9**-99**-29**-9**-98**-9**-98**-29**-9**-29**-9**-2 + 9**-98**-9**-98**-29**-9**-29**-2**-3**-5",
+    ],
+)
+def test_roots_of_a_huge_degree_and_towers_are_taken_in_floating_point(text):
     start = time.process_time()
     value = evaluate(parse_expression(text), {"z": np.array([1.5])})[0]
     assert time.process_time() - start < 1
