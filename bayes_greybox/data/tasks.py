@@ -16,6 +16,8 @@ from bayes_greybox.data.errors import InputError
 DEATHS = 3
 """Workers that may die over one task before it is given up: what kills every worker is the task's own fault."""
 
+LOST = "The Dask scheduler was lost before this was done; start one again, and give it what is left."
+"""Why tasks failed that were not done when the scheduler went."""
 
 WORKERS = 20
 """Seconds that a scheduler's first worker is waited for."""
@@ -53,7 +55,7 @@ def run_tasks(
         scheduler: Address of a Dask scheduler, such as "tcp://host:8786", whose workers have this package.
 
     Yields:
-        Each task once. One that fails costs itself alone.
+        Each task once. One that fails costs itself alone; a scheduler that is lost costs what is not done: see `LOST`.
 
     Raises:
         InputError: There is no Dask, or no scheduler answers; workers beside a scheduler; arguments that cannot be sent
@@ -122,9 +124,9 @@ def _on_workers(
             "connection, or leave workers and scheduler out."
         ) from error
     for future in as_completed(futures):
-        if future.cancelled():
-            raise InputError("The Dask scheduler was lost. What is done is kept: give the same command again.")
-        yield _done(futures[future], future.result)
+        done = _done(futures[future], future.result)
+        # Nobody cancels but a client whose scheduler is gone, and what was done is as good as before.
+        yield Done(done.name, failed=LOST) if done.failed and future.cancelled() else done
         future.release()
 
 

@@ -48,8 +48,23 @@ def require_one_each(folder: Path, names: Sequence[str]) -> None:
         names: Without endings.
 
     Raises:
-        InputError: Two are the same.
+        InputError: Two are the same, see `alike`.
     """
-    twice = next((name for name in names if names.count(name) > 1), None)
+    twice = alike(names)
     if twice is not None:
-        raise InputError(f'"{folder}" has two files that are called {twice!r}: assets are called as their files are.')
+        both = " and ".join(repr(name) for name in dict.fromkeys(twice))
+        raise InputError(f'"{folder}" has two files that are called {both}: assets are called as their files are.')
+
+
+def alike(names: Sequence[str]) -> tuple[str, str] | None:
+    """Two names that are one, or would be where capitals do not count: many disks have one folder for both.
+
+    Args:
+        names: Of assets.
+    """
+    known: dict[str, str] = {}
+    for name in names:
+        if name.casefold() in known:
+            return known[name.casefold()], name
+        known[name.casefold()] = name
+    return None

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from bayes_greybox.data.errors import InputError
+from bayes_greybox.data.tasks import LOST
 from bayes_greybox.discovery.fleet import Fleet
 from bayes_greybox.inference.kept.netcdf import versions
 from bayes_greybox.report.folders.holding import RECORD
@@ -45,7 +46,8 @@ def study_fleet(
         The fleet.
 
     Raises:
-        InputError: The folder cannot be written to; no scheduler answers. What one asset lacks costs that asset alone.
+        InputError: The folder cannot be written to; no scheduler answers, or it was lost: what is done is kept. What
+            one asset lacks costs that asset alone.
     """
     with output_folder(place) as folder, stages(progress):
         known: dict[str, Told] = {}
@@ -65,6 +67,8 @@ def study_fleet(
                 known[asset.name] = Told(before)
         order = [asset.name for asset in assets]
         fleet, _ = studied_together(study_asset, tasks, order, known, failed, workers=workers, scheduler=scheduler)
+        if any(each.sentence == LOST for each in fleet.failed):
+            raise InputError("The Dask scheduler was lost. What is done is kept: give the same command again.")
         write_fleet(fleet, folder)
     return fleet
 

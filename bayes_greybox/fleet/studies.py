@@ -5,30 +5,41 @@ import json
 import os
 import tempfile
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
 
 from bayes_greybox.data.errors import InputError
+from bayes_greybox.data.limits import is_finite
 from bayes_greybox.data.reading.door import read as read_file
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.fleet import Fleet
 from bayes_greybox.greybox import GreyBox
+from bayes_greybox.inference.settings import Sampling
 from bayes_greybox.missing_effects import Study, find_missing_effects, load
+from bayes_greybox.physics.catalogue.effect_tables import nearest
+from bayes_greybox.physics.catalogue.loading import load_catalogue, located
 from bayes_greybox.report.folders.holding import require_own
 from bayes_greybox.report.folders.study_record import study_record
 from bayes_greybox.report.folders.writing import output_folder, staged
 from bayes_greybox.report.words.fleet import fleet_sentence
 from bayes_greybox.running.stages import stages
 
-from .files import data_files, require_one_each
+from .files import alike, data_files, require_one_each
 from .reporting import STUDY, report_into
 from .together import ASSETS, Told, studied_together, write_fleet
 
 Measured = Trajectories | str | os.PathLike[str]
 """Measurements of an asset, or the file that they are read from where they are studied."""
+
+SAMPLING = ("draws", "tune", "chains", "seed")
+"""Settings of the sampler."""
+
+NO_NAME, LONGEST = '/\\<>:"|?*', 255
+"""Characters that the name of a folder has on no system, or not on all, and its most bytes."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -43,14 +54,17 @@ class FleetStudy:
     (Gelman et al. 2013, Bayesian Data Analysis, 3rd ed., section 5.4). Nothing is pooled where inner parameters differ.
 
     Attributes:
-        studies: Studies by asset, as `bg.load` reads them, each when it is first asked for; without those that failed.
         failed: Why an asset could not be studied, by asset.
     """
 
-    studies: Mapping[str, Study]
     failed: Mapping[str, str]
-    _fleet: Fleet = field(repr=False)
-    _told: Mapping[str, Told] = field(repr=False)
+    _fleet: Fleet
+    _studies: "_Studies"
+
+    @property
+    def studies(self) -> Mapping[str, Study]:
+        """Studies by asset, as `bg.load` reads them, each when it is first asked for; without those that failed."""
+        return self._studies
 
     @property
     def sentence(self) -> str:
@@ -126,12 +140,12 @@ class FleetStudy:
         """
         require_own(Path(folder), "fleet")
         with output_folder(folder) as place, stages(progress):
-            for name, told in self._told.items():
-                own = place / ASSETS / name
-                own.mkdir(parents=True, exist_ok=True)
-                with staged(own) as part:
-                    (part / STUDY).write_bytes(told.kept)
-                report_into(own, self.studies[name], told.record, figures)
+            for name, told in self._studies.told.items():
+                with staged(place) as part:
+                    own = part / ASSETS / name
+                    own.mkdir(parents=True)
+                    (own / STUDY).write_bytes(told.kept)
+                report_into(place / ASSETS / name, self._studies.read(name), told.record, figures)
             write_fleet(self._fleet, place)
 
     def __repr__(self) -> str:
@@ -156,7 +170,9 @@ def find_missing_effects_of_fleet(
     """Find what one simulation lacks of many machines: each one's study, and whether what they lack is one cause.
 
     Each asset is studied by `find_missing_effects`, whatever the others say; then coefficients are pooled, see
-    `FleetStudy`. What comes of it does not depend on where or in which order assets are studied.
+    `FleetStudy`. What comes of it does not depend on where or in which order assets are studied. Nothing is kept before
+    all are done; of a Dask scheduler that is lost those come back that were done. `bayes-greybox discover --fleet`
+    keeps each study, and goes on where it was.
 
     Args:
         model: The simulation, and terms whose coefficients are to be learned; for all assets, or one for each by name.
@@ -173,44 +189,50 @@ def find_missing_effects_of_fleet(
             settle, free_runs, interpolation, draws, tune, chains.
 
     Raises:
-        InputError: No assets; a name that no folder can have; an asset without a model, or held-out data of none; a
-            setting that there is not; no Dask, or no scheduler answers. Data that cannot be used cost their asset
-            alone: see `FleetStudy.failed`.
+        InputError: No assets, or what is no measurements; a name that no folder can have; an asset without a model, or
+            held-out data of none; a setting that there is not, or a catalogue or sampling that cannot be; no Dask, or
+            no scheduler answers. Data that cannot be used cost their asset alone: see `FleetStudy.failed`.
     """
     assets = _by_name(train)
     models = {name: _model_of(model, name) for name in assets}
     held_out = _held_out(test, assets)
-    _check_settings(settings)
-    tasks = {name: (models[name], each, held_out.get(name), read, dict(settings)) for name, each in assets.items()}
+    settings = _checked(settings)
+    tasks = {name: (models[name], each, held_out.get(name), read, settings) for name, each in assets.items()}
     with stages(progress):
         # Without a wish they are studied here: a script that starts processes has to be written for it.
         workers = workers if scheduler is not None else workers or 1
         fleet, told = studied_together(_study, tasks, list(assets), workers=workers, scheduler=scheduler)
     failed = {each.asset: each.sentence for each in fleet.failed}
-    return FleetStudy(_Studies(told, models), failed, fleet, told)
+    return FleetStudy(failed, fleet, _Studies(told, models))
 
 
 class _Studies(Mapping[str, Study]):
     """Studies by asset, read from what workers sent when they are asked for."""
 
     def __init__(self, told: Mapping[str, Told], models: Mapping[str, GreyBox]) -> None:
-        self._told, self._models = told, models
-        self._read: dict[str, Study] = {}
+        self.told, self._models = told, models
+        self._kept: dict[str, Study] = {}
 
     def __getitem__(self, name: str) -> Study:
-        if name not in self._read:
-            kept, simulation = self._told[name].kept, self._models[name].simulation
-            with tempfile.TemporaryDirectory() as folder:
-                file = Path(folder) / STUDY
-                file.write_bytes(kept)
-                self._read[name] = load(file, None if isinstance(simulation, Mapping) else simulation)
-        return self._read[name]
+        if name not in self._kept:
+            self._kept[name] = self.read(name)
+        return self._kept[name]
+
+    def read(self, name: str) -> Study:
+        """One that is not kept, unless it was asked for before: many together may be more than the memory holds."""
+        if name in self._kept:
+            return self._kept[name]
+        kept, simulation = self.told[name].kept, self._models[name].simulation
+        with tempfile.TemporaryDirectory() as folder:
+            file = Path(folder) / STUDY
+            file.write_bytes(kept)
+            return load(file, None if isinstance(simulation, Mapping) else simulation)
 
     def __iter__(self) -> Iterator[str]:
-        return iter(self._told)
+        return iter(self.told)
 
     def __len__(self) -> int:
-        return len(self._told)
+        return len(self.told)
 
 
 def _study(
@@ -224,7 +246,7 @@ def _study(
     elif test is not None:
         held_out = _measured(test, read)
     study = find_missing_effects(model, data, held_out, progress=False, **settings)
-    sampling = {key: settings.get(key, _DEFAULTS[key]) for key in _SAMPLING}
+    sampling = {key: settings[key] for key in SAMPLING}
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / STUDY
         study.save(file)
@@ -232,63 +254,99 @@ def _study(
         return Told(json.loads(json.dumps(study_record(study, sampling))), file.read_bytes())
 
 
-def _by_name(train: Mapping[str, Measured] | str | os.PathLike[str]) -> dict[str, Measured]:
+def _by_name(train: Any) -> dict[str, Measured]:
     """Measurements by asset.
 
     Raises:
-        InputError: There are none; a name that is no folder's.
+        InputError: There are none; a name that is no folder's; what is no measurements.
     """
-    if not isinstance(train, Mapping):
+    if isinstance(train, str | os.PathLike):
         folder = Path(train)
         files = data_files(folder)
         require_one_each(folder, [file.stem for file in files])
-        train = {file.stem: file for file in files}
+        return {file.stem: file for file in files}
+    if not isinstance(train, Mapping):
+        raise InputError(
+            f"train is {type(train).__name__}, which says no names of assets: give data by asset, such as "
+            "train={'pump 1': data}, or a folder of files."
+        )
     if not train:
         raise InputError("A fleet needs an asset: give measurements by name, such as {'pump 1': data}.")
     for name in train:
-        if not isinstance(name, str) or not name.isprintable() or name in ("", ".", "..") or set(name) & set("/\\"):
-            raise InputError(f"The asset name {name!r} cannot be a folder's: give text without / and \\.")
-    return dict(train)
+        if not isinstance(name, str) or not name.isprintable() or name in ("", ".", "..") or set(name) & set(NO_NAME):
+            raise InputError(f"The asset name {name!r} cannot be a folder's: give text without {' '.join(NO_NAME)}.")
+        if len(name.encode()) > LONGEST:
+            raise InputError(f"The asset name {name!r} is too long for a folder's: give {LONGEST} bytes at most.")
+    twice = alike(list(train))
+    if twice is not None:
+        raise InputError(
+            f"The asset names {twice[0]!r} and {twice[1]!r} are one folder where capitals do not count: rename one."
+        )
+    return _located("train", train)
 
 
-def _model_of(model: GreyBox | Mapping[str, GreyBox], name: str) -> GreyBox:
-    if not isinstance(model, Mapping):
-        return model
-    if name not in model:
-        raise InputError(f"There is no model for {name!r}: give one for each asset, or one for all.")
-    return model[name]
+def _model_of(model: Any, name: str) -> GreyBox:
+    if isinstance(model, Mapping):
+        if name not in model:
+            raise InputError(f"There is no model for {name!r}: give one for each asset, or one for all.")
+        model = model[name]
+    if not isinstance(model, GreyBox):
+        raise InputError(f"The model of {name!r} is {type(model).__name__}: give a GreyBox, or one for each asset.")
+    return model
 
 
-def _held_out(
-    test: Mapping[str, Measured] | float | None, assets: Mapping[str, Measured]
-) -> Mapping[str, Measured | float]:
+def _held_out(test: Any, assets: Mapping[str, Measured]) -> Mapping[str, Measured | float]:
     if test is None:
         return {}
-    if not isinstance(test, Mapping):
-        if not 0 < test < 1:
-            raise InputError(f"test={test!r} is no share of the data to hold out: give one between 0 and 1.")
-        return dict.fromkeys(assets, float(test))
-    other = next((name for name in test if name not in assets), None)
-    if other is not None:
-        raise InputError(f"test has data of {other!r}, which is no asset: give names that train has.")
-    return test
+    if isinstance(test, Mapping):
+        other = next((name for name in test if name not in assets), None)
+        if other is not None:
+            raise InputError(f"test has data of {other!r}, which is no asset: give names that train has.")
+        return _located("test", test)
+    if not is_finite(test):
+        raise InputError(
+            f"test is {type(test).__name__}, which does not say of which asset: give data by asset, such as "
+            "test={'pump 1': data}, or a share of all, such as test=0.3."
+        )
+    if not 0 < test < 1:
+        raise InputError(f"test={test!r} is no share of the data to hold out: give one between 0 and 1.")
+    return dict.fromkeys(assets, float(test))
+
+
+def _located(what: str, given: Mapping[str, Any]) -> dict[str, Any]:
+    """Measurements, or files whose paths hold in whatever folder a worker runs."""
+    found: dict[str, Any] = {}
+    for name, each in given.items():
+        if not isinstance(each, Trajectories | str | os.PathLike):
+            raise InputError(
+                f"{what} has {type(each).__name__} for {name!r}: give Trajectories, as bg.read and "
+                "Trajectories.from_arrays make them, or the path of a file."
+            )
+        found[name] = each if isinstance(each, Trajectories) else Path(each).absolute()
+    return found
 
 
 def _measured(given: Measured, read: Callable[[Path], Trajectories]) -> Trajectories:
     return given if isinstance(given, Trajectories) else read(Path(given))
 
 
-_DEFAULTS = {
-    name: each.default
-    for name, each in inspect.signature(find_missing_effects).parameters.items()
-    if each.kind is each.KEYWORD_ONLY and name not in ("progress", "checkpoint", "resume", "checkpoint_every")
-}
-"""Settings of a study, with what they are where nothing is said."""
-
-_SAMPLING = ("draws", "tune", "chains", "seed")
-
-
-def _check_settings(settings: Mapping[str, Any]) -> None:
-    unknown = next((name for name in settings if name not in _DEFAULTS), None)
+def _checked(settings: Mapping[str, Any]) -> dict[str, Any]:
+    """All settings of a study: what is wrong with them is no fault of any asset's."""
+    usual = _usual_settings()
+    unknown = next((name for name in settings if name not in usual), None)
     if unknown is not None:
-        raise InputError(f"There is no setting {unknown!r} of a fleet's studies: {', '.join(_DEFAULTS)} are.")
+        raise InputError(f"There is no setting {unknown!r} of a fleet's studies; {nearest(unknown, list(usual))}")
+    found = {**usual, **settings}
+    Sampling(**{name: found[name] for name in SAMPLING})
+    load_catalogue(found["catalogue"])
+    return {**found, "catalogue": located(found["catalogue"])}
+
+
+@cache
+def _usual_settings() -> Mapping[str, Any]:
+    """Settings of a study, with what they are where nothing is said."""
+    return {
+        name: each.default
+        for name, each in inspect.signature(find_missing_effects).parameters.items()
+        if each.kind is each.KEYWORD_ONLY and name not in ("progress", "checkpoint", "resume", "checkpoint_every")
+    }

@@ -1,6 +1,7 @@
 """Settings of a run of the sampler."""
 
 from dataclasses import dataclass
+from numbers import Integral
 
 from bayes_greybox.data.errors import InputError
 
@@ -26,8 +27,9 @@ class Sampling:
     exact: bool = False
 
     def __post_init__(self) -> None:
-        for name in ("draws", "tune", "chains"):
-            if getattr(self, name) < 1:
-                raise InputError(f"{name}={getattr(self, name)} must be at least 1.")
+        for name, least in {"draws": 1, "tune": 1, "chains": 1, "seed": 0}.items():
+            value = getattr(self, name)
+            if not isinstance(value, Integral) or value < least:
+                raise InputError(f"{name}={value!r} must be a whole number, at least {least}.")
         if not 0 < self.target_accept < 1:
             raise InputError(f"target_accept={self.target_accept:g} must lie between 0 and 1.")

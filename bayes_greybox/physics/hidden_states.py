@@ -22,6 +22,7 @@ from bayes_greybox.physics.formula.numbers import Named, as_columns, without_num
 from bayes_greybox.running.compiling import compiled
 
 Arrays = Array | np.ndarray
+"""Those of JAX, or of NumPy on their way to it."""
 
 SHORT = 0.2
 """Steps of hidden states, over the shortest time in which they change."""

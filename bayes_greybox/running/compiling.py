@@ -21,14 +21,14 @@ from typing import Any, TypeVar, cast
 import jax
 
 FAST = {"xla_cpu_use_fusion_emitters": False}
-"""Options of XLA for programs that run often."""
+"""Options of XLA for all programs; how much of them is optimised JAX was told, or does in full."""
 
 ONCE = {**FAST, "xla_backend_optimization_level": 0}
 """For those that run once or twice."""
 
 OFTEN = {**FAST, "xla_backend_optimization_level": 1}
-"""For those that run thousands of times, whatever JAX was told to optimise: beyond this level nothing is gained where
-the work is LAPACK's, and below it loops over a matrix cost three times as much as its factorisation."""
+"""For those that run thousands of times or in long loops, whatever JAX was told to optimise: below this level a loop,
+over a matrix or along the path of hidden states, takes a multiple of the time, and beyond it nothing is gained."""
 
 FOLDER = "BAYES_GREYBOX_CACHE"
 """Environment variable: folder for compiled programs, or "off"."""
@@ -64,7 +64,7 @@ def compiled(function: Function, *, once: bool = False, often: bool = False, **o
     Args:
         function: What to compile.
         once: Whether it will run once or twice.
-        often: Whether it will run thousands of times.
+        often: Whether it will run thousands of times, or loops as often.
         **options: Of `jax.jit`.
     """
 
@@ -86,7 +86,7 @@ def compile_options(once: bool, often: bool = False) -> dict[str, Any] | None:
 
     Args:
         once: Whether the program will run once or twice.
-        often: Whether it will run thousands of times.
+        often: Whether it will run thousands of times, or loops as often.
     """
     if jax.default_backend() != "cpu":
         return None

@@ -3,12 +3,13 @@
 import os
 import signal
 import sys
+import time
 from pathlib import Path
 
 import pytest
 
 from bayes_greybox.data.errors import InputError
-from bayes_greybox.data.tasks import run_tasks
+from bayes_greybox.data.tasks import LOST, Done, run_tasks
 
 
 def squared(x):
@@ -46,6 +47,18 @@ def test_a_worker_that_dies_costs_its_task_and_nothing_else(tmp_path):
     found = {done.name: done.result for done in run_tasks(dies_once, tasks, workers=2)}
     assert (tmp_path / "2").exists()
     assert found == {str(x): x**2 for x in range(6)}
+
+
+def test_a_scheduler_that_is_lost_costs_what_is_not_done():
+    distributed = pytest.importorskip("distributed")
+    place = distributed.LocalCluster(
+        n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None, silence_logs=50
+    )
+    tasks = run_tasks(time.sleep, {"a": (0,), "b": (1,), "c": (0,)}, scheduler=place.scheduler_address)
+    first = next(tasks)
+    place.close()
+    assert first == Done("a")
+    assert {done.name: done.failed for done in tasks} == {"b": LOST, "c": LOST}
 
 
 def test_bad_places_are_refused_in_a_sentence():

@@ -2,19 +2,20 @@
 
 import json
 import re
-from functools import partial
+from functools import partial, wraps
 
 import numpy as np
 import pandas as pd
 import pytest
-from pumps import CONFIG, pumps
+from pumps import CATALOGUE, CONFIG, pumps
 
 import bayes_greybox as bg
 from bayes_greybox.cli import main
 from bayes_greybox.data.errors import InputError
+from bayes_greybox.data.tasks import LOST, Done
 from bayes_greybox.discovery.fleet import fleet_of
 from bayes_greybox.fleet.assets import assets_of
-from bayes_greybox.fleet.run import _mark, _studied
+from bayes_greybox.fleet.run import _mark, _studied, study_fleet
 from bayes_greybox.report.pages.fleet_page import fleet_page
 from bayes_greybox.report.pages.page import render
 from bayes_greybox.report.words.fleet import fleet_sentence
@@ -129,7 +130,10 @@ def test_folders_without_assets_are_refused(tmp_path, fleet):
     (tmp_path / "a.csv").touch()
     (tmp_path / "a.txt").touch()
     (tmp_path / "readme.md").touch()
-    with pytest.raises(InputError, match="two files that are called 'a'"):
+    with pytest.raises(InputError, match="two files that are called 'a':"):
+        assets_of(tmp_path, fleet / "all.toml")
+    (tmp_path / "a.txt").rename(tmp_path / "A.txt")
+    with pytest.raises(InputError, match="two files that are called 'A' and 'a':"):
         assets_of(tmp_path, fleet / "all.toml")
     assert main(["discover", "--workers", "2"]) == 2
     assert main(["discover", str(fleet / "all.toml"), "--fleet", str(fleet / "pumps"), "--resume"]) == 2
@@ -141,16 +145,19 @@ MODEL = bg.GreyBox(
 )
 """That of `CONFIG`."""
 
+DATA = bg.systems.duffing().simulate(t=np.linspace(0, 1, 9), seed=0)
+
 
 @pytest.fixture(scope="module")
 def from_python(fleet):
     """Two of the pumps, a file that is none and a model that does not fit its data, without a configuration."""
-    files = {name: fleet / "pumps" / f"{name}.csv" for name in ("pump 0", "pump 2", "bad <b>")}
+    files = {name: fleet / "pumps" / f"{name}.csv" for name in ("pump 0", "pump 2")}
+    files["bad"] = fleet / "pumps" / "bad <b>.csv"
     read = partial(bg.read, time="t", states=["y", "ydot"], inputs=["F"], derivatives={"ydot": "a"})
     wrong = bg.GreyBox(simulation={"y": "ydot", "ydot": "F - 10*q"})
     return bg.find_missing_effects_of_fleet(
         {**dict.fromkeys(files, MODEL), "wrong": wrong}, {**files, "wrong": read(files["pump 0"])}, test=0.3, read=read,
-        catalogue=str(fleet / "few.toml"), settle=False, free_runs=False, workers=1, progress=False,
+        catalogue=str(fleet / "few.toml"), settle=False, free_runs=False, workers=2, progress=False,
     )  # fmt: skip
 
 
@@ -167,16 +174,19 @@ def test_python_tells_assets_and_their_pooled_coefficient(from_python):
 
 
 def test_from_python_too_an_asset_fails_with_its_reason_and_nothing_else(from_python):
-    assert list(from_python.failed) == ["bad <b>", "wrong"]
-    assert "correct the cell" in from_python.failed["bad <b>"] and "'q'" in from_python.failed["wrong"]
+    assert list(from_python.failed) == ["bad", "wrong"]
+    assert "correct the cell" in from_python.failed["bad"] and "'q'" in from_python.failed["wrong"]
     assert list(from_python.assets["verdict"])[2:] == ["failed", "failed"]
     assert "wrong could not be studied" in repr(from_python)
 
 
 def test_python_says_and_writes_what_the_command_does(from_python, fleet, tmp_path):
     from_python.save(tmp_path, progress=False)
-    tables = [pd.read_csv(place / "assets.csv", index_col="asset") for place in (tmp_path, fleet / "out")]
-    names = ["pump 0", "pump 2", "bad <b>"]
+    tables = [
+        pd.read_csv(place / "assets.csv", index_col="asset").rename({"bad <b>": "bad"})
+        for place in (tmp_path, fleet / "out")
+    ]
+    names = ["pump 0", "pump 2", "bad"]
     pd.testing.assert_frame_equal(*(table.loc[names] for table in tables), check_exact=True)
     for own in ("", "assets/pump 0", "assets/pump 2"):
         one, other = (
@@ -186,10 +196,11 @@ def test_python_says_and_writes_what_the_command_does(from_python, fleet, tmp_pa
         if not own:
             assert one["shared"] == other["shared"]
             continue
+        sampling, asked = one.pop("sampling"), other.pop("sampling")
+        # The configuration says more than the sampler's settings, and names itself.
+        assert sampling and sampling.items() <= asked.items()
         for record in (one, other):
-            # The configuration says more than the sampler's settings, and names itself.
-            record.pop("config", None), record.pop("sampling"), record["settings"].pop("seconds")
-            record["settings"].pop("catalogue")
+            record.pop("config", None), record["settings"].pop("seconds"), record["settings"].pop("catalogue")
         assert one == other
     links = re.findall(r'href="(assets/[^"]+)"', (tmp_path / "fleet.html").read_text(encoding="utf-8"))
     assert len(links) == 2 and all((tmp_path / link.replace("%20", " ")).is_file() for link in links)
@@ -201,6 +212,20 @@ def test_python_says_and_writes_what_the_command_does(from_python, fleet, tmp_pa
     [
         ({"train": {}}, "needs an asset"),
         ({"train": {"a/b": "a.csv"}}, "cannot be a folder's"),
+        ({"train": {"inlet: 1": "a.csv"}}, "cannot be a folder's"),
+        ({"train": {"a" * 256: "a.csv"}}, "too long"),
+        ({"train": {"Pump": "a.csv", "pump": "b.csv"}}, "'Pump' and 'pump' are one folder"),
+        ({"train": DATA}, r"give data by asset, such as train=\{'pump 1': data\}"),
+        ({"train": {"a": pd.DataFrame()}}, "train has DataFrame for 'a'"),
+        ({"train": {"a": "a.csv"}, "model": "duffing"}, "The model of 'a' is str"),
+        ({"train": {"a": DATA}, "test": DATA}, r"give data by asset, such as test=\{'pump 1': data\}"),
+        ({"train": {"a": DATA}, "test": "held_out/"}, r"give data by asset, such as test=\{'pump 1': data\}"),
+        ({"train": {"a": DATA}, "test": {"a": 0.3}}, "test has float for 'a'"),
+        ({"train": {"a": DATA}, "catalogue": "mechancal"}, "did you mean 'mechanical'"),
+        ({"train": {"a": DATA}, "draws": 0}, "draws=0"),
+        ({"train": {"a": DATA}, "chains": "four"}, "chains='four' must be a whole number"),
+        ({"train": {"a": DATA}, "seed": -1}, "seed=-1"),
+        ({"train": {"a": DATA}, "catalog": "fluid"}, "did you mean 'catalogue'"),
         ({"train": {"a": "a.csv"}, "model": {"b": MODEL}}, "no model for 'a'"),
         ({"train": {"a": "a.csv"}, "test": {"b": "a.csv"}}, "which is no asset"),
         ({"train": {"a": "a.csv"}, "test": 1.5}, "no share"),
@@ -211,6 +236,59 @@ def test_python_says_and_writes_what_the_command_does(from_python, fleet, tmp_pa
 def test_what_no_fleet_can_be_made_of_is_refused(given, sentence):
     with pytest.raises(InputError, match=sentence):
         bg.find_missing_effects_of_fleet(**{"model": MODEL, "workers": 1, "progress": False, **given})
+
+
+@pytest.fixture
+def asked(monkeypatch):
+    """What studies were asked for: measurements, held-out data and settings by asset, none of which is studied."""
+    found = []
+
+    @wraps(bg.find_missing_effects)
+    def none(model, train, test, **settings):
+        found.append((train, test, settings))
+        raise InputError("Not studied.")
+
+    monkeypatch.setattr("bayes_greybox.fleet.studies.find_missing_effects", none)
+    return found
+
+
+def test_a_share_or_data_of_some_assets_are_held_out(asked):
+    bg.find_missing_effects_of_fleet(MODEL, {"a": DATA}, test=1 / 3, progress=False)
+    bg.find_missing_effects_of_fleet(MODEL, {"a": DATA, "b": DATA}, {"b": DATA}, progress=False)
+    (share, late, _), (_, none, _), (_, own, _) = asked
+    assert (share.n_obs, late.n_obs) == (6, 3)
+    np.testing.assert_array_equal(late.column("y"), DATA.column("y")[6:])
+    assert none is None and own is DATA
+
+
+def test_paths_hold_in_another_working_folder(asked, tmp_path, monkeypatch):
+    (tmp_path / "few.toml").write_text(CATALOGUE, encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    read = []
+    bg.find_missing_effects_of_fleet(
+        MODEL, {"a": "a.csv"}, {"a": "later.csv"}, read=lambda path: read.append(path) or DATA,
+        catalogue=["fluid", "few.toml"], progress=False,
+    )  # fmt: skip
+    assert read == [tmp_path / "a.csv", tmp_path / "later.csv"]
+    assert asked[0][2]["catalogue"] == ["fluid", str(tmp_path / "few.toml")]
+
+
+def test_a_lost_scheduler_costs_python_what_was_not_done_and_the_command_its_end(fleet, tmp_path, monkeypatch):
+    def lost(function, tasks, **_):
+        yield from (Done(name, failed=LOST) for name in tasks)
+
+    monkeypatch.setattr("bayes_greybox.fleet.together.run_tasks", lost)
+    found = bg.find_missing_effects_of_fleet(MODEL, {"a": DATA}, scheduler="tcp://any:1", progress=False)
+    assert found.failed == {"a": LOST}
+    assets = assets_of(fleet / "pumps", fleet / "all.toml")
+    with pytest.raises(InputError, match="What is done is kept: give the same command again"):
+        study_fleet(assets, tmp_path / "out", {}, scheduler="tcp://any:1", progress=False)
+
+
+def test_folders_that_cannot_be_made_are_refused_in_a_sentence(from_python, tmp_path):
+    (tmp_path / "assets").write_text("", encoding="utf-8")
+    with pytest.raises(InputError, match="Cannot write to the folder"):
+        from_python.save(tmp_path, progress=False)
 
 
 def record(verdict, effects=(), before=0.5):

@@ -5,14 +5,15 @@ simulation's coefficients are summed over within each set. Which sets are weighe
 """
 
 from collections import Counter
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations, islice, product
 from math import log
+from typing import NamedTuple
 
 import numpy as np
 
-from bayes_greybox.discovery.evidence.evaluations import Evaluations, Parametric, one_pattern
+from bayes_greybox.discovery.evidence.evaluations import TOGETHER, Evaluations, Parametric, one_pattern
 from bayes_greybox.discovery.evidence.inner_parameters import refine
 from bayes_greybox.discovery.evidence.ranges import limited, log_ranges
 from bayes_greybox.discovery.suspects.memory import Memory
@@ -290,7 +291,12 @@ class Sets:
         told = 0
         for others, replaced in places.values():
             told += told < TOLD and self.laws.tell(others, replaced)
-        weighed = [(*place, self.laws.nameless(*place[1])) for place in places.values()]
+        weighed = [_Place(*place, self.laws.nameless(*place[1])) for place in places.values()]
+        found = [e for some in _batches(weighed) for e in self._lawful(some)]
+        return list({(e.columns, e.memory): e for e in sorted(found, key=lambda e: e.log_weight)}.values())
+
+    def _lawful(self, weighed: Sequence["_Place"]) -> list[Explanation]:
+        """Explanations with laws at these places."""
         # Not by `_sum_patterns`: weights of a law's values change whenever it is told beside others.
         values = [(*self.always, *others, i) for others, _, laws in weighed for law in laws for i in law]
         every = iter(self.evaluations.each_parametric(values))
@@ -307,7 +313,7 @@ class Sets:
                 value = float(np.logaddexp.reduce([each.all for each in fitted])) + self._ranges(own, fitted[best])
                 share = self.evaluations.carried(fitted[best], own[-1:])
                 found.append(Explanation(suspects, effects, LAWFUL, value + prior, value, share, own[-1:]))
-        return list({(e.columns, e.memory): e for e in sorted(found, key=lambda e: e.log_weight)}.values())
+        return found
 
     def _likely(
         self, cores: Sequence[tuple[int, ...]], plain: Sequence[Explanation]
@@ -342,3 +348,26 @@ class Sets:
         share = TWO_SORTS * (self.odds.remainder if self._parted(core)[1] else self.odds.unknown)
         remembers = REMEMBERS[self.in_time] if self.statistics.of_kind("memory") else 0.0
         return log(share * (remembers if kind == MEMORY else 1 - remembers))
+
+
+class _Place(NamedTuple):
+    """Effects that a law can stand in the place of, beside other columns, and the values of each such law."""
+
+    others: tuple[int, ...]
+    replaced: tuple[int, ...]
+    laws: Sequence[Sequence[int]]
+
+
+def _batches(places: Sequence[_Place]) -> Iterator[list[_Place]]:
+    """Places, as many at a time as have `TOGETHER` values of laws, or one: what is fitted to them is held no longer."""
+    batch: list[_Place] = []
+    count = 0
+    for place in places:
+        size = sum(len(law) for law in place.laws)
+        if batch and count + size > TOGETHER:
+            yield batch
+            batch, count = [], 0
+        batch.append(place)
+        count += size
+    if batch:
+        yield batch

@@ -65,7 +65,9 @@ class Spectrum:
         s2 = np.asarray(sigma) ** 2
         # Column by column: reductions over a short last axis take ten times as long. Σ log(σ² + λ) is a few logarithms
         # of products, which stay within range for eight factors.
-        rest, product, log_det = np.zeros(()), np.ones(()), (self.n_obs - self.eigenvalues.shape[-1]) * np.log(s2)
+        # Without a column a batch is a batch still.
+        rest, product = np.zeros((*self.eigenvalues.shape[:-1], 1)), np.ones(())
+        log_det = (self.n_obs - self.eigenvalues.shape[-1]) * np.log(s2)
         for j in range(self.eigenvalues.shape[-1]):
             both = s2 + self.eigenvalues[..., j, None]
             rest, product = rest + self.loading[..., j, None] ** 2 / both, product * both

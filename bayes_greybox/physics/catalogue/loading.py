@@ -11,7 +11,7 @@ from dataclasses import replace
 from functools import cache
 from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.reading.toml_files import read_toml
@@ -58,6 +58,19 @@ def load_catalogue(spec: CatalogueSpec) -> tuple[Effect, ...]:
         raise InputError(f"The catalogue is empty; give one of {', '.join(DOMAINS)}, 'all' or a TOML file.")
     _check_confusions(effects)
     return tuple(effects.values())
+
+
+def located(spec: CatalogueSpec) -> CatalogueSpec:
+    """The same catalogue for any working folder: paths of files become absolute.
+
+    Args:
+        spec: As for `load_catalogue`.
+    """
+    if isinstance(spec, Effect) or spec in (*DOMAINS, "all"):
+        return spec
+    if isinstance(spec, str | os.PathLike):
+        return str(Path(spec).absolute())
+    return [cast(str | Effect, located(part)) for part in spec]
 
 
 def _each(spec: Any) -> Iterator[Effect]:

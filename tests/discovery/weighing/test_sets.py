@@ -124,6 +124,15 @@ def test_the_probability_of_an_effect_is_the_sum_over_all_sets_that_hold_it(know
         assert share(found, index) == pytest.approx(share(every_set(known, 3), index), abs=2e-3)
 
 
+def test_laws_weigh_the_same_in_batches_of_any_size(known, monkeypatch):
+    def laws():
+        return {(e.columns, e.memory): e.log_weight for e in Sets(known, 2).weigh() if e.kind == LAWFUL}
+
+    together = laws()
+    monkeypatch.setattr("bayes_greybox.discovery.weighing.sets.TOGETHER", 1)
+    assert len(together) > 2 and laws() == pytest.approx(together, rel=1e-9)
+
+
 def test_no_gap_and_recalibration_are_told_apart(known):
     bare = {e.kind: e for e in Sets(known, 2).weigh() if not e.effects and e.kind != LAWFUL}
     fitted = known.parametric([()])[0]

@@ -1,0 +1,31 @@
+"""The evidence without f, against normal densities by hand."""
+
+import numpy as np
+import pytest
+from scipy.stats import multivariate_normal
+
+from bayes_greybox.model.estimate.evidence import Spectrum, marginal
+from bayes_greybox.model.gp.hyper import NoisePrior
+
+SIGMA = np.array([0.3, 1.0, 2.0])
+
+
+@pytest.mark.parametrize("n_column", [0, 1, 9])
+def test_given_sigma_it_is_the_density_of_the_data(n_column):
+    rng = np.random.default_rng(0)
+    X, y, sd = rng.standard_normal((12, n_column)), rng.standard_normal(12), np.full(n_column, 0.7)
+    found = Spectrum.of(X.T @ X, X.T @ y, y @ y, len(y), sd).log_density(SIGMA)
+    expected = [multivariate_normal.logpdf(y, cov=s**2 * np.eye(12) + 0.7**2 * X @ X.T) for s in SIGMA]
+    np.testing.assert_allclose(found, expected)
+
+
+@pytest.mark.parametrize("n_column", [0, 2])
+def test_a_batch_has_what_each_has_alone(n_column):
+    rng = np.random.default_rng(1)
+    X, y, sd = rng.standard_normal((12, n_column)), rng.standard_normal(12), rng.uniform(0.5, 1, (4, n_column))
+    batch = Spectrum.of(X.T @ X, X.T @ y, y @ y, len(y), sd)
+    each = [Spectrum.of(X.T @ X, X.T @ y, y @ y, len(y), row) for row in sd]
+    np.testing.assert_allclose(batch.log_density(SIGMA), [one.log_density(SIGMA) for one in each])
+    noise = NoisePrior(0.0, 1.0)
+    evidence = marginal(batch, noise).log_evidence
+    np.testing.assert_allclose(evidence, [float(marginal(one, noise).log_evidence) for one in each])
