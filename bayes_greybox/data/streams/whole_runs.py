@@ -223,7 +223,8 @@ def some_runs(source: Any, size: int, places: int) -> list[tuple[int, Trajectori
     Returns:
         Runs with the number of their part, in order.
     """
-    n_part, found, rows = source.n_part, dict[int, list[Trajectories]](), 0
+    n_part, found, more = source.n_part, dict[int, list[Trajectories]](), list[tuple[int, int]]()
+    rows = 0
     # Places in the middle of equal shares of the parts, then all other parts.
     first = ((np.arange(places) + 0.5) / places * n_part).astype(int)
     for part in dict.fromkeys([*first[_evenly(places)].tolist(), *_evenly(n_part).tolist()]):
@@ -231,8 +232,16 @@ def some_runs(source: Any, size: int, places: int) -> list[tuple[int, Trajectori
             break
         own = int(np.sum(first == part))
         wanted = size * own // places if own else size - rows
-        found[part] = _of_part(source, part, max(wanted, 1), max(own, 1))
-        rows += sum(each.n_obs for each in found[part])
+        found[part], total = _of_part(source, part, max(wanted, 1), max(own, 1))
+        taken = sum(each.n_obs for each in found[part])
+        rows += taken
+        more += [(part, taken)] if taken < total else []
+    # What some parts have too few rows for is taken from those that have more.
+    for part, taken in more:
+        if rows >= size:
+            break
+        found[part], _ = _of_part(source, part, taken + size - rows, max(int(np.sum(first == part)), 1))
+        rows += sum(each.n_obs for each in found[part]) - taken
     return [(part, runs) for part in sorted(found) for runs in found[part]]
 
 
@@ -250,6 +259,9 @@ def stacked_runs(pieces: list[tuple[int, Trajectories]]) -> Trajectories:
     def of(pick: Any) -> Any:
         return np.concatenate([pick(piece) for _, piece in pieces])
 
+    def unseen(piece: Trajectories) -> np.ndarray:
+        return np.zeros(piece.n_obs, bool) if piece.unseen is None else piece.unseen
+
     return replace(
         first,
         time=of(lambda piece: piece.time),
@@ -260,15 +272,16 @@ def stacked_runs(pieces: list[tuple[int, Trajectories]]) -> Trajectories:
         run_names=tuple(name if alone else f"{name} of part {part}" for part, name in names),
         dropped=0,
         remarks=(),
+        unseen=of(unseen) if any(piece.unseen is not None for _, piece in pieces) else None,
     )
 
 
-def _of_part(source: Any, part: int, wanted: int, places: int) -> list[Trajectories]:
-    """Whole runs of one part, at places evenly spaced over its rows."""
+def _of_part(source: Any, part: int, wanted: int, places: int) -> tuple[list[Trajectories], int]:
+    """Whole runs of one part, at places evenly spaced over its rows, and how many rows it has."""
     lengths = [n for chunk in source.chunks(part) for n in chunk.run_lengths]
     ends, chosen, each = np.cumsum(lengths), set[int](), max(wanted // places, 1)
     if not len(ends):
-        return []
+        return [], 0
     for place in (_evenly(places) + 0.5) / places:
         run, stop = int(np.searchsorted(ends, place * max(ends[-1] - each, 0), side="right")), 0
         while run < len(lengths) and stop < each and sum(lengths[i] for i in chosen) < wanted:
@@ -283,7 +296,7 @@ def _of_part(source: Any, part: int, wanted: int, places: int) -> list[Trajector
         start += chunk.n_run
         if own:
             found.append(chunk if len(own) == chunk.n_run else chunk.keep(np.isin(chunk.run, own)))
-    return found
+    return found, int(ends[-1])
 
 
 def _evenly(n: int) -> np.ndarray:

@@ -1,5 +1,7 @@
 """Whole runs of files, however their rows lie in pieces, are those that `bg.read` gives of all rows at once."""
 
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -184,3 +186,22 @@ def test_many_small_parts_are_sampled_evenly_and_runs_of_one_name_told_apart():
     assert parts[0] <= 4 and parts[-1] >= 35 and max(np.diff(parts)) <= 8
     every = RowStream.from_chunks(chunk, 40, sample=10_000).whole_runs().sample
     assert every.n_run == 80
+
+
+def test_the_rest_of_a_sample_comes_from_files_that_have_more(tmp_path):
+    paths = [written(tmp_path, "parquet", table((n // 10,) * 10), str(n)) for n in (1500, 500)]
+    for size, n in ((2000, 2000), (1700, 1800), (600, 600)):
+        stream = bg.stream(paths, **NAMES, run="id", sample=size).whole_runs()
+        assert size <= stream.sample.n_obs <= n
+
+
+def test_samples_that_no_sensor_saw_stay_those_of_their_runs():
+    data = bg.read(table((40, 30, 50)), **NAMES, run="id")
+    marked = np.arange(30) % 7 == 0
+    runs = [replace(data.take(i), unseen=marked if i == 1 else None) for i in range(3)]
+    sample = RowStream.from_chunks(lambda i: runs[i], 3).whole_runs().sample
+    np.testing.assert_array_equal(sample.unseen, np.concatenate([np.zeros(40, bool), marked, np.zeros(50, bool)]))
+    assert sample.take(2).unseen.shape == (50,)
+    completed = replace(runs[0], samples=runs[0])
+    with pytest.raises(InputError, match="completed.*give chunks as they were measured, data.samples"):
+        RowStream.from_chunks(lambda i: completed, 1).whole_runs().sample  # noqa: B018
