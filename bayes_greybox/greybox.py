@@ -352,7 +352,9 @@ class Fit(Posterior):
         terms = ", ".join(f"{name}: {len(e.frame.dictionary)} terms" for name, e in self.equations.items())
         exact = " of exact paths" if s.exact else ""
         about = f"{self.model.prior_text} prior; {self.rows_in_words}; {s.chains} x {s.draws} draws{exact}"
-        said = [f"Fit of {terms}; {about}", *self.model.rows.left_out(self.data), str(self.verdict)]
+        of = "" if self.whole is None else "in the sample: "
+        left_out = [of + each for each in self.model.rows.left_out(self.data)]
+        said = [f"Fit of {terms}; {about}", *left_out, str(self.verdict)]
         return "\n".join([*said, equations_text(fitted_system(self))])
 
     def _complete(self) -> None:

@@ -24,6 +24,7 @@ def test_it_says_how_many_samples_there_are_and_how_many_are_looked_at(fit):
     assert fit.n_obs == animals().n_obs > fit.data.n_obs == fit.data.samples.n_obs
     words = f"{fit.n_obs} rows (integrals of x, y with test functions), of which {fit.data.n_obs} are looked at"
     assert words in repr(fit) and "whole runs" in repr(fit.data)
+    assert "in the sample: test functions" in repr(fit) and "say nothing" not in repr(fit.data)
     assert set(fit.idata.children) >= {"log_likelihood", "posterior_predictive"}
     assert set(fit.checks().table.index.get_level_values("check")) >= {"LOO-PIT", "whiteness"}
 

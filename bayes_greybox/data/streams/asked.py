@@ -72,7 +72,7 @@ class Asked:
 
         Args:
             frame: Rows, by columns as the source has them.
-            before: The row before the first of them, or None.
+            before: What `latest` gives of the rows before them, or None.
         """
         begun = np.zeros(len(frame), bool)
         begun[0] = before is None
@@ -82,8 +82,22 @@ class Asked:
             begun[len(frame) - len(labels) + 1 :] |= labels[1:] != labels[:-1]
         elif self.restarts and self.stamps is not None:
             time = pd.concat([last, frame])[self.stamps].to_numpy(float)
-            begun[len(frame) - len(time) + 1 :] |= np.diff(time) < 0
+            known = np.flatnonzero(np.isfinite(time))
+            begun[known[1:][np.diff(time[known]) < 0] - len(last)] = True
         return begun
+
+    def latest(self, frame: pd.DataFrame, before: pd.DataFrame | None) -> pd.DataFrame:
+        """The row that tells whether the next one begins a run: the last, or the last with a stamp where these tell.
+
+        Args:
+            frame: Rows, by columns as the source has them.
+            before: The same of the rows before them, or None.
+        """
+        last = frame.iloc[-1:]
+        if self.labels is None and self.stamps is not None:
+            stamped = frame[np.isfinite(frame[self.stamps].to_numpy(float))].iloc[-1:]
+            last = stamped if len(stamped) or before is None else before
+        return last
 
     def usable(self, frame: pd.DataFrame) -> Bool[np.ndarray, " n_row"]:
         """Rows that are read: all, or those without missing values where these are left out."""
@@ -93,21 +107,21 @@ class Asked:
         return np.asarray(np.isfinite(numbers).all(axis=1))
 
     def formed(self, table: Any, where: str, first: int, dropped: int) -> Iterator[Trajectories]:
-        """Rows of a piece as data; none where all were left out.
+        """Rows of a piece as data.
 
         Args:
-            table: Its usable rows, a DataFrame or a Dataset.
+            table: Its rows, some of them usable, a DataFrame or a Dataset.
             where: The source, in a sentence.
             first: Number of the first row in it.
-            dropped: Rows that were left out.
+            dropped: Rows beside them that were left out.
 
         Raises:
             InputError: What `read` refuses, with the rows that it was about.
         """
         stamps = {"dt": 1.0} if self.time is None else {"time": self.time}
         try:
-            data = read(table, **stamps, **self.settings, constant="keep")
+            data = read(table, **stamps, **self.settings, missing=self.missing, constant="keep")
         except InputError as error:
             raise InputError(f"In {where}, counted from its row {first}: {error}") from error
         time = data.time + first if self.time is None else data.time
-        yield replace(data, time=time, dropped=dropped, remarks=())
+        yield replace(data, time=time, dropped=dropped + data.dropped, remarks=())

@@ -178,6 +178,11 @@ class _Given:
                 "Rates that data.differentiate() computed know of their neighbours, and a stream has none beside a "
                 "chunk: give chunks with measured rates or outputs."
             )
+        if data.samples is not None:
+            raise InputError(
+                "A model has completed the data that the function of RowStream.from_chunks gives: give chunks as they "
+                "were measured, data.samples."
+            )
         yield data
 
 

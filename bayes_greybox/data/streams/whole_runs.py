@@ -8,6 +8,7 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 import pandas as pd
+from jaxtyping import Int
 
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
@@ -18,7 +19,7 @@ ROWS = 2048
 """Rows of short runs that are held together; a longer run is held alone."""
 
 REMEMBERED = 100_000
-"""Runs of a file whose names are known when another one comes that may be one of them."""
+"""Runs of a file, the latest, whose names are known when another one comes that may be one of them."""
 
 
 class Piece(NamedTuple):
@@ -109,10 +110,8 @@ class WholeRuns:
     def chunks(self, part: int) -> Iterator[Trajectories]:
         """Whole runs of a file in order, one or more at a time."""
         path, label = self._files[part]
-        seen: set[Any] = set()
         n_run = 0
         for piece, dropped in self._runs(path):
-            self._require_together(piece, path, seen)
             for data in self.rows.asked.formed(piece.table, f'"{path}"', piece.first, dropped):
                 yield replace(data, run_names=tuple(self._named(name, label, n_run) for name in data.run_names))
                 n_run += len({name.partition(",")[0] for name in data.run_names})
@@ -126,51 +125,81 @@ class WholeRuns:
         return list(zip(paths, labels, strict=True))
 
     def _runs(self, path: str) -> Iterator[tuple[Piece, int]]:
-        """Rows of whole runs of a file, and how many beside them were left out."""
-        asked, held = self.rows.asked, list[pd.DataFrame]()
-        first = n_held = dropped = 0
+        """Rows of whole runs of a file, and how many beside them were left out with runs that have no others.
+
+        Rows with missing values are among them: `read` cuts runs before it leaves out any, and their stamps may tell
+        where one ends.
+        """
+        asked, dropped = self.rows.asked, 0
+        for piece, number in self._whole(path):
+            said = np.isin(number, number[asked.usable(piece.frame)])
+            # On either side of a run that is left out rows are read by themselves, as nothing else may part them.
+            for rows in np.split(np.arange(len(said)), np.flatnonzero(np.diff(said)) + 1):
+                if said[rows[0]]:
+                    own = piece.frame.iloc[rows].reset_index(drop=True)
+                    yield Piece(piece.first + int(rows[0]), own, piece.attributes), dropped
+                    dropped = 0
+                else:
+                    dropped += len(rows)
+
+    def _whole(self, path: str) -> Iterator[tuple[Piece, Int[np.ndarray, " n_row"]]]:
+        """All rows of whole runs of a file, and the number of each row's run."""
+        asked, held = self.rows.asked, list[tuple[pd.DataFrame, np.ndarray]]()
+        first = n_held = n_run = 0
         before: pd.DataFrame | None = None
         attributes: Mapping[str, Mapping[str, Any]] = {}
+        seen: dict[Any, None] = {}
+
+        def together() -> tuple[Piece, np.ndarray]:
+            frames, numbers = zip(*held, strict=True)
+            return Piece(first, pd.concat(frames, ignore_index=True), attributes), np.concatenate(numbers)
+
         for piece in self._pieces(path):
-            attributes = piece.attributes
-            kept = asked.usable(piece.frame)
-            dropped += int(np.sum(~kept))
-            frame, row = pd.DataFrame(piece.frame[kept]), piece.first + np.flatnonzero(kept)
+            frame, start = piece.frame, 0
             if not len(frame):
                 continue
-            first = first if held else int(row[0])
-            begun, start = np.flatnonzero(asked.begins(frame, before)), 0
-            before = frame.iloc[-1:]
+            attributes, first = piece.attributes, first if held else piece.first
+            begins = asked.begins(frame, before)
+            self._require_together(piece, begins, path, seen)
+            begun, number = np.flatnonzero(begins), n_run + np.cumsum(begins)
+            before, n_run = asked.latest(frame, before), int(number[-1])
             # Few runs are cut one from another: what is asked for is a place between two.
             while len(enough := begun[begun - start + n_held >= ROWS]):
                 stop = int(enough[0])
-                held += [frame.iloc[start:stop]] if stop > start else []
-                yield Piece(first, pd.concat(held, ignore_index=True), attributes), dropped
-                held, n_held, dropped = [], 0, 0
-                first, start, begun = int(row[stop]), stop, begun[begun > stop]
-            held.append(frame.iloc[start:])
+                held += [(frame.iloc[start:stop], number[start:stop])] if stop > start else []
+                yield together()
+                held, n_held = [], 0
+                first, start, begun = piece.first + stop, stop, begun[begun > stop]
+            held.append((frame.iloc[start:], number[start:]))
             n_held += len(frame) - start
         if held:
-            yield Piece(first, pd.concat(held, ignore_index=True), attributes), dropped
+            yield together()
 
     def _pieces(self, path: str) -> Iterator[Piece]:
         for part, own in enumerate(self.rows.paths):
             if own == path:
                 yield from self.rows.tables(part)
 
-    def _require_together(self, piece: Piece, path: str, seen: set[Any]) -> None:
-        """Refuse a run whose rows lie apart."""
-        if self.rows.asked.labels is None:
+    def _require_together(self, piece: Piece, begins: np.ndarray, path: str, seen: dict[Any, None]) -> None:
+        """Refuse rows that name no run, as `read` does, and a run whose rows lie apart."""
+        column = self.rows.asked.labels
+        if column is None:
             return
-        labels = piece.frame[self.rows.asked.labels].drop_duplicates().tolist()
-        again = [label for label in labels if label in seen]
-        if again:
-            raise InputError(
-                f'Rows of run {again[0]!r} of "{path}" lie apart, and a stream holds one run at a time: sort the rows '
-                f'of the file by "{self.rows.asked.labels}".'
-            )
-        if len(seen) < REMEMBERED:
-            seen.update(labels)
+        # A missing label is none of those beside it, so that it seems to begin a run.
+        for row, label in zip(np.flatnonzero(begins), piece.frame[column][begins], strict=True):
+            if pd.isna(label):
+                raise InputError(
+                    f'Column "{column}" of "{path}" names no run in row {piece.first + row}; fill it in, or leave out '
+                    "that row."
+                )
+            if label in seen:
+                raise InputError(
+                    f'Rows of run {label!r} of "{path}" lie apart, and a stream holds one run at a time: sort the rows '
+                    f'of the file by "{column}".'
+                )
+            seen[label] = None
+            if len(seen) > REMEMBERED:
+                del seen[next(iter(seen))]
 
     def _named(self, name: str, label: str, n_run: int) -> str:
         """A run's name as `read` would have it of all files at once."""
@@ -194,7 +223,8 @@ def some_runs(source: Any, size: int, places: int) -> list[tuple[int, Trajectori
     Returns:
         Runs with the number of their part, in order.
     """
-    n_part, found, rows = source.n_part, dict[int, list[Trajectories]](), 0
+    n_part, found, more = source.n_part, dict[int, list[Trajectories]](), list[tuple[int, int]]()
+    rows = 0
     # Places in the middle of equal shares of the parts, then all other parts.
     first = ((np.arange(places) + 0.5) / places * n_part).astype(int)
     for part in dict.fromkeys([*first[_evenly(places)].tolist(), *_evenly(n_part).tolist()]):
@@ -202,8 +232,16 @@ def some_runs(source: Any, size: int, places: int) -> list[tuple[int, Trajectori
             break
         own = int(np.sum(first == part))
         wanted = size * own // places if own else size - rows
-        found[part] = _of_part(source, part, max(wanted, 1), max(own, 1))
-        rows += sum(each.n_obs for each in found[part])
+        found[part], total = _of_part(source, part, max(wanted, 1), max(own, 1))
+        taken = sum(each.n_obs for each in found[part])
+        rows += taken
+        more += [(part, taken)] if taken < total else []
+    # What some parts have too few rows for is taken from those that have more.
+    for part, taken in more:
+        if rows >= size:
+            break
+        found[part], _ = _of_part(source, part, taken + size - rows, max(int(np.sum(first == part)), 1))
+        rows += sum(each.n_obs for each in found[part]) - taken
     return [(part, runs) for part in sorted(found) for runs in found[part]]
 
 
@@ -221,6 +259,9 @@ def stacked_runs(pieces: list[tuple[int, Trajectories]]) -> Trajectories:
     def of(pick: Any) -> Any:
         return np.concatenate([pick(piece) for _, piece in pieces])
 
+    def unseen(piece: Trajectories) -> np.ndarray:
+        return np.zeros(piece.n_obs, bool) if piece.unseen is None else piece.unseen
+
     return replace(
         first,
         time=of(lambda piece: piece.time),
@@ -231,15 +272,16 @@ def stacked_runs(pieces: list[tuple[int, Trajectories]]) -> Trajectories:
         run_names=tuple(name if alone else f"{name} of part {part}" for part, name in names),
         dropped=0,
         remarks=(),
+        unseen=of(unseen) if any(piece.unseen is not None for _, piece in pieces) else None,
     )
 
 
-def _of_part(source: Any, part: int, wanted: int, places: int) -> list[Trajectories]:
-    """Whole runs of one part, at places evenly spaced over its rows."""
+def _of_part(source: Any, part: int, wanted: int, places: int) -> tuple[list[Trajectories], int]:
+    """Whole runs of one part, at places evenly spaced over its rows, and how many rows it has."""
     lengths = [n for chunk in source.chunks(part) for n in chunk.run_lengths]
     ends, chosen, each = np.cumsum(lengths), set[int](), max(wanted // places, 1)
     if not len(ends):
-        return []
+        return [], 0
     for place in (_evenly(places) + 0.5) / places:
         run, stop = int(np.searchsorted(ends, place * max(ends[-1] - each, 0), side="right")), 0
         while run < len(lengths) and stop < each and sum(lengths[i] for i in chosen) < wanted:
@@ -254,7 +296,7 @@ def _of_part(source: Any, part: int, wanted: int, places: int) -> list[Trajector
         start += chunk.n_run
         if own:
             found.append(chunk if len(own) == chunk.n_run else chunk.keep(np.isin(chunk.run, own)))
-    return found
+    return found, int(ends[-1])
 
 
 def _evenly(n: int) -> np.ndarray:

@@ -52,8 +52,8 @@ def refine(
         checkpoint: Keeps the chains.
 
     Raises:
-        InputError: Rows of rates; an unknown force; noise of one sensor alone; f without weights; no path at the
-            estimate; paths that no steps follow accurately; a checkpoint of something else.
+        InputError: Rows of rates; a fit of a stream; an unknown force; noise of one sensor alone; f without weights; no
+            path at the estimate; paths that no steps follow accurately; a checkpoint of something else.
     """
     if posterior.whole is not None and posterior.model.rows.integrated:
         raise InputError(

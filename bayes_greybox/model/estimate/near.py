@@ -84,32 +84,42 @@ def near_estimate(model: Model, data: Trajectories) -> Model:
         return _settled(model, data)
 
 
-def nearer(model: Model, equation: Equation, turn: int = 0, last: bool = False) -> Model | None:
+def nearer(model: Model, equation: Equation, earlier: Model | None = None, last: bool = False) -> Model | None:
     """The model with rows near what more rows say than those that it is near; None where it is near that already.
 
     Args:
         model: A model of `near_estimate`.
         equation: Of all rows, without f, near the model.
-        turn: How often this was done before. Of two sets of terms that lead to each other by turns either will do then,
-            if they differ by one term.
+        earlier: What led to it by this function, if anything did. Of two sets of terms that lead to each other by
+            turns either will do, if they differ by one term.
         last: Whether it is not done again: what is off by less than a standard deviation will do then.
     """
     if model.rows.integrated:
         off = equation.moved(frozen(model, equation))
         at = equation.ridge() if off > (UNSETTLED if last else STAYING) else None
         return None if at is None else replace(model, rows=model.rows.around(at, equation.frame.dictionary.acts_on))
-    found, rows = likeliest(equation), model.rows
-    to = rows.added_to or model.equations[:1] * len(rows.added)
-    known = {(name, text): value for (text, value), name in zip(rows.added, to, strict=True)}
+    found = likeliest(equation)
     acts_on = found.acts_on or model.equations[:1] * len(found.terms)
-    changed = known.keys() ^ {(name, term.text) for (term, _), name in zip(found.terms, acts_on, strict=True)}
-    off = [
-        abs(value - known.get((name, term.text), value)) / sd
-        for (term, value), name, sd in zip(found.terms, acts_on, found.sd, strict=True)
-    ]
-    if len(changed) <= (turn > 0) and max(off, default=0.0) <= (UNSETTLED if last else STAYS):
+    names = [(name, term.text) for (term, _), name in zip(found.terms, acts_on, strict=True)]
+    if _stays(model, names, found, UNSETTLED if last else STAYS):
         return None
-    return replace(model, rows=rows.around(found.terms, found.acts_on))
+    changed = _added(model).keys() ^ set(names)
+    if len(changed) == 1 and earlier is not None and _stays(earlier, names, found, UNSETTLED):
+        return None
+    return replace(model, rows=model.rows.around(found.terms, found.acts_on))
+
+
+def _added(model: Any) -> dict[tuple[str, str], float]:
+    """Coefficients of the frozen model by learned state and term."""
+    to = model.rows.added_to or model.equations[:1] * len(model.rows.added)
+    return {(name, text): value for (text, value), name in zip(model.rows.added, to, strict=True)}
+
+
+def _stays(model: Any, names: list[tuple[str, str]], found: Likeliest, within: float) -> bool:
+    """Whether a frozen model has the terms that were found, with coefficients within so many standard deviations."""
+    known = _added(model)
+    off = [abs(value - known.get(name, np.inf)) for name, value in zip(names, found.mean.tolist(), strict=True)]
+    return known.keys() == set(names) and bool(np.all(np.array(off) <= within * found.sd))
 
 
 def _alternated(model: Any, data: Trajectories) -> Any:

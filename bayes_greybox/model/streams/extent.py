@@ -133,6 +133,8 @@ class Extent:
     Attributes:
         n_row: Rows.
         dropped: Rows with missing values, left out.
+        n_run: Runs, each as often as chunks have a part of it.
+        n_telling: Those of them that have a row of an equation.
         low: Least value of each state and input.
         high: Largest value.
         sizes: By equation.
@@ -141,6 +143,8 @@ class Extent:
 
     n_row: int
     dropped: int
+    n_run: int
+    n_telling: int
     low: Mapping[str, float]
     high: Mapping[str, float]
     sizes: Mapping[str, Sizes]
@@ -155,6 +159,8 @@ class Extent:
         return Extent(
             self.n_row + other.n_row,
             self.dropped + other.dropped,
+            self.n_run + other.n_run,
+            self.n_telling + other.n_telling,
             _least(self.low, other.low),
             _largest(self.high, other.high),
             {name: sizes + other.sizes[name] for name, sizes in self.sizes.items()},

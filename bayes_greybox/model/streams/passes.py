@@ -1,5 +1,6 @@
-"""Two passes over the chunks of a stream: ranges and sizes first, then the triangular factors of the rows.
+"""Passes over the chunks of a stream: ranges and sizes first, then the triangular factors of the rows.
 
+Rows of paths have their factors in the first pass, which is done anew wherever they are taken near another model.
 Parts are read in any order, here or on workers, and what they give is put together in the order of the parts: the
 result is the same to the last bit wherever they were read, on processors of one kind.
 """
@@ -28,10 +29,11 @@ from ..rows.equation_rows import EquationRows, nothing_left
 from ..rows.row_kind import RunRows
 from ..scaling import scaled_frame
 from .extent import Extent, Factors, Sizes, together
+from .sampled import of_the_sample
 from .statistics import RowStatistics
 
 RANGES, STATISTICS = "Reading ranges of the rows", "Reading the rows"
-"""What bars say of the two passes."""
+"""What bars say of the passes: the first, and a further one."""
 
 SAME = 1e-6
 """Relative difference up to which the sizes of columns in both passes are those of the same rows: far above rounding
@@ -66,9 +68,9 @@ class Rows:
                 try:
                     rows = {name: self.runs[name].shared_rows(piece, of, simulation) for name, of in blocks}
                 except InputError as error:
-                    if not self.model.rows.integrated:
+                    if self.model.rows.rates_measured:
                         raise
-                    raise InputError(f'In run "{piece.run_names[0]}" of {self.source.where}: {error}') from error
+                    raise InputError(f"In {_runs_in_words(piece)} of {self.source.where}: {error}") from error
                 yield piece, rows
 
     def _require_units(self, part: int, chunk: Trajectories) -> None:
@@ -86,6 +88,11 @@ def _alone(chunk: Trajectories) -> Iterator[Trajectories]:
     """Its runs one by one: a smoother is compiled for each number of runs that it is given at once."""
     for run in range(chunk.n_run):
         yield replace(chunk.take(run), dropped=0 if run else chunk.dropped)
+
+
+def _runs_in_words(piece: Trajectories) -> str:
+    first, last = piece.run_names[0], piece.run_names[-1]
+    return f'run "{first}"' if piece.n_run == 1 else f'one of the runs "{first}" to "{last}"'
 
 
 @dataclass(frozen=True)
@@ -192,7 +199,8 @@ def whole_of(stream: RowStream, model: Program, sample: Trajectories) -> Whole:
         sample: Some of the rows.
 
     Raises:
-        InputError: Chunks that cannot be read; a column that is the same everywhere.
+        InputError: Chunks that cannot be read; a column that is the same everywhere; a term that is not finite, or
+            zero, on paths of the sample.
     """
     simulation = model.simulator(sample)
     runs = {block: model.rows.of_runs(sample, of, simulation) for block, of in model.blocks.items()}
@@ -202,7 +210,8 @@ def whole_of(stream: RowStream, model: Program, sample: Trajectories) -> Whole:
         for block, dictionary in _terms(model, sample).items():
             rows = model.equation_rows(sample, block)
             scales = Sizes.of(rows, dictionary).scales(rows, dictionary)
-            frames[block] = scaled_frame(block, dictionary, None, rows.columns, *scales)
+            with of_the_sample(measured_of(sample), stream):
+                frames[block] = scaled_frame(block, dictionary, None, rows.columns, *scales)
     arguments = (model, measured_of(sample), runs, frames)
     return Whole(stream, sample, together(_over_parts(stream, _extent_of_part, RANGES, *arguments)), runs, frames)
 
@@ -231,6 +240,8 @@ def _extent_of_part(
             own = Extent(
                 chunk.n_obs,
                 chunk.dropped,
+                chunk.n_run,
+                max(len(np.unique(each.run)) for each in rows.values()) if frames else chunk.n_run,
                 {name: float(column.min()) for name, column in chunk.columns.items()},
                 {name: float(column.max()) for name, column in chunk.columns.items()},
                 {block: Sizes.of(each, dictionaries[block]) for block, each in rows.items()},

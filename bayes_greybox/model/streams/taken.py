@@ -10,7 +10,9 @@ from bayes_greybox.data.trajectories import Trajectories
 from ..estimate.near import nearer
 from ..noise.asked import Noise
 from ..program import Program
+from .extent import Extent
 from .passes import Whole, whole_of
+from .sampled import of_the_sample
 from .statistics import equations_of
 
 TURNS = 5
@@ -58,17 +60,23 @@ def taken(model: Program, data: Trajectories | RowStream) -> Taken:
 
 def _runs_taken(model: Program, data: RowStream) -> Taken:
     """Rows of paths, run by run: near what some whole runs say at first, then near what all do."""
-    measured = data.sample
-    model, sample = model.near(measured)
+    measured, earlier = data.sample, None
+    # Names are those of all runs.
+    model.dictionaries(measured)
+    model.simulator(measured)
+    with of_the_sample(measured, data):
+        model, sample = model.near(measured)
     for turn in range(TURNS):
         whole = whole_of(data, model, sample)
         lean = replace(model, discrepancy=None)
         (equation,) = equations_of(lean, sample, whole.statistics(lean)).values()
-        found = nearer(model, equation, turn, turn == TURNS - 1)
+        found = nearer(model, equation, earlier, turn == TURNS - 1)
         if found is None:
-            return Taken(model, _remarked(sample, data, whole, "whole runs"), whole)
-        model = found
-        sample = model.complete(measured)
+            silent = _silent(model, whole.extent)
+            return Taken(model, _remarked(sample, data, whole, "whole runs").remarked(*silent), whole)
+        earlier, model = model, found
+        with of_the_sample(measured, data):
+            sample = model.complete(measured)
     raise InputError(
         f"The coefficients of {', '.join(model.equations)} do not settle: rows were taken near what all runs say "
         f"{TURNS} times. Leave terms out, or look at more runs, bg.stream(..., sample=...), which the first are near."
@@ -83,6 +91,15 @@ def _remarked(sample: Trajectories, data: RowStream, whole: Whole, pieces: str) 
     dropped = whole.extent.dropped
     left_out = (f"{dropped:,} rows with missing values were left out",) if dropped else ()
     return sample.remarked(said, *left_out)
+
+
+def _silent(model: Program, extent: Extent) -> tuple[str, ...]:
+    """How many runs say nothing."""
+    silent = extent.n_run - extent.n_telling
+    if not silent:
+        return ()
+    why = "have no row" if model.rows.integrated else "are too short or too coarsely sampled for a test function"
+    return (f"{silent:,} of {extent.n_run:,} runs {why} and say nothing",)
 
 
 def _require_streamed(model: Program) -> None:

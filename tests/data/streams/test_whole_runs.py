@@ -1,5 +1,7 @@
 """Whole runs of files, however their rows lie in pieces, are those that `bg.read` gives of all rows at once."""
 
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -113,6 +115,46 @@ def test_missing_values_of_a_run_are_refused_or_left_out(tmp_path):
     assert same(chunks, bg.read(rows, **NAMES, run="id", missing="drop"))
 
 
+@pytest.mark.parametrize("kind", ["parquet", "nc"])
+@pytest.mark.parametrize("run", [None, "id"])
+def test_a_run_ends_where_its_rows_are_missing_as_in_memory(tmp_path, kind, run):
+    rows = table((60, 60, 130, 60)).assign(id=7)
+    # The time goes back between rows that are left out, once between two pieces, and once without stamps.
+    rows.loc[30:89, "x"] = np.nan
+    rows.loc[95:104, "t"] = np.nan
+    rows.loc[200:260, "u"] = np.nan
+    data = bg.read(rows, **NAMES, run=run, restart="run", missing="drop")
+    assert data.n_run == 4
+    stream = bg.stream(written(tmp_path, kind, rows), **NAMES, run=run, restart="run", missing="drop")
+    assert same(runs_of(stream), data)
+
+
+def test_a_run_without_any_values_is_left_out_and_parts_its_neighbours(tmp_path):
+    rows = table((60, 60, 60)).drop(columns="id")
+    # From the end of the first to the beginning of the third the time goes on.
+    rows["t"] += np.repeat([0.0, 5.0, 8.0], 60)
+    rows.loc[60:119, "x"] = np.nan
+    chunks = runs_of(bg.stream(written(tmp_path, "parquet", rows), **NAMES, restart="run", missing="drop"))
+    assert [chunk.run_lengths for chunk in chunks] == [(60,), (60,)] and chunks[1].dropped == 60
+
+
+def test_rows_that_name_no_run_are_refused(tmp_path):
+    rows = table((60, 60)).assign(id=lambda frame: frame["id"].astype(float))
+    rows.loc[70, "id"] = np.nan
+    with pytest.raises(InputError, match='"id" of .* names no run in row 70;'):
+        runs_of(bg.stream(written(tmp_path, "parquet", rows), **NAMES, run="id", missing="drop"))
+
+
+@pytest.mark.parametrize("rows_held", [10, 100_000])
+def test_runs_that_lie_apart_are_refused_however_many_there_are(tmp_path, monkeypatch, rows_held):
+    monkeypatch.setattr(whole_runs, "ROWS", rows_held)
+    monkeypatch.setattr(whole_runs, "REMEMBERED", 3)
+    rows = table((12,) * 10)
+    rows.loc[rows["id"] == 90, "id"] = 70
+    with pytest.raises(InputError, match="run 70 of .* lie apart"):
+        runs_of(bg.stream(written(tmp_path, "parquet", rows), **NAMES, run="id"))
+
+
 def test_what_is_no_run_in_one_piece_is_refused(tmp_path):
     rows = table()
     apart = pd.concat([rows, rows[rows["id"] == 0].assign(t=lambda r: r["t"] + 100)], ignore_index=True)
@@ -144,3 +186,22 @@ def test_many_small_parts_are_sampled_evenly_and_runs_of_one_name_told_apart():
     assert parts[0] <= 4 and parts[-1] >= 35 and max(np.diff(parts)) <= 8
     every = RowStream.from_chunks(chunk, 40, sample=10_000).whole_runs().sample
     assert every.n_run == 80
+
+
+def test_the_rest_of_a_sample_comes_from_files_that_have_more(tmp_path):
+    paths = [written(tmp_path, "parquet", table((n // 10,) * 10), str(n)) for n in (1500, 500)]
+    for size, n in ((2000, 2000), (1700, 1800), (600, 600)):
+        stream = bg.stream(paths, **NAMES, run="id", sample=size).whole_runs()
+        assert size <= stream.sample.n_obs <= n
+
+
+def test_samples_that_no_sensor_saw_stay_those_of_their_runs():
+    data = bg.read(table((40, 30, 50)), **NAMES, run="id")
+    marked = np.arange(30) % 7 == 0
+    runs = [replace(data.take(i), unseen=marked if i == 1 else None) for i in range(3)]
+    sample = RowStream.from_chunks(lambda i: runs[i], 3).whole_runs().sample
+    np.testing.assert_array_equal(sample.unseen, np.concatenate([np.zeros(40, bool), marked, np.zeros(50, bool)]))
+    assert sample.take(2).unseen.shape == (50,)
+    completed = replace(runs[0], samples=runs[0])
+    with pytest.raises(InputError, match="completed.*give chunks as they were measured, data.samples"):
+        RowStream.from_chunks(lambda i: completed, 1).whole_runs().sample  # noqa: B018

@@ -8,8 +8,10 @@ import pytest
 from streamed_runs import BOTH, animals, clipped, oscillations, path_of, stream_of, weak
 
 import bayes_greybox as bg
+from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.streams.row_stream import RowStream
 from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.model.estimate.near import nearer
 from bayes_greybox.model.streams import taken as taking
 from bayes_greybox.model.streams.statistics import equations_of
 from bayes_greybox.model.streams.taken import taken
@@ -86,14 +88,15 @@ def test_runs_that_are_too_short_for_a_test_function_say_nothing():
         [piece.time for piece in pieces],
         states={name: [piece.states[name] for piece in pieces] for name in ("x", "y")},
     )
-    fitted, streamed = statistics(weak(), stream_of(whole))
+    fitted, sample, rows = taken(weak(), stream_of(whole))
+    assert "1 of 6 runs are too short or too coarsely sampled for a test function" in repr(sample)
+    (streamed,) = equations_of(fitted, sample, rows.statistics(fitted)).values()
     (memory,) = fitted.assemble(whole).values()
     assert float(streamed.design.n_obs) == float(memory.design.n_obs) == len(memory.rows.measured)
 
 
 def test_coefficients_that_some_runs_say_are_taken_anew_near_what_all_do(monkeypatch):
     data, turns = animals(24), []
-    nearer = taking.nearer
 
     def counted(*arguments):
         turns.append(nearer(*arguments))
@@ -114,15 +117,60 @@ def test_coefficients_that_some_runs_say_are_taken_anew_near_what_all_do(monkeyp
     assert float(streamed.design.n_obs) > 4 * len(streamed.rows.measured)
 
 
-def test_workers_give_the_same_to_the_last_bit(tmp_path):
+def test_a_term_that_all_rows_are_certain_of_comes_into_the_frozen_model():
+    data = animals(2)
+    near, _ = weak().near(data)
+    added, to = near.rows.added, near.rows.added_to
+    assert len(added) == 4
+    # The other coefficients are those that the rows say without it.
+    for _ in range(4):
+        lacking = replace(near, rows=replace(near.rows, added=added[:-1], added_to=to[:-1]))
+        (equation,) = lacking.assemble(data).values()
+        found = nearer(lacking, equation)
+        assert found is not None and found.rows.added_to == to
+        added = found.rows.added
+    # Neither does it stay away because another set led to this one: that has to be the one that was found.
+    fewer = replace(near, rows=replace(near.rows, added=added[:-2], added_to=to[:-2]))
+    assert nearer(lacking, equation, fewer) is not None and nearer(lacking, equation, fewer, last=True) is not None
+    assert nearer(lacking, equation, found) is None
+
+
+def test_what_the_sample_alone_says_is_told_so():
+    data = animals(3)
+    runs = [replace(data.take(i), inputs={"u": np.full(data.take(i).n_obs, float(i))}) for i in range(3)]
+    model = replace(weak(), dictionary={"x": ["x", "x*y", "u"], "y": BOTH["y"]})
+    some = RowStream.from_chunks(lambda i: runs[i], 3, sample=100)
+    assert some.whole_runs().sample.n_run == 1
+    with pytest.raises(InputError, match=r"In the sample of 1 run of chunks.*'x: u' .* zero.*bg\.stream\(..., sample="):
+        taken(model, some)
+    # That there is no such column is not said of the sample.
+    with pytest.raises(InputError, match="^(?!In the sample).*'w'"):
+        taken(replace(model, dictionary={"x": ["w"]}), some)
+    with pytest.raises(InputError, match="^(?!In the sample).*'w'"):
+        taken(replace(model, dictionary={"x": BOTH["x"]}, simulation={"y": "w"}), some)
+
+
+def test_a_run_that_weak_rows_cannot_be_made_of_is_named():
+    data = animals(3)
+    runs = [
+        replace(data.take(i), states={n: v - 9.0 * (i == 2) for n, v in data.take(i).states.items()}) for i in (0, 2)
+    ]
+    model = replace(weak(), dictionary={"x": BOTH["x"]}, simulation={"y": "x*y - 4*y + 0.01*sqrt(x + 2)"})
+    with pytest.raises(InputError, match='In run "2" of chunks of a function: The rates of x, y are not finite'):
+        taken(model, RowStream.from_chunks(lambda i: runs[i], 2, sample=100))
+
+
+@pytest.mark.parametrize("make, runs", [(weak, animals), pytest.param(path_of, oscillations, marks=pytest.mark.slow)])
+def test_workers_give_the_same_to_the_last_bit(tmp_path, make, runs):
     pytest.importorskip("distributed")
-    data = animals()
+    data = runs()
     for i in range(data.n_run):
         data.take(i).to_frame().to_parquet(tmp_path / f"{i}.parquet")
-    names = {"states": ["x", "y"], "time": "t", "sample": 200}
-    fitted, _, here = taken(weak(), bg.stream(tmp_path / "*.parquet", **names))
-    _, _, there = taken(weak(), bg.stream(tmp_path / "*.parquet", **names, workers=2))
-    assert here.statistics(fitted)["x_and_y"].digest == there.statistics(fitted)["x_and_y"].digest
+    names = {"states": list(data.state_names), "inputs": list(data.input_names), "time": "t", "sample": 200}
+    fitted, _, here = taken(make(), bg.stream(tmp_path / "*.parquet", **names))
+    _, _, there = taken(make(), bg.stream(tmp_path / "*.parquet", **names, workers=2))
+    mine, theirs = ({name: one.digest for name, one in each.statistics(fitted).items()} for each in (here, there))
+    assert mine == theirs
 
 
 def test_memory_is_that_of_the_sample_and_of_a_few_runs():
