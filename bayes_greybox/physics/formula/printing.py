@@ -57,16 +57,39 @@ class _TextPrinter(StrPrinter):
         return "exp(1)"
 
 
-class _FormulaPrinter(LatexPrinter):
+class _SumsInExponents:
+    """Products whose powers have sums as exponents, which are printed beforehand.
+
+    SymPy simplifies them to find out on which side of a fraction the powers are, and may not come back.
+    """
+
+    def __init__(self, *args: Any, **settings: Any) -> None:
+        """As of SymPy's printer."""
+        super().__init__(*args, **settings)
+        self._printed: dict[str, Any] = {}
+
+    def _with_known_sides(self, product: sympy.Expr) -> sympy.Expr:
+        known = {}
+        for power in product.args:
+            if isinstance(power, sympy.Pow) and not (power.exp.is_Number or power.exp.is_Symbol or power.exp.is_Mul):
+                stands = sympy.Symbol(f"exponent {len(self._printed)}", positive=True)
+                self._printed[stands.name] = self._print(power.exp)  # pyright: ignore[reportAttributeAccessIssue]
+                known[power] = sympy.Pow(power.base, stands, evaluate=False)
+        return sympy.Mul(*(known.get(part, part) for part in product.args), evaluate=False) if known else product
+
+
+class _FormulaPrinter(_SumsInExponents, LatexPrinter):
     """SymPy's LaTeX, with words upright and H for the step function."""
 
     def _print_Symbol(self, expr, style="plain"):  # noqa: N802
+        if expr.name in self._printed:
+            return self._printed[expr.name]
         latex = super()._print_Symbol(expr, style)
         return re.sub(r"^([A-Za-z]{2,})(?=$|[_^])", r"\\mathrm{\1}", latex)
 
     def _print_Mul(self, expr):  # noqa: N802
         # TeX sets factors without a gap, and two words would be read as one.
-        latex = re.sub(r"(?<=[\w})]) (?=\\mathrm\{)", r" \\, ", super()._print_Mul(expr))
+        latex = re.sub(r"(?<=[\w})]) (?=\\mathrm\{)", r" \\, ", super()._print_Mul(self._with_known_sides(expr)))
         return re.sub(rf"({_WORD}) (?!\\,)(?=[\\\w])", r"\1 \\, ", latex)
 
     def _print_Heaviside(self, expr, exp=None):  # noqa: N802
@@ -74,12 +97,14 @@ class _FormulaPrinter(LatexPrinter):
         return rf"{latex}^{{{exp}}}" if exp else latex
 
 
-class _MathMLPrinter(MathMLPresentationPrinter):
+class _MathMLPrinter(_SumsInExponents, MathMLPresentationPrinter):
     """SymPy's MathML, with dots over letters, words upright, this module's function names and H for the step."""
 
     _ACCENTS = {"ddot": "\u00a8", "dot": "\u02d9", "hat": "^", "bar": "\u00af", "tilde": "~"}
 
     def _print_Symbol(self, sym, style="plain"):  # noqa: N802
+        if sym.name in self._printed:
+            return self._printed[sym.name].cloneNode(True)
         parts: Any = split_super_sub(sym.name)
         name, above, below = parts
         accent = next((a for a in self._ACCENTS if name.endswith(a) and len(name) > len(a)), "")
@@ -92,7 +117,7 @@ class _MathMLPrinter(MathMLPresentationPrinter):
         return shown
 
     def _print_Mul(self, expr):  # noqa: N802
-        shown = super()._print_Mul(expr)
+        shown = super()._print_Mul(self._with_known_sides(expr))
         for times in shown.childNodes:
             beside = [each.toxml() for each in (times.previousSibling, times.nextSibling) if each is not None]
             if times.nodeName == "mo" and "Times" in times.toxml() and any("normal" in each for each in beside):

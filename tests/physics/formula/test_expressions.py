@@ -17,7 +17,7 @@ from bayes_greybox.physics.formula.expressions import (
     symbol_names,
 )
 from bayes_greybox.physics.formula.grammar import symbol
-from bayes_greybox.physics.formula.printing import to_latex, to_text
+from bayes_greybox.physics.formula.printing import to_latex, to_mathml, to_text
 
 NAMES = ("y", "ydot", "F")
 # Both signs, zero, and sizes on both sides of one.
@@ -378,3 +378,11 @@ def test_roots_of_a_huge_degree_and_towers_are_taken_in_floating_point(text):
     value = evaluate(parse_expression(text), {"z": np.array([1.5])})[0]
     assert time.process_time() - start < 1
     assert value == pytest.approx(eval(text, {"z": 1.5}))  # noqa: S307
+
+
+def test_a_sum_in_an_exponent_is_printed_without_being_simplified(monkeypatch):
+    formula = parse_expression("3*y*(y + 1)**(v**2 - 20*v + 1)/v")
+    # SymPy would simplify the sum to find its sign, which for some does not end.
+    monkeypatch.setattr(sympy.Expr, "is_constant", lambda *_, **__: pytest.fail("simplified"))
+    assert to_latex(formula) == r"\frac{3 y \left(y + 1\right)^{v^{2} - 20 v + 1}}{v}"
+    assert "<msup>" in to_mathml(formula)
