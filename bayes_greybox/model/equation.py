@@ -64,12 +64,11 @@ class Equation:
     def _terms(self) -> Table:
         """[Φ Ψ̃] by index of the rows."""
         frame, rows = self.frame, self.rows
-        whole = rows.table(
-            lambda columns: np.column_stack([np.asarray(part) for part in frame.rows(columns)]),
-            frame.dictionary.acts_on,
-        )
         if rows.spread is None or not frame.jumps.places:
-            return whole
+            return rows.table(
+                lambda columns: np.column_stack([np.asarray(part) for part in frame.rows(columns)]),
+                frame.dictionary.acts_on,
+            )
         # What is projected out of the features are the terms of the rows, jumps and all.
         terms = rows.table(lambda columns: np.asarray(frame.dictionary_rows(columns)), jumps=frame.jumps)
         plain = rows.table(lambda columns: np.asarray(frame.plain_features(columns)))

@@ -13,6 +13,7 @@ from bayes_greybox.benchmarks.resumed import picked, tabled
 from bayes_greybox.data.errors import InputError
 
 from .controls import controls
+from .filters import filter_traps
 from .inputs import input_traps
 from .machines import machine_traps
 from .memories import memory_traps
@@ -25,7 +26,7 @@ HELD_OUT = 1000
 
 def traps() -> dict[str, Trap]:
     """All traps and controls by name."""
-    every = [*sensor_traps(), *input_traps(), *machine_traps(), *memory_traps(), *controls()]
+    every = [*sensor_traps(), *input_traps(), *machine_traps(), *memory_traps(), *filter_traps(), *controls()]
     return {trap.name: trap for trap in every}
 
 
@@ -70,11 +71,15 @@ def study(trap: Trap, seed: int) -> dict[str, Any]:
     # Imported here: these bring JAX, which the module that makes the data does without.
     from bayes_greybox.greybox import GreyBox
     from bayes_greybox.missing_effects import find_missing_effects
+    from bayes_greybox.model.rows.derivative_rows import DerivativeRows
     from bayes_greybox.model.rows.trajectory_rows import TrajectoryRows
 
     train, test = trap.data(seed), trap.data(seed + HELD_OUT)
     # Free runs take inputs between samples as the rows do.
     rows = TrajectoryRows(interpolation="zoh" if trap.hold == "held" else None)
+    if trap.rates:
+        train = train.differentiate(rates=trap.rates)
+        test, rows = test.differentiate(like=train), DerivativeRows()
     start = time.perf_counter()
     found = find_missing_effects(
         GreyBox({trap.equation: list(trap.learned)}, simulation=dict(trap.simulation), rows=rows),

@@ -1,7 +1,7 @@
 """What a trap is, and what its data are made with: drives, paths by SciPy and noise. Nothing knows how studies work."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Any, Literal
 
@@ -38,6 +38,7 @@ class Trap:
         allowed: Slugs that it would be right or excusable to name.
         wanted: Of a control, slugs of which one must be named.
         answer: Of a control, the verdict that is right without a name; None where a name must be found.
+        rates: States whose rate is another one, where a filter computes rates; samples are followed where it is empty.
     """
 
     name: str
@@ -52,6 +53,7 @@ class Trap:
     allowed: frozenset[str] = frozenset()
     wanted: frozenset[str] = frozenset()
     answer: str | None = None
+    rates: Mapping[str, str] = field(default_factory=dict)
 
 
 def generator(seed: int, number: int) -> np.random.Generator:

@@ -83,17 +83,19 @@ class SampleSpread:
             **{name + LAST: self.behind[name] for name in columns},
         }
 
-    def mean(self, evaluate: Evaluate, columns: Columns) -> Float[np.ndarray, "n k"]:
+    def mean(self, evaluate: Evaluate, columns: Columns, jumping: Evaluate | None = None) -> Float[np.ndarray, "n k"]:
         """Means φ̄ at some samples of terms that jump.
 
         Args:
             evaluate: From columns to values [n, k], each sample by itself.
             columns: Some samples of `beside`.
+            jumping: What of these jumps, where they are sums with what does not; all of them by default.
         """
         x = {name: column for name, column in columns.items() if not name.endswith((NEXT, LAST))}
         value = np.array(evaluate(x), float)
         with np.errstate(all="ignore"):
-            near = np.flatnonzero(np.any(self._near(evaluate, x, columns, value), axis=1))
+            own = value if jumping is None else np.asarray(jumping(x), float)
+            near = np.flatnonzero(np.any(self._near(jumping or evaluate, x, columns, own), axis=1))
             for some in np.array_split(near, -(-len(near) * POINTS * value.shape[1] // AT_ONCE) or 1):
                 if len(some):
                     around = np.reshape(evaluate(self._moved(x, columns, some)), (POINTS, len(some), -1)).mean(axis=0)
@@ -102,16 +104,16 @@ class SampleSpread:
         return value
 
     def bends(self, evaluate: Evaluate, columns: Columns) -> Float[np.ndarray, " n"]:
-        """Largest second difference of one function within reach of each sample.
+        """Largest second difference of one function within reach of each sample, about the middle of that.
 
         Args:
             evaluate: From columns to its values [n, 1].
             columns: At all samples.
         """
-        value, beside = np.asarray(evaluate(columns)), self.beside(columns)
-        found = np.zeros(len(value))
-        for first, other in self._ends(columns, beside):
-            found = np.fmax(found, np.abs(evaluate(first) + evaluate(other) - 2 * value)[:, 0])
+        found = np.zeros(len(next(iter(columns.values()))))
+        for first, other in self._ends(columns, self.beside(columns)):
+            middle = {name: (first[name] + other[name]) / 2 for name in columns}
+            found = np.fmax(found, np.abs(evaluate(first) + evaluate(other) - 2 * evaluate(middle))[:, 0])
         return found
 
     def _near(self, evaluate: Evaluate, x: Columns, columns: Columns, value: np.ndarray) -> Bool[np.ndarray, "n k"]:

@@ -163,11 +163,11 @@ class Amendment:
         return len(self.after.indices) - self.after.inner.shape[1]
 
     @property
-    def jumps(self) -> bool:
-        """Whether a term before or after may jump."""
+    def jumping(self) -> tuple[int, ...]:
+        """Columns before or after that may jump."""
         inner = np.unique(self.after.inner).tolist()
         own = {*self.after.indices, *inner, *self.statistics.of_kind("free")}
-        return any(self.statistics.columns[int(i)].formula.jumps for i in own)
+        return tuple(int(i) for i in sorted(own) if self.statistics.columns[int(i)].formula.jumps)
 
     def rates(self, columns: Mapping[str, np.ndarray], n_draw: int) -> tuple[np.ndarray, np.ndarray]:
         """What is added to the simulation's rate at rows: before [n_row], and draws of after [n_draw, n_row].

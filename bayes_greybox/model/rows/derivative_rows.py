@@ -44,7 +44,7 @@ class DerivativeRows(RowKind):
         if operator is not None:
             assert data.filter is not None
             spread = SampleSpread.of(data.columns, data.run_lengths, data.filter.noise_of_states())
-            simulated = simulated + _jumped(data, simulation.additive_terms(equation), spread)
+            simulated = simulated + _jumped(data, simulation.readable_terms(equation), spread)
             simulated, noise = operator(simulated[:, None])[:, 0], operator.noise(noise)
             measured, time, run = (column[operator.sample] for column in (measured, time, run))
         return EquationRows(

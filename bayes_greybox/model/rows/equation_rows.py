@@ -88,10 +88,12 @@ class Jumps(NamedTuple):
     Attributes:
         places: Of these, in their order.
         evaluate: These alone, from columns [n] to [n, len(places)].
+        jumping: What of these jumps, where they are sums with what does not.
     """
 
     places: Sequence[int]
     evaluate: Evaluate
+    jumping: Evaluate | None = None
 
 
 class Acting(NamedTuple):
@@ -242,7 +244,7 @@ class EquationRows:
         """
         values = np.array(evaluate(self.columns), float)
         if self.spread is not None and jumps is not None and jumps.places:
-            values[:, jumps.places] = self.spread.mean(jumps.evaluate, self.spread.beside(self.columns))
+            values[:, jumps.places] = self.spread.mean(jumps.evaluate, self.spread.beside(self.columns), jumps.jumping)
         return values
 
     def table(self, evaluate: Evaluate, acts_on: Sequence[str] = (), jumps: "Jumps | None" = None) -> Table:
@@ -258,7 +260,7 @@ class EquationRows:
         if not acts_on:
             whole = self.operator.of(lambda columns: np.asarray(evaluate(columns)), self.columns)
             if self.spread is not None and jumps is not None and jumps.places:
-                means = partial(self.spread.mean, jumps.evaluate)
+                means = partial(self.spread.mean, jumps.evaluate, jumping=jumps.jumping)
                 whole[:, jumps.places] = self.operator.of(means, self.spread.beside(self.columns))
             return lambda index: whole[index]
         shared = np.empty((self.n_row, len(acts_on)))

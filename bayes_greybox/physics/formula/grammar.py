@@ -280,6 +280,8 @@ class _Builder:
             result = math.inf
         if isinstance(result, complex) or not _finite(result):
             self.refuse(f"contains a power ({value_base:g})**({value:g}) that is not a finite real number")
+        if result == 0 and value_base != 0:
+            self.refuse("contains a number too small to tell from zero; check its constants")
         if exponent.atoms(sympy.Pow):
             # Each further storey of a tower of powers would be evaluated with all those below it, again and again.
             return _from_float(result)

@@ -57,11 +57,14 @@ class _TextPrinter(StrPrinter):
         return "exp(1)"
 
 
-class _SumsInExponents:
-    """Products whose powers have sums as exponents, which are printed beforehand.
+class _FormulasInExponents:
+    """Products whose powers have formulas as exponents, which are printed beforehand.
 
     SymPy simplifies them to find out on which side of a fraction the powers are, and may not come back.
     """
+
+    _below = False
+    """Whether exponents that are products may be printed below the line, which needs no simplification."""
 
     def __init__(self, *args: Any, **settings: Any) -> None:
         """As of SymPy's printer."""
@@ -69,16 +72,20 @@ class _SumsInExponents:
         self._printed: dict[str, Any] = {}
 
     def _with_known_sides(self, product: sympy.Expr) -> sympy.Expr:
+        # SymPy prints some powers as if they were products.
+        if not isinstance(product, sympy.Mul):
+            return product
         known = {}
         for power in product.args:
-            if isinstance(power, sympy.Pow) and not (power.exp.is_Number or power.exp.is_Symbol or power.exp.is_Mul):
+            exponent = power.args[-1] if isinstance(power, sympy.Pow | sympy.exp) else sympy.Integer(1)
+            if exponent.free_symbols and not exponent.is_Symbol and not (self._below and exponent.is_Mul):
                 stands = sympy.Symbol(f"exponent {len(self._printed)}", positive=True)
-                self._printed[stands.name] = self._print(power.exp)  # pyright: ignore[reportAttributeAccessIssue]
-                known[power] = sympy.Pow(power.base, stands, evaluate=False)
+                self._printed[stands.name] = self._print(exponent)  # pyright: ignore[reportAttributeAccessIssue]
+                known[power] = power.func(*power.args[:-1], stands, evaluate=False)
         return sympy.Mul(*(known.get(part, part) for part in product.args), evaluate=False) if known else product
 
 
-class _FormulaPrinter(_SumsInExponents, LatexPrinter):
+class _FormulaPrinter(_FormulasInExponents, LatexPrinter):
     """SymPy's LaTeX, with words upright and H for the step function."""
 
     def _print_Symbol(self, expr, style="plain"):  # noqa: N802
@@ -97,9 +104,10 @@ class _FormulaPrinter(_SumsInExponents, LatexPrinter):
         return rf"{latex}^{{{exp}}}" if exp else latex
 
 
-class _MathMLPrinter(_SumsInExponents, MathMLPresentationPrinter):
+class _MathMLPrinter(_FormulasInExponents, MathMLPresentationPrinter):
     """SymPy's MathML, with dots over letters, words upright, this module's function names and H for the step."""
 
+    _below = True
     _ACCENTS = {"ddot": "\u00a8", "dot": "\u02d9", "hat": "^", "bar": "\u00af", "tilde": "~"}
 
     def _print_Symbol(self, sym, style="plain"):  # noqa: N802

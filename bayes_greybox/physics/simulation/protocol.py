@@ -101,6 +101,10 @@ class Simulation(ABC):
     def additive_terms(self, state: str) -> list[tuple[Term, float]]:
         """The terms of a state's rate, or of an output, with coefficients; none where the simulation cannot be read."""
 
+    def readable_terms(self, state: str) -> list[tuple[Term, float]]:
+        """The terms of `additive_terms`, and those whose coefficients are known besides."""
+        return self.additive_terms(state)
+
     def kinematic(self, state: str) -> bool:
         """Whether the rate of a state is known to be another state, as position and velocity are."""
         return self.rate_name(state) is not None
@@ -243,6 +247,10 @@ class _WithTerms(Simulation):
     def additive_terms(self, state: str) -> list[tuple[Term, float]]:
         """Those of the simulation: the coefficients of the others are known, and nobody corrects them."""
         return self.given.additive_terms(state)
+
+    def readable_terms(self, state: str) -> list[tuple[Term, float]]:
+        """Those of the simulation, and those that are known."""
+        return [*self.given.readable_terms(state), *self.known.get(state, ())]
 
     def rate_name(self, state: str) -> str | None:
         """As in the simulation, of states without more terms."""

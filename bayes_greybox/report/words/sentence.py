@@ -5,6 +5,7 @@ from typing import Any
 
 import pandas as pd
 
+from bayes_greybox.discovery.answer.checks.filtered import SAMPLES_TELL
 from bayes_greybox.discovery.answer.finding import AND_MORE, ONE_LAW, SURE
 from bayes_greybox.discovery.answer.gap.denials import worsened
 from bayes_greybox.discovery.answer.instrument import IN_MODEL
@@ -69,12 +70,18 @@ def _answer(study: StudyResult) -> str:
     off = [row for row in _corrections(study, SURE) if answer(study, row["equation"]) != "unknown"]
     besides = ""
     # Beside something without a name a coefficient takes up what it can of it.
-    if off and (study.verdict != "partly named" or len(study.maps) > 1):
+    if off and (study.verdict != "partly named" or len(study.maps) > 1 or _of_its_shape(study)):
         # Most of a gap may be a coefficient's, whatever is added.
         closed = f"and setting {'a coefficient' if len(off) == 1 else 'coefficients'} right {closed}"
         what = "A coefficient of the simulation is" if len(off) == 1 else "Coefficients of the simulation are"
         besides = f" {what} off besides: {'; '.join(_should_be(row, label(row['equation'])) for row in off)}."
     return f"{_missing(study, said, closed)}{besides}"
+
+
+def _of_its_shape(study: StudyResult) -> bool:
+    """Whether all that is doubted is the shape of what was found; of several equations another may lack more."""
+    ends = (ONE_LAW, SAMPLES_TELL)
+    return len(study.maps) == 1 and bool(study.against) and all(text.endswith(ends) for text in study.against)
 
 
 def _said(study: StudyResult) -> list[str]:
@@ -150,7 +157,7 @@ def _missing(study: StudyResult, said: Sequence[str], closed: str) -> str:
         return f"Something is missing, most likely {' and '.join(said)}{instead}; adding the likeliest {closed}."
     if remembers := "; ".join(text for name in study.maps if (text := remembered(study, name))):
         return f"{lacks}, and something else that {remembers}; adding what has a name {closed}."
-    if set(study.against) == {ONE_LAW}:
+    if _of_its_shape(study):
         return f"{lacks}; adding {it} {closed}."
     if study.against:
         return f"{lacks}, but that is not all; adding {it} {closed}."

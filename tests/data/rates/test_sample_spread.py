@@ -89,3 +89,19 @@ def test_a_term_that_ends_nearby_keeps_its_value():
 def test_no_samples_and_no_columns():
     spread = spread_of(np.zeros(5), {"v": 0.1})
     assert spread.mean(lambda c: np.zeros((len(c["v"]), 0)), spread.beside({"v": np.zeros(5)})).shape == (5, 0)
+
+
+def test_what_is_linear_does_not_bend():
+    u, v = np.repeat([1.0, -1.0, 1.0, -1.0], 5), np.sin(np.arange(20.0))
+    spread = spread_of(u, {"y": 0.3}, y=v)
+    columns = {"v": u, "y": v}
+    assert spread.bends(lambda c: (2 * c["v"] - c["y"])[:, None], columns).max() < 1e-14
+    assert spread.bends(lambda c: np.sign(c["y"])[:, None], columns).max() > 0.9
+
+
+def test_a_jump_is_found_beside_what_is_larger():
+    v = 0.1 * (np.arange(-10, 11) - 0.3)
+    spread = spread_of(v, {})
+    columns = spread.beside({"v": v})
+    both = spread.mean(lambda c: (np.sign(c["v"]) + 9)[:, None], columns, lambda c: np.sign(c["v"])[:, None])
+    assert np.array_equal(both - 9, spread.mean(lambda c: np.sign(c["v"])[:, None], columns))

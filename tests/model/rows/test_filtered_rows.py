@@ -8,7 +8,7 @@ from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.model.program import Program
 from bayes_greybox.model.rows.derivative_rows import DerivativeRows
 from bayes_greybox.model.rows.row_warnings import row_warnings
-from bayes_greybox.physics.terms import Dictionary
+from bayes_greybox.physics.terms import Dictionary, Term
 
 STIFFNESS, COULOMB, QUADRATIC = 40.0, 0.052, 0.0045
 SIMULATION = {"y": "v", "v": "-40*sin(y)"}
@@ -85,3 +85,16 @@ def test_rows_warn_of_noise_truncation_and_sampling_and_are_quiet_without(decay)
     assert any(
         "samples a period, fewer than 10" in text for text in row_warnings(kind, coarse, "v", simulation(coarse))
     )
+
+
+def test_friction_whose_coefficient_is_known_is_that_of_the_simulation(decay):
+    data = noisy(decay, 0).differentiate(rates={"y": "v"}, window=151)
+    given = Program({"v": ["v"]}, simulation={**SIMULATION, "v": "-40*sin(y) - 0.052*sign(v)"})
+    known = Program({"v": ["v", Term("sign(v)", fixed=-COULOMB)]}, simulation=SIMULATION)
+    one, other = (model.equation_rows(data, "v").simulated for model in (given, known))
+    np.testing.assert_allclose(one, other, rtol=0, atol=1e-12)
+    # At points both would be off where the angle turns round.
+    point = Program({"v": ["v"]}, simulation=SIMULATION).equation_rows(data, "v").simulated
+    rows = given.equation_rows(data, "v")
+    at_points = point - COULOMB * rows.operate(np.sign(data.states["v"])[:, None])[:, 0]
+    assert np.abs(one - at_points).max() > 1e-4

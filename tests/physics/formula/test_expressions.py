@@ -380,9 +380,22 @@ def test_roots_of_a_huge_degree_and_towers_are_taken_in_floating_point(text):
     assert value == pytest.approx(eval(text, {"z": 1.5}))  # noqa: S307
 
 
-def test_a_sum_in_an_exponent_is_printed_without_being_simplified(monkeypatch):
-    formula = parse_expression("3*y*(y + 1)**(v**2 - 20*v + 1)/v")
-    # SymPy would simplify the sum to find its sign, which for some does not end.
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("3*y*(y + 1)**(-v**2 - 1)", r"3 y \left(y + 1\right)^{- v^{2} - 1}"),
+        ("y*exp(-v**2 - 1)", r"y e^{- v^{2} - 1}"),
+        ("3*y*(y + 1)**(v**2 - 20*v + 1)/v", r"\frac{3 y \left(y + 1\right)^{v^{2} - 20 v + 1}}{v}"),
+        ("2*(y**2 + 1)**(-2*(v**2 + 1))", r"2 \left(y^{2} + 1\right)^{- 2 v^{2} - 2}"),
+    ],
+)
+def test_a_formula_in_an_exponent_is_printed_without_being_simplified(monkeypatch, text, expected):
+    formula = parse_expression(text)
+    # SymPy would simplify it to find its side of the fraction, which for some does not end.
     monkeypatch.setattr(sympy.Expr, "is_constant", lambda *_, **__: pytest.fail("simplified"))
-    assert to_latex(formula) == r"\frac{3 y \left(y + 1\right)^{v^{2} - 20 v + 1}}{v}"
+    assert to_latex(formula) == expected
     assert "<msup>" in to_mathml(formula)
+
+
+def test_a_power_of_a_power_is_no_product():
+    assert to_latex(parse_expression("((y + 1)**(v + 1))**(-2/3)")).count("^") == 2

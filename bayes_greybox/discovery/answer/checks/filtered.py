@@ -18,6 +18,9 @@ BENDS = 0.25
 SEEN = 0.005
 """Share of the samples that may bend so."""
 
+SAMPLES_TELL = "study the samples, without differentiate"
+"""How the sentence ends: what it doubts is the shape of what was found, and not that this is all."""
+
 
 def rounded_off(statistics: SufficientStatistics, effects: Sequence[int]) -> list[str]:
     """A sentence where effects of an answer jump within what a filtered sample stands for.
@@ -40,7 +43,5 @@ def rounded_off(statistics: SufficientStatistics, effects: Sequence[int]) -> lis
             names.append(within(column.effect.name))
     if not names:
         return []
-    return [
-        f"rates that a filter computed do not show how {' and '.join(names)} is near its jump: study the samples, "
-        "without differentiate"
-    ]
+    is_where = "is where it jumps or bends" if len(names) == 1 else "are where they jump or bend"
+    return [f"rates that a filter computed do not show how {' and '.join(names)} {is_where}: {SAMPLES_TELL}"]

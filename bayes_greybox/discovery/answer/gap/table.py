@@ -122,5 +122,7 @@ def _own_noise(data: Trajectories) -> float:
 
 def _on_rows(rows: EquationRows, amendment: Amendment, evaluate: Evaluate, k: int) -> Float[np.ndarray, "n_row k"]:
     """What the filter, or the path, makes of what was added: where a term of it jumps, all of it does."""
-    jumps = Jumps(range(k), evaluate) if amendment.jumps else None
+    jumps, columns = None, amendment.jumping
+    if columns:
+        jumps = Jumps(range(k), evaluate, lambda at: amendment.statistics.evaluate(columns, at))
     return rows.operate(rows.at_samples(evaluate, jumps))
