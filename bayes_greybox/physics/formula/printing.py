@@ -81,7 +81,7 @@ class _FormulasInExponents:
             if exponent.free_symbols and not exponent.is_Symbol and not (self._below and exponent.is_Mul):
                 stands = sympy.Symbol(f"exponent {len(self._printed)}", positive=True)
                 self._printed[stands.name] = self._print(exponent)  # pyright: ignore[reportAttributeAccessIssue]
-                known[power] = power.func(*power.args[:-1], stands, evaluate=False)
+                known[power] = power.func(*power.args[:-1], stands, evaluate=False)  # pyright: ignore[reportCallIssue]
         return sympy.Mul(*(known.get(part, part) for part in product.args), evaluate=False) if known else product
 
 
