@@ -127,7 +127,7 @@ class Told(EquationStudy):
     def frame(self, *_):
         return pd.DataFrame({"equation": [self.name]})
 
-    effects = hypotheses = memory = instrument = check_table = corrections = ladder = frame
+    effects = hypotheses = memory = quantities = instrument = check_table = corrections = ladder = frame
 
     def ties(self, data):
         return [{"equation": self.name}]
