@@ -5,6 +5,8 @@ import pandas as pd
 import pytest
 
 from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.discovery.answer.checks.filtered import SAMPLES_TELL
+from bayes_greybox.discovery.answer.finding import ONE_LAW
 from bayes_greybox.discovery.answer.instrument import IN_MODEL
 from bayes_greybox.discovery.study import StudyResult
 from bayes_greybox.report.words.sentence import sentence
@@ -24,6 +26,29 @@ def gap_table(run=(9.0, 0.1, 0.1), **parts):
 
 
 CLOSED = gap_table(test=(0.4, 0.1))
+
+
+FRICTION = [("Coulomb friction", 0.5, ()), ("Viscous damping", 0.36, ())]
+
+
+def test_what_may_be_one_law_is_said_as_a_law_of_its_quantity():
+    text = said("partly named", FRICTION, against=[ONE_LAW], law=0.99)
+    assert text.startswith(
+        "The simulation lacks a law of v in d(x)/dt (probability 0.990; Coulomb friction 0.500 and viscous damping "
+        "0.360 together, or one without a name); adding it closes"
+    )
+    # Where nobody doubts that these are two laws, or where it is not sure that there is one, each has its own.
+    for against, law in (((), 0.99), ([ONE_LAW], 0.6)):
+        assert "Coulomb friction in d(x)/dt (probability 0.500)" in said(
+            "partly named", FRICTION, against=against, law=law
+        )
+
+
+def test_a_doubt_of_the_shape_alone_does_not_say_that_something_is_left():
+    shape = f"rates that a filter computed do not show how it is where it jumps: {SAMPLES_TELL}"
+    one = [("Coulomb friction", 0.98, ())]
+    assert "that is not all" not in said("partly named", one, against=[shape])
+    assert "that is not all" in said("partly named", one, against=[shape, "residuals hang together"])
 
 
 def effects(*rows, equation="x"):
@@ -65,7 +90,8 @@ TRAIN = Trajectories.from_arrays(np.arange(3.0), states={"x": np.arange(3.0)}, o
 
 
 def said(
-    verdict, added=(), gap=CLOSED, measured=(), against=(), where="x", equations=None, left_out=(), memory=None, **off
+    verdict, added=(), gap=CLOSED, measured=(), against=(), where="x", equations=None, left_out=(), memory=None,
+    law=None, **off
 ):  # fmt: skip
     study = object.__new__(StudyResult)
     equations = equations or {"x": verdict}
@@ -73,8 +99,12 @@ def said(
         verdict=verdict, effects=effects(*added, equation=where), gap=gap, corrections=corrections(**off),
         instrument=instrument(*measured), against=tuple(against), maps=dict.fromkeys(equations),
         hypotheses=likeliest(**equations), left_out=dict(left_out), memory=remembers(**(memory or {})),
-        train=TRAIN,
+        train=TRAIN, quantities=pd.DataFrame(),
     )  # fmt: skip
+    if law is not None:
+        index = pd.MultiIndex.from_tuples([("x", "v")], names=["equation", "quantity"])
+        study.__dict__["quantities"] = pd.DataFrame({"probability": [law]}, index=index)
+        study.effects["quantity"] = "v"
     return sentence(study).replace("\u00a0", " ")
 
 
