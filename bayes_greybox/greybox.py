@@ -86,8 +86,7 @@ class GreyBox(Program):
 
         Args:
             data: Training data, with the derivative of each learned state or samples of paths; or a `stream` of more
-                rows than memory holds, of which all decide the posterior, and those of its sample are looked at one by
-                one.
+                rows than memory holds, of which all decide, and those of its sample are looked at one by one.
             draws: Draws kept in each chain.
             tune: Warm-up iterations of each chain.
             chains: Number of chains, run in parallel threads.
@@ -354,8 +353,8 @@ class Fit(Posterior):
         about = f"{self.model.prior_text} prior; {self.rows_in_words}; {s.chains} x {s.draws} draws{exact}"
         of = "" if self.whole is None else "in the sample: "
         left_out = [of + each for each in self.model.rows.left_out(self.data)]
-        said = [f"Fit of {terms}; {about}", *left_out, str(self.verdict)]
-        return "\n".join([*said, equations_text(fitted_system(self))])
+        said = [f"Fit of {terms}; {about}", *left_out, str(self.verdict), equations_text(fitted_system(self))]
+        return "\n".join(said)
 
     def _complete(self) -> None:
         """Add the groups that need more than one row at a time."""

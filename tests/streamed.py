@@ -5,6 +5,8 @@ import signal
 
 import numpy as np
 import pandas as pd
+import pytest
+import xarray as xr
 
 import bayes_greybox as bg
 from bayes_greybox.data.streams.row_stream import RowStream
@@ -18,6 +20,22 @@ def frame(n=3000, seed=0):
     y, v = rng.uniform(-1, 1, n), rng.uniform(-0.7, 0.7, n)
     a = -(y**3) - 0.2 * v**3 + 0.01 * rng.standard_normal(n)
     return pd.DataFrame({"t": np.arange(n) * 1e-3, "y": y, "ydot": v, "other": y + v, "a": a})
+
+
+def written(folder, kind, table, units, group=300, name="rows"):
+    """A file of rows: Parquet in groups, or netCDF or Zarr with units and something of another length."""
+    path = folder / f"{name}.{kind}"
+    if kind == "parquet":
+        table.to_parquet(path, row_group_size=group)
+        return path
+    dataset = xr.Dataset({n: ("row", table[n].to_numpy(), {"units": units[n]} if n in units else {}) for n in table})
+    dataset["elsewhere"] = ("elsewhere_row", np.zeros(3))
+    if kind == "nc":
+        dataset.to_netcdf(path, engine="h5netcdf")
+    else:
+        pytest.importorskip("zarr")
+        dataset.to_zarr(path, consolidated=False)
+    return path
 
 
 def model(**further):

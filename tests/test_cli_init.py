@@ -11,7 +11,7 @@ from shell import refuse
 import bayes_greybox as bg
 from bayes_greybox import cli
 from bayes_greybox.config import load_config
-from bayes_greybox.discovery.study import studied_equations
+from bayes_greybox.discovery.studied import studied_equations
 
 N = 600
 T = np.arange(N) * 0.02

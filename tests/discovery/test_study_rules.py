@@ -21,7 +21,8 @@ from bayes_greybox.discovery.answer.where import GapMap, GapTrace
 from bayes_greybox.discovery.equation import study_equation
 from bayes_greybox.discovery.evidence.odds import Odds
 from bayes_greybox.discovery.refusals import check_data
-from bayes_greybox.discovery.study import investigate, studied_equations
+from bayes_greybox.discovery.studied import studied_equations
+from bayes_greybox.discovery.study import investigate
 from bayes_greybox.discovery.verdict import verdict_of, worse_in_words
 from bayes_greybox.model.noise.asked import Noise
 from bayes_greybox.model.noise.noise_model import CORRELATED, PROCESS

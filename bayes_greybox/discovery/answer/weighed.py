@@ -149,12 +149,12 @@ class Weighed:
 
         So does what may be one law without a name for the likeliest effects, if these are what it is the sum of.
         """
-        instead, one = 0.0, 0.0
+        instead, one, likeliest = 0.0, 0.0, next(iter(self.by_set), ())
         for world, e, p, share in self.items:
             if e.effects:
                 real = self._of_effects(world, e, p, share)
                 instead += real * self.mirrored(world, e)
-                if self.names(world, e) == next(iter(self.by_set)):
+                if self.names(world, e) == likeliest:
                     one += real / self._alone(world, e) - real
         found = {**self.by_kind, EFFECTS: self.by_kind[EFFECTS] + instead + one}
         found["instrument"] -= instead

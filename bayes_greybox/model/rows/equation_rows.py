@@ -16,13 +16,10 @@ from jaxtyping import Float, Int
 from bayes_greybox.data.columns import derivative_label
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.noise.protocol import RowNoise
-from bayes_greybox.data.rates.sample_spread import SampleSpread
+from bayes_greybox.data.rates.sample_spread import Columns, SampleSpread
 
 Table = Callable[[Int[np.ndarray, " n_chunk"]], Float[np.ndarray, "n_chunk n_column"]]
 """Rows of a table that need never exist as a whole, by index."""
-
-Columns = Mapping[str, Float[np.ndarray, " n"]]
-"""States and inputs at some samples, by name."""
 
 Evaluate = Callable[[Columns], Any]
 """From states and inputs at some samples to k values [n, k], by NumPy or JAX."""

@@ -2,8 +2,7 @@
 
 import numpy as np
 import pytest
-import xarray as xr
-from streamed import NAMES, chunk, chunks, frame
+from streamed import NAMES, chunk, chunks, frame, written
 
 import bayes_greybox as bg
 from bayes_greybox.data.errors import InputError
@@ -20,19 +19,7 @@ def small_pieces(monkeypatch):
 
 
 def _file(folder, kind, table):
-    path = folder / f"rows.{kind}"
-    if kind == "parquet":
-        table.to_parquet(path, row_group_size=300)
-        return path
-    units = {"y": "m", "t": "s"}
-    dataset = xr.Dataset({n: ("row", table[n].to_numpy(), {"units": units[n]} if n in units else {}) for n in table})
-    dataset["elsewhere"] = ("elsewhere_row", np.zeros(3))
-    if kind == "nc":
-        dataset.to_netcdf(path, engine="h5netcdf")
-    else:
-        pytest.importorskip("zarr")
-        dataset.to_zarr(path, consolidated=False)
-    return path
+    return written(folder, kind, table, {"y": "m", "t": "s"})
 
 
 def _rows(stream):

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
-import xarray as xr
+from streamed import written
 
 import bayes_greybox as bg
 from bayes_greybox.data.errors import InputError
@@ -34,18 +34,8 @@ def table(lengths=LENGTHS):
     return pd.concat(parts, ignore_index=True)
 
 
-def written(folder, kind, rows, name="runs"):
-    path = folder / f"{name}.{kind}"
-    if kind == "parquet":
-        rows.to_parquet(path, row_group_size=100)
-    else:
-        dataset = xr.Dataset({n: ("row", rows[n].to_numpy(), {"units": "m"} if n == "x" else {}) for n in rows})
-        if kind == "nc":
-            dataset.to_netcdf(path, engine="h5netcdf")
-        else:
-            pytest.importorskip("zarr")
-            dataset.to_zarr(path, consolidated=False)
-    return path
+def file_of(folder, kind, rows, name="runs"):
+    return written(folder, kind, rows, {"x": "m"}, 100, name)
 
 
 def runs_of(stream):
@@ -65,7 +55,7 @@ def same(chunks, data):
 @pytest.mark.parametrize("kind", ["parquet", "nc", "zarr"])
 def test_runs_cut_by_pieces_are_put_together(tmp_path, kind):
     rows = table()
-    stream = bg.stream(written(tmp_path, kind, rows), **NAMES, run="id")
+    stream = bg.stream(file_of(tmp_path, kind, rows), **NAMES, run="id")
     chunks = runs_of(stream)
     assert isinstance(stream.whole_runs().source, Source)
     # The longest lies in four pieces; none is held with more than 150 rows of others before it.
@@ -76,20 +66,20 @@ def test_runs_cut_by_pieces_are_put_together(tmp_path, kind):
 
 def test_files_are_read_in_any_order_with_runs_named_as_in_memory(tmp_path):
     paths = [
-        written(tmp_path, "parquet", table(lengths), name) for name, lengths in (("a", (90, 200)), ("b", (60, 250)))
+        file_of(tmp_path, "parquet", table(lengths), name) for name, lengths in (("a", (90, 200)), ("b", (60, 250)))
     ]
     for order in (paths, paths[::-1]):
         assert same(runs_of(bg.stream(order, **NAMES, run="id")), bg.read(order, **NAMES, run="id"))
     # Without a column of runs a file is one.
-    alone = [written(tmp_path, "parquet", table((n,)), f"run{n}") for n in (333, 70)]
+    alone = [file_of(tmp_path, "parquet", table((n,)), f"run{n}") for n in (333, 70)]
     assert same(runs_of(bg.stream(alone, **NAMES)), bg.read(alone, **NAMES))
 
 
 def test_one_run_and_time_that_goes_back(tmp_path):
     one = table((500,))
-    assert same(runs_of(bg.stream(written(tmp_path, "parquet", one), **NAMES)), bg.read(one, **NAMES))
+    assert same(runs_of(bg.stream(file_of(tmp_path, "parquet", one), **NAMES)), bg.read(one, **NAMES))
     rows = table().drop(columns="id")
-    path = written(tmp_path, "parquet", rows)
+    path = file_of(tmp_path, "parquet", rows)
     chunks = runs_of(bg.stream(path, **NAMES, restart="run"))
     assert len(chunks) > 3 and same(chunks, bg.read(rows, **NAMES, restart="run"))
     with pytest.raises(InputError, match='goes back in row 90.*restart="run"'):
@@ -101,13 +91,13 @@ def test_a_gap_within_a_run_parts_it_as_in_memory(tmp_path):
     rows.loc[150:299, "t"] += 1000.0
     data = bg.read(rows, **NAMES, run="id")
     assert data.n_run == 3
-    assert same(runs_of(bg.stream(written(tmp_path, "parquet", rows), **NAMES, run="id")), data)
+    assert same(runs_of(bg.stream(file_of(tmp_path, "parquet", rows), **NAMES, run="id")), data)
 
 
 def test_missing_values_of_a_run_are_refused_or_left_out(tmp_path):
     rows = table()
     rows.loc[200:210, "x"] = np.nan
-    path = written(tmp_path, "parquet", rows)
+    path = file_of(tmp_path, "parquet", rows)
     with pytest.raises(InputError, match='"x" has 11 missing.*row 110 of run "10"'):
         runs_of(bg.stream(path, **NAMES, run="id"))
     chunks = runs_of(bg.stream(path, **NAMES, run="id", missing="drop"))
@@ -125,7 +115,7 @@ def test_a_run_ends_where_its_rows_are_missing_as_in_memory(tmp_path, kind, run)
     rows.loc[200:260, "u"] = np.nan
     data = bg.read(rows, **NAMES, run=run, restart="run", missing="drop")
     assert data.n_run == 4
-    stream = bg.stream(written(tmp_path, kind, rows), **NAMES, run=run, restart="run", missing="drop")
+    stream = bg.stream(file_of(tmp_path, kind, rows), **NAMES, run=run, restart="run", missing="drop")
     assert same(runs_of(stream), data)
 
 
@@ -134,7 +124,7 @@ def test_a_run_without_any_values_is_left_out_and_parts_its_neighbours(tmp_path)
     # From the end of the first to the beginning of the third the time goes on.
     rows["t"] += np.repeat([0.0, 5.0, 8.0], 60)
     rows.loc[60:119, "x"] = np.nan
-    chunks = runs_of(bg.stream(written(tmp_path, "parquet", rows), **NAMES, restart="run", missing="drop"))
+    chunks = runs_of(bg.stream(file_of(tmp_path, "parquet", rows), **NAMES, restart="run", missing="drop"))
     assert [chunk.run_lengths for chunk in chunks] == [(60,), (60,)] and chunks[1].dropped == 60
 
 
@@ -142,7 +132,7 @@ def test_rows_that_name_no_run_are_refused(tmp_path):
     rows = table((60, 60)).assign(id=lambda frame: frame["id"].astype(float))
     rows.loc[70, "id"] = np.nan
     with pytest.raises(InputError, match='"id" of .* names no run in row 70;'):
-        runs_of(bg.stream(written(tmp_path, "parquet", rows), **NAMES, run="id", missing="drop"))
+        runs_of(bg.stream(file_of(tmp_path, "parquet", rows), **NAMES, run="id", missing="drop"))
 
 
 @pytest.mark.parametrize("rows_held", [10, 100_000])
@@ -152,22 +142,22 @@ def test_runs_that_lie_apart_are_refused_however_many_there_are(tmp_path, monkey
     rows = table((12,) * 10)
     rows.loc[rows["id"] == 90, "id"] = 70
     with pytest.raises(InputError, match="run 70 of .* lie apart"):
-        runs_of(bg.stream(written(tmp_path, "parquet", rows), **NAMES, run="id"))
+        runs_of(bg.stream(file_of(tmp_path, "parquet", rows), **NAMES, run="id"))
 
 
 def test_what_is_no_run_in_one_piece_is_refused(tmp_path):
     rows = table()
     apart = pd.concat([rows, rows[rows["id"] == 0].assign(t=lambda r: r["t"] + 100)], ignore_index=True)
     with pytest.raises(InputError, match='run 0 of ".*" lie apart.*sort the rows of the file by "id"'):
-        runs_of(bg.stream(written(tmp_path, "parquet", apart), **NAMES, run="id"))
-    path = written(tmp_path, "parquet", rows)
+        runs_of(bg.stream(file_of(tmp_path, "parquet", apart), **NAMES, run="id"))
+    path = file_of(tmp_path, "parquet", rows)
     with pytest.raises(InputError, match="have no stamps: name their column, time="):
         bg.stream(path, states=["x"], run="id").whole_runs()
 
 
 def test_the_sample_is_of_whole_runs_and_all_of_them_where_there_are_no_more(tmp_path):
     rows = table()
-    stream = bg.stream(written(tmp_path, "parquet", rows), **NAMES, run="id", sample=len(rows)).whole_runs()
+    stream = bg.stream(file_of(tmp_path, "parquet", rows), **NAMES, run="id", sample=len(rows)).whole_runs()
     assert same([stream.sample], bg.read(rows, **NAMES, run="id"))
     some = bg.stream(tmp_path / "runs.parquet", **NAMES, run="id", sample=400).whole_runs().sample
     lengths = dict(zip((str(10 * r) for r in range(8)), LENGTHS, strict=True))
@@ -189,7 +179,7 @@ def test_many_small_parts_are_sampled_evenly_and_runs_of_one_name_told_apart():
 
 
 def test_the_rest_of_a_sample_comes_from_files_that_have_more(tmp_path):
-    paths = [written(tmp_path, "parquet", table((n // 10,) * 10), str(n)) for n in (1500, 500)]
+    paths = [file_of(tmp_path, "parquet", table((n // 10,) * 10), str(n)) for n in (1500, 500)]
     for size, n in ((2000, 2000), (1700, 1800), (600, 600)):
         stream = bg.stream(paths, **NAMES, run="id", sample=size).whole_runs()
         assert size <= stream.sample.n_obs <= n

@@ -6,7 +6,7 @@ from predator_prey import by_integration, sampled
 
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.discovery.study import studied_equations
+from bayes_greybox.discovery.studied import studied_equations
 from bayes_greybox.model.estimate import near
 from bayes_greybox.model.program import Program
 from bayes_greybox.model.rows.trajectory_rows import TrajectoryRows
