@@ -306,9 +306,9 @@ class Fit(Posterior):
                 file that cannot be written.
         """
         system = fitted_system(self)
-        f = [name for name, each in system.learned.items() if each.discrepancy is not None and each.discrepancy.left]
-        left = dict.fromkeys(f, "which the data tell from zero")
-        export_system(system, path, Notes(str(self.verdict), discrepancy=left, estimated=estimated_starts(self)))
+        left = [name for name, each in system.learned.items() if each.discrepancy is not None and each.discrepancy.left]
+        f = dict.fromkeys(left, "which the data tell from zero")
+        export_system(system, path, Notes(str(self.verdict), discrepancy=f, estimated=estimated_starts(self)))
 
     def to_json(self) -> str:
         """The equations as JSON text: terms, coefficients with 90 % intervals and inclusion, units; see the guide."""
@@ -351,10 +351,9 @@ class Fit(Posterior):
         terms = ", ".join(f"{name}: {len(e.frame.dictionary)} terms" for name, e in self.equations.items())
         exact = " of exact paths" if s.exact else ""
         about = f"{self.model.prior_text} prior; {self.rows_in_words}; {s.chains} x {s.draws} draws{exact}"
-        of = "" if self.whole is None else "in the sample: "
-        left_out = [of + each for each in self.model.rows.left_out(self.data)]
-        said = [f"Fit of {terms}; {about}", *left_out, str(self.verdict), equations_text(fitted_system(self))]
-        return "\n".join(said)
+        left_out = [("in the sample: " if self.whole else "") + each for each in self.model.rows.left_out(self.data)]
+        equations = equations_text(fitted_system(self))
+        return "\n".join([f"Fit of {terms}; {about}", *left_out, str(self.verdict), equations])
 
     def _complete(self) -> None:
         """Add the groups that need more than one row at a time."""
