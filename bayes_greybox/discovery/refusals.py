@@ -1,6 +1,8 @@
 """What a study refuses before it searches."""
 
 from collections.abc import Sequence
+from numbers import Integral
+from typing import Any
 
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
@@ -8,8 +10,30 @@ from bayes_greybox.model.noise.asked import Noise, check_asked
 from bayes_greybox.model.noise.suspicions import LEAST_ROWS
 from bayes_greybox.model.program import Program
 from bayes_greybox.physics.catalogue.effect_tables import nearest
+from bayes_greybox.physics.integrate import check_interpolation
 from bayes_greybox.physics.simulation.code import require_traceable
 from bayes_greybox.physics.units import check_units, same_unit
+
+from .evidence.odds import Odds
+
+
+def check_settings(effects_at_most: Any, odds: Any, interpolation: Any) -> None:
+    """Refuse settings that no data can have.
+
+    Args:
+        effects_at_most: Largest number of effects of an equation.
+        odds: Prior probabilities, if they were given.
+        interpolation: Of the inputs in free runs, if it was given.
+
+    Raises:
+        InputError: What cannot be used, with the remedy.
+    """
+    if isinstance(effects_at_most, bool) or not isinstance(effects_at_most, Integral) or effects_at_most < 1:
+        raise InputError(f"effects_at_most={effects_at_most!r} must be a whole number, at least 1.")
+    if odds is not None and not isinstance(odds, Odds):
+        raise InputError(f"odds is {type(odds).__name__}: give bg.Odds(...), such as bg.Odds(no_gap=0.5).")
+    if interpolation is not None:
+        check_interpolation(interpolation)
 
 
 def check_rows(model: Program) -> None:

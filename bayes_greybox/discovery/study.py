@@ -36,7 +36,7 @@ from .equation import study_equation
 from .evidence.odds import Odds
 from .evidence.sufficient_statistics import CORRECTION_SCALE
 from .next_experiment.explained import Explained, explained
-from .refusals import check_data, check_rows
+from .refusals import check_data, check_rows, check_settings
 from .studied import studied_equations
 from .suspects.channels import DELAY_STEPS, GAIN_SD, OFFSET_SD, ZERO_SD
 from .verdict import verdict_of
@@ -188,6 +188,7 @@ def investigate(
         InputError: Data, model or catalogue that cannot be used; the message names what and the remedy.
     """
     started = time.perf_counter()
+    check_settings(effects_at_most, odds, interpolation)
     odds = odds or Odds()
     given = model.on(train)
     model = given.centred()

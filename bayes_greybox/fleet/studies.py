@@ -17,6 +17,7 @@ from bayes_greybox.data.limits import is_finite
 from bayes_greybox.data.reading.door import read as read_file
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.fleet import Fleet
+from bayes_greybox.discovery.refusals import check_settings
 from bayes_greybox.greybox import GreyBox
 from bayes_greybox.inference.settings import Sampling
 from bayes_greybox.missing_effects import Study, find_missing_effects, load
@@ -338,6 +339,7 @@ def _checked(settings: Mapping[str, Any]) -> dict[str, Any]:
         raise InputError(f"There is no setting {unknown!r} of a fleet's studies; {nearest(unknown, list(usual))}")
     found = {**usual, **settings}
     Sampling(**{name: found[name] for name in SAMPLING})
+    check_settings(found["effects_at_most"], found["odds"], found["interpolation"])
     load_catalogue(found["catalogue"])
     return {**found, "catalogue": located(found["catalogue"])}
 

@@ -45,6 +45,20 @@ class Limits(NamedTuple):
     limit: Float[Array, ""]
 
 
+def check_interpolation(kind: str | Sequence[str]) -> None:
+    """Refuse what an input cannot do between its samples.
+
+    Args:
+        kind: Of all inputs, or of each.
+
+    Raises:
+        InputError: None of `INTERPOLATIONS`.
+    """
+    for unknown in {kind} if isinstance(kind, str) else {str(each) for each in kind}:
+        if unknown not in INTERPOLATIONS:
+            raise InputError(f"Unknown interpolation {unknown!r}; use 'linear', 'zoh' or 'cubic'.")
+
+
 def cut(
     t: Float[Array | np.ndarray, " n"],
     inputs: Float[Array | np.ndarray, "n p"] | None,
@@ -264,9 +278,8 @@ def curvature_of(
 
 def _named(kind: str | Sequence[str], n: int) -> tuple[str, ...]:
     """Interpolation of each of n columns, checked."""
+    check_interpolation(kind)
     kinds = (kind,) * n if isinstance(kind, str) else tuple(str(each) for each in kind)
-    for unknown in {*kinds, *([kind] if isinstance(kind, str) else [])} - set(INTERPOLATIONS):
-        raise InputError(f"Unknown interpolation {str(unknown)!r}; use 'linear', 'zoh' or 'cubic'.")
     if len(kinds) != n:
         raise InputError(f"{len(kinds)} interpolations for {n} inputs; give one for each, or one for all.")
     return kinds

@@ -411,6 +411,22 @@ def test_a_simulation_that_no_integrator_can_follow_is_refused_before_the_search
     check(two_states(), model=Program(simulation=lambda t, x, u: [-x[0] + x[1], -x[0] * x[1]]))
 
 
+@pytest.mark.parametrize(
+    "given, sentence",
+    [
+        ({"effects_at_most": 0}, "effects_at_most=0 must be a whole number, at least 1"),
+        ({"effects_at_most": 1.5}, "effects_at_most=1.5 must be a whole number"),
+        ({"odds": {"no_gap": 0.5}}, r"odds is dict: give bg.Odds\(...\)"),
+        ({"interpolation": "spline"}, "Unknown interpolation 'spline'; use 'linear', 'zoh' or 'cubic'"),
+        ({"interpolation": ["zoh", "spline"]}, "Unknown interpolation 'spline'"),
+    ],
+)
+def test_settings_that_no_data_can_have_are_refused_before_the_search(given, sentence, monkeypatch):
+    monkeypatch.setattr(module, "study_equation", lambda *_: pytest.fail("a search"))
+    with pytest.raises(InputError, match=sentence):
+        investigate(BOTH, two_states(), **given)
+
+
 def test_noise_that_cannot_be_had_on_the_data_is_refused_before_the_search():
     with pytest.raises(InputError, match="depends_on='w'.* is neither a state nor an input"):
         check(two_states(), model=Program(simulation=BOTH.simulation, noise=Noise(depends_on="w")))

@@ -225,6 +225,7 @@ def test_python_says_and_writes_what_the_command_does(from_python, fleet, tmp_pa
         ({"train": {"a": DATA}, "draws": 0}, "draws=0"),
         ({"train": {"a": DATA}, "chains": "four"}, "chains='four' must be a whole number"),
         ({"train": {"a": DATA}, "seed": -1}, "seed=-1"),
+        ({"train": {"a": DATA}, "effects_at_most": 0}, "effects_at_most=0"),
         ({"train": {"a": DATA}, "catalog": "fluid"}, "did you mean 'catalogue'"),
         ({"train": {"a": "a.csv"}, "model": {"b": MODEL}}, "no model for 'a'"),
         ({"train": {"a": "a.csv"}, "test": {"b": "a.csv"}}, "which is no asset"),
