@@ -3,6 +3,7 @@
 import shutil
 import zipfile
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -19,16 +20,19 @@ compiled = pytest.mark.skipif(not any(map(shutil.which, ("cc", "gcc", "clang")))
 
 
 class Running:
-    """An instance of an FMU in continuous time."""
+    """An instance of an FMU, in continuous time unless it is told."""
 
-    def __init__(self, path, folder, **start):
-        from fmpy.fmi2 import FMU2Model
+    def __init__(self, path, folder, kind="ModelExchange", **start):
+        from fmpy.fmi2 import FMU2Model, FMU2Slave
 
         self.description = fmpy.read_model_description(path, validate=True)
         self.place = {each.name: each.valueReference for each in self.description.modelVariables}
-        self.fmu = FMU2Model(
-            guid=self.description.guid, unzipDirectory=fmpy.extract(path, folder), instanceName="m",
-            modelIdentifier=self.description.modelExchange.modelIdentifier,
+        # A library that an instance uses must not be written again.
+        folder = folder if Path(folder).exists() else fmpy.extract(path, folder)
+        offered = {"ModelExchange": self.description.modelExchange, "CoSimulation": self.description.coSimulation}[kind]
+        self.fmu = {"ModelExchange": FMU2Model, "CoSimulation": FMU2Slave}[kind](
+            guid=self.description.guid, unzipDirectory=folder, instanceName="m",
+            modelIdentifier=offered.modelIdentifier,
         )  # fmt: skip
         self.fmu.instantiate()
         self.fmu.setupExperiment(startTime=0.0)
@@ -98,20 +102,66 @@ def test_a_hidden_state_starts_where_the_state_does_that_it_moves_along_with(tmp
         np.testing.assert_array_equal(model.get("y", "z"), [0.1, 0.7])
 
 
-@compiled
-def test_an_fmu_is_simulated_along_a_known_motion(tmp_path):
-    """x'' = -x + k x with k = 0: the learned term counts for nothing, and the motion is a cosine."""
-    system = system_of({"y": "v", "v": "-y", "z": "0"}, ["y"])
+def exported(simulation, path):
+    """The FMU of these equations, with k y in that of v and k = 0, as if that was learned."""
+    system = system_of(simulation, ["y"])
     (equation,) = system.learned.values()
     terms = tuple(replace(each, value=Value.exact(0.0)) for each in equation.terms)
-    system = replace(system, learned={"v": replace(equation, terms=terms)})
-    export_system(system, tmp_path / "m.fmu", Notes())
-    start = {"y": 1.0, "v": 0.0, "z": 0.0}
+    export_system(replace(system, learned={"v": replace(equation, terms=terms)}), path, Notes())
+    return str(path)
+
+
+@pytest.fixture
+def oscillator(tmp_path):
+    return exported({"y": "v", "v": "-y", "z": "0"}, tmp_path / "m.fmu")
+
+
+@compiled
+@pytest.mark.parametrize("k", [0.0, -3.0])
+@pytest.mark.parametrize("kind", ["ModelExchange", "CoSimulation"])
+def test_an_fmu_is_simulated_along_a_known_motion_whatever_its_coefficients_are_set_to(oscillator, kind, k):
+    (name,) = (each for each in names_of(oscillator) if each.startswith("k_"))
+    start = {"y": 1.0, "v": 0.0, "z": 0.0, name: k}
     run = fmpy.simulate_fmu(
-        str(tmp_path / "m.fmu"), start_values=start, stop_time=5.0, output_interval=0.5, relative_tolerance=1e-10
+        oscillator, fmi_type=kind, start_values=start, stop_time=5.0, output_interval=0.5, relative_tolerance=1e-10
     )
-    # CVode's tolerance bounds the error of a step, of which there are some hundred.
-    np.testing.assert_allclose(run["y"], np.cos(run["time"]), atol=1e-6)
+    # The tolerance bounds the error of a step, of which there are some hundred.
+    np.testing.assert_allclose(run["y"], np.cos(np.sqrt(1 - k) * run["time"]), atol=1e-6)
+
+
+@compiled
+def test_between_communication_points_it_takes_what_steps_it_needs(tmp_path):
+    """Two of a relaxation that is a thousand times faster than they are apart; then a mass that dry friction stops."""
+    path = exported({"y": "v", "v": "-1000*(v - 1)", "z": "-sign(z)"}, tmp_path / "m.fmu")
+    with Running(path, str(tmp_path / "m"), "CoSimulation", y=0.0, v=0.0, z=0.5) as model:
+        for k in range(2):
+            model.fmu.doStep(currentCommunicationPoint=float(k), communicationStepSize=1.0)
+        np.testing.assert_allclose(model.get("y", "v"), [2.0 - 1e-3, 1.0], atol=1e-6)
+        # It stays at rest within what the smallest step of a second, 1e-4 of it, takes it off.
+        np.testing.assert_allclose(model.get("z"), 0.0, atol=1e-4)
+
+
+@compiled
+def test_a_path_that_leaves_all_bounds_is_an_error_and_no_number(tmp_path):
+    path = exported({"y": "v", "v": "0", "z": "z**2"}, tmp_path / "m.fmu")
+    with Running(path, str(tmp_path / "m"), "CoSimulation", y=0.0, v=0.0, z=1.0) as model:
+        with pytest.raises(Exception, match="fmi2DoStep"):
+            model.fmu.doStep(currentCommunicationPoint=0.0, communicationStepSize=2.0)
+
+
+@compiled
+def test_instances_have_coefficients_of_their_own_and_rates_cannot_be_set(oscillator, tmp_path):
+    (name,) = (each for each in names_of(oscillator) if each.startswith("k_"))
+    folder, start = str(tmp_path / "a"), {"y": 1.0, "v": 0.0, "z": 0.0}
+    with Running(oscillator, folder, **start) as one, Running(oscillator, folder, **start) as two:
+        one.set(**{name: -1.0})
+        assert (one.get("der(v)"), two.get("der(v)")) == (-2.0, -1.0)
+        with pytest.raises(Exception, match="fmi2SetReal"):
+            one.set(**{"der(v)": 1.0})
+
+
+def names_of(path):
+    return [each.name for each in fmpy.read_model_description(path, validate=True).modelVariables]
 
 
 def test_without_a_compiler_there_is_a_sentence_and_no_file(tmp_path, monkeypatch):

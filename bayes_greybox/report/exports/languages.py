@@ -69,11 +69,22 @@ def python_program(model: ExportedModel, name: str) -> str:
     return "\n".join(lines) + "\n"
 
 
-def c_program(model: ExportedModel, name: str) -> str:
-    """C99 with `void NAME_rhs(double t, const double *x, const double *u, double *dxdt)`."""
+def c_program(model: ExportedModel, name: str, tunable: bool = False) -> str:
+    """C99 with `void NAME_rhs(double t, const double *x, const double *u, double *dxdt)`.
+
+    Args:
+        model: The model.
+        name: What it is called.
+        tunable: Whether coefficients are one more argument `const double *p` beside u, and not constants.
+    """
     _require_formulas(model, "C")
     called = _called(model, name, C_WORDS)
-    names = _names(model, [*C_WORDS, f"{called}_rhs", f"{called}_outputs"])
+    names = _names(model, [*C_WORDS, f"{called}_rhs", f"{called}_outputs", *(["p"] if tunable else [])])
+    slots: list[tuple[str, list[str]]] = [
+        (slot, [names[each.name] for each in group]) for slot, group in (("x", model.states), ("u", model.inputs))
+    ]
+    slots += [("p", [each.name for each in model.factors])] if tunable else []
+    arguments = ", ".join(["double t", *(f"const double *{slot}" for slot, _ in slots)])
     printer = CPrinter(names)
     said = header(model, names, ("x[{}]", "u[{}]"))
     lines = ["/*", *(part for line in said for part in comment(within_c(line), " * ")), " */"]
@@ -90,14 +101,15 @@ def c_program(model: ExportedModel, name: str) -> str:
                   "{", "    return v > 0.0 ? 1.0 : v < 0.0 ? 0.0 : v == 0.0 ? at_zero : v;", "}", ""]  # fmt: skip
     for each in model.factors:
         lines += comment(within_c(uncertainty(each)), "/* ", " */")
-        lines.append(f"static const double {each.name} = {float(each.value.mean)!r};")
+        value = repr(float(each.value.mean))
+        lines.append(f"/* {each.name}: {value} */" if tunable else f"static const double {each.name} = {value};")
     for kind, result, formulas in (("rhs", "dxdt", model.rates), ("outputs", "y", model.given)):
         if not formulas:
             continue
-        lines += ["", f"void {called}_{kind}(double t, const double *x, const double *u, double *{result})", "{"]
-        for slot, group in (("x", model.states), ("u", model.inputs)):
-            lines += [f"    const double {names[each.name]} = {slot}[{k}];" for k, each in enumerate(group)]
-        unused = ["t", "x", "u", *(names[each.name] for each in (*model.states, *model.inputs))]
+        lines += ["", f"void {called}_{kind}({arguments}, double *{result})", "{"]
+        for slot, group in slots:
+            lines += [f"    const double {each} = {slot}[{k}];" for k, each in enumerate(group)]
+        unused = ["t", *(each for slot, group in slots for each in (slot, *group))]
         lines += ["    " + " ".join(f"(void){each};" for each in unused)]
         lines += [f"    {result}[{k}] = {_sum(printer, each)};" for k, each in enumerate(formulas)]
         lines += ["}"]

@@ -26,7 +26,7 @@ HEADERS = ("fmi2Functions.h", "fmi2FunctionTypes.h", "fmi2TypesPlatform.h")
 
 
 def fmu_archive(model: ExportedModel, name: str) -> bytes:
-    """The content of NAME.fmu: FMI 2.0, Model Exchange, for the system that this runs on; sources are in it.
+    """The content of NAME.fmu: FMI 2.0, both kinds, for the system that this runs on; sources are in it.
 
     Args:
         model: The model.
@@ -35,13 +35,13 @@ def fmu_archive(model: ExportedModel, name: str) -> bytes:
     Raises:
         InputError: FMPy is not installed; there is no C compiler; a simulation that is a function.
     """
-    program = c_program(model, "model")
+    program = c_program(model, "model", tunable=True)
     called = next(iter(identifiers([name], ()).values()))
     fmpy, compiler = installed_fmpy(), c_compiler()
     guid = hashlib.sha256("\n".join((called, program)).encode()).hexdigest()[:32]
     sources = standard_headers(fmpy)
     sources |= {"model.c": program.encode(), "model.h": _sizes(model, program, guid).encode()}
-    sources["fmi2.c"] = Path(__file__).with_name("fmi2.c").read_bytes()
+    sources |= {each: Path(__file__).with_name(each).read_bytes() for each in ("fmi2.c", "step.c")}
     said = model.notes.verdict or f"The equations of a {model.origin}"
     content = {"modelDescription.xml": description(model, name, called, guid, said)}
     library = f"binaries/{fmpy.platform}/{called}{fmpy.sharedLibraryExtension}"
@@ -136,7 +136,7 @@ def _sizes(model: ExportedModel, program: str, guid: str) -> str:
 
     defined = set(re.findall(r"^void (\w+)\(", program, re.MULTILINE))
     rhs, given = (
-        next((f"{each}(t, x, u, y)" for each in defined if each.endswith(kind)), "((void)0)")
+        next((f"{each}(t, x, u, p, y)" for each in defined if each.endswith(kind)), "((void)0)")
         for kind in ("_rhs", "_outputs")
     )
     return "\n".join(
@@ -151,8 +151,8 @@ def _sizes(model: ExportedModel, program: str, guid: str) -> str:
                     ("FACTOR", model.factors),
                 )
             ),
-            f"#define RHS(t, x, u, y) {rhs}",
-            f"#define GIVEN(t, x, u, y) {given}",
+            f"#define RHS(t, x, u, p, y) {rhs}",
+            f"#define GIVEN(t, x, u, p, y) {given}",
             array("double", "START", [float(each.start) for each in model.states]),
             array("double", "FACTOR", [float(each.value.mean) for each in model.factors]),
             array("int", "FOLLOWS", [place[each.follows] if each.follows else -1 for each in model.states]),

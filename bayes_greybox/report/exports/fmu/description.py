@@ -30,8 +30,9 @@ def description(model: ExportedModel, name: str, called: str, guid: str, said: s
         variableNamingConvention="flat",
         numberOfEventIndicators="0",
     )
-    exchange = ElementTree.SubElement(root, "ModelExchange", modelIdentifier=called)
-    ElementTree.SubElement(ElementTree.SubElement(exchange, "SourceFiles"), "File", name="fmi2.c")
+    for kind, able in (("ModelExchange", {}), ("CoSimulation", {"canHandleVariableCommunicationStepSize": "true"})):
+        offered = ElementTree.SubElement(root, kind, modelIdentifier=called, **able)
+        ElementTree.SubElement(ElementTree.SubElement(offered, "SourceFiles"), "File", name="fmi2.c")
     units = [each.unit for each in (*model.quantities, *model.formulas, *model.factors)]
     if named := dict.fromkeys(text for text in map(unit_text, units) if text):
         definitions = ElementTree.SubElement(root, "UnitDefinitions")
@@ -61,7 +62,9 @@ def description(model: ExportedModel, name: str, called: str, guid: str, said: s
         variable(each.name, each.said, each.unit, {}, causality="output", variability="continuous")
     for each in model.factors:
         mean = {"start": repr(float(each.value.mean))}
-        variable(each.name, uncertainty(each), each.unit, mean, causality="local", variability="constant")
+        variable(
+            each.name, uncertainty(each), each.unit, mean, causality="parameter", variability="tunable", initial="exact"
+        )
 
     n, inputs = len(model.states), len(model.inputs)
     states, rates = range(1, n + 1), range(n + 1, 2 * n + 1)

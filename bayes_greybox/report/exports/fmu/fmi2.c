@@ -1,7 +1,8 @@
 /*
- * FMI 2.0 for Model Exchange around a right-hand side: model.c computes it, model.h says how large it is.
+ * FMI 2.0 around a right-hand side, for Model Exchange and Co-Simulation: model.c computes it, model.h says how large
+ * it is, step.c goes from one communication point to the next.
  *
- * Value references: states, their derivatives, inputs, outputs, coefficients (which are constant), in this order.
+ * Value references: states, their derivatives, inputs, outputs, coefficients, in this order.
  */
 /* First, so that no other header has names that columns may have. */
 #include "model.c"
@@ -17,20 +18,24 @@
 #define INPUTS (2 * N_STATE)
 #define OUTPUTS (INPUTS + N_INPUT)
 #define FACTORS (OUTPUTS + N_OUTPUT)
-#define N_SET OUTPUTS
 #define N_VALUE (FACTORS + N_FACTOR)
 
 typedef struct {
     double time;
     double value[N_VALUE + 1];
+    double largest[N_STATE + 1]; /* So far, of each state. */
+    double step, tolerance;
     int initial; /* Whether what follows another state at the start still does. */
 } Model;
+
+#include "step.c"
 
 static void rest(Model *m)
 {
     memset(m, 0, sizeof *m);
     memcpy(m->value, START, N_STATE * sizeof(double));
     memcpy(m->value + FACTORS, FACTOR, N_FACTOR * sizeof(double));
+    m->tolerance = TOLERANCE;
     m->initial = 1;
 }
 
@@ -44,8 +49,8 @@ static void follow(Model *m)
 static void compute(Model *m)
 {
     follow(m);
-    RHS(m->time, m->value, m->value + INPUTS, m->value + RATES);
-    GIVEN(m->time, m->value, m->value + INPUTS, m->value + OUTPUTS);
+    RHS(m->time, m->value, m->value + INPUTS, m->value + FACTORS, m->value + RATES);
+    GIVEN(m->time, m->value, m->value + INPUTS, m->value + FACTORS, m->value + OUTPUTS);
 }
 
 const char *fmi2GetTypesPlatform(void) { return fmi2TypesPlatform; }
@@ -61,7 +66,8 @@ fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, f
 {
     Model *m;
     (void)name; (void)resources; (void)functions; (void)visible; (void)logging;
-    if (type != fmi2ModelExchange || guid == NULL || strcmp(guid, GUID) != 0) return NULL;
+    if (type != fmi2ModelExchange && type != fmi2CoSimulation) return NULL;
+    if (guid == NULL || strcmp(guid, GUID) != 0) return NULL;
     m = malloc(sizeof *m);
     if (m != NULL) rest(m);
     return m;
@@ -71,7 +77,8 @@ void fmi2FreeInstance(fmi2Component c) { free(c); }
 fmi2Status fmi2SetupExperiment(fmi2Component c, fmi2Boolean tolerance_given, fmi2Real tolerance, fmi2Real start,
                                fmi2Boolean stop_given, fmi2Real stop)
 {
-    (void)tolerance_given; (void)tolerance; (void)stop_given; (void)stop;
+    (void)stop_given; (void)stop;
+    if (tolerance_given && tolerance > 0.0) ((Model *)c)->tolerance = tolerance;
     ((Model *)c)->time = start;
     return fmi2OK;
 }
@@ -99,7 +106,8 @@ fmi2Status fmi2SetReal(fmi2Component c, const fmi2ValueReference r[], size_t n, 
 {
     size_t i;
     for (i = 0; i < n; i++) {
-        if (r[i] >= N_SET || (r[i] >= RATES && r[i] < INPUTS)) return fmi2Error;
+        /* Rates and outputs follow from the others. */
+        if (r[i] >= N_VALUE || (r[i] >= RATES && r[i] < INPUTS) || (r[i] >= OUTPUTS && r[i] < FACTORS)) return fmi2Error;
         ((Model *)c)->value[r[i]] = value[i];
     }
     return fmi2OK;
@@ -152,6 +160,35 @@ fmi2Status fmi2GetEventIndicators(fmi2Component c, fmi2Real z[], size_t n)
     (void)c; (void)z;
     return n == 0 ? fmi2OK : fmi2Error;
 }
+
+fmi2Status fmi2DoStep(fmi2Component c, fmi2Real time, fmi2Real length, fmi2Boolean kept)
+{
+    (void)kept;
+    if (!(length >= 0.0)) return fmi2Error;
+    ((Model *)c)->time = time;
+    return advance(c, time + length) ? fmi2OK : fmi2Error;
+}
+fmi2Status fmi2CancelStep(fmi2Component c) { (void)c; return fmi2Error; }
+fmi2Status fmi2GetRealStatus(fmi2Component c, const fmi2StatusKind kind, fmi2Real *value)
+{
+    if (kind != fmi2LastSuccessfulTime) return fmi2Discard;
+    *value = ((Model *)c)->time;
+    return fmi2OK;
+}
+fmi2Status fmi2GetStatus(fmi2Component c, const fmi2StatusKind kind, fmi2Status *value)
+{ (void)c; (void)kind; (void)value; return fmi2Discard; }
+fmi2Status fmi2GetIntegerStatus(fmi2Component c, const fmi2StatusKind kind, fmi2Integer *value)
+{ (void)c; (void)kind; (void)value; return fmi2Discard; }
+fmi2Status fmi2GetBooleanStatus(fmi2Component c, const fmi2StatusKind kind, fmi2Boolean *value)
+{ (void)c; (void)kind; (void)value; return fmi2Discard; }
+fmi2Status fmi2GetStringStatus(fmi2Component c, const fmi2StatusKind kind, fmi2String *value)
+{ (void)c; (void)kind; (void)value; return fmi2Discard; }
+fmi2Status fmi2SetRealInputDerivatives(fmi2Component c, const fmi2ValueReference r[], size_t n,
+                                       const fmi2Integer order[], const fmi2Real value[])
+{ (void)c; (void)r; (void)order; (void)value; return n == 0 ? fmi2OK : fmi2Error; }
+fmi2Status fmi2GetRealOutputDerivatives(fmi2Component c, const fmi2ValueReference r[], size_t n,
+                                        const fmi2Integer order[], fmi2Real value[])
+{ (void)c; (void)r; (void)order; (void)value; return n == 0 ? fmi2OK : fmi2Error; }
 
 /* There are numbers alone, and no states to keep: what modelDescription.xml does not offer is refused. */
 fmi2Status fmi2GetInteger(fmi2Component c, const fmi2ValueReference r[], size_t n, fmi2Integer v[])
