@@ -287,7 +287,7 @@ def next_(
     ] = None,
     batch: Annotated[int | None, typer.Option(min=1, help="Experiments to do together; 1 by default.")] = None,
     threshold: Annotated[
-        float | None, typer.Option(min=0.0, help="Bits below which none is worth it; few by default.")
+        float | None, typer.Option(min=0.0, help="Bits below which none is worth it; 0.05 by default.")
     ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the simulation.")] = 0,
     output: Annotated[

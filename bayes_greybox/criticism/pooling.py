@@ -1,8 +1,8 @@
 """One coefficient in many assets: what it is on the whole, and how much it differs between them.
 
-    b_i ~ N(β_i, s_i²),   β_i ~ N(μ, τ²),   p(μ) ∝ 1,   τ = 0 or τ ~ HalfNormal(r/3), evenly,   r² = mean of b_i²
+    b_i ~ N(β_i, s_i²),   β_i ~ N(μ, τ²),   p(μ) ∝ 1,   τ = 0 or τ ~ HalfNormal(r/3), evenly
 
-with b_i and s_i the posterior mean and standard deviation of each asset. Given τ all is Gaussian, so that one integral
+with b_i and s_i the posterior mean and standard deviation of each asset, and r = max(√mean b_i², min s_i). Given τ all is Gaussian, so that one integral
 over τ is left (Gelman et al. 2013, Bayesian Data Analysis, 3rd ed., section 5.4, Eqs. 5.17 to 5.21).
 """
 

@@ -50,7 +50,9 @@ class FleetStudy:
     The coefficient of an effect is pooled over the assets to whose model it was added, from each one's posterior mean b
     and standard deviation s:
 
-        b_i ~ N(β_i, s_i²),   β_i ~ N(μ, τ²),   p(μ) ∝ 1,   τ = 0 or τ ~ HalfNormal(r/3), evenly,   r² = mean of b_i²
+        b_i ~ N(β_i, s_i²),   β_i ~ N(μ, τ²),   p(μ) ∝ 1,   τ = 0 or τ ~ HalfNormal(r/3), evenly
+
+    with r the RMS of the b_i, or the smallest s_i where that is larger
 
     (Gelman et al. 2013, Bayesian Data Analysis, 3rd ed., section 5.4). Nothing is pooled where inner parameters differ.
 

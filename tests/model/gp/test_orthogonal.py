@@ -188,7 +188,7 @@ def test_projected_is_conditioned_when_the_kernel_is_orthogonal_already():
 
 
 def test_printed_formula_is_no_covariance(record):
-    """The figures of the README: six terms, unit hyperparameters, 400 points of the oscillator."""
+    """Six terms, unit hyperparameters, 400 points of the oscillator."""
     x = jnp.asarray(np.stack([record.columns["y"], record.columns["ydot"]], axis=1))
     low, high = np.asarray(x).min(0), np.asarray(x).max(0)
     nodes, weights = box_nodes(2)
