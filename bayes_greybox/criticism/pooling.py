@@ -2,9 +2,9 @@
 
     b_i ~ N(β_i, s_i²),   β_i ~ N(μ, τ²),   p(μ) ∝ 1,   τ = 0 or τ ~ HalfNormal(r/3), evenly
 
-with b_i and s_i the posterior mean and standard deviation of each asset, and r = max(√mean b_i², min s_i). Given τ all is
-Gaussian, so that one integral over τ is left (Gelman et al. 2013, Bayesian Data Analysis, 3rd ed., section 5.4, Eqs. 5.17
-to 5.21).
+with b_i and s_i the posterior mean and standard deviation of each asset, and r = max(√mean b_i², min s_i). Given τ all
+is Gaussian, so that one integral over τ is left (Gelman et al. 2013, Bayesian Data Analysis, 3rd ed., section 5.4,
+Eqs. 5.17 to 5.21).
 """
 
 from collections.abc import Sequence
