@@ -41,7 +41,8 @@ static double tried(Model *m, double h, double rate[STAGES][N_STATE + 1], double
         for (s = 0; s < STAGES; s++) off += ERROR[s] * rate[s][i];
         off = fabs(h * off);
         if (!isfinite(off) || !isfinite(to[i])) return INFINITY;
-        if (off > 0.0) worst = fmax(worst, off / (m->tolerance * size));
+        /* What has been at zero all along, and is there again, has no size to be compared with. */
+        if (off > 0.0 && size > 0.0) worst = fmax(worst, off / (m->tolerance * size));
     }
     return worst;
 }
