@@ -298,8 +298,8 @@ class Fit(Posterior):
         """Write the equations as a program: .py (NumPy), .c (C99), .mo (Modelica) or .fmu, by the ending of the path.
 
         Terms are those that `print(fit)` shows, coefficients their means; standard deviations, intervals and units
-        stand in comments. f is not in it, which the header says. An FMU is of FMI 2.0 for Model Exchange, and is
-        compiled for this system: that takes FMPy and a C compiler.
+        stand in comments. f is not in it, which the header says. An FMU is of FMI 2.0 for Model Exchange
+        and Co-Simulation, and is compiled for this system: that takes FMPy and a C compiler.
 
         Raises:
             InputError: Another ending; a simulation that is a function, but for .py; what an FMU takes is not there; a

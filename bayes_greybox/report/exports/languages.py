@@ -75,7 +75,8 @@ def c_program(model: ExportedModel, name: str, tunable: bool = False) -> str:
     Args:
         model: The model.
         name: What it is called.
-        tunable: Whether coefficients are one more argument `const double *p` beside u, and not constants.
+        tunable: Whether coefficients are one more argument `const double *p` after u, and not constants, and the
+            functions are for what includes the program alone.
     """
     _require_formulas(model, "C")
     called = _called(model, name, C_WORDS)
@@ -99,14 +100,14 @@ def c_program(model: ExportedModel, name: str, tunable: bool = False) -> str:
     if "step_of(" in every:
         lines += ["static double step_of(double v, double at_zero)",
                   "{", "    return v > 0.0 ? 1.0 : v < 0.0 ? 0.0 : v == 0.0 ? at_zero : v;", "}", ""]  # fmt: skip
-    for each in model.factors:
+    for k, each in enumerate(model.factors):
         lines += comment(within_c(uncertainty(each)), "/* ", " */")
-        value = repr(float(each.value.mean))
-        lines.append(f"/* {each.name}: {value} */" if tunable else f"static const double {each.name} = {value};")
+        value = f"{each.name} = {float(each.value.mean)!r}"
+        lines.append(f"/* p[{k}] {value} */" if tunable else f"static const double {value};")
     for kind, result, formulas in (("rhs", "dxdt", model.rates), ("outputs", "y", model.given)):
         if not formulas:
             continue
-        lines += ["", f"void {called}_{kind}({arguments}, double *{result})", "{"]
+        lines += ["", f"{'static ' if tunable else ''}void {called}_{kind}({arguments}, double *{result})", "{"]
         for slot, group in slots:
             lines += [f"    const double {each} = {slot}[{k}];" for k, each in enumerate(group)]
         unused = ["t", *(each for slot, group in slots for each in (slot, *group))]

@@ -38,11 +38,13 @@ def fmu_archive(model: ExportedModel, name: str) -> bytes:
     program = c_program(model, "model", tunable=True)
     called = next(iter(identifiers([name], ()).values()))
     fmpy, compiler = installed_fmpy(), c_compiler()
-    guid = hashlib.sha256("\n".join((called, program)).encode()).hexdigest()[:32]
-    sources = standard_headers(fmpy)
-    sources |= {"model.c": program.encode(), "model.h": _sizes(model, program, guid).encode()}
-    sources |= {each: Path(__file__).with_name(each).read_bytes() for each in ("fmi2.c", "step.c")}
+    own = {each: Path(__file__).with_name(each).read_bytes() for each in ("fmi2.c", "step.c")}
+    own["model.c"] = program.encode()
     said = model.notes.verdict or f"The equations of a {model.origin}"
+    # Of all that may differ, as importers keep what they know by it.
+    every = [*own.values(), _sizes(model, program, "").encode(), description(model, name, called, "", said)]
+    guid = hashlib.sha256(b"\n".join(every)).hexdigest()[:32]
+    sources = {**standard_headers(fmpy), **own, "model.h": _sizes(model, program, guid).encode()}
     content = {"modelDescription.xml": description(model, name, called, guid, said)}
     library = f"binaries/{fmpy.platform}/{called}{fmpy.sharedLibraryExtension}"
     content[library] = compiled(compiler, sources, "fmi2.c")
@@ -134,7 +136,7 @@ def _sizes(model: ExportedModel, program: str, guid: str) -> str:
     def array(kind: str, name: str, values: list[Any]) -> str:
         return f"static const {kind} {name}[] = {{{', '.join(map(repr, [*values, 0]))}}};"
 
-    defined = set(re.findall(r"^void (\w+)\(", program, re.MULTILINE))
+    defined = set(re.findall(r"^static void (\w+)\(", program, re.MULTILINE))
     rhs, given = (
         next((f"{each}(t, x, u, p, y)" for each in defined if each.endswith(kind)), "((void)0)")
         for kind in ("_rhs", "_outputs")

@@ -31,7 +31,8 @@ def description(model: ExportedModel, name: str, called: str, guid: str, said: s
         numberOfEventIndicators="0",
     )
     for kind, able in (("ModelExchange", {}), ("CoSimulation", {"canHandleVariableCommunicationStepSize": "true"})):
-        offered = ElementTree.SubElement(root, kind, {"modelIdentifier": called, **able})
+        own = {"modelIdentifier": called, "canNotUseMemoryManagementFunctions": "true"}
+        offered = ElementTree.SubElement(root, kind, {**own, **able})
         ElementTree.SubElement(ElementTree.SubElement(offered, "SourceFiles"), "File", name="fmi2.c")
     units = [each.unit for each in (*model.quantities, *model.formulas, *model.factors)]
     if named := dict.fromkeys(text for text in map(unit_text, units) if text):

@@ -78,7 +78,7 @@ fmi2Status fmi2SetupExperiment(fmi2Component c, fmi2Boolean tolerance_given, fmi
                                fmi2Boolean stop_given, fmi2Real stop)
 {
     (void)stop_given; (void)stop;
-    if (tolerance_given && tolerance > 0.0) ((Model *)c)->tolerance = tolerance;
+    if (tolerance_given && tolerance > 0.0) ((Model *)c)->tolerance = fmax(tolerance, TIGHTEST);
     ((Model *)c)->time = start;
     return fmi2OK;
 }
@@ -163,10 +163,13 @@ fmi2Status fmi2GetEventIndicators(fmi2Component c, fmi2Real z[], size_t n)
 
 fmi2Status fmi2DoStep(fmi2Component c, fmi2Real time, fmi2Real length, fmi2Boolean kept)
 {
+    fmi2Status status;
     (void)kept;
-    if (!(length >= 0.0)) return fmi2Error;
+    if (!isfinite(time) || !isfinite(length) || length < 0.0) return fmi2Error;
     ((Model *)c)->time = time;
-    return advance(c, time + length) ? fmi2OK : fmi2Error;
+    status = advance(c, length);
+    if (status != fmi2Error) ((Model *)c)->time = time + length;
+    return status;
 }
 fmi2Status fmi2CancelStep(fmi2Component c) { (void)c; return fmi2Error; }
 fmi2Status fmi2GetRealStatus(fmi2Component c, const fmi2StatusKind kind, fmi2Real *value)

@@ -5,9 +5,15 @@
 #define STAGES 7
 #define TOLERANCE 1e-8
 
+/* No importer's tolerance is taken for less: rounding would then refuse every step. */
+#define TIGHTEST 1e-14
+
 /* A step of this share of the whole is taken whatever its error, as across a jump of dry friction: that a mass sticks
    would else take steps without end. */
 #define SMALLEST 1e-4
+
+/* Beyond this share of a state's largest value the error of such a step is told. */
+#define LOOSE 1e-2
 
 static const double NODE[STAGES] = {0.0, 1.0 / 5, 3.0 / 10, 4.0 / 5, 8.0 / 9, 1.0, 1.0};
 static const double WEIGHT[STAGES][STAGES - 1] = {
@@ -22,19 +28,19 @@ static const double WEIGHT[STAGES][STAGES - 1] = {
 static const double ERROR[STAGES] = {71.0 / 57600, 0.0, -71.0 / 16695, 71.0 / 1920, -17253.0 / 339200, 22.0 / 525,
                                      -1.0 / 40};
 
-/* One step of length h to `to`; returns its error over what is allowed. */
-static double tried(Model *m, double h, double rate[STAGES][N_STATE + 1], double *to)
+/* One step of length h, `gone` after the communication point, to `to`; returns its error over what is allowed. */
+static double tried(Model *m, double gone, double h, double rate[STAGES][N_STATE + 1], double *to)
 {
     double worst = 0.0;
     size_t i, j, s;
-    RHS(m->time, m->value, m->value + INPUTS, m->value + FACTORS, rate[0]);
+    RHS(m->time + gone, m->value, m->value + INPUTS, m->value + FACTORS, rate[0]);
     for (s = 1; s < STAGES; s++) {
         for (i = 0; i < N_STATE; i++) {
             double sum = 0.0;
             for (j = 0; j < s; j++) sum += WEIGHT[s][j] * rate[j][i];
             to[i] = m->value[i] + h * sum;
         }
-        RHS(m->time + NODE[s] * h, to, m->value + INPUTS, m->value + FACTORS, rate[s]);
+        RHS(m->time + gone + NODE[s] * h, to, m->value + INPUTS, m->value + FACTORS, rate[s]);
     }
     for (i = 0; i < N_STATE; i++) {
         double off = 0.0, size = fmax(m->largest[i], fabs(to[i]));
@@ -42,33 +48,40 @@ static double tried(Model *m, double h, double rate[STAGES][N_STATE + 1], double
         off = fabs(h * off);
         if (!isfinite(off) || !isfinite(to[i])) return INFINITY;
         /* What has been at zero all along, and is there again, has no size to be compared with. */
-        if (off > 0.0 && size > 0.0) worst = fmax(worst, off / (m->tolerance * size));
+        if (off > 0.0 && size > 0.0) worst = fmax(worst, off / size / m->tolerance);
     }
     return worst;
 }
 
-/* The states at `end`; returns whether they are finite. */
-static int advance(Model *m, double end)
+/* The states a communication step later; a warning where they are rough, an error where they are none. */
+static fmi2Status advance(Model *m, double length)
 {
-    const double begin = m->time, least = SMALLEST * (end - begin);
-    double rate[STAGES][N_STATE + 1], to[N_STATE + 1], h = fmin(fmax(m->step, least), end - begin);
+    const double least = SMALLEST * length > 0.0 ? SMALLEST * length : length;
+    double rate[STAGES][N_STATE + 1], to[N_STATE + 1], gone = 0.0, h = fmin(fmax(m->step, least), length);
+    fmi2Status status = fmi2OK;
     size_t i;
     for (i = 0; i < N_STATE; i++) m->largest[i] = fmax(m->largest[i], fabs(m->value[i]));
-    while (m->time < end) {
-        /* What is left is no step of its own if it is next to nothing. */
-        const int last = m->time + h * (1 + 1e-9) >= end;
-        const double length = last ? end - m->time : h;
-        const double off = tried(m, length, rate, to);
-        if (off > 1.0 && length > least) {
-            h = fmax(least, length * fmax(0.2, 0.9 * pow(off, -0.2)));
+    /* Counted from the communication point: far from zero, time itself has no digits for short steps. */
+    while (gone < length) {
+        const int last = gone + 1.001 * h >= length;
+        const double step = last ? length - gone : h;
+        const double off = tried(m, gone, step, rate, to);
+        const double factor = off > 0.0 ? fmin(5.0, fmax(0.2, 0.9 * pow(off, -0.2))) : 5.0;
+        /* Wider than what the last step may have more than the least. */
+        if (off > 1.0 && step > 1.01 * least) {
+            h = fmax(least, step * factor);
             continue;
         }
-        if (!(off < INFINITY)) return 0;
+        if (!(off < INFINITY)) return fmi2Error;
         memcpy(m->value, to, N_STATE * sizeof(double));
-        for (i = 0; i < N_STATE; i++) m->largest[i] = fmax(m->largest[i], fabs(to[i]));
-        m->time = last ? end : m->time + length;
-        h = fmax(least, fmax(h, length) * (off > 0.0 ? fmin(5.0, fmax(0.2, 0.9 * pow(off, -0.2))) : 5.0));
+        if (off <= 1.0)
+            for (i = 0; i < N_STATE; i++) m->largest[i] = fmax(m->largest[i], fabs(to[i]));
+        else if (off * m->tolerance > LOOSE)
+            status = fmi2Warning;
+        gone = last ? length : gone + step;
+        /* A short last step says nothing of longer ones. */
+        h = fmax(least, last ? fmax(h, step * factor) : step * factor);
     }
     m->step = h;
-    return 1;
+    return status;
 }
