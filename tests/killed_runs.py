@@ -15,12 +15,16 @@ import time
 import tomllib
 from pathlib import Path
 
+import arviz_stats.base.array  # noqa: F401 - imported here, once for all forks, as all that a run imports late
+import dask.array  # noqa: F401
+import distributed  # noqa: F401
 import numpy as np
 import pandas as pd
 import xarray as xr
 
 from bayes_greybox import cli
-from bayes_greybox.cli import fitting  # noqa: F401 - imported here, once for all forks
+from bayes_greybox.cli import fitting  # noqa: F401
+from bayes_greybox.data.reading.unit_registry import registry
 from bayes_greybox.data.whole import PART
 
 CONFIG = """
@@ -141,6 +145,7 @@ def killed(kills: int, seed: int = 0, draws: int = 600, at_most: int = 8) -> lis
         at_most: Kills of one run.
     """
     prepare(Path(), draws)
+    registry()
     finish(start("--output", "warm"))
     begin = os.times()
     finish(start("--output", "reference"))
