@@ -1,5 +1,7 @@
 """Posteriors with given draws, so that criticism can be tested without sampling."""
 
+from typing import Any
+
 import numpy as np
 import xarray as xr
 
@@ -51,6 +53,14 @@ def fabricate(
         }
     )
     return Posterior(model, data, Sampling(draws=draws, tune=1, chains=chains), tree)
+
+
+def shown(model: Program, data: Trajectories, **given: Any) -> Posterior:
+    """Such a posterior, of one equation, with what a page of it asks for."""
+    made = fabricate(model, data, draws=20, **given)
+    (name,) = made.equations
+    made.idata["log_prior"] = xr.DataTree(made.idata["posterior"].dataset[[f"{name}_sigma"]])
+    return made
 
 
 def _draws(

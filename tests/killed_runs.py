@@ -1,6 +1,6 @@
 """Kill `bayes-greybox fit` at random moments, go on with --resume, and compare with a run that nobody stopped.
 
-    python tests/killed_runs.py KILLS [SEED]
+    python tests/killed_runs.py KILLS [SEED [DRAWS]]
 
 The command runs in forks of this process, which has imported the package and woken nothing, so that a run takes
 seconds; a kill is a SIGKILL at a moment drawn evenly over the processor time that a whole run takes.
@@ -15,12 +15,16 @@ import time
 import tomllib
 from pathlib import Path
 
+import arviz_stats.base.array  # noqa: F401 - imported here, once for all forks, as all that a run imports late
+import dask.array  # noqa: F401
+import distributed  # noqa: F401
 import numpy as np
 import pandas as pd
 import xarray as xr
 
 from bayes_greybox import cli
-from bayes_greybox.cli import fitting  # noqa: F401 - imported here, once for all forks
+from bayes_greybox.cli import fitting  # noqa: F401
+from bayes_greybox.data.reading.unit_registry import registry
 from bayes_greybox.data.whole import PART
 
 CONFIG = """
@@ -43,7 +47,7 @@ boundary = 1.5
 
 [sampling]
 draws = %d
-tune = 1200
+tune = %d
 chains = 2
 
 [output]
@@ -58,12 +62,12 @@ The second state has no equation, so that nothing is integrated, which would tak
 
 
 def prepare(folder: Path, draws: int = 600) -> None:
-    """A table and a configuration."""
+    """A table and a configuration, of twice as many iterations of warm-up as there are draws."""
     y = np.linspace(-1.0, 1.0, 20)
     rate = -y + 0.05 * np.random.default_rng(0).standard_normal(len(y))
     columns = {"t": np.arange(len(y)) * 0.1, "y": y, "z": y**2, "rate": rate}
     pd.DataFrame(columns).to_csv(folder / "run.csv", index=False)
-    (folder / "case.toml").write_text(CONFIG % draws)
+    (folder / "case.toml").write_text(CONFIG % (draws, 2 * draws))
 
 
 def start(*words: str) -> int:
@@ -131,7 +135,7 @@ def require_same_draws(file: Path, reference: Path) -> None:
         assert one[group].to_dataset().equals(other[group].to_dataset()), group
 
 
-def killed(kills: int, seed: int, draws: int = 600, at_most: int = 8) -> list[float]:
+def killed(kills: int, seed: int = 0, draws: int = 600, at_most: int = 8) -> list[float]:
     """Moments of so many kills, as shares of a whole run, after each of which the run went on to the same draws.
 
     Args:
@@ -141,6 +145,7 @@ def killed(kills: int, seed: int, draws: int = 600, at_most: int = 8) -> list[fl
         at_most: Kills of one run.
     """
     prepare(Path(), draws)
+    registry()
     finish(start("--output", "warm"))
     begin = os.times()
     finish(start("--output", "reference"))
@@ -167,4 +172,4 @@ def killed(kills: int, seed: int, draws: int = 600, at_most: int = 8) -> list[fl
 if __name__ == "__main__":
     with tempfile.TemporaryDirectory() as place:
         os.chdir(place)
-        killed(int(sys.argv[1]), int(sys.argv[2]) if len(sys.argv) > 2 else 0)
+        killed(*map(int, sys.argv[1:]))

@@ -278,6 +278,12 @@ def first(tmp_path_factory):
     return SimpleNamespace(code=done.returncode, out=done.stdout, err=done.stderr, folder=folder, took=took)
 
 
+@pytest.fixture(scope="module")
+def fit(first):
+    """That fit, from its file."""
+    return bg.load(first.folder / "run.nc")
+
+
 def test_a_run_that_is_too_short_ends_with_code_3_and_says_so_first(first):
     assert first.code == 3
     assert first.out.startswith("Not converged; do not rely on this fit:")
@@ -290,9 +296,9 @@ def test_a_fit_with_its_checks_and_figures_takes_few_programs(first):
     assert 11 <= first.took["programs"] <= 30
 
 
-def test_the_figures_of_a_fit_import_no_study(first):
+def test_a_fit_and_its_figures_import_no_study(first):
     modules = set(first.took["modules"])
-    assert "bayes_greybox.report.plots.fits" in modules
+    assert modules >= {"bayes_greybox.cli.fitting", "bayes_greybox.report.plots.fits"}
     assert not {name for name in modules if name.startswith("bayes_greybox.discovery")}
 
 
@@ -305,8 +311,7 @@ def test_the_folder_has_the_fit_the_record_the_figures_and_the_configuration(fir
     assert figures and all(path.suffix == ".png" and path.stat().st_size > 5000 for path in figures)
 
 
-def test_the_record_says_what_the_saved_fit_says(first):
-    fit = bg.load(first.folder / "run.nc")
+def test_the_record_says_what_the_saved_fit_says(first, fit):
     record = json.loads((first.folder / "summary.json").read_text())
     assert record["verdict"] == {"ok": fit.verdict.ok, "reasons": list(fit.verdict.reasons)}
     assert record["sampling"] == {"draws": 50, "tune": 100, "chains": 2, "seed": 3, "target_accept": 0.9}
@@ -356,7 +361,7 @@ def test_saved_fits_are_compared_and_named_after_their_folders(first, tmp_path, 
     assert "is no longer there" in refuse(capsys, "report", str(tmp_path / "out"))
 
 
-def test_a_saved_fit_is_exported_and_one_that_did_not_converge_says_so(first, tmp_path, capsys):
+def test_a_saved_fit_is_exported_and_one_that_did_not_converge_says_so(first, fit, tmp_path, capsys):
     program = tmp_path / "spring.py"
     assert cli.main(["export", str(first.folder / "run.nc"), str(program), "--quiet"]) == 3
     assert capsys.readouterr().out == f"{program}\n"
@@ -364,7 +369,7 @@ def test_a_saved_fit_is_exported_and_one_that_did_not_converge_says_so(first, tm
     assert "Not converged" in text
     exec(text, made)
     x = np.random.default_rng(0).uniform(-1, 1, (20, 2))
-    own = bg.load(first.folder / "run.nc").to_callable()(0.0, x)
+    own = fit.to_callable()(0.0, x)
     np.testing.assert_allclose(made["rhs"](0.0, x.T, np.zeros((0, 20))).T, own, rtol=1e-8, atol=1e-12)
     absent = str(tmp_path / "absent" / "spring.c")
     assert "cannot be written" in refuse(capsys, "export", str(first.folder / "run.nc"), absent)
@@ -377,17 +382,18 @@ def test_a_damaged_fit_is_refused(first, tmp_path, capsys):
 
 
 def test_models_of_a_file_are_fitted_saved_and_compared(here, capsys):
-    models = "[models]\nnormal = { prior = { kind = 'normal' } }\nlaplace = { prior = { kind = 'laplace' } }\n"
+    # As many terms each, and one prior: both run one program.
+    models = "[prior]\nkind = 'normal'\n[models]\nlinear = {}\ncubic = { dictionary = { ydot = ['y', 'y**3'] } }\n"
     (here / "case.toml").write_text(CONFIG + "\n[compare]\nscheme = 'trajectory'\nmax_refits = 9\n" + models)
     assert "the data have one: use scheme='block'" in refuse(capsys, "compare", "case.toml", *SHORT)
     # What the file says gives way to the command line.
     folds = ["--scheme", "future", "--block", "5", "--max-refits", "0"]
     assert cli.main(["compare", "case.toml", *SHORT, *folds]) in (0, 3)
-    pages = ["comparison.html", "config.toml", "figures", "laplace.nc", "normal.nc", "summary.json"]
+    pages = ["comparison.html", "config.toml", "cubic.nc", "figures", "linear.nc", "summary.json"]
     assert sorted(os.listdir("out")) == pages
     record = json.loads(Path("out/summary.json").read_text())
     assert record["scheme"]["folds"] == "4 steps of up to 5 time stamps into the future"
-    assert {row["model"] for row in record["comparison"]} == {"normal", "laplace"} == set(record["verdicts"])
+    assert {row["model"] for row in record["comparison"]} == {"linear", "cubic"} == set(record["verdicts"])
     assert {row["refits"] for row in record["comparison"]} == {0}
     assert {name: entry["file"] for name, entry in record["fits"].items()} == {n: f"{n}.nc" for n in record["verdicts"]}
     page = Path("out/comparison.html").read_bytes()
@@ -404,16 +410,15 @@ def test_every_model_is_checked_before_the_first_is_sampled(here, capsys):
     assert sorted(os.listdir(here)) == ["case.toml", "run.csv"]
 
 
-def test_quiet_prints_where_the_results_are_and_nothing_else(here, first, monkeypatch, capsys):
-    monkeypatch.setattr(bg.GreyBox, "fit", lambda *_, **__: bg.load(first.folder / "run.nc"))
+def test_quiet_prints_where_the_results_are_and_nothing_else(here, fit, monkeypatch, capsys):
+    monkeypatch.setattr(bg.GreyBox, "fit", lambda *_, **__: fit)
     (here / "case.toml").write_text(CONFIG.replace('"out"', '"out"\nfigures = false'))
     assert cli.main(["fit", "case.toml", *SHORT, "--quiet"]) == 3
     assert capsys.readouterr() == ("out\n", "")
     assert sorted(os.listdir("out")) == ["config.toml", "run.nc", "summary.json"]
 
 
-def test_the_answer_comes_first_and_a_fit_that_cannot_be_shown_is_saved_all_the_same(here, first, monkeypatch):
-    fit = bg.load(first.folder / "run.nc")
+def test_the_answer_comes_first_and_a_fit_that_cannot_be_shown_is_saved_all_the_same(here, fit, monkeypatch):
     monkeypatch.setattr(bg.GreyBox, "fit", lambda *_, **__: fit)
 
     def fail(*_):
@@ -424,11 +429,6 @@ def test_the_answer_comes_first_and_a_fit_that_cannot_be_shown_is_saved_all_the_
     with pytest.raises(RuntimeError, match="a bug"):
         cli.main(["fit", "case.toml", *SHORT])
     assert bg.load(here / "out" / "run.nc").inclusion().equals(fit.inclusion())
-
-
-def test_a_fit_imports_no_study():
-    command = "import sys, bayes_greybox.cli.fitting; print([m for m in sys.modules if '.discovery' in m])"
-    assert run_python("-c", command).stdout.strip() == "[]"
 
 
 def test_a_command_leaves_the_search_for_garbage_as_it_was(capsys):

@@ -61,18 +61,23 @@ def here(tmp_path, monkeypatch):
 
 @pytest.fixture
 def found(study, monkeypatch):
-    """What the command asked the study for; the study itself is of other data."""
+    """What the command asked the study for; the study itself is of other data.
+
+    It has no figures and was not sampled, which is most of what a folder takes, unless "study" is said.
+    """
+    bare = replace(study, fit=None, maps={}, traces={}, paths={})
     asked = {}
 
     def find(model, train, test=None, **settings):
         asked.update(model=model, train=train, test=test, **settings)
-        return asked.get("study") or study
+        return asked.get("study") or bare
 
     monkeypatch.setattr("bayes_greybox.fleet.study.find_missing_effects", find)
     return asked
 
 
 def test_the_folder_has_the_report_the_record_the_study_the_figures_and_the_configuration(here, study, found, capsys):
+    found["study"] = study
     assert cli.main(["discover", "case.toml", "--no-progress"]) == 0
     assert sorted(os.listdir("out")) == ["config.toml", "figures", "gap.html", "study.nc", "summary.json"]
     assert Path("out/config.toml").read_text().endswith(f'copied_from = "../case.toml"\n\n{CONFIG}')
@@ -90,7 +95,7 @@ def test_the_verdict_is_told_once(here, study, monkeypatch, capsys):
     def find(*_, **__):
         # As `find_missing_effects` does before it samples.
         announce(f"{study.verdict.upper()}: {study.sentence}", answer=True)
-        return study
+        return replace(study, fit=None, maps={}, traces={}, paths={})
 
     monkeypatch.setattr("bayes_greybox.fleet.study.find_missing_effects", find)
     assert cli.main(["discover", "case.toml"]) == 0
@@ -100,6 +105,7 @@ def test_the_verdict_is_told_once(here, study, monkeypatch, capsys):
 
 def test_the_record_is_plain_json(here, study, found):
     (here / "case.toml").write_text(PLAIN)
+    found["study"] = replace(study, maps={}, traces={}, paths={})
     cli.main(["discover", "case.toml", "--quiet", "--seed", "7"])
     record = json.loads(Path("out/summary.json").read_text())
     assert (record["config"], record["verdict"], record["sentence"]) == ("case.toml", "named", study.sentence)
@@ -138,7 +144,7 @@ def test_a_catalogue_is_found_beside_the_file(here):
 
 def test_a_fit_that_did_not_converge_ends_with_code_3(here, study, found, capsys):
     (here / "case.toml").write_text(PLAIN)
-    found["study"] = replace(study, fit=judged(study.fit, False))
+    found["study"] = replace(study, fit=judged(study.fit, False), maps={}, traces={}, paths={})
     assert cli.main(["discover", "case.toml", "--no-progress"]) == 3
     assert "Not converged; do not rely on this fit" in capsys.readouterr().out
     assert json.loads(Path("out/summary.json").read_text())["convergence"]["ok"] is False
@@ -315,6 +321,7 @@ def test_results_of_another_command_are_left_alone(here, found, capsys):
 
 def test_a_study_is_reported_from_its_folder_its_copy_s_folder_or_its_file(here, study, found, capsys):
     (here / "case.toml").write_text(PLAIN)
+    found["study"] = study
     assert cli.main(["discover", "case.toml", "--quiet"]) == 0
     made = Path("out/gap.html").read_text(encoding="utf-8")
     # The verdict on a hundred draws was made up; all else is that of the file.

@@ -32,12 +32,12 @@ def here(tmp_path, monkeypatch):
     return tmp_path
 
 
-def kills_survived(count: int, seed: int, cache: Path) -> str:
+def kills_survived(count: int, seed: int, draws: int, cache: Path) -> str:
     """What the script says of so many kills, each in a process of its own."""
     environment = {**os.environ, "PYTHONPATH": str(ROOT), "BAYES_GREYBOX_CACHE": str(cache)}
     # Where JAX has a folder of its own no traces are kept.
     environment.pop("JAX_COMPILATION_CACHE_DIR", None)
-    command = [sys.executable, str(ROOT / "tests" / "killed_runs.py"), str(count), str(seed)]
+    command = [sys.executable, str(ROOT / "tests" / "killed_runs.py"), *map(str, (count, seed, draws))]
     done = subprocess.run(command, env=environment, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     return done.stdout.splitlines()[-1]
@@ -49,13 +49,13 @@ needs_forks = pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="t
 @needs_forks
 def test_a_killed_fit_goes_on_to_the_same_draws(request):
     cache = Path(request.config.rootpath) / ".pytest_cache" / "killed"
-    assert kills_survived(2, 0, cache) == "2 of 2 kills: the same draws"
+    assert kills_survived(2, 0, 150, cache) == "2 of 2 kills: the same draws"
 
 
 @needs_forks
 @pytest.mark.slow
 def test_fifty_killed_fits_go_on_to_the_same_draws(tmp_path):
-    assert kills_survived(50, 1, tmp_path) == "50 of 50 kills: the same draws"
+    assert kills_survived(50, 1, 600, tmp_path) == "50 of 50 kills: the same draws"
 
 
 @pytest.fixture
@@ -98,21 +98,22 @@ def test_ctrl_c_keeps_the_draws_and_says_how_to_go_on(here, capsys, interrupted)
 
 def test_a_comparison_goes_on_with_the_model_that_it_was_at(here, capsys, interrupted):
     with (here / "case.toml").open("a") as file:
-        file.write('[models.narrow]\nprior = { kind = "normal" }\n[models.wide]\nprior = { kind = "laplace" }\n')
+        # As many terms each, and one prior: all that is fitted here runs one program.
+        file.write('[models.linear]\n[models.cubic]\ndictionary = { y = ["y**3"] }\n')
     words = ["compare", "case.toml", "--quiet", "--draws", "50", "--tune", "100", "--max-refits", "0"]
     assert cli.main([*words, "-o", "reference"]) in (0, 3)
     capsys.readouterr()
     # Each model has two chains of some eight pieces.
     with interrupted(22):
         assert cli.main(words) == 130
-    kept = Path("out", "checkpoint", "wide")
+    kept = Path("out", "checkpoint", "cubic")
     assert capsys.readouterr().err.strip().splitlines() == [
         f'Stopped: the draws so far are in "{kept}"; the same command with --resume goes on.'
     ]
-    assert (here / "out" / "narrow.nc").is_file() and not (here / "out" / "wide.nc").exists()
+    assert (here / "out" / "linear.nc").is_file() and not (here / "out" / "cubic.nc").exists()
     assert cli.main([*words, "--resume"]) in (0, 3)
     assert sorted(os.listdir("out")) == sorted(os.listdir("reference"))
-    for name in ("narrow.nc", "wide.nc"):
+    for name in ("linear.nc", "cubic.nc"):
         require_same_draws(here / "out" / name, here / "reference" / name)
 
 

@@ -13,7 +13,9 @@ def oscillator(n=120):
     return bg.Trajectories.from_arrays(np.arange(n) * 0.1, states={"y": y, "v": v}, derivatives=rates)
 
 
-DICTIONARY = {"v": ["y", "v", "y**3"], "y": ["v", "y"]}
+DICTIONARY = {"v": ["y", "v", "y**3"], "y": ["v", "y", "y**3"]}
+"""As many terms for each: equations of one shape share their programs."""
+
 MODEL = bg.GreyBox(dictionary=DICTIONARY, discrepancy=None)
 
 
@@ -21,7 +23,7 @@ def test_priors_are_fitted_compared_and_set_side_by_side(capsys):
     data = oscillator()
     own = {"Narrow": bg.Laplace(scale=0.1), "RegularisedHorseshoe": None, "Laplace": None, "Normal": None}
     result = bg.compare_priors(
-        MODEL, data, own, scheme="block", block=10, max_refits=0, draws=100, tune=200, chains=2, seed=3, progress=False
+        MODEL, data, own, scheme="block", block=10, max_refits=0, draws=50, tune=100, chains=2, seed=3, progress=False
     )
     assert capsys.readouterr().out == ""
     assert list(result.fits) == ["SpikeAndSlab", "Narrow"]

@@ -177,7 +177,10 @@ derivatives = { ydot = "a" }
 test = { path = "held_out.csv" }
 
 [dictionary]
-ydot = ["y**3", "ydot**3"]
+ydot = ["y", "ydot", "y**3", "ydot**3"]
+
+[prior]
+kind = "normal"
 
 [discrepancy]
 variables = ["y"]

@@ -149,7 +149,17 @@ DATA = bg.systems.duffing().simulate(t=np.linspace(0, 1, 9), seed=0)
 
 
 @pytest.fixture(scope="module")
-def from_python(fleet):
+def worker():
+    """A Dask scheduler with one worker, to which things go by TCP, as to another machine; both are in this process."""
+    distributed = pytest.importorskip("distributed")
+    with distributed.LocalCluster(
+        n_workers=1, threads_per_worker=1, processes=False, protocol="tcp://", dashboard_address=None, silence_logs=50
+    ) as cluster:
+        yield cluster.scheduler_address
+
+
+@pytest.fixture(scope="module")
+def from_python(fleet, worker):
     """Two of the pumps, a file that is none and a model that does not fit its data, without a configuration."""
     files = {name: fleet / "pumps" / f"{name}.csv" for name in ("pump 0", "pump 2")}
     files["bad"] = fleet / "pumps" / "bad <b>.csv"
@@ -157,7 +167,7 @@ def from_python(fleet):
     wrong = bg.GreyBox(simulation={"y": "ydot", "ydot": "F - 10*q"})
     return bg.find_missing_effects_of_fleet(
         {**dict.fromkeys(files, MODEL), "wrong": wrong}, {**files, "wrong": read(files["pump 0"])}, test=0.3, read=read,
-        catalogue=str(fleet / "few.toml"), settle=False, free_runs=False, workers=2, progress=False,
+        catalogue=str(fleet / "few.toml"), settle=False, free_runs=False, scheduler=worker, progress=False,
     )  # fmt: skip
 
 
@@ -275,12 +285,16 @@ def test_paths_hold_in_another_working_folder(asked, tmp_path, monkeypatch):
 
 
 def test_a_lost_scheduler_costs_python_what_was_not_done_and_the_command_its_end(fleet, tmp_path, monkeypatch):
-    def lost(function, tasks, **_):
+    asked = []
+
+    def lost(function, tasks, **where):
+        asked.append(where)
         yield from (Done(name, failed=LOST) for name in tasks)
 
     monkeypatch.setattr("bayes_greybox.fleet.together.run_tasks", lost)
-    found = bg.find_missing_effects_of_fleet(MODEL, {"a": DATA}, scheduler="tcp://any:1", progress=False)
-    assert found.failed == {"a": LOST}
+    for where in ({"scheduler": "tcp://any:1"}, {"workers": 2}):
+        found = bg.find_missing_effects_of_fleet(MODEL, {"a": DATA}, **where, progress=False)
+        assert found.failed == {"a": LOST} and where.items() <= asked[-1].items()
     assets = assets_of(fleet / "pumps", fleet / "all.toml")
     with pytest.raises(InputError, match="What is done is kept: give the same command again"):
         study_fleet(assets, tmp_path / "out", {}, scheduler="tcp://any:1", progress=False)

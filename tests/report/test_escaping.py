@@ -7,8 +7,7 @@ from xml.etree import ElementTree
 import numpy as np
 import page_rules
 import pytest
-import xarray as xr
-from fabricated import fabricate, oscillator
+from fabricated import fabricate, oscillator, shown
 from matplotlib.figure import Figure
 
 import bayes_greybox as bg
@@ -49,9 +48,7 @@ def fit():
     data = replace(data, units={"t": "s", "y": "m", "v": "m/s"}, run_names=(HOSTILE,), remarks=(HOSTILE,))
     terms = [bg.Term("v", name=TAG), bg.Term("y**3", name=f"$\\frac{{{MARK}&%#_^~")]
     model = bg.GreyBox({"v": terms}, simulation={"y": "v"}, discrepancy=None)
-    made = fabricate(model, data, chains=2, draws=20)
-    made.idata["log_prior"] = xr.DataTree(made.idata["posterior"].dataset[["v_sigma"]])
-    return made
+    return shown(model, data)
 
 
 def test_a_page_of_a_fit_shows_names_as_text(fit):

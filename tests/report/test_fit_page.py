@@ -5,6 +5,7 @@ from html import escape, unescape
 import numpy as np
 import page_rules
 import pytest
+from fabricated import shown
 
 import bayes_greybox as bg
 from bayes_greybox.data.errors import InputError
@@ -101,7 +102,7 @@ def test_a_model_of_a_study_says_what_the_study_said(fit, tmp_path):
 def test_a_fit_without_discrepancy_has_no_section_about_it(tmp_path):
     data = bg.systems.oscillator().simulate(np.linspace(0.0, 10.0, 60), noise=0.02, seed=1)
     model = bg.GreyBox({"ydot": ["y", "y**3"]}, prior=bg.Laplace(), discrepancy=None)
-    model.fit(data, **SHORT).to_html(tmp_path / "run.html")
+    fit_html(shown(model, data), tmp_path / "run.html")
     html = (tmp_path / "run.html").read_text(encoding="utf-8")
     assert 'id="discrepancy"' not in html and "left to the discrepancy" not in html
     assert "P(|θ| &gt; ROPE)" in html and "P(included)" not in html

@@ -52,9 +52,9 @@ class Exchange:
             self._start(key, t)
         fmu: Any = self._fmu
         fmu.setTime(t)
-        fmu.setContinuousStates((c_double * len(x))(*x), len(x))
+        fmu.setContinuousStates((c_double * len(x))(*x.tolist()), len(x))
         if ports.inputs:
-            fmu.setReal(ports.inputs, [float(each) for each in u])
+            fmu.setReal(ports.inputs, u.tolist())
         if self._eventful:
             # Relations such as v > 0 are what they were until an event is gone through.
             fmu.enterEventMode()
