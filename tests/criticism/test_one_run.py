@@ -99,8 +99,8 @@ SCHEMES = pytest.mark.parametrize(("scheme", "block"), [("block", 3), ("trajecto
 def test_one_run_equals_the_integral_over_the_hyperparameters(posterior, scheme, block):
     """p(y_F | y_A) = p(y_F, y_A)/p(y_A): the exact value of what a refit to A estimates, without its error.
 
-    The bounds are those asked for: 0.1 nat in total. The Monte Carlo error of 12,000 draws is some
-    0.03, as in the test of single rows.
+    The bounds are those asked for: 0.1 nat in total. The Monte Carlo error of 12,000 draws is smaller,
+    as in the test of single rows.
     """
     integral = integrator(posterior)
     folds = make_folds(posterior, scheme, block, START)
