@@ -37,7 +37,7 @@ def _run(model, replicates, **options):
 
 @pytest.fixture(scope="module")
 def shipped():
-    return _run(variants()[DEFAULT], 40, draws=150, tune=150)
+    return _run(variants()[DEFAULT], 40, draws=100, tune=100)
 
 
 def test_the_shipped_defaults_are_calibrated(shipped):
@@ -60,8 +60,8 @@ def test_bands_of_f_hold_it_at_the_data_away_from_them_and_beyond(shipped):
 
 def test_a_likelihood_with_the_wrong_noise_is_caught():
     model = variants()[DEFAULT]
-    broken = TooWide(model.dictionary, prior=model.prior, discrepancy=model.discrepancy)
-    found = _run(broken, 40, draws=150, tune=150)
+    broken = TooWide(model.dictionary, prior=model.prior, discrepancy=bg.OrthogonalGP(features=4))
+    found = _run(broken, 40, draws=100, tune=100)
     assert not found.verdict.ok
     assert not found.tests.loc["x_sigma", "passed"]
     assert "the ranks of x_sigma are not uniform" in str(found.verdict)

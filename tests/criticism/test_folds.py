@@ -1,6 +1,7 @@
 """Blocks, trajectories and the future from one run, against dense algebra."""
 
 import itertools
+from functools import cache
 
 import jax
 import jax.numpy as jnp
@@ -160,13 +161,17 @@ def test_patterns_that_were_summed_are_summed_with_and_without_the_fold(case, mo
     hyper = [draw(posterior, s)[0] for s in range(4)]
     unit = np.log(posterior.equations["v"].frame.target_scale)
 
+    @cache
+    def whole(s, gamma):
+        return dense(posterior, hyper[s], np.array(gamma) * tau.ravel()[s])
+
     def evidence(s, rows):
         """Log Σ_γ p(γ) p(y_rows | γ, η), by dense algebra."""
         if not len(rows):
             return 0.0
         parts = []
         for gamma in itertools.product((0.0, 1.0), repeat=len(TERMS)):
-            C, y = dense(posterior, hyper[s], np.array(gamma) * tau.ravel()[s])
+            C, y = whole(s, gamma)
             C, y = C[np.ix_(rows, rows)], y[rows]
             p = pi.ravel()[s]
             prior = sum(gamma) * np.log(p) + (len(TERMS) - sum(gamma)) * np.log(1 - p)

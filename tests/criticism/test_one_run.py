@@ -41,7 +41,7 @@ def runs() -> Trajectories:
 @pytest.fixture(scope="module")
 def posterior():
     model = Program(dictionary={"v": TERMS}, prior=SpikeAndSlab(), discrepancy=GP)
-    return sample_posterior(model, runs(), Sampling(5000, 500, 4, seed=0), progress=False)
+    return sample_posterior(model, runs(), Sampling(3000, 300, 4, seed=0), progress=False)
 
 
 def log_evidence(posterior, nodes, kept, gamma):
@@ -52,13 +52,17 @@ def log_evidence(posterior, nodes, kept, gamma):
     noise, amplitude, tau = np.exp(nodes).T
     unit = log_spectral_density(KERNELS[GP.kernel], frame.basis.frequency, jnp.ones(()), jnp.full(1, GP.length_scale))
     floor = float(posterior.equations["v"].design.noise_floor)
-    base = amplitude[:, None, None] ** 2 * ((Psi * np.exp(np.asarray(unit))) @ Psi.T)
-    base = base + (noise**2 + floor**2)[:, None, None] * np.eye(len(y))
-    C = base + tau[:, None, None] ** 2 * ((Phi * gamma) @ Phi.T)
+    # y = Q z beside what no column reaches: of orthogonal rows the algebra is dense in as many as there are columns.
+    Q, R = np.linalg.qr(np.hstack([Phi * gamma, Psi]))
+    n, (R_phi, R_psi) = R.shape[0], np.split(R, [len(gamma)], axis=1)
+    z, sigma2 = Q.T @ y, noise**2 + floor**2
+    C = amplitude[:, None, None] ** 2 * ((R_psi * np.exp(np.asarray(unit))) @ R_psi.T)
+    C = C + sigma2[:, None, None] * np.eye(n) + tau[:, None, None] ** 2 * (R_phi @ R_phi.T)
     L = np.linalg.cholesky(C)
-    z = np.linalg.solve(L, np.broadcast_to(y[:, None], (len(L), len(y), 1)))[..., 0]
-    log_det = 2 * np.log(np.diagonal(L, axis1=1, axis2=2)).sum(axis=1)
-    return -0.5 * (log_det + np.sum(z**2, axis=1) + len(y) * np.log(2 * np.pi))
+    z = np.linalg.solve(L, np.broadcast_to(z[:, None], (len(L), n, 1)))[..., 0]
+    log_det = 2 * np.log(np.diagonal(L, axis1=1, axis2=2)).sum(axis=1) + (len(y) - n) * np.log(sigma2)
+    square = np.sum(z**2, axis=1) + (y @ y - np.sum((Q.T @ y) ** 2)) / sigma2
+    return -0.5 * (log_det + square + len(y) * np.log(2 * np.pi))
 
 
 def integrator(posterior):
@@ -95,8 +99,8 @@ SCHEMES = pytest.mark.parametrize(("scheme", "block"), [("block", 3), ("trajecto
 def test_one_run_equals_the_integral_over_the_hyperparameters(posterior, scheme, block):
     """p(y_F | y_A) = p(y_F, y_A)/p(y_A): the exact value of what a refit to A estimates, without its error.
 
-    The bounds are those asked for: 0.1 nat in total. The Monte Carlo error of 20,000 draws is a few times smaller, as
-    in the test of single rows.
+    The bounds are those asked for: 0.1 nat in total. The Monte Carlo error of 12,000 draws is smaller,
+    as in the test of single rows.
     """
     integral = integrator(posterior)
     folds = make_folds(posterior, scheme, block, START)

@@ -23,22 +23,42 @@ def made(parts):
     return model.fit(parts[0], draws=50, tune=50, chains=2, progress=False)
 
 
+def again(fit, known=True):
+    """The fit, and what is known of it or nothing."""
+    found = Fit(fit.model, fit.data, fit.sampling, fit.idata)
+    found.memory.update(fit.memory if known else {})
+    return found
+
+
 @pytest.fixture
 def fit(made):
     """The fit, of which nothing is known yet."""
-    return Fit(made.model, made.data, made.sampling, made.idata)
+    return again(made, known=False)
 
 
-def test_without_held_out_data_it_is_the_free_run_over_the_training_data(fit):
-    found = trial(fit)
+@pytest.fixture(scope="module")
+def over_training(made):
+    found = again(made, known=False)
+    trial(found)
+    return found
+
+
+@pytest.fixture(scope="module")
+def held_out(over_training, parts):
+    found = again(over_training)
+    try_on(found, parts[1])
+    return found
+
+
+def test_without_held_out_data_it_is_the_free_run_over_the_training_data(over_training):
+    fit, found = over_training, trial(over_training)
     assert (found.held_out, found.nmse, found.n_obs) == (False, {}, fit.data.n_obs)
     assert found.run.nrmse().equals(fit.simulate(fit.data).nrmse()) and trial(fit) is found
 
 
-def test_held_out_data_take_their_place(fit, parts):
-    trial(fit)
-    found = try_on(fit, parts[1])
-    assert trial(fit) is found and found.held_out and found.n_obs == parts[1].n_obs
+def test_held_out_data_take_their_place(over_training, held_out, parts):
+    fit, found = held_out, trial(held_out)
+    assert not trial(over_training).held_out and found.held_out and found.n_obs == parts[1].n_obs
     assert found.nmse == fit.predict(parts[1]).nmse().to_dict()
     # The true terms, and 2 % noise on the rate alone.
     assert found.run.nrmse()["y"] < 0.05
@@ -62,8 +82,8 @@ def test_the_file_keeps_it_so_that_nothing_is_integrated_again(fit, parts, tmp_p
     assert (tmp_path / "read.html").read_bytes() == (tmp_path / "made.html").read_bytes()
 
 
-def test_it_is_not_that_of_other_draws(fit, parts, tmp_path):
-    try_on(fit, parts[1])
+def test_it_is_not_that_of_other_draws(held_out):
+    fit = again(held_out)
     thinned = fit.idata.copy()
     thinned["posterior"] = thinned["posterior"].isel(draw=slice(0, 20))
     other = Fit(fit.model, fit.data, fit.sampling, thinned)

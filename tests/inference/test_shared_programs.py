@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, field
 
+import jax
 import numpy as np
 import numpyro
 import numpyro.distributions as dist
@@ -9,6 +10,7 @@ import pytest
 
 import bayes_greybox as bg
 from bayes_greybox.inference.sampler import programs as module
+from bayes_greybox.inference.settings import Sampling
 from bayes_greybox.model.priors import Scales
 
 RUN = {"draws": 30, "tune": 40, "chains": 1, "progress": False}
@@ -18,10 +20,19 @@ def data(seed=2, n=40):
     return bg.systems.oscillator().simulate(np.linspace(0, 8, n), noise=0.2, seed=seed)
 
 
-def fitted(run=data, terms=("y", "y**3"), **parts):
-    sampling = {key: parts.pop(key) for key in (*RUN, "seed") if key in parts}
-    parts = {"prior": bg.Normal(), "discrepancy": None} | parts
-    return bg.GreyBox({"ydot": list(terms)}, **parts).fit(run(), **(RUN | sampling))
+def model_of(terms=("y", "y**3"), **parts):
+    return bg.GreyBox({"ydot": list(terms)}, **({"prior": bg.Normal(), "discrepancy": None} | parts))
+
+
+def fitted(run=data, seed=0, **parts):
+    return model_of(**parts).fit(run(), seed=seed, **RUN)
+
+
+def programs_of(tune=RUN["tune"], **parts):
+    """Programs of a fit that is not made, and the argument of theirs."""
+    model = model_of(**parts)
+    designs = {name: each.design for name, each in model.assemble(data()).items()}
+    return module.programs_for(model, designs, Sampling(tune=tune)), designs
 
 
 @pytest.fixture(scope="module")
@@ -53,8 +64,9 @@ def test_equal_priors_and_shapes_share_them_and_draw_as_if_they_did_not(first):
     [{"prior": bg.Normal(scale=2.0)}, {"noise": 0.5}, {"tune": 41}, {"terms": ("y",)}],
     ids=["prior", "noise", "tune", "shape"],
 )
-def test_what_is_compiled_into_them_is_not_shared(first, parts):
-    assert fitted(**parts).programs is not first.programs
+def test_what_is_compiled_into_them_is_not_shared(parts):
+    programs, _ = programs_of()
+    assert programs_of()[0] is programs is not programs_of(**parts)[0]
 
 
 @dataclass
@@ -105,11 +117,21 @@ def change_class(prior, value):
     ("prior", "change"), [(Changing(), change_scale), (Own(), change_scale), (Read(), change_class)]
 )
 def test_a_prior_that_was_changed_counts_as_it_is(prior, change):
+    def largest():
+        programs, designs = programs_of(prior=prior)
+        return np.abs(programs.prior(designs, jax.random.PRNGKey(0))["ydot_theta"]).max()
+
     change(prior, 1e-6)
-    shrunk = fitted(prior=prior)
+    shrunk = largest()
     change(prior, 5.0)
-    free = fitted(prior=prior)
-    assert np.abs(theta(shrunk)).max() < 1e-3 < 0.1 < np.abs(theta(free)).max()
+    assert shrunk < 1e-3 < 0.1 < largest()
+
+
+def test_so_it_does_in_a_fit():
+    prior = Changing(1e-6)
+    shrunk = fitted(prior=prior)
+    change_scale(prior, 5.0)
+    assert np.abs(theta(shrunk)).max() < 1e-3 < 0.1 < np.abs(theta(fitted(prior=prior))).max()
 
 
 @pytest.mark.parametrize(

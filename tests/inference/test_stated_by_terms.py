@@ -9,7 +9,9 @@ import numpy as np
 import numpyro
 import numpyro.distributions as dist
 import pytest
+from fabricated import fabricate
 from numpyro.handlers import seed
+from scipy.special import ndtr
 from scipy.stats import norm
 
 import bayes_greybox as bg
@@ -19,6 +21,7 @@ from bayes_greybox.report.terminal.fit import fit_tables
 Z = 4.5
 """Standard errors allowed; a true difference of zero exceeds them once in 150,000 comparisons."""
 
+RUN = {"draws": 500, "tune": 300, "chains": 2, "seed": 1, "progress": False}
 FIXED = {"y": -0.13, "y**3": -0.8}
 PRIOR, CEILING = (-0.2, 0.1), 0.0
 LOW, HIGH = -0.5, 0.1
@@ -56,11 +59,11 @@ def drawn_scales(prior, sigma, n_obs, keys):
     return jax.vmap(scale)(keys)
 
 
-def prior_on_grid(prior, sigma, grid, n_obs, key, n=2000):
+def prior_on_grid(prior, sigma, grid, n_obs, key, n=1000):
     """Density of the bounded coefficient on a grid, and P(in): the mean over draws of its scale, restricted each."""
     sd, inside = (np.asarray(x)[:, None] for x in drawn_scales(prior, sigma, n_obs, jax.random.split(key, n)))
-    mass = norm.cdf(grid[-1] / sd) - norm.cdf(grid[0] / sd)
-    return np.mean(inside * norm.pdf(grid, 0, sd) / mass, axis=0), float(np.mean(inside))
+    mass = np.sqrt(2 * np.pi) * sd * (ndtr(grid[-1] / sd) - ndtr(grid[0] / sd))
+    return np.mean(inside / mass * np.exp(-0.5 * (grid / sd) ** 2), axis=0), float(np.mean(inside))
 
 
 def summed(prior, data, batch):
@@ -71,11 +74,11 @@ def summed(prior, data, batch):
     Phi = np.column_stack([columns["ydot"], columns["ydot"] ** 3])
     scale = size / np.sqrt(np.mean(Phi**2, axis=0))
     y, X = rate / size, Phi * scale / size
-    own = np.linspace(PRIOR[0] - 6 * PRIOR[1], CEILING, 240) / scale[0]
+    own = np.linspace(PRIOR[0] - 6 * PRIOR[1], CEILING, 80) / scale[0]
     shared = np.linspace(LOW, HIGH, 240) / scale[1]
     log_own = norm.logpdf(own, PRIOR[0] / scale[0], PRIOR[1] / scale[0])
     log_joint, out = [], []
-    s = np.linspace(0.6, 1.4, 33)
+    s = np.linspace(0.6, 1.4, 17)
     for k, each in enumerate(s):
         sigma = np.hypot(1e-4, each)
         density, inside = prior_on_grid(
@@ -118,7 +121,7 @@ def test_the_posterior_is_that_of_sums_on_a_grid(name, data):
 
     batches = np.array([summed(PRIORS[name], data, batch) for batch in range(4)])
     expected, error = batches.mean(axis=0), batches.std(axis=0, ddof=1) / 2
-    fit = stating_model(PRIORS[name]).fit(data, draws=1000, tune=500, chains=2, seed=1, progress=False)
+    fit = stating_model(PRIORS[name]).fit(data, **RUN)
     theta = fit.idata["posterior"]["ydot_theta"].to_numpy()
     assert np.all(theta[..., 0] <= CEILING) and np.all((theta[..., 1] >= LOW) & (theta[..., 1] <= HIGH))
     for quantity, exact, spread in zip([*np.moveaxis(theta, -1, 0), theta[..., 1] != 0], expected, error, strict=True):
@@ -133,7 +136,7 @@ def test_the_posterior_is_that_of_sums_on_a_grid(name, data):
 @pytest.fixture(scope="module")
 def fit(data):
     model = stating_model(bg.SpikeAndSlab(), simulation={"y": "ydot", "ydot": "0.05*y"})
-    return model.fit(data, draws=60, tune=150, chains=2, seed=1, progress=False)
+    return model.fit(data, **RUN)
 
 
 def test_what_is_fixed_is_written_exactly_and_marked_as_given(fit):
@@ -188,8 +191,8 @@ def test_tables_say_what_was_stated(fit, tmp_path):
 
 
 def test_a_fit_without_statements_has_no_such_column(data):
-    model = bg.GreyBox({"ydot": ["y", "ydot"]}, prior=bg.Normal(), discrepancy=None)
-    fit = model.fit(data, draws=20, tune=50, chains=1, seed=1, progress=False)
+    made = fabricate(bg.GreyBox({"ydot": ["y", "ydot"]}, prior=bg.Normal(), discrepancy=None), data, draws=20)
+    fit = bg.Fit(made.model, made.data, made.sampling, made.idata)
     assert "stated" not in fit.inclusion() and "given" not in repr(fit)
 
 

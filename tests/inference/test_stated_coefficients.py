@@ -5,6 +5,7 @@ from itertools import product
 import jax
 import numpy as np
 import pytest
+from fabricated import fabricate
 from sampled_oscillator import sampled
 from scipy.special import logsumexp
 from scipy.stats import multivariate_normal, norm
@@ -15,7 +16,7 @@ from bayes_greybox.criticism.cross_validation.row_densities import pointwise_loo
 from bayes_greybox.model.priors import Coefficient
 
 TERMS = ["y", "ydot", "y**3"]
-RUN = {"draws": 500, "tune": 400, "chains": 2, "progress": False}
+RUN = {"draws": 300, "tune": 300, "chains": 2, "progress": False}
 
 Z = 4.5
 """Monte Carlo standard errors allowed; a true difference of zero exceeds them once in 150,000 comparisons."""
@@ -103,7 +104,7 @@ def signed(data):
 
 def test_signs_restrict_the_posterior(signed, data):
     """With zero as the bound, P(box | τ) is a half whatever τ: the draws without bounds that keep to them."""
-    free = model_of({}).fit(data, seed=2, **RUN | {"draws": 4000})
+    free = model_of({}).fit(data, seed=2, **RUN | {"draws": 2000})
     drawn = theta(free).reshape(-1, 3)
     kept = drawn[(drawn[:, 0] >= 0) & (drawn[:, 1] <= 0)]
     assert len(kept) > 200
@@ -122,13 +123,14 @@ def test_signs_restrict_the_posterior(signed, data):
 def test_patterns_are_summed_beside_bounds(data):
     """P(γ | y) under a signed slab: weights of the draws without it, times P(sign | y, γ, η)/P(sign)."""
     prior = bg.SpikeAndSlab()
-    free = model_of({}, prior=prior).fit(data, seed=2, **RUN | {"draws": 4000})
+    free = model_of({}, prior=prior).fit(data, seed=2, **RUN | {"draws": 2000})
     drawn, gamma = theta(free).reshape(-1, 3), free.drawn()["ydot_gamma"].to_numpy().reshape(-1, 3)
     # A slab restricted to half of its values is twice as high there.
     weight = np.where(gamma[:, 1] == 1, 2.0 * (drawn[:, 1] <= 0), 1.0)
     expected = np.average(gamma[:, 1], weights=weight)
-    fit = model_of({"ydot": Coefficient(sign=-1)}, prior=prior).fit(data, seed=1, **RUN | {"draws": 2000})
+    fit = model_of({"ydot": Coefficient(sign=-1)}, prior=prior).fit(data, seed=1, **RUN | {"draws": 1000})
     got = fit.inclusion().loc[("ydot", "ydot"), "inclusion"]
+    # A quarter of the draws, at least, are as good as independent ones.
     spread = np.sqrt(expected * (1 - expected))
     assert abs(got - expected) <= Z * spread * np.hypot(1 / np.sqrt(500), 1 / np.sqrt(1000))
     assert np.all(theta(fit)[..., 1] <= 0)
@@ -136,11 +138,28 @@ def test_patterns_are_summed_beside_bounds(data):
     assert np.array_equal(sampled == 0, theta(fit) == 0)
 
 
-def test_a_bound_that_leaves_zero_out_keeps_the_term_in(data):
-    stated = {"ydot": Coefficient(lower=-0.5, upper=-0.3)}
-    fit = model_of(stated, prior=bg.SpikeAndSlab()).fit(data, seed=1, **RUN | {"draws": 100, "tune": 200})
-    assert np.all((theta(fit)[..., 1] >= -0.5) & (theta(fit)[..., 1] <= -0.3))
-    assert fit.inclusion().loc[("ydot", "ydot"), "inclusion"] == 1.0
+@pytest.fixture(scope="module")
+def every_kind(data):
+    """Under a spike-and-slab prior one coefficient of each kind that can be stated."""
+    stated = {
+        "y": Coefficient(mean=-0.2, sd=0.1),
+        "ydot": Coefficient(sign=-1, lower=-3.0),
+        "ydot**3": Coefficient(lower=-0.5, upper=-0.3),
+        "y**3": Coefficient(fixed=-1.0),
+    }
+    model = model_of(stated, ["y", "ydot", "ydot**3", "y**3"], prior=bg.SpikeAndSlab())
+    return model.fit(data, seed=1, **RUN | {"draws": 60, "tune": 100})
+
+
+def test_a_bound_that_leaves_zero_out_keeps_the_term_in(every_kind):
+    drawn = theta(every_kind)[..., 2]
+    assert np.all((drawn >= -0.5) & (drawn <= -0.3))
+    assert every_kind.inclusion().loc[("ydot", "ydot**3"), "inclusion"] == 1.0
+
+
+def test_a_prior_of_its_own_keeps_the_term_in(every_kind):
+    assert np.all(every_kind.inclusion().loc[("ydot", "y"), "inclusion"] == 1.0)
+    assert np.all(np.isfinite(every_kind.sensitivity()[["prior", "likelihood"]].dropna()))
 
 
 @pytest.mark.parametrize("which", ["informed", "signed"])
@@ -166,8 +185,9 @@ def test_leave_one_out_is_that_of_the_dense_normal(which, request):
 
 def test_patterns_of_the_other_terms_are_summed_in_folds(data):
     """log p(y_F | y₋F, η) under a spike-and-slab prior beside a normal one: every pattern by its dense normal."""
-    stated = {"ydot": Coefficient(mean=-0.2, sd=0.1)}
-    fit = model_of(stated, prior=bg.SpikeAndSlab()).fit(data, seed=1, **RUN | {"draws": 40, "tune": 200})
+    rng, model = np.random.default_rng(0), model_of({"ydot": Coefficient(mean=-0.2, sd=0.1)}, prior=bg.SpikeAndSlab())
+    own = {"pi": rng.uniform(0.1, 0.9, (1, 5)), "tau": np.exp(0.3 * rng.standard_normal((1, 5)))}
+    fit = fabricate(model, data, chains=1, draws=5, gamma=np.ones((1, 5, 3)), **own)
     entry, draws, summed = fit.equations["ydot"], fit.draws("ydot", 5), fit.summed("ydot", 5)
     Phi, _, y = entry.parts()
     scale, folds = entry.frame.coefficient_scale, [np.arange(0, 3), np.arange(20, 23)]
@@ -188,8 +208,6 @@ def test_patterns_of_the_other_terms_are_summed_in_folds(data):
         for f, fold in enumerate(folds):
             expected = density(np.arange(60)) - density(np.delete(np.arange(60), fold))
             assert values[s, f] == pytest.approx(expected - 3 * np.log(entry.frame.target_scale), abs=1e-7)
-    assert np.all(fit.inclusion().loc[("ydot", "ydot"), "inclusion"] == 1.0)
-    assert np.all(np.isfinite(fit.sensitivity()[["prior", "likelihood"]].dropna()))
 
 
 def test_all_of_criticism_takes_them(signed, informed):
@@ -208,20 +226,15 @@ def test_all_of_criticism_takes_them(signed, informed):
     assert np.all(prior[..., 0] >= 0) and np.all(prior[..., 1] <= 0)
 
 
-def test_a_file_holds_them(tmp_path, data):
-    stated = {
-        "y": Coefficient(mean=-0.2, sd=0.1),
-        "ydot": Coefficient(sign=-1, lower=-3.0),
-        "y**3": Coefficient(fixed=-1.0),
-    }
-    fit = model_of(stated, prior=bg.SpikeAndSlab()).fit(data, seed=1, **RUN | {"draws": 50, "tune": 100})
+def test_a_file_holds_them(every_kind, tmp_path, data):
+    fit = every_kind
     fit.save(tmp_path / "fit.nc")
     loaded = bg.load(tmp_path / "fit.nc")
     assert loaded.model.coefficients == fit.model.coefficients
     np.testing.assert_array_equal(theta(loaded), theta(fit))
     np.testing.assert_allclose(loaded.predict(data)["ydot"].rate.mean, fit.predict(data)["ydot"].rate.mean)
     np.testing.assert_allclose(pointwise_loo(loaded, "ydot", 20), pointwise_loo(fit, "ydot", 20))
-    assert "y N(-0.2, 0.1²); ydot ≥ -3, ≤ 0; y**3 = -1" in repr(loaded)
+    assert "y N(-0.2, 0.1²); ydot ≥ -3, ≤ 0; ydot**3 ≥ -0.5, ≤ -0.3; y**3 = -1" in repr(loaded)
 
 
 def test_the_exact_path_takes_them_too():

@@ -84,29 +84,45 @@ def _files(tmp_path):
     return sorted(tmp_path.rglob("*-trace"))
 
 
-def test_a_later_process_traces_nothing_and_draws_the_same(tmp_path):
-    without = _fit(tmp_path, BAYES_GREYBOX_CACHE="off")
-    assert not _files(tmp_path)
+class Processes(NamedTuple):
+    """What three processes said, one after the other, and the traces that were there after the first two."""
+
+    without: dict
+    first: dict
+    second: dict
+    files: list
+    ours: list
+
+
+@pytest.fixture(scope="module")
+def processes(tmp_path_factory):
+    """The first has a folder that only JAX was told of; the others have one of ours, too."""
+    folder = tmp_path_factory.mktemp("processes")
+    told = {
+        "JAX_COMPILATION_CACHE_DIR": str(folder / "theirs"),
+        "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0",
+    }
+    without, files = _fit(folder, **told), _files(folder)
+    told["BAYES_GREYBOX_CACHE"] = str(folder / "ours")
+    first, ours = _fit(folder, **told), _files(folder)
+    return Processes(without, first, _fit(folder, **told), files, ours)
+
+
+def test_a_later_process_traces_nothing_and_draws_the_same(processes):
+    without, first, second = processes[:3]
     assert TRACED <= set(without["traced"])
-    first = _fit(tmp_path)
     assert first["said"][:6] == [f"{name}: traced now" for name in PROGRAMS]
-    second = _fit(tmp_path)
     assert second["said"][:6] == [f"{name}: the trace was kept" for name in PROGRAMS]
     assert {"sensitivity: the trace was kept", "follow: the trace was kept"} <= set(second["said"])
     assert all(said.endswith("the trace was kept") for said in second["said"])
-    assert not {"first", "advance", "constrain", "draw_all_of", "draw_all", "one", "every", "follow"} & set(
-        second["traced"]
-    )
+    assert not TRACED & set(second["traced"])
     # The program is the same; whether it is inlined or called, the compiler makes the same of it.
     assert without["values"] == first["values"] == second["values"]
 
 
-def test_nothing_of_ours_goes_where_only_jax_was_told_to_keep_programs(tmp_path):
-    told = {"JAX_COMPILATION_CACHE_DIR": str(tmp_path / "theirs")}
-    _fit(tmp_path, **told)
-    assert not _files(tmp_path)
-    _fit(tmp_path, **told, BAYES_GREYBOX_CACHE=str(tmp_path / "ours"))
-    assert _files(tmp_path / "ours") == _files(tmp_path)
+def test_nothing_of_ours_goes_where_only_jax_was_told_to_keep_programs(processes):
+    assert not processes.files
+    assert processes.ours and all("ours" in file.parts for file in processes.ours)
 
 
 @pytest.fixture
@@ -353,16 +369,19 @@ def test_long_arrays_are_told_whole():
         identity.told(np.array([object()]))
 
 
-def test_a_prior_of_the_users_own_is_never_kept(folder, design, monkeypatch):
-    own = replace(MODEL, prior=bg.CustomPrior(lambda n: numpyro.deterministic("sd", jnp.ones(n))))
+def test_a_prior_of_the_users_own_is_never_kept(folder, monkeypatch):
+    x = np.linspace(-1, 1, 4)
+    data = bg.Trajectories.from_arrays(x, states={"x": x}, derivatives={"x": x})
+    own = Program(
+        {"x": ["x"]}, prior=bg.CustomPrior(lambda n: numpyro.deterministic("sd", jnp.ones(n))), discrepancy=None
+    )
+    designs = {"x": own.assemble(data)["x"].design}
     asked = []
     monkeypatch.setattr(traces, "name_of", lambda *given: asked.append(given[0]))
     run = dict(draws=4, chains=1, key=jax.random.PRNGKey(0), progress=False)
-    programs_for(own, {"x": design}, Sampling(tune=4)).chains.run({"x": design}, **run)
+    programs_for(own, designs, Sampling(tune=4)).chains.run(designs, **run)
     assert not asked
-    programs_for(replace(MODEL, prior=priors.Normal(1.5)), {"x": design}, Sampling(tune=4)).chains.run(
-        {"x": design}, **run
-    )
+    programs_for(replace(own, prior=priors.Normal(1.5)), designs, Sampling(tune=4)).chains.run(designs, **run)
     assert asked == ["start", "advance", "constrain"]
 
 

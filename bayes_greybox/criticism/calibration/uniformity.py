@@ -70,16 +70,21 @@ def simultaneous_band(n_value: int, level: float) -> Band:
     while high - low > 1e-5 * level:
         middle = 0.5 * (low + high)
         low, high = (middle, high) if 1 - _inside(n_value, middle) <= level else (low, middle)
-    lower, upper = _pointwise(n_value, at, low)
+    lower, upper = _pointwise(n_value, low)
     return Band(at, lower / n_value - at, upper / n_value - at)
 
 
-def _pointwise(n: int, at: np.ndarray, gamma: float) -> tuple[np.ndarray, np.ndarray]:
+def _pointwise(n: int, gamma: float) -> tuple[np.ndarray, np.ndarray]:
     """Least and largest count at each point whose two-sided tail probability is at least γ."""
-    counts = np.arange(n + 1)[:, None]
-    tails = 2 * np.minimum(binom.cdf(counts, n, at), binom.sf(counts - 1, n, at))
-    inside = tails >= gamma
+    inside = _tails(n) >= gamma
     return np.argmax(inside, axis=0), n - np.argmax(inside[::-1], axis=0)
+
+
+@lru_cache(maxsize=16)
+def _tails(n: int) -> Float[np.ndarray, "n_count n_point"]:
+    """Two-sided tail probabilities of all counts at each point."""
+    counts, at = np.arange(n + 1)[:, None], evaluation_points(n)
+    return 2 * np.minimum(binom.cdf(counts, n, at), binom.sf(counts - 1, n, at))
 
 
 @lru_cache(maxsize=4096)
@@ -89,7 +94,7 @@ def _inside(n: int, gamma: float) -> float:
     P(R_i = r) = Σ_s P(R_{i−1} = s) Bin(r − s | n − s, (z_i − z_{i−1})/(1 − z_{i−1})), over s and r inside.
     """
     at = evaluation_points(n)
-    lower, upper = _pointwise(n, at, gamma)
+    lower, upper = _pointwise(n, gamma)
     probability, before, z = np.ones(1), np.zeros(1, int), 0.0
     for low, high, z_next in zip(lower, upper, at, strict=True):
         counts = np.arange(low, high + 1)

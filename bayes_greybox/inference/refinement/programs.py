@@ -85,6 +85,8 @@ class ExactPrograms:
         flat, self._unravel = ravel_pytree(zeros)
         self.size = len(flat)
 
+        # Paths are traced once, for all the times that the sampler traces their density.
+        @jax.jit
         def log_density(eta: Array, argument: tuple[Array, Array, Known]) -> Array:
             center, L, known = argument
             # The sampler's own handlers would take the sites of the model for theirs.
