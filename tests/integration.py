@@ -1,9 +1,11 @@
 """One run put together from the pieces that free runs are integrated in."""
 
+from functools import partial
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from bayes_greybox.physics.integrate import cut, follow_piece, joined, limits_of
 
@@ -17,14 +19,18 @@ class Path(NamedTuple):
 
 def integrate(rhs, t, x0, inputs=None, args=None, *, scale=None, interpolation="linear", **options):
     """Integrate from x0 at t[0]; the states' sizes are those of the start unless they are given."""
-    t, x0 = jnp.asarray(t, dtype=float), jnp.asarray(x0, dtype=float)
-    samples, kinds = cut(t, inputs, interpolation)
+    samples, kinds = cut(np.asarray(t, dtype=float), inputs, interpolation)
+    return _followed(rhs, jnp.asarray(t), jnp.asarray(x0), samples, args, scale, kinds, tuple(options.items()))
+
+
+@partial(jax.jit, static_argnames=("rhs", "kinds", "options"))
+def _followed(rhs, t, x0, samples, args, scale, kinds, options):
     largest = jnp.max(jnp.abs(x0))
     own = jnp.where(largest > 0.0, jnp.maximum(jnp.abs(x0), 1e-3 * largest), 1.0)
     limits = limits_of(t, x0, own if scale is None else scale)
 
     def follow(start, piece):
-        return follow_piece(rhs, start, piece, limits, args, kinds, **options)
+        return follow_piece(rhs, start, piece, limits, args, kinds, **dict(options))
 
     _, found = jax.lax.scan(follow, (x0, jnp.asarray(True)), samples)
     return Path(*joined(x0, t, *found[:2]))

@@ -19,7 +19,7 @@ def populations(time, coefficients=COEFFICIENTS, starts=STARTS):
         x, y = z
         return [coefficients[0] * x + coefficients[1] * x * y, coefficients[2] * x * y + coefficients[3] * y]
 
-    return solve_ivp(rate, (0, time[-1]), starts, t_eval=time, rtol=1e-10, atol=1e-10).y
+    return solve_ivp(rate, (0, time[-1]), starts, t_eval=time, method="DOP853", rtol=1e-10, atol=1e-10).y
 
 
 def sampled(seed=0, noise=0.1, n=41, end=4.0, keep="xy"):

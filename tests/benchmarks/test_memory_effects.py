@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from bayes_greybox.benchmarks.memory_effects import machines as making
 from bayes_greybox.benchmarks.memory_effects import run as module
 from bayes_greybox.benchmarks.memory_effects.machines import LEVELS, SAMPLES, hidden, machines, measured
 from bayes_greybox.benchmarks.memory_effects.run import run, score
@@ -33,12 +34,14 @@ def test_half_of_the_cases_hide_nothing(noise):
 @pytest.mark.parametrize(
     "name", ["bouc-wen-0.05", "lugre-friction-0.01", "absorber-0.05", "nothing-0.01", "two-branches-0.05"]
 )
-def test_a_replicate_is_of_a_position_and_a_force(name):
-    machine = machines()[name]
+def test_a_replicate_is_of_a_position_and_a_force(name, monkeypatch):
+    machine, samples = machines()[name], SAMPLES if name.startswith("nothing") else 300
+    monkeypatch.setattr(making, "SAMPLES", samples)
+    monkeypatch.setattr(making, "HELD_OUT", 150)
     made, other = (measured(machine, k, seed=0) for k in (0, 1))
     for part in (made.train, made.test):
         assert part.state_names == ("y",) and part.input_names == ("F",) and not part.derivative_names
-    assert made.train.n_obs == SAMPLES and "y**3" not in made.simulation["v"] and "y**3" in other.simulation["v"]
+    assert made.train.n_obs == samples and "y**3" not in made.simulation["v"] and "y**3" in other.simulation["v"]
     assert set(made.truth) == ({machine.hidden.name} if machine.hidden and machine.hidden.known else set())
     assert (made.share > 0.01) == (machine.hidden is not None)
 

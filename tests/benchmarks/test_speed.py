@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import bayes_greybox as bg
+from bayes_greybox.benchmarks.speed import problems as posing
 from bayes_greybox.benchmarks.speed import run as running
 from bayes_greybox.benchmarks.speed.contenders.listed import CONTENDERS
 from bayes_greybox.benchmarks.speed.contest import contest
@@ -41,11 +42,13 @@ def test_terms_in_the_box_are_told_apart():
             assert np.linalg.cond(Phi) < 10
 
 
-def test_rows_beyond_those_that_are_integrated_lie_on_the_same_path():
-    few, many = measured(Problem(COMPLETE, 10_001), 1), measured(Problem(COMPLETE, 100_001), 1)
+def test_rows_beyond_those_that_are_integrated_lie_on_the_same_path(monkeypatch):
+    monkeypatch.setattr(posing, "INTEGRATED", 2000)
+    few, many = measured(Problem(COMPLETE, 1001), 1), measured(Problem(COMPLETE, 40_001), 1)
     for name, column in few.columns.items():
-        np.testing.assert_allclose(many.columns[name][::10], column, atol=1e-6)
+        np.testing.assert_allclose(many.columns[name][::40], column, atol=1e-6)
     exact = -(many.columns["y"] ** 3) - 0.2 * many.columns["ydot"] ** 3
+    # 40,001 values: a relative standard error of 0.35 %.
     assert np.std(many.rate - exact) == pytest.approx(0.02 * np.std(exact), rel=0.02)
 
 

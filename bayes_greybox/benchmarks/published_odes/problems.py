@@ -9,6 +9,7 @@ there. Its methods begin at parameters |N(0, 1)|, at the first sample, and keep 
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float
@@ -55,6 +56,11 @@ class Problem:
         """The true parameters."""
         return np.array(list(self.parameters.values()))
 
+    @cached_property
+    def exact(self) -> Float[np.ndarray, "n_state n_time"]:
+        """The true states."""
+        return self.states(self.truth, np.array(list(self.starts.values())))
+
     def states(self, parameters: np.ndarray, starts: np.ndarray) -> Float[np.ndarray, "n_state n_time"]:
         """States at the times of the samples, to nine digits."""
         return solve_ivp(
@@ -94,8 +100,7 @@ class OdeCell:
             draw: Number of the draw.
             seed: Seed of all draws.
         """
-        problem = self.problem
-        exact = problem.states(problem.truth, np.array(list(problem.starts.values())))
+        problem, exact = self.problem, self.problem.exact
         noise = np.random.default_rng((seed, draw)).standard_normal(exact.shape)
         return Trajectories.from_arrays(
             problem.time, states=dict(zip(problem.starts, exact + np.sqrt(self.variance) * noise, strict=True))
@@ -106,6 +111,7 @@ class OdeCell:
         truth = self.problem.truth
         return float(np.linalg.norm(parameters - truth) / np.linalg.norm(truth))
 
+    @cached_property
     def efficient(self) -> float:
         """Median error of p̂ ~ N(p, C), C the bound of Cramér and Rao with unknown starts: the least without a bias."""
         truth, starts = self.problem.truth, np.array(list(self.problem.starts.values()))

@@ -80,7 +80,7 @@ def table_row(cell: OdeCell, rows: Sequence[dict]) -> dict[str, object]:
         "median": float(np.median(errors)),
         "max": float(errors.max()),
         f"above {LOST:g}": int(np.sum(errors > LOST)),
-        "efficient": cell.efficient(),
+        "efficient": cell.efficient,
         **cell.published,
         "seconds": float(np.median([row["seconds"] for row in rows])),
     }

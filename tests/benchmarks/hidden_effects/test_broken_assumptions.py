@@ -558,7 +558,8 @@ def says_nothing(data):
 
 
 def test_a_run_takes_both_kinds(tmp_path):
-    cases = (all_cases()[0], one("correlated noise"), one("memory"), one("smooth friction", hides=True, size=0.4))
+    smooth = one("smooth friction", hides=True, size=0.4)
+    cases = (all_cases()[0], one("correlated noise"), one("memory", "Maxwell"), smooth)
     scores = run(tmp_path, cases, solve=says_nothing, workers=1, peers=False, progress=False)
     assert scores.assumptions.loc["correlated noise", "silent"] == 1.0
     assert scores.assumptions.loc["smooth friction", "right"] == 0.0

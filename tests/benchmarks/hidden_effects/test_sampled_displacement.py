@@ -1,16 +1,20 @@
 """Hidden effects from a displacement alone, and friction of 0.3 % in a free decay."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
 import bayes_greybox as bg
+from bayes_greybox import missing_effects
 from bayes_greybox.benchmarks.hidden_effects.generate import generate
 from bayes_greybox.benchmarks.hidden_effects.solvers.displacement import (
     displacement,
     displacement_cases,
     study_displacement,
 )
+from bayes_greybox.physics.catalogue.loading import load_catalogue
 
 COULOMB, QUADRATIC = -0.052, -0.0045
 SQUARED = 4 * np.pi**2
@@ -31,7 +35,16 @@ def test_cases_have_one_position_and_the_sensor_shows_nothing_else():
     assert not np.array_equal(other.states[place], train.states[place])
 
 
-def test_a_case_is_solved_without_its_truth():
+def test_a_case_is_solved_without_its_truth(monkeypatch):
+    named = ("cubic-stiffness", "dead-zone", "quadratic-drag")
+    few = [replace(e, confusions=()) for e in load_catalogue("mechanical") if e.slug in named]
+    whole = missing_effects.find_missing_effects
+
+    def among_few(*given, catalogue, **settings):
+        assert catalogue == "mechanical"
+        return whole(*given, catalogue=few, **settings)
+
+    monkeypatch.setattr(missing_effects, "find_missing_effects", among_few)
     case = next(c for c in displacement_cases(0) if c.effects == ("cubic-stiffness",) and c.host == "free-oscillator")
     found = study_displacement(generate(case), 0.02)
     added = [effect["slug"] for effect in found["effects"] if effect["status"] == "added"]

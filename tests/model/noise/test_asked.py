@@ -207,13 +207,13 @@ def test_intervals_cover_under_correlated_noise_and_white_noise_does_not():
     inside = {"white": 0, "correlated": 0}
     for seed in range(40):
         data = data_with("correlated", seed + 100)
-        for name, noise in (("white", 1.0), ("correlated", bg.Noise(correlation="fit"))):
-            design = model_with(noise).designs(data)["x"]
+        white = model_with(1.0).assemble(data)["x"]
+        truth = TRUTH / float(white.frame.coefficient_scale[0])
+        correlated = model_with(bg.Noise(correlation="fit")).designs(data)["x"]
+        for name, design in (("white", white.design), ("correlated", correlated)):
             Phi, y = np.asarray(design.Phi)[:, 0], np.asarray(design.y)
             mean = Phi @ y / (Phi @ Phi)
             sigma = np.sqrt((y @ y - mean * (Phi @ y)) / (float(design.n_obs) - 1))
-            frame = model_with(1.0).assemble(data)["x"].frame
-            truth = TRUTH / float(frame.coefficient_scale[0])
             inside[name] += int(abs(truth - mean) < 1.645 * sigma / np.sqrt(Phi @ Phi))
     # Of 40 at 90 %, fewer than 31 has probability 0.4 %.
     assert inside["correlated"] >= 31

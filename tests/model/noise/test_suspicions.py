@@ -227,7 +227,8 @@ def test_many_rows_are_weighed_with_a_grid_that_is_fine_enough():
     e = 0.1 * rng.standard_t(5, n)
     found = heavy(e, NoiseModel(WhiteNoise((n,))), PRIOR)
     # ∫ p(e | ν, s) p(s) d log s by a fine grid, mean over the degrees.
-    log_s = np.log(0.1) + np.linspace(-0.05, 0.05, 401)
+    # Its standard deviation is some 0.0035.
+    log_s = np.log(0.1) + np.linspace(-0.025, 0.025, 51)
     logs = []
     for nu in DEGREES:
         centre = log_s + np.log(t.fit(e, f0=nu, floc=0.0)[2] / 0.1)

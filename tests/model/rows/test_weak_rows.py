@@ -56,7 +56,7 @@ def test_exact_samples_satisfy_the_rows():
 def test_the_covariance_is_that_of_the_residual():
     exact = samples(n=161, end=4.0)
     truth = exact.matrix(("x", "y"))
-    sd, radius, n_draw = np.array([0.02, 0.05]), 0.3, 600
+    sd, radius, n_draw = np.array([0.02, 0.05]), 0.3, 300
     program = model_of()
     simulation = program.simulator(exact)
     whole = simulation.beside({"x": RIGHT[:2], "y": RIGHT[2:]})

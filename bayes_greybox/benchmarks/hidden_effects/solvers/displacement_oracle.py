@@ -12,6 +12,7 @@ log p(y | φ, sign, r) − log p(y | none) = ± r wᵀz − r² wᵀw / 2.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -95,11 +96,12 @@ def _responses(data: CaseData, forces: Sequence[Acting]) -> Float[np.ndarray, "n
     assert data.ode is not None
     rate = rms(data.exact["train"].rates[data.equation])
     sizes = [SMALL * rate / max(rms(effect_values(data, f.effect, np.array([f.inner]))[0]), 1e-300) for f in forces]
-    sides = []
-    for side in (1.0, -1.0):
-        nudges = [replace(force, coefficient=side * size) for force, size in zip(forces, sizes, strict=True)]
-        sides.append(_nudged(data, nudges))
-    return (sides[0] - sides[1]) / (2 * np.array(sizes))
+    up, down = (
+        [replace(force, coefficient=side * size) for force, size in zip(forces, sizes, strict=True)]
+        for side in (1.0, -1.0)
+    )
+    found = _nudged(data, [*up, *down])
+    return (found[:, : len(up)] - found[:, len(up) :]) / (2 * np.array(sizes))
 
 
 def _nudged(data: CaseData, nudges: Sequence[Acting]) -> Float[np.ndarray, "n_obs n_nudge"]:
@@ -131,13 +133,25 @@ class Nudged(HostODE):
 
     nudges: tuple[Acting, ...] = ()
 
+    @cached_property
+    def alike(self) -> list[tuple[Hidden, list[int], np.ndarray, np.ndarray]]:
+        """Copies with a force of the same effect, their coefficients and inner parameters."""
+        found = []
+        for effect in dict.fromkeys(nudge.effect for nudge in self.nudges):
+            own = [k for k, nudge in enumerate(self.nudges) if nudge.effect is effect]
+            numbers = np.array([(self.nudges[k].coefficient, self.nudges[k].inner) for k in own])
+            found.append((effect, own, *numbers.T))
+        return found
+
     def rate(self, columns: Mapping[str, Any], memory: Any = 0.0) -> np.ndarray:
         """Rates of all states of all copies."""
-        rates, roles = super().rate(columns, memory), {**self.host.in_roles(columns), "t": columns["t"]}
-        place, n = list(self.rates).index(self.host.equation), len(self.nudges)
-        for k, nudge in enumerate(self.nudges):
-            own = {name: value[k::n] if np.ndim(value) else value for name, value in roles.items()}
-            rates[place, k::n] += nudge.coefficient * nudge.effect.value(own, nudge.inner)
+        rates, n = super().rate(columns, memory), len(self.nudges)
+        # [n_run, n_copy]
+        roles = {name: np.reshape(value, (-1, n)) for name, value in self.host.in_roles(columns).items()}
+        rate = rates[list(self.rates).index(self.host.equation)].reshape(-1, n)
+        for effect, own, coefficients, inner in self.alike:
+            of_own = {name: value[:, own] for name, value in roles.items()}
+            rate[:, own] += coefficients * effect.value({**of_own, "t": columns["t"]}, inner)
         return rates
 
 

@@ -75,7 +75,7 @@ class Excitation:
         phases = rng.uniform(0.0, 2 * np.pi, (self.tones, runs))
         omega = 2 * np.pi * np.linspace(low, high, self.tones)[:, None]
         scale = self.size * np.sqrt(2.0 / self.tones)
-        return lambda t: self.offset + scale * np.sum(np.sin(omega * t + phases), axis=0)
+        return lambda t: self.offset + scale * np.sin(omega * t + phases).sum(axis=0)
 
 
 @dataclass(frozen=True)

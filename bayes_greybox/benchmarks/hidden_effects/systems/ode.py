@@ -75,9 +75,11 @@ class HostODE:
         rates = self.known(columns)
         for act, value in zip(self.acting, self.values(columns, memory), strict=True):
             rates[self.host.equation] = rates[self.host.equation] + act.coefficient * value
-        roles = {**self.host.in_roles(columns), "memory": memory}
-        own = [act.effect.memory(roles, act.inner) for act in self.memories if act.effect.memory is not None]
-        return np.stack([*rates.values(), *own])
+        own = []
+        if memories := self.memories:
+            roles = {**self.host.in_roles(columns), "memory": memory}
+            own = [act.effect.memory(roles, act.inner) for act in memories if act.effect.memory is not None]
+        return np.array([*rates.values(), *own])
 
 
 def paths(
@@ -127,7 +129,7 @@ class _Guard:
 
     def check(self, x: np.ndarray) -> None:
         self.left -= 1
-        if self.left < 0 or not np.max(np.abs(x)) < self.limit:
+        if self.left < 0 or not np.abs(x).max() < self.limit:
             raise LostError("The system left its bounds.")
 
 
