@@ -175,7 +175,8 @@ def test_the_equations_that_are_taken_out_have_the_hidden_state(hysteresis):
 
 
 def test_an_effect_that_the_model_has_already_is_not_weighed_again(hysteresis):
-    again = bg.GreyBox(simulation=hysteresis.model.simulation, dictionary=hysteresis.model.dictionary)
+    rows = bg.TrajectoryRows(interpolation="cubic")
+    again = bg.GreyBox(hysteresis.model.dictionary, simulation=hysteresis.model.simulation, rows=rows)
     found = study(samples("bouc-wen", n=100), model=again, catalogue=only("bouc-wen", "coulomb-friction"))
     assert "in the model already" in found.left_out["v", "bouc-wen"]
     assert "bouc-wen" not in set(found.effects["slug"])
@@ -211,7 +212,9 @@ def test_its_page_and_its_record_have_the_rate_of_the_hidden_state(hysteresis, t
 
 def test_a_study_with_a_memory_is_sampled_saved_and_loaded(tmp_path):
     data = samples("maxwell-damper", n=150)
-    found = study(data, catalogue=only("maxwell-damper"), settle=True, draws=40, tune=60, chains=1)
+    rows, small = bg.TrajectoryRows(interpolation="cubic"), bg.OrthogonalGP(variables=("y",), features=4)
+    model = bg.GreyBox(simulation=SIMULATION, rows=rows, discrepancy=small)
+    found = study(data, model=model, catalogue=only("maxwell-damper"), settle=True, draws=40, tune=60, chains=1)
     row = found.effects.iloc[0]
     theta = found.fit.summary().loc[("v", row["expression"])]
     assert abs(theta["mean"] - HIDDEN["maxwell-damper"][0]) < 5 * theta["sd"]
@@ -246,10 +249,10 @@ def test_a_simulation_that_is_a_function_leaves_them_out_and_says_so():
     def rates(t, x, u):
         return [x[1], u[0] - 2 * x[0] - 0.15 * x[1]]
 
-    t, F, (y, v, _) = path("bouc-wen", n=100)
+    t, F, (y, v, _) = path("bouc-wen", n=60)
     rng = np.random.default_rng(0)
     data = Trajectories.from_arrays(
-        t, states={"y": y + 0.01 * rng.standard_normal(100), "v": v + 0.01 * rng.standard_normal(100)}, inputs={"F": F}
+        t, states={"y": y + 0.01 * rng.standard_normal(60), "v": v + 0.01 * rng.standard_normal(60)}, inputs={"F": F}
     )
     found = study(data, model=bg.GreyBox({"v": []}, simulation=rates, rows=bg.TrajectoryRows(interpolation="cubic")))
     said = {slug for (_, slug), why in found.left_out.items() if "as formulas" in why}
