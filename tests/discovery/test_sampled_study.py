@@ -18,23 +18,45 @@ from bayes_greybox.report.words.doubts import doubts
 
 CUBIC = {"hidden": lambda y, v: -0.5 * y**3}
 
-SOME = {"cubic-stiffness", "quadratic-stiffness", "quintic-stiffness", "coulomb-friction", "quadratic-drag"}
-SOME |= {"constant-force", "cubic-input"}
-FEW = [replace(e, confusions=tuple(SOME & {*e.confusions})) for e in load_catalogue("mechanical") if e.slug in SOME]
-"""Enough where the question is what a sensor does, or its noise: the others cost time and tell no more."""
+SHORT = 200
+"""Samples that are enough where the question is what a sensor does, or its noise; one number, so that programs serve
+several tests."""
 
 
-def study(data, test=None, **given):
-    model = bg.GreyBox(simulation=SIMULATION, rows=bg.TrajectoryRows())
-    given = {"free_runs": False, "settle": False, "progress": False} | given
+def only(*slugs):
+    """These effects alone: the others cost time and tell no more."""
+    return [replace(e, confusions=tuple({*slugs} & {*e.confusions})) for e in MECHANICAL if e.slug in slugs]
+
+
+MECHANICAL = load_catalogue("mechanical")
+TWO = only("cubic-stiffness", "quadratic-stiffness")
+FEW = only("cubic-stiffness", "quadratic-stiffness", "coulomb-friction")
+WITH_FORCE = only("cubic-stiffness", "quadratic-stiffness", "coulomb-friction", "constant-force")
+"""An offset of a sensor is much like a force that stays."""
+
+BENT = only(
+    "cubic-stiffness", "quadratic-stiffness", "coulomb-friction", "quadratic-drag", "dead-zone", "stribeck-friction"
+)
+"""With inner parameters."""
+
+
+def study(data, test=None, rows=None, **given):
+    """A study; of inputs that are splines between their samples, unless `rows` leave open what they are."""
+    model = bg.GreyBox(simulation=SIMULATION, rows=rows or bg.TrajectoryRows(interpolation="cubic"))
+    given = {"free_runs": False, "settle": False, "progress": False, "catalogue": FEW} | given
     return bg.find_missing_effects(model, data, test, **given)
+
+
+def short(**given):
+    return sampled(**given, n=SHORT)
 
 
 @pytest.fixture(scope="module")
 def cubic_and_reads():
     """A study, and how many formulas were read for it."""
     before = read.cache_info().misses
-    found = study(sampled(**CUBIC, noise=0.03), sampled(**CUBIC, noise=0.03, seed=1), free_runs=True)
+    data = (sampled(**CUBIC, noise=0.03, seed=seed) for seed in (0, 1))
+    found = study(*data, bg.TrajectoryRows(), catalogue=BENT, free_runs=True)
     return found, read.cache_info().misses - before
 
 
@@ -45,7 +67,7 @@ def cubic(cubic_and_reads):
 
 def test_formulas_are_read_by_effect_and_not_by_value_of_an_inner_parameter(cubic_and_reads):
     # An effect has at most a few ways to be bound, and a few formulas; values there are hundreds.
-    assert cubic_and_reads[1] < 5 * len(load_catalogue("mechanical"))
+    assert cubic_and_reads[1] < 50
 
 
 def test_a_missing_effect_is_named_with_its_coefficient(cubic):
@@ -79,9 +101,9 @@ def test_the_gap_is_shown_closed_on_held_out_samples(cubic):
 
 
 def test_free_runs_hold_inputs_where_the_rows_do():
-    data, rows = sampled(**CUBIC, noise=0.02, n=150), bg.TrajectoryRows(interpolation="zoh")
+    data, rows = sampled(**CUBIC, noise=0.02, n=60), bg.TrajectoryRows(interpolation="zoh")
     model = bg.GreyBox({"v": ["y**3"]}, simulation=SIMULATION, rows=rows, discrepancy=None)
-    fit = model.fit(data, draws=20, tune=50, chains=1, progress=False)
+    fit = model.fit(data, draws=10, tune=20, chains=1, progress=False)
     own, held, linear = (
         fit.simulate(data, **given).states["y"].mean
         for given in ({}, {"interpolation": "zoh"}, {"interpolation": "linear"})
@@ -108,31 +130,28 @@ def held(hidden, n=150, step=0.2, noise=0.01, correlation=0.0):
 
 def test_inputs_that_are_held_are_no_error_of_a_sensor_under_correlated_noise():
     """Noise that goes on hides at first how the inputs act, and half a step late is what holding does."""
-    few = [e for e in FEW if e.slug in ("cubic-stiffness", "quadratic-stiffness")]
-    few = [replace(e, confusions=()) for e in few]
-    found = study(held(lambda y, v: 0.0, noise=0.1, correlation=0.6), catalogue=few)
+    found = study(held(lambda y, v: 0.0, noise=0.1, correlation=0.6), rows=bg.TrajectoryRows(), catalogue=TWO)
     assert found.verdict == "no gap", found.sentence
     assert found.base.rows.interpolation == "zoh"
 
 
 def test_inputs_that_are_held_are_no_lag_of_the_actuator():
-    data, lag = held(CUBIC["hidden"]), [e for e in load_catalogue("mechanical") if e.slug == "actuator-lag"]
-    found = study(data, catalogue=[*FEW, *(replace(e, confusions=()) for e in lag)])
+    data = held(CUBIC["hidden"])
+    found = study(data, rows=bg.TrajectoryRows(), catalogue=only("cubic-stiffness", "actuator-lag"))
     assert found.verdict == "named", found.sentence
     assert [row["slug"] for _, row in found.effects.iterrows() if row["status"] == "added"] == ["cubic-stiffness"]
     assert found.model.rows.interpolation == found.base.rows.interpolation == "zoh"
     assert any("held" in text for text in found.warnings)
     # What was said is taken as said, and nothing is said of it.
-    model = bg.GreyBox(simulation=SIMULATION, rows=bg.TrajectoryRows(interpolation="zoh"))
-    said = bg.find_missing_effects(model, data, catalogue=FEW, settle=False, free_runs=False, progress=False)
+    said = study(data, rows=bg.TrajectoryRows(interpolation="zoh"), catalogue=only("cubic-stiffness"))
     assert said.model.rows.interpolation == "zoh" and not any("held" in text for text in said.warnings)
 
 
 def test_what_held_out_samples_deny_is_not_named(cubic):
     misfit = cubic.gap.xs("misfit of samples", level="metric")["after"]
     np.testing.assert_allclose(misfit, 1.0, atol=0.15)
-    changed = sampled(lambda y, v: -0.5 * y**3 - 0.1 * v, noise=0.03, seed=1)
-    found = study(sampled(**CUBIC, noise=0.03), changed, catalogue=FEW)
+    changed = short(hidden=lambda y, v: -0.5 * y**3 - 0.1 * v, noise=0.03, seed=1)
+    found = study(short(**CUBIC, noise=0.03), changed)
     assert found.effects.iloc[0]["slug"] == "cubic-stiffness" and found.verdict == "partly named"
     (text,) = [each for each in found.against if "held-out samples" in each]
     left = found.gap.loc[("test", "misfit of samples", "v"), "after"]
@@ -150,7 +169,7 @@ def test_held_out_samples_that_no_path_follows_are_no_proof(monkeypatch, tmp_pat
         return real(model, amendments, data, part, runs)
 
     monkeypatch.setattr(study_module, "gap_rows", gap_rows)
-    found = study(sampled(**CUBIC, noise=0.03), sampled(**CUBIC, noise=0.03, seed=1), catalogue=FEW)
+    found = study(short(**CUBIC, noise=0.03), short(**CUBIC, noise=0.03, seed=1))
     assert found.verdict == "partly named" and set(found.gap.index.get_level_values("data")) == {"train"}
     assert any("could not be compared with held-out data" in text for text in found.warnings)
     assert found.against == ("no path of the amended model follows held-out samples",)
@@ -175,16 +194,19 @@ def test_the_amended_model_is_fitted_to_the_samples(cubic):
     ("seed", "catalogue"), [(0, "mechanical"), (1, FEW), (2, FEW)], ids=["all", "few", "few again"]
 )
 def test_nothing_missing_is_no_gap(seed, catalogue):
-    assert study(sampled(noise=0.05, seed=seed), catalogue=catalogue).verdict == "no gap"
+    assert study(short(noise=0.05, seed=seed), catalogue=catalogue).verdict == "no gap"
 
 
 @pytest.mark.parametrize(
-    ("bend", "kind"),
-    [(lambda t, y: y + 0.15, "offset"), (lambda t, y: np.interp(t - 0.07, t, y), "delay")],
+    ("bend", "kind", "alike"),
+    [
+        (lambda t, y: y + 0.15, "offset", ("quadratic-stiffness", "dead-zone")),
+        (lambda t, y: np.interp(t - 0.07, t, y), "delay", ("viscous-damping", "actuator-lag")),
+    ],
     ids=["offset", "delay"],
 )
-def test_what_the_sensor_does_is_no_missing_effect(bend, kind):
-    found = study(sampled(noise=0.01, bend=bend))
+def test_what_the_sensor_does_is_no_missing_effect(bend, kind, alike):
+    found = study(short(noise=0.01, bend=bend), catalogue=only("cubic-stiffness", *alike))
     assert found.verdict in ("instrument", "recalibrate", "no gap", "unknown")
     assert not (found.effects.status == "added").any()
     if found.verdict == "instrument":
@@ -195,8 +217,8 @@ def test_an_input_that_reads_too_much_is_put_right_along_the_path_and_the_effect
     def offset(data):
         return replace(data, inputs={"F": data.inputs["F"] + 0.2})
 
-    train, test = (offset(sampled(**CUBIC, noise=0.01, n=600, seed=seed)) for seed in (0, 1))
-    found = study(train, test, catalogue=FEW)
+    train, test = (offset(short(**CUBIC, noise=0.01, seed=seed)) for seed in (0, 1))
+    found = study(train, test, catalogue=WITH_FORCE)
     added = found.effects[found.effects["status"] == "added"].set_index("slug")
     sensors = found.instrument.loc[found.instrument["status"] != "", "suspect"].tolist()
     # A constant force is the same.
@@ -214,10 +236,10 @@ def test_of_several_equations_the_one_in_question_is_asked_for():
 
 
 def test_a_fit_to_samples_survives_a_file(tmp_path):
-    data = sampled(**CUBIC, n=200)
+    data = short(**CUBIC)
     terms = {"v": ["y", "y**3"]}
     model = bg.GreyBox(terms, simulation=SIMULATION, rows=bg.TrajectoryRows(), discrepancy=None)
-    fit = model.fit(data, draws=100, tune=100, chains=1, progress=False)
+    fit = model.fit(data, draws=50, tune=50, chains=1, progress=False)
     table = fit.summary()
     assert abs(table.loc[("v", "y**3"), "mean"] + 0.5) < 5 * table.loc[("v", "y**3"), "sd"]
     fit.save(tmp_path / "fit.nc")
@@ -225,12 +247,12 @@ def test_a_fit_to_samples_survives_a_file(tmp_path):
     np.testing.assert_array_equal(again.data.samples.states["y"], data.states["y"])
     assert again.model.rows == fit.model.rows
     np.testing.assert_allclose(again.equations["v"].rows.target, fit.equations["v"].rows.target, rtol=1e-10)
-    other = sampled(**CUBIC, n=200, seed=4)
+    other = short(**CUBIC, seed=4)
     assert float(again.predict(other).nmse()["v"]) < 0.1
     assert float(again.simulate(other).nrmse()["y"]) < 0.2
 
 
-def of_kind(kind, n=400):
+def of_kind(kind, n=SHORT):
     """Noise of unit spread that is not white and normal."""
     rng = np.random.default_rng(5)
     e = rng.standard_normal(n)
@@ -241,9 +263,11 @@ def of_kind(kind, n=400):
     return e
 
 
-@pytest.mark.parametrize("kind", ["correlated noise", "heavy tails"])
-def test_noise_of_the_sensor_that_is_not_white_is_found_and_the_effect_beside_it(kind):
-    found = study(sampled(**CUBIC, noise=0.0, bend=lambda t, y: y + 0.03 * np.std(y) * of_kind(kind)), catalogue=FEW)
+# Tails are told from few samples that are far off.
+@pytest.mark.parametrize(("kind", "n"), [("correlated noise", SHORT), ("heavy tails", 400)])
+def test_noise_of_the_sensor_that_is_not_white_is_found_and_the_effect_beside_it(kind, n):
+    data = sampled(**CUBIC, noise=0.0, n=n, bend=lambda t, y: y + 0.03 * np.std(y) * of_kind(kind, n))
+    found = study(data, catalogue=TWO)
     row = found.effects.iloc[0]
     assert row["slug"] == "cubic-stiffness" and row["probability"] > 0.9 and found.verdict == "named"
     assert abs(row["mean"] + 0.5) < 4 * row["sd"]
@@ -251,20 +275,23 @@ def test_noise_of_the_sensor_that_is_not_white_is_found_and_the_effect_beside_it
 
 
 def test_correlated_noise_alone_is_no_gap():
-    found = study(
-        sampled(noise=0.0, bend=lambda t, y: y + 0.03 * np.std(y) * of_kind("correlated noise")), catalogue=FEW
-    )
-    assert found.verdict == "no gap"
+    data = short(noise=0.0, bend=lambda t, y: y + 0.03 * np.std(y) * of_kind("correlated noise"))
+    assert study(data, catalogue=TWO).verdict == "no gap"
 
 
 @pytest.mark.parametrize(
-    ("bend", "kind", "size"),
-    [(lambda t, y: CubicSpline(t, y)(t - 0.07), "delay", 0.07), (lambda t, y: y + 0.15, "offset", 0.15)],
+    ("bend", "kind", "size", "catalogue"),
+    [
+        (lambda t, y: CubicSpline(t, y)(t - 0.07), "delay", 0.07, TWO),
+        (lambda t, y: y + 0.15, "offset", 0.15, WITH_FORCE),
+    ],
     ids=["delay", "offset"],
 )
-def test_beside_a_sensor_that_is_off_the_effect_is_found_and_free_runs_show_what_the_sensor_shows(bend, kind, size):
+def test_beside_a_sensor_that_is_off_the_effect_is_found_and_free_runs_show_what_the_sensor_shows(
+    bend, kind, size, catalogue
+):
     given = CUBIC | {"noise": 0.005, "bend": bend}
-    found = study(sampled(**given), sampled(**given, seed=1), catalogue=FEW, free_runs=True)
+    found = study(short(**given), short(**given, seed=1), catalogue=catalogue, free_runs=True)
     added = found.effects[found.effects["status"] == "added"].set_index("slug")
     sensors = found.instrument[found.instrument["status"] != ""].set_index("suspect")
     assert list(added.index) == ["cubic-stiffness"] and list(sensors.index) == [kind]
@@ -276,9 +303,9 @@ def test_beside_a_sensor_that_is_off_the_effect_is_found_and_free_runs_show_what
 
 
 def test_where_all_is_learned_a_gain_of_the_only_sensor_is_its_unit_and_no_suspect():
-    data = sampled(**CUBIC, noise=0.01)
-    model = bg.GreyBox({"v": ["y", "v", "F"]}, simulation={"y": "v"}, rows=bg.TrajectoryRows())
-    found = bg.find_missing_effects(model, data, catalogue=FEW, free_runs=True, settle=False, progress=False)
+    data, rows = short(**CUBIC, noise=0.01), bg.TrajectoryRows(interpolation="cubic")
+    model = bg.GreyBox({"v": ["y", "v", "F"]}, simulation={"y": "v"}, rows=rows)
+    found = bg.find_missing_effects(model, data, catalogue=TWO, free_runs=True, settle=False, progress=False)
     added = found.effects[found.effects["status"] == "added"].set_index("slug")
     assert list(added.index) == ["cubic-stiffness"]
     assert abs(added.loc["cubic-stiffness", "mean"] + 0.5) < 4 * added.loc["cubic-stiffness", "sd"]
@@ -289,9 +316,9 @@ def test_where_all_is_learned_a_gain_of_the_only_sensor_is_its_unit_and_no_suspe
 
 def test_what_a_sensor_at_its_end_shows_is_left_out_and_said():
     # Noise of the sensor is clipped with what it shows.
-    data = sampled(**CUBIC, noise=0.03)
+    data = short(**CUBIC, noise=0.03)
     data = replace(data, states={"y": np.minimum(data.states["y"], np.quantile(data.states["y"], 0.9))})
-    found = study(data, catalogue=FEW)
+    found = study(data)
     row = found.effects.iloc[0]
     assert found.verdict == "named" and row["slug"] == "cubic-stiffness" and abs(row["mean"] + 0.5) < 4 * row["sd"]
     count = int(np.sum(data.states["y"] == data.states["y"].max()))
@@ -300,10 +327,10 @@ def test_what_a_sensor_at_its_end_shows_is_left_out_and_said():
 
 def test_a_sensor_that_stays_where_its_path_does_not_speaks_against_the_answer():
     # It sticks at its largest value now and then, wherever the path is.
-    data = sampled(**CUBIC, noise=0.03)
+    data = short(**CUBIC, noise=0.03)
     y = data.states["y"].copy()
-    for first in range(20, 400, 60):
+    for first in range(20, SHORT, 60):
         y[first : first + 5] = np.max(data.states["y"])
-    found = study(replace(data, states={"y": y}), catalogue=FEW)
+    found = study(replace(data, states={"y": y}))
     assert found.verdict != "named"
     assert any("where its path does not reach it" in text for text in found.against)

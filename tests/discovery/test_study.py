@@ -22,7 +22,7 @@ def oscillator(hidden, seed, x0=(0.8, 0.0), k=2.0, noise=NOISE):
     """y'' = F − k y − 0.15 y' + hidden(y, y'), acceleration with white noise; fine steps of the classical rule."""
     rng = np.random.default_rng(seed)
     phases = rng.uniform(0, 6, 3)
-    fine, h = 20, STEP / 20
+    fine, h = 4, STEP / 4
 
     def rate(t, x):
         return np.array([x[1], drive(t, phases) - k * x[0] - 0.15 * x[1] + hidden(*x)])

@@ -6,6 +6,7 @@ from scipy.integrate import solve_ivp
 
 import bayes_greybox as bg
 from bayes_greybox.missing_effects import Study
+from bayes_greybox.physics.catalogue.loading import load_catalogue
 
 
 @pytest.fixture(scope="package")
@@ -21,4 +22,6 @@ def study() -> Study:
     a = F - 4 * y - 0.5 * v - 1.5 * y**3 + 0.3 * rng.standard_normal(81)
     data = bg.Trajectories.from_arrays(t, states={"y": y, "v": v}, inputs={"F": F}, derivatives={"v": a})
     model = bg.GreyBox({"v": []}, simulation={"y": "v", "v": "F - 4*y - 0.5*v"})
-    return bg.find_missing_effects(model, data, settle=False, free_runs=False, progress=False)
+    several = [each for each in load_catalogue("mechanical") if each.slug.endswith("-stiffness")]
+    given = {"settle": False, "free_runs": False, "progress": False}
+    return bg.find_missing_effects(model, data, catalogue=several, **given)

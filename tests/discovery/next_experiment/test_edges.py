@@ -77,8 +77,8 @@ def test_candidates_that_do_not_fit_the_model_are_refused(study, change, message
 
 
 def test_only_the_candidate_that_the_steps_do_not_follow_is_said_not_to_be_followed(study):
-    stiff = replace(FAR, start={"y": 10.0, "v": 0.0}, duration=300.0, rows=31, name="stiff")
-    calm = replace(FAR, start={"y": 0.0, "v": 0.0}, inputs={"F": Hold(0.0)}, duration=300.0, rows=31, name="calm")
+    stiff = replace(FAR, start={"y": 10.0, "v": 0.0}, duration=30.0, rows=7, name="stiff")
+    calm = replace(FAR, start={"y": 0.0, "v": 0.0}, inputs={"F": Hold(0.0)}, duration=30.0, rows=7, name="calm")
     table = told(study, NOTHING, law("cubic", 0.5, "y**3", -0.8)).next_experiment([calm, stiff], outcomes=4).table
     said = dict(zip(table["candidate"], table["said"], strict=True))
     assert "the steps do not follow" in said["stiff"]

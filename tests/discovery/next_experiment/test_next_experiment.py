@@ -36,7 +36,7 @@ def test_a_large_motion_tells_more_than_rest_and_rest_alone_stops(study):
 
 
 def test_a_candidate_that_fails_is_not_chosen(study):
-    wild = Candidate({"F": Hold(1e9)}, {"y": 0.0, "v": 0.0}, 4.0, 41, {"v": 0.3}, "wild")
+    wild = Candidate({"F": Hold(1e9)}, {"y": 0.0, "v": 0.0}, 0.4, 5, {"v": 0.3}, "wild")
     found = study.next_experiment([wild], outcomes=8)
     assert not found.chosen
     assert found.responses == ()
