@@ -205,7 +205,9 @@ def measured(machine: Machine, replicate: int, seed: int) -> Measured:
         t = step * np.arange(n)
         # From sample to sample; compiled, a fifth of the time of solve_ivp.
         solver = ode(motion).set_integrator(**ACCURATE, first_step=step).set_initial_value(begun)
-        return t, np.stack([begun, *(solver.integrate(each) for each in t[1:])], axis=1)
+        path = np.stack([begun, *(solver.integrate(each) for each in t[1:])], axis=1)
+        assert solver.successful()
+        return t, path
 
     t, x = integrated(forces[0], SAMPLES)
     if own is not None:

@@ -138,7 +138,7 @@ class Nudged(HostODE):
         """Copies with a force of the same effect, their coefficients and inner parameters."""
         found = []
         for effect in dict.fromkeys(nudge.effect for nudge in self.nudges):
-            own = [k for k, nudge in enumerate(self.nudges) if nudge.effect is effect]
+            own = [k for k, nudge in enumerate(self.nudges) if nudge.effect == effect]
             numbers = np.array([(self.nudges[k].coefficient, self.nudges[k].inner) for k in own])
             found.append((effect, own, *numbers.T))
         return found
