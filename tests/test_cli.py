@@ -168,6 +168,7 @@ def test_datasets_are_listed(capsys):
     assert cli.main(["datasets"]) == 0
     out = capsys.readouterr().out
     assert all(name in out for name in ("silverbox", "cascaded_tanks", "falling_balls", "hudson_bay"))
+    assert "silverbox/SNLS80mV.mat" in out
 
 
 def test_no_words_mean_help(capsys):
