@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 import pandas as pd
@@ -46,6 +46,7 @@ class Piece(NamedTuple):
         return xr.Dataset({name: ("row", values, self.attributes.get(name, {})) for name, values in columns.items()})
 
 
+@runtime_checkable
 class Tables(Protocol):
     """Files that are read in pieces."""
 

@@ -84,7 +84,7 @@ def near_estimate(model: Model, data: Trajectories) -> Model:
         return _settled(model, data)
 
 
-def nearer(model: Model, equation: Equation, earlier: Model | None = None, last: bool = False) -> Model | None:
+def nearer(model: Any, equation: Equation, earlier: Any = None, last: bool = False) -> Any:
     """The model with rows near what more rows say than those that it is near; None where it is near that already.
 
     Args:

@@ -2,7 +2,7 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
@@ -13,6 +13,7 @@ from bayes_greybox.physics.terms import Term
 from .equation_rows import EquationRows
 
 
+@runtime_checkable
 class RunRows(Protocol):
     """Rows of runs that come one after another: together they are the rows of all runs at once."""
 
