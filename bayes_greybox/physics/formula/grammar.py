@@ -290,8 +290,10 @@ class _Builder:
         return self.checked(base**exponent)
 
     def real(self, power: sympy.Expr) -> sympy.Expr:
-        # SymPy takes factors out of a power, and the root of a negative one has an imaginary part.
-        if power.has(sympy.I):
+        # SymPy takes factors out of a power, and the root of a negative one has an imaginary part, or is one that it
+        # leaves as it stands, as (-1)**(3/250).
+        roots = (root for root in power.atoms(sympy.Pow) if root.is_number)
+        if power.has(sympy.I) or any(root.is_extended_real is False for root in roots):
             self.refuse("raises a negative number to a power that is not whole; take abs(...) of it")
         return self.checked(power)
 
