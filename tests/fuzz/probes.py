@@ -28,6 +28,8 @@ _ = bg.GreyBox
 
 NAMES = ("y", "v", "F")
 COLUMNS = {name: np.linspace(-2.0, 3.0, 7) + k for k, name in enumerate(NAMES)}
+for write in (to_text, to_latex, lambda expr: evaluate(expr, COLUMNS)):
+    write(parse_expression("sin(1) + y"))
 
 CODE = ("os.system", "os.exec", "os.posix_spawn", "os.fork", "subprocess.Popen", "socket.connect")
 """Events of `sys.audit` that mean that text of an input was run."""
