@@ -203,7 +203,7 @@ def measured(machine: Machine, replicate: int, seed: int) -> Measured:
             return [v, known + pull, *(own.rates(y, v, F, z, p) if own is not None else ())]
 
         t = step * np.arange(n)
-        # From sample to sample; compiled, a fifth of the time of solve_ivp.
+        # From sample to sample, by a compiled solver.
         solver = ode(motion).set_integrator(**ACCURATE, first_step=step).set_initial_value(begun)
         path = np.stack([begun, *(solver.integrate(each) for each in t[1:])], axis=1)
         assert solver.successful()
