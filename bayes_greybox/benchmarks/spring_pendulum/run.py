@@ -141,6 +141,7 @@ def study(file: Path, case: Case, replicate: int, seed: int) -> dict[str, Any]:
     )
     seconds = time.perf_counter() - start
     probabilities = dict(zip(found.effects["slug"], map(float, found.effects["probability"]), strict=True))
+    laws: dict[Any, float] = found.quantities["probability"].to_dict()
     answer = Answer(case.truth, found.verdict, found.effects, found.instrument)
     amended = found.to_callable()
     places = [amended.states.index(name) for name in NAMES]
@@ -160,7 +161,7 @@ def study(file: Path, case: Case, replicate: int, seed: int) -> dict[str, Any]:
         "added": answer.added,
         "likely": {slug: p for slug, p in probabilities.items() if p >= LIKELY and slug not in answer.names},
         "tied": sorted(answer.tied - answer.names),
-        "laws": {name: float(p) for (_, name), p in found.quantities["probability"].items() if p >= LIKELY},
+        "laws": {name: p for (_, name), p in laws.items() if p >= LIKELY},
         "missed": sorted(set(case.truth) - answer.names),
         "wrong": answer.wrong,
         "right": found.verdict == ("named" if case.lacks else "no gap") and answer.names == set(case.truth),
