@@ -5,6 +5,7 @@ squared-exponential with the dictionary projected out at the rows. Features are 
 """
 
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
@@ -95,7 +96,7 @@ def _parameters(n_term: int, n_var: int) -> tuple[Any, Any, Any, Any]:
 
 
 def _sampled(model: Callable[[], None], settings: Settings, clock: Clock) -> Drawn:
-    """NumPyro's NUTS, a few iterations of each chain in turn.
+    """NumPyro's NUTS, a few iterations of all chains side by side.
 
     By the kernel itself: `MCMC` compiles once for each chain and each call, and cannot be stopped at a cap.
     """
@@ -110,16 +111,18 @@ def _sampled(model: Callable[[], None], settings: Settings, clock: Clock) -> Dra
         state = kernel.sample(state, (), {})
         return state, {**state.z, "steps": state.num_steps, "diverging": state.diverging}
 
-    advance = jax.jit(lambda state: jax.lax.scan(step, state, None, length=PIECE))
+    # Compiled once, for all chains; XLA lets go of the interpreter while it runs.
+    advance = jax.jit(lambda state: jax.lax.scan(step, state, None, length=PIECE)).lower(states[0]).compile()
     kept, looks = [], []
-    for done in range(PIECE, settings.tune + settings.draws + 1, PIECE):
-        advanced = [advance(state) for state in states]
-        states = [state for state, _ in advanced]
-        if done > settings.tune:
-            kept.append(jax.tree.map(lambda *each: np.stack(each), *[record for _, record in advanced]))
-            looks.append((clock(), done - settings.tune))
-        if clock() > settings.cap:
-            break
+    with ThreadPoolExecutor(settings.chains) as chains:
+        for done in range(PIECE, settings.tune + settings.draws + 1, PIECE):
+            advanced = list(chains.map(lambda state: jax.block_until_ready(advance(state)), states))
+            states = [state for state, _ in advanced]
+            if done > settings.tune:
+                kept.append(jax.tree.map(lambda *each: np.stack(each), *[record for _, record in advanced]))
+                looks.append((clock(), done - settings.tune))
+            if clock() > settings.cap:
+                break
     if not kept:
         nothing = np.empty((settings.chains, 0, 1))
         return Drawn(nothing, nothing, ((clock(), 0),), float("nan"), 0)

@@ -98,7 +98,7 @@ def _sampled(data: Data, settings: Settings, clock: Clock, projected: bool) -> D
     eta = [posterior[name].to_numpy()[:, :n] for name in ETA]
     return Drawn(
         posterior["theta"].to_numpy()[:, :n],
-        np.concatenate([each.reshape(*each.shape[:2], -1) for each in eta], axis=2),
+        np.concatenate([each[..., None] if each.ndim == 2 else each for each in eta], axis=2),
         looks,
         float(np.sum(stats["n_steps"].to_numpy()[:, :n])),
         int(np.sum(stats["diverging"].to_numpy()[:, :n].astype(bool))),
