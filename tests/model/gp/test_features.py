@@ -26,6 +26,7 @@ def _error(name, length, boundary, size):
 def test_expansion_converges_geometrically_in_the_number_of_features():
     """The truncation error is a Gaussian tail, so it falls faster than any power."""
     errors = np.array([_error("squared_exponential", 0.5, 3.0, m) for m in (6, 10, 14, 18, 22)])
+    print("relative error for 6, 10, 14, 18, 22 features: " + ", ".join(f"{error:.1e}" for error in errors))
     assert np.all(errors[1:] < 0.2 * errors[:-1])
     # Faster than geometric: each four features gain more than the four before.
     assert np.all(np.diff(errors[1:] / errors[:-1]) < 0)
