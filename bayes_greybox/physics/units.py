@@ -63,6 +63,23 @@ def same_unit(first: str, second: str, what: str) -> bool:
     return first == second or _same(parse_unit(first, what), parse_unit(second, what))
 
 
+def per_second(unit: str) -> float:
+    """How many of a unit of time are a second: 1000 for ms; 1 where the unit is not known, or none of time.
+
+    Args:
+        unit: Unit of time, "" where it is not known.
+
+    Raises:
+        InputError: It is not a known unit.
+    """
+    if not unit:
+        return 1.0
+    given, second = parse_unit(unit, "the time"), registry().parse_units("second")
+    if given.dimensionality != second.dimensionality:
+        return 1.0
+    return float(registry().Quantity(1.0, second).to(given).magnitude)
+
+
 def derivative_unit(state: str, units: Mapping[str, str]) -> str:
     """Unit of d(state)/dt: as declared under "d(state)/dt", else the state's unit over the time's.
 

@@ -16,12 +16,13 @@ TERMS = [
 ]  # fmt: skip
 
 
-def system_of(simulation, terms, states=("y", "v", "z"), inputs=("F",), equation="v"):
+def system_of(simulation, terms, states=("y", "v", "z"), inputs=("F",), equation="v", units=None):
     rng = np.random.default_rng(0)
     data = bg.Trajectories.from_arrays(
         np.arange(5.0),
         states={n: rng.uniform(1, 2, 5) for n in states},
         inputs={n: rng.uniform(1, 2, 5) for n in inputs},
+        units=units,
     )
     made = [bg.Term(text) for text in terms]
     learned = tuple(

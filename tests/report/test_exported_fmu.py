@@ -73,6 +73,17 @@ def test_an_fmu_computes_the_packages_rates(case, tmp_path):
 
 
 @compiled
+def test_the_time_of_an_fmu_is_in_seconds_whatever_the_datas_is(tmp_path):
+    system = system_of(*CASES["every function"], units={"t": "ms"})
+    x, u = points(system, 1)
+    export_system(system, tmp_path / "m.fmu", Notes())
+    with Running(str(tmp_path / "m.fmu"), str(tmp_path / "m")) as model:
+        model.set(**dict(zip((*system.states, *system.inputs), (*x[0], *u[0]), strict=True)))
+        found = model.get(*(f"der({name})" for name in system.states))
+    np.testing.assert_allclose(found, 1000 * learned_rates(system)(0.0, x, u)[0], **CLOSE)
+
+
+@compiled
 def test_an_fmu_has_units_outputs_and_coefficients_with_what_is_known_of_them(study, tmp_path):
     study.export(tmp_path / "amended.fmu")
     with zipfile.ZipFile(tmp_path / "amended.fmu") as archive:

@@ -72,6 +72,19 @@ def test_modelica_says_the_packages_rates(case, tmp_path):
     np.testing.assert_allclose(found, learned_rates(system)(0.0, x, u), **CLOSE)
 
 
+@pytest.mark.parametrize(("unit", "times"), [("ms", 1000), ("min", 1 / 60), ("s", 1), (None, 1)])
+def test_the_time_of_modelica_is_in_seconds_and_that_of_c_and_python_the_datas(unit, times, tmp_path):
+    system = system_of(*CASES["every function"], units=unit and {"t": unit})
+    x, u = points(system)
+    for name in ("m.mo", "m.c"):
+        export_system(system, tmp_path / name, Notes())
+    own = learned_rates(system)(0.0, x, u)
+    np.testing.assert_allclose(by_modelica(tmp_path / "m.mo", x, u), times * own, **CLOSE)
+    assert ("Time is in s here" in (tmp_path / "m.mo").read_text()) == (times != 1)
+    if shutil.which("cc"):
+        np.testing.assert_allclose(by_c(tmp_path / "m.c", "m_rhs", x, u, own.shape[1]), own, **CLOSE)
+
+
 def by_modelica(path, x, u):
     """Right sides [n_row, n_equation] of the equations of a model, states in order."""
     model = parser.parse(path.read_text()).classes[path.stem]

@@ -12,13 +12,16 @@ WIDTH = 100
 """Characters of a line of comments."""
 
 
-def header(model: ExportedModel, names: dict[str, str], slots: tuple[str, str]) -> list[str]:
+def header(
+    model: ExportedModel, names: dict[str, str], slots: tuple[str, str], in_seconds: bool = False
+) -> list[str]:
     """Lines of the header; without a date, so that the same model is the same text.
 
     Args:
         model: The model.
         names: Identifiers by the names of the data.
         slots: How states and inputs are indexed, such as "x[{}]".
+        in_seconds: Whether time is in seconds there, whatever it was in the data.
     """
     what = "amended by a study" if model.origin == "study" else "fitted to data"
     lines = [f"A model {what}; written by bayes_greybox {version('bayes-greybox')}."]
@@ -27,8 +30,14 @@ def header(model: ExportedModel, names: dict[str, str], slots: tuple[str, str]) 
     lines += [
         f"Not in it, as it has no formula: f of {name}, {said}." for name, said in model.notes.discrepancy.items()
     ]
-    if unit_text(model.time):
-        lines.append(f"Time is in {unit_text(model.time)}: rates are per {unit_text(model.time)}.")
+    unit = unit_text(model.time)
+    if in_seconds and model.per_second != 1.0:
+        lines.append(
+            f"Time is in s here, and rates are per s: what the data, with their time in {unit}, say is multiplied by "
+            f"{model.per_second:.15g}. Coefficients have the units of the data."
+        )
+    elif unit:
+        lines.append(f"Time is in {unit}: rates are per {unit}.")
     for slot, quantities in zip((*slots, "output"), (model.states, model.inputs, model.outputs), strict=True):
         for k, each in enumerate(quantities):
             start = f", {_start(each)} where the data start" if slot == slots[0] else ""

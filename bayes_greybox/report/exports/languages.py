@@ -75,8 +75,8 @@ def c_program(model: ExportedModel, name: str, tunable: bool = False) -> str:
     Args:
         model: The model.
         name: What it is called.
-        tunable: Whether coefficients are one more argument `const double *p` after u, and not constants, and the
-            functions are for what includes the program alone.
+        tunable: Whether coefficients are one more argument `const double *p` after u, and not constants, the
+            functions are for what includes the program alone, and rates are per second.
     """
     _require_formulas(model, "C")
     called = _called(model, name, C_WORDS)
@@ -87,7 +87,7 @@ def c_program(model: ExportedModel, name: str, tunable: bool = False) -> str:
     slots += [("p", [each.name for each in model.factors])] if tunable else []
     arguments = ", ".join(["double t", *(f"const double *{slot}" for slot, _ in slots)])
     printer = CPrinter(names)
-    said = header(model, names, ("x[{}]", "u[{}]"))
+    said = header(model, names, ("x[{}]", "u[{}]"), in_seconds=tunable)
     lines = ["/*", *(part for line in said for part in comment(within_c(line), " * ")), " */"]
     lines += ["#include <math.h>", ""]
     bodies = [(each, _sum(printer, each)) for each in model.formulas]
@@ -112,18 +112,19 @@ def c_program(model: ExportedModel, name: str, tunable: bool = False) -> str:
             lines += [f"    const double {each} = {slot}[{k}];" for k, each in enumerate(group)]
         unused = ["t", *(each for slot, group in slots for each in (slot, *group))]
         lines += ["    " + " ".join(f"(void){each};" for each in unused)]
-        lines += [f"    {result}[{k}] = {_sum(printer, each)};" for k, each in enumerate(formulas)]
+        times = model.per_second if tunable and kind == "rhs" else 1.0
+        lines += [f"    {result}[{k}] = {_sum(printer, each, times)};" for k, each in enumerate(formulas)]
         lines += ["}"]
     return "\n".join(lines) + "\n"
 
 
 def modelica_program(model: ExportedModel, name: str) -> str:
-    """A Modelica model with inputs, parameters, and an equation for every state and output."""
+    """A Modelica model with inputs, parameters, and an equation for every state and output; its time is in seconds."""
     _require_formulas(model, "Modelica")
     called = _called(model, name, MODELICA_WORDS)
     names = _names(model, [*MODELICA_WORDS, called])
     printer = ModelicaPrinter(names)
-    said = header(model, names, ("state {}", "input {}"))
+    said = header(model, names, ("state {}", "input {}"), in_seconds=True)
     lines = [part for line in said for part in comment(ascii_text(line), "// ")]
     lines += [f"model {called}"]
     for each in model.factors:
@@ -137,7 +138,7 @@ def modelica_program(model: ExportedModel, name: str) -> str:
     if following:
         lines += ["initial equation", *(f"  {names[each.name]} = {names[each.follows]};" for each in following)]
     lines += ["equation"]
-    lines += [f"  der({names[each.name]}) = {_sum(printer, each)};" for each in model.rates]
+    lines += [f"  der({names[each.name]}) = {_sum(printer, each, model.per_second)};" for each in model.rates]
     lines += [f"  {names[each.name]} = {_sum(printer, each)};" for each in model.given]
     return "\n".join([*lines, f"end {called};"]) + "\n"
 
@@ -155,9 +156,10 @@ def _names(model: ExportedModel, words: list[str]) -> dict[str, str]:
     return identifiers([each.name for each in model.quantities], [*words, *(f.name for f in model.factors)])
 
 
-def _sum(printer: PythonPrinter | CPrinter | ModelicaPrinter, formula: Formula) -> str:
+def _sum(printer: PythonPrinter | CPrinter | ModelicaPrinter, formula: Formula, times: float = 1.0) -> str:
     known = [] if formula.known == 0 and formula.added else [printer._print(formula.known)]
-    return " + ".join([*known, *(printer.product(name, phi) for name, phi in formula.added)])
+    text = " + ".join([*known, *(printer.product(name, phi) for name, phi in formula.added)])
+    return text if times == 1.0 else f"{times!r}*({text})"
 
 
 def _require_formulas(model: ExportedModel, language: str) -> None:

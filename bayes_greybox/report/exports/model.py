@@ -17,7 +17,7 @@ from sympy.core.function import AppliedUndef
 from bayes_greybox.criticism.equations.learned import InnerValue, LearnedSystem, LearnedTerm, Value
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.physics.formula.expressions import symbol_names
-from bayes_greybox.physics.units import derivative_unit, target_unit
+from bayes_greybox.physics.units import derivative_unit, per_second, target_unit
 
 from .names import distinct
 
@@ -146,6 +146,11 @@ class ExportedModel:
     def rates(self) -> tuple[Formula, ...]:
         """Formulas of the states."""
         return self.formulas[: len(self.states)]
+
+    @property
+    def per_second(self) -> float:
+        """Units of the data's time in a second: what rates are multiplied by where time must be in seconds."""
+        return per_second(self.time)
 
     @property
     def given(self) -> tuple[Formula, ...]:

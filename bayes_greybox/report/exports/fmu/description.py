@@ -56,7 +56,9 @@ def description(model: ExportedModel, name: str, called: str, guid: str, said: s
         )  # fmt: skip
     for k, each in enumerate(model.rates):
         of = {"derivative": str(k + 1)}
-        variable(f"der({each.name})", "", each.unit, of, causality="local", variability="continuous")
+        # Per second, whatever the data's time is in.
+        unit = each.unit if model.per_second == 1.0 else ""
+        variable(f"der({each.name})", "", unit, of, causality="local", variability="continuous")
     for each in model.inputs:
         variable(each.name, each.said, each.unit, {"start": "0.0"}, causality="input", variability="continuous")
     for each in model.outputs:
