@@ -12,9 +12,7 @@ WIDTH = 100
 """Characters of a line of comments."""
 
 
-def header(
-    model: ExportedModel, names: dict[str, str], slots: tuple[str, str], in_seconds: bool = False
-) -> list[str]:
+def header(model: ExportedModel, names: dict[str, str], slots: tuple[str, str], in_seconds: bool = False) -> list[str]:
     """Lines of the header; without a date, so that the same model is the same text.
 
     Args:
