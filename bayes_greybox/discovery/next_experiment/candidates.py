@@ -40,6 +40,8 @@ class Candidate:
             raise InputError(
                 f"An experiment needs a duration above 0 and two rows, not {self.duration} and {self.rows}."
             )
+        if wrong := [name for name, value in self.start.items() if not np.isfinite(value)]:
+            raise InputError(f"start: {wrong[0]!r} is {self.start[wrong[0]]}; give it a number.")
         for channel, sd in self.sensors.items():
             if not (np.isfinite(sd) and sd > 0):
                 raise InputError(f"sensors: the noise of {channel!r} must be above 0, not {sd}.")
@@ -91,14 +93,19 @@ def usual_candidates(
     asked = tuple(SIGNALS if signals is None else signals)
     if unknown := [name for name in asked if name not in SIGNALS]:
         raise InputError(f"There are no signals called {unknown[0]!r}; there are {', '.join(SIGNALS)}.")
-    if not len(amplitudes) or not all(np.isfinite(a) and a > 0 for a in amplitudes):
+    if not np.ndim(amplitudes) or not len(amplitudes) or not all(np.isfinite(a) and a > 0 for a in amplitudes):
         raise InputError(f"amplitudes must be numbers above 0, such as (0.5, 1), not {amplitudes}.")
+    if duration is not None and not (np.isfinite(duration) and duration > 0):
+        raise InputError(f"duration must be a number above 0, not {duration}.")
     families = [SIGNALS[name] for name in asked]
     spans = {r: np.ptp(data.time[data.run == r]) for r in range(data.n_run)}
     longest = data.run == max(spans, key=lambda r: spans[r])
     duration = float(spans[data.run[longest][0]]) if duration is None else float(duration)
     step = float(np.median(np.diff(data.time[longest])))
-    rows = max(2, round(duration / step) + 1) if rows is None else rows
+    if rows is None:
+        # No more than the data have in as long a time, whose rows may come in bursts.
+        most = np.ceil(np.sum(longest) * duration / np.ptp(data.time[longest]))
+        rows = max(2, min(round(duration / step), int(most)) + 1)
     low, high = _band(data, longest, duration)
     middles = {name: 0.5 * float(np.min(u) + np.max(u)) for name, u in data.inputs.items()}
     driven: list[dict[str, Signal]] = []

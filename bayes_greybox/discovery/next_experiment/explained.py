@@ -25,6 +25,9 @@ from .resampled import systematic
 LEAST = 0.01
 """Probability from which on an explanation is kept."""
 
+JOINED = 32
+"""Explanations of several equations together that are told apart at most."""
+
 COMPONENTS = 8
 """Components of an explanation, at most."""
 
@@ -134,13 +137,20 @@ def joined(each: Mapping[str, Sequence[Explained]]) -> tuple[Explained, ...]:
 
     Args:
         each: Explanations by equation.
+
+    Returns:
+        The likeliest, at most `JOINED`; those less likely than `LEAST` times the first are left out.
     """
     if len(each) == 1:
         return tuple(next(iter(each.values())))
     found = []
-    for choice in product(*each.values()):
-        p = float(np.prod([e.probability for e in choice]))
-        if p < LEAST:
+    choices: list[tuple[tuple[Explained, ...], float]] = [((), 1.0)]
+    for group in each.values():
+        # The likeliest of all are likely in every part.
+        longer = [((*choice, e), p * e.probability) for choice, p in choices for e in group]
+        choices = sorted(longer, key=lambda choice: -choice[1])[:JOINED]
+    for choice, p in choices:
+        if p < LEAST * choices[0][1]:
             continue
         name = "; ".join(f"{equation}: {e.name}" for equation, e in zip(each, choice, strict=True))
         sigma = {equation: value for e in choice for equation, value in e.sigma.items()}

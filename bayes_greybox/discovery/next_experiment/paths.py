@@ -149,6 +149,9 @@ def _sums(asked: Question, parts: Sequence[Part]) -> list[tuple[Term, int, Any, 
             place = asked.simulation.states.index(equation)
             # An integrator cannot stay on a jump.
             entry = found.setdefault((place, str(term.expression)), (term.rounded(asked.data.columns), [], []))
+            if entry[1] and entry[1][-1] is draws:
+                entry[2][-1] = entry[2][-1] + values
+                continue
             entry[1].append(draws)
             entry[2].append(values)
     sums = []

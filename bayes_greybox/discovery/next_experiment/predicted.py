@@ -273,4 +273,6 @@ def _predicted(
 
 def _reach(measured: np.ndarray, low: Any, high: Any) -> Any:
     middle, half = 0.5 * (np.min(measured) + np.max(measured)), 0.5 * np.ptp(measured)
-    return np.maximum(high - middle, middle - low) / (half or 1.0)
+    far = np.maximum(high - middle, middle - low)
+    # What never moved has no range: any motion is beyond it.
+    return far / half if half > 0 else np.where(far > 0, np.inf, 0.0)

@@ -34,6 +34,9 @@ FINER = 4
 LEAST = 1e-9
 """Bits that rounding alone may give: an experiment worth less is worth nothing, whatever the threshold."""
 
+ALONE = 0.99
+"""Probability from which on an explanation without a rival needs no experiment."""
+
 BEYOND, FAILS = 1.1, 0.01
 """Reach over the data's range that is said to be extrapolation, and share of failing runs that rules one out."""
 
@@ -128,8 +131,13 @@ def rank(
     )
     if len(known) < 2:
         text = "Fewer than two likely explanations predict anything: no experiment can be chosen to tell them apart."
-        if len(every) == 1:
+        if len(every) == 1 and every[0].probability >= ALONE:
             text = f"One explanation is left ({every[0].name}): nothing needs to be told apart."
+        elif len(every) == 1:
+            text = (
+                f"Besides {every[0].name} (probability {every[0].probability:.2f}) no explanation is likely enough to "
+                "be told apart from it by an experiment."
+            )
         return NextExperiment(pd.DataFrame(), (), Information(0.0, 0.0), 0.0, about, text)
     p = np.array([e.probability for e in known])
     p = p / np.sum(p)
@@ -142,35 +150,23 @@ def rank(
         _check(asked, each)
     found = predict(asked, candidates)
     alone = [_information(asked, [each], p) for each in found]
-    able = [i for i, each in enumerate(found) if np.max(each.failed) <= FAILS]
-    picked: list[int] = []
-    finer: dict[int, Information] = {}
-    closer = _question(study, known, FINER * outcomes, seed + 1)
-    for _ in range(min(batch, len(able))):
-        left = [i for i in able if i not in picked]
-        beside = {i: _information(asked, [found[j] for j in (*picked, i)], p) if picked else alone[i] for i in left}
-        finalists = sorted(left, key=lambda i, now=beside: -now[i].bits)[:FINALISTS]
-        # In one go: the noise of experiments that are done together is their own.
-        near = predict(closer, [candidates[i] for i in (*picked, *finalists)])
-        done, last = near[: len(picked)], near[len(picked) :]
-        values = {i: _information(closer, [*done, each], p) for i, each in zip(finalists, last, strict=True)}
-        if not picked:
-            finer = values
-        picked.append(max(finalists, key=lambda i, now=values: now[i].bits))
+    # The largest share that was seen, of whichever outcomes.
+    fails = [float(np.max(each.failed)) for each in found]
+    closer, again = (_question(study, known, FINER * outcomes, seed + k) for k in (1, 2))
+    while True:
+        picked, finer = _picked(asked, closer, found, p, fails, batch)
+        after = predict(again, [candidates[i] for i in picked]) if picked else []
+        if _able(fails, picked, after):
+            break
     chosen = tuple(candidates[i] for i in picked)
-    information, after, shown = Information(0.0, 0.0), [], ()
-    if chosen:
-        again = _question(study, known, FINER * outcomes, seed + 2)
-        after = predict(again, chosen)
-        information = _information(again, after, p)
-        shown = tuple(responses(again, each, known) for each in after)
+    information = _information(again, after, p) if picked else Information(0.0, 0.0)
+    shown = tuple(responses(again, each, known) for each in after)
     if information.bits < max(threshold, SURE * information.error, LEAST):
         chosen = ()
     rows = [
         {
             "candidate": each.candidate.name, "information": value.bits, "error": value.error,
-            "reach": max(float(np.nanquantile(x, 0.95)) for x in each.reach.values()),
-            "fails": float(np.max(each.failed)), "said": _said(each),
+            "reach": max(_far(x) for x in each.reach.values()), "fails": fails[i], "said": _said(each, fails[i]),
         }
         for i, each in enumerate(found)
         for value in (finer.get(i, alone[i]),)
@@ -180,9 +176,41 @@ def rank(
     order = sorted(range(len(rows)), key=lambda i: (i not in finer, -rows[i]["information"]))
     table = table.iloc[order].reset_index(drop=True)
     # What is seen of more outcomes counts: a failure among them too.
-    mind = [said for each in after if (said := _said(each))]
-    text = _sentence(known, every, chosen, information, entropy(p), mind, bool(able))
+    mind = [said for i, each in zip(picked, after, strict=True) if (said := _said(each, fails[i]))]
+    text = _sentence(known, every, chosen, information, entropy(p), mind, bool(picked), threshold)
     return NextExperiment(table, chosen, information, entropy(p), about, text, shown)
+
+
+def _picked(
+    asked: Question, closer: Question, found: Sequence[Predicted], p: np.ndarray, fails: list[float], batch: int
+) -> tuple[list[int], dict[int, Information]]:
+    """Candidates that are chosen one after another, and what the finalists of the first choice tell."""
+    picked: list[int] = []
+    finer: dict[int, Information] = {}
+    while len(picked) < batch:
+        left = [i for i, share in enumerate(fails) if share <= FAILS and i not in picked]
+        if not left:
+            break
+        beside = {i: _information(asked, [found[j] for j in (*picked, i)], p) for i in left}
+        finalists = sorted(left, key=lambda i, now=beside: -now[i].bits)[:FINALISTS]
+        # In one go: the noise of experiments that are done together is their own.
+        near = predict(closer, [found[i].candidate for i in (*picked, *finalists)])
+        if not _able(fails, (*picked, *finalists), near):
+            picked = [i for i in picked if fails[i] <= FAILS]
+            continue
+        done, last = near[: len(picked)], near[len(picked) :]
+        values = {i: _information(closer, [*done, each], p) for i, each in zip(finalists, last, strict=True)}
+        if not picked:
+            finer = values
+        picked.append(max(finalists, key=lambda i, now=values: now[i].bits))
+    return picked, finer
+
+
+def _able(fails: list[float], each: Sequence[int], seen: Sequence[Predicted]) -> bool:
+    """Whether more outcomes of candidates say that none of them fails too often; what was seen is noted."""
+    for i, predicted in zip(each, seen, strict=True):
+        fails[i] = max(fails[i], float(np.max(predicted.failed)))
+    return all(fails[i] <= FAILS for i in each)
 
 
 def _question(study: StudyResult, known: Sequence[Explained], outcomes: int, seed: int) -> Question:
@@ -216,22 +244,29 @@ def _information(asked: Question, each: Sequence[Predicted], p: np.ndarray) -> I
     return expected_information(logs, each[0].truth, p)
 
 
-def _said(each: Predicted) -> str:
+def _said(each: Predicted, fails: float) -> str:
     said = [
         f"{name} reaches {far:.2g} times the data's range: extrapolation"
+        if np.isfinite(far)
+        else f"{name} moves, which in the data it did not: extrapolation"
         for name, x in each.reach.items()
-        if (far := float(np.nanquantile(x, 0.95))) > BEYOND
+        if (far := _far(x)) > BEYOND
     ]
-    if np.max(each.failed) > 0:
-        said.append(f"{np.max(each.failed):.0%} of the runs fail under an explanation: unsafe")
+    if fails > 0:
+        said.append(f"{fails:.1%} of the runs fail under an explanation: unsafe")
     if not each.resolved:
         said.append("the steps do not follow its path")
     return "; ".join(said)
 
 
+def _far(reach: np.ndarray) -> float:
+    """The 95 % quantile, which may be infinite, so that no two values are averaged."""
+    return float(np.nanquantile(reach, 0.95, method="higher"))
+
+
 def _sentence(
     known: Sequence[Explained], every: Sequence[Explained], chosen: Sequence[Candidate], found: Information,
-    total: float, mind: Sequence[str], able: bool,
+    total: float, mind: Sequence[str], able: bool, threshold: float,
 ) -> str:  # fmt: skip
     names = ", ".join(e.name for e in known)
     left = [e.name for e in every if not e.components]
@@ -244,4 +279,8 @@ def _sentence(
         return f"Measure next: {what}. {how} expected to tell {worth} between {names}.{warned}{more}"
     if not able:
         return f"Under every candidate some runs fail: give smaller amplitudes or other starts.{more}"
-    return f"No candidate would tell them apart ({names}): the best is expected to tell {worth}.{more}"
+    if found.bits >= max(SURE * found.error, LEAST):
+        least = f"the threshold of {threshold:.3g} bits"
+        return f"No candidate is worth {least} ({names}): the best is expected to tell {worth}.{more}"
+    how = "would" if found.bits < LEAST else "is sure to"
+    return f"No candidate {how} tell them apart ({names}): the best is expected to tell {worth}.{more}"

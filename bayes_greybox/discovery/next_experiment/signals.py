@@ -160,7 +160,7 @@ class Multisine:
     def value(self, t: Time) -> Time:
         """O + a Σ sin(2πf_k t + φ_k) over its largest value."""
         f, phase, peak = self._tones()
-        return self.offset + self.amplitude / peak * _sines(t, f, phase)
+        return self.offset + self.amplitude * _within(_sines(t, f, phase) / peak)
 
     @property
     def text(self) -> str:
@@ -192,7 +192,7 @@ class Noise:
         """Values."""
         rng = np.random.default_rng(self.seed)
         f, phase = rng.uniform(0, self.high, 32), rng.uniform(0, 2 * np.pi, 32)
-        return self.offset + self.amplitude / _peak(f, phase) * _sines(t, f, phase)
+        return self.offset + self.amplitude * _within(_sines(t, f, phase) / _peak(f, phase))
 
     @property
     def text(self) -> str:
@@ -218,6 +218,11 @@ def _peak(f: np.ndarray, phase: np.ndarray) -> float:
     slow = max(float(np.min(f)), float(np.max(f)) / 32)
     t = np.linspace(0, 8 / slow, int(128 * max(1.0, np.max(f) / slow)))
     return float(np.max(np.abs(_sines(t, f, phase))))
+
+
+def _within(x: Time) -> Time:
+    """Cut at what an actuator can do, where a long run would go beyond."""
+    return np.clip(x, -1.0, 1.0)
 
 
 def _about(offset: float) -> str:

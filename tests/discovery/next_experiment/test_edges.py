@@ -11,7 +11,7 @@ from bayes_greybox.discovery.next_experiment import predicted, ranked
 from bayes_greybox.discovery.next_experiment.candidates import Candidate, usual_candidates
 from bayes_greybox.discovery.next_experiment.explained import Component, Explained, joined
 from bayes_greybox.discovery.next_experiment.information import Products
-from bayes_greybox.discovery.next_experiment.signals import Hold
+from bayes_greybox.discovery.next_experiment.signals import Hold, Multisine, Noise
 from bayes_greybox.missing_effects import Study
 from bayes_greybox.physics.terms import Term
 
@@ -49,6 +49,8 @@ def test_two_laws_that_are_far_apart_are_told_apart_entirely_and_one_may_have_no
 def test_fewer_than_two_that_predict_are_no_error(study, every):
     found = told(study, *every).next_experiment()
     assert found.sentence.startswith("One explanation is left (unknown)" if len(every) == 1 else "Fewer than two")
+    unsure = told(study, replace(NOTHING, probability=0.8)).next_experiment()
+    assert "One explanation is left" not in unsure.sentence and "no gap (probability 0.80)" in unsure.sentence
     assert len(found.explanations) == len(every)
     assert not found.chosen
 
@@ -112,6 +114,72 @@ def test_equations_are_joined_with_their_products_and_one_that_predicts_nothing_
     assert np.isclose(sum(e.probability for e in found), 1.0)
     assert [bool(e.components) for e in found] == ["unknown" not in e.name for e in found]
     assert found[0].components[0].root.shape == (2, 2)
+
+
+def test_many_equations_keep_the_likeliest_explanations_of_all_together():
+    tied = [law(name, 1 / 3, f"y**{k}", 1.0) for k, name in enumerate("abc", 1)]
+    assert len(joined(dict.fromkeys("uvwxz", tied))) == 32
+    sure = [law("a", 0.94, "y", 1.0), law("b", 0.06, "y**2", 1.0)]
+    found = joined(dict.fromkeys("uvwx", sure))
+    assert found[0].probability == pytest.approx(0.94**4)
+    assert sum(e.probability for e in found) > 0.97
+
+
+def test_what_fails_in_one_run_of_fifty_is_not_chosen_whichever_outcomes_show_it(study):
+    """The first 64 outcomes of each explanation may show no failure at all."""
+    root = np.array([[2.4]])
+    wild = Explained(
+        "wild", 0.5, ("wild",), (Component(1.0, ("v",), (Term("y**3"),), np.array([-0.8]), root),), {"v": 0.02}
+    )
+    unsafe = replace(FAR, start={"y": 1.0, "v": 0.0}, duration=6.0, rows=61, name="unsafe")
+    for seed in range(2):
+        found = told(study, NOTHING, wild).next_experiment([unsafe, FAR], outcomes=64, seed=seed)
+        assert found.chosen == (FAR,)
+        assert found.table.set_index("candidate")["fails"]["unsafe"] > 0.01
+
+
+def test_an_input_that_never_moved_has_no_range(study):
+    still = replace(told(study, NOTHING, law("cubic", 0.5, "y**3", -0.8)), train=_without_motion(study.train))
+    found = still.next_experiment([FAR], outcomes=8)
+    assert found.table["reach"][0] == np.inf
+    assert "F moves, which in the data it did not: extrapolation" in found.sentence
+
+
+def _without_motion(data):
+    return replace(data, inputs={name: 0.0 * u for name, u in data.inputs.items()})
+
+
+def test_a_term_that_stands_twice_in_an_explanation_counts_twice(study):
+    twice = Component(1.0, ("v", "v"), (Term("y"), Term("y")), np.array([-1.0, -2.0]), np.zeros((1, 2)))
+    once = Component(1.0, ("v",), (Term("y"),), np.array([-3.0]), np.zeros((1, 1)))
+    every = [Explained(name, 0.5, (name,), (c,), {"v": 0.02}) for name, c in (("twice", twice), ("once", once))]
+    assert abs(told(study, *every).next_experiment([FAR], outcomes=8).information.bits) < 1e-9
+
+
+@pytest.mark.parametrize("wrong", [{"duration": 0.0}, {"duration": float("nan")}, {"amplitudes": 1.0}])
+def test_settings_of_default_candidates_are_refused_in_a_sentence(study, wrong):
+    with pytest.raises(InputError, match=next(iter(wrong))):
+        usual_candidates(study.train, {"v": 0.02}, **wrong)
+
+
+def test_rows_that_come_in_bursts_give_no_more_rows_than_the_data_have(study):
+    time = np.concatenate([start + 1e-4 * np.arange(5) for start in np.linspace(0, 8, 20)])
+    kinds = (study.train.states, study.train.inputs)
+    states, inputs = ({name: np.resize(x, 100) for name, x in kind.items()} for kind in kinds)
+    burst = bg.Trajectories.from_arrays(time, states=states, inputs=inputs)
+    assert all(each.rows <= 101 for each in usual_candidates(burst, {"v": 0.02}))
+
+
+@pytest.mark.parametrize("signal", [Noise(2.0, 5.0, seed=2), Multisine(2.0, 0.11, 1.0)])
+def test_an_amplitude_is_never_exceeded(signal):
+    u = signal.value(np.linspace(0, 2000, 200_001))
+    assert 1.9 < np.max(np.abs(u)) <= 2.0
+
+
+def test_a_threshold_that_nothing_reaches_is_named(study):
+    found = told(study, NOTHING, law("cubic", 0.5, "y**3", -0.8)).next_experiment([FAR], outcomes=16, threshold=1.5)
+    assert not found.chosen
+    assert found.sentence.startswith("No candidate is worth the threshold of 1.5 bits")
 
 
 def test_means_that_are_stated_of_coefficients_are_simulated(study):
