@@ -23,7 +23,7 @@ fmi2Status fmi2SetupExperiment(fmi2Component c, fmi2Boolean a, fmi2Real b, fmi2R
   { return fmi2OK; }
 fmi2Status fmi2EnterInitializationMode(fmi2Component c) { return z(c)[0] < 0 ? fmi2Error : fmi2OK; }
 fmi2Status fmi2ExitInitializationMode(fmi2Component c) { START; return fmi2OK; }
-fmi2Status fmi2Reset(fmi2Component c) { rest(z(c)); return fmi2OK; }
+fmi2Status fmi2Reset(fmi2Component c) { rest(z(c)); return RESET; }
 fmi2Status fmi2NewDiscreteStates(fmi2Component c, fmi2EventInfo* e) { memset(e, 0, sizeof *e); EVENT; return fmi2OK; }
 fmi2Status fmi2GetContinuousStates(fmi2Component c, fmi2Real x[], size_t n)
   { x[0] = z(c)[2]; x[1] = z(c)[3]; return fmi2OK; }
@@ -95,11 +95,23 @@ HELD = {"F": 0.0}
 """Its input as a parameter."""
 
 
-def build(folder, slope="-1.0", memory="", library=True, hidden="0", start="", event="", inner="1", **described):
+def build(
+    folder,
+    slope="-1.0",
+    memory="",
+    library=True,
+    hidden="0",
+    start="",
+    event="",
+    inner="1",
+    reset="fmi2OK",
+    **described,
+):
     """Compile an FMU; `slope` -1 makes its directional derivatives right, `described` goes into its description.
 
     `memory`, `start` and `event` are C at a reading, at the start and at an event; `hidden` is what the force has of a
-    state that no variable shows; `inner` is the longest step that it takes within one that it is told to take, s.
+    state that no variable shows; `inner` is the longest step that it takes within one that it is told to take, s;
+    `reset` is what a reset returns.
     """
     fmpy = pytest.importorskip("fmpy", reason="FMPy is not installed (extra fmu)")
     compiler = shutil.which("gcc") or shutil.which("cc")
@@ -111,6 +123,7 @@ def build(folder, slope="-1.0", memory="", library=True, hidden="0", start="", e
     rest = folder / "rest.c"
     rest.write_text("".join(f"int fmi2{name}(void) {{ return 0; }}\n" for name in UNUSED.split()))
     words = {"SLOPE": slope, "MEMORY": memory, "HIDDEN": hidden, "START": start, "EVENT": event, "INNER": inner}
+    words |= {"RESET": reset}
     text = C
     for word, code in words.items():
         text = text.replace(word, code)

@@ -92,6 +92,13 @@ def test_a_point_that_is_refused_is_nan_and_the_next_one_is_not(plant):
     np.testing.assert_array_equal(np.isnan(found).any(axis=1), [False, True, False])
 
 
+def test_an_fmu_that_cannot_be_reset_is_instantiated_anew(tmp_path):
+    made, (t, x, u) = build(tmp_path, reset="fmi2Error"), points()
+    for c in (1.0, 2.0):
+        own = simulation_of(bg.FMU(made, parameters={"spring.c": c}, states=NAMES), ("v", "s"), ("F",))
+        np.testing.assert_allclose(own.rates(t, x, u)[:, 0], u[:, 0] - c * (x[:, 1] - 1.1))
+
+
 def test_an_fmu_that_remembers_is_refused(tmp_path):
     made = build(tmp_path, memory="static double told; z(c)[4] += told++")
     own = simulation_of(bg.FMU(made, states=NAMES, parameters=HELD), ("s", "v"), ())

@@ -79,10 +79,10 @@ class Exchange:
     def _start(self, key: Key, t: float) -> None:
         found = self._description
         try:
+            if self._fmu is not None:
+                self._reset(self._fmu)
             if self._fmu is None:
                 self._fmu = instantiated(found, self._said)
-            else:
-                self._fmu.reset()
             for name, value in key:
                 self._fmu.setReal([found.variables[name].ref], [value])
             self._began = min(found.start, t)
@@ -98,6 +98,14 @@ class Exchange:
             left(fmu, error)
             raise InputError(f"The FMU {found.name} cannot be started ({words}): check its parameters.") from error
         self._eventful, self._key = found.eventful or timed, key
+
+    def _reset(self, fmu: Any) -> None:
+        """Reset an instance, or leave one that cannot be."""
+        try:
+            fmu.reset()
+        except Exception as error:
+            self._fmu = None
+            left(fmu, error)
 
     def _settled(self, x: np.ndarray | None) -> bool:
         """Go through an event at states that it must leave as they are, and whether another one is due at some time."""

@@ -1,6 +1,7 @@
 """Units of an FMU against those of the data."""
 
 from collections.abc import Mapping
+from typing import Any
 
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.fmu.description import Variable
@@ -32,11 +33,20 @@ def require_units(model: str, variables: Mapping[str, Variable], units: Mapping[
             )
 
 
+CLOSE = 1e-6
+"""Relative difference of factors that is one of their digits: descriptions write pi/180 as 0.0174533."""
+
+
 def _same(text: str, what: str, base: str, factor: float, offset: float) -> bool:
     given, known = parse_unit(text, what), registry()
     other = known.parse_units(base)
-    if given.dimensionality != other.dimensionality:
+    # Pint's hertz has no angle, so that it would pass for a radian a second.
+    if given.dimensionality != other.dimensionality or _has(given, "hertz") and _has(other, "radian"):
         return False
     zero = float(known.Quantity(0.0, given).to_root_units().magnitude)
     size = float(known.get_root_units(given)[0]), factor * float(known.get_root_units(other)[0])
-    return abs(size[0] - size[1]) <= 1e-9 * abs(size[0]) and abs(zero - offset) <= 1e-9 * max(1.0, abs(offset))
+    return abs(size[0] - size[1]) <= CLOSE * abs(size[0]) and abs(zero - offset) <= 10 * CLOSE * max(1.0, abs(offset))
+
+
+def _has(unit: Any, name: str) -> bool:
+    return any(name in each for each, _ in registry().Quantity(1.0, unit).unit_items())
