@@ -235,11 +235,15 @@ def _components(weighed: Weighed, world: World, e: Explanation) -> tuple[list[Co
 
 def _product(parts: Sequence[Sequence[Component]]) -> tuple[Component, ...]:
     """Components of independent mixtures together; none where one of them predicts nothing."""
-    choices = list(product(*parts))
-    if not choices:
-        return ()
-    weights, places = systematic(np.array([np.prod([c.weight for c in choice]) for choice in choices]), COMPONENTS)
-    return tuple(_beside(weight, choices[place]) for weight, place in zip(weights, places, strict=True))
+    found, *others = (tuple(part) for part in parts)
+    for part in others:
+        # One equation after another: all choices of eight components each would be millions.
+        choices = list(product(found, part))
+        if not choices:
+            return ()
+        weights, places = systematic(np.array([a.weight * b.weight for a, b in choices]), COMPONENTS)
+        found = tuple(_beside(weight, choices[place]) for weight, place in zip(weights, places, strict=True))
+    return found
 
 
 def _beside(weight: float, choice: Sequence[Component]) -> Component:

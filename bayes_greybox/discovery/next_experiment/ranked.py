@@ -269,7 +269,7 @@ def _sentence(
     total: float, mind: Sequence[str], able: bool, threshold: float,
 ) -> str:  # fmt: skip
     names = ", ".join(e.name for e in known)
-    left = [e.name for e in every if not e.components]
+    left = [f"{e.name} (probability {e.probability:.2f})" for e in every if not e.components]
     more = f" Nothing is predicted under {', '.join(left)}, which is left out." if left else ""
     worth = f"{max(found.bits, 0.0):.2f} ± {found.error:.2f} of {total:.2f} bits"
     if chosen:
