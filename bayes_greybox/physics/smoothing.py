@@ -169,8 +169,9 @@ def _filtered(
         # Of what was not taken in full nothing is known better than before.
         return jnp.where(jnp.any(inside), tried[jnp.argmax(inside)], x), jnp.where(inside[0], after, P)
 
-    def one(time: Array, inputs: Array, values: Array, mean: Array) -> Array:
-        x, P = update(mean, jnp.diag(observed.sd**2), time[0, 0], inputs[0, 0], values[0])
+    def one(time: Array, inputs: Array, values: Array, mean: Array, P: Array) -> Array:
+        # A step of no length before the others leads to the first sample.
+        time, inputs = (jnp.concatenate([jnp.broadcast_to(x[:1, :1], x[:1].shape), x]) for x in (time, inputs))
 
         def forward(carry: tuple[Array, Array], piece: tuple[Array, Array, Array]) -> tuple[tuple, Array]:
             (x, P), (t, u, y) = carry, piece
@@ -184,10 +185,11 @@ def _filtered(
             x, P = update(after, M @ P @ M.T + intensity * (B @ B.T), t[2], u[2], y)
             return (x, P), x
 
-        _, ends = jax.lax.scan(forward, (x, P), (time, inputs, values[1:]))
-        return jnp.concatenate([x[None], ends])
+        return jax.lax.scan(forward, (mean, P), (time, inputs, values))[1]
 
-    return jax.vmap(one)(*pieces, observed.values, observed.mean)
+    # One for each segment, as all that is carried: what is not would have the loop traced once more.
+    P = jnp.tile(jnp.diag(observed.sd**2), (len(observed.mean), 1, 1))
+    return jax.vmap(one)(*pieces, observed.values, observed.mean, P)
 
 
 @partial(jax.jit, static_argnums=2)
@@ -241,9 +243,12 @@ def _step(
         k4 = rate(time[2], x + h * k3, inputs[2], args) + E @ force
         return x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
 
-    nothing = jnp.zeros(E.shape[1])
-    M, B = jax.jacfwd(move, argnums=(0, 1))(x, nothing)
-    return move(x, nothing), M, B
+    def moved(x: Array, force: Array) -> tuple[Array, Array]:
+        after = move(x, force)
+        return after, after
+
+    (M, B), after = jax.jacfwd(moved, argnums=(0, 1), has_aux=True)(x, jnp.zeros(E.shape[1]))
+    return after, M, B
 
 
 def _update(H: Array, variances: Array, x: Array, P: Array, y: Array) -> tuple:

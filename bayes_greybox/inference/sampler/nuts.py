@@ -12,6 +12,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
+from numpyro.handlers import mask
 from numpyro.infer.hmc import HMCState
 
 from bayes_greybox.running.stages import stage, stages
@@ -74,13 +75,18 @@ class Sampler:
             kernel = make_kernel(argument)
             return kernel, kernel.init(key, tune, None, (argument,), {})
 
+        def started(argument: Any) -> tuple[Any, Any]:
+            # A kernel can do nothing before it was started. Of this start only the structure is used, so that no
+            # density and no gradient of it need be traced, lowered and thrown away.
+            with mask(mask=False):
+                return start(jax.random.PRNGKey(0), argument)
+
         # Between two programs a state is its leaves: a trace that is kept knows nothing of NumPyro's classes.
         def first(key: Array, argument: Any) -> list[Array]:
             return _leaves(start(key, argument)[1])
 
         def advance(leaves: list[Array], argument: Any, length: Array | int) -> tuple[list[Array], dict[str, Array]]:
-            # A kernel can only step once it was started; XLA throws this start away.
-            kernel, like = start(jax.random.PRNGKey(0), argument)
+            kernel, like = started(argument)
             state = jax.tree.unflatten(jax.tree.structure(like), leaves)
             record = jax.tree.map(lambda leaf: jnp.zeros((CHUNK, *leaf.shape), leaf.dtype), hmc_record(state))
 
@@ -93,7 +99,7 @@ class Sampler:
             return _leaves(state), record
 
         def constrain(values: Any, argument: Any) -> dict[str, Array]:
-            kernel, _ = start(jax.random.PRNGKey(0), argument)
+            kernel, _ = started(argument)
             return jax.vmap(jax.vmap(kernel.postprocess_fn((argument,), {})))(values)
 
         self._start = kept(first, identity, "start", once=True)

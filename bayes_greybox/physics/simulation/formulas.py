@@ -11,6 +11,7 @@ from jaxtyping import Array, Float
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.physics.formula.derivatives import gradient
 from bayes_greybox.physics.formula.expressions import evaluate
+from bayes_greybox.physics.formula.numbers import as_columns, without_numbers
 from bayes_greybox.physics.formula.rounding import rounded
 from bayes_greybox.physics.terms import Term
 
@@ -90,6 +91,12 @@ class ExpressionSimulation(Simulation):
         """Formulas with their jumps rounded."""
         smooth = {name: rounded(expr, columns) for name, expr in self.expressions.items()}
         return replace(self, expressions=smooth)
+
+    def without_numbers(self) -> tuple["Simulation", tuple[float, ...]]:
+        """Formulas over numbers that are inputs; these are the last ones."""
+        formulas, numbers = without_numbers(self.expressions.values())
+        inputs = (*self.inputs, *as_columns(numbers))
+        return replace(self, inputs=inputs, expressions=dict(zip(self.expressions, formulas, strict=True))), numbers
 
     @property
     def key(self) -> Hashable:

@@ -126,6 +126,10 @@ class Simulation(ABC):
         """
         return self
 
+    def without_numbers(self) -> tuple["Simulation", tuple[float, ...]]:
+        """The simulation with decimal numbers of its formulas as further inputs, and these; code has none."""
+        return self, ()
+
     def beside(self, known: Mapping[str, Sequence[tuple[Term, float]]]) -> "Simulation":
         """The simulation with more terms in its rates, whose coefficients are known.
 
@@ -260,6 +264,11 @@ class _WithTerms(Simulation):
         """Both with their jumps rounded."""
         known = {s: tuple((term.rounded(columns), value) for term, value in own) for s, own in self.known.items()}
         return replace(self, given=self.given.rounded(columns), known=known)
+
+    def without_numbers(self) -> tuple["Simulation", tuple[float, ...]]:
+        """Those of the simulation; the terms stay as they are."""
+        given, numbers = self.given.without_numbers()
+        return replace(self, inputs=given.inputs, given=given), numbers
 
     @property
     def key(self) -> Hashable:

@@ -5,15 +5,13 @@ from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
+import sympy
 from jaxtyping import Array, Float
 
 from bayes_greybox.physics.formula.expressions import evaluate
 from bayes_greybox.physics.formula.numbers import as_columns, without_numbers
 from bayes_greybox.physics.simulation.protocol import Simulation
 from bayes_greybox.physics.terms import Term
-
-Args = tuple[Array, ...]
-"""Coefficient and numbers of each term."""
 
 
 class Force(NamedTuple):
@@ -27,7 +25,8 @@ class Force(NamedTuple):
 class ForcedRate:
     """Rate of all states with terms added to some: equal to any other with the same formulas, so compiled once.
 
-    Numbers within a formula, such as the width of a dead zone, are arguments of the rate and none of the formula's.
+    Numbers within a formula, such as the width of a dead zone or how fast a hidden state follows, are arguments of the
+    rate and none of the formula's.
 
     Args:
         simulation: Known rates.
@@ -39,14 +38,16 @@ class ForcedRate:
         self.simulation, self.driven, self.added = simulation, driven, tuple(added)
         by_state = {simulation.states[k]: [(f.term, f.coefficient) for f in added if f.state == k] for k in driven}
         self.whole = simulation.beside(by_state)
-        formulas, numbers = [], []
+        self.bare, known = simulation.without_numbers()
+        formulas: list[sympy.Expr] = []
+        numbers: list[Sequence[float]] = [known]
         for term, coefficient, _ in added:
             (formula,), within = without_numbers([term.expr])
             formulas.append(formula)
             numbers.append([coefficient, *within])
         self.formulas = tuple(formulas)
-        self.args = tuple(jnp.array(each) for each in numbers)
-        self._key = (simulation.key, driven, tuple(map(str, formulas)), tuple(force.state for force in added))
+        self.args = tuple(jnp.array(each, float) for each in numbers)
+        self._key = (self.bare.key, driven, tuple(map(str, formulas)), tuple(force.state for force in added))
 
     def __hash__(self) -> int:
         return hash(self._key)
@@ -55,11 +56,12 @@ class ForcedRate:
         return isinstance(other, ForcedRate) and self._key == other._key
 
     def __call__(self, t: Array, x: Array, u: Array, args: tuple[Array, ...]) -> Array:
-        """Rates at one point; `args` has the coefficient and the numbers of each term."""
-        rate = jnp.asarray(self.simulation.rate(t, x, u), float)
+        """Rates at one point; `args` has the simulation's numbers, then coefficient and numbers of each term."""
+        known, *added = args
+        rate = jnp.asarray(self.bare.rate(t, x, jnp.concatenate([u, known])), float)
         columns = dict(zip(self.names, (*x, *u), strict=True))
         forces = dict.fromkeys(self.driven, 0.0 * t)
-        for (*_, state), formula, (coefficient, *numbers) in zip(self.added, self.formulas, args, strict=True):
+        for (*_, state), formula, (coefficient, *numbers) in zip(self.added, self.formulas, added, strict=True):
             forces[state] = forces[state] + coefficient * evaluate(formula, {**columns, **as_columns(numbers)})
         for state, force in forces.items():
             rate = rate.at[state].add(force)

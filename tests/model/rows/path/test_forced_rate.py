@@ -23,3 +23,16 @@ def test_formulas_that_differ_in_their_numbers_alone_are_equal():
         ForcedRate(simulation, (1,), [Force(Term(text), -2.0, 1)]) for text in ("sin(2.5*y)", "sin(0.4*y)", "sin(2*y)")
     )
     assert one == other and hash(one) == hash(other) and one != third
+
+
+def test_so_are_simulations_and_each_has_its_own_rates():
+    """A hidden state that follows at another rate is no other program."""
+    names = ("y", "v", "z"), ("F",)
+    drag = Term("v*abs(v)"), -0.7
+    given = ({"y": "v", "v": "z - 2*y", "z": f"{k}*(F - z)"} for k in (1.2, 7.4))
+    slow, fast = (ForcedRate(simulation_of(each, *names).beside({"v": [drag]}), (1,), []) for each in given)
+    assert slow == fast and hash(slow) == hash(fast)
+    x, u = jnp.array([0.3, -0.4, 0.1]), jnp.array([0.9])
+    for rate, k in ((slow, 1.2), (fast, 7.4)):
+        found = slow(jnp.zeros(()), x, u, rate.args)
+        np.testing.assert_allclose(found, [-0.4, 0.1 - 0.6 + 0.7 * 0.16, k * 0.8], rtol=1e-12)
