@@ -50,7 +50,7 @@ def short(**given):
 def cubic_and_reads():
     """A study, and how many formulas were read for it."""
     before = read.cache_info().misses
-    data = (sampled(**CUBIC, noise=0.03, seed=seed) for seed in (0, 1))
+    data = (short(**CUBIC, noise=0.03, seed=seed) for seed in (0, 1))
     found = study(*data, bg.TrajectoryRows(), catalogue="mechanical", free_runs=True)
     return found, read.cache_info().misses - before
 
@@ -107,7 +107,7 @@ def test_free_runs_hold_inputs_where_the_rows_do():
     assert np.max(np.abs(own - linear)) > 0.01 * np.std(data.states["y"])
 
 
-def held(hidden, n=150, step=0.2, noise=0.01, correlation=0.0):
+def held(hidden, n=90, step=0.2, noise=0.01, correlation=0.0):
     """Samples of an oscillator whose force stays until the next sample; noise may go on from one to the next too."""
     t = step * np.arange(n)
     force = np.convolve(np.random.default_rng(3).standard_normal(n + 4), np.ones(5) / 2, "valid")
@@ -173,8 +173,8 @@ def test_held_out_samples_that_no_path_follows_are_no_proof(monkeypatch, tmp_pat
 
 
 def test_a_free_run_of_other_samples_starts_where_the_path_through_them_does(cubic):
-    path = cubic.free_run(sampled(**CUBIC, noise=0.03, seed=2))["y"]
-    truth = sampled(**CUBIC, noise=0.0).states["y"]
+    path = cubic.free_run(short(**CUBIC, noise=0.03, seed=2))["y"]
+    truth = short(**CUBIC, noise=0.0).states["y"]
     errors = [float(np.sqrt(np.mean((band.mean - truth) ** 2))) for band in (path.before, path.after)]
     assert errors[1] < 0.2 * errors[0] and errors[1] < 0.1 * np.std(truth)
 
@@ -198,7 +198,7 @@ def test_nothing_missing_is_no_gap(seed, catalogue):
     ids=["offset", "delay"],
 )
 def test_what_the_sensor_does_is_no_missing_effect(bend, kind):
-    found = study(sampled(noise=0.01, bend=bend), rows=bg.TrajectoryRows(), catalogue="mechanical")
+    found = study(short(noise=0.01, bend=bend), rows=bg.TrajectoryRows(), catalogue="mechanical")
     assert found.verdict in ("instrument", "recalibrate", "no gap", "unknown")
     assert not (found.effects.status == "added").any()
     if found.verdict == "instrument":
