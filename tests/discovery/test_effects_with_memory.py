@@ -34,7 +34,7 @@ CUBIC, SMALL = bg.TrajectoryRows(interpolation="cubic"), bg.OrthogonalGP(variabl
 """What inputs do between samples, and an f that costs little: what it would take is not asked here."""
 
 WHITE = bg.Odds(noise=1e-6)
-"""The noise is white, and that is no question here: to weigh all once more under another noise takes a third longer."""
+"""The noise is white, and that is no question here: weighing all once more under another noise takes long."""
 
 MEMORIES = {"bouc-wen", "dahl-friction", "maxwell-damper", "actuator-lag", "absorber", "lugre-friction"}
 
