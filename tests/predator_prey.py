@@ -1,7 +1,7 @@
 """Samples of a predator and its prey, and the coefficients by integration of the whole equations."""
 
 import numpy as np
-from scipy.integrate import solve_ivp
+from scipy.integrate import odeint
 from scipy.optimize import least_squares
 
 from bayes_greybox.data.trajectories import Trajectories
@@ -19,7 +19,7 @@ def populations(time, coefficients=COEFFICIENTS, starts=STARTS):
         x, y = z
         return [coefficients[0] * x + coefficients[1] * x * y, coefficients[2] * x * y + coefficients[3] * y]
 
-    return solve_ivp(rate, (0, time[-1]), starts, t_eval=time, method="DOP853", rtol=1e-10, atol=1e-10).y
+    return odeint(rate, starts, time, tfirst=True, rtol=1e-10, atol=1e-10).T
 
 
 def sampled(seed=0, noise=0.1, n=41, end=4.0, keep="xy"):

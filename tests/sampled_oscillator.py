@@ -1,7 +1,7 @@
 """An oscillator whose displacement alone is sampled, for tests of rows of samples; integrated by SciPy."""
 
 import numpy as np
-from scipy.integrate import solve_ivp
+from scipy.integrate import odeint
 
 from bayes_greybox.data.trajectories import Trajectories
 
@@ -32,7 +32,7 @@ def sampled(hidden=lambda y, v: 0.0 * y, noise=0.02, n=400, step=0.1, runs=1, se
         def rate(time, x, r=r):
             return [x[1], force(time, r) - 2 * x[0] - 0.15 * x[1] + hidden(x[0], x[1])]
 
-        y = solve_ivp(rate, (0, t[-1]), [0.3 + 0.2 * r, 0.0], t_eval=t, rtol=1e-10, atol=1e-10).y[0]
+        y = odeint(rate, [0.3 + 0.2 * r, 0.0], t, tfirst=True, rtol=1e-10, atol=1e-10)[:, 0]
         shown = bend(t, y) + noise * np.std(y) * rng.standard_normal(n)
         own = slice(None) if keep is None else keep
         for column, values in zip(columns, (t, shown, force(t, r)), strict=True):

@@ -1,13 +1,28 @@
 """A force over position and speed as a rig measures it, and the study of what it lacks."""
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
 
 import bayes_greybox as bg
+from bayes_greybox.physics.catalogue.loading import load_catalogue
 
 KNOWN = {"R": "20*x + 2*v"}
 """What the simulation knows of it."""
+
+
+SLUGS = ("quadratic-drag", "viscous-damping", "cubic-damping", "cubic-stiffness", "linear-stiffness", "constant-force")
+"""Drags that could be taken for each other, and what a rig could lack besides."""
+
+
+def few():
+    """Those effects alone: others cost time and tell no more."""
+    return [
+        replace(e, confusions=tuple({*SLUGS} & {*e.confusions}))
+        for e in load_catalogue("mechanical")
+        if e.slug in SLUGS
+    ]
 
 
 def rig(seed, drag=0.6, n=200, correlation=0.0, order=None):
@@ -41,4 +56,5 @@ def rig(seed, drag=0.6, n=200, correlation=0.0, order=None):
 @cache
 def drag_study():
     """The study of the drag, not sampled; made once."""
-    return bg.find_missing_effects(bg.GreyBox(simulation=KNOWN), rig(0), rig(1), settle=False, progress=False)
+    model = bg.GreyBox(simulation=KNOWN)
+    return bg.find_missing_effects(model, rig(0), rig(1), catalogue=few(), settle=False, progress=False)

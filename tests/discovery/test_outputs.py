@@ -7,7 +7,7 @@ import re
 import numpy as np
 import pytest
 from rich.console import Console
-from static_map import KNOWN, drag_study, rig
+from static_map import KNOWN, drag_study, few, rig
 
 import bayes_greybox as bg
 from bayes_greybox.discovery.studied import studied_equations
@@ -25,7 +25,8 @@ def test_what_a_force_lacks_is_named_with_its_unit():
     row = added(drag_study()).loc["quadratic-drag"]
     assert drag_study().verdict == "named" and row["lower"] < 0.6 < row["upper"] and row["unit"] == "kg/m"
     # Nobody knows which way a force counts: a positive coefficient is as likely as a negative one.
-    against = bg.find_missing_effects(bg.GreyBox(simulation={"R": "-20*x - 2*v"}), reversed_force(rig(0)), **GIVEN)
+    model = bg.GreyBox(simulation={"R": "-20*x - 2*v"})
+    against = bg.find_missing_effects(model, reversed_force(rig(0)), catalogue=few(), **GIVEN)
     assert added(against).loc["quadratic-drag", "probability"] == pytest.approx(row["probability"], abs=1e-4)
 
 
@@ -52,16 +53,16 @@ def test_an_output_is_called_by_its_name_and_has_no_free_run():
 
 def test_rows_may_come_in_any_order():
     order = np.random.default_rng(4).permutation(200)
-    shuffled = bg.find_missing_effects(bg.GreyBox(simulation=KNOWN), rig(0, order=order), **GIVEN)
+    model = bg.GreyBox(simulation=KNOWN)
+    shuffled = bg.find_missing_effects(model, rig(0, order=order), catalogue=few(), **GIVEN)
     assert shuffled.verdict == "named" and not shuffled.instrument["status"].any()
     found, before = (added(study).loc["quadratic-drag"] for study in (shuffled, drag_study()))
     assert found["mean"] == pytest.approx(before["mean"], rel=1e-3)
 
 
 def test_noise_that_hangs_together_is_found_and_nothing_else():
-    study = bg.find_missing_effects(
-        bg.GreyBox(simulation=KNOWN), rig(0, drag=0.0, n=300, correlation=0.9), effects_at_most=1, **GIVEN
-    )
+    data, model = rig(0, drag=0.0, n=300, correlation=0.9), bg.GreyBox(simulation=KNOWN)
+    study = bg.find_missing_effects(model, data, catalogue=few(), effects_at_most=1, **GIVEN)
     assert study.verdict in ("no gap", "instrument") and added(study).empty
     (text,) = study.instrument.query("status == 'in the model'")["text"]
     assert text.startswith("the noise of R is correlated over")

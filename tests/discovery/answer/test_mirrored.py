@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
+from scipy.integrate import odeint
 
 import bayes_greybox as bg
 from bayes_greybox.data.errors import InputError
@@ -32,7 +32,7 @@ def shown(lagging, cubic, force=1.0):
         arrived, late = (z, drive(t)) if lagging == "actuator" else (drive(t), y)
         return [v, arrived - y - 0.2 * v - cubic * y**3, (late - z) / LAG]
 
-    path = solve_ivp(rate, (0, t[-1]), [0.0, 0.0, 0.0], t_eval=t, rtol=1e-9, atol=1e-11).y
+    path = odeint(rate, [0.0, 0.0, 0.0], t, tfirst=True, rtol=1e-9, atol=1e-11).T
     y = path[0] if lagging == "actuator" else path[2]
     noisy = y + 0.01 * np.std(y) * np.random.default_rng(3).standard_normal(len(t))
     return bg.Trajectories.from_arrays(t, states={"y": noisy}, inputs={"F": drive(t)})

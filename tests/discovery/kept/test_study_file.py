@@ -17,13 +17,22 @@ from bayes_greybox.inference.kept.model_record import describe
 from bayes_greybox.inference.kept.packing import TEXT
 
 
-@pytest.fixture(params=["sampled", "not sampled"])
-def saved(request, study, tmp_path):
+@pytest.fixture(scope="module", params=["sampled", "not sampled"])
+def saved(request, study, tmp_path_factory):
     """A study, and what was read of its file."""
     made = replace(study, config='[data]\npath = "run.csv"\n')
     made = made if request.param == "sampled" else replace(made, fit=None)
-    made.save(tmp_path / "study.nc")
-    return made, bg.load(tmp_path / "study.nc")
+    path = tmp_path_factory.mktemp("saved") / "study.nc"
+    made.save(path)
+    return made, bg.load(path)
+
+
+@pytest.fixture(scope="module")
+def file(study, tmp_path_factory):
+    """The file of a study that was sampled."""
+    path = tmp_path_factory.mktemp("file") / "study.nc"
+    study.save(path)
+    return path
 
 
 def same(one, other) -> None:
@@ -108,17 +117,15 @@ def test_what_has_no_name_is_kept_with_the_f_that_stands_for_it(study, tmp_path)
     same(read.free_run(made.test), made.free_run(made.test))
 
 
-def test_the_posterior_alone_is_read_as_that_of_a_fit(study, tmp_path):
-    study.save(tmp_path / "study.nc")
-    alone = netcdf.load(tmp_path / "study.nc")
+def test_the_posterior_alone_is_read_as_that_of_a_fit(study, file):
+    alone = netcdf.load(file)
     assert list(alone.idata.children) == list(study.fit.idata.children)
     # For programs that read netCDF, and for the page of the fit.
     assert json.loads(alone.idata.attrs["missing_effects"])["verdict"] == "named"
 
 
-def test_a_layout_that_is_not_known_leaves_the_fit(study, tmp_path):
-    study.save(tmp_path / "study.nc")
-    with xr.open_datatree(tmp_path / "study.nc", engine="h5netcdf") as opened:
+def test_a_layout_that_is_not_known_leaves_the_fit(file, tmp_path):
+    with xr.open_datatree(file, engine="h5netcdf") as opened:
         tree = opened.load()
     group = tree[netcdf.STUDIED].dataset
     record = json.loads(group.attrs[TEXT])

@@ -3,6 +3,14 @@
 import pytest
 
 from bayes_greybox import cli
+from bayes_greybox.missing_effects import Study
+
+
+@pytest.fixture(autouse=True)
+def short(monkeypatch):
+    """Short experiments of which little is simulated: the command's words are asked for, and not its figures."""
+    whole, little = Study.next_experiment, {"outcomes": 8, "duration": 2.0, "rows": 11}
+    monkeypatch.setattr(Study, "next_experiment", lambda self, **given: whole(self, **given, **little))
 
 
 def test_a_saved_study_gives_the_sentence_and_the_table(study, tmp_path, capsys):

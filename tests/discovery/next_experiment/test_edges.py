@@ -214,8 +214,9 @@ def test_rows_go_in_pieces_where_a_record_is_long(study, monkeypatch):
 def test_the_best_of_few_outcomes_is_judged_by_more_before_it_is_chosen(study, monkeypatch):
     """Ten candidates of the same worth but for one that is worth more: first figures alone seldom find it."""
     laws = told(study, law("cubic", 0.5, "y**3", -0.8), law("linear", 0.5, "y", -0.35))
-    same = [replace(FAR, sensors={"v": 0.12}, name=f"same {i}") for i in range(9)]
-    better = replace(FAR, sensors={"v": 0.1}, name="better")
+    far = replace(FAR, rows=11)
+    same = [replace(far, sensors={"v": 0.072}, name=f"same {i}") for i in range(9)]
+    better = replace(far, sensors={"v": 0.06}, name="better")
     chosen = {}
     for finer in (1, 32):
         monkeypatch.setattr(ranked, "FINER", finer)

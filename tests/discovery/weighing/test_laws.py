@@ -26,9 +26,10 @@ def study(hidden, monkeypatch, noise=0.01, seed=0):
 
     weigh_laws = follow_module.weigh_laws
     monkeypatch.setattr(follow_module, "weigh_laws", weighed)
-    model = bg.GreyBox(simulation=SIMULATION, rows=bg.TrajectoryRows(interpolation="cubic"))
-    data = sampled(hidden, noise=noise, seed=seed)
-    return bg.find_missing_effects(model, data, catalogue=FEW, free_runs=False, settle=False, progress=False), kept
+    rows, small = bg.TrajectoryRows(interpolation="cubic"), bg.OrthogonalGP(variables=("y", "v"), features=5)
+    model = bg.GreyBox(simulation=SIMULATION, rows=rows, discrepancy=small)
+    given = {"odds": bg.Odds(noise=1e-6), "free_runs": False, "settle": False, "progress": False}
+    return bg.find_missing_effects(model, sampled(hidden, noise=noise, n=250, seed=seed), catalogue=FEW, **given), kept
 
 
 def test_a_law_next_to_a_bent_effect_is_followed_along_a_path_of_its_own(monkeypatch):

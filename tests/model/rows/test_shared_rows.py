@@ -44,7 +44,7 @@ def test_near_their_estimate_the_rows_have_the_estimate_of_the_whole_equations(s
 @pytest.mark.parametrize("seed", [0, 1])
 def test_one_species_alone_tells_of_both(seed):
     # What preys is counted in the unit in which it halves the prey: else no sensor tells its number.
-    data = sampled(seed, n=61, end=6.0, keep="x")
+    data = sampled(seed, noise=0.03, keep="x")
     model = model_of({"x": ["x"], "y": ["x*y", "y"]}, simulation={"x": "-x*y"})
     assert model.states(data) == ("x", "y")
     near, whole = model.near(data)

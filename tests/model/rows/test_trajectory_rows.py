@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from sampled_oscillator import SIMULATION, force, sampled
-from scipy.integrate import solve_ivp
+from scipy.integrate import odeint, solve_ivp
 from scipy.optimize import least_squares
 
 from bayes_greybox.data.errors import InputError
@@ -44,7 +44,7 @@ def by_integration(data):
         def rate(time, x):
             return [x[1], force(time) - 2 * x[0] - 0.15 * x[1] + p[0] * x[0] ** 3]
 
-        return solve_ivp(rate, (0, t[-1]), p[1:], t_eval=t, rtol=1e-9, atol=1e-9).y[0] - y
+        return odeint(rate, p[1:], t, tfirst=True, rtol=1e-9, atol=1e-9)[:, 0] - y
 
     found = least_squares(residual, [-0.2, y[0], 0.0], x_scale=[0.1, 0.1, 0.1])
     sigma = np.sqrt(np.sum(found.fun**2) / (len(t) - 3))
@@ -193,7 +193,7 @@ def test_an_unstable_system_is_cut_into_segments():
     def rate(time, x):
         return [10 * (x[1] - x[0]), x[0] * (28 - x[2]) - x[1], x[0] * x[1] - 8 / 3 * x[2]]
 
-    x = solve_ivp(rate, (0, 20), [1.0, 2.0, 20.0], t_eval=t, rtol=1e-10, atol=1e-10).y
+    x = odeint(rate, [1.0, 2.0, 20.0], t, tfirst=True, rtol=1e-10, atol=1e-10).T
     noisy = x + 0.1 * np.random.default_rng(0).standard_normal(x.shape)
     data = Trajectories.from_arrays(t, states=dict(zip("abc", noisy, strict=True)))
     simulation = {"a": "10*(b - a)", "b": "a*(28 - c) - b", "c": "a*b"}
@@ -415,7 +415,7 @@ def test_a_small_jump_of_the_simulation_is_followed_as_one_of_a_term_is(process_
     def rate(s, x):
         return [x[1], force_of(s) - 24 * x[0] - 0.46 * x[1] - 0.6 * np.tanh(x[1] / 1e-3)]
 
-    y = solve_ivp(rate, (0, t[-1]), [0.1, 0.0], t_eval=t, rtol=1e-8, atol=1e-10, max_step=2e-3).y[0]
+    y = odeint(rate, [0.1, 0.0], t, tfirst=True, rtol=1e-8, atol=1e-10, hmax=2e-3)[:, 0]
     data = Trajectories.from_arrays(t, states={"y": y + 1e-3 * rng.standard_normal(len(t))}, inputs={"F": force_of(t)})
     plain, left = "F - 24*y - 0.46*v", []
     for text, added in ((f"{plain} - 0.6*sign(v)", ()), (plain, (("sign(v)", -0.6),))):
