@@ -76,10 +76,10 @@ def study(data, test=None, **given):
 
 @pytest.fixture(scope="module")
 def hysteresis():
-    """With the f that models have by default."""
+    """With the f and the odds that studies have by default."""
     some = only("bouc-wen", "dahl-friction", "coulomb-friction")
     model, held_out = bg.GreyBox(simulation=SIMULATION, rows=CUBIC), samples("bouc-wen", phase=1.0, seed=1)
-    return study(samples("bouc-wen"), held_out, model=model, catalogue=some, free_runs=True)
+    return study(samples("bouc-wen"), held_out, model=model, catalogue=some, odds=bg.Odds(), free_runs=True)
 
 
 def named(found, slug):
@@ -275,7 +275,7 @@ def test_where_nothing_is_missing_no_memory_is_found():
     ).y
     y = x[0] + 0.02 * np.std(x[0]) * np.random.default_rng(2).standard_normal(len(t))
     data = Trajectories.from_arrays(t, states={"y": y}, inputs={"F": force(t)}, units={"t": "s", "y": "m"})
-    found = study(data, catalogue=only("bouc-wen", "maxwell-damper"))
+    found = study(data, catalogue=only("bouc-wen", "maxwell-damper"), odds=bg.Odds())
     assert found.verdict == "no gap" and found.effects["probability"].max() < 0.2
 
 

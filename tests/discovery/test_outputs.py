@@ -62,7 +62,7 @@ def test_rows_may_come_in_any_order():
 
 def test_noise_that_hangs_together_is_found_and_nothing_else():
     data, model = rig(0, drag=0.0, n=300, correlation=0.9), bg.GreyBox(simulation=KNOWN)
-    study = bg.find_missing_effects(model, data, catalogue=few(), effects_at_most=1, **GIVEN)
+    study = bg.find_missing_effects(model, data, effects_at_most=1, **GIVEN)
     assert study.verdict in ("no gap", "instrument") and added(study).empty
     (text,) = study.instrument.query("status == 'in the model'")["text"]
     assert text.startswith("the noise of R is correlated over")
