@@ -4,12 +4,17 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
 
 from bayes_greybox.criticism.pooling import Pooled, pooled
+from bayes_greybox.data.errors import InputError
+from bayes_greybox.physics.units import same_unit
+
+from .answer.finding import SURE
+from .suspects.channels import KINDS, LAG
 
 SHARE = "unexplained share"
 """Metric by which assets are ranked."""
@@ -20,28 +25,37 @@ ADDED, POSSIBLE = "added", "one of"
 ALIKE = 1.25
 """Largest over smallest value of an inner parameter up to which coefficients beside it are of one kind."""
 
-_NAME = re.compile(r"[^\W\d]\w*")
+_NUMBER = re.compile(r"(?<![\w.])\d+\.?\d*(?:[eE][+-]?\d+)?")
 
-FAILED = "failed"
-"""Verdict on an asset that could not be studied."""
+FAILED, RECALIBRATE, INSTRUMENT = "failed", "recalibrate", "instrument"
+"""Verdicts on an asset that could not be studied, whose coefficients are off, and whose measurement is at fault."""
+
+LACKING = ("named", "one of", "partly named", "unknown")
+"""Verdicts on an asset that lacks something."""
 
 ONE_CAUSE = 0.9
-"""Share of the assets with a gap from which on what they lack is one cause; and the probability from which on its
+"""Share of the assets that lack something from which on it is one cause; and the probability from which on its
 coefficient is said to be one, or to differ."""
 
 
 @dataclass(frozen=True)
 class Shared:
-    """An effect that several assets lack.
+    """An effect that several assets lack, or may lack.
 
     Attributes:
-        equation, slug, name, expression, unit: The effect, and the unit of its coefficient.
+        equation, slug, name: The effect.
+        expression: Its formula; numbers that differ between the assets are inner parameters by their names.
+        unit: Of its coefficient; "" where it is not known, or not one.
+        one_unit: Whether the coefficients of all assets have one unit.
         inner: Range over the assets of each inner parameter.
-        assets: Those in whose amended model it is.
-        possible: Those whose data do not tell it from what is in their model.
-        mean, sd: Its coefficient in each of the assets; NaN where it is not known.
-        whole: The coefficients together; None where one alone is known, or inner parameters differ too much for their
-            coefficients to be of one kind.
+        assets: Those that surely lack it.
+        possible: Those that may: their data do not tell it from something else.
+        likely: Probability of it in each of the possible to whose model it was added.
+        faults: Faults of sensors that may stand in its place in these, such as "delay of F".
+        expressions, units: The formula with its own numbers, and the unit, in each of `assets`.
+        mean, sd: Its coefficient in each of them; NaN where it is not known.
+        whole: The coefficients together; None where one alone is known, or where units or inner parameters differ too
+            much for the coefficients to be of one kind.
     """
 
     equation: str
@@ -49,9 +63,14 @@ class Shared:
     name: str
     expression: str
     unit: str
+    one_unit: bool
     inner: Mapping[str, tuple[float, float]]
     assets: tuple[str, ...]
     possible: tuple[str, ...]
+    likely: Mapping[str, float]
+    faults: tuple[str, ...]
+    expressions: tuple[str, ...]
+    units: tuple[str, ...]
     mean: tuple[float, ...]
     sd: tuple[float, ...]
     whole: Pooled | None
@@ -64,7 +83,8 @@ class AssetStudy:
     Attributes:
         asset: Its name.
         verdict: Of its study; "failed" where there is none.
-        lacks: Names of the effects that were added to its model.
+        lacks: Names of the effects that it surely lacks.
+        may_lack: Of those that were added to its model too, but of which its study is not sure.
         gap: Unexplained share before, of held-out data where there are any; NaN where it is not known.
         left: The same after.
         sentence: What its study says, or why there is none.
@@ -74,6 +94,7 @@ class AssetStudy:
     asset: str
     verdict: str
     lacks: tuple[str, ...]
+    may_lack: tuple[str, ...]
     gap: float
     left: float
     sentence: str
@@ -91,7 +112,7 @@ class Fleet:
 
     Attributes:
         assets: The largest gap first, those that failed last.
-        shared: Effects, those that most assets lack first.
+        shared: Effects, those that most assets surely lack first.
     """
 
     assets: tuple[AssetStudy, ...]
@@ -108,9 +129,19 @@ class Fleet:
         return tuple(each for each in self.assets if each.failed)
 
     @property
-    def with_gap(self) -> int:
-        """Number of assets that lack something or whose coefficients are off."""
-        return sum(each.verdict not in ("no gap", "instrument") for each in self.studied)
+    def lacking(self) -> int:
+        """Number of assets that lack something."""
+        return sum(each.verdict in LACKING for each in self.studied)
+
+    @property
+    def recalibrated(self) -> int:
+        """Number of assets that lack nothing, but whose coefficients are off."""
+        return sum(each.verdict == RECALIBRATE for each in self.studied)
+
+    @property
+    def mismeasured(self) -> int:
+        """Number of assets that lack nothing, but whose measurement is at fault."""
+        return sum(each.verdict == INSTRUMENT for each in self.studied)
 
     @property
     def converged(self) -> bool:
@@ -119,16 +150,24 @@ class Fleet:
 
     @property
     def causes(self) -> tuple[Shared, ...]:
-        """Effects that nearly every asset with a gap lacks, or may lack as well as what was found; two surely."""
-        return tuple(
-            each
-            for each in self.shared
-            if len(each.assets) > 1 and len({*each.assets, *each.possible}) >= ONE_CAUSE * self.with_gap
-        )
+        """Effects that nearly every asset that lacks something lacks, or may lack; two surely."""
+        return tuple(each for each in self._of_nearly_all() if len(each.assets) > 1)
+
+    @property
+    def suspected(self) -> tuple[Shared, ...]:
+        """The same, but of which no two assets are sure."""
+        return tuple(each for each in self._of_nearly_all() if len(each.assets) < 2)
+
+    def _of_nearly_all(self) -> list[Shared]:
+        least = ONE_CAUSE * self.lacking
+        return [each for each in self.shared if len({*each.assets, *each.possible}) >= least]
 
     def table(self) -> pd.DataFrame:
         """The assets as a table, indexed by asset."""
-        rows = [{**asdict(each), "lacks": ", ".join(each.lacks)} for each in self.assets]
+        rows = [
+            {**asdict(each), "lacks": ", ".join(each.lacks), "may_lack": ", ".join(each.may_lack)}
+            for each in self.assets
+        ]
         return pd.DataFrame(rows, columns=[field.name for field in fields(AssetStudy)]).set_index("asset")
 
 
@@ -140,7 +179,7 @@ def fleet_of(records: Mapping[str, Mapping[str, Any]], failed: Mapping[str, str]
         failed: Reasons of those that were not studied.
     """
     found = [_study(name, record) for name, record in records.items()]
-    found += [AssetStudy(name, FAILED, (), math.nan, math.nan, reason, None) for name, reason in failed.items()]
+    found += [AssetStudy(name, FAILED, (), (), math.nan, math.nan, reason, None) for name, reason in failed.items()]
     found.sort(key=lambda each: (each.failed, -_size(each.gap), each.asset))
     return Fleet(tuple(found), tuple(_shared(records)))
 
@@ -150,43 +189,124 @@ def _study(name: str, record: Mapping[str, Any]) -> AssetStudy:
     own = [row for row in gap if row["data"] == "test"] or gap
     worst = max(own, key=lambda row: _size(row["before"]), default={"before": math.nan, "after": math.nan})
     fit = record.get("convergence")
-    lacks = tuple(effect["name"] for effect in _added(record))
+    added = [effect for effect in record["effects"] if effect["status"] == ADDED]
+    lacks = tuple(effect["name"] for effect in added if _sure(record, effect))
+    may_lack = tuple(effect["name"] for effect in added if not _sure(record, effect))
     before, after, ok = _number(worst["before"]), _number(worst["after"]), None if fit is None else bool(fit["ok"])
-    return AssetStudy(name, record["verdict"], lacks, before, after, record["sentence"], ok)
+    return AssetStudy(name, record["verdict"], lacks, may_lack, before, after, record["sentence"], ok)
+
+
+class _Lack(NamedTuple):
+    """An effect in one asset's record."""
+
+    asset: str
+    effect: Mapping[str, Any]
+    sure: bool
+
+    @property
+    def added(self) -> bool:
+        return self.effect["status"] == ADDED
+
+
+def _sure(record: Mapping[str, Any], effect: Mapping[str, Any]) -> bool:
+    """Whether an asset lacks an effect for sure, and not only in its likeliest model."""
+    if effect["status"] != ADDED or record["verdict"] not in ("named", "partly named"):
+        return False
+    # A study names what is less likely only where all that could stand in its place is the same curve.
+    return _number(effect["probability"]) >= SURE or (record["verdict"] == "named" and not _faults(effect))
+
+
+def _faults(effect: Mapping[str, Any]) -> list[str]:
+    """Faults of sensors that could stand in an effect's place."""
+    # Effects stand there by their slugs, which have no spaces.
+    return [name for name in effect["tied_with"] if name.startswith(tuple(f"{kind} of " for kind in (*KINDS, LAG)))]
 
 
 def _shared(records: Mapping[str, Mapping[str, Any]]) -> list[Shared]:
-    """Effects by equation, name, columns and unit, those that most assets have first."""
-    sure: dict[tuple, dict[str, Mapping[str, Any]]] = {}
-    possible: dict[tuple, list[str]] = {}
+    """Effects by equation, name, formula and inner parameters, those that most assets have first."""
+    groups: dict[tuple, list[list[_Lack]]] = {}
     for name, record in records.items():
         for effect in record["effects"]:
-            columns = tuple(sorted(set(_NAME.findall(effect["expression"]))))
-            key = (effect["equation"], effect["slug"], columns, effect["unit"] or "")
-            if effect["status"] == ADDED:
-                sure.setdefault(key, {})[name] = effect
-            elif effect["status"] == POSSIBLE:
-                possible.setdefault(key, []).append(name)
-    found = [_of_effect(key, each, possible.get(key, [])) for key, each in sure.items()]
-    return sorted(found, key=lambda each: (-len(each.assets), each.equation, each.slug))
+            if effect["status"] not in (ADDED, POSSIBLE):
+                continue
+            key = (effect["equation"], effect["slug"], tuple(sorted(effect["inner"])), _formula(effect)[0])
+            known = groups.setdefault(key, [])
+            own = next((group for group in known if _one_formula(group[0].effect, effect)), None)
+            if own is None:
+                known.append(own := [])
+            own.append(_Lack(name, effect, _sure(record, effect)))
+    every = [group for known in groups.values() for group in known]
+    found = [_of_effect(group) for group in every if any(each.added for each in group)]
+    return sorted(found, key=lambda each: (-len(each.assets), -len(each.likely), each.equation, each.slug))
 
 
-def _of_effect(key: tuple, each: Mapping[str, Mapping[str, Any]], possible: Sequence[str]) -> Shared:
-    first = next(iter(each.values()))
-    mean, sd = (np.array([_number(effect[name]) for effect in each.values()]) for name in ("mean", "sd"))
-    values = {name: [float(effect["inner"][name]) for effect in each.values()] for name in first["inner"]}
-    inner = {name: (min(own), max(own)) for name, own in values.items()}
+def _formula(effect: Mapping[str, Any]) -> tuple[str, tuple[float, ...]]:
+    """An effect's formula, and the rates of its hidden states, without their numbers; and these."""
+    text = "; ".join([effect["expression"], *(effect.get("hidden") or {}).values()])
+    return "".join(_NUMBER.sub("#", text).split()), tuple(map(float, _NUMBER.findall(text)))
+
+
+def _one_formula(first: Mapping[str, Any], other: Mapping[str, Any]) -> bool:
+    """Whether formulas that are the same without their numbers differ in those of inner parameters alone."""
+    pairs = zip(_formula(first)[1], _formula(other)[1], strict=True)
+    return all(a == b or _parameter((a, b), (first, other)) for a, b in pairs)
+
+
+def _parameter(numbers: Sequence[float], effects: Sequence[Mapping[str, Any]]) -> str:
+    """The inner parameter whose value a number is in each formula, with the digits that formulas have; "" for none."""
+    for name in effects[0]["inner"]:
+        values = (float(f"{float(effect['inner'][name]):.4g}") for effect in effects)
+        if all(a == b for a, b in zip(numbers, values, strict=True)):
+            return name
+    return ""
+
+
+def _common(effects: Sequence[Mapping[str, Any]]) -> str:
+    """Their formula, with the names of inner parameters in the place of numbers that differ."""
+    numbers = zip(*(_NUMBER.findall(effect["expression"]) for effect in effects), strict=True)
+    written = iter([
+        own[0] if len(set(own)) == 1 else _parameter([*map(float, own)], effects) or own[0] for own in numbers
+    ])  # fmt: skip
+    return _NUMBER.sub(lambda _: next(written), effects[0]["expression"])
+
+
+def _of_effect(group: Sequence[_Lack]) -> Shared:
+    sure = [each for each in group if each.sure]
+    likely = [each for each in group if each.added and not each.sure]
+    shown = [each.effect for each in sure or likely]
+    first, units = shown[0], [effect["unit"] or "" for effect in shown]
+    one_unit = all(_one_unit(units[0], unit) for unit in units)
+    inner = {name: [float(effect["inner"][name]) for effect in shown] for name in first["inner"]}
+    ranges = {name: (min(own), max(own)) for name, own in inner.items()}
+    mean, sd = (np.array([_number(each.effect[name]) for each in sure]) for name in ("mean", "sd"))
     known = np.isfinite(mean) & np.isfinite(sd) & (sd > 0)
-    alike = all(high <= ALIKE * low for low, high in inner.values())
-    whole = pooled(mean[known].tolist(), sd[known].tolist()) if alike and known.sum() > 1 and known.all() else None
+    alike = one_unit and all(high <= ALIKE * low for low, high in ranges.values())
     return Shared(
-        key[0], key[1], first["name"], first["expression"], key[3], inner, tuple(each), tuple(possible),
-        tuple(mean.tolist()), tuple(sd.tolist()), whole,
-    )  # fmt: skip
+        equation=first["equation"],
+        slug=first["slug"],
+        name=first["name"],
+        expression=_common(shown),
+        unit=units[0] if one_unit else "",
+        one_unit=one_unit,
+        inner=ranges,
+        assets=tuple(each.asset for each in sure),
+        possible=tuple(each.asset for each in group if not each.sure),
+        likely={each.asset: float(each.effect["probability"]) for each in likely},
+        faults=tuple(dict.fromkeys(fault for each in likely for fault in _faults(each.effect))),
+        expressions=tuple(each.effect["expression"] for each in sure),
+        units=tuple(each.effect["unit"] or "" for each in sure),
+        mean=tuple(mean.tolist()),
+        sd=tuple(sd.tolist()),
+        whole=pooled(mean.tolist(), sd.tolist()) if alike and known.sum() > 1 and known.all() else None,
+    )
 
 
-def _added(record: Mapping[str, Any]) -> list[Mapping[str, Any]]:
-    return [effect for effect in record["effects"] if effect["status"] == ADDED]
+def _one_unit(first: str, other: str) -> bool:
+    """Whether two units are one, however they are written; one that is not known is like no other."""
+    try:
+        return first == other or bool(first and other and same_unit(first, other, "a coefficient"))
+    except InputError:
+        return False
 
 
 def _number(value: Any) -> float:

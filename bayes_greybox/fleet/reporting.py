@@ -1,17 +1,28 @@
 """A study's files in a folder: its record, its page and its figures."""
 
+import json
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 from bayes_greybox.missing_effects import Study
-from bayes_greybox.report.folders.holding import RECORD
+from bayes_greybox.report.folders.holding import CONFIG, RECORD, command_of
 from bayes_greybox.report.folders.record import write_json
 from bayes_greybox.report.folders.writing import staged
 from bayes_greybox.running.stages import stage
 
 STUDY, PAGE = "study.nc", "gap.html"
 """Names of a study's file and of its page."""
+
+MARK = "asset.json"
+"""What says in an asset's folder that its study is whole."""
+
+EARLIER = "earlier-"
+"""Begins the names of results that a later run set aside as it failed."""
+
+FIGURES = ("gap_map", "gap_time", "ranking", "rounds")
+"""Figures of each equation, see `report.plots.study_figures`."""
 
 
 def report_into(folder: Path, study: Study, record: Mapping[str, Any], figures: bool) -> None:
@@ -37,3 +48,59 @@ def report_into(folder: Path, study: Study, record: Mapping[str, Any], figures: 
             from bayes_greybox.report.plots import save_figures, study_figures
 
             save_figures(study_figures(study), folder / "figures")
+
+
+def set_aside(folder: Path) -> None:
+    """Rename an asset's record and page of an earlier run, so that they do not say what a later one that failed denies.
+
+    Args:
+        folder: The asset's folder, which need not exist.
+    """
+    for name in (RECORD, PAGE):
+        with suppress(OSError):
+            (folder / name).replace(folder / f"{EARLIER}{name}")
+
+
+def put_back(folder: Path) -> None:
+    """Undo `set_aside`: what kept an asset from being studied may be over.
+
+    Args:
+        folder: The asset's folder, which need not exist.
+    """
+    for name in (RECORD, PAGE):
+        if not (folder / name).exists():
+            with suppress(OSError):
+                (folder / f"{EARLIER}{name}").replace(folder / name)
+
+
+def remove_results(folder: Path) -> None:
+    """Remove the files that a study wrote to a folder, and the folder if no others are in it.
+
+    Args:
+        folder: The folder; nothing is removed where it holds no study.
+    """
+    put_back(folder)
+    if command_of(folder) != "discover":
+        return
+    own = [*_figures(folder / RECORD), STUDY, PAGE, RECORD, MARK, *(f"{EARLIER}{name}" for name in (RECORD, PAGE))]
+    with suppress(OSError):
+        if "copied_from" in (folder / CONFIG).read_text(encoding="utf-8"):
+            own.append(CONFIG)
+    for name in own:
+        with suppress(OSError):
+            (folder / name).unlink()
+    for place in (folder / "figures", folder):
+        with suppress(OSError):
+            place.rmdir()
+
+
+def _figures(record: Path) -> list[str]:
+    """Paths that a study's figures have, if any were drawn."""
+    try:
+        said = json.loads(record.read_text(encoding="utf-8"))
+        ends = ["", *(f"_{row['equation']}" for row in said["hypotheses"])]
+        names = [f"{name}{end}" for name in FIGURES for end in ends]
+        names += ["added_coefficients", *(f"free_run_{row['variable']}" for row in said["gap"])]
+    except (OSError, ValueError, KeyError):
+        return []
+    return [f"figures/{name}.png" for name in dict.fromkeys(names)]

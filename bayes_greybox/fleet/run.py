@@ -16,11 +16,9 @@ from bayes_greybox.report.folders.writing import output_folder, staged
 from bayes_greybox.running.stages import stages
 
 from .assets import Asset
+from .reporting import MARK, put_back, set_aside
 from .study import study_into
 from .together import ASSETS, Told, studied_together, write_fleet
-
-MARK = "asset.json"
-"""What says in an asset's folder that its study is whole."""
 
 
 def study_fleet(
@@ -60,6 +58,7 @@ def study_fleet(
             except (InputError, OSError) as error:
                 failed[asset.name] = str(error)
                 continue
+            put_back(own)
             before = _studied(own, mark)
             if before is None:
                 tasks[asset.name] = (asset, str(own), dict(sampling), mark)
@@ -69,6 +68,8 @@ def study_fleet(
         fleet, _ = studied_together(study_asset, tasks, order, known, failed, workers=workers, scheduler=scheduler)
         if any(each.sentence == LOST for each in fleet.failed):
             raise InputError("The Dask scheduler was lost. What is done is kept: give the same command again.")
+        for each in fleet.failed:
+            set_aside(folder / ASSETS / each.asset)
         write_fleet(fleet, folder)
     return fleet
 

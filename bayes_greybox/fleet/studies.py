@@ -30,7 +30,7 @@ from bayes_greybox.report.words.fleet import fleet_sentence
 from bayes_greybox.running.stages import stages
 
 from .files import alike, data_files, require_one_each
-from .reporting import STUDY, report_into
+from .reporting import STUDY, remove_results, report_into
 from .together import ASSETS, Told, studied_together, write_fleet
 
 Measured = Trajectories | str | os.PathLike[str]
@@ -47,14 +47,15 @@ NO_NAME, LONGEST = '/\\<>:"|?*', 255
 class FleetStudy:
     """What many assets lack under one description, each and together.
 
-    The coefficient of an effect is pooled over the assets to whose model it was added, from each one's posterior mean b
-    and standard deviation s:
+    The coefficient of an effect is pooled over the assets that surely lack it, from each one's posterior mean b and
+    standard deviation s:
 
         b_i ~ N(β_i, s_i²),   β_i ~ N(μ, τ²),   p(μ) ∝ 1,   τ = 0 or τ ~ HalfNormal(r/3), evenly
 
     with r the RMS of the b_i, or the smallest s_i where that is larger
 
-    (Gelman et al. 2013, Bayesian Data Analysis, 3rd ed., section 5.4). Nothing is pooled where inner parameters differ.
+    (Gelman et al. 2013, Bayesian Data Analysis, 3rd ed., section 5.4). Nothing is pooled where inner parameters or
+    units differ.
 
     Attributes:
         failed: Why an asset could not be studied, by asset.
@@ -76,9 +77,10 @@ class FleetStudy:
 
     @property
     def assets(self) -> pd.DataFrame:
-        """Assets, the largest gap first and those that failed last: verdict, lacks, gap, left, sentence, converged.
+        """Assets, the largest gap first: verdict, lacks, may_lack, gap, left, sentence, converged; failed ones last.
 
-        `gap` and `left` are the unexplained shares before and after, of held-out data where there are any.
+        `may_lack` is what was added to an asset's model though its study is not sure of it (*one of*, or a probability
+        below 0.9). `gap` and `left` are the unexplained shares before and after, of held-out data where there are any.
         """
         return self._fleet.table()
 
@@ -88,33 +90,35 @@ class FleetStudy:
 
         `mean`, `sd`, `lower`, `upper` are of μ, `between`, `between_lower`, `between_upper` the median and interval of
         τ, and `same` is P(τ = 0): one coefficient for all. They are NaN where nothing is pooled; intervals hold 90 %.
-        `assets` are those that lack the effect, `possible` those whose data do not tell it from what was added.
+        `assets` are those that surely lack the effect, `possible` those that may, and `likely` the probability of it in
+        each of the possible to whose model it was added. In `expression` inner parameters that differ have their names.
         """
         pooled = ("mean", "sd", "lower", "upper", "between", "between_lower", "between_upper", "same")
         rows = [
             {
                 "equation": each.equation, "slug": each.slug, "expression": each.expression, "name": each.name,
-                "assets": each.assets, "possible": each.possible,
+                "assets": each.assets, "possible": each.possible, "likely": dict(each.likely),
                 **{key: getattr(each.whole, key, float("nan")) for key in pooled}, "unit": each.unit,
             }
             for each in self._fleet.shared
         ]  # fmt: skip
         keys = ["equation", "slug", "expression"]
-        return pd.DataFrame(rows, columns=[*keys, "name", "assets", "possible", *pooled, "unit"]).set_index(keys)
+        columns = [*keys, "name", "assets", "possible", *pooled, "unit", "likely"]
+        return pd.DataFrame(rows, columns=columns).set_index(keys)
 
     @property
     def by_asset(self) -> pd.DataFrame:
-        """Coefficients by (equation, slug, expression, asset).
+        """Coefficients by (equation, slug, expression, asset), of effects that the asset surely lacks.
 
-        `mean` and `sd` are of its own data, `pooled_mean` and `pooled_sd` what it is once all are known, NaN where
-        nothing is pooled.
+        `expression` and `unit` are the asset's own. `mean` and `sd` are of its own data, `pooled_mean` and `pooled_sd`
+        what it is once all are known, NaN where nothing is pooled.
         """
         rows = []
         for each in self._fleet.shared:
             none = (float("nan"),) * len(each.assets)
             whole = (none, none) if each.whole is None else (each.whole.each, each.whole.each_sd)
-            own = zip(each.assets, each.mean, each.sd, *whole, strict=True)
-            rows += [(each.equation, each.slug, each.expression, *values, each.unit) for values in own]
+            own = zip(each.expressions, each.assets, each.mean, each.sd, *whole, each.units, strict=True)
+            rows += [(each.equation, each.slug, *values) for values in own]
         keys = ["equation", "slug", "expression", "asset"]
         columns = [*keys, "mean", "sd", "pooled_mean", "pooled_sd", "unit"]
         return pd.DataFrame(rows, columns=columns).set_index(keys)
@@ -133,6 +137,8 @@ class FleetStudy:
     def save(self, folder: str | os.PathLike[str], *, figures: bool = False, progress: bool = True) -> None:
         """Write what `bayes-greybox discover --fleet` writes: fleet.html, assets.csv, summary.json and assets/NAME.
 
+        Studies that another fleet left in assets/NAME are removed; files that are no study's stay.
+
         Args:
             folder: Folder for the results.
             figures: Whether to draw each asset's figures as files too; its page, gap.html, has them anyway.
@@ -143,6 +149,9 @@ class FleetStudy:
         """
         require_own(Path(folder), "fleet")
         with output_folder(folder) as place, stages(progress):
+            for own in (place / ASSETS).glob("*"):
+                if own.name not in self._studies.told:
+                    remove_results(own)
             for name, told in self._studies.told.items():
                 with staged(place) as part:
                     own = part / ASSETS / name
@@ -154,7 +163,7 @@ class FleetStudy:
     def __repr__(self) -> str:
         """The sentence, and all assets by their gap."""
         with pd.option_context("display.width", 160, "display.max_columns", 40, "display.max_colwidth", 60):
-            table = self.assets[["verdict", "lacks", "gap", "left"]].round(3).to_string()
+            table = self.assets[["verdict", "lacks", "may_lack", "gap", "left"]].round(3).to_string()
         reasons = [f"{name} could not be studied: {reason}" for name, reason in self.failed.items()]
         return "\n".join([f"FleetStudy: {self.sentence}", table, *reasons])
 

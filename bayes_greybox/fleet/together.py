@@ -96,4 +96,7 @@ def write_fleet(fleet: Fleet, folder: Path) -> None:
             "versions": versions(),
         }
         write_json(part / RECORD, plain_values(record))
-        fleet_html(fleet, part / FLEET_PAGE, {e.asset: f"{ASSETS}/{e.asset}/{PAGE}" for e in fleet.studied})
+        pages = {each.asset: f"{ASSETS}/{each.asset}/{PAGE}" for each in fleet.studied}
+        # Of a study of before its page may have been removed since.
+        pages = {name: page for name, page in pages.items() if (folder / page).is_file()}
+        fleet_html(fleet, part / FLEET_PAGE, pages)

@@ -1,4 +1,4 @@
-"""A fleet of studies from the shell and from Python: assets, their results, what they say together."""
+"""A fleet of studies from the shell and from Python: assets and their results."""
 
 import json
 import re
@@ -13,12 +13,8 @@ import bayes_greybox as bg
 from bayes_greybox.cli import main
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.tasks import LOST, Done
-from bayes_greybox.discovery.fleet import fleet_of
 from bayes_greybox.fleet.assets import assets_of
 from bayes_greybox.fleet.run import _mark, _studied, study_fleet
-from bayes_greybox.report.pages.fleet_page import fleet_page
-from bayes_greybox.report.pages.page import render
-from bayes_greybox.report.words.fleet import fleet_sentence
 
 
 @pytest.fixture(scope="module")
@@ -304,77 +300,3 @@ def test_folders_that_cannot_be_made_are_refused_in_a_sentence(from_python, tmp_
     (tmp_path / "assets").write_text("", encoding="utf-8")
     with pytest.raises(InputError, match="Cannot write to the folder"):
         from_python.save(tmp_path, progress=False)
-
-
-def record(verdict, effects=(), before=0.5):
-    rows = [
-        {"equation": "v", "slug": slug, "name": slug.title(), "expression": expression, "unit": "1/s²", "mean": mean,
-         "sd": 0.1, "inner": inner, "status": status}
-        for slug, expression, mean, inner, status in effects
-    ]  # fmt: skip
-    gap = [{"data": "train", "metric": "unexplained share", "before": before, "after": 0.1}]
-    return {"verdict": verdict, "sentence": "…", "effects": rows, "gap": gap, "convergence": None}
-
-
-def lacks(slug, mean=1.0, expression="y", status="added", **inner):
-    return (slug, expression, mean, inner, status)
-
-
-def test_causes_that_differ_are_said_to():
-    fleet = fleet_of({"a": record("named", [lacks("drag")]), "b": record("named", [lacks("lag", 2.0)])}, {})
-    assert fleet.causes == () and "differs" in fleet_sentence(fleet)
-    assert all(shared.whole is None for shared in fleet.shared)
-    assert "Several causes" in render(fleet_page(fleet, {}))
-
-
-def test_one_name_at_two_places_is_no_one_cause():
-    """Springs of two masses are two effects, whatever they are called; nor are two of one asset an asset more."""
-    fleet = fleet_of({
-        "a": record("named", [lacks("cubic", expression="y**3"), lacks("cubic", expression="z**3")]),
-        "b": record("named", [lacks("cubic", expression="z**3")]),
-    }, {})  # fmt: skip
-    assert [shared.assets for shared in fleet.shared] == [("a", "b"), ("a",)]
-    (cause,) = fleet.causes
-    assert cause.expression == "z**3" and "2 of 2 assets lack cubic" in fleet_sentence(fleet)
-
-
-def test_what_all_lack_is_named_whole():
-    each = record("named", [lacks("drag"), lacks("lag", 2.0)])
-    fleet = fleet_of({"a": each, "b": each}, {})
-    assert len(fleet.causes) == 2
-    assert "drag in the equation of v and lag in the equation of v" in fleet_sentence(fleet)
-    assert "Causes in common" in render(fleet_page(fleet, {}))
-
-
-def test_what_an_asset_cannot_tell_speaks_for_the_cause_of_the_others():
-    tied = record("one of", [lacks("lag"), lacks("drag", status="one of")])
-    fleet = fleet_of({"a": record("named", [lacks("drag")]), "b": record("named", [lacks("drag")]), "c": tied}, {})
-    (cause,) = fleet.causes
-    assert cause.slug == "drag" and cause.possible == ("c",) and "(1 more may)" in fleet_sentence(fleet)
-
-
-def test_coefficients_beside_other_inner_parameters_are_not_pooled():
-    near = {k: record("named", [lacks("dead-zone", k, "dz(y, 0.4)", gap=0.4 + k / 100)]) for k in (1, 2)}
-    (shared,) = fleet_of({str(k): each for k, each in near.items()}, {}).shared
-    assert shared.whole is not None and shared.inner["gap"] == pytest.approx((0.41, 0.42))
-    far = {str(k): record("named", [lacks("dead-zone", k, f"dz(y, {k})", gap=float(k))]) for k in (1, 2)}
-    (shared,) = fleet_of(far, {}).shared
-    assert shared.whole is None and shared.assets == ("1", "2")
-    assert "gap 1 to 2" in render(fleet_page(fleet_of(far, {}), {}))
-
-
-def test_fleets_of_nothing_or_of_one_have_a_page_too():
-    assert "Nothing is missing in any of 2 assets" in fleet_sentence(
-        fleet_of({"a": record("no gap", before=None), "b": record("instrument")}, {})
-    )
-    none = fleet_of({}, {"a": "no such column"})
-    assert "None of 1 asset could" in fleet_sentence(none) and "Nothing studied" in render(fleet_page(none, {}))
-    one = fleet_of({"a": record("named", [lacks("drag")]), "b": record("no gap"), "c": record("no gap")}, {})
-    assert fleet_sentence(one) == "1 of 3 assets has a gap: a lacks drag."
-    assert "One asset" in render(fleet_page(one, {}))
-
-
-def test_an_unknown_gap_is_no_cause():
-    fleet = fleet_of({name: record("unknown") for name in "abc"}, {})
-    assert fleet.with_gap == 3 and fleet.causes == () and "3 of 3 assets have a gap" in fleet_sentence(fleet)
-    assert "No name" in render(fleet_page(fleet, {}))

@@ -12,7 +12,7 @@ from bayes_greybox.inference.kept.netcdf import versions
 from bayes_greybox.physics.catalogue.names import within
 from bayes_greybox.report.plots.fleet import plot_pooled
 from bayes_greybox.report.plots.style import with_unit
-from bayes_greybox.report.words.fleet import fleet_sentence, shared_text
+from bayes_greybox.report.words.fleet import fleet_sentence, lacks_text, likely_text, shared_text, unit_of
 from bayes_greybox.report.words.formatting import (
     estimate,
     formula,
@@ -57,7 +57,7 @@ def fleet_page(fleet: Fleet, pages: dict[str, str]) -> Page:
         kind="bayes_greybox · fleet of studies",
         headline=fleet_sentence(fleet),
         badges=[badge],
-        facts=[f"Assets: {len(fleet.assets)}", f"with a gap: {fleet.with_gap}", f"failed: {len(fleet.failed)}"],
+        facts=_facts(fleet),
         alerts=alerts,
         cards=_cards(cause),
         cards_title="" if cause is None else shared_text(cause),
@@ -66,16 +66,28 @@ def fleet_page(fleet: Fleet, pages: dict[str, str]) -> Page:
     )
 
 
+def _facts(fleet: Fleet) -> list[str]:
+    others = {"wrong coefficient": fleet.recalibrated, "fault of the measurement": fleet.mismeasured}
+    counts = {"Assets": len(fleet.assets), "lacking something": fleet.lacking, **{k: n for k, n in others.items() if n}}
+    return [f"{name}: {n}" for name, n in {**counts, "failed": len(fleet.failed)}.items()]
+
+
 def _badge(fleet: Fleet) -> Badge:
     if not fleet.studied:
         return Badge("Nothing studied", "bad", "!")
-    if not fleet.with_gap:
-        return Badge("No gap", "good", "✓")
+    if not fleet.lacking:
+        if fleet.recalibrated and fleet.mismeasured:
+            return Badge("Coefficients and measurements", "warn", "⟳")
+        if fleet.recalibrated:
+            return Badge("Recalibrate", "warn", "⟳")
+        return Badge("The measurement", "warn", "∿") if fleet.mismeasured else Badge("No gap", "good", "✓")
     if not fleet.shared:
         return Badge("No name", "warn", "?")
     if fleet.causes:
         return Badge("One cause" if len(fleet.causes) == 1 else "Causes in common", "good", "✓")
-    return Badge("One asset", "warn", "1") if fleet.with_gap == 1 else Badge("Several causes", "warn", "≈")
+    if fleet.lacking == 1:
+        return Badge("One asset", "warn", "1")
+    return Badge("No sure cause", "warn", "?") if fleet.suspected else Badge("Several causes", "warn", "≈")
 
 
 def _cards(cause: Shared | None) -> list[Card]:
@@ -102,7 +114,9 @@ def _cards(cause: Shared | None) -> list[Card]:
 def _shared(fleet: Fleet) -> Section:
     if not fleet.shared:
         return Section("lacks", "What they lack", blocks=[Words("No effect was added to the model of any asset.")])
-    head = ("effect", "equation", "#assets", "#mean", "#between assets", "#P(one for all)", "inner parameters", "unit")
+    unsure = ("#P where not sure", "or a fault of a sensor") if any(each.likely for each in fleet.shared) else ()
+    pooling = ("#mean", "#between assets", "#P(one for all)", "inner parameters", "unit")
+    head = ("effect", "equation", "#assets", *unsure, *pooling)
     rows = []
     for each in fleet.shared:
         whole = each.whole
@@ -111,7 +125,8 @@ def _shared(fleet: Fleet) -> Section:
             numbers = estimate(whole.mean, whole.sd), number(whole.between), probability_text(whole.same)
         inner = ", ".join(f"{name} {_range(*ends)}" for name, ends in each.inner.items()) or "–"
         count = f"{len(each.assets)}{f' to {len({*each.assets, *each.possible})}' if each.possible else ''}"
-        rows.append((each.name, each.equation, count, *numbers, inner, unit_text(each.unit) or "–"))
+        doubt = (likely_text(each.likely.values()), ", ".join(each.faults) or "–") if unsure else ()
+        rows.append((each.name, each.equation, count, *doubt, *numbers, inner, unit_of(each)))
     drawn = [
         time_picture(
             partial(_pooled, each, each.whole),
@@ -122,10 +137,11 @@ def _shared(fleet: Fleet) -> Section:
         if each.whole is not None
     ]
     lead = (
-        "Effects that were added to the models of assets; “3 to 5” are three that surely have it and two that may. A "
-        "coefficient is pooled over those that have it: each one's own is drawn towards their mean as far as its data "
-        "leave it open. Assets with too little of it to be found are not in the mean, which is therefore one of those "
-        "that lack it, and not of the fleet; nor is anything pooled where inner parameters differ."
+        "Effects that were added to the models of assets; “3 to 5” are three that surely have it and two that may, as "
+        "something else does the same there. A coefficient is pooled over those that surely have it: each one's own is "
+        "drawn towards their mean as far as its data leave it open. Assets with too little of it to be found are not "
+        "in the mean, which is therefore one of those that lack it, and not of the fleet; nor is anything pooled where "
+        "inner parameters or units differ."
     )
     return Section(
         "lacks", "What they lack", lead, [Table(head, rows, "Effects and their coefficients"), Pictures(drawn)]
@@ -140,7 +156,7 @@ def _pooled(shared: Shared, whole: Pooled, width: float) -> Figure:
 def _assets(fleet: Fleet, pages: dict[str, str]) -> Section:
     head = ("asset", "verdict", "lacks", "#gap", "#left", "~what its study says")
     rows = [
-        (each.asset, each.verdict, ", ".join(each.lacks) or "–", _share(each.gap), _share(each.left), each.sentence)
+        (each.asset, each.verdict, lacks_text(each), _share(each.gap), _share(each.left), each.sentence)
         for each in fleet.assets
     ]
     lead = (

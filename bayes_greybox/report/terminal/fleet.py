@@ -6,7 +6,7 @@ from rich.table import Table
 from rich.text import Text
 
 from bayes_greybox.discovery.fleet import Fleet
-from bayes_greybox.report.words.fleet import fleet_sentence
+from bayes_greybox.report.words.fleet import fleet_sentence, lacks_text
 from bayes_greybox.report.words.formatting import share_text
 
 from .tables import plain_table
@@ -21,6 +21,6 @@ def fleet_tables(fleet: Fleet) -> tuple[Text, Table]:
         table.add_column(name, justify="right")
     for each in fleet.assets:
         shares = ["–" if math.isnan(value) else share_text(value) for value in (each.gap, each.left)]
-        what = each.sentence if each.failed else ", ".join(each.lacks) or "–"
+        what = each.sentence if each.failed else lacks_text(each)
         table.add_row(*(Text(cell) for cell in (each.asset, each.verdict, what, *shares)))
     return Text(fleet_sentence(fleet), style="bold"), table

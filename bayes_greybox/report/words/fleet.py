@@ -1,13 +1,18 @@
 """What a fleet of studies says, in sentences."""
 
-from bayes_greybox.discovery.fleet import ONE_CAUSE, Fleet, Shared
+from collections.abc import Iterable
+
+from bayes_greybox.discovery.fleet import LACKING, ONE_CAUSE, AssetStudy, Fleet, Shared
 from bayes_greybox.physics.catalogue.names import within
 
-from .formatting import formula, listed, number, probability_text, quantity
+from .formatting import formula, listed, number, probability_text, quantity, unit_text
+
+LIKELY = 0.5
+"""Probability from which on something is most likely."""
 
 
 def fleet_sentence(fleet: Fleet) -> str:
-    """The fleet in one sentence: how many assets lack what, and whether that is one cause."""
+    """The fleet in a few words: how many assets lack what, whether that is one cause, and what is wrong in others."""
     n, failed = len(fleet.studied), len(fleet.failed)
     if not n:
         return f"None of {_assets(failed)} could be studied."
@@ -19,30 +24,88 @@ def shared_text(shared: Shared) -> str:
     return f"{shared.name}, {formula(shared.expression)}, in the equation of {shared.equation}"
 
 
+def lacks_text(asset: AssetStudy) -> str:
+    """What an asset lacks, and what it may lack; a dash for nothing."""
+    return ", ".join([*asset.lacks, *(f"perhaps {within(name)}" for name in asset.may_lack)]) or "–"
+
+
+def likely_text(probabilities: Iterable[float]) -> str:
+    """How likely something is in some assets: 0.758, or 0.612 to 0.758; a dash for none."""
+    known = sorted(probabilities)
+    return " to ".join(dict.fromkeys(map(probability_text, (known[0], known[-1])))) if known else "–"
+
+
+def unit_of(shared: Shared) -> str:
+    """The unit of an effect's coefficient, or all that it has where assets differ; a dash where it is not known."""
+    if shared.one_unit:
+        return unit_text(shared.unit) or "–"
+    return " or ".join(dict.fromkeys(unit_text(unit) or "not known" for unit in shared.units)) or "–"
+
+
 def _found(fleet: Fleet) -> str:
-    n, gap = len(fleet.studied), fleet.with_gap
-    if not gap:
-        return f"Nothing is missing in {'the one asset' if n == 1 else f'any of {n} assets'}"
-    have = f"{gap} of {_assets(n)} {'has' if gap == 1 else 'have'} a gap"
+    n, off, wrong = len(fleet.studied), fleet.recalibrated, fleet.mismeasured
+
+    def so_many(k: int) -> str:
+        return f"{'it' if n == 1 else k} {'has' if k == 1 else 'have'}"
+
+    others = ([f"{so_many(off)} a wrong coefficient"] if off else []) + (
+        [f"{wrong if off else so_many(wrong)} a fault of the measurement"] if wrong else []
+    )
+    if fleet.lacking:
+        return f"{_lacking(fleet)}{f'. Of the others {listed(others)}' if others else ''}"
+    nothing = f"Nothing is missing in {'the one asset' if n == 1 else f'any of {n} assets'}"
+    return f"{nothing}, but {listed(others)}" if others else nothing
+
+
+def _lacking(fleet: Fleet) -> str:
+    n, k = len(fleet.studied), fleet.lacking
+    have = f"{k} of {_assets(n)} {'lacks' if k == 1 else 'lack'} something"
     if not fleet.shared:
-        return f"{have}, which no effect of the catalogue closes"
-    if not fleet.causes:
-        lacking = [f"{within(each.name)} ({len(each.assets)})" for each in fleet.shared[:4]]
-        if gap == 1:
-            return f"{have}: {fleet.shared[0].assets[0]} lacks {listed([within(each.name) for each in fleet.shared])}"
-        return f"{have}; what they lack differs: {listed(lacking)}"
-    first, *others = fleet.causes
-    names = listed([f"{within(each.name)} in the equation of {each.equation}" for each in fleet.causes])
-    of = "" if others else _of(first)
-    return f"{len(first.assets)} of {_assets(n)} lack {names}{_maybe(first)}{of}"
+        return f"{have} that the catalogue does not have"
+    if k == 1:
+        (asset,) = (each.asset for each in fleet.studied if each.verdict in LACKING)
+        sure = [within(each.name) for each in fleet.shared if each.assets]
+        perhaps = [_perhaps(each, within(each.name)) for each in fleet.shared if not each.assets]
+        return f"{have}: {asset} {listed([*([f'lacks {listed(sure)}'] if sure else []), *perhaps])}"
+    if common := fleet.causes or fleet.suspected:
+        said = [_who(each, "" if place else f" of {_assets(n)}") for place, each in enumerate(common)]
+        return f"{listed(said)}{_of(common[0]) if len(common) == 1 else ''}"
+    names = [within(each.name) for each in fleet.shared]
+    told = [
+        # One name may be that of two formulas.
+        f"{name}{f' {formula(each.expression)}' if names.count(name) > 1 else ''} ({_count(each)})"
+        for name, each in zip(names, fleet.shared, strict=True)
+    ]
+    return f"{have}; what they lack differs: {listed(told[:4])}"
 
 
-def _maybe(cause: Shared) -> str:
-    """Those whose data tell no more than that it may be this."""
-    return f" ({len(cause.possible)} more may)" if cause.possible else ""
+def _who(shared: Shared, of: str) -> str:
+    """How many assets lack an effect, and in how many more it is not told from something else."""
+    sure, more = len(shared.assets), len(shared.possible)
+    what = f"{within(shared.name)} in the equation of {shared.equation}"
+    if not sure:
+        return f"{len(shared.likely)}{of} {_perhaps(shared, what)}"
+    return f"{sure}{of} {'lacks' if sure == 1 else 'lack'} {what}{f' ({more} more may)' if more else ''}"
+
+
+def _perhaps(shared: Shared, what: str) -> str:
+    """That assets of which none is sure may lack an effect, and what else it may be."""
+    n, more = len(shared.likely), len(shared.possible) - len(shared.likely)
+    lack = f"most likely {'lacks' if n == 1 else 'lack'}" if min(shared.likely.values()) >= LIKELY else "may lack"
+    p = f"probability {likely_text(shared.likely.values())}{f'; {more} more may' if more else ''}"
+    fault = f", or else a sensor is at fault ({', '.join(shared.faults)})" if shared.faults else ""
+    return f"{lack} {what} ({p}){fault}"
+
+
+def _count(shared: Shared) -> str:
+    """How many assets lack an effect: 2; or 2, 1 more may; or 1 may."""
+    sure, may = len(shared.assets), len(shared.possible)
+    return ", ".join([*([str(sure)] if sure else []), *([f"{may} {'more ' if sure else ''}may"] if may else [])])
 
 
 def _of(cause: Shared) -> str:
+    if len(cause.assets) > 1 and not cause.one_unit:
+        return f", with coefficients that are not pooled, as their units differ ({unit_of(cause)})"
     if cause.whole is None:
         return ""
     whole = cause.whole
