@@ -282,6 +282,9 @@ class _Builder:
             self.refuse(f"contains a power ({value_base:g})**({value:g}) that is not a finite real number")
         if result == 0 and value_base != 0:
             self.refuse("contains a number too small to tell from zero; check its constants")
+        if base.atoms(sympy.Float) and not base.is_Float:
+            # A decimal beside roots: SymPy would look for what they have in common, and may not come back from it.
+            return _from_float(result)
         if exponent.atoms(sympy.Pow):
             # Each further storey of a tower of powers would be evaluated with all those below it, again and again.
             return _from_float(result)
