@@ -68,6 +68,9 @@ def read(text: str, names: tuple[str, ...] | None) -> sympy.Expr:
     if found.has(sympy.zoo, sympy.nan):
         # Of parts that are finite one by one, as 0**(y**y) and its inverse.
         raise InputError(f"{_shown(text)} contains a number that is not finite; check its constants.")
+    if found.has(sympy.I):
+        # SymPy may find out that late, as it takes a root apart that is within another one.
+        raise InputError(f"{_shown(text)} contains the root of a negative number; take abs(...) of it.")
     return found
 
 
