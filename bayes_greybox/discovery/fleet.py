@@ -2,6 +2,7 @@
 
 import math
 import re
+from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
 from typing import Any, NamedTuple
@@ -226,8 +227,13 @@ def _shared(records: Mapping[str, Mapping[str, Any]]) -> list[Shared]:
     """Effects by equation, name, formula and inner parameters, those that most assets have first."""
     groups: dict[tuple, list[list[_Lack]]] = {}
     for name, record in records.items():
+        # Under *named* nothing else is called possible, though it may be the same curve.
+        tied = defaultdict(set)
         for effect in record["effects"]:
-            if effect["status"] not in (ADDED, POSSIBLE):
+            if effect["status"] == ADDED:
+                tied[effect["equation"]].update(effect["tied_with"])
+        for effect in record["effects"]:
+            if effect["status"] not in (ADDED, POSSIBLE) and effect["slug"] not in tied[effect["equation"]]:
                 continue
             key = (effect["equation"], effect["slug"], tuple(sorted(effect["inner"])), _formula(effect)[0])
             known = groups.setdefault(key, [])
@@ -302,7 +308,7 @@ def _of_effect(group: Sequence[_Lack]) -> Shared:
 
 
 def _one_unit(first: str, other: str) -> bool:
-    """Whether two units are one, however they are written; one that is not known is like no other."""
+    """Whether two units are one, however they are written; one that is not known is that of none that is."""
     try:
         return first == other or bool(first and other and same_unit(first, other, "a coefficient"))
     except InputError:

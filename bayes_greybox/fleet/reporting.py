@@ -77,15 +77,18 @@ def remove_results(folder: Path) -> None:
     """Remove the files that a study wrote to a folder, and the folder if no others are in it.
 
     Args:
-        folder: The folder; nothing is removed where it holds no study.
+        folder: The folder; nothing is removed where it holds no study, or one with a configuration of its own.
     """
+    copied = False
+    with suppress(OSError):
+        copied = "copied_from" in (folder / CONFIG).read_text(encoding="utf-8")
+    if (folder / CONFIG).exists() and not copied:
+        return
     put_back(folder)
     if command_of(folder) != "discover":
         return
     own = [*_figures(folder / RECORD), STUDY, PAGE, RECORD, MARK, *(f"{EARLIER}{name}" for name in (RECORD, PAGE))]
-    with suppress(OSError):
-        if "copied_from" in (folder / CONFIG).read_text(encoding="utf-8"):
-            own.append(CONFIG)
+    own += [CONFIG] if copied else []
     for name in own:
         with suppress(OSError):
             (folder / name).unlink()
@@ -101,6 +104,6 @@ def _figures(record: Path) -> list[str]:
         ends = ["", *(f"_{row['equation']}" for row in said["hypotheses"])]
         names = [f"{name}{end}" for name in FIGURES for end in ends]
         names += ["added_coefficients", *(f"free_run_{row['variable']}" for row in said["gap"])]
-    except (OSError, ValueError, KeyError):
+    except (OSError, ValueError, KeyError, TypeError):
         return []
     return [f"figures/{name}.png" for name in dict.fromkeys(names)]

@@ -30,7 +30,7 @@ from bayes_greybox.report.words.fleet import fleet_sentence
 from bayes_greybox.running.stages import stages
 
 from .files import alike, data_files, require_one_each
-from .reporting import STUDY, remove_results, report_into
+from .reporting import STUDY, remove_results, report_into, set_aside
 from .together import ASSETS, Told, studied_together, write_fleet
 
 Measured = Trajectories | str | os.PathLike[str]
@@ -137,7 +137,8 @@ class FleetStudy:
     def save(self, folder: str | os.PathLike[str], *, figures: bool = False, progress: bool = True) -> None:
         """Write what `bayes-greybox discover --fleet` writes: fleet.html, assets.csv, summary.json and assets/NAME.
 
-        Studies that another fleet left in assets/NAME are removed; files that are no study's stay.
+        Studies that another fleet left in assets/NAME are removed; files that are no study's stay, and what an earlier
+        run found of an asset that failed in this fleet is kept under other names.
 
         Args:
             folder: Folder for the results.
@@ -150,7 +151,10 @@ class FleetStudy:
         require_own(Path(folder), "fleet")
         with output_folder(folder) as place, stages(progress):
             for own in (place / ASSETS).glob("*"):
-                if own.name not in self._studies.told:
+                if own.name in self.failed:
+                    # What an earlier run found of it is no result of this one, and may be all there is.
+                    set_aside(own)
+                elif own.name not in self._studies.told:
                     remove_results(own)
             for name, told in self._studies.told.items():
                 with staged(place) as part:

@@ -68,13 +68,11 @@ def per_second(unit: str) -> float:
 
     Args:
         unit: Unit of time, "" where it is not known.
-
-    Raises:
-        InputError: It is not a known unit.
     """
-    if not unit:
+    try:
+        given, second = parse_unit(unit, "the time"), registry().parse_units("second")
+    except InputError:
         return 1.0
-    given, second = parse_unit(unit, "the time"), registry().parse_units("second")
     if given.dimensionality != second.dimensionality:
         return 1.0
     return float(registry().Quantity(1.0, second).to(given).magnitude)

@@ -60,6 +60,15 @@ def test_what_an_asset_cannot_tell_speaks_for_the_cause_of_the_others():
     assert cause.slug == "drag" and cause.possible == ("c",) and "(1 more may)" in fleet_sentence(fleet)
 
 
+def test_names_of_the_same_curve_speak_for_each_other():
+    """Under *named* what is tied is the same curve, and nothing else is called possible."""
+    one = record("named", [lacks("drag", probability=0.6, tied_with=["lag"]), lacks("lag", status="")])
+    other = record("named", [lacks("lag", probability=0.6, tied_with=["drag"]), lacks("drag", status="")])
+    fleet = fleet_of({"a": one, "b": other}, {})
+    assert {(shared.assets, shared.possible) for shared in fleet.shared} == {(("a",), ("b",)), (("b",), ("a",))}
+    assert "differs" not in fleet_sentence(fleet)
+
+
 def test_coefficients_beside_other_inner_parameters_are_not_pooled():
     near = {k: record("named", [lacks("dead-zone", k, "dz(y, 0.4)", gap=0.4 + k / 100)]) for k in (1, 2)}
     (shared,) = fleet_of({str(k): each for k, each in near.items()}, {}).shared
@@ -268,9 +277,27 @@ def test_saving_removes_studies_of_assets_that_are_no_more_and_nothing_else(tmp_
         (own / "summary.json").write_text(json.dumps(left), encoding="utf-8")
         for name in ("study.nc", "gap.html", "asset.json", "figures/gap_map.png", "figures/free_run_v.png"):
             (own / name).touch()
-    kept = {old / "notes.txt", old / "figures" / "gap_map_marked.png", mine / "summary.json", mine / "study.nc"}
+    # A study with a configuration of its own was never this fleet's.
+    single = tmp_path / "assets" / "single"
+    single.mkdir()
+    (single / "summary.json").write_text(json.dumps(left), encoding="utf-8")
+    (single / "config.toml").write_text("[data]", encoding="utf-8")
+    kept = {
+        single / "summary.json",
+        single / "config.toml",
+        old / "notes.txt",
+        old / "figures" / "gap_map_marked.png",
+        mine / "summary.json",
+        mine / "study.nc",
+    }
     for file in kept:
         file.touch()
+    # What was found of an asset that fails now may be all there is of it.
+    failed = tmp_path / "assets" / "a"
+    failed.mkdir()
+    (failed / "summary.json").write_text(json.dumps(left), encoding="utf-8")
+    (failed / "study.nc").touch()
+    kept |= {failed / "earlier-summary.json", failed / "study.nc"}
     FleetStudy({"a": "none"}, fleet_of({}, {"a": "none"}), _Studies({}, {})).save(tmp_path, progress=False)
     assert {file for file in (tmp_path / "assets").rglob("*") if file.is_file()} == kept
     assert not (tmp_path / "assets" / "gone").exists()

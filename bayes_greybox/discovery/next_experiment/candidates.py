@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import product
+from numbers import Real
 
 import numpy as np
 from jaxtyping import Float
@@ -95,7 +96,7 @@ def usual_candidates(
         raise InputError(f"There are no signals called {unknown[0]!r}; there are {', '.join(SIGNALS)}.")
     if not np.ndim(amplitudes) or not len(amplitudes) or not all(np.isfinite(a) and a > 0 for a in amplitudes):
         raise InputError(f"amplitudes must be numbers above 0, such as (0.5, 1), not {amplitudes}.")
-    if duration is not None and not (np.isfinite(duration) and duration > 0):
+    if duration is not None and not (isinstance(duration, Real) and np.isfinite(duration) and duration > 0):
         raise InputError(f"duration must be a number above 0, not {duration}.")
     families = [SIGNALS[name] for name in asked]
     spans = {r: np.ptp(data.time[data.run == r]) for r in range(data.n_run)}
@@ -103,7 +104,7 @@ def usual_candidates(
     duration = float(spans[data.run[longest][0]]) if duration is None else float(duration)
     step = float(np.median(np.diff(data.time[longest])))
     if rows is None:
-        # No more than the data have in as long a time, whose rows may come in bursts.
+        # About as many as the data have in as long a time, whose rows may come in bursts.
         most = np.ceil(np.sum(longest) * duration / np.ptp(data.time[longest]))
         rows = max(2, min(round(duration / step), int(most)) + 1)
     low, high = _band(data, longest, duration)

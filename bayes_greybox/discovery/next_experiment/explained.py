@@ -241,6 +241,8 @@ def _product(parts: Sequence[Sequence[Component]]) -> tuple[Component, ...]:
         choices = list(product(found, part))
         if not choices:
             return ()
+        # In an order that has nothing to do with either: every n-th of a table row by row is of one column.
+        choices = [choices[i] for i in np.random.default_rng(0).permutation(len(choices))]
         weights, places = systematic(np.array([a.weight * b.weight for a, b in choices]), COMPONENTS)
         found = tuple(_beside(weight, choices[place]) for weight, place in zip(weights, places, strict=True))
     return found

@@ -248,12 +248,13 @@ def _said(each: Predicted, fails: float) -> str:
     said = [
         f"{name} reaches {far:.2g} times the data's range: extrapolation"
         if np.isfinite(far)
-        else f"{name} moves, which in the data it did not: extrapolation"
+        else f"{name} is elsewhere than in the data, where it never moved: extrapolation"
         for name, x in each.reach.items()
         if (far := _far(x)) > BEYOND
     ]
     if fails > 0:
-        said.append(f"{fails:.1%} of the runs fail under an explanation: unsafe")
+        share = f"{fails:.1%}" if fails >= 0.001 else "Under 0.1%"
+        said.append(f"{share} of the runs fail under an explanation: unsafe")
     if not each.resolved:
         said.append("the steps do not follow its path")
     return "; ".join(said)

@@ -125,6 +125,17 @@ def test_many_equations_keep_the_likeliest_explanations_of_all_together():
     assert sum(e.probability for e in found) > 0.97
 
 
+def test_variants_of_every_equation_are_kept():
+    """Eight values of an inner parameter in each of two equations: neither is taken for known."""
+    parts = [tuple(replace(law("a", 1.0, "y", k).components[0], weight=1 / 8) for k in range(8)) for _ in "uv"]
+    kept = [Explained("a", 1.0, ("a",), part, {"v": 0.02}) for part in parts]
+    (found,) = joined({"u": kept[:1], "v": kept[1:]})
+    means = np.array([c.mean for c in found.components])
+    weights = np.array([c.weight for c in found.components])
+    np.testing.assert_allclose(weights @ means, [3.5, 3.5], atol=1.5)
+    assert np.all(np.std(means, axis=0) > 1.1)
+
+
 def test_what_fails_in_one_run_of_fifty_is_not_chosen_whichever_outcomes_show_it(study):
     """The first 64 outcomes of each explanation may show no failure at all."""
     root = np.array([[2.4]])
@@ -142,7 +153,7 @@ def test_an_input_that_never_moved_has_no_range(study):
     still = replace(told(study, NOTHING, law("cubic", 0.5, "y**3", -0.8)), train=_without_motion(study.train))
     found = still.next_experiment([FAR], outcomes=8)
     assert found.table["reach"][0] == np.inf
-    assert "F moves, which in the data it did not: extrapolation" in found.sentence
+    assert "F is elsewhere than in the data, where it never moved: extrapolation" in found.sentence
 
 
 def _without_motion(data):
