@@ -261,6 +261,9 @@ class _Builder:
         self, base: sympy.Expr, exponent: sympy.Expr, value_base: float | None, value: float | None
     ) -> sympy.Expr:
         if value is None:
+            if any(not power.exp.is_number for power in exponent.atoms(sympy.Pow)):
+                # SymPy looks long for the signs of such towers, and no law has them.
+                self.refuse("has columns in the exponent of an exponent; write exp(...) for a law that is one")
             return self.real(base**exponent)
         if abs(value) > MAX_EXPONENT:
             self.refuse(f"has an exponent of {value:g}; exponents go up to {MAX_EXPONENT}")

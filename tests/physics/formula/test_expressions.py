@@ -353,7 +353,7 @@ def test_sympy_expressions_are_held_to_the_same_whitelist():
 
 @pytest.mark.parametrize("text", ["33/(y - y)**y**y", "1/(y - y)**y", "cos(2/(y - y)**y**y)"])
 def test_what_is_not_finite_within_powers_is_refused_when_it_is_read(text):
-    with pytest.raises(InputError, match="not finite"):
+    with pytest.raises(InputError, match="not finite|exponent of an exponent"):
         parse_expression(text)
 
 
