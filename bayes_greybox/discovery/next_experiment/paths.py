@@ -94,7 +94,7 @@ def steps_needed(
             close |= last & np.isnan(now) & np.isnan(before)
             same = np.all(close, axis=(1, 2, 3))
             ended = same | last
-            needed[open_], resolved[open_] = np.where(same & ~last, steps // 2, steps), same
+            needed[open_], resolved[open_] = np.where(same & (not last), steps // 2, steps), same
         before, open_, steps = now[~ended], open_[~ended], 2 * steps
     return needed, resolved
 

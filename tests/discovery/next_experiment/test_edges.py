@@ -127,7 +127,7 @@ def test_many_equations_keep_the_likeliest_explanations_of_all_together():
 
 def test_variants_of_every_equation_are_kept():
     """Eight values of an inner parameter in each of two equations: neither is taken for known."""
-    parts = [tuple(replace(law("a", 1.0, "y", k).components[0], weight=1 / 8) for k in range(8)) for _ in "uv"]
+    parts = [tuple(replace(law("a", 1.0, "y", float(k)).components[0], weight=1 / 8) for k in range(8)) for _ in "uv"]
     kept = [Explained("a", 1.0, ("a",), part, {"v": 0.02}) for part in parts]
     (found,) = joined({"u": kept[:1], "v": kept[1:]})
     means = np.array([c.mean for c in found.components])
