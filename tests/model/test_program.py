@@ -140,6 +140,7 @@ def test_a_model_without_a_dictionary_has_nothing_to_fit_and_says_where_to_look(
         (lambda: OrthogonalGP(boundary=(2.0, 0.5)), r"boundary=\(2.0, 0.5\)\) must exceed 1, the edge of the data\."),
         (lambda: OrthogonalGP(boundary=float("nan")), r"boundary=nan\) must exceed 1, the edge of the data\."),
         (lambda: OrthogonalGP(seed=-1), r"seed=-1\) must be at least 0"),
+        (lambda: OrthogonalGP(features=10**30), "of at most 10,000"),
         (lambda: OrthogonalGP(features=(4, 0)), r"features=\(4, 0\)\) should be a positive whole number, or a list"),
         (lambda: OrthogonalGP(variant="printed", path="exact", monte_carlo=0), r"monte_carlo=0\) must be at least 1"),
         (lambda: Program({"v": ["y"]}, prior=Laplace), "is not a prior: give one such as bg.Laplace"),

@@ -18,10 +18,13 @@ EXACT_LIMIT = 1500
 
 def _counts(features: Any) -> bool:
     counts = features if isinstance(features, list | tuple) else [features]
-    return all(type(count) is int and count > 0 for count in counts)
+    return all(type(count) is int and 0 < count <= MOST for count in counts)
 
 
-COUNTS = Rule(_counts, "should be a positive whole number, or a list with one for each variable")
+MOST = 10_000
+"""Features along a variable at most: no data tell that many apart, and a number without end asks for all memory."""
+
+COUNTS = Rule(_counts, "should be a positive whole number, or a list with one for each variable, of at most 10,000")
 """What numbers of features are."""
 
 
