@@ -154,7 +154,7 @@ def rank(
     fails = [float(np.max(each.failed)) for each in found]
     closer, again = (_question(study, known, FINER * outcomes, seed + k) for k in (1, 2))
     while True:
-        picked, finer = _picked(asked, closer, found, p, fails, batch)
+        picked, finer = _picked(asked, closer, found, alone, p, fails, batch)
         after = predict(again, [candidates[i] for i in picked]) if picked else []
         if _able(fails, picked, after):
             break
@@ -182,8 +182,9 @@ def rank(
 
 
 def _picked(
-    asked: Question, closer: Question, found: Sequence[Predicted], p: np.ndarray, fails: list[float], batch: int
-) -> tuple[list[int], dict[int, Information]]:
+    asked: Question, closer: Question, found: Sequence[Predicted], alone: Sequence[Information], p: np.ndarray,
+    fails: list[float], batch: int,
+) -> tuple[list[int], dict[int, Information]]:  # fmt: skip
     """Candidates that are chosen one after another, and what the finalists of the first choice tell."""
     picked: list[int] = []
     finer: dict[int, Information] = {}
@@ -191,7 +192,7 @@ def _picked(
         left = [i for i, share in enumerate(fails) if share <= FAILS and i not in picked]
         if not left:
             break
-        beside = {i: _information(asked, [found[j] for j in (*picked, i)], p) for i in left}
+        beside = {i: _information(asked, [found[j] for j in (*picked, i)], p) if picked else alone[i] for i in left}
         finalists = sorted(left, key=lambda i, now=beside: -now[i].bits)[:FINALISTS]
         # In one go: the noise of experiments that are done together is their own.
         near = predict(closer, [found[i].candidate for i in (*picked, *finalists)])
@@ -253,7 +254,7 @@ def _said(each: Predicted, fails: float) -> str:
         if (far := _far(x)) > BEYOND
     ]
     if fails > 0:
-        share = f"{fails:.1%}" if fails >= 0.001 else "Under 0.1%"
+        share = f"{fails:.1%}" if fails >= 0.001 else "under 0.1%"
         said.append(f"{share} of the runs fail under an explanation: unsafe")
     if not each.resolved:
         said.append("the steps do not follow its path")
