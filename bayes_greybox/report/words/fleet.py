@@ -6,9 +6,7 @@ from bayes_greybox.discovery.fleet import LACKING, ONE_CAUSE, AssetStudy, Fleet,
 from bayes_greybox.physics.catalogue.names import within
 
 from .formatting import formula, listed, number, probability_text, quantity, unit_text
-
-LIKELY = 0.5
-"""Probability from which on something is most likely."""
+from .study import LIKELY
 
 
 def fleet_sentence(fleet: Fleet) -> str:
