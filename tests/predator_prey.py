@@ -45,7 +45,8 @@ def by_integration(data, sd, free=(0, 1, 2, 3)):
         coefficients[list(free)] = p[:-2]
         return ((populations(data.time, coefficients, p[-2:])[seen] - measured) / np.reshape(sd, (-1, 1))).ravel()
 
-    found = least_squares(residual, [*COEFFICIENTS[list(free)], *STARTS])
+    # Its slopes by steps far above what the integration is off by, or they are of its rounding.
+    found = least_squares(residual, [*COEFFICIENTS[list(free)], *STARTS], "3-point", diff_step=1e-4)
     sigma2 = np.sum(found.fun**2) / (measured.size - len(found.x))
     covariance = sigma2 * np.linalg.inv(found.jac.T @ found.jac)
     return found.x[:-2], np.sqrt(np.diag(covariance))[:-2]

@@ -44,9 +44,11 @@ def by_integration(data):
         def rate(time, x):
             return [x[1], force(time) - 2 * x[0] - 0.15 * x[1] + p[0] * x[0] ** 3]
 
-        return odeint(rate, p[1:], t, tfirst=True, rtol=1e-9, atol=1e-9)[:, 0] - y
+        return odeint(rate, p[1:] - 1, t, tfirst=True, rtol=1e-9, atol=1e-9)[:, 0] - y
 
-    found = least_squares(residual, [-0.2, y[0], 0.0], x_scale=[0.1, 0.1, 0.1])
+    # Its slopes by steps far above what the integration is off by, or they are of its rounding; steps are relative, so
+    # that what may be nothing is counted from one.
+    found = least_squares(residual, [-0.2, y[0] + 1, 1.0], "3-point", x_scale=[0.1, 0.1, 0.1], diff_step=1e-4)
     sigma = np.sqrt(np.sum(found.fun**2) / (len(t) - 3))
     return found.x[0], sigma * np.sqrt(np.linalg.inv(found.jac.T @ found.jac)[0, 0])
 
