@@ -82,6 +82,17 @@ class RateFilter:
         given = {"method": self.method, "band": self.band, "white_share": self.white_share, "rates": dict(self.rates)}
         return given | ({"window": self.window, "polyorder": self.polyorder} if self.finite else {})
 
+    def source(self, state: str) -> str:
+        """The measured state whose samples a state is of: its own, or those of the one whose rate it is."""
+        return {rate: name for name, rate in self.rates}.get(state, state)
+
+    def one_sensor(self, state: str) -> tuple[str, ...]:
+        """States from whose samples the rate of one was computed, the measured one first; none where it was measured."""
+        if not dict(self.orders).get(state, 0):
+            return ()
+        source = self.source(state)
+        return (source, *(rate for name, rate in self.rates if name == source))
+
     @cached_property
     def every(self) -> int:
         """Distance of rows in samples: the first lag at which the noise's correlation is at most 1/e.
@@ -111,7 +122,7 @@ class RateFilter:
     def noise_of_rate(self, state: str) -> float:
         """Standard deviation of a row of a state's computed rate; of a smoothed one it is not known and infinite."""
         order, noise = dict(self.orders)[state], dict(self.sample_noise)
-        source = {rate: name for name, rate in self.rates}.get(state, state)
+        source = self.source(state)
         if order == 0 or source not in noise:
             return float("inf")
         return noise[source] * float(np.linalg.norm(self._taps(order))) / self.steps[0] ** order

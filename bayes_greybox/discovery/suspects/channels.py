@@ -10,6 +10,13 @@ A channel that is late by d, has a gain 1 + κ or an offset o is, to first order
 with G the whole modelled rate, what was found missing so far included; it is followed by central differences along the
 measured path, so any simulation serves. A delay that was found is undone in the data and its column taken anew there,
 until it moves no more: what is reported is not first order.
+
+A rate that a filter computed has no sensor of its own. It is late, and reads too large, with the samples that it is of
+and with the states S that are of them too; a constant in them is none in it:
+
+    sensor late   −d · (Σ ∂G/∂z ż + ∂G/∂t), z all states and inputs but S        gain   κ · (G − Σ_S ∂G/∂x_k x_k)
+
+The slope of a state is that rate, noise and all: were such a state to be late alone, the rate would explain itself.
 """
 
 from collections.abc import Callable, Collection, Mapping
@@ -81,7 +88,8 @@ def suspect_columns(
     inside = np.diff(data.time)[np.diff(data.run) == 0]
     step = float(np.median(inside)) if len(inside) else 1.0
     own, shift = data.target_label(equation), step / 4
-    states, inputs = data.state_names, data.input_names
+    states, inputs, one = data.state_names, data.input_names, _one_sensor(data, equation)
+    apart = tuple(name for name in states if name not in one)
 
     def along(names: tuple[str, ...], clock: bool = False) -> np.ndarray:
         """DG/dd for channels taken d later, and the clock where time itself is in G."""
@@ -94,26 +102,31 @@ def suspect_columns(
     def slope(name: str, direction: np.ndarray) -> np.ndarray:
         return slope_along(data, rate, name, direction)
 
-    G = rate(data)
-    found = [(ChannelSuspect(DELAY, own, DELAY_STEPS * step, step), -along((*states, *inputs), clock=True))]
-    if inputs:
-        found.append((ChannelSuspect(DELAY, STATES, DELAY_STEPS * step, step), along(states)))
-        found += [(ChannelSuspect(DELAY, u, DELAY_STEPS * step, step), along((u,))) for u in inputs]
-    found.append((ChannelSuspect(GAIN, own, GAIN_SD), G))
-    ones = np.ones(data.n_obs)
-    size = float(np.sqrt(np.mean(G**2)))
-    found.append((ChannelSuspect(OFFSET, own, OFFSET_SD * size), ones))
-    span = float(np.ptp(data.time))
-    if span > 0:
-        found.append((ChannelSuspect(DRIFT, own, OFFSET_SD * size), (data.time - np.mean(data.time)) / span))
-    for name in (*states, *inputs):
-        values = data.column(name)
-        found.append((ChannelSuspect(GAIN, name, GAIN_SD), -slope(name, values)))
-        scale = float(np.sqrt(np.mean(values**2)))
-        found.append((ChannelSuspect(OFFSET, name, ZERO_SD * scale), -slope(name, ones)))
+    def late(channel: str, column: np.ndarray) -> tuple[ChannelSuspect, np.ndarray]:
+        return ChannelSuspect(DELAY, channel, DELAY_STEPS * step, step), column
+
+    G, ones = rate(data), np.ones(data.n_obs)
+    if one:
+        found = [*(late(u, along((u,))) for u in inputs), late(STATES, -along(inputs, clock=True))]
+        if apart:
+            found.append(late(one[0], -along((*apart, *inputs), clock=True)))
+        found.append((ChannelSuspect(GAIN, one[0], GAIN_SD), G - sum(slope(x, data.column(x)) for x in one)))
+        found.append((_zero(data, one[0]), -slope(one[0], ones)))
+    else:
+        found = [late(own, -along((*states, *inputs), clock=True))]
+        if inputs:
+            found += [late(STATES, along(states)), *(late(u, along((u,))) for u in inputs)]
+        found.append((ChannelSuspect(GAIN, own, GAIN_SD), G))
+        size, span = float(np.sqrt(np.mean(G**2))), float(np.ptp(data.time))
+        found.append((ChannelSuspect(OFFSET, own, OFFSET_SD * size), ones))
+        if span > 0:
+            found.append((ChannelSuspect(DRIFT, own, OFFSET_SD * size), (data.time - np.mean(data.time)) / span))
+    for name in (*apart, *inputs):
+        found.append((ChannelSuspect(GAIN, name, GAIN_SD), -slope(name, data.column(name))))
+        found.append((_zero(data, name), -slope(name, ones)))
     if len(states) > 1:
         # Last: of suspects with one and the same column the first stands, and this is the oddest one.
-        found += [(ChannelSuspect(DELAY, x, DELAY_STEPS * step, step), along((x,))) for x in states]
+        found += [late(x, along((x,))) for x in apart]
     return [(suspect, column) for suspect, column in found if np.all(np.isfinite(column)) and np.any(column != 0)]
 
 
@@ -145,7 +158,9 @@ def undone(data: Trajectories, equation: str, delays: Mapping[str, float]) -> Tr
     """
     if not any(delays.values()):
         return data
-    return shifted(data, _later_by(data, equation, delays), -delays.get(data.target_label(equation), 0.0))
+    one = _one_sensor(data, equation)
+    late = {one[0], STATES} if one else {data.target_label(equation)}
+    return shifted(data, _later_by(data, equation, delays), -sum(delays.get(name, 0.0) for name in late))
 
 
 def within(data: Trajectories, equation: str, delays: Mapping[str, float]) -> Bool[np.ndarray, " n_obs"]:
@@ -196,17 +211,21 @@ def calibrated(
             slope = size * (data.time - np.mean(clock.time)) / np.ptp(clock.time)
             offsets[suspect.channel] = offsets.get(suspect.channel, 0.0) + slope
 
-    def part(columns: Mapping[str, np.ndarray], channel: Callable[[str], str]) -> dict[str, np.ndarray]:
+    def part(columns: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+        # What was computed from samples is as much too large as they are, and has none of their offset.
         return {
-            name: (x - offsets.get(channel(name), 0.0)) / (1.0 + gains.get(channel(name), 0.0))
+            name: (x - offsets.get(name, 0.0)) / (1.0 + gains.get(_sensor(data, name), 0.0))
             for name, x in columns.items()
         }
 
     if not gains and not offsets:
         return data
-    own = data.target_label(equation)
-    rates = part(data.derivatives, lambda name: own if name == equation else "")
-    return replace(data, states=part(data.states, str), inputs=part(data.inputs, str), derivatives=rates)
+    own, one = data.target_label(equation), _one_sensor(data, equation)
+    rates = {}
+    for name, x in data.derivatives.items():
+        gain = gains.get(one[0] if one else own, 0.0) if name == equation else 0.0
+        rates[name] = (x - (offsets.get(own, 0.0) if name == equation else 0.0)) / (1.0 + gain)
+    return replace(data, states=part(data.states), inputs=part(data.inputs), derivatives=rates)
 
 
 def as_shown(
@@ -222,16 +241,33 @@ def as_shown(
         sizes: By suspect, as found.
         clock: Data that drifts were found on.
     """
-    own = {suspect.kind: size for suspect, size in sizes.items() if suspect.channel == name}
-    if DELAY in own:
+    sensor = _sensor(data, name)
+    own = {suspect.kind: size for suspect, size in sizes.items() if suspect.channel == sensor}
+    if sensor != name:
+        own = {GAIN: own.get(GAIN, 0.0)}
+    late = late_by(data, sizes).get(name, 0.0)
+    if late:
         paths = paths.copy()
         for r in dict.fromkeys(data.run.tolist()):
             rows = data.run == r
             for path in paths:
                 if np.all(np.isfinite(path[rows])):
-                    path[rows] = _later(data.time[rows], path[rows], -own[DELAY])
+                    path[rows] = _later(data.time[rows], path[rows], -late)
     slope = own.get(DRIFT, 0.0) / np.ptp(clock.time) if DRIFT in own else 0.0
     return (1.0 + own.get(GAIN, 0.0)) * paths + own.get(OFFSET, 0.0) + slope * (data.time - np.mean(clock.time))
+
+
+def late_by(data: Trajectories, sizes: Mapping[ChannelSuspect, float]) -> dict[str, float]:
+    """How late each state and input is shown.
+
+    Args:
+        data: Measurements.
+        sizes: By suspect, as found.
+    """
+    late = {suspect.channel: size for suspect, size in sizes.items() if suspect.kind == DELAY}
+    found = {name: late.get(_sensor(data, name), 0.0) + late.get(STATES, 0.0) for name in data.state_names}
+    found |= {name: late.get(name, 0.0) for name in data.input_names}
+    return {name: by for name, by in found.items() if by}
 
 
 def shifted(data: Trajectories, later: Mapping[str, float], clock: float = 0.0) -> Trajectories:
@@ -280,9 +316,29 @@ def driven_later(data: Trajectories, later: Mapping[str, float]) -> Trajectories
 
 def _later_by(data: Trajectories, equation: str, delays: Mapping[str, float]) -> dict[str, float]:
     """How much later each state and input has to be taken."""
-    own, states = delays.get(data.target_label(equation), 0.0), delays.get(STATES, 0.0)
+    one, states = _one_sensor(data, equation), delays.get(STATES, 0.0)
+    own = delays.get(one[0] if one else data.target_label(equation), 0.0)
+    if one:
+        # The rate is late with its samples: what others show is taken earlier.
+        later = {name: 0.0 if name in one else delays.get(name, 0.0) - own for name in data.state_names}
+        return later | {name: delays.get(name, 0.0) - own - states for name in data.input_names}
     later = {name: states + delays.get(name, 0.0) - own for name in data.state_names}
     return later | {name: delays.get(name, 0.0) - own for name in data.input_names}
+
+
+def _one_sensor(data: Trajectories, equation: str) -> tuple[str, ...]:
+    """States of the samples that the rate was computed from, see `RateFilter.one_sensor`."""
+    return data.filter.one_sensor(equation) if data.filter is not None else ()
+
+
+def _sensor(data: Trajectories, state: str) -> str:
+    """The state whose samples one is of."""
+    return data.filter.source(state) if data.filter is not None else state
+
+
+def _zero(data: Trajectories, name: str) -> ChannelSuspect:
+    """An offset of the sensor of a state or an input."""
+    return ChannelSuspect(OFFSET, name, ZERO_SD * float(np.sqrt(np.mean(data.column(name) ** 2))))
 
 
 def _later(time: np.ndarray, values: np.ndarray, by: float) -> np.ndarray:

@@ -99,6 +99,20 @@ def test_what_is_linear_does_not_bend():
     assert spread.bends(lambda c: np.sign(c["y"])[:, None], columns).max() > 0.9
 
 
+@pytest.mark.parametrize("power", ["y**2", "y**3", "y*abs(y)"])
+def test_what_is_smooth_does_not_bend_however_far_the_samples_are_apart(power):
+    # Eleven samples a turn, as of a resonance near the end of a recorder's band.
+    y = np.sin(2 * np.pi * np.arange(400) / 11.3)
+    spread = spread_of(y, {"v": 0.01})
+    columns = {"v": y}
+    of = {"y**2": lambda y: y**2, "y**3": lambda y: y**3, "y*abs(y)": lambda y: y * np.abs(y)}[power]
+    # Where a function is odd about the middle its second difference is next to none, and no measure of its parts.
+    assert spread.bends(lambda c: of(c["v"])[:, None], columns).max() < 0.05
+    bent = {"a kink": np.abs, "a jump": np.sign, "a dead zone": lambda y: np.sign(y) * np.maximum(np.abs(y) - 0.5, 0)}
+    for each in bent.values():
+        assert np.mean(spread.bends(lambda c, each=each: each(c["v"])[:, None], columns) > 0.05) > 0.1
+
+
 def test_a_jump_is_found_beside_what_is_larger():
     v = 0.1 * (np.arange(-10, 11) - 0.3)
     spread = spread_of(v, {})

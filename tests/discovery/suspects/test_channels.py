@@ -249,3 +249,92 @@ def test_inputs_taken_later_hold_their_ends_and_keep_their_steps():
     assert later.inputs["u"][-1] == pytest.approx(smooth[-1])
     assert later.inputs["s"].min() >= 0 and later.inputs["s"].max() <= 1
     np.testing.assert_allclose(driven_later(data, {"u": -9.0}).inputs["u"], smooth[0], atol=1e-12)
+
+
+# Rates that a filter computed
+
+
+def oscillator(t):
+    """Displacement, velocity, acceleration and an input of a motion that is known at all times."""
+    x = np.sin(1.7 * t) + 0.4 * np.cos(3.1 * t)
+    v = 1.7 * np.cos(1.7 * t) - 1.24 * np.sin(3.1 * t)
+    a = -(1.7**2) * np.sin(1.7 * t) - 0.4 * 3.1**2 * np.cos(3.1 * t)
+    return x, v, a, (a + 2 * x + 0.3 * v) / 1.5
+
+
+def computed(late=0.0, early=0.0, gain=0.0, offset=0.0):
+    """One displacement, shown late and too large, from which the velocity and its rate are computed; and an input."""
+    t = STEP * np.arange(N)
+    shown = (1 + gain) * oscillator(t - late)[0] + offset
+    samples = Trajectories.from_arrays(t, states={"x": shown}, inputs={"u": oscillator(t + early)[3]})
+    return samples.differentiate(rates={"x": "v"}, window=11)
+
+
+def force(data):
+    return -2 * data.states["x"] - 0.3 * data.states["v"] + 1.5 * data.inputs["u"]
+
+
+def test_a_computed_rate_has_no_sensor_of_its_own():
+    keys = {key for key, _ in columns_of(computed(), force).items()}
+    assert keys == {(DELAY, "u"), (DELAY, STATES), (GAIN, "x"), (GAIN, "u"), (OFFSET, "x"), (OFFSET, "u")}
+
+
+def test_a_state_with_a_sensor_of_its_own_is_late_by_itself():
+    t = STEP * np.arange(N)
+    x, v, _, u = oscillator(t)
+    data = Trajectories.from_arrays(t, states={"x": x, "v": v}, inputs={"u": u}, derivatives={"x": v})
+    found = columns_of(data.differentiate(window=11), force)
+    assert {channel for kind, channel in found if kind == DELAY} == {"u", STATES, "v", "x"}
+    # The rate is computed from v: that it is late is that x and u are early.
+    np.testing.assert_allclose(found[DELAY, "v"][1], -(found[DELAY, "x"][1] + found[DELAY, "u"][1]), atol=1e-9)
+    np.testing.assert_allclose(found[DELAY, STATES][1], -found[DELAY, "u"][1], atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("kind", "channel", "wrong"),
+    [(DELAY, STATES, {"late": 0.004}), (DELAY, "u", {"early": -0.004}), (GAIN, "x", {"gain": 0.004})],
+)
+def test_an_error_of_the_samples_is_one_of_all_that_was_computed_from_them(kind, channel, wrong):
+    data = computed(**wrong)
+    suspect, column = columns_of(data, force)[kind, channel]
+    gap, edge = data.derivatives["v"] - force(data), slice(10, -10)
+    found = column[edge] @ gap[edge] / (column[edge] @ column[edge])
+    assert found == pytest.approx(0.004, rel=0.03)
+    exact = computed()
+    put_right = calibrated(data, "v", {suspect: found}, data) if kind == GAIN else undone(data, "v", {channel: found})
+    left = put_right.derivatives["v"] - force(put_right)
+    assert np.std(left[edge]) < 0.05 * np.std(gap[edge])
+    if kind == GAIN:
+        for name in ("x", "v"):
+            np.testing.assert_allclose(put_right.states[name], exact.states[name], rtol=3e-4, atol=1e-9)
+        shown = as_shown(exact.states["v"][None], "v", data, {suspect: found}, data)[0]
+        np.testing.assert_allclose(shown, data.states["v"], rtol=3e-4, atol=1e-9)
+
+
+def test_a_constant_in_samples_is_none_in_what_was_computed_from_them():
+    data, suspect = computed(offset=0.01), ChannelSuspect(OFFSET, "x", 0.1)
+    put_right = calibrated(data, "v", {suspect: 0.01}, data)
+    np.testing.assert_array_equal(put_right.states["v"], data.states["v"])
+    np.testing.assert_array_equal(put_right.derivatives["v"], data.derivatives["v"])
+    np.testing.assert_allclose(put_right.states["x"], computed().states["x"], atol=1e-9)
+    assert np.array_equal(as_shown(data.states["v"][None], "v", data, {suspect: 0.01}, data)[0], data.states["v"])
+
+
+def test_noise_in_a_computed_rate_is_no_late_sensor():
+    """The slope of a state is its computed rate: noise of the one would be explained by that of the other."""
+    t = STEP * np.arange(N)
+    noisy = oscillator(t)[0] + 1e-4 * np.random.default_rng(0).standard_normal(N)
+    samples = Trajectories.from_arrays(t, states={"x": noisy}, inputs={"u": oscillator(t)[3]})
+    data = samples.differentiate(rates={"x": "v"}, window=5)
+    noise = data.derivatives["v"] - force(data)
+    for _, column in columns_of(data, force).values():
+        assert abs(np.corrcoef(column, noise)[0, 1]) < 0.2
+
+
+def test_all_states_are_shown_late_together():
+    data = data_of()
+    sizes = {ChannelSuspect(DELAY, STATES, 0.1): 0.3 * STEP, ChannelSuspect(DELAY, "x", 0.1): 0.2 * STEP}
+    for name, late in (("x", 0.5), ("v", 0.3)):
+        shown = as_shown(data.states[name][None], name, data, sizes, data)[0]
+        other = data_of({name: late * STEP}).states[name]
+        np.testing.assert_allclose(inner(shown), inner(other), atol=1e-6)

@@ -16,11 +16,12 @@ from bayes_greybox.data.samples.starts import Starts, estimate_starts
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.answer.amendment import Added, Amendment
 from bayes_greybox.discovery.suspects.channels import (
-    DELAY,
+    STATES,
     ChannelSuspect,
     as_shown,
     calibrated,
     driven_later,
+    late_by,
     shifted,
 )
 from bayes_greybox.model.program import Program
@@ -139,7 +140,7 @@ class FreeRuns:
         clock = data
         for amendment in self.amendments.values():
             for suspect, size in amendment.sensors.items():
-                if suspect.channel not in data.columns:
+                if suspect.channel not in (*data.columns, STATES):
                     continue
                 if by_key.setdefault(suspect.key, size) != size:
                     return {}, data
@@ -150,8 +151,8 @@ class FreeRuns:
         """The data without errors of their sensors; as many rows. Samples have a path of their own."""
         if not sensors:
             return data
-        late = {suspect.channel: size for suspect, size in sensors.items() if suspect.kind == DELAY}
         right = calibrated(data.samples or data, "", sensors, clock)
+        late = late_by(right, sensors)
         right = driven_later(right, {name: by for name, by in late.items() if name in data.input_names})
         right = shifted(right, {name: by for name, by in late.items() if name in right.states})
         if data.samples is None:
