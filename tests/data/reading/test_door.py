@@ -250,6 +250,26 @@ def test_labview_files_are_read_with_their_units_and_segments(tmp_path, decimal,
     assert (data.unit("t"), data.unit("y"), data.unit("u")) == ("s", "m", "V")
 
 
+@pytest.mark.parametrize("end", ["\n", "\r\n"])
+def test_labview_files_with_times_of_each_channel_have_units_in_their_places_and_one_time(tmp_path, end):
+    # As LabVIEW writes them: lines without a tab at their end, a channel's cells two apart.
+    head = "LabVIEW Measurement\nSeparator\tTab\nDecimal_Separator\t.\nX_Columns\tMulti\n***End_of_Header***\t\n\t\n"
+    channels = "Channels\t2\t\nY_Unit_Label\tVolts\t\tm\nX_Dimension\tTime\t\tTime\n***End_of_Header***\n"
+    names = "X_Value\tu\tX_Value\ty\tComment\n"
+
+    def read(later):
+        rows = "\n".join(f"{t}\t{v}\t{t + later}\t{y}" for t, y, v in zip(T, Y, V, strict=True))
+        path = tmp_path / "run.lvm"
+        path.write_text((head + channels + names + rows).replace("\n", end), newline="")
+        return bg.read(path, time="X_Value", states=["y"], inputs=["u"])
+
+    data = read(0.0)
+    check(data)
+    assert (data.unit("y"), data.unit("u")) == ("m", "volts")
+    with pytest.raises(bg.InputError, match="times of its own for the channel 'y'.*one time: export"):
+        read(0.1)
+
+
 def test_other_text_under_the_name_of_a_labview_file_is_refused(tmp_path):
     FRAME.to_csv(tmp_path / "run.lvm", index=False)
     with pytest.raises(bg.InputError, match="is no LabVIEW measurement file; rename it to .txt"):
