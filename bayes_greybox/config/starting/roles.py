@@ -106,7 +106,7 @@ def guessed(table: Table, layout: Layout) -> Guess:
     rows = table.frame[run].to_numpy() if run is not None else np.zeros(len(table.frame))
     clock, dated = np.arange(len(table.frame), dtype=float), False
     if time is not None:
-        clock, dated = stamps(table, time, layout)
+        clock, dated, _ = stamps(table, time, layout)
     known = np.all([np.isfinite(values) for values in (clock, *columns.values())], axis=0)
     # A new run wherever the label changes or the time goes back.
     label = pd.factorize(rows)[0]
@@ -124,17 +124,19 @@ def guessed(table: Table, layout: Layout) -> Guess:
 def _time(table: Table, names: Sequence[str], layout: Layout) -> str | None:
     """The column of stamps: by its name, else the first that holds dates, else the first that only increases."""
     by_name = [name for name in names if TIME.match(name)]
-    others = [name for name in names if name not in by_name and not COUNTER.match(name)]
-    for name in (*by_name, *others):
+    # What only counts is no time; the index of a frame, or of its file, may hold dates.
+    counters = [name for name in names if COUNTER.match(name)]
+    others = [name for name in names if name not in (*by_name, *counters)]
+    for name in (*by_name, *counters, *others):
         try:
-            values, dated = stamps(table, name, layout)
+            values, dated, _ = stamps(table, name, layout)
         except AmbiguousDates:
             raise
         except InputError:
             continue
         steps = np.diff(values[np.isfinite(values)])
         # The date of a day stays the same beside the time of that day.
-        if np.any(steps) and (name in by_name or dated or np.all(steps > 0)):
+        if np.any(steps) and (name in by_name or dated or (np.all(steps > 0) and name not in counters)):
             return name
     return None
 
@@ -157,12 +159,12 @@ def _is_numbers(table: Table, name: str, layout: Layout) -> bool:
 
 def _unusable(table: Table, name: str, layout: Layout, before: dict[str, np.ndarray]) -> str | None:
     """Why a column can be neither state nor input; None if it can."""
-    if COUNTER.match(name):
-        return "counts the rows"
     try:
         values = numbers(table, name, layout)
     except InputError:
         return "holds words or dates"
+    if COUNTER.match(name):
+        return "counts the rows"
     known = values[np.isfinite(values)]
     if is_packed_dates(values):
         return "holds words or dates"

@@ -80,10 +80,10 @@ def cut(table: Table, asked: Asked, layout: Layout, label: str | None) -> Pieces
             f'to end: pass run="{table.dimensions[0]}" if each of its values is a run.'
         )
     if asked.time is None:
-        time, dated = np.empty(0), False
+        time, dated, long = np.empty(0), False, None
         stamped = [np.arange(len(rows)) * float(asked.dt or 0.0) for rows in groups]
     else:
-        time, dated = stamps(table, asked.time, layout)
+        time, dated, long = stamps(table, asked.time, layout)
         if asked.restart == "error":
             _require_forward(table, asked.time, time, dated, groups)
         alone = label is None and run is None
@@ -94,6 +94,11 @@ def cut(table: Table, asked: Asked, layout: Layout, label: str | None) -> Pieces
         first = table.column(str(asked.time)).dropna().iloc[0]
         each = "the first of each run" if len(groups) > 1 else f"the first, {first}"
         remarks.append(f"time {asked.time} of {table.where} was converted to seconds since {each}")
+    if long is not None:
+        # Of each run, as of dates: what is far from zero has fewer digits behind the point.
+        stamped = [values - _earliest(values) for values in stamped]
+        each = "the first of each run" if len(groups) > 1 else f"the first, {long}"
+        remarks.append(f"time {asked.time} of {table.where}, of more digits than a float holds, counts from {each}")
     columns: dict[tuple[str, str], Any] = {("time", "t"): stamped}
     units = {} if asked.time is None else {"t": table.units.get(table.known(asked.time))}
     for kind, chosen in asked.kinds.items():

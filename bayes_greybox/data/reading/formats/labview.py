@@ -40,7 +40,9 @@ def read_lvm(path: Path, layout: Layout) -> Table:
     lines = path.read_text(encoding=layout.encoding).splitlines()
     if not lines or not lines[0].startswith("LabVIEW Measurement"):
         raise InputError(f'"{path}" is no LabVIEW measurement file; rename it to .txt if it is another kind of text.')
-    written = {key: value.strip("\t ") for key, value in re.findall(r"(?m)^(\w+)[\t,]([^\t\r\n]*)", "\n".join(lines[:40]))}
+    written = {
+        key: value.strip("\t ") for key, value in re.findall(r"(?m)^(\w+)[\t,]([^\t\r\n]*)", "\n".join(lines[:40]))
+    }
     separator = {"Tab": "\t", "Comma": ","}.get(written.get("Separator", "Tab").rstrip(","))
     if separator is None:
         raise InputError(f'"{path}" has a separator that is neither Tab nor Comma; export the file with one of them.')
