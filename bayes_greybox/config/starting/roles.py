@@ -10,7 +10,7 @@ import pandas as pd
 from jaxtyping import Float
 
 from bayes_greybox.data.errors import InputError
-from bayes_greybox.data.rates.filters import STEP_TOLERANCE
+from bayes_greybox.data.rates.filters import step_slack
 from bayes_greybox.data.reading.cells import AmbiguousDates, is_packed_dates, numbers, stamps
 from bayes_greybox.data.reading.pieces import clock_set_back
 from bayes_greybox.data.reading.table import Layout, Table
@@ -180,8 +180,11 @@ def _unusable(table: Table, name: str, layout: Layout, before: dict[str, np.ndar
 
 
 def _even(clock: Float[np.ndarray, " n"], parts: Sequence[np.ndarray]) -> bool:
-    steps = [np.diff(clock[part]) for part in parts if len(part) > 1]
-    return all(bool(np.all(np.abs(step - np.mean(step)) <= STEP_TOLERANCE * np.mean(step))) for step in steps)
+    for time in (clock[part] for part in parts if len(part) > 1):
+        steps, mean = np.diff(time), float(np.mean(np.diff(time)))
+        if np.any(np.abs(steps - mean) > step_slack(time, mean)):
+            return False
+    return True
 
 
 def _with_roles(
