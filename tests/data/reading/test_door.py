@@ -95,6 +95,14 @@ def test_brackets_that_hold_no_unit_belong_to_the_name(name):
     assert data.units == {}
 
 
+def test_brackets_behind_one_name_hold_units_or_none_of_them_does():
+    frame = FRAME.rename(columns={"y": "T (in)", "v": "T (out)", "t": "t (s)"})
+    data = bg.read(frame, time="t", states={"y": "T (in)"}, inputs={"v": "T (out)"})
+    assert data.units == {"t": "s"}
+    check(data)
+    assert bg.read(FRAME.rename(columns={"y": "T (in)", "v": "p (out)"}), time="t", states=["T"]).unit("T") == "in"
+
+
 def test_a_unit_that_is_not_known_is_left_out_and_said():
     data = bg.read(FRAME.rename(columns={"y": "y [bananas]"}), time="t", states=["y"])
     assert data.units == {} and '"bananas" of y' in remarks(data)
