@@ -241,11 +241,11 @@ def check_times(time: np.ndarray, run: np.ndarray, names: tuple[str, ...]) -> No
         where = f'The time of run "{names[run[at]]}"'
         if what == "duplicate":
             raise InputError(
-                f"{where} has the stamp {time[at]:g} twice (row {row}); remove one of the rows, or give "
+                f"{where} has the stamp {time[at]:.12g} twice (row {row}); remove one of the rows, or give "
                 "separate recordings as separate runs."
             )
         raise InputError(
-            f"{where} is not increasing: row {row} goes back from {time[at]:g} to {time[at + 1]:g}; sort the "
+            f"{where} is not increasing: row {row} goes back from {time[at]:.12g} to {time[at + 1]:.12g}; sort the "
             "rows by time, or give separate recordings as separate runs."
         )
 

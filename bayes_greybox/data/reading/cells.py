@@ -40,11 +40,13 @@ class Stamps(NamedTuple):
         time: Numbers, NaN where a cell is missing; dates and clock times as seconds since the earliest one.
         dated: Whether they were dates or clock times.
         first: The smallest of whole numbers that floats would not tell apart, which was subtracted; else None.
+        zoned: Whether they were dates with their time zone.
     """
 
     time: Float[np.ndarray, " n_row"]
     dated: bool
     first: int | None = None
+    zoned: bool = False
 
 
 class AmbiguousDates(InputError):
@@ -96,7 +98,12 @@ def stamps(table: Table, name: str, layout: Layout) -> Stamps:
     if column.isna().all():
         raise InputError(f'Column "{name}" of {table.where} has no time in any row; choose another, or pass dt=.')
     start = column.min() if column.dtype.kind == "M" else pd.Timedelta(0)
-    return Stamps(((column - start) / pd.Timedelta(seconds=1)).to_numpy(dtype=float, na_value=np.nan), True)
+    seconds = ((column - start) / pd.Timedelta(seconds=1)).to_numpy(dtype=float, na_value=np.nan)
+    given = table.column(name)
+    words = given.dtype.kind not in "mM"
+    # What was read from words has the zone of all of them, UTC.
+    zoned = given.astype(str).str.contains(_ZONE).any() if words else getattr(given.dtype, "tz", None) is not None
+    return Stamps(seconds, True, zoned=bool(zoned))
 
 
 def _numbered(found: Any) -> Stamps:

@@ -102,3 +102,84 @@ def test_streams_keep_digits_within_runs_and_refuse_to_lose_them_elsewhere(tmp_p
     rates = bg.stream(path, **ASKED, derivatives={"y": "v"})
     with pytest.raises(InputError, match='"t" of .*whole numbers of more digits.*give them less the first'):
         rates.sample  # noqa: B018
+
+
+def local(start, step, n=N):
+    """Stamps of a clock in Berlin without its zone."""
+    return pd.date_range(start, periods=n, freq=step, tz="Europe/Berlin").tz_localize(None)
+
+
+@pytest.mark.parametrize("restart", ["error", "run"])
+def test_a_clock_that_is_set_back_stands_still_where_rows_are_an_hour_apart(restart):
+    frame = table(local("2024-10-26 18:00", "1h"))
+    with pytest.raises(InputError, match="stands still in row 9, at 2024-10-27 02:00:00, by an hour.*there twice"):
+        bg.read(frame, **ASKED, restart=restart)
+    # Another step has no such hour.
+    twice = table(np.repeat(pd.date_range("2024-10-27", periods=N // 2, freq="min"), 2))
+    with pytest.raises(InputError, match="stamp 0 twice"):
+        bg.read(twice, **ASKED)
+
+
+@pytest.mark.parametrize(
+    ("start", "step", "said"),
+    [
+        ("2024-03-30 18:00", "15min", "from 2024-03-31 01:45:00 to 2024-03-31 03:00:00"),
+        ("2024-10-26 18:00", "2h", "from 2024-10-27 02:00:00 to 2024-10-27 03:00:00"),
+        ("2024-05-01", "15min", None),
+    ],
+)
+def test_a_step_that_is_an_hour_off_is_remarked_where_dates_have_no_zone(start, step, said):
+    stamps = local(start, step)
+    remarks = "\n".join(bg.read(table(stamps), **ASKED).remarks)
+    assert ("is an hour off the others" in remarks) == (said is not None) and (said or "") in remarks
+    zoned = stamps.tz_localize("Europe/Berlin", ambiguous=np.zeros(N, bool))
+    for known in (zoned, [each.isoformat() for each in zoned]):
+        assert "an hour off" not in "\n".join(bg.read(table(known), **ASKED).remarks)
+
+
+def test_a_first_configuration_says_that_time_goes_back(tmp_path):
+    def start(frame):
+        path = tmp_path / "run.csv"
+        frame.to_csv(path, index=False)
+        found = starter(path, tmp_path / "run.toml", layout_of())
+        return found.text, "\n".join(found.told)
+
+    runs = table(np.tile(np.arange(N / 2), 2))
+    text, told = start(runs)
+    assert 'restart = "run"' in text and "time that goes back, where a new run begins" in told
+    text, told = start(table(np.random.default_rng(0).permutation(N).astype(float)))
+    assert "restart" not in text and "sort the rows" in text and "have to be sorted" in told
+
+
+def test_times_far_from_zero_are_told_with_all_their_digits():
+    t = 1.7e9 + np.r_[np.arange(5), np.arange(3, 8)] * 0.1
+    with pytest.raises(InputError, match="goes back in row 5, to 1700000000.3"):
+        bg.read(table(t), **ASKED)
+    y = np.sin(np.arange(10))
+    with pytest.raises(InputError, match="from 1700000000.4 to 1700000000.3"):
+        bg.Trajectories.from_arrays(t, states={"y": y})
+    with pytest.raises(InputError, match="has the stamp 1700000000.4 twice"):
+        bg.Trajectories.from_arrays(np.r_[t[:5], t[4] + np.arange(5)], states={"y": y})
+    data = bg.Trajectories.from_arrays(t[:5], states={"y": y[:5]})
+    with pytest.raises(InputError, match=r"run from 1700000000 to 1700000000\.4"):
+        data.trim(0.0, 1.0)
+    assert "from 1700000000.1" in data.trim(start=t[1]).remarks[-1]
+
+
+@pytest.mark.parametrize("kind", ["frame", "parquet"])
+def test_times_in_an_unnamed_index_are_a_column(tmp_path, kind):
+    t = 0.1 * np.arange(N)
+    frame = table(t).drop(columns="t").set_axis(t)
+    path = tmp_path / "run.parquet"
+    frame.to_parquet(path)
+    data = bg.read(frame if kind == "frame" else path, time="index", states=["y"])
+    np.testing.assert_array_equal(data.time, t)
+    assert 'time = "index"' in starter(path, tmp_path / "run.toml", layout_of()).text
+
+
+@pytest.mark.parametrize("sep", ["ab", "[;|]"])
+def test_separators_of_several_characters_are_refused_in_words(tmp_path, sep):
+    path = tmp_path / "run.csv"
+    path.write_text("t;y\n0;1\n1;2\n2;4\n")
+    with pytest.raises(InputError, match="sep must be one character"):
+        bg.read(path, **ASKED, sep=sep)
