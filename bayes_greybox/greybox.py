@@ -24,7 +24,7 @@ from bayes_greybox.criticism.equations.starts import estimated_starts
 from bayes_greybox.criticism.free_run import FreeRun, free_run
 from bayes_greybox.criticism.inclusion import ROPE, inclusion
 from bayes_greybox.criticism.kept.file import save_checked
-from bayes_greybox.criticism.prediction import Prediction, predict, predictive_group
+from bayes_greybox.criticism.prediction import Prediction, completed, predict, predictive_group
 from bayes_greybox.criticism.summary import summary
 from bayes_greybox.criticism.trade_off import TradeOff, strongest_trade_off
 from bayes_greybox.criticism.trial import try_on
@@ -174,7 +174,7 @@ class Fit(Posterior):
 
     def predict(self, data: Trajectories, level: float = 0.9) -> Prediction:
         """Posterior bands of the rates at the rows of any data, with `nmse()`."""
-        return predict(self, self.model.complete(data), level)
+        return predict(self, completed(self, data), level)
 
     def simulate(
         self, data: Trajectories, level: float = 0.9, draws: int = 50, interpolation: str | Sequence[str] | None = None
@@ -183,7 +183,7 @@ class Fit(Posterior):
 
         The inputs between samples follow lines or splines, as their samples suggest, or `interpolation` ("zoh": held).
         """
-        return free_run(self, self.model.complete(data), level, draws, interpolation=interpolation)
+        return free_run(self, completed(self, data), level, draws, interpolation=interpolation)
 
     def checks(self) -> Checks:
         """LOO-PIT, whiteness of the residuals and sensitivity to the prior: one table, with what to try."""

@@ -13,6 +13,7 @@ from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.inference.posterior import MOST_NUMBERS, Posterior
 from bayes_greybox.model.design import EquationDraws
 from bayes_greybox.model.equation import Equation
+from bayes_greybox.physics.units import require_units_of
 
 from .bands import Band
 
@@ -178,6 +179,21 @@ def predictive_group(
             rate[:] = equation.rows.simulated + equation.frame.target_scale * measured
         groups[posterior.sites[name].rate] = rates
     return groups, kept
+
+
+def completed(posterior: Posterior, data: Trajectories) -> Trajectories:
+    """Data that a fit is asked about, with what its model adds to them.
+
+    Args:
+        posterior: Fitted model.
+        data: As they were measured.
+
+    Raises:
+        InputError: Data in other units than those that the model was fitted with, or that it cannot be asked about.
+    """
+    # Before a path is followed, which in other units ends anywhere.
+    require_units_of(data, posterior.data)
+    return posterior.model.complete(data)
 
 
 def require_columns(posterior: Posterior, data: Trajectories) -> None:

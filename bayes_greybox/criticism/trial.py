@@ -9,7 +9,7 @@ from bayes_greybox.inference.posterior import Posterior
 from bayes_greybox.inference.remembering import remember, remembered
 
 from .free_run import FreeRun, free_run
-from .prediction import predict
+from .prediction import completed, predict
 
 MOST_ROWS = 20_000
 """Rows over which a free run is made without being asked for: some seconds of work."""
@@ -55,9 +55,9 @@ def try_on(posterior: Posterior, data: Trajectories) -> Trial:
         data: Data that it did not learn from.
 
     Raises:
-        InputError: Data that lack a state, an input or the rates of the model.
+        InputError: Data that lack a state, an input or the rates of the model, or have one in another unit.
     """
-    data = posterior.model.complete(data)
+    data = completed(posterior, data)
     nmse = {str(name): float(value) for name, value in predict(posterior, data).nmse().items()}
     found = Trial(True, data.n_obs, data.n_run, nmse, *_free_run(posterior, data))
     remember(posterior, trial, found)

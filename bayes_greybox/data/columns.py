@@ -6,7 +6,9 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from .digits import first_lost, since_first
 from .errors import InputError
+from .given_arrays import plain_array
 
 _RESERVED = {"t": "time", "run": "run number"}
 
@@ -27,7 +29,47 @@ def several(value: Any) -> list[Any]:
     """One entry for each run: a list or tuple of arrays is several runs, anything else is one."""
     if isinstance(value, list | tuple) and len(value) > 0 and np.ndim(value[0]) > 0:
         return list(value)
-    return [np.atleast_1d(np.asarray(value))]
+    # As it is where it may have a mask or a unit, which an array has not.
+    return [value if np.ndim(value) > 0 and hasattr(value, "dtype") else np.atleast_1d(np.asarray(value))]
+
+
+def require_mappings(**given: Any) -> None:
+    """Refuse columns that were not given by name.
+
+    Args:
+        given: What was given, by argument.
+
+    Raises:
+        InputError: No mapping; the message shows one.
+    """
+    for what, columns in given.items():
+        if columns is not None and not isinstance(columns, Mapping):
+            raise InputError(
+                f'{what} must map names to arrays, such as {what}={{"y": y}}, not be a {type(columns).__name__}.'
+            )
+
+
+def counted_from_first(runs: Sequence[Any], names: Sequence[str]) -> tuple[list[Any], tuple[str, ...]]:
+    """Stamps of the runs, those in whole numbers of more digits than a float holds less the first of their run.
+
+    Args:
+        runs: Stamps of each run, as they were given.
+        names: Names of the runs.
+
+    Returns:
+        The stamps, and what was done in words.
+
+    Raises:
+        InputError: Stamps of complex numbers, or with a unit of their own.
+    """
+    arrays = [plain_array(run, f'time of run "{name}"') for name, run in zip(names, runs, strict=True)]
+    long = [first_lost(stamps) is not None for stamps in arrays]
+    told = tuple(
+        f'the time of run "{name}", of more digits than a float holds, counts from its first stamp, {stamps.min()}'
+        for name, stamps, counted in zip(names, arrays, long, strict=True)
+        if counted
+    )
+    return [since_first(stamps) if counted else stamps for stamps, counted in zip(arrays, long, strict=True)], told
 
 
 def name_runs(given: Sequence[str] | None, n_run: int) -> tuple[str, ...]:
@@ -131,16 +173,23 @@ def stack(label: str, value: Any, names: tuple[str, ...], lengths: list[int]) ->
         raise InputError(f"The {label} has {len(runs)} runs but the time has {len(lengths)}; give one array each.")
     out = []
     for name, length, values in zip(names, lengths, runs, strict=True):
+        what = f'{label} of run "{name}"'
         try:
-            given = np.asarray(values)
+            given = plain_array(values, what)
             # NumPy would turn dates into ticks without a word.
             dates = given.dtype.kind in "mM"
             array = given if dates else np.asarray(given, dtype=float)
+        except InputError:
+            raise
         except (TypeError, ValueError) as error:
-            raise InputError(f'The {label} of run "{name}" is not numeric; convert it to numbers.') from error
+            raise InputError(f"The {what} is not numeric; convert it to numbers.") from error
         if dates:
+            raise InputError(f"The {what} holds dates; convert it to a number, such as seconds since the start.")
+        lost = first_lost(given)
+        if lost is not None:
             raise InputError(
-                f'The {label} of run "{name}" holds dates; convert it to a number, such as seconds since the start.'
+                f"The {what} holds whole numbers of more digits than a float does, such as {given[lost]} in row "
+                f"{lost}; subtract a number from all of them first."
             )
         if array.ndim != 1:
             raise InputError(
@@ -192,11 +241,11 @@ def check_times(time: np.ndarray, run: np.ndarray, names: tuple[str, ...]) -> No
         where = f'The time of run "{names[run[at]]}"'
         if what == "duplicate":
             raise InputError(
-                f"{where} has the stamp {time[at]:g} twice (row {row}); remove one of the rows, or give "
+                f"{where} has the stamp {time[at]:.12g} twice (row {row}); remove one of the rows, or give "
                 "separate recordings as separate runs."
             )
         raise InputError(
-            f"{where} is not increasing: row {row} goes back from {time[at]:g} to {time[at + 1]:g}; sort the "
+            f"{where} is not increasing: row {row} goes back from {time[at]:.12g} to {time[at + 1]:.12g}; sort the "
             "rows by time, or give separate recordings as separate runs."
         )
 

@@ -16,10 +16,12 @@ from .columns import (
     check_times,
     check_units,
     check_varying,
+    counted_from_first,
     derivative_label,
     name_runs,
     number_runs,
     rate_unit,
+    require_mappings,
     several,
     stack,
     usable_rows,
@@ -76,7 +78,8 @@ class Trajectories(CutRuns):
 
         Args:
             t: time stamps, (n,), or a list of such arrays of any lengths, one for each run; numbers of the rows where
-                these have no order in time, as those of a map that was measured point by point.
+                these have no order in time, as those of a map that was measured point by point. Whole numbers of more
+                digits than a float holds count from the first of each run, which `remarks` says.
             states: state columns by name, each shaped as `t`; beside inputs and outputs there may be none.
             derivatives: measured time derivative of the state with that name, if there is one.
             inputs: input columns by name.
@@ -93,16 +96,20 @@ class Trajectories(CutRuns):
             The checked data. Without any rate or output, a run begins anew after a gap of ten usual steps, in which its
             inputs are not known; `remarks` says so.
 
+        Masked values are missing ones.
+
         Raises:
             InputError: if lengths, names, stamps or values cannot be used; the message says which.
         """
+        require_mappings(states=states, inputs=inputs, derivatives=derivatives, outputs=outputs)
         runs = several(t)
         names = name_runs(run_names, len(runs))
+        runs, remarks = counted_from_first(runs, names)
         states, inputs, derivatives, units = states or {}, inputs or {}, derivatives or {}, units or {}
         outputs = outputs or {}
         check_names(states, inputs, derivatives, outputs)
         check_units(units, states, inputs, outputs)
-        labels = {"time": ("time", t)}
+        labels = {"time": ("time", runs)}
         labels |= {f"s:{k}": (f'state "{k}"', v) for k, v in states.items()}
         labels |= {f"i:{k}": (f'input "{k}"', v) for k, v in inputs.items()}
         labels |= {f"d:{k}": (f'derivative of "{k}"', v) for k, v in derivatives.items()}
@@ -115,10 +122,10 @@ class Trajectories(CutRuns):
         dropped = int(np.sum(~keep))
         run, columns = run[keep], {key: value[keep] for key, value in columns.items()}
         check_times(columns["time"], run, names)
-        remarks: tuple[str, ...] = ()
         if inputs and not derivatives and not outputs:
             # Rates and outputs follow from their own row; all else is driven from row to row.
-            run, names, remarks = parted(columns["time"], run, names)
+            run, names, told = parted(columns["time"], run, names)
+            remarks += told
         if constant not in ("error", "keep"):
             raise InputError(f'constant must be "error" or "keep", not {constant!r}.')
         if constant == "error":

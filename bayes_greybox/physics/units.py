@@ -60,7 +60,28 @@ def same_unit(first: str, second: str, what: str) -> bool:
     Raises:
         InputError: One of them is not a known unit.
     """
-    return first == second or _same(parse_unit(first, what), parse_unit(second, what))
+    if first == second:
+        return True
+    one, other = parse_unit(first, what), parse_unit(second, what)
+    # Degrees of Celsius and kelvins are as large, and count from elsewhere.
+    return _same(one, other) and abs(float(registry().Quantity(0.0, one).to(other).magnitude)) < 1e-9
+
+
+def require_units_of(data: Runs, train: Runs, which: str = "test") -> None:
+    """Refuse data in other units than those of the training data, where both are declared.
+
+    Args:
+        data: Data that a model is asked about.
+        train: Data that it learned from.
+        which: What the first are called in a sentence.
+
+    Raises:
+        InputError: The column whose units differ, or a unit that is not known.
+    """
+    for name, unit in train.units.items():
+        other = data.units.get(name)
+        if unit and other and not same_unit(unit, other, f"column {name!r}"):
+            raise InputError(f"The {which} data have {name} in {other}, the training data in {unit}: convert them.")
 
 
 def per_second(unit: str) -> float:
@@ -183,12 +204,14 @@ def check_units(
         time: Name of the time, for the message.
 
     Raises:
-        InputError: A unit is not known; a derivative's unit is not state over time; a term adds, compares or
-            puts into a function what its units forbid.
+        InputError: A unit is not known; that of the time is none of time, nor of an angle or a plain number; a
+            derivative's unit is not state over time; a term adds, compares or puts into a function what its units
+            forbid.
     """
     for name, unit in units.items():
         if unit:
             parse_unit(unit, f"column {name!r}")
+    _require_time(units.get("t") or "s", time)
     for state in dict.fromkeys((*states, *dictionary)):
         declared = units.get(derivative_label(state))
         if not declared or not units.get(state) or not units.get("t"):
@@ -202,6 +225,17 @@ def check_units(
     for terms in dictionary.values():
         for term in terms:
             term_unit(term, units)
+
+
+def _require_time(text: str, name: str) -> None:
+    """Refuse a unit of the time that is one of something else: Min is a mega-inch, S a siemens."""
+    unit = parse_unit(text, f"column {name!r}")
+    if unit.dimensionless or unit.dimensionality == registry().second.dimensionality:
+        return
+    small = text.lower()
+    meant = hasattr(registry(), small) and parse_unit(small, name).dimensionality == registry().second.dimensionality
+    remedy = f"did you mean {small!r}?" if meant else "give it in one, such as 's' or 'min'."
+    raise InputError(f"The unit {text!r} of {name!r} is {unit}, which is no unit of time; {remedy}")
 
 
 @dataclass(frozen=True)

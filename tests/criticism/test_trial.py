@@ -1,5 +1,7 @@
 """How a fit does on data: on held-out ones where they were given, kept in its file, found once."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -104,3 +106,17 @@ def test_where_there_is_no_free_run_it_says_why(fit, parts, monkeypatch, tmp_pat
     assert "There is no free run. State" in page and "error of the predicted d(ydot)/dt" in page
     monkeypatch.setattr(module, "MOST_ROWS", 10)
     assert "fit.simulate(data) makes it" in trial(fit).why
+
+
+@pytest.mark.parametrize("ask", [Fit.predict, Fit.simulate, try_on])
+def test_data_in_other_units_than_those_of_the_fit_are_refused(fit, parts, ask, tmp_path):
+    units = {**fit.data.units, "y": "m"}
+    known = Fit(fit.model, replace(fit.data, units=units), fit.sampling, fit.idata)
+    with pytest.raises(InputError, match="test data have y in mm, the training data in m: convert them"):
+        ask(known, replace(parts[1], units={**units, "y": "mm"}))
+    with pytest.raises(InputError, match="have t in ms, the training data in"):
+        ask(replace_units(known, t="s"), replace(parts[1], units={**units, "t": "ms"}))
+
+
+def replace_units(fit, **units):
+    return Fit(fit.model, replace(fit.data, units={**fit.data.units, **units}), fit.sampling, fit.idata)

@@ -11,6 +11,8 @@ from bayes_greybox.physics.units import (
     coefficient_unit,
     derivative_unit,
     parse_unit,
+    require_units_of,
+    same_unit,
     target_unit,
     term_unit,
     with_rates,
@@ -174,3 +176,26 @@ def test_derivative_unit_must_be_state_over_time():
 def test_declared_unit_of_a_term_replaces_the_check():
     assert term_unit(Term("sin(y)", unit="1"), UNITS) == parse_unit("1", "x")
     check_units({"ydot": [Term("sin(y)", unit="1")]}, UNITS)
+
+
+def test_data_in_another_unit_are_refused_and_in_the_same_one_otherwise_written_are_not():
+    def data(**units):
+        return Trajectories.from_arrays(np.arange(3), states={"y": [0.0, 1.0, 3.0]}, units=units)
+
+    train = data(y="N", t="s")
+    for same in (data(y="kg*m/s^2", t="sec"), data(y="N"), data()):
+        require_units_of(same, train)
+    with pytest.raises(InputError, match="test data have t in ms, the training data in s: convert them"):
+        require_units_of(data(y="N", t="ms"), train)
+    # As large, but they count from elsewhere.
+    assert not same_unit("degC", "K", "column 'T'") and same_unit("degC", "°C", "column 'T'")
+
+
+@pytest.mark.parametrize(
+    ("text", "said"), [("Min", "'min'"), ("S", "'s'"), ("Hz", "such as 's'"), ("m", "such as 's'")]
+)
+def test_a_unit_of_the_time_that_is_none_is_answered_with_the_one_that_was_meant(text, said):
+    with pytest.raises(InputError, match=f"unit '{text}' of 'Zeit' is .*no unit of time; .*{said}"):
+        check_units({}, {"t": text, "y": "m"}, time="Zeit")
+    for known in ("min", "h", "ms", "deg", "1", ""):
+        check_units({}, {"t": known})

@@ -10,7 +10,7 @@ import pandas as pd
 from jaxtyping import Float
 
 from bayes_greybox.data.errors import InputError
-from bayes_greybox.data.rates.filters import STEP_TOLERANCE
+from bayes_greybox.data.rates.filters import step_slack
 from bayes_greybox.data.reading.cells import AmbiguousDates, is_packed_dates, numbers, stamps
 from bayes_greybox.data.reading.pieces import clock_set_back
 from bayes_greybox.data.reading.table import Layout, Table
@@ -40,6 +40,9 @@ FACTOR = 1.25
 HELD = 0.3
 """A column of which this share of samples repeats the one before is set by somebody, and not measured."""
 
+FEW = 3
+"""Rows of a run, at most, of which most runs have no more where the rows are out of order."""
+
 SAME = 0.99999
 """Correlation from which on two columns are one."""
 
@@ -60,6 +63,7 @@ class Guess:
         rate_of: Column of the rate by the state whose rate it is.
         left_out: Why a column has no role.
         dated: Whether the stamps are dates or clock times, which become seconds.
+        shuffled: Whether the time goes back every few rows, as that of rows which are out of order does.
     """
 
     time: str | None
@@ -73,6 +77,7 @@ class Guess:
     rate_of: dict[str, str] = field(default_factory=dict)
     left_out: dict[str, str] = field(default_factory=dict)
     dated: bool = False
+    shuffled: bool = False
 
 
 def guessed(table: Table, layout: Layout) -> Guess:
@@ -106,7 +111,7 @@ def guessed(table: Table, layout: Layout) -> Guess:
     rows = table.frame[run].to_numpy() if run is not None else np.zeros(len(table.frame))
     clock, dated = np.arange(len(table.frame), dtype=float), False
     if time is not None:
-        clock, dated = stamps(table, time, layout)
+        clock, dated, *_ = stamps(table, time, layout)
     known = np.all([np.isfinite(values) for values in (clock, *columns.values())], axis=0)
     # A new run wherever the label changes or the time goes back.
     label = pd.factorize(rows)[0]
@@ -114,9 +119,10 @@ def guessed(table: Table, layout: Layout) -> Guess:
     back = bool(np.any((np.diff(clock) < 0) & (np.diff(label) == 0)))
     parts = [part[known[part]] for part in np.split(np.arange(len(clock)), starts)]
     set_back = dated and any(clock_set_back(clock, int(i) + 1) for i in np.flatnonzero(np.diff(clock) < 0))
+    shuffled = back and float(np.median([len(part) for part in parts])) <= FEW
     guess = Guess(
         time, run, back and time is not None, _even(clock, parts), int(np.sum(~known)), set_back, left_out=left_out,
-        dated=dated,
+        dated=dated, shuffled=shuffled,
     )  # fmt: skip
     return _with_roles(guess, clock, columns, [part for part in parts if len(part) > 3])
 
@@ -124,17 +130,20 @@ def guessed(table: Table, layout: Layout) -> Guess:
 def _time(table: Table, names: Sequence[str], layout: Layout) -> str | None:
     """The column of stamps: by its name, else the first that holds dates, else the first that only increases."""
     by_name = [name for name in names if TIME.match(name)]
-    others = [name for name in names if name not in by_name and not COUNTER.match(name)]
-    for name in (*by_name, *others):
+    # What only counts is no time; the index of a frame, or of its file, may hold dates.
+    counters = [name for name in names if COUNTER.match(name)]
+    others = [name for name in names if name not in (*by_name, *counters)]
+    for name in (*by_name, *counters, *others):
         try:
-            values, dated = stamps(table, name, layout)
+            values, dated, *_ = stamps(table, name, layout)
         except AmbiguousDates:
             raise
         except InputError:
             continue
         steps = np.diff(values[np.isfinite(values)])
         # The date of a day stays the same beside the time of that day.
-        if np.any(steps) and (name in by_name or dated or np.all(steps > 0)):
+        increases = np.all(steps > 0) and (name not in counters or np.any(values % 1))
+        if np.any(steps) and (name in by_name or dated or increases):
             return name
     return None
 
@@ -157,12 +166,12 @@ def _is_numbers(table: Table, name: str, layout: Layout) -> bool:
 
 def _unusable(table: Table, name: str, layout: Layout, before: dict[str, np.ndarray]) -> str | None:
     """Why a column can be neither state nor input; None if it can."""
-    if COUNTER.match(name):
-        return "counts the rows"
     try:
         values = numbers(table, name, layout)
     except InputError:
         return "holds words or dates"
+    if COUNTER.match(name):
+        return "counts the rows"
     known = values[np.isfinite(values)]
     if is_packed_dates(values):
         return "holds words or dates"
@@ -178,8 +187,11 @@ def _unusable(table: Table, name: str, layout: Layout, before: dict[str, np.ndar
 
 
 def _even(clock: Float[np.ndarray, " n"], parts: Sequence[np.ndarray]) -> bool:
-    steps = [np.diff(clock[part]) for part in parts if len(part) > 1]
-    return all(bool(np.all(np.abs(step - np.mean(step)) <= STEP_TOLERANCE * np.mean(step))) for step in steps)
+    for time in (clock[part] for part in parts if len(part) > 1):
+        steps, mean = np.diff(time), float(np.mean(np.diff(time)))
+        if np.any(np.abs(steps - mean) > step_slack(time, mean)):
+            return False
+    return True
 
 
 def _with_roles(

@@ -89,7 +89,9 @@ def _data(path: str, layout: Layout, plan: Plan) -> str:
     lines += [f"{option} = {_quoted(value)}" for option, value in _options(layout)]
     if guess.run is not None:
         lines.append(f"run = {_quoted(guess.run)}  # tells the runs apart")
-    if guess.restart:
+    if guess.shuffled:
+        lines.append("# The time goes back every few rows: sort the rows of the table by time first.")
+    elif guess.restart:
         lines += _SET_BACK if guess.set_back else []
         lines.append('restart = "run"  # the time goes back: a new run begins there')
     lines.append(f"states = {_columns(plan, guess.states)}  # what has an equation of motion")

@@ -68,6 +68,11 @@ def _found(plan: Plan, layout: Layout) -> list[str]:
         found.append(f"text in {layout.encoding}")
     if any("read as units" in remark for remark in plan.table.remarks):
         found.append("a row of units")
+    if plan.guess.shuffled:
+        found.append("time that goes back every few rows, which have to be sorted by it first")
+    elif plan.guess.restart:
+        clock = ", or a clock was set back" if plan.guess.set_back else ""
+        found.append(f"time that goes back, where a new run begins{clock}")
     if plan.guess.missing:
         rows = "1 row" if plan.guess.missing == 1 else f"{plan.guess.missing} rows"
         found.append(f"{rows} with empty cells, which are left out")

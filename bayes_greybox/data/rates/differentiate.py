@@ -27,6 +27,7 @@ from .filters import (
     kept_frequencies,
     savgol_window,
     spectral_derivative,
+    step_slack,
 )
 from .rate_filter import RateFilter
 
@@ -188,11 +189,12 @@ def uniform_step(time: Float[np.ndarray, " n"], name: str) -> float:
     step = float(time[-1] - time[0]) / (len(time) - 1)
     deviation = np.abs(np.diff(time) - step)
     worst = int(np.argmax(deviation))
-    if deviation[worst] > STEP_TOLERANCE * step:
+    slack = step_slack(time, step)
+    if deviation[worst] > slack:
         steps = np.diff(time)
         usual = float(np.median(steps))
         # Rows that lack alone are put back where they were; jitter keeps its mean.
-        even = step if np.mean(np.abs(steps - usual) <= STEP_TOLERANCE * usual) < 0.5 else usual
+        even = step if np.mean(np.abs(steps - usual) <= slack) < 0.5 else usual
         gap = np.max(steps) > GAP * usual
         remedy = "it has a gap there" if gap else f"resample the runs evenly, data.resample({even:.6g})"
         raise InputError(

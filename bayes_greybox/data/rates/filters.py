@@ -22,9 +22,22 @@ anew after one that is longer still, `gaps.ANEW`.
 """
 
 STEP_TOLERANCE = 1e-3
-"""Largest allowed relative deviation of a sample spacing from the mean spacing."""
+"""Largest allowed relative deviation of a sample spacing from the mean spacing, beside what rounds the stamps."""
+
 UNDERSMOOTHING = 0.75
 """Factor on the window that cross-validation finds, see `savgol_window`."""
+
+
+def step_slack(time: Float[np.ndarray, " n"], step: float) -> float:
+    """How far steps between stamps may be off an even one, ε h + 2 ulp(max |t|).
+
+    Stamps that count from far away, as seconds since 1970 do, are rounded to parts of a step that matter.
+
+    Args:
+        time: Stamps of one run.
+        step: h.
+    """
+    return STEP_TOLERANCE * step + 2.0 * float(np.spacing(np.max(np.abs(time), initial=0.0)))
 
 
 def filter_taps(
@@ -129,7 +142,8 @@ def savgol_window(series: Sequence[Sequence[Float[np.ndarray, " _"]]], polyorder
     for candidate in candidates:
         taps = filter_taps(0, "savgol", window=candidate, polyorder=polyorder)
         trim, score = half - candidate // 2, 0.0
-        for runs in series:
+        # A column of zeros says nothing of the window.
+        for runs in (runs for runs in series if any(np.any(values) for values in runs)):
             residual = np.concatenate(
                 [
                     values[half : len(values) - half]
@@ -138,8 +152,9 @@ def savgol_window(series: Sequence[Sequence[Float[np.ndarray, " _"]]], polyorder
                 ]
             )
             # The floor keeps noise-free data, whose residual is rounding error, from a log of zero.
-            floor = np.finfo(float).eps ** 2 * max(float(np.mean(np.concatenate(list(runs)) ** 2)), 1e-300)
-            score += math.log((float(np.mean(residual**2)) + floor) / (1.0 - taps[candidate // 2]) ** 2)
+            floor = np.finfo(float).eps ** 2 * float(np.mean(np.concatenate(list(runs)) ** 2))
+            square = max(float(np.mean(residual**2)) + floor, np.finfo(float).tiny)
+            score += math.log(square / (1.0 - taps[candidate // 2]) ** 2)
         scores.append(score)
     return max(smallest, round(UNDERSMOOTHING * candidates[int(np.argmin(scores))]) // 2 * 2 + 1)
 

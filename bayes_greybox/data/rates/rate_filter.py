@@ -113,19 +113,28 @@ class RateFilter:
         order = int(name in dict(self.rates).values())
         return smoothing_taps(self._taps(order), order)
 
-    def noise_of_states(self) -> dict[str, float]:
-        """Standard deviation of what the filter leaves of the samples' noise in each state."""
+    def noise_of_states(self, row_steps: Float[np.ndarray, " n_row"]) -> dict[str, float]:
+        """Standard deviation of what the filter leaves of the samples' noise in each state, RMS over rows.
+
+        Args:
+            row_steps: Sample spacing of the run of each row.
+        """
         left = {name: s * float(np.linalg.norm(self._taps(0))) for name, s in self.sample_noise}
-        size = float(np.linalg.norm(self._taps(1))) / self.steps[0] if self.rates else 0.0
+        size = float(np.linalg.norm(self._taps(1))) * self._per_step(row_steps, 1) if self.rates else 0.0
         return left | {rate: dict(self.sample_noise)[name] * size for name, rate in self.rates if name in left}
 
-    def noise_of_rate(self, state: str) -> float:
-        """Standard deviation of a row of a state's computed rate; of a smoothed one it is not known and infinite."""
+    def noise_of_rate(self, state: str, row_steps: Float[np.ndarray, " n_row"]) -> float:
+        """Standard deviation of a state's computed rate, RMS over rows; of a smoothed one it is not known and infinite.
+
+        Args:
+            state: Whose equation the rows are.
+            row_steps: Sample spacing of the run of each row.
+        """
         order, noise = dict(self.orders)[state], dict(self.sample_noise)
         source = self.source(state)
         if order == 0 or source not in noise:
             return float("inf")
-        return noise[source] * float(np.linalg.norm(self._taps(order))) / self.steps[0] ** order
+        return noise[source] * float(np.linalg.norm(self._taps(order))) * self._per_step(row_steps, order)
 
     def require_steps(self, steps: Mapping[str, float]) -> None:
         """Refuse runs on which the window would last another time.
@@ -166,6 +175,11 @@ class RateFilter:
             steps=tuple(record["steps"]),
             sample_noise=tuple(record["sample_noise"].items()),
         )
+
+    def _per_step(self, row_steps: Float[np.ndarray, " n_row"], order: int) -> float:
+        """RMS of 1/h^m over rows, h of each row's run; the first run's where no run has two rows."""
+        known = row_steps[row_steps > 0]
+        return float(np.sqrt(np.mean((known if len(known) else np.array(self.steps[:1])) ** (-2.0 * order))))
 
     def _taps(self, order: int) -> Float[np.ndarray, " window"]:
         band = None if self.band is None else self.band * self.steps[0]

@@ -3,12 +3,13 @@
 import datetime
 import re
 import warnings
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
+from bayes_greybox.data.digits import first_lost, since_first
 from bayes_greybox.data.errors import InputError
 
 from .table import Layout, Table, capital
@@ -25,6 +26,27 @@ _NO_NUMBER = "?"
 _PACKED = {8: "%Y%m%d", 12: "%Y%m%d%H%M", 14: "%Y%m%d%H%M%S"}
 _SHORT = re.compile(r"^(\d{1,2})[-/.](\d{1,2})[-/.](\d{1,2})(?!\d)(.*)$")
 _FRACTION = re.compile(r"(?<=:\d{2})[.,](?=\d)")
+_WHOLE = re.compile(r"(\d{1,2}:\d{2}:\d{2})(?![\d.,:])")
+"""A time of day with seconds and no fraction of them."""
+
+_ZONE = re.compile(r"[T:]\d{2,6}(?:[.,]\d+)?\s*(?:Z|z|UTC|GMT|[+-]\d{2}(?::?\d{2})?)$")
+"""A time of day with its zone."""
+
+
+class Stamps(NamedTuple):
+    """A column of time.
+
+    Attributes:
+        time: Numbers, NaN where a cell is missing; dates and clock times as seconds since the earliest one.
+        dated: Whether they were dates or clock times.
+        first: The smallest of whole numbers that floats would not tell apart, which was subtracted; else None.
+        zoned: Whether they were dates with their time zone.
+    """
+
+    time: Float[np.ndarray, " n_row"]
+    dated: bool
+    first: int | None = None
+    zoned: bool = False
 
 
 class AmbiguousDates(InputError):
@@ -49,14 +71,18 @@ def numbers(table: Table, name: str, layout: Layout) -> Float[np.ndarray, " n_ro
         raise InputError(
             f'Column "{name}" of {table.where} is not numeric: row {bad[0]} holds {cell!r}; {_remedy(cell, layout)}.'
         )
-    return found
+    known, whole = _whole(found)
+    lost = first_lost(whole)
+    if lost is not None:
+        raise InputError(
+            f'Column "{name}" of {table.where} holds whole numbers of more digits than a float does, such as '
+            f"{whole[lost]} in row {np.flatnonzero(known)[lost]}: subtract a number from all of them first."
+        )
+    return found.to_numpy(dtype=float, na_value=np.nan)
 
 
-def stamps(table: Table, name: str, layout: Layout) -> tuple[Float[np.ndarray, " n_row"], bool]:
-    """The column of time as numbers, dates and clock times as seconds since the earliest one.
-
-    Returns:
-        Numbers, NaN where a cell is missing, and whether they were dates or clock times.
+def stamps(table: Table, name: str, layout: Layout) -> Stamps:
+    """The column of time as numbers.
 
     Raises:
         InputError: No such column; no date at all; cells that are neither; dates whose day may be their month.
@@ -65,15 +91,37 @@ def stamps(table: Table, name: str, layout: Layout) -> tuple[Float[np.ndarray, "
     if column.dtype.kind not in "mM":
         found, bad = _as_numbers(column, layout)
         if not len(bad):
-            packed = _packed_stamps(found)
-            return (found, False) if packed is None else (packed, True)
+            return _numbered(found)
         if _is_grouped(column.iloc[bad[0]], layout):
             raise _neither(column, table, name, layout, int(bad[0]))
         column = _dates(column, table, name, layout, int(bad[0]))
     if column.isna().all():
         raise InputError(f'Column "{name}" of {table.where} has no time in any row; choose another, or pass dt=.')
     start = column.min() if column.dtype.kind == "M" else pd.Timedelta(0)
-    return ((column - start) / pd.Timedelta(seconds=1)).to_numpy(dtype=float, na_value=np.nan), True
+    seconds = ((column - start) / pd.Timedelta(seconds=1)).to_numpy(dtype=float, na_value=np.nan)
+    given = table.column(name)
+    words = given.dtype.kind not in "mM"
+    # What was read from words has the zone of all of them, UTC.
+    zoned = given.astype(str).str.contains(_ZONE).any() if words else getattr(given.dtype, "tz", None) is not None
+    return Stamps(seconds, True, zoned=bool(zoned))
+
+
+def _numbered(found: Any) -> Stamps:
+    """Stamps that are numbers."""
+    values = found.to_numpy(dtype=float, na_value=np.nan)
+    known, whole = _whole(found)
+    if first_lost(whole) is not None:
+        values[known] = since_first(whole)
+        return Stamps(values, False, int(whole.min()))
+    packed = _packed_stamps(values)
+    return Stamps(values, False) if packed is None else Stamps(packed, True)
+
+
+def _whole(found: Any) -> tuple[Bool[np.ndarray, " n_row"], np.ndarray]:
+    """Which cells of a column of numbers are there, and these as integers; no numbers where it has others."""
+    known = found.notna().to_numpy()
+    kind = found.dtype.kind
+    return known, found[known].to_numpy(dtype=f"{kind}8") if kind in "iu" else np.array([])
 
 
 def is_packed_dates(values: np.ndarray) -> bool:
@@ -107,12 +155,12 @@ def is_measured(cell: str, layout: Layout) -> bool:
     return is_number(plain, layout.decimal) or bool(_CLOCK.match(cell) or (cell[:1].isdigit() and _DATE.match(cell)))
 
 
-def _as_numbers(column: Any, layout: Layout) -> tuple[np.ndarray, np.ndarray]:
-    """Numbers, and the rows whose cells are none."""
+def _as_numbers(column: Any, layout: Layout) -> tuple[Any, np.ndarray]:
+    """A column of numbers, and the rows whose cells are none, where there are such."""
     if column.dtype.kind == "c":
-        return np.array([]), np.array([0])
+        return column, np.array([0])
     if pd.api.types.is_numeric_dtype(column):
-        return column.to_numpy(dtype=float, na_value=np.nan), np.array([], dtype=int)
+        return column, np.array([], dtype=int)
     text = column.map(lambda cell: _plain(cell, layout))
     found: Any = pd.to_numeric(text, errors="coerce")
     missing = text.isna() | text.map(lambda cell: isinstance(cell, str) and not cell)
@@ -122,7 +170,7 @@ def _as_numbers(column: Any, layout: Layout) -> tuple[np.ndarray, np.ndarray]:
     bad = grouped if len(grouped) else bad
     if not len(bad) and (not pd.api.types.is_numeric_dtype(found) or found.dtype.kind == "c"):
         bad = np.array([0])
-    return (found.to_numpy(dtype=float, na_value=np.nan) if not len(bad) else np.array([])), bad
+    return found, bad
 
 
 def _plain(cell: Any, layout: Layout) -> Any:
@@ -177,20 +225,25 @@ def _dates(column: Any, table: Table, name: str, layout: Layout, bad: int) -> An
         some = dates | text.str.match(_CLOCK, na=False) | number.notna()
         odd = np.flatnonzero(~(dates if some.all() else some).to_numpy(dtype=bool))
         raise _neither(column, table, name, layout, int(odd[0]))
+    zoned = text.str.contains(_ZONE, na=False)
+    bare = np.flatnonzero((text.notna() & ~zoned).to_numpy(dtype=bool))
+    if zoned.any() and len(bare):
+        raise InputError(
+            f'Column "{name}" of {table.where} has stamps with a time zone and without one, as '
+            f"{column.iloc[bare[0]]!r} in row {bare[0]}: write all of them with their zone, or none."
+        )
     # Writers leave out the fraction of a second where it is zero.
     mixed = given.str.contains(_FRACTION).any()
     text = text.str.replace(_FRACTION, ".", regex=True)
     if mixed:
-        text = text.where(text.isna() | text.str.contains(_FRACTION, na=False), text + ".0")
-    # Years first need no guess.
+        text = text.str.replace(_WHOLE, r"\1.0", n=1, regex=True)
     short = bool(given.str.match(_SHORT).all())
-    found = _short_dates(text, layout) if short else [_parsed(text, format="ISO8601")]
-    if not short and found[0] is None:
-        first = (False, True) if layout.dayfirst is None else (layout.dayfirst,)
-        found = [_parsed(text, dayfirst=dayfirst) for dayfirst in first]
-    read = [dates for dates in found if dates is not None]
+    read = [dates for dates in _readings(text, short, layout) if dates is not None]
     if not read:
-        raise _neither(column, table, name, layout, bad)
+        # The reading in which most are dates shows which one is none.
+        tried = [dates.isna() for dates in _readings(text, short, layout, errors="coerce") if dates is not None]
+        odd = min((np.flatnonzero((lost & text.notna()).to_numpy(dtype=bool)) for lost in tried), key=len, default=[])
+        raise _neither(column, table, name, layout, int(odd[0]) if len(odd) else bad)
     if any(not (read[0] - read[0].min()).equals(other - other.min()) for other in read[1:]):
         such = f'{capital(table.where)} has dates such as {given.iloc[0]!r} in column "{name}", in which the '
         asked = "pass dayfirst=True or dayfirst=False"
@@ -202,7 +255,20 @@ def _dates(column: Any, table: Table, name: str, layout: Layout, bad: int) -> An
     return read[0]
 
 
-def _short_dates(text: Any, layout: Layout) -> list[Any]:
+def _readings(text: Any, short: bool, layout: Layout, **options: Any) -> list[Any]:
+    """What dates in words may be; None for a reading that they do not have."""
+    if short:
+        return _short_dates(text, layout, **options)
+    # Years first need no guess.
+    first = _parsed(text, format="ISO8601", **options)
+    if first is not None and not options:
+        return [first]
+    orders = (False, True) if layout.dayfirst is None else (layout.dayfirst,)
+    others = [_parsed(text, dayfirst=dayfirst, **options) for dayfirst in orders]
+    return [first, *others] if options else others
+
+
+def _short_dates(text: Any, layout: Layout, **options: Any) -> list[Any]:
     """Dates with years of two digits, in each order of day, month and year that they may have."""
     orders = {None: ("dmy", "mdy", "ymd"), True: ("dmy",), False: ("mdy",)}[layout.dayfirst]
 
@@ -215,7 +281,8 @@ def _short_dates(text: Any, layout: Layout) -> list[Any]:
         year = int(part["y"]) + (2000 if int(part["y"]) < 69 else 1900)
         return f"{year}-{part['m']:0>2}-{part['d']:0>2}{rest}"
 
-    return [_parsed(text.map(lambda cell, order=order: long(cell, order)), dayfirst=False) for order in orders]
+    texts = [text.map(lambda cell, order=order: long(cell, order)) for order in orders]
+    return [_parsed(each, dayfirst=False, **options) for each in texts]
 
 
 def _neither(column: Any, table: Table, name: str, layout: Layout, row: int) -> InputError:

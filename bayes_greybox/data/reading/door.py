@@ -12,6 +12,7 @@ from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.limits import is_finite
 from bayes_greybox.data.trajectories import Trajectories
 
+from .formats.text import BLANKS
 from .listed import listed
 from .pieces import Asked, cut, stated_units
 from .sources import read_source
@@ -186,6 +187,12 @@ def layout_of(
         raise InputError(f"skiprows counts lines, or numbers them from 0; it cannot be {skiprows}.")
     if isinstance(columns, str):
         raise InputError(f'columns must be a list of names, such as columns=["{columns}"], not a single string.')
+    sep = given.get("sep")
+    if sep and len(sep) > 1 and sep != BLANKS:
+        raise InputError(
+            f'sep must be one character, or r"{BLANKS}" for any number of blanks, not {sep!r}; replace it in the '
+            "text by one that is not in its cells."
+        )
     layout = Layout(
         skiprows=lines if isinstance(lines, int) else tuple(lines),
         # With the mark of byte order that some programs write.

@@ -14,6 +14,9 @@ from bayes_greybox.data.errors import InputError
 from .cells import numbers, stamps
 from .table import Layout, Table, capital
 
+MOST_NIGHTS = 4
+"""Steps of a run, at most, that may be off by an hour because clocks were changed: some years of them."""
+
 
 @dataclass(frozen=True)
 class Asked:
@@ -80,12 +83,13 @@ def cut(table: Table, asked: Asked, layout: Layout, label: str | None) -> Pieces
             f'to end: pass run="{table.dimensions[0]}" if each of its values is a run.'
         )
     if asked.time is None:
-        time, dated = np.empty(0), False
+        time, dated, long = np.empty(0), False, None
         stamped = [np.arange(len(rows)) * float(asked.dt or 0.0) for rows in groups]
     else:
-        time, dated = stamps(table, asked.time, layout)
-        if asked.restart == "error":
-            _require_forward(table, asked.time, time, dated, groups)
+        time, dated, long, zoned = stamps(table, asked.time, layout)
+        _require_forward(table, asked.time, time, dated, groups, asked.restart == "run")
+        if dated and not zoned:
+            remarks += _hours_off(table, asked.time, time, groups)
         alone = label is None and run is None
         groups, names = _restarted(time, groups, names, alone, table.where, remarks)
         stamped = [time[rows] for rows in groups]
@@ -94,6 +98,11 @@ def cut(table: Table, asked: Asked, layout: Layout, label: str | None) -> Pieces
         first = table.column(str(asked.time)).dropna().iloc[0]
         each = "the first of each run" if len(groups) > 1 else f"the first, {first}"
         remarks.append(f"time {asked.time} of {table.where} was converted to seconds since {each}")
+    if long is not None:
+        # Of each run, as of dates: what is far from zero has fewer digits behind the point.
+        stamped = [values - _earliest(values) for values in stamped]
+        each = "the first of each run" if len(groups) > 1 else f"the first, {long}"
+        remarks.append(f"time {asked.time} of {table.where}, of more digits than a float holds, counts from {each}")
     columns: dict[tuple[str, str], Any] = {("time", "t"): stamped}
     units = {} if asked.time is None else {"t": table.units.get(table.known(asked.time))}
     for kind, chosen in asked.kinds.items():
@@ -171,24 +180,52 @@ def _require_forward(
     time: Float[np.ndarray, " n_row"],
     dated: bool,
     groups: Sequence[Int[np.ndarray, " _"]],
+    restart: bool,
 ) -> None:
-    """Refuse time that goes back within a run, with what to do about it."""
+    """Refuse time that goes back within a run, but where a run begins there, with what to do about it."""
     for rows in groups:
         known = rows[np.isfinite(time[rows])]
-        back = known[1:][np.diff(time[known]) < 0]
+        steps = np.diff(time[known])
+        # Where rows are an hour apart, a clock that is set back stands still.
+        still = [int(i) + 1 for i in np.flatnonzero(steps == 0) if dated and clock_set_back(time[known], int(i) + 1)]
+        back = known[1:][steps < 0] if not restart else known[:0]
+        back = known[still[:1]] if still and not len(back) else back
         if not len(back):
             continue
         row = int(back[0])
-        to = table.column(name).iloc[row] if dated else f"{time[row]:g}"
-        told = f"The time of {table.where} is not increasing, it goes back in row {row}, to {to}"
-        other = 'pass restart="run", or run= with the column that tells the runs apart'
+        to = table.column(name).iloc[row] if dated else f"{time[row]:.12g}"
+        stopped = bool(still) and row == known[still[0]]
+        how = f"stands still in row {row}, at" if stopped else f"goes back in row {row}, to"
+        told = f"The time of {table.where} is not increasing, it {how} {to}"
+        other = 'another run begins there, pass restart="run", or run= with the column that tells the runs apart'
+        other = "the row is there twice, remove it" if stopped else other
         if dated and clock_set_back(time[known], int(np.searchsorted(known, row))):
             raise InputError(
                 f"{told}, by an hour, as clocks do when summer time ends: write the stamps in UTC or with their "
                 "offset, such as 2024-10-27T02:00:00+01:00, or give dt= in place of them if the rows are evenly "
-                f"spaced; if another run begins there, {other}."
+                f"spaced; if {other}."
             )
-        raise InputError(f"{told}: if another run begins there, {other}; if the rows are out of order, sort them.")
+        raise InputError(f"{told}: if {other}; if the rows are out of order, sort them.")
+
+
+def _hours_off(
+    table: Table, name: str, time: Float[np.ndarray, " n_row"], groups: Sequence[Int[np.ndarray, " _"]]
+) -> list[str]:
+    """A remark on each step of a run that is an hour longer or shorter than its others, as where summer time begins."""
+    told = []
+    for rows in groups:
+        known = rows[np.isfinite(time[rows])]
+        steps = np.diff(time[known])
+        usual = float(np.median(steps)) if len(steps) else 0.0
+        off = np.flatnonzero(np.abs(np.abs(steps - usual) - 3600.0) <= 0.01 * usual) if usual > 0 else []
+        # More of them are no two nights a year.
+        if 0 < len(off) <= MOST_NIGHTS and np.mean(np.abs(steps - usual) <= 0.01 * usual) > 0.5:
+            before, after = (table.column(name).iloc[known[off[0] + i]] for i in (0, 1))
+            told.append(
+                f"a step of {table.where}, from {before} to {after}, is an hour off the others: if its clock changed "
+                "to summer time or back there, write the stamps in UTC"
+            )
+    return told
 
 
 def _restarted(

@@ -103,7 +103,8 @@ def _frame_table(frame: pd.DataFrame, where: str) -> Table:
         one = frame.index.nlevels == 1
         frame = frame.reset_index(drop=True) if one else frame.reset_index(level=name, drop=True)
     counts = isinstance(frame.index, pd.RangeIndex) or (frame.index.nlevels == 1 and frame.index.name is None)
-    if not counts or frame.index.dtype.kind in "mM":
+    # Decimals count nothing: they are times.
+    if not counts or frame.index.dtype.kind in "mMf":
         frame = frame.reset_index()
     return Table(frame.reset_index(drop=True), where)
 

@@ -10,7 +10,7 @@ import pandas as pd
 
 from bayes_greybox.data.errors import InputError
 
-from .units import checked_units, is_number, split_header, unit_row
+from .units import checked_units, is_number, split_headers, unit_row
 
 
 @dataclass(frozen=True)
@@ -113,7 +113,7 @@ def tidy(table: Table, layout: Layout) -> Table:
     if layout.columns is not None:
         names = _renamed(names, layout.columns, table.where)
     stated, aliases = dict(table.units), {}
-    plain = [split_header(name) for name in names]
+    plain = split_headers(names)
     short = [name for name, _ in plain]
     for i, (name, unit) in enumerate(plain):
         # A name that others have too without its unit stays as it is.

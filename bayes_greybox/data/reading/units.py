@@ -63,6 +63,24 @@ def split_header(name: str) -> tuple[str, str | None]:
     return (parts["name2"], unit) if not unit.isdigit() and (unit in _NONE or known_unit(unit)) else (name, None)
 
 
+def split_headers(names: Sequence[str]) -> list[tuple[str, str | None]]:
+    """Name and unit of each column's header, as `split_header` has them.
+
+    "T (in)" is no temperature in inches beside "T (out)": brackets behind one name hold units, or none of them does.
+
+    Args:
+        names: Headers of one table.
+    """
+    split = [split_header(name) for name in names]
+    found = [_NAMED.match(name) for name in names]
+    stems = [match["name2"] if match else None for match in found]
+    told = {stem for stem, (_, unit) in zip(stems, split, strict=True) if unit is None}
+    return [
+        (name, None) if stem is not None and stem in told else pair
+        for name, stem, pair in zip(names, stems, split, strict=True)
+    ]
+
+
 def unit_row(cells: Sequence[str], below: Sequence[bool]) -> list[str] | None:
     """Units of a row that holds nothing else; None if it is a row of measurements.
 

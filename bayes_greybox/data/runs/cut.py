@@ -132,12 +132,12 @@ class CutRuns(Runs):
         inside &= self.time <= (np.inf if end is None else end)
         if not np.any(inside):
             raise InputError(
-                f"No row lies between {start} and {end}: the times of the data run from {self.time.min():g} to "
-                f"{self.time.max():g}."
+                f"No row lies between {start} and {end}: the times of the data run from {self.time.min():.12g} to "
+                f"{self.time.max():.12g}."
             )
         parts = [np.flatnonzero(inside[self.run == i]) for i in range(self.n_run)]
         bounds = [(int(part[0]), int(part[-1]) + 1) if len(part) else (0, 0) for part in parts]
-        where = " ".join(f"{word} {at:g}" for word, at in (("from", start), ("to", end)) if at is not None)
+        where = " ".join(f"{word} {at:.12g}" for word, at in (("from", start), ("to", end)) if at is not None)
         kept = self._restrict(bounds)
         return kept.remarked(f"trimmed to times {where}: {self.n_obs} rows to {kept.n_obs}")
 

@@ -97,6 +97,14 @@ class Runs:
         return tuple(int(n) for n in np.bincount(self.run, minlength=self.n_run))
 
     @property
+    def row_steps(self) -> Float[np.ndarray, " n_obs"]:
+        """Mean time between two rows of the run of each row; 0 where that has one row."""
+        ends = np.cumsum(self.run_lengths)
+        spans = [self.time[end - 1] - self.time[end - n] for end, n in zip(ends, self.run_lengths, strict=True)]
+        steps = [span / max(n - 1, 1) for span, n in zip(spans, self.run_lengths, strict=True)]
+        return np.repeat(np.asarray(steps, float), self.run_lengths)
+
+    @property
     def columns(self) -> dict[str, Float[np.ndarray, " n_obs"]]:
         """All states, then all inputs, by name."""
         return {**self.states, **self.inputs}

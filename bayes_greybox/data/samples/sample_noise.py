@@ -16,7 +16,13 @@ WHITE = 0.75
 the next unless it has fewer than about three and a half samples a period."""
 
 EXACT = 1e-6
-"""Noise below this share of the largest value is none: the rounding of a file, or what a solver tolerates."""
+"""Noise below this share of half a column's range is none: the rounding of a file, or what a solver tolerates.
+
+A share of the range and not of the largest value: where zero lies (pressure, absolute position) says nothing of noise.
+"""
+
+ROUNDINGS = 2.0
+"""Nor is noise below so many roundings of the largest value, as numbers of its kind have them."""
 
 FEWEST_DIFFERENCES = 10
 """Differences that a statement about noise needs; with fewer the states are taken as exact."""
@@ -47,16 +53,18 @@ def sample_noise(
         values: Samples by column.
         run_lengths: Samples of each run; no difference spans two.
     """
-    size = np.max(np.abs(values), axis=0, initial=0.0)
+    least = _least(values)
+    # Without their level, differences of samples have no rounding of it.
+    values = values - np.mean(values, axis=0, keepdims=True) if len(values) else values
     found, before = np.zeros(values.shape[1]), np.full(values.shape[1], np.nan)
-    open_ = size > 0
+    open_ = np.max(np.abs(values), axis=0, initial=0.0) > 0
     for order in ORDERS:
         rows = windows(run_lengths, order + 1, MOST_DIFFERENCES)
         if len(rows) < FEWEST_DIFFERENCES or not open_.any():
             break
         weights = _difference_weights(time[rows])
         left = np.array([_typical(np.sum(weights * column[rows], axis=1)) for column in values.T])
-        open_ = open_ & (left > EXACT * size)
+        open_ = open_ & (left > least)
         white = open_ & (left > WHITE * before)
         found[white], open_ = left[white], open_ & ~white
         before = left
@@ -77,6 +85,18 @@ def windows(run_lengths: Sequence[int], m: int, most: int) -> Int[np.ndarray, "n
     if len(first) > most:
         first = first[np.linspace(0, len(first) - 1, most).astype(int)]
     return first.astype(int)[:, None] + np.arange(m)
+
+
+def _least(values: Float[np.ndarray, "n k"]) -> Float[np.ndarray, " k"]:
+    """What noise has to exceed, by column: a share of half its range, and the rounding of its numbers."""
+    if not len(values):
+        return np.zeros(values.shape[1])
+    largest = np.max(np.abs(values), axis=0)
+    with np.errstate(over="ignore"):
+        # What single precision holds to the last bit came so, whatever it is by now.
+        single = np.all(values.astype(np.float32) == values, axis=0)
+    eps = np.where(single, np.finfo(np.float32).eps, np.finfo(float).eps)
+    return np.maximum(EXACT * np.ptp(values, axis=0) / 2, ROUNDINGS * eps * largest)
 
 
 def _difference_weights(time: Float[np.ndarray, "n_window m"]) -> Float[np.ndarray, "n_window m"]:

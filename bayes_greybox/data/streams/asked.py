@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Bool
 
+from bayes_greybox.data.digits import first_lost
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.reading.door import read
 from bayes_greybox.data.reading.table import Layout, Table, tidy
@@ -106,7 +107,7 @@ class Asked:
         numbers = frame.select_dtypes("number").to_numpy(float)
         return np.asarray(np.isfinite(numbers).all(axis=1))
 
-    def formed(self, table: Any, where: str, first: int, dropped: int) -> Iterator[Trajectories]:
+    def formed(self, table: Any, where: str, first: int, dropped: int, whole: bool = False) -> Iterator[Trajectories]:
         """Rows of a piece as data.
 
         Args:
@@ -114,10 +115,17 @@ class Asked:
             where: The source, in a sentence.
             first: Number of the first row in it.
             dropped: Rows beside them that were left out.
+            whole: Whether they are whole runs.
 
         Raises:
-            InputError: What `read` refuses, with the rows that it was about.
+            InputError: What `read` refuses, with the rows that it was about; stamps of more digits than a float holds
+                where rows do not have the first one of their run beside them.
         """
+        if not whole and self.stamps is not None and first_lost(np.asarray(table[self.stamps])) is not None:
+            raise InputError(
+                f'The column "{self.stamps}" of {where} holds whole numbers of more digits than a float does, and a '
+                "stream knows no row before its piece: give them less the first, or as seconds."
+            )
         stamps = {"dt": 1.0} if self.time is None else {"time": self.time}
         try:
             data = read(table, **stamps, **self.settings, missing=self.missing, constant="keep")

@@ -113,7 +113,7 @@ class WholeRuns:
         path, label = self._files[part]
         n_run = 0
         for piece, dropped in self._runs(path):
-            for data in self.rows.asked.formed(piece.table, f'"{path}"', piece.first, dropped):
+            for data in self.rows.asked.formed(piece.table, f'"{path}"', piece.first, dropped, whole=True):
                 yield replace(data, run_names=tuple(self._named(name, label, n_run) for name in data.run_names))
                 n_run += len({name.partition(",")[0] for name in data.run_names})
 

@@ -43,7 +43,8 @@ class DerivativeRows(RowKind):
         operator, spread = self._operator(data, equation), None
         if operator is not None:
             assert data.filter is not None
-            spread = SampleSpread.of(data.columns, data.run_lengths, data.filter.noise_of_states())
+            noise_of_states = data.filter.noise_of_states(data.row_steps)
+            spread = SampleSpread.of(data.columns, data.run_lengths, noise_of_states)
             simulated = simulated + _jumped(data, simulation.readable_terms(equation), spread)
             simulated, noise = operator(simulated[:, None])[:, 0], operator.noise(noise)
             measured, time, run = (column[operator.sample] for column in (measured, time, run))

@@ -63,7 +63,8 @@ def _noisy(data: Trajectories, equation: str, simulation: Simulation) -> list[st
     *of_states, sigma = sample_noise(data.time, columns, data.run_lengths)
     noise = dict(zip(data.state_names, of_states, strict=True))
     if filtered is not None:
-        noise, sigma = filtered.noise_of_states(), filtered.noise_of_rate(equation)
+        steps = data.row_steps
+        noise, sigma = filtered.noise_of_states(steps), filtered.noise_of_rate(equation, steps)
     here = simulation.on(data, equation)
     for name, s in noise.items():
         # Steps of the noise's own size, so that kinks count by how often they are crossed.

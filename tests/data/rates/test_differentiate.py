@@ -234,3 +234,23 @@ def test_bandlimited_needs_one_spacing():
     # Savitzky–Golay takes both; the noisier rows are those of the finer spacing.
     noise = data.differentiate(window=9).noise["y"]
     assert noise.covariance()[0, 0] == pytest.approx(4 * noise.covariance()[-1, -1])
+
+
+@pytest.mark.parametrize("rate", [1e4, 1e5])
+def test_stamps_since_1970_are_even_but_for_their_rounding(rate):
+    t = 1.7e9 + np.arange(400) / rate
+    data = Trajectories.from_arrays(t, states={"y": np.sin(np.arange(400) / 40)}).differentiate(window=11)
+    assert data.n_obs == 390
+    uneven = t + np.random.default_rng(0).uniform(0, 0.5 / rate, 400)
+    with pytest.raises(InputError, match="not sampled evenly"):
+        Trajectories.from_arrays(uneven, states={"y": t - t[0]}).differentiate(window=11)
+
+
+def test_a_state_that_is_zero_everywhere_is_differentiated_beside_others():
+    t = 0.1 * np.arange(80)
+    y = np.sin(t) + 0.01 * np.random.default_rng(0).standard_normal(80)
+    states = {"y": y, "still": np.zeros(80)}
+    data = Trajectories.from_arrays(t, states=states, constant="keep").differentiate()
+    assert not np.any(data.derivatives["still"])
+    # It has no part in the choice of the window.
+    assert data.filter.window == Trajectories.from_arrays(t, states={"y": y}).differentiate().filter.window

@@ -79,3 +79,20 @@ def test_held_out_data_take_the_filter_of_the_training_data():
         sampled(step=0.02).differentiate(like=train)
     again = Trajectories.from_frame(train.to_frame(), **train.metadata())
     assert again.filter == train.filter == RateFilter.from_dict(train.filter.to_dict())
+
+
+def test_the_noise_of_rates_does_not_depend_on_the_order_of_runs():
+    parts = [sampled(), sampled(step=0.04, seed=1)]
+
+    def noise(parts):
+        data = Trajectories.from_arrays(
+            [part.time for part in parts], states={"y": [part.states["y"] for part in parts]}
+        ).differentiate(window=11, rates={"y": "v"})
+        return data.filter.noise_of_states(data.row_steps)["v"], data.filter.noise_of_rate("v", data.row_steps)
+
+    first, other = noise(parts), noise(parts[::-1])
+    np.testing.assert_allclose(first, other, rtol=1e-6)
+    # Half of the rows are four times as noisy, sixteen times for the second derivative.
+    fine, coarse = (noise([part, part]) for part in parts)
+    for both, own, less, power in zip(first, fine, coarse, (1, 2), strict=True):
+        assert both / own == pytest.approx(np.sqrt((1 + 16.0**-power) / 2), rel=0.15) and less < 0.5 * own

@@ -95,6 +95,14 @@ def test_brackets_that_hold_no_unit_belong_to_the_name(name):
     assert data.units == {}
 
 
+def test_brackets_behind_one_name_hold_units_or_none_of_them_does():
+    frame = FRAME.rename(columns={"y": "T (in)", "v": "T (out)", "t": "t (s)"})
+    data = bg.read(frame, time="t", states={"y": "T (in)"}, inputs={"v": "T (out)"})
+    assert data.units == {"t": "s"}
+    check(data)
+    assert bg.read(FRAME.rename(columns={"y": "T (in)", "v": "p (out)"}), time="t", states=["T"]).unit("T") == "in"
+
+
 def test_a_unit_that_is_not_known_is_left_out_and_said():
     data = bg.read(FRAME.rename(columns={"y": "y [bananas]"}), time="t", states=["y"])
     assert data.units == {} and '"bananas" of y' in remarks(data)
@@ -248,6 +256,26 @@ def test_labview_files_are_read_with_their_units_and_segments(tmp_path, decimal,
     np.testing.assert_allclose(data.take(1).states["y"], -Y, rtol=1e-12)
     np.testing.assert_allclose(data.take(1).inputs["u"], V, rtol=1e-12)
     assert (data.unit("t"), data.unit("y"), data.unit("u")) == ("s", "m", "V")
+
+
+@pytest.mark.parametrize("end", ["\n", "\r\n"])
+def test_labview_files_with_times_of_each_channel_have_units_in_their_places_and_one_time(tmp_path, end):
+    # As LabVIEW writes them: lines without a tab at their end, a channel's cells two apart.
+    head = "LabVIEW Measurement\nSeparator\tTab\nDecimal_Separator\t.\nX_Columns\tMulti\n***End_of_Header***\t\n\t\n"
+    channels = "Channels\t2\t\nY_Unit_Label\tVolts\t\tm\nX_Dimension\tTime\t\tTime\n***End_of_Header***\n"
+    names = "X_Value\tu\tX_Value\ty\tComment\n"
+
+    def read(later):
+        rows = "\n".join(f"{t}\t{v}\t{t + later}\t{y}" for t, y, v in zip(T, Y, V, strict=True))
+        path = tmp_path / "run.lvm"
+        path.write_text((head + channels + names + rows).replace("\n", end), newline="")
+        return bg.read(path, time="X_Value", states=["y"], inputs=["u"])
+
+    data = read(0.0)
+    check(data)
+    assert (data.unit("y"), data.unit("u")) == ("m", "volts")
+    with pytest.raises(bg.InputError, match="times of its own for the channel 'y'.*one time: export"):
+        read(0.1)
 
 
 def test_other_text_under_the_name_of_a_labview_file_is_refused(tmp_path):

@@ -63,3 +63,16 @@ def test_a_kink_of_an_exact_path_is_no_noise():
 
 def test_too_few_samples_tell_no_noise():
     assert noise_of(runs([steps(FEWEST_DIFFERENCES, 0.1)], 0.1))[0] == 0.0
+
+
+@pytest.mark.parametrize("kind", [np.float64, np.float32])
+def test_noise_is_seen_wherever_zero_lies_and_rounding_is_none_there(kind):
+    t, rng = steps(600, 1.0), np.random.default_rng(4)
+    swing, noise = 50 * np.sin(t / 50), 0.08 * rng.standard_normal(600)
+    for level in (0.0, 101_325.0):
+        noisy = (level + swing + noise).astype(kind).astype(float)
+        exact = (level + swing).astype(kind).astype(float)
+        assert sample_noise(t, noisy[:, None], [600])[0] == pytest.approx(0.08, rel=0.15)
+        assert sample_noise(t, exact[:, None], [600])[0] == 0.0
+    north = 5_328_000 + 2 * np.sin(t / 20) + 0.5 * rng.standard_normal(600)
+    assert sample_noise(t, north[:, None], [600])[0] == pytest.approx(0.5, rel=0.15)

@@ -40,7 +40,9 @@ def read_lvm(path: Path, layout: Layout) -> Table:
     lines = path.read_text(encoding=layout.encoding).splitlines()
     if not lines or not lines[0].startswith("LabVIEW Measurement"):
         raise InputError(f'"{path}" is no LabVIEW measurement file; rename it to .txt if it is another kind of text.')
-    written = {key: value.strip("\t ") for key, value in re.findall(r"(?m)^(\w+)[\t,]([^\t]*)", "\n".join(lines[:40]))}
+    written = {
+        key: value.strip("\t ") for key, value in re.findall(r"(?m)^(\w+)[\t,]([^\t\r\n]*)", "\n".join(lines[:40]))
+    }
     separator = {"Tab": "\t", "Comma": ","}.get(written.get("Separator", "Tab").rstrip(","))
     if separator is None:
         raise InputError(f'"{path}" has a separator that is neither Tab nor Comma; export the file with one of them.')
@@ -49,13 +51,16 @@ def read_lvm(path: Path, layout: Layout) -> Table:
     if not segments:
         raise InputError(f'"{path}" has no samples below its header; export the file again.')
     frames = [_frame(segment, decimal, path) for segment in segments]
+    for segment, frame in zip(segments, frames, strict=True):
+        _require_one_time(segment, frame, decimal, path)
     for number, frame in enumerate(frames):
         if len(frames) > 1:
             frame.insert(0, "segment", number)
     # Units stand beside the columns of samples, which follow the stamps.
     first = segments[0]
-    channels = [name for name in first.names if name not in (STAMPS, "Comment") and not name.startswith(f"{STAMPS}.")]
-    units = dict(zip(channels, first.header.get("Y_Unit_Label", []), strict=False))
+    labels = first.header.get("Y_Unit_Label", [])
+    stated = zip(first.names[1:], labels, strict=False)
+    units = {name: unit for name, unit in stated if unit.strip() and not _is_stamps(name) and name != "Comment"}
     if (first.header.get("X_Dimension") or ["Time"])[0].strip() == "Time":
         units[STAMPS] = "s"
     several = len(frames) > 1
@@ -115,6 +120,34 @@ def _frame(segment: _Segment, decimal: str, path: Path) -> pd.DataFrame:
             raise InputError(f'"{path}" has neither stamps nor their spacing Delta_X; export it with a column of time.')
         frame[STAMPS] = start + step * np.arange(len(frame))
     return frame
+
+
+def _require_one_time(segment: _Segment, frame: pd.DataFrame, decimal: str, path: Path) -> None:
+    """Refuse channels that each have stamps of their own, as of another start or step, where rows have one time."""
+    own = [name for name in frame if _is_stamps(str(name))]
+    slack = 1e-3 * float(np.median(np.abs(np.diff(frame[STAMPS])))) if len(frame) > 1 else 0.0
+    for name in own[1:]:
+        stamps = frame[name].to_numpy()
+        if np.isnan(stamps).all():
+            at = segment.names.index(str(name))
+            start, step = (_of_channel(segment, key, at, decimal) for key in ("X0", "Delta_X"))
+            stamps = start + step * np.arange(len(frame))
+        if np.any(np.abs(stamps - frame[STAMPS].to_numpy()) > slack):
+            channel = segment.names[segment.names.index(str(name)) + 1 :][:1]
+            raise InputError(
+                f'"{path}" has times of its own for the channel {"".join(channel)!r}, and rows have one time: export '
+                "channels of one sampling into one file, or each into its own."
+            )
+
+
+def _of_channel(segment: _Segment, key: str, at: int, decimal: str) -> float:
+    """What the header says of the channel behind a column of stamps."""
+    cells = segment.header.get(key) or ["0"]
+    return _number(cells[at] if at < len(cells) else cells[0], decimal)
+
+
+def _is_stamps(name: str) -> bool:
+    return name == STAMPS or name.startswith(f"{STAMPS}.")
 
 
 def _number(cell: str, decimal: str) -> float:

@@ -1,0 +1,25 @@
+"""Whole numbers of more digits than a float holds, as stamps in nanoseconds are."""
+
+import numpy as np
+from jaxtyping import Float
+
+HELD = 2**53
+"""Every whole number up to here is a float."""
+
+
+def first_lost(values: np.ndarray) -> int | None:
+    """Place of the first whole number that is none as a float; None where there is no such.
+
+    Args:
+        values: Numbers of any kind.
+    """
+    if values.dtype.kind not in "iu" or not len(values) or max(int(values.max()), -int(values.min())) <= HELD:
+        return None
+    with np.errstate(invalid="ignore"):
+        lost = values.astype(float).astype(values.dtype) != values
+    return int(np.argmax(lost)) if lost.any() else None
+
+
+def since_first(values: np.ndarray) -> Float[np.ndarray, " n"]:
+    """Whole numbers less the smallest of them, t_i − min t, subtracted before they become floats."""
+    return (values - values.min()).astype(float)

@@ -1,0 +1,39 @@
+"""Arrays as users hold them: with a mask, a unit or imaginary parts, none of which a column of floats has."""
+
+from typing import Any
+
+import numpy as np
+
+from .errors import InputError
+
+NO_UNIT = ("", "dimensionless")
+"""What libraries of units call a plain number."""
+
+
+def plain_array(values: Any, what: str) -> np.ndarray:
+    """Values as an array of the type that they have; where some are masked, of floats with NaN for these.
+
+    Args:
+        values: What was given.
+        what: Which values they are, for the message.
+
+    Raises:
+        InputError: Complex numbers; a unit of the values' own.
+    """
+    kind, dtype = type(values), getattr(values, "dtype", None)
+    if getattr(dtype, "kind", "") not in ("m", "M"):
+        # Of a class that has units, such as pint's: elsewhere an attribute of that name may be anything.
+        unit = next((str(getattr(values, name)) for name in ("units", "unit") if hasattr(kind, name)), "")
+        if unit not in NO_UNIT:
+            raise InputError(
+                f"The {what} has a unit of its own, {unit}, which would be lost: give its numbers, and that unit in "
+                "units={...}."
+            )
+    if hasattr(kind, "magnitude"):
+        values = values.magnitude
+    if np.ma.is_masked(values) and values.dtype.kind in "iuf":
+        values = np.ma.filled(values.astype(float), np.nan)
+    array = np.asarray(values)
+    if array.dtype.kind == "c":
+        raise InputError(f"The {what} holds complex numbers, of which a row has none: give real and imaginary parts.")
+    return array
