@@ -53,6 +53,12 @@ def test_it_is_saved_and_read(fit, tmp_path):
     np.testing.assert_allclose(read.predict(sampled())["y"].rate.mean, fit.predict(sampled())["y"].rate.mean)
 
 
+def test_it_is_read_with_the_shares_of_its_variance_found(fit, tmp_path):
+    found = fit.discrepancy()
+    fit.save(tmp_path / "fit.nc")
+    assert bg.load(tmp_path / "fit.nc").discrepancy().equals(found)
+
+
 def test_its_page_is_written(fit, tmp_path):
     fit.to_html(tmp_path / "fit.html")
     text = (tmp_path / "fit.html").read_text()
