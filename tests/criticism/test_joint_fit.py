@@ -53,6 +53,11 @@ def test_it_is_saved_and_read(fit, tmp_path):
     np.testing.assert_allclose(read.predict(sampled())["y"].rate.mean, fit.predict(sampled())["y"].rate.mean)
 
 
+def test_its_checks_are_of_all_its_equations(fit):
+    ((_, checked),) = fit.checks().table.xs("prior sensitivity", level="check").iterrows()
+    assert checked["value"] == fit.sensitivity()["prior"].max() > 0
+
+
 def test_it_is_read_with_the_shares_of_its_variance_found(fit, tmp_path):
     found = fit.discrepancy()
     fit.save(tmp_path / "fit.nc")
