@@ -152,7 +152,7 @@ class Fit(Posterior):
         """What `bg.Noise` found in each equation; no columns where it is white or none was asked for."""
         found = getattr(self.model.noise, "found", None) or {}
         equations = pd.Index(self.model.equations, name="equation")
-        return pd.DataFrame([dict(found.get(name, {})) for name in equations], index=equations)
+        return pd.DataFrame([dict(found.get(self.model.block_of(name), {})) for name in equations], index=equations)
 
     def inclusion(self, level: float = 0.9, rope: float = ROPE) -> pd.DataFrame:
         """Coefficients by (equation, term), with P(γ_j = 1) under a spike-and-slab prior."""

@@ -112,6 +112,20 @@ class Program(SamplingProgram):
             return {block_name(self.equations): self.equations}
         return {name: (name,) for name in self.equations}
 
+    def block_of(self, equation: str | None) -> str:
+        """What the rows of an equation are called; of the first, unless named.
+
+        Args:
+            equation: A learned state or output, or a block.
+
+        Raises:
+            InputError: There is no such equation.
+        """
+        for block, own in self.blocks.items():
+            if equation in (None, block, *own):
+                return block
+        raise InputError(f"There is no equation {equation!r}; the model learns {', '.join(self.equations)}.")
+
     def dictionaries(self, data: Trajectories) -> dict[str, Dictionary]:
         """Terms with coefficients to learn, by learned state, checked against the data's names and units.
 
