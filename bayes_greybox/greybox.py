@@ -191,11 +191,11 @@ class Fit(Posterior):
 
     def loo_pit(self, equation: str | None = None) -> LooPit:
         """Where each measurement falls in its leave-one-out prediction; the first equation unless named."""
-        return checks(self).loo_pit[equation or next(iter(self.equations))]
+        return checks(self).loo_pit[self.model.block_of(equation)]
 
     def whiteness(self, equation: str | None = None) -> Whiteness:
         """Autocorrelation of the whitened residuals; the first equation unless named."""
-        return checks(self).whiteness[equation or next(iter(self.equations))]
+        return checks(self).whiteness[self.model.block_of(equation)]
 
     def sensitivity(self) -> pd.DataFrame:
         """Power-scaling sensitivity of θ and P(γ) to prior and likelihood, by (equation, quantity)."""

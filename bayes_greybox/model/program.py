@@ -1,6 +1,7 @@
 """The probabilistic program: simulation + sparse dictionary + orthogonal discrepancy, as a NumPyro model."""
 
 import difflib
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, TypeVar
@@ -22,7 +23,7 @@ from .coefficient import StatedTerms, centred, read_coefficients, stated_in_word
 from .design import Design
 from .equation import Equation
 from .gp.discrepancy import OrthogonalGP
-from .noise.asked import Noise, find_noise, with_found
+from .noise.asked import Noise, find_noise, is_number, with_found
 from .noise.noise_model import PROCESS, NoiseModel
 from .priors import Prior, SpikeAndSlab
 from .rows.as_measured import AsMeasured
@@ -97,8 +98,8 @@ class Program(SamplingProgram):
                     "do not say in which equation it acts. Use GreyBox(discrepancy=None), leave one equation in the "
                     "dictionary, or give rates: derivatives=..., or data.differentiate()."
                 )
-        if not isinstance(self.noise, Noise) and not self.noise > 0:
-            raise InputError(f"GreyBox(noise={self.noise:g}) must be positive.")
+        if not isinstance(self.noise, Noise) and not (is_number(self.noise) and 0 < self.noise < math.inf):
+            raise InputError(f"GreyBox(noise={self.noise!r}) must be a positive number, or bg.Noise(...).")
 
     @property
     def equations(self) -> tuple[str, ...]:

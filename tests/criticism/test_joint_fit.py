@@ -66,6 +66,12 @@ def test_a_force_found_on_its_rows_is_that_of_each_equation(fit):
     assert list(table.index) == ["x", "y"] and list(table["force"]) == [0.3, 0.3]
 
 
+def test_its_checks_are_found_by_either_equation_and_others_are_refused(fit):
+    assert fit.loo_pit("y") is fit.loo_pit() and fit.whiteness("x") is fit.whiteness("x_and_y")
+    with pytest.raises(bg.InputError, match="no equation 'z'; the model learns x, y"):
+        fit.loo_pit("z")
+
+
 def test_it_is_read_with_the_shares_of_its_variance_found(fit, tmp_path):
     found = fit.discrepancy()
     fit.save(tmp_path / "fit.nc")

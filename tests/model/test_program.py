@@ -12,6 +12,7 @@ from numpyro.handlers import seed, trace
 
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.inference.settings import Sampling
 from bayes_greybox.model.gp.discrepancy import EXACT_LIMIT, OrthogonalGP
 from bayes_greybox.model.noise.asked import Noise, varies_with
 from bayes_greybox.model.priors import CustomPrior, Laplace
@@ -307,3 +308,15 @@ def test_sites_of_a_users_prior_cannot_take_names_of_the_results(name):
     program = Program({"v": ["y"]}, prior=prior, discrepancy=None)
     with pytest.raises(InputError, match=f"site called '{name}', which the results need"):
         program.gibbs_equations(program.designs(_data()))
+
+
+@pytest.mark.parametrize("noise", [np.inf, np.nan, 0.0, -1.0, None, True, "1"])
+def test_a_scale_of_the_noise_that_is_no_positive_number_is_refused(noise):
+    with pytest.raises(InputError, match=r"GreyBox\(noise=.*\) must be a positive number, or bg.Noise"):
+        Program({"v": ["y"]}, noise=noise)
+
+
+@pytest.mark.parametrize("name", ["draws", "tune", "chains", "seed"])
+def test_a_number_of_the_sampler_is_no_truth_value(name):
+    with pytest.raises(InputError, match=f"{name}=True must be a whole number"):
+        Sampling(**{name: True})
