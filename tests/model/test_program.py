@@ -302,7 +302,7 @@ def test_terms_that_a_spectral_derivative_wipes_out_are_refused():
     assert Program({"v": ["y", "v"]}, discrepancy=None).assemble(data)
 
 
-@pytest.mark.parametrize("name", ["gamma", "theta", "weight", "f"])
+@pytest.mark.parametrize("name", ["gamma", "theta", "weight", "f", "term", "variable", "basis"])
 def test_sites_of_a_users_prior_cannot_take_names_of_the_results(name):
     prior = CustomPrior(lambda n: numpyro.sample(name, dist.HalfNormal(1.0).expand([n]).to_event(1)))
     program = Program({"v": ["y"]}, prior=prior, discrepancy=None)
