@@ -13,6 +13,7 @@ from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.inference.sampling import sample_posterior
 from bayes_greybox.inference.settings import Sampling
 from bayes_greybox.model.gp.discrepancy import OrthogonalGP
+from bayes_greybox.model.noise.asked import Noise
 from bayes_greybox.model.priors import Normal
 from bayes_greybox.model.program import Program
 from bayes_greybox.model.rows.trajectory_rows import TrajectoryRows
@@ -180,6 +181,22 @@ def test_rows_that_mix_samples_by_their_models_are_refused():
 def test_fits_that_have_not_converged_are_named():
     table = compare(fits(oscillator(30)), max_refits=0)
     assert any("bare has not converged" in note for note in table.attrs["notes"])
+
+
+def test_rows_weighed_by_their_residuals_are_not_ranked_among_others():
+    data, made = oscillator(30), {}
+    for name, tails in {"normal": None, "heavy": 4.0}.items():
+        model, whole = Program(BARE.dictionary, discrepancy=None, noise=Noise(tails=tails)).with_noise_found(data)
+        made[name] = fabricate(model, whole, draws=100)
+    with pytest.raises(InputError, match="'heavy' has Noise\\(tails=...\\), which weighs .* 'normal' has not"):
+        compare(made, max_refits=0)
+    for scheme in ("loo", "block", "future"):
+        judged = {name: cross_validate(fit, scheme, refit=None) for name, fit in made.items()}
+        assert any("its own residual" in note for note in judged["heavy"].notes)
+        assert not any("its own residual" in note for note in judged["normal"].notes)
+    # Where the data speak against heavy tails, no row is weighed.
+    sought, whole = Program(BARE.dictionary, discrepancy=None, noise=Noise(tails="fit")).with_noise_found(data)
+    assert len(compare(made | {"heavy": fabricate(sought, whole, draws=100)}, max_refits=0)) == 2
 
 
 def test_what_cannot_be_compared_is_refused():

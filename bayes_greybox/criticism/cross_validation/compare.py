@@ -16,6 +16,7 @@ from bayes_greybox.inference.posterior import Posterior
 from .cross_validate import cross_validate
 from .folds import SCHEMES, START, Folds, check_scheme, make_folds
 from .loo import Loo
+from .weighted_rows import require_weighted_alike
 
 __all__ = ["SCHEMES", "TIE_NATS", "compare", "comparison_table", "stacking_weights", "tied", "unreliable"]
 
@@ -55,12 +56,13 @@ def compare(
 
     Raises:
         InputError: Fewer than two models; an unknown scheme, or one that does not fit the data; fits to different data
-            or different equations.
+            or different equations; fits with rows weighed by their residuals, and without.
     """
     check_scheme(scheme, block, start)
     if len(fits) < 2:
         raise InputError(f"compare needs at least two models, not {len(fits)}: pass {{'name': fit, 'other': fit}}.")
     _require_same_data(fits)
+    require_weighted_alike(fits)
     chosen = ()
     if scheme in ("block", "future") and block is None:
         longest = _longest({name: make_folds(fit, scheme, None, start) for name, fit in fits.items()})
