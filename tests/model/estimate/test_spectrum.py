@@ -2,10 +2,14 @@
 
 import numpy as np
 import pytest
+from fabricated import oscillator
 from scipy.stats import multivariate_normal
 
 from bayes_greybox.model.estimate.evidence import Spectrum, marginal
+from bayes_greybox.model.estimate.likeliest import likeliest
 from bayes_greybox.model.gp.hyper import NoisePrior
+from bayes_greybox.model.program import Program
+from bayes_greybox.physics.coefficient import Coefficient
 
 SIGMA = np.array([0.3, 1.0, 2.0])
 
@@ -29,3 +33,13 @@ def test_a_batch_has_what_each_has_alone(n_column):
     noise = NoisePrior(0.0, 1.0)
     evidence = marginal(batch, noise).log_evidence
     np.testing.assert_allclose(evidence, [float(marginal(one, noise).log_evidence) for one in each])
+
+
+def test_coefficients_of_which_something_is_stated_are_as_uncertain_as_the_residuals_say():
+    """A bound far away says nothing: those of all terms are then as uncertain as without it."""
+    terms = {"v": ["y**3", "v", "sin(3*y)"]}
+    bound = Program(terms, discrepancy=None, coefficients={"v": {"v": Coefficient(upper=1e3)}})
+    (plain,) = Program(terms, discrepancy=None).assemble(oscillator(200)).values()
+    (stated,) = bound.assemble(oscillator(200)).values()
+    assert len(likeliest(plain).terms) == 3
+    np.testing.assert_allclose(likeliest(stated).sd, likeliest(plain).sd, rtol=0.05)
