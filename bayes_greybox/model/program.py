@@ -22,6 +22,7 @@ from .blocks import by_block, used_states
 from .coefficient import StatedTerms, centred, read_coefficients, stated_in_words, stated_terms
 from .design import Design
 from .equation import Equation
+from .estimate.evidence import LEAST_FLOOR
 from .gp.discrepancy import OrthogonalGP
 from .noise.asked import Noise, find_noise, is_number, with_found
 from .noise.noise_model import PROCESS, NoiseModel
@@ -85,9 +86,10 @@ class Program(SamplingProgram):
             )
         if isinstance(self.rows, type) or not isinstance(self.rows, RowKind):
             raise InputError(f"GreyBox(rows={self.rows!r}) is no kind of rows: give one such as bg.DerivativeRows().")
-        if not 1e-7 <= self.noise_floor < 1:
+        if not LEAST_FLOOR <= self.noise_floor < 1:
             raise InputError(
-                f"GreyBox(noise_floor={self.noise_floor:g}) must lie between 1e-7, where rounding takes over, and 1."
+                f"GreyBox(noise_floor={self.noise_floor:g}) must lie between {LEAST_FLOOR:g}, below which rounding "
+                "decides which terms are likely, and 1."
             )
         if not self.rows.rates_measured:
             if len(self.dictionary) > 1 and not self.rows.shared:
