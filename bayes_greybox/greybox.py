@@ -287,7 +287,7 @@ class Fit(Posterior):
             backend: "numpy", or "jax" for a function that can be compiled, mapped and differentiated.
             draws: Posterior draws along a first axis, `[draws, *n, n_equation]`, each with all its terms;
                 `rates.draw(k)` is one of them. None: the equation that `print(fit)` shows, coefficients at their means.
-            discrepancy: Whether f is added, held beyond the features' domain; without it f is left out.
+            discrepancy: Whether f is added; beyond its features' domain these are held, and their projection goes on.
 
         Raises:
             InputError: An unknown backend; more draws than there are; f of a model on the exact path.
