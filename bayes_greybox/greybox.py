@@ -152,7 +152,7 @@ class Fit(Posterior):
         """What `bg.Noise` found in each equation; no columns where it is white or none was asked for."""
         found = getattr(self.model.noise, "found", None) or {}
         equations = pd.Index(self.model.equations, name="equation")
-        return pd.DataFrame([dict(found.get(name, {})) for name in equations], index=equations)
+        return pd.DataFrame([dict(found.get(self.model.block_of(name), {})) for name in equations], index=equations)
 
     def inclusion(self, level: float = 0.9, rope: float = ROPE) -> pd.DataFrame:
         """Coefficients by (equation, term), with P(γ_j = 1) under a spike-and-slab prior."""
@@ -191,11 +191,11 @@ class Fit(Posterior):
 
     def loo_pit(self, equation: str | None = None) -> LooPit:
         """Where each measurement falls in its leave-one-out prediction; the first equation unless named."""
-        return checks(self).loo_pit[equation or next(iter(self.equations))]
+        return checks(self).loo_pit[self.model.block_of(equation)]
 
     def whiteness(self, equation: str | None = None) -> Whiteness:
         """Autocorrelation of the whitened residuals; the first equation unless named."""
-        return checks(self).whiteness[equation or next(iter(self.equations))]
+        return checks(self).whiteness[self.model.block_of(equation)]
 
     def sensitivity(self) -> pd.DataFrame:
         """Power-scaling sensitivity of θ and P(γ) to prior and likelihood, by (equation, quantity)."""
@@ -287,7 +287,7 @@ class Fit(Posterior):
             backend: "numpy", or "jax" for a function that can be compiled, mapped and differentiated.
             draws: Posterior draws along a first axis, `[draws, *n, n_equation]`, each with all its terms;
                 `rates.draw(k)` is one of them. None: the equation that `print(fit)` shows, coefficients at their means.
-            discrepancy: Whether f is added, held beyond the features' domain; without it f is left out.
+            discrepancy: Whether f is added; beyond its features' domain these are held, and their projection goes on.
 
         Raises:
             InputError: An unknown backend; more draws than there are; f of a model on the exact path.

@@ -16,8 +16,8 @@ def inclusion(posterior: Posterior, level: float = 0.9, rope: float = ROPE) -> p
 
     `inclusion` is P(γ_j = 1 | y), averaged over the hyperparameters from its exact conditional value
     (Rao–Blackwell). Only a spike-and-slab prior has it. Every prior has P(|θ_j| > ROPE) and the shrinkage factor
-    κ_j = 1/(1 + n sd_j²/σ²), 0 for a coefficient the data decide and 1 for one the prior holds at zero
-    (Piironen & Vehtari 2017, Eq. 2.6).
+    κ_j = 1/(1 + ‖Wφ_j‖² sd_j²/σ²), 0 for a coefficient the data decide and 1 for one the prior holds at zero
+    (Piironen & Vehtari 2017, Eq. 2.6, where ‖φ_j‖² is n); W whitens the rows.
 
     Args:
         posterior: Fitted model.
@@ -42,7 +42,7 @@ def inclusion(posterior: Posterior, level: float = 0.9, rope: float = ROPE) -> p
         frame, own, draws = learned.frame, posterior.sites[learned.block], learned.of(posterior.draws(learned.block))
         theta = draws.theta * frame.coefficient_scale
         tail = (1 - level) / 2
-        n_obs = float(learned.equation.design.n_obs)
+        square = np.sum(np.asarray(learned.equation.design.Phi)[:, learned.columns] ** 2, axis=0)
         columns = {
             "mean": theta.mean(axis=0),
             "sd": theta.std(axis=0, ddof=1) if len(theta) > 1 else np.zeros(theta.shape[1]),
@@ -54,7 +54,7 @@ def inclusion(posterior: Posterior, level: float = 0.9, rope: float = ROPE) -> p
         columns |= {
             "outside_rope": np.mean(np.abs(draws.theta) > rope, axis=0),
             "shrinkage": np.mean(
-                1 / (1 + n_obs * draws.prior_sd**2 / np.asarray(draws.hyper.sigma)[:, None] ** 2), axis=0
+                1 / (1 + square * draws.prior_sd**2 / np.asarray(draws.hyper.sigma)[:, None] ** 2), axis=0
             ),
         }
         stated = posterior.model.stated(name, posterior.data)

@@ -53,9 +53,11 @@ def judged(posterior: Posterior) -> Iterator[tuple[str, Float[np.ndarray, "n_cha
     group = posterior.drawn()
     # On exact paths the weights of f are sampled as everything else.
     drawn = _NOT_JUDGED[1:] if posterior.sampling.exact else _NOT_JUDGED
-    left_out = {own[name] for own in posterior.sites.values() for name in drawn}
+    # A refit holds one equation of the model's.
+    held = {name: posterior.sites[name] for name in posterior.equations}
+    left_out = {own[name] for own in held.values() for name in drawn}
     shape = (group.sizes["chain"], group.sizes["draw"])
-    for name, own in posterior.sites.items():
+    for name, own in held.items():
         f = _at_rows(posterior, name)
         if f is not None and lost(f.reshape(*shape, -1), np.asarray(posterior.draws(name).hyper.sigma).reshape(shape)):
             left_out |= {own.amplitude, own.length_scale}

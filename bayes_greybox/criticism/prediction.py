@@ -143,7 +143,7 @@ def discrepancy_draws(
 def predictive_group(
     posterior: Posterior, source: str = "posterior"
 ) -> tuple[dict[str, np.ndarray], np.ndarray] | None:
-    """Predictive draws of the measured rates at the training rows, noise with its correlation included.
+    """Predictive draws of the measured rates, or samples, at the training rows, noise with its correlation included.
 
     Args:
         posterior: Fitted model.
@@ -176,7 +176,7 @@ def predictive_group(
             mean = draws.theta @ Phi.T + equation.design.at_data(Psi, slice(None), draws)
             noise = equation.rows.noise.correlated(rng.standard_normal(mean.shape))
             measured = mean + np.asarray(draws.hyper.sigma)[:, None] * noise
-            rate[:] = equation.rows.simulated + equation.frame.target_scale * measured
+            rate[:] = equation.rows.gain * (equation.rows.simulated + equation.frame.target_scale * measured)
         groups[posterior.sites[name].rate] = rates
     return groups, kept
 

@@ -10,7 +10,8 @@ from .digits import first_lost, since_first
 from .errors import InputError
 from .given_arrays import plain_array
 
-_RESERVED = {"t": "time", "run": "run number"}
+RESERVED = {"t": "time", "run": "run number", "obs_id": "number of the row in results"}
+"""Names that no column can have, and what has them."""
 
 
 def derivative_label(state: str, time_name: str = "t") -> str:
@@ -140,8 +141,8 @@ def check_names(
                 f"{name!r} cannot be used as a name in expressions; use letters, digits and underscores, "
                 "not starting with a digit."
             )
-        if name in ("t", "run"):
-            raise InputError(f'The name "{name}" is taken by the {_RESERVED[name]}; rename that column.')
+        if name in RESERVED:
+            raise InputError(f'The name "{name}" is taken by the {RESERVED[name]}; rename that column.')
     for name in inputs:
         if name in states:
             raise InputError(f'"{name}" is both a state and an input; rename one or leave one out.')

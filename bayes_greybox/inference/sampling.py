@@ -104,7 +104,7 @@ def _sampled(
         "sample_stats": chains.stats,
         "prior": user_units(prior, equations),
         "log_prior": densities,
-        "observed_data": {model.sites[name].rate: equations[name].rows.measured for name in designs},
+        "observed_data": {model.sites[name].rate: equations[name].rows.shown for name in designs},
         "constant_data": data_table(data),
     }
     return Posterior(model, data, sampling, tree_of(groups, equations), Made(model, data, equations, programs), whole)

@@ -29,7 +29,7 @@ class Sampling:
     def __post_init__(self) -> None:
         for name, least in {"draws": 1, "tune": 1, "chains": 1, "seed": 0}.items():
             value = getattr(self, name)
-            if not isinstance(value, Integral) or value < least:
+            if isinstance(value, bool) or not isinstance(value, Integral) or value < least:
                 raise InputError(f"{name}={value!r} must be a whole number, at least {least}.")
         if not 0 < self.target_accept < 1:
             raise InputError(f"target_accept={self.target_accept:g} must lie between 0 and 1.")

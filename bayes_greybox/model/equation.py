@@ -90,7 +90,7 @@ class Equation:
     def moved(self, before: Sequence[tuple[Term, float]]) -> float:
         """Largest change of a coefficient of `ridge` from others, in its standard deviations."""
         theta, precision = self._least_squares
-        sd = np.sqrt(self._variance * np.diag(np.linalg.inv(precision)))
+        sd = np.sqrt(self.variance * np.diag(np.linalg.inv(precision)))
         return float(np.max(np.abs(theta - self._scaled(before)) / sd))
 
     def log_likelihood(self) -> float:
@@ -155,7 +155,7 @@ class Equation:
         return np.clip(found.x * unit, lower, upper)
 
     @cached_property
-    def _variance(self) -> float:
+    def variance(self) -> float:
         """Of the whitened rows about the estimate of `ridge`, scaled units."""
         theta, _ = self._least_squares
         square = np.sum((np.asarray(self.design.y) - np.asarray(self.design.Phi) @ theta) ** 2)

@@ -173,7 +173,10 @@ def scaled_position(
 def held_features(
     basis: HilbertBasis, x: Float[Array | np.ndarray, "n_row n_var"]
 ) -> Float[Array | np.ndarray, "n_row n_basis"]:
-    """ψ; outside the features' domain the expansion would repeat itself, so there f is held at its edge value."""
+    """ψ; outside the features' domain the expansion would repeat itself, so there ψ is held at its edge value.
+
+    Of f that holds ψw alone: the projection that is subtracted, Φₒ⟨Φₒ, ψᵀ⟩w, goes on as the terms do.
+    """
     return basis(held_inside(basis, x))
 
 

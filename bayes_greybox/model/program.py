@@ -1,6 +1,7 @@
 """The probabilistic program: simulation + sparse dictionary + orthogonal discrepancy, as a NumPyro model."""
 
 import difflib
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, TypeVar
@@ -21,8 +22,9 @@ from .blocks import by_block, used_states
 from .coefficient import StatedTerms, centred, read_coefficients, stated_in_words, stated_terms
 from .design import Design
 from .equation import Equation
+from .estimate.evidence import LEAST_FLOOR
 from .gp.discrepancy import OrthogonalGP
-from .noise.asked import Noise, find_noise, with_found
+from .noise.asked import Noise, find_noise, is_number, with_found
 from .noise.noise_model import PROCESS, NoiseModel
 from .priors import Prior, SpikeAndSlab
 from .rows.as_measured import AsMeasured
@@ -84,9 +86,10 @@ class Program(SamplingProgram):
             )
         if isinstance(self.rows, type) or not isinstance(self.rows, RowKind):
             raise InputError(f"GreyBox(rows={self.rows!r}) is no kind of rows: give one such as bg.DerivativeRows().")
-        if not 1e-7 <= self.noise_floor < 1:
+        if not LEAST_FLOOR <= self.noise_floor < 1:
             raise InputError(
-                f"GreyBox(noise_floor={self.noise_floor:g}) must lie between 1e-7, where rounding takes over, and 1."
+                f"GreyBox(noise_floor={self.noise_floor:g}) must lie between {LEAST_FLOOR:g}, below which rounding "
+                "decides which terms are likely, and 1."
             )
         if not self.rows.rates_measured:
             if len(self.dictionary) > 1 and not self.rows.shared:
@@ -97,8 +100,8 @@ class Program(SamplingProgram):
                     "do not say in which equation it acts. Use GreyBox(discrepancy=None), leave one equation in the "
                     "dictionary, or give rates: derivatives=..., or data.differentiate()."
                 )
-        if not isinstance(self.noise, Noise) and not self.noise > 0:
-            raise InputError(f"GreyBox(noise={self.noise:g}) must be positive.")
+        if not isinstance(self.noise, Noise) and not (is_number(self.noise) and 0 < self.noise < math.inf):
+            raise InputError(f"GreyBox(noise={self.noise!r}) must be a positive number, or bg.Noise(...).")
 
     @property
     def equations(self) -> tuple[str, ...]:
@@ -111,6 +114,20 @@ class Program(SamplingProgram):
         if self.rows.shared and self.equations:
             return {block_name(self.equations): self.equations}
         return {name: (name,) for name in self.equations}
+
+    def block_of(self, equation: str | None) -> str:
+        """What the rows of an equation are called; of the first, unless named.
+
+        Args:
+            equation: A learned state or output, or a block.
+
+        Raises:
+            InputError: There is no such equation.
+        """
+        for block, own in self.blocks.items():
+            if equation in (None, block, *own):
+                return block
+        raise InputError(f"There is no equation {equation!r}; the model learns {', '.join(self.equations)}.")
 
     def dictionaries(self, data: Trajectories) -> dict[str, Dictionary]:
         """Terms with coefficients to learn, by learned state, checked against the data's names and units.

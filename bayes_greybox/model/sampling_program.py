@@ -22,7 +22,7 @@ from .gp.hyper import Hyperparameters, HyperPrior, NoisePrior
 from .likelihood import CollapsedNormal
 from .noise.asked import Noise
 from .priors import Prior, Scales, SpikeAndSlab
-from .sites import DRAWN, Sites, site
+from .sites import DRAWN, LABELS, Sites, site
 
 
 class SamplingProgram:
@@ -102,7 +102,8 @@ class SamplingProgram:
                     f"The prior has a site that is called {strange[0]!r} in the equation of {equation!r}, as if it "
                     "were one of another equation: give it another name."
                 )
-            for taken in (name for name in DRAWN if name in found[equation] and not self._samples_patterns):
+            drawn = () if self._samples_patterns else DRAWN
+            for taken in (name for name in (*LABELS, *drawn) if name in found[equation]):
                 raise InputError(
                     f"The prior has a site called {taken!r}, which the results need: give it another name."
                 )

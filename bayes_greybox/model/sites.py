@@ -12,6 +12,9 @@ from jaxtyping import Array
 DRAWN = ("theta", "theta_sd", "prior_sd", "gamma", "inclusion", "weight", "f")
 """What is drawn exactly given the sites of the model; no site of a user's own prior can be called so."""
 
+LABELS = ("term", "variable", "basis")
+"""Coordinates of results: a site of a user's own prior that is called so would vanish beside them."""
+
 
 QUANTITIES = frozenset(
     (*DRAWN, "y", "rate", "noise", "sigma", "amplitude", "length_scale", "pi", "tau", "tau_unit", "log_odds")

@@ -12,8 +12,10 @@ from bayes_greybox.criticism.checks.p_values import LEVEL, combined_p
 from bayes_greybox.criticism.checks.sensitivity import CONFLICT, DOMINANT, FINE, sensitivity
 from bayes_greybox.criticism.checks.whiteness import _autocorrelation, whiteness
 from bayes_greybox.criticism.cross_validation.row_densities import pointwise_loo
+from bayes_greybox.criticism.inclusion import inclusion
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.model.gp.discrepancy import OrthogonalGP
+from bayes_greybox.model.noise.asked import Noise
 from bayes_greybox.model.priors import CustomPrior, Normal, SpikeAndSlab
 from bayes_greybox.model.program import Program
 
@@ -197,3 +199,18 @@ def test_inclusion_is_recomputed_exactly_under_a_scaled_prior():
     assert expected.max() > 1e-3
     found = [table.loc[("v", f"P({term})"), "prior"] for term in frame.dictionary.names]
     np.testing.assert_allclose(found, expected, rtol=1e-3, atol=1e-6)
+
+
+def test_shrinkage_is_by_what_the_rows_say_of_a_term_under_their_noise():
+    """Of rows that hang together a constant is known by few, and what changes from row to row by all of them."""
+    data = data_of(200, 0.1 * np.random.default_rng(6).standard_normal(200))
+    model = Program(dictionary={"v": ["1", "y", "v"]}, prior=Normal(), discrepancy=None, noise=Noise(correlation=2.0))
+    model, data = model.with_noise_found(data)
+    sd, sigma = np.full((1, 5, 3), 0.5), np.full((1, 5), 0.3)
+    posterior = fabricate(model, data, chains=1, draws=5, prior_sd=sd, sigma=sigma)
+    rows, frame = posterior.equations["v"].rows, posterior.equations["v"].frame
+    Phi = np.asarray(frame.dictionary_rows(data.columns))
+    R = rows.noise.correlated(np.eye(200)).T
+    known = np.sum(np.linalg.solve(R, Phi) ** 2, axis=0)
+    np.testing.assert_allclose(inclusion(posterior)["shrinkage"], 1 / (1 + known * 0.5**2 / 0.3**2), rtol=1e-6)
+    assert known[0] < 0.3 * known[1]

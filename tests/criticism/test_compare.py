@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from fabricated import fabricate, oscillator
+from sampled_oscillator import SIMULATION, sampled
 
 from bayes_greybox.criticism.cross_validation.compare import compare, comparison_table, stacking_weights, tied
 from bayes_greybox.criticism.cross_validation.cross_validate import cross_validate
@@ -12,8 +13,11 @@ from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.inference.sampling import sample_posterior
 from bayes_greybox.inference.settings import Sampling
 from bayes_greybox.model.gp.discrepancy import OrthogonalGP
+from bayes_greybox.model.noise.asked import Noise
 from bayes_greybox.model.priors import Normal
 from bayes_greybox.model.program import Program
+from bayes_greybox.model.rows.trajectory_rows import TrajectoryRows
+from bayes_greybox.model.rows.weak_rows import WeakRows
 
 FULL = Program(dictionary={"v": ["y", "v", "y**3"]}, discrepancy=OrthogonalGP(features=6))
 BARE = Program(dictionary={"v": ["y", "v"]}, discrepancy=None)
@@ -137,9 +141,62 @@ def test_rows_are_compared_with_themselves_in_whatever_order_models_list_their_e
     assert table["diff_se"].iloc[1] < 0.05 * table["se"].iloc[1]
 
 
+SAMPLED = {"simulation": SIMULATION, "discrepancy": None, "prior": Normal()}
+NEAR = {"spring": (("y**3", -0.3),), "damper": (("v", -0.4),)}
+"""Models that rows are near: the samples are divided by another number in each."""
+
+
+def test_samples_compare_whatever_model_the_rows_are_near():
+    data, made = sampled(lambda y, v: -0.3 * y**3, n=60), {}
+    noise = 0.02 * np.std(data.states["y"])
+    for name, added in NEAR.items():
+        model = Program({"v": ["y**3", "v"]}, rows=TrajectoryRows(added=added), **SAMPLED)
+        whole = model.complete(data)
+        (equation,) = model.assemble(whole).values()
+        unit = equation.frame.target_scale * equation.rows.gain
+        sd = np.ones((2, 20, 2)) * 3.0
+        known = np.full((2, 20), noise / unit)
+        made[name] = fabricate(model, whole, draws=20, sigma=known, prior_sd=sd)
+    gains = [each.equations["v"].rows.gain for each in made.values()]
+    assert max(gains) > 1.05 * min(gains)
+    table = compare(made, max_refits=0)
+    # In the unit of the sensor: that of noise of its size, to a nat or so a coefficient, start and standard deviation.
+    assert abs(table["elpd"]["spring"] + 60 * np.log(noise * np.sqrt(2 * np.pi * np.e))) < 20
+
+
+def test_rows_that_mix_samples_by_their_models_are_refused():
+    data, made = sampled(lambda y, v: -0.3 * y**3, n=60), {}
+    data = Trajectories.from_arrays(
+        data.time,
+        states={"y": data.states["y"], "v": np.gradient(data.states["y"], data.time)},
+        inputs=dict(data.inputs),
+    )
+    for name, added in NEAR.items():
+        model = Program({"v": ["y**3", "v"]}, rows=WeakRows(added=added, added_to=("v",)), **SAMPLED)
+        made[name] = fabricate(model, model.complete(data), draws=20)
+    with pytest.raises(InputError, match="mix the same samples in different ways.*TrajectoryRows"):
+        compare(made)
+
+
 def test_fits_that_have_not_converged_are_named():
     table = compare(fits(oscillator(30)), max_refits=0)
     assert any("bare has not converged" in note for note in table.attrs["notes"])
+
+
+def test_rows_weighed_by_their_residuals_are_not_ranked_among_others():
+    data, made = oscillator(30), {}
+    for name, tails in {"normal": None, "heavy": 4.0}.items():
+        model, whole = Program(BARE.dictionary, discrepancy=None, noise=Noise(tails=tails)).with_noise_found(data)
+        made[name] = fabricate(model, whole, draws=100)
+    with pytest.raises(InputError, match="'heavy' has Noise\\(tails=...\\), which weighs .* 'normal' has not"):
+        compare(made, max_refits=0)
+    for scheme in ("loo", "block", "future"):
+        judged = {name: cross_validate(fit, scheme, refit=None) for name, fit in made.items()}
+        assert any("its own residual" in note for note in judged["heavy"].notes)
+        assert not any("its own residual" in note for note in judged["normal"].notes)
+    # Where the data speak against heavy tails, no row is weighed.
+    sought, whole = Program(BARE.dictionary, discrepancy=None, noise=Noise(tails="fit")).with_noise_found(data)
+    assert len(compare(made | {"heavy": fabricate(sought, whole, draws=100)}, max_refits=0)) == 2
 
 
 def test_what_cannot_be_compared_is_refused():

@@ -1,5 +1,7 @@
 """The posterior of several equations on the same samples, read as that of any others."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from predator_prey import COEFFICIENTS, by_integration, sampled
@@ -51,6 +53,29 @@ def test_it_is_saved_and_read(fit, tmp_path):
     read = bg.load(tmp_path / "fit.nc")
     assert read.summary().equals(fit.summary()) and read.model.rows == fit.model.rows
     np.testing.assert_allclose(read.predict(sampled())["y"].rate.mean, fit.predict(sampled())["y"].rate.mean)
+
+
+def test_its_checks_are_of_all_its_equations(fit):
+    ((_, checked),) = fit.checks().table.xs("prior sensitivity", level="check").iterrows()
+    assert checked["value"] == fit.sensitivity()["prior"].max() > 0
+
+
+def test_a_force_found_on_its_rows_is_that_of_each_equation(fit):
+    found = bg.Noise(force="fit", found={"x_and_y": {"force": 0.3, "force_share": 0.5}})
+    table = bg.Fit(replace(fit.model, noise=found), fit.data, fit.sampling, fit.idata).noise
+    assert list(table.index) == ["x", "y"] and list(table["force"]) == [0.3, 0.3]
+
+
+def test_its_checks_are_found_by_either_equation_and_others_are_refused(fit):
+    assert fit.loo_pit("y") is fit.loo_pit() and fit.whiteness("x") is fit.whiteness("x_and_y")
+    with pytest.raises(bg.InputError, match="no equation 'z'; the model learns x, y"):
+        fit.loo_pit("z")
+
+
+def test_it_is_read_with_the_shares_of_its_variance_found(fit, tmp_path):
+    found = fit.discrepancy()
+    fit.save(tmp_path / "fit.nc")
+    assert bg.load(tmp_path / "fit.nc").discrepancy().equals(found)
 
 
 def test_its_page_is_written(fit, tmp_path):

@@ -259,7 +259,7 @@ def test_a_prior_without_inclusion_leaves_out_what_hardly_moves_the_rate():
     assert [each.name for each in equation.terms] == ["y", "y**3"] and equation.pattern is None
     assert equation.terms[0].value.mean == pytest.approx(fit.values("v")["theta"][:, 0].mean())
     assert (
-        "likely to move the rate" in repr(fit)
+        "likely to move the rate by over 1\u00a0% (RMS) of what the simulation leaves" in repr(fit)
         and json.loads(fit.to_json())["equations"][1]["terms"][0]["inclusion"] is None
     )
 

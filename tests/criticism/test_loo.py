@@ -1,6 +1,7 @@
 """Leave-one-out from one run against dense algebra, exact refits and ArviZ."""
 
 import itertools
+from dataclasses import replace
 
 import jax
 import jax.numpy as jnp
@@ -11,7 +12,7 @@ from dense import dense
 from fabricated import fabricate, oscillator
 from scipy.special import betaln, logsumexp
 
-from bayes_greybox.criticism.convergence import array_stats
+from bayes_greybox.criticism.convergence import array_stats, convergence, convergence_table
 from bayes_greybox.criticism.cross_validation import row_densities as pointwise
 from bayes_greybox.criticism.cross_validation.loo import log_likelihood_group, loo, pointwise_loo
 from bayes_greybox.criticism.cross_validation.refits import refit_without
@@ -279,6 +280,16 @@ def test_large_groups_are_left_out(monkeypatch):
     model = Program(dictionary={"v": ["y"]}, discrepancy=None)
     monkeypatch.setattr(pointwise, "MOST_NUMBERS", 100)
     assert log_likelihood_group(fabricate(model, oscillator(30))) is None
+
+
+def test_a_refit_of_one_equation_of_two_is_judged_by_itself():
+    data = oscillator(20, seed=1)
+    data = replace(data, derivatives={"y": 0.9 * data.states["v"] + 0.01 * data.states["y"], **data.derivatives})
+    model = Program(dictionary={"y": ["v", "y"], "v": ["y", "v"]}, prior=Normal(), discrepancy=None)
+    posterior = replace(fabricate(model, data), sampling=Sampling(30, 30, 2, seed=1))
+    refit = refit_without(posterior, "v", [7])
+    assert {name.split("_")[0] for name in convergence_table(refit).index} == {"v"}
+    assert any("draws in all" in reason for reason in convergence(refit).reasons)
 
 
 def test_flagged_rows_are_refitted_exactly_or_reported():

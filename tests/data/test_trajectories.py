@@ -217,6 +217,7 @@ BAD = {
     "constant input": ({"inputs": {"F": np.zeros(11)}}, r'input "F" is constant \(0 in every row\)'),
     "clash": ({"inputs": {"y": T}, "units": {}}, r'"y" is both a state and an input'),
     "reserved": ({"inputs": {"t": T}, "units": {}}, r'name "t" is taken by the time'),
+    "reserved in results": ({"inputs": {"obs_id": T}, "units": {}}, r'name "obs_id" is taken by the number of the row'),
     "name": ({"inputs": {"the force": T}, "units": {}}, r"'the force' cannot be used as a name"),
     "derivative": ({"derivatives": {"z": T}}, r'given for "z", which is no state; the states are y, ydot'),
     "unit": ({"units": {"z": "m"}}, r'unit is given for "z", which is no column'),

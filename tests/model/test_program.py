@@ -12,6 +12,7 @@ from numpyro.handlers import seed, trace
 
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.inference.settings import Sampling
 from bayes_greybox.model.gp.discrepancy import EXACT_LIMIT, OrthogonalGP
 from bayes_greybox.model.noise.asked import Noise, varies_with
 from bayes_greybox.model.priors import CustomPrior, Laplace
@@ -134,6 +135,7 @@ def test_a_model_without_a_dictionary_has_nothing_to_fit_and_says_where_to_look(
     ("make", "words"),
     [
         (lambda: Program({"v": ["y"]}, noise_floor=0.0), "noise_floor=0"),
+        (lambda: Program({"v": ["y"]}, noise_floor=5e-7), "between 1e-06, below which rounding decides which terms"),
         (lambda: Program({"v": ["y"]}, noise=-1.0), "noise=-1"),
         (lambda: OrthogonalGP(kernel="periodic"), "kernel='periodic'"),
         (lambda: OrthogonalGP(boundary=1.0), r"boundary=1.0\) must exceed 1, the edge of the data\."),
@@ -301,9 +303,21 @@ def test_terms_that_a_spectral_derivative_wipes_out_are_refused():
     assert Program({"v": ["y", "v"]}, discrepancy=None).assemble(data)
 
 
-@pytest.mark.parametrize("name", ["gamma", "theta", "weight", "f"])
+@pytest.mark.parametrize("name", ["gamma", "theta", "weight", "f", "term", "variable", "basis"])
 def test_sites_of_a_users_prior_cannot_take_names_of_the_results(name):
     prior = CustomPrior(lambda n: numpyro.sample(name, dist.HalfNormal(1.0).expand([n]).to_event(1)))
     program = Program({"v": ["y"]}, prior=prior, discrepancy=None)
     with pytest.raises(InputError, match=f"site called '{name}', which the results need"):
         program.gibbs_equations(program.designs(_data()))
+
+
+@pytest.mark.parametrize("noise", [np.inf, np.nan, 0.0, -1.0, None, True, "1"])
+def test_a_scale_of_the_noise_that_is_no_positive_number_is_refused(noise):
+    with pytest.raises(InputError, match=r"GreyBox\(noise=.*\) must be a positive number, or bg.Noise"):
+        Program({"v": ["y"]}, noise=noise)
+
+
+@pytest.mark.parametrize("name", ["draws", "tune", "chains", "seed"])
+def test_a_number_of_the_sampler_is_no_truth_value(name):
+    with pytest.raises(InputError, match=f"{name}=True must be a whole number"):
+        Sampling(**{name: True})

@@ -4,6 +4,7 @@ import re
 from collections.abc import Iterable, Mapping
 from functools import cached_property
 
+from bayes_greybox.data.columns import RESERVED
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.reading.table import Table
 from bayes_greybox.physics.formula.grammar import check_name
@@ -119,4 +120,4 @@ def _usable(name: str) -> bool:
         check_name(name)
     except InputError:
         return False
-    return name not in ("t", "run")
+    return name not in RESERVED

@@ -78,7 +78,9 @@ def checks(posterior: Posterior) -> Checks:
     for name in names:
         rows[(name, "LOO-PIT")] = _tested(pits[name].p, _pit_reason(pits[name]))
         rows[(name, "whiteness")] = _tested(white[name].p, _white_reason(white[name]))
-        own = scaled.loc[[key for key in scaled.index if key[0] == name]]
+        # Sensitivities are by learned state, of which several may share the rows of one block.
+        states = {state for state, _ in posterior.equations[name].frame.labels}
+        own = scaled.loc[[key for key in scaled.index if key[0] in states]]
         worst = float(own["prior"].max()) if len(own) else 0.0
         reason = " ".join(_prior_reasons(name, own))
         if posterior.equations[name].rows.exact is not None:

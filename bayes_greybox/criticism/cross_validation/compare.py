@@ -10,11 +10,13 @@ from scipy.optimize import minimize
 
 from bayes_greybox.criticism.convergence import convergence
 from bayes_greybox.data.errors import InputError
+from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.inference.posterior import Posterior
 
 from .cross_validate import cross_validate
 from .folds import SCHEMES, START, Folds, check_scheme, make_folds
 from .loo import Loo
+from .weighted_rows import require_weighted_alike
 
 __all__ = ["SCHEMES", "TIE_NATS", "compare", "comparison_table", "stacking_weights", "tied", "unreliable"]
 
@@ -54,12 +56,13 @@ def compare(
 
     Raises:
         InputError: Fewer than two models; an unknown scheme, or one that does not fit the data; fits to different data
-            or different equations.
+            or different equations; fits with rows weighed by their residuals, and without.
     """
     check_scheme(scheme, block, start)
     if len(fits) < 2:
         raise InputError(f"compare needs at least two models, not {len(fits)}: pass {{'name': fit, 'other': fit}}.")
     _require_same_data(fits)
+    require_weighted_alike(fits)
     chosen = ()
     if scheme in ("block", "future") and block is None:
         longest = _longest({name: make_folds(fit, scheme, None, start) for name, fit in fits.items()})
@@ -178,13 +181,19 @@ def _require_same_data(fits: Mapping[str, Posterior]) -> None:
                 raise InputError(f"{pair}: {one} rows of {equation!r} against {other}; {remedy}")
         columns = {"time": (reference.data.time, fit.data.time)} | {
             f"{_measured(reference, equation)} {equation!r}": (
-                reference.equations[equation].rows.measured,
-                fit.equations[equation].rows.measured,
+                reference.equations[equation].rows.shown,
+                fit.equations[equation].rows.shown,
             )
             for equation in reference.equations
         }
         for what, (one, other) in columns.items():
             if not np.allclose(one, other, rtol=1e-9, atol=1e-9 * np.abs(one).max()):
+                if what != "time" and _same_samples(reference.data, fit.data):
+                    raise InputError(
+                        f"compare: the rows of {first!r} and {name!r} mix the same samples in different ways, each as "
+                        "the model does that they are near, so that their densities are not of the same numbers: fit "
+                        "both with rows=bg.TrajectoryRows(), whose rows are the samples themselves."
+                    )
                 worst = float(np.abs(one - other).max())
                 raise InputError(f"{pair}: {what} differs by up to {worst:.3g}; {remedy}")
         for equation in reference.equations:
@@ -192,6 +201,14 @@ def _require_same_data(fits: Mapping[str, Posterior]) -> None:
                 raise InputError(
                     f"{pair}: the derivatives of {equation!r} come from different differentiators; {remedy}"
                 )
+
+
+def _same_samples(one: Trajectories, other: Trajectories) -> bool:
+    """Whether both are completed from samples, and from the same."""
+    if one.samples is None or other.samples is None:
+        return False
+    pairs = [(each.matrix(each.state_names), each.state_names) for each in (one.samples, other.samples)]
+    return pairs[0][1] == pairs[1][1] and np.array_equal(pairs[0][0], pairs[1][0])
 
 
 def _measured(fit: Posterior, equation: str) -> str:

@@ -71,7 +71,7 @@ def fold_densities(
     """
     index = np.arange(len(folds)) if index is None else index
     entry = posterior.equations[equation]
-    unit = math.log(entry.frame.target_scale)
+    unit = math.log(entry.frame.target_scale * entry.rows.gain)
     size = max(len(fold) for fold in folds)
     if entry.design.removes(size):
         whole = subset_density(entry.design, parameters)
@@ -112,7 +112,7 @@ def past_densities(
     """
     entry = posterior.equations[equation]
     counts = len(first) + np.cumsum([0, *map(len, folds)])
-    unit = counts * math.log(entry.frame.target_scale)
+    unit = counts * math.log(entry.frame.target_scale * entry.rows.gain)
     order = np.concatenate([first, *folds])
     at_once = entry.design.first_densities(order, counts, parameters)
     if at_once is not None:

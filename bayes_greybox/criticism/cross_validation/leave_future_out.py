@@ -9,6 +9,7 @@ from .folds import Folds
 from .loo import Loo, Refit, refitted_without, result
 from .psis import count_draws, khat_threshold, log_mean, relative_efficiency, smoothed
 from .refits import refit_without
+from .weighted_rows import NOTE, weighted
 
 
 def leave_future_out(
@@ -73,7 +74,7 @@ def leave_future_out(
             known, r_eff = j, relative_efficiency(past, name, len(parameters[1].sd))
             refitted[name][j] = True
             left -= 1
-    notes = [*folds.notes]
+    notes = [*folds.notes, *([NOTE] if weighted(posterior) else [])]
     total, exact = sum(n_fold.values()), sum(int(a.sum()) for a in refitted.values())
     if exact:
         notes.append(f"{exact} of {total} steps had Pareto k above {threshold:.2f} and were refitted exactly.")

@@ -14,6 +14,7 @@ from .folds import Folds
 from .psis import count_draws, khat_threshold, log_mean, relative_efficiency, smoothed
 from .refits import refit_without
 from .row_densities import kept_densities, log_likelihood_group, pointwise_loo, row_densities
+from .weighted_rows import NOTE, weighted
 
 __all__ = ["Loo", "leave_folds_out", "log_likelihood_group", "loo", "pointwise_loo", "refitted_without", "result"]
 
@@ -150,7 +151,7 @@ def leave_folds_out(
     refitted = {name: np.zeros(len(elpd[name]), bool) for name in names}
     what = "observations" if folds is None else {"block": "blocks", "trajectory": "trajectories"}[folds.scheme]
     found = f"{len(flagged)} of {sum(map(len, elpd.values()))} {what} have Pareto k above {threshold:.2f}"
-    notes = [] if folds is None else list(folds.notes)
+    notes = [*([] if folds is None else folds.notes), *([NOTE] if weighted(posterior) else [])]
     if flagged and refit is not None and len(flagged) <= max_refits:
         warnings: list[str] = []
         for name, i in flagged:

@@ -37,7 +37,7 @@ def pointwise_loo(posterior: Posterior, equation: str, at_most: int | None = Non
         at_most: Thin the draws evenly to this many; None: all.
 
     Returns:
-        Natural logarithms of densities of the measured derivative in user's units, so that models with
+        Natural logarithms of densities of the measured derivative, or of samples, in user's units, so that models with
         different scalings compare. One column for each row of the data, also when the rows' noise is
         correlated. Where it is singular (spectral derivatives) the rows have no density of their own: there
         the observations are the whitened Fourier coefficients, one column for each.
@@ -66,9 +66,15 @@ def log_likelihood_group(posterior: Posterior) -> dict[str, np.ndarray] | None:
 
 
 def kept_densities(posterior: Posterior, equation: str) -> Float[np.ndarray, "n_draw n_obs"] | None:
-    """What `log_likelihood_group` left with the fit; None if it left nothing."""
+    """What `log_likelihood_group` left with the fit; None if it left nothing, or in another unit than that of today."""
     if "log_likelihood" not in posterior.idata.children:
         return None
+    rows = posterior.equations[equation].rows
+    if rows.gain != 1.0:
+        # Files of older versions have samples, and their densities, in the unit of a rate.
+        observed = posterior.idata["observed_data"].dataset[posterior.sites[equation].rate].to_numpy()
+        if not np.allclose(observed, rows.shown, rtol=1e-6, atol=1e-6 * np.abs(rows.shown).max()):
+            return None
     values = posterior.idata["log_likelihood"].dataset.get(posterior.sites[equation].rate)
     return None if values is None else values.to_numpy().reshape(-1, values.shape[-1])
 
@@ -89,7 +95,7 @@ def row_densities(
     """
     entry = posterior.equations[equation]
     parameters = on_device((draws.hyper, draws.spread, draws.mean))
-    log_unit = math.log(entry.frame.target_scale)
+    log_unit = math.log(entry.frame.target_scale * entry.rows.gain)
     index = np.arange(entry.rows.n_white) if index is None else index
     weighted = entry.weighted()
     block = min(ROW_BLOCK, len(index))

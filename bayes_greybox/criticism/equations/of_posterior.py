@@ -37,9 +37,9 @@ def fitted_system(posterior: Posterior) -> LearnedSystem:
 
     Under a prior with inclusion the terms are those of the commonest pattern among the draws, jointly for equations
     that share their rows, and coefficients are those of the draws that have this pattern. Under another prior all draws
-    count, and terms are left out that are unlikely to move the rate by more than one per cent of its RMS. f stands in
-    an equation where it moves the rate by more than that and is told from zero, by the draws of the same pattern: what
-    f is beside other terms, it is not beside these.
+    count, and terms are left out that are unlikely to move the rate by more than one per cent of the RMS of what the
+    simulation leaves of it. f stands in an equation where it moves the rate by more than that and is told from zero, by
+    the draws of the same pattern: what f is beside other terms, it is not beside these.
 
     Args:
         posterior: The fit.
@@ -68,9 +68,10 @@ def fitted_system(posterior: Posterior) -> LearnedSystem:
             ),
         )
     terms = "Terms: those of the likeliest pattern, with their coefficients in it (tables average over all patterns)"
+    leaves = "over 1\u00a0% (RMS) of what the simulation leaves"
     if not patterned:
-        terms = "Terms: those likely to move the rate by over 1\u00a0% of its RMS"
-    f = "; f where the data tell it from zero and it moves the rate by over 1\u00a0%"
+        terms = f"Terms: those likely to move the rate by {leaves}"
+    f = f"; f where the data tell it from zero and it moves the rate by {leaves}"
     rule = f"{terms}{f if posterior.model.discrepancy is not None else ''}."
     return LearnedSystem("fit", posterior.model.simulator(posterior.data, lacking=True), posterior.data, found, rule)
 

@@ -36,4 +36,4 @@ def restore_trade_offs(posterior: Posterior) -> None:
     record = {} if text is None else json.loads(text)
     if record.get("of") == made_by(posterior):
         table = pd.DataFrame.from_dict(record["table"], orient="index", columns=["overlap", "correlation"])
-        remember(posterior, plain_trade_offs, table.loc[list(posterior.model.equations)].astype(float))
+        remember(posterior, plain_trade_offs, table.loc[list(posterior.sites)].astype(float))

@@ -224,7 +224,7 @@ class Amendment:
         return Added([column.formula for column in chosen], values[:, appear] * scale, weights)
 
     def features(self, columns: Mapping[str, Array] | Mapping[str, np.ndarray]) -> Array | np.ndarray:
-        """Features of f at rows, inside an integrator; held beyond their domain, as everywhere."""
+        """Features of f before projection, inside an integrator; held beyond their domain, as everywhere."""
         known = self.statistics
         position = scaled_position(columns, known.variables, known.centre, known.half_width)
         return held_features(known.basis, position)

@@ -168,7 +168,7 @@ def _result(
         "posterior": user_units({name: value for name, value in drawn.items() if name in kept}, posterior.equations),
         "sample_stats": stats,
         "log_prior": densities,
-        "observed_data": {own.rate: equation.rows.measured},
+        "observed_data": {own.rate: equation.rows.shown},
         "constant_data": data_table(data),
     }
     tree = tree_of(groups, posterior.equations)
@@ -186,8 +186,7 @@ def _result(
         rng, rows = np.random.default_rng(sampling.seed), equation.rows
         white = rng.standard_normal((n_chain * n_draw, rows.n_row))
         noise = rows.noise.error.correlated(white).reshape(predicted.shape)
-        add_group(found, "posterior_predictive", {own.rate: (predicted + sigma * noise) / rows.gain})
+        add_group(found, "posterior_predictive", {own.rate: predicted + sigma * noise})
         if likelihood.independent:
-            density = likelihood.log_density(predicted, sigma)
-            add_group(found, "log_likelihood", {own.rate: density + math.log(rows.gain)})
+            add_group(found, "log_likelihood", {own.rate: likelihood.log_density(predicted, sigma)})
     return found

@@ -15,6 +15,11 @@ SIGMA_NODES = 33
 SIGMA_SPAN = 7.0
 """Half-width of that grid in posterior standard deviations of log σ."""
 
+LEAST_FLOOR = 1e-6
+"""Least σ over the RMS of y for which sets of terms can be weighed: yᵀy − Σ b²/(σ² + λ) is a difference of numbers of
+the size of n, whose rounding counts 1/2σ² times. It is worth less than a nat at this σ, and tens to thousands of them
+at a tenth of it."""
+
 
 @dataclass(frozen=True)
 class Spectrum:

@@ -84,7 +84,7 @@ def likeliest(equation: Equation, thorough: bool = True) -> Likeliest:
     Phi, y = np.asarray(design.Phi), np.asarray(design.y)
     if design.coefficients.stated:
         values = equation.ridge()
-        sd = np.sqrt(np.diag(np.linalg.pinv(Phi.T @ Phi)) * np.sum(y**2) / float(design.n_obs))
+        sd = np.sqrt(np.diag(np.linalg.pinv(Phi.T @ Phi)) * equation.variance)
         every = tuple(range(len(values)))
         scale = np.asarray(frame.coefficient_scale)
         return Likeliest(tuple(values), tuple(frame.dictionary.acts_on), sd * scale, {every: 1.0}, np.ones(len(every)))

@@ -168,9 +168,18 @@ def _one_settled(model: Any, data: Trajectories) -> Any:
             lean = _nearer(lean, data)
     except (InputError, np.linalg.LinAlgError):
         lean = replace(lean, rows=model.rows)
-    found = _turned(lean, data, NEARER, SETTLED)
-    if found.moved > STAYING:
-        found = _turned(found.model, data, MOST_TURNS - NEARER, STAYING)
+    try:
+        with np.errstate(over="ignore", invalid="ignore"):
+            found = _turned(lean, data, NEARER, SETTLED)
+            if found.moved > STAYING:
+                found = _turned(found.model, data, MOST_TURNS - NEARER, STAYING)
+    except (InputError, np.linalg.LinAlgError) as error:
+        # What is refused at once is not for where the turns have led.
+        lean.assemble(data)
+        if lean.rows == model.rows:
+            raise _unsettled(model, MOST_TURNS, math.inf) from error
+        # Without the force no path can be followed to its end: there is the one that it keeps to the samples.
+        return replace(model, rows=lean.rows)
     if found.moved > UNSETTLED:
         raise _unsettled(model, MOST_TURNS, found.moved)
     return replace(model, rows=found.model.rows)
@@ -225,10 +234,14 @@ def _settled(model: Any, data: Trajectories) -> Any:
 
 
 def _unsettled(model: Any, turns: int, moved: float) -> InputError:
+    far = (
+        f"after {turns} turns one still moves by {moved:.2g} of its standard deviations"
+        if math.isfinite(moved)
+        else "no path can be followed where they have gone"
+    )
     return InputError(
-        f"The coefficients of {', '.join(model.equations)} do not settle: after {turns} turns one still moves by "
-        f"{moved:.2g} of its standard deviations. Leave terms out, give states without a sensor as data, or "
-        "start near what is known with TrajectoryRows(added=..., added_to=...)."
+        f"The coefficients of {', '.join(model.equations)} do not settle: {far}. Leave terms out, give states without "
+        "a sensor as data, or start near what is known with TrajectoryRows(added=..., added_to=...)."
     )
 
 

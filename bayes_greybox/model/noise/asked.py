@@ -15,6 +15,7 @@ Samples of a path may have, beside the sensor's noise, an unknown force that mov
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from numbers import Real
 from typing import Any
 
 import jax.numpy as jnp
@@ -84,11 +85,11 @@ class Noise:
     found: Mapping[str, Mapping[str, Any]] | None = None
 
     def __post_init__(self) -> None:
-        if not (_is_number(self.scale) and 0 < self.scale < math.inf):
+        if not (is_number(self.scale) and 0 < self.scale < math.inf):
             raise InputError(f"Noise(scale={self.scale!r}) must be a positive number.")
         for name in ("correlation", "tails"):
             value = getattr(self, name)
-            if not (value is None or value == FIT or (_is_number(value) and 0 < value < math.inf)):
+            if not (value is None or value == FIT or (is_number(value) and 0 < value < math.inf)):
                 raise InputError(f"Noise({name}={value!r}) must be None, 'fit' or a positive number.")
         if self.force not in (None, FIT):
             raise InputError(f"Noise(force={self.force!r}) must be None or 'fit'.")
@@ -351,5 +352,6 @@ def with_found(noise: Noise, found: Mapping[str, NoiseModel]) -> Noise:
     return replace(noise, found={name: noise_record(model) for name, model in found.items()})
 
 
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool)
+def is_number(value: Any) -> bool:
+    """Whether a setting is a real number, NumPy's among them; True and False are none."""
+    return isinstance(value, Real) and not isinstance(value, bool)

@@ -190,6 +190,11 @@ class EquationRows:
         return self.measured - self.simulated
 
     @property
+    def shown(self) -> Float[np.ndarray, " n_row"]:
+        """What was measured, in the unit of the sensor that showed it: the same whatever model the rows are near."""
+        return self.measured * self.gain
+
+    @property
     def nothing_left(self) -> bool:
         """Whether the simulation equals the measurement but for rounding errors."""
         return nothing_left(np.linalg.norm(self.target), np.linalg.norm(self.measured))

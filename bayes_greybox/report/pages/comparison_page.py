@@ -216,7 +216,8 @@ def _terms(fits: Mapping[str, Posterior]) -> Section:
     moved = next(iter(fits.values())).data.target_in_words(*_equations(fits), article="the ")
     lead = (
         "Probability that a term matters. Only a spike-and-slab prior can leave a term out, and has P(included); for "
-        f"the others it is the probability of moving {moved} by more than 1 % of its RMS. A dash: not in the model."
+        f"the others it is the probability of moving {moved} by more than 1 % (RMS) of what the simulation leaves. A "
+        "dash: not in the model."
     )
     return Section("terms", "Which terms matter under each model?", lead, blocks)
 

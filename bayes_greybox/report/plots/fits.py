@@ -163,12 +163,15 @@ def predictive(fit: Posterior, equation: str | None = None) -> Figure:
             "The fit holds no predictive draws of both: its record is too long, an older version saved it, or it was "
             "refined under priors of its own."
         )
-    measured = fit.equations[equation].rows.measured
+    measured = fit.idata["observed_data"][fit.sites[equation].rate].to_numpy()
     drawn = {
         source: fit.idata[f"{source}_predictive"][fit.sites[equation].rate].to_numpy().reshape(-1, len(measured))
         for source in ("posterior", "prior")
     }
     label, unit = _label(fit, equation), target_unit(equation, fit.data)
+    if fit.data.samples is not None and fit.equations[equation].rows.gain != 1.0:
+        units = {fit.data.samples.unit(name) for name in fit.data.samples.state_names}
+        label, unit = "samples", (units.pop() or "") if len(units) == 1 else ""
     return plot_predictive(measured, **drawn, equation=equation, label=label, unit=unit)
 
 

@@ -406,6 +406,27 @@ def test_coefficients_that_do_not_settle_are_refused(monkeypatch):
         program().near(sampled(noise=0.01, n=100))
 
 
+def test_turns_that_lead_where_no_path_can_be_followed_leave_the_path_of_the_force(monkeypatch):
+    """Far from the samples terms may look alike, or the equations leave their domain: nobody has asked for that."""
+
+    def lost(*_):
+        raise InputError("Collinear terms")
+
+    data, model = sampled(noise=0.01, n=60), program()
+    beside = replace(model, rows=model.rows.around([(Term("y**3"), 0.1)]))
+    monkeypatch.setattr(near_module, "_turned", lost)
+    monkeypatch.setattr(near_module, "_nearer", lambda *_: beside)
+    assert model.near(data)[0].rows == beside.rows
+    monkeypatch.setattr(near_module, "_nearer", lambda *_: model)
+    with pytest.raises(InputError, match="of v do not settle: no path can be followed where they have gone. Leave"):
+        model.near(data)
+    # What is refused of the model itself is refused as ever.
+    twice = program(("y**3", "2*y**3"))
+    monkeypatch.setattr(near_module, "_nearer", lambda *_: twice)
+    with pytest.raises(InputError, match="are the same up to a constant factor"):
+        twice.near(data)
+
+
 @pytest.mark.parametrize("process_noise", [True, False])
 def test_a_small_jump_of_the_simulation_is_followed_as_one_of_a_term_is(process_noise):
     """Dry friction in a machine that is driven hard: 4 % of its acceleration, and all that rows are of."""
