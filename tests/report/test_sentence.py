@@ -181,6 +181,14 @@ def test_effects_that_cannot_be_told_apart_are_said():
     assert "not to be told from pendulum or dead zone" in text
 
 
+def test_one_of_says_the_columns_where_they_alone_are_open(monkeypatch):
+    rows = effects(("Cube", 0.6, ("cube(r=u)",)), ("Cube", 0.39, (), "one of")).assign(quantity=["x", "u", "x"])
+    monkeypatch.setitem(globals(), "effects", lambda *given, **kw: rows)
+    text = said("one of")
+    assert "most likely cube of x in d(x)/dt (probability 0.600, not to be told from cube of u)" in text
+    assert "or in its place cube of u (0.390); adding the likeliest" in text
+
+
 def test_partly_named_says_that_something_else_is_missing_too():
     text = said("partly named", [("Cubic spring", 0.87, ())])
     assert "cubic spring" in text and "something else that the catalogue does not have" in text

@@ -40,8 +40,9 @@ class Place:
     Attributes:
         index: Its column in the best world.
         slug: Its name.
-        probability: That it is missing.
-        tied: Slugs that could stand in its place, likeliest first, and faults of sensors by their keys ("lag of y").
+        probability: That it is missing on its columns.
+        tied: What could stand in its place, likeliest first: effects by their slugs, itself on other columns by its
+            binding ("cube(r=u)"), and faults of sensors by their keys ("lag of y").
         together: Probability of it or one of these.
         same: Those of them that are the same curve on these data.
     """
@@ -189,6 +190,11 @@ def _place(weighed: Weighed, world: World, e: Explanation, chosen: tuple[str, ..
     """One effect, with those that could stand in its place given the others."""
     known = world.evaluations
     own, slug = known.binding(index), known.name(index)
+
+    def told(w: World, i: int) -> str:
+        """What tells an effect from this one: its name, or of the same name its columns."""
+        return w.evaluations.binding(i) if w.evaluations.name(i) == slug else w.evaluations.name(i)
+
     others = tuple(sorted(b for b in chosen if b != own))
     beside = _suspected(world, e)
     rivals: dict[str, float] = {}
@@ -198,31 +204,44 @@ def _place(weighed: Weighed, world: World, e: Explanation, chosen: tuple[str, ..
         names = weighed.names(w, x)
         if len(names) == len(chosen) and set(others) <= set(names):
             (binding,) = set(names) - set(others) or {own}
-            name = binding.split("(")[0]
+            name = next(told(w, i) for i in x.effects if w.evaluations.binding(i) == binding)
         elif names == others and not w.leaves_rest(x) and len(_suspected(w, x) - beside) == 1:
             # A sensor's error may stand in an effect's place too: an offset in that of a constant force.
             (binding,) = (name,) = _suspected(w, x) - beside
         else:
             continue
-        wrong = max((q for i, q in weighed.artefacts(w, x).items() if w.evaluations.name(i) == name), default=0.0)
+        artefacts = weighed.artefacts(w, x)
+        wrong = max((q for i, q in artefacts.items() if w.evaluations.binding(i) == binding), default=0.0)
         counted = p * (1 - imitated(share)) * (1 - wrong)
         rivals[name] = rivals.get(name, 0.0) + counted
         if binding in weighed.mirrors:
             mirror = weighed.mirrors[binding]
             mirrored[name, mirror.name] = mirrored.get((name, mirror.name), 0.0) + counted * mirror.share
         evidence[name] = float(np.logaddexp(evidence.get(name, -np.inf), x.log_evidence + w.offset))
-    mass = rivals[slug]
+    mass = rivals[own]
     for (name, fault), p in mirrored.items():
         rivals[name] -= p
         rivals[fault] = rivals.get(fault, 0.0) + p
     tied = tuple(
         name for name, p in sorted(rivals.items(), key=lambda item: -item[1])
-        if name != slug and p >= TIED * mass
+        if name != own and p >= TIED * mass
     )  # fmt: skip
-    same = tuple(name for name in tied if name in evidence and abs(evidence[name] - evidence[slug]) < SAME)
-    probability = weighed.of_place(slug, own)
+    # Where only the place is open the name is no answer: whoever adds the effect must know where.
+    named = [name for name in tied if name in evidence and not elsewhere(name, slug)]
+    same = tuple(name for name in named if abs(evidence[name] - evidence[own]) < SAME)
+    probability = weighed.by_place[own]
     together = min(1.0, probability + sum(rivals[name] for name in tied))
     return Place(index, slug, probability, tied, together, same)
+
+
+def elsewhere(name: str, slug: str) -> bool:
+    """Whether what could stand in an effect's place is the same effect on other columns.
+
+    Args:
+        name: What could.
+        slug: Of the effect.
+    """
+    return name.startswith(f"{slug}(")
 
 
 def _suspected(world: World, e: Explanation) -> frozenset[str]:

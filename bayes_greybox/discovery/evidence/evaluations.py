@@ -232,9 +232,9 @@ class Evaluations:
         own = self.statistics.columns[index]
         return tuple(i for i, c in enumerate(self.statistics.columns) if c.kind == own.kind and c.called == own.called)
 
-    def best_of(self, slug: str) -> int:
-        """The column of an effect that fits best alone."""
-        columns = [i for i in self.statistics.of_kind("effect") if self.name(i) == slug]
+    def best_of(self, name: str) -> int:
+        """The column of an effect, by its slug or its binding, that fits best alone."""
+        columns = [i for i in self.statistics.of_kind("effect") if name in (self.name(i), self.binding(i))]
         return max(columns, key=lambda i: self.parametric([(i,)])[0].all)
 
 

@@ -15,7 +15,7 @@ from bayes_greybox.discovery.verdict import worse_in_words
 from bayes_greybox.physics.catalogue.names import within
 
 from .formatting import formula, listed, number, numbers_in, percent_text, probability_text, share_text
-from .study import LIKELY, answer, closed_share, name_of, not_helped, not_weighed, remembered
+from .study import LIKELY, answer, closed_share, name_of, named_in, not_helped, not_weighed, remembered
 
 TWICE = 2.0
 """From this ratio on a rise is said as a multiple: hundreds of per cent are hard to read."""
@@ -107,7 +107,7 @@ def _said(study: StudyResult) -> list[str]:
         tied = [within(name_of(study, slug)) for slug in row["tied_with"]]
         tied = f", not to be told from {' or '.join(tied)}" if tied else ""
         p = probability_text(row["probability"])
-        found.append(f"{within(row['name'])} in {label(row['equation'])} (probability {p}{tied})")
+        found.append(f"{within(named_in(study, row))} in {label(row['equation'])} (probability {p}{tied})")
     return found
 
 
@@ -143,7 +143,7 @@ def _missing(study: StudyResult, said: Sequence[str], closed: str) -> str:
         return f"{lacks}; adding {it} {closed}."
     if study.verdict == "one of":
         others = [
-            f"{within(row['name'])} ({probability_text(row['probability'])})"
+            f"{within(named_in(study, row))} ({probability_text(row['probability'])})"
             for row in study.effects.query("status == 'one of'").to_dict("records")
         ]
         tied = [name for names in study.effects.query("status == 'added'")["tied_with"] for name in names]

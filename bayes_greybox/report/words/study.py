@@ -20,6 +20,7 @@ from bayes_greybox.physics.catalogue.names import listing
 from .formatting import (
     estimate,
     interval,
+    listed,
     number,
     percent_text,
     probability_text,
@@ -104,7 +105,24 @@ def name_of(study: StudyResult, slug: str) -> str:
     named = dict(zip(study.effects["slug"], study.effects["name"], strict=True))
     if slug in NAMES:
         return NAMES[slug]
+    if slug.endswith(")") and "=" in slug:
+        # The same effect on other columns, as "cube(r=u)".
+        own, _, columns = slug.removesuffix(")").partition("(")
+        return f"{name_of(study, own)} of {listed(sorted({part.split('=')[1] for part in columns.split(', ')}))}"
     return listing(named.get(part) or _catalogued(part) for part in slug.split(" + "))
+
+
+def named_in(study: StudyResult, row: Mapping[str, Any]) -> str:
+    """Plain name of an effect of the table, with its columns where another row is the same on others.
+
+    Args:
+        study: The study.
+        row: Of its table of effects.
+    """
+    table = study.effects
+    alike = (table["equation"] == row["equation"]) & (table["slug"] == row["slug"])
+    of = row.get("quantity", "").split(", ")
+    return f"{row['name']} of {listed(of)}" if alike.sum() > 1 and any(of) else row["name"]
 
 
 @cache

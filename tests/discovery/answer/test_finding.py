@@ -226,6 +226,24 @@ def test_an_equal_curve_does_not_name_a_tie_that_holds_another_curve_too():
     assert decided({"a": 0.45, "b": 0.44, "c": 0.11}, evidence=given).verdict == "one of"
 
 
+def at_two_places(table):
+    """A world in which "b" is the effect "a" on other columns."""
+    found = world({"unknown": 1e-9} | table)
+    other = found.evaluations.statistics.columns[len(SUSPECTS) + 1].effect
+    other.slug, other.label = "a", f"a(r={other.names['r']})"
+    return found
+
+
+def test_an_effect_whose_columns_alone_are_open_is_one_of_its_places():
+    finding = decide([at_two_places({"a": 0.52, "b": 0.39, "ab": 0.08, "no gap": 0.01})])
+    (place,) = finding.places
+    assert finding.verdict == "one of" and place.tied == ("a(r=x1)",) and place.same == ()
+    assert place.probability == pytest.approx(0.60) and place.together == pytest.approx(0.99)
+    assert finding.weighed.by_effect["a"] == pytest.approx(0.99)
+    assert finding.weighed.by_place == {"a(r=x0)": pytest.approx(0.60), "a(r=x1)": pytest.approx(0.47)}
+    assert decide([at_two_places({"a": 0.96, "b": 0.03, "no gap": 0.01})]).verdict == "named"
+
+
 def test_the_probability_of_an_effect_is_summed_over_sets():
     finding = decided({"ab": 0.6, "ac": 0.35, "a": 0.05})
     first, second = finding.places
