@@ -145,7 +145,7 @@ class Evaluations:
             found.append(
                 Parametric(
                     all=float(np.logaddexp.reduce(by_pattern)),
-                    none=float(logs[0]),
+                    none=float(logs[0] + inner),
                     some=float(np.logaddexp.reduce(by_pattern[1:]) - some) if len(logs) > 1 else -np.inf,
                     by_pattern=by_pattern,
                     spectrum=Spectrum(

@@ -150,7 +150,7 @@ def test_the_prior_weight_of_an_inner_parameter_is_in_the_evidence():
     found = known.parametric([(index,)])[0]
     _, log_prior = known.patterns()
     assert known.inner_weight((index,)) == pytest.approx(np.log(1 / 8))
-    assert found.by_pattern[0] == pytest.approx(found.none + log_prior[0] + np.log(1 / 8))
+    assert found.by_pattern[0] == pytest.approx(found.none + log_prior[0])
 
 
 def test_one_pattern_of_a_batch_is_that_pattern(known):
