@@ -31,7 +31,7 @@ STACKED = 0.5
 """Probability that three laws of one variable, or two of which one bends, are one law that has no name here."""
 
 FAINT = 1e-4
-"""Explanations less likely than this take the likeliest one's share of the gap for their own."""
+"""Explanations less likely than this take for their own what a process in time leaves beside the likeliest."""
 
 
 class Mirror(NamedTuple):
@@ -82,7 +82,8 @@ class Weighed:
                     share = world.share_left(e)
                     usual = share if usual is None else usual
                 else:
-                    share = e.share_left if e.leaves_rest else usual
+                    in_time = usual if world.model.process_share else 0.0
+                    share = e.share_left if e.leaves_rest else in_time
                 self.items.append((world, e, probability, share))
         self.items.sort(key=lambda item: -item[2])
         # Probability of each effect of an explanation to be what an error of the measurement does.

@@ -327,7 +327,7 @@ class Sets:
         order = sorted(cores, key=lambda c: -weight.get(c, -np.inf))
         alike: dict[tuple[str, ...], list[tuple[int, ...]]] = {}
         for c in order:
-            alike.setdefault(tuple(self.statistics.columns[i].called for i in c), []).append(c)
+            alike.setdefault(tuple(sorted(self.statistics.columns[i].called for i in c)), []).append(c)
         # The best values of the likeliest names first: many values of one would leave no place for another.
         leaders = [group[0] for group in alike.values()][: WITH_REST // 2]
         best = sorted(list(dict.fromkeys([*leaders, *order]))[:WITH_REST], key=order.index)

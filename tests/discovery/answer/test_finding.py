@@ -327,6 +327,17 @@ def test_a_rest_takes_its_share_from_the_probability_of_the_effect():
     assert found.by_kind["unknown"] == pytest.approx(0.99 * 0.5, abs=1e-6)
 
 
+def test_what_is_next_to_impossible_leaves_nothing_but_for_a_process_in_time():
+    table = {"a & rest": 0.9, "b": 1e-5, "no gap": 0.1}
+
+    def left(**given):
+        found = Weighed([world(table, **given)])
+        return next(share for _, e, _, share in found.items if e.effects and not e.leaves_rest)
+
+    assert left() == 0.0
+    assert left(names=(PROCESS,)) == pytest.approx(0.2)
+
+
 def test_two_effects_with_a_rest_that_one_carries_alone_make_way_for_it():
     table = {"ab & rest": 0.5, "a & rest": 0.4, "b & rest": 0.1}
     finding = decided(table, shares={"ab & rest": 0.26, "a & rest": 0.1, "b & rest": 0.9})
