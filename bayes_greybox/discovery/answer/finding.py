@@ -3,8 +3,6 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
-import numpy as np
-
 from bayes_greybox.discovery.weighing.sets import Explanation, imitated
 from bayes_greybox.discovery.weighing.worlds import World
 
@@ -21,7 +19,7 @@ TIED = 0.05
 """An effect in the place of another is tied with it from this share of its probability on."""
 
 SAME = 0.1
-"""Effects whose log evidences in each other's place differ by less are one curve on these data."""
+"""Effects whose curves in each other's place differ by less, n RMS²/σ², are one curve on these data."""
 
 ONE_LAW = "several effects of the same quantity may be one that the catalogue does not have"
 """What speaks against effects that together may be one law."""
@@ -199,25 +197,32 @@ def _place(weighed: Weighed, world: World, e: Explanation, chosen: tuple[str, ..
     beside = _suspected(world, e)
     rivals: dict[str, float] = {}
     mirrored: dict[tuple[str, str], float] = {}
-    evidence: dict[str, float] = {}
+    places: dict[str, dict[str, float]] = {}
+    columns: dict[str, int] = {}
     for w, x, p, share in weighed.items:
         names = weighed.names(w, x)
         if len(names) == len(chosen) and set(others) <= set(names):
             (binding,) = set(names) - set(others) or {own}
-            name = next(told(w, i) for i in x.effects if w.evaluations.binding(i) == binding)
+            column = next(i for i in x.effects if w.evaluations.binding(i) == binding)
+            name = told(w, column)
         elif names == others and not w.leaves_rest(x) and len(_suspected(w, x) - beside) == 1:
             # A sensor's error may stand in an effect's place too: an offset in that of a constant force.
             (binding,) = (name,) = _suspected(w, x) - beside
+            column = next(i for i in x.suspects if _key(w, i) == name)
         else:
             continue
         artefacts = weighed.artefacts(w, x)
         wrong = max((q for i, q in artefacts.items() if w.evaluations.binding(i) == binding), default=0.0)
         counted = p * (1 - imitated(share)) * (1 - wrong)
         rivals[name] = rivals.get(name, 0.0) + counted
+        there = places.setdefault(name, {})
+        there[binding] = there.get(binding, 0.0) + counted
+        if w is world:
+            # The likeliest comes first.
+            columns.setdefault(binding, column)
         if binding in weighed.mirrors:
             mirror = weighed.mirrors[binding]
             mirrored[name, mirror.name] = mirrored.get((name, mirror.name), 0.0) + counted * mirror.share
-        evidence[name] = float(np.logaddexp(evidence.get(name, -np.inf), x.log_evidence + w.offset))
     mass = rivals[own]
     for (name, fault), p in mirrored.items():
         rivals[name] -= p
@@ -226,9 +231,17 @@ def _place(weighed: Weighed, world: World, e: Explanation, chosen: tuple[str, ..
         name for name, p in sorted(rivals.items(), key=lambda item: -item[1])
         if name != own and p >= TIED * mass
     )  # fmt: skip
-    # Where only the place is open the name is no answer: whoever adds the effect must know where.
-    named = [name for name in tied if name in evidence and not elsewhere(name, slug)]
-    same = tuple(name for name in named if abs(evidence[name] - evidence[own]) < SAME)
+    beside_it = [i for i in e.columns if i != index]
+
+    def one_curve(name: str) -> bool:
+        # Where only the place is open the name is no answer: whoever adds the effect must know where.
+        if elsewhere(name, slug) or name not in places:
+            return False
+        least = min(TIED * mass, max(places[name].values()))
+        likely = [binding for binding, p in places[name].items() if p >= least]
+        return all(b in columns and known.apart(beside_it, index, columns[b]) < SAME for b in likely)
+
+    same = tuple(filter(one_curve, tied))
     probability = weighed.by_place[own]
     together = min(1.0, probability + sum(rivals[name] for name in tied))
     return Place(index, slug, probability, tied, together, same)
@@ -246,5 +259,10 @@ def elsewhere(name: str, slug: str) -> bool:
 
 def _suspected(world: World, e: Explanation) -> frozenset[str]:
     """Keys of the suspects of an explanation."""
-    columns = world.evaluations.statistics.columns
-    return frozenset(s.key for i in e.suspects if (s := columns[i].suspect) is not None)
+    return frozenset(_key(world, i) for i in e.suspects)
+
+
+def _key(world: World, index: int) -> str:
+    suspect = world.evaluations.statistics.columns[index].suspect
+    assert suspect is not None
+    return suspect.key

@@ -32,6 +32,14 @@ KINDS = {"no gap": PLAIN, "recalibrate": RECALIBRATED, "unknown": REST}
 class Written(Evaluations):
     """Columns alone: the suspects, then effects by letters; a letter that occurs twice is bound in two ways."""
 
+    curves = {}
+
+    def apart(self, beside, first, second):
+        """Written down for two letters, or for a letter and a suspect: "a offset"; others are far apart."""
+        of = self.statistics.columns[second]
+        other = of.effect.slug if of.suspect is None else f" {of.suspect.key}"
+        return self.curves.get(self.name(first) + other, np.inf)
+
     def __init__(self, letters, on, inner):
         columns = [SimpleNamespace(effect=None, suspect=SimpleNamespace(key=key), inner={}) for key in SUSPECTS]
         for k, letter in enumerate(letters):
@@ -57,7 +65,7 @@ class Told(World):
         return {i: self.rms.get(letter, 1.0) for i, letter in letters.items()}
 
 
-def world(table, letters="abcd", on=None, inner="", names=(), shares=None, evidence=None, share=0.2, offset=0.0):
+def world(table, letters="abcd", on=None, inner="", names=(), shares=None, apart=None, share=0.2, offset=0.0):
     """Explanations with these probabilities, by name: "a", "ab", "a & rest", "a ! offset", "! offset", or a stop."""
     found = []
     for name, p in table.items():
@@ -69,21 +77,22 @@ def world(table, letters="abcd", on=None, inner="", names=(), shares=None, evide
         body, _, suspects = body.partition("!")
         places = tuple(len(SUSPECTS) + letters.index(letter) for letter in body.strip())
         left = share if (kind == REST and places) or (PROCESS in names and places) else float(kind == REST)
-        log_evidence = (evidence or {}).get(name, np.log(p))
         found.append(
             Explanation(
                 tuple(SUSPECTS.index(s) for s in suspects.split()),
                 places,
                 kind,
                 float(np.log(p)),
-                float(log_evidence),
+                float(np.log(p)),
                 (shares or {}).get(name, left),
             )
         )
     found.sort(key=lambda e: -e.log_weight)
     noise = object.__new__(SimpleNoise)
     about = {name: {"share": 0.5} for name in names}
-    return Told(NoiseModel(noise, names, 0.0, about), Written(letters, on or {}, inner), tuple(found), offset)
+    known = Written(letters, on or {}, inner)
+    known.curves = apart or {}
+    return Told(NoiseModel(noise, names, 0.0, about), known, tuple(found), offset)
 
 
 class SimpleNoise(RowNoise):
@@ -211,19 +220,19 @@ def test_an_effect_is_tied_from_a_share_of_the_likeliest_ones_probability(factor
 
 @pytest.mark.parametrize(("apart", "expected"), [(0.9 * SAME, "named"), (1.1 * SAME, "one of")])
 def test_equal_curves_are_named_together(apart, expected):
-    finding = decided({"a": 0.5, "b": 0.45, "no gap": 0.05}, evidence={"a": 5.0, "b": 5.0 - apart})
+    # Whatever their evidences: equal ones are an even chance, and no equal curves.
+    finding = decided({"a": 0.5, "b": 0.45, "no gap": 0.05}, apart={"ab": apart})
     assert finding.verdict == expected
     assert finding.places[0].same == (("b",) if expected == "named" else ())
 
 
 def test_equal_curves_that_are_not_sure_together_are_not_named():
-    finding = decided({"a": 0.45, "b": 0.4, "no gap": 0.15}, evidence={"a": 5.0, "b": 5.0})
+    finding = decided({"a": 0.45, "b": 0.4, "no gap": 0.15}, apart={"ab": 0.0})
     assert finding.verdict == "one of"
 
 
 def test_an_equal_curve_does_not_name_a_tie_that_holds_another_curve_too():
-    given = {"a": 5.0, "b": 5.0, "c": 3.0}
-    assert decided({"a": 0.45, "b": 0.44, "c": 0.11}, evidence=given).verdict == "one of"
+    assert decided({"a": 0.45, "b": 0.44, "c": 0.11}, apart={"ab": 0.0}).verdict == "one of"
 
 
 def at_two_places(table):
@@ -271,7 +280,7 @@ def test_an_effect_that_no_set_holds_is_listed_with_nothing():
 def test_an_offset_of_the_sensor_ties_with_a_constant_force():
     finding = decided({"a": 0.6, "! offset": 0.35, "no gap": 0.05})
     assert finding.verdict == "one of" and finding.places[0].tied == ("offset",)
-    same = decided({"a": 0.6, "! offset": 0.35, "no gap": 0.05}, evidence={"a": 5.0, "! offset": 5.0})
+    same = decided({"a": 0.6, "! offset": 0.35, "no gap": 0.05}, apart={"a offset": 0.0})
     assert same.verdict == "named" and same.places[0].same == ("offset",)
 
 
