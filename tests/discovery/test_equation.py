@@ -317,6 +317,16 @@ def test_where_nothing_is_missing_no_coefficient_of_the_simulation_changes(nothi
     assert (study.corrections(tiny_data())["probability"] == 0).all()
 
 
+def test_a_recalibration_is_told_by_draws_in_which_a_coefficient_is_changed():
+    # Unlikely enough that the coefficient is right in many draws of all that is possible.
+    study = study_equation(
+        tiny_model(), tiny_data(lambda x: -0.06 * x), "x", [], Odds(), 3, 0, False, lambda text: None
+    )
+    row = study.corrections(tiny_data()).iloc[0]
+    assert study.finding.verdict == "recalibrate" and row["probability"] == 1.0
+    assert study.finding.weighed.by_kind["recalibrate"] < 0.999 and row["lower"] < -0.06 < row["upper"]
+
+
 def test_the_threshold_of_a_gap_is_the_smaller_noise_of_before_and_after(nothing_missing):
     study, _ = nothing_missing
     assert study.map.threshold == study.trace.threshold <= study.amendment.sigma
