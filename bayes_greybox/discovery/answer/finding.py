@@ -178,9 +178,10 @@ def _named(weighed: Weighed, chosen: tuple[str, ...]) -> Finding:
     elif all(p.probability >= SURE or (p.together >= SURE and set(p.tied) <= set(p.same)) for p in places):
         verdict = "named"
     else:
-        # Unsure of a name for the rest's or a doubt's sake alone, with no other that could stand in its place
-        alone = (remainder > 1 - SURE or bool(weighed.doubts)) and not any(p.tied for p in places)
-        verdict = "partly named" if alone else "one of"
+        # Unsure of a name for the rest's or a doubt's sake, with no other that could stand in its place: that there is
+        # nothing at all, or another set, is no rest.
+        rest = remainder >= 0.5 or all(_lost(weighed, world, p) for p in places if p.probability < SURE)
+        verdict = "partly named" if rest and not any(p.tied for p in places) else "one of"
     return Finding(weighed.worlds, verdict, places, e, world, remainder, remainder * share, weighed, against)
 
 
@@ -245,6 +246,13 @@ def _place(weighed: Weighed, world: World, e: Explanation, chosen: tuple[str, ..
     probability = weighed.by_place[own]
     together = min(1.0, probability + sum(rivals[name] for name in tied))
     return Place(index, slug, probability, tied, together, same)
+
+
+def _lost(weighed: Weighed, world: World, place: Place) -> bool:
+    """Whether most of what a name lacks is what counts as unknown of the explanations that have it."""
+    binding = world.evaluations.binding(place.index)
+    held = sum(p for w, e, p, _ in weighed.items if binding in weighed.names(w, e))
+    return held - place.probability > 0.5 * (1 - place.probability)
 
 
 def elsewhere(name: str, slug: str) -> bool:

@@ -315,6 +315,14 @@ def test_an_effect_is_partly_named_where_what_may_remain_leaves_its_name_unsure(
     assert finding.share_left == pytest.approx(0.2 * p)
 
 
+@pytest.mark.parametrize(("p", "expected"), [(0.3, "one of"), (0.02, "partly named")])
+def test_a_rest_that_is_possible_is_none_where_the_name_is_unsure_for_another_reason(p, expected):
+    # P(a) lacks p, for nothing may be missing at all, and 0.45 × 0.25 for a rest; with a fifth of its square.
+    finding = decided({"a": 0.75 - p, "a & rest": 0.25, "no gap": p})
+    assert finding.verdict == expected
+    assert finding.remainder == pytest.approx(0.25 / (1 - p)) and finding.places[0].tied == ()
+
+
 @pytest.mark.parametrize(
     ("share", "expected"),
     [
