@@ -112,6 +112,36 @@ def test_no_gap_says_that_nothing_is_missing():
     assert said("no gap").startswith("Nothing is missing")
 
 
+@pytest.mark.parametrize(
+    ("verdict", "words"),
+    [
+        ("no gap", "nothing is missing (probability {}): simulation and"),
+        ("instrument", "no effect is missing, it is the measurement (probability {}): a is late."),
+        (
+            "recalibrate",
+            "no effect is missing; the coefficient of the simulation is off (probability {}; y in d(x)/dt should",
+        ),
+        ("unknown", "something is missing that the catalogue does not have (probability {}); the maps show"),
+    ],
+)
+def test_a_verdict_without_an_effect_is_said_as_surely_as_it_is_known(verdict, words, monkeypatch):
+    def text(p):
+        monkeypatch.setitem(globals(), "likeliest", lambda **rows: likely(**rows).assign(probability=p))
+        return said(verdict, measured=["a is late"], y=(1.0, 0.97, 0.25))
+
+    likely = likeliest
+    assert text(0.6).startswith("Most likely " + words.format("0.600"))
+    assert text(0.4).startswith("Perhaps " + words.format("0.400"))
+    assert "(probability" not in text(0.95)
+
+
+def test_a_sensor_that_was_put_right_beforehand_is_as_sure_as_that_nothing_is_missing_then(monkeypatch):
+    rows = {("x", "no gap"): 0.97, ("x", "instrument"): 0.02}
+    index = pd.MultiIndex.from_tuples(list(rows), names=["equation", "hypothesis"])
+    monkeypatch.setitem(globals(), "likeliest", lambda **_: pd.DataFrame({"probability": list(rows.values())}, index))
+    assert said("instrument", measured=["a is late"]) == "No effect is missing, it is the measurement: a is late."
+
+
 def test_the_unknown_says_that_the_catalogue_does_not_have_it():
     text = said("unknown")
     assert "the catalogue does not have" in text and "maps" in text

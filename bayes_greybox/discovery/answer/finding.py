@@ -107,7 +107,8 @@ def decide(
 ) -> Finding:  # fmt: skip
     """The answer, before its checks and its free runs.
 
-    1. What is likeliest of: no gap, recalibration, the instrument, unknown, effects together.
+    1. Whether something is missing: effects and the unknown together against no gap, recalibration and the instrument.
+       Then which of these is likeliest.
     2. Of effects, the likeliest set. *Named* needs each of them, or what is the same curve, with probability `SURE`,
        and nothing substantial left over, as f or as a process in time; below that it is *one of*.
     3. What remains beside a dominant set makes it *partly named*; effects that leave more are stand-ins: *unknown*.

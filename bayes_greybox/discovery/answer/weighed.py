@@ -146,7 +146,9 @@ class Weighed:
 
     @property
     def likeliest_kind(self) -> str:
-        """Of `by_kind`; what may be a fault of the sensor as well counts for the effect: it has no other model.
+        """First whether something is missing, with a name or without, then the likeliest of these kinds of `by_kind`.
+
+        What may be a fault of the sensor as well counts for the effect: it has no other model.
 
         So does what may be one law without a name for the likeliest effects, if these are what it is the sum of.
         """
@@ -160,7 +162,9 @@ class Weighed:
         found = {**self.by_kind, EFFECTS: self.by_kind[EFFECTS] + instead + one}
         found["instrument"] -= instead
         found["unknown"] -= one
-        return max(found, key=lambda kind: found[kind])
+        missing = found[EFFECTS] + found["unknown"]
+        among = (EFFECTS, "unknown") if missing > sum(found.values()) - missing else STOPS[:-1]
+        return max(among, key=lambda kind: found[kind])
 
     @cached_property
     def _stands(self) -> dict[str, float]:

@@ -15,7 +15,7 @@ from bayes_greybox.discovery.verdict import worse_in_words
 from bayes_greybox.physics.catalogue.names import within
 
 from .formatting import formula, listed, number, numbers_in, percent_text, probability_text, share_text
-from .study import LIKELY, answer, closed_share, name_of, named_in, not_helped, not_weighed, remembered
+from .study import LIKELY, answer, closed_share, name_of, named_in, not_helped, not_weighed, remembered, rows_of
 
 TWICE = 2.0
 """From this ratio on a rise is said as a multiple: hundreds of per cent are hard to read."""
@@ -53,18 +53,20 @@ def measurement_in_words(study: StudyResult) -> list[str]:
 def _answer(study: StudyResult) -> str:
     label = study.train.target_label
     closed = closed_in_words(study.gap, study.train.target_in_words(*study.maps, article="the "))
+    p = _probability(study)
     if study.verdict == "no gap":
-        return "Nothing is missing: simulation and measurements agree to within the noise."
+        return f"{_likely('Nothing is missing', p)}: simulation and measurements agree to within the noise."
     if study.verdict == "instrument":
         found = "; ".join(measurement_in_words(study)) or "what of it the data cannot say"
-        return f"No effect is missing, it is the measurement: {found}."
+        return f"{_likely('No effect is missing, it is the measurement', p)}: {found}."
     if study.verdict == "recalibrate":
         off = _corrections(study, LIKELY)
         right = "; ".join(_should_be(row, label(row["equation"])) for row in off) or "which one the data cannot say"
         what, it = "coefficients of the simulation are", "them"
         if len(off) == 1:
             what, it = "the coefficient of the simulation is", "it"
-        return f"No effect is missing; {what} off ({right}), and setting {it} right {closed}."
+        off_by = f"{_likely(f'No effect is missing; {what} off', p)} ({right})".replace(") (", "; ", 1)
+        return f"{off_by}, and setting {it} right {closed}."
     said = _said(study)
     # Of several equations the gravest speaks; what was found in the others is said with it.
     off = [row for row in _corrections(study, SURE) if answer(study, row["equation"]) != "unknown"]
@@ -76,6 +78,27 @@ def _answer(study: StudyResult) -> str:
         what = "A coefficient of the simulation is" if len(off) == 1 else "Coefficients of the simulation are"
         besides = f" {what} off besides: {'; '.join(_should_be(row, label(row['equation'])) for row in off)}."
     return f"{_missing(study, said, closed)}{besides}"
+
+
+def _probability(study: StudyResult) -> float:
+    """Probability of a verdict that needs no effect, of all equations that have it."""
+    total = 1.0
+    for name in study.maps:
+        known = rows_of(study.hypotheses, name)["probability"].to_dict()
+        own = answer(study, name)
+        if own == study.verdict and own in known:
+            # Of sensors that were found late beforehand, all that is weighed is put right already.
+            late = known.get("no gap", 0.0) if own == "instrument" else 0.0
+            total *= known[own] + (late if late > known[own] else 0.0)
+    return total
+
+
+def _likely(text: str, p: float) -> str:
+    """A clause as sure as its probability makes it."""
+    if p >= SURE:
+        return text
+    how = "Most likely" if p >= LIKELY else "Perhaps"
+    return f"{how} {text[0].lower()}{text[1:]} (probability {probability_text(p)})"
 
 
 def _of_its_shape(study: StudyResult) -> bool:
@@ -132,7 +155,8 @@ def _missing(study: StudyResult, said: Sequence[str], closed: str) -> str:
         shape = "the maps show its shape"
         if remembers:
             shape = remembers if all(told.values()) else f"{shape}, and {remembers}"
-        unnamed = f"Something is missing{where} that the catalogue does not have; {shape}"
+        p = _probability(study) if study.verdict == "unknown" else 1.0
+        unnamed = f"{_likely(f'Something is missing{where} that the catalogue does not have', p)}; {shape}"
         if not said:
             return f"{unnamed}."
         it = "it" if len(said) == 1 else "them"

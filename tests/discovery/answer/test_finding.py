@@ -123,8 +123,12 @@ def test_effects_together_beat_a_stop_that_each_of_them_alone_loses_to():
     assert slugs(finding) == ("a",) and finding.places[0].tied == ("b",)
 
 
-def test_stops_are_not_added_up_against_effects():
-    assert slugs(decided({"no gap": 0.3, "recalibrate": 0.25, "a": 0.45})) == ("a",)
+def test_whether_something_is_missing_comes_before_what():
+    # With a name or without against all that needs nothing, and only then the likeliest of these.
+    assert decided({"no gap": 0.3, "recalibrate": 0.25, "a": 0.45}).verdict == "no gap"
+    assert slugs(decided({"no gap": 0.45, "a": 0.3, "unknown": 0.25})) == ("a",)
+    assert decided({"no gap": 0.45, "a": 0.25, "unknown": 0.3}).verdict == "unknown"
+    assert decided({"no gap": 0.2, "! offset": 0.35, "a": 0.25, "unknown": 0.2}).verdict == "instrument"
 
 
 @pytest.mark.parametrize("stop", ["no gap", "recalibrate", "unknown", "! offset"])
