@@ -7,6 +7,7 @@ import pytest
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.answer.checks.filtered import SAMPLES_TELL
 from bayes_greybox.discovery.answer.finding import ONE_LAW
+from bayes_greybox.discovery.answer.gap.denials import NAMED
 from bayes_greybox.discovery.answer.instrument import IN_MODEL
 from bayes_greybox.discovery.study import StudyResult
 from bayes_greybox.report.words.sentence import sentence
@@ -217,6 +218,12 @@ def test_one_of_says_the_columns_where_they_alone_are_open(monkeypatch):
     text = said("one of")
     assert "most likely cube of x in d(x)/dt (probability 0.600, not to be told from cube of u)" in text
     assert "or in its place cube of u (0.390); adding the likeliest" in text
+
+
+def test_what_has_a_name_closes_what_it_closes_without_f():
+    alone = CLOSED.rename(index={"unexplained share": NAMED}, level="metric").assign(after=0.2)
+    text = said("partly named", [("Cubic spring", 0.87, ())], gap=pd.concat([CLOSED, alone]))
+    assert text.endswith("adding what has a name closes 50.0 % of the gap on held-out data.")
 
 
 def test_partly_named_says_that_something_else_is_missing_too():

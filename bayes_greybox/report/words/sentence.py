@@ -7,7 +7,7 @@ import pandas as pd
 
 from bayes_greybox.discovery.answer.checks.filtered import SAMPLES_TELL
 from bayes_greybox.discovery.answer.finding import AND_MORE, ONE_LAW, SURE
-from bayes_greybox.discovery.answer.gap.denials import worsened
+from bayes_greybox.discovery.answer.gap.denials import NAMED, worsened
 from bayes_greybox.discovery.answer.instrument import IN_MODEL
 from bayes_greybox.discovery.study import StudyResult
 from bayes_greybox.discovery.suspects.channels import KINDS, LAG
@@ -211,6 +211,10 @@ def closed_in_words(gap: pd.DataFrame, what: str = "the rate") -> str:
         what: What is explained or not: the rate, or outputs by name.
     """
     shares = gap.xs("unexplained share", level="metric")[["before", "after"]]
+    # f, which takes up anything, is nothing that has a name and was added.
+    if NAMED in gap.index.get_level_values("metric"):
+        alone = gap.xs(NAMED, level="metric")[["before", "after"]]
+        shares = pd.concat([alone, shares.loc[shares.index.difference(alone.index)]])
     # What is at rest has no rate to explain a share of.
     shares = shares.dropna()
     parts = shares.index.get_level_values("data")

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from bayes_greybox.discovery.answer.gap.denials import MISFIT, worsened
+from bayes_greybox.discovery.answer.gap.denials import MISFIT, NAMED, worsened
 from bayes_greybox.discovery.answer.weighed import STOPS
 from bayes_greybox.discovery.study import StudyResult
 from bayes_greybox.discovery.suspects.channels import DELAY_STEPS, GAIN, GAIN_SD, LAG, OFFSET_SD
@@ -53,6 +53,10 @@ METRICS: dict[str, tuple[str, str]] = {
     MISFIT: (
         "Error of the predicted samples over their noise, {target}",
         "One where the model explains all but the noise, and what its coefficients leave open.",
+    ),
+    NAMED: (
+        "Unexplained part of {target}, by names alone",
+        "The same by what has a name, without the f of any shape that the amended model holds beside it.",
     ),
     "time to failure": ("Time until a free run fails", "How long the model can be run before it blows up."),
 }
