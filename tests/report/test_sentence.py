@@ -270,6 +270,19 @@ def test_a_gap_that_is_closed_all_but_wholly_is_not_rounded_to_wholly():
     assert "closes > 99.9 % of the gap" in text
 
 
+def test_a_gap_that_hardly_changes_is_left_as_it_is():
+    def text(before, after, run=(9.0, 0.1, 0.1)):
+        return said("named", [("Cubic spring", 0.87, ())], gap_table(run, test=(before, after)))
+
+    for after in (0.49998, 0.50002):
+        assert text(0.5, after).endswith("adding it leaves the gap on held-out data as it is.")
+    assert "leaves what is unexplained of the rate on held-out data as it is, and the free run of x gets" in text(
+        0.5, 0.49998, (0.2, 0.5, 0.1)
+    )
+    # Ends that do not show are no gap, and no multiple of one.
+    assert text(1e-7, 1e-5).endswith("adding it closes no gap on held-out data, which show none.")
+
+
 def test_where_held_out_data_show_no_gap_none_is_called_closed():
     text = said("named", [("Cubic spring", 0.87, ())], gap_table(test=(0.0, 0.0)))
     assert text.endswith("adding it closes no gap on held-out data, which show none.")

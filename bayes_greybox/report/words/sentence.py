@@ -15,7 +15,7 @@ from bayes_greybox.discovery.verdict import worse_in_words
 from bayes_greybox.physics.catalogue.names import within
 
 from .formatting import formula, listed, number, numbers_in, percent_text, probability_text, share_text
-from .study import LIKELY, answer, closed_share, name_of, named_in, not_helped, not_weighed, remembered, rows_of
+from .study import LEAST_CLOSED, LIKELY, answer, closed_share, name_of, named_in, not_helped, not_weighed, remembered, rows_of
 
 TWICE = 2.0
 """From this ratio on a rise is said as a multiple: hundreds of per cent are hard to read."""
@@ -221,19 +221,25 @@ def closed_in_words(gap: pd.DataFrame, what: str = "the rate") -> str:
     held_out = "test" in parts
     where = "held-out data" if held_out else "the training data"
     before, after = shares[parts == ("test" if held_out else "train")].sum()
-    if not before > 0:
-        if after > 0:
-            return f"leaves {share_text(after)} of {what} on {where} unexplained, where nothing was before"
+    if max(before, after) < LEAST_CLOSED:
+        # What is below what shows is no gap, whatever multiple of it is left.
         return f"closes no gap on {where}, which show none"
+    if not before > 0:
+        return f"leaves {share_text(after)} of {what} on {where} unexplained, where nothing was before"
+    unchanged = abs(1 - after / before) < LEAST_CLOSED
     worse, idle = worsened(gap), not_helped(gap)
     if worse or idle:
         # What is claimed closed is closed in the free run too.
         runs = " and ".join(worse_in_words(key) for key in worse)
         runs = runs or f"the free run of {listed(idle)} does not get better"
+        if unchanged:
+            return f"leaves what is unexplained of {what} on {where} as it is, and {runs}"
         if after > before:
             return f"raises what is unexplained of {what} on {where} {risen(after / before)}, and {runs}"
         size = closed_share(1 - after / before)
         return f"lowers what is unexplained of {what} on {where} by {size}, but {runs}"
+    if unchanged:
+        return f"leaves the gap on {where} as it is"
     if after > before:
         return f"widens the gap on {where} {risen(after / before)}"
     return f"closes {closed_share(1 - after / before)} of the gap on {where}"
