@@ -15,7 +15,18 @@ from bayes_greybox.discovery.verdict import worse_in_words
 from bayes_greybox.physics.catalogue.names import within
 
 from .formatting import formula, listed, number, numbers_in, percent_text, probability_text, share_text
-from .study import LEAST_CLOSED, LIKELY, answer, closed_share, name_of, named_in, not_helped, not_weighed, remembered, rows_of
+from .study import (
+    LEAST_CLOSED,
+    LIKELY,
+    answer,
+    closed_share,
+    name_of,
+    named_in,
+    not_helped,
+    not_weighed,
+    remembered,
+    rows_of,
+)
 
 TWICE = 2.0
 """From this ratio on a rise is said as a multiple: hundreds of per cent are hard to read."""

@@ -18,12 +18,13 @@ from bayes_greybox.discovery.answer.finding import (
     VERDICTS,
     decide,
 )
-from bayes_greybox.discovery.answer.weighed import EFFECTS, STACKED, Mirror, Weighed
+from bayes_greybox.discovery.answer.weighed import EFFECTS, STACKED, STOPS, Mirror, Weighed
 from bayes_greybox.discovery.evidence.evaluations import Evaluations
 from bayes_greybox.discovery.evidence.odds import Odds
 from bayes_greybox.discovery.weighing.sets import PLAIN, RECALIBRATED, REST, Explanation
 from bayes_greybox.discovery.weighing.worlds import World
 from bayes_greybox.model.noise.noise_model import PROCESS, NoiseModel
+from bayes_greybox.physics.catalogue.effects import ANSWERS
 
 SUSPECTS = ("offset", "delay")
 KINDS = {"no gap": PLAIN, "recalibrate": RECALIBRATED, "unknown": REST}
@@ -201,6 +202,10 @@ def test_on_two_columns_it_is_the_sensors_only_where_it_was_weighed():
     second = replace(both, explanations=(replace(e, effects=places[1:]), unknown))
     finding = decide([second], (), sure)
     assert finding.verdict == "named" and finding.weighed.by_effect["a"] == pytest.approx(0.98)
+
+
+def test_no_effect_may_be_called_as_an_answer_without_one():
+    assert {name.replace(" ", "-") for name in (*STOPS, EFFECTS)} - {"no-gap"} == set(ANSWERS)
 
 
 # A name needs a probability
