@@ -92,7 +92,7 @@ TRAIN = Trajectories.from_arrays(np.arange(3.0), states={"x": np.arange(3.0)}, o
 
 def said(
     verdict, added=(), gap=CLOSED, measured=(), against=(), where="x", equations=None, left_out=(), memory=None,
-    law=None, **off
+    law=None, same=None, **off
 ):  # fmt: skip
     study = object.__new__(StudyResult)
     equations = equations or {"x": verdict}
@@ -100,7 +100,7 @@ def said(
         verdict=verdict, effects=effects(*added, equation=where), gap=gap, corrections=corrections(**off),
         instrument=instrument(*measured), against=tuple(against), maps=dict.fromkeys(equations),
         hypotheses=likeliest(**equations), left_out=dict(left_out), memory=remembers(**(memory or {})),
-        train=TRAIN, quantities=pd.DataFrame(),
+        train=TRAIN, quantities=pd.DataFrame(), settings={"same as": {"x": same or {}}},
     )  # fmt: skip
     if law is not None:
         index = pd.MultiIndex.from_tuples([("x", "v")], names=["equation", "quantity"])
@@ -238,6 +238,17 @@ def test_recalibration_says_the_right_coefficient_and_the_wrong_one():
     assert "y in d(x)/dt should have 1.25, not 1" in text
     assert text.startswith("No effect is missing; the coefficient of the simulation is off (")
     assert "setting it right closes 75.0 % of the gap" in text
+
+
+def test_an_error_of_a_sensor_that_does_the_same_as_a_wrong_coefficient_is_told():
+    same = {
+        "gain of F": {"what": "recalibration of F", "change": 0.1},
+        "offset of u": {"what": "offset of x", "change": 0.1},
+    }
+    text = said("recalibrate", same=same, F=(1.0, 0.97, -0.2))
+    assert "F in d(x)/dt should have 0.8, not 1, or else it is the gain of F, which does the same)" in text
+    assert "or else" not in said("recalibrate", same=same, F=(1.0, 0.97, -0.4))
+    assert "offset" not in text and "or else" not in said("recalibrate", same=same, y=(1.0, 0.97, 0.25))
 
 
 def test_recalibration_passes_over_coefficients_that_are_rather_right():

@@ -22,7 +22,7 @@ from bayes_greybox.physics.terms import Term
 
 from .inner_parameter import MOST, InnerParameter
 
-ANSWERS = ("recalibrate", "instrument", "unknown", "effects")
+ANSWERS = ("recalibrate", "instrument", "unknown")
 """Slugs that no effect may have: what a study says without one, in the same tables."""
 
 _SLUG = re.compile(r"[a-z0-9]+(-[a-z0-9]+)*")

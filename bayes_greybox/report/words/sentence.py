@@ -10,8 +10,9 @@ from bayes_greybox.discovery.answer.finding import AND_MORE, ONE_LAW, SURE
 from bayes_greybox.discovery.answer.gap.denials import NAMED, worsened
 from bayes_greybox.discovery.answer.instrument import IN_MODEL
 from bayes_greybox.discovery.study import StudyResult
-from bayes_greybox.discovery.suspects.channels import KINDS, LAG
+from bayes_greybox.discovery.suspects.channels import DELAY, KINDS, LAG
 from bayes_greybox.discovery.verdict import worse_in_words
+from bayes_greybox.discovery.weighing.alignment import FURTHEST, FURTHEST_DELAY
 from bayes_greybox.physics.catalogue.names import within
 
 from .formatting import formula, listed, number, numbers_in, percent_text, probability_text, share_text
@@ -26,6 +27,7 @@ from .study import (
     not_weighed,
     remembered,
     rows_of,
+    same_as,
 )
 
 TWICE = 2.0
@@ -62,7 +64,6 @@ def measurement_in_words(study: StudyResult) -> list[str]:
 
 
 def _answer(study: StudyResult) -> str:
-    label = study.train.target_label
     closed = closed_in_words(study.gap, study.train.target_in_words(*study.maps, article="the "))
     p = _probability(study)
     if study.verdict == "no gap":
@@ -72,12 +73,13 @@ def _answer(study: StudyResult) -> str:
         return f"{_likely('No effect is missing, it is the measurement', p)}: {found}."
     if study.verdict == "recalibrate":
         off = _corrections(study, LIKELY)
-        right = "; ".join(_should_be(row, label(row["equation"])) for row in off) or "which one the data cannot say"
+        right = "; ".join(_should_be(study, row) for row in off) or "which one the data cannot say"
         what, it = "coefficients of the simulation are", "them"
         if len(off) == 1:
             what, it = "the coefficient of the simulation is", "it"
-        off_by = f"{_likely(f'No effect is missing; {what} off', p)} ({right})".replace(") (", "; ", 1)
-        return f"{off_by}, and setting {it} right {closed}."
+        clause = _likely(f"No effect is missing; {what} off", p)
+        told = f"{clause} ({right})" if p >= SURE else f"{clause.removesuffix(')')}; {right})"
+        return f"{told}, and setting {it} right {closed}."
     said = _said(study)
     # Of several equations the gravest speaks; what was found in the others is said with it.
     off = [row for row in _corrections(study, SURE) if answer(study, row["equation"]) != "unknown"]
@@ -87,7 +89,7 @@ def _answer(study: StudyResult) -> str:
         # Most of a gap may be a coefficient's, whatever is added.
         closed = f"and setting {'a coefficient' if len(off) == 1 else 'coefficients'} right {closed}"
         what = "A coefficient of the simulation is" if len(off) == 1 else "Coefficients of the simulation are"
-        besides = f" {what} off besides: {'; '.join(_should_be(row, label(row['equation'])) for row in off)}."
+        besides = f" {what} off besides: {'; '.join(_should_be(study, row) for row in off)}."
     return f"{_missing(study, said, closed)}{besides}"
 
 
@@ -209,9 +211,23 @@ def _corrections(study: StudyResult, least: float) -> list[dict[str, Any]]:
     return likely.reset_index().to_dict("records")
 
 
-def _should_be(row: Mapping[str, Any], label: str) -> str:
+def _furthest(key: str) -> float:
+    """Prior standard deviations beyond which no sensor is off."""
+    return FURTHEST_DELAY if key.startswith(f"{DELAY} of ") else FURTHEST
+
+
+def _should_be(study: StudyResult, row: Mapping[str, Any]) -> str:
+    """The right coefficient, and the errors of sensors that do the same as a wrong one."""
     right, wrong = number(row["nominal"] + row["mean"], 4), number(row["nominal"], 4)
-    return f"{formula(row['term'])} in {label} should have {right}, not {wrong}"
+    own = f"recalibration of {row['term']}"
+    twins = [
+        key
+        for key, other in same_as(study, row["equation"]).items()
+        if other["what"] == own and abs(row["mean"]) <= _furthest(key) * abs(other["change"])
+    ]
+    instead = f", or else it is the {' or the '.join(twins)}, which does the same" if twins else ""
+    label = study.train.target_label(row["equation"])
+    return f"{formula(row['term'])} in {label} should have {right}, not {wrong}{instead}"
 
 
 def closed_in_words(gap: pd.DataFrame, what: str = "the rate") -> str:
