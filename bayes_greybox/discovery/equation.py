@@ -159,7 +159,12 @@ def _amendment(finding: Finding, aligned: Aligned, train: Trajectories, seed: in
     suspects = finding.explanation.suspects
     memory = finding.explanation.memory
     remainder = finding.remainder if finding.explanation.leaves_rest and not memory else 0.0
-    coefficients = draw_coefficients(evaluations, finding.base, DRAWS, seed, (*suspects, *memory), remainder)
+    # A verdict on the simulation's own coefficients is one on which of them are off: its draws are given that.
+    right = finding.kind in ("no gap", "instrument")
+    coefficients = draw_coefficients(
+        evaluations, finding.base, DRAWS, seed, (*suspects, *memory), remainder, some=finding.kind == "recalibrate",
+        none=right,
+    )  # fmt: skip
     # What remembers without a name is fitted beside them, and no part of the model after.
     coefficients = coefficients.without_memory(statistics, len(suspects))
     if not finding.base and finding.explanation.kind != RECALIBRATED:

@@ -34,7 +34,7 @@ from .answer.gap.table import gap_rows
 from .answer.where import GapMap, GapTrace
 from .equation import study_equation
 from .evidence.odds import Odds
-from .evidence.sufficient_statistics import CORRECTION_SCALE
+from .evidence.sufficient_statistics import CORRECTION_SCALE, SufficientStatistics
 from .next_experiment.explained import Explained, explained
 from .refusals import check_data, check_rows, check_settings
 from .studied import studied_equations
@@ -308,6 +308,7 @@ def investigate(
                 "correction (prior SD over the coefficient)": CORRECTION_SCALE,
                 "laws next to an effect (prior over the effect's)": OTHER_LAWS,
             },
+            "same as": {name: _same(found.statistics) for name, found in findings.items()},
             "versions": versions(),
             "seconds": seconds,
         },
@@ -315,6 +316,11 @@ def investigate(
         explanations={name: explained(found) for name, found in findings.items()},
         counted=counted,
     )
+
+
+def _same(statistics: SufficientStatistics) -> dict[str, dict[str, Any]]:
+    """Suspects that do what another does, or a coefficient that is off, and by how much, of one standard deviation."""
+    return {key: {"what": other, "change": statistics.changes[key]} for key, other in statistics.twins.items()}
 
 
 def _with_inputs(model: AnyProgram, findings: Mapping[str, EquationStudy]) -> AnyProgram:

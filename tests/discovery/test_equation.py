@@ -10,7 +10,9 @@ from tiny_equation import (
     DEAD_ZONE,
     SQUARE,
     forced,
+    forced_model,
     forced_study,
+    on,
     soft,
     studied_motion,
     tiny_data,
@@ -29,7 +31,10 @@ from bayes_greybox.discovery.answer.equation_study import EquationStudy
 from bayes_greybox.discovery.answer.finding import TIED, Finding, Place
 from bayes_greybox.discovery.answer.weighed import STACKED, Weighed
 from bayes_greybox.discovery.equation import study_equation
+from bayes_greybox.discovery.evidence.evaluations import Evaluations
 from bayes_greybox.discovery.evidence.odds import Odds
+from bayes_greybox.discovery.evidence.of_equation import sufficient_statistics
+from bayes_greybox.discovery.evidence.with_discrepancy import Evaluator
 from bayes_greybox.discovery.weighing.aligned import Aligned
 from bayes_greybox.discovery.weighing.sets import PLAIN, RECALIBRATED, REST, Explanation
 from bayes_greybox.discovery.weighing.worlds import World
@@ -143,6 +148,22 @@ def test_what_could_stand_in_an_effects_place_is_marked_where_it_is_one_of_them(
     cube, _ = known.statistics.of_kind("effect")
     table = studied(known, FIRST, (cube,), ties=(("square",),), verdict=verdict).effects(tiny_data()).set_index("slug")
     assert table.loc["square", "status"] == status and table.loc["cube", "tied_with"] == ("square",)
+
+
+def test_the_same_effect_on_other_columns_has_a_row_of_its_own_where_it_may_stand_in_its_place():
+    data = forced(soft)
+    statistics = sufficient_statistics(forced_model(), data, "v", [on(CUBE, "y"), on(CUBE, "v")])
+    both = Evaluations(statistics, Odds(), Evaluator(statistics.prior, statistics.kernel, np.ones((5, 2))))
+    first, second = statistics.of_kind("effect")
+    study = studied(both, {"cube": 0.6, "no gap": 0.1}, (first,), ties=(("cube(r=v)",),), verdict="one of")
+    world = study.finding.world
+    again = replace(world.best, effects=(second,), log_weight=float(np.log(0.3)))
+    study.finding.__dict__["weighed"] = Weighed([replace(world, explanations=(*world.explanations, again))])
+    rows = study.effects(data)
+    assert rows["status"].tolist() == ["added", "one of"] and rows["quantity"].tolist() == ["y", "v"]
+    assert rows["probability"].tolist() == [0.7, pytest.approx(0.3)] and "v" in rows.loc[1, "expression"]
+    (tie,) = study.ties(data)
+    assert tie["slugs"] == ("cube", "cube(r=v)") and tie["advice"]
 
 
 def test_an_effect_of_the_table_has_the_probability_that_a_rest_leaves_it(known):
@@ -294,6 +315,16 @@ def test_where_nothing_is_missing_no_coefficient_of_the_simulation_changes(nothi
     assert not study.coefficients.draws[:, kinds == "correction"].any()
     assert study.coefficients.draws[:, kinds == "free"].all()
     assert (study.corrections(tiny_data())["probability"] == 0).all()
+
+
+def test_a_recalibration_is_told_by_draws_in_which_a_coefficient_is_changed():
+    # Unlikely enough that the coefficient is right in many draws of all that is possible.
+    study = study_equation(
+        tiny_model(), tiny_data(lambda x: -0.06 * x), "x", [], Odds(), 3, 0, False, lambda text: None
+    )
+    row = study.corrections(tiny_data()).iloc[0]
+    assert study.finding.verdict == "recalibrate" and row["probability"] == 1.0
+    assert study.finding.weighed.by_kind["recalibrate"] < 0.999 and row["lower"] < -0.06 < row["upper"]
 
 
 def test_the_threshold_of_a_gap_is_the_smaller_noise_of_before_and_after(nothing_missing):

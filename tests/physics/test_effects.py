@@ -652,6 +652,7 @@ def test_a_role_that_nobody_knows_is_refused_when_it_is_bound(tmp_path):
         ("temperature**4 - ambient**4", "0*ambient", "zero everywhere"),
         ('slug = "radiation"', 'slug = "late-drag"', "slug 'late-drag' occurs 2 times"),
         ('slug = "radiation"', 'slug = "Hot Body"', "'Hot Body' must be small letters"),
+        ('slug = "radiation"', 'slug = "unknown"', "The slug 'unknown' is what a study says of itself"),
         ("velocity-onset", "velocity", "'onset' does not occur"),
         ('of = "velocity"', 'of = "speed"', "refers to 'speed', which is no role.*its roles: velocity"),
         ('of = "velocity"', 'of = "velocity"\nunit_of = "m"', "refers to 'm'"),

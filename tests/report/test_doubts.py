@@ -256,7 +256,9 @@ def test_suspects_have_a_size_in_their_unit_and_in_samples(study):
     noise = {**DELAYED, "suspect": "heavy tails", "mean": 3.0, "sd": np.nan, "unit": "", "samples": np.nan}
     assert suspect_size(noise) == ("–", "–", "–")
     weighed = dict(suspects_weighed(study))
-    assert spaced(weighed["Delay of d(ydot)/dt, all states together, y, ydot, F"]) == "0.020 each; size ± 2 samples"
+    # The y of a linear spring that comes late is damping.
+    assert spaced(weighed["Delay of d(ydot)/dt, all states together, ydot, F"]) == "0.020 each; size ± 2 samples"
+    assert weighed["Delay of y"] == "as recalibration of ydot, which does the same"
     assert suspects_weighed(replace(study, settings={})) == [] and "Lag of y" not in weighed
     lag = pd.DataFrame([{**DELAYED, "suspect": "lag", "channel": "y"}])
     assert "50" in dict(suspects_weighed(replace(study, instrument=lag)))["Lag of y"]

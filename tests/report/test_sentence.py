@@ -7,6 +7,7 @@ import pytest
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.answer.checks.filtered import SAMPLES_TELL
 from bayes_greybox.discovery.answer.finding import ONE_LAW
+from bayes_greybox.discovery.answer.gap.denials import NAMED
 from bayes_greybox.discovery.answer.instrument import IN_MODEL
 from bayes_greybox.discovery.study import StudyResult
 from bayes_greybox.report.words.sentence import sentence
@@ -91,7 +92,7 @@ TRAIN = Trajectories.from_arrays(np.arange(3.0), states={"x": np.arange(3.0)}, o
 
 def said(
     verdict, added=(), gap=CLOSED, measured=(), against=(), where="x", equations=None, left_out=(), memory=None,
-    law=None, **off
+    law=None, same=None, **off
 ):  # fmt: skip
     study = object.__new__(StudyResult)
     equations = equations or {"x": verdict}
@@ -99,7 +100,7 @@ def said(
         verdict=verdict, effects=effects(*added, equation=where), gap=gap, corrections=corrections(**off),
         instrument=instrument(*measured), against=tuple(against), maps=dict.fromkeys(equations),
         hypotheses=likeliest(**equations), left_out=dict(left_out), memory=remembers(**(memory or {})),
-        train=TRAIN, quantities=pd.DataFrame(),
+        train=TRAIN, quantities=pd.DataFrame(), settings={"same as": {"x": same or {}}},
     )  # fmt: skip
     if law is not None:
         index = pd.MultiIndex.from_tuples([("x", "v")], names=["equation", "quantity"])
@@ -110,6 +111,36 @@ def said(
 
 def test_no_gap_says_that_nothing_is_missing():
     assert said("no gap").startswith("Nothing is missing")
+
+
+@pytest.mark.parametrize(
+    ("verdict", "words"),
+    [
+        ("no gap", "nothing is missing (probability {}): simulation and"),
+        ("instrument", "no effect is missing, it is the measurement (probability {}): a is late."),
+        (
+            "recalibrate",
+            "no effect is missing; the coefficient of the simulation is off (probability {}; y in d(x)/dt should",
+        ),
+        ("unknown", "something is missing that the catalogue does not have (probability {}); the maps show"),
+    ],
+)
+def test_a_verdict_without_an_effect_is_said_as_surely_as_it_is_known(verdict, words, monkeypatch):
+    def text(p):
+        monkeypatch.setitem(globals(), "likeliest", lambda **rows: likely(**rows).assign(probability=p))
+        return said(verdict, measured=["a is late"], y=(1.0, 0.97, 0.25))
+
+    likely = likeliest
+    assert text(0.6).startswith("Most likely " + words.format("0.600"))
+    assert text(0.4).startswith("Perhaps " + words.format("0.400"))
+    assert "(probability" not in text(0.95)
+
+
+def test_a_sensor_that_was_put_right_beforehand_is_as_sure_as_that_nothing_is_missing_then(monkeypatch):
+    rows = {("x", "no gap"): 0.97, ("x", "instrument"): 0.02}
+    index = pd.MultiIndex.from_tuples(list(rows), names=["equation", "hypothesis"])
+    monkeypatch.setitem(globals(), "likeliest", lambda **_: pd.DataFrame({"probability": list(rows.values())}, index))
+    assert said("instrument", measured=["a is late"]) == "No effect is missing, it is the measurement: a is late."
 
 
 def test_the_unknown_says_that_the_catalogue_does_not_have_it():
@@ -181,6 +212,20 @@ def test_effects_that_cannot_be_told_apart_are_said():
     assert "not to be told from pendulum or dead zone" in text
 
 
+def test_one_of_says_the_columns_where_they_alone_are_open(monkeypatch):
+    rows = effects(("Cube", 0.6, ("cube(r=u)",)), ("Cube", 0.39, (), "one of")).assign(quantity=["x", "u", "x"])
+    monkeypatch.setitem(globals(), "effects", lambda *given, **kw: rows)
+    text = said("one of")
+    assert "most likely cube of x in d(x)/dt (probability 0.600, not to be told from cube of u)" in text
+    assert "or in its place cube of u (0.390); adding the likeliest" in text
+
+
+def test_what_has_a_name_closes_what_it_closes_without_f():
+    alone = CLOSED.rename(index={"unexplained share": NAMED}, level="metric").assign(after=0.2)
+    text = said("partly named", [("Cubic spring", 0.87, ())], gap=pd.concat([CLOSED, alone]))
+    assert text.endswith("adding what has a name closes 50.0 % of the gap on held-out data.")
+
+
 def test_partly_named_says_that_something_else_is_missing_too():
     text = said("partly named", [("Cubic spring", 0.87, ())])
     assert "cubic spring" in text and "something else that the catalogue does not have" in text
@@ -193,6 +238,17 @@ def test_recalibration_says_the_right_coefficient_and_the_wrong_one():
     assert "y in d(x)/dt should have 1.25, not 1" in text
     assert text.startswith("No effect is missing; the coefficient of the simulation is off (")
     assert "setting it right closes 75.0 % of the gap" in text
+
+
+def test_an_error_of_a_sensor_that_does_the_same_as_a_wrong_coefficient_is_told():
+    same = {
+        "gain of F": {"what": "recalibration of F", "change": 0.1},
+        "offset of u": {"what": "offset of x", "change": 0.1},
+    }
+    text = said("recalibrate", same=same, F=(1.0, 0.97, -0.2))
+    assert "F in d(x)/dt should have 0.8, not 1, or else it is the gain of F, which does the same)" in text
+    assert "or else" not in said("recalibrate", same=same, F=(1.0, 0.97, -0.4))
+    assert "offset" not in text and "or else" not in said("recalibrate", same=same, y=(1.0, 0.97, 0.25))
 
 
 def test_recalibration_passes_over_coefficients_that_are_rather_right():
@@ -223,6 +279,19 @@ def test_a_gap_that_grows_is_said_to_widen():
 def test_a_gap_that_is_closed_all_but_wholly_is_not_rounded_to_wholly():
     text = said("named", [("Cubic spring", 0.87, ())], gap_table(test=(1.0, 0.0001)))
     assert "closes > 99.9 % of the gap" in text
+
+
+def test_a_gap_that_hardly_changes_is_left_as_it_is():
+    def text(before, after, run=(9.0, 0.1, 0.1)):
+        return said("named", [("Cubic spring", 0.87, ())], gap_table(run, test=(before, after)))
+
+    for after in (0.49998, 0.50002):
+        assert text(0.5, after).endswith("adding it leaves the gap on held-out data as it is.")
+    assert "leaves what is unexplained of the rate on held-out data as it is, and the free run of x gets" in text(
+        0.5, 0.49998, (0.2, 0.5, 0.1)
+    )
+    # Ends that do not show are no gap, and no multiple of one.
+    assert text(1e-7, 1e-5).endswith("adding it closes no gap on held-out data, which show none.")
 
 
 def test_where_held_out_data_show_no_gap_none_is_called_closed():

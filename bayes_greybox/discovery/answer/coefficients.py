@@ -5,7 +5,7 @@ from itertools import product
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from bayes_greybox.discovery.evidence.evaluations import Evaluations, one_pattern
 from bayes_greybox.discovery.evidence.sufficient_statistics import SufficientStatistics
@@ -93,7 +93,7 @@ def alone(evaluations: Evaluations, index: int) -> tuple[float, float]:
 
 def draw_coefficients(
     evaluations: Evaluations, base: Sequence[int], n_draw: int, seed: int, suspects: Sequence[int] = (),
-    remainder: float = 0.0,
+    remainder: float = 0.0, *, some: bool = False, none: bool = False,
 ) -> Coefficients:  # fmt: skip
     """Posterior draws of all coefficients given the effects of `base`, inner parameters and corrections averaged.
 
@@ -104,13 +104,16 @@ def draw_coefficients(
         seed: Their seed.
         suspects: Suspects that are in the model with them.
         remainder: Probability that f remains, which makes the noise smaller.
+        some: Whether at least one correction is in.
+        none: Whether none is.
     """
     rng = np.random.default_rng(seed)
     suspects = tuple(suspects)
     choices, drawn_as = _choices(evaluations, suspects, base, rng)
     evaluated = evaluations.parametric([(*suspects, *c) for c in choices])
     logs = np.array([[*np.ravel(v.by_pattern)] for v in evaluated]) + drawn_as[:, None]
-    n_pattern = logs.shape[1]
+    patterns = _patterns(logs.shape[1], some, none)
+    n_pattern, logs = len(patterns), logs[:, patterns]
     flat = np.exp(logs - np.logaddexp.reduce(logs, axis=None)).ravel()
     picks = rng.choice(len(flat), size=n_draw, p=flat / flat.sum())
     own = [*evaluations.statistics.of_kind("free"), *evaluations.statistics.of_kind("correction")]
@@ -123,7 +126,7 @@ def draw_coefficients(
     s_f = evaluations.statistics.noise.sigma(evaluations.integrated((*suspects, *base)).mode[0]) if remainder else 0.0
     for pick in np.unique(picks):
         rows = np.flatnonzero(picks == pick)
-        choice, pattern = choices[pick // n_pattern], pick % n_pattern
+        choice, pattern = choices[pick // n_pattern], patterns[pick % n_pattern]
         one, single = one_pattern(evaluated[pick // n_pattern], int(pattern))
         mean, covariance = coefficients(one, single)
         node = rng.choice(len(single.sigma), size=len(rows), p=single.weight / single.weight.sum())
@@ -162,8 +165,7 @@ def conditional(
     choices, drawn_as = [choices[i] for i in order], drawn_as[order]
     evaluated = evaluations.parametric([(*suspects, *c) for c in choices])
     logs = np.array([[*np.ravel(v.by_pattern)] for v in evaluated]) + drawn_as[:, None]
-    patterns = np.arange(logs.shape[1])
-    patterns = patterns[:1] if none else patterns[1:] if some else patterns
+    patterns = _patterns(logs.shape[1], some, none)
     flat = np.exp(logs[:, patterns] - np.logaddexp.reduce(logs[:, patterns], axis=None))
     own = [*evaluations.statistics.of_kind("free"), *evaluations.statistics.of_kind("correction")]
     kept = [*range(len(own)), *range(len(own) + len(suspects), len(own) + len(suspects) + len(base))]
@@ -187,6 +189,12 @@ def sensor_errors(statistics: SufficientStatistics, coefficients: Coefficients) 
         for i, size in zip(coefficients.suspects, coefficients.suspect_draws.mean(axis=0), strict=True)
         if (suspect := statistics.columns[i].suspect) is not None
     }
+
+
+def _patterns(count: int, some: bool, none: bool) -> Int[np.ndarray, " n_pattern"]:
+    """Inclusion patterns of the corrections with at least one, with none, or all of them; the first has none."""
+    patterns = np.arange(count)
+    return patterns[:1] if none else patterns[1:] if some else patterns
 
 
 def _choices(

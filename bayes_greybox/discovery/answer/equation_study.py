@@ -21,7 +21,7 @@ from bayes_greybox.physics.units import coefficient_unit, target_unit
 from .amendment import Amendment
 from .checks.adequacy import Check
 from .coefficients import Coefficients, alone
-from .finding import TIED, Finding
+from .finding import TIED, Finding, elsewhere
 from .instrument import instrument_table
 from .weighed import STOPS, quantity
 from .where import GapMap, GapTrace
@@ -66,7 +66,10 @@ class EquationStudy:
         return self.statistics.rows.n_white
 
     def effects(self, data: Trajectories) -> pd.DataFrame:
-        """Effects of the answer, those that could stand in their places, then all others."""
+        """Effects of the answer, those that could stand in their places, then all others.
+
+        Those of the answer, and the same on other columns, have the probability to act there; others to act anywhere.
+        """
         rows, done = [], set()
         places = self.finding.places
         for k, place in enumerate(places):
@@ -78,10 +81,13 @@ class EquationStudy:
             values = [self.statistics.columns[int(i)].inner for i in inner]
             rows.append(self._row(data, place.index, place.probability, draws, place.tied, values, "added"))
             done.add(place.slug)
-        instead = {slug for place in places for slug in place.tied} if self.finding.verdict == "one of" else set()
         probabilities = self.finding.weighed.by_effect
         best = max(probabilities.values(), default=0.0)
-        for name, p in probabilities.items():
+        # The same effect on other columns may stand in its place as others do.
+        by_place = self.finding.weighed.by_place
+        moved = {name: by_place[name] for place in places for name in place.tied if elsewhere(name, place.slug)}
+        instead = {name for place in places for name in place.tied} if self.finding.verdict == "one of" else set()
+        for name, p in {**moved, **probabilities}.items():
             if name in done:
                 continue
             index = self.evaluations.best_of(name)
@@ -222,8 +228,12 @@ class EquationStudy:
         """Tied effects and the experiment that would tell them apart."""
         found = []
         for place in self.finding.places:
-            known = self.finding.weighed.by_effect
-            rivals = [self.evaluations.best_of(slug) for slug in place.tied if slug in known]
+            weighed = self.finding.weighed
+            rivals = [
+                self.evaluations.best_of(name)
+                for name in place.tied
+                if name in weighed.by_effect or elsewhere(name, place.slug)
+            ]
             if rivals or any(name.startswith(f"{LAG} of ") for name in place.tied):
                 advice = _advice(self, place.index, rivals, data) if rivals else ANOTHER_SENSOR
                 found.append(

@@ -3,8 +3,6 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
-import numpy as np
-
 from bayes_greybox.discovery.weighing.sets import Explanation, imitated
 from bayes_greybox.discovery.weighing.worlds import World
 
@@ -21,7 +19,7 @@ TIED = 0.05
 """An effect in the place of another is tied with it from this share of its probability on."""
 
 SAME = 0.1
-"""Effects whose log evidences in each other's place differ by less are one curve on these data."""
+"""Effects whose curves in each other's place differ by less, n RMS²/σ², are one curve on these data."""
 
 ONE_LAW = "several effects of the same quantity may be one that the catalogue does not have"
 """What speaks against effects that together may be one law."""
@@ -40,8 +38,9 @@ class Place:
     Attributes:
         index: Its column in the best world.
         slug: Its name.
-        probability: That it is missing.
-        tied: Slugs that could stand in its place, likeliest first, and faults of sensors by their keys ("lag of y").
+        probability: That it is missing on its columns.
+        tied: What could stand in its place, likeliest first: effects by their slugs, itself on other columns by its
+            binding ("cube(r=u)"), and faults of sensors by their keys ("lag of y").
         together: Probability of it or one of these.
         same: Those of them that are the same curve on these data.
     """
@@ -108,7 +107,8 @@ def decide(
 ) -> Finding:  # fmt: skip
     """The answer, before its checks and its free runs.
 
-    1. What is likeliest of: no gap, recalibration, the instrument, unknown, effects together.
+    1. Whether something is missing: effects and the unknown together against no gap, recalibration and the instrument.
+       Then which of these is likeliest.
     2. Of effects, the likeliest set. *Named* needs each of them, or what is the same curve, with probability `SURE`,
        and nothing substantial left over, as f or as a process in time; below that it is *one of*.
     3. What remains beside a dominant set makes it *partly named*; effects that leave more are stand-ins: *unknown*.
@@ -179,9 +179,10 @@ def _named(weighed: Weighed, chosen: tuple[str, ...]) -> Finding:
     elif all(p.probability >= SURE or (p.together >= SURE and set(p.tied) <= set(p.same)) for p in places):
         verdict = "named"
     else:
-        # Unsure of a name for the rest's or a doubt's sake alone, with no other that could stand in its place
-        alone = (remainder > 1 - SURE or bool(weighed.doubts)) and not any(p.tied for p in places)
-        verdict = "partly named" if alone else "one of"
+        # Unsure of a name for the rest's or a doubt's sake, with no other that could stand in its place: that there is
+        # nothing at all, or another set, is no rest.
+        rest = remainder >= 0.5 or all(_lost(weighed, world, p) for p in places if p.probability < SURE)
+        verdict = "partly named" if rest and not any(p.tied for p in places) else "one of"
     return Finding(weighed.worlds, verdict, places, e, world, remainder, remainder * share, weighed, against)
 
 
@@ -189,43 +190,88 @@ def _place(weighed: Weighed, world: World, e: Explanation, chosen: tuple[str, ..
     """One effect, with those that could stand in its place given the others."""
     known = world.evaluations
     own, slug = known.binding(index), known.name(index)
+
+    def told(w: World, i: int) -> str:
+        """What tells an effect from this one: its name, or of the same name its columns."""
+        return w.evaluations.binding(i) if w.evaluations.name(i) == slug else w.evaluations.name(i)
+
     others = tuple(sorted(b for b in chosen if b != own))
     beside = _suspected(world, e)
     rivals: dict[str, float] = {}
     mirrored: dict[tuple[str, str], float] = {}
-    evidence: dict[str, float] = {}
+    places: dict[str, dict[str, float]] = {}
+    columns: dict[str, int] = {}
     for w, x, p, share in weighed.items:
         names = weighed.names(w, x)
         if len(names) == len(chosen) and set(others) <= set(names):
             (binding,) = set(names) - set(others) or {own}
-            name = binding.split("(")[0]
+            column = next(i for i in x.effects if w.evaluations.binding(i) == binding)
+            name = told(w, column)
         elif names == others and not w.leaves_rest(x) and len(_suspected(w, x) - beside) == 1:
             # A sensor's error may stand in an effect's place too: an offset in that of a constant force.
             (binding,) = (name,) = _suspected(w, x) - beside
+            column = next(i for i in x.suspects if _key(w, i) == name)
         else:
             continue
-        wrong = max((q for i, q in weighed.artefacts(w, x).items() if w.evaluations.name(i) == name), default=0.0)
+        artefacts = weighed.artefacts(w, x)
+        wrong = max((q for i, q in artefacts.items() if w.evaluations.binding(i) == binding), default=0.0)
         counted = p * (1 - imitated(share)) * (1 - wrong)
         rivals[name] = rivals.get(name, 0.0) + counted
+        there = places.setdefault(name, {})
+        there[binding] = there.get(binding, 0.0) + counted
+        if w is world:
+            # The likeliest comes first.
+            columns.setdefault(binding, column)
         if binding in weighed.mirrors:
             mirror = weighed.mirrors[binding]
             mirrored[name, mirror.name] = mirrored.get((name, mirror.name), 0.0) + counted * mirror.share
-        evidence[name] = float(np.logaddexp(evidence.get(name, -np.inf), x.log_evidence + w.offset))
-    mass = rivals[slug]
+    mass = rivals[own]
     for (name, fault), p in mirrored.items():
         rivals[name] -= p
         rivals[fault] = rivals.get(fault, 0.0) + p
     tied = tuple(
         name for name, p in sorted(rivals.items(), key=lambda item: -item[1])
-        if name != slug and p >= TIED * mass
+        if name != own and p >= TIED * mass
     )  # fmt: skip
-    same = tuple(name for name in tied if name in evidence and abs(evidence[name] - evidence[slug]) < SAME)
-    probability = weighed.of_place(slug, own)
+    beside_it = [i for i in e.columns if i != index]
+
+    def one_curve(name: str) -> bool:
+        # Where only the place is open the name is no answer: whoever adds the effect must know where.
+        if elsewhere(name, slug) or name not in places:
+            return False
+        least = min(TIED * mass, max(places[name].values()))
+        likely = [binding for binding, p in places[name].items() if p >= least]
+        return all(b in columns and known.apart(beside_it, index, columns[b]) < SAME for b in likely)
+
+    same = tuple(filter(one_curve, tied))
+    probability = weighed.by_place[own]
     together = min(1.0, probability + sum(rivals[name] for name in tied))
     return Place(index, slug, probability, tied, together, same)
 
 
+def _lost(weighed: Weighed, world: World, place: Place) -> bool:
+    """Whether most of what a name lacks is what counts as unknown of the explanations that have it."""
+    binding = world.evaluations.binding(place.index)
+    held = sum(p for w, e, p, _ in weighed.items if binding in weighed.names(w, e))
+    return held - place.probability > 0.5 * (1 - place.probability)
+
+
+def elsewhere(name: str, slug: str) -> bool:
+    """Whether what could stand in an effect's place is the same effect on other columns.
+
+    Args:
+        name: What could.
+        slug: Of the effect.
+    """
+    return name.startswith(f"{slug}(")
+
+
 def _suspected(world: World, e: Explanation) -> frozenset[str]:
     """Keys of the suspects of an explanation."""
-    columns = world.evaluations.statistics.columns
-    return frozenset(s.key for i in e.suspects if (s := columns[i].suspect) is not None)
+    return frozenset(_key(world, i) for i in e.suspects)
+
+
+def _key(world: World, index: int) -> str:
+    suspect = world.evaluations.statistics.columns[index].suspect
+    assert suspect is not None
+    return suspect.key

@@ -31,7 +31,7 @@ STACKED = 0.5
 """Probability that three laws of one variable, or two of which one bends, are one law that has no name here."""
 
 FAINT = 1e-4
-"""Explanations less likely than this take the likeliest one's share of the gap for their own."""
+"""Explanations less likely than this take for their own what a process in time leaves beside the likeliest."""
 
 
 class Mirror(NamedTuple):
@@ -82,7 +82,8 @@ class Weighed:
                     share = world.share_left(e)
                     usual = share if usual is None else usual
                 else:
-                    share = e.share_left if e.leaves_rest else usual
+                    in_time = usual if world.model.process_share else 0.0
+                    share = e.share_left if e.leaves_rest else in_time
                 self.items.append((world, e, probability, share))
         self.items.sort(key=lambda item: -item[2])
         # Probability of each effect of an explanation to be what an error of the measurement does.
@@ -145,7 +146,9 @@ class Weighed:
 
     @property
     def likeliest_kind(self) -> str:
-        """Of `by_kind`; what may be a fault of the sensor as well counts for the effect: it has no other model.
+        """First whether something is missing, with a name or without, then the likeliest of these kinds of `by_kind`.
+
+        What may be a fault of the sensor as well counts for the effect: it has no other model.
 
         So does what may be one law without a name for the likeliest effects, if these are what it is the sum of.
         """
@@ -159,7 +162,9 @@ class Weighed:
         found = {**self.by_kind, EFFECTS: self.by_kind[EFFECTS] + instead + one}
         found["instrument"] -= instead
         found["unknown"] -= one
-        return max(found, key=lambda kind: found[kind])
+        missing = found[EFFECTS] + found["unknown"]
+        among = (EFFECTS, "unknown") if missing > sum(found.values()) - missing else STOPS[:-1]
+        return max(among, key=lambda kind: found[kind])
 
     @cached_property
     def _stands(self) -> dict[str, float]:
@@ -174,7 +179,7 @@ class Weighed:
 
     @cached_property
     def by_effect(self) -> dict[str, float]:
-        """Probability that an effect is missing, by slug, largest first."""
+        """Probability that an effect is missing, wherever it acts, by slug, largest first."""
         found: dict[str, float] = {}
         for world, e, p, share in self.items:
             doubtful, artefacts = {world.evaluations.name(i) for i in stacked(world, e)}, self.artefacts(world, e)
@@ -193,28 +198,26 @@ class Weighed:
                 found.setdefault(world.evaluations.name(i), 0.0)
         return dict(sorted(found.items(), key=lambda item: -item[1]))
 
-    def of_place(self, slug: str, binding: str) -> float:
-        """Probability that an effect is missing on these columns, and no fault of the sensor that does the same.
-
-        Args:
-            slug: The effect.
-            binding: It, and its columns.
-        """
-        known = self.by_effect[slug]
-        if (share := self._instead(binding)) in (0.0, 1.0):
-            return known * (1 - share)
-        return min(known, self.by_mirror[binding] * (1 - share) / share)
+    @cached_property
+    def by_place(self) -> dict[str, float]:
+        """Probability that an effect is missing on its own columns, and no fault of the sensor, by its binding."""
+        return {binding: p * (1 - self._instead(binding)) for binding, p in self._on_columns.items()}
 
     @cached_property
     def by_mirror(self) -> dict[str, float]:
         """Probability of each fault of the sensor that does what an effect does, by that effect's binding."""
-        found = dict.fromkeys(self.mirrors, 0.0)
+        return {binding: self._on_columns.get(binding, 0.0) * self._instead(binding) for binding in self.mirrors}
+
+    @cached_property
+    def _on_columns(self) -> dict[str, float]:
+        """Probability of each effect on its own columns, or of the fault that does the same, by its binding."""
+        found: dict[str, float] = {}
         for world, e, p, share in self.items:
             doubtful, artefacts = stacked(world, e), self.artefacts(world, e)
             for i in e.effects:
-                if (binding := world.evaluations.binding(i)) in found:
-                    real = p * (1 - imitated(share)) * (1 - STACKED if i in doubtful else 1.0)
-                    found[binding] += real * (1 - artefacts[i]) * self._instead(binding)
+                binding = world.evaluations.binding(i)
+                real = p * (1 - imitated(share)) * (1 - STACKED if i in doubtful else 1.0)
+                found[binding] = found.get(binding, 0.0) + real * (1 - artefacts[i])
         return found
 
     @cached_property

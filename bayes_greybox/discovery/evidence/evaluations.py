@@ -85,6 +85,31 @@ class Evaluations:
         gap = self._gap(float(posterior.weight @ posterior.sigma**2 / np.sum(posterior.weight)))
         return float(np.clip(square / gap, 0.0, 1.0))
 
+    def apart(self, beside: Sequence[int], first: int, second: int) -> float:
+        """Square of the difference of two columns' curves over the noise's, n RMS²/σ², each fitted to the target.
+
+        Only what the free columns, the corrections, whatever their prior, and the columns beside them leave counts.
+
+        Args:
+            beside: Columns of the set that each of them completes.
+            first: A column; the noise is what it leaves.
+            second: Another.
+        """
+        own, pair = self.indices(beside), [first, second]
+        G, g = self.statistics.products, self.statistics.with_target
+        taken = np.linalg.pinv(G[np.ix_(own, own)], rcond=1e-12, hermitian=True)
+        left = G[np.ix_(pair, pair)] - G[np.ix_(pair, own)] @ taken @ G[np.ix_(own, pair)]
+        target = g[pair] - G[np.ix_(pair, own)] @ taken @ g[own]
+        # A column that the others span has no curve of its own.
+        size = np.diag(left)
+        real = size > 1e-9 * np.diag(G)[pair]
+        fitted = np.where(real, target / np.where(real, size, 1.0), 0.0)
+        explained = self.parametric([(*beside, first)])[0]
+        _, posterior = one_pattern(explained, int(np.argmax(explained.by_pattern)))
+        s2 = float(posterior.weight @ posterior.sigma**2 / np.sum(posterior.weight))
+        difference = fitted * [1, -1]
+        return max(float(difference @ left @ difference), 0.0) / s2
+
     def _gap(self, s2: float) -> float:
         """Square of the target outside the free columns' span, less the noise's share of it."""
         return max(self._outside_free - self.statistics.n_obs * s2, 1e-12 * self.statistics.square)
@@ -145,7 +170,7 @@ class Evaluations:
             found.append(
                 Parametric(
                     all=float(np.logaddexp.reduce(by_pattern)),
-                    none=float(logs[0]),
+                    none=float(logs[0] + inner),
                     some=float(np.logaddexp.reduce(by_pattern[1:]) - some) if len(logs) > 1 else -np.inf,
                     by_pattern=by_pattern,
                     spectrum=Spectrum(
@@ -232,9 +257,9 @@ class Evaluations:
         own = self.statistics.columns[index]
         return tuple(i for i, c in enumerate(self.statistics.columns) if c.kind == own.kind and c.called == own.called)
 
-    def best_of(self, slug: str) -> int:
-        """The column of an effect that fits best alone."""
-        columns = [i for i in self.statistics.of_kind("effect") if self.name(i) == slug]
+    def best_of(self, name: str) -> int:
+        """The column of an effect, by its slug or its binding, that fits best alone."""
+        columns = [i for i in self.statistics.of_kind("effect") if name in (self.name(i), self.binding(i))]
         return max(columns, key=lambda i: self.parametric([(i,)])[0].all)
 
 

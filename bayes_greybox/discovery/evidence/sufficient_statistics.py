@@ -57,6 +57,7 @@ class SufficientStatistics:
         columns: Terms; free ones first, then corrections, then effects.
         left_out: Effects that cannot be told from the model's own terms, or cannot be evaluated, with the reason.
         twins: Suspects left out because another column is the same, with its name.
+        changes: By how much those of one prior standard deviation change its coefficient, user's units.
         shared: What the same rows have in common under any noise.
         path: States and inputs where terms are evaluated, in order of time, on rows of samples: what remembers follows
             from them.
@@ -74,6 +75,7 @@ class SufficientStatistics:
     columns: list[Column] = field(default_factory=list)
     left_out: dict[str, str] = field(default_factory=dict)
     twins: dict[str, str] = field(default_factory=dict)
+    changes: dict[str, float] = field(default_factory=dict)
     shared: dict[str, tuple[Columns, np.ndarray]] = field(default_factory=dict, repr=False)
     path: Trajectories | None = field(default=None, repr=False)
     _kinds: tuple[list[Column], int, dict[str, list[int]]] | None = field(default=None, init=False, repr=False)
@@ -237,7 +239,7 @@ class SufficientStatistics:
                 # Two errors that look alike have one name; it may be as large as the larger of them.
                 wider = replace(other.suspect, sd=other.suspect.sd * column.sd / other.sd)
                 self.columns[twin] = replace(other, sd=column.sd, suspect=wider)
-            self.twins[suspect.key] = _called(other)
+            self.twins[suspect.key], self.changes[suspect.key] = _called(other), suspect.sd * size / other.scale
             self._keep(list(range(len(self.columns) - 1)))
 
     def remember(self, memories: Iterable[tuple[Memory, Float[np.ndarray, "n n_element"]]]) -> None:
@@ -276,7 +278,7 @@ class SufficientStatistics:
             values = self.at_rows(range(len(self.columns)))
             # What can be told apart was settled under the first noise, so that columns keep their places.
             again._multiply(list(self.columns), values)
-        again.twins = dict(self.twins)
+        again.twins, again.changes = dict(self.twins), dict(self.changes)
         return again
 
     def _extend(self, kept: list[Column], values: np.ndarray) -> None:

@@ -47,9 +47,12 @@ class SetPrior:
         shares = np.log(sizes / sizes.sum()) + log(odds.effects)
         # Names share a size equally, and bindings their name: a set weighs Π 1/ways, and these add up to e_k, the k-th
         # elementary symmetric polynomial of 1/ways; without second places that is the number of sets.
-        polynomial = np.polynomial.polynomial.polyfromroots([-n for n in ways]) if ways else np.ones(1)
-        polynomial = polynomial / polynomial[0]
-        by_size = [0.0, *(float(shares[k - 1]) - log(polynomial[k]) for k in range(1, min(most, len(ways)) + 1))]
+        sums = np.zeros(min(most, len(ways)) + 1)
+        sums[0] = 1.0
+        for n in ways:
+            # Π (1 + x/n), one factor after another: of hundreds of them expanded in full the last term overflows.
+            sums[1:] += sums[:-1] / n
+        by_size = [0.0, *(float(shares[k - 1]) - log(sums[k]) for k in range(1, len(sums)))]
         return cls(
             n_column=len(statistics.columns),
             suspects=frozenset(i for i in statistics.of_kind("suspect") if i not in always),

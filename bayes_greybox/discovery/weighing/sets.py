@@ -193,15 +193,13 @@ class Sets:
                 value = fitted.all + ranges
                 found.append(Explanation(suspects, effects, PLAIN, value + prior + rest, value))
             elif self.in_time:
-                weight = fitted.all + ranges + prior + self._log_rest(core, PLAIN)
-                found.append(Explanation(suspects, (), PLAIN, weight, fitted.all))
+                value = fitted.all + ranges
+                found.append(Explanation(suspects, (), PLAIN, value + prior + self._log_rest(core, PLAIN), value))
             else:
-                found.append(
-                    Explanation(suspects, (), PLAIN, fitted.none + ranges + prior + log(odds.no_gap), fitted.none)
-                )
+                none, some = fitted.none + ranges, fitted.some + ranges
+                found.append(Explanation(suspects, (), PLAIN, none + prior + log(odds.no_gap), none))
                 if self.statistics.of_kind("correction"):
-                    weight = fitted.some + ranges + prior + log(odds.recalibrate)
-                    found.append(Explanation(suspects, (), RECALIBRATED, weight, fitted.some))
+                    found.append(Explanation(suspects, (), RECALIBRATED, some + prior + log(odds.recalibrate), some))
         return found
 
     def _parted(self, core: Sequence[int]) -> tuple[tuple[int, ...], tuple[int, ...]]:
@@ -327,7 +325,7 @@ class Sets:
         order = sorted(cores, key=lambda c: -weight.get(c, -np.inf))
         alike: dict[tuple[str, ...], list[tuple[int, ...]]] = {}
         for c in order:
-            alike.setdefault(tuple(self.statistics.columns[i].called for i in c), []).append(c)
+            alike.setdefault(tuple(sorted(self.statistics.columns[i].called for i in c)), []).append(c)
         # The best values of the likeliest names first: many values of one would leave no place for another.
         leaders = [group[0] for group in alike.values()][: WITH_REST // 2]
         best = sorted(list(dict.fromkeys([*leaders, *order]))[:WITH_REST], key=order.index)

@@ -22,6 +22,9 @@ from bayes_greybox.physics.terms import Term
 
 from .inner_parameter import MOST, InnerParameter
 
+ANSWERS = ("recalibrate", "instrument", "unknown")
+"""Slugs that no effect may have: what a study says without one, in the same tables."""
+
 _SLUG = re.compile(r"[a-z0-9]+(-[a-z0-9]+)*")
 _NAME = re.compile(r"(?<![\w.])[^\W\d]\w*")
 _INNER = "#"
@@ -69,6 +72,8 @@ class Effect:
         """Read the formula, find its roles and check what belongs to it."""
         if not _SLUG.fullmatch(self.slug):
             raise InputError(f"The slug {self.slug!r} must be small letters, digits and '-', such as 'dead-zone'.")
+        if self.slug in ANSWERS:
+            raise InputError(f"The slug {self.slug!r} is what a study says of itself; give the effect another one.")
         _check_sign(self)
         # Names are replaced in the text later, so it must be spelled as its parts were read.
         object.__setattr__(self, "expression", unicodedata.normalize("NFC", self.expression))

@@ -7,15 +7,28 @@ import pandas as pd
 
 from bayes_greybox.discovery.answer.checks.filtered import SAMPLES_TELL
 from bayes_greybox.discovery.answer.finding import AND_MORE, ONE_LAW, SURE
-from bayes_greybox.discovery.answer.gap.denials import worsened
+from bayes_greybox.discovery.answer.gap.denials import NAMED, worsened
 from bayes_greybox.discovery.answer.instrument import IN_MODEL
 from bayes_greybox.discovery.study import StudyResult
-from bayes_greybox.discovery.suspects.channels import KINDS, LAG
+from bayes_greybox.discovery.suspects.channels import DELAY, KINDS, LAG
 from bayes_greybox.discovery.verdict import worse_in_words
+from bayes_greybox.discovery.weighing.alignment import FURTHEST, FURTHEST_DELAY
 from bayes_greybox.physics.catalogue.names import within
 
 from .formatting import formula, listed, number, numbers_in, percent_text, probability_text, share_text
-from .study import LIKELY, answer, closed_share, name_of, not_helped, not_weighed, remembered
+from .study import (
+    LEAST_CLOSED,
+    LIKELY,
+    answer,
+    closed_share,
+    name_of,
+    named_in,
+    not_helped,
+    not_weighed,
+    remembered,
+    rows_of,
+    same_as,
+)
 
 TWICE = 2.0
 """From this ratio on a rise is said as a multiple: hundreds of per cent are hard to read."""
@@ -51,20 +64,22 @@ def measurement_in_words(study: StudyResult) -> list[str]:
 
 
 def _answer(study: StudyResult) -> str:
-    label = study.train.target_label
     closed = closed_in_words(study.gap, study.train.target_in_words(*study.maps, article="the "))
+    p = _probability(study)
     if study.verdict == "no gap":
-        return "Nothing is missing: simulation and measurements agree to within the noise."
+        return f"{_likely('Nothing is missing', p)}: simulation and measurements agree to within the noise."
     if study.verdict == "instrument":
         found = "; ".join(measurement_in_words(study)) or "what of it the data cannot say"
-        return f"No effect is missing, it is the measurement: {found}."
+        return f"{_likely('No effect is missing, it is the measurement', p)}: {found}."
     if study.verdict == "recalibrate":
         off = _corrections(study, LIKELY)
-        right = "; ".join(_should_be(row, label(row["equation"])) for row in off) or "which one the data cannot say"
+        right = "; ".join(_should_be(study, row) for row in off) or "which one the data cannot say"
         what, it = "coefficients of the simulation are", "them"
         if len(off) == 1:
             what, it = "the coefficient of the simulation is", "it"
-        return f"No effect is missing; {what} off ({right}), and setting {it} right {closed}."
+        clause = _likely(f"No effect is missing; {what} off", p)
+        told = f"{clause} ({right})" if p >= SURE else f"{clause.removesuffix(')')}; {right})"
+        return f"{told}, and setting {it} right {closed}."
     said = _said(study)
     # Of several equations the gravest speaks; what was found in the others is said with it.
     off = [row for row in _corrections(study, SURE) if answer(study, row["equation"]) != "unknown"]
@@ -74,8 +89,29 @@ def _answer(study: StudyResult) -> str:
         # Most of a gap may be a coefficient's, whatever is added.
         closed = f"and setting {'a coefficient' if len(off) == 1 else 'coefficients'} right {closed}"
         what = "A coefficient of the simulation is" if len(off) == 1 else "Coefficients of the simulation are"
-        besides = f" {what} off besides: {'; '.join(_should_be(row, label(row['equation'])) for row in off)}."
+        besides = f" {what} off besides: {'; '.join(_should_be(study, row) for row in off)}."
     return f"{_missing(study, said, closed)}{besides}"
+
+
+def _probability(study: StudyResult) -> float:
+    """Probability of a verdict that needs no effect, of all equations that have it."""
+    total = 1.0
+    for name in study.maps:
+        known = rows_of(study.hypotheses, name)["probability"].to_dict()
+        own = answer(study, name)
+        if own == study.verdict and own in known:
+            # Of sensors that were found late beforehand, all that is weighed is put right already.
+            late = known.get("no gap", 0.0) if own == "instrument" else 0.0
+            total *= known[own] + (late if late > known[own] else 0.0)
+    return total
+
+
+def _likely(text: str, p: float) -> str:
+    """A clause as sure as its probability makes it."""
+    if p >= SURE:
+        return text
+    how = "Most likely" if p >= LIKELY else "Perhaps"
+    return f"{how} {text[0].lower()}{text[1:]} (probability {probability_text(p)})"
 
 
 def _of_its_shape(study: StudyResult) -> bool:
@@ -107,7 +143,7 @@ def _said(study: StudyResult) -> list[str]:
         tied = [within(name_of(study, slug)) for slug in row["tied_with"]]
         tied = f", not to be told from {' or '.join(tied)}" if tied else ""
         p = probability_text(row["probability"])
-        found.append(f"{within(row['name'])} in {label(row['equation'])} (probability {p}{tied})")
+        found.append(f"{within(named_in(study, row))} in {label(row['equation'])} (probability {p}{tied})")
     return found
 
 
@@ -132,7 +168,8 @@ def _missing(study: StudyResult, said: Sequence[str], closed: str) -> str:
         shape = "the maps show its shape"
         if remembers:
             shape = remembers if all(told.values()) else f"{shape}, and {remembers}"
-        unnamed = f"Something is missing{where} that the catalogue does not have; {shape}"
+        p = _probability(study) if study.verdict == "unknown" else 1.0
+        unnamed = f"{_likely(f'Something is missing{where} that the catalogue does not have', p)}; {shape}"
         if not said:
             return f"{unnamed}."
         it = "it" if len(said) == 1 else "them"
@@ -143,7 +180,7 @@ def _missing(study: StudyResult, said: Sequence[str], closed: str) -> str:
         return f"{lacks}; adding {it} {closed}."
     if study.verdict == "one of":
         others = [
-            f"{within(row['name'])} ({probability_text(row['probability'])})"
+            f"{within(named_in(study, row))} ({probability_text(row['probability'])})"
             for row in study.effects.query("status == 'one of'").to_dict("records")
         ]
         tied = [name for names in study.effects.query("status == 'added'")["tied_with"] for name in names]
@@ -174,9 +211,23 @@ def _corrections(study: StudyResult, least: float) -> list[dict[str, Any]]:
     return likely.reset_index().to_dict("records")
 
 
-def _should_be(row: Mapping[str, Any], label: str) -> str:
+def _furthest(key: str) -> float:
+    """Prior standard deviations beyond which no sensor is off."""
+    return FURTHEST_DELAY if key.startswith(f"{DELAY} of ") else FURTHEST
+
+
+def _should_be(study: StudyResult, row: Mapping[str, Any]) -> str:
+    """The right coefficient, and the errors of sensors that do the same as a wrong one."""
     right, wrong = number(row["nominal"] + row["mean"], 4), number(row["nominal"], 4)
-    return f"{formula(row['term'])} in {label} should have {right}, not {wrong}"
+    own = f"recalibration of {row['term']}"
+    twins = [
+        key
+        for key, other in same_as(study, row["equation"]).items()
+        if other["what"] == own and abs(row["mean"]) <= _furthest(key) * abs(other["change"])
+    ]
+    instead = f", or else it is the {' or the '.join(twins)}, which does the same" if twins else ""
+    label = study.train.target_label(row["equation"])
+    return f"{formula(row['term'])} in {label} should have {right}, not {wrong}{instead}"
 
 
 def closed_in_words(gap: pd.DataFrame, what: str = "the rate") -> str:
@@ -187,25 +238,35 @@ def closed_in_words(gap: pd.DataFrame, what: str = "the rate") -> str:
         what: What is explained or not: the rate, or outputs by name.
     """
     shares = gap.xs("unexplained share", level="metric")[["before", "after"]]
+    # f, which takes up anything, is nothing that has a name and was added.
+    if NAMED in gap.index.get_level_values("metric"):
+        alone = gap.xs(NAMED, level="metric")[["before", "after"]]
+        shares = pd.concat([alone, shares.loc[shares.index.difference(alone.index)]])
     # What is at rest has no rate to explain a share of.
     shares = shares.dropna()
     parts = shares.index.get_level_values("data")
     held_out = "test" in parts
     where = "held-out data" if held_out else "the training data"
     before, after = shares[parts == ("test" if held_out else "train")].sum()
-    if not before > 0:
-        if after > 0:
-            return f"leaves {share_text(after)} of {what} on {where} unexplained, where nothing was before"
+    if max(before, after) < LEAST_CLOSED:
+        # What is below what shows is no gap, whatever multiple of it is left.
         return f"closes no gap on {where}, which show none"
+    if not before > 0:
+        return f"leaves {share_text(after)} of {what} on {where} unexplained, where nothing was before"
+    unchanged = abs(1 - after / before) < LEAST_CLOSED
     worse, idle = worsened(gap), not_helped(gap)
     if worse or idle:
         # What is claimed closed is closed in the free run too.
         runs = " and ".join(worse_in_words(key) for key in worse)
         runs = runs or f"the free run of {listed(idle)} does not get better"
+        if unchanged:
+            return f"leaves what is unexplained of {what} on {where} as it is, and {runs}"
         if after > before:
             return f"raises what is unexplained of {what} on {where} {risen(after / before)}, and {runs}"
         size = closed_share(1 - after / before)
         return f"lowers what is unexplained of {what} on {where} by {size}, but {runs}"
+    if unchanged:
+        return f"leaves the gap on {where} as it is"
     if after > before:
         return f"widens the gap on {where} {risen(after / before)}"
     return f"closes {closed_share(1 - after / before)} of the gap on {where}"

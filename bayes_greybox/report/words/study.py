@@ -1,17 +1,17 @@
 """What figures, pages and terminal call things: explanations and measures of the gap."""
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from functools import cache
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from bayes_greybox.discovery.answer.gap.denials import MISFIT, worsened
+from bayes_greybox.discovery.answer.gap.denials import MISFIT, NAMED, worsened
 from bayes_greybox.discovery.answer.weighed import STOPS
 from bayes_greybox.discovery.study import StudyResult
-from bayes_greybox.discovery.suspects.channels import DELAY_STEPS, GAIN, GAIN_SD, LAG, OFFSET_SD
+from bayes_greybox.discovery.suspects.channels import DELAY, DELAY_STEPS, GAIN, GAIN_SD, LAG, OFFSET, OFFSET_SD, STATES
 from bayes_greybox.discovery.suspects.drift import DRIFT
 from bayes_greybox.discovery.suspects.memory import LAW
 from bayes_greybox.physics.catalogue.loading import load_catalogue
@@ -20,6 +20,7 @@ from bayes_greybox.physics.catalogue.names import listing
 from .formatting import (
     estimate,
     interval,
+    listed,
     number,
     percent_text,
     probability_text,
@@ -53,6 +54,10 @@ METRICS: dict[str, tuple[str, str]] = {
         "Error of the predicted samples over their noise, {target}",
         "One where the model explains all but the noise, and what its coefficients leave open.",
     ),
+    NAMED: (
+        "Unexplained part of {target}, by names alone",
+        "The same by what has a name, without the f of any shape that the amended model holds beside it.",
+    ),
     "time to failure": ("Time until a free run fails", "How long the model can be run before it blows up."),
 }
 """Title and explanation of each measure of the gap, the plainest first; see `metric_words`."""
@@ -70,6 +75,8 @@ LIKELY = 0.5
 
 GIVEN = ("position", "stored", "velocity", "level", "population", "state")
 """Roles whose column may well be in the data where none was recognised; another body's need not be there."""
+
+ALL_STATES = "all states together"
 
 LEAST_CLOSED = 1e-4
 """A gap that changes by less than this share of it is as it was."""
@@ -104,7 +111,24 @@ def name_of(study: StudyResult, slug: str) -> str:
     named = dict(zip(study.effects["slug"], study.effects["name"], strict=True))
     if slug in NAMES:
         return NAMES[slug]
+    if slug.endswith(")") and "=" in slug:
+        # The same effect on other columns, as "cube(r=u)".
+        own, _, columns = slug.removesuffix(")").partition("(")
+        return f"{name_of(study, own)} of {listed(sorted({part.split('=')[1] for part in columns.split(', ')}))}"
     return listing(named.get(part) or _catalogued(part) for part in slug.split(" + "))
+
+
+def named_in(study: StudyResult, row: Mapping[str, Any]) -> str:
+    """Plain name of an effect of the table, with its columns where another row is the same on others.
+
+    Args:
+        study: The study.
+        row: Of its table of effects.
+    """
+    table = study.effects
+    alike = (table["equation"] == row["equation"]) & (table["slug"] == row["slug"])
+    of = row.get("quantity", "").split(", ")
+    return f"{row['name']} of {listed(of)}" if alike.sum() > 1 and any(of) else row["name"]
 
 
 @cache
@@ -268,14 +292,31 @@ def suspect_size(row: Mapping[str, Any]) -> tuple[str, str, str]:
     return estimate(row["mean"], row["sd"], row["unit"]), span, samples
 
 
+def same_as(study: StudyResult, equation: str) -> dict[str, dict[str, Any]]:
+    """Suspects about the measurement that do what another does, or a coefficient that is off; see `study.settings`.
+
+    Args:
+        study: The study; one of before kept none.
+        equation: The equation in which they do.
+    """
+    return dict(study.settings.get("same as", {}).get(equation, {}))
+
+
 def suspects_weighed(study: StudyResult) -> list[tuple[str, str]]:
     """Every suspect about the measurement, and how likely and how large it was taken to be beforehand."""
     odds = study.settings.get("prior odds")
     if not odds:
         return []
     states, inputs = study.train.state_names, study.train.input_names
+    same = [same_as(study, name) for name in study.maps]
+
+    def weighed(kind: str, channels: Sequence[str]) -> str:
+        # What is the same column as another suspect's, or as a coefficient's, in every equation is told as that.
+        own = [name for name in channels if not all(f"{kind} of {name}" in twins for twins in same)]
+        return f"{kind.capitalize()} of {', '.join(ALL_STATES if name == STATES else name for name in own)}"
+
     rates = [study.train.target_label(name) for name in study.maps]
-    delays = [*rates, *(["all states together"] if inputs else []), *(states if len(states) > 1 else ()), *inputs]
+    delays = [*rates, *([STATES] if inputs else []), *(states if len(states) > 1 else ()), *inputs]
     channels = [*rates, *states, *inputs]
     each, noise = (probability_text(odds[key]) for key in ("suspect", "noise"))
     lagging = dict.fromkeys(row["channel"] for row in study.instrument.to_dict("records") if row["suspect"] == LAG)
@@ -283,11 +324,16 @@ def suspects_weighed(study: StudyResult) -> list[tuple[str, str]]:
     lags = [(f"Lag of {name}", share) for name in lagging]
     of_rms = f"size ±\u00a0{percent_text(OFFSET_SD, 0)} of the channel's RMS"
     return [
-        (f"Delay of {', '.join(delays)}", f"{each} each; size ±\u00a0{DELAY_STEPS:g}\u00a0samples"),
-        (f"Gain of {', '.join(channels)}", f"{each} each; size ±\u00a0{percent_text(GAIN_SD, 0)}"),
-        (f"Offset of {', '.join(channels)}", f"{each} each; {of_rms}"),
-        (f"Drift of {', '.join(rates)}", f"{each} each; {of_rms}"),
+        (weighed(DELAY, delays), f"{each} each; size ±\u00a0{DELAY_STEPS:g}\u00a0samples"),
+        (weighed(GAIN, channels), f"{each} each; size ±\u00a0{percent_text(GAIN_SD, 0)}"),
+        (weighed(OFFSET, channels), f"{each} each; {of_rms}"),
+        (weighed(DRIFT, rates), f"{each} each; {of_rms}"),
         *lags,
+        *(
+            (f"{key.capitalize()}{f' in {rate}' if len(rates) > 1 else ''}", f"as {other['what']}, which does the same")
+            for rate, twins in zip(rates, same, strict=True)
+            for key, other in twins.items()
+        ),
         ("Noise that is correlated, that depends on the state, that has outliers", f"{noise} each"),
     ]
 

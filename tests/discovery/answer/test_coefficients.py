@@ -71,6 +71,15 @@ def test_given_that_a_correction_is_in_draws_are_those_of_that_pattern():
     np.testing.assert_array_less(np.abs(inside.mean(axis=0) - mean), 4 * sd / np.sqrt(len(inside)))
 
 
+def test_draws_given_that_a_correction_is_in_or_that_none_is_are_of_no_other_pattern():
+    known = tiny_evaluations(hidden=lambda x: -0.04 * x)
+    assert 0 < np.mean(draw_coefficients(known, (), N_DRAW, seed=0).draws[:, 0] != 0) < 1
+    assert not draw_coefficients(known, (), N_DRAW, seed=0, none=True).draws.any()
+    draws = draw_coefficients(known, (), N_DRAW, seed=0, some=True).draws[:, 0]
+    (mean,), ((variance,),) = closed_form(known, (), pattern=1)
+    assert (draws != 0).all() and abs(draws.mean() - mean) < 4 * np.sqrt(variance / N_DRAW)
+
+
 def test_values_of_an_inner_parameter_are_drawn_by_their_posterior():
     known = no_corrections(effects=[DEAD_ZONE], hidden=lambda x: -np.sign(x) * np.maximum(np.abs(x) - 0.3, 0))
     zones = known.statistics.of_kind("effect")

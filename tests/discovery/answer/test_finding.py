@@ -18,12 +18,13 @@ from bayes_greybox.discovery.answer.finding import (
     VERDICTS,
     decide,
 )
-from bayes_greybox.discovery.answer.weighed import EFFECTS, STACKED, Mirror, Weighed
+from bayes_greybox.discovery.answer.weighed import EFFECTS, STACKED, STOPS, Mirror, Weighed
 from bayes_greybox.discovery.evidence.evaluations import Evaluations
 from bayes_greybox.discovery.evidence.odds import Odds
 from bayes_greybox.discovery.weighing.sets import PLAIN, RECALIBRATED, REST, Explanation
 from bayes_greybox.discovery.weighing.worlds import World
 from bayes_greybox.model.noise.noise_model import PROCESS, NoiseModel
+from bayes_greybox.physics.catalogue.effects import ANSWERS
 
 SUSPECTS = ("offset", "delay")
 KINDS = {"no gap": PLAIN, "recalibrate": RECALIBRATED, "unknown": REST}
@@ -31,6 +32,14 @@ KINDS = {"no gap": PLAIN, "recalibrate": RECALIBRATED, "unknown": REST}
 
 class Written(Evaluations):
     """Columns alone: the suspects, then effects by letters; a letter that occurs twice is bound in two ways."""
+
+    curves = {}
+
+    def apart(self, beside, first, second):
+        """Written down for two letters, or for a letter and a suspect: "a offset"; others are far apart."""
+        of = self.statistics.columns[second]
+        other = of.effect.slug if of.suspect is None else f" {of.suspect.key}"
+        return self.curves.get(self.name(first) + other, np.inf)
 
     def __init__(self, letters, on, inner):
         columns = [SimpleNamespace(effect=None, suspect=SimpleNamespace(key=key), inner={}) for key in SUSPECTS]
@@ -57,7 +66,7 @@ class Told(World):
         return {i: self.rms.get(letter, 1.0) for i, letter in letters.items()}
 
 
-def world(table, letters="abcd", on=None, inner="", names=(), shares=None, evidence=None, share=0.2, offset=0.0):
+def world(table, letters="abcd", on=None, inner="", names=(), shares=None, apart=None, share=0.2, offset=0.0):
     """Explanations with these probabilities, by name: "a", "ab", "a & rest", "a ! offset", "! offset", or a stop."""
     found = []
     for name, p in table.items():
@@ -69,21 +78,22 @@ def world(table, letters="abcd", on=None, inner="", names=(), shares=None, evide
         body, _, suspects = body.partition("!")
         places = tuple(len(SUSPECTS) + letters.index(letter) for letter in body.strip())
         left = share if (kind == REST and places) or (PROCESS in names and places) else float(kind == REST)
-        log_evidence = (evidence or {}).get(name, np.log(p))
         found.append(
             Explanation(
                 tuple(SUSPECTS.index(s) for s in suspects.split()),
                 places,
                 kind,
                 float(np.log(p)),
-                float(log_evidence),
+                float(np.log(p)),
                 (shares or {}).get(name, left),
             )
         )
     found.sort(key=lambda e: -e.log_weight)
     noise = object.__new__(SimpleNoise)
     about = {name: {"share": 0.5} for name in names}
-    return Told(NoiseModel(noise, names, 0.0, about), Written(letters, on or {}, inner), tuple(found), offset)
+    known = Written(letters, on or {}, inner)
+    known.curves = apart or {}
+    return Told(NoiseModel(noise, names, 0.0, about), known, tuple(found), offset)
 
 
 class SimpleNoise(RowNoise):
@@ -114,8 +124,12 @@ def test_effects_together_beat_a_stop_that_each_of_them_alone_loses_to():
     assert slugs(finding) == ("a",) and finding.places[0].tied == ("b",)
 
 
-def test_stops_are_not_added_up_against_effects():
-    assert slugs(decided({"no gap": 0.3, "recalibrate": 0.25, "a": 0.45})) == ("a",)
+def test_whether_something_is_missing_comes_before_what():
+    # With a name or without against all that needs nothing, and only then the likeliest of these.
+    assert decided({"no gap": 0.3, "recalibrate": 0.25, "a": 0.45}).verdict == "no gap"
+    assert slugs(decided({"no gap": 0.45, "a": 0.3, "unknown": 0.25})) == ("a",)
+    assert decided({"no gap": 0.45, "a": 0.25, "unknown": 0.3}).verdict == "unknown"
+    assert decided({"no gap": 0.2, "! offset": 0.35, "a": 0.25, "unknown": 0.2}).verdict == "instrument"
 
 
 @pytest.mark.parametrize("stop", ["no gap", "recalibrate", "unknown", "! offset"])
@@ -190,6 +204,10 @@ def test_on_two_columns_it_is_the_sensors_only_where_it_was_weighed():
     assert finding.verdict == "named" and finding.weighed.by_effect["a"] == pytest.approx(0.98)
 
 
+def test_no_effect_may_be_called_as_an_answer_without_one():
+    assert set(STOPS) - {"no gap"} == set(ANSWERS)
+
+
 # A name needs a probability
 
 
@@ -211,19 +229,37 @@ def test_an_effect_is_tied_from_a_share_of_the_likeliest_ones_probability(factor
 
 @pytest.mark.parametrize(("apart", "expected"), [(0.9 * SAME, "named"), (1.1 * SAME, "one of")])
 def test_equal_curves_are_named_together(apart, expected):
-    finding = decided({"a": 0.5, "b": 0.45, "no gap": 0.05}, evidence={"a": 5.0, "b": 5.0 - apart})
+    # Whatever their evidences: equal ones are an even chance, and no equal curves.
+    finding = decided({"a": 0.5, "b": 0.45, "no gap": 0.05}, apart={"ab": apart})
     assert finding.verdict == expected
     assert finding.places[0].same == (("b",) if expected == "named" else ())
 
 
 def test_equal_curves_that_are_not_sure_together_are_not_named():
-    finding = decided({"a": 0.45, "b": 0.4, "no gap": 0.15}, evidence={"a": 5.0, "b": 5.0})
+    finding = decided({"a": 0.45, "b": 0.4, "no gap": 0.15}, apart={"ab": 0.0})
     assert finding.verdict == "one of"
 
 
 def test_an_equal_curve_does_not_name_a_tie_that_holds_another_curve_too():
-    given = {"a": 5.0, "b": 5.0, "c": 3.0}
-    assert decided({"a": 0.45, "b": 0.44, "c": 0.11}, evidence=given).verdict == "one of"
+    assert decided({"a": 0.45, "b": 0.44, "c": 0.11}, apart={"ab": 0.0}).verdict == "one of"
+
+
+def at_two_places(table):
+    """A world in which "b" is the effect "a" on other columns."""
+    found = world({"unknown": 1e-9} | table)
+    other = found.evaluations.statistics.columns[len(SUSPECTS) + 1].effect
+    other.slug, other.label = "a", f"a(r={other.names['r']})"
+    return found
+
+
+def test_an_effect_whose_columns_alone_are_open_is_one_of_its_places():
+    finding = decide([at_two_places({"a": 0.52, "b": 0.39, "ab": 0.08, "no gap": 0.01})])
+    (place,) = finding.places
+    assert finding.verdict == "one of" and place.tied == ("a(r=x1)",) and place.same == ()
+    assert place.probability == pytest.approx(0.60) and place.together == pytest.approx(0.99)
+    assert finding.weighed.by_effect["a"] == pytest.approx(0.99)
+    assert finding.weighed.by_place == {"a(r=x0)": pytest.approx(0.60), "a(r=x1)": pytest.approx(0.47)}
+    assert decide([at_two_places({"a": 0.96, "b": 0.03, "no gap": 0.01})]).verdict == "named"
 
 
 def test_the_probability_of_an_effect_is_summed_over_sets():
@@ -253,7 +289,7 @@ def test_an_effect_that_no_set_holds_is_listed_with_nothing():
 def test_an_offset_of_the_sensor_ties_with_a_constant_force():
     finding = decided({"a": 0.6, "! offset": 0.35, "no gap": 0.05})
     assert finding.verdict == "one of" and finding.places[0].tied == ("offset",)
-    same = decided({"a": 0.6, "! offset": 0.35, "no gap": 0.05}, evidence={"a": 5.0, "! offset": 5.0})
+    same = decided({"a": 0.6, "! offset": 0.35, "no gap": 0.05}, apart={"a offset": 0.0})
     assert same.verdict == "named" and same.places[0].same == ("offset",)
 
 
@@ -288,6 +324,14 @@ def test_an_effect_is_partly_named_where_what_may_remain_leaves_its_name_unsure(
     assert finding.share_left == pytest.approx(0.2 * p)
 
 
+@pytest.mark.parametrize(("p", "expected"), [(0.3, "one of"), (0.02, "partly named")])
+def test_a_rest_that_is_possible_is_none_where_the_name_is_unsure_for_another_reason(p, expected):
+    # P(a) lacks p, for nothing may be missing at all, and 0.45 × 0.25 for a rest; with a fifth of its square.
+    finding = decided({"a": 0.75 - p, "a & rest": 0.25, "no gap": p})
+    assert finding.verdict == expected
+    assert finding.remainder == pytest.approx(0.25 / (1 - p)) and finding.places[0].tied == ()
+
+
 @pytest.mark.parametrize(
     ("share", "expected"),
     [
@@ -307,6 +351,17 @@ def test_a_rest_takes_its_share_from_the_probability_of_the_effect():
     found = decided({"a & rest": 0.99, "a": 0.01}, share=0.25).weighed
     assert found.by_effect["a"] == pytest.approx(0.01 + 0.99 * 0.5, abs=1e-6)
     assert found.by_kind["unknown"] == pytest.approx(0.99 * 0.5, abs=1e-6)
+
+
+def test_what_is_next_to_impossible_leaves_nothing_but_for_a_process_in_time():
+    table = {"a & rest": 0.9, "b": 1e-5, "no gap": 0.1}
+
+    def left(**given):
+        found = Weighed([world(table, **given)])
+        return next(share for _, e, _, share in found.items if e.effects and not e.leaves_rest)
+
+    assert left() == 0.0
+    assert left(names=(PROCESS,)) == pytest.approx(0.2)
 
 
 def test_two_effects_with_a_rest_that_one_carries_alone_make_way_for_it():

@@ -14,7 +14,7 @@ from bayes_greybox.data.samples.starts import Starts
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.answer.amendment import Amendment, Remainder
 from bayes_greybox.discovery.answer.coefficients import Coefficients
-from bayes_greybox.discovery.answer.gap.denials import GREW, LEFT, MISFIT, left_over, worsened
+from bayes_greybox.discovery.answer.gap.denials import GREW, LEFT, MISFIT, NAMED, left_over, worsened
 from bayes_greybox.discovery.answer.gap.free_runs import LEVEL, PATH_DRAWS, FreeRuns
 from bayes_greybox.discovery.answer.gap.table import RATE_DRAWS, gap_rows
 
@@ -66,6 +66,17 @@ def test_the_derivative_error_is_the_mean_square_over_the_variance():
     row = gap(with_cube([-0.8]))[0].loc[("test", "derivative NMSE", "x")]
     assert row["before"] == pytest.approx(np.mean((rate - simulated) ** 2) / np.var(rate))
     assert row["after"] == pytest.approx(np.mean((rate - simulated + 0.8 * x**3) ** 2) / np.var(rate))
+
+
+def test_beside_f_the_share_that_names_alone_leave_has_a_row():
+    known = tiny_evaluations([CUBE], lambda x: -(x**3) + 0.2 * np.cos(7 * x), noise=0.05)
+    amendment = with_cube([-1.0])
+    f = Remainder.of(known.statistics, known.evaluator, amendment.after)
+    table, _ = gap(replace(amendment, discrepancy=f))
+    alone, _ = gap(amendment)
+    with_f, names = (table.loc[("test", metric, "x")] for metric in ("unexplained share", NAMED))
+    pd.testing.assert_series_equal(names, alone.loc[("test", "unexplained share", "x")], check_names=False)
+    assert with_f["after"] != names["after"] and NAMED not in alone.index.get_level_values("metric")
 
 
 def test_the_unexplained_share_is_less_the_noise_and_over_the_mean_square():

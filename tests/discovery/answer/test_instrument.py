@@ -9,6 +9,7 @@ from tiny_equation import DEAD_ZONE, forced, forced_study, soft, studied_motion
 
 from bayes_greybox.discovery.answer.instrument import CLIPPED, COLUMNS, IN_MODEL, LISTED, NOISY, _noise_row
 from bayes_greybox.discovery.answer.weighed import Mirror, Weighed
+from bayes_greybox.discovery.suspects.channels import GAIN_SD
 from bayes_greybox.model.noise.noise_model import CORRELATED, HEAVY, VARYING
 
 
@@ -61,6 +62,8 @@ def test_a_gain_is_told_in_per_cent(channel, factor, said):
         assert pd.Series([found.loc[("gain", channel), "text"]]).str.contains(said).all()
     else:
         assert study.statistics.twins[f"gain of {channel}"] == f"recalibration of {channel}"
+        # The coefficient is 1: it is off by as much as the gain is.
+        assert study.statistics.changes[f"gain of {channel}"] == pytest.approx(GAIN_SD)
 
 
 def test_a_lag_of_the_sensor_stands_beside_the_effect_that_does_the_same():

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from itertools import chain, combinations, product
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -20,6 +21,7 @@ from bayes_greybox.discovery.suspects.channels import DELAY, GAIN, OFFSET, Chann
 from bayes_greybox.discovery.suspects.memory import HYSTERESIS, LAW, RELAXATION, Memory, memory_columns
 from bayes_greybox.discovery.weighing.laws import Laws
 from bayes_greybox.discovery.weighing.search import SUSPECTS_AT_MOST
+from bayes_greybox.discovery.weighing.set_prior import SetPrior
 from bayes_greybox.discovery.weighing.sets import LAWFUL, MEMORY, OTHER_LAWS, PLAIN, RECALIBRATED, REST, Sets
 from bayes_greybox.physics.catalogue.effects import Effect
 from bayes_greybox.physics.catalogue.inner_parameter import InnerParameter
@@ -210,6 +212,22 @@ def test_a_larger_set_is_rarer_by_its_odds():
     sets, (a, b, c) = Sets(known, 3), known.statistics.of_kind("effect")
     by_size = [3 * np.exp(sets.log_prior((a,))), 3 * np.exp(sets.log_prior((a, b))), np.exp(sets.log_prior((a, b, c)))]
     assert np.divide(by_size[1:], by_size[:-1]) == pytest.approx([ODDS.another] * 2)
+
+
+@pytest.mark.parametrize("places", [26, 40])
+def test_hundreds_of_bindings_have_a_prior(places):
+    columns = [SimpleNamespace(slug=f"e{k}", label=f"e{k}(r={c})") for k in range(10) for c in range(places)]
+    statistics = SimpleNamespace(columns=columns, of_kind=lambda kind: range(len(columns)) if kind == "effect" else ())
+    known = SimpleNamespace(statistics=statistics, odds=ODDS)
+    known.name, known.binding = (lambda i: columns[i].slug), (lambda i: columns[i].label)
+    prior = SetPrior.of(known, 2, ())  # type: ignore[arg-type]
+    pairs = [prior.log((0, i)) for i in range(1, 10 * places)]
+    # All that hold this one, of ten names: it is in one of five pairs at one of its places, in a pair of its own too.
+    own, others = pairs[: places - 1], pairs[places - 1 :]
+    assert np.exp(prior.log((0,))) * 10 * places == pytest.approx(ODDS.effects / (1 + ODDS.another))
+    size = ODDS.effects * ODDS.another / (1 + ODDS.another)
+    half = 10 * places * (np.exp(own).sum() + np.exp(others).sum()) / 2
+    assert half == pytest.approx(size)
 
 
 def test_each_suspect_is_in_or_out_by_its_odds():
@@ -635,6 +653,22 @@ def test_what_a_column_gains_after_the_search_moves_the_likeliest_set():
     # Beside f, which has taken up what is gained near itself, nothing is.
     found = {(e.effects, e.kind): e.log_evidence for e in sets.weigh()}
     assert found[(square,), REST] < found[(square,), PLAIN] - 300.0
+
+
+def test_values_that_were_told_later_are_of_the_same_set(monkeypatch):
+    monkeypatch.setattr("bayes_greybox.discovery.weighing.sets.WITH_REST", 4)
+    known = tiny_evaluations([DEAD_ZONE, CUBE], cubic, noise=0.2)
+    zone, later = on(DEAD_ZONE), {"gap": 0.33}
+    known.statistics.add("effect", [(zone.term(later), {"effect": zone, "inner": later})])
+    *zones, cube, last = known.statistics.of_kind("effect")
+    cores = [(), *((i, cube) for i in zones), (cube, last)]
+    sets = Sets(known, 2)
+    weight, _, others = sets._likely(cores, sets._plain(cores))
+    weighed = [c for c in others if c]
+    assert len(weighed) < len(cores) - 1
+    whole = np.logaddexp.reduce([weight[c] for c in cores if c])
+    assert np.logaddexp.reduce([weight[c] + others[c] for c in weighed]) == pytest.approx(whole)
+    assert [others[c] for c in weighed] == pytest.approx([others[weighed[0]]] * len(weighed))
 
 
 def test_values_that_are_not_weighed_beside_f_are_stood_for_by_those_that_are(monkeypatch):

@@ -12,6 +12,9 @@ NOTHING = 1e-4
 MISFIT = "misfit of samples"
 """Metric: what is left of samples over what their noise and the coefficients leave open; 1 where all is explained."""
 
+NAMED = "unexplained share, names alone"
+"""Metric: the unexplained share after by what has a name alone, where the model after holds f beside it."""
+
 LEFT = 1.5
 """Misfit of held-out samples, over that of training samples, from which on the model after does not hold for them."""
 

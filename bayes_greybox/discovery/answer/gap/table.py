@@ -16,7 +16,7 @@ from bayes_greybox.discovery.answer.amendment import Amendment
 from bayes_greybox.model.program import Program
 from bayes_greybox.model.rows.equation_rows import EquationRows, Evaluate, Jumps
 
-from .denials import MISFIT
+from .denials import MISFIT, NAMED
 from .free_runs import LEVEL, FreePath, FreeRuns, over
 
 RATE_DRAWS = 200
@@ -42,7 +42,8 @@ def gap_rows(
     """The gap table's rows for one data set, and its free runs.
 
     Metrics: derivative NMSE, mean((ẋ − x̂̇)²)/var(ẋ), or output NMSE, the same of an output, or sample NMSE, that of the
-    samples that rows are of; unexplained share, (mean((ẋ − x̂̇)²) − σ²)/mean(ẋ²), not below zero; misfit of samples of
+    samples that rows are of; unexplained share, (mean((ẋ − x̂̇)²) − σ²)/mean(ẋ²), not below zero, and where the model
+    after holds f beside what has a name the same without f; misfit of samples of
     one sensor, (median((y − ŷ)²)/0.455/(σ² + var ŷ))^½, σ not below what the samples themselves show, `FORCED` times as
     large beside an unknown force, and var ŷ that of the draws; free-run NRMSE,
     RMS(x − x̂)/SD(x) up to the first failure of either; time to failure of runs that blow up, NaN where a model never
@@ -101,6 +102,13 @@ def gap_rows(
         for metric, f in metrics.items():
             low, high = np.quantile(f(each), [(1 - LEVEL) / 2, (1 + LEVEL) / 2])
             rows.append((part, metric, equation, float(f(first)), float(f(mean)), low, high))
+        if amendment.discrepancy is not None and any(each.after.inner.size for each in amendments.values()):
+            # f takes up whatever is left: what the names are worth is theirs alone.
+            alone = replace(amendment, discrepancy=None)
+            after = _on_rows(measured, alone, lambda at, own=alone: own.rates(at, RATE_DRAWS)[1].T, RATE_DRAWS).T
+            low, high = np.quantile(share(squares(after)), [(1 - LEVEL) / 2, (1 + LEVEL) / 2])
+            left = float(share(squares(after.mean(axis=0))))
+            rows.append((part, NAMED, equation, float(share(first)), left, low, high))
     paths: dict[str, FreePath] = {}
     if free_runs is not None:
         paths, more = free_runs(data, part, starts, seed)
