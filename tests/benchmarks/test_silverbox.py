@@ -52,12 +52,12 @@ def test_the_discrepancy_is_the_hardening_spring_and_a_cubic_term_takes_it_over(
     assert cubic.inclusion().loc[("v", "y**3"), "inclusion"] > 0.99
 
 
-FROM_RATES = {"multisine_test": 0.251, "arrow": 0.369, "arrow_no_extrapolation": 0.265}
-"""Free-run errors in mV of what the study of rates finds, see test_silverbox_study.py."""
+PUBLISHED = {"multisine_test": 0.301, "arrow": 0.60, "arrow_no_extrapolation": 0.259}
+"""Smallest free-run errors in mV that Champneys et al. (2024, arXiv:2405.10779) collect."""
 
 
-def test_from_the_voltage_alone_free_runs_are_no_worse_than_from_rates(capsys):
-    """Nothing is differentiated: samples of y and u, the terms that the study of rates finds."""
+def test_from_the_voltage_alone_free_runs_are_no_worse_than_published_ones(capsys):
+    """Nothing is differentiated: samples of y and u, and terms that earlier studies of rates found."""
     parts = bg.load_dataset("silverbox", remove_offset=True)
     model = bg.GreyBox(
         simulation={"y": "v"},
@@ -70,10 +70,10 @@ def test_from_the_voltage_alone_free_runs_are_no_worse_than_from_rates(capsys):
     with capsys.disabled():
         print(f"\n{fit.verdict}\n{fit.summary().loc['v', ['mean', 'sd']].to_string()}")
     assert fit.verdict.ok
-    for name, rates in FROM_RATES.items():
+    for name, published in PUBLISHED.items():
         path = fit.simulate(parts[name], draws=20).states["y"].mean
         # The first 50 samples are left out, as the benchmark's authors ask.
         error = 1e3 * np.sqrt(np.mean((path - parts[name].states["y"])[50:] ** 2))
         with capsys.disabled():
-            print(f"| {name} | {error:.3f} mV ({rates} from rates) |")
-        assert error <= rates
+            print(f"| {name} | {error:.3f} mV (published: {published}) |")
+        assert error <= published

@@ -175,6 +175,8 @@ ADDED: dict[str, dict[str, Hidden]] = {
             ),
             _plain("direction-dependent-friction", np.abs, "velocity"),
             _inner("backlash", lambda u, play: np.clip(u, -play, play), "input", of="input", low=0.05, high=0.8),
+            _inner("input-saturation", lambda u, g: u - np.clip(u, -g, g), "input", of="input", low=0.2, high=0.95),
+            _plain("stroke-dependent-drive", lambda u, x: u * x**2, "input", "position"),
         ),
         "fluid": (),
         "population": (),

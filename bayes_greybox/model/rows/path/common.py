@@ -20,6 +20,9 @@ STEP = 0.1
 DRIFT = 0.3
 """Phase that steps may lose over a record, over what samples tell of it."""
 
+LEAST_TOLD = 1e-12
+"""Radians: samples without any noise tell no more of a phase than rounding does."""
+
 FORGETS = 0.1
 """Share of a path on which a mode may be undamped and yet forget what it did."""
 
@@ -133,7 +136,10 @@ def steps_needed(rate: ForcedRate, samples: Trajectories, path: np.ndarray, s: n
     fastest = float(np.quantile(np.abs(values).max(axis=-1), 0.99))
     step = float(np.median(np.diff(samples.time)[np.diff(samples.run) == 0]))
     spread = np.std(samples.matrix(samples.state_names), axis=0)
-    told = DRIFT * float(np.min(s / spread.clip(1e-300))) / math.sqrt(samples.n_obs)
+    # A sensor that shows no motion tells nothing of a phase.
+    seen = spread > 0
+    told = DRIFT * float(np.min(np.broadcast_to(s, spread.shape)[seen] / spread[seen], initial=math.inf))
+    told = max(told / math.sqrt(samples.n_obs), LEAST_TOLD)
     # Mode by mode, the fastest first: how fast each turns, and how long what it does is remembered. A mode forgets
     # where it is damped along nearly all of the path.
     values = np.take_along_axis(values, np.argsort(-np.abs(values.imag), axis=-1), axis=-1)
