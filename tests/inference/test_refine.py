@@ -123,7 +123,7 @@ def test_its_paths_are_those_of_another_integrator(swinging):
             lambda time, x, k=cubic: [x[1], force(time) - 2 * x[0] - 0.15 * x[1] + k * x[0] ** 3], (t[0], t[-1]),
             start, t_eval=t, rtol=1e-12, atol=1e-12, max_step=0.3, method="DOP853",
         ).y[0]  # fmt: skip
-        density = norm.logpdf(measured, path, sigma) + np.log(fit.equations["v"].rows.gain)
+        density = norm.logpdf(measured, path, sigma)
         # A path that is off by ε moves a density by z ε/σ + ε²/2σ²; the error said is up to a share of what is left.
         off = 1e-6 * (size + np.abs(path)) / sigma
         allowed = np.abs(measured - path) / sigma * off + off**2 / 2 + 1e-9
