@@ -62,8 +62,8 @@ def test_a_gain_is_told_in_per_cent(channel, factor, said):
         assert pd.Series([found.loc[("gain", channel), "text"]]).str.contains(said).all()
     else:
         assert study.statistics.twins[f"gain of {channel}"] == f"recalibration of {channel}"
-        # The coefficient is 1: it is off by as much as the gain is.
-        assert study.statistics.changes[f"gain of {channel}"] == pytest.approx(GAIN_SD)
+        # The coefficient that the reading needs, which is 1 over the factor, changes by as much as the gain does.
+        assert study.statistics.changes[f"gain of {channel}"] == pytest.approx(GAIN_SD / factor, rel=0.01)
 
 
 def test_a_lag_of_the_sensor_stands_beside_the_effect_that_does_the_same():
