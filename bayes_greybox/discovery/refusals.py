@@ -12,7 +12,7 @@ from bayes_greybox.model.program import Program
 from bayes_greybox.physics.catalogue.effect_tables import nearest
 from bayes_greybox.physics.integrate import check_interpolation
 from bayes_greybox.physics.simulation.code import require_traceable
-from bayes_greybox.physics.units import check_units, same_unit
+from bayes_greybox.physics.units import check_units, require_units_of
 
 from .evidence.odds import Odds
 
@@ -98,10 +98,8 @@ def check_data(
                 f"Run {short[0]!r} of the {part} data has one row, and a free run needs two: leave that run out, or "
                 "the free runs with free_runs=False."
             )
-    for name, unit in train.units.items():
-        other = test.units.get(name) if test is not None else None
-        if unit and other and not same_unit(unit, other, f"column {name!r}"):
-            raise InputError(f"The test data have {name} in {other}, the training data in {unit}: convert them.")
+    if test is not None:
+        require_units_of(test, train)
     if isinstance(model.noise, Noise):
         for name in equations:
             check_asked(model.noise, model.equation_rows(train, name))

@@ -51,5 +51,5 @@ def test_the_cubic_spring_is_named_and_free_runs_improve(capsys):
         ]
         with capsys.disabled():
             print(f"| {name} | {errors[name][0]:.2f} (least squares {linear}) | {errors[name][1]:.3f} ({cubic}) |")
-    # Least squares with a cubic spring are what was aimed at: docs/results/measured_data.md has what is missed, and why.
+    # Least squares with a cubic spring were aimed at: docs/results/measured_data.md has what is missed, and why.
     assert all(after < before / 4 for before, after in errors.values())

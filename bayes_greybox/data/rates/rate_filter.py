@@ -87,7 +87,7 @@ class RateFilter:
         return {rate: name for name, rate in self.rates}.get(state, state)
 
     def one_sensor(self, state: str) -> tuple[str, ...]:
-        """States from whose samples the rate of one was computed, the measured one first; none where it was measured."""
+        """States from whose samples a rate was computed, the measured one first; none where it was measured."""
         if not dict(self.orders).get(state, 0):
             return ()
         source = self.source(state)

@@ -123,7 +123,9 @@ class SampleSpread:
             ]
             whole = np.abs(values[0] + values[-1] - 2 * values[PARTS])
             # Of a kink off the middle of both parts that have it, a quarter is seen.
-            part = np.max([np.abs(a + c - 2 * b) for a, b, c in zip(values, values[1:], values[2:], strict=False)], axis=0)
+            part = np.max(
+                [np.abs(a + c - 2 * b) for a, b, c in zip(values, values[1:], values[2:], strict=False)], axis=0
+            )
             found = np.fmax(found, np.where(3 * PARTS * part > whole, whole, 0.0))
         return found
 

@@ -450,3 +450,14 @@ def test_a_small_jump_of_the_simulation_is_followed_as_one_of_a_term_is(process_
         left.append(float(np.std(found.noise.without_starts(residual[:, None])) * found.gain))
     # What is left is the sensor's noise, known to 2.5 % from 800 samples: four of that.
     assert left == pytest.approx([1e-3, 1e-3], rel=0.1)
+
+
+def test_a_record_at_rest_is_followed_and_one_of_nothing_is_refused():
+    """A ring-down that has ended, of a sensor with an offset and of one without."""
+    moving = sampled(n=100)
+    nothing = np.zeros(moving.n_obs)
+    rest = replace(moving, states={"y": nothing + 0.2}, inputs={"F": nothing + 0.4})
+    near, _ = program().near(moving)
+    assert np.max(np.abs(near.complete(rest).states["v"])) < 1e-6
+    with pytest.raises(InputError, match="y is 0 at every sample: there is no motion to follow. Leave these rows out"):
+        near.complete(replace(rest, states={"y": nothing}))
