@@ -157,9 +157,10 @@ def follow_samples(
     measured = samples.matrix(samples.state_names)
     finest = FINEST * np.std(measured, axis=0)
     if common is None and not np.any(measured):
+        names, verb = " and ".join(samples.state_names), "is" if len(outputs) == 1 else "are"
         raise InputError(
-            f"{' and '.join(samples.state_names)} {'is' if len(outputs) == 1 else 'are'} 0 at every sample: there is no "
-            "motion to follow. Leave these rows out; of a record that ends at rest take less as held-out data."
+            f"{names} {verb} 0 at every sample: there is no motion to follow. Leave these rows out; of a record that "
+            "ends at rest take less as held-out data."
         )
     if common is None:
         sizes, slow = sizes_of(samples, simulation, at_rest)
