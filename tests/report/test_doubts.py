@@ -11,6 +11,7 @@ import pytest
 from rich.console import Console
 from tiny_study import DELAYED, judged, varied
 
+from bayes_greybox.data.rates.rate_filter import RateFilter
 from bayes_greybox.report.folders.study_record import study_record
 from bayes_greybox.report.pages.page import render
 from bayes_greybox.report.pages.study_page import study_page
@@ -260,6 +261,12 @@ def test_suspects_have_a_size_in_their_unit_and_in_samples(study):
     assert spaced(weighed["Delay of d(ydot)/dt, all states together, ydot, F"]) == "0.020 each; size ± 2 samples"
     assert weighed["Delay of y"] == "as recalibration of ydot, which does the same"
     assert suspects_weighed(replace(study, settings={})) == [] and "Lag of y" not in weighed
+    # A rate that was computed from y has no sensor of its own.
+    computed = RateFilter("savgol", 11, 3, None, 0.05, (("y", "ydot"),), (("y", 1), ("ydot", 2)), (0.1,))
+    behind = replace(study, train=replace(study.train, filter=computed), settings={**study.settings, "same as": {}})
+    assert [key for key, _ in suspects_weighed(behind)][:3] == [
+        "Delay of all states together, F", "Gain of y, F", "Offset of y, F"
+    ]  # fmt: skip
     lag = pd.DataFrame([{**DELAYED, "suspect": "lag", "channel": "y"}])
     assert "50" in dict(suspects_weighed(replace(study, instrument=lag)))["Lag of y"]
 

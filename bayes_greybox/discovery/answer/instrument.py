@@ -200,6 +200,9 @@ def _noise_row(
     equation: str, name: str, p: float, about: Mapping[str, Any], inside: bool, data: Trajectories
 ) -> dict[str, Any]:
     channel, time = data.target_label(equation), data.unit("t") or ""
+    if equation not in data.derivatives:
+        # Rows are the samples of the sensors, and no rates.
+        channel = " and ".join((data.samples or data).state_names)
     row = _blank(equation, name, channel, p, IN_MODEL if inside else "", "")
     if name == CORRELATED:
         row |= {

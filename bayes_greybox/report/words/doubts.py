@@ -146,7 +146,7 @@ def _ties(study: StudyResult) -> Iterator[Doubt]:
         own, *others = (within(name_of(study, slug)) for slug in tie["slugs"])
         yield Doubt("Ties", f"these data do not tell {own} from {' or '.join(others)}", True)
     if not study.ties and added(study).size:
-        yield Doubt("Ties", "no other effect could stand in the place of what was named", False)
+        yield Doubt("Ties", "no other effect of the catalogue could stand in the place of what was named", False)
 
 
 def _held_out(study: StudyResult) -> Iterator[Doubt]:

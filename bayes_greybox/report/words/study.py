@@ -315,7 +315,13 @@ def suspects_weighed(study: StudyResult) -> list[tuple[str, str]]:
         own = [name for name in channels if not all(f"{kind} of {name}" in twins for twins in same)]
         return f"{kind.capitalize()} of {', '.join(ALL_STATES if name == STATES else name for name in own)}"
 
-    rates = [study.train.target_label(name) for name in study.maps]
+    labels = [study.train.target_label(name) for name in study.maps]
+    # A rate that a filter computed, and a state that is one, have no sensor of their own.
+    if (computed := study.train.filter) is not None:
+        rates = [study.train.target_label(name) for name in study.maps if not computed.one_sensor(name)]
+        states = tuple(name for name in states if computed.source(name) == name)
+    else:
+        rates = labels
     delays = [*rates, *([STATES] if inputs else []), *(states if len(states) > 1 else ()), *inputs]
     channels = [*rates, *states, *inputs]
     each, noise = (probability_text(odds[key]) for key in ("suspect", "noise"))
@@ -327,11 +333,14 @@ def suspects_weighed(study: StudyResult) -> list[tuple[str, str]]:
         (weighed(DELAY, delays), f"{each} each; size ±\u00a0{DELAY_STEPS:g}\u00a0samples"),
         (weighed(GAIN, channels), f"{each} each; size ±\u00a0{percent_text(GAIN_SD, 0)}"),
         (weighed(OFFSET, channels), f"{each} each; {of_rms}"),
-        (weighed(DRIFT, rates), f"{each} each; {of_rms}"),
+        *([(weighed(DRIFT, rates), f"{each} each; {of_rms}")] if rates else []),
         *lags,
         *(
-            (f"{key.capitalize()}{f' in {rate}' if len(rates) > 1 else ''}", f"as {other['what']}, which does the same")
-            for rate, twins in zip(rates, same, strict=True)
+            (
+                f"{key.capitalize()}{f' in {rate}' if len(labels) > 1 else ''}",
+                f"as {other['what']}, which does the same",
+            )
+            for rate, twins in zip(labels, same, strict=True)
             for key, other in twins.items()
         ),
         ("Noise that is correlated, that depends on the state, that has outliers", f"{noise} each"),

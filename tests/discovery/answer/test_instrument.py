@@ -131,3 +131,10 @@ def test_noise_is_told_in_words(name, about, said, inside):
     row = _noise_row("v", name, 0.9, about, inside, forced(n=20))
     assert said in row["text"] and row["channel"] == "d(v)/dt"
     assert (row["status"] == IN_MODEL) == inside
+
+
+def test_of_rows_of_samples_the_noise_is_of_the_sensors():
+    data = forced(n=20)
+    samples = replace(data, states={"y": data.states["y"]}, derivatives={})
+    row = _noise_row("v", CORRELATED, 0.9, {"correlation": 0.5, "time_scale": 0.2}, True, samples)
+    assert row["channel"] == "y" and row["text"].startswith("the noise of y is correlated over 0.2")
