@@ -295,7 +295,9 @@ def test_what_is_left_out_is_left_out_of_every_sensor(two_sensors, scheme, monke
         C = (Phi * draws.prior_sd[s] ** 2) @ Phi.T + float(draws.hyper.sigma[s]) ** 2 * entry.rows.noise.covariance()
         rest = [np.setdiff1d(np.arange(len(y)), fold) for fold in folds]
         given = [conditional(C, y, fold, kept) for fold, kept in zip(folds, rest, strict=True)]
-        expected.append([v - len(f) * np.log(entry.frame.target_scale) for v, f in zip(given, folds, strict=True)])
+        # In the unit of the sensor.
+        unit = np.log(entry.frame.target_scale * entry.rows.gain)
+        expected.append([v - len(f) * unit for v, f in zip(given, folds, strict=True)])
     for by_precision in (True, False):
         monkeypatch.setattr(FeatureDesign, "removes", lambda *_, route=by_precision: not route)
         np.testing.assert_allclose(values_of(two_sensors, folds), expected, rtol=1e-7, atol=1e-7)

@@ -107,7 +107,7 @@ class Told(EquationStudy):
     """What was found out about one equation, in as few words as tables need."""
 
     def __init__(self, name, verdict):
-        known = SimpleNamespace(left_out={"odd": f"odd in {name}"}, columns=[], of_kind=lambda kind: [])
+        known = SimpleNamespace(left_out={"odd": f"odd in {name}"}, columns=[], twins={}, of_kind=lambda kind: [])
         parts = {"amendment": Amendment, "map": GapMap, "trace": GapTrace}
         self.__dict__ |= {"name": name, **{part: blank(kind, name) for part, kind in parts.items()}}
         self.__dict__ |= {

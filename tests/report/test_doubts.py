@@ -205,13 +205,17 @@ def test_sentence_tables_page_terminal_and_record_say_the_same(study, kind):
         status=["added", *("one of" if slug in tied else "" for slug in study.effects["slug"][1:])],
         tied_with=[tied, *study.effects["tied_with"][1:]],
     )
+    sure = study.hypotheses.assign(probability=0.0)
+    sure.loc[("ydot", "instrument"), "probability"] = 0.98
     one = {
         "named": study,
         "late": varied(study, instrument={}),
         "checks": varied(study, checks={"LOO-PIT": (1e-4, "the noise has heavier tails than the model's")}),
         "free run": worse(study),
         "one of": replace(study, verdict="one of", effects=effects),
-        "instrument": varied(study, verdict="instrument", effects=study.effects.assign(status=""), instrument={}),
+        "instrument": replace(
+            varied(study, verdict="instrument", effects=study.effects.assign(status=""), instrument={}), hypotheses=sure
+        ),
     }[kind]
     said = spaced(sentence(one))
     page = spaced(unescape(render(study_page(replace(one, **PLAIN)))))
