@@ -1,6 +1,7 @@
 """From a description and data to the design: what is refused, and how the simulation is read."""
 
 import math
+import os
 from dataclasses import replace
 
 import jax.numpy as jnp
@@ -311,6 +312,9 @@ def test_sites_of_a_users_prior_cannot_take_names_of_the_results(name):
         program.gibbs_equations(program.designs(_data()))
 
 
+@pytest.mark.skipif(
+    os.environ.get("BAYES_GREYBOX_TYPECHECK", "0") == "1", reason="arguments of other types are what is tried here"
+)
 @pytest.mark.parametrize("noise", [np.inf, np.nan, 0.0, -1.0, None, True, "1"])
 def test_a_scale_of_the_noise_that_is_no_positive_number_is_refused(noise):
     with pytest.raises(InputError, match=r"GreyBox\(noise=.*\) must be a positive number, or bg.Noise"):

@@ -1,5 +1,6 @@
 """Sets of effects and suspects, against sums over all of them with dense covariances."""
 
+import os
 from dataclasses import replace
 from itertools import chain, combinations, product
 from types import SimpleNamespace
@@ -214,6 +215,7 @@ def test_a_larger_set_is_rarer_by_its_odds():
     assert np.divide(by_size[1:], by_size[:-1]) == pytest.approx([ODDS.another] * 2)
 
 
+@pytest.mark.skipif(os.environ.get("BAYES_GREYBOX_TYPECHECK", "0") == "1", reason="of the columns only their names are")
 @pytest.mark.parametrize("places", [26, 40])
 def test_hundreds_of_bindings_have_a_prior(places):
     columns = [SimpleNamespace(slug=f"e{k}", label=f"e{k}(r={c})") for k in range(10) for c in range(places)]
