@@ -248,8 +248,8 @@ def closed_in_words(gap: pd.DataFrame, what: str = "the rate") -> str:
     held_out = "test" in parts
     where = "held-out data" if held_out else "the training data"
     before, after = shares[parts == ("test" if held_out else "train")].sum()
-    if max(before, after) < LEAST_CLOSED:
-        # What is below what shows is no gap, whatever multiple of it is left.
+    if before <= after < LEAST_CLOSED:
+        # Next to nothing, whatever multiple of it is left; what precise data show of a small gap may well be closed.
         return f"closes no gap on {where}, which show none"
     if not before > 0:
         return f"leaves {share_text(after)} of {what} on {where} unexplained, where nothing was before"
