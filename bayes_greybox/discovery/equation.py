@@ -22,7 +22,7 @@ from .answer.checks.motion import MotionCheck
 from .answer.coefficients import Coefficients, draw_coefficients, plain, sensor_errors
 from .answer.doubt import Doubt
 from .answer.equation_study import EquationStudy
-from .answer.finding import Finding, decide
+from .answer.finding import Finding, decide, rivals
 from .answer.mirrored import mirrors
 from .answer.weighed import Mirror
 from .answer.where import GapField, gap_map, gap_trace, where_table
@@ -99,6 +99,12 @@ def study_equation(
     while finding.kind not in judged and not (judged and finding.kind == "unknown"):
         # Each answer is judged by its own motion before it is said; what denies one stays.
         judged[finding.kind], doubts = contradictions(model, train, aligned, amendment, finding, odds)
+        for rival in rivals(finding) if aligned.rates_measured else ():
+            # So is what stands beside it: a wrong mass and the gain of a rate's sensor differ in nothing else.
+            if rival.kind not in judged:
+                changed = _amendment(rival, aligned, train, seed)
+                judged[rival.kind], more = contradictions(model, train, aligned, changed, rival, odds)
+                denials += [doubt for doubt in more if doubt.denies]
         denials += [doubt for doubt in doubts if doubt.denies]
         others = [doubt for doubt in doubts if not doubt.denies] + noise_as_force(finding, aligned)
         if not denials and not others:

@@ -327,6 +327,42 @@ def test_a_recalibration_is_told_by_draws_in_which_a_coefficient_is_changed():
     assert study.finding.weighed.by_kind["recalibrate"] < 0.999 and row["lower"] < -0.06 < row["upper"]
 
 
+HEAVY = {"simulation": {"y": "v", "v": "1.06*F - 2.12*y - 0.159*v"}}
+"""The motion as of a mass that is 6 % too small."""
+
+
+def reading(gain):
+    """The motion with nothing missing, its rate read by a sensor with a gain."""
+    data = forced()
+    return replace(data, derivatives={"v": gain * data.derivatives["v"]})
+
+
+def test_a_wrong_mass_is_a_recalibration_and_no_gain_of_the_rates_sensor():
+    study = studied_motion(forced(), **HEAVY)
+    assert (study.finding.verdict, study.finding.against) == ("recalibrate", ())
+    # The samples of v deny the gain, and nothing is left of it.
+    found = study.finding.weighed
+    assert found.by_kind["recalibrate"] > 0.9 and found.by_kind["instrument"] < 0.01
+    table = study.corrections(forced())
+    np.testing.assert_allclose(table["mean"] / table["nominal"], 1 / 1.06 - 1, atol=4 * 0.003)
+    assert np.ptp(table["mean"] / table["nominal"]) < 1e-3
+
+
+@pytest.mark.parametrize("gain", [0.94, 1.03])
+def test_a_gain_of_the_rates_sensor_is_told_where_samples_deny_a_wrong_mass(gain):
+    study = studied_motion(reading(gain))
+    assert (study.finding.verdict, study.finding.against) == ("instrument", ())
+    (row,) = study.instrument(forced()).query("suspect == 'gain'").to_dict("records")
+    assert row["channel"] == "d(v)/dt" and row["status"] and abs(row["mean"] - (gain - 1)) < 4 * row["sd"]
+
+
+def test_where_no_sample_tells_a_wrong_mass_from_a_gain_both_are_likely():
+    # So few rows that v has no window.
+    study = studied_motion(forced(n=20, step=1.0), **HEAVY)
+    found = study.finding.weighed.by_kind
+    assert study.finding.verdict == "recalibrate" and min(found["recalibrate"], found["instrument"]) > 0.05
+
+
 def test_the_threshold_of_a_gap_is_the_smaller_noise_of_before_and_after(nothing_missing):
     study, _ = nothing_missing
     assert study.map.threshold == study.trace.threshold <= study.amendment.sigma

@@ -253,10 +253,11 @@ def test_what_cannot_be_used_is_refused_before_the_search():
 
 def test_patterns_of_many_corrections_have_at_most_two_terms_in():
     few, log_few = _patterns(3, 0.1)
-    assert len(few) == 8 and not few[0].any()
-    np.testing.assert_allclose(np.exp(log_few), [np.prod(np.where(row, 0.1, 0.9)) for row in few], rtol=1e-12)
+    assert len(few) == 8 + 1 and not few[0].any()
+    expected = np.array([*(np.prod(np.where(row, 0.1, 0.9)) for row in few[:-1]), 0.1 * 0.9**2])
+    np.testing.assert_allclose(np.exp(log_few), expected / expected.sum(), rtol=1e-12)
     many, log_many = _patterns(30, 0.1)
-    assert len(many) == 1 + 30 + 435 and many.sum(axis=1).max() == 2
+    assert len(many) == 1 + 30 + 435 + 1 and many[:-1].sum(axis=1).max() == 2
     assert np.exp(log_many).sum() == pytest.approx(1.0)
 
 

@@ -92,13 +92,13 @@ TRAIN = Trajectories.from_arrays(np.arange(3.0), states={"x": np.arange(3.0)}, o
 
 def said(
     verdict, added=(), gap=CLOSED, measured=(), against=(), where="x", equations=None, left_out=(), memory=None,
-    law=None, same=None, **off
+    law=None, same=None, table=None, **off
 ):  # fmt: skip
     study = object.__new__(StudyResult)
     equations = equations or {"x": verdict}
     study.__dict__.update(
         verdict=verdict, effects=effects(*added, equation=where), gap=gap, corrections=corrections(**off),
-        instrument=instrument(*measured), against=tuple(against), maps=dict.fromkeys(equations),
+        instrument=instrument(*measured) if table is None else table, against=tuple(against), maps=dict.fromkeys(equations),
         hypotheses=likeliest(**equations), left_out=dict(left_out), memory=remembers(**(memory or {})),
         train=TRAIN, quantities=pd.DataFrame(), settings={"same as": {"x": same or {}}},
     )  # fmt: skip
@@ -249,6 +249,29 @@ def test_an_error_of_a_sensor_that_does_the_same_as_a_wrong_coefficient_is_told(
     assert "F in d(x)/dt should have 0.8, not 1, or else it is the gain of F, which does the same)" in text
     assert "or else" not in said("recalibrate", same=same, F=(1.0, 0.97, -0.4))
     assert "offset" not in text and "or else" not in said("recalibrate", same=same, y=(1.0, 0.97, 0.25))
+
+
+def test_coefficients_that_are_all_off_by_one_factor_are_told_as_that():
+    same = {"gain of F": {"what": "recalibration of F", "change": 0.1}}
+    off = {"F": (2.0, 0.99, -0.2), "y": (-4.0, 0.99, 0.41)}
+    text = said("recalibrate", same=same, **off)
+    factor = "all in d(x)/dt should be 0.8987 times what they are, as where a mass, an inertia or a capacity is wrong"
+    assert f"({factor}: F 1.8 and y −3.59)" in text and "which does the same" not in text
+    # One that is right, or another's change, and there is no common factor.
+    assert "times what" not in said("recalibrate", **off, u=(1.0, 0.01, 0.0))
+    assert "times what" not in said("recalibrate", F=off["F"], y=(-4.0, 0.99, 0.6))
+
+
+def test_a_gain_of_the_rate_that_may_stand_in_the_place_of_a_common_factor_is_told():
+    def table(p):
+        rate = {"equation": "x", "suspect": "gain", "channel": "d(x)/dt", "text": "d(x)/dt reads 10% too small"}
+        return pd.DataFrame([{**rate, "probability": p, "status": ""}])
+
+    off = {"F": (2.0, 0.99, -0.2), "y": (-4.0, 0.99, 0.4)}
+    assert "wrong, or else d(x)/dt reads 10% too small, which does the same: F" in said(
+        "recalibrate", table=table(0.2), **off
+    )
+    assert "or else" not in said("recalibrate", table=table(0.01), **off)
 
 
 def test_recalibration_passes_over_coefficients_that_are_rather_right():

@@ -7,7 +7,7 @@ from bayes_greybox.discovery.weighing.sets import Explanation, imitated
 from bayes_greybox.discovery.weighing.worlds import World
 
 from .doubt import Doubt
-from .weighed import EFFECTS, FAINT, Mirror, Weighed, stacked
+from .weighed import EFFECTS, FAINT, STOPS, Mirror, Weighed, stacked
 
 VERDICTS = ("no gap", "instrument", "recalibrate", "named", "one of", "partly named", "unknown")
 """From what asks least of the user's physics to what asks most; of several equations the last one speaks."""
@@ -149,6 +149,15 @@ def answer_of(weighed: Weighed, kind: str) -> Finding:
     e = weighed.without_imitations(world, e)
     left = 1.0 if kind == "unknown" else share
     return Finding(weighed.worlds, kind, (), e, world, weighed.by_kind["unknown"], left, weighed)
+
+
+def rivals(finding: Finding) -> list[Finding]:
+    """Other answers without effects that are not unlikely beside one without effects; none beside effects or unknown."""
+    weighed, own = finding.weighed, finding.kind
+    if own not in STOPS[:-1]:
+        return []
+    kinds = {weighed.kind(w, e) for w, e, *_ in weighed.items if not e.effects}
+    return [answer_of(weighed, k) for k in STOPS[:-1] if k in kinds - {own} and weighed.by_kind[k] >= TIED]
 
 
 def _without_artefacts(finding: Finding) -> Finding:

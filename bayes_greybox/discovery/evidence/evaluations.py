@@ -133,32 +133,48 @@ class Evaluations:
         return self._with_f[effects]
 
     def patterns(self) -> tuple[np.ndarray, np.ndarray]:
-        """Inclusion patterns of the corrections, all zeros first, and their log prior beside an effect."""
+        """Inclusion patterns of the corrections, all zeros first, and their log prior beside an effect.
+
+        The last of several corrections has all of them by one factor, as a wrong mass, inertia or capacity has them: it
+        is one number that is off, and as likely beforehand as one coefficient.
+        """
         return _patterns(len(self.statistics.of_kind("correction")), self.odds.correction)
 
     def indices(self, effects: Sequence[int]) -> list[int]:
         """Columns of a hypothesis: free ones, corrections, effects."""
         return [*self.statistics.of_kind("free"), *self.statistics.of_kind("correction"), *effects]
 
-    def scales(self, effects: Sequence[int]) -> np.ndarray:
-        """Prior standard deviations by pattern [n_pattern, n_column]."""
+    def spectrum(self, choices: Sequence[Sequence[int]]) -> Spectrum:
+        """Sets of columns of one size [n_set, n_pattern, ...], without f."""
+        statistics = self.statistics
+        indices = np.array([self.indices(c) for c in choices], dtype=int)
+        gram = statistics.products[indices[:, :, None], indices[:, None, :]][:, None]
+        given = gram, statistics.with_target[indices][:, None], statistics.square, statistics.n_obs
         patterns, _ = self.patterns()
-        sd = np.array([self.statistics.columns[i].sd for i in self.indices(effects)])
-        n_free = len(self.statistics.of_kind("free"))
-        scales = np.tile(sd, (len(patterns), 1))
-        scales[:, n_free : n_free + patterns.shape[1]] *= patterns
-        return scales
+        corrections = statistics.of_kind("correction")
+        first, count = len(statistics.of_kind("free")), len(corrections)
+        sd = np.array([column.sd for column in statistics.columns])[indices]
+        together = count > 1
+        each = patterns[:-1] if together else patterns
+        scales = np.repeat(sd[:, None], len(each), axis=1)
+        scales[:, :, first : first + count] *= each
+        found = Spectrum.of(*given, scales)
+        if not together:
+            return found
+        # θ_j = z s_j, z ~ N(0, 1): standard deviations are shares of the nominal coefficients, whose signs they take.
+        signs = np.sign([statistics.columns[i].nominal for i in corrections])
+        own = slice(first, first + count)
+        root = sd[:, :, None] * np.eye(indices.shape[1])
+        root[:, own, own] = 0.0
+        root[:, own, first] = sd[:, own] * signs
+        return found.and_then(Spectrum.of_root(*given, root[:, None]))
 
     def parametric(self, choices: Sequence[Sequence[int]]) -> list[Parametric]:
         """Evidence without f of several sets of effects of one size, all inclusion patterns at once."""
         if not choices:
             return []
         _, log_prior = self.patterns()
-        indices = np.array([self.indices(c) for c in choices], dtype=int)
-        scales = np.stack([self.scales(c) for c in choices])
-        gram = self.statistics.products[indices[:, :, None], indices[:, None, :]][:, None]
-        product_y = self.statistics.with_target[indices][:, None]
-        spectrum = Spectrum.of(gram, product_y, self.statistics.square, self.statistics.n_obs, scales)
+        spectrum = self.spectrum(choices)
         posterior = marginal(spectrum, self.statistics.noise)
         found = []
         for k, choice in enumerate(choices):
@@ -193,10 +209,8 @@ class Evaluations:
 
     def with_features(self, effects: tuple[int, ...]) -> WithDiscrepancy:
         """The hypothesis with f, its features orthogonal to its columns in the metric of R⁻¹."""
-        statistics, indices = self.statistics, self.indices(effects)
-        scales = self.scales(effects)
+        statistics, indices, spectrum = self.statistics, self.indices(effects), self.spectrum([effects])
         G, g = statistics.products[np.ix_(indices, indices)], statistics.with_target[indices]
-        spectrum = Spectrum.of(G, g, statistics.square, statistics.n_obs, scales)
         C = statistics.with_features[indices]
         # Projection on the columns through the eigenvectors of their Gram matrix that carry any weight
         values, vectors = np.linalg.eigh(G)
@@ -204,8 +218,8 @@ class Evaluations:
         root = vectors[:, kept] / np.sqrt(values[kept])
         P = root.T @ C
         return WithDiscrepancy(
-            spectrum.eigenvalues,
-            spectrum.loading,
+            spectrum.eigenvalues[0],
+            spectrum.loading[0],
             self.patterns()[1],
             statistics.square,
             statistics.n_obs,
@@ -277,6 +291,9 @@ def _patterns(count: int, probability: float) -> tuple[np.ndarray, np.ndarray]:
     patterns = np.zeros((len(chosen), count), int)
     for row, ones in zip(patterns, chosen, strict=True):
         row[list(ones)] = 1
-    included = patterns.sum(axis=1)
-    log_prior = included * np.log(probability) + (count - included) * np.log1p(-probability)
+    counted = patterns.sum(axis=1)
+    if count > 1:
+        # All by one factor count as one.
+        patterns, counted = np.vstack([patterns, np.ones((1, count), int)]), np.append(counted, 1)
+    log_prior = counted * np.log(probability) + (count - counted) * np.log1p(-probability)
     return patterns, log_prior - np.logaddexp.reduce(log_prior)

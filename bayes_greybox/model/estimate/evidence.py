@@ -23,11 +23,11 @@ at a tenth of it."""
 
 @dataclass(frozen=True)
 class Spectrum:
-    """One hypothesis, or a batch of them, in the eigenbasis of D^½ XᵀR⁻¹X D^½.
+    """One hypothesis, or a batch of them, in the eigenbasis of D^½ᵀ XᵀR⁻¹X D^½.
 
     Attributes:
         eigenvalues: λ [..., n_column].
-        loading: b = Uᵀ D^½ XᵀR⁻¹y [..., n_column].
+        loading: b = Uᵀ D^½ᵀ XᵀR⁻¹y [..., n_column].
         back: D^½ U, which maps eigen-coefficients to β [..., n_column, n_column].
         square: yᵀR⁻¹y; of a batch, one for all or one each.
         n_obs: Number of observations.
@@ -61,6 +61,35 @@ class Spectrum:
         back = sd[..., :, None] * vectors
         loading = np.einsum("...ij,...i->...j", back, product)
         return cls(np.maximum(values, 0.0), loading, back, square, n_obs)
+
+    @classmethod
+    def of_root(
+        cls,
+        gram: Float[np.ndarray, "... n_column n_column"],
+        product: Float[np.ndarray, "... n_column"],
+        square: float,
+        n_obs: float | int,
+        root: Float[np.ndarray, "... n_column n_column"],
+    ) -> "Spectrum":
+        """`of` with coefficients that the prior ties together.
+
+        Args:
+            gram: XᵀR⁻¹X.
+            product: XᵀR⁻¹y.
+            square: yᵀR⁻¹y.
+            n_obs: Number of observations.
+            root: D^½, D = D^½ D^½ᵀ the prior covariance.
+        """
+        values, vectors = np.linalg.eigh(np.swapaxes(root, -1, -2) @ gram @ root)
+        back = root @ vectors
+        loading = np.einsum("...ij,...i->...j", back, product)
+        return cls(np.maximum(values, 0.0), loading, back, square, n_obs)
+
+    def and_then(self, other: "Spectrum") -> "Spectrum":
+        """This batch and another of the same data, one after the other along its last axis."""
+        parts = ((self.eigenvalues, other.eigenvalues, -2), (self.loading, other.loading, -2))
+        eigenvalues, loading = (np.concatenate([own, more], axis=axis) for own, more, axis in parts)
+        return Spectrum(eigenvalues, loading, np.concatenate([self.back, other.back], axis=-3), self.square, self.n_obs)
 
     def log_density(self, sigma: np.ndarray) -> np.ndarray:
         """Log p(y | σ), f = 0; σ of shape [n_node], or [..., n_node] with the shape of the batch: [..., n_node].

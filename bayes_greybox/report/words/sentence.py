@@ -6,11 +6,11 @@ from typing import Any
 import pandas as pd
 
 from bayes_greybox.discovery.answer.checks.filtered import SAMPLES_TELL
-from bayes_greybox.discovery.answer.finding import AND_MORE, ONE_LAW, SURE
+from bayes_greybox.discovery.answer.finding import AND_MORE, ONE_LAW, SURE, TIED
 from bayes_greybox.discovery.answer.gap.denials import NAMED, worsened
 from bayes_greybox.discovery.answer.instrument import IN_MODEL
 from bayes_greybox.discovery.study import StudyResult
-from bayes_greybox.discovery.suspects.channels import DELAY, KINDS, LAG
+from bayes_greybox.discovery.suspects.channels import DELAY, GAIN, KINDS, LAG
 from bayes_greybox.discovery.verdict import worse_in_words
 from bayes_greybox.discovery.weighing.alignment import FURTHEST, FURTHEST_DELAY
 from bayes_greybox.physics.catalogue.names import within
@@ -29,6 +29,9 @@ from .study import (
     rows_of,
     same_as,
 )
+
+ALIKE = 0.1
+"""Coefficients whose relative changes differ by less than this share of them are off by one factor."""
 
 TWICE = 2.0
 """From this ratio on a rise is said as a multiple: hundreds of per cent are hard to read."""
@@ -73,7 +76,7 @@ def _answer(study: StudyResult) -> str:
         return f"{_likely('No effect is missing, it is the measurement', p)}: {found}."
     if study.verdict == "recalibrate":
         off = _corrections(study, LIKELY)
-        right = "; ".join(_should_be(study, row) for row in off) or "which one the data cannot say"
+        right = "; ".join(_all_should_be(study, off)) or "which one the data cannot say"
         what, it = "coefficients of the simulation are", "them"
         if len(off) == 1:
             what, it = "the coefficient of the simulation is", "it"
@@ -214,6 +217,34 @@ def _corrections(study: StudyResult, least: float) -> list[dict[str, Any]]:
 def _furthest(key: str) -> float:
     """Prior standard deviations beyond which no sensor is off."""
     return FURTHEST_DELAY if key.startswith(f"{DELAY} of ") else FURTHEST
+
+
+def _all_should_be(study: StudyResult, off: Sequence[Mapping[str, Any]]) -> list[str]:
+    """The right coefficients; those of an equation that are all off by one factor as that."""
+    said = []
+    for name in dict.fromkeys(row["equation"] for row in off):
+        rows = [row for row in off if row["equation"] == name]
+        ratios = [row["mean"] / row["nominal"] for row in rows]
+        whole = len(rows) == len(rows_of(study.corrections, name)) > 1
+        if not whole or max(ratios) - min(ratios) > ALIKE * abs(sum(ratios)) / len(ratios):
+            said += [_should_be(study, row) for row in rows]
+            continue
+        label, factor = study.train.target_label(name), number(1 + sum(ratios) / len(ratios), 4)
+        # What a sensor does to one channel does not do what this does; that of the whole rate does.
+        gains = [
+            row
+            for row in study.instrument.to_dict("records")
+            if (row.get("equation"), row.get("suspect"), row.get("channel")) == (name, GAIN, label)
+            and row["status"] != IN_MODEL
+            and row["probability"] >= TIED
+        ]
+        instead = "".join(f", or else {numbers_in(row['text'])}, which does the same" for row in gains)
+        each = listed([f"{formula(row['term'])} {number(row['nominal'] + row['mean'], 4)}" for row in rows])
+        said.append(
+            f"all in {label} should be {factor} times what they are, as where a mass, an inertia or a capacity is "
+            f"wrong{instead}: {each}"
+        )
+    return said
 
 
 def _should_be(study: StudyResult, row: Mapping[str, Any]) -> str:

@@ -12,6 +12,7 @@ from bayes_greybox.discovery.evidence import evaluations
 from bayes_greybox.discovery.evidence.columns import Nearer
 from bayes_greybox.discovery.evidence.evaluations import MOST_PATTERNS, _patterns, one_pattern
 from bayes_greybox.discovery.evidence.odds import Odds
+from bayes_greybox.discovery.evidence.sufficient_statistics import CORRECTION_SCALE
 from bayes_greybox.discovery.suspects.memory import HYSTERESIS, Memory
 from bayes_greybox.model.estimate.evidence import Spectrum, marginal
 from bayes_greybox.physics.catalogue.effects import Effect
@@ -38,11 +39,18 @@ def dense_columns(known, effects):
     return indices, X, statistics.rows.target / statistics.target_scale
 
 
-def evidence_of(known, effects, pattern):
-    """Log evidence of one pattern with the columns that it leaves out taken away."""
+def evidence_of(known, effects, pattern, together=False):
+    """Log evidence of one pattern with the columns that it leaves out taken away, or added up to one."""
     indices, X, y = dense_columns(known, effects)
     sd = np.array([known.statistics.columns[i].sd for i in indices])
     corrections = known.statistics.of_kind("correction")
+    if together:
+        # The simulation itself, the change of a share of it: −x + 0.3 cos(x).
+        first, *others = (indices.index(i) for i in corrections)
+        x = known.statistics.rows.columns["x"]
+        X, sd = X.copy(), sd.copy()
+        X[:, first], sd[first] = (-x + 0.3 * np.cos(x)) / known.statistics.target_scale, CORRECTION_SCALE
+        pattern = [1, *(0 for _ in others)]
     kept = [k for k, i in enumerate(indices) if i not in corrections or pattern[corrections.index(i)]]
     X, sd = X[:, kept], sd[kept]
     return float(marginal(Spectrum.of(X.T @ X, X.T @ y, float(y @ y), len(y), sd), known.statistics.noise).log_evidence)
@@ -53,24 +61,31 @@ def evidence_of(known, effects, pattern):
 
 def test_all_patterns_are_weighed_up_to_a_number_and_beyond_it_at_most_two_terms():
     at_most = int(np.log2(MOST_PATTERNS))
-    assert len(_patterns(at_most, 0.1)[0]) == MOST_PATTERNS
-    beyond = _patterns(at_most + 1, 0.1)[0]
-    assert len(beyond) == 1 + 7 + 21 and beyond.sum(axis=1).max() == 2
+    assert len(_patterns(at_most, 0.1)[0]) == MOST_PATTERNS + 1
+    *beyond, together = _patterns(at_most + 1, 0.1)[0]
+    assert len(beyond) == 1 + 7 + 21 and np.sum(beyond, axis=1).max() == 2 and together.all()
 
 
-def test_the_first_pattern_has_no_correction_and_each_pattern_occurs_once():
+def test_the_first_pattern_has_no_correction_and_each_pattern_occurs_once_but_for_all_by_one_factor():
     patterns, _ = _patterns(4, 0.1)
-    assert not patterns[0].any() and len({tuple(row) for row in patterns}) == 16
+    assert not patterns[0].any() and len({tuple(row) for row in patterns[:-1]}) == 16 and patterns[-1].all()
 
 
-def test_without_corrections_there_is_one_pattern():
-    patterns, log_prior = _patterns(0, 0.1)
-    assert patterns.shape == (1, 0) and log_prior == pytest.approx(0.0)
+@pytest.mark.parametrize("count", [0, 1])
+def test_fewer_than_two_corrections_have_no_factor_in_common(count):
+    patterns, log_prior = _patterns(count, 0.1)
+    assert patterns.shape == (count + 1, count) and np.exp(log_prior).sum() == pytest.approx(1.0)
 
 
 def test_each_correction_is_in_with_its_prior_probability():
     patterns, log_prior = _patterns(5, 0.3)
-    np.testing.assert_allclose(np.exp(log_prior) @ patterns, 0.3)
+    each = np.exp(log_prior[:-1])
+    np.testing.assert_allclose(each @ patterns[:-1] / each.sum(), 0.3)
+
+
+def test_all_by_one_factor_are_as_likely_beforehand_as_one():
+    _, log_prior = _patterns(3, 0.1)
+    assert log_prior[-1] == log_prior[1] and np.exp(log_prior).sum() == pytest.approx(1.0)
 
 
 def test_the_prior_of_patterns_that_were_cut_off_goes_to_the_others_in_proportion():
@@ -80,10 +95,10 @@ def test_the_prior_of_patterns_that_were_cut_off_goes_to_the_others_in_proportio
 
 
 def test_a_pattern_takes_corrections_out_and_neither_free_terms_nor_effects(known):
-    scales = known.scales(known.statistics.of_kind("effect"))
+    inside = known.spectrum([known.statistics.of_kind("effect")]).back[0].any(axis=-1)
     patterns, _ = known.patterns()
-    assert (scales[:, 0] > 0).all() and (scales[:, 3:] > 0).all()
-    np.testing.assert_array_equal(scales[:, 1:3] > 0, patterns > 0)
+    assert inside[:, 0].all() and inside[:, 3:].all()
+    np.testing.assert_array_equal(inside[:, 1:3], patterns > 0)
 
 
 # Without f
@@ -93,7 +108,8 @@ def test_the_evidence_of_a_pattern_is_that_of_its_columns_alone(known):
     (effect, _) = known.statistics.of_kind("effect")
     found = known.parametric([(effect,)])[0]
     patterns, log_prior = known.patterns()
-    expected = [evidence_of(known, (effect,), pattern) for pattern in patterns]
+    expected = [evidence_of(known, (effect,), pattern) for pattern in patterns[:-1]]
+    expected.append(evidence_of(known, (effect,), patterns[-1], together=True))
     np.testing.assert_allclose(found.by_pattern, expected + log_prior, atol=1e-4)
 
 
