@@ -35,6 +35,7 @@ from .weighing.alignment import align
 from .weighing.path.follow import follow
 from .weighing.path.near import Near
 from .weighing.sets import RECALIBRATED, Sets
+from .weighing.told import told
 from .weighing.worlds import World, worlds
 
 DRAWS = 2000
@@ -139,7 +140,8 @@ def _weighed(
 
     def under_every_noise(aligned: Aligned) -> list[World]:
         aligned.evaluations.seed = seed
-        return worlds(aligned.sets, _quantities(model, aligned.data, aligned.sets, aligned.rate), say, aligned.noise)
+        quantities = _quantities(model, aligned.data, aligned.sets, aligned.rate)
+        return told(worlds(aligned.sets, quantities, say, aligned.noise), aligned.sets)
 
     if not model.rows.rates_measured:
 

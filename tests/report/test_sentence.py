@@ -98,7 +98,8 @@ def said(
     equations = equations or {"x": verdict}
     study.__dict__.update(
         verdict=verdict, effects=effects(*added, equation=where), gap=gap, corrections=corrections(**off),
-        instrument=instrument(*measured) if table is None else table, against=tuple(against), maps=dict.fromkeys(equations),
+        instrument=instrument(*measured) if table is None else table, against=tuple(against),
+        maps=dict.fromkeys(equations),
         hypotheses=likeliest(**equations), left_out=dict(left_out), memory=remembers(**(memory or {})),
         train=TRAIN, quantities=pd.DataFrame(), settings={"same as": {"x": same or {}}},
     )  # fmt: skip

@@ -152,7 +152,7 @@ def answer_of(weighed: Weighed, kind: str) -> Finding:
 
 
 def rivals(finding: Finding) -> list[Finding]:
-    """Other answers without effects that are not unlikely beside one without effects; none beside effects or unknown."""
+    """Other answers without effects that are not unlikely beside one; none beside effects, and none beside unknown."""
     weighed, own = finding.weighed, finding.kind
     if own not in STOPS[:-1]:
         return []

@@ -255,13 +255,16 @@ class Weighed:
 
     @cached_property
     def by_memory(self) -> dict[str, float]:
-        """Probability that what remains remembers, by what it remembers, in words; largest first."""
+        """Probability that what remains remembers, by what it remembers, in words; largest first.
+
+        What may be a force that nobody measured as well has the less of it.
+        """
         found: dict[str, float] = {}
         for world, e, p, _ in self.items:
             if e.memory:
                 memory = world.evaluations.statistics.columns[e.memory[0]].memory
                 assert memory is not None
-                found[memory.text] = found.get(memory.text, 0.0) + p
+                found[memory.text] = found.get(memory.text, 0.0) + p * e.remembers
         return dict(sorted(found.items(), key=lambda item: -item[1]))
 
     @cached_property

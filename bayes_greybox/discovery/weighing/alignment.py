@@ -109,7 +109,7 @@ def align(
         bare.suspect([c for c in columns if c[0].key not in too_far], known)
         if moved or not turn:
             # What was there at rows that are out is remembered too.
-            elements = chain(memory_columns(whole), drift_columns(whole))
+            elements = chain(memory_columns(whole, equation), drift_columns(whole))
             bare.remember((memory, table[used]) for memory, table in elements)
         given = bare if under is None else bare.with_noise(_at(under[0], measured.run, seen, used))
         evaluations = Evaluations(given, odds, evaluator)

@@ -57,6 +57,7 @@ class Explanation:
         log_evidence: Without the prior.
         share_left: Share of the gap that the rest carries.
         memory: Columns of the elements of a `MEMORY`, or that of the law.
+        remembers: Probability that a `MEMORY` is one, and not a force that nobody measured; see `told`.
     """
 
     suspects: tuple[int, ...]
@@ -66,6 +67,7 @@ class Explanation:
     log_evidence: float
     share_left: float = 0.0
     memory: tuple[int, ...] = ()
+    remembers: float = 1.0
 
     @property
     def leaves_rest(self) -> bool:
@@ -255,7 +257,8 @@ class Sets:
         known, statistics = self.evaluations, self.statistics
         groups: dict[Memory, list[int]] = {}
         for i in statistics.of_kind("memory"):
-            if (memory := statistics.columns[i].memory) is not None:
+            # Those that are behind are no explanations: see `told`.
+            if (memory := statistics.columns[i].memory) is not None and not memory.behind:
                 groups.setdefault(memory, []).append(i)
         _, best, others = self._likely(cores, plain)
         self._sum_patterns([(*self.always, *c, *group) for c in best for group in groups.values()])
