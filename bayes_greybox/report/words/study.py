@@ -11,6 +11,7 @@ import pandas as pd
 from bayes_greybox.discovery.answer.gap.denials import MISFIT, NAMED, worsened
 from bayes_greybox.discovery.answer.weighed import STOPS
 from bayes_greybox.discovery.study import StudyResult
+from bayes_greybox.discovery.suspects import bends
 from bayes_greybox.discovery.suspects.channels import DELAY, DELAY_STEPS, GAIN, GAIN_SD, LAG, OFFSET, OFFSET_SD, STATES
 from bayes_greybox.discovery.suspects.drift import DRIFT
 from bayes_greybox.discovery.suspects.memory import LAW
@@ -328,12 +329,17 @@ def suspects_weighed(study: StudyResult) -> list[tuple[str, str]]:
     lagging = dict.fromkeys(row["channel"] for row in study.instrument.to_dict("records") if row["suspect"] == LAG)
     share = f"{probability_text(odds.get('slow_sensor', 0.5))}: it, or that of an input, which does the same"
     lags = [(f"Lag of {name}", share) for name in lagging]
+    # Rows of samples have sensors whose readings are no straight line.
+    sampled = computed is None and not set(study.maps) & set(study.train.derivatives)
+    bending = (study.train.samples or study.train).state_names if sampled else ()
+    at_largest = f"±\u00a0{percent_text(bends.BEND_SD, 0)} of the largest reading"
     of_rms = f"size ±\u00a0{percent_text(OFFSET_SD, 0)} of the channel's RMS"
     return [
         (weighed(DELAY, delays), f"{each} each; size ±\u00a0{DELAY_STEPS:g}\u00a0samples"),
         (weighed(GAIN, channels), f"{each} each; size ±\u00a0{percent_text(GAIN_SD, 0)}"),
         (weighed(OFFSET, channels), f"{each} each; {of_rms}"),
         *([(weighed(DRIFT, rates), f"{each} each; {of_rms}")] if rates else []),
+        *[(weighed(kind, bending), f"{each} each; size {at_largest}") for kind in bends.KINDS if bending],
         *lags,
         *(
             (
