@@ -213,8 +213,7 @@ def _sure(record: Mapping[str, Any], effect: Mapping[str, Any]) -> bool:
     """Whether an asset lacks an effect for sure, and not only in its likeliest model."""
     if effect["status"] != ADDED or record["verdict"] not in ("named", "partly named"):
         return False
-    # A study names what is less likely only where all that could stand in its place is the same curve.
-    return _number(effect["probability"]) >= SURE or (record["verdict"] == "named" and not _faults(effect))
+    return _number(effect["probability"]) >= SURE
 
 
 def _faults(effect: Mapping[str, Any]) -> list[str]:
@@ -227,7 +226,7 @@ def _shared(records: Mapping[str, Mapping[str, Any]]) -> list[Shared]:
     """Effects by equation, name, formula and inner parameters, those that most assets have first."""
     groups: dict[tuple, list[list[_Lack]]] = {}
     for name, record in records.items():
-        # Under *named* nothing else is called possible, though it may be the same curve.
+        # What is tied is possible, whatever an older study calls it.
         tied = defaultdict(set)
         for effect in record["effects"]:
             if effect["status"] == ADDED:

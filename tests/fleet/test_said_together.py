@@ -61,11 +61,10 @@ def test_what_an_asset_cannot_tell_speaks_for_the_cause_of_the_others():
 
 
 def test_names_of_the_same_curve_speak_for_each_other():
-    """Under *named* what is tied is the same curve, and nothing else is called possible."""
-    one = record("named", [lacks("drag", probability=0.6, tied_with=["lag"]), lacks("lag", status="")])
-    other = record("named", [lacks("lag", probability=0.6, tied_with=["drag"]), lacks("drag", status="")])
+    one = record("one of", [lacks("drag", probability=0.6, tied_with=["lag"]), lacks("lag", status="one of")])
+    other = record("one of", [lacks("lag", probability=0.6, tied_with=["drag"]), lacks("drag", status="one of")])
     fleet = fleet_of({"a": one, "b": other}, {})
-    assert {(shared.assets, shared.possible) for shared in fleet.shared} == {(("a",), ("b",)), (("b",), ("a",))}
+    assert {(shared.assets, shared.possible) for shared in fleet.shared} == {((), ("a", "b"))}
     assert "differs" not in fleet_sentence(fleet)
 
 
@@ -120,8 +119,7 @@ def test_what_a_sensor_may_do_too_is_said():
     ("verdict", "effect", "sure"),
     [
         ("named", lacks("drag"), True),
-        # All that is tied with what is named is the same curve.
-        ("named", lacks("drag", probability=0.5, tied_with=["lag"]), True),
+        ("named", lacks("drag", probability=0.5, tied_with=["lag"]), False),
         ("named", lacks("drag", probability=0.5, tied_with=["offset of v"]), False),
         ("partly named", lacks("drag"), True),
         ("partly named", lacks("drag", probability=0.8), False),
