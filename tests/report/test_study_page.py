@@ -212,11 +212,23 @@ def test_a_gap_that_grew_is_not_called_closed(study):
     table = study.gap.copy()
     table["after"], table["closed"] = 2 * table["before"], -1.0
     page = outline(study, gap=table, **PLAIN)
-    assert "the gap grew by 100 %" in page.text and "of the gap closed" not in page.text
+    assert "the gap grew to 2 times what it was" in page.text and "of the gap closed" not in page.text
     assert all(
         float(width) <= 100 for width in re.findall(r'style="width: ([\d.]+)%"', render_of(study, gap=table, **PLAIN))
     )
     assert closed_text(float("nan")) == "" and closed_text(0.001) == "unchanged"
+    assert closed_text(-0.3) == "the gap grew by 30.0\u00a0%"
+
+
+def test_what_grew_many_times_is_said_as_a_multiple_on_page_and_terminal(study):
+    table = study.gap.copy()
+    runs = table.index.get_level_values("metric") == "free-run NRMSE"
+    table.loc[runs, "after"], table.loc[runs, "closed"] = 23202.76 * table.loc[runs, "before"], -23201.76
+    page = outline(study, gap=table, **PLAIN)
+    assert "grew to 23000 times" in page.text and "the gap grew to 23000 times what it was" in page.text
+    text = printed(replace(study, gap=table))
+    assert "grew to 23000 times" in text and "…" not in text
+    assert not re.search(r"\d{6} %", page.text + text)
 
 
 def render_of(study, **changes) -> str:
@@ -307,13 +319,18 @@ def test_the_figures_of_a_study_are_named_after_what_they_show(study):
     }  # fmt: skip
 
 
-def test_the_terminal_has_the_sentence_first_and_fits_80_columns(study):
+def printed(study) -> str:
+    """What a terminal of 80 columns shows."""
     from rich.console import Console
 
     console = Console(width=80, record=True, file=io.StringIO())
-    for part in study_tables(replace(study, fit=judged(study.fit, False))):
+    for part in study_tables(study):
         console.print(part)
-    text = console.export_text().replace("\u00a0", " ")
+    return console.export_text().replace("\u00a0", " ")
+
+
+def test_the_terminal_has_the_sentence_first_and_fits_80_columns(study):
+    text = printed(replace(study, fit=judged(study.fit, False)))
     assert text.startswith("NAMED: The simulation lacks cubic stiffness")
     assert text.index("What speaks against it") < text.index("Where the gap is") and "✗  Sampler" in text
     closed = percent_text(study.gap.loc[("test", "free-run NRMSE", "y"), "closed"]).replace("\u00a0", " ")
@@ -359,6 +376,8 @@ def test_the_terminal_has_the_sentence_first_and_fits_80_columns(study):
         (share_interval(0.0, 1e-6), "<\u00a00.01\u00a0%"),
         (share_interval(0.0, 0.002), "0 to 0.20\u00a0%"),
         (share_interval(0.1, 0.2), "10.0 to 20.0\u00a0%"),
+        (share_text(23201.76), "2.32·10⁶\u00a0%"),
+        (closed_share(-0.3), "−30.0\u00a0%"),
         (closed_share(0.0), "unchanged"),
         (closed_share(1.0), ">\u00a099.9\u00a0%"),
     ],

@@ -15,7 +15,7 @@ from bayes_greybox.discovery.verdict import worse_in_words
 from bayes_greybox.discovery.weighing.alignment import FURTHEST, FURTHEST_DELAY
 from bayes_greybox.physics.catalogue.names import within
 
-from .formatting import formula, listed, number, numbers_in, percent_text, probability_text, share_text
+from .formatting import formula, listed, number, numbers_in, probability_text, share_text
 from .study import (
     LEAST_CLOSED,
     LIKELY,
@@ -26,12 +26,10 @@ from .study import (
     not_helped,
     not_weighed,
     remembered,
+    risen,
     rows_of,
     same_as,
 )
-
-TWICE = 2.0
-"""From this ratio on a rise is said as a multiple: hundreds of per cent are hard to read."""
 
 
 def sentence(study: StudyResult) -> str:
@@ -270,12 +268,3 @@ def closed_in_words(gap: pd.DataFrame, what: str = "the rate") -> str:
     if after > before:
         return f"widens the gap on {where} {risen(after / before)}"
     return f"closes {closed_share(1 - after / before)} of the gap on {where}"
-
-
-def risen(ratio: float) -> str:
-    """By how much something rose: in per cent up to twice what it was, beyond that as a multiple.
-
-    Args:
-        ratio: After over before, above one.
-    """
-    return f"by {percent_text(ratio - 1)}" if ratio < TWICE else f"to {number(ratio, 2)} times what it was"
