@@ -206,7 +206,11 @@ def _study(name: str, record: Mapping[str, Any]) -> AssetStudy:
     added = [effect for effect in record["effects"] if effect["status"] == ADDED]
     lacks = tuple(effect["name"] for effect in added if _sure(record, effect))
     may_lack = tuple(effect["name"] for effect in added if not _sure(record, effect))
-    before, after, ok = _number(worst["before"]), _number(worst["after"]), None if fit is None else bool(fit["ok"])
+    before, after, ok = (
+        _number(worst["before"]),
+        _number(worst["after"]),
+        None if fit is None else bool(fit["ok"] or fit.get("short")),
+    )
     return AssetStudy(name, record["verdict"], lacks, may_lack, before, after, record["sentence"], ok)
 
 

@@ -10,6 +10,7 @@ import pandas as pd
 import pytest
 from tiny_study import judged
 
+from bayes_greybox.cli.ending import exit_code
 from bayes_greybox.criticism.equations.learned import Value
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.discovery.answer.finding import VERDICTS
@@ -157,6 +158,15 @@ def test_a_fit_that_did_not_converge_says_so_before_anything_else(study):
     assert "sampler did not converge" in before and "do not rely on these numbers" in before and "R̂ is" in before
     assert "12 divergences" in page.text.split("Can the sampler be trusted?")[2]
     assert "did not converge" not in outline(study, **PLAIN).text
+
+
+def test_a_tail_that_is_a_little_short_is_said_without_an_alarm(study):
+    short = replace(study, fit=judged(study.fit, False, short=True))
+    page, text = outline(short, **PLAIN), printed(short)
+    for words in (page.text, " ".join(text.split())):
+        assert "do not rely" not in words and "did not converge" not in words and "Not converged" not in words
+        assert "The tail effective sample size is 398" in words and "Converged, but more draws would" in words
+    assert study_record(short, {})["convergence"]["short"] and exit_code({"study": short.fit}) == 0
 
 
 def test_a_study_that_was_not_sampled_says_so_and_draws_intervals_only(study):

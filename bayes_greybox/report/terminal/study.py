@@ -44,7 +44,7 @@ def study_tables(study: StudyResult) -> Iterator[RenderableType]:
     """
     yield Text.assemble((study.verdict.upper(), STYLES.get(study.verdict, "bold yellow")), f": {sentence(study)}")
     if study.fit is not None and not convergence(study.fit).ok:
-        yield Text(str(convergence(study.fit)), style="red")
+        yield Text(str(convergence(study.fit)), style="yellow" if convergence(study.fit).mixed else "red")
     rows = f"{study.train.n_obs} rows: {study.base.rows.in_words(study.train)}"
     yield Text("\n".join([rows, *data_remarks(study.train, study.test)]), style="dim")
     if study.amendments:
