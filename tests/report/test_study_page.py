@@ -206,6 +206,16 @@ def test_what_a_study_lacks_is_left_out_without_a_gap(study):
     assert "nan" not in page.text.lower().split()
 
 
+def test_an_effect_of_the_other_sign_says_what_it_then_does(study):
+    turned = study.effects.assign(reverse=np.where(study.effects["status"] == "added", "softens: pushes away", ""))
+    page, text = outline(study, effects=turned, **PLAIN), printed(replace(study, effects=turned))
+    said = "sign reversed: “softens: pushes away”"
+    assert said in page.text.split("The gap before and after")[0] and f"Cubic stiffness ({said})" in page.text
+    assert said in " ".join(text.split()) and "+  Cubic stiffness, sign reversed" in text and "…" not in text
+    # A hardening spring has the usual sign.
+    assert "sign reversed" not in outline(study, **PLAIN).text
+
+
 def test_a_correction_whose_sign_is_not_told_is_no_sure_one(study):
     table = study.corrections.copy()
     table[["probability", "mean", "sd", "lower", "upper"]] = 0.9999, 0.15, 0.03, 0.1, 0.2

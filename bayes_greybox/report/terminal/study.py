@@ -17,7 +17,14 @@ from bayes_greybox.report.words.doubts import NOTABLE, doubts
 from bayes_greybox.report.words.formatting import estimate, formula, numbers_in, probability_text, share_text
 from bayes_greybox.report.words.remarks import data_remarks
 from bayes_greybox.report.words.sentence import sentence
-from bayes_greybox.report.words.study import closed_share, metric_value, name_of, shown_part, suspect_size
+from bayes_greybox.report.words.study import (
+    closed_share,
+    metric_value,
+    name_of,
+    reversed_text,
+    shown_part,
+    suspect_size,
+)
 
 from .tables import plain_table
 
@@ -107,7 +114,8 @@ def _effects(study: StudyResult) -> Table:
     rows = [
         (
             SHORT[row["status"]],
-            row["name"],
+            # The sentence says what that means.
+            f"{row['name']}, sign reversed" if reversed_text(row) else row["name"],
             row["equation"],
             formula(row["expression"]),
             probability_text(row["probability"]),

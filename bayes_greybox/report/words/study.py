@@ -142,6 +142,15 @@ def _catalogued(slug: str) -> str:
     return known.get(slug, words[:1].upper() + words[1:])
 
 
+def reversed_text(row: Mapping[str, Any]) -> str:
+    """That an effect of the table has the other sign than usual, and what it then does; "" where it has not.
+
+    Args:
+        row: Of the table of effects; files of before say nothing of signs.
+    """
+    return f"sign reversed: “{words}”" if (words := row.get("reverse")) else ""
+
+
 def answer(study: StudyResult, equation: str) -> str:
     """Which row of the hypotheses of an equation the study settled on: a set of effects, or what needs none."""
     chosen, _ = marked(study, equation)
