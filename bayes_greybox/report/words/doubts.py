@@ -217,6 +217,6 @@ def _sampler(study: StudyResult) -> Doubt:
     if verdict.ok:
         return Doubt("Sampler", "every convergence check of the amended model's fit passed", False)
     if verdict.mixed:
-        text = f"the chains of the amended model's fit agree, though more draws would do: {' '.join(verdict.reasons)}"
+        text = f"the chains of the amended model's fit agree, though more draws are wanted: {' '.join(verdict.reasons)}"
         return Doubt("Sampler", text, False)
     return Doubt("Sampler", f"the amended model's fit did not converge: {' '.join(verdict.reasons)}", True)
