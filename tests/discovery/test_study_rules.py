@@ -104,7 +104,7 @@ def test_data_whose_only_rate_is_kinematic_are_refused_with_the_remedy():
 def finding(verdict, n_place=0, against=()):
     made = object.__new__(Finding)
     quiet = SimpleNamespace(model=SimpleNamespace(names=()))
-    made.__dict__.update(verdict=verdict, places=("effect",) * n_place, against=against, world=quiet)
+    made.__dict__.update(verdict=verdict, places=("effect",) * n_place, against=against, world=quiet, remainder=0.0)
     return made
 
 
