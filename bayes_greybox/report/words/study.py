@@ -82,6 +82,9 @@ ALL_STATES = "all states together"
 LEAST_CLOSED = 1e-4
 """A gap that changes by less than this share of it is as it was."""
 
+TWICE = 2.0
+"""From this ratio on a rise is said as a multiple: hundreds of per cent are hard to read."""
+
 MOST_CLOSED = 0.9999
 """Nobody is told that all of a gap is closed: what is left may only be less than the noise shows."""
 
@@ -138,6 +141,15 @@ def _catalogued(slug: str) -> str:
     known = {effect.slug: effect.name for effect in load_catalogue("all")}
     words = slug.replace("-", " ")
     return known.get(slug, words[:1].upper() + words[1:])
+
+
+def reversed_text(row: Mapping[str, Any]) -> str:
+    """That an effect of the table has the other sign than usual, and what it then does; "" where it has not.
+
+    Args:
+        row: Of the table of effects; files of before say nothing of signs.
+    """
+    return f"sign reversed: “{words}”" if (words := row.get("reverse")) else ""
 
 
 def answer(study: StudyResult, equation: str) -> str:
@@ -248,8 +260,26 @@ def metric_value(study: StudyResult, metric: str, value: float) -> str:
 
 
 def closed_share(closed: float) -> str:
-    """The share of the gap that is closed, never all of it; what was widened is below nothing."""
-    return "unchanged" if abs(closed) < LEAST_CLOSED else percent_text(min(closed, MOST_CLOSED))
+    """The share of the gap that is closed, never all of it; what grew is below nothing, or a multiple."""
+    if abs(closed) < LEAST_CLOSED:
+        return "unchanged"
+    if math.isfinite(closed) and 1 - closed >= TWICE:
+        return f"grew to {_times(1 - closed)}"
+    return percent_text(min(closed, MOST_CLOSED))
+
+
+def risen(ratio: float) -> str:
+    """By how much something rose: in per cent below twice what it was, from there on as a multiple.
+
+    Args:
+        ratio: After over before, above one.
+    """
+    return f"by {percent_text(ratio - 1)}" if ratio < TWICE else f"to {_times(ratio)} what it was"
+
+
+def _times(ratio: float) -> str:
+    """A multiple to two digits, such as 23000 times, in one piece."""
+    return f"{number(float(f'{ratio:.2g}'), 2)}\u00a0times"
 
 
 def closed_text(closed: float, denied: bool = False) -> str:
@@ -262,7 +292,7 @@ def closed_text(closed: float, denied: bool = False) -> str:
     if not math.isfinite(closed):
         return ""
     if closed < -0.005:
-        return f"the gap grew by {percent_text(-closed)}"
+        return f"the gap grew {risen(1 - closed)}"
     if closed < 0.005:
         return "unchanged"
     size = closed_share(closed)
