@@ -245,7 +245,7 @@ def find_missing_effects(
             against the answer. Where the training data were differentiated and these are not, they are, by the same
             filter.
         catalogue: "mechanical", "fluid", "population", "electrical", "all", a TOML file of your own, or a list of
-            these.
+            these; [] weighs no effect, but the sensors, the simulation's coefficients and a gap without a name.
         roles: Columns by role where the package should not guess.
         seed: Seed of everything random.
         effects_at_most: Largest number of effects added to one equation.

@@ -314,7 +314,7 @@ def test_the_folder_has_the_fit_the_record_the_figures_and_the_configuration(fir
 
 def test_the_record_says_what_the_saved_fit_says(first, fit):
     record = json.loads((first.folder / "summary.json").read_text())
-    assert record["verdict"] == {"ok": fit.verdict.ok, "reasons": list(fit.verdict.reasons)}
+    assert record["verdict"] == {"ok": fit.verdict.ok, "short": False, "reasons": list(fit.verdict.reasons)}
     assert record["sampling"] == {"draws": 50, "tune": 100, "chains": 2, "seed": 3, "target_accept": 0.9}
     inclusion = fit.inclusion()
     rows = pd.DataFrame(record["coefficients"]).set_index(["equation", "term"])

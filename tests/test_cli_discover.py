@@ -109,7 +109,7 @@ def test_the_record_is_plain_json(here, study, found):
     cli.main(["discover", "case.toml", "--quiet", "--seed", "7"])
     record = json.loads(Path("out/summary.json").read_text())
     assert (record["config"], record["verdict"], record["sentence"]) == ("case.toml", "named", study.sentence)
-    assert record["convergence"] == {"ok": True, "reasons": []}
+    assert record["convergence"] == {"ok": True, "short": False, "reasons": []}
     assert record["sampling"]["seed"] == 7
     counted = {"train": study.train.n_obs, "test": study.test.n_obs}
     assert record["data"] == {**counted, "of": "measured rates", "remarks": []}

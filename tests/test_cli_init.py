@@ -11,6 +11,7 @@ from shell import refuse
 import bayes_greybox as bg
 from bayes_greybox import cli
 from bayes_greybox.config import load_config
+from bayes_greybox.criticism.convergence import MIN_ESS, convergence_table
 from bayes_greybox.discovery.studied import studied_equations
 
 N = 600
@@ -157,6 +158,14 @@ def test_what_cannot_be_written_is_refused(here, capsys):
     pd.DataFrame({"t": T, "gain": 1.0}).to_csv(here / "flat.csv", index=False)
     assert "nothing to model" in refuse(capsys, "init", "flat.csv")
     assert "There is no file" in refuse(capsys, "init", "absent.csv")
+
+
+def test_the_draws_that_are_written_are_enough_with_room(here):
+    settings = for_fit(written("measured rates", here))
+    train, _ = settings.read_data()
+    fit = settings.build_model().fit(train, **settings.sampling.model_dump(), progress=False)
+    table = convergence_table(fit).query("varies")
+    assert fit.verdict.ok and table[["ess_bulk", "ess_tail"]].to_numpy().min() > 2 * MIN_ESS
 
 
 @pytest.mark.slow

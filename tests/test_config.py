@@ -131,7 +131,7 @@ def table(folder: Path, n: int = 40, name: str = "run.csv") -> pd.DataFrame:
         ),
         ("[dictionary]\nydot = 'y'", "needs the key 'data'."),
         (BASE + "[study]\ncatalog = 'fluid'", "[study] unknown key 'catalog'; did you mean 'catalogue'?"),
-        (BASE + "[study]\ncatalogue = []", "[study] catalogue = [] should be the name of a catalogue in quotes"),
+        (BASE + "[study]\ncatalogue = [1]", "[study] catalogue = [1] should be the name of a catalogue in quotes"),
         (BASE + "[study]\nroles = { input = 3 }", "[study.roles] input = 3 should be the name of a column in quotes"),
         (BASE + "[study]\nodds = { no_gap = 1.5 }", "[study.odds] no_gap = 1.5 cannot be used; it must be less than 1"),
         (BASE + "[study]\neffects_at_most = 0", "[study] effects_at_most = 0 cannot be used; it must be greater"),
@@ -313,6 +313,7 @@ def test_a_study_passes_on_only_what_the_file_says(tmp_path):
         **Sampling().model_dump(exclude={"target_accept"}),
     }
     assert "catalogue" not in config(tmp_path, BASE).study_arguments()
+    assert config(tmp_path, BASE + "[study]\ncatalogue = []").study_arguments()["catalogue"] == []
 
 
 def test_a_study_needs_no_dictionary_but_a_fit_does(tmp_path):

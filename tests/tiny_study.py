@@ -55,11 +55,13 @@ def tiny_study() -> Study:
     return replace(study, fit=judged(study.fit, True))
 
 
-def judged(fit: Fit, ok: bool) -> Fit:
-    """The fit as if its chains had, or had not, passed the convergence checks."""
+def judged(fit: Fit, ok: bool, short: bool = False) -> Fit:
+    """The fit as if its chains had, or had not, passed the convergence checks, or all but that of the tail."""
     reasons = () if ok else ("R̂ is 1.04 for ydot_sigma: sample longer (draws=2000).", "12 divergences; raise tune.")
+    if short:
+        reasons = ("The tail effective sample size is 398 for ydot_sigma, below 400: raise draws to about 700.",)
     again = replace(fit)
-    again.memory[f"{convergence.__module__}.{convergence.__qualname__}"] = Verdict(ok, reasons)
+    again.memory[f"{convergence.__module__}.{convergence.__qualname__}"] = Verdict(ok, reasons, short)
     return again
 
 

@@ -33,7 +33,7 @@ COMMANDS = {
 """Commands, from the folder of a checkout."""
 
 VERDICT = {
-    "fit": r"Converged:|Not converged",
+    "fit": r"Converged|Not converged",
     "discover": r"NAMED:|NO GAP:|UNKNOWN:|PARTLY NAMED:|ONE OF:|RECALIBRATE:|INSTRUMENT:",
     "compare": r"elpd",
     "report": r"The report is",

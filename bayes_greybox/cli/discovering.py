@@ -22,4 +22,4 @@ def study_configured(settings: Config, output: Path | None, progress: bool, quie
         kept=lambda folder: resumable(folder, settings, resume),
     )
     show(folder if quiet else f"\nThe report is {folder / PAGE}.")
-    return DONE if study.fit is None or study.fit.verdict.ok else NOT_CONVERGED
+    return DONE if study.fit is None or study.fit.verdict.mixed else NOT_CONVERGED

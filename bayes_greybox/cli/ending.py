@@ -19,7 +19,7 @@ def exit_code(fits: Mapping[str, "Posterior"]) -> int:
     """Whether the chains of all fits can be trusted."""
     from bayes_greybox.criticism.convergence import convergence
 
-    return DONE if all(convergence(fit).ok for fit in fits.values()) else NOT_CONVERGED
+    return DONE if all(convergence(fit).mixed for fit in fits.values()) else NOT_CONVERGED
 
 
 def show(*parts: Any) -> None:

@@ -58,4 +58,4 @@ def fit_configured(settings: Config, output: Path | None, progress: bool, quiet:
                     save_figures(fit_figures(result), folder / "figures")
         checkpoint.complete()
     show(*([folder] if quiet else ["", str(checked), f"Results are in {folder}."]))
-    return DONE if result.verdict.ok else NOT_CONVERGED
+    return DONE if result.verdict.mixed else NOT_CONVERGED

@@ -26,7 +26,9 @@ class Study(Section):
     The data that no decision is made on are those of [data]: test_fraction or the table test.
     """
 
-    catalogue: Annotated[str | list[str], BeforeValidator(lambda v: _words(v, "catalogue"))] = "mechanical"
+    catalogue: Annotated[str | list[str], BeforeValidator(lambda v: v if v == [] else _words(v, "catalogue"))] = (
+        "mechanical"
+    )
     roles: dict[str, Annotated[str | list[str], BeforeValidator(lambda v: _words(v, "column"))]] = {}
     effects_at_most: Count = 3
     odds: Odds = None

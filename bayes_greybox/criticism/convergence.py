@@ -19,6 +19,10 @@ from .judged import in_words, judged
 
 MAX_R_HAT = 1.01
 MIN_ESS = 400
+NEAR = 0.75
+"""From this share of `MIN_ESS` on, effective sample sizes that are too small are only somewhat so: the Monte Carlo
+standard error, which goes with the inverse root, is then at most 15 % larger than with all of them."""
+
 MIN_E_BFMI = 0.3
 MAX_TREE_DEPTH = 10
 SATURATED_SHARE = 0.01
@@ -51,6 +55,9 @@ to 34 %. Of a variable that f does not depend on the length scale has no upper e
 LARGEST_BASIS = 400
 """Automatic refits stop at this many features."""
 
+SHORT = "Converged, but more draws would make the ends of intervals more precise:"
+"""What is said of chains that agree and have somewhat too few effective draws."""
+
 
 @dataclass(frozen=True)
 class Verdict:
@@ -59,15 +66,23 @@ class Verdict:
     Attributes:
         ok: Whether every check passed.
         reasons: What failed, one sentence each with what to try; empty if `ok`.
+        short: Whether all that failed is the size of an effective sample, and not by far.
     """
 
     ok: bool
     reasons: tuple[str, ...] = ()
+    short: bool = False
+
+    @property
+    def mixed(self) -> bool:
+        """Whether the chains agree, so that the fit can be relied on: `ok`, or but for the last digits."""
+        return self.ok or self.short
 
     def __str__(self) -> str:
         if self.ok:
             return "Converged: every check passed."
-        return "\n".join(["Not converged; do not rely on this fit:", *(f"- {reason}" for reason in self.reasons)])
+        said = SHORT if self.short else "Not converged; do not rely on this fit:"
+        return "\n".join([said, *(f"- {reason}" for reason in self.reasons)])
 
 
 @remembered
@@ -84,6 +99,10 @@ def convergence(posterior: Posterior) -> Verdict:
     independently, and the largest of hundreds of R̂ would exceed 1.01 by chance alone. A quantity that never
     varies, such as the coefficient of a term that no draw includes, has no R̂ and is left out.
 
+    R̂ and divergences tell whether the chains found the posterior at all; the effective sample sizes tell how precise
+    means (bulk) and ends of intervals (tail) are, and 400 of them is a rule of thumb. Chains that pass all but that,
+    and have three quarters of it, are `short`: said, but not in the words for a fit that nobody can rely on.
+
     What is judged is what answers rest on (see `judged.judged`). Where the noise hides f in every chain its amplitude
     and length scales have no say, as the data do not tell them; f at two rows stands in their place. A chain that has
     found an f of its own brings them back.
@@ -92,14 +111,18 @@ def convergence(posterior: Posterior) -> Verdict:
     table.index = pd.Index([in_words(posterior, str(name)) for name in table.index], name="variable")
     varying = table.loc[table["varies"]]
     stats = posterior.idata["sample_stats"].dataset
-    reasons = [
-        *_mixing(varying, stats.sizes["chain"], stats.sizes["draw"]),
+    n_chain, n_draw = stats.sizes["chain"], stats.sizes["draw"]
+    apart, sizes = list(_agreement(varying, n_chain)), list(_sizes(varying, n_chain, n_draw))
+    others = [
         *_divergences(stats["diverging"].to_numpy()),
         *_energy(stats["energy"].to_numpy()),
         *_tree_depth(stats["n_steps"].to_numpy()),
         *_resolution(posterior),
     ]
-    return Verdict(not reasons, tuple(reasons))
+    reasons = (*apart, *sizes, *others)
+    ess = varying[["ess_bulk", "ess_tail"]].to_numpy(float)
+    short = bool(sizes) and not apart and not others and bool(ess.size and np.all(ess >= NEAR * MIN_ESS))
+    return Verdict(not reasons, reasons, short)
 
 
 def convergence_table(posterior: Posterior) -> pd.DataFrame:
@@ -204,7 +227,7 @@ def array_stats() -> Any:
     return array_stats
 
 
-def _mixing(table: pd.DataFrame, n_chain: int, n_draw: int) -> Iterator[str]:
+def _agreement(table: pd.DataFrame, n_chain: int) -> Iterator[str]:
     if n_chain < 2:
         yield "There is one chain, and R̂ compares chains: run chains=4."
     high = {name: r_hat for name, r_hat in _values(table, "r_hat") if r_hat > MAX_R_HAT}
@@ -215,6 +238,9 @@ def _mixing(table: pd.DataFrame, n_chain: int, n_draw: int) -> Iterator[str]:
             "the chains disagree; raise tune and draws, and if it stays, look at the chains for several modes (a "
             "kernel that is not orthogonal to the dictionary makes them)."
         )
+
+
+def _sizes(table: pd.DataFrame, n_chain: int, n_draw: int) -> Iterator[str]:
     if n_chain * n_draw < MIN_ESS:
         yield (
             f"There are {n_chain * n_draw} draws in all, too few for an effective sample size of {MIN_ESS}: "

@@ -4,10 +4,9 @@ import math
 import re
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, fields, replace
 from typing import Any, NamedTuple
 
-import numpy as np
 import pandas as pd
 
 from bayes_greybox.criticism.pooling import Pooled, pooled
@@ -55,8 +54,8 @@ class Shared:
         faults: Faults of sensors that may stand in its place in these, such as "delay of F".
         expressions, units: The formula with its own numbers, and the unit, in each of `assets`.
         mean, sd: Its coefficient in each of them; NaN where it is not known.
-        whole: The coefficients together; None where one alone is known, or where units or inner parameters differ too
-            much for the coefficients to be of one kind.
+        whole: The coefficients together; None where there is one alone, where units or inner parameters differ too
+            much for the coefficients to be of one kind, or where one of them has no standard deviation.
     """
 
     equation: str
@@ -75,6 +74,20 @@ class Shared:
     mean: tuple[float, ...]
     sd: tuple[float, ...]
     whole: Pooled | None
+
+    @property
+    def differing(self) -> tuple[str, ...]:
+        """Inner parameters that differ too much for the coefficients beside them to be of one kind."""
+        return tuple(name for name, (low, high) in self.inner.items() if high > ALIKE * low)
+
+    @property
+    def unsized(self) -> tuple[str, ...]:
+        """Assets whose coefficient has no mean, or no standard deviation above zero: nothing is pooled with it."""
+        return tuple(
+            asset
+            for asset, mean, sd in zip(self.assets, self.mean, self.sd, strict=True)
+            if not (math.isfinite(mean) and math.isfinite(sd) and sd > 0)
+        )
 
 
 @dataclass(frozen=True)
@@ -193,7 +206,11 @@ def _study(name: str, record: Mapping[str, Any]) -> AssetStudy:
     added = [effect for effect in record["effects"] if effect["status"] == ADDED]
     lacks = tuple(effect["name"] for effect in added if _sure(record, effect))
     may_lack = tuple(effect["name"] for effect in added if not _sure(record, effect))
-    before, after, ok = _number(worst["before"]), _number(worst["after"]), None if fit is None else bool(fit["ok"])
+    before, after, ok = (
+        _number(worst["before"]),
+        _number(worst["after"]),
+        None if fit is None else bool(fit["ok"] or fit.get("short")),
+    )
     return AssetStudy(name, record["verdict"], lacks, may_lack, before, after, record["sentence"], ok)
 
 
@@ -213,8 +230,7 @@ def _sure(record: Mapping[str, Any], effect: Mapping[str, Any]) -> bool:
     """Whether an asset lacks an effect for sure, and not only in its likeliest model."""
     if effect["status"] != ADDED or record["verdict"] not in ("named", "partly named"):
         return False
-    # A study names what is less likely only where all that could stand in its place is the same curve.
-    return _number(effect["probability"]) >= SURE or (record["verdict"] == "named" and not _faults(effect))
+    return _number(effect["probability"]) >= SURE
 
 
 def _faults(effect: Mapping[str, Any]) -> list[str]:
@@ -227,7 +243,7 @@ def _shared(records: Mapping[str, Mapping[str, Any]]) -> list[Shared]:
     """Effects by equation, name, formula and inner parameters, those that most assets have first."""
     groups: dict[tuple, list[list[_Lack]]] = {}
     for name, record in records.items():
-        # Under *named* nothing else is called possible, though it may be the same curve.
+        # What is tied is possible, whatever an older study calls it.
         tied = defaultdict(set)
         for effect in record["effects"]:
             if effect["status"] == ADDED:
@@ -284,10 +300,7 @@ def _of_effect(group: Sequence[_Lack]) -> Shared:
     one_unit = all(_one_unit(units[0], unit) for unit in units)
     inner = {name: [float(effect["inner"][name]) for effect in shown] for name in first["inner"]}
     ranges = {name: (min(own), max(own)) for name, own in inner.items()}
-    mean, sd = (np.array([_number(each.effect[name]) for each in sure]) for name in ("mean", "sd"))
-    known = np.isfinite(mean) & np.isfinite(sd) & (sd > 0)
-    alike = one_unit and all(high <= ALIKE * low for low, high in ranges.values())
-    return Shared(
+    shared = Shared(
         equation=first["equation"],
         slug=first["slug"],
         name=first["name"],
@@ -301,10 +314,13 @@ def _of_effect(group: Sequence[_Lack]) -> Shared:
         faults=tuple(dict.fromkeys(fault for each in likely for fault in _faults(each.effect))),
         expressions=tuple(each.effect["expression"] for each in sure),
         units=tuple(each.effect["unit"] or "" for each in sure),
-        mean=tuple(mean.tolist()),
-        sd=tuple(sd.tolist()),
-        whole=pooled(mean.tolist(), sd.tolist()) if alike and known.sum() > 1 and known.all() else None,
+        mean=tuple(_number(each.effect["mean"]) for each in sure),
+        sd=tuple(_number(each.effect["sd"]) for each in sure),
+        whole=None,
     )
+    if len(sure) < 2 or not one_unit or shared.differing or shared.unsized:
+        return shared
+    return replace(shared, whole=pooled(shared.mean, shared.sd))
 
 
 def _one_unit(first: str, other: str) -> bool:

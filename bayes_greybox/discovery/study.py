@@ -47,6 +47,9 @@ log = logging.getLogger(__name__)
 IN_MODEL = "the model or the data have a state with the name of its hidden state: the effect is in the model already"
 """Why an effect that a study found before is not weighed again."""
 
+NO_CATALOGUE = "none"
+"""What the settings of a study have for a catalogue where no effect was to be weighed."""
+
 HELD_INPUTS = (
     "The samples are likelier with inputs that are held from each sample to the next than with lines or splines "
     "between them, and so they were taken. Say what they do: GreyBox(rows=bg.TrajectoryRows(interpolation=...)), in a "
@@ -68,7 +71,8 @@ class StudyResult:
         verdict: One of `finding.VERDICTS`.
         effects: All effects that were weighed, best first: equation, slug, name, expression, probability, mean, sd,
             lower, upper, unit, tied_with, inner, hidden (rates of its hidden states by name), quantity (columns that it
-            is a function of), status ("added"; "one of" for what could stand in its place; or "").
+            is a function of), status ("added"; "one of" for what could stand in its place; or ""), reverse (of an added
+            one whose coefficient surely has the other sign than usual: what that means; else "").
         hypotheses: Explanations by (equation, hypothesis): no gap, recalibrate, instrument, unknown, and sets of
             effects; their probabilities sum to one.
         memory: Probability that what has no name depends on what a channel did before, changes with time, or is a law
@@ -196,7 +200,8 @@ def investigate(
     equations = studied_equations(model, train)
     check_data(model, equations, train, test, free_runs)
     train, test = _completed(model, equations, train), None if test is None else _completed(model, equations, test)
-    loaded = load_catalogue(catalogue)
+    # Without a catalogue suspects, corrections and f are weighed against nothing.
+    loaded = () if catalogue in ([], ()) else load_catalogue(catalogue)
     seconds: dict[str, float] = {}
     findings: dict[str, EquationStudy] = {}
     formulas = model.simulation if readable(model.simulation) else None
@@ -292,7 +297,7 @@ def investigate(
         left_out=left_out,
         settings={
             "seed": seed,
-            "catalogue": catalogue if isinstance(catalogue, str) else str(catalogue),
+            "catalogue": catalogue if isinstance(catalogue, str) else str(catalogue) if loaded else NO_CATALOGUE,
             "effects_at_most": effects_at_most,
             "prior odds": asdict(odds),
             "thresholds": {
@@ -308,6 +313,7 @@ def investigate(
                 "correction (prior SD over the coefficient)": CORRECTION_SCALE,
                 "laws next to an effect (prior over the effect's)": OTHER_LAWS,
             },
+            "rest beside the answer": {name: found.finding.remainder for name, found in findings.items()},
             "same as": {name: _same(found.statistics) for name, found in findings.items()},
             "versions": versions(),
             "seconds": seconds,

@@ -103,7 +103,7 @@ def test_what_may_be_named_is_in_the_catalogue():
         # Controls have an answer, and traps none.
         assert trap.control == bool(trap.wanted or trap.answer) == trap.name.startswith("control-")
         assert trap.answer in (None, *VERDICTS)
-    assert len(TRAPS) == 28 and sum(trap.control for trap in TRAPS.values()) == 6
+    assert len(TRAPS) == 29 and sum(trap.control for trap in TRAPS.values()) == 6
 
 
 @pytest.mark.parametrize(

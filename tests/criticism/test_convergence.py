@@ -66,6 +66,31 @@ def test_slow_mixing_asks_for_more_draws(model, data):
     assert 2500 < needed < 10_000
 
 
+def autoregressive(phi, seed):
+    """Chains of a variance of one, whose effective draws are a share (1 − φ)/(1 + φ) of all."""
+    rng = np.random.default_rng(seed)
+    x = rng.standard_normal((CHAINS, DRAWS))
+    for i in range(1, DRAWS):
+        x[:, i] = phi * x[:, i - 1] + np.sqrt(1 - phi**2) * x[:, i]
+    return x
+
+
+@pytest.mark.parametrize(("phi", "seed", "short"), [(0.83, 5, True), (0.92, 3, False)])
+def test_chains_that_agree_and_are_a_little_short_are_not_called_useless(model, data, phi, seed, short):
+    """Bulk effective sample sizes of 330 and 195, whose R̂ both pass."""
+    sigma = 0.1 * np.exp(0.02 * autoregressive(phi, seed))
+    posterior = fabricate(model, data, chains=CHAINS, draws=DRAWS, sigma=sigma)
+    verdict = convergence(posterior)
+    assert not verdict.ok and verdict.short == short == verdict.mixed
+    assert ("do not rely" in str(verdict)) != short and "raise draws to about" in str(verdict)
+    # Divergences and chains that disagree are never forgiven.
+    diverging = np.zeros((CHAINS, DRAWS), bool)
+    diverging[0, 3] = True
+    assert not verdict_of(model, data, sigma=sigma, stats={"diverging": diverging}).mixed
+    sigma[2] *= 1.1
+    assert not verdict_of(model, data, sigma=sigma).mixed
+
+
 def test_divergences_energy_and_tree_depth(model, data):
     diverging = np.zeros((CHAINS, DRAWS), bool)
     diverging[0, 3] = True

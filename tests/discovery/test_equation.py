@@ -27,7 +27,7 @@ from bayes_greybox.discovery.answer.checks.contradictions import with_noisy_stat
 from bayes_greybox.discovery.answer.checks.motion import MotionCheck
 from bayes_greybox.discovery.answer.coefficients import Coefficients, alone
 from bayes_greybox.discovery.answer.doubt import Doubt
-from bayes_greybox.discovery.answer.equation_study import EquationStudy
+from bayes_greybox.discovery.answer.equation_study import UNUSUAL, EquationStudy
 from bayes_greybox.discovery.answer.finding import TIED, Finding, Place
 from bayes_greybox.discovery.answer.weighed import STACKED, Weighed
 from bayes_greybox.discovery.equation import study_equation
@@ -117,6 +117,20 @@ def test_an_added_effect_has_the_moments_of_its_draws_in_the_users_units(known):
     row = studied(known, FIRST, (cube,), np.column_stack([np.zeros(4), values])).effects(tiny_data()).iloc[0]
     low, high = np.quantile(values, [0.05, 0.95])
     assert tuple(row[["mean", "sd", "lower", "upper"]]) == pytest.approx((-1.0, values.std(), low, high))
+
+
+@pytest.mark.parametrize(
+    ("words", "against", "said"),
+    [("softens", 1.0, "softens"), ("", 1.0, UNUSUAL), ("softens", 0.96, "softens"), ("softens", 0.9, "")],
+)
+def test_an_effect_whose_sign_is_surely_the_other_one_says_what_that_means(words, against, said):
+    known = tiny_evaluations([replace(CUBE, sign=-1, reverse=words), SQUARE], **CUBIC)
+    cube, square = known.statistics.of_kind("effect")
+    values = np.where(np.arange(100) < 100 * against, 0.5, -0.5)
+    columns = np.column_stack([np.zeros(100), values, values])
+    table = studied(known, FIRST, (cube, square), columns).effects(tiny_data()).set_index("slug")
+    # Of one that is ordinary with either sign there is nothing to say.
+    assert table["reverse"].to_dict() == {"cube": said, "square": ""}
 
 
 def test_a_coefficient_is_averaged_over_inner_parameters_in_the_units_of_each(zones):

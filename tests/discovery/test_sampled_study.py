@@ -194,8 +194,13 @@ def test_nothing_missing_is_no_gap(seed, catalogue):
 
 @pytest.mark.parametrize(
     ("bend", "kind"),
-    [(lambda t, y: y + 0.15, "offset"), (lambda t, y: np.interp(t - 0.07, t, y), "delay")],
-    ids=["offset", "delay"],
+    [
+        (lambda t, y: y + 0.15, "offset"),
+        (lambda t, y: np.interp(t - 0.07, t, y), "delay"),
+        # It saturates, by some 6 % at the ends of its range.
+        (lambda t, y: 4 * np.tanh(y / 4), "cubic error"),
+    ],
+    ids=["offset", "delay", "saturating"],
 )
 def test_what_the_sensor_does_is_no_missing_effect(bend, kind):
     found = study(short(noise=0.01, bend=bend), rows=bg.TrajectoryRows(), catalogue="mechanical")
@@ -276,8 +281,9 @@ def test_correlated_noise_alone_is_no_gap():
     [
         (lambda t, y: CubicSpline(t, y)(t - 0.07), "delay", 0.07, TWO),
         (lambda t, y: y + 0.15, "offset", 0.15, WITH_FORCE),
+        (lambda t, y: y + 0.06 * y**2, "quadratic error", 0.06, TWO),
     ],
-    ids=["delay", "offset"],
+    ids=["delay", "offset", "bend"],
 )
 def test_beside_a_sensor_that_is_off_the_effect_is_found_and_free_runs_show_what_the_sensor_shows(
     bend, kind, size, catalogue

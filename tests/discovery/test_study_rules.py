@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pandas as pd
 import pytest
-from tiny_equation import CUBE, DEAD_ZONE, SQUARE, tiny_data, tiny_evaluations
+from tiny_equation import CUBE, DEAD_ZONE, SQUARE, tiny_data, tiny_evaluations, tiny_model
 
 import bayes_greybox.discovery.study as module
 from bayes_greybox.data.errors import InputError
@@ -51,6 +51,19 @@ BOTH = Program(simulation={"x": "-x + z", "z": "-z*x"})
 # Which equations
 
 
+@pytest.mark.parametrize(
+    ("hidden", "verdict"),
+    [(np.zeros_like, "no gap"), (lambda x: -0.3 * x, "recalibrate"), (lambda x: 0.8 * x**2, "unknown")],
+)
+def test_without_a_catalogue_all_but_effects_is_weighed(hidden, verdict):
+    found = investigate(tiny_model(), tiny_data(hidden), catalogue=[], settle=False, free_runs=False, progress=False)
+    assert found.verdict == verdict and not len(found.effects) and found.settings["catalogue"] == "none"
+    assert set(found.hypotheses.droplevel(0).index) <= {"no gap", "recalibrate", "instrument", "unknown"}
+    # The probability of a rest is that of the unknown, where nothing has a name.
+    (rest,) = found.settings["rest beside the answer"].values()
+    assert rest == pytest.approx(found.hypotheses.loc[("x", "unknown"), "probability"])
+
+
 def test_the_equations_of_the_dictionary_are_studied_and_no_others():
     assert studied_equations(Program({"z": ["x"]}, simulation=BOTH.simulation), two_states()) == ("z",)
 
@@ -91,7 +104,7 @@ def test_data_whose_only_rate_is_kinematic_are_refused_with_the_remedy():
 def finding(verdict, n_place=0, against=()):
     made = object.__new__(Finding)
     quiet = SimpleNamespace(model=SimpleNamespace(names=()))
-    made.__dict__.update(verdict=verdict, places=("effect",) * n_place, against=against, world=quiet)
+    made.__dict__.update(verdict=verdict, places=("effect",) * n_place, against=against, world=quiet, remainder=0.0)
     return made
 
 

@@ -12,6 +12,7 @@ from bayes_greybox.fleet.run import study_fleet
 from bayes_greybox.fleet.studies import FleetStudy, _Studies
 from bayes_greybox.report.pages.fleet_page import fleet_page
 from bayes_greybox.report.pages.page import render
+from bayes_greybox.report.terminal.fleet import fleet_tables
 from bayes_greybox.report.words.fleet import fleet_sentence
 
 
@@ -61,11 +62,10 @@ def test_what_an_asset_cannot_tell_speaks_for_the_cause_of_the_others():
 
 
 def test_names_of_the_same_curve_speak_for_each_other():
-    """Under *named* what is tied is the same curve, and nothing else is called possible."""
-    one = record("named", [lacks("drag", probability=0.6, tied_with=["lag"]), lacks("lag", status="")])
-    other = record("named", [lacks("lag", probability=0.6, tied_with=["drag"]), lacks("drag", status="")])
+    one = record("one of", [lacks("drag", probability=0.6, tied_with=["lag"]), lacks("lag", status="one of")])
+    other = record("one of", [lacks("lag", probability=0.6, tied_with=["drag"]), lacks("drag", status="one of")])
     fleet = fleet_of({"a": one, "b": other}, {})
-    assert {(shared.assets, shared.possible) for shared in fleet.shared} == {(("a",), ("b",)), (("b",), ("a",))}
+    assert {(shared.assets, shared.possible) for shared in fleet.shared} == {((), ("a", "b"))}
     assert "differs" not in fleet_sentence(fleet)
 
 
@@ -76,7 +76,8 @@ def test_coefficients_beside_other_inner_parameters_are_not_pooled():
     far = {str(k): record("named", [lacks("dead-zone", k, f"dz(y, {k})", gap=float(k))]) for k in (1, 2)}
     (shared,) = fleet_of(far, {}).shared
     assert shared.whole is None and shared.assets == ("1", "2")
-    assert "gap 1 to 2" in render(fleet_page(fleet_of(far, {}), {}))
+    page = render(fleet_page(fleet_of(far, {}), {}))
+    assert "gap 1 to 2" in page and "are not pooled, as the inner parameter gap differs." in page
 
 
 def test_fleets_of_nothing_or_of_one_have_a_page_too():
@@ -120,8 +121,7 @@ def test_what_a_sensor_may_do_too_is_said():
     ("verdict", "effect", "sure"),
     [
         ("named", lacks("drag"), True),
-        # All that is tied with what is named is the same curve.
-        ("named", lacks("drag", probability=0.5, tied_with=["lag"]), True),
+        ("named", lacks("drag", probability=0.5, tied_with=["lag"]), False),
         ("named", lacks("drag", probability=0.5, tied_with=["offset of v"]), False),
         ("partly named", lacks("drag"), True),
         ("partly named", lacks("drag", probability=0.8), False),
@@ -165,6 +165,20 @@ def test_coefficients_are_pooled_in_one_unit_only(other):
     (cause,) = fleet.causes
     assert cause.assets == ("a", "b") and cause.whole is None and cause.units == ("1/s²", other)
     assert f"units differ (1/s² or {other or 'not known'})" in fleet_sentence(fleet)
+
+
+@pytest.mark.parametrize("sd", [0.0, None])
+def test_a_coefficient_without_a_spread_is_named_where_it_stops_the_pooling(sd):
+    """Beside another effect, so that the headline has no room for it."""
+    each = {"a": lacks("drag"), "b": {**lacks("drag"), "sd": sd}, "c": lacks("drag")}
+    said = "The coefficients of drag are not pooled, as that of b has no standard deviation above zero."
+    for others in ([], [lacks("lag")]):
+        fleet = fleet_of({name: record("named", [own, *others]) for name, own in each.items()}, {})
+        assert said in render(fleet_page(fleet, {})) and said in [str(part) for part in fleet_tables(fleet)]
+    one = fleet_of({name: record("named", [own]) for name, own in each.items()}, {})
+    assert "with coefficients that are not pooled, as that of b has no standard" in fleet_sentence(one)
+    known = fleet_of({name: record("named", [own]) for name, own in each.items() if name != "b"}, {})
+    assert "not pooled" not in render(fleet_page(known, {})) and known.shared[0].whole is not None
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ from bayes_greybox.discovery.answer.checks.filtered import SAMPLES_TELL
 from bayes_greybox.discovery.answer.finding import ONE_LAW
 from bayes_greybox.discovery.answer.gap.denials import NAMED
 from bayes_greybox.discovery.answer.instrument import IN_MODEL
-from bayes_greybox.discovery.study import StudyResult
+from bayes_greybox.discovery.study import NO_CATALOGUE, StudyResult
 from bayes_greybox.report.words.sentence import sentence
 
 INDEX = ["data", "metric", "variable"]
@@ -92,7 +92,7 @@ TRAIN = Trajectories.from_arrays(np.arange(3.0), states={"x": np.arange(3.0)}, o
 
 def said(
     verdict, added=(), gap=CLOSED, measured=(), against=(), where="x", equations=None, left_out=(), memory=None,
-    law=None, same=None, table=None, **off
+    law=None, same=None, rest=None, reverse=None, catalogue="mechanical", table=None, **off
 ):  # fmt: skip
     study = object.__new__(StudyResult)
     equations = equations or {"x": verdict}
@@ -101,8 +101,12 @@ def said(
         instrument=instrument(*measured) if table is None else table, against=tuple(against),
         maps=dict.fromkeys(equations),
         hypotheses=likeliest(**equations), left_out=dict(left_out), memory=remembers(**(memory or {})),
-        train=TRAIN, quantities=pd.DataFrame(), settings={"same as": {"x": same or {}}},
+        train=TRAIN, quantities=pd.DataFrame(), settings={"same as": {"x": same or {}}, "catalogue": catalogue},
     )  # fmt: skip
+    if rest is not None:
+        study.settings["rest beside the answer"] = {"x": rest}
+    if reverse is not None:
+        study.effects["reverse"] = reverse
     if law is not None:
         index = pd.MultiIndex.from_tuples([("x", "v")], names=["equation", "quantity"])
         study.__dict__["quantities"] = pd.DataFrame({"probability": [law]}, index=index)
@@ -231,6 +235,28 @@ def test_partly_named_says_that_something_else_is_missing_too():
     text = said("partly named", [("Cubic spring", 0.87, ())])
     assert "cubic spring" in text and "something else that the catalogue does not have" in text
     assert text.endswith("adding what has a name closes 75.0 % of the gap on held-out data.")
+
+
+@pytest.mark.parametrize(
+    ("p", "words"),
+    [
+        (0.7, "and something else that the catalogue does not have; adding"),
+        (0.31, "and perhaps something else that the catalogue does not have (probability 0.310); adding"),
+    ],
+)
+def test_what_may_be_missing_besides_is_said_as_surely_as_it_is_known(p, words):
+    assert words in said("partly named", [("Cubic spring", 0.87, ())], rest=p)
+
+
+def test_an_effect_of_the_other_sign_is_said_to_do_the_reverse():
+    text = said("named", [("Drag", 0.97, ())], reverse="feeds energy in: pushes along")
+    assert "drag in d(x)/dt (probability 0.970, sign reversed: “feeds energy in: pushes along”)" in text
+    assert "sign" not in said("named", [("Drag", 0.97, ())])
+
+
+def test_without_a_catalogue_none_is_said_to_lack_what_is_missing():
+    text = said("unknown", catalogue=NO_CATALOGUE)
+    assert "Something is missing, for which no effect was weighed; the maps show its shape." in text
 
 
 def test_recalibration_says_the_right_coefficient_and_the_wrong_one():

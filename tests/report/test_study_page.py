@@ -10,6 +10,7 @@ import pandas as pd
 import pytest
 from tiny_study import judged
 
+from bayes_greybox.cli.ending import exit_code
 from bayes_greybox.criticism.equations.learned import Value
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.discovery.answer.finding import VERDICTS
@@ -159,6 +160,15 @@ def test_a_fit_that_did_not_converge_says_so_before_anything_else(study):
     assert "did not converge" not in outline(study, **PLAIN).text
 
 
+def test_a_tail_that_is_a_little_short_is_said_without_an_alarm(study):
+    short = replace(study, fit=judged(study.fit, False, short=True))
+    page, text = outline(short, **PLAIN), printed(short)
+    for words in (page.text, " ".join(text.split())):
+        assert "do not rely" not in words and "did not converge" not in words and "Not converged" not in words
+        assert "The tail effective sample size is 398" in words and "Converged, but more draws would" in words
+    assert study_record(short, {})["convergence"]["short"] and exit_code({"study": short.fit}) == 0
+
+
 def test_a_study_that_was_not_sampled_says_so_and_draws_intervals_only(study):
     page = outline(study, fit=None, **PLAIN)
     assert "screened only, not sampled" in page.text and "Laplace approximation" in page.text
@@ -196,6 +206,16 @@ def test_what_a_study_lacks_is_left_out_without_a_gap(study):
     assert "nan" not in page.text.lower().split()
 
 
+def test_an_effect_of_the_other_sign_says_what_it_then_does(study):
+    turned = study.effects.assign(reverse=np.where(study.effects["status"] == "added", "softens: pushes away", ""))
+    page, text = outline(study, effects=turned, **PLAIN), printed(replace(study, effects=turned))
+    said = "sign reversed: “softens: pushes away”"
+    assert said in page.text.split("The gap before and after")[0] and f"Cubic stiffness ({said})" in page.text
+    assert said in " ".join(text.split()) and "+  Cubic stiffness, sign reversed" in text and "…" not in text
+    # A hardening spring has the usual sign.
+    assert "sign reversed" not in outline(study, **PLAIN).text
+
+
 def test_a_correction_whose_sign_is_not_told_is_no_sure_one(study):
     table = study.corrections.copy()
     table[["probability", "mean", "sd", "lower", "upper"]] = 0.9999, 0.15, 0.03, 0.1, 0.2
@@ -212,11 +232,23 @@ def test_a_gap_that_grew_is_not_called_closed(study):
     table = study.gap.copy()
     table["after"], table["closed"] = 2 * table["before"], -1.0
     page = outline(study, gap=table, **PLAIN)
-    assert "the gap grew by 100 %" in page.text and "of the gap closed" not in page.text
+    assert "the gap grew to 2 times what it was" in page.text and "of the gap closed" not in page.text
     assert all(
         float(width) <= 100 for width in re.findall(r'style="width: ([\d.]+)%"', render_of(study, gap=table, **PLAIN))
     )
     assert closed_text(float("nan")) == "" and closed_text(0.001) == "unchanged"
+    assert closed_text(-0.3) == "the gap grew by 30.0\u00a0%"
+
+
+def test_what_grew_many_times_is_said_as_a_multiple_on_page_and_terminal(study):
+    table = study.gap.copy()
+    runs = table.index.get_level_values("metric") == "free-run NRMSE"
+    table.loc[runs, "after"], table.loc[runs, "closed"] = 23202.76 * table.loc[runs, "before"], -23201.76
+    page = outline(study, gap=table, **PLAIN)
+    assert "grew to 23000 times" in page.text and "the gap grew to 23000 times what it was" in page.text
+    text = printed(replace(study, gap=table))
+    assert "grew to 23000 times" in text and "…" not in text
+    assert not re.search(r"\d{6} %", page.text + text)
 
 
 def render_of(study, **changes) -> str:
@@ -307,13 +339,18 @@ def test_the_figures_of_a_study_are_named_after_what_they_show(study):
     }  # fmt: skip
 
 
-def test_the_terminal_has_the_sentence_first_and_fits_80_columns(study):
+def printed(study) -> str:
+    """What a terminal of 80 columns shows."""
     from rich.console import Console
 
     console = Console(width=80, record=True, file=io.StringIO())
-    for part in study_tables(replace(study, fit=judged(study.fit, False))):
+    for part in study_tables(study):
         console.print(part)
-    text = console.export_text().replace("\u00a0", " ")
+    return console.export_text().replace("\u00a0", " ")
+
+
+def test_the_terminal_has_the_sentence_first_and_fits_80_columns(study):
+    text = printed(replace(study, fit=judged(study.fit, False)))
     assert text.startswith("NAMED: The simulation lacks cubic stiffness")
     assert text.index("What speaks against it") < text.index("Where the gap is") and "✗  Sampler" in text
     closed = percent_text(study.gap.loc[("test", "free-run NRMSE", "y"), "closed"]).replace("\u00a0", " ")
@@ -359,6 +396,8 @@ def test_the_terminal_has_the_sentence_first_and_fits_80_columns(study):
         (share_interval(0.0, 1e-6), "<\u00a00.01\u00a0%"),
         (share_interval(0.0, 0.002), "0 to 0.20\u00a0%"),
         (share_interval(0.1, 0.2), "10.0 to 20.0\u00a0%"),
+        (share_text(23201.76), "2.32·10⁶\u00a0%"),
+        (closed_share(-0.3), "−30.0\u00a0%"),
         (closed_share(0.0), "unchanged"),
         (closed_share(1.0), ">\u00a099.9\u00a0%"),
     ],

@@ -19,6 +19,7 @@ def sensor_traps() -> list[Trap]:
         _aliased_hum(),
         _drifting_clock(),
         _slow_sensor(),
+        _compressing_sensor(),
     ]
 
 
@@ -256,6 +257,25 @@ def _slow_sensor() -> Trap:
         "A sensor with a lag of the first order, 4 % of the period: of a linear machine it does exactly what an "
         "actuator does that lags, and no sample tells which of the two it is.",
         {"x": "v", "v": "u - x - 0.1*v"},
+        "v",
+        data,
+    )
+
+
+def _compressing_sensor() -> Trap:
+    def data(seed: int) -> Trajectories:
+        rng = generator(seed, 29)
+        t, end = 0.1 * np.arange(1200), 0.02
+        u = multisine(rng, 0.2, 1.5, 8, 0.7)
+        x, _ = path(lambda _, x, u: (x[1], u - 144 * x[0] - 4 * x[1]), (0.0, 0.0), t, u)
+        shown = end * np.tanh(x / end)
+        return Trajectories.from_arrays(t, states={"x": noisy(rng, shown, 0.005)}, inputs={"u": u(t)})
+
+    return Trap(
+        "compressing-sensor",
+        "A displacement sensor that saturates, by 6 to 10 % at the ends of its range, on a machine that is driven far "
+        "below its resonance: displacement and force are in phase, and what bends one may as well bend the other.",
+        {"x": "v", "v": "u - 144*x - 4*v"},
         "v",
         data,
     )

@@ -94,7 +94,7 @@ def checks(posterior: Posterior) -> Checks:
     reasons = [reason for reason in table["reason"] if reason]
     failed = [name for name in names if not all(rows[(name, check)]["ok"] for check in ("LOO-PIT", "whiteness"))]
     reasons += [words for name in failed if (words := suggestion(posterior, name))]
-    if not convergence(posterior).ok:
+    if not convergence(posterior).mixed:
         reasons.insert(0, "The sampler has not converged, so the other checks say little: see fit.verdict.")
     return Checks(not reasons, tuple(reasons), table, pits, white, scaled)
 

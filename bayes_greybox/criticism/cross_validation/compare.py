@@ -241,7 +241,7 @@ def _verdict_notes(fits: Mapping[str, Posterior]) -> tuple[str, ...]:
     return tuple(
         f"{name} has not converged, so its elpd is not reliable: {verdict.reasons[0]}"
         for name, verdict in verdicts.items()
-        if not verdict.ok
+        if not verdict.mixed
     )
 
 

@@ -177,7 +177,7 @@ def refitted_without(
     else:
         without = refit(posterior, equation, rows)
     verdict = convergence(without)
-    if not verdict.ok:
+    if not verdict.mixed:
         notes.append(f"The refit without {about} of {equation!r} has not converged: {verdict.reasons[0]}")
     return without
 

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Bool, Float
 
-from bayes_greybox.data.digits import first_lost, since_first
+from bayes_greybox.data.digits import HELD, first_lost, since_first
 from bayes_greybox.data.errors import InputError
 
 from .table import Layout, Table, capital
@@ -155,6 +155,29 @@ def is_measured(cell: str, layout: Layout) -> bool:
     return is_number(plain, layout.decimal) or bool(_CLOCK.match(cell) or (cell[:1].isdigit() and _DATE.match(cell)))
 
 
+def may_have_lost(column: Any) -> bool:
+    """Whether digits may have been lost to a missing cell, for which pandas makes floats of whole numbers."""
+    if column.dtype.kind != "f" or not column.isna().any():
+        return False
+    known = column.dropna().to_numpy(dtype=float)
+    with np.errstate(invalid="ignore"):
+        return bool(len(known) and np.max(np.abs(known)) > HELD and np.all(known % 1 == 0))
+
+
+def with_digits(found: Any, words: Any) -> Any:
+    """Numbers with missing cells among them with all their digits.
+
+    Args:
+        found: The numbers as floats.
+        words: What they were read from.
+
+    Returns:
+        Whole numbers, missing where those are; floats where they were not written as whole numbers.
+    """
+    whole: Any = pd.to_numeric(words.where(found.notna()), errors="coerce", dtype_backend="numpy_nullable")
+    return whole if whole.dtype.kind in "iu" and whole.isna().equals(found.isna()) else found
+
+
 def _as_numbers(column: Any, layout: Layout) -> tuple[Any, np.ndarray]:
     """A column of numbers, and the rows whose cells are none, where there are such."""
     if column.dtype.kind == "c":
@@ -163,6 +186,7 @@ def _as_numbers(column: Any, layout: Layout) -> tuple[Any, np.ndarray]:
         return column, np.array([], dtype=int)
     text = column.map(lambda cell: _plain(cell, layout))
     found: Any = pd.to_numeric(text, errors="coerce")
+    found = with_digits(found, text) if may_have_lost(found) else found
     missing = text.isna() | text.map(lambda cell: isinstance(cell, str) and not cell)
     bad = np.flatnonzero(found.isna().to_numpy() & ~missing.to_numpy())
     # As they are written: a decimal comma is a point by now.

@@ -7,11 +7,13 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from jaxtyping import Float
 
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.data.writing import unit_text
 from bayes_greybox.discovery.evidence.evaluations import Evaluations
+from bayes_greybox.discovery.evidence.ranges import sign_of
 from bayes_greybox.discovery.evidence.sufficient_statistics import SufficientStatistics
 from bayes_greybox.discovery.suspects.channels import LAG
 from bayes_greybox.discovery.weighing.aligned import Aligned
@@ -32,6 +34,11 @@ KEYS = ("equation", "memory")
 TAIL = 0.05
 """Probability on either side of the intervals in tables."""
 
+REVERSED = 0.95
+"""Probability of the other sign than an effect's usual one from which on that is said."""
+
+UNUSUAL = "the opposite of what such an effect usually does"
+"""What is said of it where the catalogue has no words for that."""
 
 ANOTHER_SENSOR = "show the sensor a motion that is known, or measure with another one beside it"
 """Advice where only a fault of the sensor does the same as an effect: no range of the data tells them apart."""
@@ -79,7 +86,8 @@ class EquationStudy:
             scales = np.array([self._in_units(int(i)) for i in inner])
             draws = self.coefficients.draws[:, column] * scales
             values = [self.statistics.columns[int(i)].inner for i in inner]
-            rows.append(self._row(data, place.index, place.probability, draws, place.tied, values, "added"))
+            row = self._row(data, place.index, place.probability, draws, place.tied, values, "added")
+            rows.append({**row, "reverse": self._reverse(place.index, draws)})
             done.add(place.slug)
         probabilities = self.finding.weighed.by_effect
         best = max(probabilities.values(), default=0.0)
@@ -100,7 +108,8 @@ class EquationStudy:
             row = self._row(data, index, p, draws, tied, [self.statistics.columns[index].inner], status)
             rows.append({**row, "sd": abs(self._in_units(index)) * sd, "lower": min(draws), "upper": max(draws)})
         columns = ["equation", "slug", "name", "expression", "probability", "mean", "sd", "lower", "upper", "unit"]
-        return pd.DataFrame(rows, columns=[*columns, "tied_with", "inner", "hidden", "quantity", "status"])
+        columns += ["tied_with", "inner", "hidden", "quantity", "status", "reverse"]
+        return pd.DataFrame(rows, columns=columns)
 
     def hypotheses(self) -> pd.DataFrame:
         """No gap, recalibration, instrument, unknown, and each set of effects; probabilities sum to one."""
@@ -244,6 +253,15 @@ class EquationStudy:
     def _in_units(self, index: int) -> float:
         return self.statistics.target_scale / self.statistics.columns[index].scale
 
+    def _reverse(self, index: int, draws: Float[np.ndarray, " n_draw"]) -> str:
+        """What an effect does whose coefficient surely has the other sign than it usually has; "" of all others."""
+        column = self.statistics.columns[index]
+        sign = sign_of(column)
+        if not sign or np.mean(sign * draws < 0) <= REVERSED:
+            return ""
+        assert column.effect is not None
+        return column.effect.effect.reverse or UNUSUAL
+
     def _unit(self, data: Trajectories, term: Term) -> str:
         try:
             return coefficient_unit(target_unit(self.statistics.equation, data), term, term.units(data.units))
@@ -260,7 +278,7 @@ class EquationStudy:
             "equation": self.statistics.equation, "slug": column.effect.slug, "name": column.effect.name,
             "expression": column.effect.text(values), "hidden": column.effect.hidden(values), "probability": p,
             **_moments(draws), "unit": self._unit(data, column.formula), "tied_with": tied, "inner": values,
-            "quantity": ", ".join(quantity(self.finding.world, index)), "status": status,
+            "quantity": ", ".join(quantity(self.finding.world, index)), "status": status, "reverse": "",
         }  # fmt: skip
 
 

@@ -13,7 +13,7 @@ VERDICTS = ("no gap", "instrument", "recalibrate", "named", "one of", "partly na
 """From what asks least of the user's physics to what asks most; of several equations the last one speaks."""
 
 SURE = 0.9
-"""Probability from which on an effect, or effects that the data cannot tell apart, are named."""
+"""Probability from which on an effect is named."""
 
 TIED = 0.05
 """An effect in the place of another is tied with it from this share of its probability on."""
@@ -98,8 +98,10 @@ class Finding:
 
     @property
     def open_ended(self) -> bool:
-        """Whether something is left that has no name."""
-        return self.verdict in ("one of", "partly named", "unknown")
+        """Whether something is left that has no name: not where all that is open is which of the same curves it is."""
+        if self.verdict == "one of":
+            return not all(p.together >= SURE and set(p.tied) <= set(p.same) for p in self.places)
+        return self.verdict in ("partly named", "unknown")
 
 
 def decide(
@@ -109,8 +111,9 @@ def decide(
 
     1. Whether something is missing: effects and the unknown together against no gap, recalibration and the instrument.
        Then which of these is likeliest.
-    2. Of effects, the likeliest set. *Named* needs each of them, or what is the same curve, with probability `SURE`,
-       and nothing substantial left over, as f or as a process in time; below that it is *one of*.
+    2. Of effects, the likeliest set. *Named* needs each of them with probability `SURE`, and nothing substantial left
+       over, as f or as a process in time; below that it is *one of*, though all of them be one curve on these data: a
+       sensor's offset is one with a force that stays, and another law is another one beyond these data.
     3. What remains beside a dominant set makes it *partly named*; effects that leave more are stand-ins: *unknown*.
     4. Effects that are as likely as not an error of the measurement are no part of the answer.
 
@@ -185,7 +188,7 @@ def _named(weighed: Weighed, chosen: tuple[str, ...]) -> Finding:
         verdict = "partly named" if share < SUBSTANTIAL else "unknown"
     elif against:
         verdict = "partly named"
-    elif all(p.probability >= SURE or (p.together >= SURE and set(p.tied) <= set(p.same)) for p in places):
+    elif all(p.probability >= SURE for p in places):
         verdict = "named"
     else:
         # Unsure of a name for the rest's or a doubt's sake, with no other that could stand in its place: that there is

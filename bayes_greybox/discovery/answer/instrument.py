@@ -9,6 +9,7 @@ import pandas as pd
 from bayes_greybox.data.samples.clipping import clipped_in_words
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.data.writing import unit_text
+from bayes_greybox.discovery.suspects.bends import POWERS
 from bayes_greybox.discovery.suspects.channels import DELAY, DELAY_STEPS, GAIN, LAG, STATES, ChannelSuspect
 from bayes_greybox.discovery.weighing.aligned import Aligned
 from bayes_greybox.model.noise.noise_model import CORRELATED, HEAVY, PROCESS, VARYING
@@ -168,6 +169,8 @@ def _row(
         }  # fmt: skip
     elif suspect.kind == GAIN:
         row |= {"text": f"{channel} reads {100 * abs(mean):.3g}\u00a0% too {'large' if mean >= 0 else 'small'}"}
+    elif suspect.kind in POWERS:
+        row |= _bend(suspect, mean, data)
     else:
         rate = suspect.channel not in data.columns
         unit = target_unit(equation, data) if rate else data.unit(suspect.channel)
@@ -176,6 +179,20 @@ def _row(
             "text": f"{channel} has {_article(suspect.kind)} of {mean:.3g} {unit_text(unit)}".rstrip(),
         }
     return row
+
+
+def _bend(suspect: ChannelSuspect, mean: float, data: Trajectories) -> dict[str, str]:
+    """Unit of a bend's coefficient, and how far off the largest reading is."""
+    values, power = (data.samples or data).column(suspect.channel), POWERS[suspect.kind]
+    furthest = float(values[np.nanargmax(np.abs(values))])
+    off = mean * furthest ** (power - 1)
+    unit = unit_text(data.unit(suspect.channel))
+    at = f"{furthest:.3g} {unit}".rstrip()
+    return {
+        "unit": unit_text("1" + f"/({unit})" * (power - 1)) if unit else "",
+        "text": f"{suspect.channel} reads {100 * abs(off):.3g}\u00a0% too {'large' if off >= 0 else 'small'} at {at}: "
+        "its sensor bends",
+    }
 
 
 def _lag_row(equation: str, mirror: Mirror, p: float, times: np.ndarray, data: Trajectories) -> dict[str, Any]:

@@ -123,7 +123,7 @@ def explained(found: EquationStudy) -> tuple[Explained, ...]:
     for name, p in zip(names, table["probability"].to_numpy(float), strict=True):
         if p < LEAST:
             continue
-        items = [(w, e, share) for w, e, share, _ in weighed.items if found.called(w, e) == name]
+        items = [(w, e, q) for w, e, q, _ in weighed.items if found.called(w, e) == name]
         if not items:
             # What the sensor does in an effect's place has no explanation of its own.
             kept.append(Explained(str(name), float(p)))
@@ -184,13 +184,19 @@ def _told(name: str, p: float, weighed: Weighed, items: Sequence[tuple[World, Ex
 def _different(
     items: Sequence[tuple[World, Explanation, float]],
 ) -> list[tuple[World, Explanation, float]]:
-    """Variants without those that differ in a value of an inner parameter alone, which a mixture has anyway."""
+    """Variants, likeliest first; those that differ in values of inner parameters alone are one, with their sum.
+
+    Each of them is weighed at one value, and the mixture that stands for all of them goes over all values.
+    """
     found: dict[tuple, tuple[World, Explanation, float]] = {}
     for world, e, q in items:
-        called = [world.evaluations.statistics.columns[i].called for i in (*e.effects, *e.memory)]
+        called = sorted(world.evaluations.statistics.columns[i].called for i in (*e.effects, *e.memory))
+        # What is beside f has no such mixture: each value of it is a variant of its own.
         own = e.effects if e.kind == REST else tuple(called)
-        found.setdefault((id(world), e.kind, e.suspects, own), (world, e, q))
-    return list(found.values())
+        key = (id(world), e.kind, e.suspects, own)
+        likeliest, before = found[key][1:] if key in found else (e, 0.0)
+        found[key] = (world, likeliest, before + q)
+    return sorted(found.values(), key=lambda item: -item[2])
 
 
 def _predicts(weighed: Weighed, world: World, e: Explanation) -> bool:

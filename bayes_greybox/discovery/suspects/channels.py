@@ -29,7 +29,12 @@ from scipy.interpolate import CubicSpline
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.physics.integrate import between_samples
 
-DELAY, GAIN, OFFSET, DRIFT = KINDS = ("delay", "gain", "offset", "drift")
+from . import bends
+
+DELAY, GAIN, OFFSET, DRIFT = ("delay", "gain", "offset", "drift")
+
+KINDS = (DELAY, GAIN, OFFSET, DRIFT, *bends.KINDS)
+"""What a channel may be suspected of."""
 
 LAG = "lag"
 """What the only sensor of a machine may do in the place of its actuator; no column of its own, see `mirrored`."""
@@ -58,7 +63,7 @@ class ChannelSuspect:
     """One suspect about one channel.
 
     Attributes:
-        kind: `DELAY`, `GAIN`, `OFFSET` or `DRIFT`.
+        kind: One of `KINDS`.
         channel: Name of the rate ("d(x)/dt"), of a state, an input or an output, or `STATES`.
         sd: Prior standard deviation of its size, in `unit`'s unit.
         step: Sampling step, for a delay.
@@ -195,13 +200,15 @@ def calibrated(
 ) -> Trajectories:
     """The data with gains, offsets and drifts of channels taken out: x = (measured − o)/(1 + κ), and rates alike.
 
+    Of a sensor that bends it is the root of (1 + κ) x + a x² + b x³ = measured − o, see `bends`.
+
     Args:
         data: Measurements with delays undone.
         equation: The studied state.
         sizes: By suspect, as found; delays are left alone.
         clock: Data that drifts were found on: their centre and span of time.
     """
-    gains, offsets = {}, {}
+    gains, offsets, bent = {}, {}, {}
     for suspect, size in sizes.items():
         if suspect.kind == GAIN:
             gains[suspect.channel] = size
@@ -210,15 +217,19 @@ def calibrated(
         elif suspect.kind == DRIFT:
             slope = size * (data.time - np.mean(clock.time)) / np.ptp(clock.time)
             offsets[suspect.channel] = offsets.get(suspect.channel, 0.0) + slope
+        elif suspect.kind in bends.POWERS:
+            bent.setdefault(suspect.channel, {})[bends.POWERS[suspect.kind]] = size
 
     def part(columns: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
         # What was computed from samples is as much too large as they are, and has none of their offset.
         return {
-            name: (x - offsets.get(name, 0.0)) / (1.0 + gains.get(_sensor(data, name), 0.0))
+            name: bends.straightened(
+                x - offsets.get(name, 0.0), bent.get(name, {}), 1.0 + gains.get(_sensor(data, name), 0.0)
+            )
             for name, x in columns.items()
         }
 
-    if not gains and not offsets:
+    if not gains and not offsets and not bent:
         return data
     own, one = data.target_label(equation), _one_sensor(data, equation)
     rates = {}
@@ -232,7 +243,7 @@ def as_shown(
     paths: Float[np.ndarray, "n_draw n_obs"], name: str, data: Trajectories, sizes: Mapping[ChannelSuspect, float],
     clock: Trajectories,
 ) -> Float[np.ndarray, "n_draw n_obs"]:  # fmt: skip
-    """What the sensor of a state shows of paths, (1 + κ) x(t − d) + o + drift: the inverse of `calibrated`.
+    """What a state's sensor shows of paths, (1 + κ) x + a x² + b x³ at t − d, + o + drift: the inverse of `calibrated`.
 
     Args:
         paths: At the rows of the data; NaN where a path failed.
@@ -254,7 +265,9 @@ def as_shown(
                 if np.all(np.isfinite(path[rows])):
                     path[rows] = _later(data.time[rows], path[rows], -late)
     slope = own.get(DRIFT, 0.0) / np.ptp(clock.time) if DRIFT in own else 0.0
-    return (1.0 + own.get(GAIN, 0.0)) * paths + own.get(OFFSET, 0.0) + slope * (data.time - np.mean(clock.time))
+    bent = bends.bent(paths, {power: own[kind] for kind, power in bends.POWERS.items() if kind in own})
+    shown = (1.0 + own.get(GAIN, 0.0)) * paths + bent
+    return shown + own.get(OFFSET, 0.0) + slope * (data.time - np.mean(clock.time))
 
 
 def late_by(data: Trajectories, sizes: Mapping[ChannelSuspect, float]) -> dict[str, float]:

@@ -1,8 +1,8 @@
 """The sensors whose samples are the rows, and the inputs that drive their path, as suspects.
 
-A sensor that shows (1 + κ) y(t − d) + o + drift adds to its rows, to first order,
+A sensor that shows (1 + κ) y(t − d) + o + drift + a y² + b y³ adds to its rows, to first order,
 
-    delay  −d ẏ        gain  κ y        offset  o        drift  o · (t − t̄) / range
+    delay  −d ẏ        gain  κ y        offset  o        drift  o · (t − t̄) / range        bend  a y², b y³
 
 and an input that is wrong acts as a force along the path, see `channels`.
 """
@@ -14,6 +14,7 @@ from jaxtyping import Float
 
 from bayes_greybox.data.trajectories import Trajectories
 
+from .bends import BEND_SD, POWERS, bent
 from .channels import (
     DELAY,
     DELAY_STEPS,
@@ -56,7 +57,23 @@ def sensor_columns(
         found.append((ChannelSuspect(OFFSET, name, ZERO_SD * size), row(ones)))
         if span > 0:
             found.append((ChannelSuspect(DRIFT, name, ZERO_SD * size), row((path.time - np.mean(path.time)) / span)))
+        largest = float(np.max(np.abs(x)))
+        if largest > 0:
+            for kind, p in POWERS.items():
+                found.append((ChannelSuspect(kind, name, BEND_SD / largest ** (p - 1)), row(x**p)))
     return found
+
+
+def bent_by(samples: Trajectories, sizes: Mapping[ChannelSuspect, float]) -> Float[np.ndarray, " n_sample"]:
+    """What sensors that bend made of samples which are free of it, one sensor after the other.
+
+    Args:
+        samples: Free of the errors.
+        sizes: Errors by suspect.
+    """
+    own = {name: {POWERS[s.kind]: size for s, size in sizes.items() if s.channel == name and s.kind in POWERS}
+           for name in samples.state_names}  # fmt: skip
+    return np.concatenate([bent(samples.column(name), errors) for name, errors in own.items()])
 
 
 def input_columns(

@@ -89,7 +89,7 @@ def verdict_record(verdict: Verdict) -> dict[str, Any]:
     Args:
         verdict: On convergence.
     """
-    return {"ok": bool(verdict.ok), "reasons": list(verdict.reasons)}
+    return {"ok": bool(verdict.ok), "short": bool(verdict.short), "reasons": list(verdict.reasons)}
 
 
 def write_json(path: Path, record: Mapping[str, Any]) -> None:

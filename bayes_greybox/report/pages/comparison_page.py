@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from bayes_greybox.criticism.convergence import convergence, convergence_table
+from bayes_greybox.criticism.convergence import SHORT, Verdict, convergence, convergence_table
 from bayes_greybox.criticism.cross_validation.compare import TIE_NATS, tied, unreliable
 from bayes_greybox.criticism.inclusion import inclusion
 from bayes_greybox.inference.kept.netcdf import versions
@@ -102,7 +102,7 @@ def _verdict(table: pd.DataFrame) -> Badge:
 
 def _trust(fits: Mapping[str, Posterior], table: pd.DataFrame) -> tuple[list[Badge], list[str]]:
     """Badges and alerts: a lead that rests on bad chains or weights is not shown as good."""
-    failed = [name for name, fit in fits.items() if not convergence(fit).ok]
+    failed = [name for name, fit in fits.items() if not convergence(fit).mixed]
     doubtful = unreliable(table)
     badges, alerts = [], []
     if failed:
@@ -262,7 +262,7 @@ def _convergence(fits: Mapping[str, Posterior]) -> Section:
         rows.append(
             (
                 name,
-                "converged" if convergence(fit).ok else "not converged",
+                _result(convergence(fit)),
                 number(_worst(judged["r_hat"], np.max), 4),
                 count_text(_worst(judged["ess_bulk"], np.min)),
                 count_text(_worst(judged["ess_tail"], np.min)),
@@ -271,16 +271,21 @@ def _convergence(fits: Mapping[str, Posterior]) -> Section:
         )
         reasons += [(name, reason) for reason in convergence(fit).reasons]
     heads = ("model", "result", "#largest R̂", "#least bulk ESS", "#least tail ESS", "#divergences")
-    failed = [i for i, fit in enumerate(fits.values()) if not convergence(fit).ok]
+    failed = [i for i, fit in enumerate(fits.values()) if not convergence(fit).mixed]
     caption = f"How well each model was sampled{'; marked: not converged' if failed else ''}"
     blocks: list[Any] = [Table(heads, rows, caption, failed)]
     if reasons:
-        blocks += [Words("The sampler did not converge; what to try:", "alert"), Items(reasons)]
+        said = Words("The sampler did not converge; what to try:", "alert") if failed else Words(SHORT)
+        blocks += [said, Items(reasons)]
     blocks += [
         Details(f"{name}: every quantity with R̂ and effective sample sizes", [summary_table(fit)])
         for name, fit in fits.items()
     ]
     return Section("convergence", "Can the sampler be trusted?", "", blocks)
+
+
+def _result(verdict: Verdict) -> str:
+    return "converged" if verdict.ok else "converged, few draws" if verdict.short else "not converged"
 
 
 def _settings(fits: Mapping[str, Posterior], made: Mapping[str, str], config: str | None) -> Section:

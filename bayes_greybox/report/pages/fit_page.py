@@ -8,7 +8,7 @@ from typing import Any
 import pandas as pd
 
 from bayes_greybox.criticism.checks.checks import checks
-from bayes_greybox.criticism.convergence import convergence
+from bayes_greybox.criticism.convergence import SHORT, Verdict, convergence
 from bayes_greybox.criticism.discrepancy import discrepancy_table
 from bayes_greybox.criticism.equations.of_posterior import fitted_system
 from bayes_greybox.criticism.inclusion import inclusion
@@ -95,12 +95,12 @@ def fit_page(fit: Posterior, config: str | None = None) -> Page:
         Section("convergence", "Can the sampler be trusted?", "", verdict_blocks(fit)),
         _settings(fit, config or fit.idata.attrs.get(CONFIGURATION)),
     ]
-    doubt = "The sampler did not converge; do not rely on these numbers."
+    doubt = SHORT if verdict.short else "The sampler did not converge; do not rely on these numbers."
     return Page(
-        title="Fit: converged" if verdict.ok else "Fit: not converged",
+        title="Fit: converged" if verdict.mixed else "Fit: not converged",
         kind="bayes_greybox · fit",
         headline=_headline(fit, terms, shares),
-        badges=[Badge("Converged", "good", "✓") if verdict.ok else Badge("Not converged", "bad", "!")],
+        badges=[_badge(verdict)],
         facts=_facts(fit),
         alerts=[] if verdict.ok else [" ".join([doubt, *verdict.reasons])],
         equations=equations_block(fitted_system(fit)),
@@ -109,6 +109,12 @@ def fit_page(fit: Posterior, config: str | None = None) -> Page:
         sections=sections,
         footer=footer(str(fit.idata.attrs.get("inference_library_version", ""))),
     )
+
+
+def _badge(verdict: Verdict) -> Badge:
+    if verdict.short:
+        return Badge("Converged, few draws", "warn", "✓")
+    return Badge("Converged", "good", "✓") if verdict.ok else Badge("Not converged", "bad", "!")
 
 
 def _headline(fit: Posterior, table: pd.DataFrame, shares: pd.DataFrame) -> str:

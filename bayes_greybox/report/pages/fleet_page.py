@@ -12,7 +12,7 @@ from bayes_greybox.inference.kept.netcdf import versions
 from bayes_greybox.physics.catalogue.names import within
 from bayes_greybox.report.plots.fleet import plot_pooled
 from bayes_greybox.report.plots.style import with_unit
-from bayes_greybox.report.words.fleet import fleet_sentence, lacks_text, likely_text, shared_text, unit_of
+from bayes_greybox.report.words.fleet import fleet_sentence, lacks_text, likely_text, not_pooled, shared_text, unit_of
 from bayes_greybox.report.words.formatting import (
     estimate,
     formula,
@@ -140,12 +140,10 @@ def _shared(fleet: Fleet) -> Section:
         "Effects that were added to the models of assets; “3 to 5” are three that surely have it and two that may, as "
         "something else does the same there. A coefficient is pooled over those that surely have it: each one's own is "
         "drawn towards their mean as far as its data leave it open. Assets with too little of it to be found are not "
-        "in the mean, which is therefore one of those that lack it, and not of the fleet; nor is anything pooled where "
-        "inner parameters or units differ."
+        "in the mean, which is therefore one of those that lack it, and not of the fleet."
     )
-    return Section(
-        "lacks", "What they lack", lead, [Table(head, rows, "Effects and their coefficients"), Pictures(drawn)]
-    )
+    table = Table(head, rows, "Effects and their coefficients")
+    return Section("lacks", "What they lack", lead, [table, *map(Words, not_pooled(fleet)), Pictures(drawn)])
 
 
 def _pooled(shared: Shared, whole: Pooled, width: float) -> Figure:

@@ -98,7 +98,7 @@ def _badges(study: StudyResult) -> list[Badge]:
         badges.append(Badge("its own checks speak against it", "bad", "!"))
     if study.fit is None:
         badges.append(Badge("screened only, not sampled", "quiet"))
-    elif not convergence(study.fit).ok:
+    elif not convergence(study.fit).mixed:
         badges.append(Badge("sampler did not converge", "bad", "!"))
     return badges
 
@@ -124,7 +124,8 @@ def _facts(study: StudyResult) -> list[str]:
 
 
 def _alerts(study: StudyResult) -> list[str]:
-    if study.fit is None or convergence(study.fit).ok:
+    # Of chains that agree the findings say what more draws would do.
+    if study.fit is None or convergence(study.fit).mixed:
         return []
     return [f"The sampler did not converge; do not rely on these numbers. {' '.join(convergence(study.fit).reasons)}"]
 

@@ -39,6 +39,7 @@ from bayes_greybox.report.words.study import (
     metric_value,
     metric_words,
     name_of,
+    reversed_text,
     set_label,
     shown_part,
     suspect_size,
@@ -320,7 +321,7 @@ def _effects(study: StudyResult, effects: pd.DataFrame) -> Table:
     several = "one of" in set(study.effects["status"])
     rows = [
         (
-            row["name"],
+            f"{row['name']} ({turned})" if (turned := reversed_text(row)) else row["name"],
             _rate(study, row["equation"]),
             probability_text(row["probability"]),
             estimate(row["mean"], row["sd"], row["unit"]),

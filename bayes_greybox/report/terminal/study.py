@@ -17,7 +17,14 @@ from bayes_greybox.report.words.doubts import NOTABLE, doubts
 from bayes_greybox.report.words.formatting import estimate, formula, numbers_in, probability_text, share_text
 from bayes_greybox.report.words.remarks import data_remarks
 from bayes_greybox.report.words.sentence import sentence
-from bayes_greybox.report.words.study import closed_share, metric_value, name_of, shown_part, suspect_size
+from bayes_greybox.report.words.study import (
+    closed_share,
+    metric_value,
+    name_of,
+    reversed_text,
+    shown_part,
+    suspect_size,
+)
 
 from .tables import plain_table
 
@@ -44,7 +51,7 @@ def study_tables(study: StudyResult) -> Iterator[RenderableType]:
     """
     yield Text.assemble((study.verdict.upper(), STYLES.get(study.verdict, "bold yellow")), f": {sentence(study)}")
     if study.fit is not None and not convergence(study.fit).ok:
-        yield Text(str(convergence(study.fit)), style="red")
+        yield Text(str(convergence(study.fit)), style="yellow" if convergence(study.fit).mixed else "red")
     rows = f"{study.train.n_obs} rows: {study.base.rows.in_words(study.train)}"
     yield Text("\n".join([rows, *data_remarks(study.train, study.test)]), style="dim")
     if study.amendments:
@@ -107,7 +114,8 @@ def _effects(study: StudyResult) -> Table:
     rows = [
         (
             SHORT[row["status"]],
-            row["name"],
+            # The sentence says what that means.
+            f"{row['name']}, sign reversed" if reversed_text(row) else row["name"],
             row["equation"],
             formula(row["expression"]),
             probability_text(row["probability"]),

@@ -28,7 +28,8 @@ def frame_table(title: str, table: pd.DataFrame, *, wrap: bool = False) -> Table
 def verdict_text(fit: Posterior, label: str = "") -> Text:
     """What the convergence checks say of a fit; `label` comes before it."""
     first, *rest = str(convergence(fit)).splitlines()
-    text = Text(f"{label}{first}", style="green" if convergence(fit).ok else "bold red")
+    style = "green" if convergence(fit).ok else "bold yellow" if convergence(fit).mixed else "bold red"
+    text = Text(f"{label}{first}", style=style)
     for line in rest:
         text.append(f"\n{line}", style="not bold default")
     return text

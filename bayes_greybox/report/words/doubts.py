@@ -210,10 +210,13 @@ def _sampler(study: StudyResult) -> Doubt:
         return Doubt("Sampler", "not sampled: coefficients are those of the closed form", None)
     verdict, elsewhere = convergence(study.fit), sampled_elsewhere(study)
     if elsewhere:
-        also = "" if verdict.ok else f", and it did not converge: {' '.join(verdict.reasons)}"
+        also = "" if verdict.mixed else f", and it did not converge: {' '.join(verdict.reasons)}"
         return Doubt(
             "Sampler", f"the amended model's fit disagrees with the tables: {'; '.join(elsewhere)}{also}", True
         )
     if verdict.ok:
         return Doubt("Sampler", "every convergence check of the amended model's fit passed", False)
+    if verdict.mixed:
+        text = f"the chains of the amended model's fit agree, though more draws are wanted: {' '.join(verdict.reasons)}"
+        return Doubt("Sampler", text, False)
     return Doubt("Sampler", f"the amended model's fit did not converge: {' '.join(verdict.reasons)}", True)

@@ -40,6 +40,24 @@ def unit_of(shared: Shared) -> str:
     return " or ".join(dict.fromkeys(unit_text(unit) or "not known" for unit in shared.units)) or "–"
 
 
+def why_not_pooled(shared: Shared) -> str:
+    """Why the coefficients of several assets are not pooled, as a clause; "" where they are, or where one is alone."""
+    if len(shared.assets) < 2 or shared.whole is not None:
+        return ""
+    if not shared.one_unit:
+        return f"their units differ ({unit_of(shared)})"
+    if shared.differing:
+        what = f"inner parameter{'s' if len(shared.differing) > 1 else ''} {listed(shared.differing)}"
+        return f"the {what} {'differ' if len(shared.differing) > 1 else 'differs'}"
+    return f"that of {listed(shared.unsized)} has no standard deviation above zero"
+
+
+def not_pooled(fleet: Fleet) -> list[str]:
+    """A sentence on each effect whose coefficients are not pooled."""
+    said = [(within(each.name), why) for each in fleet.shared if (why := why_not_pooled(each))]
+    return list(dict.fromkeys(f"The coefficients of {name} are not pooled, as {why}." for name, why in said))
+
+
 def _found(fleet: Fleet) -> str:
     n, off, wrong = len(fleet.studied), fleet.recalibrated, fleet.mismeasured
 
@@ -102,8 +120,8 @@ def _count(shared: Shared) -> str:
 
 
 def _of(cause: Shared) -> str:
-    if len(cause.assets) > 1 and not cause.one_unit:
-        return f", with coefficients that are not pooled, as their units differ ({unit_of(cause)})"
+    if why := why_not_pooled(cause):
+        return f", with coefficients that are not pooled, as {why}"
     if cause.whole is None:
         return ""
     whole = cause.whole

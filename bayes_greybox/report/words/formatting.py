@@ -72,6 +72,9 @@ def percent_text(share: float | np.floating, digits: int | None = None) -> str:
     if not np.isfinite(share):
         return "–"
     percent = 100 * float(share)
+    if abs(percent) >= _LARGE:
+        # Of 2320176 % nobody counts the digits.
+        return f"{number(percent)}\u00a0%"
     if digits is None:
         if 0 < abs(percent) < 100 * _LEAST_SHARE:
             return "<\u00a00.01\u00a0%" if percent > 0 else "0\u00a0%"

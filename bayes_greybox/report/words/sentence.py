@@ -9,13 +9,13 @@ from bayes_greybox.discovery.answer.checks.filtered import SAMPLES_TELL
 from bayes_greybox.discovery.answer.finding import AND_MORE, ONE_LAW, SURE, TIED
 from bayes_greybox.discovery.answer.gap.denials import NAMED, worsened
 from bayes_greybox.discovery.answer.instrument import IN_MODEL
-from bayes_greybox.discovery.study import StudyResult
+from bayes_greybox.discovery.study import NO_CATALOGUE, StudyResult
 from bayes_greybox.discovery.suspects.channels import DELAY, GAIN, KINDS, LAG
 from bayes_greybox.discovery.verdict import worse_in_words
 from bayes_greybox.discovery.weighing.alignment import FURTHEST, FURTHEST_DELAY
 from bayes_greybox.physics.catalogue.names import within
 
-from .formatting import formula, listed, number, numbers_in, percent_text, probability_text, share_text
+from .formatting import formula, listed, number, numbers_in, probability_text, share_text
 from .study import (
     LEAST_CLOSED,
     LIKELY,
@@ -26,15 +26,14 @@ from .study import (
     not_helped,
     not_weighed,
     remembered,
+    reversed_text,
+    risen,
     rows_of,
     same_as,
 )
 
 ALIKE = 0.1
 """Coefficients whose relative changes differ by less than this share of them are off by one factor."""
-
-TWICE = 2.0
-"""From this ratio on a rise is said as a multiple: hundreds of per cent are hard to read."""
 
 
 def sentence(study: StudyResult) -> str:
@@ -145,8 +144,9 @@ def _said(study: StudyResult) -> list[str]:
             continue
         tied = [within(name_of(study, slug)) for slug in row["tied_with"]]
         tied = f", not to be told from {' or '.join(tied)}" if tied else ""
-        p = probability_text(row["probability"])
-        found.append(f"{within(named_in(study, row))} in {label(row['equation'])} (probability {p}{tied})")
+        p, turned = probability_text(row["probability"]), reversed_text(row)
+        turned = f", {turned}" if turned else ""
+        found.append(f"{within(named_in(study, row))} in {label(row['equation'])} (probability {p}{tied}{turned})")
     return found
 
 
@@ -172,7 +172,10 @@ def _missing(study: StudyResult, said: Sequence[str], closed: str) -> str:
         if remembers:
             shape = remembers if all(told.values()) else f"{shape}, and {remembers}"
         p = _probability(study) if study.verdict == "unknown" else 1.0
-        unnamed = f"{_likely(f'Something is missing{where} that the catalogue does not have', p)}; {shape}"
+        what = f"Something is missing{where} that the catalogue does not have"
+        if study.settings.get("catalogue") == NO_CATALOGUE:
+            what = f"Something is missing{where}, for which no effect was weighed"
+        unnamed = f"{_likely(what, p)}; {shape}"
         if not said:
             return f"{unnamed}."
         it = "it" if len(said) == 1 else "them"
@@ -201,7 +204,14 @@ def _missing(study: StudyResult, said: Sequence[str], closed: str) -> str:
         return f"{lacks}; adding {it} {closed}."
     if study.against:
         return f"{lacks}, but that is not all; adding {it} {closed}."
-    return f"{lacks}, and something else that the catalogue does not have; adding what has a name {closed}."
+    return f"{lacks}, and {_rest(study)}; adding what has a name {closed}."
+
+
+def _rest(study: StudyResult) -> str:
+    """What is missing besides what was added, as surely as it is known; files of before know no probability."""
+    p = max(study.settings.get("rest beside the answer", {}).values(), default=1.0)
+    what = "something else that the catalogue does not have"
+    return what if p >= LIKELY else f"perhaps {what} (probability {probability_text(p)})"
 
 
 def _corrections(study: StudyResult, least: float) -> list[dict[str, Any]]:
@@ -301,12 +311,3 @@ def closed_in_words(gap: pd.DataFrame, what: str = "the rate") -> str:
     if after > before:
         return f"widens the gap on {where} {risen(after / before)}"
     return f"closes {closed_share(1 - after / before)} of the gap on {where}"
-
-
-def risen(ratio: float) -> str:
-    """By how much something rose: in per cent up to twice what it was, beyond that as a multiple.
-
-    Args:
-        ratio: After over before, above one.
-    """
-    return f"by {percent_text(ratio - 1)}" if ratio < TWICE else f"to {number(ratio, 2)} times what it was"

@@ -11,6 +11,7 @@ import pandas as pd
 from bayes_greybox.discovery.answer.gap.denials import MISFIT, NAMED, worsened
 from bayes_greybox.discovery.answer.weighed import STOPS
 from bayes_greybox.discovery.study import StudyResult
+from bayes_greybox.discovery.suspects import bends
 from bayes_greybox.discovery.suspects.channels import DELAY, DELAY_STEPS, GAIN, GAIN_SD, LAG, OFFSET, OFFSET_SD, STATES
 from bayes_greybox.discovery.suspects.drift import DRIFT
 from bayes_greybox.discovery.suspects.memory import LAW
@@ -81,6 +82,9 @@ ALL_STATES = "all states together"
 LEAST_CLOSED = 1e-4
 """A gap that changes by less than this share of it is as it was."""
 
+TWICE = 2.0
+"""From this ratio on a rise is said as a multiple: hundreds of per cent are hard to read."""
+
 MOST_CLOSED = 0.9999
 """Nobody is told that all of a gap is closed: what is left may only be less than the noise shows."""
 
@@ -137,6 +141,15 @@ def _catalogued(slug: str) -> str:
     known = {effect.slug: effect.name for effect in load_catalogue("all")}
     words = slug.replace("-", " ")
     return known.get(slug, words[:1].upper() + words[1:])
+
+
+def reversed_text(row: Mapping[str, Any]) -> str:
+    """That an effect of the table has the other sign than usual, and what it then does; "" where it has not.
+
+    Args:
+        row: Of the table of effects; files of before say nothing of signs.
+    """
+    return f"sign reversed: “{words}”" if (words := row.get("reverse")) else ""
 
 
 def answer(study: StudyResult, equation: str) -> str:
@@ -247,8 +260,26 @@ def metric_value(study: StudyResult, metric: str, value: float) -> str:
 
 
 def closed_share(closed: float) -> str:
-    """The share of the gap that is closed, never all of it; what was widened is below nothing."""
-    return "unchanged" if abs(closed) < LEAST_CLOSED else percent_text(min(closed, MOST_CLOSED))
+    """The share of the gap that is closed, never all of it; what grew is below nothing, or a multiple."""
+    if abs(closed) < LEAST_CLOSED:
+        return "unchanged"
+    if math.isfinite(closed) and 1 - closed >= TWICE:
+        return f"grew to {_times(1 - closed)}"
+    return percent_text(min(closed, MOST_CLOSED))
+
+
+def risen(ratio: float) -> str:
+    """By how much something rose: in per cent below twice what it was, from there on as a multiple.
+
+    Args:
+        ratio: After over before, above one.
+    """
+    return f"by {percent_text(ratio - 1)}" if ratio < TWICE else f"to {_times(ratio)} what it was"
+
+
+def _times(ratio: float) -> str:
+    """A multiple to two digits, such as 23000 times, in one piece."""
+    return f"{number(float(f'{ratio:.2g}'), 2)}\u00a0times"
 
 
 def closed_text(closed: float, denied: bool = False) -> str:
@@ -261,7 +292,7 @@ def closed_text(closed: float, denied: bool = False) -> str:
     if not math.isfinite(closed):
         return ""
     if closed < -0.005:
-        return f"the gap grew by {percent_text(-closed)}"
+        return f"the gap grew {risen(1 - closed)}"
     if closed < 0.005:
         return "unchanged"
     size = closed_share(closed)
@@ -328,12 +359,17 @@ def suspects_weighed(study: StudyResult) -> list[tuple[str, str]]:
     lagging = dict.fromkeys(row["channel"] for row in study.instrument.to_dict("records") if row["suspect"] == LAG)
     share = f"{probability_text(odds.get('slow_sensor', 0.5))}: it, or that of an input, which does the same"
     lags = [(f"Lag of {name}", share) for name in lagging]
+    # Rows of samples have sensors whose readings are no straight line.
+    sampled = computed is None and not set(study.maps) & set(study.train.derivatives)
+    bending = (study.train.samples or study.train).state_names if sampled else ()
+    at_largest = f"±\u00a0{percent_text(bends.BEND_SD, 0)} of the largest reading"
     of_rms = f"size ±\u00a0{percent_text(OFFSET_SD, 0)} of the channel's RMS"
     return [
         (weighed(DELAY, delays), f"{each} each; size ±\u00a0{DELAY_STEPS:g}\u00a0samples"),
         (weighed(GAIN, channels), f"{each} each; size ±\u00a0{percent_text(GAIN_SD, 0)}"),
         (weighed(OFFSET, channels), f"{each} each; {of_rms}"),
         *([(weighed(DRIFT, rates), f"{each} each; {of_rms}")] if rates else []),
+        *[(weighed(kind, bending), f"{each} each; size {at_largest}") for kind in bends.KINDS if bending],
         *lags,
         *(
             (

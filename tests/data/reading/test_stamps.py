@@ -72,6 +72,26 @@ def test_nanoseconds_keep_their_digits(tmp_path, kind):
     assert "more digits than a float holds, counts from the first, 1700000000" in "\n".join(data.remarks)
 
 
+@pytest.mark.parametrize("kind", ["a cell", "a line at the end", "a row of units", "padded"])
+def test_an_empty_cell_costs_the_others_no_digits(tmp_path, kind):
+    t = EPOCH + 100 * np.arange(N, dtype=np.int64)
+    header, *rows = table(t).to_csv(index=False).splitlines()
+    if kind == "padded":
+        rows = [row.replace(",", " ,") for row in rows]
+    if kind == "a line at the end":
+        rows.append("")
+    else:
+        rows[3] = f",{rows[3].split(',')[1]}"
+    units = ["[ns],[m]"] if kind == "a row of units" else []
+    (tmp_path / "run.csv").write_text("\n".join([header, *units, *rows]) + "\n\n")
+    data = bg.read(tmp_path / "run.csv", **ASKED, missing="drop")
+    kept = t if kind == "a line at the end" else np.delete(t, 3)
+    np.testing.assert_array_equal(data.time, kept - EPOCH)
+    # No time, but whole numbers all the same.
+    with pytest.raises(InputError, match='"t" of .* holds whole numbers of more digits than a float does'):
+        bg.read(tmp_path / "run.csv", dt=1.0, states=["t"], missing="drop")
+
+
 def test_nanoseconds_of_each_run_count_from_its_first():
     t = EPOCH + 100 * np.arange(N, dtype=np.int64)
     frame = pd.concat([table(t, run=0), table(t + 10**15, run=1)])

@@ -227,21 +227,22 @@ def test_an_effect_is_tied_from_a_share_of_the_likeliest_ones_probability(factor
     assert decided({"a": 0.8, "b": factor * TIED * 0.8, "no gap": 0.1}).places[0].tied == expected
 
 
-@pytest.mark.parametrize(("apart", "expected"), [(0.9 * SAME, "named"), (1.1 * SAME, "one of")])
-def test_equal_curves_are_named_together(apart, expected):
+@pytest.mark.parametrize(("apart", "equal"), [(0.9 * SAME, True), (1.1 * SAME, False)])
+def test_of_equal_curves_none_is_named_and_nothing_is_left(apart, equal):
     # Whatever their evidences: equal ones are an even chance, and no equal curves.
     finding = decided({"a": 0.5, "b": 0.45, "no gap": 0.05}, apart={"ab": apart})
-    assert finding.verdict == expected
-    assert finding.places[0].same == (("b",) if expected == "named" else ())
+    assert finding.verdict == "one of" and finding.open_ended != equal
+    assert finding.places[0].same == (("b",) if equal else ())
 
 
-def test_equal_curves_that_are_not_sure_together_are_not_named():
+def test_something_may_be_left_of_equal_curves_that_are_not_sure_together():
     finding = decided({"a": 0.45, "b": 0.4, "no gap": 0.15}, apart={"ab": 0.0})
-    assert finding.verdict == "one of"
+    assert finding.verdict == "one of" and finding.open_ended
 
 
-def test_an_equal_curve_does_not_name_a_tie_that_holds_another_curve_too():
-    assert decided({"a": 0.45, "b": 0.44, "c": 0.11}, apart={"ab": 0.0}).verdict == "one of"
+def test_something_may_be_left_of_a_tie_that_holds_another_curve_too():
+    finding = decided({"a": 0.45, "b": 0.44, "c": 0.11}, apart={"ab": 0.0})
+    assert finding.verdict == "one of" and finding.open_ended
 
 
 def at_two_places(table):
@@ -290,7 +291,7 @@ def test_an_offset_of_the_sensor_ties_with_a_constant_force():
     finding = decided({"a": 0.6, "! offset": 0.35, "no gap": 0.05})
     assert finding.verdict == "one of" and finding.places[0].tied == ("offset",)
     same = decided({"a": 0.6, "! offset": 0.35, "no gap": 0.05}, apart={"a offset": 0.0})
-    assert same.verdict == "named" and same.places[0].same == ("offset",)
+    assert same.verdict == "one of" and same.places[0].same == ("offset",)
 
 
 def test_a_suspect_stands_in_the_place_of_one_effect_beside_the_others():

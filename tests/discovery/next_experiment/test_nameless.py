@@ -181,6 +181,28 @@ def test_what_most_likely_remembers_is_not_predicted_as_a_function(kind, predict
         assert told.sigma == {"x": pytest.approx(0.1)}
 
 
+def test_variants_that_differ_in_a_value_alone_weigh_what_they_do_together(monkeypatch):
+    """A gap that is weighed at four values, beside a late sensor at one: each value alone is less likely than that."""
+    monkeypatch.setattr(
+        explained_module, "_components",
+        lambda weighed, world, e: ([Component(1.0, (), (), np.array([float(e.effects[0])]), np.zeros((0, 1)))], 0.1),
+    )  # fmt: skip
+    columns = [SimpleNamespace(called="y in a gap") for _ in range(4)]
+    world = SimpleNamespace(evaluations=SimpleNamespace(statistics=SimpleNamespace(columns=columns, equation="x")))
+
+    def variant(value, suspects=()):
+        return SimpleNamespace(kind="plain", effects=(value,), suspects=suspects, memory=())
+
+    world.evaluations.name = lambda i: "dead-zone"
+    items = [
+        (world, variant(3, (9,)), 0.3),
+        *((world, variant(value), p) for value, p in zip(range(4), (0.25, 0.2, 0.15, 0.1), strict=True)),
+    ]
+    told = _told("dead-zone", 0.9, SimpleNamespace(), items)
+    # The likeliest value stands for all of them.
+    assert {c.mean[0]: c.weight for c in told.components} == pytest.approx({0.0: 0.7, 3.0: 0.3})
+
+
 def test_equations_without_terms_have_features_of_their_own():
     t = np.linspace(0, 1, 11)
     states = {"x": np.sin(t), "y": np.cos(t)}

@@ -7,11 +7,12 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 
 from bayes_greybox.data.errors import InputError
-from bayes_greybox.data.reading.cells import is_measured
+from bayes_greybox.data.reading.cells import is_measured, may_have_lost, with_digits
 from bayes_greybox.data.reading.table import Layout, Table, require_distinct
 from bayes_greybox.data.reading.units import is_number, split_header, unit_row
 
@@ -72,21 +73,11 @@ def read_text(path: Path, layout: Layout) -> Table:
         with warnings.catch_warnings():
             # Rows with more values than names would lose the last ones.
             warnings.simplefilter("error", pd.errors.ParserWarning)
-            frame = pd.read_csv(
-                path,
-                sep=head.sep,
-                skipinitialspace=True,
-                skiprows=list(head.skipped),
-                header=None if head.names else "infer",
-                names=head.names,
-                # A delimiter at the end of each row would make the first column an index.
-                index_col=False,
-                # A row that is empty still takes its time, where there is no column of stamps.
-                skip_blank_lines=False,
-                # Marks of thousands are read with the cells: pandas would make a number of 01.02.2024.
-                decimal=layout.decimal,
-                encoding=layout.encoding,
-            )
+            frame = _frame(path, head, layout)
+            long = [name for name in frame.columns if may_have_lost(frame[name])]
+            if long:
+                words = _frame(path, head, layout, dtype=dict.fromkeys(long, str))
+                frame = frame.assign(**{name: with_digits(frame[name], words[name]) for name in long})
     except pd.errors.EmptyDataError:
         raise InputError(f'"{path}" has no table after its first {len(head.skipped)} lines; check skiprows.') from None
     except (pd.errors.ParserError, pd.errors.ParserWarning) as error:
@@ -129,6 +120,25 @@ def titles(path: Path, layout: Layout) -> int:
     mark = next(mark for mark in _marks(layout.sep or "\t") if _is_header(lines[header : header + 3], mark))
     filled = [sum(map(bool, _cells(line, mark))) for line in lines[: header + 1]]
     return header if all(count < filled[header] for count in filled[:header]) else 0
+
+
+def _frame(path: Path, head: _Head, layout: Layout, **options: Any) -> pd.DataFrame:
+    return pd.read_csv(
+        path,
+        sep=head.sep,
+        skipinitialspace=True,
+        skiprows=list(head.skipped),
+        header=None if head.names else "infer",
+        names=head.names,
+        # A delimiter at the end of each row would make the first column an index.
+        index_col=False,
+        # A row that is empty still takes its time, where there is no column of stamps.
+        skip_blank_lines=False,
+        # Marks of thousands are read with the cells: pandas would make a number of 01.02.2024.
+        decimal=layout.decimal,
+        encoding=layout.encoding,
+        **options,
+    )
 
 
 def _head(lines: list[str], path: Path, layout: Layout) -> _Head:

@@ -15,6 +15,7 @@ from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.samples.clipping import seen_samples
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.evidence.sufficient_statistics import SufficientStatistics
+from bayes_greybox.discovery.suspects.bends import POWERS
 from bayes_greybox.discovery.suspects.channels import (
     DELAY,
     GAIN,
@@ -26,7 +27,7 @@ from bayes_greybox.discovery.suspects.channels import (
     shifted,
     slope_along,
 )
-from bayes_greybox.discovery.suspects.sensors import input_columns, sensor_columns
+from bayes_greybox.discovery.suspects.sensors import bent_by, input_columns, sensor_columns
 from bayes_greybox.model.program import Program
 from bayes_greybox.model.rows.equation_rows import EquationRows
 from bayes_greybox.physics.hidden_states import HiddenState, along
@@ -149,7 +150,10 @@ class Suspected(NamedTuple):
             # Nothing is late against anything: nothing was undone.
             known = {key: 0.0 if key.startswith(DELAY) else size for key, size in known.items()}
         force = sum((known.get(suspect.key, 0.0) * column for suspect, column in inputs), np.zeros(nodes.n_obs))
-        shown = sum((known.get(suspect.key, 0.0) * column for suspect, column in sensors), np.zeros(rows.n_row))
+        straight = [(suspect, column) for suspect, column in sensors if suspect.kind not in POWERS]
+        shown = sum((known.get(suspect.key, 0.0) * column for suspect, column in straight), np.zeros(rows.n_row))
+        # What was straightened is bent again as it was: noise at the ends of a range is that of the sensor again.
+        shown = shown + bent_by(samples, sizes)[at_rows]
         # A delay is no product of size and column: what a late sensor shows beyond it is taken off.
         before = shifted(modelled, {name: -by for name, by in late.items()})
         moved = [before.column(name) - modelled.column(name) for name in samples.state_names]
