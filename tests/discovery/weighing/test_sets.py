@@ -62,13 +62,20 @@ def bindings(known, e):
     return tuple(sorted(known.binding(i) for i in e.effects))
 
 
-def dense(known, columns):
-    """Log evidence of a linear model of these columns by its covariance, summed over a grid of σ."""
+def dense(known, columns, together=()):
+    """Log evidence of a linear model of these columns by its covariance, summed over a grid of σ.
+
+    Corrections that come together are off by one factor.
+    """
     statistics = known.statistics
     X = statistics.at_rows(list(columns))
     y = statistics.rows.target / statistics.target_scale
     sd = np.array([statistics.columns[i].sd for i in columns])
     C = X * sd**2 @ X.T
+    if together:
+        off = [statistics.columns[i] for i in together]
+        shift = statistics.at_rows(list(together)) @ [column.sd * np.sign(column.nominal) for column in off]
+        C = C + np.outer(shift, shift)
     values, vectors = np.linalg.eigh(C)
     t = np.linspace(-7, 2, 1501)
     noise = statistics.noise
@@ -92,6 +99,10 @@ def every_set(known, most):
             inside = [i for i, one in zip(corrections, pattern, strict=True) if one]
             prior = np.prod([odds.correction if one else 1 - odds.correction for one in pattern])
             logs.append(np.log(prior) + dense(known, (*free, *inside, *core)))
+        if len(corrections) > 1:
+            one = odds.correction * (1 - odds.correction) ** (len(corrections) - 1)
+            logs.append(np.log(one) + dense(known, (*free, *core), corrections))
+            logs = np.array(logs) - np.log1p(one)
         n = len(list(combinations(effects, len(core))))
         prior = odds.unknown / 2 if not core else sizes[len(core) - 1] / n * odds.remainder / 2
         found[core] = np.log(prior) + np.logaddexp.reduce(logs)
