@@ -228,8 +228,9 @@ class _Lack(NamedTuple):
 
 def _sure(record: Mapping[str, Any], effect: Mapping[str, Any]) -> bool:
     """Whether an asset lacks an effect for sure, and not only in its likeliest model."""
-    if effect["status"] != ADDED or record["verdict"] not in ("named", "partly named"):
+    if effect["status"] != ADDED or record["verdict"] not in ("named", "one of", "partly named"):
         return False
+    # Beside it something else may be one of several.
     return _number(effect["probability"]) >= SURE
 
 

@@ -125,7 +125,9 @@ def test_what_a_sensor_may_do_too_is_said():
         ("named", lacks("drag", probability=0.5, tied_with=["offset of v"]), False),
         ("partly named", lacks("drag"), True),
         ("partly named", lacks("drag", probability=0.8), False),
-        ("one of", lacks("drag"), False),
+        # Of two effects one may be tied, and the other sure.
+        ("one of", lacks("drag"), True),
+        ("one of", lacks("drag", probability=0.8), False),
         ("unknown", lacks("drag"), False),
     ],
 )

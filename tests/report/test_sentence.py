@@ -387,6 +387,17 @@ def test_one_of_lists_what_could_stand_in_the_place_of_the_likeliest():
     assert "or in its place pendulum (0.300) or dead zone (0.080); adding the likeliest closes 75.0 %" in text
 
 
+def test_what_is_sure_is_no_part_of_what_is_one_of_several():
+    text = said("one of", [("Cubic spring", 0.999, ()), ("Constant force", 0.59, ("offset of y",))])
+    assert text.startswith(
+        "The simulation lacks cubic spring in d(x)/dt (probability 0.999); something else is missing"
+    )
+    assert (
+        "most likely constant force" in text
+        and "in its place an error of the sensor (offset of y); adding them" in text
+    )
+
+
 def test_the_instrument_is_said_alone_or_beside_what_is_missing():
     assert said("instrument", measured=["a is 9 ms late"]) == (
         "No effect is missing, it is the measurement: a is 9 ms late."

@@ -100,7 +100,7 @@ class Finding:
     def open_ended(self) -> bool:
         """Whether something is left that has no name: not where all that is open is which of the same curves it is."""
         if self.verdict == "one of":
-            return not all(p.together >= SURE and set(p.tied) <= set(p.same) for p in self.places)
+            return bool(self.against) or not all(p.together >= SURE and set(p.tied) <= set(p.same) for p in self.places)
         return self.verdict in ("partly named", "unknown")
 
 

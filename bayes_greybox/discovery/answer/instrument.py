@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from bayes_greybox.data.samples.clipping import clipped_in_words
+from bayes_greybox.data.samples.clipping import clipped_in_words, seen_samples
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.data.writing import unit_text
 from bayes_greybox.discovery.suspects.bends import POWERS
@@ -57,7 +57,7 @@ def instrument_table(
     """
     statistics = finding.world.evaluations.statistics
     rows: list[dict[str, Any]] = []
-    weighed = finding.weighed
+    weighed, right = finding.weighed, aligned.data.samples or aligned.data
     places = {statistics.columns[i].suspect.key: k for k, i in enumerate(coefficients.suspects)}  # type: ignore[union-attr]
     for key, p in weighed.by_suspect.items():
         index = next(
@@ -85,7 +85,7 @@ def instrument_table(
             mean, sd = _moments(*other, key)
         if suspect.kind == DELAY:
             mean += aligned.delays.get(suspect.channel, 0.0)
-        rows.append(_row(statistics.equation, suspect, p, mean, sd, in_model, data))
+        rows.append(_row(statistics.equation, suspect, p, mean, sd, in_model, data, right))
     for name, p in weighed.by_noise.items():
         if name == PROCESS or p < LISTED:
             continue
@@ -95,7 +95,7 @@ def instrument_table(
     for name, late in aligned.late.items():
         suspect = ChannelSuspect(DELAY, name, DELAY_STEPS * late.step, late.step)
         p = contradicted(late.p, finding.world.evaluations.odds.suspect)
-        rows.append(_row(statistics.equation, suspect, p, late.by, late.sd, True, data))
+        rows.append(_row(statistics.equation, suspect, p, late.by, late.sd, True, data, right))
     effects = [statistics.columns[i].called for i in finding.base]
     for binding, p in weighed.by_mirror.items():
         mirror = weighed.mirrors[binding]
@@ -152,8 +152,9 @@ def _blank(equation: str, kind: str, channel: str, p: float, status: str, text: 
 
 
 def _row(
-    equation: str, suspect: ChannelSuspect, p: float, mean: float, sd: float, in_model: bool, data: Trajectories
-) -> dict[str, Any]:
+    equation: str, suspect: ChannelSuspect, p: float, mean: float, sd: float, in_model: bool, data: Trajectories,
+    samples: Trajectories,
+) -> dict[str, Any]:  # fmt: skip
     low, high = mean - _REACH * sd, mean + _REACH * sd
     time = data.unit("t") or ""
     channel = "all states" if suspect.channel == STATES else suspect.channel
@@ -170,7 +171,7 @@ def _row(
     elif suspect.kind == GAIN:
         row |= {"text": f"{channel} reads {100 * abs(mean):.3g}\u00a0% too {'large' if mean >= 0 else 'small'}"}
     elif suspect.kind in POWERS:
-        row |= _bend(suspect, mean, data)
+        row |= _bend(suspect, mean, samples, unit_text(data.unit(suspect.channel)))
     else:
         rate = suspect.channel not in data.columns
         unit = target_unit(equation, data) if rate else data.unit(suspect.channel)
@@ -181,16 +182,14 @@ def _row(
     return row
 
 
-def _bend(suspect: ChannelSuspect, mean: float, data: Trajectories) -> dict[str, str]:
-    """Unit of a bend's coefficient, and how far off the largest reading is."""
-    values, power = (data.samples or data).column(suspect.channel), POWERS[suspect.kind]
-    furthest = float(values[np.nanargmax(np.abs(values))])
-    off = mean * furthest ** (power - 1)
-    unit = unit_text(data.unit(suspect.channel))
-    at = f"{furthest:.3g} {unit}".rstrip()
+def _bend(suspect: ChannelSuspect, mean: float, samples: Trajectories, unit: str) -> dict[str, str]:
+    """Unit of a bend's coefficient, and how far off the sensor is at the upper end of what it measured."""
+    power, x = POWERS[suspect.kind], float(np.max(samples.column(suspect.channel)[seen_samples(samples)]))
+    off = mean * (x - suspect.center) ** power
+    sizes = (f"{value:.3g} {unit}".rstrip() for value in (abs(off), x))
     return {
         "unit": unit_text("1" + f"/({unit})" * (power - 1)) if unit else "",
-        "text": f"{suspect.channel} reads {100 * abs(off):.3g}\u00a0% too {'large' if off >= 0 else 'small'} at {at}: "
+        "text": f"{suspect.channel} reads {next(sizes)} too {'large' if off >= 0 else 'small'} at {next(sizes)}: "
         "its sensor bends",
     }
 

@@ -67,12 +67,14 @@ class ChannelSuspect:
         channel: Name of the rate ("d(x)/dt"), of a state, an input or an output, or `STATES`.
         sd: Prior standard deviation of its size, in `unit`'s unit.
         step: Sampling step, for a delay.
+        center: What a bend is about, see `bends`.
     """
 
     kind: str
     channel: str
     sd: float
     step: float = 1.0
+    center: float = 0.0
 
     @property
     def key(self) -> str:
@@ -200,7 +202,7 @@ def calibrated(
 ) -> Trajectories:
     """The data with gains, offsets and drifts of channels taken out: x = (measured − o)/(1 + κ), and rates alike.
 
-    Of a sensor that bends it is the root of (1 + κ) x + a x² + b x³ = measured − o, see `bends`.
+    Of a sensor that bends it is the x that it shows so, see `bends`.
 
     Args:
         data: Measurements with delays undone.
@@ -208,7 +210,7 @@ def calibrated(
         sizes: By suspect, as found; delays are left alone.
         clock: Data that drifts were found on: their centre and span of time.
     """
-    gains, offsets, bent = {}, {}, {}
+    gains, offsets = {}, {}
     for suspect, size in sizes.items():
         if suspect.kind == GAIN:
             gains[suspect.channel] = size
@@ -217,19 +219,15 @@ def calibrated(
         elif suspect.kind == DRIFT:
             slope = size * (data.time - np.mean(clock.time)) / np.ptp(clock.time)
             offsets[suspect.channel] = offsets.get(suspect.channel, 0.0) + slope
-        elif suspect.kind in bends.POWERS:
-            bent.setdefault(suspect.channel, {})[bends.POWERS[suspect.kind]] = size
 
     def part(columns: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
         # What was computed from samples is as much too large as they are, and has none of their offset.
         return {
-            name: bends.straightened(
-                x - offsets.get(name, 0.0), bent.get(name, {}), 1.0 + gains.get(_sensor(data, name), 0.0)
-            )
+            name: curve_of(sizes, _sensor(data, name), name).measured(x - offsets.get(name, 0.0))
             for name, x in columns.items()
         }
 
-    if not gains and not offsets and not bent:
+    if not any(suspect.kind != DELAY for suspect in sizes):
         return data
     own, one = data.target_label(equation), _one_sensor(data, equation)
     rates = {}
@@ -243,7 +241,7 @@ def as_shown(
     paths: Float[np.ndarray, "n_draw n_obs"], name: str, data: Trajectories, sizes: Mapping[ChannelSuspect, float],
     clock: Trajectories,
 ) -> Float[np.ndarray, "n_draw n_obs"]:  # fmt: skip
-    """What a state's sensor shows of paths, (1 + κ) x + a x² + b x³ at t − d, + o + drift: the inverse of `calibrated`.
+    """What a state's sensor shows of paths, its curve at t − d, + o + drift: the inverse of `calibrated`.
 
     Args:
         paths: At the rows of the data; NaN where a path failed.
@@ -265,9 +263,22 @@ def as_shown(
                 if np.all(np.isfinite(path[rows])):
                     path[rows] = _later(data.time[rows], path[rows], -late)
     slope = own.get(DRIFT, 0.0) / np.ptp(clock.time) if DRIFT in own else 0.0
-    bent = bends.bent(paths, {power: own[kind] for kind, power in bends.POWERS.items() if kind in own})
-    shown = (1.0 + own.get(GAIN, 0.0)) * paths + bent
+    shown = curve_of(sizes, sensor, name).shown(paths)
     return shown + own.get(OFFSET, 0.0) + slope * (data.time - np.mean(clock.time))
+
+
+def curve_of(sizes: Mapping[ChannelSuspect, float], sensor: str, state: str = "") -> bends.Curve:
+    """What a sensor shows of what it measures, beyond its offset.
+
+    Args:
+        sizes: By suspect, as found.
+        sensor: State whose sensor it is: what was computed from samples has its gain.
+        state: State that is shown; it alone bends.
+    """
+    gain = sum(size for suspect, size in sizes.items() if (suspect.kind, suspect.channel) == (GAIN, sensor))
+    bending = [suspect for suspect in sizes if suspect.kind in bends.POWERS and suspect.channel == (state or sensor)]
+    errors = {bends.POWERS[suspect.kind]: sizes[suspect] for suspect in bending}
+    return bends.Curve(errors, bending[0].center if bending else 0.0, 1.0 + gain)
 
 
 def late_by(data: Trajectories, sizes: Mapping[ChannelSuspect, float]) -> dict[str, float]:

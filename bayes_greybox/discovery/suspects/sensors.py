@@ -1,8 +1,8 @@
 """The sensors whose samples are the rows, and the inputs that drive their path, as suspects.
 
-A sensor that shows (1 + κ) y(t − d) + o + drift + a y² + b y³ adds to its rows, to first order,
+A sensor that shows (1 + κ) y + a (y − c)² + b (y − c)³ at t − d, + o + drift, adds to its rows, to first order,
 
-    delay  −d ẏ        gain  κ y        offset  o        drift  o · (t − t̄) / range        bend  a y², b y³
+    delay  −d ẏ    gain  κ y    offset  o    drift  o · (t − t̄) / range    bend  a (y − c)², b (y − c)³
 
 and an input that is wrong acts as a force along the path, see `channels`.
 """
@@ -12,9 +12,10 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from jaxtyping import Float
 
+from bayes_greybox.data.samples.clipping import seen_samples
 from bayes_greybox.data.trajectories import Trajectories
 
-from .bends import BEND_SD, POWERS, bent
+from .bends import BEND_SD, POWERS
 from .channels import (
     DELAY,
     DELAY_STEPS,
@@ -25,6 +26,7 @@ from .channels import (
     ZERO_SD,
     ChannelSuspect,
     Rate,
+    curve_of,
     shifted,
     slope_along,
 )
@@ -48,19 +50,21 @@ def sensor_columns(
         def row(values: np.ndarray, k: int = k) -> np.ndarray:
             return np.concatenate([values if j == k else np.zeros(len(values)) for j in range(len(names))])
 
-        x, ones = path.column(name), np.ones(path.n_obs)
+        by, ones = late.get(name, 0.0), np.ones(path.n_obs)
+        # What a late sensor shows too large is what it shows.
+        x = shifted(path, {name: -by}).column(name)
         size = float(np.sqrt(np.mean(x**2)))
-        by = late.get(name, 0.0)
         later, sooner = (shifted(path, {name: h - by}).column(name) for h in (-step / 4, step / 4))
         found.append((ChannelSuspect(DELAY, name, DELAY_STEPS * step, step), row((later - sooner) / (step / 2))))
         found.append((ChannelSuspect(GAIN, name, GAIN_SD), row(x)))
         found.append((ChannelSuspect(OFFSET, name, ZERO_SD * size), row(ones)))
         if span > 0:
             found.append((ChannelSuspect(DRIFT, name, ZERO_SD * size), row((path.time - np.mean(path.time)) / span)))
-        largest = float(np.max(np.abs(x)))
-        if largest > 0:
+        center, half = 0.5 * float(np.max(x) + np.min(x)), 0.5 * float(np.ptp(x))
+        if half > 0:
             for kind, p in POWERS.items():
-                found.append((ChannelSuspect(kind, name, BEND_SD / largest ** (p - 1)), row(x**p)))
+                bend = ChannelSuspect(kind, name, BEND_SD / half ** (p - 1), center=center)
+                found.append((bend, row((x - center) ** p)))
     return found
 
 
@@ -71,9 +75,24 @@ def bent_by(samples: Trajectories, sizes: Mapping[ChannelSuspect, float]) -> Flo
         samples: Free of the errors.
         sizes: Errors by suspect.
     """
-    own = {name: {POWERS[s.kind]: size for s, size in sizes.items() if s.channel == name and s.kind in POWERS}
-           for name in samples.state_names}  # fmt: skip
-    return np.concatenate([bent(samples.column(name), errors) for name, errors in own.items()])
+    return np.concatenate([curve_of(sizes, name).bend(samples.column(name)) for name in samples.state_names])
+
+
+def unit_of_rows(samples: Trajectories, sizes: Mapping[ChannelSuspect, float]) -> float:
+    """Mean of log |d reading / d row| over samples that were put right and bent again, see `bent_by`.
+
+    A row is x + B(x) + κ x̄, with x̄ of the model, where the reading is (1 + κ) x + B(x).
+
+    Args:
+        samples: Free of the errors.
+        sizes: Errors by suspect.
+    """
+    seen, logs = seen_samples(samples), []
+    for name in samples.state_names:
+        curve = curve_of(sizes, name)
+        slope = curve.slope(samples.column(name)[seen])
+        logs.append(float(np.mean(np.log((curve.gain + slope) / (1.0 + slope)))) if len(slope) else 0.0)
+    return float(np.mean(logs))
 
 
 def input_columns(

@@ -197,6 +197,12 @@ def _missing(study: StudyResult, said: Sequence[str], closed: str) -> str:
             fault = f"Most likely a sensor is at fault ({', '.join(faults)})"
             return f"{fault}, or else there is {' and '.join(said)}; adding the effect, which does the same, {closed}."
         instead = f", or in its place {' or '.join(others)}" if others else ""
+        rows = study.effects.query("status == 'added'").to_dict("records")
+        sure = [text for text, row in zip(said, rows, strict=False) if row["probability"] >= SURE]
+        if sure and len(said) == len(rows):
+            unsure = " and ".join(text for text in said if text not in sure)
+            more = f"something else is missing besides, most likely {unsure}{instead}"
+            return f"The simulation lacks {' and '.join(sure)}; {more}; adding {it} {closed}."
         return f"Something is missing, most likely {' and '.join(said)}{instead}; adding the likeliest {closed}."
     if remembers := "; ".join(text for name in study.maps if (text := remembered(study, name))):
         return f"{lacks}, and something else that {remembers}; adding what has a name {closed}."

@@ -362,14 +362,14 @@ def suspects_weighed(study: StudyResult) -> list[tuple[str, str]]:
     # Rows of samples have sensors whose readings are no straight line.
     sampled = computed is None and not set(study.maps) & set(study.train.derivatives)
     bending = (study.train.samples or study.train).state_names if sampled else ()
-    at_largest = f"±\u00a0{percent_text(bends.BEND_SD, 0)} of the largest reading"
+    at_ends = f"±\u00a0{percent_text(bends.BEND_SD, 0)} of half the range"
     of_rms = f"size ±\u00a0{percent_text(OFFSET_SD, 0)} of the channel's RMS"
     return [
         (weighed(DELAY, delays), f"{each} each; size ±\u00a0{DELAY_STEPS:g}\u00a0samples"),
         (weighed(GAIN, channels), f"{each} each; size ±\u00a0{percent_text(GAIN_SD, 0)}"),
         (weighed(OFFSET, channels), f"{each} each; {of_rms}"),
         *([(weighed(DRIFT, rates), f"{each} each; {of_rms}")] if rates else []),
-        *[(weighed(kind, bending), f"{each} each; size {at_largest}") for kind in bends.KINDS if bending],
+        *[(weighed(kind, bending), f"{each} each; size {at_ends}") for kind in bends.KINDS if bending],
         *lags,
         *(
             (

@@ -16,9 +16,10 @@ from bayes_greybox.discovery.evidence.evaluations import Evaluations, one_patter
 from bayes_greybox.discovery.evidence.odds import Odds
 from bayes_greybox.discovery.evidence.of_equation import sufficient_statistics
 from bayes_greybox.discovery.evidence.with_discrepancy import Evaluator
-from bayes_greybox.discovery.suspects.channels import DELAY, GAIN, ChannelSuspect, Rate
+from bayes_greybox.discovery.suspects.channels import DELAY, ChannelSuspect, Rate
 from bayes_greybox.discovery.suspects.drift import drift_columns
 from bayes_greybox.discovery.suspects.memory import memory_columns
+from bayes_greybox.discovery.suspects.sensors import unit_of_rows
 from bayes_greybox.model.estimate.evidence import coefficients
 from bayes_greybox.model.gp.discrepancy import OrthogonalGP
 from bayes_greybox.model.noise.noise_model import CORRELATED, PROCESS, NoiseModel
@@ -151,8 +152,7 @@ def weigh_near(
     _, sets, noise = max(weighed, key=lambda each: each[0])
     unit = statistics.target_scale * statistics.rows.gain
     # Of the samples as they came: those freed of a gain are over it.
-    gains = [size for suspect, size in sensors.items() if suspect.kind == GAIN and suspect.channel in train.state_names]
-    over = sum(math.log1p(size) for size in gains) / len((train.samples or train).state_names)
+    over = unit_of_rows(right.samples or right, sensors)
     unit_nats = statistics.rows.n_row * (math.log(unit) + over)
     log_evidence = _log_evidence(sets, noise) - unit_nats
     columns, values, sd = estimate(sets, sets.likeliest())
