@@ -289,7 +289,7 @@ def tie(rival, sigma=0.05):
 def test_without_a_tie_no_experiment_is_advised(known):
     cube, _ = known.statistics.of_kind("effect")
     assert studied(known, FIRST, (cube,)).ties(tiny_data()) == []
-    # A sensor's error has no curve to measure elsewhere
+    # A sensor's error has no curve to measure elsewhere: another sensor tells.
     (found,) = studied(known, FIRST, (cube,), ties=(("offset of d(x)/dt",),)).ties(tiny_data())
     assert "offset of d(x)/dt" in found["slugs"] and "another one beside it" in found["advice"]
 
