@@ -2,9 +2,9 @@
 
     reading = g x + o + a (x − c)² + b (x − c)³
 
-with g the gain, a the quadratic and b the cubic error, and c the middle of what was measured: about the zero of its
-unit a temperature in kelvin would have a gain for a bend. No right answer is beyond the turns next to c; from there
-on the reading goes on with its gain alone, so that each reading is that of one x.
+with g the gain, a the quadratic and b the cubic error, and c the zero of a sensor that passes it, else the middle of
+what was measured: about the zero of its unit a temperature in kelvin would have a gain for a bend. No right answer is
+beyond the turns next to c; from there on the reading goes on with its gain alone, so that each reading is of one x.
 """
 
 from collections.abc import Mapping
@@ -19,7 +19,7 @@ POWERS = {QUADRATIC: 2, CUBIC: 3}
 """Power of what is measured that an error grows with."""
 
 BEND_SD = 0.05
-"""Prior standard deviation of a bend at the ends of what was measured, over half its range."""
+"""Prior standard deviation of a bend where what was measured is furthest from c, over how far that is."""
 
 _HALVINGS = 60
 

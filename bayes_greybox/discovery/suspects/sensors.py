@@ -60,10 +60,12 @@ def sensor_columns(
         found.append((ChannelSuspect(OFFSET, name, ZERO_SD * size), row(ones)))
         if span > 0:
             found.append((ChannelSuspect(DRIFT, name, ZERO_SD * size), row((path.time - np.mean(path.time)) / span)))
-        center, half = 0.5 * float(np.max(x) + np.min(x)), 0.5 * float(np.ptp(x))
-        if half > 0:
+        low, high = float(np.min(x)), float(np.max(x))
+        center = 0.0 if low < 0 < high else 0.5 * (low + high)
+        furthest = max(high - center, center - low)
+        if high > low:
             for kind, p in POWERS.items():
-                bend = ChannelSuspect(kind, name, BEND_SD / half ** (p - 1), center=center)
+                bend = ChannelSuspect(kind, name, BEND_SD / furthest ** (p - 1), center=center)
                 found.append((bend, row((x - center) ** p)))
     return found
 

@@ -362,7 +362,7 @@ def suspects_weighed(study: StudyResult) -> list[tuple[str, str]]:
     # Rows of samples have sensors whose readings are no straight line.
     sampled = computed is None and not set(study.maps) & set(study.train.derivatives)
     bending = (study.train.samples or study.train).state_names if sampled else ()
-    at_ends = f"±\u00a0{percent_text(bends.BEND_SD, 0)} of half the range"
+    at_ends = f"±\u00a0{percent_text(bends.BEND_SD, 0)} at the end of the range"
     of_rms = f"size ±\u00a0{percent_text(OFFSET_SD, 0)} of the channel's RMS"
     return [
         (weighed(DELAY, delays), f"{each} each; size ±\u00a0{DELAY_STEPS:g}\u00a0samples"),

@@ -52,13 +52,21 @@ def test_a_sensor_is_put_right_with_all_its_errors_and_shows_them_again():
     assert np.array_equal(right.states["z"], X)
 
 
-def test_columns_are_of_their_own_sensor_about_its_middle_in_any_scale_of_temperature():
-    for zero in (0.0, 273.15):
-        data = of(x=X, z=zero - 2 * X)
-        columns = {suspect.key: column for suspect, column in sensor_columns(data, data)}
-        for kind, power in POWERS.items():
-            bend = (-2 * (X - CENTER)) ** power
-            np.testing.assert_allclose(columns[f"{kind} of z"], [*np.zeros(len(X)), *bend], atol=1e-11)
+def test_columns_are_of_their_own_sensor_about_its_zero():
+    data = of(x=X, z=-2 * X)
+    columns = {suspect.key: column for suspect, column in sensor_columns(data, data)}
+    for kind, power in POWERS.items():
+        np.testing.assert_allclose(columns[f"{kind} of z"], [*np.zeros(len(X)), *(-2 * X) ** power])
+
+
+def test_a_thermometer_bends_alike_in_every_scale_of_temperature():
+    found = []
+    for zero in (15.0, 288.15):
+        data = of(T=zero + X)
+        found.append([(s.sd, s.center - zero, column) for s, column in sensor_columns(data, data) if s.kind in POWERS])
+    for (sd, center, column), (other_sd, other_center, other) in zip(*found, strict=True):
+        assert sd == pytest.approx(other_sd) and center == pytest.approx(other_center)
+        np.testing.assert_allclose(column, other, atol=1e-11)
 
 
 def test_a_sensor_that_does_not_move_has_no_bend():
