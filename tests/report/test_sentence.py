@@ -388,14 +388,16 @@ def test_one_of_lists_what_could_stand_in_the_place_of_the_likeliest():
 
 
 def test_what_is_sure_is_no_part_of_what_is_one_of_several():
-    text = said("one of", [("Cubic spring", 0.999, ()), ("Constant force", 0.59, ("offset of y",))])
+    sure = ("Cubic spring", 0.999, ())
+    text = said("one of", [sure, ("Constant force", 0.59, ("offset of y",))])
     assert text.startswith(
-        "The simulation lacks cubic spring in d(x)/dt (probability 0.999); something else is missing"
+        "The simulation lacks cubic spring in d(x)/dt (probability 0.999), and perhaps constant force"
     )
-    assert (
-        "most likely constant force" in text
-        and "in its place an error of the sensor (offset of y); adding them" in text
-    )
+    assert "or in its place an error of the sensor (offset of y); adding them closes" in text
+    text = said("one of", [sure, ("Pendulum", 0.6, ("sine",)), ("Dead zone", 0.39, (), "one of")])
+    assert "0.999); something else is missing besides, most likely pendulum" in text
+    # Else there is nothing besides.
+    assert "0.999), and perhaps pendulum" in said("one of", [sure, ("Pendulum", 0.55, ())])
 
 
 def test_the_instrument_is_said_alone_or_beside_what_is_missing():

@@ -38,6 +38,9 @@ COLUMNS = (
     "lower_samples", "upper_samples", "status", "text",
 )  # fmt: skip
 
+ALIKE = 0.8
+"""Ends of a range that are as far from the middle of a bend but for this share are alike."""
+
 _REACH = 1.6448536269514722
 
 
@@ -183,8 +186,10 @@ def _row(
 
 
 def _bend(suspect: ChannelSuspect, mean: float, samples: Trajectories, unit: str) -> dict[str, str]:
-    """Unit of a bend's coefficient, and how far off the sensor is at the upper end of what it measured."""
-    power, x = POWERS[suspect.kind], float(np.max(samples.column(suspect.channel)[seen_samples(samples)]))
+    """Unit of a bend's coefficient, and how far off the sensor is where that is most; of like ends the upper one."""
+    power, values = POWERS[suspect.kind], samples.column(suspect.channel)[seen_samples(samples)]
+    low, high = float(np.min(values)), float(np.max(values))
+    x = high if high - suspect.center >= ALIKE * (suspect.center - low) else low
     off = mean * (x - suspect.center) ** power
     sizes = (f"{value:.3g} {unit}".rstrip() for value in (abs(off), x))
     return {

@@ -31,6 +31,9 @@ from .channels import (
     slope_along,
 )
 
+NEAR_ZERO = 0.2
+"""Share of its range that a sensor may stay away from zero, and bends about it all the same."""
+
 
 def sensor_columns(
     samples: Trajectories, path: Trajectories, late: Mapping[str, float] | None = None
@@ -61,7 +64,9 @@ def sensor_columns(
         if span > 0:
             found.append((ChannelSuspect(DRIFT, name, ZERO_SD * size), row((path.time - np.mean(path.time)) / span)))
         low, high = float(np.min(x)), float(np.max(x))
-        center = 0.0 if low < 0 < high else 0.5 * (low + high)
+        # A tank that starts empty passes zero as well, whatever the noise says.
+        margin = NEAR_ZERO * (high - low)
+        center = 0.0 if low < margin and high > -margin else 0.5 * (low + high)
         furthest = max(high - center, center - low)
         if high > low:
             for kind, p in POWERS.items():

@@ -201,8 +201,13 @@ def _missing(study: StudyResult, said: Sequence[str], closed: str) -> str:
         sure = [text for text, row in zip(said, rows, strict=False) if row["probability"] >= SURE]
         if sure and len(said) == len(rows):
             unsure = " and ".join(text for text in said if text not in sure)
-            more = f"something else is missing besides, most likely {unsure}{instead}"
-            return f"The simulation lacks {' and '.join(sure)}; {more}; adding {it} {closed}."
+            # That there is nothing besides may be as likely as it is.
+            any_of_them = sum(row["probability"] for row in rows if row["probability"] < SURE) + sum(
+                study.effects.query("status == 'one of'")["probability"]
+            )
+            besides = any_of_them >= SURE and not faults
+            more = "; something else is missing besides, most likely" if besides else ", and perhaps"
+            return f"The simulation lacks {' and '.join(sure)}{more} {unsure}{instead}; adding {it} {closed}."
         return f"Something is missing, most likely {' and '.join(said)}{instead}; adding the likeliest {closed}."
     if remembers := "; ".join(text for name in study.maps if (text := remembered(study, name))):
         return f"{lacks}, and something else that {remembers}; adding what has a name {closed}."

@@ -7,9 +7,10 @@ import pandas as pd
 import pytest
 from tiny_equation import DEAD_ZONE, forced, forced_study, soft, studied_motion
 
-from bayes_greybox.discovery.answer.instrument import CLIPPED, COLUMNS, IN_MODEL, LISTED, NOISY, _noise_row
+from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.discovery.answer.instrument import CLIPPED, COLUMNS, IN_MODEL, LISTED, NOISY, _bend, _noise_row
 from bayes_greybox.discovery.answer.weighed import Mirror, Weighed
-from bayes_greybox.discovery.suspects.channels import GAIN_SD
+from bayes_greybox.discovery.suspects.channels import GAIN_SD, ChannelSuspect
 from bayes_greybox.model.noise.noise_model import CORRELATED, HEAVY, VARYING
 
 
@@ -138,3 +139,16 @@ def test_of_rows_of_samples_the_noise_is_of_the_sensors():
     samples = replace(data, states={"y": data.states["y"]}, derivatives={})
     row = _noise_row("v", CORRELATED, 0.9, {"correlation": 0.5, "time_scale": 0.2}, True, samples)
     assert row["channel"] == "y" and row["text"].startswith("the noise of y is correlated over 0.2")
+
+
+@pytest.mark.parametrize(
+    ("x", "kind", "mean", "said"),
+    [
+        ([-1.0, 0.2, 1.0], "cubic error", -0.05, "y reads 0.05 m too small at 1 m: its sensor bends"),
+        ([-10.0, -3.0, 0.1], "quadratic error", 0.01, "y reads 1 m too large at -10 m: its sensor bends"),
+    ],
+)
+def test_a_bend_is_told_where_it_is_most(x, kind, mean, said):
+    samples = Trajectories.from_arrays(np.arange(3.0), states={"y": np.array(x)})
+    row = _bend(ChannelSuspect(kind, "y", 1.0), mean, samples, "m")
+    assert row["text"] == said and row["unit"] == ("1/m²" if kind == "cubic error" else "1/m")

@@ -69,6 +69,12 @@ def test_a_thermometer_bends_alike_in_every_scale_of_temperature():
         np.testing.assert_allclose(column, other, atol=1e-11)
 
 
+@pytest.mark.parametrize("start", [-1e-9, 1e-9])
+def test_a_tank_that_starts_empty_bends_about_zero(start):
+    data = of(h=start + X - X[0])
+    assert {s.center for s, _ in sensor_columns(data, data) if s.kind in POWERS} == {0.0}
+
+
 def test_a_sensor_that_does_not_move_has_no_bend():
     still = Trajectories.from_arrays(0.1 * np.arange(len(X)), states={"x": np.full(len(X), 3.0)}, constant="keep")
     assert not any(suspect.kind in POWERS for suspect, _ in sensor_columns(still, still))
