@@ -199,7 +199,7 @@ def _missing(study: StudyResult, said: Sequence[str], closed: str) -> str:
         instead = f", or in its place {' or '.join(others)}" if others else ""
         rows = study.effects.query("status == 'added'").to_dict("records")
         sure = [text for text, row in zip(said, rows, strict=False) if row["probability"] >= SURE]
-        if sure and len(said) == len(rows):
+        if 0 < len(sure) < len(said) == len(rows):
             unsure = " and ".join(text for text in said if text not in sure)
             # That there is nothing besides may be as likely as it is.
             any_of_them = sum(row["probability"] for row in rows if row["probability"] < SURE) + sum(
