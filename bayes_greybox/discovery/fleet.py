@@ -14,7 +14,7 @@ from bayes_greybox.data.errors import InputError
 from bayes_greybox.physics.units import same_unit
 
 from .answer.finding import SURE
-from .suspects.channels import KINDS, LAG
+from .suspects.channels import is_fault
 
 SHARE = "unexplained share"
 """Metric by which assets are ranked."""
@@ -236,8 +236,7 @@ def _sure(record: Mapping[str, Any], effect: Mapping[str, Any]) -> bool:
 
 def _faults(effect: Mapping[str, Any]) -> list[str]:
     """Faults of sensors that could stand in an effect's place."""
-    # Effects stand there by their slugs, which have no spaces.
-    return [name for name in effect["tied_with"] if name.startswith(tuple(f"{kind} of " for kind in (*KINDS, LAG)))]
+    return list(filter(is_fault, effect["tied_with"]))
 
 
 def _shared(records: Mapping[str, Mapping[str, Any]]) -> list[Shared]:

@@ -15,7 +15,7 @@ from bayes_greybox.data.writing import unit_text
 from bayes_greybox.discovery.evidence.evaluations import Evaluations
 from bayes_greybox.discovery.evidence.ranges import sign_of
 from bayes_greybox.discovery.evidence.sufficient_statistics import SufficientStatistics
-from bayes_greybox.discovery.suspects.channels import KINDS, LAG
+from bayes_greybox.discovery.suspects.channels import is_fault
 from bayes_greybox.discovery.weighing.aligned import Aligned
 from bayes_greybox.physics.terms import Term
 from bayes_greybox.physics.units import coefficient_unit, target_unit
@@ -243,7 +243,7 @@ class EquationStudy:
                 for name in place.tied
                 if name in weighed.by_effect or elsewhere(name, place.slug)
             ]
-            if rivals or any(name.split(" of ")[0] in (*KINDS, LAG) for name in place.tied):
+            if rivals or any(map(is_fault, place.tied)):
                 advice = _advice(self, place.index, rivals, data) if rivals else ANOTHER_SENSOR
                 found.append(
                     {"equation": self.statistics.equation, "slugs": (place.slug, *place.tied), "advice": advice}

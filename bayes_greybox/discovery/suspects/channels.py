@@ -82,6 +82,15 @@ class ChannelSuspect:
         return f"{self.kind} of {self.channel}"
 
 
+def is_fault(name: str) -> bool:
+    """Whether what could stand in an effect's place is the fault of a sensor; effects stand there by their slugs.
+
+    Args:
+        name: A suspect's key ("offset of y"), or a slug, which has no spaces.
+    """
+    return name.startswith(tuple(f"{kind} of " for kind in (*KINDS, LAG)))
+
+
 def suspect_columns(
     data: Trajectories, equation: str, rate: Rate
 ) -> list[tuple[ChannelSuspect, Float[np.ndarray, " n_obs"]]]:

@@ -58,9 +58,7 @@ class Spectrum:
             sd: Prior standard deviations, the root of diag D.
         """
         values, vectors = np.linalg.eigh(sd[..., :, None] * gram * sd[..., None, :])
-        back = sd[..., :, None] * vectors
-        loading = np.einsum("...ij,...i->...j", back, product)
-        return cls(np.maximum(values, 0.0), loading, back, square, n_obs)
+        return cls._of(values, sd[..., :, None] * vectors, product, square, n_obs)
 
     @classmethod
     def of_root(
@@ -81,7 +79,12 @@ class Spectrum:
             root: D^½, D = D^½ D^½ᵀ the prior covariance.
         """
         values, vectors = np.linalg.eigh(np.swapaxes(root, -1, -2) @ gram @ root)
-        back = root @ vectors
+        return cls._of(values, root @ vectors, product, square, n_obs)
+
+    @classmethod
+    def _of(
+        cls, values: np.ndarray, back: np.ndarray, product: np.ndarray, square: float, n_obs: float | int
+    ) -> "Spectrum":
         loading = np.einsum("...ij,...i->...j", back, product)
         return cls(np.maximum(values, 0.0), loading, back, square, n_obs)
 

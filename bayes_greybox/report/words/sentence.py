@@ -10,7 +10,7 @@ from bayes_greybox.discovery.answer.finding import AND_MORE, ONE_LAW, SURE, TIED
 from bayes_greybox.discovery.answer.gap.denials import NAMED, worsened
 from bayes_greybox.discovery.answer.instrument import IN_MODEL
 from bayes_greybox.discovery.study import NO_CATALOGUE, StudyResult
-from bayes_greybox.discovery.suspects.channels import DELAY, GAIN, KINDS, LAG
+from bayes_greybox.discovery.suspects.channels import DELAY, GAIN, LAG, is_fault
 from bayes_greybox.discovery.verdict import worse_in_words
 from bayes_greybox.discovery.weighing.alignment import FURTHEST, FURTHEST_DELAY
 from bayes_greybox.physics.catalogue.names import within
@@ -190,7 +190,7 @@ def _missing(study: StudyResult, said: Sequence[str], closed: str) -> str:
             for row in study.effects.query("status == 'one of'").to_dict("records")
         ]
         tied = [name for names in study.effects.query("status == 'added'")["tied_with"] for name in names]
-        faults = [name for name in dict.fromkeys(tied) if name.split(" of ")[0] in (*KINDS, LAG)]
+        faults = list(filter(is_fault, dict.fromkeys(tied)))
         others += [f"an error of the sensor ({name})" for name in faults]
         unlikely = bool((study.effects.query("status == 'added'")["probability"] < 0.5).all())
         if unlikely and any(name.startswith(f"{LAG} of ") for name in faults):
