@@ -1,4 +1,4 @@
-"""What a study says of the measurement: channels that are late, scaled or offset, and noise that is not white."""
+"""What a study says of the measurement: channels that are late, scaled, offset or bent, and noise that is not white."""
 
 from collections.abc import Mapping
 from typing import Any
