@@ -214,8 +214,8 @@ def measurement(study: StudyResult) -> Section:
             )
         )
     lead = (
-        "Sensors and noise are suspects like effects: channels that are late, scaled, offset or bent, and noise that is "
-        "correlated, depends on the state or has outliers. What is in the model is taken for true beside the effects."
+        "Sensors and noise are suspects like effects: channels that are late, scaled, offset or bent, and noise that "
+        "is correlated, varies with the state or has outliers. What is in the model is taken for true beside effects."
     )
     return Section("measurement", "The measurement", lead, blocks)
 
