@@ -52,7 +52,9 @@ def _told(world: World, first: Sets) -> World:
     core = tuple(i for i in best.columns if i not in first.always)
     own = tuple(i for i in best.columns if (suspect := columns[i].suspect) is None or suspect.kind != DELAY)
     gain = _in_time(world, (*own, *behind), first) - _in_time(world, own, first)
-    prior = best.log_weight - best.log_evidence - first.log_prior(core) - first.log_beside(core)
+    # Places of columns are those of this world: each refines inner parameters, and has laws, of its own.
+    own_sets = Sets(world.evaluations, first.most, first.in_time, first.always)
+    prior = best.log_weight - best.log_evidence - own_sets.log_prior(core) - own_sets.log_beside(core)
     share = float(expit(gain + prior))
     explanations = tuple(
         replace(e, remembers=share) if e.memory == best.memory else e for e in world.explanations

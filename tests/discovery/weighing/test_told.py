@@ -1,12 +1,24 @@
 """A memory is told as one, and a force that nobody measured is not."""
 
+from dataclasses import replace
+
 import numpy as np
-from tiny_equation import CUBE, on, tiny_model
+import pytest
+from scipy.integrate import solve_ivp
+from tiny_equation import CUBE, DEAD_ZONE, forced, forced_model, on, tiny_model
 
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.answer.equation_study import EquationStudy
 from bayes_greybox.discovery.equation import study_equation
+from bayes_greybox.discovery.evidence.columns import at_values
 from bayes_greybox.discovery.evidence.odds import Odds
+from bayes_greybox.discovery.weighing.alignment import align
+from bayes_greybox.discovery.weighing.sets import MEMORY, Explanation
+from bayes_greybox.discovery.weighing.told import told
+from bayes_greybox.discovery.weighing.worlds import World, under
+from bayes_greybox.greybox import GreyBox
+from bayes_greybox.missing_effects import find_missing_effects
+from bayes_greybox.model.noise.noise_model import NoiseModel
 
 FINE = 20
 """Euler steps between samples."""
@@ -80,3 +92,51 @@ def test_a_gust_beside_a_delay_is_no_memory_of_the_input():
 def test_what_remembers_the_studied_state_is_told():
     study = first_order(np.zeros(400 * FINE), 0.8)
     assert study.finding.verdict == "unknown" and study.finding.weighed.by_memory["relaxation of x"] > 0.99
+
+
+def test_a_world_is_told_by_its_own_columns():
+    """It has a width of a dead zone more, and the world that the rows come with knows nothing of that."""
+    zone = on(DEAD_ZONE, "y")
+    first = align(forced_model(), forced(), "v", [zone], Odds(), 1).sets
+    noise = NoiseModel(first.statistics.rows.noise)
+    sets = under(first, noise)
+    known = sets.evaluations
+    fresh = len(first.statistics.columns)
+    sets.statistics.add("effect", at_values(zone, np.array([[0.4321]]), np.zeros(1)))
+    columns = sets.statistics.columns
+    memory = tuple(i for i in sets.statistics.of_kind("memory") if columns[i].memory.text == "relaxation of v")
+    value = sets.parametric((fresh, *memory)).all
+    best = Explanation((), (fresh,), MEMORY, value - 5.0, value, memory=memory)
+    (after,) = told([World(noise, known, (best,), 0.0)], first)
+    (expected,) = told([World(noise, known, (best,), 0.0)], sets)
+    assert after.best.remembers == pytest.approx(expected.best.remembers)
+    assert replace(after.best, remembers=1.0) == best
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [5, 6, 10])
+def test_a_vibration_absorber_that_the_simulation_lacks_is_said_to_remember(seed):
+    rng, t = np.random.default_rng(seed), np.linspace(0, 60, 601)
+    omega, phase = rng.uniform(0.5, 8, 12), rng.uniform(0, 2 * np.pi, 12)
+
+    def force(s):
+        return 3 * np.sin(np.multiply.outer(s, omega) + phase).sum(-1)
+
+    def absorber(x):
+        return 0.1 * (16 * (x[2] - x[0]) + 0.4 * (x[3] - x[1]))
+
+    def rates(s, x):
+        return [x[1], force(s) - 12 * x[0] - 0.6 * x[1] + absorber(x), x[3], -absorber(x) / 0.1]
+
+    x = solve_ivp(rates, (0, 60), [0.1, 0, 0.1, 0], t_eval=t, rtol=1e-9, atol=1e-10).y
+    rate = force(t) - 12 * x[0] - 0.6 * x[1] + absorber(x)
+    rate = rate + 0.02 * rate.std() * rng.standard_normal(len(t))
+    data = Trajectories.from_arrays(t, states={"y": x[0], "v": x[1]}, inputs={"F": force(t)}, derivatives={"v": rate})
+    study = find_missing_effects(
+        GreyBox(simulation={"y": "v", "v": "F - 12*y - 0.6*v"}, dictionary={"v": []}),
+        data,
+        settle=False,
+        progress=False,
+        catalogue="mechanical",
+    )
+    assert study.verdict == "unknown" and "it remembers" in study.sentence
