@@ -15,6 +15,7 @@ from bayes_greybox.data.writing import unit_text
 from bayes_greybox.discovery.evidence.evaluations import Evaluations
 from bayes_greybox.discovery.evidence.ranges import sign_of
 from bayes_greybox.discovery.evidence.sufficient_statistics import SufficientStatistics
+from bayes_greybox.discovery.evidence.ties import likeliest_first
 from bayes_greybox.discovery.suspects.channels import is_fault
 from bayes_greybox.discovery.weighing.aligned import Aligned
 from bayes_greybox.physics.terms import Term
@@ -128,10 +129,10 @@ class EquationStudy:
                 entry[1], entry[2] = value, 0.0 if not np.isfinite(share) else share
         rows = [
             {
-                "equation": self.statistics.equation, "hypothesis": name, "probability": p, "log_evidence": z,
-                "share_left": share,
+                "equation": self.statistics.equation, "hypothesis": name, "probability": p,
+                "log_evidence": found[name][1], "share_left": found[name][2],
             }
-            for name, (p, z, share) in sorted(found.items(), key=lambda item: -item[1][0])
+            for name, p in likeliest_first({name: entry[0] for name, entry in found.items()}).items()
         ]  # fmt: skip
         return pd.DataFrame(rows).set_index(["equation", "hypothesis"])
 
@@ -205,7 +206,7 @@ class EquationStudy:
             for w, e, p, share in own:
                 name = self.called(w, e)
                 names[name] = names.get(name, 0.0) + weighed.counted(w, e, p, share)
-            (top, p), *rest = sorted(names.items(), key=lambda item: -item[1])
+            (top, p), *rest = likeliest_first(names).items()
             second, q = rest[0] if rest else ("", np.nan)
             # The likeliest of those that are called so: what stands in a row is of one explanation.
             world, e = next((w, x) for w, x, _, _ in own if self.called(w, x) == top)

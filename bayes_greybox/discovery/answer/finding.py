@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
+from bayes_greybox.discovery.evidence.ties import likeliest_first
 from bayes_greybox.discovery.weighing.sets import Explanation, imitated
 from bayes_greybox.discovery.weighing.worlds import World
 
@@ -242,7 +243,7 @@ def _place(weighed: Weighed, world: World, e: Explanation, chosen: tuple[str, ..
         rivals[name] -= p
         rivals[fault] = rivals.get(fault, 0.0) + p
     tied = tuple(
-        name for name, p in sorted(rivals.items(), key=lambda item: -item[1])
+        name for name, p in likeliest_first(rivals).items()
         if name != own and p >= TIED * mass
     )  # fmt: skip
     beside_it = [i for i in e.columns if i != index]

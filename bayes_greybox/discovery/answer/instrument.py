@@ -9,6 +9,7 @@ import pandas as pd
 from bayes_greybox.data.samples.clipping import clipped_in_words, seen_samples
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.data.writing import unit_text
+from bayes_greybox.discovery.evidence.ties import sorted_by_probability
 from bayes_greybox.discovery.suspects.bends import POWERS
 from bayes_greybox.discovery.suspects.channels import DELAY, DELAY_STEPS, GAIN, LAG, STATES, ChannelSuspect
 from bayes_greybox.discovery.weighing.aligned import Aligned
@@ -128,7 +129,7 @@ def instrument_table(
         text = f"{name} is misread at {int(np.sum(rows_misread))} samples, which are left out"
         rows.append(_blank(statistics.equation, MISREAD, name, 1.0, IN_MODEL, text))
     found = pd.DataFrame(rows, columns=list(COLUMNS))
-    return found.sort_values("probability", ascending=False, kind="stable", ignore_index=True)
+    return sorted_by_probability(found, ignore_index=True)
 
 
 def index_of(world: Any, key: str) -> int:

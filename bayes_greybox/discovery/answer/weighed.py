@@ -15,6 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from bayes_greybox.discovery.evidence.ties import likeliest_first, ranked
 from bayes_greybox.discovery.suspects.channels import LAG
 from bayes_greybox.discovery.weighing.sets import LAWFUL, RECALIBRATED, Explanation, imitated
 from bayes_greybox.discovery.weighing.worlds import World, weights
@@ -85,7 +86,8 @@ class Weighed:
                     in_time = usual if world.model.process_share else 0.0
                     share = e.share_left if e.leaves_rest else in_time
                 self.items.append((world, e, probability, share))
-        self.items.sort(key=lambda item: -item[2])
+        with np.errstate(divide="ignore"):
+            self.items = ranked(self.items, lambda item: float(np.log(item[2])))
         # Probability of each effect of an explanation to be what an error of the measurement does.
         self._artefacts: dict[tuple[int, Explanation], dict[int, float]] = {}
         for world, e, p, _ in self.items if self._against_effects else ():
@@ -180,7 +182,8 @@ class Weighed:
     @cached_property
     def by_effect(self) -> dict[str, float]:
         """Probability that an effect is missing, wherever it acts, by slug, largest first."""
-        found: dict[str, float] = {}
+        # In the catalogue's order, which ties stay in.
+        found = {w.evaluations.name(i): 0.0 for w in self.worlds for i in w.evaluations.statistics.of_kind("effect")}
         for world, e, p, share in self.items:
             doubtful, artefacts = {world.evaluations.name(i) for i in stacked(world, e)}, self.artefacts(world, e)
             own: dict[str, float] = {}
@@ -192,11 +195,8 @@ class Weighed:
                 instead[slug] = instead.get(slug, 1.0) * self._instead(world.evaluations.binding(i))
             for slug, wrong in own.items():
                 real = p * (1 - imitated(share)) * (1 - STACKED if slug in doubtful else 1.0)
-                found[slug] = found.get(slug, 0.0) + real * (1 - wrong) * (1 - instead[slug])
-        for world in self.worlds:
-            for i in world.evaluations.statistics.of_kind("effect"):
-                found.setdefault(world.evaluations.name(i), 0.0)
-        return dict(sorted(found.items(), key=lambda item: -item[1]))
+                found[slug] += real * (1 - wrong) * (1 - instead[slug])
+        return likeliest_first(found)
 
     @cached_property
     def by_place(self) -> dict[str, float]:
@@ -233,7 +233,7 @@ class Weighed:
                     real = 1 - imitated(share) if world.leaves_rest(e) else real
                     real *= 1.0 if e.effects else self._stands[self.kind(world, e)]
                 found[suspect.key] = found.get(suspect.key, 0.0) + p * real
-        return dict(sorted(found.items(), key=lambda item: -item[1]))
+        return likeliest_first(found)
 
     def without_imitations(self, world: World, e: Explanation) -> Explanation:
         """An explanation without the suspects that may as well imitate its rest."""
@@ -265,7 +265,7 @@ class Weighed:
                 memory = world.evaluations.statistics.columns[e.memory[0]].memory
                 assert memory is not None
                 found[memory.text] = found.get(memory.text, 0.0) + p * e.remembers
-        return dict(sorted(found.items(), key=lambda item: -item[1]))
+        return likeliest_first(found)
 
     @cached_property
     def by_quantity(self) -> dict[tuple[str, ...], float]:
@@ -288,7 +288,7 @@ class Weighed:
                 none[quantity(world, e.memory[0])] = 0.0
             for key, absent in none.items():
                 found[key] = found.get(key, 0.0) + p * (1 - absent)
-        return dict(sorted(found.items(), key=lambda item: -item[1]))
+        return likeliest_first(found)
 
     @cached_property
     def by_set(self) -> dict[tuple[str, ...], float]:
@@ -298,7 +298,7 @@ class Weighed:
             if e.effects:
                 key = self.names(world, e)
                 found[key] = found.get(key, 0.0) + p
-        return dict(sorted(found.items(), key=lambda item: -item[1]))
+        return likeliest_first(found)
 
 
 def stacked(world: World, e: Explanation) -> tuple[int, ...]:

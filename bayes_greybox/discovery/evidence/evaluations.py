@@ -12,6 +12,7 @@ from bayes_greybox.model.estimate.evidence import Marginal, Spectrum, marginal, 
 
 from .odds import Odds
 from .sufficient_statistics import SufficientStatistics
+from .ties import ranked
 from .with_discrepancy import IMPORTANCE_DRAWS, Evaluator, Integrated, WithDiscrepancy
 
 MOST_PATTERNS = 64
@@ -274,7 +275,7 @@ class Evaluations:
     def best_of(self, name: str) -> int:
         """The column of an effect, by its slug or its binding, that fits best alone."""
         columns = [i for i in self.statistics.of_kind("effect") if name in (self.name(i), self.binding(i))]
-        return max(columns, key=lambda i: self.parametric([(i,)])[0].all)
+        return ranked(columns, lambda i: self.parametric([(i,)])[0].all)[0]
 
 
 def one_pattern(fitted: Parametric, pattern: int) -> tuple[Spectrum, Marginal]:

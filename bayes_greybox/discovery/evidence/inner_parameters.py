@@ -13,6 +13,7 @@ from bayes_greybox.physics.catalogue.effects import BoundEffect
 from .clouds import Cloud, weights_of
 from .columns import Column, at_values, limits, log_weights
 from .evaluations import Evaluations
+from .ties import first_of_best
 
 SPANS = 0.2
 """Posterior probability of the likeliest value below which values are near enough for intervals to be smooth."""
@@ -85,7 +86,7 @@ def _zoomed(
         if np.max(posterior) < SPANS or len(values) == 1:
             break
         order = np.argsort(values)
-        at = int(np.flatnonzero(order == int(np.argmax(posterior)))[0])
+        at = int(np.flatnonzero(order == first_of_best(log_z))[0])
         # The cells of the first and the last value reach to the ends of the prior.
         low = values[order[at - 1]] if at else least
         high = values[order[at + 1]] if at + 1 < len(order) else most
@@ -119,7 +120,7 @@ def _drawn(
         known = np.array([ranges.shares(statistics.columns[i].inner) for i in found])
         if mean is None:
             alone = log_z - np.array([statistics.columns[i].log_weight for i in found])
-            mean, covariance, likely = _mode(evaluations, base, ranges, known[int(np.argmax(alone))], first)
+            mean, covariance, likely = _mode(evaluations, base, ranges, known[first_of_best(alone)], first)
             near = max(likely, float(np.logaddexp.reduce(log_z))) >= level - FAR
             cloud = Cloud.around(mean, WIDER**2 * covariance) if near else Cloud.at(mean, covariance)
         else:
@@ -194,7 +195,7 @@ def _mode(
             if columns is None:
                 break
             log_z = [v.all for v in evaluations.parametric([(*base, i) for i in columns])]
-        best = int(np.argmax(log_z))
+        best = first_of_best(log_z)
         if best == 0:
             break
         at, there = points[best], log_z[best]

@@ -4,6 +4,7 @@ Given values of inner parameters and which coefficients of the simulation are co
 an explanation is a mixture of such components.
 """
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import product
@@ -15,6 +16,7 @@ from scipy.linalg import block_diag
 from bayes_greybox.discovery.answer.coefficients import conditional
 from bayes_greybox.discovery.answer.equation_study import EquationStudy
 from bayes_greybox.discovery.answer.weighed import Weighed
+from bayes_greybox.discovery.evidence.ties import ranked
 from bayes_greybox.discovery.weighing.sets import LAWFUL, REST, Explanation
 from bayes_greybox.discovery.weighing.worlds import World
 from bayes_greybox.physics.terms import Term
@@ -148,7 +150,7 @@ def joined(each: Mapping[str, Sequence[Explained]]) -> tuple[Explained, ...]:
     for group in each.values():
         # The likeliest of all are likely in every part.
         longer = [((*choice, e), p * e.probability) for choice, p in choices for e in group]
-        choices = sorted(longer, key=lambda choice: -choice[1])[:JOINED]
+        choices = ranked(longer, lambda choice: math.log(choice[1]))[:JOINED]
     for choice, p in choices:
         if p < LEAST * choices[0][1]:
             continue
@@ -156,7 +158,7 @@ def joined(each: Mapping[str, Sequence[Explained]]) -> tuple[Explained, ...]:
         sigma = {equation: value for e in choice for equation, value in e.sigma.items()}
         slugs = tuple(slug for e in choice for slug in e.slugs)
         found.append(Explained(name, p, slugs, _product([e.components for e in choice]), sigma))
-    return tuple(sorted(found, key=lambda e: -e.probability))
+    return tuple(ranked(found, lambda e: math.log(e.probability)))
 
 
 def _told(name: str, p: float, weighed: Weighed, items: Sequence[tuple[World, Explanation, float]]) -> Explained:
@@ -196,7 +198,7 @@ def _different(
         key = (id(world), e.kind, e.suspects, own)
         likeliest, before = found[key][1:] if key in found else (e, 0.0)
         found[key] = (world, likeliest, before + q)
-    return sorted(found.values(), key=lambda item: -item[2])
+    return ranked(found.values(), lambda item: math.log(item[2]))
 
 
 def _predicts(weighed: Weighed, world: World, e: Explanation) -> bool:

@@ -13,6 +13,7 @@ import numpy as np
 from bayes_greybox.discovery.evidence.evaluations import Evaluations
 from bayes_greybox.discovery.evidence.inner_parameters import refine
 from bayes_greybox.discovery.evidence.ranges import small
+from bayes_greybox.discovery.evidence.ties import ranked
 from bayes_greybox.discovery.suspects.channels import DELAY
 from bayes_greybox.model.estimate.evidence import Spectrum, marginal
 
@@ -133,7 +134,7 @@ class Search:
         groups: dict[str, list[int]] = {}
         for i in effects:
             groups.setdefault(self._label(i), []).append(i)
-        best = [sorted(g, key=lambda i: -self._rough[(i,)])[:SEEDS] for g in groups.values()]
+        best = [ranked(g, lambda i: self._rough[(i,)])[:SEEDS] for g in groups.values()]
         return [i for group in best for i in group]
 
     def _allowed(self, cores: Iterable[Sequence[int]]) -> list[tuple[int, ...]]:
@@ -197,16 +198,16 @@ class Search:
         self.log_prior(())
         known = self._priors
         found = {c: rough + (known[c] if c in known else self.log_prior(c)) for c, rough in self._rough.items()}
-        return dict(sorted(found.items(), key=lambda item: -item[1]))
+        return dict(ranked(sorted(found.items()), lambda item: item[1]))
 
     def _refine(self, cores: Sequence[tuple[int, ...]]) -> bool:
         """Refine the grids over inner parameters that matter, each once beside the same others; whether any was."""
         weights, columns = self._weights(), self.statistics.columns
         # On a coarse grid an effect may need others to be bent right, so the best ones are tried alone too.
         bent = [i for i in self._candidates()[0] if columns[i].inner]
-        alone = sorted(bent, key=lambda i: -self._rough.get((i,), -np.inf))[:BENT]
+        alone = ranked(bent, lambda i: self._rough.get((i,), -np.inf))[:BENT]
         pairs = [c for c in self._rough if len(c) == 2 and c[0] not in bent and c[1] in bent]
-        paired = sorted(pairs, key=lambda c: -weights[c])[:BENT]
+        paired = ranked(pairs, lambda c: weights[c])[:BENT]
         wanted = [(i,) for i in alone] + paired + [core for core in cores if weights[core] > weights[cores[0]] - 6.0]
         before = [column.log_weight for column in columns]
         for core in wanted:

@@ -16,6 +16,7 @@ import numpy as np
 from bayes_greybox.discovery.evidence.evaluations import TOGETHER, Evaluations, Parametric, one_pattern
 from bayes_greybox.discovery.evidence.inner_parameters import refine
 from bayes_greybox.discovery.evidence.ranges import limited, log_ranges
+from bayes_greybox.discovery.evidence.ties import first_of_best, ranked
 from bayes_greybox.discovery.suspects.memory import Memory
 from bayes_greybox.model.estimate.evidence import coefficients
 
@@ -116,7 +117,7 @@ class Sets:
             report("weighing what is left beside them")
             found += self._with_rest(cores, found)
         found += self._with_memory(cores, found) + self._with_laws(found)
-        return sorted(found, key=lambda e: -e.log_weight)
+        return ranked(found, lambda e: e.log_weight)
 
     def likeliest(self) -> tuple[int, ...]:
         """The likeliest set without a rest."""
@@ -235,8 +236,8 @@ class Sets:
             for c in best
         }
         prior = {c: self.log_prior(c) + self._log_rest(c, REST) for c in best}
-        finalists = [(), *sorted(best, key=lambda c: -(at_mode[c] + prior[c]))[:FINALISTS]]
-        finalists += sorted(best, key=lambda c: -weight.get(c, -np.inf))[:FINALISTS]
+        finalists = [(), *ranked(best, lambda c: at_mode[c] + prior[c])[:FINALISTS]]
+        finalists += ranked(best, lambda c: weight.get(c, -np.inf))[:FINALISTS]
         top = max([*(e.log_weight for e in plain), *(at_mode[c] + prior[c] for c in best)])
         found = []
         for c in best:
@@ -277,7 +278,7 @@ class Sets:
     def _with_laws(self, plain: Sequence[Explanation]) -> list[Explanation]:
         """Explanations in which a law that is in no catalogue stands in the place of its neighbour's, or of two's."""
         # However well f does beside them: it takes what a law leaves that is nearly right.
-        named = sorted((e for e in plain if e.kind == PLAIN and e.effects), key=lambda e: -e.log_weight)[:WITH_REST]
+        named = ranked((e for e in plain if e.kind == PLAIN and e.effects), lambda e: e.log_weight)[:WITH_REST]
         named = [e for e in named if e.log_weight > named[0].log_weight - WINDOW]
         # A law has inner parameters of its own: it stands in the place of all values of an effect's, once.
         columns = self.statistics.columns
@@ -309,7 +310,7 @@ class Sets:
             suspects, effects = self._parted(others)
             for law in laws:
                 fitted = list(islice(every, len(law)))
-                best = int(np.argmax([each.all for each in fitted]))
+                best = first_of_best([each.all for each in fitted])
                 own = (*others, law[best])
                 value = float(np.logaddexp.reduce([each.all for each in fitted])) + self._ranges(own, fitted[best])
                 share = self.evaluations.carried(fitted[best], own[-1:])
@@ -325,7 +326,7 @@ class Sets:
         those that are weighed is added to each.
         """
         weight = {tuple(sorted(set(e.columns) - set(self.always))): e.log_weight for e in reversed(plain)}
-        order = sorted(cores, key=lambda c: -weight.get(c, -np.inf))
+        order = ranked(cores, lambda c: weight.get(c, -np.inf))
         alike: dict[tuple[str, ...], list[tuple[int, ...]]] = {}
         for c in order:
             alike.setdefault(tuple(sorted(self.statistics.columns[i].called for i in c)), []).append(c)

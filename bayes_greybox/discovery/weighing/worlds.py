@@ -18,6 +18,7 @@ from jaxtyping import Float
 from bayes_greybox.data.noise.protocol import RowNoise
 from bayes_greybox.discovery.evidence.evaluations import Evaluations, one_pattern
 from bayes_greybox.discovery.evidence.odds import Odds
+from bayes_greybox.discovery.evidence.ties import ranked
 from bayes_greybox.model.estimate.evidence import coefficients, log_white
 from bayes_greybox.model.noise.noise_model import PROCESS, NoiseModel, Suspicion
 from bayes_greybox.model.noise.suspicions import suspicions
@@ -197,7 +198,7 @@ def worlds(
         # What was found on another path is weighed with the parameters, and their price, that this one says.
         found.append(_again(_world(under(first, known), known, report), first, quantities, anew=True))
         tried.add(tuple(sorted(known.names)))
-    current = max(found, key=lambda w: w.total)
+    current = ranked(found, lambda w: w.total)[0]
     for _ in range(DEEPEST):
         fresh = []
         for suspicion, score in _suspected(current, base, quantities):
@@ -211,11 +212,11 @@ def worlds(
         if not fresh:
             break
         found += fresh
-        best = max(fresh, key=lambda w: w.total)
+        best = ranked(fresh, lambda w: w.total)[0]
         if best.total < current.total + GAINED:
             break
         current = best
-    return sorted(found, key=lambda w: -w.total)
+    return ranked(found, lambda w: w.total)
 
 
 def under(sets: Sets, model: NoiseModel, evaluations: Evaluations | None = None) -> Sets:
@@ -274,7 +275,7 @@ def _suspected(world: World, base: RowNoise, quantities: Mapping[str, np.ndarray
             score = weight + prior + s.log_bayes_factor
             if s.name not in found or score > found[s.name][1]:
                 found[s.name] = (s, score)
-    return sorted(found.values(), key=lambda item: -item[1])
+    return ranked(found.values(), lambda item: item[1])
 
 
 def _refitted(before: World, suspicion: Suspicion, first: Sets, quantities: Mapping[str, np.ndarray]) -> World:

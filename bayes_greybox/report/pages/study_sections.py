@@ -8,6 +8,7 @@ from typing import Any
 import pandas as pd
 
 from bayes_greybox.discovery.answer.instrument import IN_MODEL, LISTED
+from bayes_greybox.discovery.evidence.ties import sorted_by_probability
 from bayes_greybox.discovery.learned import studied_system
 from bayes_greybox.discovery.study import StudyResult
 from bayes_greybox.discovery.suspects.channels import DELAY
@@ -350,7 +351,7 @@ def _tied(study: StudyResult, slugs: Sequence[str]) -> str:
 
 
 def _hypotheses(study: StudyResult) -> Table:
-    table = study.hypotheses.sort_values("probability", ascending=False, kind="stable")
+    table = sorted_by_probability(study.hypotheses)
     rows = [
         (
             name_of(study, slug),

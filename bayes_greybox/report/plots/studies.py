@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 from bayes_greybox.criticism.bands import Band
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.discovery.evidence.ties import sorted_by_probability
 from bayes_greybox.discovery.next_experiment.ranked import NextExperiment
 from bayes_greybox.discovery.study import StudyResult
 from bayes_greybox.report.plots.gap.before_after import plot_free_run, plot_gap_over_time, seen_as
@@ -116,7 +117,7 @@ def gap_over_time(study: StudyResult, equation: str, width: float = 9.0) -> Figu
 
 def ranking(study: StudyResult, equation: str) -> Figure:
     """Hypotheses about one equation, most probable first."""
-    table: Any = study.hypotheses.xs(equation, level=0).sort_values("probability", ascending=False)
+    table: Any = sorted_by_probability(study.hypotheses.xs(equation, level=0))
     likely = int((table["probability"] >= LEAST_PROBABLE).sum())
     table = table.head(min(MOST_HYPOTHESES, max(likely, FEWEST_HYPOTHESES)))
     tied = tied_sets(study, equation)

@@ -10,6 +10,7 @@ from bayes_greybox.discovery.answer.finding import NEGLIGIBLE, SURE
 from bayes_greybox.discovery.answer.gap.denials import left_over, misfits, worsened
 from bayes_greybox.discovery.answer.instrument import IN_MODEL
 from bayes_greybox.discovery.answer.weighed import STOPS
+from bayes_greybox.discovery.evidence.ties import sorted_by_probability
 from bayes_greybox.discovery.study import StudyResult
 from bayes_greybox.discovery.suspects.channels import DELAY_STEPS
 from bayes_greybox.discovery.verdict import left_in_words, worse_in_words
@@ -100,7 +101,7 @@ def _checks(study: StudyResult, equation: str) -> Iterator[Doubt]:
 
 def _explanations(study: StudyResult, equation: str) -> Iterator[Doubt]:
     """What remains beside the answer, and the likeliest other explanation."""
-    table = rows_of(study.hypotheses, equation).sort_values("probability", ascending=False, kind="stable")
+    table = sorted_by_probability(rows_of(study.hypotheses, equation))
     own, records = answer(study, equation), table.to_dict("index")
     if "unknown" in records:
         p, remembers = float(records["unknown"]["probability"]), remembered(study, equation)

@@ -9,6 +9,7 @@ import numpy as np
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.discovery.evidence.columns import Nearer
 from bayes_greybox.discovery.evidence.inner_parameters import refine
+from bayes_greybox.discovery.evidence.ties import first_of_best
 from bayes_greybox.physics.terms import Term
 
 from ..worlds import log_noise
@@ -76,7 +77,7 @@ def _of_law(near: Near, names: Sequence[str], law: str) -> tuple[float, tuple[tu
     sets = near.under_noise()
     group = refine(sets.evaluations, beside, group)
     each = [fitted.all for fitted in sets.evaluations.parametric([(*beside, i) for i in group])]
-    estimated, values, _ = estimate(sets, (*beside, group[int(np.argmax(each))]))
+    estimated, values, _ = estimate(sets, (*beside, group[first_of_best(each)]))
     unit = sets.statistics.target_scale * sets.statistics.rows.gain
     value = float(np.logaddexp.reduce(each)) + log_noise(near.noise, sets.odds)
     return value - sets.statistics.rows.n_row * math.log(unit), acting(estimated, values)

@@ -15,6 +15,7 @@ from bayes_greybox.discovery.evidence.columns import Column
 from bayes_greybox.discovery.evidence.evaluations import Evaluations, one_pattern
 from bayes_greybox.discovery.evidence.odds import Odds
 from bayes_greybox.discovery.evidence.of_equation import sufficient_statistics
+from bayes_greybox.discovery.evidence.ties import ranked
 from bayes_greybox.discovery.evidence.with_discrepancy import Evaluator
 from bayes_greybox.discovery.suspects.channels import DELAY, ChannelSuspect, Rate
 from bayes_greybox.discovery.suspects.drift import drift_columns
@@ -149,7 +150,7 @@ def weigh_near(
         # One after the other: values of inner parameters that the first noise asked for serve the second too.
         under_it = under(base, known) if known.names else base
         weighed.append((_log_evidence(under_it, known), under_it, known))
-    _, sets, noise = max(weighed, key=lambda each: each[0])
+    _, sets, noise = ranked(weighed, lambda each: each[0])[0]
     unit = statistics.target_scale * statistics.rows.gain
     # Of the samples as they came: those freed of a gain are over it.
     over = unit_of_rows(right.samples or right, sensors)
