@@ -57,6 +57,7 @@ def test_a_fit_draws_the_same_on_one_core_and_on_two(one, two):
     assert one["fit"] == two["fit"]
 
 
+@pytest.mark.slow
 def test_a_study_says_the_same_on_one_core_and_on_two(one, two):
     """To the last bit where XLA is told to have one thread; else to the rounding of its sums, which it splits."""
     assert said(CORES[:2], NPROC="1") == one

@@ -96,6 +96,7 @@ def test_hysteresis_is_named_with_its_coefficient_and_its_yield_displacement(hys
     assert set(row["hidden"]) == {row["expression"]}
 
 
+@pytest.mark.slow
 def test_relaxation_is_named():
     some = only("maxwell-damper", "dahl-friction", "cubic-stiffness")
     row = named(study(samples("maxwell-damper"), catalogue=some), "maxwell-damper")
@@ -103,6 +104,7 @@ def test_relaxation_is_named():
     assert inner == pytest.approx(TAU, rel=0.05)
 
 
+@pytest.mark.slow
 def test_a_lag_is_found_and_of_a_linear_machine_may_be_the_sensors():
     found = study(samples("actuator-lag"), catalogue=only("actuator-lag", "maxwell-damper", "cubic-input"))
     row = found.effects.set_index("slug").loc["actuator-lag"]
@@ -117,6 +119,7 @@ def test_a_lag_is_found_and_of_a_linear_machine_may_be_the_sensors():
     assert found.hypotheses.loc[("v", "instrument"), "probability"] > 0.1
 
 
+@pytest.mark.slow
 def test_an_input_that_is_late_is_no_lag():
     """Both leave less of the input, and later; along the path of a lag a delay fits worse than along its own."""
     t, late = 0.1 * np.arange(160), 0.15
@@ -181,6 +184,7 @@ def test_the_equations_that_are_taken_out_have_the_hidden_state(hysteresis):
     assert f"\nd({name})/dt = " in shown and "yield_displacement = 0." in shown
 
 
+@pytest.mark.slow
 def test_an_effect_that_the_model_has_already_is_not_weighed_again(hysteresis):
     again = bg.GreyBox(
         hysteresis.model.dictionary, simulation=hysteresis.model.simulation, rows=CUBIC, discrepancy=SMALL
@@ -218,6 +222,7 @@ def test_its_page_and_its_record_have_the_rate_of_the_hidden_state(hysteresis, t
     assert list(row["hidden"]) == [name]
 
 
+@pytest.mark.slow
 def test_a_study_with_a_memory_is_sampled_saved_and_loaded(tmp_path):
     data = samples("maxwell-damper")
     found = study(data, catalogue=only("maxwell-damper"), settle=True, draws=30, tune=40, chains=1)
@@ -251,6 +256,7 @@ def test_rows_of_rates_leave_them_out_and_say_so():
     assert not MEMORIES & set(found.effects["slug"])
 
 
+@pytest.mark.slow
 def test_a_simulation_that_is_a_function_leaves_them_out_and_says_so():
     def rates(t, x, u):
         return [x[1], u[0] - 2 * x[0] - 0.15 * x[1]]

@@ -352,6 +352,7 @@ def reading(gain):
     return replace(data, derivatives={"v": gain * data.derivatives["v"]})
 
 
+@pytest.mark.slow
 def test_a_wrong_mass_is_a_recalibration_and_no_gain_of_the_rates_sensor():
     study = studied_motion(forced(), **HEAVY)
     assert (study.finding.verdict, study.finding.against) == ("recalibrate", ())

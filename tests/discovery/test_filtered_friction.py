@@ -27,6 +27,7 @@ def sticking(seed, duration):
     return t[::FINER], path[::FINER], force[::FINER], rng
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("noise", [0.003, 0.02])
 def test_a_filter_does_not_make_a_jump_a_rounded_one(noise):
     t, x, u, rng = sticking(5, 20.0)

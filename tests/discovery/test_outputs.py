@@ -60,6 +60,7 @@ def test_rows_may_come_in_any_order():
     assert found["mean"] == pytest.approx(before["mean"], rel=1e-3)
 
 
+@pytest.mark.slow
 def test_noise_that_hangs_together_is_found_and_nothing_else():
     data, model = rig(0, drag=0.0, n=300, correlation=0.9), bg.GreyBox(simulation=KNOWN)
     study = bg.find_missing_effects(model, data, effects_at_most=1, **GIVEN)
@@ -68,6 +69,7 @@ def test_noise_that_hangs_together_is_found_and_nothing_else():
     assert text.startswith("the noise of R is correlated over")
 
 
+@pytest.mark.slow
 def test_a_flow_over_a_pressure_needs_no_state():
     rng, p = np.random.default_rng(0), 2 + 1.9 * np.sin(0.07 * np.arange(150))
     flow = 0.3 * p + 0.8 * np.sqrt(p) + 0.05 * rng.standard_normal(150)

@@ -123,6 +123,7 @@ def held(hidden, n=90, step=0.2, noise=0.01, correlation=0.0):
     return bg.Trajectories.from_arrays(t, states={"y": y}, inputs={"F": force}, units={"t": "s", "y": "m"})
 
 
+@pytest.mark.slow
 def test_inputs_that_are_held_are_no_error_of_a_sensor_under_correlated_noise():
     """Noise that goes on hides at first how the inputs act, and half a step late is what holding does."""
     found = study(held(lambda y, v: 0.0, noise=0.1, correlation=0.6), rows=bg.TrajectoryRows(), catalogue=TWO)
@@ -130,6 +131,7 @@ def test_inputs_that_are_held_are_no_error_of_a_sensor_under_correlated_noise():
     assert found.base.rows.interpolation == "zoh"
 
 
+@pytest.mark.slow
 def test_inputs_that_are_held_are_no_lag_of_the_actuator():
     data = held(CUBIC["hidden"])
     found = study(data, rows=bg.TrajectoryRows(), catalogue=only("cubic-stiffness", "actuator-lag"))
@@ -142,6 +144,7 @@ def test_inputs_that_are_held_are_no_lag_of_the_actuator():
     assert said.model.rows.interpolation == "zoh" and not any("held" in text for text in said.warnings)
 
 
+@pytest.mark.slow
 def test_what_held_out_samples_deny_is_not_named(cubic):
     misfit = cubic.gap.xs("misfit of samples", level="metric")["after"]
     np.testing.assert_allclose(misfit, 1.0, atol=0.15)
@@ -155,6 +158,7 @@ def test_what_held_out_samples_deny_is_not_named(cubic):
     assert [each.against for each in doubts(cubic) if each.topic == "Held-out samples"] == [False]
 
 
+@pytest.mark.slow
 def test_held_out_samples_that_no_path_follows_are_no_proof(monkeypatch, tmp_path):
     real = study_module.gap_rows
 
@@ -185,6 +189,7 @@ def test_the_amended_model_is_fitted_to_the_samples(cubic):
     assert "y**3" in terms and not cubic.model.rows.rates_measured
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("seed", "catalogue"), [(0, "mechanical"), (1, FEW), (2, FEW)], ids=["all", "few", "few again"]
 )
@@ -192,6 +197,7 @@ def test_nothing_missing_is_no_gap(seed, catalogue):
     assert study(short(noise=0.05, seed=seed), catalogue=catalogue).verdict == "no gap"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("bend", "kind"),
     [
@@ -210,6 +216,7 @@ def test_what_the_sensor_does_is_no_missing_effect(bend, kind):
         assert kind in found.instrument["suspect"][found.instrument["status"] != ""].tolist()
 
 
+@pytest.mark.slow
 def test_an_input_that_reads_too_much_is_put_right_along_the_path_and_the_effect_found_beside_it():
     def offset(data):
         return replace(data, inputs={"F": data.inputs["F"] + 0.2})
@@ -260,6 +267,7 @@ def of_kind(kind, n=SHORT):
     return e
 
 
+@pytest.mark.slow
 # Tails are told from few samples that are far off.
 @pytest.mark.parametrize(("kind", "n"), [("correlated noise", SHORT), ("heavy tails", 400)])
 def test_noise_of_the_sensor_that_is_not_white_is_found_and_the_effect_beside_it(kind, n):
@@ -271,11 +279,13 @@ def test_noise_of_the_sensor_that_is_not_white_is_found_and_the_effect_beside_it
     assert kind in found.instrument.loc[found.instrument["status"] != "", "suspect"].tolist()
 
 
+@pytest.mark.slow
 def test_correlated_noise_alone_is_no_gap():
     data = short(noise=0.0, bend=lambda t, y: y + 0.03 * np.std(y) * of_kind("correlated noise"))
     assert study(data, catalogue=TWO).verdict == "no gap"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("bend", "kind", "size", "catalogue"),
     [
@@ -300,6 +310,7 @@ def test_beside_a_sensor_that_is_off_the_effect_is_found_and_free_runs_show_what
     assert free["after"] < 0.02 < free["before"]
 
 
+@pytest.mark.slow
 def test_where_all_is_learned_a_gain_of_the_only_sensor_is_its_unit_and_no_suspect():
     data, rows = short(**CUBIC, noise=0.01), bg.TrajectoryRows(interpolation="cubic")
     model = bg.GreyBox({"v": ["y", "v", "F"]}, simulation={"y": "v"}, rows=rows)
@@ -312,6 +323,7 @@ def test_where_all_is_learned_a_gain_of_the_only_sensor_is_its_unit_and_no_suspe
     assert found.gap.loc[("train", "sample NMSE", "v"), "closed"] > 0.5
 
 
+@pytest.mark.slow
 def test_what_a_sensor_at_its_end_shows_is_left_out_and_said():
     # Noise of the sensor is clipped with what it shows.
     data = short(**CUBIC, noise=0.03)
@@ -323,6 +335,7 @@ def test_what_a_sensor_at_its_end_shows_is_left_out_and_said():
     assert f"y is clipped at {count} samples, which are left out" in found.sentence
 
 
+@pytest.mark.slow
 def test_a_sensor_that_stays_where_its_path_does_not_speaks_against_the_answer():
     # It sticks at its largest value now and then, wherever the path is.
     data = short(**CUBIC, noise=0.03)

@@ -59,6 +59,7 @@ def test_a_fixed_coefficient_is_as_in_the_simulation():
         assert one.all == pytest.approx(other.all, rel=1e-9)
 
 
+@pytest.mark.slow
 def test_a_study_names_what_is_missing_beside_them():
     # With 80 rows of this seed |x|^2.75 follows them better than x³ by three nats, and the study says so.
     data = tiny_data(hidden=lambda x: 2.0 * x**3, n=160)
@@ -101,6 +102,7 @@ def test_bounds_are_refused_with_the_remedy():
         stated_model(linear=Coefficient(sign=-1)).centred()
 
 
+@pytest.mark.slow
 def test_a_wrong_coefficient_is_not_hidden_behind_a_late_sensor():
     """A rate that is late, and a loss of 0.65 where the simulation has 0.5: putting the sensor right is not all."""
     fine = np.arange(0.0, 60.0, 0.01)

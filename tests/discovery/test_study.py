@@ -135,12 +135,14 @@ def test_the_inner_parameter_of_a_dead_zone_is_found():
     assert row["inner"]["gap"] == pytest.approx(0.37, rel=0.1)
 
 
+@pytest.mark.slow
 def test_two_effects_are_both_found():
     found = study(lambda y, v: -0.3 * y**3 - 0.3 * v * np.abs(v))
     assert set(added(found).index) == {"cubic-stiffness", "quadratic-drag"}
     assert found.verdict == "named"
 
 
+@pytest.mark.slow
 def test_an_effect_that_no_entry_resembles_is_never_named():
     found = study(lambda y, v: 0.4 * np.exp(-(((y - 0.5) / 0.3) ** 2)))
     assert found.verdict in ("unknown", "partly named")
@@ -191,6 +193,7 @@ def test_kinematic_equations_of_a_function_are_passed_over():
         studied(y=plain.states["v"])
 
 
+@pytest.mark.slow
 def test_a_simulation_without_any_term_is_studied():
     found = study(lambda y, v: -0.3 * y**3, simulation={"y": "v"})
     # All of the restoring force and the drive are missing; whatever is named, nothing breaks on an empty model.
@@ -204,6 +207,7 @@ def test_a_simulation_without_any_term_is_studied():
     assert "cubic-stiffness" in added(alone).index
 
 
+@pytest.mark.slow
 def test_a_second_place_of_the_same_effect_is_found():
     rng, t = np.random.default_rng(4), 0.05 * np.arange(300)
     first, second = (1 + 0.5 * np.sin(w * t + p) for w, p in ((1.7, 1.0), (0.6, 2.0)))
@@ -217,6 +221,7 @@ def test_a_second_place_of_the_same_effect_is_found():
     assert sorted(both["expression"]) == ["prey*a", "prey*b"] and found.verdict == "named"
 
 
+@pytest.mark.slow
 def test_a_gap_that_was_not_measured_on_the_test_data_is_told_of_the_training_data():
     train = oscillator(lambda y, v: -0.3 * y**3, 1)
     test = oscillator(lambda y, v: -0.3 * y**3, 2)
@@ -281,6 +286,7 @@ def test_what_became_of_the_gap_is_said_as_it_is(before, after, said):
     assert closed_in_words(gap).replace("\u00a0", " ") == said
 
 
+@pytest.mark.slow
 def test_several_equations_are_studied_with_the_odds_of_the_system():
     rng, t = np.random.default_rng(4), 0.05 * np.arange(150)
     hunter = 1.5 * np.exp(-0.3 * t)
@@ -300,6 +306,7 @@ def test_several_equations_are_studied_with_the_odds_of_the_system():
     json.dumps(found.record(), allow_nan=False)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("hidden", [lambda y, v: 0.0 * y, lambda y, v: -0.6 * y**3])
 def test_filtered_rates_go_through(hidden):
     plain = oscillator(hidden, 1, noise=0.0)

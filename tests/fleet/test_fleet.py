@@ -57,6 +57,7 @@ def test_its_page_can_be_read_on_a_phone(fleet):
     assert "coefficient of y³" in page and "user units" not in page
 
 
+@pytest.mark.slow
 def test_one_after_another_gives_the_same(fleet, tmp_path):
     folder = tmp_path / "serial"
     assert main(["discover", str(fleet / "all.toml"), "--fleet", str(fleet / "pumps"), "-o", str(folder),

@@ -85,6 +85,7 @@ def test_a_hardening_machine_tells_which_one_lags(lagging, of_the_sensor):
     assert (told[LATE_F].share < 0.01) != of_the_sensor
 
 
+@pytest.mark.slow
 def test_what_is_known_of_the_sensor_is_prior_odds():
     data, model = shown("actuator", 0.0), model_of(0.0)
     even, fast = (weighed(model, data, found(slow_sensor=p))[LATE_F].share for p in (0.5, 0.01))
@@ -92,6 +93,7 @@ def test_what_is_known_of_the_sensor_is_prior_odds():
     assert weighed(model, data, found(noise=["AR"], slow_sensor=0.01))[LATE_F].share == pytest.approx(0.01)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("lagging", ["actuator", "sensor"])
 def test_a_stiffness_that_is_a_little_off_tells_nothing(lagging):
     rows = bg.TrajectoryRows(interpolation="cubic")
@@ -109,6 +111,7 @@ def test_what_does_not_settle_is_no_evidence(monkeypatch):
     assert weighed(model_of(0.0), shown("actuator", 0.0), found(noise=["AR"]))[LATE_F].share == Odds().slow_sensor
 
 
+@pytest.mark.slow
 def test_paths_of_more_segments_are_no_evidence(monkeypatch):
     plain = mirrored._log_likelihood
 

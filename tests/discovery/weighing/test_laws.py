@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from sampled_oscillator import SIMULATION, sampled
 
 import bayes_greybox as bg
@@ -32,6 +33,7 @@ def study(hidden, monkeypatch, noise=0.01, seed=0):
     return bg.find_missing_effects(model, sampled(hidden, noise=noise, n=250, seed=seed), catalogue=FEW, **given), kept
 
 
+@pytest.mark.slow
 def test_a_law_next_to_a_bent_effect_is_followed_along_a_path_of_its_own(monkeypatch):
     """A viscous force that stalls is no Stribeck friction, however near its curve: it begins without a jump."""
     found, laws = study(lambda y, v: -0.9 * v * np.exp(-((v / 0.5) ** 4)), monkeypatch)
@@ -41,12 +43,14 @@ def test_a_law_next_to_a_bent_effect_is_followed_along_a_path_of_its_own(monkeyp
     assert all(c.log_weight <= 0 for c in laws if c.inner)
 
 
+@pytest.mark.slow
 def test_a_bent_effect_is_none_of_the_laws_next_to_it(monkeypatch):
     found, _ = study(lambda y, v: -0.3 * np.tanh(v / 1e-3) * np.exp(-((v / 0.4) ** 2)), monkeypatch)
     assert found.effects.iloc[0]["slug"] == "stribeck-friction"
     assert found.effects.iloc[0]["probability"] > 0.9
 
 
+@pytest.mark.slow
 def test_laws_next_to_an_effect_are_weighed_beside_a_bent_one_too(monkeypatch):
     hidden = lambda y, v: -0.5 * y**3 - 0.3 * np.tanh(v / 1e-3) * np.exp(-((v / 0.4) ** 2))  # noqa: E731
     _, laws = study(hidden, monkeypatch)

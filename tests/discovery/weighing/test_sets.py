@@ -633,6 +633,7 @@ def test_what_remembers_nothing_is_not_said_to():
     assert max(e.log_weight for e in found if e.kind == MEMORY) < found[0].log_weight - 3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("in_time", [False, True])
 def test_a_memory_weighs_its_prior_times_its_evidence(in_time):
     known = remembering(lambda t, x: sliding(t, x) - 0.3 * x**3)

@@ -57,6 +57,7 @@ def remembering(study: EquationStudy) -> float:
     return max((p for name, p in known.items() if not name.startswith(("law", "drift"))), default=0.0)
 
 
+@pytest.mark.slow
 def test_a_gust_that_the_speed_tells_is_unknown_and_no_memory():
     n, step = 400, 0.2
     F, g = waves(n, step, (1, 0.9, 0), (0.8, 1.7, 1), (0.6, 2.6, 2)), gust(n, step, 0.5, 2)
@@ -84,6 +85,7 @@ def first_order(force: np.ndarray, remembers: float) -> EquationStudy:
     return studied({"x": "F - x"}, {"x": x, "rate": a}, "x", F, 0.02, step)
 
 
+@pytest.mark.slow
 def test_a_gust_beside_a_delay_is_no_memory_of_the_input():
     study = first_order(gust(400, 0.1, 0.4, 0), 0.0)
     assert study.finding.verdict == "unknown" and remembering(study) < 0.1

@@ -62,6 +62,7 @@ def test_what_is_uncertain_is_allowed_for():
     assert checked(data, v * (1 + AGREE / 2)).ok
 
 
+@pytest.mark.slow
 def test_what_coefficients_do_to_all_windows_at_once_is_one_error_and_not_many():
     """θ at two standard deviations from its mean, as it is once in twenty: no contradiction."""
     rng = np.random.default_rng(1)
@@ -76,6 +77,7 @@ def test_what_coefficients_do_to_all_windows_at_once_is_one_error_and_not_many()
     assert not check.ok and check.p < 1e-9
 
 
+@pytest.mark.slow
 def test_the_level_is_kept_whatever_the_coefficients_turn_out_to_be():
     noise, p = 0.1, []
     for seed in range(200):
@@ -94,6 +96,7 @@ def test_records_too_short_are_not_checked():
     assert check_motion(data, {"y": ModelledRate(v, 0.0, "v")}, {}) == []
 
 
+@pytest.mark.slow
 def test_a_study_whose_samples_contradict_each_other_names_nothing_outright():
     data = forced(soft, n=300)
     y = data.states["y"]
