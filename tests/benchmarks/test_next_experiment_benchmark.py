@@ -161,6 +161,7 @@ def test_differences_are_of_the_same_ties_with_an_exact_test():
     assert differences([]).empty
 
 
+@pytest.mark.slow
 def test_a_tie_is_told_apart_in_every_way_and_the_run_goes_on(tmp_path, monkeypatch):
     studied = []
 

@@ -60,6 +60,7 @@ def test_the_estimate_is_that_of_least_squares_from_the_truth(number, draw):
     assert np.all(np.abs(found - plain.x[:n]) < 0.05 * sd)
 
 
+@pytest.mark.slow
 def test_a_short_run_goes_on_and_says_what_it_found(tmp_path, monkeypatch):
     table = run(tmp_path, replicates=1, progress=False)
     assert list(table.index) == [cell.key for cell in CELLS] and (table["draws"] == 1).all()

@@ -53,6 +53,7 @@ def test_scores():
     assert each.true_positives(off) == pytest.approx(3 / 5)
 
 
+@pytest.mark.slow
 def test_a_draw_is_identified():
     row = identified(weak_systems()["lotka-volterra"], 0.05, 0, 0)
     assert row["tpr"] == 1.0 and row["error"] < 0.01 and len(row["holds"]) == 4

@@ -35,6 +35,7 @@ def test_cases_have_one_position_and_the_sensor_shows_nothing_else():
     assert not np.array_equal(other.states[place], train.states[place])
 
 
+@pytest.mark.slow
 def test_a_case_is_solved_without_its_truth(monkeypatch):
     named = ("cubic-stiffness", "dead-zone", "quadratic-drag")
     few = [replace(e, confusions=()) for e in load_catalogue("mechanical") if e.slug in named]
