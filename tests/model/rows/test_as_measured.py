@@ -62,6 +62,7 @@ def test_a_fit_of_samples_needs_no_word_about_rows_and_says_what_it_took(tmp_pat
     assert bg.load(tmp_path / "fit.nc").model.rows == fit.model.rows
 
 
+@pytest.mark.slow
 def test_a_study_of_samples_needs_no_word_about_rows():
     data = sampled(lambda y, v: -0.3 * y**3, n=150)
     few = [replace(e, confusions=()) for e in load_catalogue("mechanical") if e.slug in ("cubic-stiffness", "backlash")]
