@@ -19,7 +19,7 @@ _MODULES = {
     "figures": "report.plots",  # its older name
     "plots": "report.plots",
     "priors": "model.priors",
-    "signals": "discovery.next_experiment.signals",
+    "signals": "physics.signals",
     "study_figures": "report.study_figures",
     "systems": "physics.systems",
 }

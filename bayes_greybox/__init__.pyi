@@ -20,10 +20,8 @@ from .data.reading.read_table import read_table as read_table
 from .data.streams.door import stream as stream
 from .data.streams.row_stream import RowStream as RowStream
 from .data.trajectories import Trajectories as Trajectories
-from .discovery.evidence.odds import Odds as Odds
-from .discovery.next_experiment import signals as signals
-from .discovery.next_experiment.candidates import Candidate as Candidate
 from .discovery.next_experiment.ranked import NextExperiment as NextExperiment
+from .discovery.odds import Odds as Odds
 from .fleet.studies import FleetStudy as FleetStudy
 from .fleet.studies import find_missing_effects_of_fleet as find_missing_effects_of_fleet
 from .greybox import Fit as Fit
@@ -42,7 +40,9 @@ from .model.priors import SpikeAndSlab as SpikeAndSlab
 from .model.rows.derivative_rows import DerivativeRows as DerivativeRows
 from .model.rows.trajectory_rows import TrajectoryRows as TrajectoryRows
 from .model.rows.weak_rows import WeakRows as WeakRows
+from .physics import signals as signals
 from .physics import systems as systems
+from .physics.candidate import Candidate as Candidate
 from .physics.catalogue.table import catalogue as catalogue
 from .physics.simulation.fmu.given import FMU as FMU
 from .physics.terms import Dictionary as Dictionary

@@ -17,16 +17,16 @@ from bayes_greybox.data.rates.held_out import with_filter_of
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.amended import hidden_used
 from bayes_greybox.discovery.answer.gap.free_runs import FreePath, FreeRuns
-from bayes_greybox.discovery.evidence.odds import Odds
 from bayes_greybox.discovery.kept.study_file import holds_study, save_study, study_of
 from bayes_greybox.discovery.learned import studied_system
-from bayes_greybox.discovery.next_experiment.candidates import Candidate
 from bayes_greybox.discovery.next_experiment.ranked import THRESHOLD, NextExperiment, rank
+from bayes_greybox.discovery.odds import Odds
 from bayes_greybox.discovery.study import StudyResult, investigate
 from bayes_greybox.inference.checkpoint import EVERY, Checkpoint, data_facts, given_checkpoint, run_facts
 from bayes_greybox.inference.kept import netcdf
 from bayes_greybox.inference.kept.damage import made_of
 from bayes_greybox.inference.settings import Sampling
+from bayes_greybox.physics.candidate import Candidate
 from bayes_greybox.physics.catalogue.loading import CatalogueSpec
 from bayes_greybox.physics.simulation.fmu.given import FMU
 from bayes_greybox.physics.simulation.protocol import RightHandSide
@@ -46,8 +46,8 @@ from .greybox import Fit, GreyBox, fit_of, greybox_of
 class Study(StudyResult):
     """What is missing from a simulation, with the evidence; see `StudyResult` for its tables.
 
-    `fit` is None under settle=False: nothing was sampled, and the numbers in the tables are those of the Laplace
-    approximation. `study.model.fit(study.train)` samples the amended model.
+    `fit` is None under settle=False: nothing was sampled. Tables are those of the noise grid either way;
+    `study.model.fit(study.train)` samples the amended model.
     """
 
     base: GreyBox
@@ -153,8 +153,8 @@ class Study(StudyResult):
             sensors: Noise by channel of the default candidates; by default as in the data.
             batch: Experiments to do together, chosen one after another.
             threshold: Bits below which none is worth it.
-            outcomes: Simulated for each explanation.
-            seed: Of the simulation.
+            outcomes: Runs simulated for each explanation, for bands and for failures; the information is a closed form.
+            seed: Seed of these runs.
             **usual: Signals, amplitudes, starts, duration and rows of `usual_candidates`.
 
         Raises:
@@ -235,7 +235,7 @@ def find_missing_effects(
 
     The simulation is believed: the coefficients of its additive terms change only where the data say so. Terms of the
     model's dictionary are free: their coefficients are learned in every explanation. Explanations are weighed by their
-    evidence (see `discovery.evidence`), all with a Gaussian process that can take what they leave over.
+    evidence (see `discovery.grid`), all beside an unknown force in time and a law of the states.
 
     Args:
         model: Simulation, and the terms whose coefficients are to be learned anyway. `model.discrepancy` says what f
@@ -250,9 +250,8 @@ def find_missing_effects(
         seed: Seed of everything random.
         effects_at_most: Largest number of effects added to one equation.
         odds: Prior probabilities of the explanations.
-        settle: Whether to sample the amended model by NUTS, and, where importance sampling is unsure of a finalist's
-            evidence, to find that by NUTS and bridge sampling. With False `study.fit` is None: tables, figures
-            and page show the Laplace approximation.
+        settle: Whether to sample the amended model by NUTS. With False `study.fit` is None; tables, figures and page
+            need no sampling.
         free_runs: Whether to integrate simulation and amended model over the data.
         interpolation: Of the inputs between samples in free runs: "linear", "cubic" or "zoh" (held), for all or one
             for each. By default each input's own, linear or cubic, whichever predicts its samples better.

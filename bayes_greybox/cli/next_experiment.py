@@ -39,9 +39,7 @@ def _table(found: NextExperiment) -> Any:
     import pandas as pd
 
     best = found.table.head(10).set_index("candidate")
-    bits = [
-        f"{max(bits, 0.0):.2f} ± {error:.2f}" for bits, error in zip(best["information"], best["error"], strict=True)
-    ]
+    bits = [f"{max(bits, 0.0):.2f}" for bits in best["information"]]
     table = pd.DataFrame({"bits": bits, "reach": [f"{each:.2g}" for each in best["reach"]]}, index=best.index)
     if any(best["said"]):
         table["mind"] = best["said"]

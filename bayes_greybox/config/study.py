@@ -12,7 +12,7 @@ from .section import Section, wrong
 
 
 def _odds(given: Any) -> type[Section]:
-    from bayes_greybox.discovery.evidence.odds import Odds
+    from bayes_greybox.discovery.odds import Odds
 
     return section_of(Odds)
 

@@ -14,16 +14,19 @@ from bayes_greybox.physics.hidden_states import HiddenState
 from bayes_greybox.physics.terms import Term
 
 from .answer.equation_study import EquationStudy
-from .evidence.columns import Column
+from .grid.noise_grid import SENSOR, TIME
+from .regressors.columns import Column
 
 
 def amended_program(model: AnyProgram, findings: Mapping[str, EquationStudy], train: Trajectories) -> AnyProgram:
     """The model with the simulation's terms and the found effects as its dictionary, beside its own terms."""
     dictionary: dict[str, list[Term]] = {}
     for name, found in findings.items():
-        known = found.statistics
+        known = found.regressors
         own = [known.columns[i].formula for i in (*known.of_kind("free"), *known.of_kind("correction"))]
-        added = [_formula(known.columns, i, found.amendment.hidden) for i in found.finding.base]
+        n_own = len(found.coefficients.indices) - len(found.verdict.labels)
+        base = found.coefficients.indices[n_own:]
+        added = [_formula(known.columns, i, found.amendment.hidden) for i in base]
         # A dictionary needs a term; an offset is the least that can be asked for.
         stated = model.coefficients.get(name, {})
         parts = stated_terms(model.dictionary[name], stated, tuple(known.rows.columns), name) if stated else None
@@ -34,10 +37,10 @@ def amended_program(model: AnyProgram, findings: Mapping[str, EquationStudy], tr
         dictionary[name] = [*(term for term, _ in given), *([*own, *added] or [Term("1")])]
         # A term of the dictionary is a plain formula: its hidden states are the simulation's.
         dictionary[name] = [replace(term, states=()) for term in dictionary[name]]
-        model = model if found.aligned.rows is None else replace(model, rows=found.aligned.rows)
+        model = model if found.amendment.rows is None else replace(model, rows=found.amendment.rows)
         model = model.remembering(found.amendment.hidden, train)
-    named = {name for found in findings.values() for name in found.finding.world.model.names}
-    if any(found.aligned.n_sensor > 1 for found in findings.values()):
+    named = {name for found in findings.values() for name in _noise(found)}
+    if any(found.source.n_sensor > 1 for found in findings.values()):
         # Of several sensors' samples noise of a kind of its own is not found: see `check_asked`.
         named &= {PROCESS}
     if model.rows.rates_measured:
@@ -56,6 +59,13 @@ def amended_program(model: AnyProgram, findings: Mapping[str, EquationStudy], tr
         force=noise.force or (FIT if PROCESS in named and correlation is None else None),
     )
     return replace(model, dictionary=dictionary, noise=noise)
+
+
+def _noise(found: EquationStudy) -> set[str]:
+    """Return what the noise of the answer's likeliest point is called."""
+    point = found.near.weighed.grid.points[found.verdict.hypothesis.point]
+    names = {TIME: {PROCESS}, SENSOR: {CORRELATED}}.get(point.kind, set())
+    return names | (set(found.near.rows.point.shapes[point.shape - 1].about) if point.shape else set())
 
 
 def _formula(columns: Sequence[Column], index: int, hidden: Sequence[HiddenState]) -> Term:

@@ -13,8 +13,11 @@ from bayes_greybox.criticism.pooling import Pooled, pooled
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.physics.units import same_unit
 
-from .answer.finding import SURE
+from .decision.criteria import Criteria
 from .suspects.channels import is_fault
+
+SURE = Criteria().named
+"""Probability from which on an effect is named."""
 
 SHARE = "unexplained share"
 """Metric by which assets are ranked."""

@@ -1,6 +1,6 @@
-"""What a study refuses before it searches."""
+"""What a study refuses before it searches, and what it refuses to simulate."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from numbers import Integral
 from typing import Any
 
@@ -9,12 +9,14 @@ from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.model.noise.asked import Noise, check_asked
 from bayes_greybox.model.noise.suspicions import LEAST_ROWS
 from bayes_greybox.model.program import Program
+from bayes_greybox.physics.candidate import Candidate
 from bayes_greybox.physics.catalogue.effect_tables import nearest
 from bayes_greybox.physics.integrate import check_interpolation
 from bayes_greybox.physics.simulation.code import require_traceable
+from bayes_greybox.physics.simulation.protocol import Simulation
 from bayes_greybox.physics.units import check_units, require_units_of
 
-from .evidence.odds import Odds
+from .odds import Odds
 
 
 def check_settings(effects_at_most: Any, odds: Any, interpolation: Any) -> None:
@@ -105,3 +107,65 @@ def check_data(
             check_asked(model.noise, model.equation_rows(train, name))
     if free_runs and whole:
         require_traceable(simulation, ", or leave the free runs out with free_runs=False")
+
+
+def check_ranking(
+    data: Trajectories, equations: Collection[str], numbers: tuple[int, int, float], described: Collection[str]
+) -> None:
+    """Refuse to rank experiments.
+
+    Args:
+        data: Training data.
+        equations: States and outputs with explanations.
+        numbers: Experiments together, outcomes and threshold.
+        described: Settings of default candidates, where candidates were given.
+
+    Raises:
+        InputError: A study of outputs or of an older file, numbers that are none, or settings without effect.
+    """
+    batch, outcomes, threshold = numbers
+    if not equations:
+        raise InputError("The study holds no explanations, as in files of before: run find_missing_effects again.")
+    if any(data.is_output(name) for name in equations):
+        raise InputError("What to measure next is found by simulating runs, and an output has none: study a rate.")
+    if batch < 1 or outcomes < 2 or not threshold >= 0:
+        raise InputError("Ranking needs a batch of at least 1, at least 2 outcomes and a threshold of at least 0.")
+    if described:
+        raise InputError(f"{', '.join(described)} describes default candidates: leave candidates out.")
+
+
+def check_runs(simulation: Simulation, data: Trajectories, equations: Collection[str]) -> None:
+    """Refuse a simulation that no experiment can be simulated with.
+
+    Args:
+        simulation: The simulation.
+        data: Training data.
+        equations: States whose rates were studied.
+
+    Raises:
+        InputError: A state without an equation, or without data.
+    """
+    if still := [name for name in simulation.states if name not in (*simulation.equations, *equations)]:
+        raise InputError(f"The state {still[0]!r} has no equation to integrate: add it to the simulation.")
+    if lacking := [name for name in simulation.states if name not in data.states]:
+        raise InputError(f"The data lack the state {lacking[0]!r}: what runs reach is compared with its range.")
+
+
+def check_candidate(candidate: Candidate, simulation: Simulation) -> None:
+    """Refuse a candidate that the model cannot be simulated for.
+
+    Args:
+        candidate: The candidate.
+        simulation: The simulation.
+
+    Raises:
+        InputError: A start, an input or a sensor that is missing or unknown.
+    """
+    states, inputs, of = simulation.states, simulation.inputs, f"of candidate {candidate.name!r}"
+    for what, given, needed in (("start", candidate.start, states), ("inputs", candidate.inputs, inputs)):
+        if lacking := [name for name in needed if name not in given]:
+            raise InputError(f"{what} {of}: {lacking[0]!r} is missing; give it a value.")
+        if unknown := [name for name in given if name not in needed]:
+            raise InputError(f"{what} {of}: there is no {unknown[0]!r} in the model.")
+    if unknown := [name for name in candidate.sensors if name not in states]:
+        raise InputError(f"sensors {of}: there is no state {unknown[0]!r}; there are {', '.join(states)}.")

@@ -28,19 +28,18 @@ from .answer.amendment import Amendment
 from .answer.checks.adequacy import FEWEST
 from .answer.checks.sizes import other_sizes
 from .answer.equation_study import EquationStudy
-from .answer.finding import NEGLIGIBLE, SUBSTANTIAL, SURE, TIED
+from .answer.explained import Explained, explained
 from .answer.gap.free_runs import FreePath, FreeRuns
 from .answer.gap.table import gap_rows
 from .answer.where import GapMap, GapTrace
-from .equation import study_equation
-from .evidence.odds import Odds
-from .evidence.sufficient_statistics import CORRECTION_SCALE, SufficientStatistics
-from .next_experiment.explained import Explained, explained
+from .decision.criteria import Criteria
+from .equation import Question, study_equation
+from .odds import Odds
 from .refusals import check_data, check_rows, check_settings
+from .regressors.regressors import CORRECTION_SCALE, Regressors
 from .studied import studied_equations
 from .suspects.channels import DELAY_STEPS, GAIN_SD, OFFSET_SD, ZERO_SD
 from .verdict import verdict_of
-from .weighing.sets import OTHER_LAWS
 
 log = logging.getLogger(__name__)
 
@@ -68,24 +67,26 @@ class StudyResult:
         train: Data the study learned from.
         test: Data it did not.
         corrected: The training data with what was found of the sensors undone, which the amended model is fitted to.
-        verdict: One of `finding.VERDICTS`.
+        verdict: One of `decide.VERDICTS`.
         effects: All effects that were weighed, best first: equation, slug, name, expression, probability, mean, sd,
             lower, upper, unit, tied_with, inner, hidden (rates of its hidden states by name), quantity (columns that it
             is a function of), status ("added"; "one of" for what could stand in its place; or ""), reverse (of an added
-            one whose coefficient surely has the other sign than usual: what that means; else "").
+            one whose coefficient surely has the other sign than usual: what that means; else ""), agreement (the
+            probability averaged over bagged records), family ("" of an effect that is its own).
         hypotheses: Explanations by (equation, hypothesis): no gap, recalibrate, instrument, unknown, and sets of
-            effects; their probabilities sum to one.
-        memory: Probability that what has no name depends on what a channel did before, changes with time, or is a law
-            next to one of the catalogue's, by (equation, memory).
-        quantities: Probability that a law of these columns alone is missing, of one name, of several or of none, by
-            (equation, quantity); none in files of before.
+            effects; their probabilities sum to one. With agreement.
+        memory: Probability that what has no name is a law of the states, something in time, or something that
+            remembers; then of what is remembered; by (equation, memory).
+        quantities: Probability and agreement that a law of these columns alone is missing, of one name, of several or
+            of none, by (equation, quantity); none in files of before.
         instrument: Suspects about the measurement: equation, suspect, channel, probability, mean, sd, lower, upper,
             unit, samples (of a delay), lower_samples, upper_samples, status ("in the model" or ""), text.
         checks: Checks of the explanation that was settled on, by (equation, check): p (NaN of linearity),
             khat (of linearity alone), ok, text.
         against: What speaks against the verdict, in words.
         warnings: What the filter that computed the rates makes of them, with figures.
-        corrections: The simulation's own coefficients by (equation, term).
+        corrections: The simulation's own coefficients by (equation, term): probability and agreement that one is off,
+            and by how much if it is.
         where: Regions and windows.
         gap: Before and after, by (data, metric, variable).
         rounds: The likeliest set with no effect, with one, with two, by (equation, round).
@@ -169,7 +170,7 @@ def investigate(
 
     The simulation is believed: the coefficients of its additive terms change only where the data say so. Terms of the
     model's dictionary are free: their coefficients are learned in every explanation. Explanations are weighed by their
-    evidence (see `evidence`), all with a Gaussian process that can take what they leave over.
+    evidence (see `grid`), all beside an unknown force in time and a law of the states.
 
     Args:
         model: Simulation, and the terms whose coefficients are to be learned anyway.
@@ -180,7 +181,7 @@ def investigate(
         seed: Seed of everything random.
         effects_at_most: Largest number of effects added to one equation.
         odds: Prior probabilities of the explanations.
-        settle: Whether NUTS and bridge sampling find the evidence of finalists that importance sampling is unsure of.
+        settle: Without effect: the evidence is summed over the noise grid, and needs no sampling.
         free_runs: Whether to integrate simulation and amended model over the data.
         interpolation: Of the inputs between samples in free runs.
         progress: Whether to show progress.
@@ -193,7 +194,7 @@ def investigate(
     """
     started = time.perf_counter()
     check_settings(effects_at_most, odds, interpolation)
-    odds = odds or Odds()
+    odds, criteria = odds or Odds(), Criteria()
     given = model.on(train)
     model = given.centred()
     check_rows(model)
@@ -231,8 +232,9 @@ def investigate(
             left_out |= {(name, effect.slug): IN_MODEL for effect in known_already}
             bound = tuple(effect for effect in bound if effect not in known_already)
             each = odds.of_each(len(equations))
-            findings[name] = study_equation(model, train, name, bound, each, effects_at_most, seed, settle, say)
-            left_out |= {(name, slug): why for slug, why in findings[name].statistics.left_out.items()}
+            question = Question(model, train, name, bound, each, effects_at_most, seed, criteria)
+            findings[name] = study_equation(question, say)
+            left_out |= {(name, slug): why for slug, why in findings[name].regressors.left_out.items()}
         asked, model = model, _with_inputs(model, findings)
         if model is not asked:
             # The path between the samples is another one.
@@ -264,12 +266,12 @@ def investigate(
     )
     held = () if model is asked else (HELD_INPUTS,)
     counted = {name: found.counted for name, found in findings.items()}
-    sizes = (text for found in findings.values() for text in other_sizes(found.statistics))
+    sizes = (text for found in findings.values() for text in other_sizes(found.regressors))
     said = _said_of(model, train, counted, settle)
     warnings = (*sizes, *held, *said, *lost, *model.simulator(train).warnings, *warnings)
     unfollowed = ("no path of the amended model follows held-out samples",) if lost else ()
     labels = {name: train.target_label(name) for name in findings}
-    verdict, against = verdict_of({name: found.finding for name, found in findings.items()}, gap, unfollowed, labels)
+    verdict, against = verdict_of({name: found.verdict for name, found in findings.items()}, gap, unfollowed, labels)
     return StudyResult(
         base=given,
         model=amended_program(given, findings, train),
@@ -301,20 +303,17 @@ def investigate(
             "effects_at_most": effects_at_most,
             "prior odds": asdict(odds),
             "thresholds": {
-                "gap": "one noise standard deviation",
-                "tie (share of the best probability)": TIED,
-                "named below this share left to f": NEGLIGIBLE,
-                "unknown above this share left to f": SUBSTANTIAL,
-                "named from this probability on": SURE,
+                "gap": "one noise standard deviation, or that of the gap where it is larger",
+                **asdict(criteria),
                 "delay (prior SD, sampling steps)": DELAY_STEPS,
                 "gain (prior SD)": GAIN_SD,
                 "offset of a rate (prior SD over its RMS)": OFFSET_SD,
                 "offset of a state or an input (prior SD over its RMS)": ZERO_SD,
                 "correction (prior SD over the coefficient)": CORRECTION_SCALE,
-                "laws next to an effect (prior over the effect's)": OTHER_LAWS,
             },
-            "rest beside the answer": {name: found.finding.remainder for name, found in findings.items()},
-            "same as": {name: _same(found.statistics) for name, found in findings.items()},
+            "rest beside the answer": {name: found.verdict.remains for name, found in findings.items()},
+            "agree in practice": {name: found.verdict.negligible for name, found in findings.items()},
+            "same as": {name: _same(found.regressors) for name, found in findings.items()},
             "versions": versions(),
             "seconds": seconds,
         },
@@ -324,15 +323,15 @@ def investigate(
     )
 
 
-def _same(statistics: SufficientStatistics) -> dict[str, dict[str, Any]]:
+def _same(regressors: Regressors) -> dict[str, dict[str, Any]]:
     """Suspects that do what another does, or a coefficient that is off, and by how much, of one standard deviation."""
-    return {key: {"what": other, "change": statistics.changes[key]} for key, other in statistics.twins.items()}
+    return {key: {"what": other, "change": regressors.changes[key]} for key, other in regressors.twins.items()}
 
 
 def _with_inputs(model: AnyProgram, findings: Mapping[str, EquationStudy]) -> AnyProgram:
     """A model with what inputs do between their samples as the studies of its equations found it."""
     for found in findings.values():
-        model = found.aligned.with_inputs(model)
+        model = found.source.with_inputs(model)
     return model
 
 

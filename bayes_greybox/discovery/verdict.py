@@ -6,12 +6,12 @@ import pandas as pd
 
 from bayes_greybox.data.columns import derivative_label
 
-from .answer.finding import VERDICTS, Finding
 from .answer.gap.denials import left_over, worsened
+from .decision.decide import VERDICTS, Verdict
 
 
 def verdict_of(
-    findings: Mapping[str, Finding],
+    findings: Mapping[str, Verdict],
     gap: pd.DataFrame,
     lost: Sequence[str] = (),
     labels: Mapping[str, str] | None = None,
@@ -24,10 +24,10 @@ def verdict_of(
         lost: Why held-out data could not be compared, in words.
         labels: What each equation gives, `Runs.target_label`; by default the derivative of a state.
     """
-    verdict = max((found.verdict for found in findings.values()), key=VERDICTS.index)
+    verdict = max((found.code for found in findings.values()), key=VERDICTS.index)
     labels = labels or {name: derivative_label(name) for name in findings}
     about = {name: f"in {labels[name]}: " if len(findings) > 1 else "" for name in findings}
-    against = tuple(about[name] + text for name, found in findings.items() for text in found.against)
+    against = tuple(about[name] + text for name, found in findings.items() for text in found.reasons)
     claims = any(found.places for found in findings.values()) or verdict == "recalibrate"
     worse = worsened(gap) if claims else ()
     # Whatever the answer is: that nothing is missing has to hold for held-out samples too.

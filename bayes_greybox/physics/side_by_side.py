@@ -5,10 +5,16 @@ one evaluation of the rate serves thousands of them and nothing is compiled; how
 by doubling them.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
+
+from bayes_greybox.physics.formula.expressions import evaluate, parse_expression
+from bayes_greybox.physics.hidden_states import HiddenState
+from bayes_greybox.physics.simulation.protocol import Simulation
+from bayes_greybox.physics.terms import Term
 
 Rate = Callable[[Float[np.ndarray, "n_run n_draw d"], Float[np.ndarray, "n_run 1 p"], float], np.ndarray]
 """(states, inputs, time) -> rates of the states."""
@@ -61,3 +67,94 @@ def side_by_side(
             x = np.where(np.all(np.abs(x) < limit, axis=-1, keepdims=True), x, np.nan)
             found[:, :, i + 1] = x
     return found
+
+
+SAME_PATH, MOST_STEPS = 1e-2, 32
+"""Share of a state's range that twice as many steps may change, and most steps between two samples."""
+
+
+def steps_needed(paths: Callable[[int], np.ndarray], range_: Float[np.ndarray, " d"]) -> tuple[int, list[bool]]:
+    """Return steps between samples that follow paths, by doubling them, and which runs they follow.
+
+    Args:
+        paths: States [n_run, ..., d] by as many steps.
+        range_: Range of each state.
+    """
+    steps, before = 4, paths(2)
+    while True:
+        now = paths(steps)
+        near = (np.abs(now - before) <= SAME_PATH * range_) | (np.isnan(now) & np.isnan(before))
+        same = np.all(near.reshape(len(near), -1), axis=1)
+        if np.all(same) or steps >= MOST_STEPS:
+            return steps, same.tolist()
+        before, steps = now, 2 * steps
+
+
+class Added(NamedTuple):
+    """Terms beside a simulation, which make another system of it.
+
+    Attributes:
+        terms: The terms, without jumps, each with the number of the state whose rate it is in.
+        theta: Their coefficients by draw.
+    """
+
+    terms: Sequence[tuple[int, Term]]
+    theta: Float[np.ndarray, "n_term n_draw"]
+
+
+def run_with(
+    simulation: Simulation, systems: Sequence[Added], starts: Sequence[np.ndarray], times: Float[np.ndarray, " n"],
+    inputs: Float[np.ndarray, "n_run n_stage p"], limit: Float[np.ndarray, " d"],
+) -> list[np.ndarray]:  # fmt: skip
+    """Return the states of a simulation with terms added to its rates, and with the hidden states of these.
+
+    Args:
+        simulation: The simulation, without jumps: an integrator cannot stay on them.
+        systems: What is added to it, by system.
+        starts: States at the first sample [n_run, n_draw, d], by system; hidden states start as they say.
+        times: Sampling times.
+        inputs: Inputs at the `stage_times`.
+        limit: Size of a state beyond which a run has failed.
+
+    Returns:
+        Paths [n_run, n_draw, n, d] by system.
+    """
+    found: dict[int, np.ndarray] = {}
+    hidden = [tuple(dict.fromkeys(s for _, term in system.terms for s in term.states)) for system in systems]
+    for states in dict.fromkeys(hidden):
+        # A step costs as much for one run as for hundreds: all with the same hidden states go together.
+        own = [k for k, each in enumerate(hidden) if each == states]
+        ends = np.cumsum([0, *(starts[k].shape[1] for k in own)])
+        every: dict[tuple, tuple[int, Term, np.ndarray]] = {}
+        for k, begin, end in zip(own, ends[:-1], ends[1:], strict=True):
+            for (i, term), values in zip(systems[k].terms, systems[k].theta, strict=True):
+                every.setdefault((i, term.text, term.states), (i, term, np.zeros(ends[-1])))[2][begin:end] += values
+        first = np.concatenate([starts[k] for k in own], axis=1)
+        paths = _together(simulation, list(every.values()), first, (times, inputs, limit), states)
+        found |= dict(zip(own, np.split(paths, ends[1:-1], axis=1), strict=True))
+    return [found[k] for k in range(len(systems))]
+
+
+def _together(
+    simulation: Simulation, added: Sequence[tuple[int, Term, np.ndarray]], starts: np.ndarray,
+    when: tuple[np.ndarray, np.ndarray, np.ndarray], hidden: Sequence[HiddenState],
+) -> np.ndarray:  # fmt: skip
+    """Return paths of all draws; a term counts for nothing where its coefficient is zero."""
+    names, d, (times, inputs, limit) = simulation.states, starts.shape[-1], when
+    rates = [parse_expression(state.rate) for state in hidden]
+
+    def rate(x: np.ndarray, u: np.ndarray, t: float) -> np.ndarray:
+        u = np.broadcast_to(u, (*x.shape[:2], u.shape[-1]))
+        columns = {name: x[..., i] for i, name in enumerate((*names, *(state.name for state in hidden)))}
+        columns |= {name: u[..., i] for i, name in enumerate(simulation.inputs)}
+        found = np.zeros_like(x)
+        found[..., :d] = simulation.rates(np.full(x.shape[:2], t), x[..., :d], u)
+        for i, term, value in added:
+            found[..., i] += np.where(value != 0, value * term.evaluate(columns), 0.0)
+        for j, expression in enumerate(rates, d):
+            found[..., j] = evaluate(expression, columns)
+        return found
+
+    begin = [starts[..., names.index(s.start)] if s.start in names else 0 * starts[..., 0] for s in hidden]
+    every = np.concatenate([starts, *(each[..., None] for each in begin)], axis=-1)
+    return side_by_side(rate, every, times, inputs, np.append(limit, np.full(len(hidden), np.inf)))[..., :d]

@@ -20,10 +20,11 @@ from bayes_greybox.benchmarks.hidden_effects.systems.trajectories import Runs
 from bayes_greybox.benchmarks.resumed import resumed
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.discovery.next_experiment.candidates import Candidate, usual_candidates
+from bayes_greybox.discovery.next_experiment.candidates import usual_candidates
 from bayes_greybox.discovery.next_experiment.ranked import FAILS, usual_sensors
 from bayes_greybox.greybox import GreyBox
 from bayes_greybox.missing_effects import Study, find_missing_effects
+from bayes_greybox.physics.candidate import Candidate
 
 from .machines import Driven, again, exact, joined, noise_of, record_of, small_gaps
 from .optimal import encompassing, log_determinants

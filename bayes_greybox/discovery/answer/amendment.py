@@ -8,11 +8,13 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.discovery.evidence.columns import EvaluatedColumns
-from bayes_greybox.discovery.evidence.sufficient_statistics import SufficientStatistics
-from bayes_greybox.discovery.evidence.with_discrepancy import Evaluator, WithDiscrepancy
+from bayes_greybox.discovery.grid.evidence import modes
+from bayes_greybox.discovery.grid.gram import TINY, law_variances
+from bayes_greybox.discovery.grid.hypotheses import Hypothesis
+from bayes_greybox.discovery.grid.noise_grid import LAW
+from bayes_greybox.discovery.linearise.near import Near
+from bayes_greybox.discovery.regressors.columns import EvaluatedColumns
 from bayes_greybox.discovery.suspects.channels import ChannelSuspect
-from bayes_greybox.model.estimate.evidence import Spectrum
 from bayes_greybox.model.frame import held_features, scaled_position
 from bayes_greybox.model.program import Program
 from bayes_greybox.model.rows.row_kind import RowKind
@@ -47,37 +49,43 @@ class Remainder:
     root: Float[np.ndarray, "n_basis n_basis"]
 
     @classmethod
-    def of(cls, statistics: SufficientStatistics, evaluator: Evaluator, coefficients: Coefficients) -> "Remainder":
-        """The f beside the columns that any draw has in, of an effect that of its likeliest inner parameter.
+    def of(cls, near: Near, hypothesis: Hypothesis, coefficients: Coefficients) -> "Remainder":
+        """Return the f beside the columns of a hypothesis, at its likeliest noise point with a law.
 
         Args:
-            statistics: Products of the equation.
-            evaluator: Its evidence with f, whose mode sets η.
+            near: Hypotheses.
+            hypothesis: The one whose f is meant.
             coefficients: Draws of what was added.
         """
+        weighed, regressors = near.weighed, near.regressors
+        table, columns = weighed.table, regressors.columns
+        laws = [k for k, point in enumerate(weighed.grid.points) if point.kind == LAW]
+        number = max(laws, key=lambda k: (hypothesis.points[k], -k))
+        point = weighed.grid.points[number]
+        found = modes(weighed.grid, weighed.precision, [hypothesis.members], np.array([number]), weighed.floor)
+        v, mean = float(found.v[0]), found.mean[0]
         n_own = len(coefficients.indices) - coefficients.inner.shape[1]
         inside = np.flatnonzero(coefficients.draws.any(axis=0))
         likeliest = [int(np.bincount(column).argmax()) for column in coefficients.inner.T]
         every = (*coefficients.indices[:n_own], *likeliest)
         indices = [every[k] for k in inside]
-        G, g = statistics.products[np.ix_(indices, indices)], statistics.with_target[indices]
-        C = statistics.with_features[indices]
-        # What the sensors do is no physics: f is found on the target less it.
-        errors = list(coefficients.suspects)
-        size = coefficients.suspect_draws.mean(axis=0) if errors else np.zeros(0)
-        g = g - statistics.products[np.ix_(indices, errors)] @ size
-        target = statistics.features_target - statistics.with_features[errors].T @ size
-        removed = 2 * statistics.with_target[errors] - statistics.products[np.ix_(errors, errors)] @ size
-        square = float(statistics.square - size @ removed)
-        projection = np.linalg.pinv(G, rcond=1e-12, hermitian=True) @ C if indices else C
-        sd = np.array([[statistics.columns[i].sd for i in indices]])
-        spectrum = Spectrum.of(G, g, square, statistics.n_obs, sd)
-        hypothesis = WithDiscrepancy(
-            spectrum.eigenvalues, spectrum.loading, np.zeros(1), square, statistics.n_obs,
-            statistics.features - C.T @ projection, target - projection.T @ g,
-        )  # fmt: skip
-        mode = evaluator.integrate(hypothesis, draws=0).mode
-        return cls(statistics, tuple(indices), projection, *evaluator.weights(hypothesis, mode))
+        own = [k for k, i in enumerate(hypothesis.members) if columns[i].suspect is not None]
+        errors = table.columns[:, [hypothesis.members[k] for k in own]] @ mean[own]
+        force = weighed.forces[point.shape]
+        rows = np.column_stack([table.target - errors, table.columns[:, indices], table.law.rows])
+        white = force.whiten(rows, 1.0, np.zeros(1))[0][:, 0]
+        y, X, Psi = white[:, 0], white[:, 1 : 1 + len(indices)], white[:, 1 + len(indices) :]
+        # f keeps off the columns: (I − X X⁺) ψ.
+        projection = np.linalg.pinv(X, rcond=1e-12) @ Psi if indices else np.zeros((0, Psi.shape[1]))
+        apart = Psi - X @ projection
+        variance = v * point.ratio**2 * law_variances(table, point.scale)
+        kept = variance > TINY * np.max(variance)
+        inverse = np.linalg.inv(apart[:, kept].T @ apart[:, kept] / v + np.diag(1 / variance[kept]))
+        weights, root = np.zeros(len(variance)), np.zeros((len(variance), len(variance)))
+        weights[kept] = inverse @ (apart[:, kept].T @ y) / v
+        values, vectors = np.linalg.eigh(inverse)
+        root[np.ix_(kept, kept)] = (vectors * np.sqrt(np.maximum(values, 0.0))).T
+        return cls(regressors, tuple(indices), projection, weights, root)
 
     def weights(self, n_draw: int, seed: int = 0) -> Float[np.ndarray, "n_draw n_basis"]:
         """Posterior draws of w, scaled."""

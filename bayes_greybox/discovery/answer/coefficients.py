@@ -1,22 +1,20 @@
-"""Posterior of the coefficients of an equation, with the effects that were added to it."""
+"""Posterior draws of the coefficients of an equation, with the effects that were added to it, from the noise grid."""
 
-from collections.abc import Sequence
-from itertools import product
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
-from bayes_greybox.discovery.evidence.evaluations import Evaluations, one_pattern
-from bayes_greybox.discovery.evidence.sufficient_statistics import SufficientStatistics
+from bayes_greybox.discovery.decision.decide import Verdict
+from bayes_greybox.discovery.decision.probabilities import INSTRUMENT, NO_GAP, RECALIBRATE
+from bayes_greybox.discovery.grid.evidence import modes
+from bayes_greybox.discovery.grid.hypotheses import Hypothesis
+from bayes_greybox.discovery.linearise.near import Near
+from bayes_greybox.discovery.regressors.regressors import CORRECTION, FREE, SENSOR, Regressors
 from bayes_greybox.discovery.suspects.channels import ChannelSuspect
-from bayes_greybox.model.estimate.evidence import coefficients
-
-MOST_CHOICES = 1000
-"""Combinations of values of inner parameters that draws are taken from, at most."""
 
 FAINT = 1e-4
-"""Components of a mixture that are less likely than this share of the likeliest are left out."""
+"""Hypotheses and noise points that are less likely than this share of the likeliest are left out of draws."""
 
 
 class Coefficients(NamedTuple):
@@ -38,194 +36,98 @@ class Coefficients(NamedTuple):
     suspects: tuple[int, ...] = ()
     suspect_draws: np.ndarray = np.zeros((0, 0))
 
-    def without_memory(self, statistics: SufficientStatistics, n: int) -> "Coefficients":
-        """Without the suspects after the first n, what remembers; the model's free terms take over what they can of it.
 
-        A force that follows an input late is that input's for the most part.
+def draw_coefficients(near: Near, verdict: Verdict, n_draw: int, seed: int) -> Coefficients:
+    """Return posterior draws given the effects and the sensor errors of an answer; all else is averaged.
 
-        Args:
-            statistics: Of the equation, under its noise.
-            n: Suspects that stay.
-        """
-        memory, free = list(self.suspects[n:]), statistics.of_kind("free")
-        kept = self._replace(suspects=self.suspects[:n], suspect_draws=self.suspect_draws[:, :n])
-        if not memory or not free:
-            return kept
-        products, draws = statistics.products, self.draws.copy()
-        taken = (
-            np.linalg.pinv(products[np.ix_(free, free)], rcond=1e-12, hermitian=True) @ products[np.ix_(free, memory)]
-        )
-        draws[:, [self.indices.index(i) for i in free]] += self.suspect_draws[:, n:] @ taken.T
-        return kept._replace(draws=draws)
-
-
-class Conditional(NamedTuple):
-    """Coefficients given values of inner parameters and an inclusion pattern of the corrections.
-
-    Attributes:
-        weight: Posterior probability of these values and this pattern.
-        indices: Columns: free, corrections, effects.
-        mean: Scaled.
-        covariance: Scaled.
-        sigma: Noise SD, scaled.
-    """
-
-    weight: float
-    indices: tuple[int, ...]
-    mean: Float[np.ndarray, " n_column"]
-    covariance: Float[np.ndarray, "n_column n_column"]
-    sigma: float
-
-
-def plain(evaluations: Evaluations) -> np.ndarray:
-    """Coefficients of the free columns with nothing else in the model, scaled."""
-    fitted = evaluations.parametric([()])[0]
-    return coefficients(*one_pattern(fitted, 0))[0][: len(evaluations.statistics.of_kind("free"))]
-
-
-def alone(evaluations: Evaluations, index: int) -> tuple[float, float]:
-    """Mean and standard deviation of one effect's scaled coefficient when it is the only one added."""
-    fitted = evaluations.parametric([(index,)])[0]
-    pattern = int(np.argmax(fitted.by_pattern))
-    mean, covariance = coefficients(*one_pattern(fitted, pattern))
-    return float(mean[-1]), float(np.sqrt(max(covariance[-1, -1], 0.0)))
-
-
-def draw_coefficients(
-    evaluations: Evaluations, base: Sequence[int], n_draw: int, seed: int, suspects: Sequence[int] = (),
-    remainder: float = 0.0, *, some: bool = False, none: bool = False,
-) -> Coefficients:  # fmt: skip
-    """Posterior draws of all coefficients given the effects of `base`, inner parameters and corrections averaged.
+    Values of nonlinear parameters, patterns of corrections and noise points are drawn by their posterior. Beside a
+    recalibration some coefficient is off; where nothing is missing, none is.
 
     Args:
-        evaluations: Evidence of the equation.
-        base: One column for each effect.
+        near: Hypotheses.
+        verdict: The answer.
         n_draw: Number of draws.
         seed: Their seed.
-        suspects: Suspects that are in the model with them.
-        remainder: Probability that f remains, which makes the noise smaller.
-        some: Whether at least one correction is in.
-        none: Whether none is.
     """
-    rng = np.random.default_rng(seed)
-    suspects = tuple(suspects)
-    choices, drawn_as = _choices(evaluations, suspects, base, rng)
-    evaluated = evaluations.parametric([(*suspects, *c) for c in choices])
-    logs = np.array([[*np.ravel(v.by_pattern)] for v in evaluated]) + drawn_as[:, None]
-    patterns = _patterns(logs.shape[1], some, none)
-    n_pattern, logs = len(patterns), logs[:, patterns]
-    flat = np.exp(logs - np.logaddexp.reduce(logs, axis=None)).ravel()
-    picks = rng.choice(len(flat), size=n_draw, p=flat / flat.sum())
-    own = [*evaluations.statistics.of_kind("free"), *evaluations.statistics.of_kind("correction")]
-    beta, inner, sigma = (
-        np.zeros((n_draw, len(own) + len(suspects) + len(base))),
-        np.zeros((n_draw, len(base)), int),
-        np.zeros(n_draw),
-    )
-    # Where f remains, the noise is smaller; the coefficients' scatter shrinks with it.
-    s_f = evaluations.statistics.noise.sigma(evaluations.integrated((*suspects, *base)).mode[0]) if remainder else 0.0
-    for pick in np.unique(picks):
-        rows = np.flatnonzero(picks == pick)
-        choice, pattern = choices[pick // n_pattern], patterns[pick % n_pattern]
-        one, single = one_pattern(evaluated[pick // n_pattern], int(pattern))
-        mean, covariance = coefficients(one, single)
-        node = rng.choice(len(single.sigma), size=len(rows), p=single.weight / single.weight.sum())
-        sigma[rows] = single.sigma[node]
-        values, vectors = np.linalg.eigh(covariance)
-        spread = vectors * np.sqrt(np.maximum(values, 0))
-        wide = np.ones(len(rows))
-        with_f = rng.random(len(rows)) < remainder
-        wide[with_f] = s_f / sigma[rows][with_f]
-        sigma[rows[with_f]] = s_f
-        beta[rows] = mean + wide[:, None] * (rng.standard_normal((len(rows), len(values))) @ spread.T)
-        inner[rows] = choice
-    first, last = len(own), len(own) + len(suspects)
-    kept = np.hstack([beta[:, :first], beta[:, last:]])
-    return Coefficients((*own, *base), kept, inner, sigma, suspects, beta[:, first:last])
+    rng, regressors, grid = np.random.default_rng(seed), near.regressors, near.weighed.grid
+    chosen = answering(near, verdict)
+    weight = np.array([h.log_weight for h in chosen])
+    picks = rng.choice(len(chosen), size=n_draw, p=_shares(weight))
+    own = [*regressors.of_kind(FREE), *regressors.of_kind(CORRECTION)]
+    place = {index: k for k, index in enumerate(own)}
+    names = [column.called for column in regressors.columns]
+    sensors = [i for i in regressors.of_kind(SENSOR) if names[i] in verdict.sensors]
+    draws = np.zeros((n_draw, len(own) + len(verdict.labels)))
+    inner = np.zeros((n_draw, len(verdict.labels)), int)
+    sigma, errors = np.zeros(n_draw), np.zeros((n_draw, len(sensors)))
+    for k in np.unique(picks):
+        hypothesis, rows = chosen[k], np.flatnonzero(picks == k)
+        points = rng.choice(len(grid.points), size=len(rows), p=hypothesis.points / hypothesis.points.sum())
+        distinct = np.unique(points)
+        sets = [hypothesis.members] * len(distinct)
+        found = modes(grid, near.weighed.precision, sets, distinct, near.weighed.floor)
+        for v, mean, covariance, point in zip(found.v, found.mean, found.covariance, distinct, strict=True):
+            here = rows[points == point]
+            values, vectors = np.linalg.eigh(covariance)
+            theta = mean + rng.standard_normal((len(here), len(mean))) @ (vectors * np.sqrt(np.maximum(values, 0))).T
+            # v given the data is inverse gamma with n/2 degrees, up to the few coefficients.
+            sigma[here] = np.sqrt(v * grid.n_obs / rng.chisquare(grid.n_obs, len(here)))
+            for j, i in enumerate(hypothesis.members):
+                if i in place:
+                    draws[here, place[i]] = theta[:, j]
+                elif i in sensors:
+                    errors[here, sensors.index(i)] = theta[:, j]
+                else:
+                    effect = verdict.labels.index(names[i])
+                    draws[here, len(own) + effect], inner[here, effect] = theta[:, j], i
+    base = [_column(near, verdict.hypothesis, label) for label in verdict.labels]
+    return Coefficients((*own, *base), draws, inner, sigma, tuple(sensors), errors)
 
 
-def conditional(
-    evaluations: Evaluations, base: Sequence[int], suspects: Sequence[int] = (), *, some: bool = False,
-    none: bool = False,
-) -> list[Conditional]:  # fmt: skip
-    """Posterior of all coefficients given the effects of `base`, as the components of a mixture.
-
-    Neighbours in the list have like values of inner parameters.
+def answering(near: Near, verdict: Verdict) -> list[Hypothesis]:
+    """Return the hypotheses with the effects and the sensor errors of an answer, likeliest first.
 
     Args:
-        evaluations: Evidence of the equation.
-        base: One column for each effect.
-        suspects: Suspects that are in the model with them, and left out of the result.
-        some: Whether at least one correction is in.
-        none: Whether none is.
+        near: Hypotheses.
+        verdict: The answer.
     """
-    suspects = tuple(suspects)
-    choices, drawn_as = _choices(evaluations, suspects, base, np.random.default_rng(0))
-    order = sorted(range(len(choices)), key=lambda i: choices[i])
-    choices, drawn_as = [choices[i] for i in order], drawn_as[order]
-    evaluated = evaluations.parametric([(*suspects, *c) for c in choices])
-    logs = np.array([[*np.ravel(v.by_pattern)] for v in evaluated]) + drawn_as[:, None]
-    patterns = _patterns(logs.shape[1], some, none)
-    flat = np.exp(logs[:, patterns] - np.logaddexp.reduce(logs[:, patterns], axis=None))
-    own = [*evaluations.statistics.of_kind("free"), *evaluations.statistics.of_kind("correction")]
-    kept = [*range(len(own)), *range(len(own) + len(suspects), len(own) + len(suspects) + len(base))]
-    found = []
-    # Pattern by pattern, so that inner parameters rise within each.
-    for k, pattern in enumerate(patterns):
-        for choice, fitted, weight in zip(choices, evaluated, flat[:, k], strict=True):
-            if weight > FAINT * np.max(flat):
-                one, single = one_pattern(fitted, int(pattern))
-                mean, covariance = coefficients(one, single)
-                sigma = float(single.sigma @ single.weight / np.sum(single.weight))
-                of = (*own, *choice)
-                found.append(Conditional(float(weight), of, mean[kept], covariance[np.ix_(kept, kept)], sigma))
-    return found
+    columns, labels = near.regressors.columns, set(verdict.labels)
+
+    def fits(hypothesis: Hypothesis) -> bool:
+        own = [columns[i] for i in hypothesis.members]
+        corrected = any(column.kind == CORRECTION for column in own)
+        if {c.called for c in own if c.effect is not None} != labels:
+            return False
+        if {c.called for c in own if c.suspect is not None} != set(verdict.sensors):
+            return False
+        return corrected == (verdict.code == RECALIBRATE) or verdict.code not in (NO_GAP, INSTRUMENT, RECALIBRATE)
+
+    found = [h for h in near.weighed.hypotheses if fits(h)]
+    if not found:
+        return [without_sensors(near, verdict)]
+    return [h for h in found if h.log_weight > found[0].log_weight + np.log(FAINT)]
 
 
-def sensor_errors(statistics: SufficientStatistics, coefficients: Coefficients) -> dict[ChannelSuspect, float]:
-    """Mean sizes of the suspects in the model, in their units."""
+def without_sensors(near: Near, verdict: Verdict) -> Hypothesis:
+    """Return the hypothesis of an answer, its sensor errors those of the answer alone."""
+    columns, own = near.regressors.columns, verdict.hypothesis
+    kept = [k for k, i in enumerate(own.members) if columns[i].suspect is None or columns[i].called in verdict.sensors]
+    return own.keeping(kept)
+
+
+def sensor_errors(regressors: Regressors, coefficients: Coefficients) -> dict[ChannelSuspect, float]:
+    """Return the mean sizes of the sensor errors in the model, in their units."""
     return {
-        suspect: float(size) * statistics.target_scale / statistics.columns[i].scale
+        suspect: float(size) * regressors.target_scale / regressors.columns[i].scale
         for i, size in zip(coefficients.suspects, coefficients.suspect_draws.mean(axis=0), strict=True)
-        if (suspect := statistics.columns[i].suspect) is not None
+        if (suspect := regressors.columns[i].suspect) is not None
     }
 
 
-def _patterns(count: int, some: bool, none: bool) -> Int[np.ndarray, " n_pattern"]:
-    """Inclusion patterns of the corrections with at least one, with none, or all of them; the first has none."""
-    patterns = np.arange(count)
-    return patterns[:1] if none else patterns[1:] if some else patterns
+def _column(near: Near, hypothesis: Hypothesis, label: str) -> int:
+    return next(i for i in hypothesis.members if near.column(i).called == label)
 
 
-def _choices(
-    evaluations: Evaluations, suspects: tuple[int, ...], base: Sequence[int], rng: np.random.Generator
-) -> tuple[list[tuple[int, ...]], Float[np.ndarray, " n_choice"]]:
-    """Combinations of values of inner parameters that carry their posterior, and what each weighs for being drawn.
-
-    All of them where they are few. Else combinations are drawn from the product of the posteriors of each effect beside
-    the others, and weigh how often they were drawn over how often they would be: the heaviest alone would be those of
-    the middle, and intervals too short.
-    """
-    if not base:
-        return [()], np.zeros(1)
-    each = [_likely(evaluations, suspects, base, i) for i in base]
-    if np.prod([float(len(values)) for values, _ in each]) <= MOST_CHOICES:
-        every = list(product(*(values for values, _ in each)))
-        return every, np.zeros(len(every))
-    places = np.column_stack([rng.choice(len(values), MOST_CHOICES, p=weight) for values, weight in each])
-    found, count = np.unique(places, axis=0, return_counts=True)
-    expected = sum(np.log(weight)[found[:, k]] for k, (_, weight) in enumerate(each))
-    choices = [tuple(values[i] for i, (values, _) in zip(row, each, strict=True)) for row in found.tolist()]
-    return choices, np.log(count) - expected
-
-
-def _likely(
-    evaluations: Evaluations, suspects: tuple[int, ...], base: Sequence[int], index: int
-) -> tuple[list[int], Float[np.ndarray, " n_value"]]:
-    """Columns of one added effect that carry its posterior over the inner parameters, and their shares of it."""
-    group = evaluations.group(index)
-    order = [(*suspects, *(i if j == index else j for j in base)) for i in group]
-    log_z = np.array([v.all for v in evaluations.parametric(order)])
-    weight = np.exp(log_z - np.logaddexp.reduce(log_z))
-    kept = [k for k in np.argsort(-weight)[:MOST_CHOICES] if weight[k] > 1e-3]
-    return [group[k] for k in kept], weight[kept] / np.sum(weight[kept])
+def _shares(logs: np.ndarray) -> np.ndarray:
+    found = np.exp(logs - np.max(logs))
+    return found / found.sum()

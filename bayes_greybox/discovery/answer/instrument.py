@@ -9,17 +9,18 @@ import pandas as pd
 from bayes_greybox.data.samples.clipping import clipped_in_words, seen_samples
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.data.writing import unit_text
-from bayes_greybox.discovery.evidence.ties import sorted_by_probability
+from bayes_greybox.discovery.decision.decide import Verdict
+from bayes_greybox.discovery.grid.noise_grid import SENSOR as HANGS_TOGETHER
+from bayes_greybox.discovery.linearise.near import Near
+from bayes_greybox.discovery.linearise.source import Source
+from bayes_greybox.discovery.regressors.regressors import SENSOR
 from bayes_greybox.discovery.suspects.bends import POWERS
-from bayes_greybox.discovery.suspects.channels import DELAY, DELAY_STEPS, GAIN, LAG, STATES, ChannelSuspect
-from bayes_greybox.discovery.weighing.aligned import Aligned
-from bayes_greybox.model.noise.noise_model import CORRELATED, HEAVY, PROCESS, VARYING
+from bayes_greybox.discovery.suspects.channels import DELAY, DELAY_STEPS, GAIN, STATES, ChannelSuspect
+from bayes_greybox.discovery.ties import sorted_by_probability
+from bayes_greybox.model.noise.noise_model import CORRELATED, HEAVY, VARYING
 from bayes_greybox.physics.units import target_unit
 
 from .coefficients import Coefficients
-from .doubt import contradicted
-from .finding import Finding
-from .weighed import Mirror
 
 NOISY = "noisy state"
 """A state whose samples carry white noise of their own."""
@@ -46,105 +47,79 @@ _REACH = 1.6448536269514722
 
 
 def instrument_table(
-    aligned: Aligned, finding: Finding, coefficients: Coefficients, data: Trajectories
+    source: Source, near: Near, verdict: Verdict, coefficients: Coefficients, data: Trajectories
 ) -> pd.DataFrame:
-    """Suspects by probability.
+    """Return what is suspected of the measurement, by probability.
 
-    A delay is positive where its channel is late, and given in time units and in samples; a gain is relative. A lag of
-    the sensor stands beside that of an input which does the same.
+    A delay is positive where its channel is late, and given in time units and in samples; a gain is relative.
 
     Args:
-        aligned: Delays that were undone, and noise on samples.
-        finding: The answer.
-        coefficients: Draws of the sizes of suspects that are in the answer.
+        source: Rows that were out, and noise on samples.
+        near: Hypotheses.
+        verdict: The answer.
+        coefficients: Draws of the sizes of sensor errors that are in the answer.
         data: Measurements, for units.
     """
-    statistics = finding.world.evaluations.statistics
     rows: list[dict[str, Any]] = []
-    weighed, right = finding.weighed, aligned.data.samples or aligned.data
-    places = {statistics.columns[i].suspect.key: k for k, i in enumerate(coefficients.suspects)}  # type: ignore[union-attr]
-    for key, p in weighed.by_suspect.items():
-        index = next(
-            i
-            for i in statistics.of_kind("suspect")
-            if statistics.columns[i].suspect.key == key  # type: ignore[union-attr]
-        )
-        column = statistics.columns[index]
-        suspect = column.suspect
-        assert suspect is not None
-        p = (
-            aligned.probability.get(suspect.channel, p)
-            if suspect.channel in aligned.delays and suspect.kind == DELAY
-            else p
-        )
-        if p < LISTED:
+    regressors, right = near.regressors, near.rows.data.samples or near.rows.data
+    equation = regressors.equation
+    index = {regressors.columns[i].called: i for i in regressors.of_kind(SENSOR)}
+    places = {regressors.columns[i].called: k for k, i in enumerate(coefficients.suspects)}
+    for key, share in verdict.probabilities.by_sensor.items():
+        if share.probability < LISTED:
             continue
-        in_model = key in places
-        scale = statistics.target_scale / column.scale
-        if in_model:
-            draws = coefficients.suspect_draws[:, places[key]] * scale
+        column = regressors.columns[index[key]]
+        suspect, unit = column.suspect, regressors.target_scale / column.scale
+        assert suspect is not None
+        if key in places:
+            draws = coefficients.suspect_draws[:, places[key]] * unit
             mean, sd = float(np.mean(draws)), float(np.std(draws))
         else:
-            other = next((w, e) for w, e, _, _ in weighed.items if index_of(w, key) in e.suspects)
-            mean, sd = _moments(*other, key)
-        if suspect.kind == DELAY:
-            mean += aligned.delays.get(suspect.channel, 0.0)
-        rows.append(_row(statistics.equation, suspect, p, mean, sd, in_model, data, right))
-    for name, p in weighed.by_noise.items():
-        if name == PROCESS or p < LISTED:
-            continue
-        about = next(w.model.about[name] for w in weighed.worlds if name in w.model.names)
-        inside = name in finding.world.model.names
-        rows.append(_noise_row(statistics.equation, name, p, about, inside, data))
-    for name, late in aligned.late.items():
+            h = next(h for h in near.weighed.hypotheses if index[key] in h.members)
+            k = h.members.index(index[key])
+            mean, sd = float(h.mean[k]) * unit, float(h.sd[k]) * abs(unit)
+        rows.append(_row(equation, suspect, share.probability, mean, sd, key in places, data, right))
+    rows += _noise_rows(near, verdict, data)
+    for name, late in source.late.items():
         suspect = ChannelSuspect(DELAY, name, DELAY_STEPS * late.step, late.step)
-        p = contradicted(late.p, finding.world.evaluations.odds.suspect)
-        rows.append(_row(statistics.equation, suspect, p, late.by, late.sd, True, data, right))
-    effects = [statistics.columns[i].called for i in finding.base]
-    for binding, p in weighed.by_mirror.items():
-        mirror = weighed.mirrors[binding]
-        times = np.array([mirror.time])
-        if binding in effects:
-            # The lag of the answer is as long.
-            drawn = coefficients.inner[:, effects.index(binding)]
-            times = np.array([time for i in drawn for time in statistics.columns[int(i)].inner.values()])
-        rows.append(_lag_row(statistics.equation, mirror, p, times, data))
-    for name, noise in aligned.sample_noise.items():
+        rows.append(_row(equation, suspect, 1.0 - late.p, late.by, late.sd, True, data, right))
+    for name, noise in source.sample_noise.items():
         unit = data.unit(name) or ""
-        rows.append(
-            _blank(
-                statistics.equation,
-                NOISY,
-                name,
-                1.0,
-                IN_MODEL,
-                f"samples of {name} have noise of {noise.sd:.2g} {unit_text(unit)}".rstrip(),
-            )
-            | {"mean": noise.sd, "unit": unit}
-        )
-    for name, rows_at_end in aligned.clipped.items():
-        text = clipped_in_words(name, rows_at_end)
-        rows.append(_blank(statistics.equation, CLIPPED, name, 1.0, IN_MODEL, text))
-    for name, rows_misread in aligned.misread.items():
-        text = f"{name} is misread at {int(np.sum(rows_misread))} samples, which are left out"
-        rows.append(_blank(statistics.equation, MISREAD, name, 1.0, IN_MODEL, text))
+        text = f"samples of {name} have noise of {noise.sd:.2g} {unit_text(unit)}".rstrip()
+        rows.append(_blank(equation, NOISY, name, 1.0, IN_MODEL, text) | {"mean": noise.sd, "unit": unit})
+    for name, at_end in source.clipped.items():
+        rows.append(_blank(equation, CLIPPED, name, 1.0, IN_MODEL, clipped_in_words(name, at_end)))
+    for name, out in source.misread.items():
+        text = f"{name} is misread at {int(np.sum(out))} samples, which are left out"
+        rows.append(_blank(equation, MISREAD, name, 1.0, IN_MODEL, text))
     found = pd.DataFrame(rows, columns=list(COLUMNS))
     return sorted_by_probability(found, ignore_index=True)
 
 
-def index_of(world: Any, key: str) -> int:
-    """Column of a suspect in a world; -1 where it has none."""
-    columns = world.evaluations.statistics.columns
-    return next((i for i, c in enumerate(columns) if c.suspect is not None and c.suspect.key == key), -1)
-
-
-def _moments(world: Any, e: Any, key: str) -> tuple[float, float]:
-    statistics = world.evaluations.statistics
-    index = index_of(world, key)
-    mean, covariance = world.coefficients(e)
-    k = world.evaluations.indices(e.columns).index(index)
-    scale = statistics.target_scale / statistics.columns[index].scale
-    return float(mean[k]) * scale, float(np.sqrt(max(covariance[k, k], 0.0))) * scale
+def _noise_rows(near: Near, verdict: Verdict, data: Trajectories) -> list[dict[str, Any]]:
+    """Return what is suspected of the noise."""
+    p, rows = verdict.probabilities, []
+    likeliest = near.weighed.grid.points[verdict.hypothesis.point]
+    together = p.by_discrepancy[HANGS_TOGETHER]
+    if together >= LISTED:
+        every = zip(verdict.hypothesis.points, near.weighed.grid.points, strict=True)
+        points = [(float(share), point) for share, point in every if point.kind == HANGS_TOGETHER]
+        _, best = max(points, key=lambda item: item[0])
+        rho = float(np.exp(-near.rows.force.step / best.scale)) * best.ratio**2 / (1 + best.ratio**2)
+        size: dict[str, Any] = {"correlation": rho, "time_scale": best.scale}
+        inside = likeliest.kind == HANGS_TOGETHER
+        rows.append(_noise_row(near.regressors.equation, CORRELATED, together, size, inside, data))
+    shares: dict[str, float] = {}
+    about: dict[str, Mapping[str, Any]] = {}
+    for number, shape in enumerate(near.rows.point.shapes, start=1):
+        for name in shape.about:
+            shares[name] = shares.get(name, 0.0) + p.by_shape.get(number, 0.0)
+            about[name] = shape.about[name]
+    inside = set(near.rows.point.shapes[likeliest.shape - 1].about) if likeliest.shape else set()
+    for name, share in shares.items():
+        if share >= LISTED:
+            rows.append(_noise_row(near.regressors.equation, name, share, about[name], name in inside, data))
+    return rows
 
 
 def _blank(equation: str, kind: str, channel: str, p: float, status: str, text: str) -> dict[str, Any]:
@@ -200,20 +175,6 @@ def _bend(suspect: ChannelSuspect, mean: float, samples: Trajectories, unit: str
     }
 
 
-def _lag_row(equation: str, mirror: Mirror, p: float, times: np.ndarray, data: Trajectories) -> dict[str, Any]:
-    """A lag of the sensor that no column stands for: the answer's model has the effect that does the same."""
-    mean, sd = float(np.mean(times)), float(np.std(times)) if len(times) > 1 else np.nan
-    low, high = mean - _REACH * sd, mean + _REACH * sd
-    unit, step = data.unit("t") or "", mirror.step
-    row = _blank(equation, LAG, mirror.channel, p, "", "")
-    return row | {
-        "mean": mean, "sd": sd, "lower": low, "upper": high, "unit": unit, "samples": mean / step,
-        "lower_samples": low / step, "upper_samples": high / step,
-        "text": f"{mirror.channel} lags by {mean:.3g} {unit}".rstrip()
-        + f" ({mean / step:.2g} samples), and {mirror.instead} does not",
-    }  # fmt: skip
-
-
 def _article(kind: str) -> str:
     return f"an {kind}" if kind[0] in "aeiou" else f"a {kind}"
 
@@ -222,7 +183,7 @@ def _noise_row(
     equation: str, name: str, p: float, about: Mapping[str, Any], inside: bool, data: Trajectories
 ) -> dict[str, Any]:
     channel, time = data.target_label(equation), data.unit("t") or ""
-    if equation not in data.derivatives:
+    if equation not in data.derivatives or data.samples is not None:
         # Rows are the samples of the sensors, and no rates.
         channel = " and ".join((data.samples or data).state_names)
     row = _blank(equation, name, channel, p, IN_MODEL if inside else "", "")

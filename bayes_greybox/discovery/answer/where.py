@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -10,9 +11,6 @@ from scipy.special import ndtr
 
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.data.writing import unit_text
-from bayes_greybox.discovery.evidence.sufficient_statistics import SufficientStatistics
-from bayes_greybox.discovery.evidence.with_discrepancy import Evaluator, WithDiscrepancy
-from bayes_greybox.model.estimate.evidence import Spectrum
 
 GRID = 41
 """Points of a map along each variable."""
@@ -25,6 +23,9 @@ CUTS = 19
 
 MOST_REGIONS, MOST_WINDOWS = 3, 5
 """Regions and windows reported at most."""
+
+CELL = 0.05
+"""Width of a cell of a map over the range of its variable."""
 
 WINDOW = 40
 """A window lasts at least this part of a run's rows, so that noise does not cut it up."""
@@ -41,7 +42,7 @@ class GapMap:
         before, after: Posterior mean of the gap [n_0, n_1] (or [n_0]), user's units.
         probability, after_probability: P(|gap| > threshold).
         samples: Positions of the data.
-        threshold: One noise standard deviation.
+        threshold: One noise standard deviation, or that of the gap where it is larger.
         unit: Of the gap; "" if it is not known.
         units: Of the variables.
     """
@@ -75,109 +76,91 @@ class GapTrace:
     unit: str
 
 
-@dataclass(frozen=True)
-class GapField:
-    """Posterior of what a model lacks in one equation, as a Gaussian process over its variables.
+class Gap(NamedTuple):
+    """What a model lacks along time: the smoothed latent force, user's units.
 
     Attributes:
-        statistics: Of the equation.
-        mean: Posterior mean of the features' weights.
-        root: Factor of their covariance, W with Wᵀ W = cov.
-        sigma: Noise standard deviation, user's units.
-        projection: Coefficients of the features on the free columns, taken off wherever they are evaluated.
+        mean: Posterior mean at the samples.
+        sd: Its standard deviation.
     """
 
-    statistics: SufficientStatistics
-    mean: Float[np.ndarray, " n_basis"]
-    root: Float[np.ndarray, "n_basis n_basis"]
-    sigma: float
-    projection: Float[np.ndarray, "n_free n_basis"]
+    mean: Float[np.ndarray, " n_sample"]
+    sd: Float[np.ndarray, " n_sample"]
 
-    @classmethod
-    def of(
-        cls,
-        statistics: SufficientStatistics,
-        evaluator: Evaluator,
-        indices: Sequence[int] = (),
-        beta: np.ndarray | None = None,
-    ) -> "GapField":
-        """The gap left by columns with given coefficients; free columns take their share by least squares.
 
-        Args:
-            statistics: Products of the equation.
-            evaluator: Its evidence with f, whose mode sets η.
-            indices: Columns taken into the model.
-            beta: Their scaled coefficients.
-        """
-        beta = np.zeros(len(indices)) if beta is None else beta
-        taken = list(indices)
-        within = statistics.products[np.ix_(taken, taken)]
-        square = float(statistics.square - 2 * beta @ statistics.with_target[taken] + beta @ within @ beta)
-        product = statistics.features_target - beta @ statistics.with_features[taken]
-        free = statistics.of_kind("free")
-        G = statistics.products[np.ix_(free, free)]
-        g = statistics.with_target[free] - statistics.products[np.ix_(free, taken)] @ beta
-        sd = np.array([[statistics.columns[i].sd for i in free]])
-        spectrum = Spectrum.of(G, g, square, statistics.n_obs, sd)
-        inverse, C = np.linalg.pinv(G, rcond=1e-12, hermitian=True) if free else G, statistics.with_features[free]
-        hypothesis = WithDiscrepancy(
-            spectrum.eigenvalues, spectrum.loading, np.zeros(1), max(square, 1e-300), statistics.n_obs,
-            statistics.features - C.T @ inverse @ C, product - C.T @ inverse @ g,
-        )  # fmt: skip
-        found = evaluator.integrate(hypothesis, draws=0)
-        mean, root = evaluator.weights(hypothesis, found.mode)
-        sigma = float(statistics.noise.sigma(found.mode[0])) * statistics.target_scale
-        return cls(statistics, mean, root, float(sigma), inverse @ C)
+class Along(NamedTuple):
+    """Samples that a gap is along.
 
-    def at(self, columns: Mapping[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-        """Posterior mean and standard deviation at rows, user's units."""
-        free = self.statistics.of_kind("free")
-        means, sds = [], []
-        n = len(next(iter(columns.values())))
-        for start in range(0, n, 4096):
-            part = {name: np.asarray(column)[start : start + 4096] for name, column in columns.items()}
-            psi = self.statistics.evaluate_features(part) - self.statistics.evaluate(free, part) @ self.projection
-            means.append(psi @ self.mean)
-            sds.append(np.linalg.norm(psi @ self.root.T, axis=1))
-        scale = self.statistics.target_scale
-        return scale * np.concatenate(means), scale * np.concatenate(sds)
+    Attributes:
+        equation: The state whose rate is meant.
+        time: Of the samples.
+        run: Their runs.
+        columns: States and inputs there.
+    """
+
+    equation: str
+    time: Float[np.ndarray, " n_sample"]
+    run: Int[np.ndarray, " n_sample"]
+    columns: Mapping[str, Float[np.ndarray, " n_sample"]]
+
+    def thinned(self, gap: Gap) -> "tuple[Along, Gap]":
+        """Return at most `MOST_ROWS` of them, evenly thinned."""
+        pick = np.unique(np.linspace(0, len(self.time) - 1, min(len(self.time), MOST_ROWS)).astype(int))
+        columns = {name: column[pick] for name, column in self.columns.items()}
+        return Along(self.equation, self.time[pick], self.run[pick], columns), Gap(gap.mean[pick], gap.sd[pick])
 
 
 def exceedance(mean: np.ndarray, sd: np.ndarray, threshold: float) -> np.ndarray:
-    """P(|gap| > threshold) for a Gaussian gap."""
-    sd = np.maximum(sd, 1e-12 * threshold)
-    return ndtr((mean - threshold) / sd) + ndtr((-mean - threshold) / sd)
+    """Return P(|gap| > threshold) for a Gaussian gap, on the likelier side of zero.
+
+    Where nothing is known of the gap either sign exceeds any threshold: that it is large in one direction is not.
+    """
+    return ndtr((np.abs(mean) - threshold) / np.maximum(sd, 1e-12 * threshold))
 
 
 def gap_map(
-    data: Trajectories, before: GapField, after: GapField, variables: tuple[str, ...], threshold: float, unit: str
-) -> GapMap:
-    """The gap on a grid over one or two variables of f, the others held at their median."""
-    columns = data.columns
-    axes = tuple(np.linspace(columns[v].min(), columns[v].max(), GRID) for v in variables)
-    mesh = np.meshgrid(*axes, indexing="ij")
-    rows = {name: np.full(mesh[0].size, np.median(column)) for name, column in columns.items()}
-    rows |= {v: m.ravel() for v, m in zip(variables, mesh, strict=True)}
-    (m0, s0), (m1, s1) = before.at(rows), after.at(rows)
-    shape = mesh[0].shape
+    data: Trajectories, along: Along, before: Gap, after: Gap, variables: tuple[str, ...], threshold: float, unit: str
+) -> GapMap:  # fmt: skip
+    """Return the gap averaged over cells of one or two variables, with the weights of a normal density.
+
+    Args:
+        data: Training data, for units.
+        along: Samples.
+        before: Gap that the model before leaves there.
+        after: Gap that the model after leaves.
+        variables: One or two variables.
+        threshold: One noise standard deviation.
+        unit: Of the gap.
+    """
+    (thin, first), (_, last) = along.thinned(before), along.thinned(after)
+    x = np.column_stack([thin.columns[v] for v in variables])
+    axes = tuple(np.linspace(column.min(), column.max(), GRID) for column in x.T)
+    mesh = np.column_stack([m.ravel() for m in np.meshgrid(*axes, indexing="ij")])
+    width = np.maximum(np.ptp(x, axis=0) * CELL, np.finfo(float).tiny)
+    log_weight = -0.5 * np.sum(((mesh[:, None] - x) / width) ** 2, axis=-1)
+    # Where no sample is near the nearest one speaks.
+    weight = np.exp(log_weight - log_weight.max(axis=1, keepdims=True))
+    weight /= weight.sum(axis=1, keepdims=True)
+    shape = tuple(len(axis) for axis in axes)
+    means = [(weight @ gap.mean).reshape(shape) for gap in (first, last)]
+    # Neighbours share their errors: an average is known no better than each of them.
+    sds = [np.sqrt(weight @ gap.sd**2).reshape(shape) for gap in (first, last)]
+    sure = [exceedance(mean, sd, threshold) for mean, sd in zip(means, sds, strict=True)]
     return GapMap(
-        before.statistics.equation, variables, axes, m0.reshape(shape), m1.reshape(shape),
-        exceedance(m0, s0, threshold).reshape(shape), exceedance(m1, s1, threshold).reshape(shape),
-        np.column_stack([columns[v] for v in variables]), threshold, unit,
+        along.equation, variables, axes, means[0], means[1], sure[0], sure[1],
+        np.column_stack([along.columns[v] for v in variables]), threshold, unit,
         tuple(data.unit(v) or "" for v in variables),
     )  # fmt: skip
 
 
-def gap_trace(data: Trajectories, before: GapField, after: GapField, threshold: float, unit: str) -> GapTrace:
-    """The gap along time on the training rows."""
-    pick = _shown(data)
-    rows = {name: column[pick] for name, column in data.columns.items()}
-    (m0, s0), (m1, s1) = before.at(rows), after.at(rows)
-    p, equation = exceedance(m0, s0, threshold), before.statistics.equation
-    return GapTrace(equation, data.time[pick], data.run[pick], m0, s0, m1, s1, p, threshold, unit)
+def gap_trace(along: Along, before: Gap, after: Gap, threshold: float, unit: str) -> GapTrace:
+    """Return the gap along time; arguments as of `gap_map`."""
+    (thin, first), (_, last) = along.thinned(before), along.thinned(after)
+    p = exceedance(first.mean, first.sd, threshold)
+    return GapTrace(along.equation, thin.time, thin.run, *first, *last, p, threshold, unit)
 
 
-def where_table(data: Trajectories, variables: Sequence[str], trace: GapTrace) -> pd.DataFrame:
+def where_table(data: Trajectories, along: Along, variables: Sequence[str], trace: GapTrace) -> pd.DataFrame:
     """Regions of state space and windows of time in which the gap exceeds the threshold.
 
     A region is a rule on one variable, or on two, that gathers as many rows of high probability and as few of low as
@@ -185,6 +168,7 @@ def where_table(data: Trajectories, variables: Sequence[str], trace: GapTrace) -
 
     Args:
         data: Training data.
+        along: Samples.
         variables: What f depends on.
         trace: The gap along time.
 
@@ -192,7 +176,8 @@ def where_table(data: Trajectories, variables: Sequence[str], trace: GapTrace) -
         Columns equation, kind, description, probability (mean over the rows), gap_share (of the gap's square),
         sample_share; largest share of the gap first within each kind.
     """
-    columns = {v: data.column(v)[_shown(data)] for v in variables}
+    thin, _ = along.thinned(Gap(along.time, along.time))
+    columns = {v: thin.columns[v] for v in variables}
     units = {v: data.unit(v) or "" for v in columns}
     p, square = trace.probability, trace.before**2
     rows = []
@@ -204,11 +189,6 @@ def where_table(data: Trajectories, variables: Sequence[str], trace: GapTrace) -
         rows += sorted(part, key=lambda row: -row[4])[: MOST_REGIONS if kind == "region" else MOST_WINDOWS]
     names = ["equation", "kind", "description", "probability", "gap_share", "sample_share"]
     return pd.DataFrame(rows, columns=names)
-
-
-def _shown(data: Trajectories) -> Int[np.ndarray, " n_shown"]:
-    """Rows, evenly thinned, that regions and windows are sought on."""
-    return np.unique(np.linspace(0, data.n_obs - 1, min(data.n_obs, MOST_ROWS)).astype(int))
 
 
 def _regions(

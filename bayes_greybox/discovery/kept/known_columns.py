@@ -9,8 +9,8 @@ from jaxtyping import Float
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.answer.amendment import Amendment
-from bayes_greybox.discovery.evidence.columns import Column
-from bayes_greybox.discovery.evidence.sufficient_statistics import evaluated
+from bayes_greybox.discovery.regressors.columns import Column
+from bayes_greybox.discovery.regressors.regressors import evaluated
 from bayes_greybox.model.frame import held_features, scaled_position
 from bayes_greybox.model.gp.features import HilbertBasis
 from bayes_greybox.model.rows.kinds import ROWS

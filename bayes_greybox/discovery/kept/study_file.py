@@ -16,12 +16,11 @@ from bayes_greybox.criticism.bands import Band
 from bayes_greybox.criticism.kept.file import checked_of, save_checked
 from bayes_greybox.discovery.answer.amendment import Amendment, Remainder
 from bayes_greybox.discovery.answer.coefficients import Coefficients
+from bayes_greybox.discovery.answer.explained import Component, Explained
 from bayes_greybox.discovery.answer.gap.free_runs import FreePath
 from bayes_greybox.discovery.answer.where import GapMap, GapTrace
-from bayes_greybox.discovery.evidence.clouds import Cloud
-from bayes_greybox.discovery.evidence.columns import Column, Nearer
-from bayes_greybox.discovery.next_experiment.explained import Component, Explained
-from bayes_greybox.discovery.next_experiment.nameless import Features
+from bayes_greybox.discovery.regressors.clouds import Cloud
+from bayes_greybox.discovery.regressors.columns import Column, Nearer
 from bayes_greybox.discovery.study import StudyResult
 from bayes_greybox.discovery.suspects.channels import ChannelSuspect
 from bayes_greybox.discovery.suspects.memory import Memory
@@ -37,6 +36,7 @@ from bayes_greybox.physics.hidden_states import HiddenState
 from bayes_greybox.physics.simulation.fmu.given import FMU
 from bayes_greybox.physics.simulation.protocol import RightHandSide
 
+from .features import Features
 from .known_columns import KnownColumns, kept_amendment, lost
 
 FORMAT = 1

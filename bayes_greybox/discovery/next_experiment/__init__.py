@@ -1,1 +1,1 @@
-"""What to measure next: candidates, what each explanation predicts of them, and the information they are worth."""
+"""The next experiment: candidates, simulated under the surviving hypotheses, ranked by what they tell of these."""

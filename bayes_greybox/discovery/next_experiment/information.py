@@ -1,148 +1,60 @@
-"""Expected information of an experiment about the explanation, from Gaussian predictions of what it would show.
+"""Information of an experiment about which hypothesis holds, in closed form.
 
-Given an explanation, its coefficients are μ + Wᵀz with z ~ N(0, I), and a response that is linear in them,
-y = m + A z + σ ε, has the density (Woodbury; Rasmussen & Williams 2006, A.9)
+Near its mean, hypothesis i predicts y ~ N(m_i, S_i), S_i = I + A_iᵀA_i, over the noise; A_i has one row for each latent
+of its coefficients' posterior, so that only what is left after refitting tells. The information about the hypothesis is
+at least (Kolchinsky & Tracey 2017, eq. 10, with the Bhattacharyya distance)
 
-    log p(y) = −½ (q − hᵀ (I + G)⁻¹ h + log|I + G|) + const,   q = |r|²,  h = Aᵀr,  G = AᵀA,  r = y − m, over σ.
+    I(M; y) ≥ −Σ_i p_i log Σ_j p_j exp(−C_ij),   C_ij = ⅛ dᵀS⁻¹d + ½ log|S| − ¼ log|S_i| − ¼ log|S_j|,
 
-q, h and G are sums over rows, and so over experiments that share the coefficients: several experiments at once cost no
-more than their sum.
+d = m_i − m_j, S = (S_i + S_j)/2.
 """
 
 from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Int
-
-BITS = float(np.log(2.0))
-"""Nats of a bit."""
+from jaxtyping import Float
+from scipy.linalg import block_diag
 
 FAR = 1e6
 """Noise standard deviations: a residual is not told from a larger one, and rows less certain than this do not count."""
 
-FAINT = 1e-14
-"""Share of its trace that a matrix has on its diagonal at least, so that it can be inverted."""
-
-
-class Products(NamedTuple):
-    """What responses say of one component; a sum over experiments is that of all.
-
-    Attributes:
-        q: [n_outcome], with what uncertain starts cost.
-        h: [n_outcome, n_latent].
-        G: [n_outcome, n_latent, n_latent].
-    """
-
-    q: Float[np.ndarray, " n_outcome"]
-    h: Float[np.ndarray, "n_outcome n_latent"]
-    G: Float[np.ndarray, "n_outcome n_latent n_latent"]
-
-    def beside(self, other: "Products") -> "Products":
-        """Both experiments, whose outcomes share their draws."""
-        return Products(*(a + b for a, b in zip(self, other, strict=True)))
-
-    def log_density(self) -> Float[np.ndarray, " n_outcome"]:
-        """Log density of each outcome, up to a constant of the outcome."""
-        one = _beside_one(self.G)
-        solved = np.linalg.solve(one, self.h[..., None])[..., 0]
-        return -0.5 * (self.q - np.sum(self.h * solved, axis=-1) + np.linalg.slogdet(one)[1])
-
-
-def bounded(r: Float[np.ndarray, "*n"]) -> Float[np.ndarray, "*n"]:
-    """Residuals over σ whose squares stay exact: what is `FAR` is as impossible as what is further."""
-    return np.clip(r, -FAR, FAR)
-
 
 class Information(NamedTuple):
-    """An expected information, in bits.
-
-    Attributes:
-        bits: Its estimate.
-        error: Standard error of the simulation.
-    """
+    """An expected information in bits, with its standard error: zero, where it is a closed form."""
 
     bits: float
-    error: float
+    error: float = 0.0
 
 
-def marginal_starts(
-    q: Float[np.ndarray, "*batch"], h: Float[np.ndarray, "*batch n"], G: Float[np.ndarray, "*batch n n"], n_own: int
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Products without the last latents, an experiment's own: they are integrated out.
+class Response(NamedTuple):
+    """What one hypothesis predicts: m, rows of A of coefficients, and rows of A of an experiment's own start."""
 
-    Args:
-        q: Of rows and all latents.
-        h: Likewise.
-        G: Likewise.
-        n_own: How many are its own.
-    """
-    if not n_own:
-        return q, h, G
-    k = h.shape[-1] - n_own
-    C, B = _beside_one(G[..., k:, k:]), G[..., :k, k:]
-    solved = np.linalg.solve(C, h[..., k:, None])[..., 0]
-    q = q - np.sum(h[..., k:] * solved, axis=-1) + np.linalg.slogdet(C)[1]
-    h = h[..., :k] - np.einsum("...ij,...j->...i", B, solved)
-    return q, h, G[..., :k, :k] - B @ np.linalg.solve(C, np.swapaxes(B, -1, -2))
+    mean: Float[np.ndarray, " n_row"]
+    load: Float[np.ndarray, "n_latent n_row"]
+    start: Float[np.ndarray, "n_start n_row"]
 
 
-def of_explanations(
-    log_density: Float[np.ndarray, "n_outcome n_component"],
-    explanation: Int[np.ndarray, " n_component"],
-    weight: Float[np.ndarray, " n_component"],
-) -> Float[np.ndarray, "n_outcome n_explanation"]:
-    """Log densities under explanations, mixtures of their components.
-
-    Args:
-        log_density: Under components.
-        explanation: Which explanation each component belongs to.
-        weight: Of each component in it.
-    """
-    n = int(np.max(explanation)) + 1
-    each = log_density + np.log(weight)
-    return np.stack([np.logaddexp.reduce(each[:, explanation == m], axis=1) for m in range(n)], axis=1)
+def together(each: Sequence[Response]) -> Response:
+    """Return the prediction of several experiments."""
+    means, loads, starts = zip(*each, strict=True)
+    return Response(np.concatenate(means), np.hstack(loads), np.asarray(block_diag(*starts)))
 
 
-def expected_information(
-    log_density: Float[np.ndarray, "n_outcome n_explanation"],
-    truth: Int[np.ndarray, " n_outcome"],
-    probability: Sequence[float] | Float[np.ndarray, " n_explanation"],
-) -> Information:
-    """Mutual information of explanation M and outcome y (Lindley 1956), estimated by simulated outcomes.
-
-        I(M; y) = Σ_m P(m) E[log p(y | m) − log Σ_m' P(m') p(y | m')],   y ~ p(· | m)
-
-    With densities that only approximate those that the outcomes come from, its expectation is a lower bound (Barber &
-    Agakov 2003): nothing is promised that the data could not hold.
-
-    Args:
-        log_density: Of each outcome under each explanation, up to a constant of the outcome.
-        truth: Explanation that each outcome was simulated under; every one has some.
-        probability: P(m); they sum to one.
-
-    Returns:
-        The information with its Monte Carlo error, stratified by m.
-    """
-    p = np.asarray(probability, float)
-    own = np.take_along_axis(log_density, truth[:, None], axis=1)[:, 0]
-    gain = own - np.logaddexp.reduce(log_density + np.log(p), axis=1)
-    total, variance = 0.0, 0.0
-    for m, share in enumerate(p):
-        each = gain[truth == m]
-        total += share * float(np.mean(each))
-        variance += share**2 * float(np.var(each, ddof=1)) / len(each)
-    return Information(total / BITS, float(np.sqrt(variance)) / BITS)
+def distance(one: Response, other: Response) -> float:
+    """Return the Bhattacharyya distance C of two predictions, in nats."""
+    A, B = (np.vstack([each.load, each.start]) for each in (one, other))
+    d = one.mean - other.mean
+    sure = np.isfinite(d) & np.all(np.abs(np.vstack([A, B])) < FAR, axis=0)
+    A, B, d = A[:, sure], B[:, sure], np.clip(d[sure], -FAR, FAR)
+    # Along right singular vectors of both loads S is 1 + s², and 1 elsewhere.
+    _, s, V = np.linalg.svd(np.vstack([A, B]) / np.sqrt(2), full_matrices=False)
+    left, logs = d - (V @ d) @ V, [np.linalg.slogdet(np.eye(len(L)) + L @ L.T)[1] for L in (A, B)]
+    squares = left @ left + np.sum((V @ d) ** 2 / (1 + s**2))
+    return float(squares / 8 + np.sum(np.log1p(s**2)) / 2 - sum(logs) / 4)
 
 
-def entropy(probability: Sequence[float] | Float[np.ndarray, " n"]) -> float:
-    """Entropy of explanations in bits: what an experiment that tells them all apart is worth."""
-    p = np.asarray(probability, float)
-    p = p[p > 0]
-    return float(-np.sum(p * np.log(p))) / BITS
-
-
-def _beside_one(G: np.ndarray) -> np.ndarray:
-    """I + G, which rounding cannot make singular."""
-    size = np.trace(G, axis1=-2, axis2=-1)[..., None, None]
-    return (1.0 + FAINT * size) * np.eye(G.shape[-1]) + G
+def information(responses: Sequence[Sequence[Response]], p: Float[np.ndarray, " n"]) -> float:
+    """Return the information in bits, of predictions of all hypotheses along the path of each, by probabilities p."""
+    overlaps = [[np.exp(-distance(own[i], other)) for other in own] for i, own in enumerate(responses)]
+    return float(-p @ np.log2(np.array(overlaps) @ p))

@@ -8,10 +8,6 @@ What a state x did before acts through elements that are driven by its changes a
 Sums of the first over r are hysteresis of Masing's kind, whose loops close and have one shape whatever their size
 (Prandtl–Ishlinskii operators); sums of the second over τ every relaxation that decays without swinging. None is a
 function of the states, so that neither an effect of the catalogue nor an unknown f over the states is what they are.
-
-The studied state is the integral of its rate: its last changes tell a force that nobody measured, a gust, and a fast
-Maxwell element of it is all but the rate itself. A memory is of what was before, and needs the last samples least: it
-is told only where it explains something `BEHIND` samples behind (see `weighing.told`).
 """
 
 from collections.abc import Iterator
@@ -42,10 +38,6 @@ RETURNS = 1.5
 """Way of a channel within a run over its range there, from which on it comes back to where it was: a memory of one that
 does not is a function of what it is."""
 
-BEHIND = 2
-"""Samples that a memory of the studied state is behind where it has to do without the last ones: smoothing a sample
-needs its neighbours."""
-
 PLAY = 0.1
 """Share of the range that a turn has at least, or it is noise and no way."""
 
@@ -58,7 +50,7 @@ class Memory:
         kind: `HYSTERESIS` or `RELAXATION`.
         channel: A state or an input.
         share: Which of several of the kind.
-        behind: Whether it is `BEHIND` samples behind: no hypothesis, but what one is held against.
+        behind: Of files of before: whether it was some samples behind.
     """
 
     kind: str
@@ -72,16 +64,13 @@ class Memory:
         return f"{self.kind} of {self.channel}"
 
 
-def memory_columns(
-    data: Trajectories, studied: str = ""
-) -> Iterator[tuple[Memory, Float[np.ndarray, "n_obs n_element"]]]:
-    """Every memory with the forces of its elements, by the paths that were measured; of channels that come back.
+def memory_columns(data: Trajectories) -> Iterator[tuple[Memory, Float[np.ndarray, "n_obs n_element"]]]:
+    """Yield every memory with the forces of its elements, by the paths that were measured; of channels that come back.
 
     Elements are at rest where a run starts, and forget that they were not.
 
     Args:
         data: Samples in order of time.
-        studied: State whose rate was measured: its memories come a second time, some samples behind.
     """
     runs = [np.flatnonzero(data.run == r) for r in dict.fromkeys(data.run.tolist())]
     runs = [own for own in runs if len(own) > 2]
@@ -101,17 +90,6 @@ def memory_columns(
             relaxing[own] = _relaxing(np.diff(x[own]), np.diff(data.time[own]), period * np.array(TIMES))
         yield Memory(HYSTERESIS, name), held
         yield Memory(RELAXATION, name), relaxing
-        if name == studied:
-            for kind, table in ((HYSTERESIS, held), (RELAXATION, relaxing)):
-                yield Memory(kind, name, behind=True), _behind(table, runs)
-
-
-def _behind(table: Float[np.ndarray, "n_obs n_element"], runs: list[np.ndarray]) -> np.ndarray:
-    # At rest before a run starts.
-    earlier = np.zeros_like(table)
-    for own in runs:
-        earlier[own[BEHIND:]] = table[own[:-BEHIND]]
-    return earlier
 
 
 def _returns(x: np.ndarray) -> bool:

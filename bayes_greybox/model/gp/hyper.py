@@ -2,7 +2,7 @@
 
     σ² = floor² + s²,  s ~ HalfNormal(scale),   amplitude ~ HalfNormal(a),   ℓ_d ~ LogNormal(log ℓ₀, spread),
 
-all in scaled units. The NumPyro program samples them as sites; the evidence of a hypothesis and its bridge integrate
+all in scaled units. The NumPyro program samples them as sites; the evidence of a hypothesis integrates
 over the packed vector (log s, log amplitude, log ℓ).
 """
 

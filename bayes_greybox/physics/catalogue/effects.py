@@ -49,6 +49,7 @@ class Effect:
         reverse: What the other sign would mean physically, in a few words; "" where `sign` is 0.
         nominal: Role whose coefficient in the simulation its own is about as large as, as that of an input which acts
             late; "" where nothing is known of it.
+        family: Effects of one family are one answer to a user, such as dry friction; "" where it is its own.
         roles: Roles that the formula and the rates use, or take units and ranges from, sorted.
         expr: The formula over real symbols.
     """
@@ -65,6 +66,7 @@ class Effect:
     sign: int = 0
     reverse: str = ""
     nominal: str = ""
+    family: str = ""
     roles: tuple[str, ...] = field(init=False)
     expr: sympy.Expr = field(init=False, repr=False, compare=False)
 

@@ -9,9 +9,9 @@ from matplotlib.figure import Figure
 from bayes_greybox.criticism.bands import Band
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.discovery.evidence.ties import sorted_by_probability
 from bayes_greybox.discovery.next_experiment.ranked import NextExperiment
 from bayes_greybox.discovery.study import StudyResult
+from bayes_greybox.discovery.ties import sorted_by_probability
 from bayes_greybox.report.plots.gap.before_after import plot_free_run, plot_gap_over_time, seen_as
 from bayes_greybox.report.plots.gap.gap_map import plot_gap_curve, plot_gap_map
 from bayes_greybox.report.plots.gap.posteriors import Coefficient, plot_posteriors

@@ -6,13 +6,13 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from bayes_greybox.criticism.convergence import convergence
-from bayes_greybox.discovery.answer.finding import NEGLIGIBLE, SURE
 from bayes_greybox.discovery.answer.gap.denials import left_over, misfits, worsened
 from bayes_greybox.discovery.answer.instrument import IN_MODEL
-from bayes_greybox.discovery.answer.weighed import STOPS
-from bayes_greybox.discovery.evidence.ties import sorted_by_probability
+from bayes_greybox.discovery.decision.criteria import Criteria
+from bayes_greybox.discovery.decision.probabilities import STOPS
 from bayes_greybox.discovery.study import StudyResult
 from bayes_greybox.discovery.suspects.channels import DELAY_STEPS
+from bayes_greybox.discovery.ties import sorted_by_probability
 from bayes_greybox.discovery.verdict import left_in_words, worse_in_words
 from bayes_greybox.physics.catalogue.names import within
 
@@ -32,7 +32,10 @@ from .study import (
     worse_runs,
 )
 
-NOTABLE = 1 - SURE
+NEGLIGIBLE = Criteria().remainder
+"""Share of the gap from which on what remains beside an answer speaks against it."""
+
+NOTABLE = 1 - Criteria().named
 """Another explanation speaks against the verdict from this probability on."""
 
 FAR = 3.0

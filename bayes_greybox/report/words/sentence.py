@@ -1,18 +1,20 @@
 """The verdict of a study in one sentence."""
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import pandas as pd
 
 from bayes_greybox.discovery.answer.checks.filtered import SAMPLES_TELL
-from bayes_greybox.discovery.answer.finding import AND_MORE, ONE_LAW, SURE, TIED
 from bayes_greybox.discovery.answer.gap.denials import NAMED, worsened
 from bayes_greybox.discovery.answer.instrument import IN_MODEL
+from bayes_greybox.discovery.decision.criteria import Criteria
+from bayes_greybox.discovery.decision.decide import AND_MORE, ONE_LAW
+from bayes_greybox.discovery.linearise.near import LARGEST_ERROR
 from bayes_greybox.discovery.study import NO_CATALOGUE, StudyResult
-from bayes_greybox.discovery.suspects.channels import DELAY, GAIN, LAG, is_fault
+from bayes_greybox.discovery.suspects.channels import GAIN, LAG, is_fault
 from bayes_greybox.discovery.verdict import worse_in_words
-from bayes_greybox.discovery.weighing.alignment import FURTHEST, FURTHEST_DELAY
 from bayes_greybox.physics.catalogue.names import within
 
 from .formatting import formula, listed, number, numbers_in, probability_text, share_text
@@ -31,6 +33,9 @@ from .study import (
     rows_of,
     same_as,
 )
+
+SURE, TIED = Criteria().named, Criteria().tied
+"""Probability from which on something is said for sure, and share from which on it is tied."""
 
 ALIKE = 0.1
 """Coefficients whose relative changes differ by less than this share of them are off by one factor."""
@@ -68,6 +73,8 @@ def measurement_in_words(study: StudyResult) -> list[str]:
 def _answer(study: StudyResult) -> str:
     closed = closed_in_words(study.gap, study.train.target_in_words(*study.maps, article="the "))
     p = _probability(study)
+    if study.verdict == "no gap" and (left := _left_in_practice(study)):
+        return f"Nothing of size is missing: simulation and measurements agree.{left}"
     if study.verdict == "no gap":
         return f"{_likely('Nothing is missing', p)}: simulation and measurements agree to within the noise."
     if study.verdict == "instrument":
@@ -81,7 +88,7 @@ def _answer(study: StudyResult) -> str:
             what, it = "the coefficient of the simulation is", "it"
         clause = _likely(f"No effect is missing; {what} off", p)
         told = f"{clause} ({right})" if p >= SURE else f"{clause.removesuffix(')')}; {right})"
-        return f"{told}, and setting {it} right {closed}."
+        return f"{told}, and setting {it} right {closed}.{_left_in_practice(study)}"
     said = _said(study)
     # Of several equations the gravest speaks; what was found in the others is said with it.
     off = [row for row in _corrections(study, SURE) if answer(study, row["equation"]) != "unknown"]
@@ -95,10 +102,24 @@ def _answer(study: StudyResult) -> str:
     return f"{_missing(study, said, closed)}{besides}"
 
 
+def _left_in_practice(study: StudyResult) -> str:
+    """Return a sentence of what remains without a name where it is too small to matter; "" where nothing does."""
+    practical = [name for name, small in study.settings.get("agree in practice", {}).items() if small]
+    if not practical:
+        return ""
+    share = share_text(study.settings["thresholds"]["negligible"])
+    remains = "; ".join(text for name in practical if (text := remembered(study, name)))
+    kind = f"; it {remains}" if remains else ""
+    return f" What is left is below {share} of what is modelled{kind}."
+
+
 def _probability(study: StudyResult) -> float:
     """Probability of a verdict that needs no effect, of all equations that have it."""
     total = 1.0
     for name in study.maps:
+        if study.settings.get("agree in practice", {}).get(name):
+            # What remains is too small to ask whether it is there.
+            continue
         known = rows_of(study.hypotheses, name)["probability"].to_dict()
         own = answer(study, name)
         if own == study.verdict and own in known:
@@ -235,11 +256,6 @@ def _corrections(study: StudyResult, least: float) -> list[dict[str, Any]]:
     return likely.reset_index().to_dict("records")
 
 
-def _furthest(key: str) -> float:
-    """Prior standard deviations beyond which no sensor is off."""
-    return FURTHEST_DELAY if key.startswith(f"{DELAY} of ") else FURTHEST
-
-
 def _all_should_be(study: StudyResult, off: Sequence[Mapping[str, Any]]) -> list[str]:
     """The right coefficients; those of an equation that are all off by one factor as that."""
     said = []
@@ -270,16 +286,23 @@ def _all_should_be(study: StudyResult, off: Sequence[Mapping[str, Any]]) -> list
 
 def _should_be(study: StudyResult, row: Mapping[str, Any]) -> str:
     """The right coefficient, and the errors of sensors that do the same as a wrong one."""
-    right, wrong = number(row["nominal"] + row["mean"], 4), number(row["nominal"], 4)
+    digits = _digits(row)
+    right, wrong = number(row["nominal"] + row["mean"], digits), number(row["nominal"], digits)
     own = f"recalibration of {row['term']}"
     twins = [
         key
         for key, other in same_as(study, row["equation"]).items()
-        if other["what"] == own and abs(row["mean"]) <= _furthest(key) * abs(other["change"])
+        if other["what"] == own and abs(row["mean"]) <= LARGEST_ERROR * abs(other["change"])
     ]
     instead = f", or else it is the {' or the '.join(twins)}, which does the same" if twins else ""
     label = study.train.target_label(row["equation"])
     return f"{formula(row['term'])} in {label} should have {right}, not {wrong}{instead}"
+
+
+def _digits(row: Mapping[str, Any]) -> int:
+    """Return as many digits as show that a corrected coefficient is another one."""
+    share = abs(row["mean"] / row["nominal"]) if row["nominal"] else 1.0
+    return min(max(4, 2 - math.floor(math.log10(share))), 15) if share > 0 else 4
 
 
 def closed_in_words(gap: pd.DataFrame, what: str = "the rate") -> str:

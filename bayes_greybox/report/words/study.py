@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from bayes_greybox.discovery.answer.gap.denials import MISFIT, NAMED, worsened
-from bayes_greybox.discovery.answer.weighed import STOPS
+from bayes_greybox.discovery.decision.probabilities import STOPS
 from bayes_greybox.discovery.study import StudyResult
 from bayes_greybox.discovery.suspects import bends
 from bayes_greybox.discovery.suspects.channels import DELAY, DELAY_STEPS, GAIN, GAIN_SD, LAG, OFFSET, OFFSET_SD, STATES
@@ -94,20 +94,33 @@ def added(study: StudyResult) -> np.ndarray:
     return np.flatnonzero((study.effects["status"] == "added").to_numpy()) if len(study.effects) else np.zeros(0, int)
 
 
+WHAT_REMAINS = {
+    "a law of the states": "is a law of the states",
+    "something in time": "is something in time, of the machine or of its sensor",
+    "something that remembers": "remembers",
+}
+"""What is said of an effect without a name, by the kind that the table of what remains has."""
+
+
 def remembered(study: StudyResult, equation: str) -> str:
-    """What an effect without a name likely does, such as "remembers (hysteresis of y, probability 0.97)", or "".
+    """Return what an effect without a name likely does, such as "remembers (hysteresis of y, probability 0.97)", or "".
 
     Args:
         study: The study.
         equation: The equation that lacks it.
     """
     known = rows_of(study.memory, equation)["probability"].to_dict()
-    likely = [(name, p) for name, p in known.items() if p > LIKELY]
+    likely = {name: p for name, p in known.items() if p > LIKELY}
+    kinds = [name for name in likely if name in WHAT_REMAINS]
     verbs = {DRIFT: "changes with time", LAW: "follows another law"}
-    return "; ".join(
-        f"{verbs.get(name.split(' of ')[0], 'remembers')} ({name}, probability {probability_text(p)})"
-        for name, p in likely
-    )
+    # What a memory is of says more than that it is one; files of before know no kinds.
+    told = [name for name in likely if name not in WHAT_REMAINS]
+    if told:
+        return "; ".join(
+            f"{verbs.get(name.split(' of ')[0], 'remembers')} ({name}, probability {probability_text(likely[name])})"
+            for name in told
+        )
+    return "; ".join(f"{WHAT_REMAINS[name]} (probability {probability_text(likely[name])})" for name in kinds)
 
 
 def name_of(study: StudyResult, slug: str) -> str:

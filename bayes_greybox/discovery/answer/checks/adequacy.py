@@ -10,17 +10,17 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-from jaxtyping import Float
-from scipy.special import ndtr, ndtri
-from scipy.stats import chi2, t
+from scipy.special import ndtr
+from scipy.stats import chi2
 
 from bayes_greybox.criticism.checks.loo_pit import anderson_darling
-from bayes_greybox.discovery.weighing.sets import Explanation
-from bayes_greybox.discovery.weighing.worlds import World
+from bayes_greybox.discovery.decision.criteria import Criteria
+from bayes_greybox.discovery.grid.hypotheses import Hypothesis
+from bayes_greybox.discovery.linearise.near import Near
 from bayes_greybox.model.noise.noise_model import HEAVY
 
-LEVEL = 1e-3
-"""p-value below which a check speaks against the verdict: of a thousand right explanations one is called into doubt."""
+LEVEL = Criteria().level
+"""p-value below which a check speaks against the verdict."""
 
 LAGS = 20
 """Most lags that whiteness is tested at, and a fifth of the rows at most."""
@@ -59,47 +59,28 @@ class Check:
         return self.p >= LEVEL
 
 
-def check_explanation(world: World, e: Explanation, unit: str = "") -> list[Check]:
-    """Whiteness and LOO-PIT of an explanation without a rest.
+def check_hypothesis(near: Near, hypothesis: Hypothesis, unit: str = "") -> list[Check]:
+    """Return whiteness and LOO-PIT of a hypothesis at its likeliest noise point.
 
     Args:
-        world: The noise.
-        e: The explanation.
+        near: Hypotheses.
+        hypothesis: The one that the study settled on.
         unit: Of time, for the words.
     """
-    rows = world.evaluations.statistics.rows
-    z = _standardised(world, e)
+    z = near.weighed.standardised(hypothesis)
     if len(z) < FEWEST:
         return []
-    (values,), lengths, by_frequency = rows.noise.sequences(z[None])
+    rows = near.regressors.rows
+    lengths = tuple(np.unique(rows.run, return_counts=True)[1].tolist()) if len(z) == rows.n_row else (len(z),)
     steps = np.diff(rows.time)[np.diff(rows.run) == 0]
-    over = "neighbouring frequencies"
-    white, lasting = _whiteness(values, lengths)
-    if not by_frequency:
-        over = f"{lasting * float(np.median(steps)) if len(steps) else 0.0:.2g} {unit}".rstrip()
+    white, lasting = _whiteness(z, lengths)
+    over = f"{lasting * float(np.median(steps)) if len(steps) else 0.0:.2g} {unit}".rstrip()
     said = "" if white >= LEVEL else f"residuals hang together over {over}"
+    shape = near.weighed.grid.points[hypothesis.point].shape
+    if shape and HEAVY in near.rows.point.shapes[shape - 1].about:
+        # Weights that made the tails light were found on these very residuals.
+        return [Check(WHITENESS, white, said)]
     return [Check(WHITENESS, white, said), _loo_pit(z)]
-
-
-def _standardised(world: World, e: Explanation) -> Float[np.ndarray, " n"]:
-    """Leave-one-out z of the whitened rows."""
-    known = world.evaluations
-    statistics = known.statistics
-    indices = known.indices(e.columns)
-    mean, covariance = world.coefficients(e)
-    X = statistics.rows.whiten(statistics.at_rows(indices))
-    residual = statistics.rows.whiten(world.residual(e)[:, None])[:, 0]
-    # Var(x β) over σ² is the leverage of a Bayesian fit.
-    sigma = math.sqrt(float(np.sum(residual**2)) / max(len(residual) - np.linalg.matrix_rank(X), 1))
-    sigma = max(sigma, float(statistics.noise.floor))
-    leverage = np.clip(np.einsum("ij,jk,ik->i", X, covariance, X) / sigma**2, 0.0, 0.99)
-    z = residual / (sigma * np.sqrt(1 - leverage))
-    if HEAVY in world.model.names:
-        # Weights made the tails light; the claim is Student's t of what is whitened without them.
-        about = world.model.about[HEAVY]
-        raw = world.model.body.whiten(world.residual(e)[:, None])[:, 0]
-        z = ndtri(np.clip(t.cdf(raw / about["scale"], about["degrees"]), 1e-15, 1 - 1e-15))
-    return z
 
 
 def _whiteness(z: np.ndarray, lengths: tuple[int, ...]) -> tuple[float, float]:

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from bayes_greybox.discovery.evidence.sufficient_statistics import SufficientStatistics
+from bayes_greybox.discovery.regressors.regressors import Regressors
 from bayes_greybox.physics.catalogue.names import within
 
 BENDS = 0.25
@@ -22,23 +22,23 @@ SAMPLES_TELL = "study the samples, without differentiate"
 """How the sentence ends: what it doubts is the shape of what was found, and not that this is all."""
 
 
-def rounded_off(statistics: SufficientStatistics, effects: Sequence[int]) -> list[str]:
+def rounded_off(regressors: Regressors, effects: Sequence[int]) -> list[str]:
     """A sentence where effects of an answer jump within what a filtered sample stands for.
 
     Args:
-        statistics: Of the equation.
+        regressors: Of the equation.
         effects: Columns of the answer's effects.
     """
-    rows = statistics.rows
+    rows = regressors.rows
     if rows.spread is None:
         return []
     names = []
     for i in effects:
-        column = statistics.columns[i]
+        column = regressors.columns[i]
         if column.effect is None or column.formula.states:
             continue
-        values = statistics.evaluate([i], rows.columns)
-        bends = rows.spread.bends(lambda at, i=i: statistics.evaluate([i], at), rows.columns)
+        values = regressors.evaluate([i], rows.columns)
+        bends = rows.spread.bends(lambda at, i=i: regressors.evaluate([i], at), rows.columns)
         if np.mean(bends > BENDS * np.sqrt(np.mean(values**2))) > SEEN:
             names.append(within(column.effect.name))
     if not names:

@@ -8,7 +8,7 @@ import numpy as np
 
 from bayes_greybox.criticism.linearity import Linearity, draws_followed, linearity_of_paths
 from bayes_greybox.discovery.answer.amendment import Amendment
-from bayes_greybox.discovery.evidence.sufficient_statistics import SufficientStatistics
+from bayes_greybox.discovery.regressors.regressors import Regressors
 from bayes_greybox.model.rows.equation_rows import Columns
 
 from .adequacy import Check
@@ -37,9 +37,7 @@ class LinearityCheck(Check):
         return self.found.ok
 
 
-def check_linearity(
-    amendment: Amendment, statistics: SufficientStatistics, inputs: Collection[str]
-) -> list[LinearityCheck]:
+def check_linearity(amendment: Amendment, regressors: Regressors, inputs: Collection[str]) -> list[LinearityCheck]:
     """Exact paths at draws of the model after; nothing where rows are linear, or where it is not known.
 
     It is not known beside an unknown force, beside errors of inputs, which act along the path, and where the path was
@@ -47,13 +45,13 @@ def check_linearity(
 
     Args:
         amendment: What was added, with draws of its coefficients and of the sensors' errors; nothing remains beside it.
-        statistics: What it was weighed on.
+        regressors: What it was weighed on.
         inputs: Their names.
     """
     after = amendment.after
-    rows, suspects = statistics.rows, [statistics.columns[i].suspect for i in after.suspects]
+    rows, suspects = regressors.rows, [regressors.columns[i].suspect for i in after.suspects]
     driven = any(each is not None and each.channel in inputs for each in suspects)
-    if rows.exact is None or rows.noise.moved or driven:
+    if rows.exact is None or amendment.forced or driven:
         return []
     n_draw = draws_followed(rows)
     terms, coefficients, _ = amendment.added(0, n_draw)
@@ -61,14 +59,14 @@ def check_linearity(
         # What it remembers was followed along the path, and is no state of it.
         return []
     pick = amendment.pick(n_draw)
-    errors = after.suspect_draws[pick] @ statistics.at_rows(after.suspects).T if after.suspects else 0.0
+    errors = after.suspect_draws[pick] @ regressors.at_rows(after.suspects).T if after.suspects else 0.0
 
     def added(columns: Columns, draw: int) -> np.ndarray:
         inside = np.flatnonzero(coefficients[draw])
         rate = sum((coefficients[draw, k] * np.asarray(terms[k].evaluate(columns)) for k in inside), np.zeros(()))
         return np.broadcast_to(rate, np.shape(next(iter(columns.values()))))[:, None]
 
-    scale = statistics.target_scale
+    scale = regressors.target_scale
     found = linearity_of_paths(rows, added, scale * after.sigma[pick], scale * errors)
     text = "" if found.ok else f"{found.elsewhere:.0%} of the exact posterior lies elsewhere than that of linear rows"
     return [LinearityCheck(LINEARITY, math.nan, text, found)]

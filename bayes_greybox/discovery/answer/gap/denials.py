@@ -3,7 +3,9 @@
 import numpy as np
 import pandas as pd
 
-GREW = 0.02
+from bayes_greybox.discovery.decision.criteria import Criteria
+
+GREW = Criteria().worse
 """A free run is worse, or fails sooner, only beyond this share of what it was before."""
 
 NOTHING = 1e-4
@@ -15,7 +17,7 @@ MISFIT = "misfit of samples"
 NAMED = "unexplained share, names alone"
 """Metric: the unexplained share after by what has a name alone, where the model after holds f beside it."""
 
-LEFT = 1.5
+LEFT = Criteria().misfit
 """Misfit of held-out samples, over that of training samples, from which on the model after does not hold for them."""
 
 

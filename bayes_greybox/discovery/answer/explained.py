@@ -1,0 +1,137 @@
+"""Predictions of a study's explanations for data to come: their terms, and the posterior of the coefficients."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+from scipy.linalg import block_diag
+
+from bayes_greybox.discovery.decision.probabilities import UNKNOWN
+from bayes_greybox.discovery.grid.hypotheses import Hypothesis
+from bayes_greybox.physics.terms import Term
+
+from .equation_study import EquationStudy
+
+LEAST = 0.01
+"""Probability from which on an explanation is kept."""
+
+JOINED = 32
+"""Explanations of several equations together that are told apart at most."""
+
+COMPONENTS = 3
+"""Hypotheses that stand for an explanation at most: values of nonlinear parameters, corrections beside it."""
+
+PREDICTING = ("no gap", "recalibrate")
+"""Explanations without an effect whose columns say what a run would show: an error of these sensors says nothing."""
+
+
+@dataclass(frozen=True)
+class Component:
+    """One hypothesis: terms whose coefficients are Gaussian.
+
+    Attributes:
+        weight: Share of its explanation.
+        equations: The state whose rate each term is in.
+        terms: Terms; those of effects at values of their nonlinear parameters.
+        mean: Means of their coefficients, user's units; in files of older versions weights of features follow.
+        root: W with WᵀW their covariance.
+        features: Features of what has no name, by state, in files of older versions; they are not used.
+    """
+
+    weight: float
+    equations: tuple[str, ...]
+    terms: tuple[Term, ...]
+    mean: Float[np.ndarray, " n_coefficient"]
+    root: Float[np.ndarray, "n_latent n_coefficient"]
+    features: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Explained:
+    """One explanation.
+
+    Attributes:
+        name: Name in the study's table of hypotheses; of several equations each with its own.
+        probability: Probability of the explanation.
+        slugs: Effects that it has.
+        components: Its likeliest hypotheses; none where it does not predict anything.
+        sigma: Noise standard deviation of the rows by equation, user's units.
+    """
+
+    name: str
+    probability: float
+    slugs: tuple[str, ...] = ()
+    components: tuple[Component, ...] = ()
+    sigma: Mapping[str, float] = field(default_factory=dict)
+
+
+def explained(found: EquationStudy) -> tuple[Explained, ...]:
+    """Return explanations of one equation from the probability `LEAST` on, likeliest first."""
+    table, p, kept = found.hypotheses(), found.probabilities, []
+    names = table.index.get_level_values("hypothesis")
+    for name, probability in zip(names, table["probability"].to_numpy(float), strict=True):
+        if probability < LEAST:
+            continue
+        own = [h for h in found.near.weighed.hypotheses if found.called(h) == name]
+        # What has no name predicts nothing.
+        named = [h for h in own if name != UNKNOWN and (p.effects(h) or p.says(h) in PREDICTING)]
+        effects = [found.near.column(i).effect for h in named[:1] for i in h.members]
+        slugs = tuple(effect.slug for effect in effects if effect is not None)
+        kept.append(Explained(str(name), float(probability), slugs, *_components(found, named)))
+    return tuple(kept)
+
+
+def joined(each: Mapping[str, Sequence[Explained]]) -> tuple[Explained, ...]:
+    """Return the likeliest explanations of all equations together, which are independent given the data.
+
+    What has no name predicts nothing, whatever a file of an older version holds of it.
+    """
+    found = [Explained("", 1.0, (), (Component(1.0, (), (), np.zeros(0), np.zeros((0, 0))),))]
+    for equation, group in each.items():
+        label = f"{equation}: " if len(each) > 1 else ""
+        both = [
+            Explained(
+                "; ".join(filter(None, (before.name, label + e.name))), before.probability * e.probability,
+                before.slugs + e.slugs,
+                () if e.name == UNKNOWN else _together(before.components, e.components), {**before.sigma, **e.sigma},
+            )
+            for before in found for e in group
+        ]  # fmt: skip
+        # The likeliest of all are likely in every part.
+        found = sorted(both, key=lambda e: -e.probability)[:JOINED]
+    return tuple(e for e in found if e.probability >= LEAST * found[0].probability)
+
+
+def _components(found: EquationStudy, own: Sequence[Hypothesis]) -> tuple[tuple[Component, ...], dict[str, float]]:
+    """Return the likeliest hypotheses of one name, each at its likeliest noise point, and the noise there."""
+    columns, scale, components = found.regressors.columns, found.regressors.target_scale, []
+    own = sorted(own, key=lambda h: -h.log_weight)[:COMPONENTS]
+    weights = np.exp([h.log_weight - own[0].log_weight for h in own])
+    for weight, h in zip(weights / np.sum(weights), own, strict=True):
+        terms = [k for k, i in enumerate(h.members) if columns[i].term is not None]
+        unit = np.array([scale / columns[h.members[k]].scale for k in terms])
+        values, vectors = np.linalg.eigh(h.covariance[np.ix_(terms, terms)])
+        root = (vectors * np.sqrt(np.maximum(values, 0.0))).T * unit
+        # As text: what a file gives back is then the same.
+        plain = tuple(replace(f, expression=f.text) for f in (columns[h.members[k]].formula.plain for k in terms))
+        components.append(Component(float(weight), (found.equation,) * len(terms), plain, unit * h.mean[terms], root))
+    noise = float(weights @ [h.noise for h in own] / np.sum(weights)) * scale if own else 0.0
+    return tuple(components), {found.equation: noise} if own else {}
+
+
+def _together(parts: Sequence[Component], others: Sequence[Component]) -> tuple[Component, ...]:
+    """Return the likeliest pairs of hypotheses of two equations; none where one of these predicts nothing."""
+    pairs = sorted(((a, b) for a in parts for b in others), key=lambda pair: -pair[0].weight * pair[1].weight)
+    pairs = pairs[:COMPONENTS]
+    total = sum(a.weight * b.weight for a, b in pairs)
+    return tuple(
+        Component(
+            a.weight * b.weight / total, a.equations + b.equations, a.terms + b.terms,
+            # Weights of features come after those of terms, and go.
+            np.append(a.mean[: len(a.terms)], b.mean[: len(b.terms)]),
+            np.asarray(block_diag(a.root[:, : len(a.terms)], b.root[:, : len(b.terms)])),
+        )
+        for a, b in pairs
+    )  # fmt: skip

@@ -1,0 +1,1 @@
+"""From the table of hypotheses to a verdict with its reasons."""

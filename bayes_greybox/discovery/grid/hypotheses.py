@@ -1,0 +1,352 @@
+"""The table of hypotheses: sets of regressors with their probability, coefficients, what they leave, and agreement."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Float
+
+from bayes_greybox.discovery.odds import Odds
+
+from .agreement import bagged
+from .evidence import RIDGE, log_evidences, modes
+from .gram import Basis, Gram, discrepancy_basis, gram
+from .latent_force import LatentForce
+from .noise_grid import KINDS, LAW, MEMORY, RATIOS, REMAINS, SENSOR, TIME, NoisePoint, noise_points
+from .ranges import log_ranges
+from .regressors import FREE, RegressorTable
+from .search import Reach, Sets, search
+from .set_prior import SetPrior
+
+LEAST_NOISE = 1e-6
+"""Least first guess of the noise, over the target's size."""
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """One set of regressors, with everything that may remain beside it summed over.
+
+    Attributes:
+        members: Its regressors.
+        log_weight: Log posterior weight.
+        probability: Posterior probability.
+        agreement: Probability averaged over bagged records.
+        kinds: Probability of each kind of discrepancy beside it, given the set.
+        memories: Probability of each memory beside it, likewise.
+        points: Probability of each noise point, given the set.
+        point: Number of its likeliest noise point.
+        noise: Standard deviation of the sensor's noise there.
+        mean: Posterior means of its coefficients there.
+        covariance: Their posterior covariance.
+        sizes: RMS of what each regressor contributes that the others of the set could not.
+        left: RMS of the smoothed discrepancy, times the root of the probability that there is one.
+    """
+
+    members: tuple[int, ...]
+    log_weight: float
+    probability: float
+    agreement: float
+    kinds: Mapping[str, float]
+    memories: Mapping[str, float]
+    points: Float[np.ndarray, " n_point"]
+    point: int
+    noise: float
+    mean: Float[np.ndarray, " k"]
+    covariance: Float[np.ndarray, "k k"]
+    sizes: Float[np.ndarray, " k"]
+    left: float
+
+    def keeping(self, places: Sequence[int]) -> "Hypothesis":
+        """Return the hypothesis without some of its regressors, its other coefficients as they are.
+
+        Args:
+            places: Of the regressors that stay, among its members.
+        """
+        own = list(places)
+        members = tuple(self.members[k] for k in own)
+        return replace(
+            self, members=members, mean=self.mean[own], covariance=self.covariance[np.ix_(own, own)],
+            sizes=self.sizes[own],
+        )  # fmt: skip
+
+    @property
+    def sd(self) -> Float[np.ndarray, " k"]:
+        """Return the posterior standard deviations of its coefficients."""
+        return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+
+
+@dataclass(frozen=True, eq=False)
+class Weighed:
+    """All hypotheses of one table.
+
+    Attributes:
+        table: Target and regressors.
+        forces: The rows under each shape of the noise.
+        grid: Products under every noise point.
+        precision: Prior precisions of the coefficients.
+        floor: Least variance of the noise.
+        hypotheses: Likeliest first.
+    """
+
+    table: RegressorTable
+    forces: tuple[LatentForce, ...]
+    grid: Gram
+    precision: Float[np.ndarray, " n_column"]
+    floor: float
+    hypotheses: tuple[Hypothesis, ...]
+
+    def residual(self, hypothesis: Hypothesis) -> Float[np.ndarray, " n_row"]:
+        """Return the target less what a hypothesis's regressors explain at its mode."""
+        return self.table.target - self.table.columns[:, list(hypothesis.members)] @ hypothesis.mean
+
+    def white(self, hypothesis: Hypothesis) -> Float[np.ndarray, " n_white"]:
+        """Return the whitened residual of a hypothesis at its likeliest point whose noise is white and normal.
+
+        It is white and of unit variance where the model is right.
+        """
+        plain = np.array([point.shape == 0 for point in self.grid.points])
+        number = int(np.argmax(np.where(plain, hypothesis.points, -1.0)))
+        found = modes(self.grid, self.precision, [hypothesis.members], np.array([number]), self.floor)
+        residual = self.table.target - self.table.columns[:, list(hypothesis.members)] @ found.mean[0]
+        pieces = _Pieces(self.table, self.forces, self.grid.points, {})
+        return pieces.white(number, residual[:, None])[0][:, 0] / np.sqrt(found.v[0])
+
+    def standardised(self, hypothesis: Hypothesis) -> Float[np.ndarray, " n_white"]:
+        """Return leave-one-out residuals at a hypothesis's mode, each over its predictive standard deviation.
+
+        z_i = e_i / (√v √(1 − h_i)), e the whitened residual and h the leverage of the columns.
+        """
+        pieces = _Pieces(self.table, self.forces, self.grid.points, {})
+        rows = np.column_stack([self.residual(hypothesis), self.table.columns[:, list(hypothesis.members)]])
+        white = pieces.white(hypothesis.point, rows)[0]
+        X = white[:, 1:]
+        leverage = np.clip(np.einsum("ij,jk,ik->i", X, hypothesis.covariance, X) / hypothesis.noise**2, 0.0, 0.99)
+        return white[:, 0] / (hypothesis.noise * np.sqrt(1 - leverage))
+
+    def latent_force(self, hypothesis: Hypothesis) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+        """Return the smoothed latent force beside a hypothesis at the samples, mean and standard deviation, scaled.
+
+        It is that of the likeliest noise point with a force in time: a law of the states is one, too.
+        """
+        able = np.array([point.kind == TIME for point in self.grid.points])
+        if not np.any(able):
+            return self._law(hypothesis)
+        number = int(np.argmax(np.where(able, hypothesis.points, -1.0)))
+        point = self.grid.points[number]
+        found = modes(self.grid, self.precision, [hypothesis.members], np.array([number]), self.floor)
+        residual = self.table.target - self.table.columns[:, list(hypothesis.members)] @ found.mean[0]
+        mean, variance = self.forces[point.shape].smooth(residual[:, None], point.scale, point.ratio)
+        return mean[:, 0], np.sqrt(found.v[0] * variance)
+
+    def _law(self, hypothesis: Hypothesis) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+        """Return the smoothed law of the states beside a hypothesis at the samples, mean and standard deviation."""
+        able = np.array([point.kind == LAW for point in self.grid.points])
+        number = int(np.argmax(np.where(able, hypothesis.points, -1.0)))
+        point = self.grid.points[number]
+        found = modes(self.grid, self.precision, [hypothesis.members], np.array([number]), self.floor)
+        residual = self.table.target - self.table.columns[:, list(hypothesis.members)] @ found.mean[0]
+        basis = discrepancy_basis(self.table, point)
+        white = self.table.force.whiten(residual[:, None], 1.0, np.zeros(1))[0][:, 0]
+        variance = found.v[0] * basis.acting**2 @ (point.ratio**2 / (1 + point.ratio**2 * basis.eigenvalues))
+        return (basis.acting @ basis.posterior(white, point.ratio))[:, 0], np.sqrt(variance)
+
+    @property
+    def before(self) -> Hypothesis:
+        """Return the hypothesis with the user's own terms alone."""
+        free = self.table.of_kind(FREE)
+        return next(h for h in self.hypotheses if h.members == free)
+
+    def likeliest_point(self, hypothesis: Hypothesis, remains: bool) -> int:
+        """Return the number of the likeliest noise point with, or without, a discrepancy."""
+        able = np.array([point.remains == remains for point in self.grid.points])
+        return int(np.argmax(np.where(able, hypothesis.points, -1.0)))
+
+
+def weigh(
+    table: RegressorTable, odds: Odds, reach: Reach, floor: float, shapes: Sequence[tuple[LatentForce, float]] = (),
+    seed: int = 0,
+) -> Weighed:  # fmt: skip
+    """Return the hypotheses of a table.
+
+    Args:
+        table: Target and regressors at the rows.
+        odds: Prior probabilities.
+        reach: How far the search goes.
+        floor: Least variance of the noise, in units of the target's.
+        shapes: Rows under further shapes of the noise, each with the log prior that it adds.
+        seed: Of the bagged records.
+    """
+    forces = (table.force, *(force for force, _ in shapes))
+    force = table.force
+    ratios: np.ndarray = RATIOS / max(force.noise, np.sqrt(floor), LEAST_NOISE)
+    points = noise_points(
+        force.period, force.step, ratios, table.law.rows.shape[1] > 0, tuple(table.memories),
+        (0.0, *(log_prior for _, log_prior in shapes)),
+        odds.noise if force.forced else None,
+    )  # fmt: skip
+    weight = _Weight(
+        table, gram(table, points, forces), np.array([each.sd**-2.0 for each in table.regressors]),
+        SetPrior.of(table.regressors, odds, reach.effects), floor,
+    )  # fmt: skip
+    sets = search(table.regressors, weight.total, reach)
+    # The model before is one of them, however unlikely: the gap is what it leaves.
+    before = table.of_kind(FREE)
+    sets += [before] if before not in sets else []
+    logs = weight.by_point(sets)
+    totals = np.logaddexp.reduce(logs, axis=1)
+    probability = np.exp(totals - np.logaddexp.reduce(totals))
+    best = np.argmax(logs, axis=1)
+    found = modes(weight.products, weight.precision, sets, best, floor)
+    residuals = np.column_stack(
+        [table.target - table.columns[:, list(s)] @ m for s, m in zip(sets, found.mean, strict=True)]
+    )
+    pieces = _Pieces(table, forces, points, {})
+    agreement = bagged(pieces.block_logs(best, residuals, found.v), probability, seed)
+    left = pieces.left(logs, residuals)
+    of_kind = {kind: np.array([p.kind == kind for p in points]) for kind in KINDS}
+    of_memory = {memory: np.array([p.memory == memory for p in points]) for memory in table.memories}
+    hypotheses = []
+    for k, members in enumerate(sets):
+        share = np.exp(logs[k] - totals[k])
+        kinds = {kind: float(share[own].sum()) for kind, own in of_kind.items()}
+        memories = {memory: float(share[own].sum()) for memory, own in of_memory.items()}
+        sizes = np.abs(found.mean[k]) * _apart(weight.products.products[0], members)
+        hypotheses.append(
+            Hypothesis(
+                members, float(totals[k]), float(probability[k]), float(agreement[k]), kinds, memories, share,
+                int(best[k]), float(np.sqrt(found.v[k])), found.mean[k], found.covariance[k], sizes,
+                float(left[k] * np.sqrt(sum(kinds[kind] for kind in REMAINS))),
+            )
+        )  # fmt: skip
+    return Weighed(table, forces, weight.products, weight.precision, floor, tuple(hypotheses))
+
+
+@dataclass(frozen=True)
+class _Weight:
+    """Log posterior weights of sets."""
+
+    table: RegressorTable
+    products: Gram
+    precision: np.ndarray
+    prior: SetPrior
+    floor: float
+
+    @cached_property
+    def _on_grid(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return the log prior of each point given whether something remains, and whether it does at each."""
+        points = self.products.points
+        remains = np.array([point.remains for point in points])
+        kinds = len({point.kind for point in points} & set(REMAINS))
+        every = np.array([point.log_prior for point in points]) - np.where(remains, np.log(max(kinds, 1)), 0.0)
+        return every - np.logaddexp.reduce(every[~remains]), remains
+
+    def by_point(self, sets: Sets) -> Float[np.ndarray, "n_set n_point"]:
+        """Return the log weight of each set under each point."""
+        on_grid, remains = self._on_grid
+        beside = self.prior.logs(sets)
+        logs = log_evidences(self.products, self.precision, sets, self.floor)
+        logs = logs + on_grid + np.where(remains, beside[:, 1:], beside[:, :1])
+        return logs + self._ranges(sets, logs)[:, None]
+
+    def total(self, sets: Sets) -> Float[np.ndarray, " n_set"]:
+        """Return the log weight of each set."""
+        return np.logaddexp.reduce(self.by_point(sets), axis=1)
+
+    def _ranges(self, sets: Sets, logs: np.ndarray) -> np.ndarray:
+        """Return what signs and limits add to the log weight of each set, at its likeliest point."""
+        every, added = self.table.regressors, np.zeros(len(sets))
+        ranged = [k for k, each in enumerate(sets) if any(every[i].ranged for i in each)]
+        if not ranged:
+            return added
+        own = [sets[k] for k in ranged]
+        found = modes(self.products, self.precision, own, np.argmax(logs[ranged], axis=1), self.floor)
+        places: dict[int, list[tuple[int, float, float]]] = {}
+        for k, members, mean, covariance in zip(ranged, own, found.mean, found.covariance, strict=True):
+            for place, i in enumerate(members):
+                if every[i].ranged:
+                    sd = float(np.sqrt(max(covariance[place, place], 0.0)))
+                    places.setdefault(i, []).append((k, float(mean[place]), sd))
+        for i, items in places.items():
+            rows, mean, sd = (np.array(x) for x in zip(*items, strict=True))
+            np.add.at(added, rows, log_ranges((every[i],), mean[:, None], sd[:, None])[:, 0])
+        return added
+
+
+@dataclass(frozen=True)
+class _Pieces:
+    """Residuals of hypotheses, taken apart under noise points."""
+
+    table: RegressorTable
+    forces: Sequence[LatentForce]
+    points: Sequence[NoisePoint]
+    bases: dict[tuple, Basis]
+
+    def white(self, number: int, residuals: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return residuals without the smoothed discrepancy of a law, whitened, and log variances of the rows."""
+        point = self.points[number]
+        if point.kind in (TIME, SENSOR):
+            force, sensor = self.forces[point.shape], point.kind == SENSOR
+            white, logs = force.whiten(residuals, point.scale, np.array([point.ratio]), sensor)
+            return white[:, 0], logs
+        white, logs = self.forces[point.shape].whiten(residuals, 1.0, np.zeros(1))
+        white = white[:, 0]
+        if point.kind in (LAW, MEMORY):
+            basis = self._basis(point)
+            white = white - basis.features @ basis.posterior(white, point.ratio)
+        return white, logs
+
+    def smoothed(self, number: int, residuals: np.ndarray) -> np.ndarray:
+        """Return the posterior mean of the discrepancy, as a force."""
+        point = self.points[number]
+        if point.kind == TIME:
+            return self.forces[point.shape].smooth(residuals, point.scale, point.ratio)[0]
+        basis = self._basis(point)
+        white = self.forces[point.shape].whiten(residuals, 1.0, np.zeros(1))[0][:, 0]
+        return basis.acting @ basis.posterior(white, point.ratio)
+
+    def block_logs(self, best: np.ndarray, residuals: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """Return the log likelihood of each block at each hypothesis's mode [n_hypothesis, n_block]."""
+        member = (self.table.block == np.arange(self.table.block.max() + 1)[:, None]).astype(float)
+        logs = np.empty((residuals.shape[1], len(member)))
+        for number in np.unique(best):
+            own = np.flatnonzero(best == number)
+            white, spread = self.white(int(number), residuals[:, own])
+            each = -0.5 * (white**2 / v[own] + np.log(v[own]) + spread)
+            logs[own] = (member @ each).T
+        return logs
+
+    def left(self, logs: np.ndarray, residuals: np.ndarray) -> np.ndarray:
+        """Return the RMS of the smoothed discrepancy of each hypothesis, at its likeliest point that has one."""
+        remains = np.array([point.remains for point in self.points])
+        best = np.argmax(np.where(remains, logs, -np.inf), axis=1)
+        found = np.zeros(len(best))
+        for number in np.unique(best):
+            own = np.flatnonzero(best == number)
+            found[own] = np.sqrt(np.mean(self.smoothed(int(number), residuals[:, own]) ** 2, axis=0))
+        return found
+
+    def _basis(self, point: NoisePoint) -> Basis:
+        key = point.shape, point.kind, point.scale, point.memory
+        if key not in self.bases:
+            table = self.table
+            if point.shape:
+                table = replace(table, force=self.forces[point.shape])
+            self.bases[key] = discrepancy_basis(table, point)
+        return self.bases[key]
+
+
+def _apart(products: np.ndarray, members: Sequence[int]) -> np.ndarray:
+    """Return the share of each member's size that the other members cannot take over, √(1 − R²).
+
+    1 − R² = 1/(G_ii (G⁻¹)_ii). Columns that nearly cancel each other are large and say little.
+
+    Args:
+        products: Of the columns under white noise, the target first.
+        members: Regressors of a set.
+    """
+    at = np.array(members, dtype=int) + 1
+    G = products[np.ix_(at, at)]
+    root = 1 / np.sqrt(np.diag(G))
+    inverse = np.linalg.inv(G * np.outer(root, root) + RIDGE * np.eye(len(at)))
+    return np.sqrt(np.clip(1 / np.diag(inverse), 0.0, 1.0))

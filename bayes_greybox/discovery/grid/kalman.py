@@ -1,0 +1,163 @@
+"""Kalman filters of several intensities of one process at once, compiled: innovations of tables, and a smoothed state.
+
+x_k = F_k x_{k-1} + r q_k,  z_ka = H_a x_k + s_ka e_ka. The gains are the same for every column of a table, so that the
+innovations whiten all of them (de Jong 1989, Biometrika 76:663). Records are filled up to a power of two in length, and
+tables to a multiple of columns, so that few shapes are compiled.
+"""
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from bayes_greybox.physics.sensitivity import power_of_two
+from bayes_greybox.running.compiling import compiled
+
+COLUMNS = 32
+"""Tables have a multiple of so many columns."""
+
+
+class Process(NamedTuple):
+    """A linear process that sensors show, one sample after the other.
+
+    Attributes:
+        F: Transition to each sample from the one before; of a fresh one from the start.
+        Q: Covariance that the process of unit intensity adds on the way.
+        H: What each sensor shows of the state.
+        noise: Variances of the sensors' noise at each sample.
+        fresh: Whether a sample begins a stretch.
+        start: Covariance at the start of a stretch, beside that of the process.
+        started: Covariance at the start of the process of unit intensity.
+    """
+
+    F: Float[np.ndarray, "n d d"]
+    Q: Float[np.ndarray, "n d d"]
+    H: Float[np.ndarray, "p d"]
+    noise: Float[np.ndarray, "n p"]
+    fresh: Bool[np.ndarray, " n"]
+    start: Float[np.ndarray, "d d"]
+    started: Float[np.ndarray, "d d"]
+
+
+def innovations(
+    process: Process, ratios: Float[np.ndarray, " n_ratio"], z: Float[np.ndarray, "n p k"]
+) -> tuple[Float[np.ndarray, "n p n_ratio k"], Float[np.ndarray, "n p n_ratio"]]:
+    """Return the innovations of a table, each over its standard deviation, and the logarithms of their variances.
+
+    Args:
+        process: The process.
+        ratios: Intensities r.
+        z: Values that sensors show, by sample and sensor.
+    """
+    n, k = len(z), z.shape[2]
+    wide = np.zeros((power_of_two(n), z.shape[1], -(-k // COLUMNS) * COLUMNS))
+    wide[:n, :, :k] = z
+    white, logs = _innovations(_filled(process, n), np.asarray(ratios, float), wide)
+    return np.asarray(white)[:n, ..., :k], np.asarray(logs)[:n]
+
+
+def smoothed(
+    process: Process, ratio: float, z: Float[np.ndarray, "n p k"], state: int
+) -> tuple[Float[np.ndarray, "n k"], Float[np.ndarray, " n"]]:
+    """Return the posterior mean of one state at the samples, and its variance.
+
+    Args:
+        process: The process.
+        ratio: Intensity r.
+        z: Values that sensors show, by sample and sensor.
+        state: Which state.
+    """
+    n, k = len(z), z.shape[2]
+    wide = np.zeros((power_of_two(n), z.shape[1], -(-k // COLUMNS) * COLUMNS))
+    wide[:n, :, :k] = z
+    unit = np.eye(process.F.shape[1])[state]
+    mean, variance = _smoothed(_filled(process, n), float(ratio), wide, unit)
+    return np.asarray(mean)[:n, :k], np.asarray(variance)[:n]
+
+
+def _filled(process: Process, n: int) -> Process:
+    """Return the process filled up behind the record, where nothing sees it."""
+
+    def longer(values: np.ndarray, by: float = 0.0) -> np.ndarray:
+        more = np.full((power_of_two(n) - n, *values.shape[1:]), by, dtype=values.dtype)
+        return np.concatenate([values, more])
+
+    F, Q, H, noise, fresh, start, started = process
+    return Process(longer(F), longer(Q), H, longer(noise, 1.0), longer(fresh), start, started)
+
+
+def _updated(P: Array, H: Array, noise: Array) -> tuple[Array, Array, Array]:
+    """Return gain, variance of the innovation, and the covariance after a reading; Joseph's form keeps it positive."""
+    shown = P @ H
+    S = shown @ H + noise
+    K = shown / S[..., None]
+    left = jnp.eye(P.shape[-1]) - K[..., :, None] * H
+    return K, S, left @ P @ left.swapaxes(-1, -2) + noise * K[..., :, None] * K[..., None, :]
+
+
+def _filter_of(process: Any, ratios: Array, z: Array) -> tuple[Array, Array]:
+    F, Q, H, noise, fresh, start, started = process
+    square = (ratios**2)[:, None, None]
+    begun = start + square * started
+
+    def step(carry: tuple[Array, Array], piece: tuple[Array, ...]) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+        P, m = carry
+        F, Q, noise, fresh, z = piece
+        P = F @ jnp.where(fresh, begun, P) @ F.T + square * Q
+        m = jnp.where(fresh, 0.0, jnp.einsum("ij,rjk->rik", F, m))
+        white, logs = [], []
+        for a in range(H.shape[0]):
+            innovation = z[a] - jnp.einsum("j,rjk->rk", H[a], m)
+            K, S, P = _updated(P, H[a], noise[a])
+            m = m + K[:, :, None] * innovation[:, None]
+            white.append(innovation / jnp.sqrt(S)[:, None])
+            logs.append(jnp.log(S))
+        return (P, m), (jnp.stack(white), jnp.stack(logs))
+
+    first = jnp.zeros((ratios.shape[0], *start.shape)), jnp.zeros((ratios.shape[0], start.shape[0], z.shape[2]))
+    return jax.lax.scan(step, first, (F, Q, noise, fresh, z))[1]
+
+
+def _smoother_of(process: Any, ratio: Array, z: Array, unit: Array) -> tuple[Array, Array]:
+    F, Q, H, noise, fresh, start, started = process
+    begun = start + ratio**2 * started
+
+    def ahead(carry: tuple[Array, Array], piece: tuple[Array, ...]) -> tuple[tuple[Array, Array], tuple[Array, ...]]:
+        P, m = carry
+        F, Q, noise, fresh, z = piece
+        P = F @ jnp.where(fresh, begun, P) @ F.T + ratio**2 * Q
+        m = jnp.where(fresh, 0.0, F @ m)
+        before, gains, scaled, precision = (P, m), [], [], []
+        for a in range(H.shape[0]):
+            innovation = z[a] - H[a] @ m
+            K, S, P = _updated(P, H[a], noise[a])
+            m = m + jnp.outer(K, innovation)
+            gains.append(K)
+            scaled.append(innovation / S)
+            precision.append(1 / S)
+        return (P, m), (*before, jnp.stack(gains), jnp.stack(scaled), jnp.stack(precision))
+
+    first = jnp.zeros_like(start), jnp.zeros((start.shape[0], z.shape[2]))
+    _, (P, m, K, scaled, precision) = jax.lax.scan(ahead, first, (F, Q, noise, fresh, z))
+
+    def back(later: tuple[Array, Array], piece: tuple[Array, ...]) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+        # What later innovations say of the state, r and N: mean m + P r, covariance P − P N P.
+        F, fresh, P, m, K, scaled, precision = piece
+        r, N = later
+        for a in reversed(range(H.shape[0])):
+            r = r + jnp.outer(H[a], scaled[a] - K[a] @ r)
+            left = jnp.eye(len(unit)) - jnp.outer(K[a], H[a])
+            N = left.T @ N @ left + precision[a] * jnp.outer(H[a], H[a])
+        shown = unit @ P
+        found = unit @ m + shown @ r, shown @ unit - shown @ N @ shown
+        return (jnp.where(fresh, 0.0, F.T @ r), jnp.where(fresh, 0.0, F.T @ N @ F)), found
+
+    nothing = jnp.zeros_like(m[0]), jnp.zeros_like(start)
+    mean, variance = jax.lax.scan(back, nothing, (F, fresh, P, m, K, scaled, precision), reverse=True)[1]
+    return mean, jnp.maximum(variance, 0.0)
+
+
+_innovations: Any = compiled(_filter_of)
+_smoothed: Any = compiled(_smoother_of)

@@ -1,0 +1,100 @@
+"""Points of the noise grid: the discrepancy beside every set of regressors, integrated out.
+
+y = X θ + d + e,  e ~ N(0, v I),  d one of: nothing; a latent force w(t), an Ornstein–Uhlenbeck process of standard
+deviation r √v and time scale τ (Álvarez, Luengo & Lawrence 2009); a law f(x) of the states, a Gaussian process with a
+squared-exponential kernel of standard deviation r √v (Solin & Särkkä 2020, eq. 59). Scales of d are ratios r to the
+sensor's noise, so that v is common to all points and is integrated out for each set by itself.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+KINDS = NONE, SENSOR, TIME, LAW, MEMORY = "none", "sensor", "time", "law", "memory"
+"""What remains beside a set: nothing, correlated sensor noise, a latent force, a law, a force that remembers."""
+
+REMAINS = (TIME, LAW, MEMORY)
+"""What remains of the system, and is no noise."""
+
+TIME_SCALES = (0.05, 0.2, 1.0, 4.0)
+"""Time scales of the latent force, in periods of the motion."""
+
+SENSOR_SCALES = (0.05, 0.2)
+"""Time scales of a sensor's noise, in periods: what is slower than the motion is a drift, which has a regressor."""
+
+LENGTH_SCALES = (0.3, 0.6, 1.2)
+"""Length scales of f, in half-widths of the box that the data fill."""
+
+RATIOS = 10.0 ** np.arange(-2.4, 0.41, 0.4)
+"""Standard deviations of the discrepancy, over that of the target."""
+
+FEWEST_STEPS = 0.7
+"""Time scales below so many sampling steps are white noise."""
+
+
+@dataclass(frozen=True)
+class NoisePoint:
+    """One noise model R of the rows, y ~ N(X θ, v R).
+
+    Attributes:
+        kind: One of `KINDS`.
+        ratio: Standard deviation of the discrepancy over √v.
+        scale: Time scale, or length scale in half-widths of the box.
+        memory: What is remembered, of a memory.
+        shape: Number of the noise's shape: white, or of one of the robust kinds that were found.
+        log_prior: Log prior probability among the points of the same kind, with what is known of the shape.
+    """
+
+    kind: str
+    ratio: float = 0.0
+    scale: float = 0.0
+    memory: str = ""
+    shape: int = 0
+    log_prior: float = 0.0
+
+    @property
+    def remains(self) -> bool:
+        """Return whether it leaves something of the system without a name."""
+        return self.kind in REMAINS
+
+
+def noise_points(
+    period: float, step: float, ratios: Sequence[float] | Float[np.ndarray, " n_ratio"], law: bool,
+    memories: Sequence[str] = (), shapes: Sequence[float] = (0.0,), noise: float | None = 0.05,
+) -> tuple[NoisePoint, ...]:  # fmt: skip
+    """Return the points of the grid.
+
+    Args:
+        period: Period of the motion, in units of time.
+        step: Sampling step.
+        ratios: Standard deviations of the discrepancy over that of the noise.
+        law: Whether there are features of f.
+        memories: What may be remembered.
+        shapes: Log prior of each shape of the noise.
+        noise: Prior probability that a sensor's noise hangs together; None where that is known, and no force in time is
+            weighed.
+    """
+
+    def scales(shares: Sequence[float]) -> list[float]:
+        return [period * s for s in shares if period * s > FEWEST_STEPS * step] or [step]
+
+    points = []
+    for shape, log_shape in enumerate(shapes):
+        points.append(NoisePoint(NONE, shape=shape, log_prior=log_shape + float(np.log1p(-(noise or 0.0)))))
+        # Under a shape of the noise that is found and not given, coarser ratios of a discrepancy do.
+        coarse = ratios[::2]
+        own = coarse if shape else ratios
+        lengths = LENGTH_SCALES if law else ()
+        for kind, each, log_prior in (
+            (SENSOR, [] if shape or noise is None else scales(SENSOR_SCALES), log_shape + float(np.log(noise or 1.0))),
+            (TIME, [] if noise is None else scales(TIME_SCALES), log_shape),
+            (LAW, lengths, log_shape),
+        ):
+            share = log_prior - float(np.log(max(len(each) * len(own), 1)))
+            points += [NoisePoint(kind, float(r), float(s), "", shape, share) for s in each for r in own]
+        some = () if shape else memories
+        share = log_shape - float(np.log(max(len(some) * len(coarse), 1)))
+        points += [NoisePoint(MEMORY, float(r), 0.0, m, shape, share) for m in some for r in coarse]
+    return tuple(points)

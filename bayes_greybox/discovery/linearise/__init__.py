@@ -1,0 +1,1 @@
+"""Rows and regressors near what was found, taken anew until it stays."""

@@ -1,1 +1,0 @@
-"""Sets of effects and suspects, searched and weighed under every noise that the residuals speak for."""

@@ -1,0 +1,53 @@
+"""One experiment that could be done: what drives it, from where, for how long, and what is measured of it."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from jaxtyping import Float
+
+from bayes_greybox.data.errors import InputError
+
+from .signals import Signal
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One experiment that could be done.
+
+    Attributes:
+        inputs: Signal of each input.
+        start: State at the start, by name.
+        duration: How long it runs.
+        rows: Samples, evenly spread over it.
+        sensors: Noise standard deviation by channel: states, or, where a study was given rates, states with a rate.
+        name: Name in tables; made of the rest by default.
+    """
+
+    inputs: Mapping[str, Signal]
+    start: Mapping[str, float]
+    duration: float
+    rows: int
+    sensors: Mapping[str, float]
+    name: str = field(default="")
+
+    def __post_init__(self) -> None:
+        """Refuse what nobody can do, and fill in the name."""
+        if not (np.isfinite(self.duration) and self.duration > 0 and self.rows >= 2):
+            what = f"{self.duration} and {self.rows}"
+            raise InputError(f"An experiment needs a duration above 0 and two rows, not {what}.")
+        if wrong := [name for name, value in self.start.items() if not np.isfinite(value)]:
+            raise InputError(f"start: {wrong[0]!r} is {self.start[wrong[0]]}; give it a number.")
+        if wrong := [name for name, sd in self.sensors.items() if not (np.isfinite(sd) and sd > 0)]:
+            raise InputError(f"sensors: the noise of {wrong[0]!r} must be above 0, not {self.sensors[wrong[0]]}.")
+        if not self.sensors:
+            raise InputError("An experiment without sensors tells nothing: name at least one channel with its noise.")
+        if not self.name:
+            start = "start at " + ", ".join(f"{name} = {value:.3g}" for name, value in self.start.items())
+            parts = [f"{name}: {signal.text}" for name, signal in self.inputs.items()]
+            object.__setattr__(self, "name", "; ".join([*parts, start]))
+
+    @property
+    def times(self) -> Float[np.ndarray, " n_row"]:
+        """Return sampling times, from 0."""
+        return np.linspace(0.0, self.duration, self.rows)

@@ -1,0 +1,212 @@
+"""Input signals as functions of time, from which experiments are made.
+
+A family is a frozen dataclass with `value(t)` and `text`, listed in `SIGNALS`, with what is usual of it in `USUAL`;
+nothing else asks which one it holds. A signal of your own needs `value` and `text`.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+from jaxtyping import Float
+
+Time = Float[np.ndarray, "*n"]
+
+
+@runtime_checkable
+class Signal(Protocol):
+    """An input as a function of time since the start of a run."""
+
+    def value(self, t: Time) -> Time:
+        """Return its values."""
+        ...
+
+    @property
+    def text(self) -> str:
+        """Return a few words with its numbers."""
+        ...
+
+
+@dataclass(frozen=True)
+class Usual:
+    """The input as it was in the data, from which default signals are made.
+
+    Attributes:
+        amplitude: Half its range, times a factor.
+        offset: Middle of its range.
+        low: Lowest frequency of which a run holds a few periods, cycles per unit of time.
+        high: Frequency below which the states' motion is, about.
+        duration: Duration of a run.
+    """
+
+    amplitude: float
+    offset: float
+    low: float
+    high: float
+    duration: float
+
+
+@dataclass(frozen=True)
+class Hold:
+    """A constant level."""
+
+    level: float
+
+    def value(self, t: Time) -> Time:
+        """Return the level."""
+        return np.full(np.shape(t), self.level)
+
+    @property
+    def text(self) -> str:
+        """Return a few words."""
+        return f"held at {self.level:.3g}"
+
+
+@dataclass(frozen=True)
+class Step:
+    """A step from one level to another."""
+
+    before: float
+    after: float
+    at: float
+
+    def value(self, t: Time) -> Time:
+        """Return one level, then the other."""
+        return np.where(np.asarray(t) < self.at, self.before, self.after)
+
+    @property
+    def text(self) -> str:
+        """Return a few words."""
+        return f"step from {self.before:.3g} to {self.after:.3g} at {self.at:.3g}"
+
+
+@dataclass(frozen=True)
+class Sine:
+    """A sine of one frequency."""
+
+    amplitude: float
+    frequency: float
+    offset: float = 0.0
+
+    def value(self, t: Time) -> Time:
+        """Return o + a sin 2πft."""
+        return self.offset + self.amplitude * np.sin(2 * np.pi * self.frequency * np.asarray(t))
+
+    @property
+    def text(self) -> str:
+        """Return a few words."""
+        return f"sine of amplitude {self.amplitude:.3g} at {self.frequency:.3g}{_about(self.offset)}"
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """A sine whose frequency rises evenly over the duration."""
+
+    amplitude: float
+    low: float
+    high: float
+    duration: float
+    offset: float = 0.0
+
+    def value(self, t: Time) -> Time:
+        """Return o + a sin 2π(f₀ t + (f₁ − f₀) t²/2T)."""
+        t = np.asarray(t)
+        phase = self.low * t + (self.high - self.low) * t**2 / (2 * self.duration)
+        return self.offset + self.amplitude * np.sin(2 * np.pi * phase)
+
+    @property
+    def text(self) -> str:
+        """Return a few words."""
+        return f"sweep of amplitude {self.amplitude:.3g} from {self.low:.3g} to {self.high:.3g}{_about(self.offset)}"
+
+
+@dataclass(frozen=True)
+class Multisine:
+    """A sum of sines of one size with phases from a seed; `amplitude` is the largest value that it has in a period."""
+
+    amplitude: float
+    low: float
+    high: float
+    tones: int = 6
+    seed: int = 0
+    offset: float = 0.0
+
+    def value(self, t: Time) -> Time:
+        """Return o + a Σ sin(2πf_k t + φ_k) over its largest value."""
+        f = np.linspace(self.low, self.high, self.tones)
+        phase = np.random.default_rng(self.seed).uniform(0, 2 * np.pi, self.tones)
+        return self.offset + self.amplitude * _of_unit_size(t, f, phase)
+
+    @property
+    def text(self) -> str:
+        """Return a few words."""
+        band = f"from {self.low:.3g} to {self.high:.3g}, seed {self.seed}"
+        return f"multisine of {self.tones} tones {band}, amplitude {self.amplitude:.3g}{_about(self.offset)}"
+
+
+@dataclass(frozen=True)
+class Noise:
+    """A random signal of 32 random frequencies and phases (Rice 1944); `amplitude` is its peak."""
+
+    amplitude: float
+    high: float
+    seed: int = 0
+    offset: float = 0.0
+
+    def value(self, t: Time) -> Time:
+        """Return its values."""
+        rng = np.random.default_rng(self.seed)
+        f, phase = rng.uniform(0, self.high, 32), rng.uniform(0, 2 * np.pi, 32)
+        return self.offset + self.amplitude * _of_unit_size(t, f, phase)
+
+    @property
+    def text(self) -> str:
+        """Return a few words."""
+        return f"noise up to {self.high:.3g}, seed {self.seed}, amplitude {self.amplitude:.3g}{_about(self.offset)}"
+
+
+SIGNALS = {"hold": Hold, "step": Step, "sine": Sine, "sweep": Sweep, "multisine": Multisine, "noise": Noise}
+"""Families by name."""
+
+USUAL: dict[str, Callable[[Usual], tuple[Signal, ...]]] = {
+    "hold": lambda u: (Hold(u.offset + u.amplitude), Hold(u.offset - u.amplitude)),
+    # After a third of the run.
+    "step": lambda u: tuple(Step(u.offset, u.offset + a, u.duration / 3) for a in (u.amplitude, -u.amplitude)),
+    "sine": lambda u: tuple(Sine(u.amplitude, f, u.offset) for f in (u.low, np.sqrt(u.low * u.high).item(), u.high)),
+    "sweep": lambda u: (Sweep(u.amplitude, u.low, u.high, u.duration, u.offset),),
+    "multisine": lambda u: (Multisine(u.amplitude, u.low, u.high, offset=u.offset),),
+    "noise": lambda u: (Noise(u.amplitude, u.high, offset=u.offset),),
+}
+"""Usual signals of each family, by name."""
+
+
+def band(states: Mapping[str, Time], time: Time, duration: float) -> tuple[float, float]:
+    """Return two periods in a run, and the frequency of 95 % of the states' power; at least twice the first.
+
+    Args:
+        states: States of one run.
+        time: Its sampling times.
+        duration: Duration of a run to come.
+    """
+    low, high = 2.0 / duration, 4.0 / duration
+    even = np.linspace(time[0], time[-1], len(time))
+    for x in states.values():
+        power = np.abs(np.fft.rfft(np.interp(even, time, x) - np.mean(x))) ** 2
+        if power.sum() > 0:
+            frequency = np.fft.rfftfreq(len(even), even[1] - even[0])
+            high = max(high, float(frequency[np.searchsorted(np.cumsum(power), 0.95 * power.sum())]))
+    return low, high
+
+
+def _of_unit_size(t: Time, f: np.ndarray, phase: np.ndarray) -> Time:
+    """Return a sum of sines over its peak, cut where a long run would go beyond what an actuator can do."""
+    slow = max(float(np.min(f)), float(np.max(f)) / 32)
+    # Over eight periods of the slowest tone that matters.
+    near = np.linspace(0, 8 / slow, int(128 * max(1.0, np.max(f) / slow)))
+    every, peak = (np.sum(np.sin(2 * np.pi * np.asarray(x)[..., None] * f + phase), axis=-1) for x in (t, near))
+    return np.clip(every / np.max(np.abs(peak)), -1.0, 1.0)
+
+
+def _about(offset: float) -> str:
+    return f" about {offset:.3g}" if offset else ""
