@@ -6,11 +6,16 @@ import numpy as np
 
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.answer.equation_study import EquationStudy
-from bayes_greybox.discovery.equation import study_equation
-from bayes_greybox.discovery.evidence.evaluations import Evaluations
-from bayes_greybox.discovery.evidence.odds import Odds
-from bayes_greybox.discovery.evidence.of_equation import sufficient_statistics
-from bayes_greybox.discovery.evidence.with_discrepancy import Evaluator, Integrated
+from bayes_greybox.discovery.decision.criteria import Criteria
+from bayes_greybox.discovery.equation import Question, study_equation
+from bayes_greybox.discovery.grid.hypotheses import weigh
+from bayes_greybox.discovery.grid.search import Reach
+from bayes_greybox.discovery.linearise.near import Near, Point
+from bayes_greybox.discovery.linearise.rates import RateRows
+from bayes_greybox.discovery.linearise.settle import table_of
+from bayes_greybox.discovery.odds import Odds
+from bayes_greybox.discovery.regressors.build import regressors_of
+from bayes_greybox.discovery.regressors.regressors import Regressors
 from bayes_greybox.model.gp.discrepancy import OrthogonalGP
 from bayes_greybox.model.program import Program
 from bayes_greybox.physics.catalogue.effects import BoundEffect, Effect
@@ -43,17 +48,26 @@ def tiny_data(hidden=np.zeros_like, noise=0.05, n=60, seed=1) -> Trajectories:
     return Trajectories.from_arrays(np.arange(n) * 0.1, states={"x": x}, derivatives={"x": rate})
 
 
-def tiny_evaluations(effects=(), hidden=np.zeros_like, noise=0.05, n=60, seed=1, odds=None, **model) -> Evaluations:
-    """Evidence on these data; effects are bound to x unless they are bound already."""
+def tiny_regressors(effects=(), hidden=np.zeros_like, noise=0.05, n=60, seed=1, **model) -> Regressors:
+    """Regressors on these data; effects are bound to x unless they are bound already."""
     bound = [effect if isinstance(effect, BoundEffect) else on(effect) for effect in effects]
-    statistics = sufficient_statistics(tiny_model(**model), tiny_data(hidden, noise, n, seed), "x", bound)
-    evaluator = Evaluator(statistics.prior, statistics.kernel, np.asarray(statistics.basis.frequency))
-    return Evaluations(statistics, odds or Odds(), evaluator)
+    return regressors_of(tiny_model(**model), tiny_data(hidden, noise, n, seed), "x", bound)
 
 
-def integrated(log_evidence=0.0, sigma=1.0, se=0.0) -> Integrated:
-    """Evidence with f, written down by hand; the mode's noise is `sigma`."""
-    return Integrated(log_evidence, se, log_evidence, np.array([np.log(sigma), 0.0, 0.0]), np.eye(3))
+def tiny_near(effects=(), hidden=np.zeros_like, noise=0.05, n=60, seed=1, most=2, odds=None, **model) -> Near:
+    """Hypotheses on these data, weighed once."""
+    bound = [effect if isinstance(effect, BoundEffect) else on(effect) for effect in effects]
+    rows = RateRows(tiny_model(**model), tiny_data(hidden, noise, n, seed), "x", bound).near(Point())
+    return Near(rows, weigh(table_of(rows), odds or Odds(), Reach(effects=most), rows.floor))
+
+
+def tiny_study_of(effects=(), data=None, most=2, **model) -> EquationStudy:
+    """The study of such data; effects are bound to x unless they are bound already."""
+    bound = [effect if isinstance(effect, BoundEffect) else on(effect) for effect in effects]
+    data = tiny_data() if data is None else data
+    return study_equation(
+        Question(tiny_model(**model), data, "x", bound, Odds(), most, 0, Criteria()), lambda text: None
+    )
 
 
 MOTION = {"simulation": {"y": "v", "v": "F - 2*y - 0.15*v"}}
@@ -117,4 +131,6 @@ def forced_study(missing: bool, late: str = "", steps: float = 0.5) -> EquationS
 def studied_motion(data: Trajectories, effects=(CUBE, SQUARE), most=2, **model) -> EquationStudy:
     """The study of such data; effects are bound to y."""
     bound = [on(effect, "y") for effect in effects]
-    return study_equation(forced_model(**model), data, "v", bound, Odds(), most, 0, False, lambda text: None)
+    return study_equation(
+        Question(forced_model(**model), data, "v", bound, Odds(), most, 0, Criteria()), lambda text: None
+    )

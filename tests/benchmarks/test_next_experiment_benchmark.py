@@ -23,9 +23,9 @@ from bayes_greybox.benchmarks.next_experiment.machines import (
 from bayes_greybox.benchmarks.next_experiment.optimal import encompassing, log_determinants
 from bayes_greybox.benchmarks.next_experiment.run import measure, run
 from bayes_greybox.benchmarks.next_experiment.scores import differences, score
+from bayes_greybox.discovery.answer.explained import Component, Explained
 from bayes_greybox.discovery.next_experiment.candidates import Candidate
-from bayes_greybox.discovery.next_experiment.explained import Component, Explained
-from bayes_greybox.discovery.next_experiment.signals import Hold
+from bayes_greybox.physics.signals import Hold
 from bayes_greybox.physics.terms import Term
 
 

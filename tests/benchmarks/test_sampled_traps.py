@@ -14,7 +14,7 @@ from bayes_greybox.benchmarks.sampled_traps import run as module
 from bayes_greybox.benchmarks.sampled_traps import trap as making
 from bayes_greybox.benchmarks.sampled_traps.run import counts, judged, run, score, study, traps
 from bayes_greybox.data.errors import InputError
-from bayes_greybox.discovery.answer.finding import VERDICTS
+from bayes_greybox.discovery.decision.decide import VERDICTS
 from bayes_greybox.physics.catalogue.table import catalogue
 
 TRAPS = traps()

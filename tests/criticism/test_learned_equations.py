@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import sympy
 from fabricated import fabricate, oscillator
-from tiny_equation import DEAD_ZONE, forced, forced_model, forced_study, tiny_data, tiny_evaluations, tiny_model
+from tiny_equation import DEAD_ZONE, forced, forced_model, forced_study, tiny_data, tiny_model, tiny_near
 
 import bayes_greybox as bg
 from bayes_greybox.criticism.equations.of_posterior import fitted_system
@@ -345,13 +345,13 @@ def test_an_amended_study_says_what_its_free_runs_integrate():
 @pytest.fixture(scope="module")
 def zone():
     """A dead zone found with three values of its gap, a correction in most draws, and an f beside them."""
-    known = tiny_evaluations([DEAD_ZONE], lambda x: np.sign(x) * np.maximum(abs(x) - 0.4, 0) + 0.3 * np.cos(3 * x))
-    statistics, rng = known.statistics, np.random.default_rng(4)
+    near = tiny_near([DEAD_ZONE], lambda x: np.sign(x) * np.maximum(abs(x) - 0.4, 0) + 0.3 * np.cos(3 * x))
+    statistics, rng = near.regressors, np.random.default_rng(4)
     own, gaps = statistics.of_kind("correction"), statistics.of_kind("effect")[2:5]
     inner = rng.choice(gaps, 10)
     draws = np.column_stack([0.2 * (np.arange(10) < 7), rng.normal(1.0, 0.05, 10)])
     coefficients = Coefficients((*own, gaps[1]), draws, inner[:, None], np.full(10, 0.1))
-    rest = Remainder.of(statistics, known.evaluator, coefficients)
+    rest = Remainder.of(near, near.weighed.before, coefficients)
     return Amendment(statistics, np.zeros(0), coefficients, 0.1, rest)
 
 

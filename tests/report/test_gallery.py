@@ -4,7 +4,7 @@ import pytest
 from gallery import MADE
 from page_rules import broken
 
-from bayes_greybox.discovery.answer.finding import VERDICTS
+from bayes_greybox.discovery.decision.decide import VERDICTS
 
 
 @pytest.mark.slow

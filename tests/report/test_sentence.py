@@ -6,9 +6,9 @@ import pytest
 
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.answer.checks.filtered import SAMPLES_TELL
-from bayes_greybox.discovery.answer.finding import ONE_LAW
 from bayes_greybox.discovery.answer.gap.denials import NAMED
 from bayes_greybox.discovery.answer.instrument import IN_MODEL
+from bayes_greybox.discovery.decision.decide import ONE_LAW
 from bayes_greybox.discovery.study import NO_CATALOGUE, StudyResult
 from bayes_greybox.report.words.sentence import sentence
 

@@ -4,36 +4,51 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tiny_equation import CUBE, DEAD_ZONE, SQUARE, integrated, tiny_evaluations
+from hand_made import answer, with_hypotheses
+from tiny_equation import CUBE, DEAD_ZONE, SQUARE, tiny_near
 
-from bayes_greybox.discovery.answer.coefficients import alone, draw_coefficients, plain
-from bayes_greybox.discovery.evidence.evaluations import one_pattern
-from bayes_greybox.model.estimate.evidence import coefficients
+from bayes_greybox.discovery.answer.coefficients import answering, draw_coefficients, sensor_errors, without_sensors
+from bayes_greybox.discovery.grid.evidence import modes
 
 N_DRAW = 4000
 
 
-def cubic(sigma=1.0, **changes):
-    """Evaluations of rows with a hidden cube; beside f the noise is `sigma`, by hand."""
-    given = {"effects": [CUBE, SQUARE], "hidden": lambda x: -(x**3), "noise": 0.1}
-    known = tiny_evaluations(**(given | changes))
-    known.integrated = lambda effects: integrated(sigma=sigma)
-    return known
+def cubic(**changes):
+    """Rows with a hidden cube."""
+    return tiny_near(**({"effects": [CUBE, SQUARE], "hidden": lambda x: -(x**3), "noise": 0.1} | changes))
 
 
 def no_corrections(**changes):
     return cubic(simulation=lambda t, x, u: [-x[0]], **changes)
 
 
-def closed_form(known, effects, pattern=0):
-    return coefficients(*one_pattern(known.parametric([effects])[0], pattern))
+def zone(x):
+    return -np.sign(x) * np.maximum(np.abs(x) - 0.3, 0)
+
+
+def drawn(near, code="named", base=(), n=N_DRAW, seed=0, sensors=()):
+    verdict = replace(answer(near, code, base), sensors=sensors)
+    h = next(h for h in near.weighed.hypotheses if not set(base) - set(h.members))
+    return draw_coefficients(near, replace(verdict, hypothesis=h), n, seed)
+
+
+def closed_form(near, hypothesis):
+    """Mean and covariance at one noise point."""
+    found = modes(
+        near.weighed.grid,
+        near.weighed.precision,
+        [hypothesis.members],
+        np.array([hypothesis.point]),
+        near.weighed.floor,
+    )
+    return found.mean[0], found.covariance[0]
 
 
 def test_draws_have_the_mean_and_covariance_of_the_closed_form():
-    known = no_corrections(dictionary={"x": ["sin(3*x)"]})
-    cube = known.statistics.of_kind("effect")[0]
-    draws = draw_coefficients(known, (cube,), N_DRAW, seed=0).draws
-    mean, covariance = closed_form(known, (cube,))
+    near = with_hypotheses(no_corrections(dictionary={"x": ["sin(3*x)"]}), {"cube": 1.0})
+    cube, _ = near.regressors.of_kind("effect")
+    draws = drawn(near, base=(cube,)).draws
+    mean, covariance = closed_form(near, near.likeliest)
     sd = np.sqrt(np.diag(covariance))
     # Four standard errors of a mean and, relative, of a standard deviation, twice each: false failure 2.5e-4.
     np.testing.assert_array_less(np.abs(draws.mean(axis=0) - mean), 4 * sd / np.sqrt(N_DRAW))
@@ -44,141 +59,94 @@ def test_draws_have_the_mean_and_covariance_of_the_closed_form():
 
 
 def test_columns_are_free_terms_then_corrections_then_effects():
-    known = cubic(dictionary={"x": ["sin(3*x)"]})
-    found = draw_coefficients(known, (known.statistics.of_kind("effect")[0],), 10, seed=0)
-    assert [known.statistics.columns[i].kind for i in found.indices] == ["free", "correction", "effect"]
+    near = with_hypotheses(cubic(dictionary={"x": ["sin(3*x)"]}), {"cube": 1.0})
+    found = drawn(near, base=near.regressors.of_kind("effect")[:1], n=10)
+    assert [near.column(i).kind for i in found.indices] == ["free", "correction", "effect"]
     assert found.draws.shape == (10, 3) and found.inner.shape == (10, 1)
 
 
 def test_a_correction_is_exactly_zero_where_it_is_out_and_out_as_often_as_it_is_unlikely():
-    known = cubic()
-    cube = known.statistics.of_kind("effect")[0]
-    draws = draw_coefficients(known, (cube,), N_DRAW, seed=0).draws[:, 0]
-    logs = known.parametric([(cube,)])[0].by_pattern
-    p_in = np.exp(logs[1] - np.logaddexp.reduce(logs))
-    assert 0.02 < p_in < 0.98
+    near = with_hypotheses(cubic(), {"cube": 0.7, "cube + x": 0.3})
+    cube, _ = near.regressors.of_kind("effect")
+    draws = drawn(near, base=(cube,)).draws
+    inside = draws[:, 0] != 0
     # Four standard errors of a frequency.
-    assert np.mean(draws != 0) == pytest.approx(p_in, abs=4 * np.sqrt(p_in * (1 - p_in) / N_DRAW))
-
-
-def test_given_that_a_correction_is_in_draws_are_those_of_that_pattern():
-    known = cubic()
-    cube = known.statistics.of_kind("effect")[0]
-    draws = draw_coefficients(known, (cube,), N_DRAW, seed=0).draws
-    inside = draws[draws[:, 0] != 0]
-    mean, covariance = closed_form(known, (cube,), pattern=1)
+    assert np.mean(inside) == pytest.approx(0.3, abs=4 * np.sqrt(0.21 / N_DRAW))
+    mean, covariance = closed_form(near, near.weighed.hypotheses[1])
     sd = np.sqrt(np.diag(covariance))
-    np.testing.assert_array_less(np.abs(inside.mean(axis=0) - mean), 4 * sd / np.sqrt(len(inside)))
+    np.testing.assert_array_less(np.abs(draws[inside].mean(axis=0) - mean), 4 * sd / np.sqrt(np.sum(inside)))
 
 
-def test_draws_given_that_a_correction_is_in_or_that_none_is_are_of_no_other_pattern():
-    known = tiny_evaluations(hidden=lambda x: -0.04 * x)
-    assert 0 < np.mean(draw_coefficients(known, (), N_DRAW, seed=0).draws[:, 0] != 0) < 1
-    assert not draw_coefficients(known, (), N_DRAW, seed=0, none=True).draws.any()
-    draws = draw_coefficients(known, (), N_DRAW, seed=0, some=True).draws[:, 0]
-    (mean,), ((variance,),) = closed_form(known, (), pattern=1)
-    assert (draws != 0).all() and abs(draws.mean() - mean) < 4 * np.sqrt(variance / N_DRAW)
+@pytest.mark.parametrize(("code", "corrected"), [("no gap", False), ("instrument", False), ("recalibrate", True)])
+def test_beside_a_recalibration_a_coefficient_is_off_and_where_nothing_is_missing_none_is(code, corrected):
+    near = with_hypotheses(cubic(), {"no gap": 0.5, "recalibrate": 0.4, "cube": 0.1})
+    draws = drawn(near, code, n=200).draws
+    assert np.all((draws[:, 0] != 0) == corrected)
+    # Where something has no name it may be either.
+    either = drawn(near, "unknown").draws[:, 0] != 0
+    assert np.mean(either) == pytest.approx(4 / 9, abs=4 * 0.5 / np.sqrt(N_DRAW))
 
 
-def test_values_of_an_inner_parameter_are_drawn_by_their_posterior():
-    known = no_corrections(effects=[DEAD_ZONE], hidden=lambda x: -np.sign(x) * np.maximum(np.abs(x) - 0.3, 0))
-    zones = known.statistics.of_kind("effect")
-    log_z = np.array([v.all for v in known.parametric([(i,) for i in zones])])
-    weight = np.exp(log_z - np.logaddexp.reduce(log_z))
-    found = draw_coefficients(known, (zones[0],), N_DRAW, seed=0)
-    shares = np.array([np.mean(found.inner == i) for i in zones])
-    # Values of a weight below a thousandth are left out, eight of them at most.
-    np.testing.assert_array_less(np.abs(shares - weight), 4 * np.sqrt(weight * (1 - weight) / N_DRAW) + 0.008)
-    assert np.sum(shares > 0) > 1
+def test_values_of_an_inner_parameter_are_drawn_by_their_posterior_with_their_own_coefficient():
+    near = no_corrections(effects=[DEAD_ZONE], hidden=zone, n=100)
+    zones = near.regressors.of_kind("effect")
+    likeliest = next(h for h in near.weighed.hypotheses if set(h.members) & set(zones))
+    found = drawn(near, base=[i for i in likeliest.members if i in zones])
+    own = {h.members[-1]: h for h in near.weighed.hypotheses if h.members and set(h.members) <= set(zones)}
+    weight = {i: h.probability for i, h in own.items()}
+    total = sum(weight.values())
+    for i in zones:
+        p = weight.get(i, 0.0) / total
+        # Hypotheses of less than a ten-thousandth of the likeliest are left out.
+        assert abs(np.mean(found.inner == i) - p) < 4 * np.sqrt(p * (1 - p) / N_DRAW) + 1e-3
+    assert len(np.unique(found.inner)) > 1
+    for i in np.unique(found.inner):
+        rows = found.inner[:, 0] == i
+        if np.sum(rows) > 200:
+            # Averaged over noise points, at the likeliest of which it stands.
+            assert found.draws[rows, 0].mean() == pytest.approx(own[i].mean[0], abs=0.5 * own[i].sd[0])
 
 
-def test_the_coefficient_of_a_draw_goes_with_its_own_inner_parameter():
-    known = no_corrections(effects=[DEAD_ZONE], hidden=lambda x: -np.sign(x) * np.maximum(np.abs(x) - 0.3, 0))
-    found = draw_coefficients(known, (known.statistics.of_kind("effect")[0],), N_DRAW, seed=0)
-    for index in np.unique(found.inner):
-        rows = found.inner[:, 0] == index
-        if np.sum(rows) > 50:
-            mean, covariance = closed_form(known, (int(index),))
-            error = np.sqrt(covariance[0, 0] / np.sum(rows))
-            assert found.draws[rows, 0].mean() == pytest.approx(mean[0], abs=4 * error)
+def test_the_noise_is_that_of_the_sensor():
+    near = no_corrections(n=200)
+    found = drawn(near, base=near.regressors.of_kind("effect")[:1])
+    # The truth is 0.1, estimated from 200 rows to 5 %; four of them.
+    assert found.sigma.mean() * near.regressors.target_scale == pytest.approx(0.1, rel=0.2)
+    assert found.sigma.std() / found.sigma.mean() == pytest.approx(1 / np.sqrt(2 * 200), rel=0.5)
 
 
-def test_where_f_remains_noise_and_scatter_are_those_beside_f():
-    known = no_corrections(sigma=0.01)
-    cube = known.statistics.of_kind("effect")[0]
-    found = draw_coefficients(known, (cube,), N_DRAW, seed=0, remainder=1.0)
-    s_f = np.hypot(0.01, known.statistics.noise.floor)
-    np.testing.assert_allclose(found.sigma, s_f)
-    fitted = known.parametric([(cube,)])[0].marginal
-    sigma = float(fitted.weight[0] @ fitted.sigma[0])
-    expected = np.sqrt(closed_form(known, (cube,))[1][0, 0]) * s_f / sigma
-    # Four standard errors, and that σ is not known exactly: a tenth over 60 rows, of which the square remains.
-    assert found.draws[:, 0].std() == pytest.approx(expected, rel=4 / np.sqrt(2 * N_DRAW) + 0.03)
+def test_sensor_errors_of_the_answer_are_drawn_and_others_are_in_no_draw():
+    near = cubic(hidden=lambda x: -(x**3) + 0.05)
+    offset = next(c.called for c in near.regressors.columns if c.suspect is not None and c.suspect.kind == "offset")
+    near = with_hypotheses(near, {f"cube + {offset}": 0.6, "cube": 0.4})
+    cube, _ = near.regressors.of_kind("effect")
+    found = drawn(near, base=(cube,), sensors=(offset,))
+    assert [near.column(i).called for i in found.suspects] == [offset] and found.suspect_draws.all()
+    ((suspect, size),) = sensor_errors(near.regressors, found).items()
+    assert suspect.key == offset and size == pytest.approx(0.05, abs=0.06)
+    without = drawn(near, base=(cube,))
+    assert without.suspects == () and without.suspect_draws.shape == (N_DRAW, 0)
 
 
-def test_where_f_does_not_remain_the_noise_is_that_of_the_parametric_model():
-    known = no_corrections()
-    found = draw_coefficients(known, (known.statistics.of_kind("effect")[0],), N_DRAW, seed=0)
-    # The truth is 0.1, estimated from 60 rows to 9 %; four of them.
-    assert found.sigma.mean() * known.statistics.target_scale == pytest.approx(0.1, rel=0.37)
+def test_where_no_hypothesis_is_the_answer_the_likeliest_stands_for_it_without_other_errors():
+    near = cubic()
+    offset = next(c.called for c in near.regressors.columns if c.suspect is not None)
+    near = with_hypotheses(near, {f"cube + {offset}": 1.0})
+    cube, _ = near.regressors.of_kind("effect")
+    verdict = answer(near, "named", (cube,))
+    (found,) = answering(near, verdict)
+    assert found.members == (cube,) and without_sensors(near, verdict).members == (cube,)
+    assert len(found.mean) == len(found.sizes) == 1 and found.covariance.shape == (1, 1)
 
 
 def test_nothing_is_drawn_where_there_is_no_column():
-    found = draw_coefficients(no_corrections(), (), 10, seed=0)
+    near = with_hypotheses(no_corrections(), {"no gap": 1.0})
+    found = drawn(near, "no gap", n=10)
     assert found.indices == () and found.draws.shape == (10, 0) and found.inner.shape == (10, 0)
 
 
 def test_draws_are_those_of_the_seed():
-    known = cubic()
-    base = (known.statistics.of_kind("effect")[0],)
-    first, again, other = (draw_coefficients(known, base, 20, seed).draws for seed in (0, 0, 1))
+    near = cubic()
+    base = near.regressors.of_kind("effect")[:1]
+    first, again, other = (drawn(near, base=base, n=20, seed=seed).draws for seed in (0, 0, 1))
     assert np.array_equal(first, again) and not np.array_equal(first, other)
-
-
-def test_plain_coefficients_are_those_of_the_free_terms_with_nothing_corrected():
-    known = cubic(dictionary={"x": ["sin(3*x)", "cos(x)"]})
-    free = known.statistics.of_kind("free")
-    G, g = known.statistics.products[np.ix_(free, free)], known.statistics.with_target[free]
-    # The prior of free terms is so wide that they come out as by least squares.
-    np.testing.assert_allclose(plain(known), np.linalg.solve(G, g), rtol=2e-3)
-
-
-def test_without_free_terms_there_are_no_plain_coefficients():
-    assert plain(cubic()).shape == (0,)
-
-
-def test_an_effect_alone_has_the_coefficient_of_the_likeliest_pattern():
-    known = cubic()
-    cube = known.statistics.of_kind("effect")[0]
-    pattern = int(np.argmax(known.parametric([(cube,)])[0].by_pattern))
-    mean, covariance = closed_form(known, (cube,), pattern)
-    assert alone(known, cube) == pytest.approx((mean[-1], np.sqrt(covariance[-1, -1])))
-
-
-def test_an_effect_alone_has_the_coefficient_in_the_data():
-    known = no_corrections()
-    cube = known.statistics.of_kind("effect")[0]
-    mean, sd = alone(known, cube)
-    in_units = known.statistics.target_scale / known.statistics.columns[cube].scale
-    assert abs(in_units * mean + 1) < 4 * in_units * sd
-
-
-def test_intervals_of_two_inner_parameters_are_not_cut_to_their_middle(monkeypatch):
-    """Where combinations are too many they are drawn, and not the heaviest taken."""
-    wide = DEAD_ZONE.bind({"r": "x"})
-    other = replace(DEAD_ZONE, slug="other", expression="max(r - gap, 0)").bind({"r": "x"})
-    known = no_corrections(
-        effects=[wide, other], noise=0.3, n=200, hidden=lambda x: -np.sign(x) * np.maximum(np.abs(x) - 0.3, 0)
-    )
-    columns = known.statistics.columns
-    base = tuple(
-        next(i for i in known.statistics.of_kind("effect") if columns[i].effect == each) for each in (wide, other)
-    )
-
-    def spread(most):
-        monkeypatch.setattr("bayes_greybox.discovery.answer.coefficients.MOST_CHOICES", most)
-        found = draw_coefficients(known, base, N_DRAW, seed=0)
-        return np.log([[columns[i].inner["gap"] for i in row] for row in found.inner]).std(axis=0)
-
-    # Drawn combinations are fewer than the draws: of 60 a standard deviation is known to some 10 %.
-    np.testing.assert_allclose(spread(60), spread(10_000), rtol=0.35)

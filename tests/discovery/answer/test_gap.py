@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from scipy.integrate import solve_ivp
-from tiny_equation import CUBE, DEAD_ZONE, SQUARE, tiny_data, tiny_evaluations, tiny_model
+from tiny_equation import CUBE, DEAD_ZONE, SQUARE, tiny_data, tiny_model, tiny_near, tiny_regressors
 
 from bayes_greybox.data.records import plain_rows
 from bayes_greybox.data.samples.starts import Starts
@@ -24,7 +24,7 @@ TAILS = [(1 - LEVEL) / 2, (1 + LEVEL) / 2]
 
 def amended(known, draws, inner=None, before=(), sigma=0.05):
     """Coefficients in user's units on the free terms, corrections and effects of the equation."""
-    statistics = known.statistics
+    statistics = known
     draws = np.atleast_2d(np.asarray(draws, float))
     inner = np.zeros((len(draws), 0), int) if inner is None else np.asarray(inner).reshape(len(draws), -1)
     own = [*statistics.of_kind("free"), *statistics.of_kind("correction")]
@@ -38,8 +38,8 @@ def amended(known, draws, inner=None, before=(), sigma=0.05):
 
 def with_cube(coefficients, sigma=0.05):
     """The cube with these coefficients, and no correction."""
-    known = tiny_evaluations([CUBE], **CUBIC)
-    (cube,) = known.statistics.of_kind("effect")
+    known = tiny_regressors([CUBE], **CUBIC)
+    (cube,) = known.of_kind("effect")
     draws = np.column_stack([np.zeros(len(coefficients)), coefficients])
     return amended(known, draws, np.full(len(coefficients), cube), sigma=sigma)
 
@@ -69,9 +69,9 @@ def test_the_derivative_error_is_the_mean_square_over_the_variance():
 
 
 def test_beside_f_the_share_that_names_alone_leave_has_a_row():
-    known = tiny_evaluations([CUBE], lambda x: -(x**3) + 0.2 * np.cos(7 * x), noise=0.05)
+    near = tiny_near([CUBE], lambda x: -(x**3) + 0.2 * np.cos(7 * x), noise=0.05)
     amendment = with_cube([-1.0])
-    f = Remainder.of(known.statistics, known.evaluator, amendment.after)
+    f = Remainder.of(near, near.likeliest, amendment.after)
     table, _ = gap(replace(amendment, discrepancy=f))
     alone, _ = gap(amendment)
     with_f, names = (table.loc[("test", metric, "x")] for metric in ("unexplained share", NAMED))
@@ -133,17 +133,17 @@ def test_draws_beyond_the_number_shown_are_thinned_evenly_from_first_to_last():
 
 
 def test_a_draw_is_evaluated_with_its_own_inner_parameter():
-    known = tiny_evaluations([DEAD_ZONE], **CUBIC)
-    zones = known.statistics.of_kind("effect")
+    known = tiny_regressors([DEAD_ZONE], **CUBIC)
+    zones = known.of_kind("effect")
     pair = [zones[2], zones[5]]
     _, after = amended(known, [[0.0, 1.0], [0.0, 2.0]], pair).rates({"x": np.array([1.0])}, 2)
-    widths = [known.statistics.columns[i].inner["gap"] for i in pair]
+    widths = [known.columns[i].inner["gap"] for i in pair]
     np.testing.assert_allclose(after[:, 0], [1 - widths[0], 2 * (1 - widths[1])])
 
 
 def test_before_has_the_free_terms_alone_and_after_all_terms():
-    known = tiny_evaluations([SQUARE], **CUBIC, dictionary={"x": ["x**3"]})
-    (square,) = known.statistics.of_kind("effect")
+    known = tiny_regressors([SQUARE], **CUBIC, dictionary={"x": ["x**3"]})
+    (square,) = known.of_kind("effect")
     amendment = amended(known, [[3.0, 5.0, 7.0]], [square], before=[2.0])
     before, after = amendment.rates({"x": np.array([0.5, 1.0])}, 1)
     x = np.array([0.5, 1.0])
@@ -152,7 +152,7 @@ def test_before_has_the_free_terms_alone_and_after_all_terms():
 
 
 def test_a_model_without_any_column_adds_nothing():
-    known = tiny_evaluations(**CUBIC, simulation=lambda t, x, u: [-x[0]])
+    known = tiny_regressors(**CUBIC, simulation=lambda t, x, u: [-x[0]])
     before, after = amended(known, np.zeros((3, 0))).rates({"x": np.array([0.5, 1.0])}, 3)
     np.testing.assert_array_equal(before, 0.0)
     np.testing.assert_array_equal(after, np.zeros((3, 2)))
@@ -184,7 +184,7 @@ def decay(c, n=41, start=1.0, x=None):
 @pytest.fixture(scope="module")
 def runs():
     """Measured ẋ = −0.5 x; the simulation has −x, and three draws of its correction lie around 0.4."""
-    known = tiny_evaluations(**CUBIC)
+    known = tiny_regressors(**CUBIC)
     data = decay(0.5)
     return data, *gap(amended(known, [[0.3], [0.4], [0.5]]), data=data, free_runs=True)
 
@@ -226,7 +226,7 @@ def test_a_run_that_lasts_has_no_time_to_failure(runs):
 def failing():
     """Simulated ẋ = x² from 1, which is infinite at t = 1; the correction of −1 leaves nothing of it."""
     model = tiny_model(simulation={"x": "x**2"})
-    known = tiny_evaluations(**CUBIC, simulation={"x": "x**2"})
+    known = tiny_regressors(**CUBIC, simulation={"x": "x**2"})
     data = decay(0.0, x=lambda t: 1 + 0.01 * t)
     return data, *gap(amended(known, [[-1.0]]), data=data, model=model, free_runs=True)
 
@@ -260,7 +260,7 @@ def test_free_run_errors_are_of_the_time_before_the_first_failure(failing):
 
 
 def test_a_state_without_an_equation_cannot_run_freely():
-    known = tiny_evaluations(**CUBIC, simulation={})
+    known = tiny_regressors(**CUBIC, simulation={})
     t = np.linspace(0, 1, 20)
     data = Trajectories.from_arrays(t, states={"x": np.exp(-t), "z": t**2}, derivatives={"x": -np.exp(-t)})
     table, paths = gap(amended(known, np.zeros((1, 0))), data=data, model=tiny_model(simulation={}), free_runs=True)
@@ -277,7 +277,7 @@ def test_exact_states_start_where_they_were_measured(runs):
 
 
 def test_every_draw_has_its_own_start_and_the_model_before_the_same_ones():
-    known, data = tiny_evaluations(**CUBIC), decay(0.5)
+    known, data = tiny_regressors(**CUBIC), decay(0.5)
     starts = Starts(np.array([[1.1]]), np.array([[0.2]]))
     table, paths = gap(amended(known, [[0.4]]), data=data, free_runs=True, starts=starts, seed=3)
     drawn = starts.draws(PATH_DRAWS, np.random.default_rng(3))[:, 0]
@@ -296,7 +296,7 @@ def test_the_start_of_noisy_states_is_estimated():
     t, rng = np.linspace(0, 2, 401), np.random.default_rng(0)
     x = np.exp(-0.5 * t) + 0.05 * rng.standard_normal(401)
     data = Trajectories.from_arrays(t, states={"x": x}, derivatives={"x": -0.5 * x})
-    _, paths = gap(amended(tiny_evaluations(**CUBIC), [[0.5]]), data=data, free_runs=True)
+    _, paths = gap(amended(tiny_regressors(**CUBIC), [[0.5]]), data=data, free_runs=True)
     spread = paths["x"].after.sd[0]
     assert 0.005 < spread < 0.06
     assert abs(paths["x"].after.mean[0] - 1.0) < 4 * spread
@@ -304,7 +304,7 @@ def test_the_start_of_noisy_states_is_estimated():
 
 
 def test_a_model_without_any_column_runs_from_noisy_starts():
-    known = tiny_evaluations(**CUBIC, simulation=lambda t, x, u: [-x[0]])
+    known = tiny_regressors(**CUBIC, simulation=lambda t, x, u: [-x[0]])
     model = tiny_model(simulation=lambda t, x, u: [-x[0]])
     starts = Starts(np.array([[1.0]]), np.array([[0.2]]))
     _, paths = gap(amended(known, np.zeros((3, 0))), data=decay(0.0), model=model, free_runs=True, starts=starts)
@@ -312,10 +312,10 @@ def test_a_model_without_any_column_runs_from_noisy_starts():
 
 
 def test_a_free_run_has_the_inner_parameter_of_its_draw():
-    known = tiny_evaluations([DEAD_ZONE], **CUBIC)
-    zones = known.statistics.of_kind("effect")
+    known = tiny_regressors([DEAD_ZONE], **CUBIC)
+    zones = known.of_kind("effect")
     pair = [zones[1], zones[-2]]
-    widths = [known.statistics.columns[i].inner["gap"] for i in pair]
+    widths = [known.columns[i].inner["gap"] for i in pair]
     data = decay(0.5)
     _, paths = gap(amended(known, [[0.0, -2.0], [0.0, -3.0]], pair), data=data, free_runs=True)
     pick = np.linspace(0, 1, PATH_DRAWS).astype(int)
@@ -333,8 +333,8 @@ def test_a_free_run_has_the_inner_parameter_of_its_draw():
 
 
 def test_only_columns_that_a_draw_has_are_integrated():
-    known = tiny_evaluations([DEAD_ZONE, SQUARE], **CUBIC)
-    zones = [i for i in known.statistics.of_kind("effect") if known.name(i) == "dead-zone"]
+    known = tiny_regressors([DEAD_ZONE, SQUARE], **CUBIC)
+    zones = [i for i in known.of_kind("effect") if known.columns[i].effect.slug == "dead-zone"]
     added = amended(known, [[0.0, 1.0], [0.0, 2.0]], [zones[2], zones[2]]).added(1, 2)
     assert len(added.terms) == 1 and added.weights.shape == (3, 0)
     np.testing.assert_allclose(added.coefficients, [[0.0], [1.0], [2.0]])
@@ -344,17 +344,17 @@ def test_only_columns_that_a_draw_has_are_integrated():
 def bumpy(effect=None):
     """A gap of 0.8 cos 4x, which no effect is."""
     effects = [] if effect is None else [{"square": SQUARE, "dead-zone": DEAD_ZONE}[effect]]
-    return tiny_evaluations(effects, hidden=lambda x: 0.8 * np.cos(4 * x), noise=0.02, n=200)
+    return tiny_near(effects, hidden=lambda x: 0.8 * np.cos(4 * x), noise=0.02, n=200)
 
 
-def with_remainder(known, amendment):
-    return replace(amendment, discrepancy=Remainder.of(known.statistics, known.evaluator, amendment.after))
+def with_remainder(near, amendment):
+    return replace(amendment, discrepancy=Remainder.of(near, near.weighed.before, amendment.after))
 
 
 @cache
 def bump():
     """f alone: no draw has the correction."""
-    return with_remainder(bumpy(), amended(bumpy(), [[0.0], [0.0]]))
+    return with_remainder(bumpy(), amended(bumpy().regressors, [[0.0], [0.0]]))
 
 
 def test_f_beside_nothing_is_the_gap():
@@ -366,13 +366,14 @@ def test_f_beside_nothing_is_the_gap():
 
 
 def test_f_keeps_off_what_was_added_and_its_weights_have_their_covariance():
-    known = bumpy("square")
-    (square,) = known.statistics.of_kind("effect")
+    near = bumpy("square")
+    known = near.regressors
+    (square,) = known.of_kind("effect")
     amendment = amended(known, [[0.3, -1.0], [0.3, -1.1]], [square, square])
-    f = Remainder.of(known.statistics, known.evaluator, amendment.after)
+    f = Remainder.of(near, near.weighed.before, amendment.after)
     assert set(f.indices) == {*amendment.after.indices}
-    columns = known.statistics.rows.columns
-    own = known.statistics.evaluate(f.indices, columns)
+    columns = known.rows.columns
+    own = known.evaluate(f.indices, columns)
     across = own.T @ f.rates(columns, 7).T
     np.testing.assert_allclose(across, 0.0, atol=1e-8 * len(own))
     drawn = np.cov(f.weights(200_000).T)
@@ -380,15 +381,16 @@ def test_f_keeps_off_what_was_added_and_its_weights_have_their_covariance():
 
 
 def test_a_column_that_no_draw_has_is_free_for_f():
-    assert len(bumpy().statistics.of_kind("correction")) == 1
+    assert len(bumpy().regressors.of_kind("correction")) == 1
     assert bump().discrepancy.indices == ()
 
 
 def test_rates_and_the_integrators_terms_are_the_same_function():
-    known = bumpy("dead-zone")
-    zones = known.statistics.of_kind("effect")
+    near = bumpy("dead-zone")
+    known = near.regressors
+    zones = known.of_kind("effect")
     amendment = amended(known, [[0.3, -1.0], [0.2, -1.1], [0.0, 0.4]], [zones[2], zones[2], zones[4]])
-    amendment = with_remainder(known, amendment)
+    amendment = with_remainder(near, amendment)
     # Beyond the data too, where the features are held.
     columns = {"x": np.linspace(-3, 3, 31)}
     before, after = amendment.rates(columns, 3)

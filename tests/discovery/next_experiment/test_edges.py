@@ -7,12 +7,14 @@ import pytest
 
 import bayes_greybox as bg
 from bayes_greybox.data.errors import InputError
-from bayes_greybox.discovery.next_experiment import predicted, ranked
+from bayes_greybox.discovery.answer.explained import Component, Explained, joined
+from bayes_greybox.discovery.kept.features import Features
+from bayes_greybox.discovery.kept.study_file import CLASSES
 from bayes_greybox.discovery.next_experiment.candidates import Candidate, usual_candidates
-from bayes_greybox.discovery.next_experiment.explained import Component, Explained, joined
-from bayes_greybox.discovery.next_experiment.information import Products
-from bayes_greybox.discovery.next_experiment.signals import Hold, Multisine, Noise
+from bayes_greybox.inference.kept.packing import Packer, Unpacker
 from bayes_greybox.missing_effects import Study
+from bayes_greybox.model.gp.features import HilbertBasis
+from bayes_greybox.physics.signals import Hold, Multisine, Noise
 from bayes_greybox.physics.terms import Term
 
 
@@ -88,11 +90,6 @@ def test_only_the_candidate_that_the_steps_do_not_follow_is_said_not_to_be_follo
     assert not said["calm"]
 
 
-def test_density_survives_coefficients_that_a_response_could_hardly_be_more_sensitive_to():
-    G = np.full((1, 2, 2), 1e30)
-    assert np.isfinite(Products(np.ones(1), np.ones((1, 2)), G).log_density()).all()
-
-
 def test_an_input_that_never_moved_is_held_and_the_states_start_elsewhere(study):
     data = study.train
     still = replace(data, inputs={"F": np.full(len(data.time), 2.0)})
@@ -123,17 +120,6 @@ def test_many_equations_keep_the_likeliest_explanations_of_all_together():
     found = joined(dict.fromkeys("uvwx", sure))
     assert found[0].probability == pytest.approx(0.94**4)
     assert sum(e.probability for e in found) > 0.97
-
-
-def test_variants_of_every_equation_are_kept():
-    """Eight values of an inner parameter in each of two equations: neither is taken for known."""
-    parts = [tuple(replace(law("a", 1.0, "y", float(k)).components[0], weight=1 / 8) for k in range(8)) for _ in "uv"]
-    kept = [Explained("a", 1.0, ("a",), part, {"v": 0.02}) for part in parts]
-    (found,) = joined({"u": kept[:1], "v": kept[1:]})
-    means = np.array([c.mean for c in found.components])
-    weights = np.array([c.weight for c in found.components])
-    np.testing.assert_allclose(weights @ means, [3.5, 3.5], atol=1.5)
-    assert np.all(np.std(means, axis=0) > 1.1)
 
 
 def test_what_fails_in_one_run_of_fifty_is_not_chosen_whichever_outcomes_show_it(study):
@@ -210,30 +196,16 @@ def test_a_state_without_an_equation_cannot_be_simulated(study):
         other.next_experiment([FAR], outcomes=8)
 
 
-def test_rows_go_in_pieces_where_a_record_is_long(study, monkeypatch):
-    laws = told(study, law("cubic", 0.4, "y**3", -0.8), law("linear", 0.3, "y", -0.4), NOTHING)
-    asked = ranked._question(laws, laws.explanations["v"], 6, 0)
-    (whole,) = predicted.predict(asked, [FAR])
-    monkeypatch.setattr(predicted, "AT_ONCE", 18 * 6 * 5)
-    (pieces,) = predicted.predict(asked, [FAR])
-    for own, again in zip(whole.products, pieces.products, strict=True):
-        for one, other in zip(own, again, strict=True):
-            np.testing.assert_allclose(other, one, rtol=1e-9, atol=1e-9)
-    np.testing.assert_array_equal(pieces.responses["v"], whole.responses["v"])
-
-
-def test_the_best_of_few_outcomes_is_judged_by_more_before_it_is_chosen(study, monkeypatch):
-    """Ten candidates of the same worth but for one that is worth more: first figures alone seldom find it."""
-    laws = told(study, law("cubic", 0.5, "y**3", -0.8), law("linear", 0.5, "y", -0.35))
-    far = replace(FAR, rows=11)
-    same = [replace(far, sensors={"v": 0.072}, name=f"same {i}") for i in range(9)]
-    better = replace(far, sensors={"v": 0.06}, name="better")
-    chosen = {}
-    for finer in (1, 32):
-        monkeypatch.setattr(ranked, "FINER", finer)
-        monkeypatch.setattr(ranked, "FINALISTS", 10)
-        found = [laws.next_experiment([*same, better], outcomes=16, seed=s) for s in range(6)]
-        chosen[finer] = sum(each.chosen[0].name == "better" for each in found)
-        assert all(each.table["candidate"][0] == each.chosen[0].name for each in found)
-    assert chosen[32] >= 5
-    assert chosen[32] > chosen[1]
+def test_what_has_no_name_in_a_file_of_an_older_version_is_read_and_predicts_nothing():
+    """Those versions kept features of f behind the terms, of unknown and beside an effect."""
+    box = np.zeros(1)
+    f = Features(("y",), box, box + 1, HilbertBasis(1.5, (3,)), np.arange(3))
+    old = Component(1.0, ("v",), (Term("y**3"),), np.arange(4.0), np.eye(4), {"v": f})
+    packer = Packer(CLASSES)
+    packed = packer.pack((Explained("unknown", 0.4, (), (old,)), Explained("cubic", 0.6, ("cubic",), (old,))), "old")
+    again = Unpacker(CLASSES, packer.arrays).unpack(packed)
+    assert isinstance(again[0].components[0].features["v"], Features)
+    unknown, cubic = sorted(joined({"v": again}), key=lambda e: e.probability)
+    assert not unknown.components
+    assert cubic.components[0].mean.shape == (1,)
+    assert cubic.components[0].root.shape == (4, 1)

@@ -1,53 +1,58 @@
-"""Expected information against closed forms, and its bounds."""
+"""The information of predictions, against dense matrices and closed forms."""
 
 import numpy as np
-from scipy.stats import multivariate_normal
+import pytest
 
-from bayes_greybox.discovery.next_experiment.information import (
-    Products,
-    entropy,
-    expected_information,
-    marginal_starts,
-)
+from bayes_greybox.discovery.next_experiment.information import Response, distance, information, together
 
 
-def products(y: np.ndarray, mean: np.ndarray, A: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """q, h and G of one outcome under one component, σ = 1."""
-    r = y - mean
-    return np.array([r @ r]), (A.T @ r)[None], (A.T @ A)[None]
+def response(rng: np.random.Generator, n: int, k: int, start: int = 1) -> Response:
+    return Response(*(rng.standard_normal(shape) for shape in ((n,), (k, n), (start, n))))
 
 
-def test_density_is_the_dense_gaussian_and_two_experiments_share_their_coefficients():
+def dense(one: Response, other: Response) -> float:
+    S = [np.eye(len(r.mean)) + r.load.T @ r.load + r.start.T @ r.start for r in (one, other)]
+    middle, d = (S[0] + S[1]) / 2, one.mean - other.mean
+    logs = [np.linalg.slogdet(each)[1] for each in (middle, *S)]
+    return d @ np.linalg.solve(middle, d) / 8 + logs[0] / 2 - (logs[1] + logs[2]) / 4
+
+
+@pytest.mark.parametrize(("n", "k"), [(7, 2), (3, 4), (5, 0)])
+def test_the_distance_is_that_of_dense_normals(n, k):
+    rng = np.random.default_rng(n)
+    one, other = response(rng, n, k), response(rng, n, k + 1)
+    assert distance(one, other) == pytest.approx(dense(one, other), rel=1e-9)
+
+
+def test_two_known_laws_tell_what_the_distance_of_their_means_leaves():
+    """Two hypotheses without uncertainty at 2 noise standard deviations: C = ⅛ · 4."""
+    one, other = (Response(np.array([x]), np.zeros((0, 1)), np.zeros((0, 1))) for x in (0.0, 2.0))
+    expected = -np.log2((1 + np.exp(-0.5)) / 2)
+    assert information([[one, other]] * 2, np.array([0.5, 0.5])) == pytest.approx(expected)
+
+
+def test_what_a_coefficient_can_take_up_tells_nothing():
     rng = np.random.default_rng(0)
-    y, mean, A = rng.standard_normal(9), rng.standard_normal(9), rng.standard_normal((9, 2))
-    parts = [Products(*products(y[own], mean[own], A[own])) for own in (slice(0, 5), slice(5, 9))]
-    dense = multivariate_normal.logpdf(y, mean=mean, cov=A @ A.T + np.eye(9)) + 4.5 * np.log(2 * np.pi)  # pyright: ignore[reportArgumentType]
-    assert np.isclose(parts[0].beside(parts[1]).log_density()[0], dense)
+    x, y = rng.standard_normal((2, 20))
+    free = 1e4 * x[None]
+    one, other = (Response(mean, free, np.zeros((0, 20))) for mean in (0 * x, 30 * x))
+    assert distance(one, other) == pytest.approx(0.0, abs=1e-3)
+    apart = y - x * (x @ y) / (x @ x)
+    other = Response(30 * x + apart, free, np.zeros((0, 20)))
+    assert distance(one, other) == pytest.approx(apart @ apart / 8, rel=1e-3)
 
 
-def test_starts_of_an_experiment_are_integrated_out():
+def test_rows_that_are_not_finite_or_hardly_known_do_not_count():
+    one = Response(np.array([0.0, np.nan, 0.0]), np.array([[0.1, 0.1, 1e30]]), np.zeros((0, 3)))
+    other = Response(np.array([1.0, 0.0, 5.0]), np.zeros((0, 3)), np.zeros((0, 3)))
+    alone = [Response(r.mean[:1], r.load[:, :1], r.start[:, :1]) for r in (one, other)]
+    assert distance(one, other) == pytest.approx(dense(*alone))
+
+
+def test_experiments_share_coefficients_and_not_their_starts():
     rng = np.random.default_rng(1)
-    y, mean, A = rng.standard_normal(6), rng.standard_normal(6), rng.standard_normal((6, 3))
-    whole = Products(*products(y, mean, A)).log_density()
-    assert np.allclose(Products(*marginal_starts(*products(y, mean, A), 1)).log_density(), whole)
-
-
-def test_information_of_two_known_means_is_that_of_quadrature():
-    rng = np.random.default_rng(2)
-    n, d, truth = 4000, 2.0, np.repeat([0, 1], 4000)
-    y = rng.standard_normal(2 * n) + d * truth
-    found = expected_information(-0.5 * np.stack([y**2, (y - d) ** 2], axis=1), truth, [0.5, 0.5])
-    grid = np.linspace(-9, 11, 20001)
-    f = [np.exp(-0.5 * (grid - m) ** 2) / np.sqrt(2 * np.pi) for m in (0.0, d)]
-    both = 0.5 * (f[0] + f[1])
-    exact = sum(0.5 * np.sum(each * np.log2(each / both)) for each in f) * (grid[1] - grid[0])
-    # A false failure at four standard errors has probability 6e-5.
-    assert abs(found.bits - exact) < 4 * found.error
-    assert found.error < 0.02
-
-
-def test_nothing_is_learned_from_equal_predictions_and_all_from_distant_ones():
-    truth = np.repeat([0, 1], 10)
-    assert np.isclose(expected_information(np.zeros((20, 2)), truth, [0.3, 0.7]).bits, 0.0)
-    apart = np.where(truth[:, None] == [0, 1], 0.0, -1e3)
-    assert np.isclose(expected_information(apart, truth, [0.3, 0.7]).bits, entropy([0.3, 0.7]))
+    first, second = response(rng, 4, 2), response(rng, 3, 2)
+    both = together([first, second])
+    S = both.load.T @ both.load + both.start.T @ both.start
+    np.testing.assert_allclose(S[:4, 4:], first.load.T @ second.load)
+    np.testing.assert_allclose(S[:4, :4], first.load.T @ first.load + first.start.T @ first.start)

@@ -2,30 +2,20 @@
 
 import numpy as np
 import pytest
-from tiny_equation import CUBE, on, tiny_model
+from tiny_equation import CUBE, tiny_study_of
 
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.discovery.evidence.evaluations import Evaluations
-from bayes_greybox.discovery.evidence.odds import Odds
-from bayes_greybox.discovery.evidence.of_equation import sufficient_statistics
-from bayes_greybox.discovery.evidence.with_discrepancy import Evaluator
 from bayes_greybox.discovery.suspects.drift import DRIFT, SETTLING, drift_columns
 from bayes_greybox.discovery.suspects.memory import Memory
-from bayes_greybox.discovery.weighing.sets import MEMORY, PLAIN, Sets
 
 T = np.linspace(0, 30, 400)
 
 
-def weighed(path, hidden, noise=0.02):
+def studied(path, hidden, noise=0.02):
     """ẋ = −x + hidden(t, x) along a path in order of time."""
     x = path(T)
     rate = -x + hidden(T, x) + noise * np.random.default_rng(5).standard_normal(len(T))
-    data = Trajectories.from_arrays(T, states={"x": x}, derivatives={"x": rate})
-    statistics = sufficient_statistics(tiny_model(), data, "x", [on(CUBE)])
-    statistics.remember(drift_columns(data))
-    evaluator = Evaluator(statistics.prior, statistics.kernel, np.asarray(statistics.basis.frequency))
-    known = Evaluations(statistics, Odds(), evaluator)
-    return known, Sets(known, 2).weigh()
+    return tiny_study_of([CUBE], Trajectories.from_arrays(T, states={"x": x}, derivatives={"x": rate}))
 
 
 def swinging(t):
@@ -47,16 +37,17 @@ def test_elements_settle_from_the_start_of_the_record_on():
 @pytest.mark.parametrize("path", [swinging, dying])
 @pytest.mark.parametrize("shape", [lambda t: np.exp(-t / 18), lambda t: np.exp(-t / 5), lambda t: t / 30])
 def test_a_spring_that_changes_is_no_effect(path, shape):
-    known, found = weighed(path, lambda t, x: -0.4 * shape(t) * x, noise=0.01)
-    assert found[0].kind == MEMORY and not found[0].effects
-    assert known.statistics.columns[found[0].memory[0]].memory.text == "drift of x"
+    study = studied(path, lambda t, x: -0.4 * shape(t) * x, noise=0.01)
+    assert study.verdict.places == () and study.probabilities.by_effect["cube"].probability < 0.3
+    assert study.verdict.code in ("unknown", "recalibrate")
+    memory = study.memory().droplevel(0)["probability"]
+    assert memory.get("drift of x", 0.0) == memory.drop("something that remembers").max()
 
 
 @pytest.mark.parametrize("path", [swinging, dying])
 def test_a_law_of_the_amplitude_is_none_of_the_time(path):
-    _, found = weighed(path, lambda t, x: -0.5 * x**3, noise=0.01)
-    assert found[0].kind == PLAIN and found[0].effects
-    assert max(e.log_weight for e in found if e.kind == MEMORY) < found[0].log_weight - 3
+    study = studied(path, lambda t, x: -0.5 * x**3, noise=0.01)
+    assert study.verdict.code == "named" and study.probabilities.by_memory["drift of x"] < 0.05
 
 
 def test_one_instant_has_no_drift():

@@ -7,7 +7,6 @@ import pytest
 
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.suspects.memory import (
-    BEHIND,
     HYSTERESIS,
     LIMITS,
     RELAXATION,
@@ -136,15 +135,3 @@ def test_stamps_that_repeat_are_no_time():
     (_, held_twice), (_, relaxing_twice) = memory_columns(again)
     np.testing.assert_allclose(held_twice[::2], held, atol=1e-12)
     np.testing.assert_allclose(relaxing_twice[1::2] / np.std(relaxing_twice), relaxing / np.std(relaxing), atol=0.05)
-
-
-def test_memories_of_the_studied_state_come_a_second_time_some_samples_behind_in_each_run():
-    t, x = np.arange(40.0), np.sin(np.arange(40.0))
-    data = Trajectories.from_arrays([t, t], states={"x": [x, 2 * x], "y": [x, x]})
-    columns = dict(memory_columns(data, "x"))
-    assert {memory.channel for memory in columns if memory.behind} == {"x"}
-    for kind in (HYSTERESIS, RELAXATION):
-        now, behind = columns[Memory(kind, "x")], columns[Memory(kind, "x", behind=True)]
-        for run in (slice(0, 40), slice(40, 80)):
-            assert not behind[run][:BEHIND].any()
-            np.testing.assert_array_equal(behind[run][BEHIND:], now[run][:-BEHIND])

@@ -2,20 +2,19 @@
 
 import numpy as np
 import pytest
-from tiny_equation import DEAD_ZONE, tiny_evaluations
+from tiny_equation import DEAD_ZONE, tiny_data, tiny_study_of
 
 from bayes_greybox.discovery.answer.checks.ends import at_ends
-from bayes_greybox.discovery.answer.coefficients import draw_coefficients
-from bayes_greybox.discovery.evidence.inner_parameters import refine
 
 
 def dead_zone(gap):
     """The catalogue has gaps from 0.1 to 0.9."""
-    known = tiny_evaluations(
-        [DEAD_ZONE], lambda x: -np.sign(x) * np.maximum(np.abs(x) - gap, 0), simulation=lambda t, x, u: [-x[0]], n=200
-    )
-    group = refine(known, (), tuple(known.statistics.of_kind("effect")))
-    return at_ends(known.statistics, draw_coefficients(known, group[:1], 500, seed=0))
+    data = tiny_data(lambda x: -np.sign(x) * np.maximum(np.abs(x) - gap, 0), n=200)
+    study = tiny_study_of([DEAD_ZONE], data, simulation=lambda t, x, u: [-x[0]])
+    assert [place.slug for place in study.verdict.places] == ["dead-zone"]
+    said = at_ends(study.regressors, study.coefficients, study.criteria)
+    assert set(said) <= set(study.verdict.reasons)
+    return said
 
 
 @pytest.mark.parametrize("gap", [0.2, 0.5])

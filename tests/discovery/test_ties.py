@@ -3,11 +3,8 @@
 import numpy as np
 import pandas as pd
 import pytest
-from tiny_equation import CUBE, SQUARE, tiny_evaluations
 
-from bayes_greybox.discovery.evidence.ties import TIE, first_of_best, likeliest_first, ranked, sorted_by_probability
-from bayes_greybox.discovery.weighing.sets import Sets
-from bayes_greybox.physics.catalogue.effects import Effect
+from bayes_greybox.discovery.ties import TIE, first_of_best, likeliest_first, ranked, sorted_by_probability
 
 ROUNDING = 1e-10
 """As much of the evidence as kernels of two processors differ by."""
@@ -29,15 +26,3 @@ def test_what_is_no_tie_is_sorted():
     nats = np.random.default_rng(0).normal(size=50)
     nats[7] = nats[3] + 2 * TIE
     assert ranked(range(50), lambda i: nats[i]) == sorted(range(50), key=lambda i: -nats[i])
-
-
-@pytest.mark.parametrize("rounding", [-1e-12, 1e-12])
-def test_of_two_effects_that_are_one_column_the_first_of_the_catalogue_is_likeliest(rounding):
-    other = Effect(slug="another-cube", name="Another cube", domain="test", expression="r**3")
-    evaluations = tiny_evaluations([SQUARE, CUBE, other], hidden=lambda x: 2.0 * x**3)
-    first, second = evaluations.statistics.of_kind("effect")[1:]
-    evaluations.statistics.with_target[second] *= 1 + rounding
-    sets = Sets(evaluations, 2)
-    assert sets.likeliest() == (first,)
-    assert [e.effects for e in sets.weigh()[:2]] == [(first,), (second,)]
-    assert evaluations.best_of(evaluations.name(first)) == first
