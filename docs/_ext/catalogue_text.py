@@ -35,6 +35,8 @@ def _entry(effect: Effect, domain: str, names: dict[str, str]) -> str:
     rows += [(f"state `{state.name}`", f"{state.meaning}; its rate is `{state.rate}`") for state in effect.hidden]
     rows += [(f"parameter `{inner.name}`", _range(inner)) for inner in effect.inner]
     rows.append(("coefficient", _sign(effect)))
+    if effect.family:
+        rows.append(("family", effect.family))
     if effect.confusions:
         links = [f"[{names[slug]}](#effect-{domain}-{slug})" for slug in effect.confusions if slug in names]
         rows.append(("easily taken for", ", ".join(links)))
