@@ -7,10 +7,10 @@ every column of a table.
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Real
 
 from bayes_greybox.data.noise.state_space import transition
 
@@ -20,6 +20,7 @@ Ratios = Float[np.ndarray, " n_ratio"]
 """Standard deviations of the force over that of the noise."""
 
 
+@runtime_checkable
 class LatentForce(Protocol):
     """Rows under a latent force and white noise."""
 
@@ -98,7 +99,7 @@ class ForcedRates:
     """
 
     time: Float[np.ndarray, " n_row"]
-    run: Float[np.ndarray, " n_row"]
+    run: Real[np.ndarray, " n_row"]
     period: float
     spread: Float[np.ndarray, " n_row"]
     noise: float

@@ -1,7 +1,7 @@
 """What makes rows near a point, whatever was measured, and puts data of the same sensors right."""
 
 from collections.abc import Mapping
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -16,6 +16,7 @@ from bayes_greybox.model.rows.row_kind import RowKind
 from .near import Point, Rows
 
 
+@runtime_checkable
 class Source(Protocol):
     """Rows of one equation."""
 

@@ -60,7 +60,7 @@ def test_the_smoothed_force_is_that_of_dense_regression():
 
 
 def test_the_usual_step_is_within_runs():
-    assert ForcedRates(np.array([0.0, 0.1, 0.2, 9.0, 9.1]), np.array([0, 0, 0, 1, 1]), 1, np.ones(5), 1).step == (
+    assert ForcedRates(np.array([0.0, 0.1, 0.2, 9.0, 9.1]), np.array([0, 0, 0, 1, 1]), 1.0, np.ones(5), 1.0).step == (
         pytest.approx(0.1)
     )
     assert ForcedRates(np.array([3.0]), np.array([0]), 1.0, np.ones(1), 1.0).step == 1.0
